@@ -1,4 +1,4 @@
-"""The chain of a cube in the array-API standard, beside our kernels: equal results, and the time.
+"""Processing chain in the array-API standard: agreement and time relative to dechirp kernels.
 
 Windows, transforms, power, cell averaging and peaks of a frame of the reference scene (2200 x 128)
 and of eight channels (256 x 128 x 8), as code that any library of the standard runs: here NumPy,
@@ -35,7 +35,7 @@ from dechirp.processing.peaks import strongest_local_maxima_and_n_dropped
 from dechirp.processing.range_doppler_map import range_doppler_power
 
 
-def of_standard(
+def standard_chain(
     xp: Any, samples: Any, tapers: tuple[Any, Any], ring: tuple[int, ...], factor: float, real: Any
 ) -> tuple[Any, Any, Any]:
     """Power, cells over threshold and which of them are peaks; samples (chirp, channel, sample)."""
@@ -46,27 +46,27 @@ def of_standard(
     power = xp.mean(xp.real(spectrum) ** 2 + xp.imag(spectrum) ** 2, axis=1)
     power = xp.roll(power, n_v // 2, axis=0)
     train_r, train_v, guard_r, guard_v = ring
-    whole, inner = (train_v + guard_v, train_r + guard_r), (guard_v, guard_r)
-    outer_sum, outer_n = _box(xp, power, *whole, real)
-    inner_sum, inner_n = _box(xp, power, *inner, real)
+    window_half, guard_half = (train_v + guard_v, train_r + guard_r), (guard_v, guard_r)
+    outer_sum, outer_n = box_sums(xp, power, *window_half, real)
+    inner_sum, inner_n = box_sums(xp, power, *guard_half, real)
     level = (outer_sum - inner_sum) / (outer_n - inner_n)
-    over = power > factor * xp.astype(level, power.dtype)
-    low = over
+    exceeds = power > factor * xp.astype(level, power.dtype)
+    is_peak = exceeds
     for steps in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
-        low = low & (power >= xp.roll(power, steps, axis=(0, 1)))
-    return power, over, low
+        is_peak = is_peak & (power >= xp.roll(power, steps, axis=(0, 1)))
+    return power, exceeds, is_peak
 
 
-def _box(xp: Any, power: Any, half_v: int, half_r: int, real: Any) -> tuple[Any, Any]:
+def box_sums(xp: Any, power: Any, half_v: int, half_r: int, real: Any) -> tuple[Any, Any]:
     """Sums of boxes about each cell: velocity wraps round, range ends; and cells in each."""
     n_v, n_r = power.shape
     round_ = xp.concat([power[n_v - half_v :, :], power, power[:half_v, :]], axis=0)
     sums = xp.cumulative_sum(round_, axis=0, dtype=real, include_initial=True)
     sums = sums[2 * half_v + 1 :, :] - sums[:n_v, :]
     sums = xp.cumulative_sum(sums, axis=1, dtype=real, include_initial=True)
-    at = np.arange(n_r)
-    first, last = np.maximum(at - half_r, 0), np.minimum(at + half_r + 1, n_r)
-    first_of, last_of = (xp.asarray(one) for one in (first, last))
+    cells = np.arange(n_r)
+    first, last = np.maximum(cells - half_r, 0), np.minimum(cells + half_r + 1, n_r)
+    first_of, last_of = (xp.asarray(indices) for indices in (first, last))
     counts = xp.asarray((last - first) * (2 * half_v + 1.0), dtype=real)
     return xp.take(sums, last_of, axis=1) - xp.take(sums, first_of, axis=1), counts
 
@@ -81,17 +81,17 @@ def fastest(work: Callable[[], object]) -> float:
     return min(times)
 
 
-def libraries() -> dict[str, Any]:
-    """Of the standard, that are installed."""
-    found = {}
+def import_libraries() -> dict[str, Any]:
+    """Import the installed libraries of the standard."""
+    modules = {}
     for name in ("numpy", "torch"):
         try:
-            found[name] = importlib.import_module(f"array_api_compat.{name}")
+            modules[name] = importlib.import_module(f"array_api_compat.{name}")
         except ImportError as error:
             print(f"without {name}: {error}", file=sys.stderr)
-    if "torch" in found:
+    if "torch" in modules:
         importlib.import_module("torch").set_num_threads(N_THREADS)
-    return found
+    return modules
 
 
 def compare(name: str, radar: dc.Radar, scene: dc.Scene) -> dict[str, Any]:
@@ -118,43 +118,44 @@ def compare(name: str, radar: dc.Radar, scene: dc.Scene) -> dict[str, Any]:
 
     def ours() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         power = range_doppler_power(samples, radar, chain)
-        over = chain.cfar.exceeds_threshold(power, law)
-        return power, over, strongest_local_maxima_and_n_dropped(power, over)[0]
+        exceeds = chain.cfar.exceeds_threshold(power, law)
+        return power, exceeds, strongest_local_maxima_and_n_dropped(power, exceeds)[0]
 
-    power, over, peaks = ours()
+    power, exceeds, peaks = ours()
     inside = slice(sizes[0] + sizes[2], samples.shape[2] - sizes[0] - sizes[2])
-    made: dict[str, Any] = {"cells": power.size, "peaks": len(peaks)}
-    for library, xp in libraries().items():
-        given = xp.asarray(samples)
+    results: dict[str, Any] = {"cells": power.size, "peaks": len(peaks)}
+    for library, xp in import_libraries().items():
+        library_samples = xp.asarray(samples)
         tapers = tuple(
-            xp.asarray(one.weights.astype(np.float32))
-            for one in (law.doppler_transform, law.range_transform)
+            xp.asarray(array.weights.astype(np.float32))
+            for array in (law.doppler_transform, law.range_transform)
         )
         for precision in ("float32", "float64"):
             real = getattr(xp, precision)
 
-            standard = partial(of_standard, xp, given, tapers, sizes, factor, real)
-            theirs = [np.asarray(one) for one in standard()]
+            standard = partial(standard_chain, xp, library_samples, tapers, sizes, factor, real)
+            theirs = [np.asarray(array) for array in standard()]
             scale = float(power.mean() / theirs[0].mean())
             off = int(np.count_nonzero(np.abs(theirs[0] * scale - power) > 1e-4 * power.mean()))
-            other = int(np.count_nonzero((theirs[1] != over)[:, inside]))
+            other = int(np.count_nonzero((theirs[1] != exceeds)[:, inside]))
             pairs = [(fastest(standard), fastest(ours)) for _ in range(9)]
-            ms, own = median(a for a, _ in pairs) * 1e3, median(b for _, b in pairs) * 1e3
+            ms, dechirp_ms = median(a for a, _ in pairs) * 1e3, median(b for _, b in pairs) * 1e3
             ratio = median(a / b for a, b in pairs)
-            made[f"{library} {precision}"] = {
+            results[f"{library} {precision}"] = {
                 "ms": ms,
-                "ours_ms": own,
+                "ours_ms": dechirp_ms,
                 "ratio": ratio,
                 "powers_off": off,
                 "decided_otherwise": other,
             }
             print(
-                f"{name:10s} {library:6s} sums in {precision}: {ms:7.2f} ms, ours {own:6.2f},"
+                f"{name:10s} {library:6s} sums in {precision}: {ms:7.2f} ms,"
+                f" dechirp {dechirp_ms:6.2f},"
                 f" {ratio:5.2f} times; {off} powers off, {other} cells decided otherwise,"
                 f" {int(theirs[2].sum())} peaks of {len(peaks)}",
                 file=sys.stderr,
             )
-    return made
+    return results
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""How fast echoes are summed, against the direct sum with `numpy.exp` in the same run.
+"""Speed of the echo kernels relative to a direct sum with `numpy.exp` in the same run.
 
 Radars and scenes are those of `sides/scenes.py`, drawn anew for each seed.
 
@@ -21,14 +21,14 @@ from collections.abc import Callable
 from statistics import median
 from time import perf_counter
 
-arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-arguments.add_argument("--threads", type=int, default=2)
-arguments.add_argument("--seed", type=int, default=1)
-arguments.add_argument("--case", default="")
-asked = arguments.parse_args()
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("--threads", type=int, default=2)
+parser.add_argument("--seed", type=int, default=1)
+parser.add_argument("--case", default="")
+options = parser.parse_args()
 for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[pool] = "1"
-os.environ["NUMBA_NUM_THREADS"] = str(asked.threads)
+os.environ["NUMBA_NUM_THREADS"] = str(options.threads)
 
 import numpy as np
 from sides.plain_echoes import HAS_FINUFFT, direct_sum, low_rank_product, with_finufft
@@ -38,65 +38,73 @@ from dechirp.simulation.engine import Engine
 from dechirp.simulation.kernels import selection
 
 
-def baseline(
+def measure_baseline(
     work: Callable[..., np.ndarray], case: Case, exact: np.ndarray, chirps: np.ndarray
 ) -> dict[str, float]:
-    scatterers, sent, shape = case
-    got = work(scatterers, sent, shape[2])
-    took = timed(lambda: work(scatterers, sent, shape[2]), 5)
-    error = np.linalg.norm(got[chirps] - exact[:, 0]) / np.linalg.norm(exact)
-    return {"ms": 1e3 * median(took), "error": float(error)}
+    scatterers, transmission, shape = case
+    samples = work(scatterers, transmission, shape[2])
+    times_s = time_calls(lambda: work(scatterers, transmission, shape[2]), 5)
+    error = np.linalg.norm(samples[chirps] - exact[:, 0]) / np.linalg.norm(exact)
+    return {"ms": 1e3 * median(times_s), "error": float(error)}
 
 
-def timed(work: Callable[[], object], turns: int) -> list[float]:
-    took = []
+def time_calls(work: Callable[[], object], turns: int) -> list[float]:
+    times_s = []
     for _ in range(turns):
         start = perf_counter()
         work()
-        took.append(perf_counter() - start)
-    return took
+        times_s.append(perf_counter() - start)
+    return times_s
 
 
-def measured(name: str, case: Case, most_ms: float, rng: np.random.Generator) -> dict[str, object]:
-    scatterers, sent, shape = case
+def measure_case(
+    name: str, case: Case, most_ms: float, rng: np.random.Generator
+) -> dict[str, object]:
+    scatterers, transmission, shape = case
     n = len(scatterers.amplitudes)
     engine = Engine()
     out = np.zeros(shape, np.complex64)
-    predicted = selection.predict_kernel_times(shape, scatterers, sent, 1e-5)
-    (first_s,) = timed(lambda: selection.add_echoes(out, scatterers, sent, engine=engine), 1)
+    predicted = selection.predict_kernel_times(shape, scatterers, transmission, 1e-5)
+    (first_s,) = time_calls(
+        lambda: selection.add_echoes(out, scatterers, transmission, engine=engine), 1
+    )
     chirps = np.unique(rng.integers(shape[0], size=max(1, min(8, 4000 // n))))
-    (plain_s,) = timed(lambda: direct_sum(scatterers, sent, shape[2], chirps), 1)
-    exact = direct_sum(scatterers, sent, shape[2], chirps)
+    (plain_s,) = time_calls(lambda: direct_sum(scatterers, transmission, shape[2], chirps), 1)
+    exact = direct_sum(scatterers, transmission, shape[2], chirps)
     error = np.linalg.norm(out[chirps] - exact) / np.linalg.norm(exact)
     others = {}
     if name.startswith("A "):
         if n <= 100:
-            others["low-rank product, NumPy"] = baseline(low_rank_product, case, exact, chirps)
+            others["low-rank product, NumPy"] = measure_baseline(
+                low_rank_product, case, exact, chirps
+            )
         if n >= 100 and HAS_FINUFFT:
-            others["finufft"] = baseline(with_finufft, case, exact, chirps)
+            others["finufft"] = measure_baseline(with_finufft, case, exact, chirps)
     turns = int(np.clip(0.5 / max(first_s, 1e-4), 5, 200))
-    took = timed(lambda: selection.add_echoes(out, scatterers, sent, engine=engine), turns)
+    times_s = time_calls(
+        lambda: selection.add_echoes(out, scatterers, transmission, engine=engine), turns
+    )
     return {
         "case": name,
         "kernel": predicted.cheapest_kernel,
-        "ms": 1e3 * median(took),
-        "fastest_ms": 1e3 * min(took),
+        "ms": 1e3 * median(times_s),
+        "fastest_ms": 1e3 * min(times_s),
         "not_above_ms": most_ms,
         "first_ms": 1e3 * first_s,
-        "numpy_exp_over_ours": plain_s / len(chirps) * shape[0] / median(took),
+        "numpy_exp_over_ours": plain_s / len(chirps) * shape[0] / median(times_s),
         "error": float(error),
         "others": others,
     }
 
 
-def memory_mb() -> float:
+def measure_memory_mb() -> float:
     """Growth of resident memory while 100,000 scatterers are simulated, cube A included."""
     import dechirp as dc
 
     radar = dc.reference().radar
     dc.simulate(dc.Scene(), radar)  # imports
-    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    rng = np.random.default_rng(asked.seed)
+    initial_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    rng = np.random.default_rng(options.seed)
     at_m = rng.uniform([3, -50, -1], [200, 50, 3], (100_000, 3))
     cloud = dc.bodies.PointCloud(positions_m=at_m, rcs_m2=rng.exponential(size=100_000) + 1e-6)
     scene = dc.Scene(
@@ -105,14 +113,14 @@ def memory_mb() -> float:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         dc.simulate(scene, radar)
-    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb) / 1024
+    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - initial_kb) / 1024
 
 
 def main() -> None:
     # First, in a process that has summed nothing yet.
-    grown_mb = memory_mb() if "memory".startswith(asked.case) else None
+    grown_mb = measure_memory_mb() if "memory".startswith(options.case) else None
     print(f"100,000 scatterers: {grown_mb} MB", file=sys.stderr)
-    rng = np.random.default_rng(asked.seed)
+    rng = np.random.default_rng(options.seed)
     cases: list[tuple[str, Callable[[], Case], float]] = [
         *((f"A {n}", lambda n=n: cube_a(n, 200.0, rng), ms) for n, ms in NEAR.items()),
         *((f"A full {n}", lambda n=n: cube_a(n, 2190.0, rng), ms) for n, ms in FULL.items()),
@@ -122,9 +130,9 @@ def main() -> None:
     ]
     rows = []
     for name, make, most_ms in cases:
-        if not name.startswith(asked.case):
+        if not name.startswith(options.case):
             continue
-        rows.append(measured(name, make(), most_ms, rng))
+        rows.append(measure_case(name, make(), most_ms, rng))
         print(
             "{case:>14} {kernel:>10} {ms:8.2f} ms (fastest {fastest_ms:.2f}, bar {not_above_ms:g}),"
             " first {first_ms:.0f} ms, numpy.exp {numpy_exp_over_ours:6.0f} x,"
@@ -132,13 +140,18 @@ def main() -> None:
             file=sys.stderr,
         )
     growth = [row["ms"] for row in rows if str(row["case"]).startswith("A full")]
-    found = {"threads": asked.threads, "seed": asked.seed, "cases": rows, "memory_mb": grown_mb}
+    results = {
+        "threads": options.threads,
+        "seed": options.seed,
+        "cases": rows,
+        "memory_mb": grown_mb,
+    }
     if len(growth) == len(FULL):
         # Least squares of t = a + b n: what a scatterer adds.
         n = np.array(list(FULL))
         slope, constant = np.polyfit(n, np.array(growth, float), 1)
-        found["growth"] = {"constant_ms": constant, "ns_per_scatterer": slope * 1e6}
-    print(json.dumps(found))
+        results["growth"] = {"constant_ms": constant, "ns_per_scatterer": slope * 1e6}
+    print(json.dumps(results))
 
 
 NEAR = {1: 0.1, 10: 1.0, 100: 2.5, 1000: 3.0, 10_000: 4.0, 100_000: 15.0}

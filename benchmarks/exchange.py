@@ -1,4 +1,4 @@
-"""How fast int16 codes go to a Zarr store and come back, beside the same bytes in a bare file.
+"""Speed of writing and reading int16 codes in a Zarr store relative to a plain file.
 
 Frames of 1 MiB: 128 chirps, 8 receivers, 256 complex samples, noise of 12 bits; 20 of them, and
 256. All in the file cache, in one folder of the disk that the argument names (a temporary one
@@ -56,7 +56,7 @@ RADAR = dc.Radar(
 
 
 class Case:
-    """Codes of so many frames, and the ways to write and to read them."""
+    """ADC codes of n frames, with functions that write and read them."""
 
     def __init__(self, folder: Path, n_frames: int) -> None:
         rng = np.random.default_rng(1)
@@ -71,8 +71,8 @@ class Case:
         )
         self.store, self.bare = folder / "x.zarr", folder / "x.bin"
 
-    def clear(self) -> None:
-        """Take away what was written."""
+    def delete_files(self) -> None:
+        """Delete the store and the plain file."""
         shutil.rmtree(self.store, ignore_errors=True)
         self.bare.unlink(missing_ok=True)
 
@@ -84,7 +84,7 @@ class Case:
         """Write frames to a store."""
         write_cube_store(self.store, frames, n_frames=len(frames), radar=RADAR, groups={})
 
-    def by_hand(self) -> None:
+    def encode_with_numpy(self) -> None:
         """Make codes of the samples with NumPy and write them to a bare file."""
         parts = self.cube.values.view(np.float32)
         np.rint(parts / np.float32(SCALE)).astype(np.int16).tofile(self.bare)
@@ -97,7 +97,7 @@ class Case:
         """Read the codes of the store with Zarr alone."""
         return np.asarray(zarr.open_array(self.store / "cube", mode="r")[:])
 
-    def decoded_by_hand(self) -> np.ndarray:
+    def decode_with_numpy(self) -> np.ndarray:
         """Read the bare file and make samples of it with NumPy."""
         return (self.fromfile() * np.float32(SCALE)).view(np.complex64)
 
@@ -111,57 +111,61 @@ class Case:
             pass
 
 
-def seconds(call: Callable[[], object], before: Callable[[], object]) -> float:
-    before()
+def time_call(call: Callable[[], object], prepare: Callable[[], object]) -> float:
+    prepare()
     start = perf_counter()
-    kept = call()
-    taken = perf_counter() - start
-    del kept
-    return taken
+    result = call()
+    elapsed_s = perf_counter() - start
+    del result
+    return elapsed_s
 
 
-def ratio(
-    ours: Callable[[], object], theirs: Callable[[], object], before: Callable[[], object]
+def measure_ratio(
+    ours: Callable[[], object], theirs: Callable[[], object], prepare: Callable[[], object]
 ) -> dict[str, float]:
     """Fastest of each, in turns, in ms, and their ratio."""
-    pairs = [(seconds(ours, before), seconds(theirs, before)) for _ in range(TURNS)]
-    one, other = (min(times) for times in zip(*pairs, strict=True))
+    pairs = [(time_call(ours, prepare), time_call(theirs, prepare)) for _ in range(TURNS)]
+    dechirp_s, plain_s = (min(times) for times in zip(*pairs, strict=True))
     return {
-        "ratio": round(one / other, 2),
-        "ms": round(1e3 * one, 1),
-        "of_ms": round(1e3 * other, 1),
+        "ratio": round(dechirp_s / plain_s, 2),
+        "ms": round(1e3 * dechirp_s, 1),
+        "of_ms": round(1e3 * plain_s, 1),
     }
 
 
-def measured(folder: Path, n_frames: int) -> dict[str, object]:
+def measure_store(folder: Path, n_frames: int) -> dict[str, object]:
     case = Case(folder, n_frames)
-    written, coded = case.frames_of_codes, case.frames_of_cube
-    case.write(coded[:1])  # compiles, imports
-    alone = [seconds(lambda: case.write(written[:1]), case.clear) for _ in range(TURNS)]
-    made: dict[str, object] = {
+    code_frames, sample_frames = case.frames_of_codes, case.frames_of_cube
+    case.write(sample_frames[:1])  # compiles, imports
+    one_frame_s = [
+        time_call(lambda: case.write(code_frames[:1]), case.delete_files) for _ in range(TURNS)
+    ]
+    results: dict[str, object] = {
         "MiB": case.numbers.nbytes >> 20,
-        "one frame, ms": round(1e3 * min(alone), 1),
-        "write": ratio(lambda: case.write(written), case.tofile, case.clear),
-        "encode": ratio(lambda: case.write(coded), case.by_hand, case.clear),
+        "one frame, ms": round(1e3 * min(one_frame_s), 1),
+        "write": measure_ratio(lambda: case.write(code_frames), case.tofile, case.delete_files),
+        "encode": measure_ratio(
+            lambda: case.write(sample_frames), case.encode_with_numpy, case.delete_files
+        ),
     }
-    case.clear()
-    case.write(written)
+    case.delete_files()
+    case.write(code_frames)
     case.tofile()
     case.decode()
     for name, ours, theirs in (
         ("read", case.read, case.fromfile),
-        ("decode", case.decode, case.decoded_by_hand),
-        ("frames", case.frames, case.decoded_by_hand),
+        ("decode", case.decode, case.decode_with_numpy),
+        ("frames", case.frames, case.decode_with_numpy),
     ):
-        made[name] = ratio(ours, theirs, lambda: None)
-    case.clear()
-    return made
+        results[name] = measure_ratio(ours, theirs, lambda: None)
+    case.delete_files()
+    return results
 
 
 def main() -> None:
     place = sys.argv[1] if len(sys.argv) > 1 else None
     with tempfile.TemporaryDirectory(dir=place) as folder:
-        print(json.dumps([measured(Path(folder), n) for n in (20, 256)], indent=2))
+        print(json.dumps([measure_store(Path(folder), n) for n in (20, 256)], indent=2))
 
 
 if __name__ == "__main__":

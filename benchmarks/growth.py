@@ -1,4 +1,4 @@
-"""How time and memory grow with scatterers, chirps, channels, cells, detections and trials.
+"""Exponents of time and memory over scatterers, chirps, channels, cells, detections and trials.
 
 Each job runs at several sizes, one thread, warm. In each of seven rounds all sizes take turns,
 and a line through their times, both logarithmic, gives an exponent. Shown are the median of the
@@ -31,27 +31,27 @@ for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
 import numpy as np
 
 if TYPE_CHECKING:
-    from growing import Job, Work
+    from growth_jobs import Job, Work
 
 ROUNDS = 7
 TOO_FAST = 0.1
 """Over the law: what caches and blocks do to an exponent."""
 SMALLEST_PEAK = 2**20
 
-Found = dict[str, object]
+Measurement = dict[str, object]
 
 
-def measured(job: "Job") -> Found:
-    """Exponents of a job, with their intervals, beside that of its law."""
-    from growing import LAWS
+def measure(job: "Job") -> Measurement:
+    """Measure the exponents of a job with intervals, and compute that of its law."""
+    from growth_jobs import LAWS
 
     works = [job.make(n) for n in job.sizes]
     for work in works:
         work()
-    calls = [int(np.clip(0.02 / timed(work), 1, 7)) for work in works]
+    calls = [int(np.clip(0.02 / time_once(work), 1, 7)) for work in works]
     rounds = np.array(
         [
-            [min(timed(work) for _ in range(n)) for work, n in zip(works, calls, strict=True)]
+            [min(time_once(work) for _ in range(n)) for work, n in zip(works, calls, strict=True)]
             for _ in range(ROUNDS)
         ]
     )
@@ -79,27 +79,27 @@ def measured(job: "Job") -> Found:
 
 
 def exponent(sizes: np.ndarray, values: np.ndarray) -> float:
-    """Slope of the line through the logarithms."""
+    """Fit the slope of a line through the logarithms."""
     return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
 
 
-def timed(work: "Work") -> float:
+def time_once(work: "Work") -> float:
     start = perf_counter()
     work()
     return perf_counter() - start
 
 
 def peak_bytes(work: "Work") -> float:
-    """Growth of the peak of resident memory during a call; 0 where the system does not tell."""
+    """Measure the growth of peak resident memory during a call; 0 if the system has no data."""
     clear, status = Path("/proc/self/clear_refs"), Path("/proc/self/status")
     if not clear.exists():
         return 0.0
     gc.collect()
     ctypes.CDLL(None).malloc_trim(0)  # or what is free already would not be seen to be taken
     clear.write_text("5")  # the peak becomes what is held now
-    before = _kilobytes(status, "VmRSS")
+    resident_kb = _kilobytes(status, "VmRSS")
     work()
-    return 1024.0 * max(_kilobytes(status, "VmHWM") - before, 0)
+    return 1024.0 * max(_kilobytes(status, "VmHWM") - resident_kb, 0)
 
 
 def _kilobytes(status: Path, name: str) -> int:
@@ -107,32 +107,34 @@ def _kilobytes(status: Path, name: str) -> int:
     return int(line.split()[1])
 
 
-def line_of(found: Found) -> str:
-    """A row of the table."""
-    memory = "" if found["peak_exponent"] is None else f"{found['peak_exponent']:6.2f}"
+def format_row(row: Measurement) -> str:
+    """Format a row of the table."""
+    memory = "" if row["peak_exponent"] is None else f"{row['peak_exponent']:6.2f}"
     return (
-        f"{found['job']:28} {found['along']:15} {found['law']:8} {found['expected']:5.2f}"
-        f" {found['exponent']:6.2f} {found['least']:6.2f} {found['largest']:6.2f}"
-        f" {found['at_end']:6.2f} {found['ms'][-1]:10.3f} {found['peak_mb']:8.1f} {memory:6}"
-        f" {'too fast' if found['too_fast'] else ''}"
+        f"{row['job']:28} {row['along']:15} {row['law']:8} {row['expected']:5.2f}"
+        f" {row['exponent']:6.2f} {row['least']:6.2f} {row['largest']:6.2f}"
+        f" {row['at_end']:6.2f} {row['ms'][-1]:10.3f} {row['peak_mb']:8.1f} {memory:6}"
+        f" {'too fast' if row['too_fast'] else ''}"
     )
 
 
-def draw(rows: list[Found], file: Path) -> None:
-    """Time over the law, 1 at the largest size: level where a job grows as it should."""
-    from growing import LAWS
+def draw_figure(rows: list[Measurement], file: Path) -> None:
+    """Plot time over law, normalised to the largest size; constant for expected growth."""
+    from growth_jobs import LAWS
     from matplotlib.figure import Figure
 
     axes = list(dict.fromkeys(row["along"] for row in rows))
     n_rows = -(-len(axes) // 3)
     figure = Figure(figsize=(13, 3.4 * n_rows), layout="constrained")
     panels = figure.subplots(n_rows, 3, squeeze=False).flat
-    for panel, along in zip(panels, axes, strict=False):
-        for row in (row for row in rows if row["along"] == along):
+    for panel, axis in zip(panels, axes, strict=False):
+        for row in (row for row in rows if row["along"] == axis):
             sizes = np.array(row["sizes"], float)
-            over = np.array(row["ms"]) / LAWS[row["law"]](sizes)
-            panel.loglog(sizes, over / over[-1], "o-", label=f"{row['job']} / {row['law']}")
-        panel.set_xlabel(along)
+            time_over_law = np.array(row["ms"]) / LAWS[row["law"]](sizes)
+            panel.loglog(
+                sizes, time_over_law / time_over_law[-1], "o-", label=f"{row['job']} / {row['law']}"
+            )
+        panel.set_xlabel(axis)
         panel.set_ylabel("time over law, of the largest")
         panel.set_ylim(0.2, 20)
         panel.grid(alpha=0.3)
@@ -143,12 +145,12 @@ def draw(rows: list[Found], file: Path) -> None:
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--job", default="", help="part of its name")
-    arguments.add_argument("--json", action="store_true")
-    arguments.add_argument("--figure", type=Path)
-    asked = arguments.parse_args()
-    from growing import jobs
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--job", default="", help="part of its name")
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--figure", type=Path)
+    options = parser.parse_args()
+    from growth_jobs import jobs
 
     import dechirp as dc
 
@@ -160,13 +162,13 @@ def main() -> None:
     )
     rows = []
     for job in jobs():
-        if asked.trial_job in job.name:
-            rows.append(measured(job))
-            print(line_of(rows[-1]), file=sys.stderr, flush=True)
-    if asked.json:
+        if options.job in job.name:
+            rows.append(measure(job))
+            print(format_row(rows[-1]), file=sys.stderr, flush=True)
+    if options.json:
         print(json.dumps(rows))
-    if asked.figure:
-        draw(rows, asked.figure)
+    if options.figure:
+        draw_figure(rows, options.figure)
 
 
 if __name__ == "__main__":

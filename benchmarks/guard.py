@@ -1,4 +1,4 @@
-"""Whether anything became slower than it was at the last release, beside plain code.
+"""Regression guard: time relative to plain code, compared with the last release.
 
 Jobs of `side_by_side.py` that plain code does too, ours and plain in turns: their ratio moves
 little with the load and the clock of a machine. They are measured three times. A job fails whose
@@ -34,28 +34,30 @@ TURNS, TURN_S = 9, 0.05
 Ratios = dict[str, float]
 
 
-def judged(release: Ratios, repeats: list[Ratios]) -> list[str]:
-    """What is wrong, a line for each job; nothing where all is as it was."""
+def find_slower_jobs(release: Ratios, repeats: list[Ratios]) -> list[str]:
+    """Return a message for each slower or missing job."""
     lines = []
-    for job, before in release.items():
+    for job, release_ratio in release.items():
         if any(job not in ratios for ratios in repeats):
-            lines.append(f"{job}: not measured; it was {before:.3g}")
+            lines.append(f"{job}: not measured; it was {release_ratio:.3g}")
             continue
-        now = [ratios[job] for ratios in repeats]
-        if sum(ratio > SLOWER * before for ratio in now) >= ENOUGH:
-            told = ", ".join(f"{ratio:.3g}" for ratio in now)
-            lines.append(f"{job}: {told} of the time of plain code; it was {before:.3g}")
+        current_ratios = [ratios[job] for ratios in repeats]
+        if sum(ratio > SLOWER * release_ratio for ratio in current_ratios) >= ENOUGH:
+            ratios_text = ", ".join(f"{ratio:.3g}" for ratio in current_ratios)
+            lines.append(
+                f"{job}: {ratios_text} of the time of plain code; it was {release_ratio:.3g}"
+            )
     return lines
 
 
-def last_release(folder: Path = RELEASES) -> dict[str, Any]:
-    """The file of the highest version."""
+def load_last_release(folder: Path = RELEASES) -> dict[str, Any]:
+    """Load the file of the highest version."""
     files = {tuple(map(int, file.stem.split("."))): file for file in folder.glob("*.json")}
     return dict(json.loads(files[max(files)].read_text(encoding="utf-8")))
 
 
-def guarded() -> Iterator["Job"]:
-    """Jobs that are measured."""
+def iter_guarded_jobs() -> Iterator["Job"]:
+    """Iterate over the jobs that are measured."""
     from sides import plain
     from sides.jobs import echoes, jobs
 
@@ -63,38 +65,38 @@ def guarded() -> Iterator["Job"]:
     yield from (job for job in jobs() if job.kind != "echoes" and hasattr(plain, job.kind))
 
 
-def measured() -> Ratios:
-    """Median over turns of the time of ours over that of plain code, of each job."""
+def measure_ratios() -> Ratios:
+    """Measure the median ratio of dechirp to plain code for each job."""
     import numpy as np
-    from sides import sides_of, told
-    from sides.turns import interleaved
+    from sides import available_sides, tables
+    from sides.side_processes import time_alternately
 
-    sides, _, _ = sides_of.made([], Path(), threads=1, patience_s=120.0)
-    found = {}
+    sides, _, _ = available_sides.create_sides([], Path(), threads=1, patience_s=120.0)
+    ratios = {}
     try:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "inputs.npz"
-            for job in guarded():
+            for job in iter_guarded_jobs():
                 np.savez(file, **job.make())
                 files = {side.name: file for side in sides}
-                times, absent = interleaved(sides, job.kind, files, TURNS, TURN_S)
+                times, absent = time_alternately(sides, job.kind, files, TURNS, TURN_S)
                 if absent:
                     raise SystemExit(f"{job.name}: {absent}")
                 turns = (times[name].turns_s for name in ("ours", "plain"))
-                found[job.name] = told.row(job.name, "plain", *turns, job.each)["ratio"]
+                ratios[job.name] = tables.build_row(job.name, "plain", *turns, job.n_items)["ratio"]
     finally:
         for side in sides:
             side.end()
-    return found
+    return ratios
 
 
-def written(repeats: list[Ratios]) -> Path:
-    """Keep the ratios as those of this version."""
+def write_ratios(repeats: list[Ratios]) -> Path:
+    """Write the ratios as those of this version."""
     import dechirp
     from dechirp.experiments.study.environment import describe_environment
 
     file = RELEASES / f"{dechirp.__version__}.json"
-    about = {
+    document = {
         "version": dechirp.__version__,
         "date": datetime.now(UTC).date().isoformat(),
         "environment": describe_environment(),
@@ -102,30 +104,39 @@ def written(repeats: list[Ratios]) -> Path:
             job: float(f"{median(ratios[job] for ratios in repeats):.4g}") for job in repeats[0]
         },
     }
-    file.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+    file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     return file
 
 
 def main() -> int:
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--write", action="store_true", help="keep them as those of a release")
-    asked = arguments.parse_args()
-    repeats = [measured() for _ in range(REPEATS)]
-    if asked.write:
-        print(written(repeats))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--write", action="store_true", help="keep them as those of a release")
+    options = parser.parse_args()
+    repeats = [measure_ratios() for _ in range(REPEATS)]
+    if options.write:
+        print(write_ratios(repeats))
         return 0
     from dechirp.experiments.study.environment import describe_environment
 
-    release = last_release()
+    release = load_last_release()
     print(f"{'ours over plain':48} {release['version']:>8}   now")
     for job in release["ratios"] | repeats[0]:
-        before = release["ratios"].get(job)
-        now = [f"{ratios[job]:8.3f}" for ratios in repeats if job in ratios]
-        print(f"{job:48} {'new' if before is None else f'{before:8.3f}':>8} {' '.join(now)}")
-    lines = judged(release["ratios"], repeats)
-    there, here = release["environment"]["processor"], describe_environment()["processor"]
-    if lines and there != here:
-        lines.append(f"The release was measured on another processor, {there}; this one is {here}.")
+        release_ratio = release["ratios"].get(job)
+        current_ratios = [f"{ratios[job]:8.3f}" for ratios in repeats if job in ratios]
+        print(
+            f"{job:48} {'new' if release_ratio is None else f'{release_ratio:8.3f}':>8}"
+            f" {' '.join(current_ratios)}"
+        )
+    lines = find_slower_jobs(release["ratios"], repeats)
+    release_processor, processor = (
+        release["environment"]["processor"],
+        describe_environment()["processor"],
+    )
+    if lines and release_processor != processor:
+        lines.append(
+            f"The release was measured on another processor, {release_processor};"
+            f" this one is {processor}."
+        )
     print("\n".join(lines) or "Nothing is more than 25 % above.")
     return 1 if lines else 0
 

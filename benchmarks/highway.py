@@ -1,4 +1,4 @@
-"""How many frames a second of a highway are simulated, hardware included.
+"""Simulated frames per second of a highway scene, with hardware impairments.
 
 Twenty cars, vans and trucks of some 3,000 scatterers, wheels turning, before a radar of three
 transmitters in turns and four receivers, 128 chirps of each and 256 samples; `automotive-chip`; 20
@@ -17,13 +17,13 @@ from collections.abc import Callable
 from statistics import median
 from time import perf_counter
 
-arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-arguments.add_argument("--threads", type=int, default=2)
-arguments.add_argument("--frames", type=int, default=20)
-asked = arguments.parse_args()
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("--threads", type=int, default=2)
+parser.add_argument("--frames", type=int, default=20)
+options = parser.parse_args()
 for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[pool] = "1"
-os.environ["NUMBA_NUM_THREADS"] = str(asked.threads)
+os.environ["NUMBA_NUM_THREADS"] = str(options.threads)
 
 import numpy as np
 
@@ -84,7 +84,7 @@ def highway_scene() -> dc.Scene:
     return dc.Scene(targets=targets, ego=dc.Ego(velocity_m_per_s=(30, 0, 0)))
 
 
-def seconds(work: Callable[[], object], n_times: int = 3) -> float:
+def time_calls(work: Callable[[], object], n_times: int = 3) -> float:
     work()
     took = []
     for _ in range(n_times):
@@ -94,23 +94,23 @@ def seconds(work: Callable[[], object], n_times: int = 3) -> float:
     return median(took)
 
 
-def ends_of(scene: dc.Scene) -> tuple[int, int]:
-    """The nearest scatterer and the farthest."""
+def nearest_and_farthest(scene: dc.Scene) -> tuple[int, int]:
+    """Return the indices of the nearest and the farthest scatterer."""
     range_m = np.linalg.norm(scene.scatterer_positions_m([0.0])[0], axis=-1)
     return int(range_m.argmin()), int(range_m.argmax())
 
 
-def phase_noise(scene: dc.Scene, radar: dc.Radar) -> Callable[[], None]:
-    """The oscillator's stage for a frame, the sum of the echoes left out."""
+def build_phase_noise_stage(scene: dc.Scene, radar: dc.Radar) -> Callable[[], None]:
+    """Build the phase-noise stage of one frame, without the sum of echoes."""
     (noise,) = (
         i for i in dc.impairments.AutomotiveChip().impairments(radar) if i.kind() == "phase-noise"
     )
-    rng, kept = np.random.default_rng(1), sample_window(radar, 0)
+    rng, window = np.random.default_rng(1), sample_window(radar, 0)
     parts = list(direct_echo_groups(scene, radar, 0, rng))
 
     def stage() -> None:
-        reach = phase_error.find_delay_spread(parts, kept, radar)
-        wide = kept.widen(reach.n_before, reach.n_after)
+        reach = phase_error.find_delay_spread(parts, window, radar)
+        wide = window.widen(reach.n_before, reach.n_after)
         phase_rad = noise.phase_error_rad(reach.phase_sample_window(wide), radar, rng)
         phase_error.apply_phase_error(echo[..., : wide.n_times], phase_rad, reach, radar)
 
@@ -118,9 +118,9 @@ def phase_noise(scene: dc.Scene, radar: dc.Radar) -> Callable[[], None]:
     return stage
 
 
-def in_turn_s(one: Callable[[], None], other: Callable[[], None]) -> tuple[float, float]:
-    """Median times of two jobs run in turn, so that a machine that drifts slows both."""
-    times_s = [(seconds(one, 1), seconds(other, 1)) for _ in range(41)]
+def time_alternately(first: Callable[[], None], second: Callable[[], None]) -> tuple[float, float]:
+    """Measure the median times of two jobs alternately, so that drift affects both."""
+    times_s = [(time_calls(first, 1), time_calls(second, 1)) for _ in range(41)]
     return median(of_one for of_one, _ in times_s), median(of_other for _, of_other in times_s)
 
 
@@ -129,38 +129,40 @@ def main() -> None:
 
     def frames_s(impairments: list[Impairment]) -> float:
         return (
-            seconds(
+            time_calls(
                 lambda: dc.simulate(
-                    scene, radar, impairments=impairments, n_frames=asked.frames, seed=1
+                    scene, radar, impairments=impairments, n_frames=options.frames, seed=1
                 )
             )
-            / asked.frames
+            / options.frames
         )
 
     alone_s = frames_s([])
-    found = {
+    times = {
         "echoes alone": alone_s,
         "automotive-chip": frames_s([dc.impairments.AutomotiveChip()]),
     }
     for impairment in dc.impairments.AutomotiveChip().impairments(radar):
-        found[f"echoes and {impairment.kind()}"] = frames_s([impairment])
-    for name, took_s in found.items():
+        times[f"echoes and {impairment.kind()}"] = frames_s([impairment])
+    for name, took_s in times.items():
         print(f"{name:>32} {1e3 * took_s:7.1f} ms a frame, {took_s / alone_s:5.2f} x echoes alone")
-    print(f"{scene.n_scatterers} scatterers, {1 / found['automotive-chip']:.1f} frames/s")
-    ends = [scene.scatterer_positions_m([0.0])[0, place] for place in ends_of(scene)]
+    print(f"{scene.n_scatterers} scatterers, {1 / times['automotive-chip']:.1f} frames/s")
+    ends = [scene.scatterer_positions_m([0.0])[0, place] for place in nearest_and_farthest(scene)]
     two = dc.Scene(
         targets=[
             dc.Target(position_m=tuple(at_m), velocity_m_per_s=(38 * way, 0, 0), rcs_m2=10)
             for at_m, way in zip(ends, (-1.8, 0.2), strict=True)
         ]
     )
-    of_all_s, of_two_s = in_turn_s(phase_noise(scene, radar), phase_noise(two, radar))
+    of_all_s, of_two_s = time_alternately(
+        build_phase_noise_stage(scene, radar), build_phase_noise_stage(two, radar)
+    )
     print(
         f"phase noise: {1e3 * of_all_s:.1f} ms a frame of all scatterers, {1e3 * of_two_s:.1f} of"
         f" two as far apart: {of_all_s / of_two_s:.3f}"
     )
-    found |= {"phase noise of all": of_all_s, "phase noise of two": of_two_s}
-    print(json.dumps({"threads": asked.threads, "ms": {k: 1e3 * v for k, v in found.items()}}))
+    times |= {"phase noise of all": of_all_s, "phase noise of two": of_two_s}
+    print(json.dumps({"threads": options.threads, "ms": {k: 1e3 * v for k, v in times.items()}}))
 
 
 if __name__ == "__main__":

@@ -1,13 +1,14 @@
-"""Every job beside plain code and beside other packages: speed in turns, and how right each is.
+"""Speed and accuracy of all jobs relative to plain code and other packages.
 
 Sides: ours; plain, as one writes it with NumPy, SciPy, numba and FINUFFT; other packages, each in
 a virtual environment of its own that is made where it is missing (pip must reach an index); and
 GNU Octave with the chain of the report, a loop over cells. Each side is a process. All load the
 same arrays, do the job once (imports and compilation), and then take turns A B C A B C, so that a
 busy moment hits all. A turn is the fastest of the calls that fit into 50 ms, one at least; one
-thread each. A ratio is the median over turns, with its quartiles. What cannot be run says why.
+thread each. A ratio is the median over turns, with its quartiles. Sides that cannot run are
+listed with the reason.
 
-How right: echoes, root mean square error of samples against the direct sum in double precision,
+Accuracy: echoes, root mean square error of samples against the direct sum in double precision,
 a common scale taken out; map, relative deviation of cells from double precision; detectors, false
 alarms over design where the window fits and at the edges, on noise; directions, error over the
 Cramer-Rao bound; clusters, adjusted Rand index; tracks, GOSPA.
@@ -27,26 +28,26 @@ import warnings
 from datetime import UTC, datetime
 from pathlib import Path
 
-asked_by = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-asked_by.add_argument("--quick", action="store_true", help="5 turns instead of 15")
-asked_by.add_argument("--peers", default="all", help="all, none, or names with commas")
-asked_by.add_argument("--jobs", default="", help="only jobs whose name contains this")
-asked_by.add_argument("--threads", type=int, default=1)
-asked_by.add_argument("--patience", type=float, default=20.0, help="seconds for a call of others")
-asked_by.add_argument(
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("--quick", action="store_true", help="5 turns instead of 15")
+parser.add_argument("--peers", default="all", help="all, none, or names with commas")
+parser.add_argument("--jobs", default="", help="only jobs whose name contains this")
+parser.add_argument("--threads", type=int, default=1)
+parser.add_argument("--patience", type=float, default=20.0, help="seconds for a call of others")
+parser.add_argument(
     "--environments", type=Path, default=Path.home() / ".cache" / "dechirp-side-by-side"
 )
-asked_by.add_argument("--json", type=Path)
-asked_by.add_argument("--markdown", type=Path)
-asked = asked_by.parse_args()
+parser.add_argument("--json", type=Path)
+parser.add_argument("--markdown", type=Path)
+settings = parser.parse_args()
 for pool in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
-    os.environ[f"{pool}_NUM_THREADS"] = str(asked.threads)
+    os.environ[f"{pool}_NUM_THREADS"] = str(settings.threads)
 
 import numpy as np
 from scipy.io import loadmat, savemat
-from sides import accuracy, environments, machine, sides_of, told
-from sides.jobs import Job, Needs, jobs
-from sides.turns import Absent, NoAnswer, Side, interleaved, say
+from sides import accuracy, available_sides, environments, machine, tables
+from sides.jobs import Job, MinimumWork, jobs
+from sides.side_processes import Absent, NoAnswer, Side, print_progress, time_alternately
 
 from dechirp.core.findings import PhysicsWarning
 
@@ -54,13 +55,13 @@ TURN_S = 0.05
 
 
 def peers() -> list[str]:
-    every = [*environments.names(), "octave"]
-    if asked.peers in ("all", "none"):
-        return every if asked.peers == "all" else []
-    chosen = asked.peers.split(",")
+    every = [*environments.peer_names(), "octave"]
+    if settings.peers in ("all", "none"):
+        return every if settings.peers == "all" else []
+    chosen = settings.peers.split(",")
     unknown = sorted(set(chosen) - set(every))
     if unknown:
-        asked_by.error(f"no such peers: {', '.join(unknown)}; there are {', '.join(every)}")
+        parser.error(f"no such peers: {', '.join(unknown)}; there are {', '.join(every)}")
     return chosen
 
 
@@ -76,7 +77,7 @@ def stored(inputs: dict[str, np.ndarray], folder: Path, sides: list[Side]) -> di
 
 
 def judged(job: Job, side: Side, inputs: dict[str, np.ndarray], folder: Path) -> dict[str, float]:
-    """How right the last result of a side is, or what it returns of the inputs for that."""
+    """Evaluate the accuracy of the last result of a side, or of its result for other inputs."""
     if job.judged_by is not None:
         inputs = job.judged_by()
         np.savez(folder / "judged.npz", **inputs)
@@ -87,19 +88,19 @@ def judged(job: Job, side: Side, inputs: dict[str, np.ndarray], folder: Path) ->
     else:
         side.ask("save", str(folder / "result.npy"))
         found = np.load(folder / "result.npy")
-    return accuracy.OF_KIND[job.kind](inputs, found)
+    return accuracy.ACCURACY_BY_KIND[job.kind](inputs, found)
 
 
-def measured(job: Job, sides: list[Side], folder: Path, too_slow: set[str]) -> list[told.Row]:
+def measured(job: Job, sides: list[Side], folder: Path, too_slow: set[str]) -> list[tables.Row]:
     """Rows of a job; sides that gave no answer join those that are too slow for its kind."""
     inputs = job.make()
     files = stored(inputs, folder, sides)
-    times, absent = interleaved(sides, job.kind, files, 5 if asked.quick else 15, TURN_S)
+    times, absent = time_alternately(sides, job.kind, files, 5 if settings.quick else 15, TURN_S)
     rows = []
     for side in sides:
         if side.name in times:
-            one = told.row(
-                job.name, side.name, times["ours"].turns_s, times[side.name].turns_s, job.each
+            one = tables.build_row(
+                job.name, side.name, times["ours"].turns_s, times[side.name].turns_s, job.n_items
             )
             try:
                 one |= {"first_s": times[side.name].first_s}
@@ -114,17 +115,17 @@ def measured(job: Job, sides: list[Side], folder: Path, too_slow: set[str]) -> l
     return rows
 
 
-def slower(job: Job, rows: list[told.Row], rates: machine.Machine) -> list[str]:
+def slower(job: Job, rows: list[tables.Row], rates: machine.Machine) -> list[str]:
     """Sides that are faster than ours, by three quarters of turns, and the limit of the machine."""
     ours_ms = next(row["ms"] for row in rows if row["side"] == "ours")
     n_bytes, n_operations, of = job.needs
-    of_one = Needs(n_bytes / job.each, n_operations / job.each, of)
+    of_one = MinimumWork(n_bytes / job.n_items, n_operations / job.n_items, of)
     limit_s, what = machine.limit_s(of_one, rates)
     limit_ms = 1e3 * limit_s
     return [
         f"{job.name}: {row['side']} takes {row['ms']:.3g} ms, ours {ours_ms:.3g};"
         f" no code takes less than {limit_ms:.2g} ms here ({what})"
-        + (f"; ours does also: {job.ours_also}" if job.ours_also else "")
+        + (f"; ours does also: {job.additional_work}" if job.additional_work else "")
         for row in rows
         if row.get("ratio_low", 0.0) > 1.0
     ]
@@ -132,26 +133,28 @@ def slower(job: Job, rows: list[told.Row], rates: machine.Machine) -> list[str]:
 
 def main() -> None:
     warnings.simplefilter("ignore", PhysicsWarning)
-    rates = machine.measured()
-    say("\n".join(told.machine_lines(rates)))
-    sides, missing, versions = sides_of.made(
-        peers(), asked.environments, threads=asked.threads, patience_s=asked.patience
+    rates = machine.measure_machine()
+    print_progress("\n".join(tables.machine_lines(rates)))
+    sides, missing, versions = available_sides.create_sides(
+        peers(), settings.environments, threads=settings.threads, patience_s=settings.patience
     )
-    rows: list[told.Row] = []
+    rows: list[tables.Row] = []
     behind: list[str] = []
     too_slow: dict[str, set[str]] = {}
     with tempfile.TemporaryDirectory() as place:
         for job in jobs():
-            if asked.jobs not in job.name:
+            if settings.jobs not in job.name:
                 continue
-            say(job.name)
+            print_progress(job.name)
             slow = too_slow.setdefault(job.kind, set())
             passed_over = [
                 {"job": job.name, "side": name, "absent": "not tried: no answer to a job before"}
                 for name in sorted(slow)
             ]
             able = [
-                side for side in sides if sides_of.does(side, job.kind) and side.name not in slow
+                side
+                for side in sides
+                if available_sides.can_do(side, job.kind) and side.name not in slow
             ]
             now = measured(job, able, Path(place), slow)
             rows += now + passed_over
@@ -161,18 +164,18 @@ def main() -> None:
     rows += [{"job": "all", "side": name, "absent": why} for name, why in missing.items()]
     found = {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "threads": asked.threads,
+        "threads": settings.threads,
         "machine": rates,
         "versions": versions,
         "rows": rows,
         "slower": behind,
     }
-    print(told.plain_text(rows))
+    print(tables.plain_text(rows))
     print("\n".join(behind))
-    if asked.json:
-        asked.json.write_text(json.dumps(found, indent=1))
-    if asked.markdown:
-        asked.markdown.write_text(told.markdown(found))
+    if settings.json:
+        settings.json.write_text(json.dumps(found, indent=1))
+    if settings.markdown:
+        settings.markdown.write_text(tables.markdown(found))
 
 
 if __name__ == "__main__":

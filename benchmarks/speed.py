@@ -1,4 +1,4 @@
-"""How fast the chain is, as ratios to plain NumPy, SciPy and numba code in the same run.
+"""Speed of the processing chain relative to plain NumPy, SciPy and numba code.
 
 Measured, on one thread, warm (compiled, factors known), arrays in memory:
 
@@ -8,7 +8,7 @@ ca      cells of a 2048 x 128 map over the threshold of `CellAveraging`, edges r
         numba running sums, edges left out.
 os      the same of `OrderedStatistic`, exact, on noise and with a step of 20 dB in the middle;
         against a numba count of training cells that stops when it is decided, edges left out.
-frame   `detect`: window, transforms, power, threshold, peaks, refinement, folds, labelled
+frame   `detect`: window, transforms, power, threshold, peaks, refinement, ambiguity, labelled
         detections, without and with directions, of 3 targets; below it what each further
         detection takes, from 10; samples x chirps x channels, the channels as three or four
         transmitters in turn; against NumPy and SciPy from the window to the mask of
@@ -34,16 +34,16 @@ for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(pool, "1")
 
 import numpy as np
-from sides.frames import frame_of
+from sides.frames import simulate_frame
 from sides.plain_maps import (
     GUARD,
-    N_RING,
+    N_TRAINING_CELLS,
     TRAINING,
     plain_cell_averaging,
     plain_chain,
     plain_map,
     plain_ordered_statistic,
-    tapers,
+    window_weights,
 )
 
 import dechirp as dc
@@ -52,7 +52,7 @@ from dechirp.processing.spectrum import Transform, mean_range_doppler_power
 
 FACTOR = 13.965
 # Rank 3 / 4 of 644 cells at 1e-6: log 4 = 1.386 times the mean, within 1 %.
-RANK, RANK_FACTOR = 3 * N_RING // 4, 10.13
+RANK, RANK_FACTOR = 3 * N_TRAINING_CELLS // 4, 10.13
 
 
 def compare(
@@ -85,11 +85,11 @@ def fastest(work: Callable[[], object]) -> float:
     return min(times)
 
 
-def of_map() -> dict[str, dict[str, float]]:
+def measure_maps() -> dict[str, dict[str, float]]:
     scenario = dc.reference()
     cube = dc.run(scenario).cube
     samples = np.ascontiguousarray(cube.values[0])
-    taper = tapers((128, 2200))
+    taper = window_weights((128, 2200))
     over_range = Transform(window="hann", n_points=2200, n_bins=4096)
     over_velocity = Transform(window="hann", n_points=128, n_bins=128)
     frame, chain = cube.isel(frame=0), dc.Chain(n_range_bins=4096)
@@ -103,7 +103,7 @@ def of_map() -> dict[str, dict[str, float]]:
     return {name: compare(name, work, plain, 2.6 / 3.0) for name, work in works.items()}
 
 
-def of_detectors() -> dict[str, dict[str, float]]:
+def measure_detectors() -> dict[str, dict[str, float]]:
     noise = np.random.default_rng(1).exponential(size=(128, 2048)).astype(np.float32)
     step = noise.copy()
     step[:, 1024:] *= 100
@@ -114,7 +114,7 @@ def of_detectors() -> dict[str, dict[str, float]]:
     mean, ranked = dc.cfar.CellAveraging(), dc.cfar.OrderedStatistic(rank=RANK)
     of_mean = np.full(2048, FACTOR, np.float32)
     of_rank = np.full(2048, RANK_FACTOR, np.float32)
-    found = {
+    results = {
         "ca, noise": compare(
             "ca, noise",
             lambda: mean.exceeds_threshold(noise, ring, of_mean),
@@ -123,46 +123,50 @@ def of_detectors() -> dict[str, dict[str, float]]:
         )
     }
     for name, power, bar in (("os, noise", noise, 1.5 / 32), ("os, step", step, 3 / 32)):
-        found[name] = compare(
+        results[name] = compare(
             name,
             partial(ranked.exceeds_threshold, power, ring, of_rank),
             partial(plain_ordered_statistic, power, RANK_FACTOR, RANK),
             bar,
         )
-    return found
+    return results
 
 
-def of_frames() -> dict[str, dict[str, float]]:
-    found = {}
+def measure_frames() -> dict[str, dict[str, float]]:
+    results = {}
     sizes = (
         ("2200 x 128 x 1", (2200, 128, 1, 1), 5 / 9.5),
         ("256 x 128 x 12", (256, 128, 3, 4), 2.5 / 6.2),
         ("512 x 256 x 16", (512, 256, 4, 4), 14 / 42.7),
     )
     for size, shape, bar in sizes:
-        cube, radar = frame_of(*shape, n_targets=3)
-        crowded, _ = frame_of(*shape, n_targets=10)
+        cube, radar = simulate_frame(*shape, n_targets=3)
+        crowded, _ = simulate_frame(*shape, n_targets=10)
         n_samples, n_chirps, n_tx, n_rx = shape
         samples = cube.values[0].reshape(n_chirps, n_tx * n_rx, n_samples)
-        taper = tapers((n_chirps, n_samples))
+        taper = window_weights((n_chirps, n_samples))
         chains = {"without directions": dc.Chain(angle=None)}
         if n_tx > 1:
             chains["with directions"] = dc.Chain()
-        for told, chain in chains.items():
-            name = f"frame {size}, {told.split()[0]}"
-            work, more = (partial(dc.detect, frames, radar, chain) for frames in (cube, crowded))
-            found[name] = compare(name, work, partial(plain_chain, samples, taper, FACTOR), bar)
-            n_more = more().sizes["detection"] - work().sizes["detection"]
-            spent = median(fastest(more) - fastest(work) for _ in range(15)) / n_more
-            found[name]["each_further_detection_ms"] = spent * 1e3
+        for label, chain in chains.items():
+            name = f"frame {size}, {label.split()[0]}"
+            frame_work, crowded_work = (
+                partial(dc.detect, frames, radar, chain) for frames in (cube, crowded)
+            )
+            results[name] = compare(
+                name, frame_work, partial(plain_chain, samples, taper, FACTOR), bar
+            )
+            n_more = crowded_work().sizes["detection"] - frame_work().sizes["detection"]
+            spent = median(fastest(crowded_work) - fastest(frame_work) for _ in range(15)) / n_more
+            results[name]["each_further_detection_ms"] = spent * 1e3
             print(f"    each further detection {spent * 1e3:.3f} ms", file=sys.stderr)
-    return found
+    return results
 
 
 def main() -> None:
     warnings.simplefilter("ignore", dc.PhysicsWarning)
     print(f"{'':32s} {'ms':>9s} {'plain ms':>9s} {'ratio':>8s} {'bar':>8s}", file=sys.stderr)
-    print(json.dumps(of_map() | of_detectors() | of_frames()))
+    print(json.dumps(measure_maps() | measure_detectors() | measure_frames()))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Detections drawn from theory beside those of samples: how alike, and how fast.
+"""Agreement and speed of detections drawn from theory, relative to simulated samples.
 
 Six targets of one ratio, at six places between the bins, before a radar of one receiver and one of
 eight virtual elements, steady and Swerling 1; and the reference radar. Of each ratio: the
@@ -47,7 +47,7 @@ STDS = ("range_std", "velocity_std", "azimuth_std")
 ERRORS = ("range_error_m", "velocity_error_m_per_s", "azimuth_error_rad")
 
 
-def small(n_elements: int) -> Scenario:
+def build_small_scenario(n_elements: int) -> Scenario:
     """Six targets in a small map, of one receiver, or of two transmitters in turns and more."""
     half_m = 3.9e-3 / 2
     n_tx = 2 if n_elements > 1 else 1
@@ -102,8 +102,8 @@ def small(n_elements: int) -> Scenario:
     )
 
 
-def at_snr(scenario: Scenario, snr_db: float, fluctuation: str) -> Scenario:
-    """The same with thermal noise so strong that the first target has that ratio in the end."""
+def set_snr(scenario: Scenario, snr_db: float, fluctuation: str) -> Scenario:
+    """Set the SNR of all targets under thermal noise."""
     truth = dc.truth(scenario.scene, scenario.radar)
     now = float(truth.snr[0, 0])
     targets = tuple(
@@ -119,7 +119,7 @@ def at_snr(scenario: Scenario, snr_db: float, fluctuation: str) -> Scenario:
 
 
 class Score(NamedTuple):
-    """Of many trials."""
+    """Statistics of many trials."""
 
     probability: float
     n: int
@@ -130,36 +130,41 @@ class Score(NamedTuple):
     columns: dict[str, np.ndarray]
 
 
-def score(scenario: Scenario, frames: Frames, n_trials: int) -> Score:
+def score_trials(scenario: Scenario, frames: Frames, n_trials: int) -> Score:
     """Detections of one frame each, against the truth."""
     noise_w = added_noise_w(scenario, scenario.radar)
     truth = dc.truth(scenario.scene, scenario.radar, noise_power_w=noise_w)
-    matched = Associator(truth, scenario.radar)
-    n_found, n_false, errors, found = 0, 0, [], []
+    associator = Associator(truth, scenario.radar)
+    n_found, n_false, errors, detected_snr = 0, 0, [], []
     for _ in range(n_trials):
         columns = frames()
-        match = matched(columns)
+        match = associator(columns)
         n_found += len(np.unique(match.target[match.target >= 0]))
         n_false += int(np.sum(match.target < 0))
-        # A false alarm within two cells of a target is told as its detection: not of these laws.
+        # A false alarm within two cells of a target counts as its detection; the laws exclude it.
         near = match.target >= 0
         for name, std in zip(ERRORS, STDS, strict=True):
             near &= ~(abs(getattr(match, name)) > 6 * columns[std])
         errors.append(np.array([getattr(match, name) for name in ERRORS])[:, near])
-        found.append(columns["snr"][match.target >= 0])
+        detected_snr.append(columns["snr"][match.target >= 0])
     squared = np.concatenate(errors, axis=1) ** 2
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of angles that nobody tells
+        warnings.simplefilter("ignore", RuntimeWarning)  # of angles that are not estimated
         mean = np.nanmean(squared, axis=1)
         spread = np.nanstd(squared, axis=1) / np.sqrt(squared.shape[1]) / mean / 2
     n = n_trials * len(scenario.scene.targets)
     return Score(
-        n_found / n, n, np.sqrt(mean), spread, n_false / n_trials, {"snr": np.concatenate(found)}
+        n_found / n,
+        n,
+        np.sqrt(mean),
+        spread,
+        n_false / n_trials,
+        {"snr": np.concatenate(detected_snr)},
     )
 
 
 def compare(scenario: Scenario, n_trials: int) -> tuple[Score, Score]:
-    """Of samples, and drawn."""
+    """Score detections from samples and from the statistical sensor."""
     rng = np.random.default_rng(1)
     chain = scenario.chain.fit_to_radar(scenario.radar)
 
@@ -171,34 +176,37 @@ def compare(scenario: Scenario, n_trials: int) -> tuple[Score, Score]:
 
     sensor, other = StatisticalSensor(scenario), np.random.default_rng(2)
     return (
-        score(scenario, of_samples, n_trials),
-        score(scenario, lambda: sensor.detections(other), n_trials),
+        score_trials(scenario, of_samples, n_trials),
+        score_trials(scenario, lambda: sensor.detections(other), n_trials),
     )
 
 
-def report(scenario: Scenario, snrs_db: list[float], fluctuation: str, n_trials: int) -> None:
+def print_comparison(
+    scenario: Scenario, snrs_db: list[float], fluctuation: str, n_trials: int
+) -> None:
     print(f"{scenario.name}, {fluctuation}")
     print(
         "  snr   samples  drawn   diff    s.e.   rmse drawn / samples: range, velocity, azimuth"
         "        snr    false"
     )
     for snr_db in snrs_db:
-        one, two = compare(at_snr(scenario, snr_db, fluctuation), n_trials)
-        p = (one.probability + two.probability) / 2
-        error = np.sqrt(2 * max(p * (1 - p), 1e-9) / one.n)
-        ratio = two.rmse / one.rmse
-        spread = np.hypot(one.rmse_error, two.rmse_error)
-        told = "  ".join(f"{r:5.3f} ({s:.3f})" for r, s in zip(ratio, spread, strict=True))
-        snr = np.mean(two.columns["snr"]) / np.mean(one.columns["snr"])
+        sampled, drawn_score = compare(set_snr(scenario, snr_db, fluctuation), n_trials)
+        p = (sampled.probability + drawn_score.probability) / 2
+        error = np.sqrt(2 * max(p * (1 - p), 1e-9) / sampled.n)
+        ratio = drawn_score.rmse / sampled.rmse
+        spread = np.hypot(sampled.rmse_error, drawn_score.rmse_error)
+        rmse_text = "  ".join(f"{r:5.3f} ({s:.3f})" for r, s in zip(ratio, spread, strict=True))
+        snr = np.mean(drawn_score.columns["snr"]) / np.mean(sampled.columns["snr"])
         print(
-            f"  {snr_db:4.1f}  {one.probability:.4f}  {two.probability:.4f}"
-            f"  {two.probability - one.probability:+.4f}  {error:.4f}   {told}   {snr:5.3f}"
-            f"   {one.false_alarms:.4f} {two.false_alarms:.4f}",
+            f"  {snr_db:4.1f}  {sampled.probability:.4f}  {drawn_score.probability:.4f}"
+            f"  {drawn_score.probability - sampled.probability:+.4f}  {error:.4f}   {rmse_text}"
+            f"   {snr:5.3f}"
+            f"   {sampled.false_alarms:.4f} {drawn_score.false_alarms:.4f}",
             flush=True,
         )
 
 
-def speed(scenario: Scenario) -> None:
+def measure_speed(scenario: Scenario) -> None:
     sensor, rng = StatisticalSensor(scenario), np.random.default_rng(1)
     sensor.detections(rng)
     started, n = process_time(), 0
@@ -209,18 +217,18 @@ def speed(scenario: Scenario) -> None:
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--trials", type=int, default=2000)
-    arguments.add_argument("--snr", type=float, nargs="*", default=[12, 14, 15, 16, 17, 19, 24])
-    asked = arguments.parse_args()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--trials", type=int, default=2000)
+    parser.add_argument("--snr", type=float, nargs="*", default=[12, 14, 15, 16, 17, 19, 24])
+    options = parser.parse_args()
     warnings.simplefilter("ignore", PhysicsWarning)
     for n_elements, more_db in ((1, 0.0), (8, 4.0)):
         for fluctuation in ("steady", "swerling-1"):
-            snrs_db = [snr_db + more_db for snr_db in asked.snr]
-            report(small(n_elements), snrs_db, fluctuation, asked.trials)
-    report(reference(), [15, 16, 17, 18], "steady", asked.trials)
+            snrs_db = [snr_db + more_db for snr_db in options.snr]
+            print_comparison(build_small_scenario(n_elements), snrs_db, fluctuation, options.trials)
+    print_comparison(reference(), [15, 16, 17, 18], "steady", options.trials)
     for name in ("highway", "corner-radar", "mimo"):
-        speed(load(EXAMPLES / f"{name}.yaml"))
+        measure_speed(load(EXAMPLES / f"{name}.yaml"))
 
 
 if __name__ == "__main__":

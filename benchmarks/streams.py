@@ -1,4 +1,4 @@
-"""Whether a stream keeps up: a DCA1000 at full rate, on loopback.
+"""Packet loss and processor load of a DCA1000 stream at full rate on loopback.
 
 20 frames/s of 128 chirps x 8 channels x 256 complex samples of int16: 1 MiB a frame, 21 MB/s,
 14,400 packets/s. The channels are two transmitters that take turns with four receivers each, as a
@@ -61,13 +61,13 @@ print(dc.replay(sys.argv[1], sys.argv[2], bytes_per_s=float(sys.argv[3])))
 """
 
 
-def streamed(capture: Path, use: Callable[[int, xr.DataArray], object]) -> dict[str, float]:
+def measure_stream(capture: Path, use: Callable[[int, xr.DataArray], object]) -> dict[str, float]:
     """Send the capture, take its frames, and do something with each."""
-    told = {"radar": RADAR, "device": "xwr1843", "iq": "iq"}
-    first = next(iter(dc.open(capture, **told, frames=(0, 1)).frames()))
+    options = {"radar": RADAR, "device": "xwr1843", "iq": "iq"}
+    first = next(iter(dc.open(capture, **options, frames=(0, 1)).frames()))
     use(1, first)  # compiles
     pace = str(FRAMES_PER_S * FRAME_BYTES)
-    with dc.listen("127.0.0.1:0", **told, idle_s=5) as stream:
+    with dc.listen("127.0.0.1:0", **options, idle_s=5) as stream:
         arguments = [sys.executable, "-c", SENDER, str(capture), stream.address, pace]
         with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as sender:
             times_s, n_gaps, busy_s = [], 0, 0.0
@@ -92,8 +92,8 @@ def streamed(capture: Path, use: Callable[[int, xr.DataArray], object]) -> dict[
     }
 
 
-def held(n: int, frame: xr.DataArray) -> None:
-    """Keep the interpreter for 0.5 s, now and then."""
+def hold_interpreter(n: int, frame: xr.DataArray) -> None:
+    """Hold the interpreter lock for 0.5 s in every 15th frame."""
     end_s = time.perf_counter() + (0 if n % 15 else 0.5)
     while time.perf_counter() < end_s:
         sum(range(100))
@@ -110,13 +110,15 @@ def main() -> None:
             for _ in range(n_frames):
                 out.write(part)
         measured = {
-            "taken": streamed(capture, lambda n, frame: None),
-            "detected": streamed(capture, lambda n, frame: dc.detect(frame, RADAR)),
-            "held": streamed(capture, held),
+            "taken": measure_stream(capture, lambda n, frame: None),
+            "detected": measure_stream(capture, lambda n, frame: dc.detect(frame, RADAR)),
+            "held": measure_stream(capture, hold_interpreter),
         }
     print(json.dumps({"measured": measured, "at_most": {"packets_lost": 0}}, indent=2))
-    lost = any(one["packets_lost"] or one["frames"] < n_frames for one in measured.values())
-    raise SystemExit(1 if lost else 0)
+    has_losses = any(
+        result["packets_lost"] or result["frames"] < n_frames for result in measured.values()
+    )
+    raise SystemExit(1 if has_losses else 0)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How fast trials are: the reference scene, from the draw of its noise to detections.
+"""Trials per second of the reference scene, from noise generation to detections.
 
 Measured, on one thread, warm (compiled, factors known), in memory that is used again, of 2200 x 128
 samples of one receiver:
@@ -49,7 +49,7 @@ SECONDS = 3.0
 
 
 class Works(NamedTuple):
-    """What is measured, and what it is measured against, by name."""
+    """Measured functions and their plain references, by name."""
 
     ours: dict[str, Callable[[], object]]
     plain: dict[str, Callable[[], object]]
@@ -57,7 +57,7 @@ class Works(NamedTuple):
 
 
 @cache
-def works() -> Works:
+def build_works() -> Works:
     """All of the reference scene, in memory that is used again."""
     warnings.simplefilter("ignore", dc.PhysicsWarning)
     scenario = dc.reference()
@@ -69,15 +69,15 @@ def works() -> Works:
         chain.map_noise_statistics(radar),
         MonteCarloSimulator(scene, radar),
     )
-    again = trials.simulate_trial(rng)
-    samples, alone = again.values[0].copy(), np.zeros_like(again.values[0])
+    reused_cube = trials.simulate_trial(rng)
+    samples, noise_samples = reused_cube.values[0].copy(), np.zeros_like(reused_cube.values[0])
     power = range_doppler_power(samples, radar, chain)
     taper = np.outer(law.doppler_transform.weights, law.range_transform.weights).astype(np.float32)
 
     def cells() -> None:
-        alone[:] = 0
-        add_white_noise(alone, 1.0, rng)
-        chain.cfar.exceeds_threshold(range_doppler_power(alone, radar, chain), law)
+        noise_samples[:] = 0
+        add_white_noise(noise_samples, 1.0, rng)
+        chain.cfar.exceeds_threshold(range_doppler_power(noise_samples, radar, chain), law)
 
     def plain_noise() -> None:
         numbers = samples.view(np.float32)
@@ -91,11 +91,13 @@ def works() -> Works:
     return Works(
         {
             "noise": lambda: add_white_noise(samples, 1e-20, rng),
-            "cube": lambda: trials.simulate_trial(rng, again),
+            "cube": lambda: trials.simulate_trial(rng, reused_cube),
             "map": lambda: range_doppler_power(samples, radar, chain),
             "cfar": lambda: chain.cfar.exceeds_threshold(power, law),
-            "columns": lambda: detect_columns([again], radar, chain),
-            "trial": lambda: detect_columns([trials.simulate_trial(rng, again)], radar, chain),
+            "columns": lambda: detect_columns([reused_cube], radar, chain),
+            "trial": lambda: detect_columns(
+                [trials.simulate_trial(rng, reused_cube)], radar, chain
+            ),
             "cells": cells,
         },
         {
@@ -119,20 +121,23 @@ def fastest(work: Callable[[], object]) -> float:
 
 def measure(name: str) -> dict[str, float]:
     """Median and shortest time of a work, and its ratio to plain code if there is some."""
-    ours, plain = works().ours[name], works().plain.get(name)
+    ours, plain = build_works().ours[name], build_works().plain.get(name)
     ours()
     pairs = [(fastest(ours), fastest(plain) if plain else np.nan) for _ in range(15)]
-    found = {"ms": median(a for a, _ in pairs) * 1e3, "shortest_ms": min(a for a, _ in pairs) * 1e3}
+    result = {
+        "ms": median(a for a, _ in pairs) * 1e3,
+        "shortest_ms": min(a for a, _ in pairs) * 1e3,
+    }
     if plain:
-        found["ratio"] = median(a / b for a, b in pairs)
-    ratio = f"{found['ratio']:8.3f}" if plain else ""
-    print(f"{name:10s} {found['ms']:9.3f} {found['shortest_ms']:9.3f} {ratio}", file=sys.stderr)
-    return found
+        result["ratio"] = median(a / b for a, b in pairs)
+    ratio = f"{result['ratio']:8.3f}" if plain else ""
+    print(f"{name:10s} {result['ms']:9.3f} {result['shortest_ms']:9.3f} {ratio}", file=sys.stderr)
+    return result
 
 
-def rate(name: str, start: float) -> float:
+def measure_rate(name: str, start: float) -> float:
     """Calls a second in a process of its own, all of which begin at one time."""
-    work = works().ours[name]
+    work = build_works().ours[name]
     for _ in range(5):
         work()
     while perf_counter() < start:
@@ -144,35 +149,37 @@ def rate(name: str, start: float) -> float:
     return n / (perf_counter() - start)
 
 
-def side_by_side(n_processes: int) -> dict[str, float]:
+def measure_in_parallel(n_processes: int) -> dict[str, float]:
     """Sum of the rates of so many processes at once; the clock is one for the whole machine."""
-    found = {}
+    rates = {}
     with ProcessPoolExecutor(n_processes, mp_context=get_context("spawn")) as pool:
         # Compiled and loaded in each before the first turn is timed.
-        list(pool.map(partial(rate, "trial"), [perf_counter() + 20.0] * n_processes))
+        list(pool.map(partial(measure_rate, "trial"), [perf_counter() + 20.0] * n_processes))
         for name in ("trial", "cells"):
             begin = perf_counter() + 1.0
-            found[name] = sum(pool.map(partial(rate, name), [begin] * n_processes))
-    return found
+            rates[name] = sum(pool.map(partial(measure_rate, name), [begin] * n_processes))
+    return rates
 
 
 def main() -> None:
     print(f"{'one thread':10s} {'ms':>9s} {'shortest':>9s} {'ratio':>8s}", file=sys.stderr)
-    found: dict[str, object] = {name: measure(name) for name in works().ours}
-    together = side_by_side(2)
-    trials_per_s, cells_per_s = together["trial"], together["cells"] * works().n_cells
-    for name, got, bar in (
+    results: dict[str, object] = {name: measure(name) for name in build_works().ours}
+    together = measure_in_parallel(2)
+    trials_per_s, cells_per_s = together["trial"], together["cells"] * build_works().n_cells
+    for name, measured_rate, bar in (
         ("trials/s", trials_per_s, TRIALS_PER_S),
         ("cells/s", cells_per_s, CELLS_PER_S),
     ):
-        said = "met" if got >= bar else "missed"
-        print(f"two processes: {got:12.4g} {name} of {bar:.3g}: {said}", file=sys.stderr)
-    found["two_processes"] = {
+        verdict = "met" if measured_rate >= bar else "missed"
+        print(
+            f"two processes: {measured_rate:12.4g} {name} of {bar:.3g}: {verdict}", file=sys.stderr
+        )
+    results["two_processes"] = {
         "trials_per_s": trials_per_s,
         "cells_per_s": cells_per_s,
         "bars": {"trials_per_s": TRIALS_PER_S, "cells_per_s": CELLS_PER_S},
     }
-    print(json.dumps(found))
+    print(json.dumps(results))
 
 
 if __name__ == "__main__":

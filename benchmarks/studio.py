@@ -1,4 +1,4 @@
-"""How fast the studio is, as counted in the browser: 128 x 12 x 256 samples a frame.
+"""Frame and update rates of the studio in a browser, 128 x 12 x 256 samples per frame.
 
 The page that opens, at 1280 x 720, plays in headless Chromium on this machine, which draws without
 a graphics card. Server and browser share its cores; two are enough.
@@ -53,42 +53,47 @@ CHANGE = """async seed => {
 }"""
 
 
-def moment_s() -> float:
+def measure_moment_s() -> float:
     """Median time of a moment, without server and browser."""
     with resources.as_file(resources.files("dechirp.studio") / "start.yaml") as file:
         player = FramePlayer(dc.load(file))
     times_s = []
     for step in range(60):
         began = perf_counter()
-        player.frame_at(step, None)
+        player.process_frame_at_step(step, None)
         times_s.append(perf_counter() - began)
     return median(times_s[20:])
 
 
-def in_browser(page: Page) -> dict[str, float]:
+def measure_in_browser(page: Page) -> dict[str, float]:
     """Frames and tables a second while it plays, and how soon a change shows."""
     while not page.evaluate("window.dechirp.ready && window.dechirp.frames > 0"):
         sleep(0.05)
     page.evaluate(COUNT, READ)
     page.keyboard.press("Space")
     sleep(3)  # compiled by then, and drawn once
-    frames, sent = (page.evaluate(of) for of in ("window.dechirp.frames", "({...window.sent})"))
+    frames, initial_updates = (
+        page.evaluate(expression) for expression in ("window.dechirp.frames", "({...window.sent})")
+    )
     began = perf_counter()
     sleep(SECONDS)
     frames = page.evaluate("window.dechirp.frames") - frames
-    after, passed_s = page.evaluate("window.sent"), perf_counter() - began
+    final_updates, passed_s = page.evaluate("window.sent"), perf_counter() - began
     page.keyboard.press("Space")
     sleep(1)
     changes_s = [page.evaluate(CHANGE, seed) for seed in range(2, 12)]
     return {
         "frames_per_s": frames / passed_s,
-        **{f"{name}_per_s": (after[name] - sent[name]) / passed_s for name in READ},
+        **{
+            f"{name}_per_s": (final_updates[name] - initial_updates[name]) / passed_s
+            for name in READ
+        },
         "change_s": median(changes_s),
     }
 
 
 def main() -> None:
-    measured = {"moment_s": moment_s()}
+    measured = {"moment_s": measure_moment_s()}
     command = [sys.executable, "-m", "dechirp", "studio", "--port", "0", "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:
@@ -103,7 +108,7 @@ def main() -> None:
                     bypass_csp=True,  # which forbids what counts, too
                 )
                 page.goto(address)
-                measured |= in_browser(page)
+                measured |= measure_in_browser(page)
                 browser.close()
         finally:
             server.terminate()

@@ -1,4 +1,4 @@
-"""What running and keeping trials costs beside the trials, and what limits many workers.
+"""Overhead of running and storing trials, and limits of many workers.
 
 Measured, warm, on this machine:
 
@@ -52,7 +52,7 @@ from dechirp.experiments.study.study import TrialBudget
 BLOCK, COLUMNS = 50, 10
 
 
-def block_of(n_steps: int, point: int, number: int) -> Block:
+def compute_block(n_steps: int, point: int, number: int) -> Block:
     """Trials of so many steps of work each: transforms that fill a core."""
     rng = np.random.default_rng(number)
     x = np.ones(16384, np.complex128)
@@ -62,10 +62,10 @@ def block_of(n_steps: int, point: int, number: int) -> Block:
     return Block(point, number, number * BLOCK, sums, 0.0)
 
 
-def steps_of(seconds: float) -> int:
-    """How many steps take so long."""
+def count_steps(seconds: float) -> int:
+    """Estimate the number of steps that take the given time."""
     start = perf_counter()
-    block_of(10, 0, 0)
+    compute_block(10, 0, 0)
     return max(1, round(seconds / ((perf_counter() - start) / (10 * BLOCK))))
 
 
@@ -76,7 +76,12 @@ def study(workers: Workers, n_blocks: int, n_steps: int, n_points: int = 1) -> f
         start = perf_counter()
         with Ledger.open(Path(folder), identity={}, environment={}) as ledger:
             run_blocks(
-                block_of, n_steps, n_points=n_points, trials=trials, ledger=ledger, workers=workers
+                compute_block,
+                n_steps,
+                n_points=n_points,
+                trials=trials,
+                ledger=ledger,
+                workers=workers,
             )
         return perf_counter() - start
 
@@ -85,18 +90,21 @@ def overhead() -> None:
     n = 1000
     with local_workers(1) as workers:
         study(workers, 10, 0)
-        through = [study(workers, n, 0) for _ in range(3)]
-    with ThreadPoolExecutor(1) as one, workers_from_executor(one) as workers:
+        process_times_s = [study(workers, n, 0) for _ in range(3)]
+    with ThreadPoolExecutor(1) as executor, workers_from_executor(executor) as workers:
         in_thread = [study(workers, n, 0) for _ in range(3)]
-    print(f"overhead: {1e3 * median(through) / n / BLOCK:.4f} ms a trial by a process (bar 0.2),")
+    print(
+        f"overhead: {1e3 * median(process_times_s) / n / BLOCK:.4f} ms a trial"
+        " by a process (bar 0.2),"
+    )
     print(f"          {1e3 * median(in_thread) / n / BLOCK:.4f} ms by a thread of this process")
     with tempfile.TemporaryDirectory() as folder:
-        blocks = [block_of(0, 0, number) for number in range(500)]
+        blocks = [compute_block(0, 0, number) for number in range(500)]
         with Ledger.open(Path(folder), identity={}, environment={}) as ledger:
             start = perf_counter()
             for block in blocks:
                 ledger.add_blocks([block])
-            alone = (perf_counter() - start) / len(blocks)
+            ledger_s = (perf_counter() - start) / len(blocks)
         with (Path(folder) / "file").open("wb") as file:
             start = perf_counter()
             for _ in range(200):
@@ -104,16 +112,18 @@ def overhead() -> None:
                 file.flush()
                 os.fsync(file.fileno())
             sync = (perf_counter() - start) / 200
-    print(f"          {1e3 * alone:.2f} ms a block of it for the ledger; fsync {1e3 * sync:.2f} ms")
+    print(
+        f"          {1e3 * ledger_s:.2f} ms a block of it for the ledger; fsync {1e3 * sync:.2f} ms"
+    )
 
 
 def two() -> None:
-    n_steps, n = steps_of(0.005), 24
+    n_steps, n = count_steps(0.005), 24
     call = (
         f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
-        "from study_machinery import block_of\n"
-        "block_of(0, 0, 0); print('ready', flush=True); sys.stdin.readline()\n"
-        f"for number in range({n // 2}): block_of({n_steps}, 0, number)"
+        "from study_machinery import compute_block\n"
+        "compute_block(0, 0, 0); print('ready', flush=True); sys.stdin.readline()\n"
+        f"for number in range({n // 2}): compute_block({n_steps}, 0, number)"
     )
 
     def independent() -> float:
@@ -145,17 +155,17 @@ def two() -> None:
 
 
 @contextmanager
-def cluster(n_workers: int) -> Iterator[str]:
+def start_cluster(n_workers: int) -> Iterator[str]:
     """Address of a scheduler on loopback with so many workers."""
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        port = one.getsockname()[1]
+    with socket.socket() as port_socket:
+        port_socket.bind(("127.0.0.1", 0))
+        port = port_socket.getsockname()[1]
     address = f"tcp://127.0.0.1:{port}"
     module = [sys.executable, "-m"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     call = [*module, "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port)]
-    here = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-    env = {**os.environ, "PYTHONPATH": here}
+    python_path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    env = {**os.environ, "PYTHONPATH": python_path}
     processes = [subprocess.Popen([*call, "--no-dashboard", "--no-show"], env=env, **quiet)]
     call = [*module, "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny"]
     try:
@@ -169,31 +179,31 @@ def cluster(n_workers: int) -> Iterator[str]:
 
 
 def loopback() -> None:
-    n_steps, n = steps_of(0.005), 24
+    n_steps, n = count_steps(0.005), 24
     with (
-        cluster(2) as address,
-        dask_workers(address, timeout_s=60) as there,
-        local_workers(2) as here,
+        start_cluster(2) as address,
+        dask_workers(address, timeout_s=60) as dask_pool,
+        local_workers(2) as local_pool,
     ):
-        while there.capacity() < 2:
+        while dask_pool.capacity() < 2:
             pass
-        for workers in (there, here):
+        for workers in (dask_pool, local_pool):
             study(workers, 8, 0)
-        ratios = [study(there, n, n_steps) / study(here, n, n_steps) for _ in range(3)]
+        ratios = [study(dask_pool, n, n_steps) / study(local_pool, n, n_steps) for _ in range(3)]
         print(f"dask: {median(ratios):.3f} of the time of local (bar 1.15), {sorted(ratios)}")
 
 
 def tasks() -> None:
     for n_workers in (1, 2):
-        with cluster(n_workers) as address, dask_workers(address, timeout_s=60) as there:
-            while there.capacity() < n_workers:
+        with start_cluster(n_workers) as address, dask_workers(address, timeout_s=60) as dask_pool:
+            while dask_pool.capacity() < n_workers:
                 pass
-            study(there, 20, 0)
+            study(dask_pool, 20, 0)
             n = 300
-            seconds = median(study(there, n, 0) for _ in range(3))
+            seconds = median(study(dask_pool, n, 0) for _ in range(3))
             # As many out at once as 300 workers have: the scheduler is what is busy.
-            many = Workers(there.executor, lambda: 300)
-            flooded = median(study(many, n, 0) for _ in range(3))
+            oversized_pool = Workers(dask_pool.executor, lambda: 300)
+            flooded = median(study(oversized_pool, n, 0) for _ in range(3))
             print(
                 f"tasks: {n / seconds:.0f} blocks/s by {n_workers}, {n / flooded:.0f} with 900 out"
             )
@@ -256,6 +266,6 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parent))
     import study_machinery  # by its name, so that workers find what they are sent
 
-    block_of = study_machinery.block_of
+    compute_block = study_machinery.compute_block
     for name in sys.argv[1:] or PARTS:
         PARTS[name]()

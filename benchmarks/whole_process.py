@@ -1,4 +1,4 @@
-"""How soon the commands are there, how long a run takes, and what memory it holds.
+"""Start-up time, run time and memory of the commands.
 
 Whole processes. Times are medians of five after one that is not counted, compiled code cached,
 each beside the import of the libraries it cannot do without, in the same minute.
@@ -44,63 +44,63 @@ COMMANDS = {
 }  # fmt: skip
 LARGE = ("--set", "radar.frame.n_chirps=16384", "--out", "large")
 LARGE_BYTES = 2200 * 16384 * 8
-SHOWN = 12
+MAX_ROWS = 12
 """Rows of each table of imports and functions."""
 
-Found = dict[str, object]
+Measurement = dict[str, object]
 
 
-class Ran(NamedTuple):
-    """What one process took."""
+class ProcessRun(NamedTuple):
+    """Time, peak memory and error output of one process."""
 
     seconds: float
     peak_bytes: float
     text: str
-    """What it said on standard error."""
+    """Text on standard error."""
 
 
-def process(*command: str, folder: str, **environment: str) -> Ran:
+def run_process(*command: str, folder: str, **environment: str) -> ProcessRun:
     """Run one, quietly; ends the script where it fails by more than a claim."""
     start = perf_counter()
     with (
-        tempfile.TemporaryFile("w+") as said,
+        tempfile.TemporaryFile("w+") as error_file,
         subprocess.Popen(
             command,
             cwd=folder,
             env={**os.environ, **environment},
             stdout=subprocess.DEVNULL,
-            stderr=said,
+            stderr=error_file,
         ) as running,
     ):
         _, status, usage = os.wait4(running.pid, 0)
         seconds = perf_counter() - start
         running.returncode = os.waitstatus_to_exitcode(status)
-        said.seek(0)
-        text = said.read()
+        error_file.seek(0)
+        text = error_file.read()
     if running.returncode not in (0, 1):  # 1: a claim of `verify` is not shown by few trials
         raise SystemExit(f"{' '.join(command)} failed:\n{text}")
-    return Ran(seconds, usage.ru_maxrss * 1024.0, text)
+    return ProcessRun(seconds, usage.ru_maxrss * 1024.0, text)
 
 
-def repeated(*command: str, folder: str) -> Ran:
+def run_repeatedly(*command: str, folder: str) -> ProcessRun:
     """The median of five, after one that is not counted."""
-    process(*command, folder=folder)
-    runs = [process(*command, folder=folder) for _ in range(5)]
-    return Ran(median(run.seconds for run in runs), max(run.peak_bytes for run in runs), "")
+    run_process(*command, folder=folder)
+    runs = [run_process(*command, folder=folder) for _ in range(5)]
+    return ProcessRun(median(run.seconds for run in runs), max(run.peak_bytes for run in runs), "")
 
 
-def times(folder: str) -> Found:
-    """Of the commands, and of the libraries that they stand on."""
+def times(folder: str) -> Measurement:
+    """Measure the commands and the import of their libraries."""
     works = {
         "import numpy": (sys.executable, "-c", "import numpy"),
         "import libraries": (sys.executable, "-c", LIBRARIES),
         **{name: (*DECHIRP, *words) for name, words in COMMANDS.items()},
     }
-    found = {name: repeated(*command, folder=folder) for name, command in works.items()}
+    runs = {name: run_repeatedly(*command, folder=folder) for name, command in works.items()}
     print(f"{'':20} {'s':>8} {'peak MB':>9}", file=sys.stderr)
-    for name, ran in found.items():
+    for name, ran in runs.items():
         print(f"{name:20} {ran.seconds:8.3f} {ran.peak_bytes / 1e6:9.0f}", file=sys.stderr)
-    seconds = {name: ran.seconds for name, ran in found.items()}
+    seconds = {name: ran.seconds for name, ran in runs.items()}
     ratios = {
         "help_over_numpy": seconds["--help"] / seconds["import numpy"],
         "run_less_2_s_over_libraries": (seconds["run"] - 2) / seconds["import libraries"],
@@ -110,14 +110,14 @@ def times(folder: str) -> Found:
     return {
         **ratios,
         "s": seconds,
-        "peak_mb": {name: ran.peak_bytes / 1e6 for name, ran in found.items()},
+        "peak_mb": {name: ran.peak_bytes / 1e6 for name, ran in runs.items()},
     }
 
 
-def memory(folder: str) -> Found:
-    """What a large cube adds to the peak."""
-    small = process(*DECHIRP, "run", "--quiet", folder=folder).peak_bytes
-    large = process(*DECHIRP, "run", "--quiet", *LARGE, folder=folder).peak_bytes
+def memory(folder: str) -> Measurement:
+    """Measure the additional peak memory of a large cube."""
+    small = run_process(*DECHIRP, "run", "--quiet", folder=folder).peak_bytes
+    large = run_process(*DECHIRP, "run", "--quiet", *LARGE, folder=folder).peak_bytes
     assert (Path(folder) / "large" / "report.html").exists()
     cubes = (large - small) / LARGE_BYTES
     print(f"memory_cubes: {cubes:.2f}, at most 3", file=sys.stderr)
@@ -132,52 +132,52 @@ class Import(NamedTuple):
     all_s: float
 
 
-def imports_in(text: str) -> list[Import]:
+def parse_import_times(text: str) -> list[Import]:
     """Lines of `-X importtime`: microseconds of its own, of all, and the module."""
     rows = []
     for line in text.splitlines():
         label, _, rest = line.partition(":")
         if label == "import time" and "[us]" not in rest:
-            own, every, module = rest.split("|")
-            rows.append(Import(module.strip(), int(own) / 1e6, int(every) / 1e6))
+            own_us, total_us, module = rest.split("|")
+            rows.append(Import(module.strip(), int(own_us) / 1e6, int(total_us) / 1e6))
     return rows
 
 
-def by_package(rows: list[Import]) -> dict[str, float]:
+def sum_by_package(rows: list[Import]) -> dict[str, float]:
     """Seconds of the lines of each package's modules, most first."""
-    found: dict[str, float] = {}
+    seconds_by_package: dict[str, float] = {}
     for row in rows:
         package = row.module.partition(".")[0]
-        found[package] = found.get(package, 0.0) + row.own_s
-    return dict(sorted(found.items(), key=lambda pair: -pair[1]))
+        seconds_by_package[package] = seconds_by_package.get(package, 0.0) + row.own_s
+    return dict(sorted(seconds_by_package.items(), key=lambda pair: -pair[1]))
 
 
-def imports(folder: str) -> Found:
-    """Where the time goes before a command does anything; imports that it makes later count."""
-    found: Found = {}
+def imports(folder: str) -> Measurement:
+    """Measure import times by package and module, including late imports."""
+    import_times: Measurement = {}
     for name, words in COMMANDS.items():
         command = (sys.executable, "-X", "importtime", "-m", "dechirp", *words)
-        process(*command, folder=folder)
-        rows = imports_in(process(*command, folder=folder).text)
-        packages = dict(list(by_package(rows).items())[:SHOWN])
+        run_process(*command, folder=folder)
+        rows = parse_import_times(run_process(*command, folder=folder).text)
+        packages = dict(list(sum_by_package(rows).items())[:MAX_ROWS])
         ours = sorted((r for r in rows if r.module.startswith("dechirp")), key=lambda r: -r.own_s)
         total = sum(row.own_s for row in rows)
         print(f"\n{name}: {len(rows)} modules, {total:.3f} s", file=sys.stderr)
         for package, seconds in packages.items():
             print(f"    {package:24} {1e3 * seconds:8.1f} ms", file=sys.stderr)
         print("  of ours, own lines and with what they import", file=sys.stderr)
-        for row in ours[:SHOWN]:
+        for row in ours[:MAX_ROWS]:
             print(
                 f"    {row.module:40} {1e3 * row.own_s:8.1f} {1e3 * row.all_s:8.1f} ms",
                 file=sys.stderr,
             )
-        found[name] = {
+        import_times[name] = {
             "modules": len(rows),
             "s": total,
             "packages_s": packages,
-            "ours": {row.module: [row.own_s, row.all_s] for row in ours[:SHOWN]},
+            "ours": {row.module: [row.own_s, row.all_s] for row in ours[:MAX_ROWS]},
         }
-    return found
+    return import_times
 
 
 # Numba tells when it begins and ends to compile a function; functions that it calls come within.
@@ -204,12 +204,12 @@ finally:
 """
 
 
-def first(folder: str) -> Found:
+def first(folder: str) -> Measurement:
     """The first run on a machine, and the second."""
     with tempfile.TemporaryDirectory() as empty:
         command = (sys.executable, "-c", COMPILING)
-        cold = process(*command, folder=folder, NUMBA_CACHE_DIR=empty)
-        warm = process(*command, folder=folder, NUMBA_CACHE_DIR=empty)
+        cold = run_process(*command, folder=folder, NUMBA_CACHE_DIR=empty)
+        warm = run_process(*command, folder=folder, NUMBA_CACHE_DIR=empty)
     compiled = json.loads(cold.text.splitlines()[-1])
     spent: dict[str, float] = {}
     for name, seconds, depth in compiled:
@@ -221,7 +221,7 @@ def first(folder: str) -> Found:
         f" {len(compiled)} functions compiled in {sum(spent.values()):.1f} s of processor time",
         file=sys.stderr,
     )
-    for name, seconds in list(spent.items())[:SHOWN]:
+    for name, seconds in list(spent.items())[:MAX_ROWS]:
         print(f"    {name:56} {seconds:6.2f} s", file=sys.stderr)
     return {
         "first_s": cold.seconds,
@@ -231,8 +231,8 @@ def first(folder: str) -> Found:
     }
 
 
-def factors(_folder: str) -> Found:
-    """Of each detector with its own settings, the kernels at hand but no factor known."""
+def factors(_folder: str) -> Measurement:
+    """Measure the false-alarm factor of each detector with compiled kernels, uncached."""
     from dataclasses import replace
 
     import numpy as np
@@ -241,7 +241,7 @@ def factors(_folder: str) -> Found:
     from dechirp.processing.cfar.base import NoiseEstimator
 
     noise = dc.Chain().map_noise_statistics(dc.reference().radar)
-    found: Found = {}
+    factor_times: Measurement = {}
     print(f"{'':20} {'one':>8} {'two receivers':>15} {'error':>8}", file=sys.stderr)
     for kind, member in NoiseEstimator.members().items():
         cfar = dc.Cfar(estimator=member(), false_alarm_probability=1e-6)
@@ -253,36 +253,37 @@ def factors(_folder: str) -> Found:
             start = perf_counter()
             cfar.false_alarm_probability_error(law)
             seconds.append(perf_counter() - start)
-        found[kind] = {
+        factor_times[kind] = {
             "one_s": seconds[0],
             "two_s": seconds[1],
             "error": cfar.false_alarm_probability_error(noise),
         }
         print(
-            f"{kind:20} {seconds[0]:8.3f} {seconds[1]:15.3f} {cfar.false_alarm_probability_error(noise):8.4f}",
+            f"{kind:20} {seconds[0]:8.3f} {seconds[1]:15.3f}"
+            f" {cfar.false_alarm_probability_error(noise):8.4f}",
             file=sys.stderr,
         )
-    return found
+    return factor_times
 
 
-PARTS: dict[str, Callable[[str], Found]] = {
+PARTS: dict[str, Callable[[str], Measurement]] = {
     part.__name__: part for part in (times, memory, imports, first, factors)
 }
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("parts", nargs="*", metavar="part", help=", ".join(PARTS))
-    arguments.add_argument("--json", action="store_true")
-    asked = arguments.parse_args()
-    if unknown := set(asked.parts) - set(PARTS):
-        arguments.error(f"no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
-    found = {}
-    for name in asked.parts or PARTS:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("parts", nargs="*", metavar="part", help=", ".join(PARTS))
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    if unknown := set(options.parts) - set(PARTS):
+        parser.error(f"no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
+    results = {}
+    for name in options.parts or PARTS:
         with tempfile.TemporaryDirectory() as folder:
-            found[name] = PARTS[name](folder)
-    if asked.json:
-        print(json.dumps(found))
+            results[name] = PARTS[name](folder)
+    if options.json:
+        print(json.dumps(results))
 
 
 if __name__ == "__main__":

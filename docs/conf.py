@@ -1,4 +1,4 @@
-"""How the guide is built: `sphinx-build -W -j 2 -b html docs docs/_build/html`."""
+"""Sphinx configuration of the guide: `sphinx-build -W -j 2 -b html docs docs/_build/html`."""
 
 import importlib.metadata
 import sys

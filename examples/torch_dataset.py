@@ -23,7 +23,7 @@ except ImportError:  # the reading needs none of it
 
 
 class Items:
-    """Items that were made, one after the other, as arrays.
+    """Finished items of the data set as arrays.
 
     Parameters
     ----------
@@ -42,10 +42,10 @@ class Items:
     ) -> None:
         self.path, self.what = Path(path), what
         self._group: zarr.Group | None = None
-        made = self.group["made"][:]
+        is_finished = self.group["made"][:]
         _ = self.group[what]  # raises KeyError here, and not in a worker
-        ends = np.round(np.array(trials) * made.shape[1]).astype(int)
-        places = np.argwhere(made)
+        ends = np.round(np.array(trials) * is_finished.shape[1]).astype(int)
+        places = np.argwhere(is_finished)
         self.places = places[(places[:, 1] >= ends[0]) & (places[:, 1] < ends[1])]
         self.names = [str(name) for name in self.group["truth/target"][:]]
         self.classes = [str(name) for name in self.group["truth/class"][:]]
@@ -95,7 +95,7 @@ class Items:
 
 
 class TorchItems(Dataset):
-    """The same as tensors, for `torch.utils.data.DataLoader`."""
+    """Items as tensors, for `torch.utils.data.DataLoader`."""
 
     def __init__(self, items: Items) -> None:
         self.items = items

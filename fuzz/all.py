@@ -16,17 +16,17 @@ from pathlib import Path
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seconds", type=int, default=60)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     scripts = ["readers.py", "entries.py", "studio.py"]
     if importlib.util.find_spec("atheris") is None:
         print("readers: passed over, atheris is not installed")
         scripts.remove("readers.py")
-    here, seconds = Path(__file__).parent, ["--seconds", str(asked.seconds)]
-    ended = [
-        subprocess.run([sys.executable, here / script, *seconds], check=False).returncode
+    folder, seconds = Path(__file__).parent, ["--seconds", str(options.seconds)]
+    statuses = [
+        subprocess.run([sys.executable, folder / script, *seconds], check=False).returncode
         for script in scripts
     ]
-    raise SystemExit(max(ended))
+    raise SystemExit(max(statuses))
 
 
 if __name__ == "__main__":

@@ -28,35 +28,35 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from mutate import mutated
+from mutate import mutate
 
 ROOT = Path(__file__).resolve().parents[1]
-FOUND = Path("fuzz-found").absolute()
+ARTIFACTS = Path("fuzz-found").absolute()
 SECONDS_EACH, MORE_BYTES = 20, 2 * 2**30
 sys.path.insert(0, str(ROOT / "tests"))
 
 
-def one_input(entry: str, folder: Path) -> Callable[[bytes, str], None]:
-    """What is called with the bytes and the suffix of each input."""
-    from bad_input.entries import replayed
+def build_input_function(entry: str, folder: Path) -> Callable[[bytes, str], None]:
+    """Build the function that replays bytes with a suffix."""
+    from bad_input.entries import replay_input
 
     count = iter(range(10**12))
 
-    def tried(content: bytes, suffix: str) -> None:
+    def run_input(content: bytes, suffix: str) -> None:
         place = folder / str(next(count))
         scratch = place / "scratch"
         scratch.mkdir(parents=True)
         file = place / f"input{suffix}"
         file.write_bytes(content)
-        replayed(entry, file, scratch)
+        replay_input(entry, file, scratch)
         for path in sorted(place.rglob("*"), reverse=True):
             path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()
         place.rmdir()
 
-    return tried
+    return run_input
 
 
-def child(entry: str, seconds: int, seed: int) -> None:
+def fuzz_entry(entry: str, seconds: int, seed: int) -> None:
     """Fuzz one entry point; ends the process."""
     from bad_input.entries import CORPUS
 
@@ -65,15 +65,15 @@ def child(entry: str, seconds: int, seed: int) -> None:
     for file in files:
         by_suffix.setdefault("".join(file.suffixes[-2:]), []).append(file.read_bytes())
     with tempfile.TemporaryDirectory() as name:
-        tried = one_input(entry, Path(name))
+        run_input = build_input_function(entry, Path(name))
         for suffix, contents in by_suffix.items():
             for content in contents:
-                tried(content, suffix)
+                run_input(content, suffix)
         _limit_memory()
         if importlib.util.find_spec("atheris"):
-            _guided(entry, by_suffix, tried, Path(name), seconds)
+            _fuzz_with_coverage(entry, by_suffix, run_input, Path(name), seconds)
         else:
-            _by_chance(entry, by_suffix, tried, seconds, seed)
+            _fuzz_randomly(entry, by_suffix, run_input, seconds, seed)
 
 
 def _limit_memory() -> None:
@@ -81,29 +81,29 @@ def _limit_memory() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (used + MORE_BYTES, resource.RLIM_INFINITY))
 
 
-def _by_chance(
+def _fuzz_randomly(
     entry: str,
     by_suffix: dict[str, list[bytes]],
-    tried: Callable[[bytes, str], None],
+    run_input: Callable[[bytes, str], None],
     seconds: int,
     seed: int,
 ) -> None:
     """Mutate until the time is over; each way to fail, by its last lines of code, is kept once."""
     rng = random.Random(f"{seed} {entry}")
-    signal.signal(signal.SIGALRM, _too_long)
+    signal.signal(signal.SIGALRM, _raise_timeout)
     end, n, ways = time.monotonic() + seconds, 0, set()
     while time.monotonic() < end:
         suffix = rng.choice(list(by_suffix))
-        content = mutated(rng, by_suffix[suffix])
+        content = mutate(rng, by_suffix[suffix])
         signal.alarm(SECONDS_EACH)
         try:
-            tried(content, suffix)
+            run_input(content, suffix)
         except (Exception, SystemExit) as error:
-            way = _way(error)
+            way = _failure_signature(error)
             if way not in ways:
                 ways.add(way)
                 digest = hashlib.sha256(content).hexdigest()[:8]
-                (FOUND / f"{entry}-{digest}{suffix}").write_bytes(content)
+                (ARTIFACTS / f"{entry}-{digest}{suffix}").write_bytes(content)
                 print(f"-- {entry}-{digest}{suffix}", file=sys.stderr)
                 traceback.print_exception(error, limit=-4)
         signal.alarm(0)
@@ -112,21 +112,21 @@ def _by_chance(
     raise SystemExit(1 if ways else 0)
 
 
-def _way(error: BaseException) -> str:
-    """By which one way to fail is told from another."""
+def _failure_signature(error: BaseException) -> str:
+    """Return the signature of a failure: type, message and last two code lines."""
     code = traceback.extract_tb(error.__traceback__)[-2:]
     message = re.sub(r"[\W\d_]+", " ", str(error))[:20]
-    return f"{type(error).__name__} {message} {[(one.filename, one.lineno) for one in code]}"
+    return f"{type(error).__name__} {message} {[(frame.filename, frame.lineno) for frame in code]}"
 
 
-def _too_long(_number: int, _frame: object) -> NoReturn:
+def _raise_timeout(_number: int, _frame: object) -> NoReturn:
     raise TimeoutError(f"more than {SECONDS_EACH} s")
 
 
-def _guided(
+def _fuzz_with_coverage(
     entry: str,
     by_suffix: dict[str, list[bytes]],
-    tried: Callable[[bytes, str], None],
+    run_input: Callable[[bytes, str], None],
     folder: Path,
     seconds: int,
 ) -> None:
@@ -136,16 +136,19 @@ def _guided(
     corpus, suffixes = folder / "corpus", list(by_suffix)
     corpus.mkdir()
     for which, contents in enumerate(by_suffix.values()):
-        for at, content in enumerate(contents):
-            (corpus / f"{which}-{at}").write_bytes(bytes([which]) + content)
+        for index, content in enumerate(contents):
+            (corpus / f"{which}-{index}").write_bytes(bytes([which]) + content)
     atheris.instrument_all()
 
-    def one(content: bytes) -> None:
-        tried(content[1:], suffixes[content[0] % len(suffixes)] if content else suffixes[0])
+    def run_content(content: bytes) -> None:
+        run_input(content[1:], suffixes[content[0] % len(suffixes)] if content else suffixes[0])
 
     limits = [f"-timeout={SECONDS_EACH}", "-rss_limit_mb=3000", "-max_len=65536"]
-    found, runs = f"-artifact_prefix={FOUND}/{entry}-", f"-max_total_time={seconds}"
-    atheris.Setup([sys.argv[0], *limits, "-print_final_stats=1", found, runs, str(corpus)], one)
+    artifact_option, runs = f"-artifact_prefix={ARTIFACTS}/{entry}-", f"-max_total_time={seconds}"
+    atheris.Setup(
+        [sys.argv[0], *limits, "-print_final_stats=1", artifact_option, runs, str(corpus)],
+        run_content,
+    )
     atheris.Fuzz()
 
 
@@ -159,22 +162,22 @@ def main() -> None:
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.child:
-        child(asked.entries[0], asked.seconds, asked.seed)
+        fuzz_entry(asked.entries[0], asked.seconds, asked.seed)
         return
-    FOUND.mkdir(exist_ok=True)
+    ARTIFACTS.mkdir(exist_ok=True)
     failed = False
     for entry in asked.entries:
         options = ["--seconds", str(asked.seconds), "--seed", str(asked.seed)]
         command = [sys.executable, __file__, "--child", entry, *options]
-        done = subprocess.run(command, check=False, capture_output=True, text=True)
-        said = re.findall(r"executed_units: *(\d+)", done.stderr)
-        verdict = "failed" if done.returncode else "passed"
-        print(f"{entry}: {verdict}, {''.join(said) or 'no'} inputs", flush=True)
-        if done.returncode:
+        process = subprocess.run(command, check=False, capture_output=True, text=True)
+        input_counts = re.findall(r"executed_units: *(\d+)", process.stderr)
+        verdict = "failed" if process.returncode else "passed"
+        print(f"{entry}: {verdict}, {''.join(input_counts) or 'no'} inputs", flush=True)
+        if process.returncode:
             failed = True
-            print(done.stderr[-20000:])
-    if not failed and not any(FOUND.iterdir()):
-        FOUND.rmdir()
+            print(process.stderr[-20000:])
+    if not failed and not any(ARTIFACTS.iterdir()):
+        ARTIFACTS.rmdir()
     raise SystemExit(1 if failed else 0)
 
 

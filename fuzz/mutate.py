@@ -11,7 +11,7 @@ WORDS += [b"..", b"/", b"\\u0000", b"\xc2\x85", b"\xf0\x9f\x98\x80", b"=", b",",
 _LARGEST = 2**16
 
 
-def mutated(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
+def mutate(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
     """One of the seeds with one to six changes."""
     content = rng.choice(seeds)
     for _ in range(rng.choice((1, 1, 2, 3, 6))):
@@ -20,29 +20,31 @@ def mutated(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
 
 
 def _bytes(rng: random.Random, content: bytes, _: Sequence[bytes]) -> bytes:
-    made = bytearray(content or b"\0")
+    changed = bytearray(content or b"\0")
     for _i in range(rng.randint(1, 4)):
         # Heads are where sizes and counts stand.
-        place = rng.randrange(min(len(made), 64) if rng.random() < 0.5 else len(made))
-        made[place] = rng.choice((0, 1, 127, 128, 255, rng.randrange(256)))
-    return bytes(made)
+        place = rng.randrange(min(len(changed), 64) if rng.random() < 0.5 else len(changed))
+        changed[place] = rng.choice((0, 1, 127, 128, 255, rng.randrange(256)))
+    return bytes(changed)
 
 
 def _number(rng: random.Random, content: bytes, _: Sequence[bytes]) -> bytes:
-    found = list(re.finditer(rb"-?\d+(\.\d+)?(e-?\d+)?", content))
-    if not found:
+    matches = list(re.finditer(rb"-?\d+(\.\d+)?(e-?\d+)?", content))
+    if not matches:
         return content
-    one = rng.choice(found)
-    return content[: one.start()] + rng.choice(NUMBERS) + content[one.end() :]
+    match = rng.choice(matches)
+    return content[: match.start()] + rng.choice(NUMBERS) + content[match.end() :]
 
 
 def _word(rng: random.Random, content: bytes, seeds: Sequence[bytes]) -> bytes:
     """Take a word of another seed for one of this."""
-    here, there = (list(re.finditer(rb"[\w-]+", one)) for one in (content, rng.choice(seeds)))
-    if not here or not there:
+    words, other_words = (
+        list(re.finditer(rb"[\w-]+", match)) for match in (content, rng.choice(seeds))
+    )
+    if not words or not other_words:
         return content
-    one, other = rng.choice(here), rng.choice(there)
-    return content[: one.start()] + other[0] + content[one.end() :]
+    match, replacement = rng.choice(words), rng.choice(other_words)
+    return content[: match.start()] + replacement[0] + content[match.end() :]
 
 
 def _insert(rng: random.Random, content: bytes, _: Sequence[bytes]) -> bytes:
@@ -58,16 +60,16 @@ def _cut(rng: random.Random, content: bytes, _: Sequence[bytes]) -> bytes:
 def _lines(rng: random.Random, content: bytes, seeds: Sequence[bytes]) -> bytes:
     """Repeat, drop, exchange or bring in a line."""
     lines = content.split(b"\n")
-    at, other = rng.randrange(len(lines)), rng.randrange(len(lines))
+    line, other_line = rng.randrange(len(lines)), rng.randrange(len(lines))
     match rng.randrange(4):
         case 0:
-            lines.insert(other, lines[at])
+            lines.insert(other_line, lines[line])
         case 1:
-            del lines[at]
+            del lines[line]
         case 2:
-            lines[at], lines[other] = lines[other], lines[at]
+            lines[line], lines[other_line] = lines[other_line], lines[line]
         case 3:
-            lines.insert(at, rng.choice(rng.choice(seeds).split(b"\n")))
+            lines.insert(line, rng.choice(rng.choice(seeds).split(b"\n")))
     return b"\n".join(lines)
 
 

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-FOUND = Path("fuzz-found").absolute()
+ARTIFACTS = Path("fuzz-found").absolute()
 
 RADAR_YAML = """\
 frame:
@@ -75,13 +75,13 @@ def packets() -> list[bytes]:
 
 
 def pcap() -> bytes:
-    made = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
+    content = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
     for packet in packets():
         udp = struct.pack(">HHHH", 4096, 4098, 8 + len(packet), 0) + packet
         frame = bytes(12) + b"\x08\x00" + b"\x45\0" + struct.pack(">H", 20 + len(udp))
         frame += bytes(4) + b"\x40\x11" + bytes(10) + udp
-        made += struct.pack("<IIII", 0, 0, len(frame), len(frame)) + frame
-    return made
+        content += struct.pack("<IIII", 0, 0, len(frame), len(frame)) + frame
+    return content
 
 
 def headers() -> bytes:
@@ -178,7 +178,7 @@ def mmwave() -> bytes:
     return json.dumps({"mmWaveDevices": [device]}).encode()
 
 
-def saved(name: str) -> Callable[[], bytes]:
+def corpus_reader(name: str) -> Callable[[], bytes]:
     """Give a recording of the corpus."""
     return (ROOT / "tests" / "bad_input" / "corpus" / "recording" / name).read_bytes
 
@@ -192,8 +192,8 @@ RECORDINGS: dict[str, tuple[Callable[[], bytes], dict[str, object]]] = {
     "npz": (npz, FREE),
     "matlab": (matlab, FREE),
     "hdf5": (hdf5, FREE),
-    "kept": (saved("kept.h5"), {}),
-    "mcap": (saved("mcap.mcap"), {}),
+    "kept": (corpus_reader("kept.h5"), {}),
+    "mcap": (corpus_reader("mcap.mcap"), {}),
     "text": (
         text,
         {"format": "text-columns", "axes": "frame,chirp,sample,iq", "encoding": "int16"},
@@ -203,8 +203,8 @@ RECORDINGS: dict[str, tuple[Callable[[], bytes], dict[str, object]]] = {
     "sirad": (sirad, {}),
     "ti-uart": (serial, {}),
 }
-OF_THEMSELVES = {"kept", "mcap", "sirad", "ti-uart"}
-"""Recordings that say what their radar was."""
+SELF_DESCRIBING = {"kept", "mcap", "sirad", "ti-uart"}
+"""Recordings that contain their radar settings."""
 SETTINGS: dict[str, tuple[Callable[[], bytes], str]] = {
     "cfg": (CFG.encode, "x.cfg"),
     "log": (LOG.encode, "x_LogFile.txt"),
@@ -213,7 +213,7 @@ SETTINGS: dict[str, tuple[Callable[[], bytes], str]] = {
 }
 
 
-def radar_of(kind: str, folder: Path) -> object:
+def write_radar(kind: str, folder: Path) -> object:
     """Radar of a recording of a kind; leaves its settings in a folder."""
     from dechirp.recordings.settings.read import read_settings
 
@@ -222,8 +222,8 @@ def radar_of(kind: str, folder: Path) -> object:
     return read_settings(file).radar
 
 
-def one_input(kind: str, folder: Path) -> Callable[[bytes], None]:
-    """What is called with each mutation."""
+def build_input_function(kind: str, folder: Path) -> Callable[[bytes], None]:
+    """Build the function that reads mutated bytes."""
     from dechirp.core.errors import InvalidFile, RecordingError
     from dechirp.recordings.settings.read import read_settings
     from formats.corruption import assert_cube_or_error
@@ -239,17 +239,17 @@ def one_input(kind: str, folder: Path) -> Callable[[bytes], None]:
                 assert all(m.value and m.expected and m.fix for m in error.mistakes)
 
         return settings
-    told = RECORDINGS[kind][1]
-    own = {} if kind in OF_THEMSELVES else {"radar": radar_of(kind, folder)}
+    options = RECORDINGS[kind][1]
+    radar_options = {} if kind in SELF_DESCRIBING else {"radar": write_radar(kind, folder)}
 
     def recording(content: bytes) -> None:
         (folder / "capture").write_bytes(content)
-        assert_cube_or_error(folder / "capture", **own, **told)
+        assert_cube_or_error(folder / "capture", **radar_options, **options)
 
     return recording
 
 
-def child(kind: str, seconds: int) -> None:
+def fuzz_kind(kind: str, seconds: int) -> None:
     """Fuzz one kind; ends the process."""
     import atheris
 
@@ -260,12 +260,12 @@ def child(kind: str, seconds: int) -> None:
         folder, corpus = Path(name), Path(name) / "corpus"
         corpus.mkdir()
         (corpus / "good").write_bytes((RECORDINGS | SETTINGS)[kind][0]())
-        tried = one_input(kind, folder)
-        tried((corpus / "good").read_bytes())
+        run_input = build_input_function(kind, folder)
+        run_input((corpus / "good").read_bytes())
         limits = ["-timeout=20", "-rss_limit_mb=700", "-max_len=65536", "-print_final_stats=1"]
-        found = f"-artifact_prefix={FOUND}/{kind}-"
+        artifact_option = f"-artifact_prefix={ARTIFACTS}/{kind}-"
         time = f"-max_total_time={seconds}"
-        atheris.Setup([sys.argv[0], *limits, found, time, str(corpus)], tried)
+        atheris.Setup([sys.argv[0], *limits, artifact_option, time, str(corpus)], run_input)
         atheris.Fuzz()
 
 
@@ -274,22 +274,24 @@ def main() -> None:
     parser.add_argument("kinds", nargs="*", default=[*RECORDINGS, *SETTINGS])
     parser.add_argument("--seconds", type=int, default=60)
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
-    asked = parser.parse_args()
-    if asked.child:
-        child(asked.packets_per_item_type[0], asked.seconds)
+    options = parser.parse_args()
+    if options.child:
+        fuzz_kind(options.kinds[0], options.seconds)
         return
-    FOUND.mkdir(exist_ok=True)
+    ARTIFACTS.mkdir(exist_ok=True)
     failed = []
-    for kind in asked.packets_per_item_type:
-        command = [sys.executable, __file__, "--child", kind, "--seconds", str(asked.seconds)]
-        done = subprocess.run(command, check=False, capture_output=True, text=True)
-        said = [line for line in done.stderr.splitlines() if "executed_units" in line]
-        print(f"{kind}: {'failed' if done.returncode else 'passed'} {' '.join(said)}", flush=True)
-        if done.returncode:
+    for kind in options.kinds:
+        command = [sys.executable, __file__, "--child", kind, "--seconds", str(options.seconds)]
+        process = subprocess.run(command, check=False, capture_output=True, text=True)
+        counts = [line for line in process.stderr.splitlines() if "executed_units" in line]
+        print(
+            f"{kind}: {'failed' if process.returncode else 'passed'} {' '.join(counts)}", flush=True
+        )
+        if process.returncode:
             failed.append(kind)
-            print(done.stderr[-3000:])
+            print(process.stderr[-3000:])
     if not failed:
-        FOUND.rmdir()
+        ARTIFACTS.rmdir()
     raise SystemExit(1 if failed else 0)
 
 

@@ -34,7 +34,7 @@ class HitProbability(Score):
     def trial_sums(self, result, context):
         raise NotImplementedError
 
-    def estimate(self, sums, *, confidence):
+    def estimate_with_interval(self, sums, *, confidence):
         hits, looks = np.nansum(sums, axis=0)
         if not looks:
             return Estimate(np.nan, np.nan, np.nan)
@@ -55,7 +55,7 @@ class RmsError(HitProbability):
     def label(cls):
         return "range_rmse"
 
-    def estimate(self, sums, *, confidence):
+    def estimate_with_interval(self, sums, *, confidence):
         errors = np.sqrt(sums[~np.isnan(sums[:, 0]), 0])
         ends = confidence_intervals.rms_interval(errors, confidence=confidence)
         return Estimate(np.sqrt(np.mean(errors**2)), *ends)

@@ -95,7 +95,7 @@ def iter_references(test_file: Path) -> Iterator[Path]:
         yield from filter(None, owners)
 
 
-def tests_by_file() -> dict[Path, list[Path]]:
+def list_tests_by_source() -> dict[Path, list[Path]]:
     """Return the test files that refer to each source file, most references first."""
     counts: dict[Path, Counter[Path]] = {path: Counter() for path in FILES}
     for test_file in sorted(TESTS.rglob("test_*.py")):
@@ -107,7 +107,7 @@ def tests_by_file() -> dict[Path, list[Path]]:
 
 def index_lines() -> list[str]:
     """Return one line for each source file: its tests, or the tested file that imports it."""
-    tests = tests_by_file()
+    tests = list_tests_by_source()
     importers: dict[Path, list[Path]] = {path: [] for path in FILES}
     for path in FILES:
         packages = {file for _, name in iter_imports(path) for file in package_files(name)}

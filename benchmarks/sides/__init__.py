@@ -1,1 +1,1 @@
-"""The sides of `side_by_side.py`: what each does of a job, and how they are run in turns."""
+"""Sides of `side_by_side.py`: implementations of each job, and their alternating timing."""

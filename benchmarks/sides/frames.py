@@ -9,7 +9,7 @@ import dechirp as dc
 CROSSING = Path(__file__).parents[2] / "examples" / "crossing-tracks.yaml"
 
 
-def radar_of(n_samples: int, n_chirps: int, n_tx: int, n_rx: int) -> dc.Radar:
+def build_radar(n_samples: int, n_chirps: int, n_tx: int, n_rx: int) -> dc.Radar:
     """Transmitters that take turns, a line of elements half a wavelength apart."""
     chirp = dc.Chirp(
         start_frequency_hz=77e9,
@@ -37,15 +37,15 @@ def radar_of(n_samples: int, n_chirps: int, n_tx: int, n_rx: int) -> dc.Radar:
     )
 
 
-def frame_of(
+def simulate_frame(
     n_samples: int, n_chirps: int, n_tx: int, n_rx: int, *, n_targets: int
 ) -> tuple[xr.DataArray, dc.Radar]:
     """Targets in noise."""
-    radar = radar_of(n_samples, n_chirps, n_tx, n_rx)
-    return dc.simulate(dc.Scene(targets=targets(n_targets)), radar, seed=1), radar
+    radar = build_radar(n_samples, n_chirps, n_tx, n_rx)
+    return dc.simulate(dc.Scene(targets=build_targets(n_targets)), radar, seed=1), radar
 
 
-def targets(n: int) -> list[dc.Target]:
+def build_targets(n: int) -> list[dc.Target]:
     return [
         dc.Target(
             position_m=(20 + 7 * k, 3 * (k % 5) - 6, 0), velocity_m_per_s=(k - 5, 0, 0), rcs_m2=10.0

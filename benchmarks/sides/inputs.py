@@ -1,10 +1,10 @@
-"""What all sides are given of each job: arrays alone, so that any package can read them."""
+"""Inputs of each job as plain arrays, which every package can read."""
 
 import numpy as np
 
 import dechirp as dc
 from dechirp.config import loading
-from dechirp.evaluation.track_trial import TrackTrial, draw_trial
+from dechirp.evaluation.track_trial import TrackTrial, draw_truth_and_detections
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.centroids import detections_to_resolution_cells
 from dechirp.processing.cfar.base import TrainingWindow
@@ -12,21 +12,21 @@ from dechirp.processing.cluster import Reach
 from dechirp.simulation.kernels.base import Scatterers, Transmission
 from dechirp.theory.direction_bounds import direction_std_rad
 from sides import scenes
-from sides.frames import CROSSING, frame_of, radar_of, targets
-from sides.kinds import Inputs
-from sides.plain_maps import GUARD, N_RING, TRAINING
+from sides.frames import CROSSING, build_radar, build_targets, simulate_frame
+from sides.job_types import Inputs
+from sides.plain_maps import GUARD, N_TRAINING_CELLS, TRAINING
 
 SNR = 100.0
 
 
 def echoes(case: scenes.Case) -> Inputs:
-    scatterers, sent, (_, _, n_samples) = case
-    shared: list[dict[str, object]] = [scatterers._asdict(), sent._asdict()]
-    kept = {k: np.asarray(v) for named in shared for k, v in named.items() if v is not None}
-    return kept | {"n_samples": np.array(n_samples)}
+    scatterers, transmission, (_, _, n_samples) = case
+    shared: list[dict[str, object]] = [scatterers._asdict(), transmission._asdict()]
+    arrays = {k: np.asarray(v) for named in shared for k, v in named.items() if v is not None}
+    return arrays | {"n_samples": np.array(n_samples)}
 
 
-def case_of(x: Inputs) -> tuple[Scatterers, Transmission]:
+def unpack_case(x: Inputs) -> tuple[Scatterers, Transmission]:
     """Back to scatterers, and what is sent at them."""
     numbers = ("start_frequency_hz", "slope_hz_per_s", "adc_start_s", "sample_rate_hz")
     return (
@@ -42,26 +42,26 @@ def case_of(x: Inputs) -> tuple[Scatterers, Transmission]:
 
 
 def power_map(n_chirps: int, n_samples: int, n_bins: int) -> Inputs:
-    cube, _ = frame_of(n_samples, n_chirps, 1, 1, n_targets=3)
-    return {"samples": in_noise(cube.values)[0, :, 0], "n_bins": np.array(n_bins)}
+    cube, _ = simulate_frame(n_samples, n_chirps, 1, 1, n_targets=3)
+    return {"samples": scale_to_noise(cube.values)[0, :, 0], "n_bins": np.array(n_bins)}
 
 
-def in_noise(samples: np.ndarray) -> np.ndarray:
-    """In units of the noise, large enough for those who add 1 to a power."""
+def scale_to_noise(samples: np.ndarray) -> np.ndarray:
+    """Scale to the noise level; large enough for packages that add 1 to a power."""
     return np.ascontiguousarray(samples * np.float32(1e3 / np.median(abs(samples))))
 
 
 def noise_maps(n_maps: int, n_velocity: int, n_range: int, pfa: float, step: float = 1) -> Inputs:
-    """Exponential power, and what plain code needs to be told of the window."""
+    """Draw exponential power maps and compute the threshold factors for plain code."""
     rng = np.random.default_rng(1)
     power = rng.exponential(size=(n_maps, n_velocity, n_range)).astype(np.float32)
     power[..., n_range // 2 :] *= step
-    ring = TrainingWindow(
+    window = TrainingWindow(
         n_training=dc.Cells(velocity=TRAINING[0], range=TRAINING[1]),
         n_guard=dc.Cells(velocity=GUARD[0], range=GUARD[1]),
     )
-    rank = 3 * N_RING // 4
-    middle = ring.training_cell_offsets(ring.half_range)
+    rank = 3 * N_TRAINING_CELLS // 4
+    middle = window.training_cell_offsets(window.half_range)
     factors = [
         estimator.independent_cells_threshold_factor(pfa, middle, n_channels=1)
         for estimator in (dc.cfar.CellAveraging(), dc.cfar.OrderedStatistic(rank=rank))
@@ -79,20 +79,20 @@ def noise_maps(n_maps: int, n_velocity: int, n_range: int, pfa: float, step: flo
 
 def frame(n_samples: int, n_chirps: int, n_tx: int, n_rx: int) -> Inputs:
     """Three targets in noise, channels side by side, (chirp, channel, sample)."""
-    cube, radar = frame_of(n_samples, n_chirps, n_tx, n_rx, n_targets=3)
-    at = np.array([one.position_m for one in targets(3)], float)
-    speed = np.array([one.velocity_m_per_s for one in targets(3)], float)
-    range_m = np.linalg.norm(at, axis=1)
+    cube, radar = simulate_frame(n_samples, n_chirps, n_tx, n_rx, n_targets=3)
+    positions_m = np.array([target.position_m for target in build_targets(3)], float)
+    speed = np.array([target.velocity_m_per_s for target in build_targets(3)], float)
+    range_m = np.linalg.norm(positions_m, axis=1)
     pfa = dc.Chain().cfar.false_alarm_probability
     middle = noise_maps(1, 2, 2, pfa)
     return {
-        "samples": in_noise(cube.values).reshape(n_chirps, n_tx * n_rx, n_samples),
+        "samples": scale_to_noise(cube.values).reshape(n_chirps, n_tx * n_rx, n_samples),
         "sizes": np.array([n_tx, n_rx, n_chirps, n_samples]),
         "mean_factor": middle["mean_factor"],
         "n_training": middle["n_training"],
         "n_guard": middle["n_guard"],
         "target_range_m": range_m,
-        "target_velocity": np.sum(at * speed, axis=1) / range_m,
+        "target_velocity": np.sum(positions_m * speed, axis=1) / range_m,
         "range_step_m": np.array(radar.frame.chirp.range_resolution_m),
         "velocity_step": np.array(radar.frame.velocity_resolution_m_per_s),
     }
@@ -101,22 +101,22 @@ def frame(n_samples: int, n_chirps: int, n_tx: int, n_rx: int) -> Inputs:
 def snapshots(n: int, n_elements: int) -> Inputs:
     """A source in each snapshot of a line half a wavelength apart, 20 dB above the noise."""
     rng = np.random.default_rng(3)
-    seen = Aperture(np.array([(0, i / 2, 0) for i in range(n_elements)]))
+    aperture = Aperture(np.array([(0, i / 2, 0) for i in range(n_elements)]))
     azimuth = rng.uniform(-1, 1, n)
     noise = rng.normal(size=(2, n, n_elements)) / np.sqrt(2)
-    x = np.sqrt(SNR) * seen.steering_vectors(azimuth) + noise[0] + 1j * noise[1]
+    x = np.sqrt(SNR) * aperture.steering_vectors(azimuth) + noise[0] + 1j * noise[1]
     sines = np.linspace(-1, 1, 181)
     bound = direction_std_rad(
-        positions=seen.positions,
+        positions=aperture.positions,
         azimuth_rad=[0.0],
         elevation_rad=[0.0],
         amplitudes=[np.sqrt(SNR)],
         noise_power=1.0,
-        unknown=seen.resolves_azimuth_and_elevation,
+        unknown=aperture.resolves_azimuth_and_elevation,
     )[0, 0]
     return {
         "snapshots": x.astype(np.complex64),
-        "towards": seen.steering_vectors(np.arcsin(sines)).astype(np.complex64),
+        "towards": aperture.steering_vectors(np.arcsin(sines)).astype(np.complex64),
         "sines": sines,
         "load": np.array(1.0),
         "azimuth_rad": azimuth,
@@ -130,7 +130,7 @@ def points(n: int) -> Inputs:
     Objects are more than twice the reach apart, and smaller than it.
     """
     rng = np.random.default_rng(5)
-    radar = radar_of(256, 128, 3, 4)
+    radar = build_radar(256, 128, 3, 4)
     cell_m_per_s = radar.frame.velocity_resolution_m_per_s
     middle = np.array(
         [
@@ -142,7 +142,7 @@ def points(n: int) -> Inputs:
     )
     owner = np.arange(n) % (n // 10)
     range_m, velocity, sine = middle[owner].T
-    told = {
+    columns = {
         "frame": np.zeros(n, int),
         "range": range_m + 0.8 * rng.normal(size=n),
         "velocity": velocity + 0.3 * cell_m_per_s * rng.normal(size=n),
@@ -150,8 +150,10 @@ def points(n: int) -> Inputs:
         "snr": 100 * rng.exponential(size=n),
     }
     unknown = {"elevation": np.full(n, np.nan), "ambiguity_number": np.full(n, np.nan)}
-    cells = detections_to_resolution_cells(told | unknown, radar).cells / Reach().as_array_by_axis
-    return {f"detections_{name}": values for name, values in told.items()} | {
+    cells = (
+        detections_to_resolution_cells(columns | unknown, radar).cells / Reach().as_array_by_axis
+    )
+    return {f"detections_{name}": values for name, values in columns.items()} | {
         "places": cells[:, :3],
         "owner": owner,
     }
@@ -160,11 +162,13 @@ def points(n: int) -> Inputs:
 def tracking(n_frames: int) -> Inputs:
     """The first frames of the example in which ten targets cross."""
     trial = loading.read_settings(CROSSING, TrackTrial)
-    drawn = draw_trial(trial, 0)
-    kept = drawn.detections.isel(detection=drawn.detections.frame.values < n_frames)
+    trial_data = draw_truth_and_detections(trial, 0)
+    detections = trial_data.detections.isel(detection=trial_data.detections.frame.values < n_frames)
     area = np.prod([high - low for low, high in trial.false_alarms.bounds])
-    truth = np.stack([drawn.truth.x.values, drawn.truth.y.values], axis=-1)
-    return {f"detections_{name}": kept[name].values for name in kept if name != "target"} | {
+    truth = np.stack([trial_data.truth.x.values, trial_data.truth.y.values], axis=-1)
+    return {
+        f"detections_{name}": detections[name].values for name in detections if name != "target"
+    } | {
         "times_s": trial.times_s[:n_frames],
         "truth_m": np.swapaxes(truth, 0, 1)[:n_frames],
         "process_noise_m2_per_s3": np.array(trial.tracker.process_noise_m2_per_s3),

@@ -1,4 +1,4 @@
-"""The jobs: what each is called, what is given, and the least that any code must move or count."""
+"""Benchmark jobs: names, inputs, and minimum numbers of bytes and operations."""
 
 from collections.abc import Callable
 from functools import partial
@@ -7,17 +7,17 @@ from typing import NamedTuple
 import numpy as np
 
 from sides import inputs, scenes
-from sides.kinds import Inputs
+from sides.job_types import Inputs
 
 
-class Needs(NamedTuple):
-    """The least that a job takes of a machine, by whatever method."""
+class MinimumWork(NamedTuple):
+    """Minimum work of a job, independent of the method."""
 
     n_bytes: float
     """Read once and written once."""
     n_operations: float = 0.0
     """Of the transforms or products in it, as they are usually counted."""
-    of: str = "transforms"
+    operation: str = "transforms"
 
 
 class Job(NamedTuple):
@@ -27,24 +27,24 @@ class Job(NamedTuple):
     kind: str
     """The function that a side has for it."""
     make: Callable[[], Inputs]
-    needs: Needs
-    each: int = 1
+    needs: MinimumWork
+    n_items: int = 1
     """Detections, spectra or maps in a call: times are of one."""
-    ours_also: str = ""
-    """What ours does besides, which others leave out."""
+    additional_work: str = ""
+    """Additional work of dechirp that other sides omit."""
     judged_by: Callable[[], Inputs] | None = None
     """Other inputs of the same kind, by which a result is judged."""
 
 
 def jobs() -> list[Job]:
-    """Those of a full run."""
+    """List the jobs of a full run."""
     return [
         *(echoes(n) for n in (1, 10, 100)),
         Job(
             "echoes, 3 x 4 x 128 x 256, 100 targets",
             "echoes",
             lambda: inputs.echoes(scenes.mimo(100, np.random.default_rng(1))),
-            Needs(8.0 * 384 * 4 * 256),
+            MinimumWork(8.0 * 384 * 4 * 256),
         ),
         *(echoes(n) for n in (1000, 10_000)),
         power_map(128, 2200, 4096),
@@ -55,35 +55,41 @@ def jobs() -> list[Job]:
             "DBSCAN, 5,000 points",
             "dbscan",
             partial(inputs.points, 5000),
-            Needs(8.0 * 5000 * 4),
-            ours_also="velocities that go round, centroids with errors, labelled tables",
+            MinimumWork(8.0 * 5000 * 4),
+            additional_work="ambiguous velocities, centroids with errors, labelled tables",
         ),
-        Job("tracking, 50 frames", "tracking", partial(inputs.tracking, 50), Needs(0.0), each=50),
+        Job(
+            "tracking, 50 frames",
+            "tracking",
+            partial(inputs.tracking, 50),
+            MinimumWork(0.0),
+            n_items=50,
+        ),
         Job(
             "decode 256 x 4 x 256",
             "decode",
             partial(inputs.words, 256, 4, 256),
-            Needs((4.0 + 8) * 256 * 4 * 256),
+            MinimumWork((4.0 + 8) * 256 * 4 * 256),
         ),
     ]
 
 
 def tiny_jobs() -> list[Job]:
-    """The same kinds, each in milliseconds, to see that sides still agree."""
+    """List small jobs of the same kinds, to check that the sides agree."""
     return [
         echoes(10),
         Job(
             "echoes, three transmitters",
             "echoes",
             lambda: inputs.echoes(scenes.mimo(1, np.random.default_rng(1))),
-            Needs(0.0),
+            MinimumWork(0.0),
         ),
         power_map(16, 60, 64),
         *detectors(1, 40, 48),
         *frames((64, 32, 1, 1), (64, 32, 2, 2)),
         *angles((12, 20)),
-        Job("DBSCAN", "dbscan", partial(inputs.points, 500), Needs(0.0)),
-        Job("decode", "decode", partial(inputs.words, 4, 2, 16), Needs(0.0)),
+        Job("DBSCAN", "dbscan", partial(inputs.points, 500), MinimumWork(0.0)),
+        Job("decode", "decode", partial(inputs.words, 4, 2, 16), MinimumWork(0.0)),
     ]
 
 
@@ -92,22 +98,24 @@ def echoes(n: int) -> Job:
         f"echoes, cube A, {n:,} target{'s' * (n > 1)}",
         "echoes",
         lambda: inputs.echoes(scenes.cube_a(n, 200.0, np.random.default_rng(n))),
-        Needs(8.0 * 128 * 2200),
-        ours_also="zeros, written first to add to; paths that bend; what is given is checked",
+        MinimumWork(8.0 * 128 * 2200),
+        additional_work="zeros, written first to add to; curved paths; input checks",
     )
 
 
 def power_map(n_chirps: int, n_samples: int, n_bins: int) -> Job:
-    operations = transform(n_samples, n_chirps) + transform(n_chirps, n_bins)
+    operations = count_transform_operations(n_samples, n_chirps) + count_transform_operations(
+        n_chirps, n_bins
+    )
     return Job(
         f"power map, {n_chirps} x {n_bins}",
         "power_map",
         partial(inputs.power_map, n_chirps, n_samples, n_bins),
-        Needs(8.0 * n_chirps * n_samples + 4.0 * n_chirps * n_bins, operations),
+        MinimumWork(8.0 * n_chirps * n_samples + 4.0 * n_chirps * n_bins, operations),
     )
 
 
-def transform(n_times: int, n: int) -> float:
+def count_transform_operations(n_times: int, n: int) -> float:
     """Operations of n_times transforms of n complex numbers."""
     return 5.0 * n_times * n * float(np.log2(n))
 
@@ -116,14 +124,14 @@ def detectors(n_maps: int, n_velocity: int, n_range: int) -> list[Job]:
     """Timed at one alarm in a million cells; rates are counted where alarms are common."""
     noise = partial(inputs.noise_maps, n_maps, n_velocity, n_range, 1e-6)
     few, small = min(n_range, 512), min(n_range, 256)
-    needs = Needs(5.0 * n_maps * n_velocity * n_range)
+    needs = MinimumWork(5.0 * n_maps * n_velocity * n_range)
     return [
         Job(
             f"cell averaging, {n_range} x {n_velocity}",
             "cell_averaging",
             noise,
             needs,
-            ours_also="edges; sums in double precision, so that a target 120 dB up hides no noise",
+            additional_work="edges; sums in double precision: targets 120 dB up hide no noise",
             judged_by=partial(inputs.noise_maps, 20, n_velocity, few, 1e-2),
         ),
         *(
@@ -145,27 +153,27 @@ def frames(*sizes: tuple[int, int, int, int]) -> list[Job]:
             f"frame {n_samples} x {n_chirps} x {n_tx * n_rx}",
             "frame",
             partial(inputs.frame, n_samples, n_chirps, n_tx, n_rx),
-            Needs(
+            MinimumWork(
                 8.0 * n_samples * n_chirps * n_tx * n_rx,
-                transform(n_chirps * n_tx * n_rx, n_samples)
-                + transform(n_samples * n_tx * n_rx, n_chirps),
+                count_transform_operations(n_chirps * n_tx * n_rx, n_samples)
+                + count_transform_operations(n_samples * n_tx * n_rx, n_chirps),
             ),
-            ours_also="edges, peaks, refinement, folds, directions, labelled detections",
+            additional_work="edges, peaks, refinement, ambiguity, directions, labelled tables",
         )
         for n_samples, n_chirps, n_tx, n_rx in sizes
     ]
 
 
 def angles(*sizes: tuple[int, int]) -> list[Job]:
-    """Beams of 1,000 snapshots, and directions of so many detections one by one."""
-    found = []
+    """Beams of 1,000 snapshots, and directions of single detections."""
+    angle_jobs = []
     for n_elements, n in sizes:
-        found.append(
+        angle_jobs.append(
             Job(
                 f"Bartlett, 1,000 x 181, {n_elements} channels",
                 "bartlett",
                 partial(inputs.snapshots, 1000, n_elements),
-                Needs(
+                MinimumWork(
                     8.0 * 1000 * n_elements + 4.0 * 1000 * 181,
                     8.0 * 1000 * n_elements * 181,
                     "products",
@@ -173,14 +181,14 @@ def angles(*sizes: tuple[int, int]) -> list[Job]:
             )
         )
         for kind, name in (("capon", "Capon"), ("music", "MUSIC")):
-            found.append(
+            angle_jobs.append(
                 Job(
                     f"{name} of a detection, {n_elements} channels",
                     kind,
                     partial(inputs.snapshots, n, n_elements),
-                    Needs(8.0 * n * n_elements, 8.0 * n * n_elements * 181, "products"),
-                    each=n,
-                    ours_also="two sources of any phase told apart, refinement, standard errors",
+                    MinimumWork(8.0 * n * n_elements, 8.0 * n * n_elements * 181, "products"),
+                    n_items=n,
+                    additional_work="coherent sources resolved, refinement, standard errors",
                 )
             )
-    return found
+    return angle_jobs

@@ -1,4 +1,4 @@
-"""The machine: what it is, and how many bytes and operations a core of it does, measured now."""
+"""Machine description with measured memory and arithmetic rates of one core."""
 
 import os
 import platform
@@ -10,27 +10,27 @@ from typing import Any
 import numpy as np
 import scipy.fft
 
-from sides.jobs import Needs
+from sides.jobs import MinimumWork
 
 Machine = dict[str, Any]
 
 
-def measured() -> Machine:
-    """Names, sizes, and rates of one core, fastest of several goes."""
+def measure_machine() -> Machine:
+    """Measure the rates of one core (fastest of several runs); add names and sizes."""
     return {
-        "cpu": cpu(),
+        "cpu": read_cpu_name(),
         "cores": os.cpu_count(),
-        "caches": caches(),
+        "caches": read_cache_sizes(),
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
         "load": os.getloadavg()[0],
-        "memory_bytes_per_s": copied(2**25),
-        "cache_bytes_per_s": copied(2**15),
-        "product_operations_per_s": products(),
-        "transform_operations_per_s": transforms(),
+        "memory_bytes_per_s": measure_copy_rate(2**25),
+        "cache_bytes_per_s": measure_copy_rate(2**15),
+        "product_operations_per_s": measure_product_rate(),
+        "transform_operations_per_s": measure_transform_rate(),
     }
 
 
-def cpu() -> str:
+def read_cpu_name() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -39,15 +39,15 @@ def cpu() -> str:
     return named[0] if named else platform.processor()
 
 
-def caches() -> dict[str, str]:
+def read_cache_sizes() -> dict[str, str]:
     """Data and shared caches of the first core, by level."""
-    found = {}
+    sizes = {}
     for place in sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*")):
         kind = (place / "type").read_text().strip()
         if kind != "Instruction":
             level = (place / "level").read_text().strip()
-            found[f"L{level}"] = (place / "size").read_text().strip()
-    return found
+            sizes[f"L{level}"] = (place / "size").read_text().strip()
+    return sizes
 
 
 def fastest(work: Callable[[], object], goes: int = 7) -> float:
@@ -60,7 +60,7 @@ def fastest(work: Callable[[], object], goes: int = 7) -> float:
     return min(times)
 
 
-def copied(n: int) -> float:
+def measure_copy_rate(n: int) -> float:
     """Bytes read and written in a second, copying n float32."""
     source, to = np.ones(n, np.float32), np.empty(n, np.float32)
     repeats = max(1, 2**24 // n)
@@ -72,29 +72,29 @@ def copied(n: int) -> float:
     return 8.0 * n * repeats / fastest(work)
 
 
-def products() -> float:
+def measure_product_rate() -> float:
     """Operations a second of a matrix product in single precision."""
     n = 768
     a = np.ones((n, n), np.float32)
     return 2.0 * n**3 / fastest(lambda: a @ a)
 
 
-def transforms() -> float:
+def measure_transform_rate() -> float:
     """Operations a second of transforms of 2,048 in single precision, 5 n log2 n of each."""
     x = np.ones((64, 2048), np.complex64)
     return 64 * 5 * 2048 * 11 / fastest(lambda: scipy.fft.fft(x, axis=1))
 
 
-def limit_s(needs: Needs, machine: Machine) -> tuple[float, str]:
-    """The least time for so many bytes and operations at the measured rates, and which it is."""
+def limit_s(needs: MinimumWork, machine: Machine) -> tuple[float, str]:
+    """Return the minimum time at the measured rates and the limiting quantity."""
     # What fits into the caches twice over need not come from memory.
     of_bytes = needs.n_bytes / machine["cache_bytes_per_s"]
     rate = (
         machine["transform_operations_per_s"]
-        if needs.of == "transforms"
+        if needs.operation == "transforms"
         else machine["product_operations_per_s"]
     )
     of_operations = needs.n_operations / rate
     if of_bytes >= of_operations:
         return of_bytes, f"{needs.n_bytes / 1e6:.3g} MB moved in cache"
-    return of_operations, f"{needs.n_operations / 1e6:.3g} M operations of {needs.of}"
+    return of_operations, f"{needs.n_operations / 1e6:.3g} M operations of {needs.operation}"

@@ -1,4 +1,4 @@
-"""Our side: each job by the functions of the package."""
+"""Benchmark jobs implemented with dechirp."""
 
 import warnings
 from dataclasses import replace
@@ -22,23 +22,23 @@ from dechirp.recordings.samples.layouts import SampleCode, TwoLanes
 from dechirp.simulation.engine import Engine
 from dechirp.simulation.kernels import selection
 from dechirp.tracking.batch import track
-from sides.frames import CROSSING, radar_of
-from sides.inputs import case_of
-from sides.kinds import Inputs, Timed
+from sides.frames import CROSSING, build_radar
+from sides.inputs import unpack_case
+from sides.job_types import Inputs, Timed
 from sides.plain_maps import GUARD, TRAINING
 
 warnings.simplefilter("ignore", PhysicsWarning)
 
 
 def echoes(x: Inputs) -> Timed:
-    scatterers, sent = case_of(x)
+    scatterers, transmission = unpack_case(x)
     engine = Engine()
-    shape = (len(sent.starts_s), len(sent.rx_m), int(x["n_samples"]))
+    shape = (len(transmission.starts_s), len(transmission.rx_m), int(x["n_samples"]))
     samples = np.zeros(shape, np.complex64)
 
     def add() -> np.ndarray:
         samples[:] = 0
-        selection.add_echoes(samples, scatterers, sent, engine=engine)
+        selection.add_echoes(samples, scatterers, transmission, engine=engine)
         return samples
 
     return add
@@ -46,7 +46,7 @@ def echoes(x: Inputs) -> Timed:
 
 def power_map(x: Inputs) -> Timed:
     n_chirps, n_samples = x["samples"].shape
-    radar = radar_of(n_samples, n_chirps, 1, 1)
+    radar = build_radar(n_samples, n_chirps, 1, 1)
     cube = label_cube(x["samples"][None, :, None], radar, units="sqrt(W)").isel(frame=0)
     chain = dc.Chain(n_range_bins=int(x["n_bins"]))
     return lambda: dc.power_map(cube, radar, chain).values
@@ -63,28 +63,28 @@ def ordered_statistic(x: Inputs) -> Timed:
 def masks(estimator: NoiseEstimator, x: Inputs) -> Timed:
     """Edges with factors of their own: fewer guard cells fit into a box at the end of the map."""
     training, guard = (dc.Cells(velocity=n[0], range=n[1]) for n in (TRAINING, GUARD))
-    ring = TrainingWindow(n_training=training, n_guard=guard)
-    places = ring.box_row_of_map_rows(x["power"].shape[2])
+    window = TrainingWindow(n_training=training, n_guard=guard)
+    places = window.box_row_of_map_rows(x["power"].shape[2])
     factors = {
         place: estimator.independent_cells_threshold_factor(
-            float(x["false_alarm_probability"]), ring.training_cell_offsets(place), n_channels=1
+            float(x["false_alarm_probability"]), window.training_cell_offsets(place), n_channels=1
         )
         for place in np.unique(places).tolist()
     }
     of_rows = np.array([factors[place] for place in places.tolist()], np.float32)
-    return lambda: [estimator.exceeds_threshold(power, ring, of_rows) for power in x["power"]]
+    return lambda: [estimator.exceeds_threshold(power, window, of_rows) for power in x["power"]]
 
 
 def frame(x: Inputs) -> Timed:
     """All of `detect`: peaks, refinement and labels too, directions where there is an array."""
     n_tx, n_rx, n_chirps, n_samples = x["sizes"].tolist()
-    radar = radar_of(n_samples, n_chirps, n_tx, n_rx)
+    radar = build_radar(n_samples, n_chirps, n_tx, n_rx)
     samples = x["samples"].reshape(1, n_chirps * n_tx, n_rx, n_samples)
     cube = label_cube(samples, radar, units="sqrt(W)")
 
     def places() -> np.ndarray:
-        found = dc.detect(cube, radar)
-        return np.column_stack([found.range.values, found.velocity.values])
+        dataset = dc.detect(cube, radar)
+        return np.column_stack([dataset.range.values, dataset.velocity.values])
 
     return places
 
@@ -104,15 +104,15 @@ def music(x: Inputs) -> Timed:
 def azimuths(estimator: Capon | Music, x: Inputs) -> Timed:
     """Directions with their standard errors."""
     n, n_elements = x["snapshots"].shape
-    seen = Aperture(np.array([(0, i / 2, 0) for i in range(n_elements)]))
-    looks, noise = x["snapshots"][:, None], np.ones(n)
-    return lambda: estimator.find_directions(looks, seen, noise).azimuth_rad[:, 0]
+    aperture = Aperture(np.array([(0, i / 2, 0) for i in range(n_elements)]))
+    snapshots, noise = x["snapshots"][:, None], np.ones(n)
+    return lambda: estimator.find_directions(snapshots, aperture, noise).azimuth_rad[:, 0]
 
 
 def dbscan(x: Inputs) -> Timed:
     """Clusters, and their centroids."""
     detections = table(x, "detections_")
-    radar = radar_of(256, 128, 3, 4)
+    radar = build_radar(256, 128, 3, 4)
     return lambda: cluster(detections, radar, Dbscan())[0].cluster.values
 
 
@@ -122,10 +122,10 @@ def tracking(x: Inputs) -> Timed:
     tracker = replace(loading.read_settings(CROSSING, TrackTrial).tracker, association="nearest")
 
     def positions() -> np.ndarray:
-        found = track(detections, times_s, tracker)
-        at = np.stack([found.x.values, found.y.values], axis=-1)
-        at[found.status.values != "confirmed"] = np.nan
-        return np.swapaxes(at, 0, 1)
+        dataset = track(detections, times_s, tracker)
+        positions_m = np.stack([dataset.x.values, dataset.y.values], axis=-1)
+        positions_m[dataset.status.values != "confirmed"] = np.nan
+        return np.swapaxes(positions_m, 0, 1)
 
     return positions
 

@@ -1,4 +1,4 @@
-"""The plain side: each job as one writes it with NumPy, SciPy, numba and FINUFFT."""
+"""Plain reference code of each job with NumPy, SciPy, numba and FINUFFT."""
 
 from functools import partial
 
@@ -8,21 +8,21 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from sides import plain_angles, plain_echoes, plain_maps
-from sides.inputs import case_of
-from sides.kinds import Inputs, Timed
+from sides.inputs import unpack_case
+from sides.job_types import Inputs, Timed
 
 
 def echoes(x: Inputs) -> Timed:
-    scatterers, sent = case_of(x)
+    scatterers, transmission = unpack_case(x)
     n_samples = int(x["n_samples"])
-    work = plain_echoes.fastest(scatterers, len(sent.rx_m))
-    shape = (len(sent.starts_s), len(sent.rx_m), n_samples)
-    return lambda: work(scatterers, sent, n_samples).reshape(shape)
+    work = plain_echoes.select_fastest(scatterers, len(transmission.rx_m))
+    shape = (len(transmission.starts_s), len(transmission.rx_m), n_samples)
+    return lambda: work(scatterers, transmission, n_samples).reshape(shape)
 
 
 def power_map(x: Inputs) -> Timed:
     n_chirps, n_samples = x["samples"].shape
-    taper = plain_maps.tapers((n_chirps, n_samples))
+    taper = plain_maps.window_weights((n_chirps, n_samples))
     return partial(plain_maps.plain_map, x["samples"], taper, int(x["n_bins"]))
 
 
@@ -38,7 +38,7 @@ def ordered_statistic(x: Inputs) -> Timed:
 
 def frame(x: Inputs) -> Timed:
     n_chirps, _, n_samples = x["samples"].shape
-    taper = plain_maps.tapers((n_chirps, n_samples))
+    taper = plain_maps.window_weights((n_chirps, n_samples))
     return partial(plain_maps.plain_chain, x["samples"], taper, float(x["mean_factor"]))
 
 

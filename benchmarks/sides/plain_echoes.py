@@ -1,4 +1,4 @@
-"""Echoes as one writes them with NumPy, numba and FINUFFT: what ours are measured beside."""
+"""Plain echo simulation with NumPy, numba and FINUFFT, the reference for timing."""
 
 import importlib.util
 import math
@@ -16,43 +16,51 @@ HAS_FINUFFT = importlib.util.find_spec("finufft") is not None
 
 
 def direct_sum(
-    scatterers: Scatterers, sent: Transmission, n_samples: int, chirps: np.ndarray
+    scatterers: Scatterers, transmission: Transmission, n_samples: int, chirps: np.ndarray
 ) -> np.ndarray:
     """The law as one writes it with NumPy, some of the chirps, (chirp, rx, sample)."""
-    late_s = sent.adc_start_s + np.arange(n_samples) / sent.sample_rate_hz
-    out = np.zeros((len(chirps), len(sent.rx_m), n_samples), complex)
+    late_s = transmission.adc_start_s + np.arange(n_samples) / transmission.sample_rate_hz
+    out = np.zeros((len(chirps), len(transmission.rx_m), n_samples), complex)
     for row, m in zip(out, chirps, strict=True):
-        times_s = sent.starts_s[m] + late_s
+        times_s = transmission.starts_s[m] + late_s
         for i in range(len(scatterers.amplitudes)):
             at_m = sum(term[i] * times_s[:, None] ** k for k, term in enumerate(scatterers.path_m))
-            for k in np.flatnonzero(sent.weights[m]):
-                there = np.linalg.norm(at_m - sent.tx_m[k], axis=1)
-                for rx, rx_m in enumerate(sent.rx_m):
-                    back = np.linalg.norm(at_m - rx_m, axis=1)
-                    tau = (there + back) / C
-                    cycles = sent.start_frequency_hz * tau
-                    cycles += sent.slope_hz_per_s * tau * (late_s - tau / 2)
-                    size = sent.weights[m, k] * scatterers.amplitudes[i] / (there * back)
+            for k in np.flatnonzero(transmission.weights[m]):
+                transmit_path_m = np.linalg.norm(at_m - transmission.tx_m[k], axis=1)
+                for rx, rx_m in enumerate(transmission.rx_m):
+                    receive_path_m = np.linalg.norm(at_m - rx_m, axis=1)
+                    tau = (transmit_path_m + receive_path_m) / C
+                    cycles = transmission.start_frequency_hz * tau
+                    cycles += transmission.slope_hz_per_s * tau * (late_s - tau / 2)
+                    size = (
+                        transmission.weights[m, k]
+                        * scatterers.amplitudes[i]
+                        / (transmit_path_m * receive_path_m)
+                    )
                     row[rx] += size * np.exp(2j * np.pi * (cycles % 1))
     return out
 
 
-def low_rank_product(scatterers: Scatterers, sent: Transmission, n_samples: int) -> np.ndarray:
+def low_rank_product(
+    scatterers: Scatterers, transmission: Transmission, n_samples: int
+) -> np.ndarray:
     """One matrix product with three Taylor orders of range migration, complex64; cube A alone."""
-    tone, time_s, late_s = tones(scatterers, sent, n_samples)
+    tone, time_s, late_s = compute_tones(scatterers, transmission, n_samples)
     slow = tone.strength[:, None] * np.exp(2j * np.pi * tone.doppler_hz[:, None] * time_s)
     fast = np.exp(2j * np.pi * tone.range_hz[:, None] * late_s)
     cross = 2j * np.pi * tone.migration_hz_per_s
-    left = [slow * (cross[:, None] * time_s) ** k / math.factorial(k) for k in range(3)]
-    right = [fast * late_s**k for k in range(3)]
-    return np.concatenate(left).astype(np.complex64).T @ np.concatenate(right).astype(np.complex64)
+    slow_factors = [slow * (cross[:, None] * time_s) ** k / math.factorial(k) for k in range(3)]
+    fast_factors = [fast * late_s**k for k in range(3)]
+    return np.concatenate(slow_factors).astype(np.complex64).T @ np.concatenate(
+        fast_factors
+    ).astype(np.complex64)
 
 
-def with_finufft(scatterers: Scatterers, sent: Transmission, n_samples: int) -> np.ndarray:
+def with_finufft(scatterers: Scatterers, transmission: Transmission, n_samples: int) -> np.ndarray:
     """Two-dimensional transforms, five Taylor orders of range migration, double; cube A alone."""
     import finufft  # not everywhere installed
 
-    tone, time_s, late_s = tones(scatterers, sent, n_samples)
+    tone, time_s, late_s = compute_tones(scatterers, transmission, n_samples)
     step_s, interval_s = late_s[1] - late_s[0], time_s[1] - time_s[0]
     shape = (len(time_s), n_samples)
     # Modes count from -n / 2: half an interval from the middle of an even number of chirps.
@@ -84,60 +92,64 @@ class Tones(NamedTuple):
     migration_hz_per_s: np.ndarray
 
 
-def tones(
-    scatterers: Scatterers, sent: Transmission, n_samples: int
+def compute_tones(
+    scatterers: Scatterers, transmission: Transmission, n_samples: int
 ) -> tuple[Tones, np.ndarray, np.ndarray]:
     """Tones, times of chirps and of samples, both from the middle of the window and frame."""
-    late_s = (np.arange(n_samples) - n_samples // 2) / sent.sample_rate_hz
-    middle_s = sent.adc_start_s - late_s[0]
-    frequency_hz = sent.start_frequency_hz + sent.slope_hz_per_s * middle_s
+    late_s = (np.arange(n_samples) - n_samples // 2) / transmission.sample_rate_hz
+    middle_s = transmission.adc_start_s - late_s[0]
+    frequency_hz = transmission.start_frequency_hz + transmission.slope_hz_per_s * middle_s
     position_m, velocity = (
         scatterers.path_m[0] + middle_s * scatterers.path_m[1],
         scatterers.path_m[1],
     )
     range_m = np.linalg.norm(position_m, axis=1)
     tau, rate = 2 * range_m / C, 2 * np.sum(position_m * velocity, axis=1) / range_m / C
-    cycles = frequency_hz * tau - sent.slope_hz_per_s * tau**2 / 2
-    doppler_hz = (frequency_hz - sent.slope_hz_per_s * tau) * rate
+    cycles = frequency_hz * tau - transmission.slope_hz_per_s * tau**2 / 2
+    doppler_hz = (frequency_hz - transmission.slope_hz_per_s * tau) * rate
     strength = scatterers.amplitudes / range_m**2 * np.exp(2j * np.pi * (cycles % 1))
     return (
         Tones(
             strength,
-            sent.slope_hz_per_s * tau + doppler_hz,
+            transmission.slope_hz_per_s * tau + doppler_hz,
             doppler_hz,
-            sent.slope_hz_per_s * rate,
+            transmission.slope_hz_per_s * rate,
         ),
-        sent.starts_s,
+        transmission.starts_s,
         late_s,
     )
 
 
-def recurrence(scatterers: Scatterers, sent: Transmission, n_samples: int) -> np.ndarray:
+def recurrence(scatterers: Scatterers, transmission: Transmission, n_samples: int) -> np.ndarray:
     """A phasor turned from sample to sample, its turn too: phases to second order in a chirp."""
-    middle_s = sent.adc_start_s + n_samples / 2 / sent.sample_rate_hz
-    out = np.zeros((len(sent.starts_s), len(sent.rx_m), n_samples), np.complex64)
-    at_s = sent.starts_s + middle_s
+    middle_s = transmission.adc_start_s + n_samples / 2 / transmission.sample_rate_hz
+    out = np.zeros((len(transmission.starts_s), len(transmission.rx_m), n_samples), np.complex64)
+    at_s = transmission.starts_s + middle_s
     position_m = sum(
         term[None] * at_s[:, None, None] ** k for k, term in enumerate(scatterers.path_m)
     )
     velocity = scatterers.path_m[1]
-    for k, tx_m in enumerate(sent.tx_m):
-        chirps = np.flatnonzero(sent.weights[:, k])
-        there_m, there = lengths(position_m[chirps], velocity, tx_m)
-        for rx, rx_m in enumerate(sent.rx_m):
-            back_m, back = lengths(position_m[chirps], velocity, rx_m)
-            tau, rate = (there_m + back_m) / C, (there + back) / C
+    for k, tx_m in enumerate(transmission.tx_m):
+        chirps = np.flatnonzero(transmission.weights[:, k])
+        there_m, transmit_rate = compute_path_lengths(position_m[chirps], velocity, tx_m)
+        for rx, rx_m in enumerate(transmission.rx_m):
+            back_m, receive_rate = compute_path_lengths(position_m[chirps], velocity, rx_m)
+            tau, rate = (there_m + back_m) / C, (transmit_rate + receive_rate) / C
             size = scatterers.amplitudes / (there_m * back_m)
             # Cycles c0 + c1 t + c2 t^2 about the middle; tau = tau_0 + rate t.
-            c0 = sent.start_frequency_hz * tau + sent.slope_hz_per_s * tau * (middle_s - tau / 2)
-            c1 = sent.slope_hz_per_s * tau
-            c1 += rate * (sent.start_frequency_hz + sent.slope_hz_per_s * (middle_s - tau))
-            c2 = sent.slope_hz_per_s * rate * (1 - rate / 2)
-            turn(out[:, rx], chirps, size, c0, c1, c2, 1 / sent.sample_rate_hz)
+            c0 = transmission.start_frequency_hz * tau + transmission.slope_hz_per_s * tau * (
+                middle_s - tau / 2
+            )
+            c1 = transmission.slope_hz_per_s * tau
+            c1 += rate * (
+                transmission.start_frequency_hz + transmission.slope_hz_per_s * (middle_s - tau)
+            )
+            c2 = transmission.slope_hz_per_s * rate * (1 - rate / 2)
+            add_phasors(out[:, rx], chirps, size, c0, c1, c2, 1 / transmission.sample_rate_hz)
     return out
 
 
-def lengths(
+def compute_path_lengths(
     position_m: np.ndarray, velocity: np.ndarray, antenna_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """From an antenna to scatterers, and how fast it grows."""
@@ -147,7 +159,7 @@ def lengths(
 
 
 @numba.njit
-def turn(
+def add_phasors(
     out: np.ndarray,
     chirps: np.ndarray,
     size: np.ndarray,
@@ -176,8 +188,8 @@ def turn(
             out[chirps[row], n] += np.complex64(sums[n])
 
 
-def fastest(scatterers: Scatterers, n_rx: int) -> Callable[..., np.ndarray]:
-    """Of these the one that is fastest for so many scatterers, cube A; other radars: recurrence."""
+def select_fastest(scatterers: Scatterers, n_rx: int) -> Callable[..., np.ndarray]:
+    """Select the fastest function for the number of scatterers (cube A); else `recurrence`."""
     if n_rx > 1:
         return recurrence
     if len(scatterers.amplitudes) <= 10:

@@ -1,4 +1,4 @@
-"""Maps and detectors as one writes them with NumPy, SciPy and numba."""
+"""Plain power maps and detectors with NumPy, SciPy and numba."""
 
 import numba
 import numpy as np
@@ -8,10 +8,10 @@ from scipy.ndimage import uniform_filter
 TRAINING, GUARD = (8, 10), (4, 4)  # velocity, range: each side
 WIDTH = tuple(2 * (t + g) + 1 for t, g in zip(TRAINING, GUARD, strict=True))
 INNER = tuple(2 * g + 1 for g in GUARD)
-N_RING = WIDTH[0] * WIDTH[1] - INNER[0] * INNER[1]
+N_TRAINING_CELLS = WIDTH[0] * WIDTH[1] - INNER[0] * INNER[1]
 
 
-def tapers(shape: tuple[int, int]) -> np.ndarray:
+def window_weights(shape: tuple[int, int]) -> np.ndarray:
     hann = [0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n) / n) for n in shape]
     return np.outer(*hann).astype(np.float32)
 
@@ -30,30 +30,30 @@ def plain_chain(samples: np.ndarray, taper: np.ndarray, factor: float) -> np.nda
     power = (spectrum.real**2 + spectrum.imag**2).sum(axis=1)
     box = uniform_filter(power, WIDTH, mode="wrap") * (WIDTH[0] * WIDTH[1])
     guard = uniform_filter(power, INNER, mode="wrap") * (INNER[0] * INNER[1])
-    return power > factor / N_RING * (box - guard)
+    return power > factor / N_TRAINING_CELLS * (box - guard)
 
 
 @numba.njit
 def box_sums(power: np.ndarray, n_v: int, n_r: int) -> np.ndarray:
     """Sums over boxes by running sums along each axis; boxes that do not fit are left out."""
     rows, columns = power.shape
-    along = np.zeros((rows, columns), np.float32)
+    row_sums = np.zeros((rows, columns), np.float32)
     for v in range(rows):
         total = np.float32(0.0)
         for j in range(n_r):
             total += power[v, j]
-        along[v, n_r // 2] = total
+        row_sums[v, n_r // 2] = total
         for j in range(n_r, columns):
             total += power[v, j] - power[v, j - n_r]
-            along[v, j - n_r // 2] = total
+            row_sums[v, j - n_r // 2] = total
     out = np.zeros((rows, columns), np.float32)
     running = np.zeros(columns, np.float32)
     for v in range(rows):
         for j in range(columns):
-            running[j] += along[v, j]
+            running[j] += row_sums[v, j]
         if v >= n_v:
             for j in range(columns):
-                running[j] -= along[v - n_v, j]
+                running[j] -= row_sums[v - n_v, j]
         if v >= n_v - 1:
             for j in range(columns):
                 out[v - n_v // 2, j] = running[j]

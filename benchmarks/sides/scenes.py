@@ -16,8 +16,8 @@ Case = tuple[Scatterers, Transmission, tuple[int, int, int]]
 
 def cube_a(n: int, farthest_m: float, rng: np.random.Generator) -> Case:
     interval_s = 150e6 / 20.4545e12
-    sent = Transmission(
-        centred(128, interval_s),
+    transmission = Transmission(
+        centred_times(128, interval_s),
         np.ones((128, 1), complex),
         np.zeros((1, 3)),
         np.zeros((1, 3)),
@@ -26,15 +26,19 @@ def cube_a(n: int, farthest_m: float, rng: np.random.Generator) -> Case:
         0.0,
         300e6,
     )
-    return scene(n, 3.0, farthest_m, 40.0, sent, rng), sent, (128, 1, 2200)
+    return (
+        draw_scatterers(n, 3.0, farthest_m, 40.0, transmission, rng),
+        transmission,
+        (128, 1, 2200),
+    )
 
 
 def mimo(n: int, rng: np.random.Generator) -> Case:
     n_chirps, wavelength_m = 3 * 128, C / 77e9
     weights = np.zeros((n_chirps, 3), complex)
     weights[np.arange(n_chirps), np.arange(n_chirps) % 3] = 1
-    sent = Transmission(
-        centred(n_chirps, 30e-6),
+    transmission = Transmission(
+        centred_times(n_chirps, 30e-6),
         weights,
         np.array([[0, 2 * k * wavelength_m, 0] for k in range(3)]),
         np.array([[0, k * wavelength_m / 2, 0] for k in range(4)]),
@@ -43,12 +47,12 @@ def mimo(n: int, rng: np.random.Generator) -> Case:
         3e-6,
         10e6,
     )
-    return scene(n, 3.0, 38.0, 20.0, sent, rng), sent, (n_chirps, 4, 256)
+    return draw_scatterers(n, 3.0, 38.0, 20.0, transmission, rng), transmission, (n_chirps, 4, 256)
 
 
 def long_chirp(n: int, rng: np.random.Generator) -> Case:
-    sent = Transmission(
-        centred(512, 60e-6),
+    transmission = Transmission(
+        centred_times(512, 60e-6),
         np.ones((512, 1), complex),
         np.zeros((1, 3)),
         np.zeros((1, 3)),
@@ -57,19 +61,19 @@ def long_chirp(n: int, rng: np.random.Generator) -> Case:
         5e-6,
         256 / 45e-6,
     )
-    return scene(n, 2.0, 9.0, 40.0, sent, rng), sent, (512, 1, 256)
+    return draw_scatterers(n, 2.0, 9.0, 40.0, transmission, rng), transmission, (512, 1, 256)
 
 
-def centred(n: int, interval_s: float) -> np.ndarray:
+def centred_times(n: int, interval_s: float) -> np.ndarray:
     return (np.arange(n) - (n - 1) / 2) * interval_s
 
 
-def scene(
+def draw_scatterers(
     n: int,
     nearest_m: float,
     farthest_m: float,
     fastest: float,
-    sent: Transmission,
+    transmission: Transmission,
     rng: np.random.Generator,
 ) -> Scatterers:
     """Scatterers ahead, evenly spread over range and azimuth, of exponential cross section."""
@@ -79,6 +83,6 @@ def scene(
     return Scatterers(
         np.stack([at_m.T, velocity.T]),
         np.sqrt(rng.exponential(size=n)),
-        np.ones((len(sent.tx_m), n)),
-        np.ones((len(sent.rx_m), n)),
+        np.ones((len(transmission.tx_m), n)),
+        np.ones((len(transmission.rx_m), n)),
     )

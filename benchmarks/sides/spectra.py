@@ -7,7 +7,7 @@ def directions(spectra: np.ndarray, sines: np.ndarray) -> np.ndarray:
     """Azimuth of each row, rad, from powers (n, n_sines) over evenly spaced sines."""
     top = np.clip(np.argmax(spectra, axis=1), 1, len(sines) - 2)
     rows = np.arange(len(spectra))
-    left, middle, right = (np.log(spectra[rows, top + k]) for k in (-1, 0, 1))
-    bend = np.minimum(left - 2 * middle + right, -1e-12)
-    off = np.clip((left - right) / (2 * bend), -0.5, 0.5)
+    below, middle, above = (np.log(spectra[rows, top + k]) for k in (-1, 0, 1))
+    bend = np.minimum(below - 2 * middle + above, -1e-12)
+    off = np.clip((below - above) / (2 * bend), -0.5, 0.5)
     return np.arcsin(np.clip(sines[top] + off * (sines[1] - sines[0]), -1, 1))

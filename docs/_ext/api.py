@@ -171,7 +171,7 @@ def _shorten_signature(
 @cache
 def _field_units(owner: type) -> dict[str, tuple[str, str | None]]:
     settings = list_settings(owner).items()
-    return {setting.field: (key, setting.slot.unit) for key, setting in settings}
+    return {setting.field: (key, setting.value_type.unit) for key, setting in settings}
 
 
 def _add_unit(app: Sphinx, what: str, name: str, thing: Any, _: Any, lines: list[str]) -> None:

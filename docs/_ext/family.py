@@ -10,18 +10,20 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from dechirp.cli.commands.list import base_classes, member_settings
+from dechirp.cli.commands.list import family_base_classes, member_help_and_settings
 
 
 class Members(SphinxDirective):
-    """What settings choose by kind from one family."""
+    """Directive that lists the members of one family with their settings."""
 
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
         """Give a definition list: each kind, what it is, and a table of its settings."""
         shown = nodes.definition_list()
-        for kind, member in member_settings(base_classes()[self.arguments[0]]).items():
+        for kind, member in member_help_and_settings(
+            family_base_classes()[self.arguments[0]]
+        ).items():
             text = nodes.definition("", nodes.paragraph("", member["help"]))
             if member["settings"]:
                 text += _table(member["settings"])

@@ -1,4 +1,4 @@
-"""How the figures of the gallery look, whichever script ran before."""
+"""Matplotlib style of the gallery figures."""
 
 from typing import Any
 

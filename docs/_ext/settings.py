@@ -119,7 +119,9 @@ def _load(file: Path, base: Path | None, kind: type) -> None:
         if kind is Radar and isinstance(under.content, dict):
             under = under.content.get("radar", under)
         given = _laid(_without_what_it_replaces(under, given), given)
-    loading.build_value(given, kind, ValidationContext(folder=file.parent, readers=READERS))
+    loading.build_value_from_tree(
+        given, kind, ValidationContext(folder=file.parent, readers=READERS)
+    )
 
 
 def _without_what_it_replaces(under: YamlNode, given: YamlNode) -> YamlNode:

@@ -1,8 +1,8 @@
-"""Every way by which foreign bytes come in, and what each owes them: a value, or one of our errors.
+"""Entry points for external bytes, each of which returns a value or raises a `DechirpError`.
 
-An entry is a function of a file and of an empty folder to work in. `replayed` calls it and judges:
-it may return, or raise a `DechirpError` whose mistakes each say where, what was got, what is
-needed and how to mend it.
+An entry is a function of a file and an empty working folder. `replay_input` calls it and checks
+the result: a return value, or a `DechirpError` whose mistakes contain setting, value, expectation
+and fix.
 """
 
 import contextlib
@@ -37,61 +37,63 @@ frame:
 """
 
 
-def replayed(entry: str, file: Path, scratch: Path) -> None:
-    """Give a file to an entry point; raises whatever it must not."""
-    before = set(file.parent.iterdir())
+def replay_input(entry: str, file: Path, scratch: Path) -> None:
+    """Pass a file to an entry point; raise on any exception that is not allowed."""
+    files_before = set(file.parent.iterdir())
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", PhysicsWarning)
             ENTRIES[entry](file, scratch)
     except DechirpError as error:
-        must_say_all(error)
-    assert set(file.parent.iterdir()) == before, "left something behind"
+        check_error_is_complete(error)
+    assert set(file.parent.iterdir()) == files_before, "leftover files"
 
 
-def must_say_all(error: DechirpError) -> None:
-    """Check that an error says where, what was got, what is needed and how to mend it."""
-    assert error.mistakes, "an error without a mistake"
-    for one in error.mistakes:
-        assert one.setting.strip(), f"no place: {one!r}"
-        assert str(one.value).strip(), f"nothing got: {one!r}"
-        assert one.expected.strip(), f"nothing needed: {one!r}"
-        assert one.fix.strip(), f"no fix: {one!r}"
-        assert len(str(one)) < 6000, f"nobody reads that much: {str(one)[:300]}"
-        assert "\n" not in str(one), f"more than a line: {one!r}"
-        assert all(c.isprintable() for c in str(one)), f"not to be printed: {str(one)!r}"
+def check_error_is_complete(error: DechirpError) -> None:
+    """Check that an error contains setting, value, expectation and fix."""
+    assert error.mistakes, "error without mistakes"
+    for mistake in error.mistakes:
+        assert mistake.setting.strip(), f"no setting: {mistake!r}"
+        assert str(mistake.value).strip(), f"no value: {mistake!r}"
+        assert mistake.expected.strip(), f"no expectation: {mistake!r}"
+        assert mistake.fix.strip(), f"no fix: {mistake!r}"
+        assert len(str(mistake)) < 6000, f"message too long: {str(mistake)[:300]}"
+        assert "\n" not in str(mistake), f"more than one line: {mistake!r}"
+        assert all(c.isprintable() for c in str(mistake)), (
+            f"unprintable characters: {str(mistake)!r}"
+        )
     assert "Traceback" not in str(error)
 
 
 # Settings
 
 
-def _scenario(file: Path, _: Path) -> object:
+def _load_scenario(file: Path, _: Path) -> object:
     import dechirp as dc
 
     return dc.load(file)
 
 
-def _study(file: Path, _: Path) -> object:
+def _load_study(file: Path, _: Path) -> object:
     import dechirp as dc
 
     return dc.load_study(file)
 
 
-def _tune(file: Path, _: Path) -> object:
+def _load_tune(file: Path, _: Path) -> object:
     import dechirp as dc
 
     return dc.load_tune(file)
 
 
-def _radar(file: Path, _: Path) -> object:
+def _read_radar(file: Path, _: Path) -> object:
     from dechirp.recordings.settings.read import read_radar
 
     return read_radar(file)
 
 
-def _requirements(file: Path, _: Path) -> object:
+def _design_radar(file: Path, _: Path) -> object:
     from dechirp.config import loading
     from dechirp.radar.design.design import design
     from dechirp.radar.design.requirements import Requirements
@@ -99,33 +101,33 @@ def _requirements(file: Path, _: Path) -> object:
     return design(loading.read_settings(file, Requirements))
 
 
-def _calibration(file: Path, _: Path) -> object:
+def _read_calibration(file: Path, _: Path) -> object:
     from dechirp.recordings.settings.calibration import read_calibration
 
     return read_calibration(file)
 
 
-def _mesh(file: Path, _: Path) -> object:
+def _load_mesh(file: Path, _: Path) -> object:
     import dechirp as dc
 
     return dc.bodies.Mesh(path=str(file))
 
 
-def _option(file: Path, _: Path) -> object:
-    """`--set`, an option a line: on a scenario, on a study, and as typed into the studio."""
+def _apply_options(file: Path, _: Path) -> object:
+    """Apply `--set` options, one per line, to the reference scenario and in the studio."""
     import dechirp as dc
-    from dechirp.studio.scenario_edits import PageLimits, apply_options
+    from dechirp.studio.scenario_edits import PageLimits, apply_overrides
 
     options = file.read_bytes().decode("utf-8", "surrogateescape").split("\n")
     try:
-        apply_options(dc.reference(), options, PageLimits())
+        apply_overrides(dc.reference(), options, PageLimits())
     except DechirpError as error:
-        must_say_all(error)
+        check_error_is_complete(error)
     return dc.reference(options)
 
 
-def _studio_text(file: Path, _: Path) -> object:
-    """The settings of a page of the studio, as a text."""
+def _parse_studio_text(file: Path, _: Path) -> object:
+    """Parse the settings text of a studio page."""
     from dechirp.studio.scenario_edits import PageLimits, parse_scenario
 
     return parse_scenario(file.read_bytes().decode("utf-8", "replace"), PageLimits())
@@ -135,90 +137,89 @@ def _studio_text(file: Path, _: Path) -> object:
 
 
 @cache
-def _radar_of(sampling: str) -> object:
+def _build_radar(sampling: str) -> object:
     from dechirp.config import loading
     from dechirp.radar.radar import Radar
 
     return loading.parse_settings(RADAR_YAML.replace("complex", sampling), Radar)
 
 
-_FREE = {"axes": "frame,chirp,rx,sample", "encoding": "full-scale"}
-_TOLD: dict[str, dict[str, str]] = {
+_CUBE_OPTIONS = {"axes": "frame,chirp,rx,sample", "encoding": "full-scale"}
+_READING_OPTIONS: dict[str, dict[str, str]] = {
     ".txt": {"format": "text-columns", "axes": "frame,chirp,sample,iq", "encoding": "int16"},
     ".urad": {"format": "urad"},
-    **dict.fromkeys((".npy", ".npz", ".mat", ".h5"), _FREE),
+    **dict.fromkeys((".npy", ".npz", ".mat", ".h5"), _CUBE_OPTIONS),
 }
 
 
-def told_of(file: Path) -> dict[str, object]:
-    """What a recording of the corpus does not say itself."""
-    radar = _radar_of("real" if file.suffix == ".wav" else "complex")
-    return {"radar": radar, **_TOLD.get(file.suffix, {})}
+def reading_options(file: Path) -> dict[str, object]:
+    """Return the options needed to read a recording of the corpus."""
+    radar = _build_radar("real" if file.suffix == ".wav" else "complex")
+    return {"radar": radar, **_READING_OPTIONS.get(file.suffix, {})}
 
 
-def _recording(file: Path, _: Path) -> object:
+def _open_recording(file: Path, _: Path) -> object:
     from formats.corruption import assert_cube_or_error
 
     try:
         assert_cube_or_error(file)
     except DechirpError as error:
-        must_say_all(error)
-    return assert_cube_or_error(file, **told_of(file))
+        check_error_is_complete(error)
+    return assert_cube_or_error(file, **reading_options(file))
 
 
-def _bag(file: Path, scratch: Path) -> object:
-    """A file of a bag of ROS 2, its messages or what it tells of them, beside a good other one."""
+def _open_bag(file: Path, scratch: Path) -> object:
+    """Open a ROS 2 bag of one corpus file (messages or metadata) and a valid counterpart."""
     import dechirp as dc
     from formats.corruption import assert_cube_or_error
 
     kinds = {".db3": "drive.db3", ".yaml": "metadata.yaml"}
     for suffix, name in kinds.items():
-        chosen = file if file.suffix == suffix else CORPUS / "bag" / f"good{suffix}"
-        (scratch / name).write_bytes(chosen.read_bytes())
+        source = file if file.suffix == suffix else CORPUS / "bag" / f"good{suffix}"
+        (scratch / name).write_bytes(source.read_bytes())
     assert_cube_or_error(scratch)
     return dc.open(scratch)
 
 
-def _description(file: Path, scratch: Path) -> object:
-    """The JSON that our files have beside their samples."""
+def _open_described_archive(file: Path, scratch: Path) -> object:
+    """Open an archive with samples and the file as its JSON metadata."""
     import dechirp as dc
 
     text = file.read_bytes().decode("utf-8", "replace")
-    made = scratch / "described.npz"
+    archive = scratch / "described.npz"
     cube = np.zeros((1, 2, 1, 8), np.complex64)
-    np.savez(made, cube=cube, dechirp=np.array(text))
-    opened = dc.open(made)
-    return opened, list(opened.frames()), opened.points
+    np.savez(archive, cube=cube, dechirp=np.array(text))
+    recording = dc.open(archive)
+    return recording, list(recording.frames()), recording.points
 
 
-def _objects(file: Path, _: Path) -> object:
+def _read_objects(file: Path, _: Path) -> object:
     import dechirp as dc
 
     return dc.object_lists.read_objects(file)
 
 
-def _dbc(file: Path, scratch: Path) -> object:
+def _write_and_read_can_log(file: Path, scratch: Path) -> object:
     from dechirp.results.object_lists.can_logs import read_can_log, write_can_log
     from sample_object_lists import random_object_list
 
-    made = scratch / "made.log"
+    log = scratch / "made.log"
     try:
-        write_can_log(random_object_list(2), made, dbc=file)
+        write_can_log(random_object_list(2), log, dbc=file)
     except DechirpError:
-        assert not list(scratch.iterdir()), "half a log"
+        assert not list(scratch.iterdir()), "partial log"
         raise
-    return read_can_log(made, dbc=file)
+    return read_can_log(log, dbc=file)
 
 
-def _table(file: Path, _: Path) -> object:
+def _read_table(file: Path, _: Path) -> object:
     from dechirp.results.parquet import read_parquet
 
     return read_parquet(file)
 
 
-def _vectors(file: Path, scratch: Path) -> object:
-    """Words of a bench as they are, and the description of a folder of them."""
-
+def _read_vectors(file: Path, scratch: Path) -> object:
+    """Read hex words, or the JSON description of a folder with them."""
     if file.suffix == ".hex":
         return read_words(file, bits=16, signed=True)
     (scratch / "vectors.json").write_bytes(file.read_bytes())
@@ -226,70 +227,75 @@ def _vectors(file: Path, scratch: Path) -> object:
     return read_vectors(scratch)
 
 
-def _record(file: Path, scratch: Path) -> object:
-    """The record of a study."""
+def _read_study_ledger(file: Path, scratch: Path) -> object:
+    """Read the ledger of a study."""
     from dechirp.experiments.study.ledger_reader import LEDGER_NAME, LedgerReader
 
     (scratch / LEDGER_NAME).write_bytes(file.read_bytes())
-    with LedgerReader.open_existing(scratch) as record:
+    with LedgerReader.open_existing(scratch) as ledger:
         numbers = [
-            (record.trial_numbers(point), record.point_theory(point))
-            for point, _ in record.iter_point_sums()
+            (ledger.trial_numbers(point), ledger.point_theory(point))
+            for point, _ in ledger.iter_point_sums()
         ]
-        told = record.failures(), record.findings(), record.ended_points(), record.total_seconds()
-        return record.identity, record.environments, record.finished_blocks(), numbers, told
+        outcome = (
+            ledger.failures(),
+            ledger.findings(),
+            ledger.ended_points(),
+            ledger.total_seconds(),
+        )
+        return ledger.identity, ledger.environments, ledger.finished_blocks(), numbers, outcome
 
 
 # The network
 
 
-def udp_packets(content: bytes) -> Iterator[tuple[int, bytes]]:
-    """Senders and packets in a file: size (uint16), sender (uint8), bytes."""
-    at = 0
-    while at + 3 <= len(content):
-        size, sender = struct.unpack_from("<HB", content, at)
-        yield sender, content[at + 3 : at + 3 + size]
-        at += 3 + size
+def iter_udp_packets(content: bytes) -> Iterator[tuple[int, bytes]]:
+    """Iterate over senders and packets of a file: size (uint16), sender (uint8), bytes."""
+    offset = 0
+    while offset + 3 <= len(content):
+        size, sender = struct.unpack_from("<HB", content, offset)
+        yield sender, content[offset + 3 : offset + 3 + size]
+        offset += 3 + size
 
 
-def _udp(file: Path, _: Path) -> object:
-    """Packets as a DCA1000 sends them, or anything else, put in their places."""
+def _reassemble_packets(file: Path, _: Path) -> object:
+    """Reassemble frames from packets of a DCA1000, or from any other bytes."""
     from dechirp.recordings.live.reassembly import ReassemblyWindow
     from dechirp.recordings.live.socket_reader import PacketSlots
 
-    packets = list(udp_packets(file.read_bytes()))
+    packets = list(iter_udp_packets(file.read_bytes()))
     content = np.zeros((len(packets), 1472), np.uint8)
     for row, (_sender, packet) in zip(content, packets, strict=True):
         row[: len(packet)] = np.frombuffer(packet[:1472], np.uint8)
     sizes = np.array([len(packet) for _, packet in packets], np.int64)
     senders = np.array([sender for sender, _ in packets], np.int64)
     window = ReassemblyWindow(4096, max_lost_frames=1000)
-    last = -1
-    placed = window.reassemble_frames(PacketSlots(content, sizes, senders))
-    for frame in chain(placed, window.flush_frames_before(2**40)):
-        assert frame.number > last, "a frame came twice, or late"
-        last = frame.number
-        assert frame.received_mask.any(), "a frame of nothing"
-        assert not frame.content[~frame.received_mask].any(), "what was lost is not zero"
+    last_number = -1
+    frames = window.reassemble_frames(PacketSlots(content, sizes, senders))
+    for frame in chain(frames, window.flush_frames_before(2**40)):
+        assert frame.number > last_number, "repeated or late frame"
+        last_number = frame.number
+        assert frame.received_mask.any(), "empty frame"
+        assert not frame.content[~frame.received_mask].any(), "lost bytes are not zero"
     assert window.lost_bytes >= 0
-    return last
+    return last_number
 
 
 # The command line
 
 
-def _command_line(file: Path, scratch: Path) -> None:
-    """Words of a call, one a line; what would last (servers, certificates) ends where it begins."""
-    words = [os.fsdecode(line) for line in file.read_bytes().split(b"\n")]
-    called(words, scratch)
+def _run_command_line(file: Path, scratch: Path) -> None:
+    """Run a command with one argument per line, without its long work (servers, certificates)."""
+    arguments = [os.fsdecode(line) for line in file.read_bytes().split(b"\n")]
+    run_command(arguments, scratch)
 
 
-def called(words: list[str], folder: Path) -> int:
-    """Status of a call from a folder; what it prints must go with it."""
+def run_command(arguments: list[str], folder: Path) -> int:
+    """Run a command in a folder; return its status, after a check of its output."""
     from dechirp.cli.main import main
 
     out, err = io.StringIO(), io.StringIO()
-    here = Path.cwd()
+    previous_folder = Path.cwd()
     os.chdir(folder)
     try:
         with (
@@ -297,50 +303,52 @@ def called(words: list[str], folder: Path) -> int:
             contextlib.redirect_stderr(err),
             contextlib.ExitStack() as stack,
         ):
-            for name in _LASTING:
-                stack.enter_context(patch(name, side_effect=_no_further))
-            main(words)
-    except _NoFurther:
+            for name in _LONG_RUNNING:
+                stack.enter_context(patch(name, side_effect=_stop_before_work))
+            main(arguments)
+    except _WorkStarted:
         return 0
-    except SystemExit as ended:
-        status = int(ended.code or 0)
+    except SystemExit as system_exit:
+        status = int(system_exit.code or 0)
     finally:
-        os.chdir(here)
-    said = out.getvalue() + err.getvalue()
-    assert "Traceback" not in said, said
-    assert status in (0, 1, 2), f"{words}: {status}"
+        os.chdir(previous_folder)
+    output = out.getvalue() + err.getvalue()
+    assert "Traceback" not in output, output
+    assert status in (0, 1, 2), f"{arguments}: {status}"
     if status == 2:
-        _must_be_told(words, out.getvalue(), err.getvalue())
+        _check_refusal_message(arguments, out.getvalue(), err.getvalue())
     return status
 
 
-def _must_be_told(words: list[str], out: str, err: str) -> None:
-    """Check that a call which was refused says why, and says it once."""
-    if any(word.startswith("--json") for word in words):
-        found = json.loads(out)["errors"]
-        assert found, words
-        assert all(one[key] for one in found for key in ("setting", "value", "expected", "fix")), (
-            found
-        )
+def _check_refusal_message(arguments: list[str], out: str, err: str) -> None:
+    """Check that a rejected command prints complete error messages."""
+    if any(word.startswith("--json") for word in arguments):
+        errors = json.loads(out)["errors"]
+        assert errors, arguments
+        assert all(
+            error[key] for error in errors for key in ("setting", "value", "expected", "fix")
+        ), errors
         return
     lines = err.splitlines()
-    assert lines, f"{words}: refused without a word"
-    said = [line for line in lines if "; expected " in line]
-    assert said, lines
-    assert all(re.search(r"; expected \S.*; \S.*[^\s.,;:]$", line.rstrip()) for line in said), lines
+    assert lines, f"{arguments}: rejected without a message"
+    messages = [line for line in lines if "; expected " in line]
+    assert messages, lines
+    assert all(re.search(r"; expected \S.*; \S.*[^\s.,;:]$", line.rstrip()) for line in messages), (
+        lines
+    )
 
 
-class _NoFurther(Exception):
-    """The call was right, and would now take long."""
+class _WorkStarted(Exception):
+    """Signal that a valid command starts its long work."""
 
 
-def _no_further(*given: object, **_: object) -> None:
-    for one in given:  # a server that has its port
-        getattr(one, "_socket", contextlib.nullcontext()).__exit__(None, None, None)
-    raise _NoFurther
+def _stop_before_work(*arguments: object, **_: object) -> None:
+    for argument in arguments:  # closes the socket of a server
+        getattr(argument, "_socket", contextlib.nullcontext()).__exit__(None, None, None)
+    raise _WorkStarted
 
 
-_LASTING = (
+_LONG_RUNNING = (
     "dechirp.certificate.certificate.verify",
     "dechirp.experiments.study.executors.workers_from_options",
     "dechirp.cli.commands.study._replay_trial",
@@ -351,32 +359,32 @@ _LASTING = (
     "dechirp.processing.calibration.calibrate.calibrate",
     "dechirp.recordings.convert.write",
     "dechirp.cli.commands.studio._serve_until_signal",
-    "dechirp.cli.stream.process_live",
+    "dechirp.cli.stream.process_live_frames",
 )
-"""What commands call once the call and its files are read."""
+"""Functions that commands call after reading arguments and files."""
 
 ENTRIES: dict[str, Entry] = {
-    "scenario": _scenario,
-    "study": _study,
-    "tune": _tune,
-    "radar": _radar,
-    "requirements": _requirements,
-    "calibration": _calibration,
-    "mesh": _mesh,
-    "option": _option,
-    "studio-text": _studio_text,
-    "recording": _recording,
-    "bag": _bag,
-    "description": _description,
-    "objects": _objects,
-    "dbc": _dbc,
-    "table": _table,
-    "vectors": _vectors,
-    "record": _record,
-    "udp": _udp,
-    "command-line": _command_line,
+    "scenario": _load_scenario,
+    "study": _load_study,
+    "tune": _load_tune,
+    "radar": _read_radar,
+    "requirements": _design_radar,
+    "calibration": _read_calibration,
+    "mesh": _load_mesh,
+    "option": _apply_options,
+    "studio-text": _parse_studio_text,
+    "recording": _open_recording,
+    "bag": _open_bag,
+    "description": _open_described_archive,
+    "objects": _read_objects,
+    "dbc": _write_and_read_can_log,
+    "table": _read_table,
+    "vectors": _read_vectors,
+    "record": _read_study_ledger,
+    "udp": _reassemble_packets,
+    "command-line": _run_command_line,
 }
-"""By the names of the folders of the corpus."""
+"""Entry functions by folder name of the corpus."""
 
 if str(CORPUS.parents[1]) not in sys.path:
-    sys.path.insert(0, str(CORPUS.parents[1]))  # helpers of the other tests, for the fuzzers
+    sys.path.insert(0, str(CORPUS.parents[1]))  # test helpers, for the fuzzers

@@ -1,4 +1,4 @@
-"""A whole page of the studio without a browser, and what a browser might send to it."""
+"""Page of the studio without a browser, and random browser messages to it."""
 
 import asyncio
 import random
@@ -11,10 +11,10 @@ from bokeh.model import Model
 
 import dechirp.studio.session as sessions
 from dechirp.core.errors import Mistake
-from dechirp.studio.page import build_page
+from dechirp.studio.page import build_live_page
 from dechirp.studio.scenario_edits import PageLimits, parse_scenario
 
-SMALL = """
+SMALL_SCENARIO = """
 name: small
 radar:
   frame:
@@ -28,7 +28,7 @@ scene: {targets: [{name: car, position: [30 m, 3 m, 0], rcs: 10 dBsm}]}
 impairments: [{kind: thermal-noise}]
 chain: {angle: {kind: capon}, cluster: {}}
 """
-VALUES: tuple[Any, ...] = (
+MESSAGE_VALUES: tuple[Any, ...] = (
     *("", " ", "0", "-1", "nan", "inf", "1e999", "9" * 400, "1 GHz", "-3 dB", "77GHz", "0x10"),
     *("\0", "\ud800", "{", "[", "]", "a: [b", "&a 1", "<script>", "../../etc/passwd", "x" * 70_000),
     *("{kind: nothing}", "[1, 2, 3, 4]", "null", "true", "scene.targets", "name=x", "\n- a\n"),
@@ -38,7 +38,7 @@ VALUES: tuple[Any, ...] = (
 
 
 class _Document(Document):
-    """Runs on the loop what a server would run under the lock of the document."""
+    """Document that runs callbacks on the event loop instead of under the server lock."""
 
     def add_next_tick_callback(self, job: Callable[[], None]) -> Any:
         asyncio.get_running_loop().call_soon(job)
@@ -46,51 +46,53 @@ class _Document(Document):
 
 
 class Page:
-    """A live page; `own_faults` are what it calls an error of its own."""
+    """Live page; `internal_errors` are the errors that it reports as internal."""
 
     def __init__(self, worker: ThreadPoolExecutor) -> None:
         self.document = _Document()
-        self.own_faults: list[Mistake] = []
-        self.n_told = 0
-        made: list[sessions.Session] = []
+        self.internal_errors: list[Mistake] = []
+        self.n_reports = 0
+        sessions_created: list[sessions.Session] = []
         start = sessions.Session.start
         try:
-            sessions.Session.start = lambda self: made.append(self)  # noqa: PLW0108
-            build_page(
+            sessions.Session.start = lambda self: sessions_created.append(self)  # noqa: PLW0108
+            build_live_page(
                 self.document,
                 worker=worker,
-                scenario=parse_scenario(SMALL, PageLimits()),
+                scenario=parse_scenario(SMALL_SCENARIO, PageLimits()),
                 limits=PageLimits(),
             )
         finally:
             sessions.Session.start = start
-        (self.session,) = made
-        self.session.on_mistakes.append(self._hear)
+        (self.session,) = sessions_created
+        self.session.on_mistakes.append(self._record_mistakes)
         self.session.on_frame.append(
-            lambda _: self.session.confirm_drawn(self.session._n_shown + 1)
+            lambda _: self.session.confirm_frames_drawn(self.session._n_shown + 1)
         )
         self.session.start()
 
-    def _hear(self, mistakes: tuple[Mistake, ...]) -> None:
-        self.n_told += 1  # with each moment, and for each that cannot be made
-        self.own_faults += [one for one in mistakes if one == sessions._INTERNAL_ERROR]
+    def _record_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
+        self.n_reports += 1  # once per frame, including failed ones
+        self.internal_errors += [
+            mistake for mistake in mistakes if mistake == sessions._INTERNAL_ERROR
+        ]
 
-    def ends(self) -> Iterator[tuple[Model, str]]:
-        """Every property and event of the page that something listens to."""
-        # In the order in which they were made: a set has another each time.
-        for model in sorted(self.document.models, key=lambda one: (len(one.id), one.id)):
+    def iter_listeners(self) -> Iterator[tuple[Model, str]]:
+        """Iterate over properties and events of the page that have listeners."""
+        # Sorted by order of creation: the order of a set varies.
+        for model in sorted(self.document.models, key=lambda model: (len(model.id), model.id)):
             for attribute in model._callbacks:
                 yield model, attribute
             for event in model._event_callbacks:
                 yield model, f"on {event}"
 
     def send(self, model: Model, attribute: str, value: Any) -> None:
-        """Send as a browser does; what Bokeh refuses it answers itself, and the page lives on."""
+        """Send a message like a browser; ignore errors that Bokeh raises itself."""
         if attribute.startswith("on "):
-            of = [("model", {"id": model.id}), ("x", value), ("y", value)]
+            entries = [("model", {"id": model.id}), ("x", value), ("y", value)]
             if attribute == "on button_click":
-                of = of[:1]
-            values = {"type": "map", "entries": of}
+                entries = entries[:1]
+            values = {"type": "map", "entries": entries}
             data = {"type": "event", "name": attribute[3:], "values": values}
             patch = {"kind": "MessageSent", "msg_type": "bokeh_event", "msg_data": data}
         else:
@@ -103,22 +105,22 @@ class Page:
         try:
             self.document.apply_json_patch({"events": [patch]})
         except Exception as error:
-            if _is_ours(error):
+            if _is_raised_by_studio(error):
                 raise
 
-    async def settled(self) -> None:
-        """Wait until what was sent is worked off, and two answers more came."""
+    async def wait_until_idle(self) -> None:
+        """Wait until all messages are processed and two further reports have arrived."""
         self.session.set_playing(False)
         for _ in range(2):
-            told = self.n_told
+            n_before = self.n_reports
             self.session.go_to_step(0)
             async with asyncio.timeout(60):
-                while self.session._edits or self.n_told == told:
+                while self.session._edits or self.n_reports == n_before:
                     await asyncio.sleep(2e-3)
 
 
-def _is_ours(error: Exception) -> bool:
-    """Whether an exception comes from a handler of ours, and not from what Bokeh checks first."""
+def _is_raised_by_studio(error: Exception) -> bool:
+    """Return whether a handler of the studio raised the exception, not a check of Bokeh."""
     trace = error.__traceback__
     while trace is not None:
         if "/dechirp/studio/" in trace.tb_frame.f_code.co_filename:
@@ -127,25 +129,27 @@ def _is_ours(error: Exception) -> bool:
     return False
 
 
-def flood(seed: int, n_messages: int, *, at_once: int = 40) -> None:
-    """Send so many messages by chance of a seed, some at once; fails where the page does."""
+def send_random_messages(seed: int, n_messages: int, *, batch_size: int = 40) -> None:
+    """Send random messages in batches; fail if the page reports an internal error."""
 
-    async def lived() -> None:
+    async def run_page() -> None:
         with ThreadPoolExecutor(1) as worker:
-            one = Page(worker)
+            page = Page(worker)
             rng = random.Random(seed)
-            await one.settled()
-            for at in range(0, n_messages, at_once):
-                ends = list(one.ends())
-                sent = [(*rng.choice(ends), rng.choice(VALUES)) for _ in range(at_once)]
-                for model, attribute, value in sent:
-                    one.send(model, attribute, value)
-                await one.settled()
-                told = [(type(m).__name__, a, str(v)[:60]) for m, a, v in sent]
-                assert not one.own_faults, f"message {at}: {told}"
-            one.session.replace_settings(SMALL)
-            await one.settled()
-            assert one.session.scenario.name == "small"
-            one.session.close()
+            await page.wait_until_idle()
+            for first_index in range(0, n_messages, batch_size):
+                listeners = list(page.iter_listeners())
+                messages = [
+                    (*rng.choice(listeners), rng.choice(MESSAGE_VALUES)) for _ in range(batch_size)
+                ]
+                for model, attribute, value in messages:
+                    page.send(model, attribute, value)
+                await page.wait_until_idle()
+                descriptions = [(type(m).__name__, a, str(v)[:60]) for m, a, v in messages]
+                assert not page.internal_errors, f"message {first_index}: {descriptions}"
+            page.session.replace_settings(SMALL_SCENARIO)
+            await page.wait_until_idle()
+            assert page.session.scenario.name == "small"
+            page.session.close()
 
-    asyncio.run(lived())
+    asyncio.run(run_page())

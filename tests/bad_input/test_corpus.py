@@ -1,51 +1,51 @@
-"""Saved inputs that no entry point expects: each gives a value, or an error that says all of it.
+"""Saved invalid inputs of every entry point: each gives a value or a complete error.
 
-What once broke something is kept in `corpus/ENTRY/`, beside what is wrong in an ordinary way.
+`corpus/ENTRY/` contains inputs that once caused failures, and typical invalid inputs.
 """
 
 import signal
 
 import pytest
 
-from bad_input.entries import CORPUS, ENTRIES, replayed
+from bad_input.entries import CORPUS, ENTRIES, replay_input
 from nightly import NIGHTLY
 
-SECONDS = 20
-"""For one file on a machine with much else to do; the slowest takes half a second."""
-MOST_BY_DAY = 20
-"""Of an entry, spread evenly over its files; all of them by night."""
+TIME_LIMIT_S = 20
+"""Limit per file on a busy machine; the slowest file takes 0.5 s."""
+MAX_FILES_BY_DAY = 20
+"""Number of files per entry, evenly spaced; nightly runs use all files."""
 
 
 @pytest.fixture(autouse=True)
-def ends():
-    """End what hangs."""
+def time_limit():
+    """Stop a test that exceeds the limit."""
 
-    def stop(_number, _frame):
-        pytest.fail(f"took more than {SECONDS} s")
+    def fail(_number, _frame):
+        pytest.fail(f"took more than {TIME_LIMIT_S} s")
 
-    if not hasattr(signal, "SIGALRM"):  # not on Windows
+    if not hasattr(signal, "SIGALRM"):  # Windows has no SIGALRM
         yield
         return
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.alarm(SECONDS)
+    previous_handler = signal.signal(signal.SIGALRM, fail)
+    signal.alarm(TIME_LIMIT_S)
     yield
     signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
+    signal.signal(signal.SIGALRM, previous_handler)
 
 
 @pytest.mark.parametrize("entry", ENTRIES)
-def test_every_saved_input_gives_a_value_or_says_what_is_wrong(entry, tmp_path):
+def test_saved_inputs_give_value_or_complete_error(entry, tmp_path):
     files = sorted((CORPUS / entry).iterdir())
     assert files
     if not NIGHTLY:
-        files = files[:: -(-len(files) // MOST_BY_DAY)]
-    wrong = []
+        files = files[:: -(-len(files) // MAX_FILES_BY_DAY)]
+    failures = []
     for file in files:
-        signal.alarm(SECONDS)
+        signal.alarm(TIME_LIMIT_S)
         scratch = tmp_path / "scratch" / file.name
         scratch.mkdir(parents=True)
         try:
-            replayed(entry, file, scratch)
+            replay_input(entry, file, scratch)
         except (Exception, SystemExit) as error:
-            wrong.append(f"{file.name}: {type(error).__name__}: {error}")
-    assert not wrong, "\n".join(wrong)
+            failures.append(f"{file.name}: {type(error).__name__}: {error}")
+    assert not failures, "\n".join(failures)

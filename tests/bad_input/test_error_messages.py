@@ -1,7 +1,7 @@
-"""Every class of error says where, what was got, what is needed and how to mend it.
+"""Error messages of every exception class: setting, value, expectation and fix.
 
-The classes are found by walking the package. Each has cases here that make it happen through what
-a user calls; a class that somebody adds has none, and fails.
+The classes are collected from the source. Each needs a case here that raises it through the public
+interface; a new class without a case fails.
 """
 
 import ast
@@ -15,7 +15,7 @@ import pytest
 
 import dechirp
 import dechirp as dc
-from bad_input.entries import must_say_all
+from bad_input.entries import check_error_is_complete
 from dechirp.core.errors import DechirpError
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.memory import check_free_memory
@@ -23,8 +23,8 @@ from dechirp.core.memory import check_free_memory
 SRC = Path(dechirp.__file__).parent
 
 
-def _chirp(**changed: object) -> dc.Chirp:
-    told = {
+def _make_chirp(**changes: object) -> dc.Chirp:
+    settings = {
         "start_frequency_hz": 77e9,
         "slope_hz_per_s": 30e12,
         "ramp_duration_s": 30e-6,
@@ -32,23 +32,23 @@ def _chirp(**changed: object) -> dc.Chirp:
         "n_samples": 64,
         "sampling": "complex",
     }
-    return dc.Chirp(**(told | changed))
+    return dc.Chirp(**(settings | changes))
 
 
-def _study(folder: Path) -> None:
+def _open_foreign_study(folder: Path) -> None:
     (folder / "study.sqlite").write_bytes(b"something else")
     from dechirp.experiments.study.ledger_reader import LedgerReader
 
     LedgerReader.open_existing(folder)
 
 
-def _huge_cube(_: Path) -> None:
+def _request_huge_cube(_: Path) -> None:
     check_free_memory("the cube", needed_bytes=1e18, fix="take fewer chirps")
 
 
-def _far_target(_: Path) -> None:
+def _simulate_far_target(_: Path) -> None:
     parts = dc.Hardware(transmit_power_w=0.016, antenna_gain=10.0, noise_factor=16.0)
-    frame = dc.Frame(chirp=_chirp(), n_chirps=16, interval_s=40e-6)
+    frame = dc.Frame(chirp=_make_chirp(), n_chirps=16, interval_s=40e-6)
     radar = dc.Radar(frame=frame, hardware=parts)
     scene = dc.Scene(targets=[dc.Target(position_m=(900, 0, 0), rcs_m2=10)])
     dc.simulate(scene, radar, seed=1)
@@ -57,7 +57,7 @@ def _far_target(_: Path) -> None:
 CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
     (
         "InvalidSetting",
-        lambda _: _chirp(ramp_duration_s=9.9999999e-6, sample_rate_hz=6.3e6),
+        lambda _: _make_chirp(ramp_duration_s=9.9999999e-6, sample_rate_hz=6.3e6),
         "Chirp.ramp_duration_s",
         "9.9999999e-06 s",
         "at least 1e-05 s, the time of the last sample",
@@ -65,7 +65,7 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
     ),
     (
         "InvalidSetting",
-        lambda _: _chirp(n_samples=True),
+        lambda _: _make_chirp(n_samples=True),
         "Chirp.n_samples",
         "True",
         "a whole number from 2 to",
@@ -73,7 +73,7 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
     ),
     (
         "InvalidFile",
-        lambda folder: dc.load(_written(folder, "sed: 1\n")),
+        lambda folder: dc.load(_write_text(folder, "sed: 1\n")),
         "scenario.yaml:1:1: sed: ",
         "not a known name",
         "one of name, seed, n_frames",
@@ -81,7 +81,7 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
     ),
     (
         "InvalidFile",
-        lambda folder: dc.load(_written(folder, "channelCfg 1 5 0\n", "x.cfg")),
+        lambda folder: dc.load(_write_text(folder, "channelCfg 1 5 0\n", "x.cfg")),
         "x.cfg: the file: ",
         "settings of a radar, as its vendor writes them",
         "a scenario: YAML",
@@ -89,7 +89,7 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
     ),
     (
         "RecordingError",
-        lambda folder: dc.open(_written(folder, "", "empty.bin")),
+        lambda folder: dc.open(_write_text(folder, "", "empty.bin")),
         "empty.bin: recording: ",
         "an empty file (0 bytes)",
         "a recording",
@@ -98,7 +98,7 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
     (
         "RecordingError",
         lambda folder: dc.object_lists.read_objects(
-            _written(folder, "a text, and no log\n", "log.asc")
+            _write_text(folder, "a text, and no log\n", "log.asc")
         ),
         "log.asc: recording: ",
         "it has no readable frame",
@@ -107,7 +107,7 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
     ),
     (
         "NotEnoughMemory",
-        _huge_cube,
+        _request_huge_cube,
         "the cube",
         "9.31e+08 GiB of memory",
         "GiB, the free memory",
@@ -115,16 +115,16 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
     ),
     (
         "DechirpError",
-        _study,
+        _open_foreign_study,
         "study.sqlite",
         "no database",
         "the record of a study, or absent",
         "name another folder with --out",
     ),
     (
-        "ReferencedFileError",  # told as an InvalidFile of the file that is named
+        "ReferencedFileError",  # reported as an InvalidFile of the named file
         lambda folder: dc.load(
-            _written(folder, f"radar: {_written(folder, 'frame: 3', 'radar.yaml').name}\n")
+            _write_text(folder, f"radar: {_write_text(folder, 'frame: 3', 'radar.yaml').name}\n")
         ),
         "radar.yaml:1:8: frame: ",
         "3",
@@ -133,85 +133,92 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
     ),
     (
         "PhysicsWarning",
-        _far_target,
+        _simulate_far_target,
         "scene.targets",
         "",
         "",
         "",
     ),
 )
-"""Class, what makes it happen, and parts of its text: where, got, need, fix."""
+"""Class, trigger, and parts of its message: location, value, expectation, fix."""
 
-OF_OTHERS = {
-    "UnknownElementError": "for who adds to the template of reports: a test of the PDF reads it",
-    "_ConfirmationFailed": "of a candidate, whose mistakes become warnings where it is caught",
-    "_NotACodeError": "caught in the file that raises it",
-    "WorkerStopped": "ends a loop, and reaches nobody",
+INTERNAL_CLASSES = {
+    "UnknownElementError": "for authors of report templates: a test of the PDF covers it",
+    "_ConfirmationFailed": "caught for a candidate, whose mistakes become warnings",
+    "_NotACodeError": "caught in the module that raises it",
+    "WorkerStopped": "ends a loop, never reaches a user",
 }
-"""Classes that are no message to a user."""
+"""Classes that never reach a user, with the reason."""
 
 
-def _written(folder: Path, text: str, name: str = "scenario.yaml") -> Path:
+def _write_text(folder: Path, text: str, name: str = "scenario.yaml") -> Path:
     (folder / name).write_text(text)
     return folder / name
 
 
 @cache
-def _source() -> dict[str, str]:
-    """Text of every file of the package."""
+def _read_sources() -> dict[str, str]:
+    """Read the text of every file of the package."""
     files = sorted(SRC.rglob("*.py"))
     return {str(file.relative_to(SRC)): file.read_text(encoding="utf-8") for file in files}
 
 
-def _classes() -> set[str]:
-    """Names of every exception and warning that the package defines."""
+def _list_error_classes() -> set[str]:
+    """List the names of all exceptions and warnings that the package defines."""
     defined = re.compile(r"^class (\w+)\(([^)]*)\):", re.MULTILINE)
     bases = {
-        name: set(re.findall(r"\w+", of))
-        for t in _source().values()
-        for name, of in defined.findall(t)
+        name: set(re.findall(r"\w+", base_names))
+        for t in _read_sources().values()
+        for name, base_names in defined.findall(t)
     }
-    known = {
-        n
-        for n, one in vars(builtins).items()
-        if isinstance(one, type) and issubclass(one, BaseException)
+    builtin_exceptions = {
+        name
+        for name, value in vars(builtins).items()
+        if isinstance(value, type) and issubclass(value, BaseException)
     }
-    made: set[str] = set()
-    while more := {name for name, of in bases.items() if of & (known | made)} - made:
-        made |= more
-    return made
+    error_classes: set[str] = set()
+    while (
+        subclasses := {
+            name
+            for name, base_names in bases.items()
+            if base_names & (builtin_exceptions | error_classes)
+        }
+        - error_classes
+    ):
+        error_classes |= subclasses
+    return error_classes
 
 
-def test_every_class_of_error_has_a_case_that_makes_it_happen():
-    named = {name for name, *_ in CASES} | set(OF_OTHERS)
-    assert _classes() == named
+def test_every_error_class_has_case():
+    known_classes = {name for name, *_ in CASES} | set(INTERNAL_CLASSES)
+    assert _list_error_classes() == known_classes
 
 
-@pytest.mark.parametrize(("name", "make", "where", "value", "expected", "fix"), CASES)
-def test_an_error_says_where_and_what_and_how_to_mend_it(
-    name, make, where, value, expected, fix, tmp_path
+@pytest.mark.parametrize(("name", "trigger", "location", "value", "expected", "fix"), CASES)
+def test_error_gives_location_value_expectation_and_fix(
+    name, trigger, location, value, expected, fix, tmp_path
 ):
     if name == "PhysicsWarning":
-        with pytest.warns(PhysicsWarning) as heard:
-            make(tmp_path)
-        (said,) = heard[0].message.args
-        assert isinstance(said, Finding)
-        assert all((said.setting, said.value, said.expected, said.fix))
-        assert str(said) == str(heard[0].message)
+        with pytest.warns(PhysicsWarning) as warnings:
+            trigger(tmp_path)
+        (finding,) = warnings[0].message.args
+        assert isinstance(finding, Finding)
+        assert all((finding.setting, finding.value, finding.expected, finding.fix))
+        assert str(finding) == str(warnings[0].message)
         return
     with pytest.raises(DechirpError) as caught:
-        make(tmp_path)
+        trigger(tmp_path)
     error_class = "InvalidFile" if name == "ReferencedFileError" else name
     assert type(caught.value).__name__ == error_class
-    must_say_all(caught.value)
-    one = caught.value.mistakes[0]
-    assert where in str(one).partition("; expected ")[0]
-    rest = str(one).partition(f"{one.setting}: ")[2]
-    assert value in rest and expected in one.expected and fix in one.fix
-    assert rest.endswith(f"; expected {one.expected}; {one.fix}")
+    check_error_is_complete(caught.value)
+    mistake = caught.value.mistakes[0]
+    assert location in str(mistake).partition("; expected ")[0]
+    message = str(mistake).partition(f"{mistake.setting}: ")[2]
+    assert value in message and expected in mistake.expected and fix in mistake.fix
+    assert message.endswith(f"; expected {mistake.expected}; {mistake.fix}")
 
 
-def test_what_cannot_be_printed_is_told_all_the_same():
+def test_unprintable_characters_are_escaped_in_messages():
     with pytest.raises(DechirpError) as caught:
         dc.reference(["name.\x1b[2J=\n"])
     assert str(caught.value).isprintable()
@@ -220,54 +227,58 @@ def test_what_cannot_be_printed_is_told_all_the_same():
     assert str(caught.value).isprintable() and "\\x1b" in str(caught.value)
 
 
-# Every place that raises
+# Messages in the source
 
 
-def _calls() -> Iterator[tuple[str, ast.Call]]:
-    for name, text in _source().items():
+def _iter_calls_with_fix() -> Iterator[tuple[str, ast.Call]]:
+    for name, text in _read_sources().items():
         if "fix=" in text:
             for node in ast.walk(ast.parse(text)):
                 if isinstance(node, ast.Call):
                     yield f"{name}:{node.lineno}", node
 
 
-def _texts(node: ast.expr) -> Iterator[str]:
-    """Texts that an expression may be, where they can be read off."""
+def _iter_possible_texts(node: ast.expr) -> Iterator[str]:
+    """Iterate over the texts that an expression can evaluate to, if literal."""
     match node:
         case ast.Constant(value=str() as text):
             yield text
         case ast.JoinedStr(values=parts):
             yield "".join(p.value if isinstance(p, ast.Constant) else "…" for p in parts)
-        case ast.IfExp(body=one, orelse=other):
-            yield from _texts(one)
-            yield from _texts(other)
+        case ast.IfExp(body=body, orelse=alternative):
+            yield from _iter_possible_texts(body)
+            yield from _iter_possible_texts(alternative)
 
 
-def test_every_message_of_the_package_has_one_form():
+def test_all_messages_have_same_form():
     """Check the form `SETTING: VALUE; expected EXPECTED; FIX` of all messages in the source."""
-    wrong, n_read = [], 0
-    for place, call in _calls():
-        given = {word.arg: word.value for word in call.keywords}
-        if not {"value", "expected", "fix"} <= set(given):
+    violations, n_read = [], 0
+    for place, call in _iter_calls_with_fix():
+        arguments = {keyword.arg: keyword.value for keyword in call.keywords}
+        if not {"value", "expected", "fix"} <= set(arguments):
             continue
         for part in ("value", "expected", "fix"):
-            for text in _texts(given[part]):
+            for text in _iter_possible_texts(arguments[part]):
                 n_read += 1
                 ends_badly = re.search(r"(?<!\.)[.,;:]$", text)
                 is_sentence = part == "fix" and re.match(r"[A-Z][a-z]+ ", text)
-                twice = part == "expected" and re.match(r"(must|is|should|expected) ", text)
-                if not text.strip() or ends_badly or is_sentence or twice or "  " in text:
-                    wrong.append(f"{place}: {part}={text!r}")
-    assert not wrong, "\n".join(wrong)
+                repeats_keyword = part == "expected" and re.match(
+                    r"(must|is|should|expected) ", text
+                )
+                if not text.strip() or ends_badly or is_sentence or repeats_keyword or "  " in text:
+                    violations.append(f"{place}: {part}={text!r}")
+    assert not violations, "\n".join(violations)
     assert n_read > 1000
 
 
-def test_what_is_raised_by_name_is_an_error_of_the_package_or_of_python():
-    """Of Python: for who misuses an interface, or within a file that catches it again."""
+def test_raised_classes_are_package_errors_or_builtins():
+    """Allow built-in exceptions for misuse of an interface, or if caught in the same file."""
     raised = {
-        name for text in _source().values() for name in re.findall(r"\n +raise ([A-Z]\w+)", text)
+        name
+        for text in _read_sources().values()
+        for name in re.findall(r"\n +raise ([A-Z]\w+)", text)
     }
-    assert raised - _classes() <= {
+    assert raised - _list_error_classes() <= {
         "AttributeError",
         "BrokenPipeError",
         "EOFError",

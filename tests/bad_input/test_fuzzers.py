@@ -1,6 +1,6 @@
-"""What fuzzers begin with is read, and a short while of them finds nothing.
+"""Seed inputs of the fuzzers, which must be valid, and a short run of each fuzzer.
 
-A mutation of what is refused at once never comes to what decodes samples.
+Mutations of an input that is rejected immediately never reach the decoders of samples.
 """
 
 import importlib.util
@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import dechirp as dc
-from bad_input.entries import CORPUS, ENTRIES, told_of
+from bad_input.entries import CORPUS, ENTRIES, reading_options
 from dechirp.recordings.settings.read import read_settings
 from nightly import nightly
 
@@ -22,16 +22,16 @@ READERS = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(READERS)
 
 
-def is_read(file: Path, **told: object) -> bool:
-    opened = dc.open(file, **told)
-    if not opened.sizes:
-        return opened.points is not None
-    return len(list(opened.frames())) == opened.n_frames > 0
+def is_readable(file: Path, **options: object) -> bool:
+    recording = dc.open(file, **options)
+    if not recording.sizes:
+        return recording.points is not None
+    return len(list(recording.frames())) == recording.n_frames > 0
 
 
 @pytest.mark.parametrize("entry", sorted(ENTRIES.keys() - {"recording", "command-line"}))
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
-def test_what_the_corpus_calls_good_is_taken(entry, tmp_path):
+def test_good_corpus_files_are_accepted(entry, tmp_path):
     names = ("good.", "good_")
     files = [file for file in (CORPUS / entry).iterdir() if file.name.startswith(names)]
     assert files
@@ -41,28 +41,32 @@ def test_what_the_corpus_calls_good_is_taken(entry, tmp_path):
         ENTRIES[entry](file, scratch)
 
 
-def test_recordings_of_the_corpus_are_read_where_they_are_not_damaged():
+def test_undamaged_corpus_recordings_are_read():
     damaged = ("-cut", "-head", "-middle")
     for file in sorted((CORPUS / "recording").iterdir()):
         if file.stem != "empty" and not file.stem.endswith(damaged):
-            told = {} if file.stem in READERS.OF_THEMSELVES else told_of(file)
-            assert is_read(file, **told), file.name
+            options = {} if file.stem in READERS.SELF_DESCRIBING else reading_options(file)
+            assert is_readable(file, **options), file.name
 
 
-def test_what_the_fuzzer_of_readers_begins_with_is_read(tmp_path):
-    for kind, (content, told) in READERS.RECORDINGS.items():
+def test_seed_inputs_of_reader_fuzzer_are_read(tmp_path):
+    for kind, (content, options) in READERS.RECORDINGS.items():
         file = tmp_path / kind
         file.write_bytes(content())
-        own = {} if kind in READERS.OF_THEMSELVES else {"radar": READERS.radar_of(kind, tmp_path)}
-        assert is_read(file, **own, **told), kind
+        radar_options = (
+            {}
+            if kind in READERS.SELF_DESCRIBING
+            else {"radar": READERS.write_radar(kind, tmp_path)}
+        )
+        assert is_readable(file, **radar_options, **options), kind
     for content, name in READERS.SETTINGS.values():
         (tmp_path / name).write_bytes(content())
         assert read_settings(tmp_path / name).radar
 
 
 @nightly
-def test_two_seconds_of_each_find_nothing(tmp_path):
-    done = subprocess.run(
+def test_each_fuzzer_finds_nothing_in_two_seconds(tmp_path):
+    process = subprocess.run(
         [sys.executable, FUZZ / "all.py", "--seconds", "2"],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
@@ -70,4 +74,4 @@ def test_two_seconds_of_each_find_nothing(tmp_path):
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+    assert process.returncode == 0, process.stdout[-4000:] + process.stderr[-4000:]

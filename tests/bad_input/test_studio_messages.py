@@ -1,8 +1,8 @@
-"""Whatever a browser sends, the page says what is wrong with it and lives on."""
+"""Random browser messages to a page of the studio."""
 
-from bad_input.studio_page import flood
+from bad_input.studio_page import send_random_messages
 from nightly import NIGHTLY
 
 
-def test_a_flood_of_messages_of_all_kinds_leaves_the_page_alive():
-    flood(1, 400 if NIGHTLY else 40)
+def test_page_survives_random_browser_messages():
+    send_random_messages(1, 400 if NIGHTLY else 40)

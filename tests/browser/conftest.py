@@ -1,4 +1,4 @@
-"""A studio of its own, and a browser that looks at it and can reach nothing else."""
+"""Fixtures of browser tests: a studio server, and a browser without other network access."""
 
 import json
 import os
@@ -17,16 +17,16 @@ from dechirp.config.loading import parse_settings
 from dechirp.experiments.scenario import Scenario, load
 
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
-SHOTS = os.environ.get("DECHIRP_SCREENSHOTS")
-WITHIN_MS = 120_000  # in a fresh environment, where much is compiled first, on two busy cores
+SCREENSHOT_FOLDER = os.environ.get("DECHIRP_SCREENSHOTS")
+TIMEOUT_MS = 120_000  # a fresh environment compiles first, on two busy cores
 
-_SOURCES = """(name) => JSON.stringify(
+_SOURCE_COLUMNS_JS = """(name) => JSON.stringify(
   [...Bokeh.documents[0].get_model_by_name(name).references()]
     .filter((model) => model.type === "ColumnDataSource")
     .map((model) => Object.values(model.data).map((column) => [...column].map(String))))"""
 
-# Decibels of the cell that half of the map stay below: levels run between the ends of the bar.
-_MEDIAN_DB = """() => {
+# Median of the map in dB: levels span the range of the colour bar.
+_MEDIAN_DB_JS = """() => {
   const figure = Bokeh.documents[0].get_model_by_name("range_doppler");
   const models = [...figure.references()];
   const { low, high } = models.find((model) => model.type === "ColorBar").color_mapper;
@@ -35,15 +35,15 @@ _MEDIAN_DB = """() => {
   return low + (high - low) * levels[levels.length >> 1] / 255;
 }"""
 
-# What stands in an element, and in the widgets in it.
-_TEXT = """(selector) => {
+# Text of an element, including the widgets inside it.
+_TEXT_JS = """(selector) => {
   const text = (node) => node.nodeName === "STYLE" ? "" : node.data
     ?? [...node.childNodes, ...node.shadowRoot?.childNodes ?? []].map(text).join("");
   return text(document.querySelector(selector)).trim();
 }"""
 
-# Where a place of a figure lies on the screen.
-_ON_SCREEN = """([name, x, y]) => {
+# Screen position of a point of a figure.
+_SCREEN_POSITION_JS = """([name, x, y]) => {
   const model = Bokeh.documents[0].get_model_by_name(name);
   const within = (view) => view.model === model ? view : view.children().map(within).find(Boolean);
   const view = Object.values(Bokeh.index).map(within).find(Boolean);
@@ -51,8 +51,8 @@ _ON_SCREEN = """([name, x, y]) => {
   return [box.x + x_scale.compute(x), box.y + y_scale.compute(y)];
 }"""
 
-# The name of what has the focus, inside of a widget where it is there.
-_FOCUSED = """() => {
+# Name of the focused element, also inside widgets.
+_FOCUSED_NAME_JS = """() => {
   let at = document.activeElement;
   while (at.shadowRoot?.activeElement) at = at.shadowRoot.activeElement;
   return at.getRootNode().host?.dataset.setting ?? at.textContent.trim();
@@ -61,28 +61,35 @@ _FOCUSED = """() => {
 
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory) -> Path:
-    """What the studio may open: a scenario, and a recording of it."""
-    made = tmp_path_factory.mktemp("recordings")
-    scenario = made / "street.yaml"
+    """Create the folder of the studio: a scenario, and a recording of it."""
+    recordings = tmp_path_factory.mktemp("recordings")
+    scenario = recordings / "street.yaml"
     shutil.copyfile(Path(__file__).parent / "street.yaml", scenario)
-    call = [sys.executable, "-m", "dechirp", "convert", str(scenario), str(made / "street.npz")]
+    call = [
+        sys.executable,
+        "-m",
+        "dechirp",
+        "convert",
+        str(scenario),
+        str(recordings / "street.npz"),
+    ]
     subprocess.run([*call, "--quiet"], check=True)
-    return made
+    return recordings
 
 
 @pytest.fixture(scope="module")
 def browser():
-    """Of one module alone: Playwright holds the loop of its thread, which other tests need."""
+    """Launch Chromium per module: Playwright occupies the event loop that other tests need."""
     pytest.importorskip("bokeh")
     sync_api = pytest.importorskip("playwright.sync_api")
     if CHROMIUM is None:
-        pytest.skip("no Chromium here: install it, or name it in CHROMIUM")
-    with sync_api.sync_playwright() as made:
-        launched = made.chromium.launch(
+        pytest.skip("Chromium not found: install it, or set CHROMIUM to its path")
+    with sync_api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(
             executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
         )
-        yield launched
-        launched.close()
+        yield chromium
+        chromium.close()
 
 
 @pytest.fixture(scope="module")
@@ -96,110 +103,109 @@ def address(browser, folder) -> Iterator[str]:
             server.wait(30)
 
 
-class Looked:
-    """A page, with what it asked for elsewhere and what went wrong in it."""
+class LivePage:
+    """Page of the studio that records external requests and errors."""
 
     def __init__(self, context, address: str) -> None:
-        self.context, self.address, self.outside, self.errors = context, address, [], []
-        context.route("**/*", self._only_here)
+        self.context, self.address, self.external_urls, self.errors = context, address, [], []
+        context.route("**/*", self._block_external_requests)
         self.page = context.new_page()
-        self.page.set_default_timeout(WITHIN_MS)
+        self.page.set_default_timeout(TIMEOUT_MS)
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("console", self._heard)
+        self.page.on("console", self._record_console_error)
 
-    def _only_here(self, route) -> None:
+    def _block_external_requests(self, route) -> None:
         if urlsplit(route.request.url).netloc == urlsplit(self.address).netloc:
             route.continue_()
         else:
-            self.outside.append(route.request.url)
+            self.external_urls.append(route.request.url)
             route.abort()
 
-    def _heard(self, message) -> None:
+    def _record_console_error(self, message) -> None:
         if message.type == "error":
             self.errors.append(message.text)
 
-    def go(self, path: str = "") -> "Looked":
+    def open(self, path: str = "") -> "LivePage":
         self.page.goto(self.address + path)
-        self.until(lambda: self.frames > 0)
+        self.wait_until(lambda: self.n_frames > 0)
         return self
 
-    def until(self, holds: Callable[[], bool]) -> None:
-        """Wait; Playwright's own way needs eval in the page, which is forbidden there."""
-        give_up = monotonic() + WITHIN_MS / 1000
+    def wait_until(self, holds: Callable[[], bool]) -> None:
+        """Wait by polling: wait_for_function of Playwright needs eval, which the page forbids."""
+        give_up = monotonic() + TIMEOUT_MS / 1000
         while not holds():
-            assert monotonic() < give_up, "it never came"
+            assert monotonic() < give_up, "condition not met in time"
             self.page.wait_for_timeout(50)
 
     @property
-    def frames(self) -> int:
-        """Drawn so far."""
+    def n_frames(self) -> int:
+        """Number of frames drawn."""
         return self.page.evaluate("() => window.dechirp?.ready ? window.dechirp.frames : 0")
 
     @property
-    def place(self) -> str:
+    def frame_label(self) -> str:
         return self.page.locator("#place").text_content()
 
     @property
     def median_db(self) -> float:
-        return self.page.evaluate(_MEDIAN_DB)
+        return self.page.evaluate(_MEDIAN_DB_JS)
 
     @property
-    def focused(self) -> str:
-        return self.page.evaluate(_FOCUSED)
+    def focused_name(self) -> str:
+        return self.page.evaluate(_FOCUSED_NAME_JS)
 
     @property
     def settings(self) -> Scenario:
-        """In force, as the text that is copied and downloaded has them."""
+        """Current settings, from the text that can be copied and downloaded."""
         call = """() => [...Bokeh.documents[0].get_model_by_name("settings_file").references()]
           .find((model) => model.type === "TextAreaInput").tags[0]"""
         return parse_settings(self.page.evaluate(call), Scenario)
 
-    def drawn_after(self, act: Callable[[], object]) -> None:
-        """Do something, and wait until another frame was drawn."""
-        before = self.frames
+    def act_and_wait_for_frame(self, act: Callable[[], object]) -> None:
+        """Perform an action, and wait until the next frame is drawn."""
+        n_before = self.n_frames
         act()
-        self.until(lambda: self.frames > before)
+        self.wait_until(lambda: self.n_frames > n_before)
 
-    def press(self, name: str) -> None:
+    def press_button(self, name: str) -> None:
         self.page.get_by_role("button", name=name, exact=True).locator("visible=true").click()
 
-    def tab(self, name: str) -> None:
+    def open_tab(self, name: str) -> None:
         self.page.get_by_role("tab", name=name, exact=True).click()
 
-    def knob(self, path: str):
-        """What is typed or chosen into, of a setting on the tab that is open."""
+    def locate_knob(self, path: str):
+        """Locate the input of a setting on the open tab."""
         return self.page.locator(f'[data-setting="{path}"] :is(input, select):visible')
 
-    def type(self, path: str, text: str) -> None:
-        self.knob(path).fill(text)
-        self.knob(path).press("Enter")
+    def type_setting(self, path: str, text: str) -> None:
+        self.locate_knob(path).fill(text)
+        self.locate_knob(path).press("Enter")
 
-    def title(self, name: str) -> str:
-        """Of a figure."""
+    def read_figure_title(self, name: str) -> str:
         call = "(name) => Bokeh.documents[0].get_model_by_name(name).title.text"
         return self.page.evaluate(call, name)
 
-    def text(self, selector: str) -> str:
-        return self.page.evaluate(_TEXT, selector)
+    def read_text(self, selector: str) -> str:
+        return self.page.evaluate(_TEXT_JS, selector)
 
-    def data(self, name: str) -> str:
-        """All that the figures below a root draw."""
-        return self.page.evaluate(_SOURCES, name)
+    def read_figure_data(self, name: str) -> str:
+        """Read the data of all figures below a root."""
+        return self.page.evaluate(_SOURCE_COLUMNS_JS, name)
 
-    def on_screen(self, name: str, x: float, y: float) -> tuple[float, float]:
-        return tuple(self.page.evaluate(_ON_SCREEN, [name, x, y]))
+    def screen_position(self, name: str, x: float, y: float) -> tuple[float, float]:
+        return tuple(self.page.evaluate(_SCREEN_POSITION_JS, [name, x, y]))
 
-    def download(self, file: Path) -> Scenario:
-        """Settings as the page lets one download them, read as the command line does."""
-        self.tab("File")
-        with self.page.expect_download() as told:
-            self.press("Download")
-        told.value.save_as(file)
+    def download_settings(self, file: Path) -> Scenario:
+        """Download the settings and load them like the command line."""
+        self.open_tab("File")
+        with self.page.expect_download() as download_event:
+            self.press_button("Download")
+        download_event.value.save_as(file)
         return load(file)
 
     @property
-    def grounds(self) -> list[str]:
-        """Colour that a map lies on, and that of the page about it."""
+    def background_colours(self) -> list[str]:
+        """Background colours of a map and of the page."""
         call = """() => {
           const of = Bokeh.documents[0].get_model_by_name("range_doppler").border_fill_color;
           const page = getComputedStyle(document.documentElement).getPropertyValue("--tile");
@@ -207,19 +213,19 @@ class Looked:
         }"""
         return self.page.evaluate(call)
 
-    def shot(self, name: str) -> None:
-        """Keep a picture, where somebody wants to look at it."""
-        if SHOTS:
-            Path(SHOTS).mkdir(parents=True, exist_ok=True)
-            self.page.screenshot(path=Path(SHOTS) / f"{name}.png")
+    def save_screenshot(self, name: str) -> None:
+        """Save a screenshot if DECHIRP_SCREENSHOTS names a folder."""
+        if SCREENSHOT_FOLDER:
+            Path(SCREENSHOT_FOLDER).mkdir(parents=True, exist_ok=True)
+            self.page.screenshot(path=Path(SCREENSHOT_FOLDER) / f"{name}.png")
 
 
 @pytest.fixture(params=["1280x720"])
-def looked(request, browser, address) -> Iterator[Looked]:
+def live_page(request, browser, address) -> Iterator[LivePage]:
     width, height = re.findall(r"\d+", request.param)
     context = browser.new_context(viewport={"width": int(width), "height": int(height)})
-    made = Looked(context, address)
-    yield made
+    page = LivePage(context, address)
+    yield page
     context.close()
-    assert made.outside == []
-    assert made.errors == []
+    assert page.external_urls == []
+    assert page.errors == []

@@ -1,4 +1,4 @@
-"""The guide as a reader opens it: from disk, without a network."""
+"""Pages of the built guide, opened from disk without network access."""
 
 import os
 import re
@@ -10,99 +10,103 @@ import pytest
 import dechirp
 
 GUIDE = Path(os.environ.get("DECHIRP_GUIDE") or "/nowhere")
-EVERY = sorted(page.relative_to(GUIDE) for page in GUIDE.rglob("*.html"))
-PAGES = [str(page) for page in EVERY if page.parts[0] != "_static"] or ["index.html"]
+ALL_PAGES = sorted(page.relative_to(GUIDE) for page in GUIDE.rglob("*.html"))
+PAGES = [str(page) for page in ALL_PAGES if page.parts[0] != "_static"] or ["index.html"]
 pytestmark = pytest.mark.skipif(
-    not (GUIDE / "index.html").is_file(), reason="DECHIRP_GUIDE names no guide that was built"
+    not (GUIDE / "index.html").is_file(), reason="DECHIRP_GUIDE does not name a built guide"
 )
 
-# What a page fetches by itself; links that a reader may follow are others' business.
-FETCHED = re.compile(
+# Resources that a page loads automatically; links for readers are excluded.
+EXTERNAL_RESOURCE = re.compile(
     r"""<(?:script|img|iframe|source|video)\b[^>]*\bsrc=["']?(?:https?:)?//[^"'> ]*"""
     r"""|<link\b(?=[^>]*rel=["']?(?:stylesheet|preload|icon|preconnect))[^>]*"""
     r"""href=["']?(?:https?:)?//[^"'> ]*"""
 )
-FETCHED_BY_CSS = re.compile(r"""url\(\s*["']?(?:https?:)?//[^)]*|@import\s+["'](?:https?:)?//""")
+EXTERNAL_CSS_RESOURCE = re.compile(
+    r"""url\(\s*["']?(?:https?:)?//[^)]*|@import\s+["'](?:https?:)?//"""
+)
 
-# Formulas that are still as they were typed, and pictures that did not load.
-UNSET = """() => [...document.querySelectorAll(".math")]
+# Formulas that were not typeset, and images that did not load.
+UNTYPESET_FORMULAS_JS = """() => [...document.querySelectorAll(".math")]
   .filter((one) => !one.querySelector("mjx-container")).map((one) => one.textContent)"""
-BROKEN = """() => [...document.images]
+BROKEN_IMAGES_JS = """() => [...document.images]
   .filter((one) => one.complete && !one.naturalWidth).map((one) => one.src)"""
-TYPESET = "() => window.MathJax?.startup?.promise ? MathJax.startup.promise.then(() => true) : true"
-FOUND = "() => document.querySelectorAll('#search-results li a').length > 0"
+WAIT_FOR_TYPESETTING_JS = (
+    "() => window.MathJax?.startup?.promise ? MathJax.startup.promise.then(() => true) : true"
+)
+HAS_SEARCH_RESULTS_JS = "() => document.querySelectorAll('#search-results li a').length > 0"
 
 
-class Opened:
-    """A page from disk, with what it asked for elsewhere and what went wrong in it."""
+class GuidePage:
+    """Page from disk that records external requests and errors."""
 
     def __init__(self, browser) -> None:
-        self.context, self.outside, self.errors = browser.new_context(), [], []
-        self.context.route("**/*", self._only_from_disk)
+        self.context, self.external_urls, self.errors = browser.new_context(), [], []
+        self.context.route("**/*", self._block_network_requests)
         self.page = self.context.new_page()
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("console", self._heard)
+        self.page.on("console", self._record_console_error)
 
-    def _only_from_disk(self, route) -> None:
+    def _block_network_requests(self, route) -> None:
         if route.request.url.startswith(("file:", "data:", "blob:")):
             route.continue_()
         else:
-            self.outside.append(route.request.url)
+            self.external_urls.append(route.request.url)
             route.abort()
 
-    def _heard(self, message) -> None:
+    def _record_console_error(self, message) -> None:
         if message.type == "error":
             self.errors.append(message.text)
 
-    def go(self, page: str) -> None:
-        self.outside.clear()
+    def open(self, page: str) -> None:
+        self.external_urls.clear()
         self.errors.clear()
         self.page.goto(f"file://{GUIDE.resolve()}/{page}", wait_until="load", timeout=120_000)
 
 
 @pytest.fixture(scope="module")
-def opened(browser):
-    made = Opened(browser)
-    yield made
-    made.context.close()
+def guide_page(browser):
+    guide_page = GuidePage(browser)
+    yield guide_page
+    guide_page.context.close()
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_page_opens_whole_from_disk(opened, page):
-    opened.go(page)
-    opened.page.evaluate(TYPESET)
+def test_page_opens_completely_from_disk(guide_page, page):
+    guide_page.open(page)
+    guide_page.page.evaluate(WAIT_FOR_TYPESETTING_JS)
 
-    assert opened.page.evaluate(UNSET) == []
-    assert opened.page.evaluate(BROKEN) == []
-    assert opened.outside == []
-    assert opened.errors == []
-
-
-def test_search_finds_a_page(opened):
-    opened.go("search.html?q=ordered+statistic")
-    opened.page.wait_for_function(FOUND, timeout=120_000)
-
-    assert opened.outside == []
-    assert opened.errors == []
+    assert guide_page.page.evaluate(UNTYPESET_FORMULAS_JS) == []
+    assert guide_page.page.evaluate(BROKEN_IMAGES_JS) == []
+    assert guide_page.external_urls == []
+    assert guide_page.errors == []
 
 
-def test_no_page_fetches_anything_from_elsewhere():
+def test_search_finds_page(guide_page):
+    guide_page.open("search.html?q=ordered+statistic")
+    guide_page.page.wait_for_function(HAS_SEARCH_RESULTS_JS, timeout=120_000)
+
+    assert guide_page.external_urls == []
+    assert guide_page.errors == []
+
+
+def test_pages_load_no_external_resources():
     for page in PAGES:
         text = (GUIDE / page).read_text(encoding="utf-8")
-        assert FETCHED.findall(text) == [], page
+        assert EXTERNAL_RESOURCE.findall(text) == [], page
     for sheet in GUIDE.rglob("*.css"):
-        assert FETCHED_BY_CSS.findall(sheet.read_text(encoding="utf-8")) == [], sheet
+        assert EXTERNAL_CSS_RESOURCE.findall(sheet.read_text(encoding="utf-8")) == [], sheet
 
 
-def test_the_api_has_every_name_of_the_package():
-    """As other projects' guides read it: four lines, then compressed ones."""
-    *_, packed = (GUIDE / "objects.inv").read_bytes().split(b"\n", 4)
-    lines = zlib.decompress(packed).decode().splitlines()
-    told = {line.split()[0] for line in lines if line.split()[1].startswith("py:")}
+def test_inventory_contains_every_public_name():
+    """Check objects.inv of Sphinx: four header lines, then compressed lines."""
+    *_, compressed = (GUIDE / "objects.inv").read_bytes().split(b"\n", 4)
+    lines = zlib.decompress(compressed).decode().splitlines()
+    documented_names = {line.split()[0] for line in lines if line.split()[1].startswith("py:")}
 
     members = {
         f"{namespace}.{name}"
         for namespace in dechirp._NAMESPACES
         for name in getattr(dechirp, namespace).__all__
     }
-    assert {f"dechirp.{name}" for name in (*dechirp.__all__, *members)} <= told
+    assert {f"dechirp.{name}" for name in (*dechirp.__all__, *members)} <= documented_names

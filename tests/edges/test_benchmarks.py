@@ -22,7 +22,7 @@ def guard(monkeypatch):
 
 
 def test_job_slower_by_quarter_in_two_of_three_repeats_fails_with_ratios(guard):
-    (message,) = guard.judged({"map": 0.2, "frame": 0.4}, [
+    (message,) = guard.find_slower_jobs({"map": 0.2, "frame": 0.4}, [
         {"map": 0.26, "frame": 0.7}, {"map": 0.2, "frame": 0.4}, {"map": 0.251, "frame": 0.4},
     ])  # fmt: skip
     assert message == "map: 0.26, 0.2, 0.251 of the time of plain code; it was 0.2"
@@ -30,18 +30,18 @@ def test_job_slower_by_quarter_in_two_of_three_repeats_fails_with_ratios(guard):
 
 def test_slowdown_by_quarter_faster_jobs_and_new_jobs_pass(guard):
     time_ratios = {"map": 0.25, "frame": 0.1, "tracks": 3.0}
-    assert guard.judged({"map": 0.2, "frame": 0.4}, [time_ratios] * 3) == []
+    assert guard.find_slower_jobs({"map": 0.2, "frame": 0.4}, [time_ratios] * 3) == []
 
 
 def test_job_of_last_release_without_measurement_fails(guard):
-    (message,) = guard.judged({"map": 0.2}, [{"map": 0.2}, {}, {"map": 0.2}])
+    (message,) = guard.find_slower_jobs({"map": 0.2}, [{"map": 0.2}, {}, {"map": 0.2}])
     assert message.startswith("map: not measured")
 
 
 def test_last_release_is_highest_version_not_last_file_name(guard, tmp_path):
     for version in ("0.9.0", "0.10.0"):
         (tmp_path / f"{version}.json").write_text(f'{{"version": "{version}"}}')
-    assert guard.last_release(tmp_path)["version"] == "0.10.0"
+    assert guard.load_last_release(tmp_path)["version"] == "0.10.0"
 
 
 def test_growth_exponent_of_power_law_is_its_power(monkeypatch):
@@ -66,10 +66,10 @@ def test_import_times_are_parsed_by_module_and_summed_by_package(monkeypatch):
         "a word of the program\n"
         "import time:       100 |        600 | dechirp\n"
     )
-    rows = whole_process.imports_in(text)
+    rows = whole_process.parse_import_times(text)
     assert [row.module for row in rows] == ["numpy.core", "numpy", "dechirp"]
     assert rows[1].all_s == pytest.approx(5e-4)
-    assert list(whole_process.by_package(rows).items()) == [
+    assert list(whole_process.sum_by_package(rows).items()) == [
         ("numpy", pytest.approx(5e-4)),
         ("dechirp", pytest.approx(1e-4)),
     ]

@@ -12,7 +12,7 @@ import pytest
 import dechirp as dc
 from dechirp.cli.main import main
 from dechirp.config import loading
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.config.fields import list_settings
 from dechirp.core.table_columns import COLUMNS
 from dechirp.results import results
@@ -308,7 +308,7 @@ def test_set_option_changes_settings_with_units(run_cli):
 def test_radar_option_replaces_radar_of_scenario(run_cli, folder):
     radar = dc.load("small.yaml", ["radar.frame.n_chirps=64"]).radar
     (folder / "radars").mkdir()
-    (folder / "radars" / "long.yaml").write_text(dump(radar))
+    (folder / "radars" / "long.yaml").write_text(dump_yaml(radar))
 
     document = json.loads(
         run_cli(*RUN_AS_JSON, "--radar", "radars/long.yaml", "--set", "radar.frame.interval=40 us")[
@@ -368,7 +368,7 @@ def recording_arguments(folder) -> list[str]:
     cube = dc.simulate(scenario.scene, scenario.radar, n_frames=3, seed=5)
     peak = abs(cube.values.view(np.float32)).max()
     np.save("car.npy", cube.values[:, :, 0] / peak)
-    (folder / "radar.yaml").write_text(dump(scenario.radar))
+    (folder / "radar.yaml").write_text(dump_yaml(scenario.radar))
     return ["run", "car.npy", "--radar", "radar.yaml", "--axes", "frame,chirp,sample"]
 
 

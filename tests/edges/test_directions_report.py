@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.evaluation.association import associate_detections
 from dechirp.report.figures.top_view import GroundDetections
 from dechirp.report.page import render_report
@@ -25,7 +25,7 @@ def result() -> dc.Result:
 
 @pytest.fixture(scope="module")
 def page(result) -> str:
-    return render_report(result, yaml=dump(result.scenario))
+    return render_report(result, yaml=dump_yaml(result.scenario))
 
 
 def test_every_target_of_mimo_example_is_detected_in_every_frame(result):

@@ -9,7 +9,7 @@ from ruamel.yaml import YAML
 from scipy.stats import chi2
 
 import dechirp as dc
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.report import objects_section
 from dechirp.report.page import render_report
 from dechirp.theory.detection import required_snr
@@ -125,7 +125,7 @@ def test_report_counts_detected_targets_of_scenes(scene_result):
     by_frame = [
         {name for name in names if is_hit(result, name, frame)} for frame in range(result.n_frames)
     ]
-    page = render_report(result, yaml=dump(result.scenario))
+    page = render_report(result, yaml=dump_yaml(result.scenario))
 
     n_detected, n = len(by_frame[0]), len(names)
     assert f"Detected: {n_detected} of {n} targets" in page

@@ -14,7 +14,7 @@ from dechirp.processing.fixed_point.samples import to_integer_samples_and_step
 from dechirp.processing.fixed_point.word_lengths import WordLengths
 from dechirp.results.hex_vectors import (
     FILES,
-    check_output_folder,
+    check_vector_folder_replaceable,
     read_vectors,
     read_words,
     write_vectors,
@@ -136,7 +136,7 @@ def test_foreign_folder_is_not_overwritten(tmp_path, radar):
     assert [path.name for path in tmp_path.iterdir()] == ["own.txt"]
 
     write_vectors(tmp_path / "v", simulate_frame(radar), radar, CHAIN)
-    check_output_folder(tmp_path / "v")
+    check_vector_folder_replaceable(tmp_path / "v")
     write_vectors(tmp_path / "v", simulate_frame(radar), radar, CHAIN)
 
 

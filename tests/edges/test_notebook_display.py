@@ -258,7 +258,7 @@ def test_html_formats_only_rows_that_it_shows(monkeypatch):
     cells_of = dc.Target._display_position_velocity_reflection
     monkeypatch.setattr(
         dc.Target,
-        "_summary_cells",
+        "_display_position_velocity_reflection",
         lambda target: formatted_targets.append(target) or cells_of(target),
     )
 

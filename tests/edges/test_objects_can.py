@@ -14,13 +14,17 @@ import dechirp as dc
 from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
 from dechirp.results.object_lists.can_bus import FRAME_LENGTHS, CanFd, worst_case_frame_bits
 from dechirp.results.object_lists.can_frames import (
-    bus_load,
-    encode_frames,
-    list_duration_s,
-    max_fitting_objects,
+    encode_can_frames,
+    largest_bus_load,
+    max_objects_per_list,
+    object_list_duration_s,
 )
-from dechirp.results.object_lists.can_layout import OBJECT_SIGNALS, read_layout, shipped_dbc
-from dechirp.results.object_lists.can_lists import assemble_lists
+from dechirp.results.object_lists.can_layout import (
+    OBJECT_SIGNALS,
+    read_dbc_layout,
+    shipped_dbc_path,
+)
+from dechirp.results.object_lists.can_lists import assemble_object_list
 from dechirp.results.object_lists.can_logs import (
     SUFFIXES,
     read_can_log,
@@ -36,8 +40,8 @@ from sample_object_lists import (
     single_object_list,
 )
 
-SHIPPED = shipped_dbc().read_text()
-LAYOUT = read_layout()
+SHIPPED = shipped_dbc_path().read_text()
+LAYOUT = read_dbc_layout()
 BUS = CanFd()
 
 
@@ -131,7 +135,7 @@ _FINITE = {
 def test_values_in_range_are_encoded_within_half_step(row, number, frame, time, status):
     objects = single_object_list(**row, number=number, frame=frame, time=time, status=status)
 
-    result = assemble_lists(encode_frames(objects, LAYOUT, BUS), LAYOUT)
+    result = assemble_object_list(encode_can_frames(objects, LAYOUT, BUS), LAYOUT)
 
     check_object_lists_agree(result, objects, {**DBC_STEPS, "time": 1e-6})
 
@@ -145,30 +149,30 @@ def test_values_beyond_range_are_clipped_without_wrapping(name, size, is_negativ
     )
 
     with pytest.warns(dc.PhysicsWarning, match=f"1 values clipped to the range.*1 of {signal} "):
-        frames = encode_frames(single_object_list(**{name: value}), LAYOUT, BUS)
+        frames = encode_can_frames(single_object_list(**{name: value}), LAYOUT, BUS)
 
-    column_value = assemble_lists(frames, LAYOUT)[name].item()
+    column_value = assemble_object_list(frames, LAYOUT)[name].item()
     signal_value = 10 * np.log10(column_value) if name == "snr" else column_value
     codes = LAYOUT.codes[signal]
     assert signal_value == pytest.approx(codes.min_value if value < 0 else codes.max_value)
 
 
 def test_empty_list_is_header_only():
-    frames = encode_frames(random_object_list(0, 0), LAYOUT, BUS)
+    frames = encode_can_frames(random_object_list(0, 0), LAYOUT, BUS)
 
     assert [frame.identifier for frame in frames] == [0x300, 0x300]
-    assert assemble_lists(frames, LAYOUT).sizes == {"object": 0, "cycle": 2}
+    assert assemble_object_list(frames, LAYOUT).sizes == {"object": 0, "cycle": 2}
     no_objects = build_object_list({name: [] for name in random_object_list(1)}, [], [])
-    assert encode_frames(no_objects, LAYOUT, BUS) == []
+    assert encode_can_frames(no_objects, LAYOUT, BUS) == []
 
 
 def test_dbc_alone_decodes_frames():
     objects = single_object_list(
         x=123.456, vy=-7.0, y=np.nan, number=42, time=1.25, frame=17, snr=1000.0
     )
-    database = cantools.database.load_file(shipped_dbc())
+    database = cantools.database.load_file(shipped_dbc_path())
 
-    header, part = encode_frames(objects, LAYOUT, BUS)
+    header, part = encode_can_frames(objects, LAYOUT, BUS)
 
     object_signals = database.decode_message(part.identifier, part.data)
     assert object_signals["X_0"] == pytest.approx(123.46)
@@ -184,7 +188,7 @@ def test_dbc_alone_decodes_frames():
 
 
 def test_frames_are_sent_back_to_back_from_cycle_time():
-    frames = encode_frames(random_object_list(7, 2), LAYOUT, BUS)
+    frames = encode_can_frames(random_object_list(7, 2), LAYOUT, BUS)
 
     times_s = np.array([frame.time_s for frame in frames])
     assert times_s[[0, 4]].tolist() == [0.0, 0.05]
@@ -198,21 +202,23 @@ def test_list_longer_than_cycle_is_truncated():
     allowed_s = 5e-3 * BUS.largest_load
 
     with pytest.warns(dc.PhysicsWarning, match="15 objects left out of 1 lists") as warnings:
-        frames = encode_frames(objects, LAYOUT, BUS)
+        frames = encode_can_frames(objects, LAYOUT, BUS)
 
-    n_kept = max_fitting_objects(5e-3, LAYOUT, BUS)
+    n_kept = max_objects_per_list(5e-3, LAYOUT, BUS)
     assert n_kept == 15
     assert (
-        list_duration_s(n_kept, LAYOUT, BUS) <= allowed_s < list_duration_s(n_kept + 1, LAYOUT, BUS)
+        object_list_duration_s(n_kept, LAYOUT, BUS)
+        <= allowed_s
+        < object_list_duration_s(n_kept + 1, LAYOUT, BUS)
     )
-    load = bus_load(objects, LAYOUT, BUS)
+    load = largest_bus_load(objects, LAYOUT, BUS)
     assert load == pytest.approx((BUS.frame_duration_s(20) + 10 * BUS.frame_duration_s(64)) / 5e-3)
     assert f"the longest takes {load:.0%} of the bus" in str(warnings[0].message)
     header = LAYOUT.header.decode(frames[0].data)
     assert (header["NumberOfObjects"], header["LeftOut"]) == (15, 15)
     last_s = frames[5].time_s + BUS.frame_duration_s(64)
     assert last_s - frames[0].time_s <= allowed_s
-    assert assemble_lists(frames, LAYOUT).sizes["object"] == 19
+    assert assemble_object_list(frames, LAYOUT).sizes["object"] == 19
 
 
 def test_list_longer_than_dbc_counter_is_truncated(tmp_path):
@@ -220,15 +226,15 @@ def test_list_longer_than_dbc_counter_is_truncated(tmp_path):
     dbc.write_text(SHIPPED.replace("16|8@1+ (1,0) [0|255]", "16|8@1+ (1,0) [0|20]"))
 
     with pytest.warns(dc.PhysicsWarning, match=r"280 objects left out.*at most 255 in a list"):
-        assert len(encode_frames(random_object_list(535), LAYOUT, BUS)) == 1 + 85
+        assert len(encode_can_frames(random_object_list(535), LAYOUT, BUS)) == 1 + 85
     with pytest.warns(dc.PhysicsWarning, match=r"5 objects left out.*at most 20 in a list"):
-        assert len(encode_frames(random_object_list(25), read_layout(dbc), BUS)) == 1 + 7
+        assert len(encode_can_frames(random_object_list(25), read_dbc_layout(dbc), BUS)) == 1 + 7
 
 
 def test_single_list_has_bus_load_only_with_cycle():
-    assert np.isnan(bus_load(random_object_list(3), LAYOUT, BUS))
+    assert np.isnan(largest_bus_load(random_object_list(3), LAYOUT, BUS))
     every_10_ms = CanFd(cycle_s=10e-3)
-    assert bus_load(random_object_list(3), LAYOUT, every_10_ms) == pytest.approx(
+    assert largest_bus_load(random_object_list(3), LAYOUT, every_10_ms) == pytest.approx(
         (BUS.frame_duration_s(20) + BUS.frame_duration_s(64)) / 10e-3
     )
 
@@ -308,15 +314,16 @@ def test_rejects_unknown_values_when_dbc_has_no_code_for_them(tmp_path):
     dbc.write_text(re.sub(r"VAL_ 769 Z_\d .*\n", "", SHIPPED))
 
     with pytest.raises(InvalidSetting, match="no code in Z for unknown values"):
-        encode_frames(single_object_list(z=np.nan), read_layout(dbc), BUS)
-    result = assemble_lists(
-        encode_frames(single_object_list(z=1.0), read_layout(dbc), BUS), read_layout(dbc)
+        encode_can_frames(single_object_list(z=np.nan), read_dbc_layout(dbc), BUS)
+    result = assemble_object_list(
+        encode_can_frames(single_object_list(z=1.0), read_dbc_layout(dbc), BUS),
+        read_dbc_layout(dbc),
     )
     assert result.z.item() == pytest.approx(1.0)
 
 
 def test_list_with_flipped_bit_is_dropped():
-    frames = encode_frames(random_object_list(4, 4), LAYOUT, BUS)
+    frames = encode_can_frames(random_object_list(4, 4), LAYOUT, BUS)
     rng = np.random.default_rng(3)
     for index in range(3):  # header and two parts of the first list
         for bit in rng.choice(8 * len(frames[index].data), 30, replace=False).tolist():
@@ -326,7 +333,7 @@ def test_list_with_flipped_bit_is_dropped():
             damaged_frames[index] = frames[index]._replace(data=bytes(data))
 
             with pytest.warns(dc.PhysicsWarning, match="1 lists are complete"):
-                result = assemble_lists(damaged_frames, LAYOUT)
+                result = assemble_object_list(damaged_frames, LAYOUT)
 
             assert result.frame.values.tolist() == [1] * 4
 
@@ -343,13 +350,13 @@ LOSSES = {
     ("lost_frames", "message", "remaining_frames"), LOSSES.values(), ids=LOSSES
 )
 def test_lost_frames_are_reported_and_their_lists_dropped(lost_frames, message, remaining_frames):
-    frames = encode_frames(
+    frames = encode_can_frames(
         random_object_list(4, 4, 4), LAYOUT, BUS, first=65535
     )  # the counter wraps
     del frames[lost_frames]
 
     with pytest.warns(dc.PhysicsWarning, match=message):
-        result = assemble_lists(frames, LAYOUT)
+        result = assemble_object_list(frames, LAYOUT)
 
     assert set(result.frame.values.tolist()) == remaining_frames
 
@@ -461,10 +468,10 @@ INVALID_CALLS = {
     "bus of wrong type": lambda: send_can(random_object_list(1), "can0"),
     "no receiver": lambda: receive_can(None),
     "negative counter": lambda: send_can(random_object_list(1), None, first=-1),
-    "bus settings of wrong type": lambda: encode_frames(random_object_list(1), LAYOUT, 500e3),
-    "dbc of wrong type": lambda: read_layout(7),
-    "missing dbc": lambda: read_layout("nowhere.dbc"),
-    "dbc folder": lambda: read_layout("."),
+    "bus settings of wrong type": lambda: encode_can_frames(random_object_list(1), LAYOUT, 500e3),
+    "dbc of wrong type": lambda: read_dbc_layout(7),
+    "missing dbc": lambda: read_dbc_layout("nowhere.dbc"),
+    "dbc folder": lambda: read_dbc_layout("."),
 }
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.results.object_lists import datagrams
-from dechirp.results.object_lists.can_layout import OBJECT_SIGNALS, read_layout
+from dechirp.results.object_lists.can_layout import OBJECT_SIGNALS, read_dbc_layout
 
 PAGE = (Path(dc.__file__).parents[2] / "docs" / "objects.md").read_text(encoding="utf-8")
 
@@ -18,7 +18,7 @@ def parse_signal_table() -> dict[str, tuple[float, ...]]:
 
 
 def test_documented_signals_match_dbc_range_and_step():
-    layout = read_layout()
+    layout = read_dbc_layout()
     messages = (*layout.header.signals, *layout.part.signals)
     bits = {signal.name.removesuffix("_0"): signal.length for signal in messages}
 

@@ -18,7 +18,7 @@ import dechirp as dc
 from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
 from dechirp.results.object_lists.can_logs import write_can_log
 from dechirp.results.object_lists.files import (
-    check_output_path,
+    check_object_list_path_writable,
     read_objects,
     write_objects,
     write_table,
@@ -292,7 +292,7 @@ def test_rejects_unknown_suffix_and_lists_known_ones(path):
     for call in (
         lambda: write_objects(random_object_list(1), path),
         lambda: read_objects(path),
-        lambda: check_output_path(path),
+        lambda: check_object_list_path_writable(path),
     ):
         with pytest.raises(InvalidSetting, match=r"path: .*; expected"):
             call()
@@ -311,7 +311,7 @@ def test_failed_write_keeps_existing_file(tmp_path, suffix, monkeypatch):
     (tmp_path / f"folder{suffix}").mkdir()
     for call in (
         lambda destination: write_objects(single_object_list(), destination),
-        check_output_path,
+        check_object_list_path_writable,
     ):
         with pytest.raises(InvalidSetting, match="not writable"):
             call(tmp_path / f"folder{suffix}")
@@ -324,7 +324,7 @@ def test_failed_write_keeps_existing_file(tmp_path, suffix, monkeypatch):
         write_objects(single_object_list(), path)
 
     monkeypatch.undo()
-    check_output_path(path)
+    check_object_list_path_writable(path)
     assert path.read_text() == "mine"
     assert {file.name for file in tmp_path.iterdir()} == {path.name, f"folder{suffix}"}
 
@@ -338,7 +338,7 @@ def test_missing_library_is_reported_with_its_extra(tmp_path, monkeypatch, suffi
 
     for call in (
         lambda destination: write_objects(single_object_list(), destination),
-        check_output_path,
+        check_object_list_path_writable,
     ):
         with pytest.raises(InvalidSetting, match=r"pip install 'dechirp\[io\]'"):
             call(tmp_path / f"objects{suffix}")

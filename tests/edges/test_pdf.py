@@ -6,7 +6,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.experiments.run import run
 from dechirp.report import pdf
 from dechirp.report.page import render_report
@@ -121,7 +121,7 @@ def test_missing_pdf_extra_is_reported_before_run(monkeypatch, tmp_path, capsys)
 def test_pdf_option_writes_pdf_and_next_run_removes_it(tmp_path, capsys):
     scenario = tmp_path / "small.yaml"
     scenario.write_text(
-        dump(dc.Scenario(radar=small_radar(), scene=dc.Scene(targets=(make_target(),))))
+        dump_yaml(dc.Scenario(radar=small_radar(), scene=dc.Scene(targets=(make_target(),))))
     )
     out = tmp_path / "out"
     for options, is_expected in ((["--pdf"], True), ([], False)):

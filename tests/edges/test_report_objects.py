@@ -8,8 +8,8 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.cli.console import open_console
-from dechirp.cli.run_output import object_output
+from dechirp.cli.console import open_stdout_console
+from dechirp.cli.run_output import track_table_and_object_sentences
 from dechirp.report import objects_section
 from dechirp.report.figures import tracks as figure
 from dechirp.report.page import render_report
@@ -149,9 +149,9 @@ def test_report_without_tracks_has_no_figure(result):
 
 @pytest.mark.parametrize("width", [80, 60])
 def test_terminal_output_of_tracks_fits_width(result, width, capsys):
-    console = open_console()
+    console = open_stdout_console()
     console.width = width
-    for part in object_output(result, at_most=1, width=width):
+    for part in track_table_and_object_sentences(result, at_most=1, width=width):
         console.print(part)
     output = capsys.readouterr().out
     assert "2 tracks, last state: the first 1" in output

@@ -19,8 +19,8 @@ from dechirp.core.errors import DechirpError
 from dechirp.core.table_columns import COLUMNS, dataset_to_records
 from dechirp.recordings import cube_store
 from dechirp.results import results
-from dechirp.results.results import FILES, check_output_folder, write_results
-from dechirp.results.text_files import csv_text, json_text
+from dechirp.results.results import FILES, check_results_folder_replaceable, write_results
+from dechirp.results.text_files import dataset_to_csv, to_json_text
 
 TEXTS = {"report.html": "<p>new</p>", "scenario.yaml": "name: new\n", "run.json": "{}\n"}
 
@@ -172,7 +172,7 @@ def test_truth_records_are_ordered_by_frame_and_name_target():
 
 
 def test_csv_and_json_contain_same_rows():
-    lines = list(csv.DictReader(csv_text(make_detections()).splitlines()))
+    lines = list(csv.DictReader(dataset_to_csv(make_detections()).splitlines()))
 
     for line, row in zip(lines, dataset_to_records(make_detections()), strict=True):
         assert list(line) == list(row)
@@ -185,7 +185,9 @@ def test_json_contains_no_nan_or_infinity():
         snr=("detection", [math.inf, 0.0])
     )  # infinite, and no decibels
 
-    text = json_text({"rows": dataset_to_records(noiseless), "rest": [math.nan, (-math.inf, 1.5)]})
+    text = to_json_text(
+        {"rows": dataset_to_records(noiseless), "rest": [math.nan, (-math.inf, 1.5)]}
+    )
 
     document = json.loads(text, parse_constant=pytest.fail)
     assert [row["snr_db"] for row in document["rows"]] == [None, None]
@@ -239,16 +241,16 @@ def test_rejects_output_path_blocked_by_file(tmp_path):
     (tmp_path / "file").write_text("mine")
 
     with pytest.raises(DechirpError, match="a file; expected a new name"):
-        check_output_folder(tmp_path / "file")
+        check_results_folder_replaceable(tmp_path / "file")
     with pytest.raises(DechirpError, match=r"not writable .*file cannot be written to"):
-        check_output_folder(tmp_path / "file" / "out")
+        check_results_folder_replaceable(tmp_path / "file" / "out")
 
 
 @pytest.mark.parametrize("path", ["/proc/out", "/proc/deep/out"])
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="only Linux has /proc")
 def test_rejects_output_in_proc_before_run(path):
     with pytest.raises(DechirpError, match=rf"--out: {path}, not writable \(/proc cannot be"):
-        check_output_folder(Path(path))
+        check_results_folder_replaceable(Path(path))
 
 
 @pytest.mark.parametrize("link", ["to itself", "to nowhere"])
@@ -257,25 +259,27 @@ def test_symbolic_links_in_output_path_are_resolved(tmp_path, link):
 
     if link == "to itself":
         with pytest.raises(DechirpError, match="link cannot be written to"):
-            check_output_folder(tmp_path / "link" / "out")
+            check_results_folder_replaceable(tmp_path / "link" / "out")
     else:
-        check_output_folder(tmp_path / "link" / "out")
+        check_results_folder_replaceable(tmp_path / "link" / "out")
 
     assert [path.name for path in tmp_path.iterdir()] == ["link"]
 
 
 def test_rejects_name_too_long_for_temporary_folder_before_run(tmp_path):
     with pytest.raises(DechirpError, match="File name too long"):
-        check_output_folder(tmp_path / ("o" * 250))  # names have at most 255 characters
+        check_results_folder_replaceable(
+            tmp_path / ("o" * 250)
+        )  # names have at most 255 characters
 
 
 def test_output_check_leaves_no_files(tmp_path, radar):
-    check_output_folder(tmp_path / "out")
-    check_output_folder(tmp_path / "deep" / "out")
+    check_results_folder_replaceable(tmp_path / "out")
+    check_results_folder_replaceable(tmp_path / "deep" / "out")
     assert list(tmp_path.iterdir()) == []
 
     write_result_folder(tmp_path / "out", radar)
-    check_output_folder(tmp_path / "out")
+    check_results_folder_replaceable(tmp_path / "out")
 
     assert [file.name for file in tmp_path.iterdir()] == ["out"]
 
@@ -289,7 +293,7 @@ def test_interrupted_output_check_leaves_no_files(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "mkdir", make_and_interrupt)
     with pytest.raises(KeyboardInterrupt):
-        check_output_folder(tmp_path / "out")
+        check_results_folder_replaceable(tmp_path / "out")
 
     assert list(tmp_path.iterdir()) == []
 
@@ -369,7 +373,7 @@ def test_working_folder_and_its_parents_are_never_replaced(tmp_path, radar, monk
     monkeypatch.chdir(folder)
 
     with pytest.raises(DechirpError, match="the working folder, or one of its parents"):
-        check_output_folder(Path(path))
+        check_results_folder_replaceable(Path(path))
 
 
 @pytest.mark.parametrize("moment", ["between the renames", "before the old result was removed"])

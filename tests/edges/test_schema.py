@@ -13,7 +13,7 @@ from jsonschema import Draft202012Validator
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.config.loading import parse_settings, read_settings
 from dechirp.config.yaml_tree import Plain, parse_yaml
 from dechirp.core.errors import DechirpError
@@ -74,7 +74,7 @@ def test_every_example_matches_schema(name):
 @pytest.mark.parametrize("name", [name for name, kind in FILES.items() if kind == "scenario"])
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_every_dumped_scenario_matches_schema(name):
-    assert find_schema_error("scenario", parse_plain(dump(dc.load(EXAMPLES / name)))) == ""
+    assert find_schema_error("scenario", parse_plain(dump_yaml(dc.load(EXAMPLES / name)))) == ""
 
 
 @pytest.mark.parametrize("name", [name for name, kind in FILES.items() if kind == "study"])
@@ -84,7 +84,7 @@ def test_every_dumped_study_matches_schema(name):
 
 
 def test_reference_and_requirements_match_schemas():
-    assert find_schema_error("scenario", parse_plain(dump(dc.reference()))) == ""
+    assert find_schema_error("scenario", parse_plain(dump_yaml(dc.reference()))) == ""
     assert find_schema_error("requirements", parse_plain(REQUIREMENTS)) == ""
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dechirp.config.dumping import dump, to_json_data
+from dechirp.config.dumping import dump_yaml, to_json_data
 from dechirp.config.fields import field_docstrings
 from dechirp.config.loading import parse_settings, read_settings
 from dechirp.core.errors import InvalidFile, InvalidSetting, RecordingError
@@ -102,7 +102,7 @@ def test_dumped_settings_read_back_equal(radar):
         impairments=(WhiteNoise(snr=0.003, target="null"), ThermalNoise()),
     )
 
-    assert parse_settings(dump(setup), Setup) == setup
+    assert parse_settings(dump_yaml(setup), Setup) == setup
 
 
 def add_multiplexing(text):
@@ -117,7 +117,7 @@ def test_tdm_settings_are_read_and_written():
 
     assert radar.frame.multiplexing == Tdm(order=(1, 0))
     assert radar.n_channels == 8
-    assert parse_settings(dump(radar), Radar) == radar
+    assert parse_settings(dump_yaml(radar), Radar) == radar
     assert to_json_data(radar)["frame"]["multiplexing"] == {"kind": "tdm", "order": [1, 0]}
 
 
@@ -137,7 +137,7 @@ def test_simultaneous_multiplexing_settings_are_read_and_written(text, code):
     radar = parse_settings(add_multiplexing(text), Radar)
 
     assert radar.frame.multiplexing == code
-    assert parse_settings(dump(radar), Radar) == radar
+    assert parse_settings(dump_yaml(radar), Radar) == radar
     assert to_json_data(radar)["frame"]["multiplexing"]["kind"] == code.kind()
 
 
@@ -218,7 +218,7 @@ def test_override_changes_multiplexing():
 
 
 def test_dumped_radar_keeps_units_and_omits_none():
-    text = dump(Radar(frame=parse_settings(RADAR, Radar).frame))
+    text = dump_yaml(Radar(frame=parse_settings(RADAR, Radar).frame))
 
     assert "slope: 10 MHz/us" in text
     assert "hardware" not in text
@@ -233,7 +233,7 @@ def test_dumped_radar_keeps_units_and_omits_none():
 def test_any_target_reads_back_equal(name, rcs_m2, position_m):
     target = Target(name=name, rcs_m2=rcs_m2, position_m=position_m)
 
-    assert parse_settings(dump(target), Target) == target
+    assert parse_settings(dump_yaml(target), Target) == target
 
 
 def test_json_data_has_field_names():
@@ -589,7 +589,7 @@ def test_any_override_is_accepted_or_rejected(option):
 def test_alternating_intervals_and_modulations_read_back_equal(frame_text):
     radar = parse_settings(RADAR.replace("interval: 35 us", frame_text), Radar)
     assert radar.frame.n_intervals + radar.frame.n_slots == 3
-    assert parse_settings(dump(radar), Radar) == radar
+    assert parse_settings(dump_yaml(radar), Radar) == radar
 
 
 def test_invalid_interval_in_list_is_reported_with_index():

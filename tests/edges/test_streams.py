@@ -16,7 +16,7 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.experiments.scenario import RecordingSource
 from dechirp.experiments.streaming import open_stream
 from dechirp.recordings.live.reassembly import N_PACKETS, ReassemblyWindow
@@ -496,7 +496,7 @@ def get_exit_status(*arguments: str) -> int:
 def run_options(sensor, tmp_path, monkeypatch) -> list[str]:
     """Options of every run: radar, device and output folder."""
     monkeypatch.chdir(tmp_path)
-    Path("radar.yaml").write_text(dump(sensor))
+    Path("radar.yaml").write_text(dump_yaml(sensor))
     return ["--radar", "radar.yaml", "--device", "xwr1843", "--iq", "iq", "--out", "out"]
 
 
@@ -541,7 +541,7 @@ def test_signal_ends_run_on_udp_address_with_results(
     signal_number, capture, run_options, monkeypatch, capsys
 ):
     port, frame_lines = _find_free_port(), []
-    monkeypatch.setattr("dechirp.cli.stream._print_frame", frame_lines.append)
+    monkeypatch.setattr("dechirp.cli.stream._print_frame_report", frame_lines.append)
     deadline = time.monotonic() + 5 * IDLE_S  # imports and figures, on a busy machine
 
     def send_and_interrupt() -> None:

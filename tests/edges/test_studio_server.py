@@ -24,7 +24,7 @@ from tornado.ioloop import IOLoop
 
 from dechirp.cli.main import main
 from dechirp.core.errors import InvalidSetting
-from dechirp.studio.access_control import allowed_hosts
+from dechirp.studio.access_control import allowed_host_headers
 from dechirp.studio.server import MAX_MESSAGE_BYTES, MAX_PAGES, BatchingConnection, StudioServer
 
 ACK = b'"msgtype": "ACK"'
@@ -194,7 +194,7 @@ def test_rejects_requests_with_foreign_host_header(studio, path, host):
 
 def test_host_names_are_case_insensitive(studio):
     assert send_request(studio, Host=f"LocalHost:{urlsplit(studio.address).port}")[0] == 200
-    assert allowed_hosts("Radar.Example", 5006) >= {"radar.example:5006"}
+    assert allowed_host_headers("Radar.Example", 5006) >= {"radar.example:5006"}
 
 
 @pytest.mark.parametrize("name", ["127.0.0.1", "localhost", "[::1]"])

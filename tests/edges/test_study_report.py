@@ -27,7 +27,7 @@ from dechirp.report.study.page import (
 )
 from dechirp.report.study.settings import format_percent
 from dechirp.report.study.table import build_point_table
-from dechirp.results.text_files import json_text
+from dechirp.results.text_files import to_json_text
 from page_checks import check_captions, check_pdf_contains_page_text
 from sample_studies import (
     DISTANCE,
@@ -270,7 +270,7 @@ def test_terminal_table_fits_width():
 
     def render_table(width):
         console = Console(width=width, record=True, file=io.StringIO())
-        console.print(study_output.points_table(study_result, width=width))
+        console.print(study_output.study_points_table(study_result, width=width))
         return console.export_text()
 
     assert max(map(len, render_table(80).splitlines())) <= 80
@@ -283,7 +283,7 @@ def test_terminal_table_fits_width():
 
 def test_progress_line_shows_points_trials_speed_and_time_left():
     console = Console(width=120, record=True, file=io.StringIO())
-    console.print(study_output.progress_line(Progress(3, 8, 240, 480, 120.5, 5400.0, 1)))
+    console.print(study_output.study_progress_bar(Progress(3, 8, 240, 480, 120.5, 5400.0, 1)))
 
     assert "3 of 8 points, 240 of 480 trials, 120 trials/s, 1.5 h left, 1 failed" in (
         console.export_text()
@@ -291,7 +291,7 @@ def test_progress_line_shows_points_trials_speed_and_time_left():
 
 
 def test_no_progress_is_shown_without_terminal(capsys):
-    with study_output.live_progress(
+    with study_output.show_live_progress(
         SimpleNamespace(), make_layout(), SimpleNamespace(), quiet=False
     ) as report:
         assert report is None  # standard error is not a terminal in tests
@@ -306,11 +306,11 @@ def test_json_document_contains_rows_requirements_and_failures():
     )
     verdicts = judge_requirements(study_result, lambda point: sums[point])
 
-    document = study_output.study_document(
+    document = study_output.study_json_document(
         study_result, verdicts, version="1", n_done=1400, n_total=1400, files={}
     )
 
-    content = json.loads(json_text(document))
+    content = json.loads(to_json_text(document))
     assert set(content) >= {"version", "seed", "rows", "done", "total", "require", "files"}
     assert content["rows"] == study_result.rows
     (requirement,) = content["require"]

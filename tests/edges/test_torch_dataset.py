@@ -10,7 +10,7 @@ import pytest
 
 import data_set_study
 import dechirp as dc
-from dechirp.results.data_set import read_data_set
+from dechirp.results.data_set import open_data_set_groups
 
 FILE = Path(dc.__file__).parents[2] / "examples" / "torch_dataset.py"
 
@@ -33,7 +33,7 @@ def folder(tmp_path_factory) -> Path:
 
 
 def test_items_equal_stored_trials(example, folder):
-    data = read_data_set(folder)
+    data = open_data_set_groups(folder)
     items = example.Items(folder)
     assert len(items) == int(data[""].made.sum()) < data[""].made.size
     for index in (0, len(items) - 1):
@@ -57,7 +57,7 @@ def test_labels_lie_on_peaks_of_map(example, folder):
 
 
 def test_cube_items_are_complex_samples_of_data_set(example, folder):
-    data = read_data_set(folder)[""]
+    data = open_data_set_groups(folder)[""]
     cube, labels = example.Items(folder, what="cube")[2]
     scale = np.float32(data.cube_scale[0, 2])
     np.testing.assert_array_equal(cube.imag, data.cube[0, 2, ..., 1] * scale)

@@ -18,7 +18,7 @@ from dechirp.certificate.certificate import CLAIM_IDS, verify
 from dechirp.certificate.document import build_document, number_checksum
 from dechirp.certificate.trials import Job
 from dechirp.cli.main import main
-from dechirp.results.text_files import json_text
+from dechirp.results.text_files import to_json_text
 
 CLAIM_KEYS = ["id", "claim", "published", "required", "measured", "limit", "passed"]
 
@@ -152,7 +152,7 @@ def test_full_certificate_has_parts_and_progress_counts_all_jobs(monkeypatch):
         (n_done, len(progress_counts)) for n_done in range(1, len(progress_counts) + 1)
     ]
     assert {"python", "numpy", "scipy", "numba", "llvmlite"} <= set(document["versions"])
-    assert document["checksum"] == number_checksum(json.loads(json_text(document)))
+    assert document["checksum"] == number_checksum(json.loads(to_json_text(document)))
 
 
 def test_tables_show_published_and_computed_numbers():

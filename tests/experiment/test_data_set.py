@@ -33,7 +33,7 @@ from dechirp.experiments.study.study import RandomSetting, SweptSetting, TrialBu
 from dechirp.radar.modulations.triangular import Triangular
 from dechirp.report.data_set import render_data_set_page
 from dechirp.results import shards
-from dechirp.results.data_set import read_data_set, total_bytes
+from dechirp.results.data_set import folder_size_bytes, open_data_set_groups
 from dechirp.simulation.adc_codes import extract_adc_codes
 from dechirp.simulation.impairments.noise import ThermalNoise
 from dechirp.simulation.impairments.quantisation import Quantisation
@@ -53,7 +53,7 @@ def undisturbed_folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def data(undisturbed_folder) -> dict[str, xr.Dataset]:
-    return read_data_set(undisturbed_folder / "data.zarr")
+    return open_data_set_groups(undisturbed_folder / "data.zarr")
 
 
 def read_samples(data, point, trial):
@@ -146,7 +146,7 @@ def test_adc_codes_are_stored_unchanged(tmp_path):
         scenario=replace(make_study().scenario, impairments=noise), keep=("cubes",)
     )
     run_to_folder(tmp_path, kept_study)
-    data = read_data_set(tmp_path / "data.zarr")
+    data = open_data_set_groups(tmp_path / "data.zarr")
     cube = replay_trial(kept_study, 4, point=2).result.cube
     np.testing.assert_array_equal(data[""].cube[2, 4], extract_adc_codes(cube).values)
     stored_item, scale = read_samples(data, 2, 4)
@@ -159,7 +159,7 @@ def test_real_samples_have_no_iq_axis(tmp_path):
         scenario=replace(make_study().scenario, radar=small_radar(1, "real")), keep=("cubes",)
     )
     run_to_folder(tmp_path, kept_study)
-    data = read_data_set(tmp_path / "data.zarr")[""]
+    data = open_data_set_groups(tmp_path / "data.zarr")[""]
     cube = replay_trial(kept_study, 1).result.cube.values
     scale = float(data.cube_scale[0, 1])
     np.testing.assert_allclose(data.cube[0, 1] * scale, cube, rtol=0, atol=0.51 * scale)
@@ -227,7 +227,7 @@ def test_stopped_points_leave_no_items_past_their_end(tmp_path):
     with LedgerReader.open_existing(tmp_path) as record:
         lengths = [len(record.point_sums(point)) for point in range(3)]
     assert min(lengths) < 23
-    data = read_data_set(tmp_path / "data.zarr")
+    data = open_data_set_groups(tmp_path / "data.zarr")
     np.testing.assert_array_equal(data[""].made.sum("trial"), lengths)
     for point, n in enumerate(lengths):
         assert data[""].made[point, :n].all()
@@ -251,7 +251,7 @@ def test_failed_trial_is_item_of_zeros_marked_not_made(tmp_path, monkeypatch, da
 
     monkeypatch.setattr(trials, "FrameProcessor", fail_once)
     run_to_folder(tmp_path, make_study(stop_after_failures=0.5))
-    stored_item = read_data_set(tmp_path / "data.zarr")
+    stored_item = open_data_set_groups(tmp_path / "data.zarr")
     assert np.argwhere(~stored_item[""].made.values).tolist() == [[0, 6]]
     assert not stored_item[""].cube[0, 6].any()
     assert stored_item["detections"].start[0, 6] == stored_item["detections"].stop[0, 6]
@@ -283,7 +283,7 @@ def test_full_disk_stops_data_set_and_counts_only_stored_items(
     assert len(list((folder / "cube").glob("c.*"))) >= n_done
     assert not list(folder.rglob(".*"))
     with pytest.raises(DechirpError, match="without a complete data set"):
-        read_data_set(folder)
+        open_data_set_groups(folder)
     run_to_folder(tmp_path)
     assert file_digests(tmp_path) == file_digests(undisturbed_folder)
 
@@ -296,7 +296,7 @@ def test_disk_without_room_is_refused_and_folder_stays_free(tmp_path, monkeypatc
         run_to_folder(out)
     assert not out.exists()
     run_to_folder(out, make_study(keep=("detections",)))
-    assert read_data_set(out / "data.zarr")
+    assert open_data_set_groups(out / "data.zarr")
 
 
 def test_missing_data_set_files_are_reported_before_continuing(tmp_path):
@@ -319,7 +319,7 @@ def test_data_set_without_ledger_is_not_overwritten(tmp_path):
 def test_statistical_detections_make_a_data_set(tmp_path):
     kept_study = make_study(sensor="statistical", keep=("detections",))
     run_to_folder(tmp_path, kept_study)
-    data = read_data_set(tmp_path / "data.zarr")
+    data = open_data_set_groups(tmp_path / "data.zarr")
     assert "cube" not in data[""]
     trial_result = replay_trial(kept_study, 11, point=2).trial_result
     rows = data["detections"]
@@ -334,7 +334,7 @@ def test_random_setting_of_each_trial_is_stored(tmp_path):
     )
     kept_study = make_study(vary=(position_setting,), keep=("detections",))
     run_to_folder(tmp_path, kept_study)
-    data = read_data_set(tmp_path / "data.zarr")
+    data = open_data_set_groups(tmp_path / "data.zarr")
     positions = data["settings"][position_setting.path]
     assert positions.dims == ("trial",)
     assert len(np.unique(positions)) == 23
@@ -450,7 +450,7 @@ def test_study_file_sets_keep_and_is_refused_with_its_line(tmp_path):
 
 def test_datasheet_lists_contents_and_is_self_contained(undisturbed_folder, data):
     page = render_data_set_page(
-        make_study(), data, n_bytes=total_bytes(undisturbed_folder / "data.zarr")
+        make_study(), data, n_bytes=folder_size_bytes(undisturbed_folder / "data.zarr")
     )
     assert "69 items: cubes, maps and detections, with truth" in page
     assert not re.search(r'(?:src|href)="(?!#|data:)', page)
@@ -460,7 +460,7 @@ def test_datasheet_lists_contents_and_is_self_contained(undisturbed_folder, data
     # Each point, and therefore each value, has the same number of items.
     assert page.count('<td class="num">23</td>') == 3
     assert page == render_data_set_page(
-        make_study(), data, n_bytes=total_bytes(undisturbed_folder / "data.zarr")
+        make_study(), data, n_bytes=folder_size_bytes(undisturbed_folder / "data.zarr")
     )
     check_captions(page)
     check_pdf_contains_page_text(page)
@@ -492,7 +492,7 @@ def test_command_writes_data_set_and_datasheet(tmp_path, capsys):
         output = " ".join(capsys.readouterr().out.split())
         assert "Data set: at most 4 items, 81.9 kB of samples and maps" in output
         assert "datasheet.html" in output
-    assert read_data_set(out / "data.zarr")[""].made.all()
+    assert open_data_set_groups(out / "data.zarr")[""].made.all()
     assert "<title>4 items" in (out / "datasheet.html").read_text()
     files = json.loads((out / "study.json").read_text())["files"]
     for name in ("report", "datasheet"):

@@ -147,10 +147,10 @@ def test_twin_separates_leakage_from_targets(small_radar):
 
 
 def test_scenario_of_twin_reproduces_its_map(small_radar, tmp_path):
-    from dechirp.config.dumping import dump
+    from dechirp.config.dumping import dump_yaml
 
     twin = dc.twin(make_recording(small_radar, NEAR, STATIC, full_scale_w=1e-6), seed=6)
-    (tmp_path / "twin.yaml").write_text(dump(twin.scenario))
+    (tmp_path / "twin.yaml").write_text(dump_yaml(twin.scenario))
 
     result = dc.run(dc.load(tmp_path / "twin.yaml"))
 
@@ -296,12 +296,12 @@ def run_command(capsys, *arguments):
 @pytest.fixture
 def saved_capture(small_radar, tmp_path, monkeypatch):
     """Save a bare array of full-scale samples and a sidecar with the settings of its radar."""
-    from dechirp.config.dumping import dump
+    from dechirp.config.dumping import dump_yaml
 
     monkeypatch.chdir(tmp_path)
     samples = make_recording(small_radar, NEAR, STATIC, full_scale_w=1e-6).cube.values
     np.save("walk.npy", samples / abs(samples).max())
-    (tmp_path / "walk.yaml").write_text(dump(replace(small_radar, hardware=None)))
+    (tmp_path / "walk.yaml").write_text(dump_yaml(replace(small_radar, hardware=None)))
     return tmp_path
 
 
@@ -325,11 +325,11 @@ def test_command_writes_report_and_scenario_and_prints_differences(saved_capture
 
 
 def test_twin_of_noise_reports_no_peak_to_judge(small_radar, tmp_path, monkeypatch, capsys):
-    from dechirp.config.dumping import dump
+    from dechirp.config.dumping import dump_yaml
 
     monkeypatch.chdir(tmp_path)
     np.save("noise.npy", make_recording(small_radar, full_scale_w=1e-6).cube.values / 10)
-    (tmp_path / "noise.yaml").write_text(dump(replace(small_radar, hardware=None)))
+    (tmp_path / "noise.yaml").write_text(dump_yaml(replace(small_radar, hardware=None)))
 
     status, out, _ = run_command(capsys, "twin", "noise.npy", "--axes", "frame,chirp,rx,sample")
 

@@ -108,7 +108,7 @@ def test_error_in_theory_loses_no_trials(monkeypatch):
     def theory(self, case):
         raise ArithmeticError("no law")
 
-    monkeypatch.setattr(DetectionProbability, "theory", theory)
+    monkeypatch.setattr(DetectionProbability, "theoretical_values", theory)
     block = run_block(plan, 0, 0)
     assert block.sums.tobytes() == reference_block.sums.tobytes()
     assert np.isnan(block.theory[:2]).all()

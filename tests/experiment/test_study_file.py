@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dechirp.config.quantities import format_decimal, parse_quantity
+from dechirp.config.quantities import format_shortest_decimal, parse_quantity
 from dechirp.core.errors import InvalidFile, InvalidSetting
 from dechirp.experiments.study.dumping import dump_study
 from dechirp.experiments.study.parsing import load_study
@@ -211,7 +211,7 @@ def test_spaced_values_have_both_ends_and_equal_ratios(low, ratio, n):
 @given(st.decimals(allow_nan=False, allow_infinity=False, places=9))
 def test_formatted_decimal_is_read_back(number):
     if abs(number) < Decimal("1e300"):
-        assert parse_quantity(format_decimal(number), None) == float(number)
+        assert parse_quantity(format_shortest_decimal(number), None) == float(number)
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 from dechirp.config import loading
-from dechirp.config.dumping import dump, dump_line
-from dechirp.config.setting_paths import find_setting, parse_setting, replace_settings
+from dechirp.config.dumping import dump_node_on_one_line, dump_yaml
+from dechirp.config.setting_paths import (
+    build_value_with_replaced_setting,
+    find_setting,
+    replace_settings,
+)
 from dechirp.config.yaml_tree import parse_yaml
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting
 from dechirp.core.values import frozen_dataclass
@@ -72,7 +76,7 @@ def one_target_scenario(rich_scenario):
 def set_by_text(settings_value, *options):
     """Change settings as `--set` does, by dumping and parsing the text."""
     return loading.parse_settings(
-        dump(settings_value), type(settings_value), overrides=options, readers=READERS
+        dump_yaml(settings_value), type(settings_value), overrides=options, readers=READERS
     )
 
 
@@ -82,7 +86,7 @@ def set_by_value(settings_value, path, text):
     return replace_settings(
         settings_value,
         {
-            setting_path.steps: parse_setting(
+            setting_path.steps: build_value_with_replaced_setting(
                 settings_value, setting_path, parse_yaml(text, ""), ABSOLUTE_CONTEXT
             )
         },
@@ -108,7 +112,7 @@ def make_other_value(node):
     try:
         return f"{float(number) * 1.01 + (0.01 if float(number) == 0 else 0):.6g} {unit}".strip()
     except ValueError:
-        return dump_line(node)
+        return dump_node_on_one_line(node)
 
 
 @pytest.mark.parametrize(
@@ -136,7 +140,7 @@ class ImpairmentList:
 def count_changes(settings_value):
     """Change every setting of a value both ways, one at a time, and count the changes."""
     n = 0
-    for path, node in iter_leaves(parse_yaml(dump(settings_value), "")):
+    for path, node in iter_leaves(parse_yaml(dump_yaml(settings_value), "")):
         text = make_other_value(node)
         if path.endswith("kind"):
             continue

@@ -122,8 +122,8 @@ def is_near_theory(
     """Compare the gain with theory within five standard errors (the interval has 1.96 per side)."""
     score = reference_result.tune.objective.score
     gain = (
-        score.theory(build_trial_context(best_scenario)).item()
-        - score.theory(build_trial_context(default_scenario)).item()
+        score.theoretical_values(build_trial_context(best_scenario)).item()
+        - score.theoretical_values(build_trial_context(default_scenario)).item()
     )
     return (
         abs(gain - reference_result.gain.value)

@@ -1,4 +1,4 @@
-"""The contract of each family, on every member it has."""
+"""Contract of each family, checked for every member."""
 
 import os
 import subprocess
@@ -38,8 +38,8 @@ FAMILIES = [
     Body,
     Score,
 ]
-# Of three transmitters; the phases turn the second and the third by thirds of a circle.
-GIVEN = {
+# Values of required settings. Phases rotate transmitters 2 and 3 by thirds of a turn.
+REQUIRED_SETTINGS = {
     "max_range_m": 3.0,
     "rate_m_per_s": 7e-6,
     "water_kg_per_m3": 5e-4,
@@ -77,8 +77,8 @@ GIVEN = {
     "phases_rad": [[0, k * 2 * np.pi / 3, -k * 2 * np.pi / 3] for k in range(3)],
 }
 
-# Members whose defaults do nothing, or whose settings others have with other meanings.
-SETTINGS = {
+# Settings of members whose defaults have no effect, or whose setting names are ambiguous.
+EXAMPLE_SETTINGS = {
     "coloured-noise": {"beat_hz": (0.0, 4e6), "level": (1.0, 10.0)},
     "mutual-coupling": {"rx_level": 0.01},
     "iq-imbalance": {"gain": 1.02},
@@ -93,11 +93,11 @@ SETTINGS = {
 }
 
 
-def example(member):
-    """The member with its defaults, and what is given or 1 where it has none."""
-    needed = [f.name for f in fields(member) if f.default is MISSING]
-    settings = {name: GIVEN.get(name, 1.0) for name in needed}
-    return member(**{**settings, **SETTINGS.get(member.kind(), {})})
+def build_example(member):
+    """Build a member from its defaults; required settings have the value above, or 1."""
+    required = [f.name for f in fields(member) if f.default is MISSING]
+    settings = {name: REQUIRED_SETTINGS.get(name, 1.0) for name in required}
+    return member(**{**settings, **EXAMPLE_SETTINGS.get(member.kind(), {})})
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.group)
@@ -106,10 +106,10 @@ def test_kind_of_member_is_its_class_name_with_hyphens(family):
     assert members
     for kind, member in members.items():
         assert kind.replace("-", "") == member.__name__.lower()
-        assert isinstance(example(member), family)
+        assert isinstance(build_example(member), family)
 
 
-def test_another_package_adds_a_member_by_an_entry_point(tmp_path):
+def test_entry_point_of_other_package_adds_member(tmp_path):
     (tmp_path / "always_three.py").write_text(
         "import numpy as np\n"
         "from dechirp.core.values import frozen_dataclass\n"
@@ -125,27 +125,27 @@ def test_another_package_adds_a_member_by_an_entry_point(tmp_path):
     (folder / "entry_points.txt").write_text(
         "[dechirp.cfar]\nalways-three = always_three:AlwaysThree\n"
     )
-    # In a process of its own, which takes the guest with it.
+    # A separate process does not affect the members in this one.
     path = os.pathsep.join([str(tmp_path), str(Path(dc.__file__).parent.parent)])
     code = (
         "from dechirp.config.loading import parse_settings; from dechirp.processing.cfar.base"
         " import Cfar;"
         "print(parse_settings('estimator: {kind: always-three}\\noffset: 3 dB', Cfar).estimator)"
     )
-    found = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code],
         env={**os.environ, "PYTHONPATH": path},
         capture_output=True,
         text=True,
         check=True,
     )
-    assert found.stdout.strip() == "AlwaysThree()"
+    assert process.stdout.strip() == "AlwaysThree()"
 
 
 @pytest.mark.parametrize("kind", NoiseEstimator.members())
-@pytest.mark.parametrize("where", ["middle", "first rows", "last rows"])
-def test_each_cfar_alarms_as_asked_in_white_noise(radar, kind, where):
-    estimator = example(NoiseEstimator.members()[kind])
+@pytest.mark.parametrize("region", ["middle", "first rows", "last rows"])
+def test_false_alarm_rate_matches_setting_in_white_noise(radar, kind, region):
+    estimator = build_example(NoiseEstimator.members()[kind])
     cfar = dc.Cfar(
         estimator=estimator,
         n_training=dc.Cells(range=6, velocity=4),
@@ -158,7 +158,7 @@ def test_each_cfar_alarms_as_asked_in_white_noise(radar, kind, where):
     hits = trials = 0
     for _ in range(60):
         power = dc.power_map(simulate_noise_cube(radar, rng).isel(frame=0), radar, chain)
-        alarms = (power > dc.threshold_map(power, radar, chain)).values[:, rows[where]]
+        alarms = (power > dc.threshold_map(power, radar, chain)).values[:, rows[region]]
         hits, trials = hits + alarms.sum(), trials + alarms.size
     # Independent cells; their thresholds share training cells, which widens the spread by
     # less than 1.5: 537 alarms or more, five standard errors.
@@ -166,99 +166,107 @@ def test_each_cfar_alarms_as_asked_in_white_noise(radar, kind, where):
     assert hits / trials == pytest.approx(1e-2, abs=5 * spread)
 
 
-def on_line(n):
-    """Elements half a wavelength apart, to the left of each other."""
+def make_uniform_linear_array(n):
+    """Make a uniform linear array along y with half-wavelength spacing."""
     return Aperture(np.stack([np.zeros(n), np.arange(n) / 2, np.zeros(n)], axis=1))
 
 
-def snapshots_of(azimuth, seen, rng):
-    """One look each at a source of 20 dB in an element, with noise of unit power."""
-    shape = (len(azimuth), 1, seen.n_elements)
+def simulate_snapshots(azimuth, aperture, rng):
+    """Simulate one snapshot per azimuth: 20 dB SNR per element, unit noise power."""
+    shape = (len(azimuth), 1, aperture.n_elements)
     phase = np.exp(2j * np.pi * rng.uniform(size=(len(azimuth), 1)))
     noise = rng.normal(size=shape) + 1j * rng.normal(size=shape)
-    return (10 * phase * seen.steering_vectors(azimuth))[:, None] + noise / np.sqrt(2)
+    return (10 * phase * aperture.steering_vectors(azimuth))[:, None] + noise / np.sqrt(2)
 
 
 @pytest.mark.parametrize("n_elements", [4, 8])
 @pytest.mark.parametrize("kind", DirectionEstimator.members())
-def test_each_direction_estimator_finds_one_source_with_the_errors_it_states(kind, n_elements):
-    estimator, seen, n = example(DirectionEstimator.members()[kind]), on_line(n_elements), 2000
+def test_direction_errors_match_stated_standard_deviation(kind, n_elements):
+    estimator, aperture, n = (
+        build_example(DirectionEstimator.members()[kind]),
+        make_uniform_linear_array(n_elements),
+        2000,
+    )
     rng = np.random.default_rng(63)
     azimuth = rng.uniform(-0.8, 0.8, n)
-    snapshots = snapshots_of(azimuth, seen, rng).astype(np.complex64)
-    found = estimator.find_directions(snapshots, seen, np.ones(n))
+    snapshots = simulate_snapshots(azimuth, aperture, rng).astype(np.complex64)
+    directions = estimator.find_directions(snapshots, aperture, np.ones(n))
 
-    error = (found.azimuth_rad[:, 0] - azimuth) / found.azimuth_std_rad[:, 0]
-    # Of 2,000 squared normal errors the mean has a standard error of 0.032.
+    error = (directions.azimuth_rad[:, 0] - azimuth) / directions.azimuth_std_rad[:, 0]
+    # The mean of 2,000 squared normal errors has a standard error of 0.032.
     assert np.mean(error**2) == pytest.approx(1, abs=0.16)
-    assert np.isnan(found.elevation_rad).all() and np.isnan(found.elevation_std_rad).all()
-    # 20 dB, of which noise moves the mean by 0.01 dB.
-    assert 10 * np.log10(np.mean(found.power[:, 0])) == pytest.approx(20, abs=0.1)
+    assert np.isnan(directions.elevation_rad).all() and np.isnan(directions.elevation_std_rad).all()
+    # Noise shifts the mean of 20 dB by 0.01 dB.
+    assert 10 * np.log10(np.mean(directions.power[:, 0])) == pytest.approx(20, abs=0.1)
 
 
 @pytest.mark.parametrize("kind", DirectionEstimator.members())
-def test_each_direction_estimator_takes_a_snapshot_for_what_it_is(kind):
-    """Whatever stands beside it, in whatever unit, and whenever the phase began."""
-    estimator, seen = example(DirectionEstimator.members()[kind]), on_line(6)
+def test_direction_is_independent_of_batch_unit_and_phase(kind):
+    estimator, aperture = (
+        build_example(DirectionEstimator.members()[kind]),
+        make_uniform_linear_array(6),
+    )
     rng = np.random.default_rng(64)
-    snapshots = snapshots_of(rng.uniform(-0.8, 0.8, 8), seen, rng)
-    found = estimator.find_directions(snapshots, seen, np.ones(8))
+    snapshots = simulate_snapshots(rng.uniform(-0.8, 0.8, 8), aperture, rng)
+    directions = estimator.find_directions(snapshots, aperture, np.ones(8))
 
-    one = estimator.find_directions(snapshots[3:4], seen, np.ones(1))
-    scaled = estimator.find_directions(snapshots * 1e-6j, seen, np.full(8, 1e-12))
-    lost = snapshots.copy()
-    lost[[1, 5]] = np.array([np.nan, 0])[:, None, None]
-    holed = estimator.find_directions(lost, seen, np.ones(8))
+    single = estimator.find_directions(snapshots[3:4], aperture, np.ones(1))
+    scaled = estimator.find_directions(snapshots * 1e-6j, aperture, np.full(8, 1e-12))
+    damaged_snapshots = snapshots.copy()
+    damaged_snapshots[[1, 5]] = np.array([np.nan, 0])[:, None, None]
+    damaged = estimator.find_directions(damaged_snapshots, aperture, np.ones(8))
     # A hundredth of a standard error.
-    close = 0.01 * np.nanmin(found.azimuth_std_rad)
-    assert one.azimuth_rad[0, 0] == pytest.approx(found.azimuth_rad[3, 0], abs=close)
-    assert scaled.azimuth_rad == pytest.approx(found.azimuth_rad, abs=close)
-    assert scaled.azimuth_std_rad == pytest.approx(found.azimuth_std_rad, rel=0.02)
-    assert scaled.power == pytest.approx(1e-12 * found.power, rel=1e-3, abs=0)
-    assert all(np.isnan(part[[1, 5]]).all() for part in holed)
-    assert holed.azimuth_rad[[0, 7]] == pytest.approx(found.azimuth_rad[[0, 7]], abs=close)
-    assert len(estimator.find_directions(snapshots[:0], seen, np.ones(0)).power) == 0
+    tolerance = 0.01 * np.nanmin(directions.azimuth_std_rad)
+    assert single.azimuth_rad[0, 0] == pytest.approx(directions.azimuth_rad[3, 0], abs=tolerance)
+    assert scaled.azimuth_rad == pytest.approx(directions.azimuth_rad, abs=tolerance)
+    assert scaled.azimuth_std_rad == pytest.approx(directions.azimuth_std_rad, rel=0.02)
+    assert scaled.power == pytest.approx(1e-12 * directions.power, rel=1e-3, abs=0)
+    assert all(np.isnan(part[[1, 5]]).all() for part in damaged)
+    assert damaged.azimuth_rad[[0, 7]] == pytest.approx(
+        directions.azimuth_rad[[0, 7]], abs=tolerance
+    )
+    assert len(estimator.find_directions(snapshots[:0], aperture, np.ones(0)).power) == 0
 
 
 @pytest.mark.parametrize("kind", DirectionEstimator.members())
-def test_each_direction_estimator_gives_two_sources_strongest_first_or_refuses_two(kind):
-    member, seen = DirectionEstimator.members()[kind], on_line(12)
+def test_two_sources_are_sorted_by_power_or_rejected(kind):
+    member, aperture = DirectionEstimator.members()[kind], make_uniform_linear_array(12)
     try:
         estimator = member(n_sources=2)
     except dc.InvalidSetting as error:
         assert "n_sources" in str(error)
         return
-    at, rng = np.array([-0.4, 0.5]), np.random.default_rng(65)
+    azimuth, rng = np.array([-0.4, 0.5]), np.random.default_rng(65)
     amplitudes = np.array([10, 30]) * np.exp(2j * np.pi * rng.uniform(size=(50, 1, 2)))
-    snapshots = amplitudes @ seen.steering_vectors(at)
+    snapshots = amplitudes @ aperture.steering_vectors(azimuth)
     noise = rng.normal(size=snapshots.shape) + 1j * rng.normal(size=snapshots.shape)
-    found = estimator.find_directions(snapshots + noise / np.sqrt(2), seen, np.ones(50))
-    assert np.all(found.power[:, 0] > found.power[:, 1])
-    # Those that smooth the array see beams wider, and sidelobes of the stronger source.
-    assert np.all(abs(np.sin(found.azimuth_rad) - np.sin(at[::-1])) < 0.1 / 6)
+    directions = estimator.find_directions(snapshots + noise / np.sqrt(2), aperture, np.ones(50))
+    assert np.all(directions.power[:, 0] > directions.power[:, 1])
+    # Spatial smoothing widens the beam and adds sidelobes of the stronger source.
+    assert np.all(abs(np.sin(directions.azimuth_rad) - np.sin(azimuth[::-1])) < 0.1 / 6)
 
 
 @pytest.mark.parametrize("kind", DirectionEstimator.members())
-def test_each_direction_estimator_refuses_what_it_cannot_answer(kind):
-    member, seen = DirectionEstimator.members()[kind], on_line(3)
+def test_direction_estimator_rejects_invalid_arguments(kind):
+    member, aperture = DirectionEstimator.members()[kind], make_uniform_linear_array(3)
     with pytest.raises(dc.InvalidSetting, match="n_sources"):
-        member(n_sources=3).find_directions(np.ones((1, 1, 3)), seen, np.ones(1))
-    for wrong in (0, 1.5, "many"):
+        member(n_sources=3).find_directions(np.ones((1, 1, 3)), aperture, np.ones(1))
+    for n_sources in (0, 1.5, "many"):
         with pytest.raises(dc.InvalidSetting, match="n_sources"):
-            member(n_sources=wrong)
-    estimator = example(member)
+            member(n_sources=n_sources)
+    estimator = build_example(member)
     with pytest.raises(dc.InvalidSetting, match="snapshots"):
-        estimator.find_directions(np.ones((1, 1, 4)), seen, np.ones(1))
+        estimator.find_directions(np.ones((1, 1, 4)), aperture, np.ones(1))
     for noise in (np.ones(2), np.array([np.nan]), np.array([-1.0])):
         with pytest.raises(dc.InvalidSetting, match="noise_power"):
-            estimator.find_directions(np.ones((1, 1, 3)), seen, noise)
+            estimator.find_directions(np.ones((1, 1, 3)), aperture, noise)
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
 @pytest.mark.parametrize("kind", Impairment.members())
-def test_each_impairment_changes_samples_alike_for_the_same_seed(radar, kind, sampling):
-    impairment = example(Impairment.members()[kind])
-    # Antennas apart, so that leakage has a way to go; 0.3 m above the ground.
+def test_impairment_is_reproducible_for_same_seed(radar, kind, sampling):
+    impairment = build_example(Impairment.members()[kind])
+    # Leakage needs separate antennas; they are 0.3 m above the ground.
     array = dc.Array(tx_m=[(0, 0.01, 0.3)], rx_m=[(0, 0, 0.3), (0, 0.002, 0.3)])
     chirp = replace(radar.frame.chirp, sampling=sampling)
     radar = replace(radar, array=array, frame=replace(radar.frame, chirp=chirp))
@@ -267,29 +275,29 @@ def test_each_impairment_changes_samples_alike_for_the_same_seed(radar, kind, sa
         with pytest.raises(dc.InvalidSetting, match="real"):
             dc.simulate(scene, radar, impairments=[impairment])
         return
-    clean = dc.simulate(scene, radar, impairments=(), n_frames=2)
+    ideal_cube = dc.simulate(scene, radar, impairments=(), n_frames=2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", dc.PhysicsWarning)
-        one, same = (
+        cube, repeated_cube = (
             dc.simulate(scene, radar, impairments=[impairment], n_frames=2, seed=62)
             for _ in range(2)
         )
 
-    assert one.shape == clean.shape and one.dtype == clean.dtype
-    assert np.isfinite(one).all()
-    assert (one == same).all()
-    assert abs(one - clean).max() > 0
-    # What adds noise says how much: the mean of n exponential powers, five standard errors.
+    assert cube.shape == ideal_cube.shape and cube.dtype == ideal_cube.dtype
+    assert np.isfinite(cube).all()
+    assert (cube == repeated_cube).all()
+    assert abs(cube - ideal_cube).max() > 0
+    # Noise impairments state their power: mean of n exponential powers, five standard errors.
     expected_w = impairment.noise_power_w(scene, radar)
     if expected_w:
-        added_w = float(np.mean(abs(one - clean) ** 2))
-        assert added_w == pytest.approx(expected_w, rel=5 * np.sqrt(2 / one.size))
+        added_w = float(np.mean(abs(cube - ideal_cube) ** 2))
+        assert added_w == pytest.approx(expected_w, rel=5 * np.sqrt(2 / cube.size))
 
 
 @pytest.mark.parametrize("kind", Multiplexing.members())
-def test_under_each_multiplexing_a_target_is_found_by_all_transmitters_together(radar, kind):
-    multiplexing = example(Multiplexing.members()[kind])
-    # About the origin: directions are told by grating lobes here, and ranges are from there.
+def test_target_is_detected_under_each_multiplexing(radar, kind):
+    multiplexing = build_example(Multiplexing.members()[kind])
+    # Centred on the origin, the reference of ranges; the spacing has grating lobes.
     middle = (multiplexing.n_tx - 1) / 2
     array = dc.Array(tx_m=[(0, 0.0078 * (k - middle), 0) for k in range(multiplexing.n_tx)])
     frame = replace(radar.frame, multiplexing=multiplexing)
@@ -298,85 +306,91 @@ def test_under_each_multiplexing_a_target_is_found_by_all_transmitters_together(
     scene = dc.Scene(targets=[target])
     truth = dc.truth(scene, radar).isel(target=0, frame=0)
 
-    found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
-    assert found.sizes["detection"] == 1
+    detections = dc.detect(dc.simulate(scene, radar, seed=1), radar)
+    assert detections.sizes["detection"] == 1
     for name in ("range", "velocity"):
-        assert abs(found[name].item() - truth[name].item()) < 5 * found[f"{name}_std"].item()
-    # The noise level comes from 320 cells that a Hann window correlates: 0.3 dB.
-    assert 10 * np.log10(found.snr.item() / truth.snr.item()) == pytest.approx(0, abs=1.5)
+        assert (
+            abs(detections[name].item() - truth[name].item()) < 5 * detections[f"{name}_std"].item()
+        )
+    # The noise estimate uses 320 cells that a Hann window correlates: 0.3 dB.
+    assert 10 * np.log10(detections.snr.item() / truth.snr.item()) == pytest.approx(0, abs=1.5)
 
 
 @pytest.mark.parametrize("velocity", [-5.0, 20.0])
 @pytest.mark.parametrize("kind", Modulation.members())
-def test_under_each_modulation_a_target_is_found_where_it_is(radar, kind, velocity):
-    frame = replace(radar.frame, modulation=example(Modulation.members()[kind]))
+def test_target_is_detected_under_each_modulation(radar, kind, velocity):
+    frame = replace(radar.frame, modulation=build_example(Modulation.members()[kind]))
     radar = replace(radar, frame=frame)
     assert len(frame.ramps) == frame.n_slots > 1
-    # Beyond what rounds alone tell without a fold.
+    # 20 m/s exceeds the unambiguous velocity of one ramp sequence.
     assert radar.frame.max_velocity_m_per_s < 20
     target = dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(velocity, 0, 0))
     scene = dc.Scene(targets=[target])
     truth = dc.truth(scene, radar).isel(target=0, frame=0)
 
-    found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
-    assert found.sizes["detection"] == 1
+    detections = dc.detect(dc.simulate(scene, radar, seed=1), radar)
+    assert detections.sizes["detection"] == 1
     for name in ("range", "velocity"):
-        assert abs(found[name].item() - truth[name].item()) < 5 * found[f"{name}_std"].item()
-    assert found.ambiguity_confidence.item() > 0.99
-    # As for multiplexing; at 20 m/s it walks through a third of a range cell.
-    assert 10 * np.log10(found.snr.item() / truth.snr.item()) == pytest.approx(0, abs=2)
+        assert (
+            abs(detections[name].item() - truth[name].item()) < 5 * detections[f"{name}_std"].item()
+        )
+    assert detections.ambiguity_confidence.item() > 0.99
+    # As for multiplexing; at 20 m/s the target migrates by a third of a range cell.
+    assert 10 * np.log10(detections.snr.item() / truth.snr.item()) == pytest.approx(0, abs=2)
 
 
 @pytest.mark.parametrize("kind", Pattern.members())
-def test_each_pattern_has_a_gain_for_all_directions_and_none_above_its_peak(kind):
-    pattern = example(Pattern.members()[kind])
+def test_pattern_gain_is_bounded_by_its_peak_in_all_directions(kind):
+    pattern = build_example(Pattern.members()[kind])
     azimuth, elevation = np.linspace(-np.pi, np.pi, 361), np.linspace(-np.pi / 2, np.pi / 2, 181)
     gain = pattern.gain_towards(azimuth, elevation[:, None])
 
     assert gain.shape == (181, 361)
     assert np.all(gain >= 0)
-    # A degree from the peak at most.
+    # The grid is at most 1 degree from the peak.
     assert gain.max() == pytest.approx(pattern.peak_gain, rel=0.01)
     turned = replace(pattern, beam_azimuth_rad=1.0, beam_elevation_rad=0.5)
     assert turned.gain_towards(1.0, 0.5) == pytest.approx(float(pattern.gain_towards(0, 0)))
 
 
 @pytest.mark.parametrize("kind", Body.members())
-def test_the_scatterers_of_each_body_reflect_as_targets_of_their_own(radar, kind):
-    body = example(Body.members()[kind])
-    place_m, velocity = np.array([20.0, 2.0, -0.5]), (3, 0, 0)
-    whole = dc.Target(
-        position_m=tuple(place_m), velocity_m_per_s=velocity, heading_rad=np.pi, body=body
+def test_body_echo_equals_echoes_of_its_scatterers(radar, kind):
+    body = build_example(Body.members()[kind])
+    position_m, velocity = np.array([20.0, 2.0, -0.5]), (3, 0, 0)
+    target = dc.Target(
+        position_m=tuple(position_m), velocity_m_per_s=velocity, heading_rad=np.pi, body=body
     )
     wavelength_m = radar.frame.chirp.wavelength_m
-    scene = dc.Scene(targets=[whole])
+    scene = dc.Scene(targets=[target])
     rcs_m2 = scatterer_cross_sections_m2(scene, radar.frame.mid_frame_s, wavelength_m)
-    # It faces the radar: its x and y axes point the other way.
-    offsets_m = body.offsets_m(np.zeros(1))[0] * [-1, -1, 1]
-    seen = rcs_m2 > 1e-12  # the least that a target may have
-    parts = [
-        dc.Target(position_m=tuple(at_m), velocity_m_per_s=velocity, rcs_m2=one_m2)
-        for at_m, one_m2 in zip((place_m + offsets_m)[seen], rcs_m2[seen], strict=True)
+    # The body faces the radar, so its x and y axes are reversed.
+    offsets_m = body.scatterer_offsets_m(np.zeros(1))[0] * [-1, -1, 1]
+    is_visible = rcs_m2 > 1e-12  # minimum RCS of a target
+    scatterer_targets = [
+        dc.Target(position_m=tuple(scatterer_m), velocity_m_per_s=velocity, rcs_m2=scatterer_rcs_m2)
+        for scatterer_m, scatterer_rcs_m2 in zip(
+            (position_m + offsets_m)[is_visible], rcs_m2[is_visible], strict=True
+        )
     ]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", dc.PhysicsWarning)  # behind the radar, or out of range
         frames = [
-            dc.simulate(each, radar, impairments=(), dtype=np.complex128)
-            for each in (scene, dc.Scene(targets=parts))
+            dc.simulate(variant, radar, impairments=(), dtype=np.complex128)
+            for variant in (scene, dc.Scene(targets=scatterer_targets))
         ]
 
-    assert parts and body.n_scatterers() == len(rcs_m2)
-    assert body.offsets_m(np.array([0.0, 0.1])).shape == (2, len(rcs_m2), 3)
-    # Both are held to 1e-9 of the echo's root mean square; the faintest are left out of one.
-    lost = np.sqrt(rcs_m2[~seen]).sum() / np.sqrt(rcs_m2.max())
-    assert abs(frames[0] - frames[1]).max() < (1e-8 + 2 * lost) * abs(frames[0]).max()
+    assert scatterer_targets and body.n_scatterers() == len(rcs_m2)
+    assert body.scatterer_offsets_m(np.array([0.0, 0.1])).shape == (2, len(rcs_m2), 3)
+    # Both are accurate to 1e-9 of the RMS echo; one omits the faintest scatterers.
+    omitted_amplitude = np.sqrt(rcs_m2[~is_visible]).sum() / np.sqrt(rcs_m2.max())
+    assert abs(frames[0] - frames[1]).max() < (1e-8 + 2 * omitted_amplitude) * abs(frames[0]).max()
 
 
 @pytest.mark.parametrize("kind", Format.members())
-def test_each_format_refuses_a_file_of_something_else(tmp_path, kind):
-    member = example(Format.members()[kind])
+def test_format_rejects_file_of_other_format(tmp_path, kind):
+    reader = build_example(Format.members()[kind])
     picture = tmp_path / "picture.png"
     picture.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 8)
-    assert member.recognise(picture) == MatchQuality.NO
+    assert reader.recognise(picture) == MatchQuality.NO
     with pytest.raises(dc.RecordingError):
         dc.open(picture, format=kind, axes=("chirp", "sample"))

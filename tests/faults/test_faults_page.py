@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dechirp.cli.main import build_app
+from dechirp.cli.main import build_command_line_app
 
 TESTS = Path(__file__).parents[1]
 PAGE = TESTS.parent / "docs" / "faults.md"
@@ -48,7 +48,7 @@ def test_row_names_known_commands_and_existing_tests(row):
 
     assert fault
     assert outcome.endswith(".")
-    assert set(commands.split(", ")) <= {*build_app(), *NO_COMMANDS}
+    assert set(commands.split(", ")) <= {*build_command_line_app(), *NO_COMMANDS}
     assert _find_test_ids(tests)
     for file, name in _find_test_ids(tests):
         assert name in _find_tests(TESTS / file), f"{file} has no {name}"

@@ -47,7 +47,7 @@ def test_available_memory_is_bounded_by_limit(monkeypatch):
     # Memory allocated by the process in the meantime also counts.
     assert memory.available_memory_bytes() <= 2**28 + 2**26
     with pytest.raises(NotEnoughMemory, match=r"the map: 0\.5 GiB of memory"):
-        memory.check_frame_memory("the map", needed_bytes=2**29, fix="take fewer chirps")
+        memory.check_free_memory("the map", needed_bytes=2**29, fix="take fewer chirps")
 
 
 @pytest.mark.parametrize(
@@ -71,8 +71,8 @@ def test_memory_error_of_library_is_reported_in_one_line(error, folder, call, mo
 
 
 def test_other_errors_are_not_memory_errors():
-    assert errors.memory_error(OSError(5, "Input/output error")) is None
-    assert errors.memory_error(ValueError("1 GiB")) is None
+    assert errors.memory_error_to_mistake(OSError(5, "Input/output error")) is None
+    assert errors.memory_error_to_mistake(ValueError("1 GiB")) is None
 
 
 @nightly

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import dechirp as dc
-from dechirp.results.data_set import read_data_set
+from dechirp.results.data_set import open_data_set_groups
 from dechirp.results.parquet import read_parquet
 from faults.conftest import command_arguments
 from nightly import nightly
@@ -86,7 +86,7 @@ def test_study_writes_data_set_to_odd_path(odd_folder, call):
 
     assert (status, errors) == (0, "")
     assert json.loads(out)["done"] == 16
-    assert read_data_set(odd_folder / "out" / "data.zarr")[""].sizes["trial"] == 8
+    assert open_data_set_groups(odd_folder / "out" / "data.zarr")[""].sizes["trial"] == 8
     assert read_parquet(odd_folder / "out" / "points.parquet")["trials"].tolist() == [8, 8]
 
 

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dechirp.cli.main import main
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.core.errors import RecordingError
 from dechirp.experiments.run import run
 from dechirp.experiments.scenario import RecordingSource, Scenario
@@ -592,7 +592,7 @@ def test_cascade_reports_settings_file_and_device(tmp_path, cascade_radar):
     numbers = np.zeros((1, frame.n_chirps_total, 16, frame.chirp.n_samples, 2), np.int16)
     write_cascade(tmp_path, numbers, cascade_radar)
     settings_file = tmp_path / "capture.yaml"
-    settings_file.write_text(dump(cascade_radar))
+    settings_file.write_text(dump_yaml(cascade_radar))
 
     contents = open_recording(tmp_path, radar=settings_file, device="cascade", iq="iq").contents
 

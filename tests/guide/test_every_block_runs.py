@@ -1,7 +1,7 @@
-"""The guide shows nothing that is not run: what is wrong in it does not build.
+"""Executed blocks of the guide: the build runs every block that contains code.
 
-The README alone may show more, in indented blocks: it has commands for recordings that one must
-have, and a copy of it is shown where nothing is run.
+Only the README may contain other code, in indented blocks: its commands need recordings, and
+other sites display it without running it.
 """
 
 import re
@@ -12,17 +12,17 @@ import pytest
 from markdown_it import MarkdownIt
 
 DOCS = Path(__file__).parents[2] / "docs"
-# Built from Python, or of the long certificates.
+# Excluded: pages generated from Python, and certificates.
 PAGES = sorted(
     page
     for page in DOCS.rglob("*.md")
     if not {"_build", "api", "gallery_built", "verification"} & set(page.relative_to(DOCS).parts)
 )
 
-RUN = {"{command}", "{code-cell}", "{settings}"}
-INCLUDED = {"{literalinclude}"}
-"""Files of the project, which other tests run or read."""
-HOLD_NO_CODE = {
+EXECUTED_KINDS = {"{command}", "{code-cell}", "{settings}"}
+INCLUDED_KINDS = {"{literalinclude}"}
+"""Directives that include project files, which other tests run or read."""
+KINDS_WITHOUT_CODE = {
     "text",
     "{figure}",
     "{image}",
@@ -32,7 +32,7 @@ HOLD_NO_CODE = {
     "{toctree}",
     "{list-table}",
 }
-HOLD_PAGES = {
+NESTED_KINDS = {
     "{note}",
     "{tip}",
     "{warning}",
@@ -41,40 +41,46 @@ HOLD_PAGES = {
     "{tab-set}",
     "{tab-item}",
 }
-"""Their content is read as a page is."""
+"""Directives whose content is parsed like a page."""
 
-LOOKS_RUN = re.compile(r"^\s*(\$ |>>> |dechirp |python |import \w|from \w+ import )", re.MULTILINE)
+CODE_PATTERN = re.compile(
+    r"^\s*(\$ |>>> |dechirp |python |import \w|from \w+ import )", re.MULTILINE
+)
 OPTION = re.compile(r"^:(\w+): *(.*)$", re.MULTILINE)
 
 
-def blocks(text: str) -> Iterator[tuple[str, str, int]]:
-    """Kind, content and line of every block of code or directive."""
+def iter_blocks(text: str) -> Iterator[tuple[str, str, int]]:
+    """Iterate over kind, content and line of every code block or directive."""
     for token in MarkdownIt().parse(text):
         first = token.map[0] + 1 if token.map else 0
         if token.type == "code_block":
             yield "indented", token.content, first
         elif token.type == "fence":
             kind = token.info.split()[0] if token.info.strip() else ""
-            if kind in HOLD_PAGES:
-                yield from ((*one, first + at) for *one, at in blocks(token.content))
+            if kind in NESTED_KINDS:
+                yield from (
+                    (*block, first + offset) for *block, offset in iter_blocks(token.content)
+                )
             else:
                 yield kind, token.content, first
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
-def test_every_block_of_a_page_is_run_or_is_no_code(page):
-    for kind, content, line in blocks(page.read_text(encoding="utf-8")):
-        assert kind in RUN | INCLUDED | HOLD_NO_CODE, f"line {line}: a block of the kind {kind!r}"
+def test_page_blocks_are_executed_or_contain_no_code(page):
+    for kind, content, line in iter_blocks(page.read_text(encoding="utf-8")):
+        assert kind in EXECUTED_KINDS | INCLUDED_KINDS | KINDS_WITHOUT_CODE, (
+            f"line {line}: block of kind {kind!r}"
+        )
         if kind == "text":
-            assert not LOOKS_RUN.search(content), f"line {line}: code that is shown as text"
+            assert not CODE_PATTERN.search(content), f"line {line}: code in a text block"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
-def test_what_is_run_in_place_of_a_command_is_the_same_command(page):
-    for kind, content, line in blocks(page.read_text(encoding="utf-8")):
+def test_substituted_command_runs_shown_command(page):
+    for kind, content, line in iter_blocks(page.read_text(encoding="utf-8")):
         assert "skip-execution" not in content, f"line {line}"
         options = dict(OPTION.findall(content)) if kind == "{command}" else {}
         if "ran" in options:
-            shown = [one for one in content.splitlines() if not OPTION.match(one)]
-            typed = [word for word in " ".join(shown).split() if word[:1] != "#"]
-            assert typed[0] in options["ran"].split(), f"line {line}: {options['ran']}"
+            command_lines = [row for row in content.splitlines() if not OPTION.match(row)]
+            words = [word for word in " ".join(command_lines).split() if word[:1] != "#"]
+            assert words[0] in options["ran"].split(), f"line {line}: {options['ran']}"

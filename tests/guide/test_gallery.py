@@ -1,4 +1,4 @@
-"""Scripts of the gallery: short, of public names alone, and the same each time they run."""
+"""Gallery scripts: length, title, public names, axis labels and seeds."""
 
 import ast
 from pathlib import Path
@@ -10,10 +10,10 @@ import dechirp
 GALLERY = Path(__file__).parents[2] / "docs" / "gallery"
 SCRIPTS = sorted(GALLERY.glob("*/plot_*.py"))
 API = Path(__file__).parents[1] / "api.txt"
-MOST_LINES = 60
+MAX_LINES = 60
 
-# Those of these draw unless told otherwise from what seed.
-DRAWS = {
+# Calls that are random unless they are given a seed.
+RANDOM_CALLS = {
     "simulate",
     "default_rng",
     "sense",
@@ -23,33 +23,33 @@ DRAWS = {
 }
 
 
-def test_there_are_at_least_twenty_in_sections_that_say_what_they_show() -> None:
+def test_gallery_has_twenty_scripts_in_titled_sections() -> None:
     assert len(SCRIPTS) >= 20
     for folder in {script.parent for script in SCRIPTS} | {GALLERY}:
         assert (folder / "GALLERY_HEADER.rst").is_file(), folder
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_script_is_short_and_begins_with_what_to_see(script: Path) -> None:
+def test_script_is_short_and_has_title_and_explanation(script: Path) -> None:
     text = script.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= MOST_LINES
+    assert len(text.splitlines()) <= MAX_LINES
 
-    words = ast.get_docstring(ast.parse(text))
-    assert words is not None
-    title, line, *rest = words.splitlines()
-    assert len(line) >= len(title)
-    assert set(line) == {"="}
+    docstring = ast.get_docstring(ast.parse(text))
+    assert docstring is not None
+    title, underline, *rest = docstring.splitlines()
+    assert len(underline) >= len(title)
+    assert set(underline) == {"="}
     assert "See " in " ".join(rest)
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_script_uses_names_that_are_promised_to_users(script: Path) -> None:
+def test_script_uses_only_public_names(script: Path) -> None:
     tree = ast.parse(script.read_text(encoding="utf-8"))
 
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("dechirp"):
-            promised = f"# from {node.module} import" in API.read_text(encoding="utf-8")
-            assert promised or node.module == "dechirp.report.figures"
+            is_public = f"# from {node.module} import" in API.read_text(encoding="utf-8")
+            assert is_public or node.module == "dechirp.report.figures"
         if isinstance(node, ast.Import):
             for name in node.names:
                 assert name.name == "dechirp" or not name.name.startswith("dechirp")
@@ -60,13 +60,13 @@ def test_a_script_uses_names_that_are_promised_to_users(script: Path) -> None:
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_script_says_what_is_on_both_axes_or_leaves_it_to_a_figure_of_the_package(
+def test_script_labels_both_axes_or_uses_package_figure(
     script: Path,
 ) -> None:
     tree = ast.parse(script.read_text(encoding="utf-8"))
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
-    given = {word.arg for call in calls for word in call.keywords}
-    given |= {_called(call).removeprefix("set_") for call in calls}
+    arguments = {keyword.arg for call in calls for keyword in call.keywords}
+    arguments |= {_get_function_name(call).removeprefix("set_") for call in calls}
     figures = {
         name.name
         for node in ast.walk(tree)
@@ -74,27 +74,28 @@ def test_a_script_says_what_is_on_both_axes_or_leaves_it_to_a_figure_of_the_pack
         for name in node.names
     }
 
-    drawn = any(
+    uses_package_figure = any(
         isinstance(call.func, ast.Attribute)
         and isinstance(call.func.value, ast.Name)
         and call.func.value.id in figures
         for call in calls
     )
-    assert drawn or {"xlabel", "ylabel"} <= given
+    assert uses_package_figure or {"xlabel", "ylabel"} <= arguments
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_whatever_draws_is_seeded(script: Path) -> None:
+def test_random_calls_have_seed(script: Path) -> None:
     for call in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
-        if not isinstance(call, ast.Call) or _called(call) not in DRAWS:
+        if not isinstance(call, ast.Call) or _get_function_name(call) not in RANDOM_CALLS:
             continue
-        given = {word.arg: word.value for word in call.keywords}
-        without_noise = (
-            isinstance(given.get("impairments"), ast.Tuple) and not given["impairments"].elts
+        arguments = {keyword.arg: keyword.value for keyword in call.keywords}
+        is_noiseless = (
+            isinstance(arguments.get("impairments"), ast.Tuple)
+            and not arguments["impairments"].elts
         )
-        of_a_study = _called(call) == "Scenario" and "n_frames" not in given
-        assert "seed" in given or without_noise or of_a_study, ast.unparse(call)
+        is_study_scenario = _get_function_name(call) == "Scenario" and "n_frames" not in arguments
+        assert "seed" in arguments or is_noiseless or is_study_scenario, ast.unparse(call)
 
 
-def _called(call: ast.Call) -> str:
+def _get_function_name(call: ast.Call) -> str:
     return call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.config.loading import parse_settings
 from dechirp.scene.bodies.bicyclist import Bicyclist
 from dechirp.scene.skeleton import SEGMENT_JOINTS, Joint
@@ -19,7 +19,7 @@ STEP_S = 1e-5
 
 def scatterer_velocities_m_per_s(body, times_s):
     """Return the velocities of the scatterers over ground, (n_times, n_scatterers, 3)."""
-    next_m, previous_m = (body.offsets_m(times_s + sign * STEP_S) for sign in (1, -1))
+    next_m, previous_m = (body.scatterer_offsets_m(times_s + sign * STEP_S) for sign in (1, -1))
     return (next_m - previous_m) / (2 * STEP_S) + (body.speed_m_per_s, 0, 0)
 
 
@@ -32,20 +32,22 @@ def test_wheel_points_move_between_zero_and_twice_the_speed(speed, radius_m):
     # Scatterers pass the top and the ground at one of 321 times, within 0.6 degrees.
     assert forward.min() == pytest.approx(0, abs=1e-3 * speed)
     assert forward.max() == pytest.approx(2 * speed, rel=1e-3)
-    assert body.offsets_m(times_s)[:, WHEEL_POINTS, 2].min() == pytest.approx(0, abs=1e-4)
-    assert body.offsets_m(times_s)[:, WHEEL_POINTS, 2].max() == pytest.approx(
+    assert body.scatterer_offsets_m(times_s)[:, WHEEL_POINTS, 2].min() == pytest.approx(0, abs=1e-4)
+    assert body.scatterer_offsets_m(times_s)[:, WHEEL_POINTS, 2].max() == pytest.approx(
         2 * radius_m, rel=1e-3
     )
     # Each spoke takes the place of the next one after a sixteenth of a turn.
     sixteenth_s = 2 * np.pi * radius_m / speed / 16
-    spokes_m = body.offsets_m(np.array([0.0, sixteenth_s]))[:, WHEEL_POINTS].reshape(2, 2, 16, 3, 3)
+    spokes_m = body.scatterer_offsets_m(np.array([0.0, sixteenth_s]))[:, WHEEL_POINTS].reshape(
+        2, 2, 16, 3, 3
+    )
     assert spokes_m[1] == pytest.approx(np.roll(spokes_m[0], -1, axis=1), abs=1e-12)
 
 
 def test_top_of_wheel_moves_forward():
     body = Bicyclist(speed_m_per_s=5.0)
     velocities = scatterer_velocities_m_per_s(body, np.zeros(1))[0, WHEEL_POINTS]
-    heights_m = body.offsets_m(np.zeros(1))[0, WHEEL_POINTS, 2]
+    heights_m = body.scatterer_offsets_m(np.zeros(1))[0, WHEEL_POINTS, 2]
 
     assert velocities[:, 0] == pytest.approx(5.0 * heights_m / 0.34, abs=1e-6)
 
@@ -53,15 +55,15 @@ def test_top_of_wheel_moves_forward():
 def test_pedals_rotate_at_cadence():
     body = Bicyclist(speed_m_per_s=6.0, development_m=4.0, phase_rad=0.3)
     times_s = np.linspace(0, 0.5, 30)
-    offsets_m = body.offsets_m(times_s)
+    offsets_m = body.scatterer_offsets_m(times_s)
 
     assert body.cadence_hz == 1.5
     # The pose repeats after one turn, and with exchanged legs after half a turn.
-    next_turn_m = body.offsets_m(times_s + 1 / 1.5)
+    next_turn_m = body.scatterer_offsets_m(times_s + 1 / 1.5)
     assert next_turn_m[:, : WHEEL_POINTS.start] == pytest.approx(
         offsets_m[:, : WHEEL_POINTS.start], abs=1e-12
     )
-    half_turn_m = body.offsets_m(times_s + 0.5 / 1.5)[:, PEDAL_POINTS]
+    half_turn_m = body.scatterer_offsets_m(times_s + 0.5 / 1.5)[:, PEDAL_POINTS]
     assert half_turn_m[:, ::-1] * (1, -1, 1) == pytest.approx(offsets_m[:, PEDAL_POINTS], abs=1e-12)
     # The pedals circle around the crank axle at 0.097 of the height, and move forward at the top.
     radii_m = np.linalg.norm(offsets_m[:, PEDAL_POINTS][..., [0, 2]] - (0, 0.27), axis=-1)
@@ -75,7 +77,7 @@ def test_pedals_rotate_at_cadence():
 def test_only_legs_of_rider_move(height_m):
     body = Bicyclist(speed_m_per_s=5.0, height_m=height_m)
     times_s = np.linspace(0, 1 / body.cadence_hz, 200)
-    moves_m = np.ptp(body.offsets_m(times_s)[:, RIDER_POINTS], axis=0).max(axis=-1)
+    moves_m = np.ptp(body.scatterer_offsets_m(times_s)[:, RIDER_POINTS], axis=0).max(axis=-1)
 
     is_leg = (SEGMENT_JOINTS >= Joint.LEFT_HIP).all(axis=1)
     is_hip = np.isin(SEGMENT_JOINTS[:, 0], (Joint.LEFT_HIP,)) & np.isin(
@@ -84,20 +86,22 @@ def test_only_legs_of_rider_move(height_m):
     assert moves_m[~is_leg].max() == 0
     assert moves_m[is_leg & ~is_hip].min() > 0.02
     # The feet follow the pedals on circles.
-    feet_m = body.offsets_m(times_s)[:, RIDER_POINTS][:, SEGMENT_JOINTS[:, 0] == Joint.LEFT_HEEL]
-    pedal_offset_m = feet_m - body.offsets_m(times_s)[:, PEDAL_POINTS][:, :1]
+    feet_m = body.scatterer_offsets_m(times_s)[:, RIDER_POINTS][
+        :, SEGMENT_JOINTS[:, 0] == Joint.LEFT_HEEL
+    ]
+    pedal_offset_m = feet_m - body.scatterer_offsets_m(times_s)[:, PEDAL_POINTS][:, :1]
     assert np.ptp(pedal_offset_m, axis=0).max() < 1e-12
     # Thighs and shanks keep their lengths: the three points on each are a third of it apart.
     for joint, share in ((Joint.LEFT_HIP, 0.245), (Joint.RIGHT_KNEE, 0.246)):
         is_limb = (SEGMENT_JOINTS[:, 0] == joint) & ~is_hip
-        limb_m = body.offsets_m(times_s)[:, RIDER_POINTS][:, is_limb]
+        limb_m = body.scatterer_offsets_m(times_s)[:, RIDER_POINTS][:, is_limb]
         lengths_m = np.linalg.norm(limb_m[:, 2] - limb_m[:, 0], axis=-1) * 1.5
         assert lengths_m == pytest.approx(np.full(200, share * height_m), rel=1e-9)
     # The knees are in front of the line from hip to ankle.
     thigh_m, shank_m = (
-        body.offsets_m(times_s)[:, RIDER_POINTS][:, (SEGMENT_JOINTS[:, 0] == joint) & ~is_hip][
-            ..., [0, 2]
-        ]
+        body.scatterer_offsets_m(times_s)[:, RIDER_POINTS][
+            :, (SEGMENT_JOINTS[:, 0] == joint) & ~is_hip
+        ][..., [0, 2]]
         for joint in (Joint.LEFT_HIP, Joint.LEFT_KNEE)
     )
     thigh_direction_m, shank_direction_m = (
@@ -113,7 +117,7 @@ def test_only_legs_of_rider_move(height_m):
 
 def test_coasting_bicyclist_rotates_wheels_only():
     body = Bicyclist(speed_m_per_s=15.0, development_m=None)
-    offsets_m = body.offsets_m(np.array([0.0, 0.01]))
+    offsets_m = body.scatterer_offsets_m(np.array([0.0, 0.01]))
 
     assert body.cadence_hz == 0
     assert (offsets_m[0, : WHEEL_POINTS.start] == offsets_m[1, : WHEEL_POINTS.start]).all()
@@ -131,7 +135,7 @@ def test_cross_section_is_divided_among_parts(radar):
     assert (
         body.n_scatterers()
         == WHEEL_POINTS.start + 2 * 3 * 20
-        == body.offsets_m(np.zeros(1)).shape[1]
+        == body.scatterer_offsets_m(np.zeros(1)).shape[1]
     )
     target = Target(position_m=(20, 0, -0.6), velocity_m_per_s=(5, 0, 0), body=body)
     assert len(fit_polynomial_paths(dc.Scene(targets=[target]), radar.frame, 0.3)) <= 4
@@ -148,7 +152,7 @@ body: {{kind: bicyclist, speed: 18 km/h, wheel_radius: 330 mm, n_spokes: 24, dev
         target = parse_settings(text, Target)
         assert target.body.speed_m_per_s == pytest.approx(5, rel=1e-15)
         assert (target.body.n_spokes, target.body.development_m) == (24, development_m)
-        assert parse_settings(dump(target), Target) == target
+        assert parse_settings(dump_yaml(target), Target) == target
 
 
 @pytest.mark.parametrize(

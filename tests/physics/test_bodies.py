@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.config.loading import parse_settings
 from dechirp.core.errors import InvalidFile
 from dechirp.core.values import frozen_dataclass
@@ -28,7 +28,7 @@ def make_scatterer(**fields):
 
 
 def offsets_m(scatterer, times_s):
-    return Points(scatterers=(scatterer,)).offsets_m(np.asarray(times_s))[:, 0]
+    return Points(scatterers=(scatterer,)).scatterer_offsets_m(np.asarray(times_s))[:, 0]
 
 
 def test_rotation_moves_top_of_wheel_forward_on_a_circle():
@@ -89,7 +89,7 @@ def test_point_cloud_equals_body_of_points():
     )
     times_s = np.array([0.0, 1.0])
 
-    assert (cloud.offsets_m(times_s) == points.offsets_m(times_s)).all()
+    assert (cloud.scatterer_offsets_m(times_s) == points.scatterer_offsets_m(times_s)).all()
     assert (cloud.cross_sections_m2() == points.cross_sections_m2()).all()
     assert cloud.is_rigid and points.is_rigid
     assert cloud == PointCloud(positions_m=POSITIONS_M.tolist(), rcs_m2=(0.5, 2))
@@ -100,9 +100,9 @@ def test_point_cloud_copies_its_arrays():
     cloud = PointCloud(positions_m=positions_m, rcs_m2=rcs_m2)
     positions_m[:], rcs_m2[:] = 0, 0
 
-    assert cloud.offsets_m(np.zeros(1))[0].tolist() == POSITIONS_M.tolist()
+    assert cloud.scatterer_offsets_m(np.zeros(1))[0].tolist() == POSITIONS_M.tolist()
     with pytest.raises(ValueError, match="read-only"):
-        cloud.offsets_m(np.zeros(1))[0, 0] = 1
+        cloud.scatterer_offsets_m(np.zeros(1))[0, 0] = 1
     with pytest.raises(ValueError, match="read-only"):
         cloud.cross_sections_m2()[0] = 1
 
@@ -250,7 +250,7 @@ def test_settings_file_round_trips_scene():
     assert heap.body == PointCloud(positions_m=((0, 0, 0), (1, 0, 0)), rcs_m2=(1, 0.5))
     assert van.acceleration_m_per_s2 == (-3, 0, 0)
     assert van.rcs_table.rcs_m2 == ((100, 10, 100),)
-    assert parse_settings(dump(scene), Scene) == scene
+    assert parse_settings(dump_yaml(scene), Scene) == scene
 
 
 @pytest.mark.parametrize(
@@ -352,7 +352,7 @@ class ThirdPartyBody(Body):
 
     rcs: tuple[float, ...]
 
-    def offsets_m(self, times_s):
+    def scatterer_offsets_m(self, times_s):
         return np.zeros((len(times_s), 1, 3))
 
     def cross_sections_m2(self):

@@ -11,7 +11,7 @@ from rich.console import Console
 from test_angle_motion_compensation import HALF_M, make_mimo_radar, make_target
 
 import dechirp as dc
-from dechirp.cli.run_output import detections_table
+from dechirp.cli.run_output import strongest_detections_table
 from dechirp.core.table_columns import COLUMNS, dataset_to_columns, dataset_to_records
 from dechirp.evaluation.association import associate_detections
 from dechirp.processing.angle.bartlett import Bartlett
@@ -28,7 +28,7 @@ from dechirp.processing.near_field import far_field_range_m
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.multiplexing.phase_code import PhaseCode
 from dechirp.report.page import render_report
-from dechirp.results.text_files import json_text
+from dechirp.results.text_files import to_json_text
 from dechirp.theory.direction_bounds import unit_vectors
 
 TDM_CODE = dc.multiplexing.Tdm(order=(0, 1, 2))
@@ -292,7 +292,7 @@ def test_table_has_degrees_integer_ambiguity_number_and_null(radar):
     radar = make_mimo_radar(radar, TDM_CODE)
     scene = dc.Scene(targets=[make_target(-20, 3)])
     detections = dc.detect(dc.simulate(scene, radar, seed=1), radar)
-    (row,) = json.loads(json_text(dataset_to_records(detections)))
+    (row,) = json.loads(to_json_text(dataset_to_records(detections)))
 
     assert list(row) == list(COLUMNS)
     assert row["azimuth_deg"] == pytest.approx(np.degrees(detections.azimuth.item()))
@@ -394,7 +394,9 @@ def test_terminal_table_shows_azimuth_within_its_width(radar, width):
     result = dc.run(dc.Scenario(radar=radar, scene=dc.Scene(targets=targets), n_frames=3))
 
     screen = StringIO()
-    Console(width=width, file=screen).print(detections_table(result, at_most=20, width=width))
+    Console(width=width, file=screen).print(
+        strongest_detections_table(result, at_most=20, width=width)
+    )
     lines = screen.getvalue().splitlines()
 
     assert max(map(len, lines)) <= width
@@ -419,7 +421,9 @@ def test_terminal_table_shows_elevation_of_planar_array(radar, width):
     )
     screen = StringIO()
     result = dc.run(scenario)
-    Console(width=width, file=screen).print(detections_table(result, at_most=20, width=width))
+    Console(width=width, file=screen).print(
+        strongest_detections_table(result, at_most=20, width=width)
+    )
     lines = screen.getvalue().splitlines()
 
     assert max(map(len, lines)) <= width

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import dechirp as dc
 from dechirp.config import loading
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.spectrum import (
     Transform,
@@ -203,7 +203,7 @@ def test_reloaded_scenario_reproduces_cube_and_detections(radar_and_scene, seed,
     radar, scene = radar_and_scene
     scene = dc.Scene(targets=[replace(t, name=f"t{i}") for i, t in enumerate(scene.targets)])
     scenario = dc.Scenario(radar=radar, scene=scene, seed=seed, chain=small_chain(window))
-    reloaded = loading.parse_settings(dump(scenario), dc.Scenario)
+    reloaded = loading.parse_settings(dump_yaml(scenario), dc.Scenario)
     cubes, results = [], []
     for case in (scenario, reloaded):
         cubes.append(dc.simulate(case.scene, case.radar, seed=case.seed))

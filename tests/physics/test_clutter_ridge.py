@@ -40,12 +40,12 @@ def test_patches_stay_fixed_while_radar_moves():
     assert before_m - after_m == pytest.approx(np.tile([6.0, 0, 0], (50, 1)), abs=1e-9)
     assert ground.is_rigid
     assert GroundClutter(n_patches=50) == ground
-    assert (GroundClutter(n_patches=50, seed=1).offsets_m(np.zeros(1)) != before_m).any()
+    assert (GroundClutter(n_patches=50, seed=1).scatterer_offsets_m(np.zeros(1)) != before_m).any()
 
 
 def test_patches_are_uniform_within_area():
     ground = GroundClutter(near_m=-3, far_m=17, width_m=8, n_patches=4000, seed=5)
-    x, y, z = ground.offsets_m(np.zeros(1))[0].T
+    x, y, z = ground.scatterer_offsets_m(np.zeros(1))[0].T
 
     assert x.min() >= -3 and x.max() <= 17 and abs(y).max() <= 4 and not z.any()
     # Means of uniform positions are within five standard errors.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.config.loading import parse_settings
 from dechirp.simulation.impairments.base import Impairment
 from dechirp.simulation.impairments.leakage import Leakage
@@ -154,4 +154,4 @@ def test_settings_file_round_trips_level_and_matrix():
     coupling = MutualCoupling(rx_level=0.01, rx_phase_rad=0.5, tx_matrix=[[(1.0, 0.0)]])
 
     assert parse_settings(text, Impairment) == coupling
-    assert parse_settings(dump(coupling), Impairment) == coupling
+    assert parse_settings(dump_yaml(coupling), Impairment) == coupling

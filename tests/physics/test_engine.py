@@ -220,7 +220,7 @@ def test_tail_mode_adds_previous_echo_to_next_chirp(radar):
 class NonfiniteBody(Body):
     """Represent a body with non-finite positions."""
 
-    def offsets_m(self, times_s):
+    def scatterer_offsets_m(self, times_s):
         return np.full((len(times_s), 2, 3), np.nan)
 
     def cross_sections_m2(self):

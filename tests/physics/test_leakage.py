@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.config.loading import parse_settings
 from dechirp.radar.patterns.cosine import Cosine
 from dechirp.simulation.echo_groups import sample_window
@@ -164,4 +164,4 @@ def test_rejects_bumper_behind_antenna_or_with_reflectivity_above_one(radar):
 )
 def test_settings_round_trip(text, impairment):
     assert parse_settings(text, Impairment) == impairment
-    assert parse_settings(dump(impairment), Impairment) == impairment
+    assert parse_settings(dump_yaml(impairment), Impairment) == impairment

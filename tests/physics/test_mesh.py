@@ -219,7 +219,7 @@ def test_each_ball_becomes_scatterer_with_its_rcs(save_mesh):
     body = Mesh(path=path, cell_size_m=0.25, rays=Rays(n_bounces=1))
     rcs_m2 = body.cross_sections_towards_m2(np.array([(30.0, 0, 0)]), WAVELENGTH_M)[0]
 
-    offsets_m = body.offsets_m(np.zeros(1))[0]
+    offsets_m = body.scatterer_offsets_m(np.zeros(1))[0]
     order = np.argsort(offsets_m[:, 1])
     assert offsets_m[order] == pytest.approx(positions_m, abs=1e-3)
     assert compute_error_db(rcs_m2[order], np.pi * radii_m**2) == pytest.approx(0, abs=0.7)
@@ -247,7 +247,7 @@ def test_corner_echo_comes_from_its_apex(save_mesh, build_corner):
     body = Mesh(path=save_mesh(build_corner()), cell_size_m=0.02)
     radar_m = np.array([(10.0, 10, 10) if build_corner is build_trihedral else (20, 0, 0)])
     rcs_m2 = body.cross_sections_towards_m2(radar_m, WAVELENGTH_M)[0]
-    offsets_m = body.offsets_m(np.zeros(1))[0, rcs_m2 > 0.01 * rcs_m2.max()]
+    offsets_m = body.scatterer_offsets_m(np.zeros(1))[0, rcs_m2 > 0.01 * rcs_m2.max()]
     # Depth along the line of sight: within one cell of the seam or apex.
     depth_m = offsets_m @ radar_m[0] / np.linalg.norm(radar_m)
     assert abs(depth_m).max() < 0.02
@@ -261,7 +261,7 @@ def test_plate_hides_ball_behind_it(save_mesh):
     front_m2, back_m2 = body.cross_sections_towards_m2(
         np.array([(20.0, 0, 0), (-20.0, 0, 0)]), WAVELENGTH_M
     )
-    is_ball = body.offsets_m(np.zeros(1))[0, :, 0] < -0.3
+    is_ball = body.scatterer_offsets_m(np.zeros(1))[0, :, 0] < -0.3
     assert front_m2[is_ball].max() == 0 < back_m2[is_ball].max()
     assert front_m2[~is_ball].max() > 0
 
@@ -334,7 +334,9 @@ def test_mesh_formats_give_same_box_in_configured_unit(tmp_path, save_mesh, name
     assert mesh.surface.corners_m.shape == (12, 3, 3)
     assert np.ptp(mesh.surface.corners_m, axis=(0, 1)) == pytest.approx([0.4, 0.2, 0.1])
     body = Mesh(path=path, unit="mm", cell_size_m=1.0)
-    assert body.offsets_m(np.zeros(2)) == pytest.approx(0, abs=1e-9)  # one cell in the centre
+    assert body.scatterer_offsets_m(np.zeros(2)) == pytest.approx(
+        0, abs=1e-9
+    )  # one cell in the centre
     assert body.n_scatterers() == 1
 
 
@@ -349,13 +351,17 @@ def test_obj_loads_without_its_material_library(tmp_path):
 
 
 def test_warns_of_open_mesh_wrong_unit_and_zero_area_faces(save_mesh, tmp_path, radar):
-    (finding,) = Mesh(path=save_mesh(build_plate(2.0))).findings("body")
+    (finding,) = Mesh(path=save_mesh(build_plate(2.0))).unusual_property_findings("body")
     assert "body.stl is open" in finding.value
     box = trimesh.creation.box((2, 1, 1))
-    (finding,) = Mesh(path=save_mesh(box, "box.stl"), unit="mm", cell_size_m=0.001).findings("body")
+    (finding,) = Mesh(
+        path=save_mesh(box, "box.stl"), unit="mm", cell_size_m=0.001
+    ).unusual_property_findings("body")
     assert finding.setting == "body.unit" and "box.stl is 2.45 mm in size" in finding.value
     house = trimesh.creation.box((40, 1, 1))
-    (finding,) = Mesh(path=save_mesh(house, "house.stl"), cell_size_m=1.0).findings("body")
+    (finding,) = Mesh(
+        path=save_mesh(house, "house.stl"), cell_size_m=1.0
+    ).unusual_property_findings("body")
     assert finding.setting == "body.unit" and "house.stl is 40.02 m in size" in finding.value
     mesh_with_zero_area_face = trimesh.Trimesh(
         box.vertices, np.vstack([box.faces, [[0, 0, 1]]]), process=False
@@ -466,7 +472,7 @@ targets:
 
 def test_mesh_path_is_relative_to_settings_file(tmp_path, save_mesh):
     save_mesh(trimesh.creation.box((200, 100, 100)), "crate.stl")
-    scene = parse_settings(SETTINGS.replace("UNIT", "mm"), Scene, base=tmp_path)
+    scene = parse_settings(SETTINGS.replace("UNIT", "mm"), Scene, base_folder=tmp_path)
     # The rear face, 0.1 m square and one cell, faces the radar.
     expected_m2 = 4 * np.pi * 0.1**4 / WAVELENGTH_M**2
     rcs_m2 = scatterer_cross_sections_m2(scene, 0.0, WAVELENGTH_M)
@@ -477,6 +483,8 @@ def test_mesh_path_is_relative_to_settings_file(tmp_path, save_mesh):
 def test_mesh_error_gives_setting_path_and_line(tmp_path, save_mesh):
     save_mesh(trimesh.creation.box((200, 100, 100)), "crate.stl")
     with pytest.raises(InvalidFile, match=r"targets\.crate\.body\.unit: m, with which") as error:
-        parse_settings(SETTINGS.replace("UNIT", "m"), Scene, base=tmp_path, file="scene.yaml")
+        parse_settings(
+            SETTINGS.replace("UNIT", "m"), Scene, base_folder=tmp_path, file="scene.yaml"
+        )
     (mistake,) = error.value.mistakes
     assert mistake.line == 5

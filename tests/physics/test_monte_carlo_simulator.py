@@ -144,7 +144,7 @@ def test_only_random_echoes_are_summed_again_in_each_trial(name, monkeypatch):
         return sum_frame(*arguments)
 
     sum_frame = simulate._sum_frame_signals
-    monkeypatch.setattr(simulate, "_sum_frame", add_frame)
+    monkeypatch.setattr(simulate, "_sum_frame_signals", add_frame)
     simulator.simulate_trial(np.random.default_rng(1))
     assert len(calls) == (n_frames if name in RANDOM_CASES else 0)
 

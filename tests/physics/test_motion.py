@@ -390,7 +390,7 @@ class JumpingBody(Body):
 
     jump_m: float
 
-    def offsets_m(self, times_s):
+    def scatterer_offsets_m(self, times_s):
         offsets_m = np.zeros((len(times_s), 2, 3))
         offsets_m[times_s > 0.00203, 1] = self.jump_m
         return offsets_m

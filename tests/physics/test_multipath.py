@@ -12,7 +12,7 @@ import pytest
 from scipy.optimize import minimize
 
 import dechirp as dc
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.config.loading import parse_settings
 from dechirp.radar.patterns.cosine import Cosine
 from dechirp.scene.bodies.points import Oscillation, Points, Scatterer
@@ -538,4 +538,4 @@ def test_rejects_antenna_below_road(radar):
 )
 def test_settings_round_trip_with_units(text, impairment):
     assert parse_settings(text, Impairment) == impairment
-    assert parse_settings(dump(impairment), Impairment) == impairment
+    assert parse_settings(dump_yaml(impairment), Impairment) == impairment

@@ -9,7 +9,7 @@ import dechirp as dc
 from dechirp.evaluation import false_alarms
 from dechirp.evaluation.association import Association
 from dechirp.evaluation.false_alarms import count_noise_alarms
-from dechirp.evaluation.gates import gate_cells
+from dechirp.evaluation.gates import target_gate_cells
 from dechirp.evaluation.score.probabilities import FalseAlarmProbability, FrameFalseAlarmProbability
 from dechirp.evaluation.score.processing_time import ProcessingTime
 from dechirp.evaluation.score.roc import Roc
@@ -76,10 +76,10 @@ def test_false_alarm_score_matches_detector_design(radar):
         count_noise_alarms(draw_noise_map(radar, chain, 1.0, rng), radar, chain) for _ in range(800)
     )
     sums = np.concatenate([score.trial_sums(build_result(count), context) for count in noise])
-    estimate = score.estimate(sums, confidence=CONFIDENCE)
+    estimate = score.estimate_with_interval(sums, confidence=CONFIDENCE)
 
-    assert score.subjects(context) == ()
-    assert score.theory(context).tolist() == [1e-3]
+    assert score.scored_target_names(context) == ()
+    assert score.theoretical_values(context).tolist() == [1e-3]
     # 2,460 alarms in clusters of 1.5: a standard error of 2.5 %, five of them to either side.
     assert estimate.low < 1e-3 < estimate.high < 1.4 * estimate.low
 
@@ -146,7 +146,10 @@ def test_frame_false_alarm_rate_matches_clump_theory(radar, window, n_rx):
         for _ in range(15_000 if NIGHTLY else 3000)
     )
     sums = np.concatenate([score.trial_sums(build_result(count), context) for count in noise])
-    estimate, (law,) = score.estimate(sums, confidence=CONFIDENCE), score.theory(context)
+    estimate, (law,) = (
+        score.estimate_with_interval(sums, confidence=CONFIDENCE),
+        score.theoretical_values(context),
+    )
     assert estimate.low < law < estimate.high
     # Probability 0.18 from 3,000 frames: a standard error of 0.007, five of them to either side.
     assert estimate.high - estimate.low < 0.08
@@ -190,7 +193,7 @@ def test_peak_cell_of_echo_lies_in_gate_of_its_target(radar, sampling, bins):
     power = range_doppler_power(split_chirps_into_slots(samples, radar.frame), radar, chain)
     velocity, row = np.unravel_index(power.argmax(), power.shape)
 
-    (gate,) = gate_cells(context)
+    (gate,) = target_gate_cells(context)
     assert (velocity, row) in zip(gate.velocity, gate.range, strict=True)
     # Two cells to either side, without zero padding.
     assert len(gate.target) == 25
@@ -215,7 +218,7 @@ def test_roc_at_chain_threshold_counts_detector_alarms(radar, kind):
         assert np.all(sums[:, -1] == noise.n_tested) and np.all(sums[:, 5] == noise.n_over)
         assert np.all(np.diff(sums[:, :3]) <= 0) and np.all(np.diff(sums[:, 4:7]) <= 0)
         is_alarm = chain.cfar.exceeds_threshold(power, chain.map_noise_statistics(radar))
-        (gate,) = gate_cells(context)
+        (gate,) = target_gate_cells(context)
         hits = [is_alarm[gate.velocity, gate.range][gate.target == index].any() for index in (0, 1)]
         assert sums[:, 1].tolist() == hits
 
@@ -243,15 +246,18 @@ def test_measured_roc_encloses_design_and_theory(radar):
         noise = count_noise_alarms(draw_noise_map(radar, chain, noise_w, rng), radar, chain)
         rows.append(score.trial_sums(build_result(noise, maps), context)[0])
     sums = np.array(rows)
-    curve, (law,) = score.curve(sums, confidence=CONFIDENCE), score.theory_curve(context)
+    curve, (law,) = (
+        score.estimate_roc_curve(sums, confidence=CONFIDENCE),
+        score.theoretical_roc_probabilities(context),
+    )
 
     assert np.all(
         (curve.false_alarm_low < curve.designed) & (curve.designed < curve.false_alarm_high)
     )
     assert np.all((curve.detection_low < law) & (law < curve.detection_high))
     assert np.all(curve.detection_high - curve.detection_low < 0.14)
-    area = score.estimate(sums, confidence=CONFIDENCE)
-    assert area.low < score.theory(context)[0] < area.high
+    area = score.estimate_with_interval(sums, confidence=CONFIDENCE)
+    assert area.low < score.theoretical_values(context)[0] < area.high
     # Trapezoidal rule over equal decades: the ends count half.
     assert area.value == pytest.approx(curve.detection_probability @ [1 / 6, 1 / 3, 1 / 3, 1 / 6])
 
@@ -263,12 +269,12 @@ def test_rejects_contexts_that_scores_cannot_evaluate(radar):
         Roc(false_alarm_probabilities=[1e-6])
     radar, chain = resize_radar(radar, 64, 48), build_chain()
     with pytest.raises(dc.InvalidSetting, match="without targets"):
-        Roc().check_context(build_context(radar, chain, dc.Scene()))
+        Roc().check_score_defined(build_context(radar, chain, dc.Scene()))
     triangular_radar = dc.Radar(
         frame=replace(radar.frame, modulation=dc.modulations.Triangular()), array=radar.array
     )
     with pytest.raises(dc.InvalidSetting, match="rising and falling"):
-        FrameFalseAlarmProbability().check_context(
+        FrameFalseAlarmProbability().check_score_defined(
             TrialContext(dc.Scene(), triangular_radar, chain, None, 1.0, np.zeros(1))  # type: ignore[arg-type]
         )
 
@@ -277,10 +283,12 @@ def test_processing_time_is_median_with_confidence_interval():
     score, rng = ProcessingTime(), np.random.default_rng(106)
     misses = 0
     for _ in range(1000):
-        estimate = score.estimate(rng.exponential(size=(30, 1)), confidence=0.9)
+        estimate = score.estimate_with_interval(rng.exponential(size=(30, 1)), confidence=0.9)
         assert estimate.low <= estimate.value <= estimate.high
         misses += not estimate.low < np.log(2) < estimate.high
     # At most a tenth, because limits are order statistics: 100, and five standard errors.
     assert 20 < misses < 150
-    short_estimate = score.estimate(np.array([[1.0], [2.0], [3.0], [np.nan]]), confidence=0.95)
+    short_estimate = score.estimate_with_interval(
+        np.array([[1.0], [2.0], [3.0], [np.nan]]), confidence=0.95
+    )
     assert short_estimate.value == 2.0 and np.isnan([short_estimate.low, short_estimate.high]).all()

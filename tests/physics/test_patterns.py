@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.config.loading import parse_settings
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.experiments.link_budget import link_budget
@@ -367,7 +367,7 @@ def test_pattern_settings_round_trip(pattern):
     rotated_pattern = replace(pattern, beam_azimuth_rad=0.3, beam_elevation_rad=-0.1)
     hardware = replace(HARDWARE, tx_pattern=rotated_pattern)
 
-    assert parse_settings(dump(hardware), Hardware) == hardware
+    assert parse_settings(dump_yaml(hardware), Hardware) == hardware
 
 
 def test_settings_accept_gains_in_decibels_and_angles_in_degrees():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.config.loading import parse_settings
 from dechirp.scene.bodies.pedestrian import Pedestrian
 from dechirp.scene.gait import Gait
@@ -41,11 +41,11 @@ def compute_forward_speeds(positions_m, duration_s):
 def test_gait_repeats_after_model_cycle_and_mirrors_after_half(speed, height_m):
     body = Pedestrian(speed_m_per_s=speed, height_m=height_m, phase_rad=0.7)
     times_s = np.linspace(0, 1, 40)
-    positions_m = body.offsets_m(times_s)
+    positions_m = body.scatterer_offsets_m(times_s)
 
-    next_cycle_m = body.offsets_m(times_s + gait_period_s(speed, height_m))
+    next_cycle_m = body.scatterer_offsets_m(times_s + gait_period_s(speed, height_m))
     assert next_cycle_m == pytest.approx(positions_m, abs=1e-9)
-    half_cycle_m = body.offsets_m(times_s + gait_period_s(speed, height_m) / 2)
+    half_cycle_m = body.scatterer_offsets_m(times_s + gait_period_s(speed, height_m) / 2)
     assert abs(half_cycle_m - positions_m).max() > 0.1
     # Left and right are exchanged after half a cycle.
     mirrored_m = half_cycle_m * (1, -1, 1)
@@ -59,15 +59,15 @@ def test_phase_shifts_gait_within_its_cycle():
     )
     times_s = np.array([0.0, 0.3])
 
-    assert late_walker.offsets_m(times_s) == pytest.approx(
-        early_walker.offsets_m(times_s + gait_period_s(1.4) / 4), abs=1e-12
+    assert late_walker.scatterer_offsets_m(times_s) == pytest.approx(
+        early_walker.scatterer_offsets_m(times_s + gait_period_s(1.4) / 4), abs=1e-12
     )
 
 
 @pytest.mark.parametrize("speed", [1.3, 1.4, 2.1])
 def test_swinging_feet_reach_two_to_four_times_walking_speed(speed):
     body = Pedestrian(speed_m_per_s=speed)
-    offsets_m = body.offsets_m(CYCLES * gait_period_s(speed))
+    offsets_m = body.scatterer_offsets_m(CYCLES * gait_period_s(speed))
     ground_speeds = speed + compute_forward_speeds(offsets_m, gait_period_s(speed))
     is_foot = np.isin(SEGMENT_JOINTS[:, 0], (Joint.LEFT_HEEL, Joint.RIGHT_HEEL))
 
@@ -153,12 +153,14 @@ def test_fifteen_segments_share_cross_section():
     assert len(np.unique(SEGMENT_JOINTS, axis=0)) == 15 + 1
     assert body.cross_sections_m2().sum() == pytest.approx(0.2, rel=1e-12)
     assert 10 * np.log10(Pedestrian(speed_m_per_s=1).rcs_m2) == pytest.approx(-8, abs=0.05)
-    assert body.offsets_m(np.zeros(3)).shape == (3, 35, 3)
+    assert body.scatterer_offsets_m(np.zeros(3)).shape == (3, 35, 3)
 
 
 def test_pedestrian_moves_smoothly(radar):
     body = Pedestrian(speed_m_per_s=2.0)
-    harmonics_m = np.fft.rfft(body.offsets_m(CYCLES * gait_period_s(2.0)), axis=0) / N_PHASES
+    harmonics_m = (
+        np.fft.rfft(body.scatterer_offsets_m(CYCLES * gait_period_s(2.0)), axis=0) / N_PHASES
+    )
     # Sines of sums of six harmonics: no jump in any derivative.
     assert abs(harmonics_m[40:]).max() < 1e-8
     assert abs(harmonics_m[60:]).max() < 1e-12
@@ -172,7 +174,7 @@ def test_pedestrian_moves_smoothly(radar):
 
 def test_standing_pedestrian_does_not_move():
     body = Pedestrian(speed_m_per_s=0, height_m=1.8)
-    offsets_m = body.offsets_m(np.array([0.0, 1.0, 77.7]))
+    offsets_m = body.scatterer_offsets_m(np.array([0.0, 1.0, 77.7]))
 
     assert body.is_rigid and not Pedestrian(speed_m_per_s=1).is_rigid
     assert (offsets_m == offsets_m[0]).all()
@@ -192,7 +194,7 @@ body: {kind: pedestrian, height: 160 cm, speed: 1.2 m/s, phase: 90 deg, rcs: -10
     assert (target.body.height_m, target.body.speed_m_per_s) == (1.6, 1.2)
     assert target.body.phase_rad == pytest.approx(np.pi / 2, rel=1e-15)
     assert target.body.rcs_m2 == pytest.approx(0.1, rel=1e-15)
-    assert parse_settings(dump(target), Target) == target
+    assert parse_settings(dump_yaml(target), Target) == target
 
 
 @pytest.mark.parametrize(

@@ -221,7 +221,7 @@ GUARD_RAIL = GuardRail(length_m=60)
 
 def compute_beam_rcs(rail, radar_x_m, radar_y_m, height_m=0.5):
     """Compute positions along the beam and their cross-sections towards a radar, each (n,)."""
-    offsets_m = rail.offsets_m(np.zeros(1))[0]
+    offsets_m = rail.scatterer_offsets_m(np.zeros(1))[0]
     rcs_m2 = rail.cross_sections_towards_m2(
         np.array([[radar_x_m, radar_y_m, height_m]]), WAVELENGTH_M
     )[0]
@@ -251,7 +251,7 @@ def test_guard_rail_does_not_reflect_beyond_its_end():
 
 def test_guard_rail_posts_are_equally_spaced():
     rail = GuardRail(length_m=20, post_spacing_m=4, post_rcs_m2=0.3)
-    offsets_m = rail.offsets_m(np.zeros(1))[0]
+    offsets_m = rail.scatterer_offsets_m(np.zeros(1))[0]
     is_post = offsets_m[:, 2] < rail.height_m
 
     assert offsets_m[is_post, 0] == pytest.approx(np.array([-10, -6, -2, 2, 6, 10]))

@@ -7,8 +7,11 @@ import pytest
 
 import dechirp as dc
 from dechirp.evaluation.detector_law import find_detector_law
-from dechirp.evaluation.gates import normalised_frequencies
-from dechirp.evaluation.predicted_detection import cell_snr_fraction, detection_probabilities
+from dechirp.evaluation.gates import echo_cycles_per_sample_and_chirp
+from dechirp.evaluation.predicted_detection import (
+    nearest_cell_snr_fraction,
+    theoretical_detection_probabilities,
+)
 from dechirp.evaluation.score.probabilities import DetectionProbability, ResolutionProbability
 from dechirp.processing.cfar.base import Cfar
 from dechirp.processing.cfar.ordered_statistic import OrderedStatistic
@@ -36,7 +39,7 @@ ORDERED = Chain(angle=None, cfar=Cfar(estimator=OrderedStatistic(), false_alarm_
 
 
 def measure_detection_probability(case, n_trials: int):
-    return DetectionProbability().estimate(
+    return DetectionProbability().estimate_with_interval(
         trial_sums(DetectionProbability(), case, n_trials).sum(axis=1), confidence=CONFIDENCE
     )
 
@@ -46,7 +49,7 @@ def test_detection_probability_matches_theory():
 
     estimate = measure_detection_probability(case, 600)
 
-    (theory,) = DetectionProbability().theory(case)
+    (theory,) = DetectionProbability().theoretical_values(case)
     assert 0.5 < theory < 0.75
     assert estimate.low < theory < estimate.high
 
@@ -68,7 +71,7 @@ def test_theory_is_within_0_02_of_20_000_trials(radar, chain, snr_db):
 
     estimate = measure_detection_probability(case, 20_000)
 
-    (theory,) = DetectionProbability().theory(case)
+    (theory,) = DetectionProbability().theoretical_values(case)
     assert 0.3 < theory < 0.8
     assert estimate.value == pytest.approx(theory, abs=0.02)
     assert estimate.low < theory < estimate.high
@@ -80,7 +83,7 @@ def test_neighbouring_cells_add_detections_as_predicted():
     noise, n_trials, n_more = case.chain.map_noise_statistics(case.radar), 600, 0
     truth = RangeVelocity(case.truth.range.values, case.truth.velocity.values)
     fast_cycles, slow_cycles = (
-        float(cycles.item()) for cycles in normalised_frequencies(truth, case.radar)
+        float(cycles.item()) for cycles in echo_cycles_per_sample_and_chirp(truth, case.radar)
     )
     assert (64 * fast_cycles, 32 * slow_cycles) == pytest.approx((17.5, 2.5), abs=1e-3)
     row, column = round(fast_cycles * 64), round(slow_cycles * 32) + 16
@@ -90,13 +93,13 @@ def test_neighbouring_cells_add_detections_as_predicted():
         is_detected = power > threshold_map(power, case.radar, case.chain)
         n_more += int((trial.association.target == 0).any()) - int(is_detected.values[column, row])
 
-    snr_fraction = cell_snr_fraction(
+    snr_fraction = nearest_cell_snr_fraction(
         truth, case.radar, noise.range_transform, noise.doppler_transform
     )
     nearest_probability = find_detector_law(case.chain.cfar, noise).detection_probability(
         case.truth.snr.values * snr_fraction
     )
-    (theory,) = detection_probabilities(case) - nearest_probability.ravel()
+    (theory,) = theoretical_detection_probabilities(case) - nearest_probability.ravel()
     assert theory > 0.2
     # The chain almost never misses a target that the nearest cell detects: a binomial share.
     assert n_more / n_trials == pytest.approx(theory, abs=4.9 * np.sqrt(theory / n_trials))
@@ -132,7 +135,8 @@ def test_theory_is_nan_outside_its_assumptions():
     cases["unknown noise"] = replace(cases["lone"], noise_power_w=np.nan)
 
     has_law = {
-        name: bool(np.isfinite(detection_probabilities(case)[0])) for name, case in cases.items()
+        name: bool(np.isfinite(theoretical_detection_probabilities(case)[0]))
+        for name, case in cases.items()
     }
 
     assert [name for name, is_available in has_law.items() if is_available] == [
@@ -140,19 +144,22 @@ def test_theory_is_nan_outside_its_assumptions():
         "far from other target",
     ]
     lone_probability, far_probability = (
-        detection_probabilities(cases[name])[0] for name in ("lone", "far from other target")
+        theoretical_detection_probabilities(cases[name])[0]
+        for name in ("lone", "far from other target")
     )
     assert far_probability == pytest.approx(lone_probability, abs=1e-12)
 
 
 def test_fading_loss_matches_swerling_and_strong_target_is_certain():
     steady_probability, fading_probability = (
-        detection_probabilities(
+        theoretical_detection_probabilities(
             trial_context(small_radar(), HANN, 25.0, make_target(fluctuation=kind))
         )[0]
         for kind in ("steady", "swerling-1")
     )
-    strong_probability = detection_probabilities(trial_context(small_radar(), HANN, 90.0))[0]
+    strong_probability = theoretical_detection_probabilities(
+        trial_context(small_radar(), HANN, 90.0)
+    )[0]
 
     # 25 dB, minus 3.5 dB of two Hann windows and scalloping loss: Pd = Pfa^(1 / (1 + snr)).
     assert steady_probability > 0.9999
@@ -165,7 +172,7 @@ def test_resolution_requires_one_detection_per_target():
     separate_case = trial_context(small_radar(), HANN, 40.0, make_target(), make_target(30.0))
     close_case = trial_context(small_radar(), HANN, 40.0, make_target(), make_target(20.5))
     shares = [
-        score.estimate(trial_sums(score, case, 40)[:, 0], confidence=CONFIDENCE)
+        score.estimate_with_interval(trial_sums(score, case, 40)[:, 0], confidence=CONFIDENCE)
         for case in (separate_case, close_case)
     ]
 
@@ -173,4 +180,4 @@ def test_resolution_requires_one_detection_per_target():
     # Targets half a cell apart give one peak.
     assert shares[1].high < 0.5
     with pytest.raises(dc.InvalidSetting, match="resolution_probability, in a scene of 1"):
-        score.check_context(trial_context(small_radar(), HANN, 40.0))
+        score.check_score_defined(trial_context(small_radar(), HANN, 40.0))

@@ -40,12 +40,12 @@ def test_errors_reach_bound_without_bias_on_all_axes():
     biases = [RangeBias(), VelocityBias(), AzimuthBias(), ElevationBias()]
     trials = list(iter_trials(case, 300))
     for score in (*rmses, *biases):
-        score.check_context(case)
+        score.check_score_defined(case)
         sums = np.array([score.trial_sums(trial, case)[0] for trial in trials])
 
-        estimate = score.estimate(sums, confidence=CONFIDENCE)
+        estimate = score.estimate_with_interval(sums, confidence=CONFIDENCE)
 
-        (theory,) = score.theory(case)
+        (theory,) = score.theoretical_values(case)
         assert np.isfinite(theory)
         assert estimate.low < theory < estimate.high, score.label()
         assert estimate.high - estimate.low < 0.5 * rms_error_bounds(case)[score.axis][0] * (
@@ -73,12 +73,12 @@ def test_bound_is_nan_outside_its_assumptions():
         replace(single_case, noise_power_w=np.nan),
     ]
 
-    assert np.isfinite(RangeRmse().theory(single_case)).all()
+    assert np.isfinite(RangeRmse().theoretical_values(single_case)).all()
     for case in cases_without_bound:
-        assert np.isnan(RangeRmse().theory(case)).all()
-        assert np.isnan(RangeBias().theory(case)).all()
+        assert np.isnan(RangeRmse().theoretical_values(case)).all()
+        assert np.isnan(RangeBias().theoretical_values(case)).all()
     assert np.isnan(
-        AzimuthRmse().theory(replace(single_case, chain=replace(chain, angle=None)))
+        AzimuthRmse().theoretical_values(replace(single_case, chain=replace(chain, angle=None)))
     ).all()
 
 
@@ -128,7 +128,7 @@ def test_errors_sum_over_targets_and_frames():
 
     assert RangeBias().trial_sums(trial, case) == pytest.approx(np.array([[-0.1, 2], [0.3, 1]]))
     sums = RangeRmse().trial_sums(trial, case).sum(axis=0)
-    assert RangeRmse().estimate(sums[None], confidence=0.9).value == pytest.approx(
+    assert RangeRmse().estimate_with_interval(sums[None], confidence=0.9).value == pytest.approx(
         np.sqrt(0.14 / 3)
     )
 
@@ -157,7 +157,7 @@ def test_rejects_cases_without_score_and_suggests_fix():
     ]
     for score, case, message in cases:
         with pytest.raises(dc.InvalidSetting, match=message) as error:
-            score.check_context(case)
+            score.check_score_defined(case)
         (mistake,) = error.value.mistakes
         assert score.label() in mistake.value
         assert mistake.fix.endswith(f"or leave out {score.label()}")

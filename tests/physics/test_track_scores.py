@@ -75,10 +75,10 @@ def estimate_score(score, context, *states_of_trials):
     trials = [build_trial_result(build_tracks(context, state)) for state in states_of_trials]
     sums_of_trials = [score.trial_sums(trial, context) for trial in trials]
     assert {trial_sums.shape for trial_sums in sums_of_trials} == {
-        (max(len(score.subjects(context)), 1), score.n_sums)
+        (max(len(score.scored_target_names(context)), 1), score.n_sums)
     }
     sums = np.array(sums_of_trials).sum(axis=1)
-    return score.estimate(sums, confidence=0.9)
+    return score.estimate_with_interval(sums, confidence=0.9)
 
 
 def test_true_states_match_ground_truth_of_radar(context):
@@ -118,7 +118,7 @@ def test_consistent_filter_has_nees_of_four(context):
     # Errors are constant over a trial: 100 trials of two targets are 200 errors, not 4,000.
     noisy_states = [state + STD * rng.standard_normal((2, 1, 4)) for _ in range(100)]
     estimate = estimate_score(score, context, *noisy_states)
-    assert score.theory(context).tolist() == [4.0, 4.0]
+    assert score.theoretical_values(context).tolist() == [4.0, 4.0]
     # Chi-squared of four degrees of freedom has a standard deviation of 2.83: 0.2, five of them.
     assert estimate.value == pytest.approx(4.0, abs=1.0)
     assert estimate.high - estimate.low == pytest.approx(2 * 1.66 * 0.2, rel=0.3)
@@ -192,18 +192,18 @@ def test_cluster_belongs_to_target_with_most_of_its_power(context):
     # Left car: two clusters, none, one; right car: none, one, one; of 20 frames.
     assert one_cluster_sums.tolist() == [[1, 20], [2, 20]]
     assert cluster_sums.tolist() == [[3, 2], [2, 2]]
-    assert ClustersPerTarget().estimate(cluster_sums[:1], confidence=0.9).value == 1.5
+    assert ClustersPerTarget().estimate_with_interval(cluster_sums[:1], confidence=0.9).value == 1.5
 
 
 def test_rejects_contexts_without_targets_or_clusters(context):
     empty_context = replace(context, scene=dc.Scene())
     for member in (*TRACK_SCORES[:-1], OneClusterProbability, ClustersPerTarget):
-        member().check_context(context)
+        member().check_score_defined(context)
         with pytest.raises(dc.InvalidSetting, match="without targets"):
-            member().check_context(empty_context)
-    FalseTracks().check_context(empty_context)
+            member().check_score_defined(empty_context)
+    FalseTracks().check_score_defined(empty_context)
     for member in (OneClusterProbability, ClustersPerTarget):
         with pytest.raises(dc.InvalidSetting, match="without clusters"):
-            member().check_context(replace(context, chain=dc.Chain()))
+            member().check_score_defined(replace(context, chain=dc.Chain()))
     with pytest.raises(dc.InvalidSetting, match="cutoff_m"):
         TrackGospa(cutoff_m=0.0)

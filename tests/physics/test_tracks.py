@@ -16,7 +16,7 @@ from dechirp.config import loading
 from dechirp.core.errors import InvalidSetting, NotEnoughMemory
 from dechirp.core.findings import PhysicsWarning
 from dechirp.evaluation.nees import mean_nees_interval, nees
-from dechirp.evaluation.track_trial import TrackTrial, draw_trial, run_trial
+from dechirp.evaluation.track_trial import TrackTrial, draw_truth_and_detections, run_tracking_trial
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
 from dechirp.tracking import stone_soup
@@ -99,7 +99,7 @@ def measure_mean_nees(trial: TrackTrial, n_trials: int) -> np.ndarray:
     """Average the NEES over trials and targets, per frame after the confirmation period."""
     detections = []
     for number in range(n_trials):
-        realisation, tracks, holding, _ = run_trial(trial, number)
+        realisation, tracks, holding, _ = run_tracking_trial(trial, number)
         truth = stack_states(realisation.truth)
         for target, row in enumerate(holding.holder.values):
             value = np.full(len(row), np.nan)
@@ -137,14 +137,14 @@ def test_ten_crossing_targets_are_neither_lost_nor_swapped(number):
     assert (len(trial.scene.targets), trial.n_frames) == (10, 100)
     assert (trial.detection_probability, trial.false_alarms.per_frame) == (0.9, 10)
 
-    _, _, holding, is_whole = run_trial(trial, number)
+    _, _, holding, is_whole = run_tracking_trial(trial, number)
 
     assert is_whole, holding
 
 
 def test_ten_targets_of_example_cross():
     trial = replace(loading.read_settings(EXAMPLE, TrackTrial), wander_m2_per_s3=0.0)
-    positions_m = stack_states(draw_trial(trial, 0).truth)[..., [0, 2]]
+    positions_m = stack_states(draw_truth_and_detections(trial, 0).truth)[..., [0, 2]]
 
     min_distances_m = np.linalg.norm(positions_m[:, None] - positions_m, axis=-1).min(axis=-1)
 
@@ -228,7 +228,7 @@ def test_rejects_time_going_backwards_and_keeps_tracks():
 
 
 def test_live_tracks_equal_batch_tracks():
-    realisation = draw_trial(build_trial(n_frames=12), 0)
+    realisation = draw_truth_and_detections(build_trial(n_frames=12), 0)
     tracker, times_s = build_trial().tracker, np.arange(12) * 0.1
     live_tracker = LiveTracker(tracker)
     for k, time_s in enumerate(times_s):

@@ -90,7 +90,7 @@ def test_side_rcs_of_truck_and_car_scale_with_area():
 @pytest.mark.parametrize("kind", VEHICLES)
 def test_surfaces_facing_away_are_hidden(kind):
     body = kind()
-    x, y, _ = body.offsets_m(np.zeros(1))[0].T
+    x, y, _ = body.scatterer_offsets_m(np.zeros(1))[0].T
     is_nose, is_left = x > 0.499 * body.length_m, y > 0.4 * body.width_m
     is_right, is_tail = y < -0.4 * body.width_m, x < -0.499 * body.length_m
     is_middle = ~(is_nose | is_tail)
@@ -106,7 +106,7 @@ def test_surfaces_facing_away_are_hidden(kind):
 
 def test_side_reflection_moves_along_vehicle_with_radar():
     body = Truck()
-    x_m, y_m, _ = body.offsets_m(np.zeros(1))[0].T
+    x_m, y_m, _ = body.scatterer_offsets_m(np.zeros(1))[0].T
     is_side = (y_m > 0.499 * body.width_m) & (abs(x_m) < 0.499 * body.length_m)
     for radar_x_m in (-5.0, 0.0, 4.0):
         side_rcs_m2 = body.cross_sections_towards_m2(
@@ -131,7 +131,7 @@ def measure_range_rates(kind, azimuth, times_s):
         np.linalg.norm(scene.scatterer_positions_m(times_s + shift_s), axis=-1)
         for shift_s in (-step_s / 2, step_s / 2)
     ]
-    wheel_offsets_m = body.offsets_m(np.array([0.0, 1e-3]))
+    wheel_offsets_m = body.scatterer_offsets_m(np.array([0.0, 1e-3]))
     return (ranges_m[1] - ranges_m[0]) / step_s, (wheel_offsets_m[0] != wheel_offsets_m[1]).any(
         axis=-1
     )
@@ -158,7 +158,11 @@ def test_rims_span_zero_to_twice_speed_and_body_is_rigid(kind, aspect_deg):
 def test_tyre_is_at_rest_where_it_touches_ground():
     body = Car(speed_m_per_s=20.0)
     times_s = np.linspace(0, 0.1, 2001)
-    ground_positions_m = body.offsets_m(times_s) + (20.0 * times_s)[:, None, None] * [1, 0, 0]
+    ground_positions_m = body.scatterer_offsets_m(times_s) + (20.0 * times_s)[:, None, None] * [
+        1,
+        0,
+        0,
+    ]
     heights_m = ground_positions_m[:-1, :, 2]
     speeds = (
         np.linalg.norm(np.diff(ground_positions_m, axis=0), axis=-1) / np.diff(times_s)[:, None]
@@ -176,14 +180,17 @@ def test_wheels_roll_backwards_with_reversing_car():
     forward_car, backward_car = Car(speed_m_per_s=5.0), Car(speed_m_per_s=-5.0)
     times_s = np.array([0.0, 0.01, 0.5])
 
-    assert forward_car.offsets_m(times_s) == pytest.approx(
-        backward_car.offsets_m(-times_s), abs=1e-12
+    assert forward_car.scatterer_offsets_m(times_s) == pytest.approx(
+        backward_car.scatterer_offsets_m(-times_s), abs=1e-12
     )
 
 
 def test_car_without_rolling_wheels_is_rigid():
     assert Car().is_rigid and not Car(speed_m_per_s=1.0).is_rigid
-    assert (Car().offsets_m(np.array([0.0]))[0] == Car().offsets_m(np.array([3.0]))[0]).all()
+    assert (
+        Car().scatterer_offsets_m(np.array([0.0]))[0]
+        == Car().scatterer_offsets_m(np.array([3.0]))[0]
+    ).all()
 
 
 def compute_doppler_spectrum(radar, body):

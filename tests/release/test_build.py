@@ -1,4 +1,4 @@
-"""What is built is what is in the tree, the same to the byte, and works where nothing else is."""
+"""Built archives: content, reproducibility, and installation in an empty environment."""
 
 import io
 import json
@@ -16,16 +16,16 @@ from packaging.utils import canonicalize_name
 
 import dechirp
 from nightly import nightly
-from release.pinned import ROOT, pins
+from release.pinned_requirements import ROOT, read_pins
 
-LARGEST_BYTES = 1_000_000
+MAX_BYTES = 1_000_000
 
 
 @pytest.fixture(scope="module")
-def tree(tmp_path_factory) -> dict[str, bytes]:
-    """What git keeps or would keep; nothing of caches."""
+def tracked_files(tmp_path_factory) -> dict[str, bytes]:
+    """Read all files that git tracks or would track, without caches."""
     try:
-        listed = subprocess.run(
+        listing = subprocess.run(
             ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
             cwd=ROOT,
             capture_output=True,
@@ -33,15 +33,15 @@ def tree(tmp_path_factory) -> dict[str, bytes]:
         )
     except (OSError, subprocess.CalledProcessError):
         pytest.skip("not a checkout")
-    names = listed.stdout.decode().split("\0")
+    names = listing.stdout.decode().split("\0")
     return {name: (ROOT / name).read_bytes() for name in names if (ROOT / name).is_file()}
 
 
-def built(tree: Path, out: Path, umask: int) -> dict[str, bytes]:
-    """Archives that are made of a tree."""
+def build_archives(tracked_files: Path, out: Path, umask: int) -> dict[str, bytes]:
+    """Build the archives of a source tree; return their bytes by suffix."""
     subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-d", out],
-        cwd=tree,
+        cwd=tracked_files,
         check=True,
         capture_output=True,
         umask=umask,
@@ -51,55 +51,65 @@ def built(tree: Path, out: Path, umask: int) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def archives(tree, tmp_path_factory) -> dict[str, bytes]:
+def archives(tracked_files, tmp_path_factory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("built")
-    left_by_runs = {"src/dechirp/__pycache__/kernel.nbc": b"", "dechirp-run/report.html": b""}
-    for name, content in {**tree, **left_by_runs}.items():
-        file = folder / "tree" / name  # with the rights of new files: no one may run them
+    run_leftovers = {"src/dechirp/__pycache__/kernel.nbc": b"", "dechirp-run/report.html": b""}
+    for name, content in {**tracked_files, **run_leftovers}.items():
+        file = folder / "tree" / name  # permissions of new files: not executable
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content)
-    return built(folder / "tree", folder / "out", 0o022)
+    return build_archives(folder / "tree", folder / "out", 0o022)
 
 
-def test_what_is_built_elsewhere_and_later_is_the_same(archives, tmp_path):
+def test_rebuild_from_source_archive_is_byte_identical(archives, tmp_path):
     with tarfile.open(fileobj=io.BytesIO(archives[".gz"])) as sdist:
         sdist.extractall(tmp_path, filter="data")
-    (elsewhere,) = tmp_path.iterdir()
-    for file in elsewhere.rglob("*"):
+    (unpacked,) = tmp_path.iterdir()
+    for file in unpacked.rglob("*"):
         os.utime(file, (2e9, 2e9))
         file.chmod(file.stat().st_mode & 0o700)
-    (elsewhere / "PKG-INFO").unlink()  # what makes a source archive of a tree
+    (unpacked / "PKG-INFO").unlink()  # present only in source archives
 
-    assert built(elsewhere, tmp_path / "out", 0o077) == archives
+    assert build_archives(unpacked, tmp_path / "out", 0o077) == archives
 
 
-def test_the_wheel_is_the_package_and_nothing_else(archives, tree):
+def test_wheel_contains_only_package(archives, tracked_files):
     with zipfile.ZipFile(io.BytesIO(archives[".whl"])) as wheel:
         content = {name: wheel.read(name) for name in wheel.namelist()}
     package = {f"src/{name}": content[name] for name in content if ".dist-info/" not in name}
-    assert package == {name: tree[name] for name in tree if name.startswith("src/dechirp/")}
+    assert package == {
+        name: tracked_files[name] for name in tracked_files if name.startswith("src/dechirp/")
+    }
     assert {"src/dechirp/py.typed", "src/dechirp/report/page.typ"} <= package.keys()
-    about = {name.partition("/")[2]: content[name] for name in content if ".dist-info/" in name}
-    assert about.keys() == {"METADATA", "WHEEL", "RECORD", "entry_points.txt", "licenses/LICENSE"}
-    assert about["licenses/LICENSE"] == tree["LICENSE"]
+    metadata = {name.partition("/")[2]: content[name] for name in content if ".dist-info/" in name}
+    assert metadata.keys() == {
+        "METADATA",
+        "WHEEL",
+        "RECORD",
+        "entry_points.txt",
+        "licenses/LICENSE",
+    }
+    assert metadata["licenses/LICENSE"] == tracked_files["LICENSE"]
 
 
-def test_the_source_archive_has_the_tree_without_pictures_and_recordings(archives, tree):
+def test_source_archive_omits_pictures_and_recordings(archives, tracked_files):
     with tarfile.open(fileobj=io.BytesIO(archives[".gz"])) as sdist:
-        sizes = {one.name.partition("/")[2]: one.size for one in sdist.getmembers()}
-    assert sizes.keys() - tree.keys() == {"PKG-INFO"}
-    left_out = tree.keys() - sizes.keys()
-    assert left_out == {name for name in left_out if re.match(r"docs/.*\.(png|html)$", name)}
-    assert {name: size for name, size in sizes.items() if size > LARGEST_BYTES} == {}
-    # Data of others come with no licence: tests make theirs, or look for them outside.
-    recordings = {".bin", ".dat", ".h5", ".mat", ".mcap", ".npy", ".npz", ".pcap", ".raw", ".wav"}
-    found = [name for name in sizes if Path(name).suffix in recordings]
-    assert [name for name in found if not name.startswith("tests/bad_input/corpus/")] == []
-    assert sum(sizes[name] for name in found) < LARGEST_BYTES
+        sizes = {member.name.partition("/")[2]: member.size for member in sdist.getmembers()}
+    assert sizes.keys() - tracked_files.keys() == {"PKG-INFO"}
+    omitted_files = tracked_files.keys() - sizes.keys()
+    assert omitted_files == {
+        name for name in omitted_files if re.match(r"docs/.*\.(png|html)$", name)
+    }
+    assert {name: size for name, size in sizes.items() if size > MAX_BYTES} == {}
+    # Recordings of others have no licence: tests generate theirs or read external folders.
+    suffixes = {".bin", ".dat", ".h5", ".mat", ".mcap", ".npy", ".npz", ".pcap", ".raw", ".wav"}
+    recordings = [name for name in sizes if Path(name).suffix in suffixes]
+    assert [name for name in recordings if not name.startswith("tests/bad_input/corpus/")] == []
+    assert sum(sizes[name] for name in recordings) < MAX_BYTES
 
 
 @pytest.fixture(scope="module")
-def released(tmp_path_factory) -> Path:
+def release_folder(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("released")
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     subprocess.run(
@@ -109,51 +119,57 @@ def released(tmp_path_factory) -> Path:
 
 
 @nightly
-def test_the_bill_of_materials_names_everything_that_is_installed(released):
-    (file,) = released.glob("*.cdx.json")
+def test_bill_of_materials_lists_all_installed_packages(release_folder):
+    (file,) = release_folder.glob("*.cdx.json")
     bill = json.loads(file.read_bytes())
-    about = bill["metadata"]["component"]
-    assert (bill["bomFormat"], about["name"]) == ("CycloneDX", "dechirp")
-    assert about["version"] == dechirp.__version__
-    listed = {(canonicalize_name(one["name"]), one["version"]) for one in bill["components"]}
-    here = [pin for pin, _ in pins("all.txt") if pin.marker is None or pin.marker.evaluate()]
-    assert listed == {(pin.name, next(iter(pin.specifier)).version) for pin in here}
-    needs = {one["ref"]: one.get("dependsOn", []) for one in bill["dependencies"]}
-    reached, left = set(), [about["bom-ref"]]
-    while left:
-        if (ref := left.pop()) not in reached:
-            reached.add(ref)
-            left += needs[ref]
-    assert reached == needs.keys()
+    component = bill["metadata"]["component"]
+    assert (bill["bomFormat"], component["name"]) == ("CycloneDX", "dechirp")
+    assert component["version"] == dechirp.__version__
+    listed_packages = {
+        (canonicalize_name(entry["name"]), entry["version"]) for entry in bill["components"]
+    }
+    applicable_pins = [
+        pin for pin, _ in read_pins("all.txt") if pin.marker is None or pin.marker.evaluate()
+    ]
+    assert listed_packages == {
+        (pin.name, next(iter(pin.specifier)).version) for pin in applicable_pins
+    }
+    dependencies = {entry["ref"]: entry.get("dependsOn", []) for entry in bill["dependencies"]}
+    reached_refs, pending = set(), [component["bom-ref"]]
+    while pending:
+        if (ref := pending.pop()) not in reached_refs:
+            reached_refs.add(ref)
+            pending += dependencies[ref]
+    assert reached_refs == dependencies.keys()
 
 
 @nightly
-def test_the_wheel_alone_runs_in_an_empty_environment(released, tmp_path):
+def test_wheel_runs_in_empty_environment(release_folder, tmp_path):
     venv.create(tmp_path / "venv", with_pip=True)
     programs = tmp_path / "venv" / ("Scripts" if os.name == "nt" else "bin")
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    alone = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
-    alone["NUMBA_CACHE_DIR"] = str(tmp_path / "numba")
+    working_folder = tmp_path / "elsewhere"
+    working_folder.mkdir()
+    environment = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
+    environment["NUMBA_CACHE_DIR"] = str(tmp_path / "numba")
 
     def call(*words: object) -> str:
-        done = subprocess.run(
+        process = subprocess.run(
             [programs / str(words[0]), *map(str, words[1:])],
             check=False,
-            cwd=elsewhere,
-            env=alone,
+            cwd=working_folder,
+            env=environment,
             capture_output=True,
             text=True,
         )
-        assert done.returncode == 0, (words, done.stdout, done.stderr)
-        return done.stdout
+        assert process.returncode == 0, (words, process.stdout, process.stderr)
+        return process.stdout
 
-    call("python", "-m", "pip", "install", "--quiet", *released.glob("*.whl"))
-    where = call("python", "-c", "import dechirp; print(dechirp.__file__)")
-    assert Path(where.strip()).is_relative_to(tmp_path / "venv")
+    call("python", "-m", "pip", "install", "--quiet", *release_folder.glob("*.whl"))
+    location = call("python", "-c", "import dechirp; print(dechirp.__file__)")
+    assert Path(location.strip()).is_relative_to(tmp_path / "venv")
     (car,) = json.loads(call("dechirp", "run", "--json", "--quiet", "--out", "first"))["detections"]
     assert car["range_m"] == pytest.approx(50, abs=0.05)
-    assert (elsewhere / "first" / "report.html").stat().st_size > 100_000
+    assert (working_folder / "first" / "report.html").stat().st_size > 100_000
     call("dechirp", "doctor")
     for command in ("design", "inspect", "study", "tune", "studio", "twin", "verify", "convert"):
         assert command in call("dechirp", command, "--help")

@@ -1,4 +1,4 @@
-"""Every licence of what is installed with the package is known, and that of few is not plain."""
+"""Licences of installed packages: permissive, or documented in docs/supply.md."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -9,11 +9,11 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from release.pinned import PROJECT, ROOT
+from release.pinned_requirements import PROJECT, ROOT
 
 EXTRAS = PROJECT["optional-dependencies"]
-# They ask for their text to be passed on, and for nothing that code which imports them must do.
-PLAIN = {
+# These licences require their text in copies, and nothing of code that imports the package.
+PERMISSIVE = {
     *("0BSD", "BSD", "BSD License", "BSD-2-Clause", "BSD-3-Clause", "BSD 3-Clause"),
     *("3-Clause BSD License", "3-clause BSD", "ISC license", "ISC License", "Zlib", "CC0-1.0"),
     *("MIT", "MIT License", "MIT license", "MIT-CMU"),
@@ -21,73 +21,98 @@ PLAIN = {
     *("Apache-2.0", "Apache 2.0", "Apache License 2.0", "Apache Software License"),
     "LLVM-exception",
 }
-# By names of the packages; of the others that they come with, `docs/supply.md` has the reasons.
+# Licence and extra by package name; `docs/supply.md` gives the reasons.
 PAGE = (ROOT / "docs" / "supply.md").read_text(encoding="utf-8")
-TOLD = {
-    name: (says, extra)
-    for name, says, extra in re.findall(r"^\| ([\w-]+) \| (.+?) \| `(\w+)` \|", PAGE, re.MULTILINE)
+DOCUMENTED_LICENCES = {
+    name: (licence, extra)
+    for name, licence, extra in re.findall(
+        r"^\| ([\w-]+) \| (.+?) \| `(\w+)` \|", PAGE, re.MULTILINE
+    )
 }
 
 
-def installed_with(lines: Iterable[str]) -> Iterator[Distribution]:
-    """All that requirements lead to on this machine, once for each set of extras."""
-    left, seen = [(Requirement(line), [""]) for line in lines], set()
-    while left:
-        wanted, extras = left.pop()
-        marker = wanted.marker
+def iter_required_packages(lines: Iterable[str]) -> Iterator[Distribution]:
+    """Iterate over all installed dependencies of requirements, once per set of extras."""
+    pending, visited = [(Requirement(line), [""]) for line in lines], set()
+    while pending:
+        requirement, extras = pending.pop()
+        marker = requirement.marker
         if marker and not any(marker.evaluate({"extra": extra}) for extra in extras):
             continue
-        name = canonicalize_name(wanted.name)
-        if (key := (name, *sorted(wanted.extras))) in seen:
+        name = canonicalize_name(requirement.name)
+        if (key := (name, *sorted(requirement.extras))) in visited:
             continue
-        seen.add(key)
+        visited.add(key)
         if name == PROJECT["name"]:
-            left += [(Requirement(one), [""]) for extra in wanted.extras for one in EXTRAS[extra]]
+            pending += [
+                (Requirement(dependency), [""])
+                for extra in requirement.extras
+                for dependency in EXTRAS[extra]
+            ]
             continue
-        found = distribution(name)
-        left += [(Requirement(one), ["", *wanted.extras]) for one in found.requires or []]
-        yield found
+        package = distribution(name)
+        pending += [
+            (Requirement(dependency), ["", *requirement.extras])
+            for dependency in package.requires or []
+        ]
+        yield package
 
 
-def says(found: Distribution) -> str:
-    """What a package says of its licence, the most exact first."""
-    about = found.metadata
-    named = [line for line in about.get_all("Classifier") or [] if line.startswith("License :: ")]
-    of_names = [re.sub(r" \(.*\)$", "", line.rpartition(" :: ")[2]) for line in named]
-    text = (about.get("License") or "").strip()
-    plain = text if "\n" not in text and text != "UNKNOWN" else ""
-    return about.get("License-Expression") or plain or " AND ".join(of_names) or "its text"
+def read_licence(package: Distribution) -> str:
+    """Read the licence from metadata: expression, text, or classifiers, in this order."""
+    metadata = package.metadata
+    classifiers = [
+        line for line in metadata.get_all("Classifier") or [] if line.startswith("License :: ")
+    ]
+    classifier_names = [re.sub(r" \(.*\)$", "", line.rpartition(" :: ")[2]) for line in classifiers]
+    text = (metadata.get("License") or "").strip()
+    single_line = text if "\n" not in text and text != "UNKNOWN" else ""
+    return (
+        metadata.get("License-Expression")
+        or single_line
+        or " AND ".join(classifier_names)
+        or "its text"
+    )
 
 
 @cache
-def licences(extra: str | None) -> dict[str, str]:
-    """What each package says that comes with the package and an extra."""
+def collect_licences(extra: str | None) -> dict[str, str]:
+    """Collect the licences of all packages that an extra installs, by package name."""
     lines = PROJECT["dependencies"] if extra is None else EXTRAS[extra]
-    return {canonicalize_name(one.name): says(one) for one in installed_with(lines)}
+    return {
+        canonicalize_name(package.name): read_licence(package)
+        for package in iter_required_packages(lines)
+    }
 
 
-def is_plain(said: str) -> bool:
-    return all(part in PLAIN for part in re.split(r" AND | OR | WITH |[()]", said) if part)
+def is_permissive(licence: str) -> bool:
+    return all(part in PERMISSIVE for part in re.split(r" AND | OR | WITH |[()]", licence) if part)
 
 
-def test_what_everyone_installs_is_under_plain_licences():
-    assert {name: said for name, said in licences(None).items() if not is_plain(said)} == {}
-    assert len(licences(None)) > len(PROJECT["dependencies"])
+def test_core_dependencies_have_permissive_licences():
+    assert {
+        name: licence
+        for name, licence in collect_licences(None).items()
+        if not is_permissive(licence)
+    } == {}
+    assert len(collect_licences(None)) > len(PROJECT["dependencies"])
 
 
 @pytest.mark.parametrize("extra", EXTRAS)
-def test_what_is_not_plain_stands_in_the_table_with_its_reason(extra):
+def test_non_permissive_licences_are_documented(extra):
     try:
-        found = licences(extra)
+        licences_by_name = collect_licences(extra)
     except PackageNotFoundError as error:
         pytest.skip(f"{error} is not installed")
-    other = {name: said for name, said in found.items() if not is_plain(said)}
-    assert other == {name: TOLD.get(name, [None])[0] for name in other}
+    restrictive = {
+        name: licence for name, licence in licences_by_name.items() if not is_permissive(licence)
+    }
+    assert restrictive == {name: DOCUMENTED_LICENCES.get(name, [None])[0] for name in restrictive}
 
 
-def test_no_row_of_the_table_is_about_what_is_not_there():
-    for name, (_, extra) in TOLD.items():
+def test_documented_licences_belong_to_dependencies():
+    for name, (_, extra) in DOCUMENTED_LICENCES.items():
         try:
-            assert name in licences(extra), (name, extra)
+            assert name in collect_licences(extra), (name, extra)
         except PackageNotFoundError:
             continue

@@ -1,4 +1,4 @@
-"""What the checks install is pinned, by hashes, and is what pyproject.toml asks for."""
+"""Pinned requirements of CI: hashes, and agreement with pyproject.toml."""
 
 import re
 from itertools import product
@@ -7,10 +7,10 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from release.pinned import PROJECT, pins, text_of
+from release.pinned_requirements import PROJECT, read_pins, read_requirements
 
-PINNED = {"all.txt": ["all"], "ci.txt": ["dev", "docs"]}
-PLACES = [
+PINNED_EXTRAS = {"all.txt": ["all"], "ci.txt": ["dev", "docs"]}
+PLATFORMS = [
     {"python_version": ".".join(full.split(".")[:2]), "python_full_version": full, **system}
     for full, system in product(
         ("3.11.9", "3.12.8", "3.13.1"),
@@ -24,64 +24,72 @@ PLACES = [
 ]
 
 
-def holds(requirement: Requirement, place: dict[str, str]) -> bool:
+def is_applicable(requirement: Requirement, platform: dict[str, str]) -> bool:
     cpython = {"implementation_name": "cpython", "platform_python_implementation": "CPython"}
-    return requirement.marker is None or requirement.marker.evaluate({**cpython, **place})
+    return requirement.marker is None or requirement.marker.evaluate({**cpython, **platform})
 
 
-def asked_for(extras: list[str]) -> list[Requirement]:
-    """What the package and some of its extras ask for, with extras that stand for others."""
+def collect_requirements(extras: list[str]) -> list[Requirement]:
+    """Collect the requirements of the package and of extras, including nested extras."""
     lines = list(PROJECT["dependencies"])
-    left, seen = list(extras), set()
-    while left:
-        if (extra := left.pop()) in seen:
+    pending, visited = list(extras), set()
+    while pending:
+        if (extra := pending.pop()) in visited:
             continue
-        seen.add(extra)
+        visited.add(extra)
         for line in PROJECT["optional-dependencies"][extra]:
-            wanted = Requirement(line)
-            if wanted.name == PROJECT["name"]:
-                left += wanted.extras
+            requirement = Requirement(line)
+            if requirement.name == PROJECT["name"]:
+                pending += requirement.extras
             else:
                 lines.append(line)
     return [Requirement(line) for line in lines]
 
 
-@pytest.mark.parametrize("name", PINNED)
-def test_every_file_has_a_hash_and_no_line_says_where_from(name):
-    lines = text_of(name).splitlines()
-    of_pins = [line for line in lines if line and not line.startswith(("#", " "))]
-    assert len(of_pins) == len(pins(name))
-    for pin, hashes in pins(name):
+@pytest.mark.parametrize("name", PINNED_EXTRAS)
+def test_every_pin_has_hashes_and_no_source_url(name):
+    lines = read_requirements(name).splitlines()
+    pin_lines = [line for line in lines if line and not line.startswith(("#", " "))]
+    assert len(pin_lines) == len(read_pins(name))
+    for pin, hashes in read_pins(name):
         assert re.fullmatch(r"==[\w.!+]+", str(pin.specifier)), pin
-        assert all(re.fullmatch(r"sha256:[0-9a-f]{64}", one) for one in hashes), pin
-    assert not re.search(r"://|index-url|find-links|trusted-host| @ ", text_of(name))
+        assert all(re.fullmatch(r"sha256:[0-9a-f]{64}", digest) for digest in hashes), pin
+    assert not re.search(r"://|index-url|find-links|trusted-host| @ ", read_requirements(name))
 
 
-@pytest.mark.parametrize("name", PINNED)
-@pytest.mark.parametrize("place", PLACES, ids=lambda place: "-".join(place.values()))
-def test_each_dependency_has_one_pin_that_it_allows_wherever_it_is_installed(name, place):
-    found: dict[str, list[str]] = {}
-    for pin, _ in pins(name):
-        if holds(pin, place):
+@pytest.mark.parametrize("name", PINNED_EXTRAS)
+@pytest.mark.parametrize("platform", PLATFORMS, ids=lambda place: "-".join(place.values()))
+def test_each_dependency_has_one_valid_pin_per_platform(name, platform):
+    pinned_versions: dict[str, list[str]] = {}
+    for pin, _ in read_pins(name):
+        if is_applicable(pin, platform):
             (version,) = pin.specifier
-            found.setdefault(canonicalize_name(pin.name), []).append(version.version)
-    assert {each: versions for each, versions in found.items() if len(versions) > 1} == {}
+            pinned_versions.setdefault(canonicalize_name(pin.name), []).append(version.version)
+    assert {
+        package: versions for package, versions in pinned_versions.items() if len(versions) > 1
+    } == {}
 
-    for wanted in asked_for(PINNED[name]):
-        if holds(wanted, place):
-            (version,) = found.get(canonicalize_name(wanted.name), [None])
-            assert version, f"{wanted.name} has no pin: bash .ci/lock"
-            assert wanted.specifier.contains(version, prereleases=True), f"{wanted}: {version}"
+    for requirement in collect_requirements(PINNED_EXTRAS[name]):
+        if is_applicable(requirement, platform):
+            (version,) = pinned_versions.get(canonicalize_name(requirement.name), [None])
+            assert version, f"{requirement.name} has no pin: bash .ci/lock"
+            assert requirement.specifier.contains(version, prereleases=True), (
+                f"{requirement}: {version}"
+            )
 
 
-def test_what_users_install_is_pinned_as_the_checks_have_it():
-    of_users, of_checks = (
-        {f"{pin.name}{pin.specifier}" for pin, _ in pins(name)} for name in PINNED
+def test_user_pins_are_among_ci_pins():
+    user_pins, ci_pins = (
+        {f"{pin.name}{pin.specifier}" for pin, _ in read_pins(name)} for name in PINNED_EXTRAS
     )
-    assert of_users <= of_checks
+    assert user_pins <= ci_pins
 
 
-def test_every_dependency_has_an_oldest_version():
+def test_every_dependency_has_lower_bound():
     extras = [name for name in PROJECT["optional-dependencies"] if name != "all"]
-    unbounded = [str(one) for one in asked_for(extras) if ">=" not in str(one.specifier)]
+    unbounded = [
+        str(requirement)
+        for requirement in collect_requirements(extras)
+        if ">=" not in str(requirement.specifier)
+    ]
     assert unbounded == []

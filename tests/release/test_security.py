@@ -1,24 +1,26 @@
-"""What SECURITY.md promises is what tests hold."""
+"""Guarantees in SECURITY.md and their tests."""
 
 import ast
 import re
 
-from release.pinned import ROOT
+from release.pinned_requirements import ROOT
 
 
-def test_every_promise_has_its_test():
+def test_every_guarantee_has_test():
     page = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
     rows = [row for row in re.findall(r"^\| (.+) \|$", page, re.MULTILINE) if "|---" not in row]
-    promises = [row for row in rows if row != "promise | test"]
-    assert len(promises) > 20
-    for row in promises:
-        told = re.fullmatch(r"[^|]+ \| `(tests/[\w/]+\.py)::(test_\w+)`", row)
-        assert told, row
-        tree = ast.parse((ROOT / told[1]).read_text(encoding="utf-8"))
-        assert told[2] in {one.name for one in tree.body if isinstance(one, ast.FunctionDef)}, row
+    guarantees = [row for row in rows if row != "promise | test"]
+    assert len(guarantees) > 20
+    for row in guarantees:
+        match = re.fullmatch(r"[^|]+ \| `(tests/[\w/]+\.py)::(test_\w+)`", row)
+        assert match, row
+        tree = ast.parse((ROOT / match[1]).read_text(encoding="utf-8"))
+        assert match[2] in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, (
+            row
+        )
 
 
-def test_sizes_that_are_promised_are_those_of_the_server():
+def test_stated_limits_equal_limits_of_server():
     from dechirp.studio.server import MAX_MESSAGE_BYTES, MAX_PAGES
 
     page = (ROOT / "SECURITY.md").read_text(encoding="utf-8")

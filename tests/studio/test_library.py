@@ -1,4 +1,4 @@
-"""What the folders of the studio give away: their own files, by their content, and no others."""
+"""Library of the studio: classification, inspection and access limits of files in its folders."""
 
 import os
 
@@ -6,54 +6,59 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.core.errors import DechirpError
 from dechirp.experiments.scenario import reference
 from dechirp.studio import library
-from dechirp.studio.folders import MAX_DEPTH, is_allowed
+from dechirp.studio.folders import MAX_DEPTH, is_tree_inside
 from dechirp.studio.frame_sources import open_frame_source
-from dechirp.studio.library import FolderScan, LibraryItem, inspect_item, open_item
-from dechirp.studio.option_hints import adapt_fix_to_page
-from dechirp.studio.scenario_edits import PageLimits, apply_options, parse_scenario
+from dechirp.studio.library import (
+    FolderScan,
+    LibraryItem,
+    inspect_first_frames,
+    open_item_as_scenario,
+)
+from dechirp.studio.option_hints import translate_cli_fix_to_page
+from dechirp.studio.scenario_edits import PageLimits, apply_overrides, parse_scenario
 from trial_cases import make_target, small_radar
 
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder of the studio, with a secret beside it."""
-    inside = tmp_path / "captures"
-    inside.mkdir()
-    capture(tmp_path / "secret.npz")
-    return inside
+    """Create a folder of the studio, with a secret file outside it."""
+    captures = tmp_path / "captures"
+    captures.mkdir()
+    write_recording(tmp_path / "secret.npz")
+    return captures
 
 
-def capture(path):
-    """Two frames of the small radar, with its settings in them."""
+def write_recording(path):
+    """Write two frames of the small radar, with its settings."""
     cube = dc.simulate(dc.Scene(targets=[make_target()]), small_radar(), n_frames=2, seed=1)
     dc.write(dc.recording_from_cube(cube, small_radar()), path)
     return path
 
 
-def looked(*folders) -> dict[str, str]:
-    """Kinds by name, after all was looked through a file at a time."""
-    found = FolderScan(PageLimits(folders=folders))
-    while not found.is_done:
-        found.scan_for(0.0)
-    return {item.name: item.kind for item in found.items}
+def scan_kinds(*folders) -> dict[str, str]:
+    """Scan folders one file at a time; return kinds by item name."""
+    scan = FolderScan(PageLimits(folders=folders))
+    while not scan.is_done:
+        scan.scan_for(0.0)
+    return {item.name: item.kind for item in scan.items}
 
 
-def item_of(path, kind="recording") -> LibraryItem:
+def make_item(path, kind="recording") -> LibraryItem:
     return LibraryItem(kind, path.name, path)
 
 
-def test_files_are_told_by_their_content(folder):
-    capture(folder / "walk.npz")
-    (folder / "scene.yaml").write_text(dump(reference()))
+def test_files_are_classified_by_content(folder):
+    write_recording(folder / "walk.npz")
+    (folder / "scene.yaml").write_text(dump_yaml(reference()))
     (folder / "notes.md").write_text("# Walk\n")
     (folder / "deeper").mkdir()
-    capture(folder / "deeper" / "run.npz")
-    (folder / "deeper" / "radar.yaml").write_text(dump(small_radar()))
-    assert looked(folder) == {
+    write_recording(folder / "deeper" / "run.npz")
+    (folder / "deeper" / "radar.yaml").write_text(dump_yaml(small_radar()))
+    assert scan_kinds(folder) == {
         "deeper/radar.yaml": "settings",
         "deeper/run.npz": "recording",
         "scene.yaml": "scenario",
@@ -61,113 +66,126 @@ def test_files_are_told_by_their_content(folder):
     }
 
 
-def test_names_start_at_the_folder_and_tell_several_folders_apart(folder, tmp_path):
-    other = tmp_path / "more"
-    other.mkdir()
-    capture(folder / "walk.npz")
-    capture(other / "walk.npz")
-    assert list(looked(folder, other)) == ["captures/walk.npz", "more/walk.npz"]
+def test_item_names_are_relative_and_distinguish_folders(folder, tmp_path):
+    second_folder = tmp_path / "more"
+    second_folder.mkdir()
+    write_recording(folder / "walk.npz")
+    write_recording(second_folder / "walk.npz")
+    assert list(scan_kinds(folder, second_folder)) == ["captures/walk.npz", "more/walk.npz"]
 
 
-def test_hidden_files_and_links_that_lead_out_are_not_shown(folder, tmp_path):
-    capture(folder / ".hidden.npz")
+def test_hidden_files_and_links_to_outside_are_not_listed(folder, tmp_path):
+    write_recording(folder / ".hidden.npz")
     (folder / "out.npz").symlink_to(tmp_path / "secret.npz")
     (folder / "up").symlink_to(tmp_path)
     (folder / "round").symlink_to(folder)
     (folder / "lost.npz").symlink_to(tmp_path / "nowhere.npz")
-    capture(folder / "walk.npz")
+    write_recording(folder / "walk.npz")
     (folder / "again.npz").symlink_to(folder / "walk.npz")
-    assert looked(folder) == {"again.npz": "recording"}
+    assert scan_kinds(folder) == {"again.npz": "recording"}
 
 
-def test_what_lies_elsewhere_is_refused_however_it_is_named(folder, tmp_path):
-    inside, secret = capture(folder / "walk.npz"), tmp_path / "secret.npz"
+def test_rejects_outside_paths_in_any_form(folder, tmp_path):
+    recording, secret = write_recording(folder / "walk.npz"), tmp_path / "secret.npz"
     (folder / "link.npz").symlink_to(secret)
     limits = PageLimits(folders=(folder,))
-    ways = [secret, folder / ".." / "secret.npz", folder / "link.npz", folder / "captures.npz"]
-    assert is_allowed(inside, [folder])
-    for way in ways:
-        assert not is_allowed(way, [folder])
-        assert inspect_item(item_of(way), None, limits).n_frames is None
+    outside_paths = [
+        secret,
+        folder / ".." / "secret.npz",
+        folder / "link.npz",
+        folder / "captures.npz",
+    ]
+    assert is_tree_inside(recording, [folder])
+    for path in outside_paths:
+        assert not is_tree_inside(path, [folder])
+        assert inspect_first_frames(make_item(path), None, limits).n_frames is None
         with pytest.raises(DechirpError, match="outside the folders"):
-            open_item(reference(), item_of(way), None, limits)
+            open_item_as_scenario(reference(), make_item(path), None, limits)
         with pytest.raises(DechirpError, match="outside the folders"):
-            open_item(reference(), item_of(inside), item_of(way, "settings"), limits)
+            open_item_as_scenario(
+                reference(), make_item(recording), make_item(path, "settings"), limits
+            )
 
 
-def test_a_pipe_is_never_opened(folder):
-    os.mkfifo(folder / "pipe.npz")  # to open it would wait for a writer, for ever
+def test_pipe_is_never_opened(folder):
+    os.mkfifo(folder / "pipe.npz")  # opening it would block until a writer appears
     (folder / "RadarIfxAvian_00").mkdir()
     os.mkfifo(folder / "RadarIfxAvian_00" / "radar.npy")
     (folder / "RadarIfxAvian_00" / "config.json").write_text("{}")
-    assert looked(folder) == {}
+    assert scan_kinds(folder) == {}
     with pytest.raises(DechirpError, match="outside the folders"):
-        open_item(reference(), item_of(folder / "pipe.npz"), None, PageLimits(folders=(folder,)))
+        open_item_as_scenario(
+            reference(), make_item(folder / "pipe.npz"), None, PageLimits(folders=(folder,))
+        )
 
 
-def test_a_folder_whose_files_lead_out_is_no_recording(folder, tmp_path):
+def test_folder_with_links_to_outside_is_not_allowed(folder, tmp_path):
     (folder / "day").mkdir()
     (folder / "day" / "radar.npy").symlink_to(tmp_path / "secret.npz")
-    assert not is_allowed(folder / "day", [folder])
+    assert not is_tree_inside(folder / "day", [folder])
 
 
-def test_ten_thousand_files_cost_a_look_at_five_hundred(folder, monkeypatch):
-    asked = []
-    monkeypatch.setattr(library, "recognise_formats", lambda path: asked.append(path) or ("npy",))
+def test_scan_of_ten_thousand_files_inspects_five_hundred(folder, monkeypatch):
+    inspected_paths = []
+    monkeypatch.setattr(
+        library, "recognise_formats", lambda path: inspected_paths.append(path) or ("npy",)
+    )
     for number in range(10_000):
         (folder / f"{number:05}.bin").touch()
-    found = FolderScan(PageLimits(folders=(folder,)))
-    found.scan_for(60.0)
-    assert found.is_done and found.n_scanned == len(asked) == library.MAX_SCANNED
-    assert found.items[-1].name == "00499.bin"
+    scan = FolderScan(PageLimits(folders=(folder,)))
+    scan.scan_for(60.0)
+    assert scan.is_done and scan.n_scanned == len(inspected_paths) == library.MAX_SCANNED
+    assert scan.items[-1].name == "00499.bin"
 
 
-def test_folders_are_looked_into_to_a_depth(folder):
+def test_scan_stops_at_maximum_depth(folder):
     names = [f"{depth}" for depth in range(1, MAX_DEPTH + 2)]
     deep = folder.joinpath(*names)
     deep.mkdir(parents=True)
-    capture(deep.parent / "near.npz")
-    capture(deep / "far.npz")
+    write_recording(deep.parent / "near.npz")
+    write_recording(deep / "far.npz")
     near = "/".join(names[:-1])
-    assert looked(folder) == {f"{near}/near.npz": "recording"}
+    assert scan_kinds(folder) == {f"{near}/near.npz": "recording"}
 
 
-def test_the_first_frames_are_looked_over(folder):
-    found = inspect_item(item_of(capture(folder / "walk.npz")), None, PageLimits(folders=(folder,)))
-    assert (found.n_frames, found.n_inspected) == (2, 2)
+def test_inspection_reads_first_frames(folder):
+    inspection = inspect_first_frames(
+        make_item(write_recording(folder / "walk.npz")), None, PageLimits(folders=(folder,))
+    )
+    assert (inspection.n_frames, inspection.n_inspected) == (2, 2)
 
 
-def test_a_damaged_recording_is_told_and_not_raised(folder):
-    whole = capture(folder / "walk.npz")
-    whole.write_bytes(whole.read_bytes()[:5000])
-    found = inspect_item(item_of(whole), None, PageLimits(folders=(folder,)))
-    assert found.n_frames is None
-    (finding,) = found.findings
+def test_damaged_recording_gives_error_finding(folder):
+    recording = write_recording(folder / "walk.npz")
+    recording.write_bytes(recording.read_bytes()[:5000])
+    inspection = inspect_first_frames(make_item(recording), None, PageLimits(folders=(folder,)))
+    assert inspection.n_frames is None
+    (finding,) = inspection.findings
     assert finding.level == "error" and str(folder) not in str(finding)
 
 
-def bare(path):
-    """Samples without a word on the radar that made them."""
+def write_raw_samples(path):
+    """Write samples without radar settings."""
     np.zeros((2, 16, 1, 64), np.complex64).tofile(path)
     return path
 
 
-def test_a_recording_without_its_radar_asks_for_what_the_page_offers(folder):
+def test_missing_radar_settings_give_fix_for_page(folder):
     limits = PageLimits(folders=(folder,))
-    item = item_of(bare(folder / "bare.bin"))
-    (finding,) = inspect_item(item, None, limits).findings
-    with pytest.raises(DechirpError) as refused:
-        open_item(reference(), item, None, limits)
-    alone = parse_scenario(f"recording: {{path: {item.path}}}", limits)
-    with pytest.raises(DechirpError) as unseen:
-        open_frame_source(alone, limits)
-    for one in (finding, *refused.value.mistakes, *unseen.value.mistakes):
-        assert one.fix.startswith("choose settings of its radar, under Recordings")
-        assert "--" not in one.fix and "Python" not in one.fix
+    item = make_item(write_raw_samples(folder / "bare.bin"))
+    (finding,) = inspect_first_frames(item, None, limits).findings
+    with pytest.raises(DechirpError) as open_error:
+        open_item_as_scenario(reference(), item, None, limits)
+    scenario = parse_scenario(f"recording: {{path: {item.path}}}", limits)
+    with pytest.raises(DechirpError) as source_error:
+        open_frame_source(scenario, limits)
+    for mistake in (finding, *open_error.value.mistakes, *source_error.value.mistakes):
+        assert mistake.fix.startswith("choose settings of its radar, under Recordings")
+        assert "--" not in mistake.fix and "Python" not in mistake.fix
 
 
 @pytest.mark.parametrize(
-    ("fix", "said"),
+    ("fix", "expected"),
     [
         ("Read it with --iq qi.", "Read it with recording.iq: qi (under File)."),
         (
@@ -177,49 +195,58 @@ def test_a_recording_without_its_radar_asks_for_what_the_page_offers(folder):
         ("Copy it again -- from its source.", "Copy it again -- from its source."),
     ],
 )
-def test_options_that_no_panel_has_are_settings_of_the_file(fix, said):
-    assert adapt_fix_to_page(fix) == said
+def test_command_line_options_in_fixes_become_settings(fix, expected):
+    assert translate_cli_fix_to_page(fix) == expected
 
 
-def test_a_frame_that_is_more_than_a_page_may_ask_for_is_refused_before_it_is_read(folder):
-    whole = capture(folder / "walk.npz")
+def test_frame_above_page_limit_is_reported_before_reading(folder):
+    recording = write_recording(folder / "walk.npz")
     limits = PageLimits(folders=(folder,), max_samples=2047)
-    (finding,) = inspect_item(item_of(whole), None, limits).findings
+    (finding,) = inspect_first_frames(make_item(recording), None, limits).findings
     assert "2,048 samples" in finding.value and "2,047" in finding.expected
 
 
-def test_a_recording_is_opened_with_the_chain_that_was_set(folder):
+def test_opened_recording_keeps_chain_settings(folder):
     limits = PageLimits(folders=(folder,))
-    scene = apply_options(reference(), ["chain.cfar.false_alarm_probability=1e-4"], limits)
-    one = open_item(scene, item_of(capture(folder / "walk.npz")), None, limits)
-    assert one.recording.path == str(folder / "walk.npz") and one.scene is None
-    assert one.chain == scene.chain
+    scenario = apply_overrides(reference(), ["chain.cfar.false_alarm_probability=1e-4"], limits)
+    recording_scenario = open_item_as_scenario(
+        scenario, make_item(write_recording(folder / "walk.npz")), None, limits
+    )
+    assert (
+        recording_scenario.recording.path == str(folder / "walk.npz")
+        and recording_scenario.scene is None
+    )
+    assert recording_scenario.chain == scenario.chain
 
 
-def test_of_a_recording_that_tells_no_azimuth_no_tracks_are_asked_for(folder):
+def test_tracker_is_removed_for_array_without_azimuth(folder):
     limits = PageLimits(folders=(folder,))
-    scene = apply_options(reference(), ["radar.array.rx=[[0, 0, 0], [0, 1.9 mm, 0]]"], limits)
-    scene = apply_options(scene, ["tracker={}", "n_frames=10"], limits)
-    one = open_item(scene, item_of(capture(folder / "walk.npz")), None, limits)
-    assert scene.tracker is not None and one.tracker is None
+    scenario = apply_overrides(reference(), ["radar.array.rx=[[0, 0, 0], [0, 1.9 mm, 0]]"], limits)
+    scenario = apply_overrides(scenario, ["tracker={}", "n_frames=10"], limits)
+    recording_scenario = open_item_as_scenario(
+        scenario, make_item(write_recording(folder / "walk.npz")), None, limits
+    )
+    assert scenario.tracker is not None and recording_scenario.tracker is None
 
 
-def test_a_scenario_finds_the_files_that_it_names_beside_it(folder):
+def test_scenario_resolves_paths_relative_to_its_file(folder):
     deeper = folder / "deeper"
     deeper.mkdir()
-    capture(deeper / "walk.npz")
+    write_recording(deeper / "walk.npz")
     (deeper / "play.yaml").write_text("recording: {path: walk.npz}\n")
     limits = PageLimits(folders=(folder,))
-    found = open_item(reference(), item_of(deeper / "play.yaml", "scenario"), None, limits)
-    assert found.recording.path == str(deeper / "walk.npz")
+    scenario = open_item_as_scenario(
+        reference(), make_item(deeper / "play.yaml", "scenario"), None, limits
+    )
+    assert scenario.recording.path == str(deeper / "walk.npz")
 
 
-def test_a_scenario_that_names_a_file_outside_is_refused(folder):
+def test_rejects_scenario_naming_file_outside(folder):
     (folder / "play.yaml").write_text("recording: {path: ../secret.npz}\n")
     with pytest.raises(DechirpError, match="a file in the folders of the studio"):
-        open_item(
+        open_item_as_scenario(
             reference(),
-            item_of(folder / "play.yaml", "scenario"),
+            make_item(folder / "play.yaml", "scenario"),
             None,
             PageLimits(folders=(folder,)),
         )

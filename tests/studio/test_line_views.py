@@ -1,4 +1,4 @@
-"""What lines and tables hold is the physics of the moment; a row that is picked is looked at."""
+"""Line and table views: beat signal, cuts, micro-Doppler, detections and tracks."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_do
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.frame_state import FrameState
-from dechirp.studio.scenario_edits import PageLimits, apply_options, parse_scenario
+from dechirp.studio.scenario_edits import PageLimits, apply_overrides, parse_scenario
 from dechirp.studio.session import Session
 from dechirp.studio.theme import DARK, LIGHT
 from dechirp.studio.views.beat import BeatView
@@ -50,175 +50,181 @@ tracker: {}
 LIMITS = PageLimits()
 
 
-def session_of(*options: str) -> Session:
-    """A page without a browser."""
+def build_session(*options: str) -> Session:
+    """Build a page session without a browser."""
     return Session(
-        Document(), None, apply_options(parse_scenario(SETTINGS, LIMITS), options, LIMITS), LIMITS
+        Document(), None, apply_overrides(parse_scenario(SETTINGS, LIMITS), options, LIMITS), LIMITS
     )
 
 
-def shown(view, *, step: int = 0, cursor: Cursor | None = None) -> FrameState:
-    """A moment after all steps before it, as the view was shown it."""
+def show_step(view, *, step: int = 0, cursor: Cursor | None = None) -> FrameState:
+    """Show one step in a view, after all earlier steps; return its frame state."""
     player = FramePlayer(view.session.scenario)
-    for earlier in range(step):
-        player.frame_at(earlier, cursor)
-    view.session.frame_state = player.frame_at(step, cursor)
+    for earlier_step in range(step):
+        player.process_frame_at_step(earlier_step, cursor)
+    view.session.frame_state = player.process_frame_at_step(step, cursor)
     view.show_frame(view.session.frame_state)
     view.update_caption(view.session.frame_state)
     return view.session.frame_state
 
 
-def line(figure, name: str) -> dict[str, np.ndarray]:
+def get_line_data(figure, name: str) -> dict[str, np.ndarray]:
     return figure.select_one({"name": name}).data_source.data
 
 
-def switched_to(view, words: str) -> None:
-    view.tile.switch.active = view.tile.switch.labels.index(words)
+def select_figure(view, label: str) -> None:
+    view.tile.switch.active = view.tile.switch.labels.index(label)
 
 
-def row_of(table: dict[str, np.ndarray], number: int) -> dict[str, object]:
+def get_row(table: dict[str, np.ndarray], number: int) -> dict[str, object]:
     return {key: column[number] for key, column in table.items()}
 
 
-def test_the_beat_spectrum_peaks_at_two_slopes_times_range_over_c():
-    view = BeatView(session_of("scene.targets.1.rcs=-50 dBsm"))
-    switched_to(view, "Spectrum")
-    chirp = shown(view).radar.frame.chirp
+def test_beat_spectrum_peaks_at_beat_frequency_of_target():
+    view = BeatView(build_session("scene.targets.1.rcs=-50 dBsm"))
+    select_figure(view, "Spectrum")
+    chirp = show_step(view).radar.frame.chirp
 
-    spectrum = line(view.spectrum.figure, "mean")
+    spectrum = get_line_data(view.spectrum.figure, "mean")
 
     beat_mhz = 2 * chirp.slope_hz_per_s * 30 / SPEED_OF_LIGHT / 1e6
     bin_mhz = chirp.sample_rate_hz / chirp.n_samples / 1e6
     assert spectrum["x"][spectrum["y"].argmax()] == pytest.approx(beat_mhz, abs=bin_mhz / 2)
     assert view.tile.title.text == "<b>Strongest: 3 MHz, 30 m</b>"
-    # The upper scale tells the range of each frequency.
+    # The upper axis is in range.
     metres, mhz = view.spectrum.figure.extra_x_ranges["metres"], view.spectrum.figure.x_range
     assert metres.end / mhz.end == pytest.approx(30 / beat_mhz)
 
 
-def test_the_profile_has_no_image_where_ramps_rise_and_fall():
-    moment = shown(
+def test_range_profile_of_triangular_ramps_has_no_image():
+    frame_state = show_step(
         BeatView(
-            session_of("radar.frame.modulation.kind=triangular", "scene.targets.1.rcs=-50 dBsm")
+            build_session("radar.frame.modulation.kind=triangular", "scene.targets.1.rcs=-50 dBsm")
         )
     )
 
-    profile, range_m = moment.beat.profile, moment.beat.range_m
+    profile, range_m = frame_state.beat_and_spectrum.profile, frame_state.beat_and_spectrum.range_m
     assert range_m[profile.argmax()] == pytest.approx(30, abs=0.5)
-    image_m = range_m[-1] + range_m[1] - 30  # where a falling ramp alone would show the post
+    image_m = range_m[-1] + range_m[1] - 30  # image of the post in a falling ramp alone
     assert profile[abs(range_m - image_m) < 2].max() < 0.03 * profile.max()
 
 
-def test_the_beat_signal_is_what_the_first_receiver_samples_of_the_first_chirp():
-    view = BeatView(session_of())
-    moment = shown(view)
+def test_beat_signal_shows_samples_of_first_receiver_and_chirp():
+    view = BeatView(build_session())
+    frame_state = show_step(view)
 
-    real, imaginary = (line(view.signal.figure, name) for name in ("real", "imaginary"))
+    real, imaginary = (get_line_data(view.signal.figure, name) for name in ("real", "imaginary"))
 
-    first = moment.samples.isel(chirp=0, rx=0)
+    chirp_samples = frame_state.samples.isel(chirp=0, rx=0)
     unit = view.signal.figure.yaxis[0].axis_label
     assert unit == "amplitude, 10⁻⁶ √W"
-    np.testing.assert_allclose(real["y"] + 1j * imaginary["y"], first.values * 1e6, rtol=1e-5)
-    chirp = moment.radar.frame.chirp
-    at_us = (chirp.adc_start_s + np.arange(chirp.n_samples) / chirp.sample_rate_hz) * 1e6
-    np.testing.assert_allclose(real["x"], at_us, rtol=1e-6)
+    np.testing.assert_allclose(
+        real["y"] + 1j * imaginary["y"], chirp_samples.values * 1e6, rtol=1e-5
+    )
+    chirp = frame_state.radar.frame.chirp
+    times_us = (chirp.adc_start_s + np.arange(chirp.n_samples) / chirp.sample_rate_hz) * 1e6
+    np.testing.assert_allclose(real["x"], times_us, rtol=1e-6)
 
 
-def test_a_switch_shows_the_other_figure_of_the_same_moment_at_once():
-    session = session_of()
+def test_switch_shows_other_figure_of_same_frame_immediately():
+    session = build_session()
     beat, cut = BeatView(session), ThresholdCutView(session)
-    shown(beat)
+    show_step(beat)
 
-    for view, words, figure in (
+    for view, label, figure in (
         (beat, "Spectrum", beat.spectrum.figure),
         (cut, "Velocity", cut.drawings["velocity"].figure),
     ):
         assert not figure.visible
-        switched_to(view, words)
+        select_figure(view, label)
         assert figure.visible
-        assert max(len(one.data_source.data.get("y", ())) for one in figure.renderers) == 64
+        assert (
+            max(len(renderer.data_source.data.get("y", ())) for renderer in figure.renderers) == 64
+        )
 
 
-def test_a_real_mixer_has_no_quadrature():
-    view = BeatView(session_of("radar.frame.chirp.sampling=real"))
-    shown(view)
+def test_real_sampling_has_no_quadrature_line():
+    view = BeatView(build_session("radar.frame.chirp.sampling=real"))
+    show_step(view)
 
-    assert line(view.signal.figure, "real")["y"].size
-    assert not len(line(view.signal.figure, "imaginary")["y"])
+    assert get_line_data(view.signal.figure, "real")["y"].size
+    assert not len(get_line_data(view.signal.figure, "imaginary")["y"])
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
-@pytest.mark.parametrize(("words", "along"), [("Range", "range"), ("Velocity", "velocity")])
-def test_the_cut_is_a_line_of_the_map_and_of_its_threshold(words, along, sampling):
-    view = ThresholdCutView(session_of(f"radar.frame.chirp.sampling={sampling}"))
-    switched_to(view, words)
-    moment = shown(view)
+@pytest.mark.parametrize(("label", "axis"), [("Range", "range"), ("Velocity", "velocity")])
+def test_cut_equals_row_or_column_of_map_and_threshold(label, axis, sampling):
+    view = ThresholdCutView(build_session(f"radar.frame.chirp.sampling={sampling}"))
+    select_figure(view, label)
+    frame_state = show_step(view)
 
-    figure = view.drawings[along].figure
-    threshold = threshold_map(moment.power, moment.radar, moment.chain)
-    across, at = {
-        "range": ("velocity", moment.cursor.velocity_m_per_s),
-        "velocity": ("range", moment.cursor.range_m),
-    }[along]
-    for name, of in (("power", moment.power), ("threshold", threshold)):
-        through = of.sel({across: at}, method="nearest")
-        expected_dbm = np.where(np.isfinite(through), to_decibels(through.values) + 30, np.nan)
-        drawn = line(figure, name)
-        np.testing.assert_allclose(drawn["x"], through[along].values, rtol=1e-6)
-        np.testing.assert_allclose(drawn["y"], expected_dbm, rtol=1e-5)
+    figure = view.drawings[axis].figure
+    threshold = threshold_map(frame_state.power, frame_state.radar, frame_state.chain)
+    other_axis, cursor_position = {
+        "range": ("velocity", frame_state.cursor.velocity_m_per_s),
+        "velocity": ("range", frame_state.cursor.range_m),
+    }[axis]
+    for name, values in (("power", frame_state.power), ("threshold", threshold)):
+        cut = values.sel({other_axis: cursor_position}, method="nearest")
+        expected_dbm = np.where(np.isfinite(cut), to_decibels(cut.values) + 30, np.nan)
+        drawn_line = get_line_data(figure, name)
+        np.testing.assert_allclose(drawn_line["x"], cut[axis].values, rtol=1e-6)
+        np.testing.assert_allclose(drawn_line["y"], expected_dbm, rtol=1e-5)
 
 
-def test_the_title_of_the_cut_tells_how_far_the_cell_is_over_the_threshold():
-    view = ThresholdCutView(session_of())
-    moment = shown(view)
+def test_cut_title_gives_margin_to_threshold():
+    view = ThresholdCutView(build_session())
+    frame_state = show_step(view)
 
-    at = {"range": moment.cursor.range_m, "velocity": moment.cursor.velocity_m_per_s}
-    power = moment.power.sel(at, method="nearest")
-    threshold = threshold_map(moment.power, moment.radar, moment.chain).sel(at, method="nearest")
-    over_db = float(to_decibels(power / threshold))
+    cell = {"range": frame_state.cursor.range_m, "velocity": frame_state.cursor.velocity_m_per_s}
+    power = frame_state.power.sel(cell, method="nearest")
+    threshold = threshold_map(frame_state.power, frame_state.radar, frame_state.chain).sel(
+        cell, method="nearest"
+    )
+    margin_db = float(to_decibels(power / threshold))
 
-    assert over_db > 0
-    assert view.tile.title.text == f"<b>{over_db:.1f} dB over the threshold</b>"
-    shown(view, cursor=Cursor(range_m=20.0, velocity_m_per_s=12.0))
+    assert margin_db > 0
+    assert view.tile.title.text == f"<b>{margin_db:.1f} dB over the threshold</b>"
+    show_step(view, cursor=Cursor(range_m=20.0, velocity_m_per_s=12.0))
     assert view.tile.title.text.endswith(" dB under the threshold</b>")
 
 
-def test_cells_beside_the_cursor_are_shaded_as_many_as_train():
+def test_shaded_spans_match_training_and_guard_cells():
     view = ThresholdCutView(
-        session_of("chain.cfar.n_training.range=6", "chain.cfar.n_guard.range=2")
+        build_session("chain.cfar.n_training.range=6", "chain.cfar.n_guard.range=2")
     )
-    moment = shown(view)
+    frame_state = show_step(view)
 
     figure = view.drawings["range"].figure
-    training, guard = (line(figure, name) for name in ("training", "guard"))
-    cell_m = moment.radar.frame.chirp.range_resolution_m
+    training, guard = (get_line_data(figure, name) for name in ("training", "guard"))
+    cell_m = frame_state.radar.frame.chirp.range_resolution_m
 
     np.testing.assert_allclose((training["right"] - training["left"]) / cell_m, [6, 6], rtol=1e-3)
     np.testing.assert_allclose((guard["right"] - guard["left"]) / cell_m, [5], rtol=1e-3)
-    assert guard["left"][0] < moment.cursor.range_m < guard["right"][0]
+    assert guard["left"][0] < frame_state.cursor.range_m < guard["right"][0]
 
 
-def test_a_tap_on_a_line_moves_the_cursor_along_its_axis_alone():
-    session = session_of()
+def test_tap_on_line_moves_cursor_along_its_axis_only():
+    session = build_session()
     beat, cut = BeatView(session), ThresholdCutView(session)
-    moment = shown(cut)
-    switched_to(beat, "Spectrum")
-    chirp = moment.radar.frame.chirp
+    frame_state = show_step(cut)
+    select_figure(beat, "Spectrum")
+    chirp = frame_state.radar.frame.chirp
 
     for figure, x, expected in (
         (beat.spectrum.figure, chirp.beat_frequency_hz(20) / 1e6, {"range_m": 20}),
         (cut.drawings["range"].figure, 17, {"range_m": 17}),
     ):
         figure._trigger_event(Tap(figure, sx=0, sy=0, x=x, y=0))
-        assert session.cursor == pytest.approx(moment.cursor._replace(**expected))
-    switched_to(cut, "Velocity")
+        assert session.cursor == pytest.approx(frame_state.cursor._replace(**expected))
+    select_figure(cut, "Velocity")
     figure = cut.drawings["velocity"].figure
     figure._trigger_event(Tap(figure, sx=0, sy=0, x=-3, y=0))
-    assert session.cursor == pytest.approx(moment.cursor._replace(velocity_m_per_s=-3))
+    assert session.cursor == pytest.approx(frame_state.cursor._replace(velocity_m_per_s=-3))
 
 
-def test_lines_take_the_colours_of_the_theme():
-    view = ThresholdCutView(session_of())
+def test_lines_use_theme_colours():
+    view = ThresholdCutView(build_session())
     for theme in (LIGHT, DARK):
         view.apply_theme(theme)
         figure = view.drawings["range"].figure
@@ -246,131 +252,139 @@ scene:
 """
 
 
-def test_the_spectrogram_of_a_walking_body_has_its_velocity():
+def test_spectrogram_of_walking_body_has_its_mean_velocity():
     view = MicroDopplerView(Session(Document(), None, parse_scenario(WALKING, LIMITS), LIMITS))
-    moment = shown(view, step=13)
+    frame_state = show_step(view, step=13)
 
     (image,) = view.image.data["image"]
-    (glyph,) = (one.glyph for one in view.figure.renderers if isinstance(one.glyph, Image))
+    (glyph,) = (
+        renderer.glyph for renderer in view.figure.renderers if isinstance(renderer.glyph, Image)
+    )
     height = glyph.dh / image.shape[0]
-    middle_m_per_s = glyph.y + height * (np.arange(image.shape[0]) + 0.5)
-    below_db = (image / 255 - 1) * SPAN_DB
-    powers = np.where(below_db > -25, from_decibels(below_db), 0.0)  # over all noise
-    mean_m_per_s = middle_m_per_s @ powers.sum(axis=1) / powers.sum()
+    velocities_m_per_s = glyph.y + height * (np.arange(image.shape[0]) + 0.5)
+    levels_db = (image / 255 - 1) * SPAN_DB
+    powers = np.where(levels_db > -25, from_decibels(levels_db), 0.0)  # excludes noise
+    mean_m_per_s = velocities_m_per_s @ powers.sum(axis=1) / powers.sum()
 
     assert image.dtype == np.uint8
     assert image.shape[1] == 14
-    # Limbs swing about the velocity of the trunk.
+    # Limbs oscillate around the velocity of the trunk.
     assert mean_m_per_s == pytest.approx(1.4, abs=0.25)
     assert glyph.x + glyph.dw == pytest.approx(
-        moment.time_s + moment.radar.frame.duration_s / 2, abs=1e-3
+        frame_state.time_s + frame_state.radar.frame.duration_s / 2, abs=1e-3
     )
 
 
-def test_the_table_of_detections_tells_degrees_and_decibels_strongest_first():
-    view = DetectionsView(session_of())
-    moment = shown(view)
-    table, found = view.table.source.data, moment.detections
+def test_detection_table_uses_degrees_and_decibels_strongest_first():
+    view = DetectionsView(build_session())
+    frame_state = show_step(view)
+    table, detections = view.table.source.data, frame_state.detections
 
-    order = np.argsort(-found.snr.values)
+    order = np.argsort(-detections.snr.values)
     for key, expected in {
-        "range": found.range,
-        "range_std": found.range_std,
-        "velocity": found.velocity,
-        "velocity_std": found.velocity_std,
-        "azimuth": np.degrees(found.azimuth),
-        "azimuth_std": np.degrees(found.azimuth_std),
-        "snr": to_decibels(found.snr),
+        "range": detections.range,
+        "range_std": detections.range_std,
+        "velocity": detections.velocity,
+        "velocity_std": detections.velocity_std,
+        "azimuth": np.degrees(detections.azimuth),
+        "azimuth_std": np.degrees(detections.azimuth_std),
+        "snr": to_decibels(detections.snr),
     }.items():
         np.testing.assert_allclose(table[key], expected.values[order])
-    car = row_of(table, table["target"].tolist().index("car"))
+    car = get_row(table, table["target"].tolist().index("car"))
     assert car["range"] == pytest.approx(np.hypot(42, 10), abs=4 * car["range_std"])
     assert car["azimuth"] == pytest.approx(np.degrees(np.arctan2(10, 42)), abs=0.5)
-    heads = {one.field: one.title for one in view.table.table.columns}
-    assert heads["azimuth"] == "azimuth, °"
-    assert heads["snr"] == "SNR (dB)"
+    headers = {column.field: column.title for column in view.table.table.columns}
+    assert headers["azimuth"] == "Azimuth (°)"
+    assert headers["snr"] == "SNR (dB)"
 
 
-def test_the_title_of_the_table_counts_what_is_found_and_what_is_not():
-    view = DetectionsView(session_of("scene.targets.1.rcs=-60 dBsm"))
-    shown(view)
+def test_detection_table_title_counts_detected_and_missed_targets():
+    view = DetectionsView(build_session("scene.targets.1.rcs=-60 dBsm"))
+    show_step(view)
 
     assert view.table.title.text == "<b>1 detection: 1 of 2 targets found, 0 of no target</b>"
     assert view.table.source.data["target"].tolist() == ["post"]
 
 
-def test_where_nothing_is_detected_the_title_says_so():
+def test_detection_table_title_states_that_nothing_is_detected():
     view = DetectionsView(
-        session_of("scene.targets.0.rcs=-90 dBsm", "scene.targets.1.rcs=-90 dBsm")
+        build_session("scene.targets.0.rcs=-90 dBsm", "scene.targets.1.rcs=-90 dBsm")
     )
-    shown(view)
+    show_step(view)
 
     assert view.table.title.text == "<b>Nothing detected: 0 of 2 targets found</b>"
 
 
-def test_nobody_knows_whose_the_detections_of_a_recording_are():
-    view = DetectionsView(session_of())
-    known = shown(view)
-    view.show_frame(replace(known, truth=None))
+def test_detection_table_of_recording_has_no_target_column():
+    view = DetectionsView(build_session())
+    frame_state = show_step(view)
+    view.show_frame(replace(frame_state, truth=None))
 
-    visible = {one.field: one.visible for one in view.table.table.columns}
+    visible = {column.field: column.visible for column in view.table.table.columns}
     assert not visible["target"]
     assert visible["azimuth"]
-    n = known.detections.sizes["detection"]
+    n = frame_state.detections.sizes["detection"]
     assert view.table.title.text == f"<b>{n} detections</b>"
 
 
-def test_a_row_that_is_picked_moves_the_cursor_to_its_peak_on_the_map():
-    view = DetectionsView(session_of("scene.targets.1.velocity.0=-32 m/s"))  # beyond 19 m/s: folded
-    moment = shown(view)
+def test_selected_row_moves_cursor_to_its_peak_on_map():
+    view = DetectionsView(
+        build_session("scene.targets.1.velocity.0=-32 m/s")
+    )  # beyond 19 m/s: aliased
+    frame_state = show_step(view)
     row = view.table.source.data["target"].tolist().index("car")
 
     view.table.source.selected.indices = [row]
 
     cursor = view.session.cursor
-    car = moment.truth.sel(target="car").squeeze()
-    seen = range_doppler_map_position(
-        alias_range_velocity(RangeVelocity(car.range.values, car.velocity.values), moment.radar),
-        moment.radar,
+    car = frame_state.truth.sel(target="car").squeeze()
+    expected = range_doppler_map_position(
+        alias_range_velocity(
+            RangeVelocity(car.range.values, car.velocity.values), frame_state.radar
+        ),
+        frame_state.radar,
     )
-    assert cursor.range_m == pytest.approx(float(seen.range_m), abs=0.5)
-    assert cursor.velocity_m_per_s == pytest.approx(float(seen.velocity_m_per_s), abs=0.3)
-    assert abs(cursor.velocity_m_per_s) < moment.radar.frame.max_velocity_m_per_s
+    assert cursor.range_m == pytest.approx(float(expected.range_m), abs=0.5)
+    assert cursor.velocity_m_per_s == pytest.approx(float(expected.velocity_m_per_s), abs=0.3)
+    assert abs(cursor.velocity_m_per_s) < frame_state.radar.frame.max_velocity_m_per_s
 
 
-def test_the_row_at_the_cursor_is_marked_and_marking_it_does_not_move_the_cursor():
-    view = DetectionsView(session_of())
-    moment = shown(view)
+def test_row_at_cursor_is_selected_without_moving_cursor():
+    view = DetectionsView(build_session())
+    frame_state = show_step(view)
 
-    assert view.table.source.selected.indices == [0]  # it starts at the strongest
+    assert view.table.source.selected.indices == [0]  # default: the strongest
     assert view.session.cursor is None
-    shown(view, cursor=Cursor(moment.cursor.range_m - 20, moment.cursor.velocity_m_per_s))
+    show_step(
+        view, cursor=Cursor(frame_state.cursor.range_m - 20, frame_state.cursor.velocity_m_per_s)
+    )
     assert view.table.source.selected.indices == []
     assert view.session.cursor is None
 
 
-def test_of_more_detections_than_fit_the_strongest_are_shown():
-    view = DetectionsView(session_of("chain.cfar.false_alarm_probability=0.1"))
-    moment = shown(view)
-    n = moment.detections.sizes["detection"]
+def test_full_detection_table_shows_strongest_detections():
+    view = DetectionsView(build_session("chain.cfar.false_alarm_probability=0.1"))
+    frame_state = show_step(view)
+    n = frame_state.detections.sizes["detection"]
     assert n > MAX_ROWS
 
     table = view.table.source.data
 
     assert all(len(column) == MAX_ROWS for column in table.values())
-    assert table["snr"][0] == pytest.approx(float(to_decibels(moment.detections.snr.max())))
+    assert table["snr"][0] == pytest.approx(float(to_decibels(frame_state.detections.snr.max())))
     assert f"The strongest {MAX_ROWS} of {n} detections" in view.table.title.text
 
 
-def test_the_table_of_tracks_tells_where_targets_are_and_where_they_go():
-    view = TracksView(session_of())
-    moment = shown(view, step=8)
+def test_track_table_gives_positions_and_velocities():
+    view = TracksView(build_session())
+    frame_state = show_step(view, step=8)
     table = view.table.source.data
 
-    car = row_of(table, int(np.argmin(table["vx"])))
-    gone_s = moment.time_s
+    car = get_row(table, int(np.argmin(table["vx"])))
+    elapsed_s = frame_state.time_s
     assert car["status"] == "confirmed"
-    for key, expected in {"x": 42 - 6 * gone_s, "y": 10.0, "vx": -6.0}.items():
+    for key, expected in {"x": 42 - 6 * elapsed_s, "y": 10.0, "vx": -6.0}.items():
         assert car[key] == pytest.approx(expected, abs=4 * car[f"{key}_std"])
     assert car["velocity"] == pytest.approx(-6 * np.cos(np.arctan2(10, 42)), abs=0.3)
     assert view.table.title.text == "<b>2 tracks confirmed, 0 tentative</b>"
@@ -380,9 +394,9 @@ def test_the_table_of_tracks_tells_where_targets_are_and_where_they_go():
     assert view.session.cursor.range_m == pytest.approx(30, abs=0.5)
 
 
-def test_without_a_tracker_the_table_says_why_it_is_empty():
-    view = TracksView(session_of("tracker=null"))
-    shown(view)
+def test_track_table_without_tracker_states_reason():
+    view = TracksView(build_session("tracker=null"))
+    show_step(view)
 
     assert view.table.title.text == "<b>No tracks: the settings have no tracker (Processing)</b>"
     assert len(view.table.source.data["x"]) == 0

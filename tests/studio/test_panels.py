@@ -1,4 +1,4 @@
-"""Knobs: what they show is what holds, what is typed into them is what comes to hold."""
+"""Panels of the studio: knobs, arrays, designs, targets and settings files."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -16,19 +16,19 @@ from dechirp.core.errors import DechirpError
 from dechirp.experiments.run import run
 from dechirp.experiments.scenario import Scenario, load
 from dechirp.radar.budget import noise_power_w
-from dechirp.studio.panels.arrays import linear_array_options
+from dechirp.studio.panels.arrays import linear_array_tdm_overrides
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.hardware import Hardware
-from dechirp.studio.panels.knobs import Knob, override_options, setting_knobs
+from dechirp.studio.panels.knobs import Knob, overrides_for_knob_text, setting_knobs
 from dechirp.studio.panels.processing import Processing
 from dechirp.studio.panels.radar import Radar
-from dechirp.studio.panels.requirements import Requirements, apply_design, round_frame
+from dechirp.studio.panels.requirements import Requirements, apply_design, round_frame_to_six_digits
 from dechirp.studio.panels.settings_file import SettingsFile
-from dechirp.studio.panels.targets import Targets, replace_noise
-from dechirp.studio.scenario_edits import PageLimits, apply_options, parse_scenario
+from dechirp.studio.panels.targets import Targets, replace_noise_model
+from dechirp.studio.scenario_edits import PageLimits, apply_overrides, parse_scenario
 from dechirp.studio.session import Session
 
-TEXT = """
+SETTINGS = """
 name: street
 seed: 3
 n_frames: 6
@@ -58,368 +58,399 @@ chain: {angle: {kind: capon}, cluster: {}, mitigation: [{kind: mean-subtraction}
 tracker: {}
 """
 PANELS = (Radar, Targets, Hardware, Processing, Requirements, SettingsFile)
-WHOLE = ("name", "seed", "n_frames", "radar", "scene", "engine", "impairments", "chain")
+TOP_LEVEL_SETTINGS = (
+    "name",
+    "seed",
+    "n_frames",
+    "radar",
+    "scene",
+    "engine",
+    "impairments",
+    "chain",
+)
 LIMITS = PageLimits()
 
 
 class Page:
-    """A session whose edits are made at once, in the place of its worker."""
+    """Session that applies edits immediately instead of in its worker."""
 
-    def __init__(self, kind: type[Panel], text: str = TEXT) -> None:
+    def __init__(self, kind: type[Panel], text: str = SETTINGS) -> None:
         self.session = Session(
             Document(), ThreadPoolExecutor(1), parse_scenario(text, LIMITS), LIMITS
         )
         self.panel = kind(self.session)
-        self.session.document.add_root(self.panel.root)
+        self.session.document.add_root(self.panel.root_element)
 
     @property
     def scenario(self) -> Scenario:
         return self.session.scenario
 
-    def knob(self, path: str) -> Any:
-        found = [
-            one
-            for one in self.widgets(Checkbox, Select, TextInput)
-            if one.html_attributes.get("data-setting") == path
+    def find_knob(self, path: str) -> Any:
+        matches = [
+            widget
+            for widget in self.find_widgets(Checkbox, Select, TextInput)
+            if widget.html_attributes.get("data-setting") == path
         ]
-        assert len(found) == 1, path
-        return found[0]
+        assert len(matches) == 1, path
+        return matches[0]
 
-    def widgets(self, *kinds: type) -> list[Any]:
-        return [one for one in self.panel.root.references() if isinstance(one, kinds)]
+    def find_widgets(self, *kinds: type) -> list[Any]:
+        return [
+            widget for widget in self.panel.root_element.references() if isinstance(widget, kinds)
+        ]
 
-    def press(self, label: str, title: str = "") -> None:
+    def press_button(self, label: str, title: str = "") -> None:
         (button,) = (
-            one
-            for one in self.widgets(Button)
-            if one.label == label and one.html_attributes.get("title", "") == title
+            widget
+            for widget in self.find_widgets(Button)
+            if widget.label == label and widget.html_attributes.get("title", "") == title
         )
         button._trigger_event(ButtonClick(button))
-        self.apply()
+        self.apply_edits()
 
-    def type(self, path: str, text: str) -> None:
-        self.knob(path).value = text
-        self.apply()
+    def type_setting(self, path: str, text: str) -> None:
+        self.find_knob(path).value = text
+        self.apply_edits()
 
-    def apply(self) -> None:
+    def apply_edits(self) -> None:
         edits = list(self.session._edits.values())
         self.session._edits.clear()
         try:
             for edit in edits:
                 self.session.scenario = edit(self.session.scenario)
         except DechirpError as error:
-            for tell in self.session.on_mistakes:
-                tell(error.mistakes)
+            for report in self.session.on_mistakes:
+                report(error.mistakes)
             return
         if edits:
-            for show in self.session.on_settings:
-                show(self.session.scenario)
+            for update in self.session.on_settings:
+                update(self.session.scenario)
 
     @property
-    def words(self) -> list[str]:
-        return [one.text for one in self.widgets(Div) if one.visible and "wrong" in one.css_classes]
+    def messages(self) -> list[str]:
+        return [
+            widget.text
+            for widget in self.find_widgets(Div)
+            if widget.visible and "wrong" in widget.css_classes
+        ]
 
 
-def knobs() -> list[Knob]:
-    scenario = parse_scenario(TEXT, LIMITS)
-    return [entry for path in (*WHOLE, "tracker") for entry in setting_knobs(scenario, path)]
+def list_knobs() -> list[Knob]:
+    scenario = parse_scenario(SETTINGS, LIMITS)
+    return [
+        entry
+        for path in (*TOP_LEVEL_SETTINGS, "tracker")
+        for entry in setting_knobs(scenario, path)
+    ]
 
 
-def test_what_every_knob_shows_is_what_holds_when_it_is_typed() -> None:
-    scenario = parse_scenario(TEXT, LIMITS)
-    for entry in knobs():
-        if not entry.text.startswith("{"):  # a member, or what is on, is taken with defaults
-            again = apply_options(
-                scenario, override_options(scenario, entry.path, entry.text), LIMITS
+def test_typing_shown_knob_text_leaves_scenario_unchanged() -> None:
+    scenario = parse_scenario(SETTINGS, LIMITS)
+    for entry in list_knobs():
+        if not entry.text.startswith("{"):  # members and enabled sections start with defaults
+            edited_scenario = apply_overrides(
+                scenario, overrides_for_knob_text(scenario, entry.path, entry.text), LIMITS
             )
-            assert again == scenario, entry
+            assert edited_scenario == scenario, entry
 
 
-def test_every_choice_of_a_family_is_taken_or_asks_for_what_it_cannot_do_without() -> None:
+def test_family_choices_apply_or_wait_for_required_settings() -> None:
     page = Page(Processing)
-    for kind in (text for text, _ in page.knob("chain.cfar.estimator").options):
-        page.type("chain.cfar.estimator", kind)
+    for kind in (text for text, _ in page.find_knob("chain.cfar.estimator").options):
+        page.type_setting("chain.cfar.estimator", kind)
         assert f"{{kind: {page.scenario.chain.cfar.estimator.kind()}}}" == kind
     page = Page(Hardware)
-    before = page.scenario
-    page.knob("impairments.bumper").active = True
-    page.apply()
-    assert page.scenario == before  # nothing is known of it yet
-    page.type("impairments.bumper.distance", "5 cm")
-    assert page.scenario == before
-    page.type("impairments.bumper.reflectivity", "-10 dB")
+    initial_scenario = page.scenario
+    page.find_knob("impairments.bumper").active = True
+    page.apply_edits()
+    assert page.scenario == initial_scenario  # required settings are missing
+    page.type_setting("impairments.bumper.distance", "5 cm")
+    assert page.scenario == initial_scenario
+    page.type_setting("impairments.bumper.reflectivity", "-10 dB")
     assert page.scenario.impairments[-1].kind() == "bumper"
-    page.knob("impairments.bumper").active = False
-    page.apply()
-    assert page.scenario == before
+    page.find_knob("impairments.bumper").active = False
+    page.apply_edits()
+    assert page.scenario == initial_scenario
 
 
-def test_a_wrong_value_is_told_below_its_knob_and_escape_puts_back_what_holds() -> None:
+def test_invalid_value_is_reported_at_knob_and_escape_restores_it() -> None:
     page = Page(Radar)
-    before = page.scenario
-    knob = page.knob("radar.frame.chirp.slope")
+    initial_scenario = page.scenario
+    knob = page.find_knob("radar.frame.chirp.slope")
     for text in ("20", "20 MHz", "nan", "1e30 MHz/us", "import os", "&a 1", "!!float 1"):
-        page.type("radar.frame.chirp.slope", text)
-        assert page.scenario == before
+        page.type_setting("radar.frame.chirp.slope", text)
+        assert page.scenario == initial_scenario
         assert "wrong" in knob.css_classes and knob.value == text
-        (words,) = page.words
-        assert "expected" in words
-    knob.value = knob.tags[0]  # as page.js does
-    assert not page.words and "wrong" not in knob.css_classes
+        (message,) = page.messages
+        assert "expected" in message
+    knob.value = knob.tags[0]  # like page.js
+    assert not page.messages and "wrong" not in knob.css_classes
 
 
-def test_a_value_that_does_not_fit_another_setting_is_told_where_it_was_typed() -> None:
+def test_conflicting_value_is_reported_at_edited_knob() -> None:
     page = Page(Radar)
-    page.type("radar.frame.chirp.n_samples", "4096")
-    assert "wrong" in page.knob("radar.frame.chirp.n_samples").css_classes
-    assert any("radar.frame.chirp.ramp_duration: " in words for words in page.words)
-    page.type("radar.frame.chirp.slope", "12 MHz/us")
-    assert not page.words
-    assert page.knob("radar.frame.chirp.n_samples").value == "128"
+    page.type_setting("radar.frame.chirp.n_samples", "4096")
+    assert "wrong" in page.find_knob("radar.frame.chirp.n_samples").css_classes
+    assert any("radar.frame.chirp.ramp_duration: " in message for message in page.messages)
+    page.type_setting("radar.frame.chirp.slope", "12 MHz/us")
+    assert not page.messages
+    assert page.find_knob("radar.frame.chirp.n_samples").value == "128"
 
 
-def test_what_is_typed_is_shown_as_settings_files_write_it() -> None:
+def test_typed_value_is_shown_in_settings_file_format() -> None:
     page = Page(Radar)
-    page.type("radar.frame.chirp.start_frequency", "77000 MHz")
-    assert page.knob("radar.frame.chirp.start_frequency").value == "77 GHz"
+    page.type_setting("radar.frame.chirp.start_frequency", "77000 MHz")
+    assert page.find_knob("radar.frame.chirp.start_frequency").value == "77 GHz"
 
 
 @pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 4), (2, 4), (3, 4)])
-def test_an_array_in_a_row_has_its_virtual_elements_half_a_wavelength_apart(
-    n_tx: int, n_rx: int
-) -> None:
-    scenario = parse_scenario(TEXT, LIMITS)
+def test_linear_array_has_half_wavelength_virtual_spacing(n_tx: int, n_rx: int) -> None:
+    scenario = parse_scenario(SETTINGS, LIMITS)
     assert scenario.radar is not None
-    made = apply_options(scenario, linear_array_options(scenario.radar, n_tx, n_rx), LIMITS).radar
-    assert made is not None
-    across_m = sorted(made.array.virtual_positions_m[:, 1])
-    half_m = made.frame.chirp.wavelength_m / 2
-    assert np.diff(across_m) == pytest.approx([half_m] * (n_tx * n_rx - 1), abs=1e-6)
-    assert made.frame.n_slots == n_tx
+    radar = apply_overrides(
+        scenario, linear_array_tdm_overrides(scenario.radar, n_tx, n_rx), LIMITS
+    ).radar
+    assert radar is not None
+    positions_m = sorted(radar.array.virtual_positions_m[:, 1])
+    half_m = radar.frame.chirp.wavelength_m / 2
+    assert np.diff(positions_m) == pytest.approx([half_m] * (n_tx * n_rx - 1), abs=1e-6)
+    assert radar.frame.n_slots == n_tx
 
 
-def one_element(page: Page) -> None:
+def check_single_element(page: Page) -> None:
     radar, scenario = page.scenario.radar, page.scenario
     assert radar is not None and len(radar.element_positions_m) == 1
     assert scenario.tracker is None and scenario.ego_motion is None
-    assert not page.words
+    assert not page.messages
 
 
 @pytest.mark.parametrize("angle", ["capon", "fft"])
-def test_an_array_of_one_element_is_chosen_at_once_and_ends_what_needs_directions(
+def test_choosing_single_element_disables_direction_processing(
     angle: str,
 ) -> None:
-    page = Page(Radar, TEXT.replace("capon", angle))
-    (rows,) = (one for one in page.widgets(Select) if one.title == "Array in a row")
+    page = Page(Radar, SETTINGS.replace("capon", angle))
+    (rows,) = (widget for widget in page.find_widgets(Select) if widget.title == "Array in a row")
     rows.value = "1 1"
-    page.apply()
-    one_element(page)
-    assert any("Directions" in one.text for one in page.widgets(Div))
+    page.apply_edits()
+    check_single_element(page)
+    assert any("Directions" in widget.text for widget in page.find_widgets(Div))
     rows.value = "1 4"
-    page.apply()
+    page.apply_edits()
     assert page.scenario.chain.fit_to_radar(page.scenario.radar).angle is not None
 
 
-def test_elements_can_be_typed_one_setting_after_the_other() -> None:
+def test_element_positions_can_be_edited_one_setting_at_a_time() -> None:
     page = Page(Radar)
-    page.type("radar.array.rx", "[[0, 0, 0]]")
-    assert page.scenario.tracker is not None  # two transmitters still tell directions
-    page.type("radar.array.tx", "[[0, 0, 0]]")
-    one_element(page)
-    page.type("radar.array.tx", "[[0, 0, 0], [0, 2 mm, 0], [0, 4 mm, 0]]")
+    page.type_setting("radar.array.rx", "[[0, 0, 0]]")
+    assert page.scenario.tracker is not None  # two transmitters still resolve directions
+    page.type_setting("radar.array.tx", "[[0, 0, 0]]")
+    check_single_element(page)
+    page.type_setting("radar.array.tx", "[[0, 0, 0], [0, 2 mm, 0], [0, 4 mm, 0]]")
     assert page.scenario.radar.frame.n_slots == 3  # type: ignore[union-attr]
-    page.type("radar.array.tx", "[[0, 0, 0], 2 mm]")
-    assert page.words and page.scenario.radar.frame.n_slots == 3  # type: ignore[union-attr]
+    page.type_setting("radar.array.tx", "[[0, 0, 0], 2 mm]")
+    assert page.messages and page.scenario.radar.frame.n_slots == 3  # type: ignore[union-attr]
 
 
-def test_an_array_that_is_refused_is_not_shown_as_if_it_were_there() -> None:
-    page = Page(Radar, TEXT.replace("n_chirps: 32", "n_chirps: 600"))
-    (rows,) = (one for one in page.widgets(Select) if one.title == "Array in a row")
-    before, shown = page.scenario, rows.value
-    rows.value = "4 4"  # 84 ms, in a period of 50 ms
-    page.apply()
-    assert page.scenario == before and rows.value == shown
+def test_refused_array_choice_is_reset() -> None:
+    page = Page(Radar, SETTINGS.replace("n_chirps: 32", "n_chirps: 600"))
+    (rows,) = (widget for widget in page.find_widgets(Select) if widget.title == "Array in a row")
+    initial_scenario, initial_choice = page.scenario, rows.value
+    rows.value = "4 4"  # 84 ms exceed the period of 50 ms
+    page.apply_edits()
+    assert page.scenario == initial_scenario and rows.value == initial_choice
 
 
-def test_a_detector_has_a_false_alarm_probability_or_an_offset() -> None:
+def test_detector_has_false_alarm_probability_or_offset() -> None:
     page = Page(Processing)
-    page.type("chain.cfar.offset", "15 dB")
+    page.type_setting("chain.cfar.offset", "15 dB")
     assert page.scenario.chain.cfar.false_alarm_probability is None
-    page.type("chain.cfar.false_alarm_probability", "1e-4")
+    page.type_setting("chain.cfar.false_alarm_probability", "1e-4")
     assert page.scenario.chain.cfar.offset is None
 
 
-def test_noise_told_by_the_snr_of_a_target_is_as_strong_as_that_of_the_receiver() -> None:
-    scenario = parse_scenario(TEXT, LIMITS)
-    told = replace_noise(scenario, "white")
+def test_noise_set_by_target_snr_equals_receiver_noise() -> None:
+    scenario = parse_scenario(SETTINGS, LIMITS)
+    white_noise_scenario = replace_noise_model(scenario, "white")
     assert scenario.scene is not None and scenario.radar is not None
-    noise_w = told.impairments[0].noise_power_w(scenario.scene, scenario.radar)
+    noise_w = white_noise_scenario.impairments[0].noise_power_w(scenario.scene, scenario.radar)
     assert noise_w == pytest.approx(noise_power_w(scenario.radar), rel=0.012)  # 0.05 dB
-    assert replace_noise(told, "thermal") == scenario
+    assert replace_noise_model(white_noise_scenario, "thermal") == scenario
 
 
-def test_targets_come_and_go_and_their_knobs_with_them() -> None:
+def test_targets_and_their_knobs_can_be_added_and_removed() -> None:
     page = Page(Targets)
     assert page.scenario.scene is not None
     names = page.scenario.scene.names
-    page.press("Add a target")
+    page.press_button("Add a target")
     assert page.scenario.scene.names == (*names, "target-1")
-    page.type("scene.targets.target-1.rcs", "3 dBsm")
-    page.type("scene.targets.target-1.body", "{kind: car}")  # has cross sections of its own
+    page.type_setting("scene.targets.target-1.rcs", "3 dBsm")
+    page.type_setting(
+        "scene.targets.target-1.body", "{kind: car}"
+    )  # defines its own cross sections
     assert page.scenario.scene.targets[-1].body is not None
-    page.press("Remove", "Remove target 1")
+    page.press_button("Remove", "Remove target 1")
     assert page.scenario.scene.names == (*names[1:], "target-1")
-    page.type("scene.targets.0.position", "[50 m, 0, 0]")  # a.b: a path takes it for two names
+    page.type_setting("scene.targets.0.position", "[50 m, 0, 0]")  # a.b cannot be a path component
     assert page.scenario.scene.targets[0].position_m == (50.0, 0.0, 0.0)
 
 
-def test_the_design_is_taken_with_the_receivers_and_the_hardware_of_the_radar() -> None:
+def test_design_keeps_receivers_and_hardware_of_radar() -> None:
     page = Page(Requirements)
-    before = page.scenario.radar
-    assert before is not None
-    page.type("max_range", "100 m")
-    page.type("max_velocity", "30 m/s")
-    page.press("Use this radar")
+    initial_radar = page.scenario.radar
+    assert initial_radar is not None
+    page.type_setting("max_range", "100 m")
+    page.type_setting("max_velocity", "30 m/s")
+    page.press_button("Use this radar")
     radar = page.scenario.radar
     assert radar is not None
-    asked = {"max_range_m": 100, "range_resolution_m": 1, "max_velocity_m_per_s": 30}
-    wanted = dc.design(**asked, rule="constraints").radar.frame
-    assert radar.frame == replace(round_frame(wanted), period_s=before.frame.period_s)
-    assert radar.array.rx_m == before.array.rx_m and radar.hardware == before.hardware
+    requirements = {"max_range_m": 100, "range_resolution_m": 1, "max_velocity_m_per_s": 30}
+    designed_frame = dc.design(**requirements, rule="constraints").radar.frame
+    assert radar.frame == replace(
+        round_frame_to_six_digits(designed_frame), period_s=initial_radar.frame.period_s
+    )
+    assert radar.array.rx_m == initial_radar.array.rx_m and radar.hardware == initial_radar.hardware
 
 
 @pytest.mark.parametrize("rule", ["constraints", "round-trips"])
-def test_what_is_taken_has_numbers_of_six_digits_and_still_does_what_is_asked(rule: Any) -> None:
+def test_design_rounded_to_six_digits_meets_requirements(rule: Any) -> None:
     rng = np.random.default_rng(10)
     for _ in range(50):
-        farthest_m, cell_m, fastest_m_per_s = rng.uniform((20, 0.3, 1), (200, 2, 15))
-        asked = {"max_range_m": farthest_m, "range_resolution_m": cell_m}
-        made = dc.design(**asked, max_velocity_m_per_s=fastest_m_per_s, rule=rule)
-        assert made.is_met
-        frame = round_frame(made.radar.frame)
-        assert frame.chirp.range_resolution_m <= cell_m * (1 + 1e-12)
-        assert frame.chirp.max_range_m >= farthest_m
-        assert frame.max_velocity_m_per_s >= fastest_m_per_s
-        taken = apply_design(parse_scenario(TEXT, LIMITS), made)
-        texts = [one.text for one in setting_knobs(taken, "radar.frame")]
-        assert max(sum(map(str.isdigit, text)) for text in texts) <= 7, texts  # or a 0 before six
+        max_range_m, range_resolution_m, max_velocity_m_per_s = rng.uniform(
+            (20, 0.3, 1), (200, 2, 15)
+        )
+        requirements = {"max_range_m": max_range_m, "range_resolution_m": range_resolution_m}
+        design = dc.design(**requirements, max_velocity_m_per_s=max_velocity_m_per_s, rule=rule)
+        assert design.is_met
+        frame = round_frame_to_six_digits(design.radar.frame)
+        assert frame.chirp.range_resolution_m <= range_resolution_m * (1 + 1e-12)
+        assert frame.chirp.max_range_m >= max_range_m
+        assert frame.max_velocity_m_per_s >= max_velocity_m_per_s
+        scenario = apply_design(parse_scenario(SETTINGS, LIMITS), design)
+        texts = [knob.text for knob in setting_knobs(scenario, "radar.frame")]
+        assert max(sum(map(str.isdigit, text)) for text in texts) <= 7, (
+            texts
+        )  # a leading zero and six digits
 
 
-def test_what_no_radar_can_do_is_told_with_the_nearest_one() -> None:
+def test_infeasible_requirements_give_nearest_design() -> None:
     page = Page(Requirements)
-    page.type("max_velocity", "3000 m/s")
-    answer = "".join(one.text for one in page.widgets(Div))
+    page.type_setting("max_velocity", "3000 m/s")
+    answer = "".join(widget.text for widget in page.find_widgets(Div))
     assert "nearest" in answer and "expected" in answer
-    page.type("max_range", "100")
-    assert any("a length" in words for words in page.words)
+    page.type_setting("max_range", "100")
+    assert any("a length" in message for message in page.messages)
 
 
-def take_and_answer(page: Page) -> tuple[Button, Div]:
-    (take,) = (one for one in page.widgets(Button) if one.label == "Use this radar")
-    (answer,) = (one for one in page.widgets(Div) if "aria-label='Design'" in one.text)
-    return take, answer
+def find_design_button_and_answer(page: Page) -> tuple[Button, Div]:
+    (button,) = (widget for widget in page.find_widgets(Button) if widget.label == "Use this radar")
+    (answer,) = (
+        widget for widget in page.find_widgets(Div) if "aria-label='Design'" in widget.text
+    )
+    return button, answer
 
 
-def test_while_a_requirement_is_wrong_the_answer_is_out_of_date_and_not_taken() -> None:
+def test_invalid_requirement_marks_design_out_of_date() -> None:
     page = Page(Requirements)
-    take, answer = take_and_answer(page)
-    held = answer.text
-    assert "<h3>Met" in held and not take.disabled
+    button, answer = find_design_button_and_answer(page)
+    valid_answer = answer.text
+    assert "<h3>Met" in valid_answer and not button.disabled
     for path, text in (("max_range", "150"), ("max_velocity", "-1 m/s"), ("rcs", "1 m")):
-        page.type(path, text)
-        assert page.words and take.disabled and "<h3>Out of date" in answer.text, text
-        page.knob(path).value = page.knob(path).tags[0]  # as page.js does on Escape
-        assert not page.words and not take.disabled and answer.text == held, text
-    page.type("max_range", "150")
-    page.type("max_range", "120 m")
-    assert not take.disabled and "Out of date" not in answer.text and answer.text != held
+        page.type_setting(path, text)
+        assert page.messages and button.disabled and "<h3>Out of date" in answer.text, text
+        page.find_knob(path).value = page.find_knob(path).tags[0]  # like page.js on Escape
+        assert not page.messages and not button.disabled and answer.text == valid_answer, text
+    page.type_setting("max_range", "150")
+    page.type_setting("max_range", "120 m")
+    assert not button.disabled and "Out of date" not in answer.text and answer.text != valid_answer
 
 
-def test_a_design_has_the_hardware_that_the_radar_has_when_it_is_taken() -> None:
+def test_design_uses_current_hardware_of_radar() -> None:
     page = Page(Requirements)
     page.session.change_setting("radar.hardware.noise_factor", "9 dB")
-    page.apply()
-    page.press("Use this radar")
+    page.apply_edits()
+    page.press_button("Use this radar")
     radar = page.scenario.radar
     assert radar is not None and radar.hardware is not None
     assert radar.hardware.noise_factor == pytest.approx(10**0.9)
 
 
-@pytest.mark.parametrize("wrong", ["1e-300 m/s", "1e300 m/s", "0 m/s", "-1 m/s", "nan", ".inf m/s"])
-def test_requirements_that_are_absurd_are_told_at_their_knob(wrong: str) -> None:
+@pytest.mark.parametrize("value", ["1e-300 m/s", "1e300 m/s", "0 m/s", "-1 m/s", "nan", ".inf m/s"])
+def test_absurd_requirements_are_reported_at_their_knob(value: str) -> None:
     page = Page(Requirements)
     for path in ("max_range", "range_resolution", "max_velocity", "velocity_resolution", "carrier"):
         unit = {"max_range": "m", "range_resolution": "m", "carrier": "Hz"}.get(path, "m/s")
-        page.type(path, wrong.replace("m/s", unit))
-        assert "wrong" in page.knob(path).css_classes and "expected" in page.words[0]
-        page.knob(path).value = page.knob(path).tags[0]
+        page.type_setting(path, value.replace("m/s", unit))
+        assert "wrong" in page.find_knob(path).css_classes and "expected" in page.messages[0]
+        page.find_knob(path).value = page.find_knob(path).tags[0]
 
 
-def test_requirements_that_no_chirp_can_have_are_told_at_their_knob_and_not_kept() -> None:
+def test_requirements_beyond_any_chirp_are_reported_and_not_kept() -> None:
     page = Page(Requirements)
-    page.type("max_velocity", "1e-9 m/s")
-    assert any("Chirp.sample_rate" in words for words in page.words)
-    page.type("max_range", "140 m")  # of the others one may still be changed
-    page.press("Use this radar")
+    page.type_setting("max_velocity", "1e-9 m/s")
+    assert any("Chirp.sample_rate" in message for message in page.messages)
+    page.type_setting("max_range", "140 m")  # the other requirements can still be changed
+    page.press_button("Use this radar")
     radar = page.scenario.radar
     assert radar is not None
     assert radar.frame.max_velocity_m_per_s == pytest.approx(50.0, rel=1e-4)
 
 
-def test_a_rule_that_has_no_chirp_for_the_requirements_says_so_until_another_has() -> None:
+def test_rule_without_feasible_chirp_is_reported_until_changed() -> None:
     page = Page(Requirements)
-    page.type("range_resolution", "1e9 m")
-    (take,) = (one for one in page.widgets(Button) if one.label == "Use this radar")
-    (rule,) = (one for one in page.widgets(Select) if one.title == "Rule")
-    rule.value = next(one for one in rule.options if one != "constraints")
-    assert take.disabled and any("Chirp.slope" in one.text for one in page.widgets(Div))
+    page.type_setting("range_resolution", "1e9 m")
+    (button,) = (widget for widget in page.find_widgets(Button) if widget.label == "Use this radar")
+    (rule,) = (widget for widget in page.find_widgets(Select) if widget.title == "Rule")
+    rule.value = next(widget for widget in rule.options if widget != "constraints")
+    assert button.disabled and any(
+        "Chirp.slope" in widget.text for widget in page.find_widgets(Div)
+    )
     rule.value = "constraints"
-    assert not take.disabled
+    assert not button.disabled
 
 
-def test_the_text_that_is_downloaded_runs_to_the_same_result(tmp_path: Path) -> None:
+def test_downloaded_settings_reproduce_result(tmp_path: Path) -> None:
     page = Page(SettingsFile)
-    (area,) = page.widgets(TextAreaInput)
+    (area,) = page.find_widgets(TextAreaInput)
     file = tmp_path / "scenario.yaml"
     file.write_text(area.tags[0])
-    read = load(file)
-    assert read == page.scenario
-    assert run(read).detections.equals(run(page.scenario).detections)
+    loaded_scenario = load(file)
+    assert loaded_scenario == page.scenario
+    assert run(loaded_scenario).detections.equals(run(page.scenario).detections)
 
 
-def test_a_text_with_mistakes_is_kept_and_what_holds_is_downloaded() -> None:
+def test_invalid_text_is_kept_and_valid_settings_are_downloaded() -> None:
     page = Page(SettingsFile)
-    (area,) = page.widgets(TextAreaInput)
-    held, before = area.tags[0], page.scenario
-    area.value = held.replace("77 GHz", "77")
-    page.press("Apply")
-    assert page.scenario == before and area.tags[0] == held
-    assert "radar.frame.chirp.start_frequency" in page.words[0] and ":6:" in page.words[0]
-    area.value = held.replace("seed: 3", "seed: 4")
-    page.press("Apply")
+    (area,) = page.find_widgets(TextAreaInput)
+    valid_text, initial_scenario = area.tags[0], page.scenario
+    area.value = valid_text.replace("77 GHz", "77")
+    page.press_button("Apply")
+    assert page.scenario == initial_scenario and area.tags[0] == valid_text
+    assert "radar.frame.chirp.start_frequency" in page.messages[0] and ":6:" in page.messages[0]
+    area.value = valid_text.replace("seed: 3", "seed: 4")
+    page.press_button("Apply")
     assert page.scenario.seed == 4
 
 
 @pytest.mark.parametrize("kind", PANELS)
-def test_every_widget_has_words_of_its_own(kind: type[Panel]) -> None:
+def test_every_widget_has_label(kind: type[Panel]) -> None:
     page = Page(kind)
-    for one in page.widgets(TextInput, TextAreaInput, Select):
-        assert one.title
-    for one in page.widgets(Button, Checkbox):
-        assert one.label
-    for one in page.widgets(TextInput):
-        assert "Needs" in one.html_attributes["aria-description"]
+    for widget in page.find_widgets(TextInput, TextAreaInput, Select):
+        assert widget.title
+    for widget in page.find_widgets(Button, Checkbox):
+        assert widget.label
+    for widget in page.find_widgets(TextInput):
+        assert "Needs" in widget.html_attributes["aria-description"]
 
 
 @pytest.mark.parametrize("kind", PANELS)
-def test_a_recording_without_a_scene_has_fewer_knobs(kind: type[Panel], tmp_path: Path) -> None:
+def test_recording_has_no_knobs_for_scene_and_radar(kind: type[Panel], tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(b"")
     limits = PageLimits(folders=(tmp_path,))
     scenario = parse_scenario("recording: {path: a.bin}", limits)
     panel = kind(Session(Document(), ThreadPoolExecutor(1), scenario, limits))
-    shown = [
-        one.html_attributes.get("data-setting", "")
-        for one in panel.root.references()
-        if isinstance(one, TextInput | Select)
+    setting_paths = [
+        widget.html_attributes.get("data-setting", "")
+        for widget in panel.root_element.references()
+        if isinstance(widget, TextInput | Select)
     ]
-    assert not any(path.startswith(("scene", "radar")) for path in shown)
+    assert not any(path.startswith(("scene", "radar")) for path in setting_paths)

@@ -1,4 +1,4 @@
-"""Moments of the studio: frame after frame, each the same to the bit whenever it is looked at."""
+"""Frame player of the studio: reproducible frames, cuts, cursor, tracks and recordings."""
 
 import os
 from dataclasses import replace
@@ -33,7 +33,7 @@ RADAR = dc.Radar(
 )
 NEAR = dc.Target(name="near", position_m=(12.0, 2.0, 0), velocity_m_per_s=(3.0, 0, 0), rcs_m2=10.0)
 FAR = dc.Target(name="far", position_m=(17.0, -4.0, 0), velocity_m_per_s=(-4.0, 0, 0), rcs_m2=10.0)
-# Few guard cells, for a factor that is found in a tenth of a second.
+# Few guard cells: the threshold factor is computed in 0.1 s.
 CHAIN = Chain(
     cfar=dc.Cfar(
         estimator=dc.cfar.CellAveraging(),
@@ -51,260 +51,300 @@ def scenario() -> dc.Scenario:
     )
 
 
-def real(scenario: dc.Scenario) -> dc.Scenario:
-    """The same with real samples: rows about DC are not searched."""
+def use_real_sampling(scenario: dc.Scenario) -> dc.Scenario:
+    """Switch to real samples, for which rows around DC are not searched."""
     frame = replace(RADAR.frame, chirp=replace(CHIRP, sampling="real"))
     return replace(scenario, radar=replace(RADAR, frame=frame))
 
 
-def filtered(scenario: dc.Scenario) -> dc.Scenario:
-    """The same without what stands still."""
+def use_mean_subtraction(scenario: dc.Scenario) -> dc.Scenario:
+    """Add mean subtraction, which removes static targets."""
     return replace(scenario, chain=replace(CHAIN, mitigation=[dc.mitigation.MeanSubtraction()]))
 
 
-def triangles(scenario: dc.Scenario) -> dc.Scenario:
+def use_triangular_modulation(scenario: dc.Scenario) -> dc.Scenario:
     frame = replace(RADAR.frame, modulation=dc.modulations.Triangular())
     return replace(scenario, radar=replace(RADAR, frame=frame))
 
 
-def ordered(scenario: dc.Scenario) -> dc.Scenario:
-    """The same with another detector; without windows its factor has a closed form."""
+def use_ordered_statistic(scenario: dc.Scenario) -> dc.Scenario:
+    """Switch the estimator to ordered statistic; without windows its factor has a closed form."""
     cfar = replace(CHAIN.cfar, estimator=dc.cfar.OrderedStatistic())
     chain = replace(CHAIN, cfar=cfar, range_window="rectangular", doppler_window="rectangular")
     return replace(scenario, chain=chain)
 
 
-def test_a_step_is_the_same_to_the_bit_in_any_order(scenario):
+def test_steps_are_bitwise_identical_in_any_order(scenario):
     player = FramePlayer(scenario)
-    first = {step: player.frame_at(step, None) for step in (0, 1, 2, 11)}
+    first = {step: player.process_frame_at_step(step, None) for step in (0, 1, 2, 11)}
     for step in (11, 1, 0, 2):
-        again = player.frame_at(step, None)
-        xr.testing.assert_identical(again.samples, first[step].samples)
-        xr.testing.assert_identical(again.power, first[step].power)
-        xr.testing.assert_identical(again.detections, first[step].detections)
-        xr.testing.assert_identical(again.azimuth_power, first[step].azimuth_power)
+        repeated_state = player.process_frame_at_step(step, None)
+        xr.testing.assert_identical(repeated_state.samples, first[step].samples)
+        xr.testing.assert_identical(repeated_state.power, first[step].power)
+        xr.testing.assert_identical(repeated_state.detections, first[step].detections)
+        xr.testing.assert_identical(repeated_state.azimuth_power, first[step].azimuth_power)
 
 
-def test_a_scene_goes_round_with_other_noise(scenario):
+def test_scene_repeats_with_new_noise(scenario):
     player = FramePlayer(scenario)
-    first, second = player.frame_at(1, None), player.frame_at(9, None)
+    first, second = player.process_frame_at_step(1, None), player.process_frame_at_step(9, None)
     assert (first.number, second.number) == (1, 1)
     assert first.time_s == second.time_s
     xr.testing.assert_identical(first.truth, second.truth)
     assert not np.any(first.samples.values == second.samples.values)
 
 
-@pytest.mark.parametrize("change", [lambda s: s, real, filtered, triangles])
-def test_the_first_step_is_what_a_run_of_one_frame_gives(scenario, change):
-    alone = replace(change(scenario), n_frames=1)
-    result = dc.run(alone)
-    seen = FramePlayer(alone).frame_at(0, None)
-    xr.testing.assert_identical(seen.samples, result.cube.isel(frame=0))
-    xr.testing.assert_identical(seen.detections, result.detections)
-    xr.testing.assert_identical(seen.truth, result.truth)
-    assert seen.detections.sizes["detection"] >= 2
-    assert set(seen.findings) == set(result.findings)
+@pytest.mark.parametrize(
+    "change", [lambda s: s, use_real_sampling, use_mean_subtraction, use_triangular_modulation]
+)
+def test_first_step_equals_run_of_one_frame(scenario, change):
+    one_frame_scenario = replace(change(scenario), n_frames=1)
+    result = dc.run(one_frame_scenario)
+    frame_state = FramePlayer(one_frame_scenario).process_frame_at_step(0, None)
+    xr.testing.assert_identical(frame_state.samples, result.cube.isel(frame=0))
+    xr.testing.assert_identical(frame_state.detections, result.detections)
+    xr.testing.assert_identical(frame_state.truth, result.truth)
+    assert frame_state.detections.sizes["detection"] >= 2
+    assert set(frame_state.findings) == set(result.findings)
 
 
-@pytest.mark.parametrize("change", [lambda s: s, real, filtered, triangles, ordered])
-@pytest.mark.parametrize("at", [None, Cursor(0.0, 3.0), Cursor(17.0, -9.6), Cursor(60.0, 0.1)])
-def test_cuts_are_the_row_and_the_column_of_both_maps(scenario, change, at):
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda s: s,
+        use_real_sampling,
+        use_mean_subtraction,
+        use_triangular_modulation,
+        use_ordered_statistic,
+    ],
+)
+@pytest.mark.parametrize("cursor", [None, Cursor(0.0, 3.0), Cursor(17.0, -9.6), Cursor(60.0, 0.1)])
+def test_cuts_equal_row_and_column_of_map_and_threshold(scenario, change, cursor):
     changed = change(scenario)
     player = FramePlayer(changed)
-    seen = player.frame_at(0, at)
-    whole = power_map(seen.samples, seen.radar, seen.chain)
-    threshold = threshold_map(whole, seen.radar, seen.chain)
+    frame_state = player.process_frame_at_step(0, cursor)
+    full_map = power_map(frame_state.samples, frame_state.radar, frame_state.chain)
+    threshold = threshold_map(full_map, frame_state.radar, frame_state.chain)
     cell = {
-        "velocity": int(abs(whole.velocity.values - seen.cursor.velocity_m_per_s).argmin()),
-        "range": int(abs(whole.range.values - seen.cursor.range_m).argmin()),
+        "velocity": int(
+            abs(full_map.velocity.values - frame_state.cursor.velocity_m_per_s).argmin()
+        ),
+        "range": int(abs(full_map.range.values - frame_state.cursor.range_m).argmin()),
     }
-    for cut, along, across in (
-        (seen.cuts[0], "range", "velocity"),
-        (seen.cuts[1], "velocity", "range"),
+    for cut, axis, other_axis in (
+        (frame_state.cuts_through_cursor[0], "range", "velocity"),
+        (frame_state.cuts_through_cursor[1], "velocity", "range"),
     ):
-        line = {across: cell[across]}
-        np.testing.assert_array_equal(cut.positions, whole[along].values)
-        np.testing.assert_array_equal(cut.power, seen.power.isel(line).values)
-        np.testing.assert_allclose(cut.threshold, threshold.isel(line).values, rtol=1e-5)
-    if change is not filtered:  # whose map, as the detector sees it, has no notch
-        np.testing.assert_array_equal(seen.power.values, whole.values)
+        selection = {other_axis: cell[other_axis]}
+        np.testing.assert_array_equal(cut.positions, full_map[axis].values)
+        np.testing.assert_array_equal(cut.power, frame_state.power.isel(selection).values)
+        np.testing.assert_allclose(cut.threshold, threshold.isel(selection).values, rtol=1e-5)
+    if change is not use_mean_subtraction:  # with it, the map of the detector has no notch
+        np.testing.assert_array_equal(frame_state.power.values, full_map.values)
 
 
-def test_without_a_cursor_all_look_at_the_strongest_detection(scenario):
-    seen = FramePlayer(scenario).frame_at(0, None)
-    first = seen.detections.isel(detection=int(seen.detections.snr.values.argmax()))
-    on = range_doppler_map_position(
-        RangeVelocity(first["range"].values, first["velocity"].values), seen.radar
+def test_default_cursor_is_at_strongest_detection(scenario):
+    frame_state = FramePlayer(scenario).process_frame_at_step(0, None)
+    strongest = frame_state.detections.isel(
+        detection=int(frame_state.detections.snr.values.argmax())
     )
-    assert seen.cursor.range_m == pytest.approx(
-        float(on.range_m), abs=float(seen.power["range"][1])
+    position = range_doppler_map_position(
+        RangeVelocity(strongest["range"].values, strongest["velocity"].values), frame_state.radar
     )
-    step = float(np.diff(seen.power.velocity.values)[0])
-    assert seen.cursor.velocity_m_per_s == pytest.approx(float(on.velocity_m_per_s), abs=step)
+    assert frame_state.cursor.range_m == pytest.approx(
+        float(position.range_m), abs=float(frame_state.power["range"][1])
+    )
+    step = float(np.diff(frame_state.power.velocity.values)[0])
+    assert frame_state.cursor.velocity_m_per_s == pytest.approx(
+        float(position.velocity_m_per_s), abs=step
+    )
 
 
-def test_where_nothing_is_detected_they_look_at_the_strongest_cell(scenario):
-    deaf = replace(CHAIN, cfar=replace(CHAIN.cfar, false_alarm_probability=None, offset=1e9))
-    seen = FramePlayer(replace(scenario, chain=deaf)).frame_at(0, None)
-    assert seen.detections.sizes["detection"] == 0
-    at = {"range": seen.cursor.range_m, "velocity": seen.cursor.velocity_m_per_s}
-    assert float(seen.power.sel(at)) == float(seen.power.max())
+def test_default_cursor_without_detections_is_at_strongest_cell(scenario):
+    insensitive_chain = replace(
+        CHAIN, cfar=replace(CHAIN.cfar, false_alarm_probability=None, offset=1e9)
+    )
+    frame_state = FramePlayer(replace(scenario, chain=insensitive_chain)).process_frame_at_step(
+        0, None
+    )
+    assert frame_state.detections.sizes["detection"] == 0
+    cell = {"range": frame_state.cursor.range_m, "velocity": frame_state.cursor.velocity_m_per_s}
+    assert float(frame_state.power.sel(cell)) == float(frame_state.power.max())
 
 
-def test_the_cursor_moves_and_the_frame_stays(scenario):
+def test_moving_cursor_keeps_frame(scenario):
     player = FramePlayer(scenario)
-    before = player.frame_at(2, None)
-    after = player.frame_at(2, Cursor(17.0, -4.0))
-    assert after.samples is before.samples and after.tracks == before.tracks
-    assert after.cursor == Cursor(17.0, -4.0)
-    assert after.micro_doppler.sizes["time"] == before.micro_doppler.sizes["time"]
+    initial_state = player.process_frame_at_step(2, None)
+    moved_state = player.process_frame_at_step(2, Cursor(17.0, -4.0))
+    assert (
+        moved_state.samples is initial_state.samples and moved_state.tracks == initial_state.tracks
+    )
+    assert moved_state.cursor == Cursor(17.0, -4.0)
+    assert moved_state.micro_doppler.sizes["time"] == initial_state.micro_doppler.sizes["time"]
 
 
-def test_the_frame_before_is_still_there_when_the_next_one_was_made_already(scenario):
+def test_previous_frame_is_cached_after_next_one(scenario):
     player = FramePlayer(scenario)
-    shown = [player.frame_at(step, None) for step in range(3)]
-    again = player.frame_at(1, None)
-    assert again.samples is shown[1].samples
-    xr.testing.assert_identical(again.micro_doppler, shown[1].micro_doppler)
-    assert player.frame_at(3, None).micro_doppler.sizes["time"] == 4
+    frame_states = [player.process_frame_at_step(step, None) for step in range(3)]
+    repeated_state = player.process_frame_at_step(1, None)
+    assert repeated_state.samples is frame_states[1].samples
+    xr.testing.assert_identical(repeated_state.micro_doppler, frame_states[1].micro_doppler)
+    assert player.process_frame_at_step(3, None).micro_doppler.sizes["time"] == 4
 
 
-def test_micro_doppler_is_a_spectrogram_with_a_window_a_frame(scenario):
+def test_micro_doppler_equals_spectrogram_with_one_window_per_frame(scenario):
     player = FramePlayer(scenario)
-    seen = [player.frame_at(step, Cursor(12.0, 3.0)) for step in range(3)]
-    cube = xr.concat([one.samples for one in seen], "frame")
+    frame_states = [player.process_frame_at_step(step, Cursor(12.0, 3.0)) for step in range(3)]
+    cube = xr.concat([state.samples for state in frame_states], "frame")
     cube = cube.transpose("frame", "chirp", "rx", "sample").drop_vars("frame", errors="ignore")
-    known = dc.spectrogram(cube, RADAR, range_m=(10.0, 14.0), hop=40)
-    found = seen[-1].micro_doppler
-    np.testing.assert_allclose(found.values, known.values, rtol=1e-3)
-    np.testing.assert_allclose(found.velocity, known.velocity)
-    np.testing.assert_allclose(found.time, known.time, atol=RADAR.frame.interval_s)
+    expected = dc.spectrogram(cube, RADAR, range_m=(10.0, 14.0), hop=40)
+    micro_doppler = frame_states[-1].micro_doppler
+    np.testing.assert_allclose(micro_doppler.values, expected.values, rtol=1e-3)
+    np.testing.assert_allclose(micro_doppler.velocity, expected.velocity)
+    np.testing.assert_allclose(micro_doppler.time, expected.time, atol=RADAR.frame.interval_s)
 
 
-def test_tracks_and_micro_doppler_begin_again_after_a_rewind_and_a_jump(scenario):
+def test_tracks_and_micro_doppler_restart_after_rewind_and_jump(scenario):
     pytest.importorskip("stonesoup")
     player = FramePlayer(replace(scenario, tracker=dc.Tracker()))
-    seen = [player.frame_at(step, None) for step in range(6)]
-    assert {one.status for one in seen[4].tracks} == {"confirmed"}
-    assert [one.micro_doppler.sizes["time"] for one in seen] == [1, 2, 3, 4, 5, 6]
+    frame_states = [player.process_frame_at_step(step, None) for step in range(6)]
+    assert {state.status for state in frame_states[4].tracks} == {"confirmed"}
+    assert [state.micro_doppler.sizes["time"] for state in frame_states] == [1, 2, 3, 4, 5, 6]
     for step in (0, 3):
-        begun = player.frame_at(step, None)
-        assert {one.age for one in begun.tracks} == {0}
-        assert begun.micro_doppler.sizes["time"] == 1
-    # The scene goes round after its last frame: targets are where they began.
+        restarted_state = player.process_frame_at_step(step, None)
+        assert {state.age for state in restarted_state.tracks} == {0}
+        assert restarted_state.micro_doppler.sizes["time"] == 1
+    # The scene repeats after its last frame: targets return to their initial positions.
     player = FramePlayer(replace(scenario, tracker=dc.Tracker()))
-    last, round_again = player.frame_at(7, None), player.frame_at(8, None)
-    assert round_again.time_s < last.time_s
-    assert {one.age for one in round_again.tracks} == {0}
+    last_state, repeated_state = (
+        player.process_frame_at_step(7, None),
+        player.process_frame_at_step(8, None),
+    )
+    assert repeated_state.time_s < last_state.time_s
+    assert {state.age for state in repeated_state.tracks} == {0}
 
 
-def test_tracks_frame_by_frame_are_those_of_a_run(scenario):
+def test_frame_by_frame_tracks_equal_tracks_of_run(scenario):
     pytest.importorskip("stonesoup")
-    followed = replace(
+    tracking_scenario = replace(
         scenario, n_frames=6, tracker=dc.Tracker(), chain=replace(CHAIN, cluster=dc.Dbscan())
     )
-    player = FramePlayer(followed)
-    seen = [player.frame_at(step, None) for step in range(6)]
-    detections = xr.concat([one.detections for one in seen], "detection")
-    clusters = xr.concat([one.clusters for one in seen], "cluster")
-    assert set(seen[-1].detections["cluster"].values) == {0, 1}
-    known = dc.track(
+    player = FramePlayer(tracking_scenario)
+    frame_states = [player.process_frame_at_step(step, None) for step in range(6)]
+    detections = xr.concat([item.detections for item in frame_states], "detection")
+    clusters = xr.concat([item.clusters for item in frame_states], "cluster")
+    assert set(frame_states[-1].detections["cluster"].values) == {0, 1}
+    tracks = dc.track(
         clusters.drop_vars("n_detections"),
-        [one.time_s for one in seen],
+        [item.time_s for item in frame_states],
         dc.Tracker(),
         velocity_span_m_per_s=2 * RADAR.frame.max_velocity_m_per_s,
     )
     assert detections.sizes["detection"] >= 12
-    last = known.isel(frame=-1)
-    for name, place in (("x", 0), ("vx", 1), ("y", 2), ("vy", 3)):
-        states = [one.state[place] for one in seen[-1].tracks if one.status == "confirmed"]
-        np.testing.assert_allclose(last[name].values, states)
+    last_tracks = tracks.isel(frame=-1)
+    for name, state_index in (("x", 0), ("vx", 1), ("y", 2), ("vy", 3)):
+        states = [
+            item.state[state_index]
+            for item in frame_states[-1].tracks
+            if item.status == "confirmed"
+        ]
+        np.testing.assert_allclose(last_tracks[name].values, states)
 
 
-def test_an_array_that_tells_no_azimuth_has_no_map_of_it(scenario):
+def test_array_without_azimuth_has_no_azimuth_map(scenario):
     upright = replace(RADAR, array=dc.Array(rx_m=[(0, 0, 1.9e-3 * k) for k in range(4)]))
-    assert FramePlayer(replace(scenario, radar=upright)).frame_at(0, None).azimuth_power is None
+    assert (
+        FramePlayer(replace(scenario, radar=upright)).process_frame_at_step(0, None).azimuth_power
+        is None
+    )
     single = replace(RADAR, array=dc.Array(rx_m=[(0, 0, 0)]))
-    assert FramePlayer(replace(scenario, radar=single)).frame_at(0, None).azimuth_power is None
+    assert (
+        FramePlayer(replace(scenario, radar=single)).process_frame_at_step(0, None).azimuth_power
+        is None
+    )
 
 
 @pytest.mark.parametrize("step", [-1, 1.5, "2", None])
-def test_a_step_that_is_none_is_refused_by_name(scenario, step):
+def test_rejects_invalid_step(scenario, step):
     with pytest.raises(dc.InvalidSetting, match=r"^step"):
-        FramePlayer(scenario).frame_at(step, None)
+        FramePlayer(scenario).process_frame_at_step(step, None)
 
 
-def test_a_recording_that_is_not_there_is_named(tmp_path):
-    there = dc.Scenario(recording=RecordingSource(path=str(tmp_path / "none.bin")))
+def test_missing_recording_is_named_in_error(tmp_path):
+    recording_scenario = dc.Scenario(recording=RecordingSource(path=str(tmp_path / "none.bin")))
     with pytest.raises(dc.DechirpError, match=r"none\.bin"):
-        FramePlayer(there).frame_at(0, None)
+        FramePlayer(recording_scenario).process_frame_at_step(0, None)
 
 
-def test_after_a_frame_that_fails_the_next_one_is_seen(scenario, monkeypatch):
+def test_next_frame_is_computed_after_failed_frame(scenario, monkeypatch):
     player = FramePlayer(scenario)
-    known = player.frame_at(1, None)
+    expected = player.process_frame_at_step(1, None)
     cube = player._prepared.frames.cube
     monkeypatch.setattr(player._prepared.frames, "cube", lambda step: cube(step) * np.nan)
     with pytest.raises(dc.InvalidSetting, match="not finite"):
-        player.frame_at(2, None)
+        player.process_frame_at_step(2, None)
     monkeypatch.undo()
-    again = player.frame_at(1, None)
-    xr.testing.assert_identical(again.detections, known.detections)
-    assert again.micro_doppler.sizes["time"] == 1
+    repeated_state = player.process_frame_at_step(1, None)
+    xr.testing.assert_identical(repeated_state.detections, expected.detections)
+    assert repeated_state.micro_doppler.sizes["time"] == 1
 
 
-def test_a_recording_is_walked_through_and_goes_round(scenario, tmp_path):
+def test_recording_plays_all_frames_and_repeats(scenario, tmp_path):
     cube = dc.simulate(scenario.scene, RADAR, n_frames=3, seed=5)
     path = tmp_path / "cube.npy"
     np.save(path, cube.values)
     source = RecordingSource(path=str(path), axes=("frame", "chirp", "rx", "sample"))
-    recorded = dc.Scenario(radar=RADAR, recording=source, chain=CHAIN)
-    result, player = dc.run(recorded), FramePlayer(recorded)
+    recording_scenario = dc.Scenario(radar=RADAR, recording=source, chain=CHAIN)
+    result, player = dc.run(recording_scenario), FramePlayer(recording_scenario)
     for step, number in ((0, 0), (2, 2), (1, 1), (4, 1)):
-        seen = player.frame_at(step, None)
-        assert (seen.number, seen.n_frames, seen.truth) == (number, 3, None)
-        own = np.flatnonzero(result.detections["frame"].values == number)
-        xr.testing.assert_identical(seen.detections, result.detections.isel(detection=own))
-        np.testing.assert_array_equal(seen.samples.values, cube.values[number])
+        frame_state = player.process_frame_at_step(step, None)
+        assert (frame_state.number, frame_state.n_frames, frame_state.truth) == (number, 3, None)
+        indices = np.flatnonzero(result.detections["frame"].values == number)
+        xr.testing.assert_identical(
+            frame_state.detections, result.detections.isel(detection=indices)
+        )
+        np.testing.assert_array_equal(frame_state.samples.values, cube.values[number])
 
 
-def test_a_recording_is_held_to_the_limits_that_scenes_are_held_to(scenario, tmp_path):
+def test_recording_obeys_limits_of_scenes(scenario, tmp_path):
     path = tmp_path / "cube.npz"
     cube = dc.simulate(scenario.scene, RADAR, n_frames=1, seed=5)
     dc.write(dc.recording_from_cube(cube, RADAR), path)
-    recorded = dc.Scenario(recording=RecordingSource(path=str(path)), chain=CHAIN)
-    finer = replace(recorded, chain=replace(CHAIN, n_range_bins=2**17))
+    recording_scenario = dc.Scenario(recording=RecordingSource(path=str(path)), chain=CHAIN)
+    padded_scenario = replace(recording_scenario, chain=replace(CHAIN, n_range_bins=2**17))
     with pytest.raises(dc.InvalidSetting, match="15,360 samples; expected at most 15,359"):
-        FramePlayer(recorded, PageLimits(max_samples=15_359)).frame_at(0, None)
-    with pytest.raises(dc.InvalidSetting, match="5,242,880 cells of the map"):  # of 40 chirps
-        FramePlayer(finer).frame_at(0, None)
+        FramePlayer(recording_scenario, PageLimits(max_samples=15_359)).process_frame_at_step(
+            0, None
+        )
+    with pytest.raises(dc.InvalidSetting, match="5,242,880 cells of the map"):  # 40 chirps
+        FramePlayer(padded_scenario).process_frame_at_step(0, None)
 
 
-@pytest.mark.skipif("DECHIRP_REAL_DATA" not in os.environ, reason="no recordings named")
-def test_a_real_recording_is_seen_in_units_of_full_scale():
+@pytest.mark.skipif("DECHIRP_REAL_DATA" not in os.environ, reason="DECHIRP_REAL_DATA is not set")
+def test_real_recording_is_shown_in_units_of_full_scale():
     folder = Path(os.environ["DECHIRP_REAL_DATA"]) / "bgt60_two_reflectors"
     player = FramePlayer(
         dc.Scenario(recording=RecordingSource(path=str(folder / "RadarIfxAvian_00")))
     )
-    first, second = (player.frame_at(step, None) for step in (0, 1))
+    first, second = (player.process_frame_at_step(step, None) for step in (0, 1))
     assert first.power.attrs["units"] == first.micro_doppler.attrs["units"] == "full scale squared"
     assert first.detections.sizes["detection"] > 0
     assert second.time_s > first.time_s
 
 
-def test_what_the_studio_opens_with_shows_something_everywhere():
+def test_start_scenario_fills_all_views():
     from importlib import resources
 
     with resources.as_file(resources.files("dechirp.studio") / "start.yaml") as file:
-        opened = dc.load(file)
-    radar = opened.radar
+        start_scenario = dc.load(file)
+    radar = start_scenario.radar
     assert (radar.frame.n_chirps, radar.n_channels, radar.frame.chirp.n_samples) == (128, 12, 256)
-    player = FramePlayer(replace(opened, tracker=None))
+    player = FramePlayer(replace(start_scenario, tracker=None))
     for step in (0, 1, 199):
-        seen = player.frame_at(step, None)
-        assert not seen.findings
-        truth, found = seen.truth, seen.clusters
-        off_m = abs(truth["range"].values - found["range"].values)
-        off_rad = abs(truth["azimuth"].values - found["azimuth"].values)
-        assert np.all((off_m < 1.0).any(axis=1) & (off_rad < 0.1).any(axis=1))
-    assert seen.azimuth_power is not None and seen.micro_doppler.values.max() > 0
+        frame_state = player.process_frame_at_step(step, None)
+        assert not frame_state.findings
+        truth, clusters = frame_state.truth, frame_state.clusters
+        range_errors_m = abs(truth["range"].values - clusters["range"].values)
+        azimuth_errors_rad = abs(truth["azimuth"].values - clusters["azimuth"].values)
+        assert np.all((range_errors_m < 1.0).any(axis=1) & (azimuth_errors_rad < 0.1).any(axis=1))
+    assert frame_state.azimuth_power is not None and frame_state.micro_doppler.values.max() > 0

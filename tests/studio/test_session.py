@@ -1,4 +1,4 @@
-"""What one page does with edits, steps and a browser that may be slow."""
+"""Page sessions: edits, steps, playback and slow browsers."""
 
 import asyncio
 import time
@@ -14,183 +14,185 @@ from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.session import Session
 
 
-class Document:
-    """As much of a document as a session asks for."""
+class DocumentStub:
+    """Document with the one method that a session calls."""
 
     def add_next_tick_callback(self, job: Callable[[], None]) -> None:
         asyncio.get_running_loop().call_soon(job)
 
 
-class Player:
-    """Moments that say which step and settings they are of."""
+class PlayerStub:
+    """Player whose frames contain their step and seed."""
 
     def __init__(self, scenario: Scenario, limits: PageLimits) -> None:
         self.scenario = scenario
 
-    def frame_at(self, step: int, cursor: object) -> SimpleNamespace:
+    def process_frame_at_step(self, step: int, cursor: object) -> SimpleNamespace:
         return SimpleNamespace(step=step, seed=self.scenario.seed)
 
 
 class Page:
-    """A session, and what it showed and told."""
+    """Session with the frames, mistakes and settings that it reported."""
 
     def __init__(self, worker: ThreadPoolExecutor, *, draws: bool) -> None:
         self.session = Session(
-            Document(), worker, reference(), PageLimits(min_frame_interval_s=1e-3)
+            DocumentStub(), worker, reference(), PageLimits(min_frame_interval_s=1e-3)
         )
-        self.shown, self.told, self.taken = [], [], []
-        self.session.on_frame.append(self.shown.append)
-        self.session.on_mistakes.append(self.told.append)
-        self.session.on_settings.append(self.taken.append)
+        self.frames, self.mistakes, self.settings = [], [], []
+        self.session.on_frame.append(self.frames.append)
+        self.session.on_mistakes.append(self.mistakes.append)
+        self.session.on_settings.append(self.settings.append)
         if draws:
-            self.session.on_frame.append(lambda _: self.session.drawn_soon(len(self.shown)))
+            self.session.on_frame.append(lambda _: self.session.drawn_soon(len(self.frames)))
 
-    async def until(self, holds: Callable[[], bool]) -> None:
+    async def wait_until(self, holds: Callable[[], bool]) -> None:
         async with asyncio.timeout(60):
             while not holds():
                 await asyncio.sleep(1e-3)
 
 
 @pytest.fixture
-def lived(monkeypatch):
-    """Run what a page lives through; with a browser that draws at once, or not at all."""
-    monkeypatch.setattr(sessions, "FramePlayer", Player)
+def run_page(monkeypatch):
+    """Run an interaction on a page whose browser draws immediately, or never."""
+    monkeypatch.setattr(sessions, "FramePlayer", PlayerStub)
 
-    def live(life, *, draws: bool = True) -> None:
-        async def whole() -> None:
+    def run(interaction, *, draws: bool = True) -> None:
+        async def run_session() -> None:
             loop = asyncio.get_running_loop()
             monkeypatch.setattr(
                 Session,
                 "drawn_soon",
-                lambda self, n: loop.call_soon(self.confirm_drawn, n),
+                lambda self, n: loop.call_soon(self.confirm_frames_drawn, n),
                 raising=False,
             )
             with ThreadPoolExecutor(1) as worker:
                 page = Page(worker, draws=draws)
                 page.session.start()
                 try:
-                    await page.until(lambda: page.shown)
-                    await life(page)
+                    await page.wait_until(lambda: page.frames)
+                    await interaction(page)
                 finally:
                     page.session.close()
 
-        asyncio.run(whole())
+        asyncio.run(run_session())
 
-    return live
+    return run
 
 
-def test_of_several_edits_those_that_can_be_hold_and_the_others_are_told(lived):
-    async def life(page: Page) -> None:
+def test_valid_edits_apply_and_invalid_ones_are_reported(run_page):
+    async def interaction(page: Page) -> None:
         page.session.change_setting("seed", "5")
         page.session.change_setting("n_frames", "rubbish")
         page.session.change_setting("chain.range_window", "hamming")
-        await page.until(lambda: page.taken)
-        await page.until(lambda: page.shown[-1].seed == 5)
+        await page.wait_until(lambda: page.settings)
+        await page.wait_until(lambda: page.frames[-1].seed == 5)
         assert page.session.scenario.chain.range_window == "hamming"
         assert page.session.scenario.n_frames == 1
-        (mistake,) = page.told[-1]
+        (mistake,) = page.mistakes[-1]
         assert mistake.setting == "n_frames"
         page.session.go_to_step(1)
-        await page.until(lambda: page.shown[-1].step == 1)
-        assert page.told[-1] == ()  # it is over
+        await page.wait_until(lambda: page.frames[-1].step == 1)
+        assert page.mistakes[-1] == ()  # cleared by the next step
 
-    lived(life)
+    run_page(interaction)
 
 
-def test_of_edits_of_one_setting_the_last_holds(lived):
-    async def life(page: Page) -> None:
+def test_last_edit_of_setting_applies(run_page):
+    async def interaction(page: Page) -> None:
         for seed in range(3, 9):
             page.session.change_setting("seed", str(seed))
-        await page.until(lambda: page.taken)
-        assert [scenario.seed for scenario in page.taken] == [8]
+        await page.wait_until(lambda: page.settings)
+        assert [scenario.seed for scenario in page.settings] == [8]
 
-    lived(life)
+    run_page(interaction)
 
 
-def test_it_plays_step_by_step_and_a_rewind_meanwhile_shows_the_first(lived):
-    async def life(page: Page) -> None:
+def test_plays_every_step_and_rewinds_while_playing(run_page):
+    async def interaction(page: Page) -> None:
         page.session.set_playing(True)
-        await page.until(lambda: page.shown[-1].step >= 5)
-        steps = [moment.step for moment in page.shown]
+        await page.wait_until(lambda: page.frames[-1].step >= 5)
+        steps = [frame.step for frame in page.frames]
         assert steps == sorted(steps) and set(range(5)) <= set(steps)
-        seen = len(page.shown)
+        n_before_rewind = len(page.frames)
         page.session.go_to_step(0)
-        await page.until(lambda: any(moment.step == 0 for moment in page.shown[seen:]))
+        await page.wait_until(
+            lambda: any(frame.step == 0 for frame in page.frames[n_before_rewind:])
+        )
 
-    lived(life)
+    run_page(interaction)
 
 
-def test_when_it_pauses_no_other_step_comes(lived):
-    async def life(page: Page) -> None:
+def test_pause_stops_at_current_step(run_page):
+    async def interaction(page: Page) -> None:
         page.session.set_playing(True)
-        await page.until(lambda: page.shown[-1].step >= 3)
+        await page.wait_until(lambda: page.frames[-1].step >= 3)
         page.session.set_playing(False)
         step = page.session.step
         await asyncio.sleep(0.05)
-        assert page.shown[-1].step == page.session.step == step
+        assert page.frames[-1].step == page.session.step == step
 
-    lived(life)
+    run_page(interaction)
 
 
-def test_a_browser_that_draws_nothing_has_three_moments_at_most(lived):
-    async def life(page: Page) -> None:
+def test_at_most_three_frames_are_in_flight_per_browser(run_page):
+    async def interaction(page: Page) -> None:
         page.session.set_playing(True)
-        await page.until(lambda: len(page.shown) == 3)
+        await page.wait_until(lambda: len(page.frames) == 3)
         await asyncio.sleep(0.1)
-        assert len(page.shown) == 3
-        page.session.confirm_drawn(1)
-        await page.until(lambda: len(page.shown) == 4)
+        assert len(page.frames) == 3
+        page.session.confirm_frames_drawn(1)
+        await page.wait_until(lambda: len(page.frames) == 4)
         await asyncio.sleep(0.1)
-        assert len(page.shown) == 4
+        assert len(page.frames) == 4
 
-    lived(life, draws=False)
+    run_page(interaction, draws=False)
 
 
-def test_a_browser_that_answers_every_second_moment_is_never_waited_for_in_vain(lived):
-    async def life(page: Page) -> None:
+def test_unconfirmed_frames_between_confirmed_ones_cause_no_timeout(run_page):
+    async def interaction(page: Page) -> None:
         page.session.on_frame.append(
-            lambda _: len(page.shown) % 2 or page.session.drawn_soon(len(page.shown))
+            lambda _: len(page.frames) % 2 or page.session.drawn_soon(len(page.frames))
         )
         page.session.set_playing(True)
         async with asyncio.timeout(0.9 * sessions.DRAW_TIMEOUT_S):
-            await page.until(lambda: len(page.shown) == 40)
+            await page.wait_until(lambda: len(page.frames) == 40)
 
-    lived(life, draws=False)
+    run_page(interaction, draws=False)
 
 
-def test_a_view_that_fails_is_told_and_the_page_lives_on(lived, caplog):
-    async def life(page: Page) -> None:
+def test_failing_view_is_reported_and_page_continues(run_page, caplog):
+    async def interaction(page: Page) -> None:
         def fail(_: object) -> None:
             raise RuntimeError("a view")
 
         page.session.on_frame.append(fail)
         page.session.go_to_step(1)
-        await page.until(lambda: page.told[-1] != ())
-        assert page.told[-1][0].setting == "this page"
+        await page.wait_until(lambda: page.mistakes[-1] != ())
+        assert page.mistakes[-1][0].setting == "this page"
         page.session.on_frame.remove(fail)
         page.session.go_to_step(2)
-        await page.until(lambda: page.told[-1] == ())
+        await page.wait_until(lambda: page.mistakes[-1] == ())
 
-    lived(life)
+    run_page(interaction)
     assert "a page of the studio failed" in caplog.text
 
 
-def test_what_takes_long_is_said_to_be_under_way_and_what_does_not_is_not(lived, monkeypatch):
-    async def life(page: Page) -> None:
+def test_wait_notice_appears_only_for_slow_frames(run_page, monkeypatch):
+    async def interaction(page: Page) -> None:
         waits = []
-        page.session.on_wait.append(lambda: waits.append(len(page.shown)))
+        page.session.on_wait.append(lambda: waits.append(len(page.frames)))
         page.session.go_to_step(1)
-        await page.until(lambda: page.shown[-1].step == 1)
+        await page.wait_until(lambda: page.frames[-1].step == 1)
         assert waits == []
         monkeypatch.setattr(sessions, "_WAIT_NOTICE_S", 0.01)
-        monkeypatch.setattr(Player, "frame_at", slow)
+        monkeypatch.setattr(PlayerStub, "process_frame_at_step", compute_slowly)
         page.session.go_to_step(2)
-        await page.until(lambda: page.shown[-1].step == 2)
-        assert waits == [len(page.shown) - 1]  # before it came
+        await page.wait_until(lambda: page.frames[-1].step == 2)
+        assert waits == [len(page.frames) - 1]  # notice before the frame
 
-    def slow(self: Player, step: int, cursor: object) -> SimpleNamespace:
+    def compute_slowly(self: PlayerStub, step: int, cursor: object) -> SimpleNamespace:
         time.sleep(0.5)
         return SimpleNamespace(step=step, seed=self.scenario.seed)
 
     monkeypatch.setattr(sessions, "_WAIT_NOTICE_S", 30.0)
-    lived(life)
+    run_page(interaction)

@@ -1,4 +1,4 @@
-"""What the lessons show is true: their numbers against the formulas beside them."""
+"""Lessons of the studio: displayed numbers against formulas, knobs and pages."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -15,50 +15,56 @@ from dechirp.studio.teach import (
     chirp,
     doppler,
     echo,
-    lesson_builders,
+    lesson_page_builders_by_address,
     mixer_demo,
     noise,
     trials,
 )
 from dechirp.theory import confidence_intervals
 
-UNTOUCHED = {lesson: {k: v.first for k, v in lesson.knobs.items()} for lesson in LESSONS}
+INITIAL_KNOB_VALUES = {lesson: {k: v.first for k, v in lesson.knobs.items()} for lesson in LESSONS}
 
 
-def settings(lesson, **turned):
-    return lesson().build_settings({**UNTOUCHED[lesson], **turned})
+def build_lesson_settings(lesson, **knob_values):
+    return lesson().build_settings({**INITIAL_KNOB_VALUES[lesson], **knob_values})
 
 
 # 1. The chirp.
 
 
-@pytest.mark.parametrize("turned", [{}, {"range_m": 120}, {"bandwidth_mhz": 300}])
-def test_the_beat_that_is_seen_has_the_frequency_2_s_r_over_c(turned):
-    at = settings(chirp.ChirpLesson, **turned)
-    seen = chirp.compute_chirp_frame(at)
-    slope = at.bandwidth_mhz / at.duration_us * 1e12
-    assert seen.beat_hz == pytest.approx(2 * slope * at.range_m / SPEED_OF_LIGHT, rel=1e-6)
+@pytest.mark.parametrize("knob_values", [{}, {"range_m": 120}, {"bandwidth_mhz": 300}])
+def test_beat_frequency_equals_2_s_r_over_c(knob_values):
+    lesson_settings = build_lesson_settings(chirp.ChirpLesson, **knob_values)
+    frame = chirp.compute_ramps_and_beat(lesson_settings)
+    slope = lesson_settings.bandwidth_mhz / lesson_settings.duration_us * 1e12
+    assert frame.beat_hz == pytest.approx(
+        2 * slope * lesson_settings.range_m / SPEED_OF_LIGHT, rel=1e-6
+    )
 
 
-def test_the_ramp_that_is_seen_rises_by_its_bandwidth_and_the_echo_follows_late():
-    seen = chirp.compute_chirp_frame(settings(chirp.ChirpLesson, range_m=150))
-    slope = np.polyfit(seen.sent_s, seen.sent_hz, 1)[0]
+def test_ramp_rises_by_bandwidth_and_echo_is_delayed():
+    frame = chirp.compute_ramps_and_beat(build_lesson_settings(chirp.ChirpLesson, range_m=150))
+    slope = np.polyfit(frame.sent_s, frame.sent_hz, 1)[0]
     assert slope == pytest.approx(150e6 / 7.3e-6, rel=1e-6)
-    assert seen.echo_s[0] - seen.sent_s[0] == pytest.approx(300 / SPEED_OF_LIGHT)
-    assert seen.beat_s[0] >= 300 / SPEED_OF_LIGHT
+    assert frame.echo_s[0] - frame.sent_s[0] == pytest.approx(300 / SPEED_OF_LIGHT)
+    assert frame.beat_s[0] >= 300 / SPEED_OF_LIGHT
 
 
-def test_before_the_echo_is_there_nothing_beats():
-    seen = chirp.compute_chirp_frame(settings(chirp.ChirpLesson, range_m=200, elapsed=10))
-    assert seen.beat.size == 0
-    assert np.isnan(seen.beat_hz)
+def test_no_beat_before_echo_arrives():
+    frame = chirp.compute_ramps_and_beat(
+        build_lesson_settings(chirp.ChirpLesson, range_m=200, elapsed=10)
+    )
+    assert frame.beat.size == 0
+    assert np.isnan(frame.beat_hz)
 
 
 @pytest.mark.parametrize("duration_us", [5, 14.6])
-def test_a_range_cell_more_is_a_cycle_more_whatever_the_duration(duration_us):
-    at = {"duration_us": duration_us, "bandwidth_mhz": 200}
+def test_each_range_cell_adds_one_beat_cycle_per_chirp(duration_us):
+    knob_values = {"duration_us": duration_us, "bandwidth_mhz": 200}
     near, far = (
-        chirp.compute_chirp_frame(settings(chirp.ChirpLesson, range_m=range_m, **at))
+        chirp.compute_ramps_and_beat(
+            build_lesson_settings(chirp.ChirpLesson, range_m=range_m, **knob_values)
+        )
         for range_m in (60, 80)
     )
     cells = 20 / (SPEED_OF_LIGHT / (2 * 200e6))
@@ -70,26 +76,30 @@ def test_a_range_cell_more_is_a_cycle_more_whatever_the_duration(duration_us):
 
 
 @pytest.mark.parametrize("window", ["rectangular", "hann"])
-def test_the_strongest_bin_lies_within_half_a_bin_of_the_target(window):
+def test_strongest_bin_is_within_half_bin_of_target(window):
     for range_m in (43.2, 50.5, 57.9):
-        seen = echo.compute_echo_frame(settings(echo.EchoLesson, range_m=range_m, window=window))
-        assert abs(seen.peak_m - range_m) <= SPEED_OF_LIGHT / (2 * 150e6) / 2 + 1e-9
+        frame = echo.compute_echo_and_spectrum(
+            build_lesson_settings(echo.EchoLesson, range_m=range_m, window=window)
+        )
+        assert abs(frame.strongest_range_m - range_m) <= SPEED_OF_LIGHT / (2 * 150e6) / 2 + 1e-9
 
 
-def test_padding_adds_bins_on_the_same_curve_and_parts_no_targets():
-    one, eight = (
-        echo.compute_echo_frame(settings(echo.EchoLesson, range_m=50.5, padding=padding))
+def test_zero_padding_interpolates_same_spectrum():
+    unpadded, padded = (
+        echo.compute_echo_and_spectrum(
+            build_lesson_settings(echo.EchoLesson, range_m=50.5, padding=padding)
+        )
         for padding in ("1", "8")
     )
-    assert eight.bins[::8] == pytest.approx(one.bins, rel=1e-4, abs=1e-9)
-    assert to_decibels(eight.bins.max()) == pytest.approx(0, abs=0.1)
-    assert to_decibels(one.bins.max()) < -3
+    assert padded.bins[::8] == pytest.approx(unpadded.bins, rel=1e-4, abs=1e-9)
+    assert to_decibels(padded.bins.max()) == pytest.approx(0, abs=0.1)
+    assert to_decibels(unpadded.bins.max()) < -3
 
 
-def test_a_weak_target_hides_among_sidelobes_and_hann_shows_it():
-    hidden, shown = (
-        echo.compute_echo_frame(
-            settings(
+def test_hann_window_reveals_weak_target_among_sidelobes():
+    rectangular, hann = (
+        echo.compute_echo_and_spectrum(
+            build_lesson_settings(
                 echo.EchoLesson,
                 range_m=50.5,
                 window=window,
@@ -99,157 +109,177 @@ def test_a_weak_target_hides_among_sidelobes_and_hann_shows_it():
         for window in ("rectangular", "hann")
     )
 
-    def level_db(seen, range_m):
-        return to_decibels(seen.fine[np.argmin(abs(seen.fine_m - range_m))])
+    def level_db(frame, range_m):
+        return to_decibels(frame.fine[np.argmin(abs(frame.fine_m - range_m))])
 
-    assert level_db(shown, 58.5) == pytest.approx(-40, abs=0.5)
-    # Higher than its two sides by much under Hann, and lost under the others.
-    assert min(level_db(shown, 58.5) - level_db(shown, at_m) for at_m in (55.5, 61.5)) > 10
-    assert level_db(hidden, 55.0) > -40
+    assert level_db(hann, 58.5) == pytest.approx(-40, abs=0.5)
+    # Hann: 10 dB above both sides of the peak. Rectangular: below the sidelobes.
+    assert (
+        min(level_db(hann, 58.5) - level_db(hann, neighbour_m) for neighbour_m in (55.5, 61.5)) > 10
+    )
+    assert level_db(rectangular, 55.0) > -40
 
 
-def test_half_of_the_samples_make_bins_twice_as_wide():
-    whole, half = (
-        echo.compute_echo_frame(settings(echo.EchoLesson, n_samples=n)).chirp.range_resolution_m
+def test_halving_samples_doubles_range_resolution():
+    full_m, half_m = (
+        echo.compute_echo_and_spectrum(
+            build_lesson_settings(echo.EchoLesson, n_samples=n)
+        ).chirp.range_resolution_m
         for n in (2200, 1100)
     )
-    assert half == pytest.approx(2 * whole)
+    assert half_m == pytest.approx(2 * full_m)
 
 
 # 3. Many chirps.
 
 
-def column_of(velocity, ramp, sampling):
-    at = settings(doppler.DopplerLesson, velocity_m_per_s=velocity, ramp=ramp)
-    made = mixer_demo.compute_mixer_frame(at, sampling, number=0)
-    return made.velocity_m_per_s, made.power[:, made.column]
+def compute_doppler_column(velocity, ramp, sampling):
+    lesson_settings = build_lesson_settings(
+        doppler.DopplerLesson, velocity_m_per_s=velocity, ramp=ramp
+    )
+    frame = mixer_demo.compute_map_and_phases(lesson_settings, sampling, frame_number=0)
+    return frame.velocity_m_per_s, frame.power[:, frame.column]
 
 
-def mirrored(power):
-    """The row of each velocity's opposite; the first has none."""
+def mirror_velocities(power):
+    """Return the power at the opposite of each velocity; the first row has none."""
     return power[1:][::-1]
 
 
-def test_without_a_ramp_one_mixer_shows_both_signs_alike():
+def test_real_mixer_without_ramp_cannot_resolve_velocity_sign():
     for velocity in (20, -20):
-        bins, power = column_of(velocity, mixer_demo.NO_RAMP, "real")
-        assert mirrored(power) == pytest.approx(power[1:], rel=1e-3)
+        bins, power = compute_doppler_column(velocity, mixer_demo.NO_RAMP, "real")
+        assert mirror_velocities(power) == pytest.approx(power[1:], rel=1e-3)
         assert abs(bins[np.argmax(power)]) == pytest.approx(20, abs=1.1)
 
 
-def test_without_a_ramp_two_mixers_tell_the_signs_apart():
+def test_quadrature_mixer_without_ramp_resolves_velocity_sign():
     for velocity in (20, -20):
-        bins, power = column_of(velocity, mixer_demo.NO_RAMP, "complex")
+        bins, power = compute_doppler_column(velocity, mixer_demo.NO_RAMP, "complex")
         assert bins[np.argmax(power)] == pytest.approx(velocity, abs=1.1)
-        assert to_decibels(power.max() / mirrored(power)[np.argmax(power) - 1]) > 25
+        assert to_decibels(power.max() / mirror_velocities(power)[np.argmax(power) - 1]) > 25
 
 
 @pytest.mark.parametrize("sampling", ["real", "complex"])
-def test_with_a_ramp_even_one_mixer_keeps_the_sign(sampling):
+def test_ramp_resolves_velocity_sign_with_any_mixer(sampling):
     for velocity in (20, -20):
-        bins, power = column_of(velocity, mixer_demo.RAMP, sampling)
+        bins, power = compute_doppler_column(velocity, mixer_demo.RAMP, sampling)
         assert bins[np.argmax(power)] == pytest.approx(velocity, abs=1.1)
 
 
-def test_the_phase_of_the_beat_turns_with_the_doppler_frequency():
-    at = settings(doppler.DopplerLesson, velocity_m_per_s=20)
-    made = mixer_demo.compute_mixer_frame(at, "complex", number=0)
-    frame = at.radar("complex").frame
-    turns = np.unwrap(made.phase_turns, period=1)
+def test_beat_phase_advances_with_doppler_frequency():
+    lesson_settings = build_lesson_settings(doppler.DopplerLesson, velocity_m_per_s=20)
+    mixer_frame = mixer_demo.compute_map_and_phases(lesson_settings, "complex", frame_number=0)
+    frame = lesson_settings.radar("complex").frame
+    turns = np.unwrap(mixer_frame.phase_turns, period=1)
     per_chirp = np.polyfit(np.arange(turns.size), turns, 1)[0]
-    right = 2 * 20 / frame.chirp.wavelength_m * frame.repetition_s
-    assert per_chirp == pytest.approx(right, rel=0.01)
+    expected = 2 * 20 / frame.chirp.wavelength_m * frame.repetition_s
+    assert per_chirp == pytest.approx(expected, rel=0.01)
 
 
-def test_one_mixer_on_a_carrier_turns_its_phase_by_half_turns_only():
-    at = settings(doppler.DopplerLesson, ramp=mixer_demo.NO_RAMP)
-    turns = mixer_demo.compute_mixer_frame(at, "real", number=0).phase_turns
+def test_real_mixer_without_ramp_has_phase_of_zero_or_half_turn():
+    lesson_settings = build_lesson_settings(doppler.DopplerLesson, ramp=mixer_demo.NO_RAMP)
+    turns = mixer_demo.compute_map_and_phases(lesson_settings, "real", frame_number=0).phase_turns
     assert np.all((abs(turns) < 1e-6) | (abs(abs(turns) - 0.5) < 1e-6))
     assert 0 < np.mean(abs(turns) < 0.25) < 1
 
 
-def test_false_alarms_are_as_many_as_asked_for():
-    at = settings(doppler.DopplerLesson, false_alarms="1e-3")
-    frames = [mixer_demo.compute_mixer_frame(at, "complex", number) for number in range(4)]
+def test_number_of_false_alarms_matches_setting():
+    lesson_settings = build_lesson_settings(doppler.DopplerLesson, false_alarms="1e-3")
+    frames = [
+        mixer_demo.compute_map_and_phases(lesson_settings, "complex", number) for number in range(4)
+    ]
     n_over = sum(frame.n_false_alarms for frame in frames)
-    # Neighbouring cells exceed together under Hann windows: three times the spread of Poisson.
+    # Hann windows correlate neighbouring cells: three times the variance of Poisson.
     expected = 1e-3 * sum(frame.n_tested for frame in frames)
     assert n_over == pytest.approx(expected, abs=4 * np.sqrt(3 * expected))
 
 
-def test_without_guard_cells_the_target_raises_its_own_threshold():
-    guarded, bare = (
-        mixer_demo.compute_mixer_frame(
-            settings(doppler.DopplerLesson, guard=guard), "complex", number=0
+def test_missing_guard_cells_cause_self_masking():
+    guarded, unguarded = (
+        mixer_demo.compute_map_and_phases(
+            build_lesson_settings(doppler.DopplerLesson, guard=guard), "complex", frame_number=0
         )
         for guard in ("4 cells", "none")
     )
     row = np.argmax(guarded.power[:, guarded.column])
-    raised = bare.threshold[row, bare.column] / guarded.threshold[row, guarded.column]
-    assert to_decibels(raised) > 6
+    threshold_ratio = (
+        unguarded.threshold[row, unguarded.column] / guarded.threshold[row, guarded.column]
+    )
+    assert to_decibels(threshold_ratio) > 6
 
 
-def test_a_frame_that_is_not_whole_is_not_searched():
-    at = settings(doppler.DopplerLesson, n_chirps=64)
-    assert mixer_demo.compute_mixer_frame(at, "complex", number=0).threshold is None
+def test_incomplete_frame_has_no_threshold():
+    lesson_settings = build_lesson_settings(doppler.DopplerLesson, n_chirps=64)
+    assert (
+        mixer_demo.compute_map_and_phases(lesson_settings, "complex", frame_number=0).threshold
+        is None
+    )
 
 
 # 4. Noise.
 
 
-def found(snr_db, n_looks, window="rectangular"):
-    looks = [trials.detection_hits(snr_db, window, number) for number in range(n_looks)]
-    return (np.concatenate(each) for each in zip(*looks, strict=True))
+def simulate_hits(snr_db, n_trials, window="rectangular"):
+    hits_per_trial = [
+        trials.simulate_hits_of_both_detectors(snr_db, window, number) for number in range(n_trials)
+    ]
+    return (np.concatenate(hits) for hits in zip(*hits_per_trial, strict=True))
 
 
-def test_below_its_limit_the_rule_of_the_report_is_blind_where_cell_averaging_misses_nothing():
-    ours, theirs = found(-25.0, 12)
-    assert ours.mean() == 1
-    at_most = confidence_intervals.binomial_interval(
-        int(theirs.sum()), theirs.size, confidence=0.999
+def test_report_rule_misses_target_that_cell_averaging_always_detects():
+    chain_hits, report_hits = simulate_hits(-25.0, 12)
+    assert chain_hits.mean() == 1
+    upper_bound = confidence_intervals.binomial_interval(
+        int(report_hits.sum()), report_hits.size, confidence=0.999
     )[1]
-    assert at_most < theoretical_curve("rectangular")(np.array(-25.0))
+    assert upper_bound < theoretical_curve("rectangular")(np.array(-25.0))
 
 
 @pytest.mark.parametrize("snr_db", [-40.0, -42.0])
-def test_the_right_detector_finds_the_target_as_often_as_theory_says(snr_db):
-    ours, theirs = found(snr_db, 25)
+def test_cell_averaging_detection_rate_matches_theory(snr_db):
+    chain_hits, report_hits = simulate_hits(snr_db, 25)
     low, high = confidence_intervals.binomial_interval(
-        int(ours.sum()), ours.size, confidence=0.9999
+        int(chain_hits.sum()), chain_hits.size, confidence=0.9999
     )
     assert low <= theoretical_curve("rectangular")(np.array(snr_db)) <= high
-    assert not theirs.any()
+    assert not report_hits.any()
 
 
-def test_both_transforms_gain_54_db_less_what_lies_between_the_bins():
-    at = settings(noise.NoiseLesson, snr_db=-40)
+def test_transforms_gain_54_db_minus_straddling_loss():
+    lesson_settings = build_lesson_settings(noise.NoiseLesson, snr_db=-40)
     gain_db = to_decibels(2200 * 128)
-    assert gain_db - 0.6 < trials.snr_in_cell_db(at) + 40 < gain_db
+    assert gain_db - 0.6 < trials.snr_in_cell_db(lesson_settings) + 40 < gain_db
 
 
-def test_the_cut_shows_what_was_counted():
+def test_cut_agrees_with_counted_hit():
     for number in range(3):
-        cut = trials.chain_cut(-41.0, "rectangular", number)
-        at = np.argmin(abs(cut.range_m - 50.0))
-        near = slice(at - 1, at + 2)
-        seen = bool((cut.power[near] > cut.threshold[near]).any())
-        assert seen == trials.detection_hits(-41.0, "rectangular", number)[0][0]
+        cut = trials.cell_averaging_range_cut(-41.0, "rectangular", number)
+        index = np.argmin(abs(cut.range_m - 50.0))
+        neighbourhood = slice(index - 1, index + 2)
+        frame = bool((cut.power[neighbourhood] > cut.threshold[neighbourhood]).any())
+        assert frame == trials.simulate_hits_of_both_detectors(-41.0, "rectangular", number)[0][0]
 
 
-def test_the_thresholds_lie_where_theory_puts_them_over_the_noise():
-    assert to_decibels(trials.report_cut(-60.0, 0).threshold.mean()) == pytest.approx(29, abs=0.3)
-    ours = trials.chain_cut(-60.0, "rectangular", 0).threshold
-    assert to_decibels(ours.mean()) == pytest.approx(11.45, abs=0.2)
+def test_thresholds_over_noise_match_theory():
+    assert to_decibels(trials.report_rule_range_cut(-60.0, 0).threshold.mean()) == pytest.approx(
+        29, abs=0.3
+    )
+    chain_hits = trials.cell_averaging_range_cut(-60.0, "rectangular", 0).threshold
+    assert to_decibels(chain_hits.mean()) == pytest.approx(11.45, abs=0.2)
 
 
-def test_a_look_that_is_shown_again_counts_once():
-    tally, at = trials.HitCounter(), settings(noise.NoiseLesson, snr_db=-40)
-    first, second = (trials.compute_noise_frame(at, number) for number in (0, 1))
-    for seen in (first, first, second):
-        tally.add(seen)
-    ((snr_db, share, low, high, n),) = tally.hit_rates("rectangular", "chain")
+def test_repeated_trial_counts_once():
+    tally, lesson_settings = (
+        trials.HitCounter(),
+        build_lesson_settings(noise.NoiseLesson, snr_db=-40),
+    )
+    first, second = (trials.compute_cuts_and_hits(lesson_settings, number) for number in (0, 1))
+    for frame in (first, first, second):
+        tally.add_hits_of_frame(frame)
+    ((snr_db, hit_rate, low, high, n),) = tally.hit_rates_with_intervals("rectangular", "chain")
     assert (snr_db, n) == (-40, 2 * trials.N_FRAMES)
-    assert low < share == (first.hits.sum() + second.hits.sum()) / n <= high
+    assert low < hit_rate == (first.hits.sum() + second.hits.sum()) / n <= high
 
 
 # The pages.
@@ -257,74 +287,78 @@ def test_a_look_that_is_shown_again_counts_once():
 
 @pytest.fixture
 def worker():
-    with ThreadPoolExecutor(1) as made:
-        yield made
+    with ThreadPoolExecutor(1) as executor:
+        yield executor
 
 
 @pytest.mark.parametrize("lesson", LESSONS)
-def test_everything_to_try_can_be_set_and_shown(lesson):
-    made = lesson()
-    for one in made.experiments:
-        assert set(one.knob_values) <= set(made.knobs)
-        at = settings(lesson, **one.knob_values)
-        for name, wanted in one.knob_values.items():
-            assert getattr(at, name) == wanted
-        numbers = made.show_frame(made.compute_frame(at, 0))
+def test_every_experiment_can_be_set_and_shown(lesson):
+    instance = lesson()
+    for experiment in instance.experiments:
+        assert set(experiment.knob_values) <= set(instance.knobs)
+        lesson_settings = build_lesson_settings(lesson, **experiment.knob_values)
+        for name, value in experiment.knob_values.items():
+            assert getattr(lesson_settings, name) == value
+        numbers = instance.draw_frame_and_format_numbers(instance.compute_frame(lesson_settings, 0))
         assert not any("nan" in number for number in numbers.values())
 
 
 @pytest.mark.parametrize("lesson", LESSONS)
-def test_whatever_a_browser_sends_is_kept_within_bounds(lesson):
-    for sent in (1e9, -1e9, float("nan"), "1e9", None, [], {}):
-        at = settings(lesson, **dict.fromkeys(lesson.knobs, sent))
+def test_knob_values_from_browser_stay_within_bounds(lesson):
+    for sent_value in (1e9, -1e9, float("nan"), "1e9", None, [], {}):
+        lesson_settings = build_lesson_settings(lesson, **dict.fromkeys(lesson.knobs, sent_value))
         for name, knob in lesson.knobs.items():
-            taken = getattr(at, name)
-            bounds = getattr(knob, "options", None)
-            assert taken in bounds if bounds else knob.start <= taken <= knob.end
+            value = getattr(lesson_settings, name)
+            options = getattr(knob, "options", None)
+            assert value in options if options else knob.start <= value <= knob.end
 
 
 @pytest.mark.parametrize("lesson", LESSONS)
-def test_play_goes_from_end_to_end_and_begins_again(lesson):
-    made = lesson()
-    name, by = made.animated_dial
-    dial, values, seen = made.knobs[name], dict(UNTOUCHED[lesson]), []
-    for _ in range(round(2 * (dial.end - dial.start) / abs(by)) + 2):
-        values |= made.next_values(values)
-        seen.append(values[name])
-    assert min(seen) == dial.start
-    assert max(seen) == dial.end
+def test_play_sweeps_whole_knob_range_and_restarts(lesson):
+    instance = lesson()
+    name, step = instance.animated_dial
+    dial, values, frame = instance.knobs[name], dict(INITIAL_KNOB_VALUES[lesson]), []
+    for _ in range(round(2 * (dial.end - dial.start) / abs(step)) + 2):
+        values |= instance.next_knob_values(values)
+        frame.append(values[name])
+    assert min(frame) == dial.start
+    assert max(frame) == dial.end
 
 
 @pytest.mark.parametrize("lesson", [doppler.DopplerLesson, noise.NoiseLesson])
-def test_play_can_stay_where_it_is_and_only_bring_new_noise(lesson):
-    _, stays = lesson.knobs["play"].options
-    made = lesson()
-    values = {**UNTOUCHED[lesson], "play": stays}
-    assert made.next_values(values) == {}
-    first, second = (made.compute_frame(made.build_settings(values), number) for number in (0, 1))
+def test_play_can_hold_knobs_and_draw_new_noise(lesson):
+    _, hold_option = lesson.knobs["play"].options
+    instance = lesson()
+    values = {**INITIAL_KNOB_VALUES[lesson], "play": hold_option}
+    assert instance.next_knob_values(values) == {}
+    first, second = (
+        instance.compute_frame(instance.build_settings(values), number) for number in (0, 1)
+    )
     powers = [
-        (seen.two_mixers if lesson is doppler.DopplerLesson else seen.chain).power
-        for seen in (first, second)
+        (frame.two_mixers if lesson is doppler.DopplerLesson else frame.chain).power
+        for frame in (first, second)
     ]
     assert not np.array_equal(*powers)
 
 
-def test_each_lesson_has_an_address_and_a_page_of_its_own(worker):
-    made = lesson_builders(worker, PageLimits())
-    assert list(made) == ["/teach/1", "/teach/2", "/teach/3", "/teach/4"]
-    for number, (fill, lesson) in enumerate(zip(made.values(), LESSONS, strict=True), start=1):
+def test_each_lesson_has_its_own_address_and_page(worker):
+    builders = lesson_page_builders_by_address(worker, PageLimits())
+    assert list(builders) == ["/teach/1", "/teach/2", "/teach/3", "/teach/4"]
+    for number, (build_page, lesson) in enumerate(
+        zip(builders.values(), LESSONS, strict=True), start=1
+    ):
         document = Document()
-        fill(document)
+        build_page(document)
         assert document.template_variables["number"] == number
         assert len(list(document.select({"type": Button}))) == 1 + len(lesson.experiments)
         for slider in document.select({"type": Slider}):
-            # Units stand in the title, after a comma, but for what is counted.
-            assert "," in slider.title or "of" in slider.title
+            # Titles contain the unit in parentheses, except those of counts.
+            assert "(" in slider.title or "of" in slider.title
 
 
-def test_a_page_of_a_lesson_asks_for_nothing_from_outside(worker):
+def test_lesson_page_loads_no_external_resources(worker):
     document = Document()
-    lesson_builders(worker, PageLimits())["/teach/1"](document)
+    lesson_page_builders_by_address(worker, PageLimits())["/teach/1"](document)
     text = document.template
     assert "http" not in text
     assert "http" not in document.template_variables["script"]

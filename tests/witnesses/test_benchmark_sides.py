@@ -9,13 +9,13 @@ import pytest
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
 from sides import accuracy, ours, plain, plain_echoes, plain_maps
+from sides.job_types import Inputs
 from sides.jobs import jobs, tiny_jobs
-from sides.kinds import Inputs
-from sides.turns import Absent, python_side
+from sides.side_processes import Absent, python_side
 
 COMPILED_LOOPS = {
     plain_maps: ("box_sums", "plain_cell_averaging", "plain_ordered_statistic"),
-    plain_echoes: ("turn",),
+    plain_echoes: ("add_phasors",),
 }
 
 # Plain echoes of cube A have constant radial velocity: the range of crossing targets changes by
@@ -36,13 +36,13 @@ def compute_result(side: object, kind: str, inputs: Inputs) -> np.ndarray:
     return np.asarray(getattr(side, kind)(inputs)())
 
 
-@pytest.mark.usefixtures("not_compiled")
+@pytest.mark.usefixtures("uncompiled_loops")
 @pytest.mark.parametrize("job", tiny_jobs(), ids=lambda job: job.name)
 def test_dechirp_and_plain_code_give_same_accurate_result(job) -> None:
     inputs = job.judged_by() if job.judged_by else job.make()
     results = [compute_result(side, job.kind, inputs) for side in (ours, plain)]
     for result in results:
-        accuracies = accuracy.OF_KIND[job.kind](inputs, result)
+        accuracies = accuracy.ACCURACY_BY_KIND[job.kind](inputs, result)
         assert all(
             accuracies[name] <= limit for name, limit in MAX_ERRORS.items() if name in accuracies
         ), accuracies
@@ -62,7 +62,7 @@ def test_dechirp_and_plain_code_give_same_accurate_result(job) -> None:
 
 def test_every_kind_of_job_has_dechirp_code_and_accuracy() -> None:
     kinds = {job.kind for job in jobs()}
-    assert kinds == set(accuracy.OF_KIND)
+    assert kinds == set(accuracy.ACCURACY_BY_KIND)
     assert all(hasattr(ours, kind) for kind in kinds)
 
 

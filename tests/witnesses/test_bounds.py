@@ -234,7 +234,7 @@ NON_POSITIVE_VALUES = [0.0, -1.0, np.nan, np.inf, [1.0, -1.0]]
 )
 def test_rejects_invalid_setting_by_name(bound, valid_settings, name, invalid_value):
     bound(**valid_settings)
-    with pytest.raises(InvalidSetting, match=rf"^{name}: .*; expected .*\."):
+    with pytest.raises(InvalidSetting, match=rf"^{name}: .*; expected .*; ."):
         bound(**valid_settings | {name: invalid_value})
 
 

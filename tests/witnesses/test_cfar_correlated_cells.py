@@ -153,9 +153,9 @@ def test_independent_cell_approximation_is_close_to_exact_factor():
         ("guard_range", slice(20, 10)),
         ("guard_velocity", slice(None, 17)),
         ("guard_velocity", slice(8, 17, 2)),
-        ("under_test", (9, 12)),
-        ("under_test", (14, 17)),
-        ("under_test", (14, 12.5)),
+        ("cell_under_test", (9, 12)),
+        ("cell_under_test", (14, 17)),
+        ("cell_under_test", (14, 12.5)),
     ],
     ids=str,
 )
@@ -167,7 +167,7 @@ def test_rejects_window_without_its_guard_or_cell_under_test(name, invalid_value
         guard_velocity=slice(8, 17),
         cell_under_test=(14, 12),
     )
-    with pytest.raises(InvalidSetting, match=rf"^Box\.{name}"):
+    with pytest.raises(InvalidSetting, match=rf"^CorrelatedWindow\.{name}"):
         replace(correlated_window, **{name: invalid_value})
 
 

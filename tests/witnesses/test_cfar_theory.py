@@ -452,7 +452,7 @@ def test_result_has_shape_of_snr():
         (lambda: cfar.cell_averaging_factor(1e-3, n_training=0), "n_training"),
         (lambda: cfar.cell_averaging_factor(1e-3, n_training=8, n_summed=0), "n_summed"),
         (lambda: cfar.ordered_statistic_factor(1.0, n_training=8, rank=6), "between 0 and 1"),
-        (lambda: cfar.ordered_statistic_factor(1e-3, n_training=8, rank=9), "rank is 9"),
+        (lambda: cfar.ordered_statistic_factor(1e-3, n_training=8, rank=9), "rank: 9"),
         (lambda: cfar.ordered_statistic_factor(1e-3, n_training=8, rank=0), "from 1 to 8"),
         (lambda: cfar.greatest_of_factor(1e-3, n_training=9), "even"),
         (lambda: cfar.greatest_of_factor(-1e-3, n_training=8), "between 0 and 1"),
@@ -493,9 +493,9 @@ def test_result_has_shape_of_snr():
             lambda: cfar_detection.ordered_statistic_detection_probability(
                 1.0, "9", n_training=8, rank=6
             ),
-            "factor is '9'",
+            "factor: '9'",
         ),
-        (lambda: cfar.cell_averaging_false_alarm_probability("9", n_training=8), "real numbers"),
+        (lambda: cfar.cell_averaging_false_alarm_probability("9", n_training=8), "a real number"),
         (lambda: cfar.cell_averaging_factor(1e-310, n_training=8), "from 1e-300"),
         (lambda: cfar.ordered_statistic_factor(1e-310, n_training=8, rank=1), "from 1e-300"),
         (lambda: cfar.greatest_of_factor(np.nextafter(1, 0), n_training=644), "to 1 - 1e-9"),

@@ -225,5 +225,5 @@ def test_intervals_scale_with_their_unit():
     ],
 )
 def test_rejects_invalid_interval_settings(setting, call):
-    with pytest.raises(InvalidSetting, match=f"^{setting} is"):
+    with pytest.raises(InvalidSetting, match=f"^{setting}: "):
         call()

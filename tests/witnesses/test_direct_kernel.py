@@ -93,7 +93,7 @@ def test_late_echoes_match_fifty_digits(late):
             rx_gains=scatterers.rx_gains[:, indices],
             chirp_factors=scatterers.chirp_factors[:, indices],
         )
-        echoes = simulate_echoes(subset, transmission, 2200, options=late, previous=previous)
+        echoes = simulate_echoes(subset, transmission, 2200, late=late, previous=previous)
         for m, k, n in iter_cells(echoes.shape, rng, 60):
             exact, size = sum_echoes_in_fifty_digits(
                 subset, transmission, m, k, n, late=late, previous=previous
@@ -113,7 +113,7 @@ def test_echo_begins_at_first_sample_after_its_delay():
             speed_m_per_s=speed_m_per_s,
         )
         scatterers.path_m[0] = [[range_m, 0, 0]]
-        echoes = simulate_echoes(scatterers, transmission, n_samples, options="onset")
+        echoes = simulate_echoes(scatterers, transmission, n_samples, late="onset")
         for m, start_s in enumerate(transmission.starts_s):
             t = np.arange(n_samples) / transmission.sample_rate_hz
             position_m = scatterers.path_m[0] + np.outer(start_s + t, scatterers.path_m[1][0])
@@ -129,7 +129,7 @@ def test_echo_lasts_as_long_as_its_ramp():
     previous = PreviousRamps(np.array([np.nan, gap_s]), np.ones((2, 1), complex), ramp_s)
     scatterers = make_scatterers(transmission, rng, n=1, ranges_m=(1, 1), speed_m_per_s=0)
     scatterers.path_m[0] = [[0, delay_s * SPEED_OF_LIGHT / 2, 0]]
-    echoes = simulate_echoes(scatterers, transmission, n_samples, options="tail", previous=previous)
+    echoes = simulate_echoes(scatterers, transmission, n_samples, late="tail", previous=previous)
 
     # The first echo ends 11 us after its ramp began, 2 us into the second ramp, whose echo begins
     # at 3 us.
@@ -139,7 +139,7 @@ def test_echo_lasts_as_long_as_its_ramp():
         echoes[1, 0] != 0, (t < delay_s + ramp_s - gap_s) | (t >= delay_s)
     )
     with pytest.raises(InvalidSetting, match="^previous: none"):
-        simulate_echoes(scatterers, transmission, n_samples, options="tail")
+        simulate_echoes(scatterers, transmission, n_samples, late="tail")
 
 
 @given(
@@ -167,7 +167,7 @@ def test_random_scenes_match_plain_sum(
         n_terms=n_terms,
         varied=bool(rng.integers(2)),
     )
-    echoes = simulate_echoes(scatterers, transmission, n_samples, options=late)
+    echoes = simulate_echoes(scatterers, transmission, n_samples, late=late)
     exact, sizes = sum_echoes_plainly(scatterers, transmission, n_samples, late=late)
 
     assert (abs(echoes - exact) <= MAX_RELATIVE_ERROR * sizes).all()

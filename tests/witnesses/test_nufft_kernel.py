@@ -95,7 +95,7 @@ def choose_plan(monkeypatch):
     def choose_named_plan(name):
         if PLANS[name] is not None:
             plan = nufft.NufftPlan(*PLANS[name])
-            monkeypatch.setattr(nufft, "choose_plan", lambda *_: plan)
+            monkeypatch.setattr(nufft, "choose_run_and_field_counts", lambda *_: plan)
 
     return choose_named_plan
 
@@ -284,13 +284,13 @@ def test_no_scatterers_and_silent_transmitters_add_nothing():
 
 def test_grid_size_is_limited(monkeypatch):
     grid_sizes = []
-    spread = nufft.nufft_by_run.spreading_kernel
+    spread = nufft.nufft_by_run.spread_tones_onto_grid
 
     def count_and_spread(grid, *arguments):
         grid_sizes.append(len(grid) // 2)
         spread(grid, *arguments)
 
-    monkeypatch.setattr(nufft.nufft_by_run, "spreading_kernel", count_and_spread)
+    monkeypatch.setattr(nufft.nufft_by_run, "spread_tones_onto_grid", count_and_spread)
     rng = np.random.default_rng(2)
     transmission, n_samples = make_transmission("middle", 256)
     scatterers = make_scatterers(transmission, rng, n=30_000, ranges_m=(30, 80), speed_m_per_s=20)

@@ -75,7 +75,7 @@ def test_target_100_db_below_another_is_detected_at_its_position(scale):
         position_m=(8.2, 0, 0), velocity_m_per_s=(-3.1, 0, 0), rcs_m2=1e10 * (8.2 / 35.3) ** 4
     )
     weak_echo, echoes = (
-        budget.echoes(dc.Scene(targets=t), radar) for t in ([weak], [weak, strong])
+        budget.simulate_echoes(dc.Scene(targets=t), radar) for t in ([weak], [weak, strong])
     )
     # The weak target has 30 dB SNR after integration.
     std = budget.root_mean_square(weak_echo) * np.sqrt(64 * 256 / 1e3 / 2)

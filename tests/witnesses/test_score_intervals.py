@@ -85,14 +85,14 @@ def test_no_trials_give_no_estimate():
         estimate_proportion(np.full(3, np.nan), np.full(3, np.nan), confidence=0.9)
     ).all()
     for score in (RangeRmse(), RangeBias()):
-        assert np.isnan(score.estimate(np.zeros((3, 2)), confidence=0.9)).all()
+        assert np.isnan(score.estimate_with_interval(np.zeros((3, 2)), confidence=0.9)).all()
 
 
 def test_interval_of_single_normal_errors_follows_chi_square():
     rng = np.random.default_rng(4)
     sums = np.stack([rng.standard_normal(20_000) ** 2, np.ones(20_000)], axis=1)
 
-    estimate = RangeRmse().estimate(sums, confidence=0.95)
+    estimate = RangeRmse().estimate_with_interval(sums, confidence=0.95)
 
     high = np.sqrt(sums[:, 0].sum() / 2 / gammaincinv(10_000, 0.025))
     assert estimate.high - estimate.value == pytest.approx(high - estimate.value, rel=0.06)
@@ -125,7 +125,7 @@ def test_interval_of_errors_covers_their_rmse(draw, truth):
     for _ in range(N_REPEATS):
         errors = draw(rng, 200)
         sums = np.stack([np.sum(errors**2, axis=1), np.full(200, errors.shape[1])], axis=1)
-        estimate = RangeRmse().estimate(sums, confidence=0.95)
+        estimate = RangeRmse().estimate_with_interval(sums, confidence=0.95)
         n_misses += estimate.low > truth, estimate.high < truth
 
     # 200 trials underestimate the spread of outliers: 0.05 instead of 0.025.
@@ -140,7 +140,7 @@ def test_interval_of_bias_counts_trials_and_not_correlated_frames():
     for _ in range(N_REPEATS):
         errors = draw_correlated_errors(rng, 30) + 0.5
         sums = np.stack([errors.sum(axis=1), np.full(30, 10)], axis=1)
-        estimate = RangeBias().estimate(sums, confidence=0.95)
+        estimate = RangeBias().estimate_with_interval(sums, confidence=0.95)
         n_misses += not estimate.low < 0.5 < estimate.high
 
     low, high = binomial_interval(n_misses, N_REPEATS, confidence=NEAR_CERTAINTY)

@@ -14,10 +14,13 @@ from stonesoup.metricgenerator.ospametric import GOSPAMetric, OSPAMetric
 from stonesoup.types.state import State
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.evaluation.gospa import gospa
-from dechirp.evaluation.identity import track_identities
-from dechirp.evaluation.nees import mean_nees_interval, nees
-from dechirp.evaluation.ospa import ospa_m
+from dechirp.evaluation.track_metrics import (
+    gospa,
+    mean_nees_interval,
+    nees,
+    ospa_m,
+    track_identities,
+)
 
 CASES = json.loads((Path(__file__).parent / "theory_public.json").read_text())["cases"]
 NOW = datetime(2000, 1, 1)
@@ -226,14 +229,14 @@ def test_targets_without_tracks_are_never_held():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: ospa_m([[0, 0]], [[0, 0]], cutoff_m=0), "cutoff_m is 0"),
-        (lambda: ospa_m([[0, 0]], [[0, 0]], cutoff_m=1, order=0.5), "order is 0.5"),
-        (lambda: gospa([[0, np.nan]], [[0, 0]], cutoff_m=1), "found_m is nan"),
+        (lambda: ospa_m([[0, 0]], [[0, 0]], cutoff_m=0), "cutoff_m: 0"),
+        (lambda: ospa_m([[0, 0]], [[0, 0]], cutoff_m=1, order=0.5), "order: 0.5"),
+        (lambda: gospa([[0, np.nan]], [[0, 0]], cutoff_m=1), "estimate_m: nan"),
         (lambda: gospa([[0, 0, 0]], [[0, 0]], cutoff_m=1), "a row for each point"),
-        (lambda: gospa([[0, 0]], [[0, 0]], cutoff_m=1, alpha=3), "alpha is 3"),
+        (lambda: gospa([[0, 0]], [[0, 0]], cutoff_m=1, alpha=3), "alpha: 3"),
         (lambda: nees([0, 0], [[1, 0]]), "n by n matrix"),
         (lambda: nees([1.0, 1], [[1, 1], [1, 1]]), "positive definite"),
-        (lambda: mean_nees_interval(2, 0, outside_probability=0.05), "n_independent is 0"),
+        (lambda: mean_nees_interval(2, 0, outside_probability=0.05), "n_independent: 0"),
         (
             lambda: track_identities(
                 make_tracks(np.zeros((1, 3))), make_targets(np.zeros((1, 4))), cutoff_m=1

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sides.kinds import Inputs, Timed
+from sides.job_types import Inputs, Timed
 
 REQUIRES = ("mmwcore==0.8.0",)
 PYTHON = "3.12"

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sides.kinds import Inputs, Timed
+from sides.job_types import Inputs, Timed
 
 REQUIRES = ("mmWrt==0.0.14", "tqdm")
 

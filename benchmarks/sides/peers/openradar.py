@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sides.kinds import Inputs, Timed
+from sides.job_types import Inputs, Timed
 from sides.spectra import directions
 
 REQUIRES = ("openradar==1.0.1", "numpy", "scipy", "scikit-learn", "matplotlib")
@@ -43,8 +43,8 @@ def capon(x: Inputs) -> Timed:
 
     def azimuths() -> np.ndarray:
         spectra = [
-            aoa_capon(np.column_stack([one, load]), x["towards"], magnitude=True)[0]
-            for one in x["snapshots"]
+            aoa_capon(np.column_stack([snapshot, load]), x["towards"], magnitude=True)[0]
+            for snapshot in x["snapshots"]
         ]
         return directions(np.array(spectra), x["sines"])
 

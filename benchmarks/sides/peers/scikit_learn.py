@@ -1,6 +1,6 @@
 """scikit-learn: DBSCAN."""
 
-from sides.kinds import Inputs, Timed
+from sides.job_types import Inputs, Timed
 
 REQUIRES = ("scikit-learn==1.9.1",)
 
@@ -8,5 +8,5 @@ REQUIRES = ("scikit-learn==1.9.1",)
 def dbscan(x: Inputs) -> Timed:
     from sklearn.cluster import DBSCAN
 
-    found = DBSCAN(eps=1.0, min_samples=1, metric="chebyshev")
-    return lambda: found.fit(x["places"]).labels_
+    estimator = DBSCAN(eps=1.0, min_samples=1, metric="chebyshev")
+    return lambda: estimator.fit(x["places"]).labels_

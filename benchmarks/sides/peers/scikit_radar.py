@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sides.kinds import Inputs, Timed
+from sides.job_types import Inputs, Timed
 
 REQUIRES = ("scikit-radar==0.0.2",)
 

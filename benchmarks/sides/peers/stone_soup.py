@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sides.kinds import Inputs, Timed
+from sides.job_types import Inputs, Timed
 
 REQUIRES = ("stonesoup==1.9.1",)
 BEGIN = datetime(2000, 1, 1)
@@ -27,12 +27,12 @@ def tracking(x: Inputs) -> Timed:
     from stonesoup.updater.kalman import UnscentedKalmanUpdater
 
     stds = [x[f"detections_{name}_std"][0] for name in ("azimuth", "range", "velocity")]
-    seen = reversible()(
+    model = build_measurement_model()(
         ndim_state=4, mapping=(0, 2), velocity_mapping=(1, 3), noise_covar=np.diag(stds) ** 2
     )
     noise = ConstantVelocity(float(x["process_noise_m2_per_s3"]))
     predictor = KalmanPredictor(CombinedLinearGaussianTransitionModel([noise, noise]))
-    updater = UnscentedKalmanUpdater(seen)
+    updater = UnscentedKalmanUpdater(model)
     prior = GaussianState(
         np.zeros(4), np.diag([0.0, 1.0, 0.0, 1.0]) * float(x["speed_std_m_per_s"]) ** 2
     )
@@ -40,7 +40,7 @@ def tracking(x: Inputs) -> Timed:
     hypothesiser = DistanceHypothesiser(predictor, updater, Mahalanobis(), missed_distance=4.03)
     associator = GNNWith2DAssignment(hypothesiser)
     hits, frames = x["confirm_after"].tolist()
-    every = detections(x, seen)
+    every = group_detections(x, model)
 
     def positions() -> np.ndarray:
         tracker = MultiTargetTracker(
@@ -49,7 +49,7 @@ def tracking(x: Inputs) -> Timed:
                 UpdateTimeStepsDeleter(frames - hits),
                 associator,
                 updater,
-                seen,
+                model,
                 min_points=hits,
             ),
             deleter=UpdateTimeStepsDeleter(int(x["drop_after"])),
@@ -57,16 +57,16 @@ def tracking(x: Inputs) -> Timed:
             data_associator=associator,
             updater=updater,
         )
-        at = [[t.state_vector[[0, 2], 0] for t in tracks] for _, tracks in tracker]
-        found = np.full((len(every), max(map(len, at)), 2), np.nan)
-        for frame, tracks in enumerate(at):
-            found[frame, : len(tracks)] = np.reshape(tracks, (-1, 2)).astype(float)
-        return found
+        time = [[t.state_vector[[0, 2], 0] for t in tracks] for _, tracks in tracker]
+        positions_m = np.full((len(every), max(map(len, time)), 2), np.nan)
+        for frame, tracks in enumerate(time):
+            positions_m[frame, : len(tracks)] = np.reshape(tracks, (-1, 2)).astype(float)
+        return positions_m
 
     return positions
 
 
-def reversible() -> Any:
+def build_measurement_model() -> Any:
     """Azimuth, range and velocity as it has them, and back, for the first state of a track."""
     from stonesoup.models.base import ReversibleModel
     from stonesoup.models.measurement.nonlinear import CartesianToBearingRangeRate2D
@@ -82,16 +82,16 @@ def reversible() -> Any:
     return Seen
 
 
-def detections(x: Inputs, seen: Any) -> list[tuple[datetime, set[Any]]]:
-    """Of each frame, with its time."""
+def group_detections(x: Inputs, model: Any) -> list[tuple[datetime, set[Any]]]:
+    """Group the detections by frame, with the time of each."""
     from stonesoup.types.angle import Bearing
     from stonesoup.types.detection import Detection
 
-    every = []
+    frames = []
     for frame, time_s in enumerate(x["times_s"]):
         rows = np.flatnonzero(x["detections_frame"] == frame)
-        at = BEGIN + timedelta(seconds=float(time_s))
-        found = {
+        time = BEGIN + timedelta(seconds=float(time_s))
+        positions_m = {
             Detection(
                 np.array(
                     [
@@ -101,10 +101,10 @@ def detections(x: Inputs, seen: Any) -> list[tuple[datetime, set[Any]]]:
                     ],
                     dtype=object,
                 ),
-                timestamp=at,
-                measurement_model=seen,
+                timestamp=time,
+                measurement_model=model,
             )
             for i in rows
         }
-        every.append((at, found))
-    return every
+        frames.append((time, positions_m))
+    return frames

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sides.kinds import Inputs, Timed
+from sides.job_types import Inputs, Timed
 from sides.spectra import directions
 
 REQUIRES = ("witwin-radar==0.4.1",)

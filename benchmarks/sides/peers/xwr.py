@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from sides.kinds import Inputs, Timed
+from sides.job_types import Inputs, Timed
 
 REQUIRES = ("xwr==0.5.1",)
 

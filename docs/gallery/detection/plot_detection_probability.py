@@ -23,7 +23,7 @@ radar = dc.design(
 ).radar
 levels_db = range(-28, -7, 2)
 models = ("steady", "swerling-3", "swerling-1")
-texts = tuple(f"{one} dB" for one in levels_db)
+texts = tuple(f"{curve} dB" for curve in levels_db)
 levels = dc.studies.SweptSetting(path="impairments.white-noise.snr", texts=texts)
 study = dc.Study(
     scenario=dc.Scenario(
@@ -41,17 +41,17 @@ study = dc.Study(
     seed=1,
 )
 with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
-    found = dc.run_study(study, folder, executor=executor).result.dataset
+    scores = dc.run_study(study, folder, executor=executor).result.dataset
 
 figure, axes = plt.subplots()
-for place, model in enumerate(models):
-    one = found.sel({"scene.targets.car.fluctuation": model})
+for index, model in enumerate(models):
+    curve = scores.sel({"scene.targets.car.fluctuation": model})
     share, low, high, theory = (
-        one[f"detection_probability{end}"] for end in ("", "_low", "_high", "_theory")
+        curve[f"detection_probability{end}"] for end in ("", "_low", "_high", "_theory")
     )
-    axes.plot(levels_db, theory, color=f"C{place}")
+    axes.plot(levels_db, theory, color=f"C{index}")
     error = (share - low, high - share)
-    axes.errorbar(levels_db, share, error, fmt="o", color=f"C{place}", capsize=3, label=model)
+    axes.errorbar(levels_db, share, error, fmt="o", color=f"C{index}", capsize=3, label=model)
     print(f"{model}: largest difference {abs(share - theory).max():.2f}")
 axes.set(xlabel="Signal-to-noise ratio in a sample (dB)", ylabel="Detection probability")
 axes.set_title("Trials with 95 % intervals, and the curves of theory")

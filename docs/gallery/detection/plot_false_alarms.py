@@ -1,6 +1,6 @@
 r"""
-False alarms, asked for and measured
-====================================
+Specified and measured false alarms
+===================================
 
 The factor between noise and threshold follows from the false-alarm probability and the number of
 training cells, :math:`\alpha = N (P^{-1/N} - 1)` (Finn and Johnson, RCA Review 29, 1968);
@@ -41,15 +41,15 @@ study = dc.Study(
     seed=1,
 )
 with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
-    found = dc.run_study(study, folder, executor=executor).result.dataset
+    scores = dc.run_study(study, folder, executor=executor).result.dataset
 
-share = found.false_alarm_probability / asked
-low, high = (found[f"false_alarm_probability_{end}"] / asked for end in ("low", "high"))
+share = scores.false_alarm_probability / asked
+low, high = (scores[f"false_alarm_probability_{end}"] / asked for end in ("low", "high"))
 figure, axes = plt.subplots()
 axes.errorbar(asked, share, yerr=(share - low, high - share), fmt="o", capsize=4)
 axes.axhline(1, color="0.5", linestyle=":")
-axes.set(xscale="log", ylim=(0, 3), xlabel="false-alarm probability asked for")
-axes.set_ylabel("measured over asked for")
+axes.set(xscale="log", ylim=(0, 3), xlabel="Specified false-alarm probability")
+axes.set_ylabel("Measured / specified probability")
 axes.set_title("False alarms of cell averaging under Hann windows, 95 % intervals")
-for one, value in zip(asked, found.false_alarm_probability.values, strict=True):
+for one, value in zip(asked, scores.false_alarm_probability.values, strict=True):
     print(f"asked for {one:.0e}, measured {value:.2e}")

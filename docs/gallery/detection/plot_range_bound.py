@@ -38,11 +38,11 @@ study = dc.Study(
     seed=1,
 )
 with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
-    found = dc.run_study(study, folder, executor=executor).result.dataset
+    scores = dc.run_study(study, folder, executor=executor).result.dataset
 
 integrated_db = levels_db + 10 * np.log10(radar.integration_gain)
 error_cm, low_cm, high_cm, bound_cm = (
-    100 * found[f"range_rmse{end}"].values for end in ("", "_low", "_high", "_theory")
+    100 * scores[f"range_rmse{end}"].values for end in ("", "_low", "_high", "_theory")
 )
 figure, axes = plt.subplots()
 axes.semilogy(integrated_db, bound_cm, color="0.5", label="Cramér-Rao bound")

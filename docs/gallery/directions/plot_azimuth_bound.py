@@ -17,7 +17,7 @@ import numpy as np
 
 import dechirp as dc
 
-made = dc.design(
+design_radar = dc.design(
     max_range_m=12, range_resolution_m=0.5, max_velocity_m_per_s=50, rule="constraints"
 ).radar
 array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(6)])
@@ -26,7 +26,7 @@ texts = tuple(f"{one} dB" for one in levels_db)
 levels = dc.studies.SweptSetting(path="impairments.white-noise.snr", texts=texts)
 study = dc.Study(
     scenario=dc.Scenario(
-        radar=dataclasses.replace(made, array=array),
+        radar=dataclasses.replace(design_radar, array=array),
         scene=dc.Scene(targets=[dc.Target(name="car", position_m=(8, 1.2, 0))]),
         impairments=(dc.impairments.WhiteNoise(snr=1.0),),
         chain=dc.Chain(range_window="rectangular", doppler_window="rectangular"),
@@ -40,11 +40,11 @@ study = dc.Study(
     seed=1,
 )
 with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
-    found = dc.run_study(study, folder, executor=executor).result.dataset
+    scores = dc.run_study(study, folder, executor=executor).result.dataset
 
 figure, axes = plt.subplots()
-for place, kind in enumerate(found["chain.angle.kind"].values):
-    one = found.sel({"chain.angle.kind": kind})
+for place, kind in enumerate(scores["chain.angle.kind"].values):
+    one = scores.sel({"chain.angle.kind": kind})
     error, low, high, bound = (
         np.rad2deg(one[f"azimuth_rmse{end}"]) for end in ("", "_low", "_high", "_theory")
     )

@@ -15,11 +15,11 @@ import numpy as np
 
 import dechirp as dc
 
-made = dc.design(
+design_radar = dc.design(
     max_range_m=30, range_resolution_m=0.2, max_velocity_m_per_s=8, rule="constraints"
 ).radar
 array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(12)])
-radar = dataclasses.replace(made, array=array)
+radar = dataclasses.replace(design_radar, array=array)
 places_m = ((9, -4), (16, -4), (20, 3))  # all along the x axis
 cars = [
     dc.Target(position_m=(x, y, -0.5), heading_rad=0.0, body=dc.bodies.Car()) for x, y in places_m

@@ -20,31 +20,33 @@ array = dc.Array(
     tx_m=[(0, 4 * half_m * place, 0) for place in range(3)],
     rx_m=[(0, half_m * place, 0) for place in range(4)],
 )
-made = dc.design(
+design_radar = dc.design(
     max_range_m=60, range_resolution_m=0.5, max_velocity_m_per_s=40, rule="constraints"
 ).radar
-frame = dataclasses.replace(made.frame, multiplexing=dc.multiplexing.Tdm(order=(0, 1, 2)))
-radar = dataclasses.replace(made, frame=frame, array=array)
+frame = dataclasses.replace(design_radar.frame, multiplexing=dc.multiplexing.Tdm(order=(0, 1, 2)))
+radar = dataclasses.replace(design_radar, frame=frame, array=array)
 azimuth, speed = np.deg2rad(20), 8.0
 place = np.array([np.cos(azimuth), np.sin(azimuth), 0])
 target = dc.Target(position_m=tuple(30 * place), velocity_m_per_s=tuple(speed * place), rcs_m2=10)
 cube = dc.simulate(dc.Scene(targets=[target]), radar, impairments=()).isel(frame=0)
 
 row = round(30 / radar.frame.chirp.range_resolution_m)
-heard = np.fft.fft(cube, axis=cube.get_axis_num("sample"))[:3, :, row]  # the first round, (tx, rx)
+received = np.fft.fft(cube, axis=cube.get_axis_num("sample"))[
+    :3, :, row
+]  # the first round, (tx, rx)
 turn = 4 * np.pi * speed * radar.frame.single_interval_s / radar.frame.chirp.wavelength_m
-still = heard * np.exp(-1j * turn * np.arange(3))[:, None]
+compensated = received * np.exp(-1j * turn * np.arange(3))[:, None]
 y_m = radar.array.virtual_positions_m[:, 1]
 expected = -2 * np.pi * y_m * np.sin(azimuth) / radar.frame.chirp.wavelength_m
 
 figure, axes = plt.subplots()
-for values, mark, label in ((heard, "o", "as heard"), (still, "s", "motion undone")):
+for values, mark, label in ((received, "o", "as heard"), (compensated, "s", "motion undone")):
     phase = np.unwrap(np.angle(values.ravel()))
     axes.plot(y_m * 1e3, np.rad2deg(phase - phase[0]), mark, label=label)
 axes.plot(y_m * 1e3, np.rad2deg(expected), color="0.6", label="wave from 20°")
 for edge in (7, 15):
     axes.axvline(edge * half_m * 1e3 / 2, color="0.8", linestyle=":")
-axes.set(xlabel="Position of the virtual element (mm)", ylabel="Phase relative to the first element (°)")
+axes.set(xlabel="Virtual element position (mm)", ylabel="Phase relative to first element (°)")
 axes.set_title("Three transmitters in turns, four receivers, without noise")
 axes.legend()
 off = np.rad2deg(np.abs(phase - phase[0] - expected).max())

@@ -27,7 +27,7 @@ print(f"line at {beat_hz[abs(spectrum).argmax()] / 1e3:.1f} kHz, 2 S R / c {expe
 figure, (left, right) = plt.subplots(1, 2)
 left.plot(chirp.sample * 1e6, chirp.real * 1e6, label="I")
 left.plot(chirp.sample * 1e6, chirp.imag * 1e6, label="Q")
-left.set(xlabel="time since the ramp began, µs", ylabel="beat signal, sqrt(pW)")
+left.set(xlabel="Time since ramp start (µs)", ylabel="Beat signal (sqrt(pW))")
 left.set(xlim=(2, 14), ylim=(-3.3, 4))
 left.legend(loc="upper right", ncols=2)
 right.plot(beat_hz / 1e6, 20 * np.log10(abs(spectrum)) + 30)

@@ -1,6 +1,6 @@
 """
-What a window is for
-====================
+Windows and range sidelobes
+===========================
 
 A pedestrian 5 m behind a truck, 30 dB weaker, is under the sidelobes that a rectangular window
 leaves of the truck: they fall by 6 dB an octave. Other windows lower them and widen the main lobe

@@ -1,6 +1,6 @@
 """
-What a beam takes of echoes to the side
-=======================================
+Two-way antenna pattern
+=======================
 
 An echo passes the pattern of the antenna twice, there and back: where one gain is down by 3 dB,
 the echo is down by 6 dB (Richards, Fundamentals of Radar Signal Processing, 2.2). See detections
@@ -17,7 +17,7 @@ import dechirp as dc
 beam = dc.patterns.Cosine(
     azimuth_beamwidth_rad=np.deg2rad(50), elevation_beamwidth_rad=np.deg2rad(20), gain=20
 )
-made = dc.design(
+design_radar = dc.design(
     max_range_m=60,
     range_resolution_m=0.5,
     max_velocity_m_per_s=20,
@@ -25,25 +25,26 @@ made = dc.design(
     hardware=dc.Hardware(transmit_power_w=0.02, tx_pattern=beam, rx_pattern=beam, noise_factor=10),
 ).radar
 array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(8)])
-radar = dataclasses.replace(made, array=array)
+radar = dataclasses.replace(design_radar, array=array)
 azimuths = np.deg2rad(np.arange(-50, 51, 10))
 targets = [
     dc.Target(position_m=(at * np.cos(azimuth), at * np.sin(azimuth), 0), rcs_m2=40)
     for at, azimuth in zip(range(20, 42, 2), azimuths, strict=True)
 ]
 scene = dc.Scene(targets=targets)
-told = dc.truth(scene, radar).isel(frame=0)
-found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
+truth = dc.truth(scene, radar).isel(frame=0)
+detections = dc.detect(dc.simulate(scene, radar, seed=1), radar)
 
-ahead = (told.snr * told.range**4).max().item()
+ahead = (truth.snr * truth.range**4).max().item()
 over = np.linspace(-1, 1, 201)
 both = radar.hardware.tx_gain(over) * radar.hardware.rx_gain(over) / beam.peak_gain**2
 figure, axes = plt.subplots()
 axes.plot(np.rad2deg(over), 10 * np.log10(both), color="0.6", label="product of both gains")
-seen = found.snr * found.range**4 / ahead
-axes.plot(np.rad2deg(found.azimuth), 10 * np.log10(seen), "o", label="detections")
+seen = detections.snr * detections.range**4 / ahead
+axes.plot(np.rad2deg(detections.azimuth), 10 * np.log10(seen), "o", label="detections")
 axes.axvspan(-25, 25, color="0.95")
-axes.set(xlabel="Azimuth (°, left positive)", ylabel="Echo relative to boresight (dB)", ylim=(-30, 2))
+axes.set(xlabel="Azimuth (°, left positive)", ylabel="Echo relative to boresight (dB)")
+axes.set(ylim=(-30, 2))
 axes.set_title("A beam of 50° (grey): echoes at its edges are 6 dB down")
 axes.legend()
-print(f"{found.sizes['detection']} of {len(targets)} targets found")
+print(f"{detections.sizes['detection']} of {len(targets)} targets found")

@@ -24,15 +24,19 @@ power = dc.power_map(cube.isel(frame=0), radar, dc.Chain(n_range_bins=1024))
 
 middle = 14 + 4 * radar.frame.mid_frame_s
 straight_m, mirrored_m = np.hypot(middle, 2.5), np.hypot(middle, 2 * 3 + 2.5)
-ways_m = {"car": straight_m, "one way": (straight_m + mirrored_m) / 2, "both ways": mirrored_m}
-found = dc.detect(cube, radar)
-print("expected at", np.round(list(ways_m.values()), 2), "m")
-print("found at   ", np.sort(found.range).round(2), "m")
+path_ranges_m = {
+    "car": straight_m,
+    "one way": (straight_m + mirrored_m) / 2,
+    "both ways": mirrored_m,
+}
+detections = dc.detect(cube, radar)
+print("expected at", np.round(list(path_ranges_m.values()), 2), "m")
+print("found at   ", np.sort(detections.range).round(2), "m")
 
 figure, axes = plt.subplots()
 level_db = 10 * np.log10(power) + 30
 level_db.plot(ax=axes, x="velocity", vmin=-140, cbar_kwargs={"label": "Power (dBm)"})
-for name, at_m in ways_m.items():
+for name, at_m in path_ranges_m.items():
     axes.text(6, at_m, name, color="w", va="center")
 axes.set(xlabel="Velocity (m/s, receding positive)", ylabel="Range (m)")
 axes.set(xlim=(-2, 10), ylim=(12, 19))

@@ -31,9 +31,9 @@ cube = dc.simulate(scene, radar, impairments=impairments, seed=1).isel(frame=0)
 figure, (left, right) = plt.subplots(1, 2)
 one = cube.isel(chirp=10, rx=0)
 left.plot(one.sample * 1e6, one.real * 1e6)
-left.set(xlabel="time since the ramp began, µs", ylabel="beat signal (I), sqrt(pW)")
+left.set(xlabel="Time since ramp start (µs)", ylabel="Beat signal, I (sqrt(pW))")
 left.set_title("One chirp")
-for name, repair in (("as heard", ()), ("repaired", (dc.mitigation.InterferenceAutoregression(),))):
+for name, repair in (("received", ()), ("repaired", (dc.mitigation.InterferenceAutoregression(),))):
     power = dc.power_map(cube, radar, dc.Chain(mitigation=repair))
     cut = power.sel(velocity=6, method="nearest")
     right.plot(cut.range, 10 * np.log10(cut) + 30, label=name)

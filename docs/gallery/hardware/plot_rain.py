@@ -1,6 +1,6 @@
 """
-What rain takes, and what it adds
-=================================
+Rain attenuation and backscatter
+================================
 
 Rain of 100 mm/h takes 31 dB of each kilometre at 77 GHz (ITU-R P.838-3), there and again on the
 way back, and its drops send echoes of their own, which add to others or take from them. See equal

@@ -16,11 +16,11 @@ import numpy as np
 
 import dechirp as dc
 
-made = dc.design(
+design_radar = dc.design(
     max_range_m=60, range_resolution_m=0.5, max_velocity_m_per_s=20, rule="constraints"
 ).radar
 array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(4)])
-radar = dataclasses.replace(made, array=array)
+radar = dataclasses.replace(design_radar, array=array)
 scene = dc.Scene(targets=[dc.Target(position_m=(25, 4, 0), velocity_m_per_s=(5, 0, 0), rcs_m2=10)])
 cube = dc.simulate(scene, radar, seed=1)
 with tempfile.TemporaryDirectory() as folder:
@@ -42,5 +42,5 @@ axes.set(xlabel="Range (m)", ylabel="Power at 5 m/s (dBm)")
 axes.set_title("A car at 25 m, before and after a file of 16-bit words")
 axes.legend()
 for name, samples in (("simulated", cube), ("read back", again)):
-    found = dc.detect(samples, radar)
-    print(f"{name}: {found.range[0].item():.4f} m, {found.velocity[0].item():.4f} m/s")
+    detections = dc.detect(samples, radar)
+    print(f"{name}: {detections.range[0].item():.4f} m, {detections.velocity[0].item():.4f} m/s")

@@ -14,12 +14,12 @@ import numpy as np
 
 import dechirp as dc
 
-made = dc.design(
+design_radar = dc.design(
     max_range_m=60, range_resolution_m=0.5, max_velocity_m_per_s=20, rule="constraints"
 ).radar
 array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(4)])
-frame = dataclasses.replace(made.frame, period_s=0.1)
-radar = dataclasses.replace(made, array=array, frame=frame)
+frame = dataclasses.replace(design_radar.frame, period_s=0.1)
+radar = dataclasses.replace(design_radar, array=array, frame=frame)
 scene = dc.Scene(
     targets=[
         dc.Target(name="car", position_m=(20, 3.5, 0), velocity_m_per_s=(12, 0, 0), rcs_m2=20),
@@ -30,10 +30,13 @@ scenario = dc.Scenario(
     radar=radar, scene=scene, n_frames=30, seed=1, tracker=dc.Tracker(target_size_m=0.3)
 )
 result = dc.run(scenario)
-found, tracks = result.detections, result.tracks
+detections, tracks = result.detections, result.tracks
 
 figure, (left, right) = plt.subplots(1, 2)
-y_m, x_m = found.range * np.sin(found.azimuth), found.range * np.cos(found.azimuth)
+y_m, x_m = (
+    detections.range * np.sin(detections.azimuth),
+    detections.range * np.cos(detections.azimuth),
+)
 left.plot(y_m, x_m, ".", color="0.7")
 for number in tracks.track.values:
     one = tracks.sel(track=number)

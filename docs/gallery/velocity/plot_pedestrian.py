@@ -1,6 +1,6 @@
 """
-Micro-Doppler of somebody who walks
-===================================
+Micro-Doppler of a pedestrian
+=============================
 
 Trunk, arms and legs each have a velocity of their own; a short-time Fourier transform over the
 chirps shows them over time (Chen, The Micro-Doppler Effect in Radar, 2011). See the trunk as a

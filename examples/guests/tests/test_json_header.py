@@ -24,7 +24,7 @@ def cube(radar):
 
 
 def write(path, cube, radar, **changed):
-    """What a logger does: a line, and the codes."""
+    """Write a header line and codes, as a logger does."""
     step = float(abs(cube).max()) / 2**15
     codes = np.round(cube.values.view(np.float32) / step).astype("<i2")
     header = {"json_header": 1, "radar": to_yaml_data(radar, None), "step": step, **changed}

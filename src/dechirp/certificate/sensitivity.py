@@ -19,7 +19,7 @@ from dechirp.core.units import from_decibels
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.detector_law import DetectorLaw
 from dechirp.evaluation.detector_law import find_detector_law as detector_of
-from dechirp.evaluation.predicted_detection import cell_snr_fraction
+from dechirp.evaluation.predicted_detection import nearest_cell_snr_fraction
 from dechirp.processing.chain import Chain
 from dechirp.processing.spectrum import Transform
 from dechirp.scene.aliasing import RangeVelocity
@@ -106,7 +106,7 @@ def _clip_probability(probability: np.ndarray) -> np.ndarray:
 def snr_gain_in_map(over_range: Transform, over_velocity: Transform) -> float:
     """Return the SNR of the reference target in its map cell over the SNR per sample."""
     motion = motion_at_mid_frame(REFERENCE_TARGET)
-    peak_fraction = cell_snr_fraction(
+    peak_fraction = nearest_cell_snr_fraction(
         RangeVelocity(*map(np.array, motion)), reference_radar(), over_range, over_velocity
     )
     return reference_radar().integration_gain * float(peak_fraction)

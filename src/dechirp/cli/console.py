@@ -22,7 +22,7 @@ class _Console(Console):
         raise BrokenPipeError
 
 
-def open_console() -> Console:
+def open_stdout_console() -> Console:
     """Return a console on standard output, with colours on a terminal."""
     return _Console(highlight=False, markup=False, emoji=False)
 

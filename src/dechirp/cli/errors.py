@@ -20,7 +20,7 @@ from cyclopts import (
     UnusedCliTokensError,
 )
 
-from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
+from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.core.errors import DechirpError, InvalidFile, Mistake, quote_for_message
 
 # The libraries alone reserve 0.65 GB of addresses with one thread and 0.06 GB more per thread.
@@ -34,22 +34,22 @@ _FIX = (
 _MEMORY_MESSAGES = ("can't start new thread", "cannot allocate memory", "failed to map segment")
 
 
-def startup_memory_error() -> Mistake | None:
+def low_memory_limit_mistake() -> Mistake | None:
     """Return the mistake if the memory limit is too small to load the libraries, else None."""
     limit = _address_space_limit_bytes()
-    least = MIN_BYTES + _n_library_threads() * BYTES_PER_THREAD
+    least = MIN_BYTES + _n_blas_threads() * BYTES_PER_THREAD
     if limit is None or limit >= least:
         return None
     return Mistake(
         setting="memory limit",
         value=_format_gib(limit),
-        expected=f"at least {_format_gib(least)} for the libraries with {_n_library_threads()}"
+        expected=f"at least {_format_gib(least)} for the libraries with {_n_blas_threads()}"
         " threads",
         fix=_FIX,
     )
 
 
-def memory_error(error: Exception) -> Mistake | None:
+def memory_error_to_mistake(error: Exception) -> Mistake | None:
     """Return the mistake if an exception means a lack of memory, else None."""
     is_short = isinstance(error, MemoryError) or (
         isinstance(error, OSError) and error.errno == errno.ENOMEM
@@ -74,7 +74,7 @@ def _address_space_limit_bytes() -> int | None:
     return None if limit == resource.RLIM_INFINITY else limit
 
 
-def _n_library_threads() -> int:
+def _n_blas_threads() -> int:
     variable = os.environ.get("OPENBLAS_NUM_THREADS", "")
     return int(variable) if variable.isdecimal() else os.cpu_count() or 1
 
@@ -106,7 +106,9 @@ def print_errors(mistakes: Iterable[Mistake], *, as_json: bool) -> None:
     )
 
 
-def name_options(error: DechirpError, option_by_setting: Mapping[str, str]) -> DechirpError:
+def replace_settings_by_options(
+    error: DechirpError, option_by_setting: Mapping[str, str]
+) -> DechirpError:
     """Return the same error with option names in place of the settings that they set."""
     mistakes = []
     for mistake in error.mistakes:
@@ -122,9 +124,9 @@ def name_options(error: DechirpError, option_by_setting: Mapping[str, str]) -> D
     return InvalidFile(*mistakes)
 
 
-def call_errors(error: CycloptsError) -> list[Mistake]:
+def parser_error_to_mistakes(error: CycloptsError) -> list[Mistake]:
     """Convert an error of the command-line parser to mistakes."""
-    setting = _option_name(error)
+    setting = _option_as_typed(error)
     help_fix = f"see {' '.join(['dechirp', *(error.command_chain or ())])} --help"
     match error:
         case UnknownCommandError(unused_tokens=[token, *_], app=App() as app):
@@ -133,7 +135,7 @@ def call_errors(error: CycloptsError) -> list[Mistake]:
                 setting="command",
                 value=quote_for_message(token),
                 expected=f"one of {', '.join(commands)}",
-                fix=did_you_mean(token, commands),
+                fix=did_you_mean_fix(token, commands),
             )
         case UnknownOptionError(token=token):
             options = [
@@ -147,7 +149,7 @@ def call_errors(error: CycloptsError) -> list[Mistake]:
                 setting=quote_for_message(option),
                 value="not an option of this command",
                 expected=f"one of {', '.join(options)}" if options else "no options",
-                fix=did_you_mean(option, options, CHOOSE_OR_OMIT) if options else help_fix,
+                fix=did_you_mean_fix(option, options, CHOOSE_OR_OMIT) if options else help_fix,
             )
         case UnusedCliTokensError(unused_tokens=list() as tokens):
             mistake = Mistake(
@@ -163,7 +165,7 @@ def call_errors(error: CycloptsError) -> list[Mistake]:
                 if choices
                 else _EXPECTED_BY_TYPE.get(kind, f"{kind}")
             )
-            fix = did_you_mean(token.value, choices) if choices else help_fix
+            fix = did_you_mean_fix(token.value, choices) if choices else help_fix
             mistake = Mistake(
                 setting=setting, value=quote_for_message(token.value), expected=expected, fix=fix
             )
@@ -183,7 +185,7 @@ def call_errors(error: CycloptsError) -> list[Mistake]:
     return [mistake]
 
 
-def _option_name(error: CycloptsError) -> str:
+def _option_as_typed(error: CycloptsError) -> str:
     """Return the option as the user wrote it, else its first name."""
     token = getattr(error, "token", None)
     keyword = getattr(token, "keyword", None) or getattr(error, "keyword", None)

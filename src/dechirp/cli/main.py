@@ -20,7 +20,12 @@ from cyclopts import App, CycloptsError, Parameter
 
 import dechirp
 from dechirp.cli import commands
-from dechirp.cli.errors import call_errors, memory_error, print_errors, startup_memory_error
+from dechirp.cli.errors import (
+    low_memory_limit_mistake,
+    memory_error_to_mistake,
+    parser_error_to_mistakes,
+    print_errors,
+)
 from dechirp.core.errors import DechirpError, Mistake
 
 
@@ -45,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         if _can_write_streams():
             raise
         with suppress(OSError):
-            print_errors([_output_error(error)], as_json=False)
+            print_errors([_unwritable_output_mistake(error)], as_json=False)
         _discard_remaining_output()
         status = 2
     raise SystemExit(status)
@@ -84,7 +89,7 @@ def _discard_remaining_output() -> None:
         os.dup2(nowhere, stream.fileno())
 
 
-def _output_error(error: OSError) -> Mistake:
+def _unwritable_output_mistake(error: OSError) -> Mistake:
     return Mistake(
         setting="standard output",
         value=f"not writable ({error.strerror or error})",
@@ -95,24 +100,24 @@ def _output_error(error: OSError) -> Mistake:
 
 def _run_command(words: list[str]) -> int:
     as_json = any(word.startswith("--json") for word in words)  # includes --json=true
-    if mistake := startup_memory_error():
+    if mistake := low_memory_limit_mistake():
         print_errors([mistake], as_json=as_json)
         return 2
     try:
-        return int(build_app()(words, exit_on_error=False, print_error=False) or 0)
+        return int(build_command_line_app()(words, exit_on_error=False, print_error=False) or 0)
     except CycloptsError as error:
-        print_errors(call_errors(error), as_json=as_json)
+        print_errors(parser_error_to_mistakes(error), as_json=as_json)
     except DechirpError as error:
         print_errors(error.mistakes, as_json=as_json)
     except Exception as error:
-        mistake = memory_error(error) or _missing_folder_error(error)
+        mistake = memory_error_to_mistake(error) or _removed_working_folder_mistake(error)
         if mistake is None:
             raise
         print_errors([mistake], as_json=as_json)
     return 2
 
 
-def _missing_folder_error(error: Exception) -> Mistake | None:
+def _removed_working_folder_mistake(error: Exception) -> Mistake | None:
     """Return the mistake if the working folder has been removed, else None."""
     if not isinstance(error, FileNotFoundError):
         return None
@@ -127,7 +132,7 @@ def _missing_folder_error(error: Exception) -> Mistake | None:
     )
 
 
-def build_app() -> App:
+def build_command_line_app() -> App:
     """Return the command line with all commands; none of them is imported yet."""
     command_line = App(
         name="dechirp",
@@ -140,7 +145,7 @@ def build_app() -> App:
         suppress_keyboard_interrupt=False,
     )
     for file in sorted(Path(commands.__path__[0]).glob("[a-z]*.py")):
-        function, summary = _read_command(file)
+        function, summary = _read_command_name_and_help(file)
         command_line.command(
             f"{commands.__name__}.{file.stem}:{function}",
             name=file.stem.replace("_", "-"),
@@ -149,7 +154,7 @@ def build_app() -> App:
     return command_line
 
 
-def _read_command(file: Path) -> tuple[str, str]:
+def _read_command_name_and_help(file: Path) -> tuple[str, str]:
     """Read the name and the first docstring line of the first function of a command file.
 
     Parsing 15 files takes 20 ms; importing them, with NumPy and xarray, would take a second.

@@ -60,14 +60,14 @@ class RecordingOptions:
         Path | None, Parameter(help="Calibration of the array, written by dechirp calibrate.")
     ] = None
 
-    def open_arguments(self) -> dict[str, Any]:
+    def open_keyword_arguments(self) -> dict[str, Any]:
         """Return the given options as keyword arguments of `dechirp.open`."""
-        from dechirp.cli.scenario_source import parse_frames
+        from dechirp.cli.scenario_source import parse_frame_range
 
-        frames = {} if self.frames is None else {"frames": parse_frames(self.frames)}
-        return {"radar": self.radar, **self.metadata(), **frames}
+        frames = {} if self.frames is None else {"frames": parse_frame_range(self.frames)}
+        return {"radar": self.radar, **self.given_metadata(), **frames}
 
-    def metadata(self) -> dict[str, Any]:
+    def given_metadata(self) -> dict[str, Any]:
         """Return the given options that complete the metadata of the file."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         if self.axes is not None:
@@ -83,7 +83,7 @@ class RecordingOptions:
 NO_OPTIONS = RecordingOptions()
 
 
-def parse_integer(option: str, text: str, at_least: int, at_most: int) -> int:
+def parse_integer_option(option: str, text: str, at_least: int, at_most: int) -> int:
     """Parse the integer value of an option; raise `InvalidSetting` if it is not one."""
     from dechirp.core.checks import check_integer
     from dechirp.core.errors import InvalidSetting

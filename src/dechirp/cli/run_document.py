@@ -4,22 +4,22 @@ from pathlib import Path
 from typing import Any
 
 import dechirp
-from dechirp.cli.scenario_source import format_source
+from dechirp.cli.scenario_source import format_source_as_typed
 from dechirp.config.dumping import to_json_data
 from dechirp.core.table_columns import dataset_to_records
 from dechirp.experiments.run import Result
 from dechirp.radar.radar import Radar
 
 
-def run_document(
+def run_json_document(
     result: Result, *, source: Path | None, files: dict[str, Path], timing_s: dict[str, float]
 ) -> dict[str, Any]:
     """Return the results of a run without its samples, in plain values; None if not estimated."""
     return {
         "version": dechirp.__version__,
         "seed": result.scenario.seed,
-        "source": "reference" if source is None else format_source(source),
-        "radar": radar_document(result.radar),
+        "source": "reference" if source is None else format_source_as_typed(source),
+        "radar": radar_json_document(result.radar),
         "frames": result.n_frames,
         "detections": dataset_to_records(result.detections),
         **{
@@ -36,7 +36,7 @@ def run_document(
     }
 
 
-def radar_document(radar: Radar) -> dict[str, Any]:
+def radar_json_document(radar: Radar) -> dict[str, Any]:
     """Return settings and derived values of a radar; velocities are None for a single chirp."""
     frame, chirp = radar.frame.for_frame(0), radar.frame.chirp
     has_velocity = frame.n_chirps > 1

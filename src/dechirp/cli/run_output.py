@@ -26,7 +26,7 @@ _FIRST_DROPPED = (
 )
 
 
-def detections_table(result: Result, *, at_most: int, width: int) -> Table:
+def strongest_detections_table(result: Result, *, at_most: int, width: int) -> Table:
     """Return a table of the strongest detections, with the columns that fit the width."""
     order = np.argsort(-result.detections.snr.values, kind="stable")
     n_all = order.size
@@ -34,11 +34,11 @@ def detections_table(result: Result, *, at_most: int, width: int) -> Table:
     title, n_shown = f"{n_all} detection{'' if n_all == 1 else 's'}", min(n_all, at_most)
     if n_shown < n_all:
         title += f", the {n_shown} strongest (complete list: detections.csv)"
-    columns = _detection_cells(result, strongest)
+    columns = _detection_table_cells(result, strongest)
     for name in _FIRST_DROPPED:
         if _table_width(columns) > width:
             columns.pop(name, None)
-    table = new_table(title, right=[_column_heading(name) for name in columns])
+    table = new_table(title, right=[_shown_column_heading(name) for name in columns])
     for cells in zip(*columns.values(), strict=True):
         table.add_row(*cells)
     return table
@@ -47,21 +47,21 @@ def detections_table(result: Result, *, at_most: int, width: int) -> Table:
 _TITLES = {column.heading: column.heading_with_unit for column in SHOWN_COLUMNS}
 
 
-def _column_heading(name: str) -> str:
+def _shown_column_heading(name: str) -> str:
     return "true" if name.startswith("true ") else _TITLES.get(name, name)
 
 
 def _table_width(columns: dict[str, list[str]]) -> int:
-    cells = ([_column_heading(name), *column] for name, column in columns.items())
+    cells = ([_shown_column_heading(name), *column] for name, column in columns.items())
     return sum(2 + max(map(cell_len, column)) for column in cells)  # with two spaces between
 
 
-def _detection_cells(result: Result, detections: xr.Dataset) -> dict[str, list[str]]:
+def _detection_table_cells(result: Result, detections: xr.Dataset) -> dict[str, list[str]]:
     """Return the cells of each column, from the left; angles only if any was estimated."""
     columns: dict[str, list[str]] = {}
     if result.n_frames > 1:
         columns["frame"] = [str(frame) for frame in detections.frame.values.tolist()]
-    target = None if result.truth is None else _matched_targets(result, detections)
+    target = None if result.truth is None else _matched_target_indices(result, detections)
     for column in SHOWN_COLUMNS:
         values = column.to_shown_unit(detections[column.name].values)
         std = standard_error_column(column)
@@ -83,7 +83,7 @@ def _detection_cells(result: Result, detections: xr.Dataset) -> dict[str, list[s
         ]
         if result.truth is not None and target is not None and column.name in result.truth:
             frame = detections.frame.values
-            true = _truth_of_detections(result.truth[column.name], target, frame)
+            true = _true_values_of_detections(result.truth[column.name], target, frame)
             columns[f"true {column.heading}"] = [
                 format_fixed(one, n)
                 for one, n in zip(column.to_shown_unit(true).tolist(), decimals, strict=True)
@@ -96,7 +96,9 @@ def _detection_cells(result: Result, detections: xr.Dataset) -> dict[str, list[s
     return columns
 
 
-def _truth_of_detections(truth: xr.DataArray, target: np.ndarray, frame: np.ndarray) -> np.ndarray:
+def _true_values_of_detections(
+    truth: xr.DataArray, target: np.ndarray, frame: np.ndarray
+) -> np.ndarray:
     """Return the truth of the target of each detection, NaN for unmatched detections."""
     values = np.full(len(target), np.nan)
     is_matched = target >= 0
@@ -116,7 +118,9 @@ _TRACK_HEADINGS = {
 }
 
 
-def object_output(result: Result, *, at_most: int, width: int) -> Iterator[Table | str]:
+def track_table_and_object_sentences(
+    result: Result, *, at_most: int, width: int
+) -> Iterator[Table | str]:
     """Yield a table of tracks and sentences on ego motion, clusters and tracks."""
     tracks = objects_section.track_rows(result, at_most)
     if tracks and result.tracks is not None:
@@ -141,12 +145,12 @@ def object_output(result: Result, *, at_most: int, width: int) -> Iterator[Table
         yield summary
 
 
-def missed_targets(result: Result) -> Iterator[str]:
+def missed_target_lines(result: Result) -> Iterator[str]:
     """Yield a line for each target without a detection in any frame."""
     truth = result.truth
     if truth is None:
         return
-    hits = set(_matched_targets(result, result.detections).tolist())
+    hits = set(_matched_target_indices(result, result.detections).tolist())
     for index, name in enumerate(truth.target.values.tolist()):
         if index not in hits:
             first = truth.isel(target=index, frame=0)
@@ -157,7 +161,7 @@ def missed_targets(result: Result) -> Iterator[str]:
             yield f"Not detected: {name}, at {place} in the first frame."
 
 
-def _matched_targets(result: Result, detections: xr.Dataset) -> np.ndarray:
+def _matched_target_indices(result: Result, detections: xr.Dataset) -> np.ndarray:
     assert result.truth is not None
     scene = result.scenario.scene
     return associate_detections(detections, result.truth, result.radar, scene).target

@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from dechirp.cli.errors import name_options
+from dechirp.cli.errors import replace_settings_by_options
 from dechirp.config import loading
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.config.validation import Readers
 from dechirp.core.errors import DechirpError, InvalidFile, Mistake, quote_for_message
 from dechirp.experiments.scenario import READERS, RecordingSource, Scenario, load, reference
@@ -57,12 +57,12 @@ def build_scenario(
     if seed is not None:
         changes, options = [*changes, f"seed={seed}"], {**options, "seed": "--seed"}
     try:
-        scenario = _load_source(source, changes, radar, metadata)
+        scenario = _load_scenario_source(source, changes, radar, metadata)
         recording = scenario.recording
         if recording is None:
             return _limit_simulated_frames(scenario, frames, metadata)
         if frames is not None:
-            metadata = {**metadata, "frames": parse_frames(frames)}
+            metadata = {**metadata, "frames": parse_frame_range(frames)}
         if "calibration" in metadata:
             metadata = {**metadata, "calibration": read_calibration(metadata["calibration"])}
         if radar is not None and not _has_radar_changes(changes):
@@ -73,21 +73,21 @@ def build_scenario(
             )
         return replace(scenario, recording=replace(recording, **metadata))
     except DechirpError as error:
-        raise name_options(error, options) from None
+        raise replace_settings_by_options(error, options) from None
 
 
-def _load_source(
+def _load_scenario_source(
     source: Path | None, changes: Sequence[str], radar: Path | None, metadata: Mapping[str, Any]
 ) -> Scenario:
     """Load the source with the changes applied to the radar of its file, if any."""
     if radar is not None:
-        changes = [f"radar={_quote_path(radar)}", *changes]
+        changes = [f"radar={_path_as_yaml_string(radar)}", *changes]
     if source is None:
         return reference(changes)
     if source.suffix.lower() in (".yaml", ".yml"):
         return load(source, changes)
     if is_udp_address(str(source)):
-        return _address_scenario(source, changes, radar)
+        return _udp_address_scenario(source, changes, radar)
     path, iq, opened_radar, layout = source.absolute(), None, None, None
     chip = known_device(metadata["device"]) if "device" in metadata else None
     if _has_radar_changes(changes):
@@ -97,7 +97,7 @@ def _load_source(
         if recording.contents.settings_path is not None:
             layout = str(recording.contents.settings_path.absolute())
         if radar is None:
-            changes = [f"radar={_quote_path(path)}", *changes]
+            changes = [f"radar={_path_as_yaml_string(path)}", *changes]
 
     def read_radar_file(file: Path) -> Radar:
         return opened_radar if opened_radar is not None and file == path else read_radar(file, chip)
@@ -106,32 +106,35 @@ def _load_source(
         name=source.stem, recording=RecordingSource(path=str(path), iq=iq, settings_path=layout)
     )
     return (
-        _apply_changes(scenario, changes, {**READERS, Radar: read_radar_file})
+        _apply_setting_changes(scenario, changes, {**READERS, Radar: read_radar_file})
         if changes
         else scenario
     )
 
 
-def format_source(source: Path) -> str:
+def format_source_as_typed(source: Path) -> str:
     """Return a source as the user wrote it; a path has lost one slash of an address."""
     return re.sub(r"^udp:[/\\]+", "udp://", str(source), flags=re.IGNORECASE)
 
 
-def _address_scenario(source: Path, changes: Sequence[str], radar: Path | None) -> Scenario:
+def _udp_address_scenario(source: Path, changes: Sequence[str], radar: Path | None) -> Scenario:
     """Return the scenario of a UDP address."""
     layout = None if radar is None else str(radar.absolute())
     scenario = Scenario(
-        name="live", recording=RecordingSource(path=format_source(source), settings_path=layout)
+        name="live",
+        recording=RecordingSource(path=format_source_as_typed(source), settings_path=layout),
     )
-    return _apply_changes(scenario, changes, READERS) if changes else scenario
+    return _apply_setting_changes(scenario, changes, READERS) if changes else scenario
 
 
-def _quote_path(path: Path) -> str:
+def _path_as_yaml_string(path: Path) -> str:
     return json.dumps(str(path.absolute()), ensure_ascii=False)
 
 
-def _apply_changes(scenario: Scenario, changes: Sequence[str], readers: Readers) -> Scenario:
-    text = dump(scenario)
+def _apply_setting_changes(
+    scenario: Scenario, changes: Sequence[str], readers: Readers
+) -> Scenario:
+    text = dump_yaml(scenario)
     try:
         return loading.parse_settings(text, Scenario, file="", overrides=changes, readers=readers)
     except InvalidFile as error:
@@ -165,21 +168,23 @@ def _limit_simulated_frames(
         raise InvalidFile(*mistakes)
     if frames is None:
         return scenario
-    first, stop = parse_frames(frames)
+    first, stop = parse_frame_range(frames)
     if first:
-        raise _frames_error(frames, expected="a number of frames to simulate")
+        raise _invalid_frames_error(frames, expected="a number of frames to simulate")
     return replace(scenario, n_frames=stop)
 
 
-def parse_frames(text: str) -> tuple[int, int]:
+def parse_frame_range(text: str) -> tuple[int, int]:
     """Parse `N` or `A:B` to the first frame and the one after the last."""
     match = re.fullmatch(r"(?:(\d{1,9}):)?(\d{1,9})", text.strip(), re.ASCII)
     if match is None:
-        raise _frames_error(text, expected="a number of frames, as 10, or a range, as 20:30")
+        raise _invalid_frames_error(
+            text, expected="a number of frames, as 10, or a range, as 20:30"
+        )
     return int(match[1] or 0), int(match[2])
 
 
-def _frames_error(text: str, *, expected: str) -> InvalidFile:
+def _invalid_frames_error(text: str, *, expected: str) -> InvalidFile:
     return InvalidFile(
         Mistake(
             setting="--frames",

@@ -39,12 +39,12 @@ def is_live_source(scenario: Scenario, *, follow: bool, idle: str | None) -> boo
     return False
 
 
-def process_live(scenario: Scenario, *, idle: str | None, quiet: bool) -> Result:
+def process_live_frames(scenario: Scenario, *, idle: str | None, quiet: bool) -> Result:
     """Process frames until the idle time, Ctrl-C or SIGTERM; print a line for each frame."""
     idle_s = parse_quantity(_DEFAULT_IDLE if idle is None else idle, "s", setting="--idle")
     stream = open_stream(scenario, idle_s=idle_s)
     with _stop_on_signals(stream):
-        return process_stream(scenario, stream, on_frame=None if quiet else _print_frame)
+        return process_stream(scenario, stream, on_frame=None if quiet else _print_frame_report)
 
 
 @contextmanager
@@ -75,7 +75,7 @@ def _stop_on_signals(stream: Stream) -> Iterator[None]:
         restore()
 
 
-def _print_frame(report: FrameReport) -> None:
+def _print_frame_report(report: FrameReport) -> None:
     n = report.detections.sizes["detection"]
     line = f"frame {report.number}: {n} detection{'' if n == 1 else 's'}"
     if n:

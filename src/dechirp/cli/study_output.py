@@ -35,7 +35,7 @@ _MAX_TIME_SHARE = 0.02
 
 
 @contextmanager
-def live_progress(
+def show_live_progress(
     plan: "Plan", layout: "Layout", record: "LedgerReader", *, quiet: bool
 ) -> Iterator[Callable[["Progress"], None] | None]:
     """Show the progress and the latest points of a study on standard error, if a terminal.
@@ -53,13 +53,14 @@ def live_progress(
 
         def tell(progress: "Progress") -> None:
             display.update(
-                Group(progress_line(progress), *latest.current_table(screen.width)), refresh=True
+                Group(study_progress_bar(progress), *latest.current_points_table(screen.width)),
+                refresh=True,
             )
 
         yield tell
 
 
-def progress_line(progress: "Progress") -> Table:
+def study_progress_bar(progress: "Progress") -> Table:
     """Return the progress of a study as a bar with numbers."""
     parts = [
         f"{progress.n_points_done} of {progress.n_points} points",
@@ -95,16 +96,16 @@ class _LatestPoints:
         self._tables: list[Table] = []
         self._next_s = 0.0
 
-    def current_table(self, width: int) -> list[Table]:
+    def current_points_table(self, width: int) -> list[Table]:
         """Return the table, rebuilt if it is due; empty before the first block."""
         started_s = monotonic()
         if started_s >= self._next_s:
-            self._tables = list(self.rebuild_table(width))
+            self._tables = list(self.rebuild_points_table(width))
             took_s = monotonic() - started_s
             self._next_s = started_s + max(1.0, took_s / _MAX_TIME_SHARE)
         return self._tables
 
-    def rebuild_table(self, width: int) -> Iterator[Table]:
+    def rebuild_points_table(self, width: int) -> Iterator[Table]:
         import numpy as np
 
         from dechirp.experiments.study.results import estimate_score
@@ -112,7 +113,7 @@ class _LatestPoints:
         latest_points = np.unique(self.record.finished_blocks()[:, 0])[-_MAX_LIVE_POINTS:].tolist()
         if not latest_points:
             return
-        columns = list(_score_columns(self.layout))[:_MAX_COLUMNS]
+        columns = list(_score_label_and_target_columns(self.layout))[:_MAX_COLUMNS]
         rows, numbers = [], []
         confidence = self.plan.study.confidence
         for point in latest_points:
@@ -127,7 +128,7 @@ class _LatestPoints:
         yield _estimates_table(rows, columns, np.array(numbers), self.layout, width)
 
 
-def points_table(result: "StudyResult", *, width: int) -> Table:
+def study_points_table(result: "StudyResult", *, width: int) -> Table:
     """Return the final table of points: settings, trials, and scores with their intervals.
 
     It has the first 40 points and the scores that fit the width in characters, per target if
@@ -137,7 +138,7 @@ def points_table(result: "StudyResult", *, width: int) -> Table:
 
     from dechirp.experiments.study.results import axis_value_label
 
-    columns = list(_score_columns(result.layout))
+    columns = list(_score_label_and_target_columns(result.layout))
     rows = [
         (
             tuple((path, axis_value_label(result.study, path, text)) for path, text in settings),
@@ -146,13 +147,13 @@ def points_table(result: "StudyResult", *, width: int) -> Table:
         for point, settings in enumerate(result.settings[:_MAX_ROWS])
     ]
     numbers = [
-        result.estimates[label][:_MAX_ROWS, _target_index(result.layout, label, owner), :3]
+        result.estimates[label][:_MAX_ROWS, _score_target_index(result.layout, label, owner), :3]
         for label, owner in columns
     ]
     return _estimates_table(rows, columns, np.stack(numbers, axis=1), result.layout, width)
 
 
-def omitted_points(result: "StudyResult") -> Iterator[str]:
+def omitted_point_count_line(result: "StudyResult") -> Iterator[str]:
     """Yield a line with the number of points that the table omits."""
     n_omitted = result.n_points - _MAX_ROWS
     if n_omitted > 0:
@@ -174,7 +175,7 @@ def requirement_paragraphs(verdicts: Sequence["Verdict"], result: "StudyResult")
         )
 
 
-def study_document(
+def study_json_document(
     result: "StudyResult",
     verdicts: Sequence["Verdict"],
     *,
@@ -195,7 +196,7 @@ def study_document(
         "rows": result.rows,
         "done": n_done,
         "total": n_total,
-        "require": [_requirement_document(verdict, result) for verdict in verdicts],
+        "require": [_requirement_json_document(verdict, result) for verdict in verdicts],
         "findings": [
             {"point": point, **to_json_data(finding)} for point, finding in result.findings
         ],
@@ -207,7 +208,7 @@ def study_document(
     }
 
 
-def _requirement_document(verdict: "Verdict", result: "StudyResult") -> dict[str, Any]:
+def _requirement_json_document(verdict: "Verdict", result: "StudyResult") -> dict[str, Any]:
     requirement = verdict.requirement
     return {
         "score": requirement.score,
@@ -230,16 +231,16 @@ def _requirement_document(verdict: "Verdict", result: "StudyResult") -> dict[str
 _Column = tuple[str, str | None]
 
 
-def _score_columns(layout: "Layout") -> Iterator[_Column]:
+def _score_label_and_target_columns(layout: "Layout") -> Iterator[_Column]:
     """Yield label and target of each score; the target is None if there is only one."""
     for score, names in zip(layout.scores, layout.subjects, strict=True):
         for name in names if len(names) > 1 else (None,):
             yield score.label(), name
 
 
-def _target_index(layout: "Layout", label: str, owner: str | None) -> int:
+def _score_target_index(layout: "Layout", label: str, target: str | None) -> int:
     names = layout.subjects[layout.score_index(label)]
-    return 0 if owner is None else 1 + names.index(owner)
+    return 0 if target is None else 1 + names.index(target)
 
 
 def _estimates_table(

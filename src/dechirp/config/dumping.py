@@ -12,16 +12,16 @@ from ruamel.yaml import YAML
 
 from dechirp.config.fields import list_settings
 from dechirp.config.quantities import format_exact_quantity
-from dechirp.config.yaml_tree import YamlNode, resolve_scalar
+from dechirp.config.yaml_tree import YamlNode, parse_unquoted_scalar
 from dechirp.core.families import Family
 
 _PLAIN = re.compile(r"([A-Za-z0-9.+]|-(?=[^\s-]))([\w.+\-/^ %²°µ]*[\w.+\-/^%²°µ])?")
 
 
-def dump(value: Any, *, without: Collection[str] = ()) -> str:
+def dump_yaml(value: Any, *, omitted_settings: Collection[str] = ()) -> str:
     """Write YAML with units, which `loading.parse_settings` reads back to an equal value.
 
-    Fields that equal their default of None are omitted, as are the settings in `without`.
+    Fields that equal their default of None are omitted, as are the settings in `omitted_settings`.
     """
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = None  # braces and brackets around what fits on a line
@@ -29,27 +29,30 @@ def dump(value: Any, *, without: Collection[str] = ()) -> str:
     yaml.width = 1000  # wrapped lines would end in a space
     stream = io.StringIO()
     data = to_yaml_data(value, None)
-    for name in without:
+    for name in omitted_settings:
         del data[name]
     yaml.dump(data, stream)
     return stream.getvalue()
 
 
-def dump_line(node: YamlNode) -> str:
+def dump_node_on_one_line(node: YamlNode) -> str:
     """Write a tree as YAML on one line, with scalars as in the file."""
     if isinstance(node.content, dict):
         members = (
-            f"{quote_yaml(name)}: {dump_line(child)}" for name, child in node.content.items()
+            f"{quote_yaml_if_needed(name)}: {dump_node_on_one_line(child)}"
+            for name, child in node.content.items()
         )
         return f"{{{', '.join(members)}}}"
     if isinstance(node.content, list):
-        return f"[{', '.join(dump_line(child) for child in node.content)}]"
-    return quote_yaml(node.content) if isinstance(node.content, str) else node.text or "null"
+        return f"[{', '.join(dump_node_on_one_line(child) for child in node.content)}]"
+    return (
+        quote_yaml_if_needed(node.content) if isinstance(node.content, str) else node.text or "null"
+    )
 
 
-def quote_yaml(text: str) -> str:
+def quote_yaml_if_needed(text: str) -> str:
     """Quote a text for YAML if it would otherwise not be read as that text."""
-    is_plain = _PLAIN.fullmatch(text) and isinstance(resolve_scalar(text), str)
+    is_plain = _PLAIN.fullmatch(text) and isinstance(parse_unquoted_scalar(text), str)
     return text if is_plain else json.dumps(text, ensure_ascii=not text.isprintable())
 
 
@@ -62,11 +65,11 @@ def to_json_data(value: Any) -> dict[str, Any]:
 def to_yaml_data(value: Any, unit: str | None) -> Any:
     """Convert a value to YAML data, with numbers as text in the unit of their field."""
     if is_dataclass(value):
-        entries = _kind_entry(value)
+        entries = _kind_mapping_of_family_member(value)
         for key, setting in list_settings(cast(type, type(value))).items():
             member = getattr(value, setting.field)
             if member is not None or setting.is_required or setting.default is not None:
-                entries[key] = to_yaml_data(member, setting.slot.unit)
+                entries[key] = to_yaml_data(member, setting.value_type.unit)
         return entries
     if isinstance(value, tuple | list):
         return [to_yaml_data(member, unit) for member in value]
@@ -80,11 +83,11 @@ def to_yaml_data(value: Any, unit: str | None) -> Any:
 def _to_json_data(value: Any) -> Any:
     if is_dataclass(value):
         members = {field.name: _to_json_data(getattr(value, field.name)) for field in fields(value)}
-        return {**_kind_entry(value), **members}
+        return {**_kind_mapping_of_family_member(value), **members}
     if isinstance(value, tuple | list):
         return [_to_json_data(member) for member in value]
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _kind_entry(value: Any) -> dict[str, Any]:
+def _kind_mapping_of_family_member(value: Any) -> dict[str, Any]:
     return {"kind": value.kind()} if isinstance(value, Family) else {}

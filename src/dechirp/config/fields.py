@@ -21,7 +21,7 @@ _SIMPLE_TYPES: dict[Any, str] = {
 
 
 @dataclass(frozen=True)
-class Slot:
+class ValueType:
     """Accepted content of one place in a file: a type, and the unit of its numbers."""
 
     hint: Any
@@ -30,7 +30,7 @@ class Slot:
     """Name of the field; the suffix `_path` marks texts that are file paths."""
 
     @property
-    def choices(self) -> tuple[Any, ...]:
+    def types_without_none(self) -> tuple[Any, ...]:
         """Types of a union without None, or the single type."""
         if get_origin(self.hint) in (Union, types.UnionType):
             return tuple(choice for choice in get_args(self.hint) if choice is not type(None))
@@ -41,10 +41,10 @@ class Slot:
         """True if null is accepted."""
         return type(None) in get_args(self.hint)
 
-    def value_class(self, node: YamlNode) -> type | None:
+    def class_of_mapping(self, node: YamlNode) -> type | None:
         """Return the class that a mapping here describes; in a family `kind` selects it."""
-        for choice in self.choices:
-            if is_family(choice):
+        for choice in self.types_without_none:
+            if is_family_type(choice):
                 kind = node.content.get("kind") if isinstance(node.content, dict) else None
                 members: dict[str, type] = choice.members()
                 return members.get(kind.text) if kind else None
@@ -52,17 +52,17 @@ class Slot:
                 return choice if isinstance(choice, type) else None
         return None
 
-    def member_slot(self) -> "Slot":
-        """Return the slot of the members of a list."""
-        for choice in self.choices:
+    def list_member_type(self) -> "ValueType":
+        """Return the type of the members of a list."""
+        for choice in self.types_without_none:
             if get_origin(choice) is tuple:
-                return Slot(get_args(choice)[0], self.unit, self.field)
-        return Slot(object)
+                return ValueType(get_args(choice)[0], self.unit, self.field)
+        return ValueType(object)
 
     @property
-    def is_path(self) -> bool:
+    def is_file_path(self) -> bool:
         """True if a text here is a file path."""
-        return str in self.choices and is_path_field(self.field)
+        return str in self.types_without_none and is_path_field(self.field)
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Setting:
     """Field of a value class under its name in files."""
 
     field: str
-    slot: Slot
+    value_type: ValueType
     is_required: bool
     default: Any
     """Value without an entry in the file; None for a required setting."""
@@ -82,13 +82,13 @@ def list_settings(cls: type) -> dict[str, Setting]:
     hints = get_type_hints(cls)
     settings = {}
     for field in fields(cls):
-        key, unit = _split_setting_unit(field.name, hints[field.name])
+        key, unit = _split_field_name_and_unit(field.name, hints[field.name])
         default = field.default
         if field.default_factory is not MISSING:
             default = field.default_factory()
         settings[key] = Setting(
             field=field.name,
-            slot=Slot(hints[field.name], unit, field.name),
+            value_type=ValueType(hints[field.name], unit, field.name),
             is_required=default is MISSING,
             default=None if default is MISSING else default,
         )
@@ -108,7 +108,7 @@ def field_docstrings(cls: type[Any]) -> dict[str, str]:
     return {field.name: docstrings.get(field.name, "") for field in fields(cls)}
 
 
-def setting_name(cls: type, field: str) -> str:
+def setting_name_of_field(cls: type, field: str) -> str:
     """Return the name of a field in files, or the same name if the class lacks the field."""
     return next(
         (key for key, setting in list_settings(cls).items() if setting.field == field), field
@@ -120,42 +120,55 @@ def is_path_field(field: str) -> bool:
     return field == "path" or field.endswith("_path")
 
 
-def is_family(hint: Any) -> bool:
+def is_family_type(type_hint: Any) -> bool:
     """Check whether a type is a family, whose members `kind` selects."""
-    if not (inspect.isclass(hint) and issubclass(hint, Family)):
+    if not (inspect.isclass(type_hint) and issubclass(type_hint, Family)):
         return False
-    return not is_dataclass(hint) or inspect.isabstract(hint)  # a base class may have settings
+    return not is_dataclass(type_hint) or inspect.isabstract(
+        type_hint
+    )  # a base class may have settings
 
 
-def describe_slot(slot: Slot, *, read_from_path: Collection[type] = ()) -> str:
-    """Describe the accepted content of a slot for an error message."""
-    texts = [_describe_type(choice, slot.unit, read_from_path) for choice in slot.choices]
-    return " or ".join([*texts, "null"] if slot.is_optional else texts)
+def describe_accepted_values(
+    value_type: ValueType, *, path_readable_types: Collection[type] = ()
+) -> str:
+    """Describe the accepted values of a type for an error message."""
+    texts = [
+        _describe_accepted_type(choice, value_type.unit, path_readable_types)
+        for choice in value_type.types_without_none
+    ]
+    return " or ".join([*texts, "null"] if value_type.is_optional else texts)
 
 
-def _describe_type(hint: Any, unit: str | None, read_from_path: Collection[type]) -> str:
-    if hint in _SIMPLE_TYPES:
-        text = _SIMPLE_TYPES[hint]
-    elif hint is float:
+def _describe_accepted_type(
+    type_hint: Any, unit: str | None, path_readable_types: Collection[type]
+) -> str:
+    if type_hint in _SIMPLE_TYPES:
+        text = _SIMPLE_TYPES[type_hint]
+    elif type_hint is float:
         text = DIMENSIONS[unit].description
-    elif get_origin(hint) is Literal:
-        text = f"one of {', '.join(str(choice) for choice in get_args(hint))}"
-    elif get_origin(hint) is tuple:
-        member, *others = get_args(hint)
+    elif get_origin(type_hint) is Literal:
+        text = f"one of {', '.join(str(choice) for choice in get_args(type_hint))}"
+    elif get_origin(type_hint) is tuple:
+        member, *others = get_args(type_hint)
         size = "" if Ellipsis in others else f" of {1 + len(others)}"
-        member_text = describe_slot(Slot(member, unit), read_from_path=read_from_path)
+        member_text = describe_accepted_values(
+            ValueType(member, unit), path_readable_types=path_readable_types
+        )
         text = f"a list{size}, each {member_text}"
-    elif is_family(hint):
-        text = f"a mapping with kind: {', '.join(hint.members())}"
+    elif is_family_type(type_hint):
+        text = f"a mapping with kind: {', '.join(type_hint.members())}"
     else:
-        text = f"a mapping of {', '.join(list_settings(hint)) or 'nothing'}"
-        text += ", or the path of a file" if hint in read_from_path else ""
+        text = f"a mapping of {', '.join(list_settings(type_hint)) or 'nothing'}"
+        text += ", or the path of a file" if type_hint in path_readable_types else ""
     return text
 
 
-def _split_setting_unit(field: str, hint: Any) -> tuple[str, str | None]:
-    return split_unit_suffix(field) if _contains_type(float, hint) else (field, None)
+def _split_field_name_and_unit(field: str, type_hint: Any) -> tuple[str, str | None]:
+    return split_unit_suffix(field) if _contains_type(float, type_hint) else (field, None)
 
 
-def _contains_type(kind: type, hint: Any) -> bool:
-    return hint is kind or any(_contains_type(kind, part) for part in get_args(hint))
+def _contains_type(searched_type: type, type_hint: Any) -> bool:
+    return type_hint is searched_type or any(
+        _contains_type(searched_type, part) for part in get_args(type_hint)
+    )

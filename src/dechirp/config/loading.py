@@ -11,11 +11,11 @@ from typing import Any, TypeVar, cast
 
 from pydantic import ValidationError
 
-from dechirp.config.error_messages import SettingNode, explain_validation_error
-from dechirp.config.fields import Slot, describe_slot
+from dechirp.config.error_messages import SettingNode, mistakes_of_validation_error
+from dechirp.config.fields import ValueType, describe_accepted_values
 from dechirp.config.overrides import apply_override
 from dechirp.config.validation import Readers, ValidationContext, build_validator
-from dechirp.config.yaml_tree import Location, YamlNode, find_duplicate_keys, parse_yaml
+from dechirp.config.yaml_tree import Location, YamlNode, duplicate_key_mistakes, parse_yaml
 from dechirp.core.errors import InvalidFile, Mistake
 
 T = TypeVar("T")
@@ -25,7 +25,7 @@ _MAX_BYTES = 2**20  # bytes; takes some 4 s to read
 
 def read_settings(
     path: str | Path,
-    kind: type[T],
+    value_class: type[T],
     *,
     overrides: Iterable[str] = (),
     readers: Readers | None = None,
@@ -36,7 +36,7 @@ def read_settings(
     ----------
     path : str or Path
         A YAML file; paths in it are relative to its folder.
-    kind : type
+    value_class : type
         The value class.
     overrides : iterable of str
         PATH=VALUE, each of which replaces a setting of the file.
@@ -52,10 +52,10 @@ def read_settings(
     """
     path = Path(path)
     return parse_settings(
-        read_text(path),
-        kind,
+        read_settings_text(path),
+        value_class,
         file=str(path),
-        base=path.absolute().parent,
+        base_folder=path.absolute().parent,
         overrides=overrides,
         readers=readers,
     )
@@ -63,20 +63,24 @@ def read_settings(
 
 def parse_settings(
     text: str,
-    kind: type[T],
+    value_class: type[T],
     *,
     file: str = "<text>",
-    base: Path = Path(),
+    base_folder: Path = Path(),
     overrides: Iterable[str] = (),
     readers: Readers | None = None,
 ) -> T:
     """Parse the text of a settings file to a value; for the parameters see `read_settings`."""
-    context = ValidationContext(folder=base, readers=readers or {})
-    return build_value(parse_yaml(text, file), kind, context, overrides=overrides)
+    context = ValidationContext(folder=base_folder, readers=readers or {})
+    return build_value_from_tree(parse_yaml(text, file), value_class, context, overrides=overrides)
 
 
-def build_value(
-    tree: YamlNode, kind: type[T], context: ValidationContext, *, overrides: Iterable[str] = ()
+def build_value_from_tree(
+    tree: YamlNode,
+    value_class: type[T],
+    context: ValidationContext,
+    *,
+    overrides: Iterable[str] = (),
 ) -> T:
     """Build a value of a class from the tree of a settings file, or of a part of it."""
     mistakes: list[Mistake] = []
@@ -87,26 +91,26 @@ def build_value(
                 tree.location.create_mistake(
                     "the file",
                     value="empty",
-                    expected=describe_slot(Slot(kind)),
+                    expected=describe_accepted_values(ValueType(value_class)),
                     fix="write the settings",
                 )
             )
         tree = replace(tree, content={})
     for option in overrides:
         try:
-            tree = apply_override(SettingNode("", tree, Slot(kind)), option, context)
+            tree = apply_override(SettingNode("", tree, ValueType(value_class)), option, context)
         except InvalidFile as error:
             mistakes += error.mistakes
     try:
-        value = validate_node(SettingNode("", tree, Slot(kind)), context)
+        value = validate_and_build_value(SettingNode("", tree, ValueType(value_class)), context)
     except InvalidFile as error:
         mistakes += error.mistakes
     if mistakes:
-        raise InvalidFile(*sort_mistakes(mistakes))
+        raise InvalidFile(*sort_and_deduplicate_mistakes(mistakes))
     return cast(T, value)
 
 
-def validate_node(setting: SettingNode, context: ValidationContext) -> Any:
+def validate_and_build_value(setting: SettingNode, context: ValidationContext) -> Any:
     """Validate a setting and return its value.
 
     Raises
@@ -114,28 +118,30 @@ def validate_node(setting: SettingNode, context: ValidationContext) -> Any:
     InvalidFile
         With every mistake in it.
     """
-    mistakes = list(find_duplicate_keys(setting.node, setting.path))
+    mistakes = list(duplicate_key_mistakes(setting.node, setting.path))
     try:
-        value = build_validator(setting.slot).validate_python(
+        value = build_validator(setting.value_type).validate_python(
             setting.node.plain_data, context=context
         )
     except ValidationError as error:
-        mistakes += explain_validation_error(error, setting, read_from_path=context.readers)
+        mistakes += mistakes_of_validation_error(
+            error, setting, path_readable_types=context.readers
+        )
     if mistakes:
-        raise InvalidFile(*sort_mistakes(mistakes))
+        raise InvalidFile(*sort_and_deduplicate_mistakes(mistakes))
     return value
 
 
-def sort_mistakes(mistakes: Iterable[Mistake]) -> list[Mistake]:
+def sort_and_deduplicate_mistakes(mistakes: Iterable[Mistake]) -> list[Mistake]:
     """Sort mistakes by location, without duplicates; those without a location come last."""
-    return sorted(dict.fromkeys(mistakes), key=_sort_key)
+    return sorted(dict.fromkeys(mistakes), key=_location_sort_key)
 
 
-def _sort_key(mistake: Mistake) -> tuple[bool, int, int]:
+def _location_sort_key(mistake: Mistake) -> tuple[bool, int, int]:
     return mistake.line is None, mistake.line or 0, mistake.column or 0
 
 
-def read_text(path: Path) -> str:
+def read_settings_text(path: Path) -> str:
     """Read the text of a settings file.
 
     Raises

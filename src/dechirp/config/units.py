@@ -78,14 +78,14 @@ def convert_unit(number: Decimal, unit: str, target_unit: str) -> Decimal | None
     if not all(part in UNIT_DEFINITIONS for part in unit.split("/")):
         return None
     try:
-        return Decimal(_registry().convert(number, unit, target_unit))
+        return Decimal(_pint_registry().convert(number, unit, target_unit))
     except pint.DimensionalityError:
         return None
 
 
-def compatible_units(si_unit: str) -> list[tuple[tuple[str, ...], ...]]:
+def units_of_same_dimension(si_unit: str) -> list[tuple[tuple[str, ...], ...]]:
     """Return the units of the dimension of an SI unit: names for each part of A or A/B."""
-    registry, target = _registry(), _registry().get_dimensionality(si_unit)
+    registry, target = _pint_registry(), _pint_registry().get_dimensionality(si_unit)
     names_by_dimension: dict[Any, list[str]] = {}
     for name in UNIT_DEFINITIONS:
         names_by_dimension.setdefault(registry.get_dimensionality(name), []).append(name)
@@ -102,7 +102,7 @@ def compatible_units(si_unit: str) -> list[tuple[tuple[str, ...], ...]]:
 
 
 @cache
-def _registry() -> "pint.UnitRegistry[Decimal]":
+def _pint_registry() -> "pint.UnitRegistry[Decimal]":
     registry: pint.UnitRegistry[Decimal] = pint.UnitRegistry(None, non_int_type=Decimal)
     registry.load_definitions([f"{name} = {meaning}" for name, meaning in UNIT_DEFINITIONS.items()])
     return registry

@@ -25,7 +25,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from dechirp.config.fields import Slot, is_family, is_path_field, list_settings
+from dechirp.config.fields import ValueType, is_family_type, is_path_field, list_settings
 from dechirp.config.quantities import parse_quantity
 from dechirp.core.errors import InvalidFile, Mistake
 from dechirp.core.families import Family
@@ -53,92 +53,98 @@ class ReferencedFileError(ValueError):
 
 
 @cache
-def build_validator(slot: Slot) -> TypeAdapter[Any]:
-    """Build the validator of a slot: from plain data to a value, given a `ValidationContext`."""
-    return TypeAdapter(_validated_type(slot.hint, slot.field, slot.unit))
+def build_validator(value_type: ValueType) -> TypeAdapter[Any]:
+    """Build the validator of a type: from plain data to a value, given a `ValidationContext`."""
+    return TypeAdapter(_type_with_validators(value_type.hint, value_type.field, value_type.unit))
 
 
 @cache
-def _build_model(cls: type) -> type[BaseModel]:
+def _build_pydantic_model(cls: type) -> type[BaseModel]:
     model_fields: dict[str, Any] = {}
     for key, setting in list_settings(cls).items():
-        hint = _validated_type(setting.slot.hint, setting.field, setting.slot.unit)
+        hint = _type_with_validators(
+            setting.value_type.hint, setting.field, setting.value_type.unit
+        )
         default = ... if setting.is_required else None
         model_fields[setting.field] = (hint, Field(default, alias=key))
     return create_model(cls.__name__, __config__=ConfigDict(extra="forbid"), **model_fields)
 
 
-def _validated_type(hint: Any, field: str, unit: str | None) -> Any:
+def _type_with_validators(type_hint: Any, field: str, unit_suffix: str | None) -> Any:
     """Return the annotated type of a field with its checks."""
     annotation: Any = None
-    if hint is float:
-        annotation = Annotated[Any, PlainValidator(partial(_validate_number, unit=unit))]
-    elif hint is int:
-        annotation = Annotated[int, Strict(), BeforeValidator(_integer_from_float)]
-    elif hint is bool:
+    if type_hint is float:
+        annotation = Annotated[
+            Any, PlainValidator(partial(_parse_quantity_or_number, unit_suffix=unit_suffix))
+        ]
+    elif type_hint is int:
+        annotation = Annotated[int, Strict(), BeforeValidator(_whole_float_to_int)]
+    elif type_hint is bool:
         annotation = Annotated[bool, Strict()]
-    elif hint is str and is_path_field(field):
-        annotation = Annotated[str, AfterValidator(_resolve_path)]
-    elif hint in (str, type(None)) or get_origin(hint) is Literal:
-        annotation = hint
-    elif {get_origin(argument) or argument for argument in get_args(hint)} == {float, tuple}:
+    elif type_hint is str and is_path_field(field):
+        annotation = Annotated[str, AfterValidator(_resolve_relative_path)]
+    elif type_hint in (str, type(None)) or get_origin(type_hint) is Literal:
+        annotation = type_hint
+    elif {get_origin(argument) or argument for argument in get_args(type_hint)} == {float, tuple}:
         # A number or a list: tagged, so that a mistake in a list is reported once.
         tagged = tuple(
             Annotated[
-                _validated_type(argument, field, unit), Tag(str(get_origin(argument) is tuple))
+                _type_with_validators(argument, field, unit_suffix),
+                Tag(str(get_origin(argument) is tuple)),
             ]
-            for argument in get_args(hint)
+            for argument in get_args(type_hint)
         )
         is_list = Discriminator(lambda raw: str(isinstance(raw, list | tuple)))
         annotation = Annotated[Union[tagged], is_list]  # noqa: UP007
-    elif get_origin(hint) in (Union, UnionType, tuple):
+    elif get_origin(type_hint) in (Union, UnionType, tuple):
         members = tuple(
-            m if m is Ellipsis else _validated_type(m, field, unit) for m in get_args(hint)
+            m if m is Ellipsis else _type_with_validators(m, field, unit_suffix)
+            for m in get_args(type_hint)
         )
-        is_tuple = get_origin(hint) is tuple
+        is_tuple = get_origin(type_hint) is tuple
         annotation = GenericAlias(tuple, members) if is_tuple else Union[members]  # noqa: UP007
-    elif is_family(hint):
-        annotation = Annotated[Any, PlainValidator(partial(_validate_member, hint))]
-    elif is_dataclass(hint):
+    elif is_family_type(type_hint):
+        annotation = Annotated[Any, PlainValidator(partial(_build_family_member, type_hint))]
+    elif is_dataclass(type_hint):
         annotation = Annotated[
-            _build_model(cast(type, hint)),
-            WrapValidator(partial(_construct_value, cast(type, hint))),
+            _build_pydantic_model(cast(type, type_hint)),
+            WrapValidator(partial(_construct_from_mapping_or_path, cast(type, type_hint))),
         ]
     else:
-        raise TypeError(f"{field}: settings files cannot express {hint}")
+        raise TypeError(f"{field}: settings files cannot express {type_hint}")
     return annotation
 
 
-def _validate_number(raw: Any, *, unit: str | None) -> float:
+def _parse_quantity_or_number(raw: Any, *, unit_suffix: str | None) -> float:
     if isinstance(raw, bool) or not isinstance(raw, str | int | float):
         raise PydanticCustomError("number", "not a number")
-    return parse_quantity(raw if isinstance(raw, str) else repr(raw), unit)
+    return parse_quantity(raw if isinstance(raw, str) else repr(raw), unit_suffix)
 
 
-def _integer_from_float(raw: Any) -> Any:
+def _whole_float_to_int(raw: Any) -> Any:
     """Accept 128.0 for 128, as JSON does: programs may write it."""
     is_whole = isinstance(raw, float) and raw.is_integer() and abs(raw) < 2**53
     return int(raw) if is_whole else raw
 
 
-def _resolve_path(path: str, info: ValidationInfo) -> str:
+def _resolve_relative_path(path: str, info: ValidationInfo) -> str:
     context = cast(ValidationContext, info.context)
     return path if "://" in path else str(context.folder / path)  # an address is not a path
 
 
-def _validate_member(family: type[Family], raw: Any, info: ValidationInfo) -> Any:
+def _build_family_member(family: type[Family], raw: Any, info: ValidationInfo) -> Any:
     """Build the value of the family member that `kind` names."""
     member_settings = dict(raw) if isinstance(raw, dict) else {}
     kind = member_settings.pop("kind", None)
     member_class = family.members().get(kind) if isinstance(kind, str) else None
     if member_class is None:
         raise PydanticCustomError("kind", "not a member")
-    return build_validator(Slot(member_class)).validate_python(
+    return build_validator(ValueType(member_class)).validate_python(
         member_settings, context=info.context
     )
 
 
-def _construct_value(
+def _construct_from_mapping_or_path(
     cls: type, raw: Any, check: Callable[[Any], BaseModel], info: ValidationInfo
 ) -> Any:
     """Construct the value, so that its own checks run after those of its fields."""

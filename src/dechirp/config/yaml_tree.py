@@ -75,7 +75,7 @@ class YamlNode:
         return self.content
 
     @property
-    def description(self) -> str:
+    def content_description(self) -> str:
         """Description of the content for error messages."""
         if isinstance(self.content, dict):
             return "a mapping" if self.content else "an empty mapping"
@@ -84,25 +84,27 @@ class YamlNode:
         if self.content is None:
             return "null"
         number_in_quotes = self.content == self.text and not isinstance(
-            resolve_scalar(self.text), str
+            parse_unquoted_scalar(self.text), str
         )
         return f"the text '{self.text[:60]}'" if number_in_quotes else quote_for_message(self.text)
 
     @cached_property
-    def labels(self) -> list[str]:
+    def list_member_labels(self) -> list[str]:
         """Labels of list members in setting paths: their `name`, else `kind`, else index."""
         members = self.content if isinstance(self.content, list) else []
-        return unique_labels(_label_of(node, str(index)) for index, node in enumerate(members))
+        return replace_repeated_labels_by_index(
+            _label_of_list_member(node, str(index)) for index, node in enumerate(members)
+        )
 
     def iter_children(self) -> "Iterator[tuple[str, YamlNode]]":
         """Yield the label and node of each child."""
         if isinstance(self.content, dict):
             yield from self.content.items()
         elif isinstance(self.content, list):
-            yield from zip(self.labels, self.content, strict=True)
+            yield from zip(self.list_member_labels, self.content, strict=True)
 
 
-def unique_labels(labels: Iterable[str]) -> list[str]:
+def replace_repeated_labels_by_index(labels: Iterable[str]) -> list[str]:
     """Return the labels of list members, with repeated labels replaced by the index."""
     labels = list(labels)
     counts = Counter(labels)
@@ -119,13 +121,13 @@ def parse_yaml(text: str, file: str) -> YamlNode:
         tags, with which ten lines could expand to gigabytes.
     """
     try:
-        return _TreeBuilder(text, file).build_document()
+        return _TreeBuilder(text, file).build_root_node()
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = Location(file, mark.line + 1, mark.column + 1) if mark else Location(file)
         got = error.problem or error.context
     except YAMLError as error:
-        place, got = _locate_character(text, getattr(error, "position", 0), file), str(error)
+        place, got = _location_of_character(text, getattr(error, "position", 0), file), str(error)
     except (ValueError, OverflowError) as error:
         # An escape in double quotes beyond the last character of Unicode.
         place, got = Location(file), str(error)
@@ -140,22 +142,22 @@ def parse_yaml(text: str, file: str) -> YamlNode:
     )
 
 
-def find_duplicate_keys(node: YamlNode, path: str = "") -> Iterator[Mistake]:
+def duplicate_key_mistakes(node: YamlNode, path: str = "") -> Iterator[Mistake]:
     """Find names that occur twice in a mapping, anywhere in a tree."""
     for name, location in node.duplicate_keys:
         assert isinstance(node.content, dict)
         first = node.content[name].name_location
         yield location.create_mistake(
-            join_path(path, name),
+            join_setting_path(path, name),
             value=f"given twice, first on line {first.line}" if first.line else "given twice",
             expected="given once",
             fix="keep one of them",
         )
     for label, child in node.iter_children():
-        yield from find_duplicate_keys(child, join_path(path, label))
+        yield from duplicate_key_mistakes(child, join_setting_path(path, label))
 
 
-def join_path(path: str, name: str) -> str:
+def join_setting_path(path: str, name: str) -> str:
     """Append a name to the path of a setting."""
     name = quote_for_message(name)
     return f"{path}.{name}" if path else name
@@ -168,7 +170,7 @@ class _TreeBuilder:
         self.events: Iterator[Event] = YAML(typ="safe", pure=True).parse(text)
         self.file = file
 
-    def build_document(self) -> YamlNode:
+    def build_root_node(self) -> YamlNode:
         start = Location(self.file, 1, 1)
         root = YamlNode(None, start, start)
         for event in self.events:
@@ -178,51 +180,54 @@ class _TreeBuilder:
                 break
         for event in self.events:
             if isinstance(event, DocumentStartEvent):
-                raise self.refuse(
+                raise self.error_at_event(
                     event, "more than one document", "one document", "remove the line ---"
                 )
         return root
 
     def build_node(self, event: Event, named_at: Location | None, depth: int) -> YamlNode:
-        place = self.locate(event)
+        place = self.location_of_event(event)
         named_at = named_at or place
         if isinstance(event, AliasEvent) or getattr(event, "anchor", None) is not None:
-            raise self.refuse(
+            raise self.error_at_event(
                 event,
                 "an anchor or an alias (& or *)",
                 "settings without anchors",
                 "repeat the setting, or quote a text that begins with & or *",
             )
         if getattr(event, "tag", None) is not None:
-            raise self.refuse(event, "a tag (!)", "settings without tags", "remove the tag")
+            raise self.error_at_event(event, "a tag (!)", "settings without tags", "remove the tag")
         if depth > _MAX_DEPTH:
-            raise self.refuse(
+            raise self.error_at_event(
                 event,
                 f"nested deeper than {_MAX_DEPTH} levels",
                 "the nesting of the settings",
                 "close open brackets",
             )
         if isinstance(event, MappingStartEvent):
-            return self.build_mapping(place, named_at, depth)
+            return self.build_mapping_node(place, named_at, depth)
         if isinstance(event, SequenceStartEvent):
             members = []
             while not isinstance(event := next(self.events), SequenceEndEvent):
                 members.append(self.build_node(event, None, depth + 1))
             return YamlNode(members, place, named_at)
         assert isinstance(event, ScalarEvent)
-        content = event.value if event.style else resolve_scalar(event.value)
+        content = event.value if event.style else parse_unquoted_scalar(event.value)
         # The parser reports an empty value at the next token.
         place = place if event.value or event.style else named_at
         return YamlNode(content, place, named_at, event.value)
 
-    def build_mapping(self, place: Location, named_at: Location, depth: int) -> YamlNode:
+    def build_mapping_node(self, place: Location, named_at: Location, depth: int) -> YamlNode:
         members: dict[str, YamlNode] = {}
         duplicate_keys: list[tuple[str, Location]] = []
         while not isinstance(event := next(self.events), MappingEndEvent):
             key = self.build_node(event, None, depth + 1)
             if isinstance(key.content, dict | list):
-                raise self.refuse(
-                    event, f"{key.description} for a name", "a text as name", "write NAME: VALUE"
+                raise self.error_at_event(
+                    event,
+                    f"{key.content_description} for a name",
+                    "a text as name",
+                    "write NAME: VALUE",
                 )
             child = self.build_node(next(self.events), key.location, depth + 1)
             if key.text in members:
@@ -231,24 +236,26 @@ class _TreeBuilder:
                 members[key.text] = child
         return YamlNode(members, place, named_at, duplicate_keys=tuple(duplicate_keys))
 
-    def locate(self, event: Event) -> Location:
+    def location_of_event(self, event: Event) -> Location:
         return Location(self.file, event.start_mark.line + 1, event.start_mark.column + 1)
 
-    def refuse(self, event: Event, value: str, expected: str, fix: str) -> InvalidFile:
+    def error_at_event(self, event: Event, value: str, expected: str, fix: str) -> InvalidFile:
         return InvalidFile(
-            self.locate(event).create_mistake("the text", value=value, expected=expected, fix=fix)
+            self.location_of_event(event).create_mistake(
+                "the text", value=value, expected=expected, fix=fix
+            )
         )
 
 
-def _label_of(node: YamlNode, index: str) -> str:
+def _label_of_list_member(node: YamlNode, index_text: str) -> str:
     if isinstance(node.content, dict):
         for key in ("name", "kind"):
             if key in node.content and isinstance(node.content[key].content, str):
                 return node.content[key].text
-    return index
+    return index_text
 
 
-def resolve_scalar(text: str) -> str | int | float | bool | None:
+def parse_unquoted_scalar(text: str) -> str | int | float | bool | None:
     """Convert an unquoted scalar by the core schema of YAML 1.2; `no` is a text."""
     if text.lower() in _CONSTANTS:
         return _CONSTANTS[text.lower()]
@@ -257,6 +264,6 @@ def resolve_scalar(text: str) -> str | int | float | bool | None:
     return float(text) if _FLOAT.fullmatch(text) else text
 
 
-def _locate_character(text: str, position: int, file: str) -> Location:
+def _location_of_character(text: str, position: int, file: str) -> Location:
     preceding_text = text[:position]
     return Location(file, preceding_text.count("\n") + 1, position - preceding_text.rfind("\n"))

@@ -85,21 +85,21 @@ class Associator:
 
     def __call__(self, columns: Mapping[str, np.ndarray]) -> Association:
         """Associate the columns of `processing.detect.detect`, each (n_detections,)."""
-        detections = _select_columns(columns)
-        frame_index = self._frame_indices(detections.frame)
-        target = self._find_nearest(detections, frame_index)
+        detections = _detection_columns_or_nan(columns)
+        frame_index = self._truth_frame_indices(detections.frame)
+        target = self._find_nearest_targets(detections, frame_index)
         return Association(target, *self._estimation_errors(detections, target, frame_index))
 
     def nearest_targets(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return `Association.target` alone; the errors take as long again."""
-        detections = _select_columns(columns)
-        return self._find_nearest(detections, self._frame_indices(detections.frame))
+        detections = _detection_columns_or_nan(columns)
+        return self._find_nearest_targets(detections, self._truth_frame_indices(detections.frame))
 
-    def _find_nearest(self, detections: "_Columns", frame_index: np.ndarray) -> np.ndarray:
+    def _find_nearest_targets(self, detections: "_Columns", frame_index: np.ndarray) -> np.ndarray:
         target = np.full(len(frame_index), -1)
         for frame in np.unique(frame_index).tolist():
-            in_frame = slice(None) if len(self._frame_numbers) == 1 else frame_index == frame
-            target[in_frame] = self._frame_targets(frame).nearest_targets(
+            in_frame = slice(None) if len(self._truth_frame_numbers) == 1 else frame_index == frame
+            target[in_frame] = self._cached_target_cells_of_frame(frame).nearest_targets(
                 _Columns(*(column[in_frame] for column in detections))
             )
         return target
@@ -108,7 +108,10 @@ class Associator:
         self, detections: "_Columns", target: np.ndarray, frame_index: np.ndarray
     ) -> np.ndarray:
         """Return the errors on all four axes, (4, n), NaN without a point target."""
-        expected_values, n_ambiguities = self._expected_values, self._n_ambiguities
+        expected_values, n_ambiguities = (
+            self._expected_detection_values,
+            self._n_resolved_ambiguities,
+        )
         is_unambiguous = np.isfinite(detections.ambiguity_number)
         range_m, velocity, unaliased_range_m, unaliased_velocity, azimuth, elevation = (
             expected_values.expected[:, target, frame_index]
@@ -132,17 +135,17 @@ class Associator:
         return errors
 
     @cached_property
-    def _frame_numbers(self) -> np.ndarray:
+    def _truth_frame_numbers(self) -> np.ndarray:
         """Frame numbers of the truth."""
         return np.asarray(self.truth.frame.values)
 
     @property
-    def _n_ambiguities(self) -> int | None:
+    def _n_resolved_ambiguities(self) -> int | None:
         frame = self.radar.frame
         return frame.n_resolvable_ambiguities if frame.n_intervals == 1 else None
 
     @cached_property
-    def _expected_values(self) -> "_ExpectedValues":
+    def _expected_detection_values(self) -> "_ExpectedValues":
         truth = self.truth.transpose("target", "frame")
         is_point = np.ones(truth.sizes["target"] + 1, dtype=bool)
         is_point[-1] = False  # no target
@@ -150,53 +153,57 @@ class Associator:
             is_point[:-1] = [target.body is None for target in self.scene.targets]
         reported = (
             *apparent_range_and_velocity(truth, self.radar),
-            *apparent_range_and_velocity(truth, self.radar, n_spans=self._n_ambiguities),
+            *apparent_range_and_velocity(
+                truth, self.radar, n_resolved_spans=self._n_resolved_ambiguities
+            ),
             truth.azimuth.values,
             truth.elevation.values,
         )
         expected = np.full((len(reported), *np.add(truth.azimuth.shape, (1, 0))), np.nan)
         expected[:, :-1] = reported
-        frames = [self.radar.for_frame(number).frame for number in self._frame_numbers.tolist()]
+        frames = [
+            self.radar.for_frame(number).frame for number in self._truth_frame_numbers.tolist()
+        ]
         span = np.array([2 * frame.max_velocity_m_per_s for frame in frames])
         return _ExpectedValues(expected, is_point, span)
 
-    def _frame_indices(self, numbers: np.ndarray) -> np.ndarray:
+    def _truth_frame_indices(self, frame_numbers: np.ndarray) -> np.ndarray:
         """Return the index in the truth of the frame of each detection."""
-        order = np.argsort(self._frame_numbers)
-        indices = np.searchsorted(self._frame_numbers[order], numbers)
+        order = np.argsort(self._truth_frame_numbers)
+        indices = np.searchsorted(self._truth_frame_numbers[order], frame_numbers)
         indices = order[np.minimum(indices, len(order) - 1)]
-        unknown = np.flatnonzero(self._frame_numbers[indices] != numbers)
+        unknown = np.flatnonzero(self._truth_frame_numbers[indices] != frame_numbers)
         if unknown.size:
             raise InvalidSetting(
                 "detections.frame",
-                value=f"{numbers[unknown[0]]:g}",
+                value=f"{frame_numbers[unknown[0]]:g}",
                 expected="a frame of the truth",
                 fix="compute the truth of all frames with detections",
             )
         return np.asarray(indices)
 
-    def _frame_targets(self, frame_index: int) -> "_FrameTargets":
+    def _cached_target_cells_of_frame(self, frame_index: int) -> "_FrameTargets":
         """Return the target cells of a frame by its index in the truth; cached."""
         if frame_index not in self._frames:
-            self._frames[frame_index] = self._prepare_frame(frame_index)
+            self._frames[frame_index] = self._target_cells_of_frame(frame_index)
         return self._frames[frame_index]
 
-    def _prepare_frame(self, frame_index: int) -> "_FrameTargets":
-        radar = self.radar.for_frame(int(self._frame_numbers[frame_index]))
+    def _target_cells_of_frame(self, frame_index: int) -> "_FrameTargets":
+        radar = self.radar.for_frame(int(self._truth_frame_numbers[frame_index]))
         if self.scene is None:
-            range_m, velocity, _, _, azimuth, elevation = self._expected_values.expected[
+            range_m, velocity, _, _, azimuth, elevation = self._expected_detection_values.expected[
                 :, :-1, frame_index
             ]
             owners = np.arange(len(range_m))
         else:
-            is_visible = visible_scatterers(
+            is_visible = visible_scatterer_mask(
                 self.scene, float(self.truth.time[frame_index]), self.radar
             )
             owners, time_s = (
                 self.scene.target_of_scatterer[is_visible],
                 self.truth.time.values[frame_index : frame_index + 1],
             )
-            motion = scatterer_motion(self.scene, time_s)
+            motion = scatterer_range_and_rate(self.scene, time_s)
             range_m, velocity = alias_range_velocity(
                 RangeVelocity(*(values[0, is_visible] for values in motion)), radar
             )
@@ -250,21 +257,21 @@ class _FrameTargets:
         angles = detections.azimuth, detections.elevation
         cells = to_resolution_cells(detections.range, detections.velocity, *angles, self.radar)
         cells = alias_doppler_cells(cells, self.radar.frame.n_chirps)
-        target = self._nearest_owners(cells)
+        target = self._nearest_targets_within_gate(cells)
         if len(self.radar.array.tx_m) > 1:
             # With simultaneous transmitters, directions depend on the ambiguity number.
             is_unassigned = (target < 0) & np.isnan(detections.ambiguity_number)
             if is_unassigned.any():
                 cells[is_unassigned, 2:] = np.nan
-                target[is_unassigned] = self._nearest_owners(cells[is_unassigned])
+                target[is_unassigned] = self._nearest_targets_within_gate(cells[is_unassigned])
         return target
 
-    def _nearest_owners(self, cells: np.ndarray) -> np.ndarray:
+    def _nearest_targets_within_gate(self, cells: np.ndarray) -> np.ndarray:
         """Return the owner of the nearest position, -1 if none is within two cells."""
         if not len(self.owners):
             return np.full(len(cells), -1)
         if len(cells) * len(self.owners) > _MAX_BRUTE_FORCE_PAIRS:
-            return self._nearest_owners_by_tree(cells)
+            return self._nearest_targets_by_tree(cells)
         distances = abs(cells[:, None] - self.cells)
         velocity_distance = distances[..., 1]  # velocities are periodic
         np.minimum(
@@ -276,20 +283,20 @@ class _FrameTargets:
         is_near = farthest[np.arange(len(cells)), nearest] <= GATE_CELLS
         return np.where(is_near, self.owners[nearest], -1)
 
-    def _nearest_owners_by_tree(self, cells: np.ndarray) -> np.ndarray:
+    def _nearest_targets_by_tree(self, cells: np.ndarray) -> np.ndarray:
         """Search many positions with a tree: a detection may be near 100,000 scatterers."""
         owners = np.full(len(cells), -1)
         is_known = np.isfinite(cells)
         for axes in np.unique(is_known, axis=0):
             has_axes = (is_known == axes).all(axis=1)
-            distances, nearest = self._search_tree(axes).query(
+            distances, nearest = self._cached_kd_tree(axes).query(
                 cells[np.ix_(has_axes, axes)], p=np.inf
             )
             is_near = distances <= GATE_CELLS
             owners[has_axes] = np.where(is_near, self.owners[nearest % len(self.owners)], -1)
         return owners
 
-    def _search_tree(self, axes: np.ndarray) -> KDTree:
+    def _cached_kd_tree(self, axes: np.ndarray) -> KDTree:
         """Return the search tree of the positions on the given axes; cached."""
         key = tuple(axes.tolist())
         if key not in self._trees:
@@ -298,7 +305,7 @@ class _FrameTargets:
         return self._trees[key]
 
 
-def scatterer_motion(scene: Scene, times_s: ArrayLike) -> RangeVelocity:
+def scatterer_range_and_rate(scene: Scene, times_s: ArrayLike) -> RangeVelocity:
     """Return range and range rate of each scatterer at each time, (n_times, n_scatterers)."""
     times_s = np.asarray(times_s, dtype=float)
     moments_s = np.add.outer([-_RANGE_RATE_STEP_S, 0.0, _RANGE_RATE_STEP_S], times_s)
@@ -307,7 +314,7 @@ def scatterer_motion(scene: Scene, times_s: ArrayLike) -> RangeVelocity:
     return RangeVelocity(at_m, (after_m - before_m) / (2 * _RANGE_RATE_STEP_S))
 
 
-def visible_scatterers(scene: Scene, time_s: float, radar: Radar) -> np.ndarray:
+def visible_scatterer_mask(scene: Scene, time_s: float, radar: Radar) -> np.ndarray:
     """Return True for scatterers that reflect: not those on the far side of a car."""
     rcs_m2 = scatterer_cross_sections_m2(scene, time_s, radar.frame.chirp.wavelength_m)
     strongest_m2 = np.zeros(len(scene.targets))
@@ -315,7 +322,7 @@ def visible_scatterers(scene: Scene, time_s: float, radar: Radar) -> np.ndarray:
     return rcs_m2 > _HIDDEN_RCS_RATIO * strongest_m2[scene.target_of_scatterer]
 
 
-def _select_columns(columns: Mapping[str, np.ndarray]) -> _Columns:
+def _detection_columns_or_nan(columns: Mapping[str, np.ndarray]) -> _Columns:
     """Return the columns of detections, NaN for missing ones."""
     none = np.full(len(columns["range"]), np.nan)
     return _Columns(*(np.asarray(columns.get(name, none)) for name in _Columns._fields))

@@ -5,7 +5,7 @@ import xarray as xr
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.evaluation.association import GATE_CELLS
-from dechirp.evaluation.gates import normalised_frequencies
+from dechirp.evaluation.gates import echo_cycles_per_sample_and_chirp
 from dechirp.evaluation.trial import TrialContext
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.direction_finding import checked_direction_aperture
@@ -28,25 +28,22 @@ def rms_error_bounds(context: TrialContext) -> dict[str, np.ndarray]:
     The Cramer-Rao bound at the true signal-to-noise ratio, its variance averaged over frames: no
     unbiased estimate of one frame is better. The standard errors of detections are larger: powers
     of K channels are added, which multiplies the variance by 1 + K / snr. Below 15 dB errors exceed
-    both, see
-    `theory.bounds`. Errors only count for detected targets; for weak ones, whose detection depends
-    on the noise, they may be smaller than the bound.
+    both, see `theory.bounds`. Errors only count for detected targets; for weak ones, whose
+    detection depends on the noise, they may be smaller than the bound.
 
     NaN where no bound holds: for bodies and fluctuating targets; with mitigation, or noise that is
-    not
-    white; within two cells of another target; and for directions that the array or the chain does
-    not
-    resolve, that lie outside the field of view, or for which a linear array measures a different
-    angle.
+    not white; within two cells of another target; and for directions that the array or the chain
+    does not resolve, that lie outside the field of view, or for which a linear array measures a
+    different angle.
     """
-    n_targets, n_frames = len(context.names), len(context.times_s)
+    n_targets, n_frames = len(context.target_names), len(context.times_s)
     bounds = np.full((len(AXES), n_targets, n_frames), np.nan)
     has_white_noise = np.isfinite(context.noise_power_w) and context.noise_power_w > 0
     if has_white_noise and "snr" in context.truth and not context.chain.mitigation:
-        aperture = _resolvable_aperture(context)
+        aperture = _aperture_or_none(context)
         truth = context.truth.transpose("target", "frame")
         for frame_index in range(n_frames):
-            bounds[:, :, frame_index] = _frame_bounds(
+            bounds[:, :, frame_index] = _frame_error_bounds(
                 context, truth.isel(frame=frame_index), aperture
             )
     is_steady_point = [
@@ -57,7 +54,7 @@ def rms_error_bounds(context: TrialContext) -> dict[str, np.ndarray]:
     return dict(zip(AXES, np.sqrt(np.mean(bounds**2, axis=-1)), strict=True))
 
 
-def _resolvable_aperture(context: TrialContext) -> Aperture | None:
+def _aperture_or_none(context: TrialContext) -> Aperture | None:
     if context.chain.angle is None:
         return None
     try:
@@ -66,7 +63,7 @@ def _resolvable_aperture(context: TrialContext) -> Aperture | None:
         return None
 
 
-def _frame_bounds(
+def _frame_error_bounds(
     context: TrialContext, truth: xr.Dataset, aperture: Aperture | None
 ) -> np.ndarray:
     """Return the bounds in one frame, (4, n_targets)."""
@@ -77,13 +74,13 @@ def _frame_bounds(
     if aperture is not None:
         angles = zip(truth.azimuth.values, truth.elevation.values, snr, strict=True)
         bounds[2:] = np.transpose(
-            [_angle_bounds(*target_values, radar, aperture) for target_values in angles]
+            [_angle_error_bounds(*target_values, radar, aperture) for target_values in angles]
         )
-    bounds[:, _is_near_other_target(truth, radar)] = np.nan
+    bounds[:, _targets_near_another(truth, radar)] = np.nan
     return bounds
 
 
-def _angle_bounds(
+def _angle_error_bounds(
     azimuth: float, elevation: float, snr: float, radar: Radar, aperture: Aperture
 ) -> np.ndarray:
     """Return the bounds of azimuth and elevation, (2,)."""
@@ -106,10 +103,10 @@ def _angle_bounds(
     return np.where(np.array(aperture.resolves_azimuth_and_elevation) & is_resolved, bounds, np.nan)
 
 
-def _is_near_other_target(truth: xr.Dataset, radar: Radar) -> np.ndarray:
+def _targets_near_another(truth: xr.Dataset, radar: Radar) -> np.ndarray:
     """Return True for targets within two cells of another in range and velocity, (n_targets,)."""
     frame = radar.frame
-    fast, slow = normalised_frequencies(
+    fast, slow = echo_cycles_per_sample_and_chirp(
         RangeVelocity(truth.range.values, truth.velocity.values), radar
     )
     distances = [abs(frequencies[:, None] - frequencies) % 1.0 for frequencies in (fast, slow)]

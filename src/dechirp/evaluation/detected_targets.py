@@ -13,7 +13,7 @@ def count_clusters_per_target(result: TrialResult, context: TrialContext) -> np.
     `processing.cluster.cluster`.
     """
     assert result.clusters is not None
-    detections, n_targets = result.detections, len(context.names)
+    detections, n_targets = result.detections, len(context.target_names)
     counts = np.zeros((n_targets, len(context.times_s)))
     cluster = np.asarray(detections["cluster"], dtype=int)
     is_assigned = (cluster >= 0) & (result.association.target >= 0)
@@ -30,22 +30,22 @@ def count_clusters_per_target(result: TrialResult, context: TrialContext) -> np.
     return counts
 
 
-def is_detected(result: TrialResult, context: TrialContext) -> np.ndarray:
+def detected_target_mask(result: TrialResult, context: TrialContext) -> np.ndarray:
     """Return True for targets with a detection, by frame, bool (n_targets, n_frames)."""
     target = result.association.target
     has_target = target >= 0
-    detected = np.zeros((len(context.names), len(context.times_s)), dtype=bool)
-    detected[target[has_target], _frame_indices(result, context)[has_target]] = True
+    detected = np.zeros((len(context.target_names), len(context.times_s)), dtype=bool)
+    detected[target[has_target], _detection_frame_indices(result, context)[has_target]] = True
     return detected
 
 
-def strongest_detections(result: TrialResult, context: TrialContext) -> np.ndarray:
+def strongest_detection_rows(result: TrialResult, context: TrialContext) -> np.ndarray:
     """Return the row of the strongest detection of each target in each frame.
 
     Later stages use the strongest one. The nearest to the truth would be too optimistic, since it
     is unknown to a radar; the mean of all would include noise near the target.
     """
-    target, frame = result.association.target, _frame_indices(result, context)
+    target, frame = result.association.target, _detection_frame_indices(result, context)
     # By target, then by frame, the strongest first; sources of one detection keep their order.
     order = np.lexsort((-np.asarray(result.detections["snr"]), frame, target))
     order = order[target[order] >= 0]
@@ -54,6 +54,6 @@ def strongest_detections(result: TrialResult, context: TrialContext) -> np.ndarr
     return np.asarray(order[is_first])
 
 
-def _frame_indices(result: TrialResult, context: TrialContext) -> np.ndarray:
+def _detection_frame_indices(result: TrialResult, context: TrialContext) -> np.ndarray:
     """Return the index in the truth of the frame of each detection."""
     return np.searchsorted(context.truth["frame"].values, result.detections["frame"])

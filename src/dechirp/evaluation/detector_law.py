@@ -54,17 +54,20 @@ class DetectorLaw:
 
 
 @lru_cache(maxsize=64)
-def find_detector_law(cfar: Cfar, noise: MapNoise, row: int | None = None) -> DetectorLaw | None:
+def find_detector_law(
+    cfar: Cfar, noise: MapNoise, training_row: int | None = None
+) -> DetectorLaw | None:
     """Return the law of a CFAR with its equivalent number of independent cells; None without a law.
 
     644 in the reference window with rectangular tapers, 181 with Hann: see
-    `theory.cfar_correlated_cells.CorrelatedWindow.n_independent`. There is a law of cell
-    averaging, and of an ordered
-    statistic in one channel. `row`: row of the training window of the cell under test; default: the
-    middle.
+    `theory.cfar_correlated_cells.CorrelatedWindow.n_independent`. There is a law of cell averaging,
+    and of an ordered statistic in one channel. `training_row`: row of the training window of the
+    cell under test; default: the middle.
     """
     ring, n_summed = cfar.training_window, noise.n_channels
-    box = ring.noise_covariance_in_box(noise, ring.half_range if row is None else row)
+    box = ring.noise_covariance_in_box(
+        noise, ring.half_range if training_row is None else training_row
+    )
     n_training = max(round(box.n_independent), 1)
     pfa, factor, rank = cfar.false_alarm_probability, cfar.offset, None
     if isinstance(cfar.estimator, CellAveraging):

@@ -27,15 +27,14 @@ def cell_false_alarm_probability(radar: Radar, chain: Chain) -> float:
     """Return the probability that noise exceeds the threshold of a cell.
 
     The design value; for an offset the exact law of independent cells or, for cell averaging, of
-    cells
-    correlated by windows and zero padding; NaN for other estimators, which have no law. The mean
-    over all ranges, since there are more training cells at the ends.
+    cells correlated by windows and zero padding; NaN for other estimators, which have no law. The
+    mean over all ranges, since there are more training cells at the ends.
     """
     noise = chain.map_noise_statistics(radar)
     if chain.cfar.false_alarm_probability is not None:
         return chain.cfar.false_alarm_probability
     rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
-    return _offset_false_alarm_probability(chain.cfar, noise, rows.stop - rows.start)
+    return _mean_false_alarm_probability_of_offset(chain.cfar, noise, rows.stop - rows.start)
 
 
 def frame_false_alarm_probability(radar: Radar, chain: Chain) -> float:
@@ -45,9 +44,8 @@ def frame_false_alarm_probability(radar: Radar, chain: Chain) -> float:
 
     over N cells, with p of a cell and q the fraction of the cells over threshold that exceed their
     neighbours, see `theory.alarm_clusters`. NaN if mitigation correlates the cells differently, or
-    if
-    more than 0.01 false alarms are expected in a training window: they then occur in clusters, so
-    fewer frames have any.
+    if more than 0.01 false alarms are expected in a training window: they then occur in clusters,
+    so fewer frames have any.
     """
     noise, p = chain.map_noise_statistics(radar), cell_false_alarm_probability(radar, chain)
     cfar = chain.cfar
@@ -57,20 +55,20 @@ def frame_false_alarm_probability(radar: Radar, chain: Chain) -> float:
     rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
     n_cells = (rows.stop - rows.start) * noise.doppler_transform.n_bins
     neighbours = NeighbourCorrelation(
-        in_range=_bin_correlations(noise.range_transform),
-        in_velocity=_bin_correlations(noise.doppler_transform),
+        in_range=_noise_correlation_of_next_bins(noise.range_transform),
+        in_velocity=_noise_correlation_of_next_bins(noise.doppler_transform),
     )
     q = local_maximum_fraction(p, neighbours, n_summed=noise.n_channels)
     return float(-np.expm1(-n_cells * p * q))
 
 
-def _bin_correlations(transform: Transform) -> tuple[complex, complex]:
+def _noise_correlation_of_next_bins(transform: Transform) -> tuple[complex, complex]:
     _, lag_one, lag_two = transform.noise_correlation_of_bins(3)[:, 0].tolist()
     return complex(lag_one), complex(lag_two)
 
 
 @lru_cache(maxsize=64)
-def _offset_false_alarm_probability(cfar: Cfar, noise: MapNoise, n_rows: int) -> float:
+def _mean_false_alarm_probability_of_offset(cfar: Cfar, noise: MapNoise, n_rows: int) -> float:
     half_range = cfar.training_window.half_range
     sampled_rows = np.unique(
         np.linspace(0, half_range, min(half_range + 1, _N_SAMPLED_ROWS)).round().astype(int)
@@ -83,10 +81,10 @@ def _offset_false_alarm_probability(cfar: Cfar, noise: MapNoise, n_rows: int) ->
     return float(np.mean(np.exp(log_probabilities)))
 
 
-def _false_alarm_probability_at_row(cfar: Cfar, noise: MapNoise, row: int) -> float:
+def _false_alarm_probability_at_row(cfar: Cfar, noise: MapNoise, training_row: int) -> float:
     """Return the probability in a row of the training window whose factor is the offset."""
     box, n_channels, offset = (
-        cfar.training_window.noise_covariance_in_box(noise, row),
+        cfar.training_window.noise_covariance_in_box(noise, training_row),
         noise.n_channels,
         cfar.offset,
     )

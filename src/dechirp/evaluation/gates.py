@@ -5,7 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dechirp.evaluation.association import GATE_CELLS, scatterer_motion, visible_scatterers
+from dechirp.evaluation.association import (
+    GATE_CELLS,
+    scatterer_range_and_rate,
+    visible_scatterer_mask,
+)
 from dechirp.evaluation.trial import TrialContext
 from dechirp.processing.spectrum import Transform
 from dechirp.radar.radar import Radar
@@ -21,23 +25,26 @@ class GateCells(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def gate_cells(context: TrialContext) -> tuple[GateCells, ...]:
+def target_gate_cells(context: TrialContext) -> tuple[GateCells, ...]:
     """Return the cells within two resolution cells of the targets in each frame.
 
     For a body, of any visible scatterer. Velocities are periodic; ranges end.
     """
     return tuple(
-        _frame_gate_cells(context, frame_index) for frame_index in range(len(context.times_s))
+        _target_gate_cells_of_frame(context, frame_index)
+        for frame_index in range(len(context.times_s))
     )
 
 
-def normalised_frequencies(place: RangeVelocity, radar: Radar) -> tuple[np.ndarray, np.ndarray]:
+def echo_cycles_per_sample_and_chirp(
+    range_velocity: RangeVelocity, radar: Radar
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the cycles of an echo from sample to sample and from chirp to chirp, as in the map.
 
     The first from 0 to 1, the second with any ambiguity number.
     """
     frame = radar.frame
-    beat_hz, doppler_hz = echo_frequencies(place, radar)
+    beat_hz, doppler_hz = echo_frequencies(range_velocity, radar)
     fast = np.asarray(beat_hz / frame.chirp.sample_rate_hz % 1.0)
     slow = np.asarray(doppler_hz * frame.repetition_s)
     if frame.chirp.sampling == "real":  # the upper half mirrors the lower
@@ -46,28 +53,28 @@ def normalised_frequencies(place: RangeVelocity, radar: Radar) -> tuple[np.ndarr
     return fast, slow
 
 
-def gate_half_width(transform: Transform) -> int:
+def gate_half_width_bins(transform: Transform) -> int:
     """Return the half width of a gate in bins, limited by the number of bins."""
     half_width = int(GATE_CELLS * transform.n_bins / transform.n_points)
     return min(half_width, (transform.n_bins - 1) // 2)
 
 
-def _frame_gate_cells(context: TrialContext, frame_index: int) -> GateCells:
+def _target_gate_cells_of_frame(context: TrialContext, frame_index: int) -> GateCells:
     radar, time_s = (
         context.radar.for_frame(int(context.truth["frame"].values[frame_index])),
         float(context.times_s[frame_index]),
     )
     noise = context.chain.map_noise_statistics(radar)
     n_velocity, n_range = noise.doppler_transform.n_bins, noise.range_transform.n_bins
-    is_visible = visible_scatterers(context.scene, time_s, radar)
-    motion = scatterer_motion(context.scene, context.times_s[frame_index : frame_index + 1])
-    fast, slow = normalised_frequencies(
+    is_visible = visible_scatterer_mask(context.scene, time_s, radar)
+    motion = scatterer_range_and_rate(context.scene, context.times_s[frame_index : frame_index + 1])
+    fast, slow = echo_cycles_per_sample_and_chirp(
         RangeVelocity(*(values[0, is_visible] for values in motion)), radar
     )
     row = np.rint(fast * n_range).astype(int) % n_range
     column = np.rint(slow * n_velocity).astype(int) + n_velocity // 2
     gate_offsets = [
-        np.arange(-gate_half_width(transform), gate_half_width(transform) + 1)
+        np.arange(-gate_half_width_bins(transform), gate_half_width_bins(transform) + 1)
         for transform in (noise.doppler_transform, noise.range_transform)
     ]
     # (scatterer, velocity, range)

@@ -35,9 +35,8 @@ def gospa(
     .. math:: \Bigl(\min_\gamma \sum_{(i,j) \in \gamma} d(x_i, y_j)^p
               + \frac{c^p}{\alpha} (n_{missed} + n_{false})\Bigr)^{1/p}
 
-    This is for alpha = 2, over all assignments: a pair further apart than the cut-off is a miss
-    and a
-    false track. With alpha below 2 as many pairs as possible are assigned, each at most at the
+    This is for alpha = 2, over all assignments: a pair further apart than the cut-off is a miss and
+    a false track. With alpha below 2 as many pairs as possible are assigned, each at most at the
     cut-off; the sum over the pairs counts as localisation.
 
     Parameters

@@ -54,13 +54,13 @@ def track_identities(tracks: xr.Dataset, truth: xr.Dataset, *, cutoff_m: float) 
             expected="one column for each frame of the tracks",
             fix="compute both for the same frames",
         )
-    track_m, confirmed = _positions_m(tracks, "track"), _confirmed_mask(tracks)
-    truth_m = _positions_m(truth, "target")
+    track_m, confirmed = _xy_positions_m(tracks, "track"), _confirmed_track_mask(tracks)
+    truth_m = _xy_positions_m(truth, "target")
     is_present = np.isfinite(truth_m).all(axis=-1)
     holder = np.full(is_present.shape, NO_TRACK)
     current = np.full(len(is_present), NO_TRACK)
     for frame in range(is_present.shape[1]):
-        current = _assign_frame(
+        current = _assign_tracks_keeping_previous(
             current,
             track_m[:, frame],
             np.flatnonzero(confirmed[:, frame]),
@@ -76,14 +76,14 @@ def track_identities(tracks: xr.Dataset, truth: xr.Dataset, *, cutoff_m: float) 
             "holder": (("target", "frame"), holder),
             "first_held": ("target", np.where(is_held.any(1), is_held.argmax(1), NO_TRACK)),
             "n_lost": ("target", np.sum(has_started & is_present & ~is_held, axis=1)),
-            "n_swaps": ("target", [_count_changes(row[row != NO_TRACK]) for row in holder]),
+            "n_swaps": ("target", [_count_track_changes(row[row != NO_TRACK]) for row in holder]),
             "n_false": ("frame", confirmed.sum(0) - is_held.sum(0)),
         },
         coords={"frame": truth["frame"]},
     )
 
 
-def _assign_frame(
+def _assign_tracks_keeping_previous(
     previous: np.ndarray,
     track_m: np.ndarray,
     tracks: np.ndarray,
@@ -110,13 +110,13 @@ def _assign_frame(
     return assignment
 
 
-def _positions_m(states: xr.Dataset, axis: str) -> np.ndarray:
+def _xy_positions_m(states: xr.Dataset, axis: str) -> np.ndarray:
     return np.stack([states[name].transpose(axis, "frame").values for name in "xy"], axis=-1)
 
 
-def _confirmed_mask(tracks: xr.Dataset) -> np.ndarray:
+def _confirmed_track_mask(tracks: xr.Dataset) -> np.ndarray:
     return tracks["status"].transpose("track", "frame").values == "confirmed"
 
 
-def _count_changes(row: np.ndarray) -> int:
-    return int(np.sum(row[1:] != row[:-1]))
+def _count_track_changes(track_of_frame: np.ndarray) -> int:
+    return int(np.sum(track_of_frame[1:] != track_of_frame[:-1]))

@@ -4,34 +4,34 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.evaluation.trial import TrialContext
 
 
-def check_has_targets(context: TrialContext, label: str) -> None:
+def check_scene_has_targets(context: TrialContext, score_label: str) -> None:
     """Raise `InvalidSetting` if the scene has no targets."""
-    if not context.names:
+    if not context.target_names:
         raise InvalidSetting(
             "scores",
-            value=f"{label}, in a scene without targets",
+            value=f"{score_label}, in a scene without targets",
             expected="at least one target",
-            fix=f"add a target to the scene, or leave out {label}",
+            fix=f"add a target to the scene, or leave out {score_label}",
         )
 
 
-def check_clusters(context: TrialContext, label: str) -> None:
+def check_chain_computes_clusters(context: TrialContext, score_label: str) -> None:
     """Raise `InvalidSetting` if the chain computes no clusters."""
     if context.chain.cluster is None:
         raise InvalidSetting(
             "scores",
-            value=f"{label}, with a chain without clusters",
+            value=f"{score_label}, with a chain without clusters",
             expected="a chain with chain.cluster",
-            fix=f"set chain.cluster, or leave out {label}",
+            fix=f"set chain.cluster, or leave out {score_label}",
         )
 
 
-def check_rising_ramps(context: TrialContext, label: str) -> None:
+def check_no_triangular_ramps(context: TrialContext, score_label: str) -> None:
     """Raise `InvalidSetting` for triangles, whose detections need the maps of both ramps."""
     if context.radar.frame.has_falling_ramps:
         raise InvalidSetting(
             "scores",
-            value=f"{label}, with rising and falling ramps",
+            value=f"{score_label}, with rising and falling ramps",
             expected="rising ramps only, since a triangle needs both ramps for a detection",
-            fix=f"use another modulation, or leave out {label}",
+            fix=f"use another modulation, or leave out {score_label}",
         )

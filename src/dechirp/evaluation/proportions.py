@@ -13,30 +13,24 @@ def estimate_proportion(hits: np.ndarray, attempts: np.ndarray, *, confidence: f
     r"""Estimate the proportion of hits among attempts of independent trials, (n_trials,) each.
 
     For one attempt a trial: Clopper and Pearson's exact interval. Attempts of one trial are
-    dependent: a
-    target in a null is missed in all its frames. So with several attempts it is the interval of
-    the number of independent attempts that would scatter as the trials do,
+    dependent: a target in a null is missed in all its frames. So with several attempts it is the
+    interval of the number of independent attempts that would scatter as the trials do,
 
     .. math:: n^* = \frac{n \tilde p (1 - \tilde p)}{\tilde s^2}
         \left(\frac{t_\infty}{t_{n+1}}\right)^2
 
     with s^2 the mean squared deviation of the proportion of a trial from the common one, and
-    Student's
-    quantiles, as s is estimated from n trials only; at most the number of attempts. For s and the
-    p next to
-    it two trials are added, one of hits only and one of misses only: n trials do not show events
-    with a
-    frequency of one in 2 n. So hits alone are worth n trials at most, however many attempts each
-    has.
+    Student's quantiles, as s is estimated from n trials only; at most the number of attempts. For s
+    and the p next to it two trials are added, one of hits only and one of misses only: n trials do
+    not show events with a frequency of one in 2 n. So hits alone are worth n trials at most,
+    however many attempts each has.
 
     Without the two, 1,000 trials of 20 attempts, of which 0.1 % are all misses and 0.1 % of the
-    other
-    attempts are missed, have a lower end at 95 % that fails in 0.36 of the cases; with them in
-    0.00, and in
-    at most 0.04 of all tested cases (proportions of 0.5 to 0.999, 20 to 1,000 trials of 5 and 20
-    attempts
-    that are independent, beta-binomial or mixed as above). The price: for independent attempts
-    that are nearly all hits, the interval can be as wide as that of n attempts.
+    other attempts are missed, have a lower end at 95 % that fails in 0.36 of the cases; with them
+    in 0.00, and in at most 0.04 of all tested cases (proportions of 0.5 to 0.999, 20 to 1,000
+    trials of 5 and 20 attempts that are independent, beta-binomial or mixed as above). The price:
+    for independent attempts that are nearly all hits, the interval can be as wide as that of n
+    attempts.
 
     Rows of NaN are failed trials and are omitted.
 
@@ -61,13 +55,13 @@ def estimate_proportion(hits: np.ndarray, attempts: np.ndarray, *, confidence: f
         np.floor(probability * n_floor + 1e-9),
         np.ceil(probability * n_floor - 1e-9),
     )
-    low, _ = _binomial_interval(int(hits_low), n_floor, confidence)
-    _, high = _binomial_interval(int(hits_high), n_floor, confidence)
+    low, _ = _clopper_pearson_interval(int(hits_low), n_floor, confidence)
+    _, high = _clopper_pearson_interval(int(hits_high), n_floor, confidence)
     return Estimate(probability, low, high)
 
 
 @lru_cache(maxsize=2**14)
-def _binomial_interval(hits: int, attempts: int, confidence: float) -> tuple[float, float]:
+def _clopper_pearson_interval(hits: int, attempts: int, confidence: float) -> tuple[float, float]:
     """Return Clopper and Pearson's interval, cached.
 
     It takes 0.1 ms, and points of 50 trials have 51 of them.

@@ -26,18 +26,20 @@ def target_states(context: TrialContext) -> xr.Dataset:
             name: (("target", "frame"), column.T)
             for name, column in zip(STATE_NAMES, columns, strict=True)
         },
-        coords={"target": list(context.names), "frame": context.truth["frame"].values},
+        coords={"target": list(context.target_names), "frame": context.truth["frame"].values},
     )
 
 
 @lru_cache(maxsize=1)
-def track_assignment(result: TrialResult, context: TrialContext, cutoff_m: float) -> xr.Dataset:
+def cached_track_assignment(
+    result: TrialResult, context: TrialContext, cutoff_m: float
+) -> xr.Dataset:
     """Return the assignment of tracks to targets (`track_identities`), cached for other scores."""
     assert result.tracks is not None
     return track_identities(result.tracks, target_states(context), cutoff_m=cutoff_m)
 
 
-def confirmed_states(result: TrialResult) -> np.ndarray:
+def confirmed_track_states(result: TrialResult) -> np.ndarray:
     """Return `STATE_NAMES` of each confirmed track, (track, frame, 4), NaN while not confirmed."""
     assert result.tracks is not None
     tracks = result.tracks.transpose("track", "frame", ...)
@@ -45,11 +47,11 @@ def confirmed_states(result: TrialResult) -> np.ndarray:
     return np.where(tracks["status"].values[..., None] == "confirmed", states, np.nan)
 
 
-def position_pairs_m(
+def track_and_target_positions_m(
     result: TrialResult, context: TrialContext
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the positions of confirmed tracks, (n, 2), and of targets, (m, 2), in each frame."""
-    tracks_m = confirmed_states(result)[..., ::2]
+    tracks_m = confirmed_track_states(result)[..., ::2]
     truth = target_states(context)
     targets_m = np.stack([truth[name].values for name in "xy"], axis=-1)
     is_confirmed = np.isfinite(tracks_m).all(axis=-1)

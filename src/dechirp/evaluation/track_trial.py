@@ -103,10 +103,10 @@ class TrackingOutcome(NamedTuple):
     """True if every target was acquired in time and kept one track to the end."""
 
 
-def draw_trial(trial: TrackTrial, number: int) -> TrialData:
+def draw_truth_and_detections(trial: TrackTrial, trial_number: int) -> TrialData:
     """Draw targets and detections of the trial of that number."""
-    rng = np.random.default_rng(np.random.SeedSequence(trial.seed, spawn_key=(number,)))
-    state = _draw_paths(trial, rng)
+    rng = np.random.default_rng(np.random.SeedSequence(trial.seed, spawn_key=(trial_number,)))
+    state = _draw_target_states(trial, rng)
     axes = ("target", "frame")
     truth = xr.Dataset(
         {name: (axes, state[..., i]) for i, name in enumerate(("x", "vx", "y", "vy"))},
@@ -119,7 +119,9 @@ def draw_trial(trial: TrackTrial, number: int) -> TrialData:
     return TrialData(truth, _draw_detections(trial, state, rng))
 
 
-def judge_tracks(trial: TrackTrial, data: TrialData, tracks: xr.Dataset) -> TrackingOutcome:
+def assess_track_completeness(
+    trial: TrackTrial, data: TrialData, tracks: xr.Dataset
+) -> TrackingOutcome:
     """Assess the tracks of a trial for completeness."""
     identities = track_identities(tracks, data.truth, cutoff_m=trial.cutoff_m)
     in_time = (identities.first_held >= 0) & (identities.first_held < trial.acquired_within)
@@ -127,13 +129,15 @@ def judge_tracks(trial: TrackTrial, data: TrialData, tracks: xr.Dataset) -> Trac
     return TrackingOutcome(data, tracks, identities, is_whole)
 
 
-def run_trial(trial: TrackTrial, number: int) -> TrackingOutcome:
+def run_tracking_trial(trial: TrackTrial, trial_number: int) -> TrackingOutcome:
     """Draw the trial of that number, track it, and assess the tracks."""
-    data = draw_trial(trial, number)
-    return judge_tracks(trial, data, track(data.detections, trial.times_s, trial.tracker))
+    data = draw_truth_and_detections(trial, trial_number)
+    return assess_track_completeness(
+        trial, data, track(data.detections, trial.times_s, trial.tracker)
+    )
 
 
-def _draw_paths(trial: TrackTrial, rng: np.random.Generator) -> np.ndarray:
+def _draw_target_states(trial: TrackTrial, rng: np.random.Generator) -> np.ndarray:
     """Draw x, vx, y, vy of each target in each frame, (n_targets, n_frames, 4)."""
     scene, times_s = trial.scene, trial.times_s
     position_m = np.swapaxes(scene.target_positions_m(times_s), 0, 1)[..., :2]
@@ -146,13 +150,13 @@ def _draw_paths(trial: TrackTrial, rng: np.random.Generator) -> np.ndarray:
     covariance = trial.wander_m2_per_s3 * np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]])
     transition = np.array([[1, t], [0, 1]])
     deviation = np.zeros_like(state)
-    increments = rng.standard_normal(state.shape) @ _covariance_root(covariance).T
+    increments = rng.standard_normal(state.shape) @ _cholesky_or_zero(covariance).T
     for frame in range(1, trial.n_frames):
         deviation[:, frame] = deviation[:, frame - 1] @ transition.T + increments[:, frame]
     return (state + deviation).reshape(*state.shape[:2], 4)
 
 
-def _covariance_root(covariance: np.ndarray) -> np.ndarray:
+def _cholesky_or_zero(covariance: np.ndarray) -> np.ndarray:
     return np.linalg.cholesky(covariance) if covariance.any() else np.zeros_like(covariance)
 
 

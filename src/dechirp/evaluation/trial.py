@@ -29,7 +29,7 @@ class TrialContext:
     """Middle of each frame, (n_frames,)."""
 
     @property
-    def names(self) -> tuple[str, ...]:
+    def target_names(self) -> tuple[str, ...]:
         """Names of the targets."""
         return self.scene.names
 

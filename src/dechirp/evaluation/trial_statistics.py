@@ -18,7 +18,7 @@ def estimate_mean(totals: np.ndarray, numbers: np.ndarray, *, confidence: float)
     Student's interval from the scatter of trials about the common mean; valid from some tens of
     trials.
     """
-    totals, numbers = _completed_trials(totals, numbers)
+    totals, numbers = _drop_failed_trials(totals, numbers)
     if not numbers.sum():
         return NO_ESTIMATE
     mean = float(totals.sum() / numbers.sum())
@@ -38,16 +38,15 @@ def estimate_rate(counts: np.ndarray, exposures: np.ndarray, *, confidence: floa
     .. math:: D \gamma^{-1}(n / D, \tfrac{1-c}2) \ldots D \gamma^{-1}(n / D + 1, \tfrac{1+c}2)
 
     with the inverse of the regularised incomplete gamma function; or it is Student's, which
-    accounts for
-    few trials, if that is wider. Without an event, the upper end is that of single ones.
+    accounts for few trials, if that is wider. Without an event, the upper end is that of single
+    ones.
 
     Coverage is as stated for single events, however few. D is uncertain for few clusters: in 50 to
-    1,000
-    trials with clusters of two to four events and a tail of 0.025, the upper end is exceeded with
-    probability 0.04 to 0.06 for 10 expected clusters, 0.03 to 0.04 for 30, 0.03 for 100; that of
-    `theory.confidence_intervals.rate` with 0.10 to 0.12, 0.06 to 0.08, 0.04 to 0.05.
+    1,000 trials with clusters of two to four events and a tail of 0.025, the upper end is exceeded
+    with probability 0.04 to 0.06 for 10 expected clusters, 0.03 to 0.04 for 30, 0.03 for 100; that
+    of `theory.confidence_intervals.rate` with 0.10 to 0.12, 0.06 to 0.08, 0.04 to 0.05.
     """
-    counts, exposures = _completed_trials(counts, exposures)
+    counts, exposures = _drop_failed_trials(counts, exposures)
     exposure = float(exposures.sum())
     if not exposure:
         return NO_ESTIMATE
@@ -65,6 +64,6 @@ def estimate_rate(counts: np.ndarray, exposures: np.ndarray, *, confidence: floa
     return Estimate(n_events / exposure, float(low) / exposure, float(high) / exposure)
 
 
-def _completed_trials(*columns: np.ndarray) -> tuple[np.ndarray, ...]:
+def _drop_failed_trials(*columns: np.ndarray) -> tuple[np.ndarray, ...]:
     is_completed = np.isfinite(columns).all(axis=0)
     return tuple(column[is_completed] for column in columns)

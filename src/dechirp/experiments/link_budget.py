@@ -3,7 +3,7 @@
 import numpy as np
 
 from dechirp.core.units import to_decibels
-from dechirp.evaluation.predicted_detection import cell_snr_fraction
+from dechirp.evaluation.predicted_detection import nearest_cell_snr_fraction
 from dechirp.experiments.scenario import Scenario
 from dechirp.radar.budget import BudgetLine, received_power_w
 from dechirp.radar.patterns.base import Pattern
@@ -84,7 +84,8 @@ def _processing_lines(
     windows = over_range.noise_bandwidth_bins * over_velocity.noise_bandwidth_bins
     place = RangeVelocity(np.array(range_m), np.array(velocity_m_per_s))
     straddle = (
-        cell_snr_fraction(place, radar.for_frame(0), over_range, over_velocity).item() * windows
+        nearest_cell_snr_fraction(place, radar.for_frame(0), over_range, over_velocity).item()
+        * windows
     )
     n_summed = radar.n_summed_maps
     in_map = snr * radar.integration_gain / n_summed / windows * straddle

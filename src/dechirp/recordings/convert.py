@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from dechirp.config.suggestions import did_you_mean, nearest_name
+from dechirp.config.suggestions import did_you_mean_fix, nearest_name
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.recordings.frame_subset import renumber_frames_from_zero
 from dechirp.recordings.recording import Recording
@@ -67,7 +67,7 @@ def find_writer(out: Path, format: str | None = None) -> Writer:
     if format is not None:
         if format in members:
             return members[format]()
-        fix = did_you_mean(format, members)
+        fix = did_you_mean_fix(format, members)
         raise _unknown_format_error("--to", format, f"one of {', '.join(members)}", fix)
     name = out.name.lower()
     by_suffix = {suffix: writer for writer in members.values() for suffix in writer.suffixes}

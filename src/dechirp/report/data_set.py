@@ -50,7 +50,7 @@ def render_data_set_page(study: Study, data: Mapping[str, xr.Dataset], *, n_byte
     study : Study
         Study that generated the data set.
     data : mapping
-        Data set, the result of `results.data_set.read_data_set`.
+        Data set, the result of `results.data_set.open_data_set_groups`.
     n_bytes : int
         Size of its files.
 

@@ -8,7 +8,7 @@ import xarray as xr
 from markupsafe import Markup
 
 from dechirp.core.text import EN_DASH, decimals_for_std, format_fixed
-from dechirp.evaluation.association import visible_scatterers
+from dechirp.evaluation.association import visible_scatterer_mask
 from dechirp.report.figures import tracks as figure
 from dechirp.report.figures.style import render_svg
 from dechirp.report.page_context import PageContext
@@ -135,7 +135,7 @@ def targets_of_tracks(result: "Result", tracks: xr.Dataset) -> list[list[str]]:
     max_distance_m = _match_distance_m(tracks, result.radar.frame.chirp.range_resolution_m)
     for frame in range(0, tracks.sizes["frame"], -(-tracks.sizes["frame"] // _MAX_SAMPLED_FRAMES)):
         time_s = float(truth.time.values[frame])
-        is_visible = visible_scatterers(scene, time_s, result.radar)
+        is_visible = visible_scatterer_mask(scene, time_s, result.radar)
         points_m, owners = (
             scene.scatterer_positions_m([time_s])[0, is_visible, :2],
             scene.target_of_scatterer[is_visible],

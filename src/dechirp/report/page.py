@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from dechirp.core.text import format_with_si_prefix
-from dechirp.evaluation.association import scatterer_motion
+from dechirp.evaluation.association import scatterer_range_and_rate
 from dechirp.processing.spectrogram import spectrogram
 from dechirp.report import detections_section, directions_section, objects_section
 from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene
@@ -166,7 +166,9 @@ def _moving_body_range_interval_m(context: PageContext) -> tuple[float, float] |
     if not is_moving.any():
         return None
     times_s = truth.time.values[:: -(-truth.sizes["frame"] // _MAX_SAMPLED_FRAMES)]
-    motion = RangeVelocity(*(values[:, is_moving] for values in scatterer_motion(scene_, times_s)))
+    motion = RangeVelocity(
+        *(values[:, is_moving] for values in scatterer_range_and_rate(scene_, times_s))
+    )
     ranges_m = range_doppler_map_position(alias_range_velocity(motion, radar), radar).range_m
     margin_m = 2 * radar.frame.chirp.range_resolution_m  # for peaks widened by windows
     return float(ranges_m.min()) - margin_m, float(ranges_m.max()) + margin_m

@@ -9,8 +9,8 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.association import (
     Association,
     associate_detections,
-    scatterer_motion,
-    visible_scatterers,
+    scatterer_range_and_rate,
+    visible_scatterer_mask,
 )
 from dechirp.radar.radar import Radar
 from dechirp.report.figures.common import choose_body_scatterers
@@ -83,8 +83,8 @@ class PageContext:
         scene, truth = self.result.scenario.scene, self.result.truth
         if scene is None or truth is None:
             return None
-        motion = scatterer_motion(scene, truth.time.values[:1])
-        is_visible = visible_scatterers(scene, float(truth.time[0]), self.result.radar)
+        motion = scatterer_range_and_rate(scene, truth.time.values[:1])
+        is_visible = visible_scatterer_mask(scene, float(truth.time[0]), self.result.radar)
         indices = choose_body_scatterers(scene, _MAX_SCATTERERS, is_visible)
         radar = self.result.radar.for_frame(self.result.first_frame)
         apparent = aliasing.alias_range_velocity(
@@ -134,7 +134,7 @@ def _apparent_truth(
     is_resolved = (2 * n_resolved > n_detections)[:, None]
     folded, unfolded = (
         aliasing.apparent_range_and_velocity(truth, radar),
-        aliasing.apparent_range_and_velocity(truth, radar, n_spans=folds),
+        aliasing.apparent_range_and_velocity(truth, radar, n_resolved_spans=folds),
     )
     return RangeVelocity(
         *(np.where(is_resolved, *both) for both in zip(unfolded, folded, strict=True))

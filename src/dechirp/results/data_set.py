@@ -15,7 +15,7 @@ import xarray as xr
 import zarr
 
 from dechirp.core.errors import DechirpError, Mistake
-from dechirp.results.shards import ShardedArray, is_leftover
+from dechirp.results.shards import ShardedArray, is_temporary_shard_file
 
 FORMAT_VERSION = 1
 GROUPS = ("settings", "truth", "detections")
@@ -54,17 +54,22 @@ class TrialColumns:
         self._per_slab = min(max(_CHUNK_BYTES // (n_trials * max(sizes)), 1), n_points)
         self._n_points, self._n_trials = n_points, n_trials
         self._arrays = {
-            column.path: self._create_array(store, column) for column in self._columns.values()
+            column.path: self._create_trial_array(store, column)
+            for column in self._columns.values()
         }
-        self._start_slab(0)
+        self._start_trial_buffer(0)
 
-    def put_values(self, point: int, first: int, values: Mapping[str, np.ndarray]) -> None:
-        """Buffer the values of trials `first`, ... of a point: (n, ...) for each column."""
+    def buffer_trial_values(
+        self, point: int, first_trial: int, values: Mapping[str, np.ndarray]
+    ) -> None:
+        """Buffer the values of trials `first_trial`, ... of a point: (n, ...) for each column."""
         while point >= self._first + self._per_slab:
             self.flush()
-            self._start_slab(self._first + self._per_slab)
+            self._start_trial_buffer(self._first + self._per_slab)
         for path, trial_values in values.items():
-            self._slab[path][point - self._first, first : first + len(trial_values)] = trial_values
+            self._slab[path][point - self._first, first_trial : first_trial + len(trial_values)] = (
+                trial_values
+            )
 
     def flush(self) -> None:
         """Write the buffered values."""
@@ -72,8 +77,8 @@ class TrialColumns:
         for path, array in self._arrays.items():
             array[self._first : last] = self._slab[path][: last - self._first]
 
-    def _start_slab(self, first: int) -> None:
-        self._first = first
+    def _start_trial_buffer(self, first_trial: int) -> None:
+        self._first = first_trial
         self._slab = {
             path: np.full(
                 (self._per_slab, self._n_trials, *column.shape), column.fill_value, column.dtype
@@ -81,7 +86,7 @@ class TrialColumns:
             for path, column in self._columns.items()
         }
 
-    def _create_array(self, store: Store, column: TrialColumn) -> zarr.Array[Any]:
+    def _create_trial_array(self, store: Store, column: TrialColumn) -> zarr.Array[Any]:
         return store.create_array(
             column.path,
             shape=(self._n_points, self._n_trials, *column.shape),
@@ -121,13 +126,13 @@ class DetectionRows:
         self._pending.append(rows)
         self._n_pending += len(next(iter(rows.values())))
         if self._n_pending >= _CHUNK_BYTES // 8:
-            self._write_rows(self._n_pending - self._n_pending % (_CHUNK_BYTES // 8))
+            self._write_pending_rows(self._n_pending - self._n_pending % (_CHUNK_BYTES // 8))
 
     def flush(self) -> None:
         """Write the pending rows."""
-        self._write_rows(self._n_pending)
+        self._write_pending_rows(self._n_pending)
 
-    def _write_rows(self, n: int) -> None:
+    def _write_pending_rows(self, n: int) -> None:
         """Write the first n pending rows: complete chunks, except at the end."""
         remaining: dict[str, np.ndarray] = {}
         for name, array in self._arrays.items():
@@ -141,30 +146,32 @@ class DetectionRows:
         self._n_pending, self._n_written = self._n_pending - n, self._n_written + n
 
 
-def is_complete(folder: Path) -> bool:
+def is_data_set_complete(folder: Path) -> bool:
     """Return True if a data set can be opened: its metadata is written last."""
     return (folder / "zarr.json").is_file()
 
 
-def missing_shards(folder: Path, shards: Iterable[ShardedArray], blocks: np.ndarray) -> list[str]:
+def missing_shard_files(
+    folder: Path, shards: Iterable[ShardedArray], counted_blocks: np.ndarray
+) -> list[str]:
     """List the absent shard files of counted blocks.
 
-    `blocks`: point, first trial and number of trials of each.
+    `counted_blocks`: point, first trial and number of trials of each.
     """
     present = {array.name: _file_names(folder / array.name) for array in shards}
     return [
         f"{array.name}/{name}"
         for array in shards
-        for point, first, n in blocks.tolist()
-        for name in array.shard_names(point, first, n)
+        for point, first, n in counted_blocks.tolist()
+        for name in array.shard_names_of_trials(point, first, n)
         if name not in present[array.name]
     ]
 
 
-def complete_data_set(
+def finalise_data_set(
     folder: Path,
     shards: Iterable[ShardedArray],
-    blocks: np.ndarray,
+    counted_blocks: np.ndarray,
     *,
     tables: Mapping[str, xr.Dataset],
     add_columns: Callable[[Store], None],
@@ -184,17 +191,17 @@ def complete_data_set(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         shutil.rmtree(staging, ignore_errors=True)
-        _remove_uncounted_shards(folder, shards, blocks)
+        _remove_uncounted_shards(folder, shards, counted_blocks)
         for name, table in tables.items():
-            _add_table(staging, name, table)
+            _write_zarr_group(staging, name, table)
         store = zarr.open_group(staging, mode="r+")
         for array in shards:
-            array.create_metadata(store)
+            array.create_array_metadata(store)
         add_columns(store)
-        _consolidate(staging)
+        _consolidate_zarr_metadata(staging)
         if hasattr(os, "sync"):
             os.sync()
-        _move_into_place(staging, folder, {array.name for array in shards})
+        _move_staged_files_into_place(staging, folder, {array.name for array in shards})
     except OSError as error:
         raise DechirpError(
             Mistake(
@@ -208,7 +215,7 @@ def complete_data_set(
         shutil.rmtree(staging, ignore_errors=True)
 
 
-def read_data_set(folder: Path) -> dict[str, xr.Dataset]:
+def open_data_set_groups(folder: Path) -> dict[str, xr.Dataset]:
     """Open the root group (under an empty name) and the other groups, lazily.
 
     Raises
@@ -216,7 +223,7 @@ def read_data_set(folder: Path) -> dict[str, xr.Dataset]:
     DechirpError
         If the folder has no complete data set.
     """
-    if not is_complete(folder):
+    if not is_data_set_complete(folder):
         raise DechirpError(
             Mistake(
                 setting="data set",
@@ -232,20 +239,20 @@ def read_data_set(folder: Path) -> dict[str, xr.Dataset]:
     }
 
 
-def total_bytes(folder: Path) -> int:
+def folder_size_bytes(folder: Path) -> int:
     """Return the total size of all files in a folder."""
     return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
 
 
-def _add_table(staging: Path, name: str, table: xr.Dataset) -> None:
+def _write_zarr_group(staging: Path, group: str, table: xr.Dataset) -> None:
     # Variable-length texts: Zarr has no stable specification of fixed-length ones.
     texts = {key: v.astype(object) for key, v in table.variables.items() if v.dtype.kind == "U"}
     table.assign(texts).to_zarr(
-        staging, group=name or None, mode="a", zarr_format=3, consolidated=False
+        staging, group=group or None, mode="a", zarr_format=3, consolidated=False
     )
 
 
-def _consolidate(staging: Path) -> None:
+def _consolidate_zarr_metadata(staging: Path) -> None:
     """Copy the metadata of all arrays into their groups, so that opening needs one read."""
     with warnings.catch_warnings():
         warnings.simplefilter(
@@ -264,17 +271,21 @@ def _file_names(folder: Path) -> set[str]:
 
 
 def _remove_uncounted_shards(
-    folder: Path, shards: Iterable[ShardedArray], blocks: np.ndarray
+    folder: Path, shards: Iterable[ShardedArray], counted_blocks: np.ndarray
 ) -> None:
     """Remove shards past the end of a point, and temporary files of killed workers."""
     for array in shards:
-        wanted = {name for block in blocks.tolist() for name in array.shard_names(*block)}
+        wanted = {
+            name
+            for block in counted_blocks.tolist()
+            for name in array.shard_names_of_trials(*block)
+        }
         for name in _file_names(folder / array.name) - wanted:
-            if name.startswith("c.") or is_leftover(name):
+            if name.startswith("c.") or is_temporary_shard_file(name):
                 (folder / array.name / name).unlink()
 
 
-def _move_into_place(staging: Path, folder: Path, shard_folders: set[str]) -> None:
+def _move_staged_files_into_place(staging: Path, folder: Path, shard_folders: set[str]) -> None:
     """Move the staged files into place, the metadata that marks a data set last."""
     for item in sorted(staging.iterdir()):
         if item.name in shard_folders:

@@ -68,7 +68,7 @@ FILES = (
 _WORDS_PER_CHUNK = 2**16  # words that are written or read at a time
 
 
-def check_output_folder(out: Path) -> None:
+def check_vector_folder_replaceable(out: Path) -> None:
     """Raise `DechirpError` if a folder cannot take vectors since it holds other files."""
     check_output_folder_replaceable(out, marker_file=DESCRIPTION, own_names=FILES)
 
@@ -102,16 +102,16 @@ def write_vectors(
         If the folder holds other files or cannot be written. It is then unchanged.
     """
     out = Path(out)
-    check_output_folder(out)
+    check_vector_folder_replaceable(out)
     plan = make_lookup_tables(radar, (chain or Chain()).fit_to_radar(radar), words or WordLengths())
     samples, step = to_integer_samples_and_step(cube, radar, plan.words)
     with atomic_folder(out) as temporary:
         entries = [
-            _write_block(temporary, block)
-            for source in (_table_blocks(plan), stage_outputs(samples, radar, plan))
+            _write_stage_output(temporary, block)
+            for source in (_lookup_table_outputs(plan), stage_outputs(samples, radar, plan))
             for block in source
         ]
-        content = _describe_vectors(plan, step) | {"vectors": entries}
+        content = _vector_set_description(plan, step) | {"vectors": entries}
         text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
         (temporary / DESCRIPTION).write_text(text, encoding="utf-8")
     written = [file for entry in entries for file in entry["files"]]
@@ -132,7 +132,7 @@ def read_vectors(folder: str | Path) -> dict[str, np.ndarray]:
         description_json = json.loads(description.read_text(encoding="utf-8"))
         version, entries = description_json["format_version"], description_json["vectors"]
     except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
-        raise _description_error(description, error) from None
+        raise _invalid_description_error(description, error) from None
     if version != FORMAT_VERSION:
         raise RecordingError(
             description,
@@ -143,7 +143,7 @@ def read_vectors(folder: str | Path) -> dict[str, np.ndarray]:
     try:
         return {entry["name"]: _read_vector(folder, entry) for entry in entries}
     except (ValueError, LookupError, TypeError, OverflowError, AttributeError) as error:
-        raise _description_error(description, error) from None
+        raise _invalid_description_error(description, error) from None
 
 
 def read_words(path: str | Path, *, bits: int, signed: bool) -> np.ndarray:
@@ -181,7 +181,7 @@ def read_words(path: str | Path, *, bits: int, signed: bool) -> np.ndarray:
     return words - ((words >> (bits - 1)) << bits) if signed else words
 
 
-def _table_blocks(plan: LookupTables) -> Iterator[StageOutput]:
+def _lookup_table_outputs(plan: LookupTables) -> Iterator[StageOutput]:
     """Yield the lookup tables of the machine."""
     words = plan.words
     yield StageOutput("range_weights", plan.range_window, ("sample",), words.window_bits)
@@ -193,7 +193,7 @@ def _table_blocks(plan: LookupTables) -> Iterator[StageOutput]:
     yield StageOutput("factors", plan.factors, ("range",), words.factor_bits, is_signed=False)
 
 
-def _describe_vectors(plan: LookupTables, step: float) -> dict[str, Any]:
+def _vector_set_description(plan: LookupTables, sample_step: float) -> dict[str, Any]:
     training, guard = plan.training_window.n_training, plan.training_window.n_guard
     bits = plan.words.sample_bits
     name = "samples_i" if plan.n_rows == plan.range_transform.n_bins else "samples"
@@ -221,7 +221,7 @@ def _describe_vectors(plan: LookupTables, step: float) -> dict[str, Any]:
             "first_row": plan.searched_rows.start,
             "ends": "velocity wraps round; the box stays within the rows searched",
         },
-        "step": step,
+        "step": sample_step,
         "files": "one word a line, the last axis fastest; two's complement where signed;"
         " _i is the real part, _q the imaginary part",
         "verilog": f"reg signed [{bits - 1}:0] {name} [0:{n - 1}];"
@@ -229,31 +229,31 @@ def _describe_vectors(plan: LookupTables, step: float) -> dict[str, Any]:
     }
 
 
-def _write_block(folder: Path, block: StageOutput) -> dict[str, Any]:
+def _write_stage_output(folder: Path, output: StageOutput) -> dict[str, Any]:
     """Write the words of a block and return its entry of the description."""
-    parts = {block.name: block.integers}
-    axes = block.axes
+    parts = {output.name: output.integers}
+    axes = output.axes
     if axes[-1] == "iq":
-        parts = {f"{block.name}_{part}": block.integers[..., k] for k, part in enumerate("iq")}
+        parts = {f"{output.name}_{part}": output.integers[..., k] for k, part in enumerate("iq")}
         axes = axes[:-1]
     checksums = [
-        _write_words(folder / f"{name}.hex", integers, block.bits)
+        _write_hex_words(folder / f"{name}.hex", integers, output.bits)
         for name, integers in parts.items()
     ]
     return {
-        "name": block.name,
-        "what": _BLOCK_DESCRIPTIONS[block.name],
+        "name": output.name,
+        "what": _BLOCK_DESCRIPTIONS[output.name],
         "files": [f"{name}.hex" for name in parts],
-        "bits": block.bits,
-        "signed": block.is_signed,
+        "bits": output.bits,
+        "signed": output.is_signed,
         "axes": list(axes),
         "shape": list(next(iter(parts.values())).shape),
         "sha256": checksums,
-        "overflows": block.overflows.tolist(),
+        "overflows": output.overflows.tolist(),
     }
 
 
-def _write_words(path: Path, integers: np.ndarray, bits: int) -> str:
+def _write_hex_words(path: Path, integers: np.ndarray, bits: int) -> str:
     """Write words and return the SHA-256 of the file."""
     digits = np.arange(-(-bits // 4) - 1, -1, -1) * 4
     letters = np.frombuffer(b"0123456789abcdef", np.uint8)
@@ -269,7 +269,7 @@ def _write_words(path: Path, integers: np.ndarray, bits: int) -> str:
     return checksum.hexdigest()
 
 
-def _description_error(path: Path, error: Exception) -> RecordingError:
+def _invalid_description_error(path: Path, error: Exception) -> RecordingError:
     return RecordingError(
         path,
         value=f"not a description of vectors ({type(error).__name__})",

@@ -54,7 +54,8 @@ def write_parquet(
     import duckdb
 
     metadata_sql = ", ".join(
-        f"{_quote_name(name)}: {quote_sql_string(text)}" for name, text in metadata.items()
+        f"{_quote_sql_identifier(name)}: {quote_sql_string(text)}"
+        for name, text in metadata.items()
     )
     options = f", KV_METADATA {{{metadata_sql}}}" if metadata_sql else ""
     with (
@@ -62,12 +63,12 @@ def write_parquet(
         utf8_path_alias(temporary) as name,
         connect_duckdb_in_memory() as duck,
     ):
-        named_types = zip(_distinct_names(columns), columns.values(), strict=True)
-        typed = ", ".join(f"{_quote_name(name)} {kind}" for name, kind in named_types)
+        named_types = zip(_distinct_column_names(columns), columns.values(), strict=True)
+        typed = ", ".join(f"{_quote_sql_identifier(name)} {kind}" for name, kind in named_types)
         try:
             duck.execute(f"CREATE TABLE rows ({typed})")
             for piece in pieces:
-                _append_rows(duck, columns, piece)
+                _insert_rows_with_duckdb(duck, columns, piece)
             duck.execute(
                 f"COPY rows TO {quote_sql_string(name)} (FORMAT parquet, COMPRESSION zstd{options})"
             )
@@ -97,10 +98,10 @@ def read_parquet(path: Path) -> dict[str, np.ndarray]:
                 expected="a Parquet file",
                 fix="write it again, or give the file that is one",
             ) from None
-    return {name: _unmask(values) for name, values in columns.items()}
+    return {name: _remove_mask(values) for name, values in columns.items()}
 
 
-def _append_rows(
+def _insert_rows_with_duckdb(
     duck: Any, columns: Mapping[str, ColumnType], piece: Mapping[str, np.ndarray]
 ) -> None:
     # Neutral names, since DuckDB may have renamed columns that differ only in case.
@@ -116,7 +117,7 @@ def _append_rows(
         duck.unregister("piece")
 
 
-def _distinct_names(names: Iterable[str]) -> Iterator[str]:
+def _distinct_column_names(names: Iterable[str]) -> Iterator[str]:
     """Yield names that differ in more than case, with a number appended to repeated ones."""
     taken: set[str] = set()
     for name in names:
@@ -126,7 +127,7 @@ def _distinct_names(names: Iterable[str]) -> Iterator[str]:
         yield distinct
 
 
-def _unmask(values: np.ndarray) -> np.ndarray:
+def _remove_mask(values: np.ndarray) -> np.ndarray:
     """Return an array without its mask; null texts become None."""
     if not isinstance(values, np.ma.MaskedArray):
         return values
@@ -136,5 +137,5 @@ def _unmask(values: np.ndarray) -> np.ndarray:
     return plain
 
 
-def _quote_name(name: str) -> str:
+def _quote_sql_identifier(name: str) -> str:
     return '"' + name.replace('"', '""') + '"'

@@ -14,7 +14,7 @@ from dechirp.core.atomic_files import (
 from dechirp.core.table_columns import dataset_to_records
 from dechirp.radar.radar import Radar
 from dechirp.recordings.cube_store import write_cube_store
-from dechirp.results.text_files import csv_text, json_text
+from dechirp.results.text_files import dataset_to_csv, to_json_text
 
 _TEXTS = ("report.html", "scenario.yaml", "run.json")
 _MARK = "run.json"
@@ -22,7 +22,7 @@ FILES = (*_TEXTS, "detections.csv", "detections.json", "cube.zarr")
 _OPTIONAL_FILES = ("ego.csv", "clusters.csv", "tracks.csv", "report.pdf")
 
 
-def check_output_folder(out: Path) -> None:
+def check_results_folder_replaceable(out: Path) -> None:
     """Raise `DechirpError` if a folder cannot take results; call this before a long run.
 
     The folder must be absent, empty or hold only earlier results, and be writable.
@@ -73,15 +73,15 @@ def write_results(
     DechirpError
         If the folder holds other files or cannot be written. It is then unchanged.
     """
-    check_output_folder(out)
+    check_results_folder_replaceable(out)
     with atomic_folder(out) as made:
         for name in _TEXTS:
             (made / name).write_bytes(encode_utf8_with_escapes(texts[name]))
         if pdf is not None:
             (made / "report.pdf").write_bytes(pdf)
-        (made / "detections.csv").write_bytes(encode_utf8_with_escapes(csv_text(detections)))
+        (made / "detections.csv").write_bytes(encode_utf8_with_escapes(dataset_to_csv(detections)))
         (made / "detections.json").write_bytes(
-            encode_utf8_with_escapes(json_text(dataset_to_records(detections)))
+            encode_utf8_with_escapes(to_json_text(dataset_to_records(detections)))
         )
         write_cube_store(
             made / "cube.zarr",
@@ -93,11 +93,11 @@ def write_results(
             iq=iq,
         )
         for name, table in other_tables.items():
-            (made / f"{name}.csv").write_bytes(encode_utf8_with_escapes(csv_text(table)))
-    return result_paths(out, other_tables, has_pdf=pdf is not None)
+            (made / f"{name}.csv").write_bytes(encode_utf8_with_escapes(dataset_to_csv(table)))
+    return result_paths_by_name(out, other_tables, has_pdf=pdf is not None)
 
 
-def result_paths(
+def result_paths_by_name(
     out: Path, others: Iterable[str] = (), *, has_pdf: bool = False
 ) -> dict[str, Path]:
     """Return the path of each results file by its name; see `write_results`."""

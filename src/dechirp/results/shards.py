@@ -56,12 +56,12 @@ class ShardedArray:
         fits = max(SHARD_BYTES // self.item_bytes, 1)
         return next(n for n in range(min(block, fits), 0, -1) if block % n == 0)
 
-    def create_metadata(self, store: zarr.Group) -> None:
+    def create_array_metadata(self, store: zarr.Group) -> None:
         """Write the metadata of the array, but no shard."""
-        self._create_array(store, self.n_points, self.n_trials)
+        self._create_sharded_array(store, self.n_points, self.n_trials)
 
-    def write_shard(self, folder: Path, point: int, first: int, items: np.ndarray) -> None:
-        """Write the shard of the trials `first`, `first + 1`, ... of a point, durably.
+    def write_shard(self, folder: Path, point: int, first_trial: int, items: np.ndarray) -> None:
+        """Write the shard of the trials `first_trial`, `first + 1`, ... of a point, durably.
 
         `items`: int16, (n, ...), fewer than `trials_per_shard` at the end of a point.
 
@@ -71,24 +71,30 @@ class ShardedArray:
             If it cannot be written, or the disk is full.
         """
         memory: dict[str, Buffer] = {}
-        array = self._create_array(zarr.create_group(MemoryStore(memory)), 1, self.trials_per_shard)
+        array = self._create_sharded_array(
+            zarr.create_group(MemoryStore(memory)), 1, self.trials_per_shard
+        )
         array[0, : len(items)] = items
-        content = memory[f"{self.name}/{self._chunk_key(0, 0)}"].to_bytes()
-        _write_durable(
-            folder / self.name / self._chunk_key(point, first // self.trials_per_shard), content
+        content = memory[f"{self.name}/{self._shard_file_name(0, 0)}"].to_bytes()
+        _write_file_durably(
+            folder / self.name / self._shard_file_name(point, first_trial // self.trials_per_shard),
+            content,
         )
 
-    def shard_names(self, point: int, first: int, n: int) -> Iterable[str]:
+    def shard_names_of_trials(self, point: int, first_trial: int, n_trials: int) -> Iterable[str]:
         """Yield the shard names of n trials of a point, from the first trial of a block on."""
         for number in range(
-            first // self.trials_per_shard, -(-(first + n) // self.trials_per_shard)
+            first_trial // self.trials_per_shard,
+            -(-(first_trial + n_trials) // self.trials_per_shard),
         ):
-            yield self._chunk_key(point, number)
+            yield self._shard_file_name(point, number)
 
-    def _chunk_key(self, point: int, number: int) -> str:
-        return ".".join(["c", str(point), str(number), *("0" for _ in self.shape)])
+    def _shard_file_name(self, point: int, shard_number: int) -> str:
+        return ".".join(["c", str(point), str(shard_number), *("0" for _ in self.shape)])
 
-    def _create_array(self, store: zarr.Group, n_points: int, n_trials: int) -> zarr.Array[Any]:
+    def _create_sharded_array(
+        self, store: zarr.Group, n_points: int, n_trials: int
+    ) -> zarr.Array[Any]:
         return store.create_array(
             self.name,
             shape=(n_points, n_trials, *self.shape),
@@ -103,7 +109,7 @@ class ShardedArray:
         )
 
 
-def _write_durable(path: Path, content: bytes) -> None:
+def _write_file_durably(path: Path, content: bytes) -> None:
     """Write a file atomically, also in case of a power failure."""
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
     try:
@@ -133,6 +139,6 @@ def _write_durable(path: Path, content: bytes) -> None:
         ) from None
 
 
-def is_leftover(name: str) -> bool:
+def is_temporary_shard_file(name: str) -> bool:
     """Return True for the temporary file of a worker that was killed while writing."""
     return re.fullmatch(r"\.c\.[0-9.]+\.[0-9a-f]{8}", name) is not None

@@ -13,7 +13,7 @@ from dechirp.core.atomic_files import atomic_folder, check_output_folder_replace
 from dechirp.core.table_columns import dataset_to_columns
 
 
-def csv_text(dataset: xr.Dataset) -> str:
+def dataset_to_csv(dataset: xr.Dataset) -> str:
     """Return the table as CSV with a header of names; undetermined values are empty."""
     table = dataset_to_columns(dataset)
     stream = io.StringIO()
@@ -23,24 +23,24 @@ def csv_text(dataset: xr.Dataset) -> str:
     return stream.getvalue()
 
 
-def json_text(content: object) -> str:
+def to_json_text(content: object) -> str:
     """Return lists, mappings and plain values as JSON; non-finite numbers become null.
 
     The text is ASCII, so it is the same in every terminal encoding and holds file names that are
     not valid Unicode.
     """
-    return json.dumps(_replace_non_finite(content), indent=2, allow_nan=False) + "\n"
+    return json.dumps(_replace_non_finite_by_none(content), indent=2, allow_nan=False) + "\n"
 
 
-def _replace_non_finite(content: object) -> object:
+def _replace_non_finite_by_none(content: object) -> object:
     if isinstance(content, dict):
-        return {name: _replace_non_finite(item) for name, item in content.items()}
+        return {name: _replace_non_finite_by_none(item) for name, item in content.items()}
     if isinstance(content, list | tuple):
-        return [_replace_non_finite(item) for item in content]
+        return [_replace_non_finite_by_none(item) for item in content]
     return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
-def check_output_folder(out: Path, names: Collection[str]) -> None:
+def check_folder_replaceable(out: Path, names: Collection[str]) -> None:
     """Raise `DechirpError` if a folder cannot take files of these names.
 
     The folder must be absent, empty or hold only earlier files of these names, the first name among
@@ -49,8 +49,8 @@ def check_output_folder(out: Path, names: Collection[str]) -> None:
     check_output_folder_replaceable(out, marker_file=next(iter(names)), own_names=names)
 
 
-def write_files(out: Path, contents: Mapping[str, bytes]) -> None:
-    """Write each content under its name into a folder that `check_output_folder` accepted.
+def write_files_into_folder(out: Path, contents: Mapping[str, bytes]) -> None:
+    """Write each content under its name into a folder that `check_folder_replaceable` accepted.
 
     Raises
     ------

@@ -24,19 +24,15 @@ class EchoFrequencies(NamedTuple):
 
 
 def apparent_range_and_velocity(
-    truth: xr.Dataset, radar: Radar, *, n_spans: int | None = 1
+    truth: xr.Dataset, radar: Radar, *, n_resolved_spans: int | None = 1
 ) -> RangeVelocity:
     """Return range and velocity of the truth, (target, frame), as an ideal radar measures them.
 
     They differ from the truth only where range or velocity is ambiguous. Aliasing in one changes
-    the
-    other too: reported ranges exclude the coupling of the reported velocity, and the mirror half of
-    a
-    real spectrum changes the sign of the velocity. A single chirp has no velocity: NaN, and the
-    range is
-    that of a target at rest with this beat frequency. `n_spans` is the number of unambiguous spans,
-    about
-    zero velocity, that the processing resolves; none: all.
+    the other too: reported ranges exclude the coupling of the reported velocity, and the mirror
+    half of a real spectrum changes the sign of the velocity. A single chirp has no velocity: NaN,
+    and the range is that of a target at rest with this beat frequency. `n_resolved_spans` is the
+    number of unambiguous spans, about zero velocity, that the processing resolves; none: all.
     """
     ordered = truth.transpose("target", "frame")
     apparent = RangeVelocity(*np.empty((2, *ordered.range.shape)))
@@ -45,19 +41,19 @@ def apparent_range_and_velocity(
             ordered.range.values[:, column], ordered.velocity.values[:, column]
         )
         frame_apparent = alias_range_velocity(
-            frame_truth, radar.for_frame(frame_number), n_spans=n_spans
+            frame_truth, radar.for_frame(frame_number), n_resolved_spans=n_resolved_spans
         )
         apparent.range_m[:, column], apparent.velocity_m_per_s[:, column] = frame_apparent
     return apparent
 
 
 def alias_range_velocity(
-    true: RangeVelocity, radar: Radar, *, n_spans: int | None = 1
+    true: RangeVelocity, radar: Radar, *, n_resolved_spans: int | None = 1
 ) -> RangeVelocity:
     """Return ranges and velocities as measured in one frame, any shape.
 
-    See `apparent_range_and_velocity`.
-    Triangular modulations resolve aliases by the difference of their beats: values are unchanged.
+    See `apparent_range_and_velocity`. Triangular modulations resolve aliases by the difference of
+    their beats: values are unchanged.
     """
     chirp = radar.frame.chirp
     if radar.frame.has_falling_ramps:
@@ -71,8 +67,8 @@ def alias_range_velocity(
         doppler_hz = np.where(is_mirrored, -doppler_hz, doppler_hz)
     if radar.frame.n_chirps == 1:
         return RangeVelocity(chirp.range_m(1.0) * beat_hz, np.full_like(doppler_hz, np.nan))
-    if n_spans is not None:
-        doppler_hz = wrap_about_zero(doppler_hz, n_spans / radar.frame.repetition_s)
+    if n_resolved_spans is not None:
+        doppler_hz = wrap_about_zero(doppler_hz, n_resolved_spans / radar.frame.repetition_s)
     delay_hz = beat_hz - doppler_hz
     return RangeVelocity(
         chirp.range_m(1.0) * delay_hz,

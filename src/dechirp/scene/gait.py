@@ -45,25 +45,17 @@ class Gait:
     .. math:: V_R = v / H_t, \quad R_C = 1.346 \sqrt{V_R}, \quad T_C = R_C / V_R
 
     with the height of the hips :math:`H_t`, the relative length :math:`R_C` of a cycle of two
-    steps,
-    and its duration :math:`T_C`. A foot is on the ground for 0.752 T_C - 0.143 s. A cycle starts
-    when
-    the right heel strikes. Angles of hips, knees, ankles, elbows and thorax pass through the
-    turning
-    points of the model's tables, which are linear in V_R between 0, 0.5, 1.3 and 3; pelvis, spine
-    and
-    shoulders turn and swing as its sines.
+    steps, and its duration :math:`T_C`. A foot is on the ground for 0.752 T_C - 0.143 s. A cycle
+    starts when the right heel strikes. Angles of hips, knees, ankles, elbows and thorax pass
+    through the turning points of the model's tables, which are linear in V_R between 0, 0.5, 1.3
+    and 3; pelvis, spine and shoulders turn and swing as its sines.
 
     There are two deviations. Angles are sums of six harmonics, smooth at all times. The height of
-    the
-    pelvis is that which the lower foot needs, up to the fourth harmonic: with the model's own rise
-    and
-    fall, 0.015 V_R H_t, the feet of fast walkers would sink in by 5 cm. Residual errors of the
-    tables: a
-    foot on the ground slides by up to 0.3 v to and fro, by 0.1 v in the mean; below 1 m/s, where
-    the
-    legs swing more than the steps are long, by up to 0.5 v backward. Feet in the air peak at 3.5 v
-    (2 m/s) to 4 v (1.3 m/s), and at 5 v at 0.5 m/s.
+    the pelvis is that which the lower foot needs, up to the fourth harmonic: with the model's own
+    rise and fall, 0.015 V_R H_t, the feet of fast walkers would sink in by 5 cm. Residual errors of
+    the tables: a foot on the ground slides by up to 0.3 v to and fro, by 0.1 v in the mean; below 1
+    m/s, where the legs swing more than the steps are long, by up to 0.5 v backward. Feet in the air
+    peak at 3.5 v (2 m/s) to 4 v (1.3 m/s), and at 5 v at 0.5 m/s.
 
     References
     ----------

@@ -14,10 +14,8 @@ class RcsTable:
     """Radar cross section over the direction from the target to the radar.
 
     In the axes of the target: x along its heading, y left, z up; at azimuth 0 the radar is ahead of
-    it.
-    Interpolation is bilinear in decibels. A full circle of azimuths is periodic; outside the angles
-    of
-    a smaller table, the nearest edge applies.
+    it. Interpolation is bilinear in decibels. A full circle of azimuths is periodic; outside the
+    angles of a smaller table, the nearest edge applies.
     """
 
     azimuth_rad: tuple[float, ...]

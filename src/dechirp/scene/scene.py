@@ -47,8 +47,7 @@ class Scene(Displayable):
     """Targets, and the motion of the radar.
 
     Scatterers are numbered consecutively: those of the first target, a point or a body of many,
-    then
-    those of the next.
+    then those of the next.
     """
 
     targets: tuple[Target, ...] = ()
@@ -219,8 +218,7 @@ class Scene(Displayable):
         """Return the velocities of the targets minus that of the radar, (n_times, n_targets, 3).
 
         Along the axes of the radar, whose rotation is not included: the component along the line of
-        sight
-        is the rate of change of range.
+        sight is the rate of change of range.
         """
         times_s = np.asarray(times_s, dtype=float)
         motions = self._target_motions
@@ -272,7 +270,7 @@ class Scene(Displayable):
 
     def _body_scatterer_offsets_m(self, target: int, times_s: np.ndarray) -> np.ndarray:
         """Return vectors from a target to its scatterers, (n_times, n, 3), axes of the scene."""
-        offsets_m = self._target_body(target).offsets_m(times_s)
+        offsets_m = self._target_body(target).scatterer_offsets_m(times_s)
         shape = (len(times_s), int(self._scatterer_counts[target]), 3)
         if offsets_m.shape != shape or not np.isfinite(offsets_m).all():
             raise InvalidSetting(
@@ -281,7 +279,7 @@ class Scene(Displayable):
                 if offsets_m.shape == shape
                 else f"a body with positions of the shape {offsets_m.shape}",
                 expected=f"finite positions of the shape {shape}",
-                fix="correct offsets_m of the body",
+                fix="correct scatterer_offsets_m of the body",
             )
         return from_local_axes(
             rotation_about_z(self.targets[target].headings_at_rad(times_s)), offsets_m

@@ -68,8 +68,7 @@ def scene_findings(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Fin
 
     Each kind is reported once per target, for the first frame and scatterer concerned, and names at
     most 20 targets; of late echoes, only the latest is reported. `frames_to_check` selects the
-    frames.
-    Velocity aliasing of a part that moves within a body is not reported.
+    frames. Velocity aliasing of a part that moves within a body is not reported.
 
     Raises
     ------
@@ -127,7 +126,7 @@ def _findings_reported_by_bodies(scene: Scene) -> Iterator[Finding]:
     """Yield the findings of bodies."""
     for name, target in zip(scene.names, scene.targets, strict=True):
         if target.body is not None:
-            yield from target.body.findings(f"scene.targets.{name}.body")
+            yield from target.body.unusual_property_findings(f"scene.targets.{name}.body")
 
 
 def _scatterers_at_mid_frame(
@@ -256,7 +255,7 @@ def _scatterer_range_velocity(snapshot: _SceneSnapshot, i: int) -> RangeVelocity
 
 def _format_aliased_range_velocity(snapshot: _SceneSnapshot, i: int, n_spans: int) -> str:
     true = _scatterer_range_velocity(snapshot, i)
-    aliased = alias_range_velocity(true, snapshot.radar, n_spans=n_spans)
+    aliased = alias_range_velocity(true, snapshot.radar, n_resolved_spans=n_spans)
     return (
         f"{_format_range_velocity(true)}{snapshot.frame_text} is aliased to"
         f" {_format_range_velocity(aliased)}"

@@ -53,14 +53,11 @@ def fit_polynomial_paths(
     """Fit polynomials of time to the paths of scatterers during one frame.
 
     Straight lines and parabolas are exact, for a radar that does not turn. Other paths are
-    interpolated
-    at Chebyshev nodes by polynomials of degree 7 at most, and compared with the positions between
-    the
-    nodes. Runs of chirps are halved, down to single chirps, for scatterers that are not within
-    1e-13 m,
-    plus rounding of 1e-15 of coordinates and of displacements since time zero. A body misses that
-    if its
-    path has a waypoint in the middle of a chirp; errors up to 10 nm are accepted there.
+    interpolated at Chebyshev nodes by polynomials of degree 7 at most, and compared with the
+    positions between the nodes. Runs of chirps are halved, down to single chirps, for scatterers
+    that are not within 1e-13 m, plus rounding of 1e-15 of coordinates and of displacements since
+    time zero. A body misses that if its path has a waypoint in the middle of a chirp; errors up to
+    10 nm are accepted there.
 
     Parameters
     ----------
@@ -150,8 +147,7 @@ def _position_tolerances_m(
     """Return the tolerance of each scatterer's position, (n,), set by rounding.
 
     Rounding affects its coordinates now and at time zero, and, at late times, the time itself:
-    positions
-    change by the speed times the rounding of the time.
+    positions change by the speed times the rounding of the time.
     """
     distance_m = np.linalg.norm(middle_m, axis=-1)
     start_m = np.linalg.norm(scene.target_offsets_from_radar_m([0.0])[0], axis=-1)[

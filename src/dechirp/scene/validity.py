@@ -30,10 +30,8 @@ def check_scene_echoes_finite(scene: Scene, radar: Radar, *, n_frames: int = 1) 
     """Raise `InvalidSetting`, with the target, for a scene without a finite echo.
 
     Causes are a scatterer within a micrometre of an antenna or of the radar's origin, at the start
-    or in
-    the middle of the frames of `frames_to_check`; a target accelerated to a thousandth of the speed
-    of
-    light; a body that is not finite.
+    or in the middle of the frames of `frames_to_check`; a target accelerated to a thousandth of the
+    speed of light; a body that is not finite.
     """
     if not scene.targets:
         return

@@ -44,7 +44,7 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-def allowed_hosts(host: str, port: int) -> frozenset[str]:
+def allowed_host_headers(host: str, port: int) -> frozenset[str]:
     """Return every `name:port` of a server that listens on an address of this machine."""
     names = {*_LOOPBACK, host.lower()}
     if not is_loopback(host):
@@ -82,7 +82,7 @@ class AccessControl:
     """
 
     def __init__(self, host: str, port: int, token: str | None) -> None:
-        self.allowed_hosts, self._token = allowed_hosts(host, port), token
+        self.allowed_hosts, self._token = allowed_host_headers(host, port), token
         self.cookie = f"dechirp-studio-{port}"  # cookies of one host go to all its ports
 
     def find_refusal(self, request: HTTPServerRequest) -> Refusal | None:
@@ -97,20 +97,24 @@ class AccessControl:
         foreign = headers.get("Sec-Fetch-Site", "none") in ("cross-site", "same-site")
         if foreign and headers.get("Sec-Fetch-Dest") != "document":
             return Refusal(403, "Forbidden: asked for by the page of another site.")
-        if self._token is not None and not self._is_token(self._sent_token(request)):
+        if self._token is not None and not self._matches_token(
+            self._token_from_cookie_or_header(request)
+        ):
             return Refusal(403, "Forbidden: open the address that `dechirp studio` printed.")
         return None
 
-    def has_token_argument(self, request: HTTPServerRequest) -> bool:
+    def has_valid_token_in_url(self, request: HTTPServerRequest) -> bool:
         """Return True if the address of a request contains the token, to be stored in a cookie."""
-        return self._token is not None and self._is_token(request.arguments.get("token", [b""])[-1])
+        return self._token is not None and self._matches_token(
+            request.arguments.get("token", [b""])[-1]
+        )
 
-    def _sent_token(self, request: HTTPServerRequest) -> bytes:
+    def _token_from_cookie_or_header(self, request: HTTPServerRequest) -> bytes:
         if self.cookie in request.cookies:
             return request.cookies[self.cookie].value.encode()
         return request.headers.get("Authorization", "").removeprefix("Bearer ").encode()
 
-    def _is_token(self, text: bytes) -> bool:
+    def _matches_token(self, text: bytes) -> bool:
         return self._token is not None and compare_digest(text, self._token.encode())
 
 

@@ -33,28 +33,28 @@ class BrowserState(DataModel):
     """True for the dark theme."""
 
 
-def is_finite_number(value: object) -> bool:
+def is_bounded_number(value: object) -> bool:
     """Return True for a number of reasonable size: a browser may send anything."""
     return isinstance(value, int | float) and abs(value) <= _MAX_NUMBER
 
 
-def on_position_event(
+def register_position_callback(
     target_figure: figure, event: type[PointEvent], callback: Callable[[float, float], None]
 ) -> None:
     """Call a function with x and y of events in a figure, if they are numbers."""
 
     def handle_event(told: PointEvent) -> None:
-        if is_finite_number(told.x) and is_finite_number(told.y):
+        if is_bounded_number(told.x) and is_bounded_number(told.y):
             callback(float(told.x), float(told.y))
 
     target_figure.on_event(event, handle_event)
 
 
-def read_studio_file(*path: str) -> str:
+def read_studio_asset_text(*path: str) -> str:
     """Read a text file of the studio."""
     return files("dechirp.studio").joinpath(*path).read_text("utf-8")
 
 
-def browser_script() -> str:
+def browser_javascript() -> str:
     """Return the JavaScript that runs in the browser beside Bokeh."""
-    return read_studio_file("page.js") + read_studio_file("lighter.js")
+    return read_studio_asset_text("page.js") + read_studio_asset_text("lighter.js")

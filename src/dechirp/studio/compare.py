@@ -83,7 +83,7 @@ class ChangedSetting:
 class Comparison:
     """Alternating trials of variants A and B with the same random numbers.
 
-    Each trial simulates the first frame, without tracks. Only `run_for` does work.
+    Each trial simulates the first frame, without tracks. Only `run_trials_for` does work.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Comparison:
         self._confidence = confidence
         with single_numba_thread(), capture_warned_findings():
             self._a, self._b = _Variant(a, a.seed), _Variant(b, a.seed)
-        self._pending_steps = self._iter_steps()
+        self._pending_steps = self._compute_theory_and_trials_stepwise()
         self.n_trials = 0
         """Trials finished for both variants."""
 
@@ -111,7 +111,7 @@ class Comparison:
         """True if all trials are finished."""
         return self.n_trials == MAX_TRIALS
 
-    def run_for(self, duration_s: float) -> None:
+    def run_trials_for(self, duration_s: float) -> None:
         """Work for a duration, and until the end of the current step.
 
         A step is one trial of one variant, or the theory of one score, computed once.
@@ -127,22 +127,22 @@ class Comparison:
                 if perf_counter() >= until_s:
                     return
 
-    def rows(self) -> list[ComparisonRow]:
+    def results_by_score_and_target(self) -> list[ComparisonRow]:
         """Return the results so far, by score and target."""
         keys = dict.fromkeys(
             (score, target)
             for score in COMPARED_SCORES
             for side in (self._a, self._b)
-            for target in side.score_targets(score)
+            for target in side.targets_with_score(score)
         )
-        rows = (self._build_row(score, target) for score, target in keys)
+        rows = (self._build_comparison_row(score, target) for score, target in keys)
         return [row for row in rows if row.a or row.b]
 
-    def _iter_steps(self) -> Iterator[None]:
+    def _compute_theory_and_trials_stepwise(self) -> Iterator[None]:
         sides = (self._a, self._b)
         for side in sides:
             for score in side.scores:
-                side.compute_theory(score)
+                side.compute_theoretical_score(score)
                 yield
         for trial in range(MAX_TRIALS):
             for side in sides:
@@ -150,31 +150,33 @@ class Comparison:
                 yield
             self.n_trials += 1
 
-    def _build_row(self, score: Score, target: str | None) -> ComparisonRow:
-        a, b = (self._estimate_variant(side, score, target) for side in (self._a, self._b))
+    def _build_comparison_row(self, score: Score, target: str | None) -> ComparisonRow:
+        a, b = (self._estimate_score_of_variant(side, score, target) for side in (self._a, self._b))
         return ComparisonRow(
-            score, target, a, b, self._estimate_change(score, target) if a and b else None
+            score, target, a, b, self._estimate_score_difference(score, target) if a and b else None
         )
 
-    def _estimate_variant(
-        self, side: "_Variant", score: Score, target: str | None
+    def _estimate_score_of_variant(
+        self, variant: "_Variant", score: Score, target: str | None
     ) -> ScoreEstimate | None:
-        if target not in side.score_targets(score):
+        if target not in variant.targets_with_score(score):
             return None
-        estimate = side.estimate_with_theory(score, target, self.n_trials, self._confidence)
+        estimate = variant.estimate_score_with_theory(
+            score, target, self.n_trials, self._confidence
+        )
         return None if np.isnan([estimate.value, estimate.theory]).all() else estimate
 
-    def _estimate_change(self, score: Score, target: str | None) -> Gain | None:
+    def _estimate_score_difference(self, score: Score, target: str | None) -> Gain | None:
         if self.n_trials < 2:
             return None
         sums_a, sums_b = (
-            side.score_sums(score, target, self.n_trials) for side in (self._a, self._b)
+            side.per_trial_score_sums(score, target, self.n_trials) for side in (self._a, self._b)
         )
         if not isinstance(score, DetectionProbability | FrameFalseAlarmProbability):
-            sums_a, sums_b = _group_sums(sums_a), _group_sums(sums_b)
+            sums_a, sums_b = _sum_trials_in_groups(sums_a), _sum_trials_in_groups(sums_b)
 
         def value_of(sums: np.ndarray) -> float:
-            return score.estimate(
+            return score.estimate_with_interval(
                 sums.sum(axis=0, keepdims=True), confidence=self._confidence
             ).value
 
@@ -191,7 +193,7 @@ class _Variant:
     def __init__(self, scenario: Scenario, seed: int) -> None:
         first = replace(scenario, n_frames=1, tracker=None, ego_motion=None)
         case = build_trial_context(first)
-        self.scores = tuple(score for score in COMPARED_SCORES if _is_applicable(score, case))
+        self.scores = tuple(score for score in COMPARED_SCORES if _is_score_applicable(score, case))
         self._runner = TrialRunner(first, self.scores, seed=seed)
         self._layout = self._runner.layout
         self._theory = {
@@ -201,23 +203,25 @@ class _Variant:
         # The system allocates pages only when trials write to them.
         self._sums = np.empty((MAX_TRIALS, self._layout.n_columns))
 
-    def score_targets(self, score: Score) -> tuple[str | None, ...]:
+    def targets_with_score(self, score: Score) -> tuple[str | None, ...]:
         """Return the targets that a score has values for; None is the whole scene."""
-        return score.subjects(self._runner.case) or (None,) if score in self.scores else ()
+        return (
+            score.scored_target_names(self._runner.case) or (None,) if score in self.scores else ()
+        )
 
-    def compute_theory(self, score: Score) -> None:
+    def compute_theoretical_score(self, score: Score) -> None:
         """Compute the theory of a score."""
-        self._theory[score] = score.theory(self._runner.case)
+        self._theory[score] = score.theoretical_values(self._runner.case)
 
     def run_trial(self, trial: int) -> None:
         """Run one trial."""
         self._sums[trial] = self._runner.run_and_score(trial)
 
-    def score_sums(self, score: Score, target: str | None, n_trials: int) -> np.ndarray:
+    def per_trial_score_sums(self, score: Score, target: str | None, n_trials: int) -> np.ndarray:
         """Return the sums of one score, (n_trials, n_sums)."""
         return self._layout.score_sums(self._sums[:n_trials], score.label(), target)
 
-    def estimate_with_theory(
+    def estimate_score_with_theory(
         self, score: Score, target: str | None, n_trials: int, confidence: float
     ) -> ScoreEstimate:
         """Estimate a score from the trials so far, with its theory."""
@@ -227,25 +231,27 @@ class _Variant:
         return ScoreEstimate(*found, layout.score_theory(laws, label, target))
 
 
-def _is_applicable(score: Score, case: TrialContext) -> bool:
+def _is_score_applicable(score: Score, trial_context: TrialContext) -> bool:
     """Return True if a score applies to a trial."""
     try:
-        score.check_context(case)
+        score.check_score_defined(trial_context)
     except InvalidSetting:
         return False
     return True
 
 
-def _group_sums(sums: np.ndarray) -> np.ndarray:
+def _sum_trials_in_groups(trial_sums: np.ndarray) -> np.ndarray:
     """Sum trials in groups of nearly equal size, (n_groups, n_sums)."""
-    n_groups = min(len(sums), _N_GROUPS)
-    starts = np.arange(n_groups) * len(sums) // n_groups
-    return np.asarray(np.add.reduceat(sums, starts))
+    n_groups = min(len(trial_sums), _N_GROUPS)
+    starts = np.arange(n_groups) * len(trial_sums) // n_groups
+    return np.asarray(np.add.reduceat(trial_sums, starts))
 
 
 def changed_settings(a: Scenario, b: Scenario) -> list[ChangedSetting]:
     """Return the settings in which two scenarios differ, as settings files write them."""
-    texts = [dict(_iter_setting_texts("", to_yaml_data(setting, None))) for setting in (a, b)]
+    texts = [
+        dict(_iter_leaf_paths_and_texts("", to_yaml_data(setting, None))) for setting in (a, b)
+    ]
     paths = dict.fromkeys([*texts[0], *texts[1]])
     settings = (
         ChangedSetting(path, *(values.get(path, "none") for values in texts)) for path in paths
@@ -253,13 +259,13 @@ def changed_settings(a: Scenario, b: Scenario) -> list[ChangedSetting]:
     return [setting for setting in settings if setting.a != setting.b]
 
 
-def _iter_setting_texts(path: str, tree: Any) -> Iterator[tuple[str, str]]:
+def _iter_leaf_paths_and_texts(path: str, tree: Any) -> Iterator[tuple[str, str]]:
     if isinstance(tree, dict):
         for name, member in tree.items():
-            yield from _iter_setting_texts(f"{path}.{name}" if path else name, member)
+            yield from _iter_leaf_paths_and_texts(f"{path}.{name}" if path else name, member)
     elif isinstance(tree, list) and any(isinstance(member, dict) for member in tree):
         for index, member in enumerate(tree):
             name = member.get("name") or member.get("kind") or index
-            yield from _iter_setting_texts(f"{path}.{name}", member)
+            yield from _iter_leaf_paths_and_texts(f"{path}.{name}", member)
     else:
         yield path, ", ".join(map(str, tree)) if isinstance(tree, list) else str(tree)

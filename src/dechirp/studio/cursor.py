@@ -46,7 +46,9 @@ class BeatSignal(NamedTuple):
     """(range,) mean over chirps of the first slot: the range profile."""
 
 
-def strongest_cell(power: xr.DataArray, detections: xr.Dataset, radar: Radar) -> Cursor:
+def cursor_at_strongest_detection(
+    power: xr.DataArray, detections: xr.Dataset, radar: Radar
+) -> Cursor:
     """Return the cell of the strongest detection; without detections, the strongest cell."""
     rows, columns = slice(None), slice(None)
     if detections.sizes["detection"]:
@@ -56,7 +58,7 @@ def strongest_cell(power: xr.DataArray, detections: xr.Dataset, radar: Radar) ->
         place = range_doppler_map_position(
             RangeVelocity(range_m[first][:1], velocity[first][:1]), radar
         )
-        row, column = nearest_cell(power, Cursor(*(float(index[0]) for index in place)))
+        row, column = nearest_cell_indices(power, Cursor(*(float(index[0]) for index in place)))
         # Noise may raise a neighbour above the nearest cell.
         rows, columns = (slice(max(index - 1, 0), index + 2) for index in (row, column))
     neighbourhood = power.values[rows, columns]
@@ -67,7 +69,7 @@ def strongest_cell(power: xr.DataArray, detections: xr.Dataset, radar: Radar) ->
     )
 
 
-def nearest_cell(power: xr.DataArray, cursor: Cursor) -> tuple[int, int]:
+def nearest_cell_indices(power: xr.DataArray, cursor: Cursor) -> tuple[int, int]:
     """Return the nearest cell (velocity, range); velocities alias, and one chirp has none."""
     velocity, range_m = power.velocity.values, power.range.values
     column = int(abs(range_m - cursor.range_m).argmin())
@@ -77,7 +79,7 @@ def nearest_cell(power: xr.DataArray, cursor: Cursor) -> tuple[int, int]:
     return round((cursor.velocity_m_per_s - velocity[0]) / step) % velocity.size, column
 
 
-def cuts_through_cell(
+def power_and_threshold_cuts(
     power: xr.DataArray, radar: Radar, chain: Chain, cell: tuple[int, int]
 ) -> tuple[MapCut, MapCut]:
     """Return the cuts through a cell along range and along velocity."""
@@ -89,7 +91,7 @@ def cuts_through_cell(
     )
 
 
-def beat_signal(cube: xr.DataArray, radar: Radar, chain: Chain) -> BeatSignal:
+def first_receiver_beat_and_spectrum(cube: xr.DataArray, radar: Radar, chain: Chain) -> BeatSignal:
     """Return samples and range spectrum of the first receiver in a frame (chirp, rx, sample)."""
     # Falling ramps have other beat frequencies: the first slot alone.
     first_slot = cube.variable[{"chirp": slice(None, None, radar.frame.n_slots)}]

@@ -11,7 +11,7 @@ MAX_NAMES = 10_000
 """Largest number of scanned names in one folder."""
 
 
-def is_inside(path: Path, folders: Iterable[Path]) -> bool:
+def resolves_inside(path: Path, folders: Iterable[Path]) -> bool:
     """Return True if a path, with links resolved, is inside one of the folders."""
     try:
         end = path.resolve()
@@ -23,35 +23,35 @@ def is_inside(path: Path, folders: Iterable[Path]) -> bool:
         return False
 
 
-def is_allowed(path: Path, folders: Iterable[Path]) -> bool:
+def is_tree_inside(path: Path, folders: Iterable[Path]) -> bool:
     """Return True if a path and all entries below it are files or folders inside the folders.
 
     Nothing is opened: opening a pipe could block for ever, and a link may point anywhere.
     """
     folders = tuple(folders)
-    if not is_inside(path, folders):
+    if not resolves_inside(path, folders):
         return False
     try:
         if not path.is_dir():
             return path.is_file()
-        entries = list(islice(_walk_folder(path, MAX_DEPTH), MAX_NAMES))
+        entries = list(islice(_iter_entries_to_depth(path, MAX_DEPTH), MAX_NAMES))
         return len(entries) < MAX_NAMES and all(
-            is_allowed_entry(entry, folders) for entry in entries
+            is_file_or_folder_inside(entry, folders) for entry in entries
         )
     except OSError:
         return False
 
 
-def is_allowed_entry(entry: os.DirEntry[str], folders: Iterable[Path]) -> bool:
+def is_file_or_folder_inside(entry: os.DirEntry[str], folders: Iterable[Path]) -> bool:
     """Return True if an entry, links resolved, is a file or folder inside the folders."""
-    if entry.is_symlink() and not is_inside(Path(entry.path), folders):
+    if entry.is_symlink() and not resolves_inside(Path(entry.path), folders):
         return False
     return entry.is_file() or entry.is_dir()
 
 
-def _walk_folder(folder: Path, depth: int) -> Iterator[os.DirEntry[str]]:
+def _iter_entries_to_depth(folder: Path, depth: int) -> Iterator[os.DirEntry[str]]:
     with os.scandir(folder) as entries:
         for entry in entries:
             yield entry
             if depth and entry.is_dir(follow_symlinks=False):
-                yield from _walk_folder(Path(entry.path), depth - 1)
+                yield from _iter_entries_to_depth(Path(entry.path), depth - 1)

@@ -21,7 +21,7 @@ from dechirp.processing.angle_maps import range_azimuth_map
 from dechirp.processing.detect import process_cubes
 from dechirp.processing.direction_finding import can_resolve_directions, checked_direction_aperture
 from dechirp.radar.radar import Radar
-from dechirp.studio.cursor import Cursor, strongest_cell
+from dechirp.studio.cursor import Cursor, cursor_at_strongest_detection
 from dechirp.studio.frame_sources import FrameSource, open_frame_source
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.history import FrameHistory, HistoryEntry
@@ -44,7 +44,7 @@ class FramePlayer:
         self._prepared: _PreparedScenario | None = None
         self._recent_steps: list[_ProcessedStep] = []
 
-    def frame_at(self, step: int, cursor: Cursor | None) -> FrameState:
+    def process_frame_at_step(self, step: int, cursor: Cursor | None) -> FrameState:
         """Return the processed frame of a step.
 
         Raises
@@ -65,7 +65,7 @@ class FramePlayer:
                 [],
             )  # no history continues after a failure
             continues = bool(previous) and step == previous[0].step + 1
-            processed = prepared.process_step(step, continues=continues)
+            processed = prepared.process_step(step, follows_previous_step=continues)
             # Keep two: a paused page may already have requested the next one.
             self._recent_steps = [*previous, processed]
         state = FrameState(
@@ -89,7 +89,7 @@ class FramePlayer:
             processing_time_s=perf_counter() - started,
         )
         if is_first:  # compile here, for seconds, not when the page reads it
-            _ = state.beat, state.cuts, state.micro_doppler
+            _ = state.beat_and_spectrum, state.cuts_through_cursor, state.micro_doppler
         return state
 
 
@@ -130,22 +130,22 @@ class _PreparedScenario:
             ).resolves_azimuth_and_elevation[0]
         )
 
-    def process_step(self, step: int, *, continues: bool) -> _ProcessedStep:
+    def process_step(self, step: int, *, follows_previous_step: bool) -> _ProcessedStep:
         cube, number = self.frames.cube(step), self.frames.frame_number(step)
         radar = self.frames.radar.for_frame(number)
         frame = self.frames.radar.frame
         start_s = cube.frame.item() if "frame" in cube.coords else frame.frame_start_s(number)
         time_s = start_s + radar.frame.mid_frame_s
-        if not (continues and self.history.continues_at(time_s)):
+        if not (follows_previous_step and self.history.is_after_last_frame(time_s)):
             self.history.reset()
         samples = cube.isel(frame=0)
-        run, power = self._detect(cube, number)
+        run, power = self._detections_and_power_map(cube, number)
         grouped = group_detections(run.detections, self._scenario, self.frames.radar)
-        peak = strongest_cell(power, run.detections, radar)
+        peak = cursor_at_strongest_detection(power, run.detections, radar)
         tracks = self.history.update_tracks(
             trackable_rows(grouped.track_inputs, self.frames.radar), time_s
         )
-        self.history.add_map(power, radar, time_s, peak.range_m)
+        self.history.store_frame_map(power, radar, time_s, peak.range_m)
         return _ProcessedStep(
             step=step,
             number=number,
@@ -164,14 +164,16 @@ class _PreparedScenario:
             findings=(*detection_findings(run, radar), *grouped.findings),
         )
 
-    def _detect(self, cube: xr.DataArray, number: int) -> tuple[DetectionRun, xr.DataArray]:
+    def _detections_and_power_map(
+        self, cube: xr.DataArray, frame_number: int
+    ) -> tuple[DetectionRun, xr.DataArray]:
         """Return the detections of a frame and its map."""
         radar = self.frames.radar
-        (frame,) = process_cubes([cube], radar, self.chain, first_frame_number=number)
+        (frame,) = process_cubes([cube], radar, self.chain, first_frame_number=frame_number)
         totals = FrameTotals()
         totals.add(frame)
         detections = detections_from_columns(frame.detections)
-        run = DetectionRun(first_frame=number, detections=detections, frames=totals)
+        run = DetectionRun(first_frame=frame_number, detections=detections, frames=totals)
         # Copy: the map may be a view of a larger array.
         power = tuple(part.copy() for part in frame.equalised_power)
-        return run, frame_power_map(power, cube, number, radar, self.chain)
+        return run, frame_power_map(power, cube, frame_number, radar, self.chain)

@@ -14,8 +14,8 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.truth import truth
 from dechirp.simulation.frame_by_frame import FrameSimulator
 from dechirp.simulation.simulate import build_stages_with_warnings
-from dechirp.studio.option_hints import adapt_errors_to_page, adapt_fix_to_page
-from dechirp.studio.scenario_edits import PageLimits, check_sizes
+from dechirp.studio.option_hints import translate_cli_fix_to_page, translate_error_fixes_to_page
+from dechirp.studio.scenario_edits import PageLimits, check_settings_within_limits
 
 
 class FrameSource(Protocol):
@@ -98,12 +98,14 @@ class RecordingFrames:
     """
 
     def __init__(self, scenario: Scenario, limits: PageLimits) -> None:
-        with adapt_errors_to_page():
+        with translate_error_fixes_to_page():
             self._recording = open_scenario_recording(scenario)
-        check_sizes({"radar": self._recording.radar, "chain": scenario.chain}, limits)
+        check_settings_within_limits(
+            {"radar": self._recording.radar, "chain": scenario.chain}, limits
+        )
         self.radar, self.n_frames = self._recording.radar, self._recording.n_frames
         self.findings = tuple(
-            replace(finding, fix=adapt_fix_to_page(finding.fix))
+            replace(finding, fix=translate_cli_fix_to_page(finding.fix))
             for finding in self._recording.findings
         )
 

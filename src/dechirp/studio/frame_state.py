@@ -15,9 +15,9 @@ from dechirp.studio.cursor import (
     BeatSignal,
     Cursor,
     MapCut,
-    beat_signal,
-    cuts_through_cell,
-    nearest_cell,
+    first_receiver_beat_and_spectrum,
+    nearest_cell_indices,
+    power_and_threshold_cuts,
 )
 from dechirp.studio.history import HistoryEntry, micro_doppler_map
 from dechirp.tracking.online import Track
@@ -64,15 +64,15 @@ class FrameState:
     """Processing time of the frame."""
 
     @cached_property
-    def beat(self) -> BeatSignal:
+    def beat_and_spectrum(self) -> BeatSignal:
         """Samples and range spectrum of the first receiver."""
-        return beat_signal(self.samples, self.radar, self.chain)
+        return first_receiver_beat_and_spectrum(self.samples, self.radar, self.chain)
 
     @cached_property
-    def cuts(self) -> tuple[MapCut, MapCut]:
+    def cuts_through_cursor(self) -> tuple[MapCut, MapCut]:
         """Cuts through the cursor along range and along velocity."""
-        return cuts_through_cell(
-            self.power, self.radar, self.chain, nearest_cell(self.power, self.cursor)
+        return power_and_threshold_cuts(
+            self.power, self.radar, self.chain, nearest_cell_indices(self.power, self.cursor)
         )
 
     @cached_property

@@ -55,17 +55,23 @@ class FrameHistory:
                     self._tracker, velocity_span_m_per_s=self._span_m_per_s
                 )
 
-    def continues_at(self, time_s: float) -> bool:
+    def is_after_last_frame(self, time_s: float) -> bool:
         """Return True if a frame at this time can follow the last one."""
         return not self.frames or time_s > self.frames[-1].time_s
 
-    def update_tracks(self, rows: xr.Dataset, time_s: float) -> tuple[Track, ...]:
+    def update_tracks(self, detections_or_clusters: xr.Dataset, time_s: float) -> tuple[Track, ...]:
         """Update the tracks with the detections or clusters of a frame and return them."""
-        return () if self._live_tracker is None else self._live_tracker.step(rows, time_s)
+        return (
+            ()
+            if self._live_tracker is None
+            else self._live_tracker.step(detections_or_clusters, time_s)
+        )
 
-    def add_map(self, power: xr.DataArray, radar: Radar, time_s: float, strongest_m: float) -> None:
+    def store_frame_map(
+        self, power: xr.DataArray, radar: Radar, time_s: float, strongest_range_m: float
+    ) -> None:
         """Store the map of a frame and discard the oldest ones."""
-        column = power.values[:, _rows_near_range(strongest_m, power)].sum(axis=1)
+        column = power.values[:, _range_cells_near(strongest_range_m, power)].sum(axis=1)
         max_frames = max(min(_MAX_FRAMES, _MAX_CELLS // power.size), 1)
         entry = HistoryEntry(time_s, power.values, column, radar.frame.single_interval_s)
         self.frames = (*self.frames, entry)[-max_frames:]
@@ -74,7 +80,7 @@ class FrameHistory:
 def micro_doppler_map(
     frames: Sequence[HistoryEntry],
     power: xr.DataArray,
-    over_range: Transform,
+    range_transform: Transform,
     range_m: float | None,
 ) -> xr.DataArray:
     """Return the power over (time, velocity) within 2 m of a range.
@@ -88,10 +94,12 @@ def micro_doppler_map(
     if range_m is None:
         columns = [entry.strongest for entry in entries]
     else:
-        rows = _rows_near_range(range_m, power)
+        rows = _range_cells_near(range_m, power)
         columns = [entry.power[:, rows].sum(axis=1) for entry in entries]
     # Neighbouring rows share noise and echoes: each counts this many times in the sum.
-    n_times = over_range.noise_bandwidth_bins * over_range.n_bins / over_range.n_points
+    n_times = (
+        range_transform.noise_bandwidth_bins * range_transform.n_bins / range_transform.n_points
+    )
     times_s = xr.Variable("time", [entry.time_s for entry in entries], {"units": "s"})
     return xr.DataArray(
         np.array(columns) / np.float32(n_times),
@@ -101,7 +109,7 @@ def micro_doppler_map(
     )
 
 
-def _rows_near_range(range_m: float, power: xr.DataArray) -> slice:
+def _range_cells_near(range_m: float, power: xr.DataArray) -> slice:
     """Return the rows of a map within 2 m of a range, at least the nearest one."""
     distance_m = abs(power["range"].values - range_m)
     rows = np.flatnonzero(distance_m <= max(_HALF_WIDTH_M, distance_m.min()))

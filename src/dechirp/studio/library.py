@@ -11,9 +11,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import Literal
 
-from dechirp.config.dumping import dump
-from dechirp.config.loading import read_text
-from dechirp.config.yaml_tree import unique_labels
+from dechirp.config.dumping import dump_yaml
+from dechirp.config.loading import read_settings_text
+from dechirp.config.yaml_tree import replace_repeated_labels_by_index
 from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.experiments.inspection import inspect
@@ -21,9 +21,9 @@ from dechirp.experiments.scenario import RecordingSource, Scenario, check_object
 from dechirp.recordings.recognise import recognise_formats
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.read import holds_settings
-from dechirp.studio.folders import MAX_DEPTH, MAX_NAMES, is_allowed, is_allowed_entry
-from dechirp.studio.option_hints import adapt_errors_to_page, adapt_fix_to_page
-from dechirp.studio.scenario_edits import PageLimits, check_sizes, parse_scenario
+from dechirp.studio.folders import MAX_DEPTH, MAX_NAMES, is_file_or_folder_inside, is_tree_inside
+from dechirp.studio.option_hints import translate_cli_fix_to_page, translate_error_fixes_to_page
+from dechirp.studio.scenario_edits import PageLimits, check_settings_within_limits, parse_scenario
 
 MAX_SCANNED = 500
 """Largest number of scanned files and folders; recognising one takes 5 ms."""
@@ -70,7 +70,7 @@ class FolderScan:
         self.items: list[LibraryItem] = []
         self.n_scanned = 0
         self.is_done = False
-        self._work = islice(_scan_folders(limits), MAX_SCANNED)
+        self._work = islice(_iter_items_of_folders(limits), MAX_SCANNED)
 
     def scan_for(self, duration_s: float) -> None:
         """Scan for a duration, and until the end of the current file."""
@@ -84,16 +84,16 @@ class FolderScan:
         self.is_done = True
 
 
-def inspect_item(
-    item: LibraryItem, settings: LibraryItem | None, limits: PageLimits
+def inspect_first_frames(
+    item: LibraryItem, radar_settings: LibraryItem | None, limits: PageLimits
 ) -> InspectedRecording:
     """Inspect the first frames of a recording; errors are returned as findings."""
     try:
-        radar = None if settings is None else _checked_path(settings, limits)
-        path = _checked_path(item, limits)
+        radar = None if radar_settings is None else _path_if_still_allowed(radar_settings, limits)
+        path = _path_if_still_allowed(item, limits)
         recording = open_recording(path, radar=radar)
         recording.check_has_samples()
-        check_sizes({"radar": recording.radar}, limits)
+        check_settings_within_limits({"radar": recording.radar}, limits)
         n_inspected = min(recording.n_frames, MAX_INSPECTED_FRAMES)
         findings = inspect(path, radar=radar, frames=(0, n_inspected)).findings
         n_frames = recording.n_frames
@@ -101,12 +101,14 @@ def inspect_item(
         n_frames, n_inspected = None, 0
         findings = tuple(Finding.from_mistake(entry, level="error") for entry in error.mistakes)
     return InspectedRecording(
-        n_frames, n_inspected, tuple(_adapt_finding_to_page(entry, limits) for entry in findings)
+        n_frames,
+        n_inspected,
+        tuple(_adapt_fix_and_hide_folders(entry, limits) for entry in findings),
     )
 
 
-def open_item(
-    scenario: Scenario, item: LibraryItem, settings: LibraryItem | None, limits: PageLimits
+def open_item_as_scenario(
+    scenario: Scenario, item: LibraryItem, radar_settings: LibraryItem | None, limits: PageLimits
 ) -> Scenario:
     """Open an item: a scenario file, or a recording with the chain of the current scenario.
 
@@ -117,32 +119,34 @@ def open_item(
     DechirpError
         If it cannot be read, exceeds the limits or is no longer in the folders.
     """
-    path = _checked_path(item, limits)
+    path = _path_if_still_allowed(item, limits)
     if item.kind == "scenario":
         file_limits = replace(limits, folders=(path.parent, *limits.folders))
-        return parse_scenario(read_text(path), file_limits)
-    settings_path = None if settings is None else str(_checked_path(settings, limits))
+        return parse_scenario(read_settings_text(path), file_limits)
+    settings_path = (
+        None if radar_settings is None else str(_path_if_still_allowed(radar_settings, limits))
+    )
     source = RecordingSource(path=str(path), settings_path=settings_path)
     opened_scenario = replace(scenario, name=path.stem, scene=None, radar=None, recording=source)
-    with adapt_errors_to_page():
+    with translate_error_fixes_to_page():
         recording = open_recording(path, radar=settings_path)
     try:
         check_object_stage(opened_scenario, recording.radar, recording.n_frames)
     except InvalidSetting:  # no azimuth resolution, or too short
         opened_scenario = replace(opened_scenario, tracker=None, ego_motion=None)
-    return parse_scenario(dump(opened_scenario), limits)
+    return parse_scenario(dump_yaml(opened_scenario), limits)
 
 
-def _scan_folders(limits: PageLimits) -> Iterator[LibraryItem | None]:
+def _iter_items_of_folders(limits: PageLimits) -> Iterator[LibraryItem | None]:
     visited = {folder.resolve() for folder in limits.folders}
-    labels = unique_labels(folder.name for folder in limits.folders)
+    labels = replace_repeated_labels_by_index(folder.name for folder in limits.folders)
     for folder, label in zip(limits.folders, labels, strict=True):
         prefix = f"{label}/" if len(labels) > 1 else ""
-        yield from _scan_folder(folder.resolve(), prefix, MAX_DEPTH, visited, limits)
+        yield from _iter_items_of_folder(folder.resolve(), prefix, MAX_DEPTH, visited, limits)
 
 
-def _scan_folder(
-    folder: Path, prefix: str, depth: int, visited: set[Path], limits: PageLimits
+def _iter_items_of_folder(
+    folder: Path, name_prefix: str, depth: int, visited_paths: set[Path], limits: PageLimits
 ) -> Iterator[LibraryItem | None]:
     try:
         with os.scandir(folder) as entries:
@@ -154,24 +158,26 @@ def _scan_folder(
             continue
         path = (
             (folder / name).resolve()
-            if is_allowed_entry(entry_by_name[name], limits.folders)
+            if is_file_or_folder_inside(entry_by_name[name], limits.folders)
             else None
         )
-        if path is None or path in visited:
+        if path is None or path in visited_paths:
             yield None
             continue
-        visited.add(path)
-        item = _classify_file(path, f"{prefix}{name}", limits)
+        visited_paths.add(path)
+        item = _recognise_item(path, f"{name_prefix}{name}", limits)
         yield item
         if item is None and depth and path.is_dir():
-            yield from _scan_folder(path, f"{prefix}{name}/", depth - 1, visited, limits)
+            yield from _iter_items_of_folder(
+                path, f"{name_prefix}{name}/", depth - 1, visited_paths, limits
+            )
 
 
-def _classify_file(path: Path, name: str, limits: PageLimits) -> LibraryItem | None:
-    if not is_allowed(path, limits.folders):
+def _recognise_item(path: Path, name: str, limits: PageLimits) -> LibraryItem | None:
+    if not is_tree_inside(path, limits.folders):
         return None
     n_bytes = path.stat().st_size if path.is_file() else 0
-    if path.is_file() and _holds_scenario(path, limits):
+    if path.is_file() and _is_scenario_file(path, limits):
         return LibraryItem("scenario", name, path, n_bytes=n_bytes)
     if path.is_file() and holds_settings(path):
         return LibraryItem("settings", name, path, n_bytes=n_bytes)
@@ -181,19 +187,19 @@ def _classify_file(path: Path, name: str, limits: PageLimits) -> LibraryItem | N
         return None
 
 
-def _holds_scenario(path: Path, limits: PageLimits) -> bool:
+def _is_scenario_file(path: Path, limits: PageLimits) -> bool:
     if path.suffix.lower() not in _SUFFIXES or path.stat().st_size > limits.max_text_length:
         return False
     try:
-        text = read_text(path)
+        text = read_settings_text(path)
     except DechirpError:
         return False
     return any(line.startswith(("scene:", "recording:")) for line in text.splitlines())
 
 
-def _checked_path(item: LibraryItem, limits: PageLimits) -> Path:
+def _path_if_still_allowed(item: LibraryItem, limits: PageLimits) -> Path:
     """Return the path of an item, if it is still allowed as at the scan."""
-    if not is_allowed(item.path, limits.folders):
+    if not is_tree_inside(item.path, limits.folders):
         raise InvalidSetting(
             "recording.path",
             value=f"{item.name}, which does not exist or is outside the folders",
@@ -203,9 +209,9 @@ def _checked_path(item: LibraryItem, limits: PageLimits) -> Path:
     return item.path
 
 
-def _adapt_finding_to_page(finding: Finding, limits: PageLimits) -> Finding:
+def _adapt_fix_and_hide_folders(finding: Finding, limits: PageLimits) -> Finding:
     """Return a finding without folder paths, with a fix that the page offers."""
-    finding = replace(finding, fix=adapt_fix_to_page(finding.fix))
+    finding = replace(finding, fix=translate_cli_fix_to_page(finding.fix))
     parts = {name: getattr(finding, name) for name in ("value", "expected", "fix")}
     for folder in limits.folders:
         parts = {name: text.replace(f"{folder}/", "") for name, text in parts.items()}

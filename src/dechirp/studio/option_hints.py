@@ -15,26 +15,27 @@ _PANEL_BY_OPTION = (
 _RECORDING_OPTION = re.compile(r"--(axes|device|encoding|format|iq)\b(?: ([\w,-]+))?")
 
 
-def adapt_fix_to_page(fix: str) -> str:
+def translate_cli_fix_to_page(fix: str) -> str:
     """Translate a fix to the panels of the page, else to settings of the file."""
     fix = _PYTHON_HINT.sub("", fix)
     for option, panel in _PANEL_BY_OPTION:
         fix = fix.replace(option, panel)
-    return _RECORDING_OPTION.sub(_recording_setting, fix)
+    return _RECORDING_OPTION.sub(_option_as_recording_setting, fix)
 
 
-def _recording_setting(option: re.Match[str]) -> str:
-    name, value = option.groups()
+def _option_as_recording_setting(option_match: re.Match[str]) -> str:
+    name, value = option_match.groups()
     return f"recording.{name}{f': {value}' if value else ''} (under File)"
 
 
 @contextmanager
-def adapt_errors_to_page() -> Iterator[None]:
+def translate_error_fixes_to_page() -> Iterator[None]:
     """Translate the fixes of errors raised inside the block to the page."""
     try:
         yield
     except DechirpError as error:
         mistakes = (
-            replace(mistake, fix=adapt_fix_to_page(mistake.fix)) for mistake in error.mistakes
+            replace(mistake, fix=translate_cli_fix_to_page(mistake.fix))
+            for mistake in error.mistakes
         )
         raise DechirpError(*mistakes) from None

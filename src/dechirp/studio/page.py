@@ -8,7 +8,7 @@ from time import perf_counter
 from bokeh.document import Document
 
 from dechirp.experiments.scenario import Scenario
-from dechirp.studio.browser_events import BrowserState, browser_script, read_studio_file
+from dechirp.studio.browser_events import BrowserState, browser_javascript, read_studio_asset_text
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.compare import Compare
@@ -23,8 +23,8 @@ from dechirp.studio.panels.targets import Targets
 from dechirp.studio.panels.transport import Transport
 from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.session import Session
-from dechirp.studio.teach import lesson_builders
-from dechirp.studio.theme import DARK, LIGHT, page_style, widget_theme
+from dechirp.studio.teach import lesson_page_builders_by_address
+from dechirp.studio.theme import DARK, LIGHT, bokeh_widget_theme, page_css
 from dechirp.studio.views.base import View
 from dechirp.studio.views.beat import BeatView
 from dechirp.studio.views.detections import DetectionsView
@@ -62,7 +62,7 @@ _PANELS: tuple[type[Panel], ...] = (
 )
 
 
-def build_page(
+def build_live_page(
     document: Document, *, worker: Executor, scenario: Scenario, limits: PageLimits
 ) -> None:
     """Fill the document of a new browser session."""
@@ -73,10 +73,12 @@ def build_page(
     panels = [kind(session) for kind in _PANELS]
     parts: list[View | Panel] = [*views, *panels]
     for view in views:
-        session.on_frame.append(_rate_limited(session, view.show_frame, view.min_interval_s))
-        session.on_frame.append(_rate_limited(session, view.update_caption, _CAPTION_INTERVAL_S))
-    session.on_frame.append(_rate_limited(session, lambda _: update_status(), _CAPTION_INTERVAL_S))
-    session.on_wait.append(partial(update_status, waits=True))
+        session.on_frame.append(_limit_call_rate(session, view.show_frame, view.min_interval_s))
+        session.on_frame.append(_limit_call_rate(session, view.update_caption, _CAPTION_INTERVAL_S))
+    session.on_frame.append(
+        _limit_call_rate(session, lambda _: update_status(), _CAPTION_INTERVAL_S)
+    )
+    session.on_wait.append(partial(update_status, is_waiting=True))
     # A frame that fails sends no frame state.
     session.on_mistakes.append(lambda mistakes: update_status() if mistakes else None)
     # After all other callbacks: everything sent before is then drawn.
@@ -86,22 +88,22 @@ def build_page(
         for part in parts:
             part.apply_theme(DARK if dark else LIGHT)
 
-    browser.on_change("n_frames_drawn", lambda attr, old, new: session.confirm_drawn(new))
+    browser.on_change("n_frames_drawn", lambda attr, old, new: session.confirm_frames_drawn(new))
     browser.on_change("play_keys", lambda attr, old, new: session.set_playing(not session.playing))
     browser.on_change("step_keys", lambda attr, old, new: session.go_to_step(session.step + 1))
     browser.on_change("free_keys", lambda attr, old, new: session.move_cursor(None))
     browser.on_change("dark", apply_shade)
     apply_shade("dark", False, False)
 
-    roots = [part.root for part in parts]
+    roots = [part.root_element for part in parts]
     roots[0].tags = [browser]  # not a root: it has no visual part
-    document.theme = widget_theme()
+    document.theme = bokeh_widget_theme()
     with document.models.freeze():  # else Bokeh scans all models for each root
         for root in roots:
             document.add_root(root)
     document.title = "dechirp studio"
-    document.template = read_studio_file("page.html")
-    document.template_variables.update(style=page_style(), script=browser_script())
+    document.template = read_studio_asset_text("page.html")
+    document.template_variables.update(style=page_css(), script=browser_javascript())
     document.on_session_destroyed(lambda _: session.close())
     session.start()
 
@@ -115,26 +117,26 @@ def _update_frame_status(
     browser.frame_status = "; ".join([*parts, "computing ..."] if is_waiting else parts)
 
 
-def _rate_limited(
+def _limit_call_rate(
     session: Session, show: Callable[[FrameState], None], min_interval_s: float
 ) -> Callable[[FrameState], None]:
     """Wrap a callback so that it runs at most once per interval, on average, during playback."""
     due_s = 0.0
 
-    def show_if_due(moment: FrameState) -> None:
+    def show_if_due(frame_state: FrameState) -> None:
         nonlocal due_s
         now_s = perf_counter()
         if not session.playing or now_s >= due_s:
             # Count from the due time; else each call would wait for the next frame after it.
             due_s = min(max(due_s, now_s - min_interval_s), now_s) + min_interval_s
-            show(moment)
+            show(frame_state)
 
     return show_if_due
 
 
-def page_builders(
+def page_builders_by_address(
     worker: Executor, *, scenario: Scenario, limits: PageLimits
 ) -> dict[str, Callable[[Document], None]]:
     """Return the builders of the live page and the lessons by address."""
-    live_page = partial(build_page, worker=worker, scenario=scenario, limits=limits)
-    return {"/": live_page, **lesson_builders(worker, limits)}
+    live_page = partial(build_live_page, worker=worker, scenario=scenario, limits=limits)
+    return {"/": live_page, **lesson_page_builders_by_address(worker, limits)}

@@ -12,10 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from dechirp.config import setting_paths
-from dechirp.config.dumping import dump
-from dechirp.config.error_messages import SettingNode, explain_refusal
-from dechirp.config.fields import Slot
-from dechirp.config.loading import read_text, sort_mistakes, validate_node
+from dechirp.config.dumping import dump_yaml
+from dechirp.config.error_messages import SettingNode, locate_refusal_in_file
+from dechirp.config.fields import ValueType
+from dechirp.config.loading import (
+    read_settings_text,
+    sort_and_deduplicate_mistakes,
+    validate_and_build_value,
+)
 from dechirp.config.overrides import apply_override, parse_override
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import parse_yaml
@@ -34,7 +38,7 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.bodies.mesh import Mesh
 from dechirp.scene.scene import Scene
 from dechirp.simulation.impairments.base import Impairment
-from dechirp.studio.folders import is_allowed, is_inside
+from dechirp.studio.folders import is_tree_inside, resolves_inside
 
 _FILE = "settings"
 """Name of the text of the page in messages."""
@@ -71,10 +75,10 @@ def parse_scenario(text: str, limits: PageLimits) -> Scenario:
         before anything is computed.
     """
     _check_text_length("the settings", text, limits)
-    return _parse_with_options(text, (), limits)
+    return _parse_with_overrides(text, (), limits)
 
 
-def apply_options(scenario: Scenario, options: Iterable[str], limits: PageLimits) -> Scenario:
+def apply_overrides(scenario: Scenario, overrides: Iterable[str], limits: PageLimits) -> Scenario:
     """Return the scenario with several settings changed, each as PATH=VALUE.
 
     Raises
@@ -82,32 +86,32 @@ def apply_options(scenario: Scenario, options: Iterable[str], limits: PageLimits
     DechirpError
         As `parse_scenario`, with paths of settings only.
     """
-    options = tuple(options)
-    for option in options:
+    overrides = tuple(overrides)
+    for option in overrides:
         _check_text_length(quote_for_message(option.partition("=")[0]), option, limits)
     try:
-        return _replace_settings(scenario, options, limits)
+        return _apply_overrides_without_reparsing(scenario, overrides, limits)
     except DechirpError:
         pass  # parse as text for a complete error message: 50 ms instead of 1 ms
     try:
-        return _parse_with_options(dump(scenario), options, limits)
+        return _parse_with_overrides(dump_yaml(scenario), overrides, limits)
     except InvalidFile as error:
-        raise InvalidFile(*map(_without_location, error.mistakes)) from None
+        raise InvalidFile(*map(_without_generated_location, error.mistakes)) from None
 
 
-def check_scenario_size(scenario: Scenario, limits: PageLimits) -> Scenario:
+def check_scenario_within_limits(scenario: Scenario, limits: PageLimits) -> Scenario:
     """Return the scenario, or raise `InvalidSetting` if it exceeds the limits."""
-    check_sizes({name: getattr(scenario, name) for name in _SIZE_SETTINGS}, limits)
+    check_settings_within_limits({name: getattr(scenario, name) for name in _SIZE_SETTINGS}, limits)
     return scenario
 
 
-def check_sizes(parts: Mapping[str, Any], limits: PageLimits) -> None:
+def check_settings_within_limits(settings_by_name: Mapping[str, Any], limits: PageLimits) -> None:
     """Raise `InvalidSetting` if parts of a scenario, by name, exceed the limits."""
-    radar: Radar | None = parts.get("radar")
-    scene: Scene | None = parts.get("scene")
-    chain: Chain = parts.get("chain") or Chain()
-    impairments: tuple[Impairment, ...] = parts.get("impairments") or ()
-    sizes = [("n_frames", parts.get("n_frames") or 1, limits.max_frames, "frames")]
+    radar: Radar | None = settings_by_name.get("radar")
+    scene: Scene | None = settings_by_name.get("scene")
+    chain: Chain = settings_by_name.get("chain") or Chain()
+    impairments: tuple[Impairment, ...] = settings_by_name.get("impairments") or ()
+    sizes = [("n_frames", settings_by_name.get("n_frames") or 1, limits.max_frames, "frames")]
     n_range, n_velocity = chain.n_range_bins or 1, chain.n_velocity_bins or 1
     if radar is not None:
         chirp, frame = radar.frame.chirp, radar.frame
@@ -156,38 +160,45 @@ def _check_text_length(setting: str, text: str, limits: PageLimits) -> None:
         )
 
 
-def _parse_with_options(text: str, options: Iterable[str], limits: PageLimits) -> Scenario:
+def _parse_with_overrides(text: str, overrides: Iterable[str], limits: PageLimits) -> Scenario:
     context = _validation_context(limits)
-    node = SettingNode("", parse_yaml(text, _FILE), Slot(Scenario))
-    _check_file_paths(node, context, limits)
-    for option in options:
+    node = SettingNode("", parse_yaml(text, _FILE), ValueType(Scenario))
+    _check_no_forbidden_files(node, context, limits)
+    for option in overrides:
         node = replace(node, node=apply_override(node, option, context))
-        _check_file_paths(node, context, limits)  # before the next option reads a file
+        _check_no_forbidden_files(node, context, limits)  # before the next option reads a file
     parts = {}
     for name in _SIZE_SETTINGS:
         part = node.child(name)
         with suppress(DechirpError):  # reported below with all others
-            parts[name] = validate_node(part, context) if part else None
+            parts[name] = validate_and_build_value(part, context) if part else None
     try:
-        check_sizes(parts, limits)
+        check_settings_within_limits(parts, limits)
     except InvalidSetting as error:
-        raise InvalidFile(*explain_refusal(error, node)) from None
-    scenario: Scenario = validate_node(node, context)
+        raise InvalidFile(*locate_refusal_in_file(error, node)) from None
+    scenario: Scenario = validate_and_build_value(node, context)
     return scenario
 
 
-def _replace_settings(scenario: Scenario, options: Iterable[str], limits: PageLimits) -> Scenario:
+def _apply_overrides_without_reparsing(
+    scenario: Scenario, overrides: Iterable[str], limits: PageLimits
+) -> Scenario:
     context = _validation_context(limits)
     changes = [
         (setting_paths.find_setting(scenario, path), node)
-        for path, node in map(parse_override, options)
+        for path, node in map(parse_override, overrides)
     ]
     check_disjoint(path for path, _ in changes)
     changes_by_part: dict[str, dict[setting_paths.Steps, Any]] = {}
     for path, node in changes:
-        _check_file_paths(SettingNode(path.path, node, path.leaf_slot), context, limits)
+        _check_no_forbidden_files(
+            SettingNode(path.path, node, path.leaf_value_type), context, limits
+        )
         first, *rest = path.steps
-        steps, new_value = tuple(rest), setting_paths.parse_setting(scenario, path, node, context)
+        steps, new_value = (
+            tuple(rest),
+            setting_paths.build_value_with_replaced_setting(scenario, path, node, context),
+        )
         if steps in changes_by_part.setdefault(str(first), {}):
             raise InvalidFile  # two settings of a missing value: parse as text
         changes_by_part[str(first)][steps] = new_value
@@ -195,7 +206,9 @@ def _replace_settings(scenario: Scenario, options: Iterable[str], limits: PageLi
         name: setting_paths.replace_settings(getattr(scenario, name), part_changes)
         for name, part_changes in changes_by_part.items()
     }
-    check_sizes({name: getattr(scenario, name) for name in _SIZE_SETTINGS} | parts, limits)
+    check_settings_within_limits(
+        {name: getattr(scenario, name) for name in _SIZE_SETTINGS} | parts, limits
+    )
     return setting_paths.replace_settings(scenario, {(name,): part for name, part in parts.items()})
 
 
@@ -205,47 +218,54 @@ def _validation_context(limits: PageLimits) -> ValidationContext:
     )
 
 
-def _check_file_paths(node: SettingNode, context: ValidationContext, limits: PageLimits) -> None:
-    mistakes = [*_forbidden_files(node, context, limits)]
+def _check_no_forbidden_files(
+    node: SettingNode, context: ValidationContext, limits: PageLimits
+) -> None:
+    mistakes = [*_iter_forbidden_file_mistakes(node, context, limits)]
     if mistakes:
-        raise InvalidFile(*sort_mistakes(mistakes))
+        raise InvalidFile(*sort_and_deduplicate_mistakes(mistakes))
 
 
-def _forbidden_files(
+def _iter_forbidden_file_mistakes(
     node: SettingNode, context: ValidationContext, limits: PageLimits
 ) -> Iterator[Mistake]:
     """Yield mistakes for forbidden files named in settings, and in settings files they name."""
-    for steps, path in setting_paths.find_files(node, context):
+    for steps, path in setting_paths.iter_referenced_files(node, context):
         file_node = node
         for step in steps:
             file_node = file_node.child(step) or file_node
         text = str(file_node.node.content)
-        if "://" in text or _is_forbidden(Path(path), limits.folders):
+        if "://" in text or _is_forbidden_path(Path(path), limits.folders):
             folders = ", ".join(folder.name for folder in limits.folders) or "none was given"
             yield file_node.location.create_mistake(
-                file_node.setting_name,
+                file_node.name_in_messages,
                 value=quote_for_message(text),
                 expected=f"a file in the folders of the studio: {folders}",
                 fix="start the studio with the folder that contains it",
             )
-        elif Radar in file_node.slot.choices or file_node.slot.field == "settings_path":
+        elif (
+            Radar in file_node.value_type.types_without_none
+            or file_node.value_type.field == "settings_path"
+        ):
             file_context = replace(context, folder=Path(path).parent)
             try:
-                tree = parse_yaml(read_text(Path(path)), path)
+                tree = parse_yaml(read_settings_text(Path(path)), path)
             except InvalidFile:
                 continue  # a vendor's file, which names no file outside its folder
-            yield from _forbidden_files(SettingNode("", tree, Slot(Radar)), file_context, limits)
+            yield from _iter_forbidden_file_mistakes(
+                SettingNode("", tree, ValueType(Radar)), file_context, limits
+            )
 
 
-def _is_forbidden(path: Path, folders: Iterable[Path]) -> bool:
+def _is_forbidden_path(path: Path, folders: Iterable[Path]) -> bool:
     """Return True if a path must not be opened; missing files are reported by their reader."""
     exists = True
     with suppress(OSError):  # name too long
         exists = path.exists()
-    return not is_inside(path, folders) or (exists and not is_allowed(path, folders))
+    return not resolves_inside(path, folders) or (exists and not is_tree_inside(path, folders))
 
 
-def _without_location(mistake: Mistake) -> Mistake:
+def _without_generated_location(mistake: Mistake) -> Mistake:
     """Remove the location of a mistake in generated text."""
     if mistake.file in (_FILE, "--set"):
         return replace(mistake, file=None, line=None, column=None)

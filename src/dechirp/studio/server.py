@@ -55,18 +55,18 @@ class BatchingConnection(ServerConnection):
 
     async def _send_batch(self) -> None:
         changes, self._changes = self._changes, []
-        changes = [change for change in changes if _is_in_document(change)]
+        changes = [change for change in changes if _is_changed_model_in_document(change)]
         if changes:
-            await self._browser.send_message(_patch_message(changes))
+            await self._browser.send_message(_build_patch_message(changes))
 
 
-def _is_in_document(change: DocumentPatchedEvent) -> bool:
+def _is_changed_model_in_document(change: DocumentPatchedEvent) -> bool:
     """Return True if the changed model is still in the page; else it would be sent again as new."""
     model = getattr(change, "model", None)
     return model is None or model.document is not None
 
 
-def _patch_message(changes: list[DocumentPatchedEvent]) -> Message[Any]:
+def _build_patch_message(changes: list[DocumentPatchedEvent]) -> Message[Any]:
     """Build the message of `patch_doc.create`, with arrays in its text.
 
     A separate array takes two more messages, a hundred per frame: 10 % of the time of server and
@@ -129,7 +129,7 @@ class StudioServer:
     def __init__(
         self, pages: Callable[[Executor], Mapping[str, PageBuilder]], *, host: str, port: int
     ) -> None:
-        self._socket = _listening_socket(host, port)
+        self._socket = _open_listening_socket(host, port)
         port = self._socket.getsockname()[1]
         self.token = None if is_loopback(host) else secrets.token_urlsafe(32)
         shown_host = f"[{host}]" if ":" in host else host
@@ -158,7 +158,7 @@ class StudioServer:
             self._worker.shutdown(wait=False, cancel_futures=True)
 
 
-def _listening_socket(host: str, port: int) -> socket.socket:
+def _open_listening_socket(host: str, port: int) -> socket.socket:
     """Return a socket that listens at an address."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
@@ -210,29 +210,31 @@ class _GuardedBokeh(BokehTornado):
         return connection
 
     def find_handler(self, request: HTTPServerRequest, **_: Any) -> HTTPMessageDelegate:
-        if self._access.has_token_argument(request):
+        if self._access.has_valid_token_in_url(request):
             return self.get_handler_delegate(
                 request, _TokenHandler, {"cookie": self._access.cookie}
             )
         route = super().find_handler(request)
-        refusal = self._access.find_refusal(request) or self._find_unavailable(
+        refusal = self._access.find_refusal(request) or self._refusal_of_unavailable_page(
             request, route.handler_class
         )
         if refusal is not None:
             return self.get_handler_delegate(request, _RefusalHandler, {"refusal": refusal})
         return route
 
-    def _find_unavailable(self, request: HTTPServerRequest, kind: type) -> Refusal | None:
+    def _refusal_of_unavailable_page(
+        self, request: HTTPServerRequest, handler_class: type
+    ) -> Refusal | None:
         """Refuse too many pages, closed pages, and Bokeh's handlers for embedding in other sites.
 
         The handler is checked, not the address: Bokeh serves a page at several addresses.
         """
         sessions = [session for page in self.app_paths for session in self.get_sessions(page)]
-        if issubclass(kind, AutoloadJsHandler | MetadataHandler):
+        if issubclass(handler_class, AutoloadJsHandler | MetadataHandler):
             return Refusal(404, "Not found.")
-        if issubclass(kind, DocHandler) and len(sessions) >= MAX_PAGES:
+        if issubclass(handler_class, DocHandler) and len(sessions) >= MAX_PAGES:
             return Refusal(503, f"{MAX_PAGES} pages are open, the maximum. Close one.")
-        if issubclass(kind, WSHandler) and _claimed_session_id(request) not in {
+        if issubclass(handler_class, WSHandler) and _claimed_session_id(request) not in {
             o.id for o in sessions
         }:
             return Refusal(403, "Forbidden: this page was closed. Load it again.")

@@ -21,7 +21,7 @@ from dechirp.experiments.scenario import Scenario
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.frame_state import FrameState
-from dechirp.studio.scenario_edits import PageLimits, apply_options, parse_scenario
+from dechirp.studio.scenario_edits import PageLimits, apply_overrides, parse_scenario
 
 T = TypeVar("T")
 Edit = Callable[[Scenario], Scenario]
@@ -46,7 +46,7 @@ class Session:
         Single thread that parses settings and computes frames for all pages.
     scenario : Scenario
         Initial scenario.
-    limits : Limits
+    limits : PageLimits
         Limits of the settings.
     """
 
@@ -79,7 +79,7 @@ class Session:
     def change_setting(self, path: str, text: str) -> None:
         """Change a setting to a typed text, as `--set PATH=VALUE` does."""
         self.queue_edit(
-            path, partial(apply_options, options=(f"{path}={text}",), limits=self.limits)
+            path, partial(apply_overrides, overrides=(f"{path}={text}",), limits=self.limits)
         )
 
     def replace_settings(self, text: str) -> None:
@@ -107,9 +107,9 @@ class Session:
         self.cursor = cursor
         self._has_work.set()
 
-    def confirm_drawn(self, n_moments: int) -> None:
+    def confirm_frames_drawn(self, n_frames: int) -> None:
         """Record the number of frames that the browser has drawn."""
-        self._n_drawn = n_moments
+        self._n_drawn = n_frames
         self._draw_confirmed.set()
 
     # Life cycle.
@@ -133,12 +133,14 @@ class Session:
                 await self._process_next()
             except DechirpError as error:
                 self.playing = False
-                await self.run_in_document(partial(self._report_mistakes, error.mistakes))
+                await self.run_in_document(partial(self._notify_mistake_listeners, error.mistakes))
             except Exception:
                 # The page shows an error and continues, as do all others.
                 _log.exception("a page of the studio failed")
                 self.playing = False
-                await self.run_in_document(partial(self._report_mistakes, (_INTERNAL_ERROR,)))
+                await self.run_in_document(
+                    partial(self._notify_mistake_listeners, (_INTERNAL_ERROR,))
+                )
             if self.playing:
                 await asyncio.sleep(self.limits.min_frame_interval_s - (perf_counter() - started))
                 if self.playing:  # not paused meanwhile
@@ -150,17 +152,17 @@ class Session:
         wrong: tuple[Mistake, ...] = ()
         if edits:
             scenario, wrong = await self._await_with_notice(
-                self.run_on_worker(partial(_apply_edits, self.scenario, edits))
+                self.run_on_worker(partial(_apply_valid_edits, self.scenario, edits))
             )
             if scenario is not self.scenario:
                 self.scenario, self._player = scenario, FramePlayer(scenario, self.limits)
                 await self.run_in_document(lambda: [tell(scenario) for tell in self.on_settings])
             self.playing = self.playing and not wrong
-        moment = await self._frame_of_step(self.step)
+        frame_state = await self._frame_of_step(self.step)
         if self.playing:  # the next one is made while the browser draws this one
-            self._next_frame = self._start_frame(self.step + 1)
+            self._next_frame = self._start_computing_frame(self.step + 1)
         await self._wait_for_browser()
-        await self.run_in_document(partial(self._show_frame, moment, wrong))
+        await self.run_in_document(partial(self._show_frame_and_mistakes, frame_state, wrong))
         self._n_shown += 1
 
     async def _wait_for_browser(self) -> None:
@@ -177,9 +179,9 @@ class Session:
         pending, self._next_frame = self._next_frame, None
         if pending is not None and pending.request != (self._player, step, self.cursor):
             pending.future.cancel()
-            pending.future.add_done_callback(_retrieve_exception)
+            pending.future.add_done_callback(_discard_exception)
             pending = None
-        return await self._await_with_notice((pending or self._start_frame(step)).future)
+        return await self._await_with_notice((pending or self._start_computing_frame(step)).future)
 
     async def _await_with_notice(self, future: asyncio.Future[T]) -> T:
         """Await a result of the worker; notify `on_wait` if it takes long."""
@@ -193,17 +195,21 @@ class Session:
         finally:
             notice_timer.cancel()
 
-    def _start_frame(self, step: int) -> "_PendingFrame":
-        moment = self.run_on_worker(partial(self._player.frame_at, step, self.cursor))
-        return _PendingFrame((self._player, step, self.cursor), moment)
+    def _start_computing_frame(self, step: int) -> "_PendingFrame":
+        frame_state = self.run_on_worker(
+            partial(self._player.process_frame_at_step, step, self.cursor)
+        )
+        return _PendingFrame((self._player, step, self.cursor), frame_state)
 
-    def _show_frame(self, moment: FrameState, wrong: tuple[Mistake, ...]) -> None:
-        self.frame_state = moment
-        self._report_mistakes(wrong)
+    def _show_frame_and_mistakes(
+        self, frame_state: FrameState, mistakes: tuple[Mistake, ...]
+    ) -> None:
+        self.frame_state = frame_state
+        self._notify_mistake_listeners(mistakes)
         for show in self.on_frame:
-            show(moment)
+            show(frame_state)
 
-    def _report_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
+    def _notify_mistake_listeners(self, mistakes: tuple[Mistake, ...]) -> None:
         for tell in self.on_mistakes:
             tell(mistakes)
 
@@ -236,13 +242,15 @@ class _PendingFrame(NamedTuple):
     future: asyncio.Future[FrameState]
 
 
-def _retrieve_exception(future: asyncio.Future[FrameState]) -> None:
+def _discard_exception(future: asyncio.Future[FrameState]) -> None:
     """Retrieve the exception of an abandoned frame; asyncio would log it otherwise."""
     if not future.cancelled():
         future.exception()
 
 
-def _apply_edits(scenario: Scenario, edits: list[Edit]) -> tuple[Scenario, tuple[Mistake, ...]]:
+def _apply_valid_edits(
+    scenario: Scenario, edits: list[Edit]
+) -> tuple[Scenario, tuple[Mistake, ...]]:
     """Apply all valid edits; return the scenario and the mistakes of the others."""
     mistakes: list[Mistake] = []
     for edit in edits:

@@ -63,21 +63,21 @@ DARK = Theme(
 )
 
 
-def page_style() -> str:
+def page_css() -> str:
     """Return the style sheet of all pages; widgets inherit its colour properties: `--ink` ..."""
     light, dark = (
-        f"{_css_properties(theme)} color-scheme: {theme.shade};" for theme in (LIGHT, DARK)
+        f"{_theme_css_properties(theme)} color-scheme: {theme.shade};" for theme in (LIGHT, DARK)
     )
     css = resources.files("dechirp.studio").joinpath("page.css").read_text("utf-8")
     return f':root {{ {light} }}\n:root[data-shade="dark"] {{ {dark} }}\n{css}'
 
 
-def _css_properties(theme: Theme) -> str:
+def _theme_css_properties(theme: Theme) -> str:
     colours = (field.name for field in fields(theme) if field.name not in ("shade", "map"))
     return " ".join(f"--{name}: {getattr(theme, name)};" for name in colours)
 
 
-def widget_theme() -> Defaults:
+def bokeh_widget_theme() -> Defaults:
     """Return the Bokeh theme of all widgets; its colours are variables that follow the page.
 
     The style is text: models in a theme would make Bokeh scan all models for each of them.

@@ -37,9 +37,9 @@ class JsonHeader(Format):
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         """See `Format.read`."""
-        said, first = _header(path)
-        radar = hints.settings.radar if hints.settings else parse_radar(path, said.get("radar"))
-        step = said.get("step")
+        header, first = _read_header(path)
+        radar = hints.settings.radar if hints.settings else parse_radar(path, header.get("radar"))
+        step = header.get("step")
         if step is not None and not (isinstance(step, int | float) and 0 < step <= 1):
             raise _damaged(path, f"a step of {step!r}", "null, or a number of sqrt(W) up to 1")
         chirp = radar.frame.chirp
@@ -47,9 +47,11 @@ class JsonHeader(Format):
         n_codes = (
             parts * chirp.n_samples * radar.array.n_rx * radar.frame.n_chirps_total
         )  # of a frame
-        n_frames, left = divmod(path.stat().st_size - first, 2 * n_codes)
+        n_frames, n_extra_bytes = divmod(path.stat().st_size - first, 2 * n_codes)
         if not n_frames:
-            raise _damaged(path, f"{left} bytes of codes", f"at least {2 * n_codes}, of one frame")
+            raise _damaged(
+                path, f"{n_extra_bytes} bytes of codes", f"at least {2 * n_codes}, of one frame"
+            )
         scale = 1 / _FULL_SCALE if step is None else step
 
         def decode(index: int, out: np.ndarray) -> None:
@@ -64,25 +66,25 @@ class JsonHeader(Format):
             decode=decode,
             units="full scale" if step is None else "sqrt(W)",
             scale=scale,
-            findings=_left_out(left, 2 * n_codes),
+            findings=extra_bytes_finding(n_extra_bytes, 2 * n_codes),
         )
 
 
-def _header(path: Path) -> tuple[dict[str, Any], int]:
-    """What the first line says, and where the codes begin."""
+def _read_header(path: Path) -> tuple[dict[str, Any], int]:
+    """Read the header line; return it with the offset of the codes."""
     with path.open("rb") as file:
         line = file.readline(_LONGEST)
     try:
-        said = json.loads(line)
+        header = json.loads(line)
     except (ValueError, RecursionError) as error:
         raise _damaged(path, f"a first line that is no JSON ({error})", "one object") from None
-    if not isinstance(said, dict) or said.get("json_header") != 1 or line[-1:] != b"\n":
+    if not isinstance(header, dict) or header.get("json_header") != 1 or line[-1:] != b"\n":
         raise _damaged(path, f"a first line {line[:40]!r}", "an object of version 1 and a new line")
-    return said, len(line)
+    return header, len(line)
 
 
-def _left_out(n_bytes: int, of_frame: int) -> tuple[Finding, ...]:
-    """A note on the frame during which the logger stopped."""
+def extra_bytes_finding(n_bytes: int, of_frame: int) -> tuple[Finding, ...]:
+    """Return a note about an incomplete last frame."""
     if not n_bytes:
         return ()
     got = f"{n_bytes} bytes after the last whole frame, which are left out"

@@ -42,7 +42,7 @@ class LogMean(NoiseEstimator):
     def threshold(
         self, power: np.ndarray, window: TrainingWindow, factors: np.ndarray
     ) -> np.ndarray:
-        """The same about each cell of a map: its logarithms are taken once, not once a ring."""
+        """Compute thresholds of a map; logarithms are computed once, not once per window."""
         logs = np.log(np.maximum(power, _LEAST))
         return (
             np.exp(
@@ -73,6 +73,6 @@ def _log_probability(factor: float, n: int, k: int) -> float:
     real = np.linspace(0, n * k, 4000)[1:-1]
     saddle = real[np.argmin(log_law(real))]
     imaginary, step = np.linspace(0, 12 + 8 * np.sqrt(saddle), 2000, retstep=True)
-    along = log_law(saddle + 1j * imaginary)
-    ratios = np.exp(along - along[0].real).real
-    return float(along[0].real + np.log(step / np.pi * (ratios.sum() - ratios[0] / 2)))
+    log_values = log_law(saddle + 1j * imaginary)
+    ratios = np.exp(log_values - log_values[0].real).real
+    return float(log_values[0].real + np.log(step / np.pi * (ratios.sum() - ratios[0] / 2)))

@@ -48,42 +48,44 @@ def calibrate(
     out
         File for the calibration (JSON) for --calibration. An existing calibration is replaced.
     """
-    from dechirp.cli.errors import name_options
+    from dechirp.cli.errors import replace_settings_by_options
     from dechirp.core.atomic_files import write_text_atomically
     from dechirp.core.errors import DechirpError
     from dechirp.processing.calibration.calibrate import calibrate as calibrate_array
     from dechirp.recordings.recording import open as open_recording
     from dechirp.recordings.settings.calibration import format_calibration_json
-    from dechirp.results.text_files import json_text
+    from dechirp.results.text_files import to_json_text
 
     azimuths, elevations = (
         _parse_angles("--azimuth", azimuth),
         _parse_angles("--elevation", elevation),
     )
     ranges = _parse_quantities("--range", range, "m")
-    _check_recordings(recordings, azimuths)
-    _check_calibration_file(out)
+    _check_one_azimuth_per_recording(recordings, azimuths)
+    _check_out_new_or_calibration(out)
     opened_recordings = [
-        open_recording(recording, **options.open_arguments()) for recording in recordings
+        open_recording(recording, **options.open_keyword_arguments()) for recording in recordings
     ]
-    radar = _common_radar(opened_recordings)
+    radar = _check_common_radar(opened_recordings)
     try:
         result = calibrate_array(
             [recording.frames() for recording in opened_recordings],
             radar,
             azimuth_rad=azimuths,
-            elevation_rad=_single_or_list(elevations) or 0.0,
-            range_m=_single_or_list(ranges),
+            elevation_rad=_none_single_or_list(elevations) or 0.0,
+            range_m=_none_single_or_list(ranges),
         )
     except DechirpError as error:
-        raise name_options(error, _options_by_setting(len(recordings))) from None
+        raise replace_settings_by_options(
+            error, _option_names_by_setting(len(recordings))
+        ) from None
     write_text_atomically(out, format_calibration_json(result.calibration))
-    all_findings = [*_array_findings(opened_recordings), *_calibration_findings(result)]
-    document = json_text(_calibration_document(result, out, all_findings))
+    all_findings = [*_assumed_array_findings(opened_recordings), *_calibration_findings(result)]
+    document = to_json_text(_calibration_json_document(result, out, all_findings))
     if as_json:
         print(document, end="")
     elif not quiet:
-        _show_calibration(result, recordings, out, all_findings)
+        _print_calibration(result, recordings, out, all_findings)
     return 0
 
 
@@ -97,7 +99,7 @@ def _parse_quantities(option: str, texts: Sequence[str] | None, unit: str) -> li
     return [parse_quantity(text, unit, setting=option) for text in texts or ()]
 
 
-def _single_or_list(numbers: list[float]) -> list[float] | float | None:
+def _none_single_or_list(numbers: list[float]) -> list[float] | float | None:
     return numbers if len(numbers) > 1 else numbers[0] if numbers else None
 
 
@@ -110,7 +112,7 @@ _OPTION_BY_SETTING = {
 """Options by the names of the arguments of `processing.calibration.calibrate`."""
 
 
-def _options_by_setting(n_recordings: int) -> dict[str, str]:
+def _option_names_by_setting(n_recordings: int) -> dict[str, str]:
     indexed_options = {
         f"{name}.{n}": option
         for name, option in _OPTION_BY_SETTING.items()
@@ -126,7 +128,7 @@ def _calibration_findings(result: "CalibrationResult") -> "list[Finding]":
     ]
 
 
-def _array_findings(recordings: "list[Recording]") -> "list[Finding]":
+def _assumed_array_findings(recordings: "list[Recording]") -> "list[Finding]":
     """Return the findings on an assumed array, which the calibration takes as true."""
     findings = {
         finding: None for recording in recordings for finding in recording.findings
@@ -143,7 +145,7 @@ def _array_findings(recordings: "list[Recording]") -> "list[Finding]":
     ]
 
 
-def _check_recordings(recordings: Sequence[Path], azimuths: list[float]) -> None:
+def _check_one_azimuth_per_recording(recordings: Sequence[Path], azimuths: list[float]) -> None:
     from dechirp.core.display import pluralise
     from dechirp.core.errors import InvalidFile, Mistake
 
@@ -184,7 +186,7 @@ def _check_recordings(recordings: Sequence[Path], azimuths: list[float]) -> None
         raise InvalidFile(*mistakes)
 
 
-def _check_calibration_file(out: Path) -> None:
+def _check_out_new_or_calibration(out: Path) -> None:
     """Raise `InvalidFile` if OUT exists and is not a calibration; called before the work."""
     from dechirp.core.errors import DechirpError, InvalidFile, Mistake
     from dechirp.recordings.settings.calibration import read_calibration
@@ -204,7 +206,7 @@ def _check_calibration_file(out: Path) -> None:
         ) from None
 
 
-def _common_radar(recordings: "list[Recording]") -> "Radar":
+def _check_common_radar(recordings: "list[Recording]") -> "Radar":
     from dechirp.core.errors import RecordingError
 
     for recording in recordings:
@@ -219,7 +221,7 @@ def _common_radar(recordings: "list[Recording]") -> "Radar":
     return recordings[0].radar
 
 
-def _element_rows(result: "CalibrationResult") -> list[dict[str, Any]]:
+def _element_measurement_rows(result: "CalibrationResult") -> list[dict[str, Any]]:
     """Return the measurements of each element, in the units of tables."""
     import numpy as np
 
@@ -245,29 +247,29 @@ def _element_rows(result: "CalibrationResult") -> list[dict[str, Any]]:
     return rows
 
 
-def _calibration_document(
+def _calibration_json_document(
     result: "CalibrationResult", out: Path, findings: "list[Finding]"
 ) -> dict[str, Any]:
     from dechirp.config.dumping import to_json_data
 
     return {
         "calibration": to_json_data(result.calibration),
-        "elements": _element_rows(result),
+        "elements": _element_measurement_rows(result),
         "range_m": result.range_m,
         "findings": [to_json_data(finding) for finding in findings],
         "files": {"calibration": str(out)},
     }
 
 
-def _show_calibration(
+def _print_calibration(
     result: "CalibrationResult",
     recordings: Sequence[Path],
     out: Path,
     shown_findings: "list[Finding]",
 ) -> None:
-    from dechirp.cli.console import finding_paragraphs, new_table, open_console
+    from dechirp.cli.console import finding_paragraphs, new_table, open_stdout_console
 
-    screen = open_console()
+    screen = open_stdout_console()
     calibration = result.calibration
     has_positions = calibration.position_error_m is not None
     columns = ["tx", "rx", "Gain (dB)", "Phase (deg)", "SNR (dB)"] + [
@@ -275,7 +277,7 @@ def _show_calibration(
         "z (mm)",
     ] * has_positions
     rows = new_table(f"{len(calibration.elements)} elements", right=columns)
-    for row in _element_rows(result):
+    for row in _element_measurement_rows(result):
         cells = [
             str(row["tx"]),
             str(row["rx"]),

@@ -18,7 +18,7 @@ def completion(shell: Shell, /) -> int:
     shell
         Shell that loads the script.
     """
-    from dechirp.cli.main import build_app
+    from dechirp.cli.main import build_command_line_app
 
-    print(build_app().generate_completion(shell=shell), end="")
+    print(build_command_line_app().generate_completion(shell=shell), end="")
     return 0

@@ -45,7 +45,7 @@ def convert(
         Replace an existing OUT.
     """
     from dechirp.cli.console import progress_bar
-    from dechirp.cli.errors import name_options
+    from dechirp.cli.errors import replace_settings_by_options
     from dechirp.core.errors import DechirpError
     from dechirp.recordings.convert import find_writer, write
     from dechirp.recordings.frame_subset import renumber_frames_from_zero
@@ -54,20 +54,20 @@ def convert(
     try:
         writer = find_writer(out, to)
         _check_separate_paths(source, out)
-        recording, findings = _open_source(source, options, writer, quiet=quiet)
-        _check_not_existing(
+        recording, findings = _open_or_simulate_source(source, options, writer, quiet=quiet)
+        _check_files_not_existing(
             writer.output_files(renumber_frames_from_zero(recording), out), may_replace=replace
         )
         with progress_bar("frames", quiet=quiet) as report:
             paths = write(recording, out, format=to, progress=report)
     except DechirpError as error:
-        raise name_options(error, _OPTION_BY_SETTING) from None
+        raise replace_settings_by_options(error, _OPTION_BY_SETTING) from None
     if writer.is_readable:  # what it says of itself, as what was rounded
         findings = (
             *findings,
             *(finding for finding in open_recording(paths[0]).findings if finding not in findings),
         )
-    _print_written(paths, writer, recording, findings, as_json=as_json, quiet=quiet)
+    _print_written_files(paths, writer, recording, findings, as_json=as_json, quiet=quiet)
     return 0
 
 
@@ -98,7 +98,7 @@ def _check_separate_paths(source: Path, out: Path) -> None:
         )
 
 
-def _check_not_existing(files: Sequence[Path], *, may_replace: bool) -> None:
+def _check_files_not_existing(files: Sequence[Path], *, may_replace: bool) -> None:
     from dechirp.core.errors import InvalidFile, Mistake
 
     existing = [file for file in files if file.exists() or file.is_symlink()]
@@ -114,7 +114,7 @@ def _check_not_existing(files: Sequence[Path], *, may_replace: bool) -> None:
         )
 
 
-def _open_source(
+def _open_or_simulate_source(
     source: Path, options: RecordingOptions, writer: "Writer", *, quiet: bool
 ) -> "tuple[Recording, Sequence[Finding]]":
     """Open the recording or simulate the scene; return the recording and its findings."""
@@ -123,7 +123,7 @@ def _open_source(
     from dechirp.recordings.recording import open as open_recording
 
     if source.suffix.lower() not in (".yaml", ".yml"):
-        recording = open_recording(source, **options.open_arguments())
+        recording = open_recording(source, **options.open_keyword_arguments())
         return recording, recording.findings
     scenario = build_scenario(
         source,
@@ -131,7 +131,7 @@ def _open_source(
         radar=options.radar,
         frames=options.frames,
         seed=None,
-        metadata=options.metadata(),
+        metadata=options.given_metadata(),
     )
     if scenario.recording is not None:
         recording = open_scenario_recording(scenario)
@@ -161,7 +161,7 @@ def _simulate_recording(
     return recording_from_cube(cube, scenario.radar, tables=tables, name=scenario.name), findings
 
 
-def _print_written(
+def _print_written_files(
     paths: Sequence[Path],
     writer: "Writer",
     recording: "Recording",
@@ -170,9 +170,9 @@ def _print_written(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    from dechirp.cli.console import finding_paragraphs, open_console
+    from dechirp.cli.console import finding_paragraphs, open_stdout_console
     from dechirp.config.dumping import to_json_data
-    from dechirp.results.text_files import json_text
+    from dechirp.results.text_files import to_json_text
 
     if as_json:
         document = {
@@ -181,11 +181,11 @@ def _print_written(
             "frames": recording.n_frames,
             "findings": [to_json_data(finding) for finding in shown_findings],
         }
-        print(json_text(document), end="")
+        print(to_json_text(document), end="")
         return
     if quiet:
         return
-    screen = open_console()
+    screen = open_stdout_console()
     for paragraph in finding_paragraphs(shown_findings):
         screen.print(paragraph)
     more = f" and {len(paths) - 1} more" if len(paths) > 6 else ""

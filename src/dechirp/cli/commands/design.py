@@ -101,25 +101,27 @@ def design(
     }
     from dechirp.radar.design.design import design as design_radar
 
-    requirements_read, assumptions = _read_requirements(requirements, options, changes or [])
+    requirements_read, assumptions = _read_requirements_and_assumptions(
+        requirements, options, changes or []
+    )
     if rule != "constraints" and any(c.lstrip().startswith("limits") for c in changes or []):
-        raise _limits_error(rule)
+        raise _limits_without_constraints_error(rule)
     result = design_radar(
         requirements_read, rule=rule, limits=assumptions.limits, hardware=assumptions.hardware
     )
     if out is not None:
-        from dechirp.config.dumping import dump
+        from dechirp.config.dumping import dump_yaml
         from dechirp.core.atomic_files import write_text_atomically
 
-        write_text_atomically(out, dump(result.radar))
+        write_text_atomically(out, dump_yaml(result.radar))
     if as_json:
         _print_design_json(result)
     elif not quiet:
-        _show_design(result, out)
+        _print_design(result, out)
     return 0 if result.is_met else 1
 
 
-def _limits_error(rule: str) -> "InvalidFile":
+def _limits_without_constraints_error(rule: str) -> "InvalidFile":
     from dechirp.core.errors import InvalidFile, Mistake
 
     return InvalidFile(
@@ -132,11 +134,11 @@ def _limits_error(rule: str) -> "InvalidFile":
     )
 
 
-def _read_requirements(
+def _read_requirements_and_assumptions(
     path: Path | None, options: dict[str, str | None], changes: list[str]
 ) -> tuple["Requirements", DesignAssumptions]:
     """Read the requirements and the assumptions; options replace the values of the file."""
-    from dechirp.cli.errors import name_options
+    from dechirp.cli.errors import replace_settings_by_options
     from dechirp.config import loading
     from dechirp.core.errors import InvalidFile
     from dechirp.radar.design.requirements import Requirements
@@ -158,7 +160,7 @@ def _read_requirements(
             requirements = loading.read_settings(path, Requirements, overrides=overrides)
     except InvalidFile as error:
         names = {name: f"--{name.replace('_', '-')}" for name in options}
-        mistakes += name_options(error, names).mistakes
+        mistakes += replace_settings_by_options(error, names).mistakes
     try:
         other_changes = [change for change in changes if change not in requirement_changes]
         assumptions = loading.parse_settings(
@@ -173,7 +175,7 @@ def _read_requirements(
 
 def _print_design_json(design: "Design") -> None:
     from dechirp.config.dumping import to_json_data
-    from dechirp.results.text_files import json_text
+    from dechirp.results.text_files import to_json_text
 
     frame = to_json_data(design.radar.frame)
     document = {
@@ -189,13 +191,13 @@ def _print_design_json(design: "Design") -> None:
         },
         "findings": [to_json_data(finding) for finding in design.findings],
     }
-    print(json_text(document), end="")
+    print(to_json_text(document), end="")
 
 
-def _show_design(design: "Design", out: Path | None) -> None:
-    from dechirp.cli.console import finding_paragraphs, new_table, open_console
+def _print_design(design: "Design", out: Path | None) -> None:
+    from dechirp.cli.console import finding_paragraphs, new_table, open_stdout_console
 
-    screen = open_console()
+    screen = open_stdout_console()
     numbers = new_table(
         "Design" if design.is_met else "Nearest design", left=["", "value", "formula"]
     )

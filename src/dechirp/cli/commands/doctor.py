@@ -19,10 +19,10 @@ def doctor(*, as_json: Json = False) -> int:
 
     import dechirp
     from dechirp.core.memory import available_memory_bytes
-    from dechirp.results.text_files import json_text
+    from dechirp.results.text_files import to_json_text
 
     dependencies, extras = _installed_versions()
-    kernels, problem = _kernel_states()
+    kernels, problem = _compiled_kernel_origins()
     document = {
         "version": dechirp.__version__,
         "python": platform.python_version(),
@@ -36,9 +36,9 @@ def doctor(*, as_json: Json = False) -> int:
         "problem": problem,
     }
     if as_json:
-        print(json_text(document), end="")
+        print(to_json_text(document), end="")
     else:
-        _show_doctor(document)
+        _print_installation_check(document)
     return 1 if problem or None in dependencies.values() else 0
 
 
@@ -65,7 +65,7 @@ def _installed_versions() -> tuple[dict[str, str | None], dict[str, dict[str, st
     return needed, extras
 
 
-def _kernel_states() -> tuple[dict[str, str], str | None]:
+def _compiled_kernel_origins() -> tuple[dict[str, str], str | None]:
     """Run a small scenario; return the origin of each compiled kernel and the error, if any."""
     from numba.core.dispatcher import Dispatcher
 
@@ -87,10 +87,10 @@ def _kernel_states() -> tuple[dict[str, str], str | None]:
     return kernels, None
 
 
-def _show_doctor(document: dict[str, Any]) -> None:
-    from dechirp.cli.console import new_table, open_console
+def _print_installation_check(document: dict[str, Any]) -> None:
+    from dechirp.cli.console import new_table, open_stdout_console
 
-    screen = open_console()
+    screen = open_stdout_console()
     rows = new_table(f"dechirp {document['version']}", left=["", ""])
     rows.show_header = False
     rows.add_row("Python", document["python"])

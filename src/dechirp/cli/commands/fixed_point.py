@@ -46,7 +46,7 @@ def fixed_point(
     changes
         PATH=VALUE changes a setting, as chain.n_range_bins=4096; may be repeated.
     """
-    from dechirp.cli.errors import name_options
+    from dechirp.cli.errors import replace_settings_by_options
     from dechirp.cli.scenario_source import build_scenario
     from dechirp.config import loading
     from dechirp.core.errors import DechirpError
@@ -56,10 +56,10 @@ def fixed_point(
     from dechirp.processing.fixed_point.lookup_tables import pad_to_powers_of_two
     from dechirp.processing.fixed_point.word_lengths import WordLengths
     from dechirp.processing.range_doppler_map import power_map, threshold_map
-    from dechirp.results.hex_vectors import check_output_folder, write_vectors
-    from dechirp.results.text_files import json_text
+    from dechirp.results.hex_vectors import check_vector_folder_replaceable, write_vectors
+    from dechirp.results.text_files import to_json_text
 
-    check_output_folder(out)
+    check_vector_folder_replaceable(out)
     lengths = WordLengths() if words is None else loading.read_settings(words, WordLengths)
     scenario = build_scenario(
         source,
@@ -67,22 +67,22 @@ def fixed_point(
         radar=options.radar,
         frames=options.frames,
         seed=seed,
-        metadata=options.metadata(),
+        metadata=options.given_metadata(),
     )
     try:
         cube, radar = load_frame(scenario, frame)
         chain = pad_to_powers_of_two(scenario.chain, radar).fit_to_radar(radar)
         stages = fixed_point_map(cube, radar, chain, lengths)
     except DechirpError as error:
-        raise name_options(error, _OPTION_BY_SETTING) from None
+        raise replace_settings_by_options(error, _OPTION_BY_SETTING) from None
     power = power_map(cube, radar, chain)
     compared = compare_detections(stages, power, threshold_map(power, radar, chain))
     files = write_vectors(out, cube, radar, chain, lengths)
-    document = json_text(_comparison_document(stages, compared, lengths, files))
+    document = to_json_text(_fixed_point_comparison_document(stages, compared, lengths, files))
     if as_json:
         print(document, end="")
     elif not quiet:
-        _show_comparison(stages, compared, out)
+        _print_fixed_point_comparison(stages, compared, out)
     return 0
 
 
@@ -96,7 +96,7 @@ _OPTION_BY_SETTING = {
 """Options by the names of settings in error messages."""
 
 
-def _comparison_document(
+def _fixed_point_comparison_document(
     dataset: "xr.Dataset",
     compared: "DetectionAgreement",
     words: "WordLengths",
@@ -113,10 +113,12 @@ def _comparison_document(
     }
 
 
-def _show_comparison(stages: "xr.Dataset", compared: "DetectionAgreement", out: Path) -> None:
-    from dechirp.cli.console import new_table, open_console
+def _print_fixed_point_comparison(
+    stages: "xr.Dataset", compared: "DetectionAgreement", out: Path
+) -> None:
+    from dechirp.cli.console import new_table, open_stdout_console
 
-    screen = open_console()
+    screen = open_stdout_console()
     rows = new_table("cells over threshold", right=["fixed point", "floating point", "only one"])
     rows.add_row(*(str(n) for n in compared[:3]))
     screen.print(rows)

@@ -31,29 +31,35 @@ def inspect(
     """
     from dechirp.cli.console import progress_bar
     from dechirp.experiments.inspection import inspect as inspect_recording
-    from dechirp.results.text_files import check_output_folder, json_text, write_files
+    from dechirp.results.text_files import (
+        check_folder_replaceable,
+        to_json_text,
+        write_files_into_folder,
+    )
 
     names = ("inspect.json", "map.png")
-    check_output_folder(out, names)
+    check_folder_replaceable(out, names)
     with progress_bar("frames", quiet=quiet) as on_progress:
-        inspection = inspect_recording(source, progress=on_progress, **options.open_arguments())
-    picture = _render_picture(inspection)
+        inspection = inspect_recording(
+            source, progress=on_progress, **options.open_keyword_arguments()
+        )
+    picture = _render_first_frame_png(inspection)
     file_names = names if picture is not None else names[:1]
-    document = json_text(
-        _inspection_document(inspection, {name: out / name for name in file_names})
+    document = to_json_text(
+        _inspection_json_document(inspection, {name: out / name for name in file_names})
     )
     contents = {"inspect.json": document.encode()}
     if picture is not None:
         contents["map.png"] = picture
-    write_files(out, contents)
+    write_files_into_folder(out, contents)
     if as_json:
         print(document, end="")
     elif not quiet:
-        _show_inspection(inspection, out / names[1] if picture is not None else None)
+        _print_inspection(inspection, out / names[1] if picture is not None else None)
     return 0
 
 
-def _render_picture(inspection: "Inspection") -> bytes | None:
+def _render_first_frame_png(inspection: "Inspection") -> bytes | None:
     from dechirp.report.figures.recording import draw_first_map, draw_points_from_above
     from dechirp.report.figures.style import TALL_IN, render_png
 
@@ -77,8 +83,8 @@ def _render_picture(inspection: "Inspection") -> bytes | None:
     )
 
 
-def _inspection_document(inspection: "Inspection", files: dict[str, Path]) -> dict[str, Any]:
-    from dechirp.cli.run_document import radar_document
+def _inspection_json_document(inspection: "Inspection", files: dict[str, Path]) -> dict[str, Any]:
+    from dechirp.cli.run_document import radar_json_document
     from dechirp.config.dumping import to_json_data
 
     recording = inspection.recording
@@ -87,14 +93,14 @@ def _inspection_document(inspection: "Inspection", files: dict[str, Path]) -> di
         "source": str(inspection.path),
         "format": inspection.formats[0] if len(inspection.formats) == 1 else None,
         "possible_formats": list(inspection.formats),
-        "dims": None if recording is None else _dimension_sizes(inspection),
-        "radar": None if radar is None else radar_document(radar),
+        "dims": None if recording is None else _cube_dimensions_or_counts(inspection),
+        "radar": None if radar is None else radar_json_document(radar),
         "findings": [to_json_data(finding) for finding in inspection.findings],
         "files": {name: str(path) for name, path in files.items()},
     }
 
 
-def _dimension_sizes(inspection: "Inspection") -> dict[str, int]:
+def _cube_dimensions_or_counts(inspection: "Inspection") -> dict[str, int]:
     """Return the dimensions of the cube, or the numbers of frames and detections without one."""
     recording = inspection.recording
     assert recording is not None
@@ -103,17 +109,17 @@ def _dimension_sizes(inspection: "Inspection") -> dict[str, int]:
     return {"frame": recording.n_frames, "detection": recording.points.sizes["detection"]}
 
 
-def _show_inspection(inspection: "Inspection", picture: Path | None) -> None:
-    from dechirp.cli.console import finding_paragraphs, new_table, open_console
+def _print_inspection(inspection: "Inspection", picture: Path | None) -> None:
+    from dechirp.cli.console import finding_paragraphs, new_table, open_stdout_console
     from dechirp.report.settings_summary import summarise_waveform
 
-    screen = open_console()
+    screen = open_stdout_console()
     screen.print(str(inspection.path), soft_wrap=True)
     rows = new_table("", left=["", ""])
     rows.show_header, rows.title = False, None
     rows.add_row("format", " or ".join(inspection.formats))
     if inspection.recording is not None:
-        sizes = _dimension_sizes(inspection)
+        sizes = _cube_dimensions_or_counts(inspection)
         rows.add_row(" x ".join(sizes), " x ".join(str(size) for size in sizes.values()))
         if inspection.recording.contents.radar is not None:
             for name, text in summarise_waveform(inspection.recording.radar):

@@ -38,22 +38,22 @@ def list_members(
     family
         Family to list; all by default.
     """
-    from dechirp.results.text_files import json_text
+    from dechirp.results.text_files import to_json_text
 
-    bases = base_classes()
+    bases = family_base_classes()
     wanted = {name: bases[name] for name in bases if family in (None, name)}
-    members = {name: member_settings(base) for name, base in wanted.items()}
+    members = {name: member_help_and_settings(base) for name, base in wanted.items()}
     if as_json:
-        print(json_text({"families": members}), end="")
+        print(to_json_text({"families": members}), end="")
     else:
-        _show_members(members)
+        _print_members(members)
     for name, base in wanted.items():
         for kind, reason in base.failed_plugins().items():
             print(f"{name}: plugin {kind} cannot be loaded: {reason}", file=sys.stderr)
     return 0
 
 
-def base_classes() -> dict[str, "type[Family]"]:
+def family_base_classes() -> dict[str, "type[Family]"]:
     """Return the base class of each family, from every `base.py` outside the studio."""
     import importlib
     from pathlib import Path
@@ -72,9 +72,9 @@ def base_classes() -> dict[str, "type[Family]"]:
     }
 
 
-def member_settings(base: "type[Family]") -> dict[str, Any]:
+def member_help_and_settings(base: "type[Family]") -> dict[str, Any]:
     """Return the help and settings of each member by kind, as a settings file writes them."""
-    from dechirp.config.fields import describe_slot, field_docstrings, list_settings
+    from dechirp.config.fields import describe_accepted_values, field_docstrings, list_settings
     from dechirp.core.families import Family
 
     settings_by_kind = {}
@@ -86,9 +86,9 @@ def member_settings(base: "type[Family]") -> dict[str, Any]:
             "experimental": member.experimental,
             "settings": {
                 name: {
-                    "expected": describe_slot(setting.slot),
+                    "expected": describe_accepted_values(setting.value_type),
                     "required": setting.is_required,
-                    "default": _format_default(setting.default, setting.slot.unit),
+                    "default": _format_default(setting.default, setting.value_type.unit),
                     "help": help_by_field[setting.field],
                 }
                 for name, setting in list_settings(member).items()
@@ -108,13 +108,13 @@ def _format_default(default: Any, unit: str | None) -> Any:
     )
 
 
-def _show_members(families: dict[str, Any]) -> None:
+def _print_members(families: dict[str, Any]) -> None:
     from rich.padding import Padding
     from rich.text import Text
 
-    from dechirp.cli.console import open_console
+    from dechirp.cli.console import open_stdout_console
 
-    screen = open_console()
+    screen = open_stdout_console()
     for family, members in families.items():
         screen.print(Text(family, "bold underline"))
         for kind, member in members.items():

@@ -53,26 +53,26 @@ def run(
     """
     from dechirp.cli.console import progress_bar
     from dechirp.cli.scenario_source import build_scenario
-    from dechirp.cli.stream import is_live_source, process_live
+    from dechirp.cli.stream import is_live_source, process_live_frames
     from dechirp.core.errors import DechirpError
     from dechirp.experiments.run import run as run_scenario
     from dechirp.report.pdf import check_pdf
-    from dechirp.results.results import check_output_folder
+    from dechirp.results.results import check_results_folder_replaceable
 
-    check_output_folder(out)
+    check_results_folder_replaceable(out)
     if pdf:
         check_pdf()
-    _check_object_files(objects or ())
+    _check_object_files_writable(objects or ())
     scenario = build_scenario(
         source,
         changes=changes or [],
         radar=options.radar,
         frames=options.frames,
         seed=seed,
-        metadata=options.metadata(),
+        metadata=options.given_metadata(),
     )
     if is_live_source(scenario, follow=follow, idle=idle):
-        result = process_live(scenario, idle=idle, quiet=quiet)
+        result = process_live_frames(scenario, idle=idle, quiet=quiet)
     else:
         with progress_bar("steps", quiet=quiet) as report:
             result = run_scenario(scenario, progress=report)
@@ -80,27 +80,31 @@ def run(
         try:
             result = _write_object_lists(result, objects)
         except DechirpError:  # a full disk: keep the results of the run
-            write_run(result, source=source, out=out, objects=(), with_pdf=pdf)
+            write_run_results(result, source=source, out=out, objects=(), with_pdf=pdf)
             raise
-    document = write_run(result, source=source, out=out, objects=objects or (), with_pdf=pdf)
+    document = write_run_results(
+        result, source=source, out=out, objects=objects or (), with_pdf=pdf
+    )
     if as_json:
         print(document, end="")
     elif not quiet:
-        show_run(result, out, objects or ())
+        print_run_results(result, out, objects or ())
     return 0
 
 
-def _check_object_files(files: Sequence[Path]) -> None:
+def _check_object_files_writable(files: Sequence[Path]) -> None:
     """Raise `DechirpError` if an object list cannot be written to one of the files."""
-    from dechirp.cli.errors import name_options
+    from dechirp.cli.errors import replace_settings_by_options
     from dechirp.core.errors import DechirpError
-    from dechirp.results.object_lists.files import check_output_path
+    from dechirp.results.object_lists.files import check_object_list_path_writable
 
     for file in files:
         try:
-            check_output_path(file)
+            check_object_list_path_writable(file)
         except DechirpError as error:
-            raise name_options(error, dict.fromkeys(("path", "objects"), "--objects")) from None
+            raise replace_settings_by_options(
+                error, dict.fromkeys(("path", "objects"), "--objects")
+            ) from None
 
 
 def _write_object_lists(result: "Result", files: Sequence[Path]) -> "Result":
@@ -116,7 +120,7 @@ def _write_object_lists(result: "Result", files: Sequence[Path]) -> "Result":
     return replace(result, findings=(*result.findings, *findings))
 
 
-def write_run(
+def write_run_results(
     result: "Result",
     *,
     source: Path | None,
@@ -125,25 +129,29 @@ def write_run(
     with_pdf: bool = False,
 ) -> str:
     """Write the results of a run and return the JSON document."""
-    from dechirp.cli.run_document import run_document
-    from dechirp.config.dumping import dump
+    from dechirp.cli.run_document import run_json_document
+    from dechirp.config.dumping import dump_yaml
     from dechirp.recordings.recording import Recording
     from dechirp.report.page import render_report
     from dechirp.report.pdf import html_to_pdf
-    from dechirp.results.results import result_paths, write_results
-    from dechirp.results.text_files import json_text
+    from dechirp.results.results import result_paths_by_name, write_results
+    from dechirp.results.text_files import to_json_text
 
     started = perf_counter()
     simulated = result.scenario.scene is not None
-    yaml = dump(result.scenario, without=() if simulated else ("n_frames", "impairments"))
+    yaml = dump_yaml(
+        result.scenario, omitted_settings=() if simulated else ("n_frames", "impairments")
+    )
     page = render_report(result, yaml=yaml)
     pdf_bytes = html_to_pdf(page) if with_pdf else None
     timing_s = {**result.timing_s, "report": perf_counter() - started}
     object_tables = {"ego": result.ego, "clusters": result.clusters, "tracks": result.tracks}
     tables = {name: table for name, table in object_tables.items() if table is not None}
-    files = result_paths(out, tables, has_pdf=with_pdf) | {file.name: file for file in objects}
-    document_values = run_document(result, source=source, files=files, timing_s=timing_s)
-    texts = {"report.html": page, "scenario.yaml": yaml, "run.json": json_text(document_values)}
+    files = result_paths_by_name(out, tables, has_pdf=with_pdf) | {
+        file.name: file for file in objects
+    }
+    document_values = run_json_document(result, source=source, files=files, timing_s=timing_s)
+    texts = {"report.html": page, "scenario.yaml": yaml, "run.json": to_json_text(document_values)}
     contents = result.source.contents if isinstance(result.source, Recording) else None
     write_results(
         out,
@@ -161,16 +169,20 @@ def write_run(
     return texts["run.json"]
 
 
-def show_run(result: "Result", out: Path, objects: Sequence[Path]) -> None:
+def print_run_results(result: "Result", out: Path, objects: Sequence[Path]) -> None:
     """Print the results on standard output, with the paths of the files."""
-    from dechirp.cli.console import finding_paragraphs, open_console
-    from dechirp.cli.run_output import detections_table, missed_targets, object_output
+    from dechirp.cli.console import finding_paragraphs, open_stdout_console
+    from dechirp.cli.run_output import (
+        missed_target_lines,
+        strongest_detections_table,
+        track_table_and_object_sentences,
+    )
 
-    screen = open_console()
-    screen.print(detections_table(result, at_most=20, width=screen.width))
-    for part in object_output(result, at_most=20, width=screen.width):
+    screen = open_stdout_console()
+    screen.print(strongest_detections_table(result, at_most=20, width=screen.width))
+    for part in track_table_and_object_sentences(result, at_most=20, width=screen.width):
         screen.print(part)
-    for line in missed_targets(result):
+    for line in missed_target_lines(result):
         screen.print(line)
     for paragraph in finding_paragraphs(result.findings):
         screen.print(paragraph)

@@ -15,26 +15,26 @@ def schema(kind: SettingsKind = "scenario", /) -> int:
     kind
         Kind of file: scenario, study, tune, radar (for --radar) or requirements (for design).
     """
-    from dechirp.config.schema import Schema, build_schema
+    from dechirp.config.schema import Schema, build_file_schema
     from dechirp.experiments.scenario import READERS, Scenario
     from dechirp.experiments.study.schema import study_schema
     from dechirp.experiments.tune.document import tune_schema
     from dechirp.radar.calibration import Calibration
     from dechirp.radar.design.requirements import Requirements
     from dechirp.radar.radar import Radar
-    from dechirp.results.text_files import json_text
+    from dechirp.results.text_files import to_json_text
 
     document_schema: Schema
     match kind:
         case "scenario":
-            document_schema = build_schema(Scenario, read_from_path=READERS)
+            document_schema = build_file_schema(Scenario, path_readable_types=READERS)
         case "study":
             document_schema = study_schema()
         case "tune":
             document_schema = tune_schema()
         case "radar":
-            document_schema = build_schema(Radar, read_from_path=[Calibration])
+            document_schema = build_file_schema(Radar, path_readable_types=[Calibration])
         case "requirements":
-            document_schema = build_schema(Requirements)
-    print(json_text(document_schema), end="")
+            document_schema = build_file_schema(Requirements)
+    print(to_json_text(document_schema), end="")
     return 0

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from dechirp.cli.options import IntegerText, Json, parse_integer
+from dechirp.cli.options import IntegerText, Json, parse_integer_option
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,21 +40,23 @@ def studio(
     """
     from functools import partial
 
-    _check_web_extra()
-    from dechirp.studio.page import page_builders
-    from dechirp.studio.scenario_edits import PageLimits, check_scenario_size
+    _check_web_extra_installed()
+    from dechirp.studio.page import page_builders_by_address
+    from dechirp.studio.scenario_edits import PageLimits, check_scenario_within_limits
     from dechirp.studio.server import StudioServer
 
-    number = parse_integer("--port", port or "5006", 0, 65535)
+    number = parse_integer_option("--port", port or "5006", 0, 65535)
     limits = PageLimits(folders=tuple(_resolve_folder(folder) for folder in folders))
-    first_scenario = check_scenario_size(_initial_scenario(scenario, changes or []), limits)
-    make_pages = partial(page_builders, scenario=first_scenario, limits=limits)
+    first_scenario = check_scenario_within_limits(
+        _initial_scenario(scenario, changes or []), limits
+    )
+    make_pages = partial(page_builders_by_address, scenario=first_scenario, limits=limits)
     server = StudioServer(make_pages, host=host, port=number)
-    _serve_until_signal(server, partial(_print_address, server, as_json=as_json))
+    _serve_until_signal(server, partial(_print_server_address, server, as_json=as_json))
     return 0
 
 
-def _check_web_extra() -> None:
+def _check_web_extra_installed() -> None:
     from importlib.util import find_spec
 
     from dechirp.core.errors import InvalidSetting
@@ -95,7 +97,7 @@ def _initial_scenario(path: Path | None, changes: list[str]) -> "Scenario":
         return load(file, changes)
 
 
-def _print_address(server: "StudioServer", *, as_json: bool) -> None:
+def _print_server_address(server: "StudioServer", *, as_json: bool) -> None:
     import json
 
     if as_json:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from dechirp.cli.options import IntegerText, Json, Pdf, Quiet, parse_integer
+from dechirp.cli.options import IntegerText, Json, Pdf, Quiet, parse_integer_option
 
 if TYPE_CHECKING:
     from dechirp.experiments.study.ledger import Ledger
@@ -56,7 +56,7 @@ def study(
         PATH=VALUE changes a setting of the scenario, or fixes a swept setting to one value; may
         be repeated.
     """
-    from dechirp.cli.study_output import live_progress
+    from dechirp.cli.study_output import show_live_progress
     from dechirp.experiments.study.executors import workers_from_options
     from dechirp.experiments.study.parsing import load_study
     from dechirp.experiments.study.plan import Plan
@@ -64,9 +64,9 @@ def study(
     from dechirp.experiments.study.trial import study_layout
     from dechirp.report.pdf import check_pdf
 
-    n_workers = None if workers is None else parse_integer("--workers", workers, 1, 10_000)
-    first_seed = None if seed is None else parse_integer("--seed", seed, 0, 2**63 - 1)
-    number = None if trial is None else parse_integer("--trial", trial, 0, 2**53)
+    n_workers = None if workers is None else parse_integer_option("--workers", workers, 1, 10_000)
+    first_seed = None if seed is None else parse_integer_option("--seed", seed, 0, 2**63 - 1)
+    number = None if trial is None else parse_integer_option("--trial", trial, 0, 2**53)
     if pdf:
         check_pdf()
     settings = load_study(file, changes or [], seed=first_seed)
@@ -79,15 +79,15 @@ def study(
         with workers_from_options(workers=n_workers, scheduler=scheduler, cluster=cluster) as pool:
             ledger = resources.enter_context(open_ledger(settings, out))
             if settings.keep and not (quiet or as_json):
-                _print_data_set_size(plan)
-            with live_progress(plan, study_layout(plan), ledger, quiet=quiet) as on_progress:
+                _print_max_data_set_size(plan)
+            with show_live_progress(plan, study_layout(plan), ledger, quiet=quiet) as on_progress:
                 run_trials(plan, ledger, pool, on_progress)
         outcome = conclude_study(plan, ledger)
-        text = _write_study(outcome, ledger, file, out, with_pdf=pdf)
+        text = _write_study_results(outcome, ledger, file, out, with_pdf=pdf)
     if as_json:
         print(text, end="")
     elif not quiet:
-        _show_study(outcome, [*pool.findings, *outcome.environment_findings], out)
+        _print_study_results(outcome, [*pool.findings, *outcome.environment_findings], out)
     from dechirp.experiments.study.requirements import exit_status
 
     return exit_status(outcome.verdicts)
@@ -111,33 +111,33 @@ _DATA_SET_FILES = ("data.zarr", "datasheet.html")
 _PDF_FILES = ("report.pdf", "datasheet.pdf")
 
 
-def _print_data_set_size(plan: "Plan") -> None:
+def _print_max_data_set_size(plan: "Plan") -> None:
     """Print the largest possible size of the data set before the trials start."""
-    from dechirp.cli.console import open_console
+    from dechirp.cli.console import open_stdout_console
     from dechirp.experiments.study.data_set import data_bytes, format_bytes
 
     n_items = plan.n_points * plan.study.trials.at_most
-    open_console().print(
+    open_stdout_console().print(
         f"Data set: at most {n_items} items, {format_bytes(data_bytes(plan))} of samples and maps"
         " before compression."
     )
 
 
-def _write_study(
+def _write_study_results(
     outcome: "StudyOutcome", ledger: "Ledger", source: Path, out: Path, *, with_pdf: bool
 ) -> str:
     """Write the results next to the ledger and return the JSON document."""
     import datetime
 
     import dechirp
-    from dechirp.cli.study_output import study_document
+    from dechirp.cli.study_output import study_json_document
     from dechirp.core.atomic_files import write_text_atomically
     from dechirp.experiments.study.dumping import dump_study
     from dechirp.experiments.study.ledger_reader import LEDGER_NAME
     from dechirp.experiments.study.results import iter_trial_sums, write_points, write_trials
     from dechirp.report.pdf import write_pdf
     from dechirp.report.study.page import StudyOrigin, render_study_page
-    from dechirp.results.text_files import json_text
+    from dechirp.results.text_files import to_json_text
 
     study = outcome.result.study
     data_set = _DATA_SET_FILES if study.keep else ()
@@ -149,8 +149,8 @@ def _write_study(
         outcome.result.layout, iter_trial_sums(ledger), out / "trials.parquet", metadata=metadata
     )
     n_trials = int(outcome.result.trials.sum())
-    text = json_text(
-        study_document(
+    text = to_json_text(
+        study_json_document(
             outcome.result,
             outcome.verdicts,
             version=dechirp.__version__,
@@ -166,7 +166,7 @@ def _write_study(
         origin=StudyOrigin(
             date=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             source=str(source),
-            digests=tuple(_source_digests(source, ledger.identity)),
+            digests=tuple(_study_source_sha256(source, ledger.identity)),
             environments=tuple(ledger.environments),
             seconds=ledger.total_seconds(),
         ),
@@ -184,13 +184,15 @@ def _write_study(
 
 def _render_datasheet(study: "Study", out: Path) -> str:
     from dechirp.report.data_set import render_data_set_page
-    from dechirp.results.data_set import read_data_set, total_bytes
+    from dechirp.results.data_set import folder_size_bytes, open_data_set_groups
 
     folder = out / "data.zarr"
-    return render_data_set_page(study, read_data_set(folder), n_bytes=total_bytes(folder))
+    return render_data_set_page(
+        study, open_data_set_groups(folder), n_bytes=folder_size_bytes(folder)
+    )
 
 
-def _source_digests(source: Path, identity: dict[str, str]) -> Sequence[tuple[str, str]]:
+def _study_source_sha256(source: Path, identity: dict[str, str]) -> Sequence[tuple[str, str]]:
     """Return the SHA-256 of the study file, of the resolved study and of the files it names."""
     import hashlib
 
@@ -205,13 +207,17 @@ def _source_digests(source: Path, identity: dict[str, str]) -> Sequence[tuple[st
     ]
 
 
-def _show_study(outcome: "StudyOutcome", shown_findings: Sequence[Any], out: Path) -> None:
-    from dechirp.cli.console import finding_paragraphs, open_console
-    from dechirp.cli.study_output import omitted_points, points_table, requirement_paragraphs
+def _print_study_results(outcome: "StudyOutcome", shown_findings: Sequence[Any], out: Path) -> None:
+    from dechirp.cli.console import finding_paragraphs, open_stdout_console
+    from dechirp.cli.study_output import (
+        omitted_point_count_line,
+        requirement_paragraphs,
+        study_points_table,
+    )
 
-    screen = open_console()
-    screen.print(points_table(outcome.result, width=screen.width))
-    for line in omitted_points(outcome.result):
+    screen = open_stdout_console()
+    screen.print(study_points_table(outcome.result, width=screen.width))
+    for line in omitted_point_count_line(outcome.result):
         screen.print(line)
     for paragraph in requirement_paragraphs(outcome.verdicts, outcome.result):
         screen.print(paragraph)
@@ -230,12 +236,12 @@ def _replay_trial(
     study: "Study", trial: int, out: Path, *, with_pdf: bool, as_json: bool, quiet: bool
 ) -> int:
     """Run one trial alone, and show it as `dechirp run` does."""
-    from dechirp.cli.commands.run import show_run, write_run
+    from dechirp.cli.commands.run import print_run_results, write_run_results
     from dechirp.core.errors import InvalidSetting
     from dechirp.experiments.study.plan import Plan
     from dechirp.experiments.study.run import replay_trial
-    from dechirp.results.results import check_output_folder
-    from dechirp.results.text_files import json_text
+    from dechirp.results.results import check_results_folder_replaceable
+    from dechirp.results.text_files import to_json_text
 
     plan = Plan.from_study(study)
     if plan.n_points != 1:
@@ -246,17 +252,19 @@ def _replay_trial(
             expected="one point",
             fix="select it with " + " ".join(f"--set {path}=VALUE" for path in varied_paths),
         )
-    check_output_folder(out)
+    check_results_folder_replaceable(out)
     replay_result = replay_trial(study, trial)
-    text = write_run(replay_result.result, source=None, out=out, objects=(), with_pdf=with_pdf)
+    text = write_run_results(
+        replay_result.result, source=None, out=out, objects=(), with_pdf=with_pdf
+    )
     if as_json:
-        print(json_text(_trial_document(replay_result, plan, text)), end="")
+        print(to_json_text(_replayed_trial_document(replay_result, plan, text)), end="")
     elif not quiet:
-        show_run(replay_result.result, out, ())
+        print_run_results(replay_result.result, out, ())
     return 0
 
 
-def _trial_document(replay: "ReplayedTrial", plan: Any, text: str) -> dict[str, Any]:
+def _replayed_trial_document(replay: "ReplayedTrial", plan: Any, text: str) -> dict[str, Any]:
     """Return the document of a run with the contribution of the trial to each score."""
     import json
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from dechirp.cli.options import IntegerText, Json, Pdf, Quiet, parse_integer
+from dechirp.cli.options import IntegerText, Json, Pdf, Quiet, parse_integer_option
 
 if TYPE_CHECKING:
     from dechirp.experiments.tune.run import TuneResult
@@ -54,10 +54,10 @@ def tune(
     from dechirp.experiments.tune.parsing import load_tune
     from dechirp.experiments.tune.run import run_search
     from dechirp.report.pdf import check_pdf
-    from dechirp.results.text_files import json_text
+    from dechirp.results.text_files import to_json_text
 
-    n_workers = None if workers is None else parse_integer("--workers", workers, 1, 10_000)
-    first_seed = None if seed is None else parse_integer("--seed", seed, 0, 2**63 - 1)
+    n_workers = None if workers is None else parse_integer_option("--workers", workers, 1, 10_000)
+    first_seed = None if seed is None else parse_integer_option("--seed", seed, 0, 2**63 - 1)
     if pdf:
         check_pdf()
     settings = load_tune(file, changes or [], seed=first_seed)
@@ -67,19 +67,19 @@ def tune(
         progress_bar("blocks of trials", quiet=quiet) as report,
     ):
         tuned = run_search(settings, out, workers=pool, progress=report)
-    document = _write_tune(tuned, out, with_pdf=pdf)
+    document = _write_tune_results(tuned, out, with_pdf=pdf)
     if as_json:
-        print(json_text(document), end="")
+        print(to_json_text(document), end="")
     elif not quiet:
-        _show_tune(tuned, document, out)
+        _print_tune_results(tuned, document, out)
     return 1 if tuned.best is None else 0
 
 
-def _show_tune(tuned: "TuneResult", document: Mapping[str, Any], out: Path) -> None:
-    from dechirp.cli.console import finding_paragraphs, new_table, open_console
+def _print_tune_results(tuned: "TuneResult", document: Mapping[str, Any], out: Path) -> None:
+    from dechirp.cli.console import finding_paragraphs, new_table, open_stdout_console
     from dechirp.report.tune import compare_scores, format_verdict
 
-    screen = open_console()
+    screen = open_stdout_console()
     rows = new_table("", left=["fresh trials"], right=["as they are", "best"])
     for name, *values in compare_scores(document):
         rows.add_row(name, *(value for value, _ in values))
@@ -106,17 +106,17 @@ def _check_tune_folder(out: Path) -> None:
     )
 
 
-def _write_tune(tuned: "TuneResult", out: Path, *, with_pdf: bool) -> dict[str, Any]:
+def _write_tune_results(tuned: "TuneResult", out: Path, *, with_pdf: bool) -> dict[str, Any]:
     """Write the results next to the ledger and return the JSON document."""
     import dechirp
-    from dechirp.config.dumping import dump
+    from dechirp.config.dumping import dump_yaml
     from dechirp.core.atomic_files import write_text_atomically
     from dechirp.experiments.tune.document import tune_document
     from dechirp.report.pdf import write_pdf
     from dechirp.report.tune import render_tune_page
-    from dechirp.results.text_files import json_text
+    from dechirp.results.text_files import to_json_text
 
-    yamls = [] if tuned.best is None else [dump(scenario) for scenario in tuned.scenarios]
+    yamls = [] if tuned.best is None else [dump_yaml(scenario) for scenario in tuned.scenarios]
     names = [*_TUNE_FILES, *(_best_scenario_file(number) for number in range(len(yamls)))]
     pages = [_PDF_FILE] if with_pdf else []
     result = {
@@ -125,7 +125,7 @@ def _write_tune(tuned: "TuneResult", out: Path, *, with_pdf: bool) -> dict[str, 
         "files": {name: str(out / name) for name in [*names, *pages]},
     }
     page = render_tune_page(result, yaml=yamls[0] if yamls else "")
-    texts = (json_text(result), page, *yamls)
+    texts = (to_json_text(result), page, *yamls)
     for name, text in zip(names, texts, strict=True):
         write_text_atomically(out / name, text)
     write_pdf(out / _PDF_FILE, page if with_pdf else None)

@@ -11,7 +11,7 @@ from dechirp.cli.options import (
     Pdf,
     Quiet,
     RecordingOptions,
-    parse_integer,
+    parse_integer_option,
 )
 
 if TYPE_CHECKING:
@@ -54,24 +54,28 @@ def twin(
     """
     import dechirp
     from dechirp.cli.console import progress_bar
-    from dechirp.config.dumping import dump
+    from dechirp.config.dumping import dump_yaml
     from dechirp.experiments.twin.document import twin_document
     from dechirp.experiments.twin.twin import twin as twin_of
     from dechirp.recordings.recording import open as open_recording
     from dechirp.report.pdf import check_pdf, html_to_pdf
     from dechirp.report.twin import render_twin_page
-    from dechirp.results.text_files import check_output_folder, json_text, write_files
+    from dechirp.results.text_files import (
+        check_folder_replaceable,
+        to_json_text,
+        write_files_into_folder,
+    )
 
-    limits = _parse_limits(power_tolerance, bin_tolerance)
-    number = 0 if seed is None else parse_integer("--seed", seed, 0, 2**63 - 1)
-    check_output_folder(out, (*_TWIN_FILES, "report.pdf"))
+    limits = _parse_tolerances(power_tolerance, bin_tolerance)
+    number = 0 if seed is None else parse_integer_option("--seed", seed, 0, 2**63 - 1)
+    check_folder_replaceable(out, (*_TWIN_FILES, "report.pdf"))
     if pdf:
         check_pdf()
     names = (*_TWIN_FILES, "report.pdf") if pdf else _TWIN_FILES
-    recording = open_recording(source, **options.open_arguments())
+    recording = open_recording(source, **options.open_keyword_arguments())
     with progress_bar("rounds", quiet=quiet) as report:
         result = twin_of(recording, seed=number, progress=report)
-    yaml = dump(result.scenario)
+    yaml = dump_yaml(result.scenario)
     json_document = {
         "version": dechirp.__version__,
         "source": str(source),
@@ -79,17 +83,17 @@ def twin(
         "scenario": str(out / "twin.yaml"),
         "files": {name: str(out / name) for name in names},
     }
-    texts = (json_text(json_document), yaml, render_twin_page(result, json_document, yaml=yaml))
+    texts = (to_json_text(json_document), yaml, render_twin_page(result, json_document, yaml=yaml))
     contents = [text.encode() for text in texts] + ([html_to_pdf(texts[-1])] if pdf else [])
-    write_files(out, dict(zip(names, contents, strict=True)))
+    write_files_into_folder(out, dict(zip(names, contents, strict=True)))
     if as_json:
         print(texts[0], end="")
     elif not quiet:
-        _show_twin(json_document, out)
+        _print_twin_comparison(json_document, out)
     return 0 if json_document["passed"] else 1
 
 
-def _parse_limits(power_tolerance: str, bin_tolerance: str) -> "TwinTolerance":
+def _parse_tolerances(power_tolerance: str, bin_tolerance: str) -> "TwinTolerance":
     from dechirp.config.quantities import parse_quantity
     from dechirp.core.errors import InvalidSetting
     from dechirp.experiments.twin.twin import TwinTolerance
@@ -116,13 +120,13 @@ def _parse_limits(power_tolerance: str, bin_tolerance: str) -> "TwinTolerance":
     return TwinTolerance(power=power, cells=cells)
 
 
-def _show_twin(document: Mapping[str, Any], out: Path) -> None:
-    from dechirp.cli.console import finding_paragraphs, new_table, open_console
+def _print_twin_comparison(document: Mapping[str, Any], out: Path) -> None:
+    from dechirp.cli.console import finding_paragraphs, new_table, open_stdout_console
     from dechirp.core.findings import Finding
     from dechirp.core.text import format_fixed
     from dechirp.report.twin import format_headline, format_verdict
 
-    screen = open_console()
+    screen = open_stdout_console()
     right = [
         "Range (m)",
         "Velocity (m/s)",

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from dechirp.cli.options import IntegerText, Json, Pdf, Quiet, parse_integer
+from dechirp.cli.options import IntegerText, Json, Pdf, Quiet, parse_integer_option
 
 
 def verify(
@@ -44,11 +44,15 @@ def verify(
     from dechirp.certificate.paper import render_paper
     from dechirp.cli.console import progress_bar
     from dechirp.report.pdf import check_pdf, html_to_pdf
-    from dechirp.results.text_files import check_output_folder, json_text, write_files
+    from dechirp.results.text_files import (
+        check_folder_replaceable,
+        to_json_text,
+        write_files_into_folder,
+    )
 
-    n_trials = None if trials is None else parse_integer("--trials", trials, 1, 100_000_000)
-    first_seed = 1 if seed is None else parse_integer("--seed", seed, 0, 2**63 - 1)
-    check_output_folder(out, (*_CERTIFICATE_FILES, "report.pdf"))
+    n_trials = None if trials is None else parse_integer_option("--trials", trials, 1, 100_000_000)
+    first_seed = 1 if seed is None else parse_integer_option("--seed", seed, 0, 2**63 - 1)
+    check_folder_replaceable(out, (*_CERTIFICATE_FILES, "report.pdf"))
     if pdf:
         check_pdf()
     names = (*_CERTIFICATE_FILES, "report.pdf") if pdf else _CERTIFICATE_FILES
@@ -59,25 +63,25 @@ def verify(
         **build_document(certificate),
         "files": {name: str(out / name) for name in names},
     }
-    text = json_text(result)
+    text = to_json_text(result)
     page = render_paper(result)
     contents = [text.encode(), page.encode(), *([html_to_pdf(page)] if pdf else [])]
-    write_files(out, dict(zip(names, contents, strict=True)))
+    write_files_into_folder(out, dict(zip(names, contents, strict=True)))
     if as_json:
         print(text, end="")
     elif not quiet:
-        _show_claims(result, out)
+        _print_claim_verdicts(result, out)
     return 0 if certificate.passed else 1
 
 
 _CERTIFICATE_FILES = ("verify.json", "report.html")
 
 
-def _show_claims(document: dict[str, Any], out: Path) -> None:
-    from dechirp.cli.console import new_table, open_console
+def _print_claim_verdicts(document: dict[str, Any], out: Path) -> None:
+    from dechirp.cli.console import new_table, open_stdout_console
     from dechirp.report.check_values import format_check
 
-    screen = open_console()
+    screen = open_stdout_console()
     claims = new_table("", left=["claim", ""], right=["published", "measured"])
     for column, width in zip(claims.columns, (None, len("holds")), strict=False):
         column.no_wrap, column.min_width = True, width

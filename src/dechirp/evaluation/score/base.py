@@ -49,11 +49,11 @@ class Score(Family):
         """Name in study files and results, as `detection_probability`."""
         return cls.kind().replace("-", "_")
 
-    def subjects(self, context: TrialContext) -> tuple[str, ...]:
+    def scored_target_names(self, context: TrialContext) -> tuple[str, ...]:
         """Names of the subjects with a value: the targets; empty for a score of the whole scene."""
-        return context.names
+        return context.target_names
 
-    def check_context(self, context: TrialContext) -> None:
+    def check_score_defined(self, context: TrialContext) -> None:
         """Raise `InvalidSetting` if the score is undefined in this context."""
 
     @abstractmethod
@@ -61,17 +61,17 @@ class Score(Family):
         """Return the sums of one trial, (n_subjects, n_sums) or (1, n_sums) for the whole scene."""
 
     @abstractmethod
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         """Estimate value and two-sided interval from independent trials, (n_trials, n_sums).
 
         For one subject, or for all with their sums added in each trial. Rows of NaN are failed
         trials and are omitted.
         """
 
-    def theory(self, context: TrialContext) -> np.ndarray:
+    def theoretical_values(self, context: TrialContext) -> np.ndarray:
         """Return the theoretical value of each subject, (max(n_subjects, 1),); NaN if unknown."""
-        return np.full(max(len(self.subjects(context)), 1), np.nan)
+        return np.full(max(len(self.scored_target_names(context)), 1), np.nan)
 
-    def combined_theory(self, theory: np.ndarray) -> float:
+    def combine_theoretical_values(self, values: np.ndarray) -> float:
         """Combine the theoretical values of the subjects into that of all."""
-        return float(np.mean(theory))
+        return float(np.mean(values))

@@ -6,7 +6,7 @@ import numpy as np
 
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.detected_targets import count_clusters_per_target
-from dechirp.evaluation.preconditions import check_clusters, check_has_targets
+from dechirp.evaluation.preconditions import check_chain_computes_clusters, check_scene_has_targets
 from dechirp.evaluation.proportions import estimate_proportion
 from dechirp.evaluation.score.base import Better, Estimate, Need, Score
 from dechirp.evaluation.trial import TrialContext, TrialResult
@@ -20,16 +20,16 @@ class ClustersPerTarget(Score):
     needs: ClassVar[frozenset[Need]] = frozenset({"clusters"})
     n_sums: ClassVar[int] = 2
 
-    def check_context(self, context: TrialContext) -> None:
-        check_has_targets(context, self.label())
-        check_clusters(context, self.label())
+    def check_score_defined(self, context: TrialContext) -> None:
+        check_scene_has_targets(context, self.label())
+        check_chain_computes_clusters(context, self.label())
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the clusters of each target, and the frames with any."""
         counts = count_clusters_per_target(result, context)
         return np.stack([counts.sum(axis=1), np.sum(counts > 0, axis=1)], axis=1).astype(float)
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         return estimate_mean(*sums.T, confidence=confidence)
 
 
@@ -45,14 +45,14 @@ class OneClusterProbability(Score):
     needs: ClassVar[frozenset[Need]] = frozenset({"clusters"})
     n_sums: ClassVar[int] = 2
 
-    def check_context(self, context: TrialContext) -> None:
-        check_has_targets(context, self.label())
-        check_clusters(context, self.label())
+    def check_score_defined(self, context: TrialContext) -> None:
+        check_scene_has_targets(context, self.label())
+        check_chain_computes_clusters(context, self.label())
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return frames with one cluster, and frames."""
         counts = count_clusters_per_target(result, context)
         return np.stack([np.sum(counts == 1, axis=1), np.full(len(counts), counts.shape[1])], 1)
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         return estimate_proportion(*sums.T, confidence=confidence)

@@ -8,8 +8,8 @@ from scipy.special import gammainccinv, gammaincinv, ndtri, stdtrit
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.case_bounds import rms_error_bounds
-from dechirp.evaluation.detected_targets import strongest_detections
-from dechirp.evaluation.preconditions import check_has_targets
+from dechirp.evaluation.detected_targets import strongest_detection_rows
+from dechirp.evaluation.preconditions import check_scene_has_targets
 from dechirp.evaluation.score.base import NO_ESTIMATE, Better, Estimate, Score
 from dechirp.evaluation.trial import TrialContext, TrialResult
 from dechirp.evaluation.trial_statistics import estimate_mean
@@ -31,25 +31,25 @@ class ErrorScore(Score):
     """Power of the errors that is summed."""
     n_sums: ClassVar[int] = 2
 
-    def check_context(self, context: TrialContext) -> None:
-        check_has_targets(context, self.label())
+    def check_score_defined(self, context: TrialContext) -> None:
+        check_scene_has_targets(context, self.label())
         if all(target.body is not None for target in context.scene.targets):
-            self._refuse(
+            self._raise_score_undefined(
                 "in a scene of bodies alone",
                 "a target without a body, since a body has no single position",
                 "add a target without a body",
             )
         if self.axis == "velocity" and not context.radar.frame.can_measure_velocity:
-            self._refuse(
+            self._raise_score_undefined(
                 "with one chirp", "several chirps, which resolve velocities", "transmit more"
             )
         if self.axis in ("azimuth", "elevation"):
-            self._check_angle(context)
+            self._check_angle_measurable(context)
 
-    def _check_angle(self, context: TrialContext) -> None:
+    def _check_angle_measurable(self, context: TrialContext) -> None:
         chain = context.chain
         if chain.angle is None:
-            self._refuse(
+            self._raise_score_undefined(
                 "with chain.angle none",
                 "a direction estimator, and an array that resolves directions",
                 "set chain.angle to {kind: fft}, with two virtual elements or more",
@@ -59,13 +59,13 @@ class ErrorScore(Score):
         ).resolves_azimuth_and_elevation
         if not tells[("azimuth", "elevation").index(self.axis)]:
             way = "horizontally" if self.axis == "azimuth" else "vertically"
-            self._refuse(
+            self._raise_score_undefined(
                 f"with an array that resolves no {self.axis}",
                 f"elements that are separated {way}",
                 "correct radar.array",
             )
 
-    def _refuse(self, value: str, expected: str, fix: str) -> None:
+    def _raise_score_undefined(self, value: str, expected: str, fix: str) -> None:
         raise InvalidSetting(
             "scores",
             value=f"{self.label()}, {value}",
@@ -75,13 +75,13 @@ class ErrorScore(Score):
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the sum of the errors to the power, for each target, and their number."""
-        strongest = strongest_detections(result, context)
+        strongest = strongest_detection_rows(result, context)
         units = {"range": "m", "velocity": "m_per_s"}
         errors = getattr(result.association, f"{self.axis}_error_{units.get(self.axis, 'rad')}")[
             strongest
         ]
         is_known = np.isfinite(errors)
-        target, n = result.association.target[strongest][is_known], len(context.names)
+        target, n = result.association.target[strongest][is_known], len(context.target_names)
         return np.stack(
             [
                 np.bincount(target, errors[is_known] ** self.exponent, n),
@@ -97,10 +97,10 @@ class BiasScore(ErrorScore):
 
     exponent: ClassVar[int] = 1
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
-        return estimate_mean(*sums[_has_errors(sums)].T, confidence=confidence)
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+        return estimate_mean(*sums[_trials_with_errors(sums)].T, confidence=confidence)
 
-    def theory(self, context: TrialContext) -> np.ndarray:
+    def theoretical_values(self, context: TrialContext) -> np.ndarray:
         """Return 0 where errors have a bound: estimates are the most likely values."""
         return 0.0 * rms_error_bounds(context)[self.axis]
 
@@ -112,7 +112,7 @@ class RmseScore(ErrorScore):
     better: ClassVar[Better] = "less"
     exponent: ClassVar[int] = 2
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         r"""Estimate with a chi-square interval for the equivalent number of independent errors.
 
         .. math:: \nu = 2 q^2 / \mathrm{var}(q), \quad
@@ -120,13 +120,11 @@ class RmseScore(ErrorScore):
 
         with s_t the sum of squares and c_t the number of errors of trial t, q = sum s / sum c
         (Satterthwaite 1946): about the number of errors if they are normal and independent, and
-        never more;
-        less if errors of a trial are dependent, or some are outliers. Times the square of the
-        normal over
-        Student's quantile, as the variance is estimated from n trials only; at least one error,
-        the value for one trial.
+        never more; less if errors of a trial are dependent, or some are outliers. Times the square
+        of the normal over Student's quantile, as the variance is estimated from n trials only; at
+        least one error, the value for one trial.
         """
-        squares, counts = sums[_has_errors(sums)].T
+        squares, counts = sums[_trials_with_errors(sums)].T
         if not len(counts):
             return NO_ESTIMATE
         n, tail, mean = len(counts), (1 - confidence) / 2, squares.sum() / counts.sum()
@@ -147,18 +145,18 @@ class RmseScore(ErrorScore):
         )
         return Estimate(*np.sqrt([mean, low, high]).tolist())
 
-    def theory(self, context: TrialContext) -> np.ndarray:
+    def theoretical_values(self, context: TrialContext) -> np.ndarray:
         return rms_error_bounds(context)[self.axis]
 
-    def combined_theory(self, theory: np.ndarray) -> float:
+    def combine_theoretical_values(self, values: np.ndarray) -> float:
         """Return the theoretical value of a single target, NaN for several.
 
         That of several targets depends on how often each is detected.
         """
-        return float(theory[0]) if len(theory) == 1 else np.nan
+        return float(values[0]) if len(values) == 1 else np.nan
 
 
-def _has_errors(sums: np.ndarray) -> np.ndarray:
+def _trials_with_errors(sums: np.ndarray) -> np.ndarray:
     """Return True for trials with errors: failed ones are NaN, others may have no detection."""
     return np.asarray(np.nan_to_num(sums[:, 1]) > 0)
 

@@ -7,9 +7,9 @@ import numpy as np
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation import false_alarms
-from dechirp.evaluation.detected_targets import is_detected
-from dechirp.evaluation.preconditions import check_has_targets, check_rising_ramps
-from dechirp.evaluation.predicted_detection import detection_probabilities
+from dechirp.evaluation.detected_targets import detected_target_mask
+from dechirp.evaluation.preconditions import check_no_triangular_ramps, check_scene_has_targets
+from dechirp.evaluation.predicted_detection import theoretical_detection_probabilities
 from dechirp.evaluation.proportions import estimate_proportion
 from dechirp.evaluation.score.base import Better, Estimate, Need, Score
 from dechirp.evaluation.trial import TrialContext, TrialResult
@@ -23,19 +23,19 @@ class DetectionProbability(Score):
     better: ClassVar[Better] = "more"
     n_sums: ClassVar[int] = 2
 
-    def check_context(self, context: TrialContext) -> None:
-        check_has_targets(context, self.label())
+    def check_score_defined(self, context: TrialContext) -> None:
+        check_scene_has_targets(context, self.label())
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the frames in which each target is detected, and all frames."""
-        detected = is_detected(result, context)
+        detected = detected_target_mask(result, context)
         return np.stack([detected.sum(axis=1), np.full(len(detected), detected.shape[1])], axis=1)
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         return estimate_proportion(*sums.T, confidence=confidence)
 
-    def theory(self, context: TrialContext) -> np.ndarray:
-        return detection_probabilities(context)
+    def theoretical_values(self, context: TrialContext) -> np.ndarray:
+        return theoretical_detection_probabilities(context)
 
 
 @frozen_dataclass
@@ -48,24 +48,24 @@ class ResolutionProbability(Score):
     better: ClassVar[Better] = "more"
     n_sums: ClassVar[int] = 2
 
-    def subjects(self, context: TrialContext) -> tuple[str, ...]:
+    def scored_target_names(self, context: TrialContext) -> tuple[str, ...]:
         return ()
 
-    def check_context(self, context: TrialContext) -> None:
-        if len(context.names) < 2:
+    def check_score_defined(self, context: TrialContext) -> None:
+        if len(context.target_names) < 2:
             raise InvalidSetting(
                 "scores",
-                value=f"{self.label()}, in a scene of {len(context.names)} targets",
+                value=f"{self.label()}, in a scene of {len(context.target_names)} targets",
                 expected="two or more targets to be resolved",
                 fix=f"add a target to the scene, or leave out {self.label()}",
             )
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return frames in which all targets are detected, and frames."""
-        detected = is_detected(result, context)
+        detected = detected_target_mask(result, context)
         return np.array([[detected.all(axis=0).sum(), detected.shape[1]]], dtype=float)
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         return estimate_proportion(*sums.T, confidence=confidence)
 
 
@@ -80,7 +80,7 @@ class FalseAlarmProbability(Score):
     needs: ClassVar[frozenset[Need]] = frozenset({"noise"})
     n_sums: ClassVar[int] = 2
 
-    def subjects(self, context: TrialContext) -> tuple[str, ...]:
+    def scored_target_names(self, context: TrialContext) -> tuple[str, ...]:
         return ()
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
@@ -88,11 +88,11 @@ class FalseAlarmProbability(Score):
         assert result.noise is not None
         return np.array([[result.noise.n_over, result.noise.n_tested]], float)
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         """Estimate from the scatter of maps, since alarms are clustered; see `trial_statistics`."""
         return estimate_rate(*sums.T, confidence=confidence)
 
-    def theory(self, context: TrialContext) -> np.ndarray:
+    def theoretical_values(self, context: TrialContext) -> np.ndarray:
         """Return the law of the detector, NaN for an offset without one."""
         return np.array([false_alarms.cell_false_alarm_probability(context.radar, context.chain)])
 
@@ -108,20 +108,20 @@ class FrameFalseAlarmProbability(Score):
     needs: ClassVar[frozenset[Need]] = frozenset({"noise"})
     n_sums: ClassVar[int] = 2
 
-    def subjects(self, context: TrialContext) -> tuple[str, ...]:
+    def scored_target_names(self, context: TrialContext) -> tuple[str, ...]:
         return ()
 
-    def check_context(self, context: TrialContext) -> None:
-        check_rising_ramps(context, self.label())
+    def check_score_defined(self, context: TrialContext) -> None:
+        check_no_triangular_ramps(context, self.label())
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return 1 for a frame with a detection, and the number of frames, 1."""
         assert result.noise is not None
         return np.array([[result.noise.n_peaks > 0, 1]], float)
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         return estimate_proportion(*sums.T, confidence=confidence)
 
-    def theory(self, context: TrialContext) -> np.ndarray:
+    def theoretical_values(self, context: TrialContext) -> np.ndarray:
         """Return the law, NaN if false alarms of a frame are clustered."""
         return np.array([false_alarms.frame_false_alarm_probability(context.radar, context.chain)])

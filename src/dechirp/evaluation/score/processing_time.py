@@ -22,20 +22,19 @@ class ProcessingTime(Score):
     is_repeatable: ClassVar[bool] = False
     n_sums: ClassVar[int] = 1
 
-    def subjects(self, context: TrialContext) -> tuple[str, ...]:
+    def scored_target_names(self, context: TrialContext) -> tuple[str, ...]:
         return ()
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the time in seconds."""
         return np.array([[result.processing_s]])
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         """Estimate the median, with an interval of order statistics for any distribution.
 
         The number of times below the median has the distribution of heads of a fair coin (H. A.
-        David and H.
-        N. Nagaraja, Order Statistics, 2003, 7.1). NaN for too few trials: five, at a confidence of
-        0.95.
+        David and H. N. Nagaraja, Order Statistics, 2003, 7.1). NaN for too few trials: five, at a
+        confidence of 0.95.
         """
         times = np.sort(sums[np.isfinite(sums[:, 0]), 0])
         n = times.size

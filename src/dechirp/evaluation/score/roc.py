@@ -9,9 +9,9 @@ import numpy as np
 from dechirp.core.checks import check_numbers
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
-from dechirp.evaluation.gates import gate_cells
-from dechirp.evaluation.preconditions import check_has_targets, check_rising_ramps
-from dechirp.evaluation.predicted_detection import detection_probabilities
+from dechirp.evaluation.gates import target_gate_cells
+from dechirp.evaluation.preconditions import check_no_triangular_ramps, check_scene_has_targets
+from dechirp.evaluation.predicted_detection import theoretical_detection_probabilities
 from dechirp.evaluation.proportions import estimate_proportion
 from dechirp.evaluation.score.base import Better, Estimate, Need, Score
 from dechirp.evaluation.trial import TrialContext, TrialResult
@@ -41,13 +41,10 @@ class Roc(Score):
     """Detections and false alarms at the thresholds of several false-alarm probabilities.
 
     A target is detected if any cell within two resolution cells of it exceeds its threshold: so a
-    target
-    without power is detected as often as noise exceeds it in any of those cells. False alarms are
-    cells over
-    threshold in maps of the scenario without targets. The single value is the area under the
-    curve: the
-    mean detection probability over the logarithm of the design false-alarm probability, between
-    the ends.
+    target without power is detected as often as noise exceeds it in any of those cells. False
+    alarms are cells over threshold in maps of the scenario without targets. The single value is the
+    area under the curve: the mean detection probability over the logarithm of the design
+    false-alarm probability, between the ends.
     """
 
     better: ClassVar[Better] = "more"
@@ -76,9 +73,9 @@ class Roc(Score):
         """Hits at each threshold, attempts, alarms at each threshold, tested cells."""
         return 2 * len(self.false_alarm_probabilities) + 2
 
-    def check_context(self, context: TrialContext) -> None:
-        check_has_targets(context, self.label())
-        check_rising_ramps(context, self.label())
+    def check_score_defined(self, context: TrialContext) -> None:
+        check_scene_has_targets(context, self.label())
+        check_no_triangular_ramps(context, self.label())
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the sums of each target; false alarms are common to all."""
@@ -95,8 +92,8 @@ class Roc(Score):
             chain.cfar, noise, rows.stop - rows.start, self.false_alarm_probabilities
         )
         n = len(factors)
-        sums = np.zeros((len(context.names), self.n_sums))
-        for power, gate in zip(result.maps, gate_cells(context), strict=True):
+        sums = np.zeros((len(context.target_names), self.n_sums))
+        for power, gate in zip(result.maps, target_gate_cells(context), strict=True):
             is_searched = (gate.range >= rows.start) & (gate.range < rows.stop)
             if usable is not None:
                 is_searched &= usable[gate.velocity, gate.range]
@@ -112,20 +109,20 @@ class Roc(Score):
                 sums[target, :n] += is_over[:, gate.target[is_searched] == target].any(axis=1)
         sums[:, n] = len(result.maps)
         searched_power = np.ascontiguousarray(result.noise.power[:, rows])
-        sums[:, n + 1 : -1] = _count_alarms(
+        sums[:, n + 1 : -1] = _count_cells_over_thresholds(
             searched_power, unit.threshold(searched_power, noise), factors, usable, rows
         )
         sums[:, -1] = result.noise.n_tested
         return sums
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         """Estimate the area under the curve, see `proportions.estimate_proportion`."""
         n = len(self.false_alarm_probabilities)
         return estimate_proportion(
             sums[:, :n] @ self._trapezoid_weights, sums[:, n], confidence=confidence
         )
 
-    def curve(self, sums: np.ndarray, *, confidence: float) -> RocCurve:
+    def estimate_roc_curve(self, sums: np.ndarray, *, confidence: float) -> RocCurve:
         """Estimate the curve from independent trials, (n_trials, n_sums)."""
         n = len(self.false_alarm_probabilities)
         detections = [
@@ -140,10 +137,10 @@ class Roc(Score):
             *np.array(detections).T,
         )
 
-    def theory_curve(self, context: TrialContext) -> np.ndarray:
+    def theoretical_roc_probabilities(self, context: TrialContext) -> np.ndarray:
         """Return the detection probability at each threshold, (n_targets, n_thresholds).
 
-        NaN without a law, see `predicted_detection.detection_probabilities`.
+        NaN without a law, see `predicted_detection.theoretical_detection_probabilities`.
         """
         cfars = (
             replace(context.chain.cfar, false_alarm_probability=p, offset=None)
@@ -151,12 +148,13 @@ class Roc(Score):
         )
         cases = (replace(context, chain=replace(context.chain, cfar=cfar)) for cfar in cfars)
         return np.stack(
-            [detection_probabilities(threshold_context) for threshold_context in cases], axis=1
+            [theoretical_detection_probabilities(threshold_context) for threshold_context in cases],
+            axis=1,
         )
 
-    def theory(self, context: TrialContext) -> np.ndarray:
+    def theoretical_values(self, context: TrialContext) -> np.ndarray:
         """Return the area under the theoretical curve."""
-        return np.asarray(self.theory_curve(context) @ self._trapezoid_weights)
+        return np.asarray(self.theoretical_roc_probabilities(context) @ self._trapezoid_weights)
 
     @property
     def _trapezoid_weights(self) -> np.ndarray:
@@ -185,17 +183,20 @@ def _threshold_factors(
     )
 
 
-def _count_alarms(
+def _count_cells_over_thresholds(
     power: np.ndarray,
-    statistic: np.ndarray,
-    factors: np.ndarray,
+    noise_statistic: np.ndarray,
+    threshold_factors: np.ndarray,
     usable: np.ndarray | None,
     rows: slice,
 ) -> np.ndarray:
     """Count cells over each threshold, (n,), among the few over the lowest."""
-    is_over = power > statistic * factors[0]
+    is_over = power > noise_statistic * threshold_factors[0]
     if usable is not None:
         is_over &= usable[:, rows]
     cells = np.flatnonzero(is_over)
-    level, factor = power.flat[cells] / statistic.flat[cells], factors[:, cells % power.shape[1]]
+    level, factor = (
+        power.flat[cells] / noise_statistic.flat[cells],
+        threshold_factors[:, cells % power.shape[1]],
+    )
     return np.count_nonzero(level > factor, axis=1)

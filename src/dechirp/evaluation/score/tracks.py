@@ -10,15 +10,15 @@ from dechirp.evaluation.gospa import gospa
 from dechirp.evaluation.identity import NO_TRACK
 from dechirp.evaluation.nees import nees
 from dechirp.evaluation.ospa import ospa_m
-from dechirp.evaluation.preconditions import check_has_targets
+from dechirp.evaluation.preconditions import check_scene_has_targets
 from dechirp.evaluation.proportions import estimate_proportion
 from dechirp.evaluation.score.base import Better, Estimate, Need, Score
 from dechirp.evaluation.track_states import (
     STATE_NAMES,
-    confirmed_states,
-    position_pairs_m,
+    cached_track_assignment,
+    confirmed_track_states,
     target_states,
-    track_assignment,
+    track_and_target_positions_m,
 )
 from dechirp.evaluation.trial import TrialContext, TrialResult
 from dechirp.evaluation.trial_statistics import estimate_mean, estimate_rate
@@ -35,8 +35,8 @@ class TrackScore(Score):
     def __post_init__(self) -> None:
         check_positive_fields(self, "cutoff_m")
 
-    def check_context(self, context: TrialContext) -> None:
-        check_has_targets(context, self.label())
+    def check_score_defined(self, context: TrialContext) -> None:
+        check_scene_has_targets(context, self.label())
 
 
 @frozen_dataclass
@@ -49,14 +49,14 @@ class TrackCompleteness(TrackScore):
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return frames with a track, and frames."""
         holder = (
-            track_assignment(result, context, self.cutoff_m)["holder"]
+            cached_track_assignment(result, context, self.cutoff_m)["holder"]
             .transpose("target", "frame")
             .values
         )
         n_frames = np.full(len(holder), holder.shape[1])
         return np.stack([np.sum(holder != NO_TRACK, axis=1), n_frames], axis=1).astype(float)
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         return estimate_proportion(*sums.T, confidence=confidence)
 
 
@@ -69,10 +69,10 @@ class IdentitySwitches(TrackScore):
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the changes of each target, and the number of trials, 1."""
-        n_swaps = track_assignment(result, context, self.cutoff_m)["n_swaps"].values
+        n_swaps = cached_track_assignment(result, context, self.cutoff_m)["n_swaps"].values
         return np.stack([n_swaps, np.ones(len(n_swaps))], axis=1)
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         return estimate_rate(*sums.T, confidence=confidence)
 
 
@@ -83,18 +83,18 @@ class FalseTracks(TrackScore):
     better: ClassVar[Better] = "less"
     n_sums: ClassVar[int] = 2
 
-    def subjects(self, context: TrialContext) -> tuple[str, ...]:
+    def scored_target_names(self, context: TrialContext) -> tuple[str, ...]:
         return ()
 
-    def check_context(self, context: TrialContext) -> None:
+    def check_score_defined(self, context: TrialContext) -> None:
         """Accept any context: without targets all tracks are false."""
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return false tracks of all frames, and frames."""
-        n_false = track_assignment(result, context, self.cutoff_m)["n_false"].values
+        n_false = cached_track_assignment(result, context, self.cutoff_m)["n_false"].values
         return np.array([[n_false.sum(), n_false.size]], float)
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         """Estimate from the scatter of trials, since a false track lasts several frames."""
         return estimate_rate(*sums.T, confidence=confidence)
 
@@ -110,16 +110,16 @@ class TrackGospa(TrackScore):
     unit: ClassVar[str | None] = "m"
     n_sums: ClassVar[int] = 2
 
-    def subjects(self, context: TrialContext) -> tuple[str, ...]:
+    def scored_target_names(self, context: TrialContext) -> tuple[str, ...]:
         return ()
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the errors of all frames, and frames."""
-        pairs = position_pairs_m(result, context)
+        pairs = track_and_target_positions_m(result, context)
         errors = [gospa(*pair, cutoff_m=self.cutoff_m).error_m for pair in pairs]
         return np.array([[sum(errors), len(errors)]], float)
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         return estimate_mean(*sums.T, confidence=confidence)
 
 
@@ -134,17 +134,18 @@ class TrackOspa(TrackScore):
     unit: ClassVar[str | None] = "m"
     n_sums: ClassVar[int] = 2
 
-    def subjects(self, context: TrialContext) -> tuple[str, ...]:
+    def scored_target_names(self, context: TrialContext) -> tuple[str, ...]:
         return ()
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the errors of all frames, and frames."""
         errors = [
-            ospa_m(*pair, cutoff_m=self.cutoff_m) for pair in position_pairs_m(result, context)
+            ospa_m(*pair, cutoff_m=self.cutoff_m)
+            for pair in track_and_target_positions_m(result, context)
         ]
         return np.array([[sum(errors), len(errors)]], float)
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         return estimate_mean(*sums.T, confidence=confidence)
 
 
@@ -153,9 +154,8 @@ class TrackNees(TrackScore):
     """Normalised estimation error squared of assigned tracks, averaged over frames.
 
     4, the number of states, for a consistent filter, whose interval then contains it. Larger: the
-    filter
-    underestimates its errors. A cut-off within a few standard errors excludes the largest errors.
-    A body is tracked at its reflections, not at its origin.
+    filter underestimates its errors. A cut-off within a few standard errors excludes the largest
+    errors. A body is tracked at its reflections, not at its origin.
     """
 
     n_sums: ClassVar[int] = 2
@@ -164,7 +164,7 @@ class TrackNees(TrackScore):
         """Return the sum over frames with a track, and those frames."""
         assert result.tracks is not None
         holder = (
-            track_assignment(result, context, self.cutoff_m)["holder"]
+            cached_track_assignment(result, context, self.cutoff_m)["holder"]
             .transpose("target", "frame")
             .values
         )
@@ -175,14 +175,14 @@ class TrackNees(TrackScore):
         covariance = result.tracks["covariance"].sel(axes).transpose("track", "frame", *axes).values
         sums = np.zeros((len(holder), self.n_sums))
         if target.size:
-            errors = confirmed_states(result)[track, frame] - true_states
+            errors = confirmed_track_states(result)[track, frame] - true_states
             np.add.at(sums[:, 0], target, nees(errors, covariance[track, frame]))
             np.add.at(sums[:, 1], target, 1)
         return sums
 
-    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+    def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         return estimate_mean(*sums.T, confidence=confidence)
 
-    def theory(self, context: TrialContext) -> np.ndarray:
+    def theoretical_values(self, context: TrialContext) -> np.ndarray:
         """Return the number of states, the value of a consistent filter."""
-        return np.full(len(context.names), float(len(STATE_NAMES)))
+        return np.full(len(context.target_names), float(len(STATE_NAMES)))

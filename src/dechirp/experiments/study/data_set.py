@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 from dechirp.evaluation.trial import TrialContext, TrialResult
 from dechirp.experiments.study.data_set_items import (
@@ -137,7 +137,7 @@ class BlockWriter:
 def point_metadata(plan: Plan, point: int) -> dict[str, np.ndarray]:
     """Return scenario and coordinates of a point, stored with its first block; empty if invalid."""
     try:
-        text = dump(plan.scenario(point)).encode()
+        text = dump_yaml(plan.scenario(point)).encode()
         axes = item_coordinates(_trial_context(plan, point, 0))
     except DechirpError:  # an invalid point: its trials report it
         return {}
@@ -182,7 +182,7 @@ def check_disk(plan: Plan, record: LedgerReader, out: Path) -> None:
     """
     writer = DataSetWriter.from_plan(plan, out)
     blocks = saved_blocks(plan, record)
-    if store.is_complete(writer.folder) and not len(blocks):
+    if store.is_data_set_complete(writer.folder) and not len(blocks):
         raise DechirpError(
             Mistake(
                 setting="--out",
@@ -192,7 +192,7 @@ def check_disk(plan: Plan, record: LedgerReader, out: Path) -> None:
             )
         )
     check_files(writer, blocks)
-    if not store.is_complete(writer.folder):
+    if not store.is_data_set_complete(writer.folder):
         n_missing = plan.n_points * plan.study.trials.at_most - int(blocks[:, 2].sum())
         check_disk_space(n_missing * writer.form.item_bytes, out)
 
@@ -245,7 +245,7 @@ def saved_blocks(plan: Plan, record: LedgerReader) -> np.ndarray:
 
 def check_files(writer: DataSetWriter, blocks: np.ndarray) -> None:
     """Raise `DechirpError` if files of saved blocks are missing."""
-    gone = store.missing_shards(writer.folder, writer.arrays, blocks)
+    gone = store.missing_shard_files(writer.folder, writer.arrays, blocks)
     if gone:
         raise DechirpError(
             Mistake(

@@ -46,7 +46,7 @@ def assemble_data_set(plan: Plan, record: LedgerReader, out: Path) -> Path:
         If files of it are missing, or it cannot be written.
     """
     writer = DataSetWriter.from_plan(plan, out)
-    if store.is_complete(writer.folder):
+    if store.is_data_set_complete(writer.folder):
         return writer.folder
     blocks = saved_blocks(plan, record)
     check_files(writer, blocks)
@@ -54,7 +54,7 @@ def assemble_data_set(plan: Plan, record: LedgerReader, out: Path) -> Path:
     def fill(new_store: store.Store) -> None:
         _write_columns(new_store, plan, writer.form, record)
 
-    store.complete_data_set(
+    store.finalise_data_set(
         writer.folder,
         writer.arrays,
         blocks,
@@ -171,7 +171,7 @@ def _write_columns(
             values["detections/stop"] = stops
             if "rows/range" in arrays:
                 rows.append_rows({name: arrays[f"rows/{name}"] for name in DETECTION_COLUMNS})
-        table.put_values(point, number * plan.study.trials.block, values)
+        table.buffer_trial_values(point, number * plan.study.trials.block, values)
     table.flush()
     if rows is not None:
         rows.flush()

@@ -83,7 +83,7 @@ def item_shapes(case: TrialContext, keep: tuple[str, ...]) -> ItemShapes:
     axes = item_coordinates(case)
     shape = (n_frames, axes["velocity_bins"].shape[1], len(axes["range_bins"]))
     return ItemShapes(
-        targets=case.names,
+        targets=case.target_names,
         n_frames=n_frames,
         cube=cube if "cubes" in keep else (),
         power=shape if "maps" in keep else (),

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from textwrap import indent
 
-from dechirp.config.dumping import dump, dump_line, quote_yaml
+from dechirp.config.dumping import dump_node_on_one_line, dump_yaml, quote_yaml_if_needed
 from dechirp.config.quantities import format_exact_quantity
 from dechirp.config.yaml_tree import parse_yaml
 from dechirp.core.dimensions import DIMENSIONS
@@ -26,21 +26,21 @@ def score_unit(score: Score | type[Score]) -> str | None:
 
 
 def _study_lines(study: Study, with_scenario: bool) -> Iterator[str]:
-    yield f"name: {quote_yaml(study.name)}"
+    yield f"name: {quote_yaml_if_needed(study.name)}"
     yield f"seed: {study.seed}"
     if with_scenario:
-        yield f"scenario:\n{indent(dump(study.scenario), '  ').rstrip()}"
+        yield f"scenario:\n{indent(dump_yaml(study.scenario), '  ').rstrip()}"
     if study.vary:
         yield "vary:"
     for axis in study.vary:
-        yield f"  {quote_yaml(axis.path)}: {format_axis(axis)}"
+        yield f"  {quote_yaml_if_needed(axis.path)}: {format_axis(axis)}"
     if study.draw is not None:
         yield f"draw: {{method: {study.draw.method}, n: {study.draw.n}}}"
     units = {score.label(): score_unit(score) for score in study.scores}
     trials = [f"at_most: {study.trials.at_most}", f"block: {study.trials.block}"]
     until = study.trials.until
     if until is not None:
-        rule = [f"score: {quote_yaml(until.score)}", *_target_parts(until.target)]
+        rule = [f"score: {quote_yaml_if_needed(until.score)}", *_target_parts(until.target)]
         rule.append(f"width: {_format_number(until.width, units[until.score])}")
         trials.append(f"until: {{{', '.join(rule)}}}")
     yield f"trials: {{{', '.join(trials)}}}"
@@ -63,11 +63,12 @@ def _study_lines(study: Study, with_scenario: bool) -> Iterator[str]:
 def _requirement_parts(
     requirement: Requirement, study: Study, units: dict[str, str | None]
 ) -> Iterator[str]:
-    yield f"score: {quote_yaml(requirement.score)}"
+    yield f"score: {quote_yaml_if_needed(requirement.score)}"
     yield from _target_parts(requirement.target)
     axes = {axis.path: axis for axis in study.vary if isinstance(axis, SweptSetting)}
     points = [
-        f"{quote_yaml(path)}: {_axis_value(axes[path], text)}" for path, text in requirement.points
+        f"{quote_yaml_if_needed(path)}: {_axis_value(axes[path], text)}"
+        for path, text in requirement.points
     ]
     if points:
         yield f"points: {{{', '.join(points)}}}"
@@ -81,11 +82,11 @@ def _requirement_parts(
 
 def _axis_value(axis: SweptSetting, text: str) -> str:
     label = axis.labels[axis.texts.index(text)]
-    return text if label == text else quote_yaml(label)
+    return text if label == text else quote_yaml_if_needed(label)
 
 
 def _target_parts(name: str | None) -> list[str]:
-    return [] if name is None else [f"target: {quote_yaml(name)}"]
+    return [] if name is None else [f"target: {quote_yaml_if_needed(name)}"]
 
 
 def _format_number(number: float, unit: str | None) -> str:
@@ -94,6 +95,6 @@ def _format_number(number: float, unit: str | None) -> str:
 
 def _format_score(score: Score) -> str:
     """Format a score, by its name alone where it has no settings."""
-    tree = parse_yaml(dump(score), "")
+    tree = parse_yaml(dump_yaml(score), "")
     has_no_settings = isinstance(tree.content, dict) and len(tree.content) == 1
-    return quote_yaml(score.label()) if has_no_settings else dump_line(tree)
+    return quote_yaml_if_needed(score.label()) if has_no_settings else dump_node_on_one_line(tree)

@@ -21,7 +21,7 @@ class Layout:
     @classmethod
     def from_context(cls, scores: tuple[Score, ...], case: TrialContext) -> "Layout":
         """Build the layout of scores in a trial context; all points of a study share it."""
-        return cls(scores, tuple(score.subjects(case) for score in scores))
+        return cls(scores, tuple(score.scored_target_names(case) for score in scores))
 
     @cached_property
     def score_widths(self) -> tuple[int, ...]:
@@ -56,7 +56,7 @@ class Layout:
     def score_theory(self, theory: np.ndarray, label: str, subject: str | None = None) -> float:
         """Return the theoretical value of a score of a subject, or of all.
 
-        See `Score.combined_theory`.
+        See `Score.combine_theoretical_values`.
 
         `theory` has a value for each subject of each score, one where a score has a total only.
         """
@@ -65,7 +65,7 @@ class Layout:
         first = sum(counts[:index])
         score_values = theory[first : first + counts[index]]
         if subject is None:
-            return self.scores[index].combined_theory(score_values)
+            return self.scores[index].combine_theoretical_values(score_values)
         return float(score_values[self.subjects[index].index(subject)])
 
     @cached_property

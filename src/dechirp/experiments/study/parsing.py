@@ -14,15 +14,26 @@ from pathlib import Path
 from typing import Any
 
 from dechirp.config import loading
-from dechirp.config.dumping import dump_line
-from dechirp.config.error_messages import SettingNode, explain_refusal
-from dechirp.config.fields import Slot, list_settings
-from dechirp.config.loading import build_value, read_text, sort_mistakes, validate_node
+from dechirp.config.dumping import dump_node_on_one_line
+from dechirp.config.error_messages import SettingNode, locate_refusal_in_file
+from dechirp.config.fields import ValueType, list_settings
+from dechirp.config.loading import (
+    build_value_from_tree,
+    read_settings_text,
+    sort_and_deduplicate_mistakes,
+    validate_and_build_value,
+)
 from dechirp.config.overrides import apply_override, parse_override
 from dechirp.config.setting_paths import SettingPath
-from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
+from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.config.validation import ValidationContext
-from dechirp.config.yaml_tree import Location, YamlNode, find_duplicate_keys, join_path, parse_yaml
+from dechirp.config.yaml_tree import (
+    Location,
+    YamlNode,
+    duplicate_key_mistakes,
+    join_setting_path,
+    parse_yaml,
+)
 from dechirp.core.errors import (
     DechirpError,
     InvalidFile,
@@ -84,7 +95,7 @@ def load_study(path: str | Path, overrides: Iterable[str] = (), seed: int | None
     file = _StudyParser(
         str(path), ValidationContext(folder=path.absolute().parent, readers=READERS)
     )
-    file.open_text(read_text(path), overrides)
+    file.open_text(read_settings_text(path), overrides)
     file.read_plain_settings()
     file.read_scenario()
     file.read_vary()
@@ -118,12 +129,14 @@ class _StudyParser:
             raise InvalidFile(
                 self.tree.location.create_mistake(
                     "the file",
-                    value=self.tree.description if self.tree.content is not None else "empty",
+                    value=self.tree.content_description
+                    if self.tree.content is not None
+                    else "empty",
                     expected=f"a mapping of {', '.join(names)}",
                     fix="write scenario, vary and scores, each on a line of its own",
                 )
             )
-        self.mistakes += find_duplicate_keys(self.tree)
+        self.mistakes += duplicate_key_mistakes(self.tree)
         for option in overrides:
             with self.collect_mistakes():
                 self._apply_option(option)
@@ -131,10 +144,10 @@ class _StudyParser:
             if name not in names:
                 self.mistakes.append(
                     node.name_location.create_mistake(
-                        join_path("", name),
+                        join_setting_path("", name),
                         value="not a known name",
                         expected=f"one of {', '.join(names)}",
-                        fix=did_you_mean(name, names, CHOOSE_OR_OMIT),
+                        fix=did_you_mean_fix(name, names, CHOOSE_OR_OMIT),
                     )
                 )
         for name, what in (
@@ -162,7 +175,7 @@ class _StudyParser:
         elif first == "scenario" and rest:
             self.scenario_options.append(option.partition(".")[2])
         elif first in list_settings(Study) and first not in ("name", "seed"):
-            spot = SettingNode("", self.tree, Slot(Study))
+            spot = SettingNode("", self.tree, ValueType(Study))
             self.tree = apply_override(spot, option, self.context)
         else:
             self.scenario_options.append(option)
@@ -171,9 +184,9 @@ class _StudyParser:
         """Read the settings that need no other."""
         for name in _PLAIN_SETTINGS:
             if name in self.content:
-                spot = SettingNode(name, self.content[name], list_settings(Study)[name].slot)
+                spot = SettingNode(name, self.content[name], list_settings(Study)[name].value_type)
                 with self.collect_mistakes():
-                    self.values[name] = validate_node(spot, self.context)
+                    self.values[name] = validate_and_build_value(spot, self.context)
 
     def read_scenario(self) -> None:
         """Read the scenario, with the options that apply to it."""
@@ -188,7 +201,7 @@ class _StudyParser:
                     raise _invalid_file(
                         node.location,
                         "scenario",
-                        f"{node.description}, which is no file",
+                        f"{node.content_description}, which is no file",
                         expected,
                         f"Paths start from {self.context.folder}.",
                     )
@@ -196,14 +209,14 @@ class _StudyParser:
                     path, Scenario, overrides=self.scenario_options, readers=READERS
                 )
             elif isinstance(node.content, dict):
-                scenario = build_value(
+                scenario = build_value_from_tree(
                     node, Scenario, self.context, overrides=self.scenario_options
                 )
             else:
                 raise _invalid_file(
                     node.location,
                     "scenario",
-                    node.description,
+                    node.content_description,
                     expected,
                     "Write scenario: scenario.yaml.",
                 )
@@ -229,7 +242,7 @@ class _StudyParser:
             self.mistakes.append(
                 node.location.create_mistake(
                     "vary",
-                    value=node.description,
+                    value=node.content_description,
                     expected="a mapping of paths, as scene.targets.car.rcs, and their values",
                     fix="write PATH: [VALUE, VALUE]",
                 )
@@ -267,11 +280,13 @@ class _StudyParser:
                 node.name_location, setting, mistake.value, mistake.expected, mistake.fix
             ) from None
         self.resolved_paths[path] = way
-        axis, probes = parse_axis(path, node, way.leaf_slot, self.context, at_most=at_most)
+        axis, probes = parse_axis(path, node, way.leaf_value_type, self.context, at_most=at_most)
         if path in self.axis_options:
             override_node = self._override_value(axis, self.axis_options[path])
             listed = YamlNode([override_node], override_node.location, override_node.location)
-            axis, probes = parse_axis(path, listed, way.leaf_slot, self.context, at_most=at_most)
+            axis, probes = parse_axis(
+                path, listed, way.leaf_value_type, self.context, at_most=at_most
+            )
         wrong: list[Mistake] = []
         for value in probes:
             if len(wrong) < _MAX_MISTAKES:
@@ -318,7 +333,7 @@ class _StudyParser:
             self.mistakes.append(
                 node.location.create_mistake(
                     "scores",
-                    value=node.description,
+                    value=node.content_description,
                     expected=f"a list of scores: {', '.join(labels)}",
                     fix="write [detection_probability]",
                 )
@@ -334,17 +349,17 @@ class _StudyParser:
                 self.mistakes.append(
                     named.location.create_mistake(
                         f"scores.{index}",
-                        value=named.description,
+                        value=named.content_description,
                         expected=f"one of {', '.join(labels)}",
-                        fix=did_you_mean(named.text, labels),
+                        fix=did_you_mean_fix(named.text, labels),
                     )
                 )
                 continue
             inner = dict(member.content) if isinstance(member.content, dict) else {}
             inner["kind"] = replace(named, content=kind, text=kind)
-            spot = SettingNode(f"scores.{index}", replace(member, content=inner), Slot(Score))
+            spot = SettingNode(f"scores.{index}", replace(member, content=inner), ValueType(Score))
             with self.collect_mistakes():
-                scores.append(validate_node(spot, self.context))
+                scores.append(validate_and_build_value(spot, self.context))
         if len(scores) == len(node.content):
             self.values["scores"] = tuple(scores)
 
@@ -358,9 +373,11 @@ class _StudyParser:
             try:
                 study = Study(**fields)
             except InvalidSetting as error:
-                self.mistakes += explain_refusal(error, SettingNode("", self.tree, Slot(Study)))
+                self.mistakes += locate_refusal_in_file(
+                    error, SettingNode("", self.tree, ValueType(Study))
+                )
         if self.mistakes or study is None:
-            raise InvalidFile(*sort_mistakes(_drop_repeated(self.mistakes)))
+            raise InvalidFile(*sort_and_deduplicate_mistakes(_drop_repeated(self.mistakes)))
         return study
 
     @property
@@ -378,8 +395,8 @@ class _StudyParser:
                 until = replace(until, content=inner)
                 node = replace(node, content={**node.content, "until": until})
         with self.collect_mistakes():
-            self.values["trials"] = validate_node(
-                SettingNode("trials", node, Slot(TrialBudget)), self.context
+            self.values["trials"] = validate_and_build_value(
+                SettingNode("trials", node, ValueType(TrialBudget)), self.context
             )
 
     def _read_requirements(self) -> None:
@@ -402,7 +419,7 @@ class _StudyParser:
                     self.mistakes.append(
                         points.location.create_mistake(
                             f"{where}.points",
-                            value=points.description,
+                            value=points.content_description,
                             expected="a mapping of paths that are varied, and their values",
                             fix="write points: {PATH: VALUE}",
                         )
@@ -411,9 +428,11 @@ class _StudyParser:
             members.append(replace(member, content=inner))
         if isinstance(node.content, list):
             node = replace(node, content=members)
-        slot = Slot(tuple[Requirement, ...])
+        slot = ValueType(tuple[Requirement, ...])
         with self.collect_mistakes():
-            self.values["require"] = validate_node(SettingNode("require", node, slot), self.context)
+            self.values["require"] = validate_and_build_value(
+                SettingNode("require", node, slot), self.context
+            )
 
     def _limits_to_si(
         self, content: dict[str, YamlNode], where: str, names: Sequence[str], *, fallback: float
@@ -429,9 +448,9 @@ class _StudyParser:
                 continue
             number = fallback
             if label in units:
-                spot = SettingNode(f"{where}.{name}", node, Slot(float, units[label]))
+                spot = SettingNode(f"{where}.{name}", node, ValueType(float, units[label]))
                 with self.collect_mistakes():
-                    number = validate_node(spot, self.context)
+                    number = validate_and_build_value(spot, self.context)
             converted[name] = replace(node, content=number)
         if score is not None and isinstance(score.content, str) and label in units:
             converted["score"] = replace(score, content=label)
@@ -455,7 +474,7 @@ class _StudyParser:
                 return None
             elif "vary" in self.values:
                 (mistake,) = points_mistake(
-                    f"{where}.{path}", path, node.text or node.description, vary
+                    f"{where}.{path}", path, node.text or node.content_description, vary
                 ).mistakes
                 place = node.location if isinstance(axis, SweptSetting) else node.name_location
                 self.mistakes.append(
@@ -472,15 +491,17 @@ class _StudyParser:
         """Return the text of the axis value that a node means, by its label or by equality."""
         if node.text and node.text in axis.labels:
             return axis.texts[axis.labels.index(node.text)]
-        slot = self.resolved_paths[axis.path].leaf_slot
+        slot = self.resolved_paths[axis.path].leaf_value_type
         try:
-            meant = validate_node(SettingNode(axis.path, node, slot), self.context)
+            meant = validate_and_build_value(SettingNode(axis.path, node, slot), self.context)
         except InvalidFile:
             return None
         for text in axis.texts:
             if _is_same_value(
                 meant,
-                validate_node(SettingNode(axis.path, parse_yaml(text, ""), slot), ABSOLUTE_CONTEXT),
+                validate_and_build_value(
+                    SettingNode(axis.path, parse_yaml(text, ""), slot), ABSOLUTE_CONTEXT
+                ),
             ):
                 return text
         return None
@@ -497,9 +518,9 @@ class _StudyParser:
 def _probe_mistakes(variants: Variants, path: str, node: YamlNode) -> Iterator[Mistake]:
     """Yield the mistakes of a value in the scenario."""
     try:
-        variant = variants.with_settings({path: dump_line(node)})
+        variant = variants.with_settings({path: dump_node_on_one_line(node)})
     except DechirpError as error:
-        value = quote_for_message(dump_line(node))
+        value = quote_for_message(dump_node_on_one_line(node))
         for mistake in error.mistakes:
             inside = mistake.setting == path or mistake.setting.startswith(f"{path}.")
             reported_value = value if mistake.setting == path else mistake.value
@@ -520,7 +541,7 @@ def _probe_mistakes(variants: Variants, path: str, node: YamlNode) -> Iterator[M
     if variant.scene.names != variants.scenario.scene.names:
         yield node.location.create_mistake(
             f"vary.{path}",
-            value=f"{quote_for_message(dump_line(node))}, with targets"
+            value=f"{quote_for_message(dump_node_on_one_line(node))}, with targets"
             f" {', '.join(variant.scene.names) or 'none'}",
             expected=f"with the scenario's targets: {', '.join(variants.scenario.scene.names)}",
             fix="scores are told by target: keep the names at every point",

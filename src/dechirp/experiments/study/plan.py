@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from dechirp.config.dumping import dump_line
+from dechirp.config.dumping import dump_node_on_one_line
 from dechirp.config.error_messages import SettingNode
-from dechirp.config.fields import Slot
-from dechirp.config.setting_paths import find_files
-from dechirp.config.yaml_tree import YamlNode, join_path, parse_yaml
+from dechirp.config.fields import ValueType
+from dechirp.config.setting_paths import iter_referenced_files
+from dechirp.config.yaml_tree import YamlNode, join_setting_path, parse_yaml
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import quote_for_message
 from dechirp.experiments.scenario import Scenario
@@ -200,11 +200,11 @@ class Plan:
         return np.stack(columns, axis=1)
 
     def _named_files(self) -> Iterator[str]:
-        yield from _file_paths(parse_yaml(self._variants.text, ""), Slot(Scenario))
+        yield from _file_paths(parse_yaml(self._variants.text, ""), ValueType(Scenario))
         for axis in self.axes:
             for text in axis.texts if axis.numbers is None else ():
                 yield from _file_paths(
-                    parse_yaml(text, ""), self._variants.resolve_path(axis.path).leaf_slot
+                    parse_yaml(text, ""), self._variants.resolve_path(axis.path).leaf_value_type
                 )
 
 
@@ -247,18 +247,18 @@ def _flatten_tree(node: YamlNode, path: str) -> Iterator[tuple[str, str]]:
     else:
         plain = not (isinstance(content, dict) and content)
     if plain:
-        yield path, dump_line(node)
+        yield path, dump_node_on_one_line(node)
         return
     for label, child in node.iter_children():
-        yield from _flatten_tree(child, join_path(path, label))
+        yield from _flatten_tree(child, join_setting_path(path, label))
 
 
 def _quote_or_unset(text: str | None) -> str:
     return "not set" if text is None else quote_for_message(text)
 
 
-def _file_paths(node: YamlNode, slot: Slot) -> Iterator[str]:
-    for _, path in find_files(SettingNode("", node, slot), ABSOLUTE_CONTEXT):
+def _file_paths(node: YamlNode, slot: ValueType) -> Iterator[str]:
+    for _, path in iter_referenced_files(SettingNode("", node, slot), ABSOLUTE_CONTEXT):
         yield path
 
 

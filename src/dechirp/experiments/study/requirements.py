@@ -152,7 +152,7 @@ class _LimitTest:
         """Estimate the value with bounds that leave `tail` on each side."""
         if not len(rows):
             return NO_ESTIMATE
-        return self._score.estimate(rows, confidence=1 - 2 * tail)
+        return self._score.estimate_with_interval(rows, confidence=1 - 2 * tail)
 
     def is_met_by(self, number: float) -> bool:
         """Return whether a number meets the limit; equality does."""

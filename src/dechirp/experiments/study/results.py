@@ -229,7 +229,8 @@ def _roc_curves(
         return (RocCurve(*[unknown] * len(RocCurve._fields)),) * (1 + len(names))
     subject_sums = [layout.score_sums(sums, label, name) for name in (None, *names)]
     return tuple(
-        roc.curve(sums_of_subject, confidence=confidence) for sums_of_subject in subject_sums
+        roc.estimate_roc_curve(sums_of_subject, confidence=confidence)
+        for sums_of_subject in subject_sums
     )
 
 
@@ -295,7 +296,8 @@ def estimate_score(
     if not has_valid_trials(sums):
         return NO_ESTIMATE
     columns = layout.score_sums(sums, label, subject)
-    return layout.scores[layout.score_index(label)].estimate(columns, confidence=confidence)
+    score = layout.scores[layout.score_index(label)]
+    return score.estimate_with_interval(columns, confidence=confidence)
 
 
 def has_valid_trials(sums: np.ndarray) -> bool:

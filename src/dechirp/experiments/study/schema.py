@@ -24,8 +24,8 @@ _END: Schema = {"type": ["string", "number"]}
 
 def study_schema() -> Schema:
     """Build the schema of study files; varied settings and values are checked on reading."""
-    schemas = SchemaBuilder(read_from_path=READERS)
-    stop_rule = schemas.mapping_schema(
+    schemas = SchemaBuilder(path_readable_types=READERS)
+    stop_rule = schemas.schema_of_class(
         StopRule, replacements={"score": score_label_schema(), "width": _END}
     )
     point = {"type": "object", "additionalProperties": True}
@@ -35,15 +35,16 @@ def study_schema() -> Schema:
         "at_least": _LIMIT,
         "at_most": _LIMIT,
     }
-    root = schemas.mapping_schema(
+    root = schemas.schema_of_class(
         Study,
         replacements={
             "scenario": scenario_schema(schemas),
             "vary": {"type": ["object", "null"], "additionalProperties": vary_schema()},
             "scores": list_schema(
-                any_of_schema([score_label_schema(), _configured_score_schema(schemas)]), at_least=1
+                any_of_schema([score_label_schema(), _configured_score_schema(schemas)]),
+                min_length=1,
             ),
-            "trials": schemas.mapping_schema(
+            "trials": schemas.schema_of_class(
                 TrialBudget,
                 replacements={
                     "until": any_of_schema(
@@ -55,7 +56,7 @@ def study_schema() -> Schema:
                 [
                     list_schema(
                         _with_unit_rules(
-                            schemas.mapping_schema(Requirement, replacements=requirement_fields),
+                            schemas.schema_of_class(Requirement, replacements=requirement_fields),
                             ("at_least", "at_most"),
                             schemas,
                         )
@@ -65,12 +66,12 @@ def study_schema() -> Schema:
             ),
         },
     )
-    return schemas.build_document("Study of dechirp", root)
+    return schemas.build_schema_document("Study of dechirp", root)
 
 
 def scenario_schema(schemas: SchemaBuilder) -> Schema:
     """Build the schema of the path of a scenario file, or of the scenario itself."""
-    return any_of_schema([TEXT, schemas.value_reference(Scenario)])
+    return any_of_schema([TEXT, schemas.reference_to_class_schema(Scenario)])
 
 
 def score_label_schema() -> Schema:
@@ -99,7 +100,7 @@ def vary_schema(*, with_distributions: bool = True) -> Schema:
 
 def limit_schema(member: type[Score], schemas: SchemaBuilder) -> Schema:
     """Build the schema of a limit of a score, in its unit."""
-    return schemas.quantity_reference(score_unit(member))
+    return schemas.reference_to_quantity_schema(score_unit(member))
 
 
 def _object_schema(properties: Schema, *, required: Iterable[str]) -> Schema:
@@ -115,7 +116,7 @@ def _configured_score_schema(schemas: SchemaBuilder) -> Schema:
     """Build the schema of a score with settings, whose kind may be written as its label."""
     return schema_by_kind(
         {
-            name: schemas.mapping_schema(member, kind={"const": name})
+            name: schemas.schema_of_class(member, kind={"const": name})
             for kind, member in Score.members().items()
             for name in sorted({kind, kind.replace("-", "_")})
         }

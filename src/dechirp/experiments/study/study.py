@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import Literal, get_args
 
-from dechirp.config.suggestions import did_you_mean
+from dechirp.config.suggestions import did_you_mean_fix
 from dechirp.core.checks import (
     check_instances,
     check_integer_fields,
@@ -353,7 +353,7 @@ class Study(Displayable):
                 "Study.keep",
                 value=f"{invalid[0]} twice" if invalid[0] in kinds else repr(invalid[0]),
                 expected=f"some of {', '.join(kinds)}, each once",
-                fix=did_you_mean(str(invalid[0]), kinds),
+                fix=did_you_mean_fix(str(invalid[0]), kinds),
             )
         sample_kinds = [kind for kind in self.keep if kind != "detections"]
         if sample_kinds and self.sensor == "statistical":
@@ -405,7 +405,7 @@ def score_mistakes(where: str, label: str, labels: tuple[str, ...]) -> Iterator[
             where,
             value=label,
             expected=f"one of the study's scores: {', '.join(labels)}",
-            fix=f"{did_you_mean(label, labels).rstrip('.')}, or add it to scores",
+            fix=f"{did_you_mean_fix(label, labels).rstrip('.')}, or add it to scores",
         )
 
 
@@ -413,7 +413,7 @@ def target_mistakes(where: str, name: str, names: tuple[str, ...]) -> Iterator[I
     """Yield a mistake if the scenario does not have a target."""
     if name not in names:
         need = f"one of the scenario's targets: {', '.join(names)}" if names else "left out"
-        yield InvalidSetting(where, value=name, expected=need, fix=did_you_mean(name, names))
+        yield InvalidSetting(where, value=name, expected=need, fix=did_you_mean_fix(name, names))
 
 
 def points_mistake(
@@ -430,7 +430,7 @@ def points_mistake(
             expected=f"one of {', '.join(swept_settings)}"
             if swept_settings
             else "left out: no setting is listed",
-            fix=did_you_mean(path, swept_settings),
+            fix=did_you_mean_fix(path, swept_settings),
         )
     labels = swept_settings[path].labels
     values = labels if len(labels) <= 20 else (*labels[:10], "...", *labels[-3:])
@@ -438,5 +438,5 @@ def points_mistake(
         where,
         value=f"{path}: {text}",
         expected=f"one of the values of {path}: {', '.join(values)}",
-        fix=did_you_mean(text, labels),
+        fix=did_you_mean_fix(text, labels),
     )

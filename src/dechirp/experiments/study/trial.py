@@ -151,7 +151,7 @@ def check_scores(
 ) -> None:
     """Raise `InvalidSetting` if a scenario lacks what a score needs."""
     for score in scores:
-        score.check_context(case)
+        score.check_score_defined(case)
         if "tracks" in score.needs and scenario.tracker is None:
             raise InvalidSetting(
                 "scores",
@@ -338,7 +338,7 @@ def _point_theory(plan: Plan, point: int) -> np.ndarray:
 def _score_theory(score: Score, case: TrialContext, no_theory: np.ndarray) -> np.ndarray:
     """Return the theory of a score, or NaN with a warning if it raises: the trials still count."""
     try:
-        return np.reshape(score.theory(case), no_theory.shape)
+        return np.reshape(score.theoretical_values(case), no_theory.shape)
     except Exception as error:
         finding = Finding(
             level="warning",

@@ -7,8 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from dechirp.config import loading
-from dechirp.config.dumping import dump
-from dechirp.config.setting_paths import SettingPath, find_setting, parse_setting, replace_settings
+from dechirp.config.dumping import dump_yaml
+from dechirp.config.setting_paths import (
+    SettingPath,
+    build_value_with_replaced_setting,
+    find_setting,
+    replace_settings,
+)
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import parse_yaml
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting
@@ -69,7 +74,7 @@ class Variants:
     @cached_property
     def text(self) -> str:
         """YAML text of the scenario."""
-        return dump(self.scenario)
+        return dump_yaml(self.scenario)
 
     @cached_property
     def _resolved_paths(self) -> dict[str, SettingPath]:
@@ -84,7 +89,9 @@ class Variants:
         key = (way.path, text)
         if key in self._value_cache:
             return self._value_cache[key]
-        value = parse_setting(self.scenario, way, parse_yaml(text, ""), ABSOLUTE_CONTEXT)
+        value = build_value_with_replaced_setting(
+            self.scenario, way, parse_yaml(text, ""), ABSOLUTE_CONTEXT
+        )
         if len(self._value_cache) < _CACHE_SIZE:
             self._value_cache[key] = value
         return value

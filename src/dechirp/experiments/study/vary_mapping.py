@@ -5,9 +5,13 @@ from contextlib import contextmanager
 from decimal import Decimal
 
 from dechirp.config.error_messages import SettingNode
-from dechirp.config.fields import Slot, describe_slot
-from dechirp.config.quantities import convert_difference, convert_quantity, split_quantity
-from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
+from dechirp.config.fields import ValueType, describe_accepted_values
+from dechirp.config.quantities import (
+    convert_difference_to_unit,
+    convert_quantity_to_unit,
+    split_number_and_unit,
+)
+from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.config.yaml_tree import YamlNode
 from dechirp.core.dimensions import DIMENSIONS
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake, quote_for_message
@@ -50,12 +54,13 @@ class VaryMapping:
 
     def check_numeric(self, what: str) -> None:
         """Raise if the setting does not take numbers."""
-        if not is_numeric(self.spot.slot):
+        if not is_numeric(self.spot.value_type):
             self.mistakes.append(
                 self.spot.location.create_mistake(
                     self.path,
                     value=what,
-                    expected="a list: this setting takes " + describe_slot(self.spot.slot),
+                    expected="a list: this setting takes "
+                    + describe_accepted_values(self.spot.value_type),
                     fix="write the values in brackets",
                 )
             )
@@ -69,18 +74,18 @@ class VaryMapping:
             if text is None:
                 continue
             with self._record_mistakes(name):
-                symbol = symbol or split_quantity(text, unit)[1]
+                symbol = symbol or split_number_and_unit(text, unit)[1]
         return symbol
 
     def read_number(self, name: str, symbol: str, unit: str | None) -> Decimal:
         """Return the number of a quantity in a unit; 0 if it is invalid."""
         with self._record_mistakes(name):
-            number = convert_quantity(symbol, self.content[name].text, unit)
+            number = convert_quantity_to_unit(symbol, self.content[name].text, unit)
             if number is not None:
                 return number
             self.add_mistake(
                 name,
-                value=self.content[name].description,
+                value=self.content[name].content_description,
                 expected=f"a level in {symbol}, as the other end has",
                 fix="write it in dB, or both without",
             )
@@ -90,8 +95,8 @@ class VaryMapping:
         """Return the number of a difference; 0 if it is invalid."""
         if self._number_text(name) is not None:
             with self._record_mistakes(name):
-                return convert_difference(
-                    symbol, self.content[name].text, unit_suffix(self.spot.slot)
+                return convert_difference_to_unit(
+                    symbol, self.content[name].text, unit_suffix(self.spot.value_type)
                 )
         return Decimal(0)
 
@@ -102,7 +107,7 @@ class VaryMapping:
             n_text = f"{n:.0f}" if is_countable else f"{n:.0e}"
             self.add_mistake(
                 name,
-                value=f"{self.content[name].description}, which makes {n_text} values",
+                value=f"{self.content[name].content_description}, which makes {n_text} values",
                 expected=f"at most at_most_points, {at_most}",
                 fix=f"take fewer, or confirm it: at_most_points: {n_text}"
                 if is_countable
@@ -114,8 +119,10 @@ class VaryMapping:
         if node is None:
             return None
         if isinstance(node.content, bool) or not isinstance(node.content, str | int | float):
-            need = DIMENSIONS[unit_suffix(self.spot.slot)].description
-            self.add_mistake(name, value=node.description, expected=need, fix="write one number")
+            need = DIMENSIONS[unit_suffix(self.spot.value_type)].description
+            self.add_mistake(
+                name, value=node.content_description, expected=need, fix="write one number"
+            )
             return None
         return node.text
 
@@ -128,17 +135,17 @@ class VaryMapping:
             self.add_mistake(name, value=mistake.value, expected=mistake.expected, fix=mistake.fix)
 
 
-def is_numeric(slot: Slot) -> bool:
+def is_numeric(slot: ValueType) -> bool:
     """Return whether a setting takes numbers."""
-    return float in slot.choices or int in slot.choices
+    return float in slot.types_without_none or int in slot.types_without_none
 
 
-def is_integer(slot: Slot) -> bool:
+def is_integer(slot: ValueType) -> bool:
     """Return whether a setting takes integers only."""
-    return float not in slot.choices
+    return float not in slot.types_without_none
 
 
-def unit_suffix(slot: Slot) -> str | None:
+def unit_suffix(slot: ValueType) -> str | None:
     """Return the unit suffix of a setting's numbers; counts are bare, as probabilities are."""
     return "probability" if is_integer(slot) else slot.unit
 
@@ -156,5 +163,5 @@ def unknown_name_mistake(
         f"{spot.path}.{quote_for_message(name)}",
         value="not a known name",
         expected=f"one of {', '.join(words)}",
-        fix=did_you_mean(name, words, CHOOSE_OR_OMIT),
+        fix=did_you_mean_fix(name, words, CHOOSE_OR_OMIT),
     )

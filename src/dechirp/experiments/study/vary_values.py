@@ -14,15 +14,19 @@ from decimal import Context as Digits
 from decimal import Decimal
 from typing import Any, Literal, NamedTuple
 
-from dechirp.config.dumping import dump_line, quote_yaml
+from dechirp.config.dumping import dump_node_on_one_line, quote_yaml_if_needed
 from dechirp.config.error_messages import SettingNode
-from dechirp.config.fields import Slot, list_settings
-from dechirp.config.loading import validate_node
-from dechirp.config.quantities import convert_quantity, format_decimal, split_quantity
-from dechirp.config.setting_paths import with_absolute_paths
-from dechirp.config.suggestions import did_you_mean, nearest_name
+from dechirp.config.fields import ValueType, list_settings
+from dechirp.config.loading import validate_and_build_value
+from dechirp.config.quantities import (
+    convert_quantity_to_unit,
+    format_shortest_decimal,
+    split_number_and_unit,
+)
+from dechirp.config.setting_paths import with_absolute_file_paths
+from dechirp.config.suggestions import did_you_mean_fix, nearest_name
 from dechirp.config.validation import ValidationContext
-from dechirp.config.yaml_tree import Location, YamlNode, parse_yaml, resolve_scalar
+from dechirp.config.yaml_tree import Location, YamlNode, parse_unquoted_scalar, parse_yaml
 from dechirp.core.dimensions import DIMENSIONS
 from dechirp.core.errors import InvalidFile, Mistake, quote_for_message
 from dechirp.experiments.study.study import RandomSetting, SweptSetting
@@ -59,7 +63,7 @@ class ParsedAxis(NamedTuple):
 
 
 def parse_axis(
-    path: str, node: YamlNode, slot: Slot, context: ValidationContext, *, at_most: int
+    path: str, node: YamlNode, slot: ValueType, context: ValidationContext, *, at_most: int
 ) -> ParsedAxis:
     """Parse the values of one varied setting.
 
@@ -69,7 +73,7 @@ def parse_axis(
         Path of the setting.
     node : Node
         Values in the file.
-    slot : Slot
+    slot : ValueType
         Type that the setting accepts.
     context : Context
         Context of the file.
@@ -98,16 +102,20 @@ def parse_axis(
         if intended is not None:
             name, child = next(iter(content.items()))
             raise InvalidFile(unknown_name_mistake(spot, name, child, keys))
-        cls = slot.value_class(node)
+        cls = slot.class_of_mapping(node)
         if not set(content) <= {"kind", *(list_settings(cls) if cls else ())}:
             return _parse_list(path, spot, list(content.items()), context)
     empty = content is None or content in ([], {})
     raise InvalidFile(
         spot.location.create_mistake(
             spot.path,
-            value=node.description if empty else f"one value, {quote_for_message(dump_line(node))}",
+            value=node.content_description
+            if empty
+            else f"one value, {quote_for_message(dump_node_on_one_line(node))}",
             expected=_FORMS,
-            fix="give the values" if empty else f"write [{quote_for_message(dump_line(node))}]",
+            fix="give the values"
+            if empty
+            else f"write [{quote_for_message(dump_node_on_one_line(node))}]",
         )
     )
 
@@ -138,7 +146,7 @@ def spaced_values(low: Decimal, high: Decimal, n: int, spacing: str) -> list[Dec
 
 def format_quantity(number: Decimal, unit: str) -> str:
     """Format a value as settings files write it."""
-    return f"{format_decimal(number)} {unit}".strip()
+    return f"{format_shortest_decimal(number)} {unit}".strip()
 
 
 def format_axis(axis: SweptSetting | RandomSetting) -> str:
@@ -159,7 +167,7 @@ def format_axis(axis: SweptSetting | RandomSetting) -> str:
     if axis.labels in (axis.texts, _distinct_labels(labels, axis.texts)):
         return f"[{', '.join(axis.texts)}]"
     both = zip(axis.labels, axis.texts, strict=True)
-    return f"{{{', '.join(f'{quote_yaml(label)}: {text}' for label, text in both)}}}"
+    return f"{{{', '.join(f'{quote_yaml_if_needed(label)}: {text}' for label, text in both)}}}"
 
 
 def _format_range(axis: SweptSetting) -> str | None:
@@ -193,7 +201,7 @@ def _parse_list(
     for index, (label, node) in enumerate(members):
         inner = replace(spot, path=f"{spot.path}.{label or index}", node=node)
         try:
-            value = validate_node(inner, context)
+            value = validate_and_build_value(inner, context)
         except InvalidFile as error:
             mistakes += error.mistakes
             if len(mistakes) >= _MAX_MISTAKES:
@@ -211,25 +219,29 @@ def _parse_list(
         values[value] = None
     if mistakes:
         raise InvalidFile(*mistakes)
-    nodes = tuple(with_absolute_paths(replace(spot, node=node), context) for _, node in members)
-    texts = tuple(dump_line(node) for node in nodes)
+    nodes = tuple(
+        with_absolute_file_paths(replace(spot, node=node), context) for _, node in members
+    )
+    texts = tuple(dump_node_on_one_line(node) for node in nodes)
     if members[0][0] is None:
         labels = _distinct_labels([_value_label(node) for _, node in members], texts)
     else:
         labels = tuple(str(label) for label, _ in members)
-    unit, numbers = _parse_numbers(spot.slot, [node for _, node in members])
+    unit, numbers = _parse_numbers(spot.value_type, [node for _, node in members])
     axis = SweptSetting(path=path, texts=texts, numbers=numbers, unit=unit, labels=labels)
     return ParsedAxis(axis, tuple(nodes[k] for k in _probe_indices(len(nodes), _MAX_LIST_PROBES)))
 
 
-def _parse_numbers(slot: Slot, nodes: Sequence[YamlNode]) -> tuple[str, tuple[float, ...] | None]:
+def _parse_numbers(
+    slot: ValueType, nodes: Sequence[YamlNode]
+) -> tuple[str, tuple[float, ...] | None]:
     """Return unit and numbers of a numeric setting, in the unit of the first value that has one."""
     scalar = all(isinstance(node.content, str | int | float) for node in nodes)
     if not (scalar and is_numeric(slot)):
         return "", None
     unit = unit_suffix(slot)
-    symbol = next(filter(None, (split_quantity(node.text, unit)[1] for node in nodes)), "")
-    numbers = [convert_quantity(symbol, node.text, unit) for node in nodes]
+    symbol = next(filter(None, (split_number_and_unit(node.text, unit)[1] for node in nodes)), "")
+    numbers = [convert_quantity_to_unit(symbol, node.text, unit) for node in nodes]
     floats = tuple(float(number) for number in numbers if number is not None)
     return (symbol, floats) if len(floats) == len(numbers) else ("", None)
 
@@ -248,7 +260,7 @@ def _parse_range(path: str, spot: SettingNode, at_most: int) -> ParsedAxis:
             expected="given, or n: one of the two",
             fix="keep one of them" if "step" in content else "add step or n",
         )
-    unit = unit_suffix(spot.slot)
+    unit = unit_suffix(spot.value_type)
     symbol = mapping.find_unit(("from", "to"), unit)
     mapping.raise_mistakes()
     low, high = (mapping.read_number(name, symbol, unit) for name in ("from", "to"))
@@ -266,7 +278,7 @@ def _parse_range(path: str, spot: SettingNode, at_most: int) -> ParsedAxis:
         if "step" in content
         else _parse_counted_range(mapping, low, high, symbol, at_most)
     )
-    if is_integer(spot.slot):
+    if is_integer(spot.value_type):
         if "n" in content:
             numbers = [number.to_integral_value() for number in numbers]
             if len(set(numbers)) < len(numbers):
@@ -334,7 +346,7 @@ def _parse_counted_range(
     if isinstance(n, bool) or not isinstance(n, int) or n < 2:
         mapping.add_mistake(
             "n",
-            value=mapping.content["n"].description,
+            value=mapping.content["n"].content_description,
             expected="a whole number, at least 2: both ends",
             fix="write a list for one value",
         )
@@ -343,9 +355,9 @@ def _parse_counted_range(
     if spacing is not None and spacing.content not in ("linear", "log"):
         mapping.add_mistake(
             "spacing",
-            value=spacing.description,
+            value=spacing.content_description,
             expected="one of linear, log",
-            fix=did_you_mean(spacing.text, ["linear", "log"]),
+            fix=did_you_mean_fix(spacing.text, ["linear", "log"]),
         )
     elif spacing is not None and spacing.content == "log":
         if symbol in LEVEL_UNITS:
@@ -381,9 +393,12 @@ def _parse_distribution(path: str, spot: SettingNode) -> ParsedAxis:
     expected = "two numbers, [LOW, HIGH]" if name == "uniform" else "two numbers, [MEAN, STD]"
     if not (isinstance(pair, list) and len(pair) == 2):
         mapping.add_mistake(
-            name, value=content[name].description, expected=expected, fix="write both in brackets"
+            name,
+            value=content[name].content_description,
+            expected=expected,
+            fix="write both in brackets",
         )
-    elif is_integer(spot.slot):
+    elif is_integer(spot.value_type):
         mapping.add_mistake(
             name, value="drawn, of whole numbers", expected="a list or a range", fix="list them"
         )
@@ -391,7 +406,7 @@ def _parse_distribution(path: str, spot: SettingNode) -> ParsedAxis:
     assert isinstance(pair, list)
     mapping.content = {"0": pair[0], "1": pair[1]}
     mapping.path = f"{spot.path}.{name}"
-    unit = unit_suffix(spot.slot)
+    unit = unit_suffix(spot.value_type)
     symbol = mapping.find_unit(("0", "1") if name == "uniform" else ("0",), unit)
     if not symbol and name == "normal" and not mapping.mistakes and DIMENSIONS[unit].si_unit:
         symbol = mapping.find_unit(("1",), unit)  # for a mean of 0 without unit
@@ -436,7 +451,7 @@ def _parse_distribution(path: str, spot: SettingNode) -> ParsedAxis:
 
 
 def _make_node(text: str, place: Location) -> YamlNode:
-    return YamlNode(resolve_scalar(text), place, place, text)
+    return YamlNode(parse_unquoted_scalar(text), place, place, text)
 
 
 def _distinct_labels(labels: Sequence[str], texts: Sequence[str]) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from dechirp.config.dumping import to_json_data
-from dechirp.config.fields import Slot, field_docstrings
+from dechirp.config.fields import ValueType, field_docstrings
 from dechirp.config.quantities import format_exact_quantity
 from dechirp.config.schema import Schema, SchemaBuilder, list_schema
 from dechirp.core.dimensions import DIMENSIONS
@@ -25,7 +25,7 @@ from dechirp.scene.scene import Scene
 
 def tune_schema() -> Schema:
     """Build the schema of the settings of a search."""
-    schemas = SchemaBuilder(read_from_path=READERS)
+    schemas = SchemaBuilder(path_readable_types=READERS)
     limits = {
         "type": "object",
         "properties": {
@@ -49,8 +49,8 @@ def tune_schema() -> Schema:
         "type": "object",
         "properties": {
             "scenario": scenario_schema(schemas),
-            "truth": schemas.value_reference(Scene),
-            "empty_range": schemas.slot_schema(Slot(tuple[float, float], "m")),
+            "truth": schemas.reference_to_class_schema(Scene),
+            "empty_range": schemas.schema_of_value_type(ValueType(tuple[float, float], "m")),
         },
         "required": ["scenario"],
         "additionalProperties": False,
@@ -67,14 +67,14 @@ def tune_schema() -> Schema:
         "objective": objective,
     }
     meanings = field_docstrings(Tune)
-    root = schemas.mapping_schema(PlainSettings)
+    root = schemas.schema_of_class(PlainSettings)
     root["description"] = (Tune.__doc__ or "").partition("\n")[0]
     for name, part in parts.items():
         description = {"description": meanings[name]} if meanings[name] else {}
         root["properties"][name] = {**description, **part}
     root["required"] = ["search", "objective"]
     root["anyOf"] = [{"required": ["scenarios"]}, {"required": ["recordings"]}]
-    return schemas.build_document("Search of dechirp", root)
+    return schemas.build_schema_document("Search of dechirp", root)
 
 
 def tune_document(tuned: TuneResult) -> dict[str, Any]:

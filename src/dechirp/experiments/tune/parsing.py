@@ -27,14 +27,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from dechirp.config.dumping import dump_line
+from dechirp.config.dumping import dump_node_on_one_line
 from dechirp.config.error_messages import SettingNode
-from dechirp.config.fields import Slot
-from dechirp.config.loading import build_value, read_text, sort_mistakes, validate_node
+from dechirp.config.fields import ValueType
+from dechirp.config.loading import (
+    build_value_from_tree,
+    read_settings_text,
+    sort_and_deduplicate_mistakes,
+    validate_and_build_value,
+)
 from dechirp.config.quantities import parse_quantity
-from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
+from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.config.validation import ValidationContext
-from dechirp.config.yaml_tree import YamlNode, find_duplicate_keys, join_path, parse_yaml
+from dechirp.config.yaml_tree import YamlNode, duplicate_key_mistakes, join_setting_path, parse_yaml
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting, Mistake
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.score.base import Score
@@ -87,13 +92,13 @@ class _TuneParser:
         self.mistakes: list[Mistake] = []
 
     def parse(self) -> Tune:
-        tree = parse_yaml(read_text(self.path), str(self.path))
-        self.mistakes += find_duplicate_keys(tree)
+        tree = parse_yaml(read_settings_text(self.path), str(self.path))
+        self.mistakes += duplicate_key_mistakes(tree)
         if not isinstance(tree.content, dict):
             raise InvalidFile(
                 tree.location.create_mistake(
                     "the file",
-                    value="empty" if tree.content is None else tree.description,
+                    value="empty" if tree.content is None else tree.content_description,
                     expected="the settings of a search",
                     fix="write scenarios, search and objective",
                 )
@@ -107,7 +112,7 @@ class _TuneParser:
         search = self._parse_search(parts["search"], tree, all_scenarios) if all_scenarios else ()
         objective = self._parse_objective(parts["objective"], tree)
         if self.mistakes or objective is None or plain is None:
-            raise InvalidFile(*sort_mistakes(self.mistakes))
+            raise InvalidFile(*sort_and_deduplicate_mistakes(self.mistakes))
         fields = {name: getattr(plain, name) for name in plain.__dataclass_fields__}
         if self.seed is not None:
             fields["seed"] = self.seed
@@ -129,16 +134,16 @@ class _TuneParser:
         for name in [name for name in content if name not in PlainSettings.__dataclass_fields__]:
             self.mistakes.append(
                 content.pop(name).name_location.create_mistake(
-                    join_path("", name),
+                    join_setting_path("", name),
                     value="not a known name",
                     expected=f"one of {', '.join(keys)}",
-                    fix=did_you_mean(name, keys, CHOOSE_OR_OMIT),
+                    fix=did_you_mean_fix(name, keys, CHOOSE_OR_OMIT),
                 )
             )
         spot = SettingNode(
-            "", replace(tree, content=content, duplicate_keys=()), Slot(PlainSettings)
+            "", replace(tree, content=content, duplicate_keys=()), ValueType(PlainSettings)
         )
-        return self._collect_mistakes(lambda: validate_node(spot, self.context))
+        return self._collect_mistakes(lambda: validate_and_build_value(spot, self.context))
 
     def _parse_members(
         self, node: YamlNode | None, name: str, read: Callable[[str, YamlNode], T | None]
@@ -163,7 +168,7 @@ class _TuneParser:
             )
             return None
         return self._collect_mistakes(
-            lambda: build_value(node, Scenario, self.context, overrides=self.overrides)
+            lambda: build_value_from_tree(node, Scenario, self.context, overrides=self.overrides)
         )
 
     def _parse_recording(self, path: str, node: YamlNode) -> LabelledRecording | None:
@@ -181,21 +186,26 @@ class _TuneParser:
         for name, child in content.items():
             self.mistakes.append(
                 child.name_location.create_mistake(
-                    join_path(path, name),
+                    join_setting_path(path, name),
                     value="not a known name",
                     expected="one of scenario, truth, empty_range",
-                    fix=did_you_mean(name, ("scenario", "truth", "empty_range"), CHOOSE_OR_OMIT),
+                    fix=did_you_mean_fix(
+                        name, ("scenario", "truth", "empty_range"), CHOOSE_OR_OMIT
+                    ),
                 )
             )
         scene = Scene()
         if truth is not None:
-            spot = SettingNode(f"{path}.truth", truth, Slot(Scene))
-            scene = self._collect_mistakes(lambda: validate_node(spot, self.context)) or scene
+            spot = SettingNode(f"{path}.truth", truth, ValueType(Scene))
+            scene = (
+                self._collect_mistakes(lambda: validate_and_build_value(spot, self.context))
+                or scene
+            )
         empty_range_m = None
         if empty_range is not None:
-            slot = Slot(tuple[float, float], "m", "empty_range")
+            slot = ValueType(tuple[float, float], "m", "empty_range")
             empty_range_m = self._collect_mistakes(
-                lambda: validate_node(
+                lambda: validate_and_build_value(
                     SettingNode(f"{path}.empty_range", empty_range, slot), self.context
                 )
             )
@@ -214,7 +224,7 @@ class _TuneParser:
             self.mistakes.append(
                 (node or tree).name_location.create_mistake(
                     "search",
-                    value="absent" if node is None else node.description,
+                    value="absent" if node is None else node.content_description,
                     expected="settings to search, with their values",
                     fix="write chain.cfar.n_guard.range: {from: 1, to: 6, step: 1}, for instance",
                 )
@@ -240,7 +250,7 @@ class _TuneParser:
         """Parse the values of one setting; each is tried alone on each scenario."""
         name = f"search.{path}"
         try:
-            leaf = all_variants[0].resolve_path(path).leaf_slot
+            leaf = all_variants[0].resolve_path(path).leaf_value_type
         except InvalidSetting as error:
             raise InvalidFile(
                 *(_relocate_mistake(item, node.name_location, name) for item in error.mistakes)
@@ -272,10 +282,10 @@ class _TuneParser:
                 )
             )
         wrong = [
-            _relocate_mistake(mistake, item.location, name, dump_line(item))
+            _relocate_mistake(mistake, item.location, name, dump_node_on_one_line(item))
             for item in probes
             for variants in all_variants
-            for mistake in _setting_mistakes(variants, path, dump_line(item))
+            for mistake in _setting_mistakes(variants, path, dump_node_on_one_line(item))
         ]
         if wrong:
             raise InvalidFile(*list(dict.fromkeys(wrong))[:_MAX_MISTAKES])
@@ -286,7 +296,7 @@ class _TuneParser:
             self.mistakes.append(
                 (node or tree).name_location.create_mistake(
                     "objective",
-                    value="absent" if node is None else node.description,
+                    value="absent" if node is None else node.content_description,
                     expected="a score to maximise or minimise, and limits of others",
                     fix="write {maximise: detection_probability,"
                     " at_most: {false_alarm_probability: 1e-6}}",
@@ -299,10 +309,10 @@ class _TuneParser:
             if name not in keys:
                 self.mistakes.append(
                     content[name].name_location.create_mistake(
-                        join_path("objective", name),
+                        join_setting_path("objective", name),
                         value="not a known name",
                         expected=f"one of {', '.join(keys)}",
-                        fix=did_you_mean(name, keys, CHOOSE_OR_OMIT),
+                        fix=did_you_mean_fix(name, keys, CHOOSE_OR_OMIT),
                     )
                 )
         directions = [name for name in ("maximise", "minimise") if name in content]
@@ -373,9 +383,9 @@ class _TuneParser:
             self.mistakes.append(
                 node.name_location.create_mistake(
                     path,
-                    value=label or node.description,
+                    value=label or node.content_description,
                     expected=f"a score: one of {', '.join(classes)}",
-                    fix=did_you_mean(label, classes),
+                    fix=did_you_mean_fix(label, classes),
                 )
             )
             return None
@@ -392,7 +402,9 @@ class _TuneParser:
 
     def _add_mistake(self, node: YamlNode, path: str, *, expected: str, fix: str) -> None:
         self.mistakes.append(
-            node.location.create_mistake(path, value=node.description, expected=expected, fix=fix)
+            node.location.create_mistake(
+                path, value=node.content_description, expected=expected, fix=fix
+            )
         )
 
     def _collect_mistakes(self, make: Callable[[], T]) -> T | None:

@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.core.display import pluralise
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 from dechirp.core.findings import Finding
@@ -187,9 +187,9 @@ def _source_names(tune: Tune) -> tuple[str, ...]:
 
 
 def _source_text(source: Scenario | LabelledRecording) -> str:
-    text = dump(source_scenario(source))
+    text = dump_yaml(source_scenario(source))
     if isinstance(source, LabelledRecording):
-        text += f"{dump(source.truth)}empty_range: {source.empty_range_m}\n"
+        text += f"{dump_yaml(source.truth)}empty_range: {source.empty_range_m}\n"
     return text
 
 
@@ -355,7 +355,10 @@ class _Search:
         objective_columns = slice(0, objective.score.n_sums)  # its columns come first
 
         def value_of(sums: np.ndarray) -> float:
-            return objective.sign * objective.score.estimate(sums, confidence=confidence).value
+            return (
+                objective.sign
+                * objective.score.estimate_with_interval(sums, confidence=confidence).value
+            )
 
         return paired_gain(
             default_sums[:, objective_columns],
@@ -368,7 +371,7 @@ class _Search:
         widths = [score.n_sums for score in self.scores]
         ends = list(itertools.accumulate(widths))
         return {
-            score.label(): score.estimate(
+            score.label(): score.estimate_with_interval(
                 sums[:, end - score.n_sums : end], confidence=self.tune.confidence
             )
             for score, end in zip(self.scores, ends, strict=True)

@@ -47,7 +47,7 @@ class RecordingTrialRunner:
         first = self._trial_context(0)
         for score in scores:
             _check_single_frame_score(score)
-            score.check_context(first)
+            score.check_score_defined(first)
         self.layout = Layout.from_context(scores, first)
         self._needs = frozenset().union(*(score.needs for score in scores))
         if "noise" in self._needs and recorded.empty_range_m is None:

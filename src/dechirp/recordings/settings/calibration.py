@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from dechirp.config.dumping import to_json_data
-from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
+from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake, quote_for_message
 from dechirp.radar.calibration import Calibration
 
@@ -39,7 +39,7 @@ def read_calibration(path: str | Path) -> Calibration:
     mistakes = [
         _calibration_mistake(file, key, value="an unknown key",
                  expected=f"one of {', '.join(known_fields)}",
-                 fix=did_you_mean(key, list(known_fields), CHOOSE_OR_OMIT))
+                 fix=did_you_mean_fix(key, list(known_fields), CHOOSE_OR_OMIT))
         for key in content
         if key not in known_fields
     ]  # fmt: skip

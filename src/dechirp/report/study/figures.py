@@ -124,7 +124,7 @@ class _ScoreData:
         """Return the theoretical curves of a point, (n_targets, n_thresholds), from a cache."""
         if point not in self._theory_curves:
             case = build_trial_context(Plan.from_study(self.result.study).scenario(point))
-            self._theory_curves[point] = roc.theory_curve(case)
+            self._theory_curves[point] = roc.theoretical_roc_probabilities(case)
         return self._theory_curves[point]
 
     def choose_line_setting(

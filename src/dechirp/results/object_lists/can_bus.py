@@ -27,9 +27,8 @@ def worst_case_frame_bits(n_bytes: int, *, extended: bool = False) -> FrameBits:
     """Return the largest number of bits of a CAN FD frame with `n_bytes` bytes of data.
 
     A stuff bit follows five equal bits, and begins the next five: at most (n - 1) / 4 in n bits.
-    The
-    stuff count, 4 bits, and the CRC, 17 bits up to 16 bytes and 21 above, have stuff bits at fixed
-    positions. Bits in which the rate changes count fully at the slow rate.
+    The stuff count, 4 bits, and the CRC, 17 bits up to 16 bytes and 21 above, have stuff bits at
+    fixed positions. Bits in which the rate changes count fully at the slow rate.
 
     References
     ----------

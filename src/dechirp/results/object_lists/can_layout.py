@@ -85,7 +85,7 @@ class SignalCodes(NamedTuple):
         )
         return np.where(np.isnan(values), self.unknown_code or 0, codes).astype(np.int64)
 
-    def is_out_of_range(self, values: np.ndarray) -> np.ndarray:
+    def out_of_range_mask(self, values: np.ndarray) -> np.ndarray:
         """Return True for values more than half a step outside the range."""
         half = abs(self.scale) / 2
         return (values < self.min_value - half) | (values > self.max_value + half)
@@ -117,25 +117,26 @@ class DbcLayout(NamedTuple):
         parts = self.codes["Part"].max_code + 1
         return min(self.codes["NumberOfObjects"].max_code, parts * self.objects_per_part)
 
-    def encode_column(self, name: str, values: np.ndarray) -> np.ndarray:
+    def encode_signal_values(self, signal: str, values: np.ndarray) -> np.ndarray:
         """Encode a column; raise `InvalidSetting` if NaN has no code."""
-        codes = self.codes[name]
+        codes = self.codes[signal]
         if codes.unknown_code is None and np.isnan(values).any():
             raise _dbc_error(
                 Path(self.name),
-                f"no code in {name} for unknown values, and {OBJECT_SIGNALS[name].column} has some",
+                f"no code in {signal} for unknown values, and {OBJECT_SIGNALS[signal].column} has"
+                " some",
                 f"one named {_UNKNOWN_NAMES[0]} in its value table",
                 "add it to the DBC, outside the range of the signal",
             )
         return codes.encode_values(values)
 
 
-def shipped_dbc() -> Path:
+def shipped_dbc_path() -> Path:
     """Return the path of the DBC in the package."""
     return Path(str(files("dechirp.results.object_lists") / "dechirp.dbc"))
 
 
-def read_layout(dbc: str | Path | None = None) -> DbcLayout:
+def read_dbc_layout(dbc: str | Path | None = None) -> DbcLayout:
     """Read the layout of the object list from a DBC.
 
     Parameters
@@ -152,20 +153,20 @@ def read_layout(dbc: str | Path | None = None) -> DbcLayout:
     """
     if not isinstance(dbc, str | Path | None):
         raise InvalidSetting("dbc", value=repr(dbc), expected="a path", fix="give it as a text")
-    path = shipped_dbc() if dbc is None else Path(dbc)
-    messages = {message.name: message for message in _load_messages(path)}
+    path = shipped_dbc_path() if dbc is None else Path(dbc)
+    messages = {message.name: message for message in _load_dbc_messages(path)}
     for name in (HEADER, PART):
         if name not in messages:
             actual = ", ".join(messages) or "no message"
             raise _dbc_error(path, actual, f"a message {name}", "add it as in the shipped DBC")
-        _check_plain_message(path, messages[name])
+        _check_message_not_multiplexed(path, messages[name])
     header, part = messages[HEADER], messages[PART]
     if (header.frame_id, header.is_extended_frame) == (part.frame_id, part.is_extended_frame):
         raise _dbc_error(
             path, f"one identifier for {HEADER} and {PART}", "two", "change one of them"
         )
-    codes = dict(_read_signals(path, header, _HEADER_SIGNALS, ""))
-    part_codes = dict(_read_signals(path, part, _PART_SIGNALS, ""))
+    codes = dict(_read_required_signals(path, header, _HEADER_SIGNALS, ""))
+    part_codes = dict(_read_required_signals(path, part, _PART_SIGNALS, ""))
     if codes["Counter"] != part_codes["Counter"]:
         actual = (
             f"a Counter to {codes['Counter'].max_code} in {HEADER}, to"
@@ -174,9 +175,9 @@ def read_layout(dbc: str | Path | None = None) -> DbcLayout:
         raise _dbc_error(path, f"{actual}{PART}", "the same in both", "give both the same bits")
     codes.update(part_codes)
     n_per_part = _count_objects_per_part(part)
-    codes.update(_read_signals(path, part, OBJECT_SIGNALS, "_0"))
+    codes.update(_read_required_signals(path, part, OBJECT_SIGNALS, "_0"))
     for index in range(1, n_per_part):
-        for name, signal_codes in _read_signals(path, part, OBJECT_SIGNALS, f"_{index}"):
+        for name, signal_codes in _read_required_signals(path, part, OBJECT_SIGNALS, f"_{index}"):
             if signal_codes != codes[name]:
                 actual = f"a signal {name}_{index} with other codes than {name}_0"
                 raise _dbc_error(
@@ -185,7 +186,7 @@ def read_layout(dbc: str | Path | None = None) -> DbcLayout:
     return DbcLayout(str(path), header, part, codes, n_per_part)
 
 
-def _load_messages(path: Path) -> list[Any]:
+def _load_dbc_messages(path: Path) -> list[Any]:
     cantools = import_from_io_extra("cantools")
     try:
         database = cantools.database.load_file(str(path), database_format="dbc", strict=True)
@@ -201,7 +202,7 @@ def _load_messages(path: Path) -> list[Any]:
     return list(database.messages)
 
 
-def _check_plain_message(path: Path, message: Any) -> None:
+def _check_message_not_multiplexed(path: Path, message: Any) -> None:
     if message.is_multiplexed() or message.is_container:
         raise _dbc_error(
             path, f"{message.name} multiplexed", "a message without multiplexing", "flatten it"
@@ -221,7 +222,7 @@ def _count_objects_per_part(part: Any) -> int:
     return max(index, 1)
 
 
-def _read_signals(
+def _read_required_signals(
     path: Path, message: Any, required_signals: dict[str, RequiredSignal], suffix: str
 ) -> Iterator[tuple[str, SignalCodes]]:
     """Yield the codes of each required signal; raise `InvalidSetting` if one does not fit."""
@@ -235,15 +236,17 @@ def _read_signals(
             "add the missing signals as in the shipped DBC",
         )
     for name, required in required_signals.items():
-        yield name, _signal_codes(path, message.name, signals[f"{name}{suffix}"], required)
+        yield name, _checked_signal_codes(path, message.name, signals[f"{name}{suffix}"], required)
 
 
-def _signal_codes(path: Path, message: str, signal: Any, required: RequiredSignal) -> SignalCodes:
+def _checked_signal_codes(
+    path: Path, message: str, signal: Any, required: RequiredSignal
+) -> SignalCodes:
     where = f"{message}.{signal.name}"
     if signal.conversion.is_float:
         raise _dbc_error(path, f"{where} of floats", "integers with a scale", "make it an integer")
     if not all(
-        _is_finite(number)
+        _is_none_or_finite(number)
         for number in (signal.scale, signal.offset, signal.minimum, signal.maximum)
     ):
         raise _dbc_error(
@@ -291,7 +294,7 @@ def _signal_codes(path: Path, message: str, signal: Any, required: RequiredSigna
     return codes
 
 
-def _is_finite(number: float | None) -> bool:
+def _is_none_or_finite(number: float | None) -> bool:
     try:
         return number is None or math.isfinite(number)
     except OverflowError:  # an integer beyond the range of floats

@@ -12,9 +12,9 @@ from dechirp.core.checks import check_integer, check_number
 from dechirp.core.errors import InvalidSetting, RecordingError
 from dechirp.core.optional_imports import import_from_io_extra
 from dechirp.results.object_lists.can_bus import CanFd
-from dechirp.results.object_lists.can_frames import CanFrame, encode_frames
-from dechirp.results.object_lists.can_layout import DbcLayout, read_layout
-from dechirp.results.object_lists.can_lists import assemble_lists
+from dechirp.results.object_lists.can_frames import CanFrame, encode_can_frames
+from dechirp.results.object_lists.can_layout import DbcLayout, read_dbc_layout
+from dechirp.results.object_lists.can_lists import assemble_object_list
 
 _MODULES = {".blf": "blf.BLF", ".asc": "asc.ASC", ".log": "canutils.CanutilsLog"}
 """Module and class prefix in python-can for each suffix."""
@@ -50,11 +50,11 @@ def write_can_log(
     Warns
     -----
     PhysicsWarning
-        As `encode_frames`: for omitted objects and clipped values.
+        As `encode_can_frames`: for omitted objects and clipped values.
     """
     path = check_file_suffix(path, SUFFIXES)
-    sent = encode_frames(objects, read_layout(dbc), bus or CanFd())
-    writer = _log_class(path, "Writer")
+    sent = encode_can_frames(objects, read_dbc_layout(dbc), bus or CanFd())
+    writer = _python_can_log_class(path, "Writer")
     with atomic_output_file(path) as made, writer(str(made)) as log:
         for frame in sent:
             log.on_message_received(_to_can_message(frame))
@@ -75,13 +75,13 @@ def read_can_log(path: str | Path, *, dbc: str | Path | None = None) -> xr.Datas
     PhysicsWarning
         If lists are missing, incomplete or damaged; they are omitted.
     """
-    path, dbc_layout = check_file_suffix(path, SUFFIXES), read_layout(dbc)
-    reader = _log_class(path, "Reader")
+    path, dbc_layout = check_file_suffix(path, SUFFIXES), read_dbc_layout(dbc)
+    reader = _python_can_log_class(path, "Reader")
     try:
         # Readers that fail on their first bytes do not close files that they opened themselves.
         with _open_log(path) as file, reader(file) as log:
             n_frames, received = _select_object_frames(log, dbc_layout)
-            is_invalid = n_frames == 0 and not _is_complete_log(log, path)
+            is_invalid = n_frames == 0 and not _is_valid_empty_log(log, path)
     except OSError as error:
         raise RecordingError(
             path,
@@ -112,7 +112,7 @@ def read_can_log(path: str | Path, *, dbc: str | Path | None = None) -> xr.Datas
             expected=f"an {dbc_layout.header.name}",
             fix="give the DBC with which it was written",
         )
-    return assemble_lists(received, dbc_layout)
+    return assemble_object_list(received, dbc_layout)
 
 
 def send_can(
@@ -145,10 +145,10 @@ def send_can(
     InvalidSetting
         As `write_can_log`, or if the bus rejects a frame.
     """
-    dbc_layout = read_layout(dbc)
+    dbc_layout = read_dbc_layout(dbc)
     check_integer("first", first, at_least=0)
-    sent = encode_frames(objects, dbc_layout, rates or CanFd(), first=first)
-    _check_bus(bus)
+    sent = encode_can_frames(objects, dbc_layout, rates or CanFd(), first=first)
+    _check_python_can_bus(bus)
     try:
         for frame in sent:
             bus.send(_to_can_message(frame))
@@ -173,13 +173,13 @@ def receive_can(
     InvalidSetting
         If the bus or the DBC cannot be used, or time decreases.
     """
-    _check_bus(bus)
+    _check_python_can_bus(bus)
     check_number("idle_s", idle_s, above=0.0, at_most=1e6)
     check_number("at_most_s", at_most_s, above=0.0, at_most=1e6)
-    return assemble_lists(_iter_bus_frames(bus, idle_s, at_most_s), read_layout(dbc))
+    return assemble_object_list(_iter_bus_frames(bus, idle_s, at_most_s), read_dbc_layout(dbc))
 
 
-def _is_complete_log(log: Any, path: Path) -> bool:
+def _is_valid_empty_log(log: Any, path: Path) -> bool:
     """Return True if a log without frames is valid: the readers skip unknown content."""
     if path.suffix.lower() == ".asc":
         return log.date is not None or log.timestamps_format is not None
@@ -209,7 +209,7 @@ def _iter_bus_frames(bus: Any, idle_s: float, at_most_s: float) -> Iterator[CanF
         raise _bus_error(f"a bus that fails with: {error}") from None
 
 
-def _check_bus(bus: object) -> None:
+def _check_python_can_bus(bus: object) -> None:
     if not isinstance(bus, import_from_io_extra("can").BusABC):
         raise _bus_error(repr(bus))
 
@@ -225,7 +225,7 @@ def _open_log(path: Path) -> IO[Any]:
     return path.open(encoding="utf-8", errors="replace")
 
 
-def _log_class(path: Path, kind: str) -> Callable[[object], Any]:
+def _python_can_log_class(path: Path, kind: str) -> Callable[[object], Any]:
     module, name = _MODULES[path.suffix.lower()].split(".")
     return getattr(import_from_io_extra(f"can.io.{module}"), f"{name}{kind}")
 

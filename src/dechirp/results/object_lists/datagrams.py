@@ -42,7 +42,7 @@ from dechirp.results.object_lists.list_columns import (
     cycle_indices,
     status_codes,
     warn_clipped_values,
-    warn_losses,
+    warn_lost_messages,
 )
 
 _MARK, _VERSION = b"DCOL", 1
@@ -91,11 +91,11 @@ def encode_datagrams(objects: xr.Dataset, *, sequence: int = 0) -> list[bytes]:
         If numbers or frames are above 4294967295, or values beyond single precision.
     """
     objects = check_object_list(objects)
-    rows = _pack_objects(objects)
+    rows = _objects_to_binary_records(objects)
     sent: list[bytes] = []
     bounds = np.searchsorted(cycle_indices(objects), np.arange(objects.sizes["cycle"] + 1))
     frames = np.minimum(objects["cycle_frame"].values, _SEQUENCE_PERIOD - 1).tolist()
-    times_ns = np.round(_clipped_times_s(objects) * 1e9).astype(np.int64).tolist()
+    times_ns = np.round(_cycle_times_clipped_to_field_s(objects) * 1e9).astype(np.int64).tolist()
     for start, end, frame, time_ns in zip(bounds[:-1], bounds[1:], frames, times_ns, strict=True):
         list_rows = rows[start:end]
         n_datagrams = max(1, -(-len(list_rows) // MAX_OBJECTS_PER_DATAGRAM))
@@ -199,7 +199,7 @@ class _DatagramCollector:
         self.sequences.add(header.sequence)
 
     @property
-    def n_missing(self) -> int:
+    def n_missing_datagrams(self) -> int:
         """Number of datagrams missing between the first and the last known ones."""
         if not self.parts_by_list:
             return 0
@@ -216,11 +216,11 @@ class _DatagramCollector:
         """Warn about damaged, missing, late and duplicate datagrams."""
         counts = {
             "damaged or foreign": self.n_damaged,
-            "missing in the sequence": self.n_missing,
+            "missing in the sequence": self.n_missing_datagrams,
             "late": self.n_late,
             "duplicate": self.n_duplicates,
         }
-        warn_losses(
+        warn_lost_messages(
             counts,
             remaining=f"{n_complete} of {len(self.parts_by_list)} lists are complete",
             expected="every datagram once, in order",
@@ -228,18 +228,20 @@ class _DatagramCollector:
         )
 
 
-def _clipped_times_s(objects: xr.Dataset) -> np.ndarray:
+def _cycle_times_clipped_to_field_s(objects: xr.Dataset) -> np.ndarray:
     return np.clip(objects["cycle_time"].values, -_MAX_TIME_S, _MAX_TIME_S)
 
 
-def _pack_objects(objects: xr.Dataset) -> np.ndarray:
+def _objects_to_binary_records(objects: xr.Dataset) -> np.ndarray:
     rows = np.zeros(objects.sizes["object"], _OBJECT)
     number = objects["number"].values
     largest = float(np.finfo(np.float32).max)
     n_clipped = {
         "number (to 4294967295)": int((number >= _SEQUENCE_PERIOD).sum()),
         "frame (to 4294967295)": int((objects["cycle_frame"].values >= _SEQUENCE_PERIOD).sum()),
-        "time (to 9.2e9 s)": int((_clipped_times_s(objects) != objects["cycle_time"].values).sum()),
+        "time (to 9.2e9 s)": int(
+            (_cycle_times_clipped_to_field_s(objects) != objects["cycle_time"].values).sum()
+        ),
     }
     rows["number"] = np.minimum(number, _SEQUENCE_PERIOD - 1)
     rows["status"] = status_codes(objects)

@@ -109,10 +109,12 @@ def receive_datagrams(
         raise _socket_error(repr(udp_socket))
     check_number("idle_s", idle_s, above=0.0, at_most=1e6)
     check_number("at_most_s", at_most_s, above=0.0, at_most=1e6)
-    return assemble_datagrams(_iter_datagrams(udp_socket, idle_s, at_most_s))
+    return assemble_datagrams(_iter_received_datagrams(udp_socket, idle_s, at_most_s))
 
 
-def _iter_datagrams(udp_socket: socket.socket, idle_s: float, at_most_s: float) -> Iterator[bytes]:
+def _iter_received_datagrams(
+    udp_socket: socket.socket, idle_s: float, at_most_s: float
+) -> Iterator[bytes]:
     end_s = time.monotonic() + at_most_s
     while time.monotonic() < end_s:
         try:

@@ -12,7 +12,7 @@ from dechirp.results.object_lists.can_logs import read_can_log, write_can_log
 from dechirp.results.object_lists.list_columns import COLUMNS, build_object_list
 from dechirp.results.object_lists.osi import read_osi, write_osi
 from dechirp.results.object_lists.point_cloud_files import read_points, write_points
-from dechirp.results.object_lists.tables import read_table, write_table
+from dechirp.results.object_lists.tables import read_object_table, write_object_table
 
 __all__ = ["read_objects", "write_objects"]
 
@@ -20,13 +20,13 @@ _WRITERS: dict[str, Callable[[xr.Dataset, Path], None]] = {
     **dict.fromkeys(can_logs.SUFFIXES, write_can_log),
     **dict.fromkeys(osi.SUFFIXES, write_osi),
     **dict.fromkeys(point_cloud_files.SUFFIXES, write_points),
-    **dict.fromkeys(tables.SUFFIXES, write_table),
+    **dict.fromkeys(tables.SUFFIXES, write_object_table),
 }
 _READERS: dict[str, Callable[[Path], xr.Dataset]] = {
     **dict.fromkeys(can_logs.SUFFIXES, read_can_log),
     **dict.fromkeys(osi.SUFFIXES, read_osi),
     **dict.fromkeys(point_cloud_files.SUFFIXES, read_points),
-    **dict.fromkeys(tables.SUFFIXES, read_table),
+    **dict.fromkeys(tables.SUFFIXES, read_object_table),
 }
 
 
@@ -71,7 +71,7 @@ def read_objects(path: str | Path) -> xr.Dataset:
     return _READERS[input_path.suffix.lower()](input_path)
 
 
-def check_output_path(path: str | Path) -> None:
+def check_object_list_path_writable(path: str | Path) -> None:
     """Raise `InvalidSetting` if the path cannot be written; call this before a long run.
 
     An empty list is written to a temporary folder, to check that the required libraries are

@@ -88,19 +88,21 @@ def check_object_list(objects: object) -> xr.Dataset:
             actual = ", ".join(map(str, objects[name].dims)) or "no axis"
             raise _object_list_error(f"{name} over {actual}, not over {axis}")
     columns = {
-        name: _check_not_negative(name, check_measured(f"objects.{name}", objects[name].values))
+        name: _check_not_negative(
+            name, check_numbers_or_nan(f"objects.{name}", objects[name].values)
+        )
         for name in MEASURED
     }
-    columns["frame"] = check_counts("objects.frame", objects["frame"].values)
-    columns["number"] = check_counts("objects.number", objects["number"].values)
+    columns["frame"] = check_non_negative_integers("objects.frame", objects["frame"].values)
+    columns["number"] = check_non_negative_integers("objects.number", objects["number"].values)
     columns["time"] = check_finite_array("objects.time", objects["time"].values)
     columns["status"] = _check_statuses(objects["status"].values)
     if "cycle_frame" in objects.variables and "cycle_time" in objects.variables:
-        frame = check_counts("objects.cycle_frame", objects["cycle_frame"].values)
+        frame = check_non_negative_integers("objects.cycle_frame", objects["cycle_frame"].values)
         time_s = check_finite_array("objects.cycle_time", objects["cycle_time"].values)
     else:
         frame, time_s = unique_cycles(columns["frame"], columns["time"])
-    _check_ascending(frame, time_s)
+    _check_cycles_ascend(frame, time_s)
     _check_rows_match_cycles(columns["frame"], columns["time"], frame, time_s)
     order = np.argsort(columns["frame"], kind="stable")
     return build_object_list(
@@ -119,7 +121,7 @@ def unique_cycles(frame: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarray, np
     return cycle_frame, np.asarray(time_s, float)[first]
 
 
-def _check_ascending(frame: np.ndarray, time_s: np.ndarray) -> None:
+def _check_cycles_ascend(frame: np.ndarray, time_s: np.ndarray) -> None:
     descending = np.flatnonzero((np.diff(time_s) <= 0) | (np.diff(frame) <= 0))
     if descending.size:
         index = descending[0]
@@ -156,7 +158,7 @@ def _check_rows_match_cycles(
         )
 
 
-def check_measured(setting: str, values: np.ndarray) -> np.ndarray:
+def check_numbers_or_nan(setting: str, values: np.ndarray) -> np.ndarray:
     """Return numbers, which may be NaN, as floats, or raise `InvalidSetting` for `setting`."""
     column = np.asarray(values)
     if column.dtype.kind not in "iuf":
@@ -176,7 +178,7 @@ def _check_not_negative(name: str, column: np.ndarray) -> np.ndarray:
     return column
 
 
-def check_counts(setting: str, values: np.ndarray) -> np.ndarray:
+def check_non_negative_integers(setting: str, values: np.ndarray) -> np.ndarray:
     """Return non-negative integers, or raise `InvalidSetting` for `setting`."""
     column = np.atleast_1d(check_finite_array(setting, values))
     invalid = column[(column < 0) | (column != np.round(column)) | (column > 2**53)]
@@ -232,7 +234,9 @@ def warn_clipped_values(where: str, n_clipped: Mapping[str, int]) -> None:
         warnings.warn(PhysicsWarning(finding), stacklevel=3)
 
 
-def warn_losses(counts: Mapping[str, int], *, remaining: str, expected: str, fix: str) -> None:
+def warn_lost_messages(
+    counts: Mapping[str, int], *, remaining: str, expected: str, fix: str
+) -> None:
     """Warn about messages that were lost or damaged on a bus or network.
 
     Parameters

@@ -13,8 +13,8 @@ from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.results.object_lists.list_columns import (
     MEASURED,
     build_object_list,
-    check_counts,
-    check_measured,
+    check_non_negative_integers,
+    check_numbers_or_nan,
     check_object_list,
     unique_cycles,
 )
@@ -73,26 +73,35 @@ def object_list(
         If detections have no direction, so their positions are unknown.
     """
     if not isinstance(dataset, xr.Dataset):
-        raise _dataset_error(f"a {type(dataset).__name__}")
+        raise _unsuitable_dataset_error(f"a {type(dataset).__name__}")
     check_integer("first", first, at_least=0)
     if {"track", "frame"} <= set(dataset.dims):
-        columns, frame, time_s = _track_columns(dataset)
+        columns, frame, time_s = _object_columns_from_tracks(dataset)
     elif "cluster" in dataset.dims or "detection" in dataset.dims:
-        columns = _point_columns(dataset, "cluster" if "cluster" in dataset.dims else "detection")
+        columns = _object_columns_from_points(
+            dataset, "cluster" if "cluster" in dataset.dims else "detection"
+        )
         if times_s is None:
             frame, time_s = unique_cycles(columns["frame"], columns["time"])
         else:
             time_s = np.ravel(check_finite_array("times_s", times_s))
             frame = first + np.arange(len(time_s))
     else:
-        raise _dataset_error(f"a dataset over {', '.join(map(str, dataset.dims)) or 'no axis'}")
+        raise _unsuitable_dataset_error(
+            f"a dataset over {', '.join(map(str, dataset.dims)) or 'no axis'}"
+        )
     return sort_by_priority(check_object_list(build_object_list(columns, frame, time_s)))
 
 
-def _track_columns(tracks: xr.Dataset) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+def _object_columns_from_tracks(
+    tracks: xr.Dataset,
+) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
     """Return the columns of tracks, and frame and time of each cycle."""
-    _check_columns(tracks, ("x", "y", "vx", "vy", "status", "time"))
-    frame, number = _axis_numbers(tracks, "frame"), _axis_numbers(tracks, "track")
+    _check_required_columns(tracks, ("x", "y", "vx", "vy", "status", "time"))
+    frame, number = (
+        _axis_labels_or_indices(tracks, "frame"),
+        _axis_labels_or_indices(tracks, "track"),
+    )
     status = tracks["status"].transpose("frame", "track").values
     at_frame, of_track = np.nonzero((status == "tentative") | (status == "confirmed"))
     time_s = check_finite_array("tracks.time", tracks["time"].values)
@@ -101,11 +110,11 @@ def _track_columns(tracks: xr.Dataset) -> tuple[dict[str, np.ndarray], np.ndarra
         if name not in tracks.variables:
             return np.full(len(of_track), np.nan)
         values = tracks[name].transpose("frame", "track").values[at_frame, of_track]
-        return check_measured(f"tracks.{name}", values)
+        return check_numbers_or_nan(f"tracks.{name}", values)
 
     columns = {name: column(name) for name in MEASURED}
     if "covariance" in tracks.variables:
-        columns |= _state_std(tracks, at_frame, of_track)
+        columns |= _state_standard_errors(tracks, at_frame, of_track)
     columns["frame"] = frame[at_frame]
     columns["time"] = time_s[at_frame]
     columns["number"] = number[of_track]
@@ -113,21 +122,21 @@ def _track_columns(tracks: xr.Dataset) -> tuple[dict[str, np.ndarray], np.ndarra
     return columns, frame, time_s
 
 
-def _axis_numbers(tracks: xr.Dataset, dim: str) -> np.ndarray:
+def _axis_labels_or_indices(tracks: xr.Dataset, dim: str) -> np.ndarray:
     """Return the integer labels of an axis, or indices if it has none."""
     has_numbers = dim in tracks.coords and tracks[dim].dtype.kind in "iu"
     return tracks[dim].values if has_numbers else np.arange(tracks.sizes[dim])
 
 
-def _state_std(
-    tracks: xr.Dataset, at_frame: np.ndarray, of_track: np.ndarray
+def _state_standard_errors(
+    tracks: xr.Dataset, frame_indices: np.ndarray, track_indices: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Return standard errors of selected states from their covariances."""
-    _check_columns(tracks, ("state",))
+    _check_required_columns(tracks, ("state",))
     dims = tracks["covariance"].dims
     covariance = np.moveaxis(
         tracks["covariance"].values, [dims.index("frame"), dims.index("track")], [0, 1]
-    )[at_frame, of_track]
+    )[frame_indices, track_indices]
     variances = dict(zip(tracks["state"].values, np.einsum("nii->in", covariance), strict=True))
     return {
         f"{name}_std": np.sqrt(np.maximum(variances[name], 0))  # rounding errors may go below
@@ -136,20 +145,22 @@ def _state_std(
     }
 
 
-def _point_columns(dataset: xr.Dataset, dim: str) -> dict[str, np.ndarray]:
+def _object_columns_from_points(dataset: xr.Dataset, dim: str) -> dict[str, np.ndarray]:
     """Return the columns of detections or clusters, which have the same names."""
     names = ("frame", "time", "range", "velocity", "azimuth", "elevation")
-    _check_columns(dataset, (*names, "snr", "range_std", "azimuth_std", "elevation_std"))
-    column = {name: check_measured(f"{dim}s.{name}", dataset[name].values) for name in names[1:]}
+    _check_required_columns(dataset, (*names, "snr", "range_std", "azimuth_std", "elevation_std"))
+    column = {
+        name: check_numbers_or_nan(f"{dim}s.{name}", dataset[name].values) for name in names[1:]
+    }
     std = {
-        name: check_measured(f"{dim}s.{name}_std", dataset[f"{name}_std"].values)
+        name: check_numbers_or_nan(f"{dim}s.{name}_std", dataset[f"{name}_std"].values)
         for name in ("range", "azimuth", "elevation")
     }
     range_m, is_undirected = (
         column["range"],
         np.isnan(column["azimuth"]) & np.isnan(column["elevation"]),
     )
-    _warn_without_direction(int(is_undirected.sum()), len(is_undirected), dim)
+    _warn_rows_without_direction(int(is_undirected.sum()), len(is_undirected), dim)
     azimuth = np.where(is_undirected, np.nan, np.nan_to_num(column["azimuth"]))
     elevation = np.where(is_undirected, np.nan, np.nan_to_num(column["elevation"]))
     direction_x, direction_y = (
@@ -160,13 +171,13 @@ def _point_columns(dataset: xr.Dataset, dim: str) -> dict[str, np.ndarray]:
     azimuth_m = range_m * np.cos(elevation) * np.where(no_azimuth, 0.0, std["azimuth"])
     elevation_m = range_m * np.sin(elevation) * np.where(no_elevation, 0.0, std["elevation"])
     extent = {
-        name: check_measured(f"{dim}s.{name}_extent", dataset[f"{name}_extent"].values)
+        name: check_numbers_or_nan(f"{dim}s.{name}_extent", dataset[f"{name}_extent"].values)
         if f"{name}_extent" in dataset.variables
         else np.full(len(range_m), np.nan)
         for name in ("range", "azimuth")
     }
     unknown = np.full(len(range_m), np.nan)
-    frame = check_counts(f"{dim}s.frame", dataset["frame"].values)
+    frame = check_non_negative_integers(f"{dim}s.frame", dataset["frame"].values)
     return {
         "frame": frame,
         "time": column["time"],
@@ -192,7 +203,7 @@ def _point_columns(dataset: xr.Dataset, dim: str) -> dict[str, np.ndarray]:
         "vx_std": unknown,
         "vy_std": unknown,
         **{
-            name: check_measured(f"{dim}s.{name}", dataset[name].values)
+            name: check_numbers_or_nan(f"{dim}s.{name}", dataset[name].values)
             for name in DETECTED
             if name in dataset.variables
         },
@@ -214,13 +225,13 @@ def _index_within_frame(frame: np.ndarray) -> np.ndarray:
     return indices
 
 
-def _check_columns(dataset: xr.Dataset, required: tuple[str, ...]) -> None:
+def _check_required_columns(dataset: xr.Dataset, required: tuple[str, ...]) -> None:
     missing = [name for name in required if name not in dataset.variables]
     if missing:
-        raise _dataset_error(f"a dataset without {', '.join(missing)}")
+        raise _unsuitable_dataset_error(f"a dataset without {', '.join(missing)}")
 
 
-def _warn_without_direction(n_without_direction: int, n_rows: int, dim: str) -> None:
+def _warn_rows_without_direction(n_without_direction: int, n_rows: int, dim: str) -> None:
     if n_without_direction:
         finding = Finding(
             level="warning",
@@ -232,7 +243,7 @@ def _warn_without_direction(n_without_direction: int, n_rows: int, dim: str) -> 
         warnings.warn(PhysicsWarning(finding), stacklevel=4)
 
 
-def _dataset_error(value: str) -> InvalidSetting:
+def _unsuitable_dataset_error(value: str) -> InvalidSetting:
     return InvalidSetting(
         "dataset",
         value=value,

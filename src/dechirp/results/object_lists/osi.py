@@ -1,12 +1,10 @@
 """Object lists as ASAM OSI 3 traces: one `SensorData` message for each cycle.
 
-Tracks are `DetectedMovingObject`s, in Cartesian coordinates of the radar, which are those of OSI:
-x forward, y left, z up. Rows of status "detection" are written twice: as `RadarDetection`s, in the
-spherical
-coordinates that radar receivers expect, and as `LogicalDetection`s, which contain x, y and
-their errors. In a `RadarDetection` the radial velocity grows towards the
-sensor, and elevation downwards, since the rotation about y is right-handed: both signs are
-opposite to those here.
+Tracks are `DetectedMovingObject`s, in Cartesian coordinates of the radar, which are those of OSI: x
+forward, y left, z up. Rows of status "detection" are written twice: as `RadarDetection`s, in the
+spherical coordinates that radar receivers expect, and as `LogicalDetection`s, which contain x, y
+and their errors. In a `RadarDetection` the radial velocity grows towards the sensor, and elevation
+downwards, since the rotation about y is right-handed: both signs are opposite to those here.
 
 | | of a track | of a detection |
 |---|---|---|
@@ -99,11 +97,11 @@ def osi_messages(objects: xr.Dataset) -> Iterator[Any]:
     objects = check_object_list(objects)
     sensor_data = import_from_io_extra("osi3.osi_sensordata_pb2").SensorData
     ends = np.searchsorted(cycle_indices(objects), np.arange(objects.sizes["cycle"] + 1))
-    rows = _object_rows(objects)
+    rows = _objects_as_rows(objects)
     for cycle, (start, end) in enumerate(pairwise(ends)):
         frame = int(objects["cycle_frame"].values[cycle])
         message = sensor_data()
-        _set_header(message, frame, float(objects["cycle_time"].values[cycle]))
+        _set_sensor_data_header(message, frame, float(objects["cycle_time"].values[cycle]))
         cycle_rows = rows[start:end]
         for row in cycle_rows:
             if row["status"] != "detection":
@@ -149,7 +147,7 @@ def read_osi(path: str | Path) -> xr.Dataset:
     )
 
 
-def _set_header(message: Any, frame: int, time_s: float) -> None:
+def _set_sensor_data_header(message: Any, frame: int, time_s: float) -> None:
     version = import_from_io_extra("osi3.osi_version_pb2")
     options = version.DESCRIPTOR.GetOptions()
     message.version.CopyFrom(options.Extensions[version.current_interface_version])
@@ -159,9 +157,9 @@ def _set_header(message: Any, frame: int, time_s: float) -> None:
     radar = message.feature_data.radar_sensor.add()
     for mounting in (message.mounting_position, radar.header.mounting_position):
         for field in ("position.x", "position.y", "position.z"):
-            _set_field(mounting, field, 0.0)
+            _set_field_unless_nan(mounting, field, 0.0)
         for field in ("orientation.roll", "orientation.pitch", "orientation.yaw"):
-            _set_field(mounting, field, 0.0)
+            _set_field_unless_nan(mounting, field, 0.0)
     message.moving_object_header.cycle_counter = frame
     message.moving_object_header.measurement_time.CopyFrom(message.timestamp)
     radar.header.cycle_counter = frame
@@ -171,7 +169,7 @@ def _set_header(message: Any, frame: int, time_s: float) -> None:
     message.logical_detection_data.header.logical_detection_time.CopyFrom(message.timestamp)
 
 
-def _object_rows(objects: xr.Dataset) -> list[dict[str, Any]]:
+def _objects_as_rows(objects: xr.Dataset) -> list[dict[str, Any]]:
     columns = {name: objects[name].values.tolist() for name in (*MEASURED, "number", "status")}
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
@@ -181,16 +179,16 @@ def _add_moving_object(moving_object: Any, row: dict[str, Any]) -> None:
     moving_object.header.existence_probability = _EXISTENCE_PROBABILITY[row["status"]]
     moving_object.header.sensor_id.add().value = 0
     for name, field in _MOVING_OBJECT_FIELDS.items():
-        _set_field(moving_object, field, row[name])
+        _set_field_unless_nan(moving_object, field, row[name])
 
 
 def _add_detection(message: Any, row: dict[str, Any]) -> None:
     logical = message.logical_detection_data.logical_detection.add()
     for name, field in _LOGICAL_DETECTION_FIELDS.items():
-        _set_field(logical, field, row[name])
+        _set_field_unless_nan(logical, field, row[name])
     with np.errstate(divide="ignore"):  # no signal at all is minus infinity
         snr_db = float(to_decibels(row["snr"]))
-    _set_field(logical, "snr", snr_db)
+    _set_field_unless_nan(logical, "snr", snr_db)
     x, y, z = row["x"], row["y"], row["z"]
     height = 0.0 if np.isnan(z) else z
     lateral = 0.0 if np.isnan(y) else y
@@ -199,13 +197,15 @@ def _add_detection(message: Any, row: dict[str, Any]) -> None:
     ground_range = np.hypot(x, lateral)
     range_m = float(np.hypot(ground_range, height))
     radar = message.feature_data.radar_sensor[0].detection.add()
-    _set_field(radar, "snr", snr_db)
-    _set_field(radar, "position.distance", range_m)
-    _set_field(radar, "position.azimuth", float(np.arctan2(y, x)))
-    _set_field(radar, "position.elevation", -float(np.arctan2(z, ground_range)))
+    _set_field_unless_nan(radar, "snr", snr_db)
+    _set_field_unless_nan(radar, "position.distance", range_m)
+    _set_field_unless_nan(radar, "position.azimuth", float(np.arctan2(y, x)))
+    _set_field_unless_nan(radar, "position.elevation", -float(np.arctan2(z, ground_range)))
     radial_velocity = (x * row["vx"] + lateral * np.nan_to_num(row["vy"])) / max(ground_range, 1e-9)
     # vx and vy are the horizontal components of the radial velocity.
-    _set_field(radar, "radial_velocity", -radial_velocity * range_m / max(ground_range, 1e-9))
+    _set_field_unless_nan(
+        radar, "radial_velocity", -radial_velocity * range_m / max(ground_range, 1e-9)
+    )
 
 
 def _read_moving_objects(message: Any) -> Iterator[dict[str, Any]]:
@@ -214,7 +214,7 @@ def _read_moving_objects(message: Any) -> Iterator[dict[str, Any]]:
         yield {
             **dict.fromkeys(MEASURED, np.nan),
             **{
-                name: _get_field(moving_object, field)
+                name: _field_or_nan(moving_object, field)
                 for name, field in _MOVING_OBJECT_FIELDS.items()
             },
             "number": moving_object.header.tracking_id.value,
@@ -238,18 +238,20 @@ def _read_detections(message: Any) -> Iterator[dict[str, Any]]:
 
 
 def _logical_detection_row(detection: Any) -> dict[str, float]:
-    row = {name: _get_field(detection, field) for name, field in _LOGICAL_DETECTION_FIELDS.items()}
-    return {**row, "snr": float(from_decibels(_get_field(detection, "snr")))}
+    row = {
+        name: _field_or_nan(detection, field) for name, field in _LOGICAL_DETECTION_FIELDS.items()
+    }
+    return {**row, "snr": float(from_decibels(_field_or_nan(detection, "snr")))}
 
 
 def _radar_detection_row(detection: Any) -> dict[str, float]:
     range_m, radial_velocity = (
-        _get_field(detection, "position.distance"),
-        -_get_field(detection, "radial_velocity"),
+        _field_or_nan(detection, "position.distance"),
+        -_field_or_nan(detection, "radial_velocity"),
     )
     azimuth, elevation = (
-        _get_field(detection, "position.azimuth"),
-        -_get_field(detection, "position.elevation"),
+        _field_or_nan(detection, "position.azimuth"),
+        -_field_or_nan(detection, "position.elevation"),
     )
     cos_elevation = np.cos(np.nan_to_num(elevation))
     forward, lateral = cos_elevation * np.cos(azimuth), cos_elevation * np.sin(azimuth)
@@ -259,11 +261,11 @@ def _radar_detection_row(detection: Any) -> dict[str, float]:
         "z": range_m * np.sin(elevation),
         "vx": radial_velocity * forward,
         "vy": radial_velocity * lateral,
-        "snr": float(from_decibels(_get_field(detection, "snr"))),
+        "snr": float(from_decibels(_field_or_nan(detection, "snr"))),
     }
 
 
-def _set_field(message: Any, field: str, number: float) -> None:
+def _set_field_unless_nan(message: Any, field: str, number: float) -> None:
     """Set a nested field, unless its value is NaN."""
     *path, name = field.split(".")
     if not np.isnan(number):
@@ -272,7 +274,7 @@ def _set_field(message: Any, field: str, number: float) -> None:
         setattr(message, name, number)
 
 
-def _get_field(message: Any, field: str) -> float:
+def _field_or_nan(message: Any, field: str) -> float:
     """Return the value of a nested field, NaN if it is not set."""
     *path, name = field.split(".")
     for step in path:

@@ -56,11 +56,11 @@ def keep_most_important(objects: xr.Dataset, at_most: int, *, reason: str, fix: 
     is_kept = priority_ranks(objects) < at_most
     left_out = objects.isel(object=~is_kept)
     if left_out.sizes["object"]:
-        _warn_left_out(left_out, at_most, reason, fix)
+        _warn_objects_left_out(left_out, at_most, reason, fix)
     return objects.isel(object=is_kept)
 
 
-def _warn_left_out(left_out: xr.Dataset, at_most: int, reason: str, fix: str) -> None:
+def _warn_objects_left_out(left_out: xr.Dataset, at_most: int, reason: str, fix: str) -> None:
     status = left_out["status"].values
     counts = [f"{(status == name).sum()} {name}" for name in STATUSES if (status == name).any()]
     nearest_m = np.hypot(left_out["x"].values, left_out["y"].values)

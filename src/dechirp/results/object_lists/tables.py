@@ -44,7 +44,7 @@ _DUCKDB_FORMATS = {
 SUFFIXES = tuple(_DUCKDB_FORMATS)
 
 
-def write_table(objects: xr.Dataset, path: str | Path) -> None:
+def write_object_table(objects: xr.Dataset, path: str | Path) -> None:
     """Write an object list as `.csv` or `.parquet`, atomically.
 
     Raises
@@ -72,15 +72,15 @@ def write_table(objects: xr.Dataset, path: str | Path) -> None:
         duck.register("rows", rows.astype({"status": object}))
         try:
             duck.execute(
-                f"COPY (SELECT {_select_clause(_WRITE_TYPES)} FROM rows)"
+                f"COPY (SELECT {_sql_select_columns(_WRITE_TYPES)} FROM rows)"
                 f" TO {quote_sql_string(name)} ({options})"
             )
         except duckdb.IOException as error:
             raise OSError(None, _first_line(error)) from None
 
 
-def read_table(path: str | Path) -> xr.Dataset:
-    """Read an object list from `.csv` or `.parquet`, as `write_table` writes it.
+def read_object_table(path: str | Path) -> xr.Dataset:
+    """Read an object list from `.csv` or `.parquet`, as `write_object_table` writes it.
 
     Raises
     ------
@@ -102,7 +102,9 @@ def read_table(path: str | Path) -> xr.Dataset:
             present = {str(row[0]).lower() for row in description}  # as DuckDB compares names
             if missing := [name for name in _NAMES.values() if name not in present]:
                 raise _unreadable_error(path, f"without columns {', '.join(missing)}")
-            rows = duck.execute(f"SELECT {_select_clause(_READ_TYPES)} FROM {table}").fetchnumpy()
+            rows = duck.execute(
+                f"SELECT {_sql_select_columns(_READ_TYPES)} FROM {table}"
+            ).fetchnumpy()
         except duckdb.Error as error:
             raise _unreadable_error(path, _first_line(error)) from None
     for name in ("frame", "time", "number", "status"):
@@ -116,7 +118,7 @@ def read_table(path: str | Path) -> xr.Dataset:
     return object_list_from_rows({**columns, **detected})
 
 
-def _select_clause(types: dict[str, str]) -> str:
+def _sql_select_columns(types: dict[str, str]) -> str:
     """Return the SQL columns of a table, cast to the given types, else to double."""
     return ", ".join(
         f"CAST({_NAMES[name]} AS {types.get(name, 'DOUBLE')}) AS {_NAMES[name]}" for name in COLUMNS

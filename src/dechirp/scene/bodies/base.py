@@ -18,7 +18,7 @@ class Body(Family):
     group: ClassVar[str] = "dechirp.body"
 
     @abstractmethod
-    def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
+    def scatterer_offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         """Return the positions of the scatterers at each time, (n_times, n_scatterers, 3).
 
         They are in axes of the body and smooth over time: a part that jumps raises an error.
@@ -30,14 +30,14 @@ class Body(Family):
 
     @property
     def is_rigid(self) -> bool:
-        """Return whether no part moves, so that `offsets_m` is constant."""
+        """Return whether no part moves, so that `scatterer_offsets_m` is constant."""
         return False
 
     def n_scatterers(self) -> int:
         """Return the number of scatterers, constant over time."""
         return len(self.cross_sections_m2())
 
-    def findings(self, setting: str) -> list[Finding]:
+    def unusual_property_findings(self, setting: str) -> list[Finding]:
         """Return findings on surprising properties, under the path of the body's setting."""
         return []
 
@@ -54,8 +54,7 @@ class AspectBody(Body):
         """Return the mean cross section of each scatterer, (n_positions, n_scatterers).
 
         It is 0 if hidden. `radar_m` is the position of the radar, (n_positions, 3), in axes of the
-        body, at
-        mid-frame.
+        body, at mid-frame.
         """
 
     def cross_sections_m2(self) -> np.ndarray:

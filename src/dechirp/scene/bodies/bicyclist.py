@@ -58,11 +58,9 @@ class Bicyclist(Body):
     """Rider who pedals with motionless trunk and arms, on a bicycle with rolling wheels.
 
     The velocity of the target moves it: use the same speed for both, or the wheels slide. Its
-    origin is
-    on the ground below the crank axle, at z = -0.6 m for a radar 0.6 m above the ground. Points on
-    the
-    rims move at 0 to 2 times the speed; pedals and feet rotate at the cadence, speed over
-    development.
+    origin is on the ground below the crank axle, at z = -0.6 m for a radar 0.6 m above the ground.
+    Points on the rims move at 0 to 2 times the speed; pedals and feet rotate at the cadence, speed
+    over development.
 
     The groups of scatterers are those of M. Stolz, E. Schubert, F. Meinl, M. Kunert, W. Menzel,
     Multi-target reflection point model of cyclists for automotive radar, European Radar
@@ -120,7 +118,7 @@ class Bicyclist(Body):
     def is_rigid(self) -> bool:
         return self.speed_m_per_s == 0
 
-    def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
+    def scatterer_offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         """Return the positions of the scatterers at each time, (n_times, n_scatterers, 3).
 
         The order is rider, frame, pedals, rear wheel, front wheel.

@@ -23,8 +23,7 @@ class CornerReflector(OpticalBody):
     r"""Three metal triangles at right angles, as one scatterer at the origin, the apex.
 
     It opens towards the x axis, the direction of its largest cross section, with one edge upwards:
-    set
-    the heading of the target accordingly. With the cosines :math:`u \le v \le w` between the
+    set the heading of the target accordingly. With the cosines :math:`u \le v \le w` between the
     direction and its edges of length a, and s their sum, triple reflection yields
 
     .. math:: \sigma = \frac{4 \pi a^4}{\lambda^2} \begin{cases}
@@ -32,9 +31,8 @@ class CornerReflector(OpticalBody):
         (s - 2 / s)^2 & u + v \ge w \end{cases}
 
     so that at the peak :math:`\sigma = 4 \pi a^4 / 3 \lambda^2`: 14.4 dBsm for 10 cm at 77 GHz, 3
-    dB
-    less some 20 deg off. Single and double reflections, near the planes of the triangles or their
-    edges, are neglected: 0 from behind any triangle.
+    dB less some 20 deg off. Single and double reflections, near the planes of the triangles or
+    their edges, are neglected: 0 from behind any triangle.
 
     References
     ----------

@@ -15,10 +15,8 @@ class GroundClutter(AspectBody):
     r"""Patches of flat ground at random positions in a rectangle, fixed in the scene.
 
     The rectangle extends from `near_m` to `far_m` along the x axis and equally to both sides; the
-    origin
-    is on the ground. Each of n patches of a rectangle of the area A reflects, to a radar above it
-    at
-    the grazing angle :math:`\psi`, by the constant-gamma model
+    origin is on the ground. Each of n patches of a rectangle of the area A reflects, to a radar
+    above it at the grazing angle :math:`\psi`, by the constant-gamma model
 
     .. math:: \sigma = \gamma \sin\psi \, A / n
 
@@ -35,13 +33,10 @@ class GroundClutter(AspectBody):
     and Sarabandi): choose a matching value.
 
     Patches do not fluctuate individually: if a cell of the radar contains some ten or more, their
-    sum is
-    Rayleigh distributed over cells by their random positions, as ground at 95 GHz is (Ulaby et
-    al.). It
-    is constant for a radar at rest, and changes as the radar moves on. Use the fluctuation
-    swerling-1 if
-    cells contain fewer. Shadowing by other bodies is neglected, and the steep rise within some
-    degrees of the nadir.
+    sum is Rayleigh distributed over cells by their random positions, as ground at 95 GHz is (Ulaby
+    et al.). It is constant for a radar at rest, and changes as the radar moves on. Use the
+    fluctuation swerling-1 if cells contain fewer. Shadowing by other bodies is neglected, and the
+    steep rise within some degrees of the nadir.
 
     References
     ----------
@@ -87,7 +82,7 @@ class GroundClutter(AspectBody):
     def n_scatterers(self) -> int:
         return self.n_patches
 
-    def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
+    def scatterer_offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         """Return the centres of the patches at each time, (n_times, n_patches, 3)."""
         return np.repeat(self._patch_positions_m[None], len(times_s), axis=0)
 

@@ -19,11 +19,9 @@ class GuardRail(AspectBody):
     r"""Straight beam on posts along the x axis, with its middle above the origin on the ground.
 
     Posts are isotropic points. The beam is a line of points 0.5 m apart, of which those abreast of
-    the
-    radar flash, at the foot of the perpendicular: the flash moves along with the radar. It is the
-    reflection of two long mirrors, straight along and curved across, to a radar at the distance d
-    from
-    the line (geometrical optics):
+    the radar flash, at the foot of the perpendicular: the flash moves along with the radar. It is
+    the reflection of two long mirrors, straight along and curved across, to a radar at the distance
+    d from the line (geometrical optics):
 
     .. math:: \sigma = 2 \pi \rho d, \quad \sigma_i = \sigma \sqrt{2 / \pi}
         \exp\left(-2 (x_i - x)^2 / (0.5\,\mathrm{m})^2\right)
@@ -73,7 +71,7 @@ class GuardRail(AspectBody):
     def n_scatterers(self) -> int:
         return len(self._beam_point_x_m) + len(self._post_x_m)
 
-    def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
+    def scatterer_offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         """Return the points of the beam, then the post centres, (n_times, n_scatterers, 3)."""
         x_m = np.concatenate([self._beam_point_x_m, self._post_x_m])
         z_m = np.where(

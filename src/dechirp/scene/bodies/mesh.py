@@ -31,16 +31,11 @@ class Mesh(AspectBody):
     """Perfectly conducting surface from an STL, OBJ or PLY file; needs the extra `mesh`.
 
     The surface is cut into cells, each a scatterer at the centre of its area. Ray tracing yields
-    the
-    echo of each cell: coherent within a cell, where the parts keep their phases, and with the phase
-    of
-    its centre between cells. A return of several bounces belongs to the cell nearest to the end of
-    its
-    path in range, and in cross range to the middle of its bounces: of a corner, its apex. The radar
-    is
-    assumed to be in the far field of each cell, and in the same direction from all of them: beyond
-    some
-    five times the size of the body.
+    the echo of each cell: coherent within a cell, where the parts keep their phases, and with the
+    phase of its centre between cells. A return of several bounces belongs to the cell nearest to
+    the end of its path in range, and in cross range to the middle of its bounces: of a corner, its
+    apex. The radar is assumed to be in the far field of each cell, and in the same direction from
+    all of them: beyond some five times the size of the body.
     """
 
     path: str
@@ -70,7 +65,7 @@ class Mesh(AspectBody):
             raise InvalidSetting("Mesh.rays", value=self.rays, expected="Rays", fix="leave it out")
         _ = self._surface_cells  # reads the file, to raise its errors here
 
-    def findings(self, setting: str) -> list[Finding]:
+    def unusual_property_findings(self, setting: str) -> list[Finding]:
         surface, n_degenerate, is_closed = self._mesh_file
         findings = []
         if not is_closed:
@@ -130,7 +125,7 @@ class Mesh(AspectBody):
         spacing_m = self.rays.spacing_m or wavelength_m / 2
         return (math.ceil(self._mesh_file.surface.extent_m / spacing_m) + 1) ** 2
 
-    def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
+    def scatterer_offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         centres_m = self._surface_cells.centres_m
         return np.broadcast_to(centres_m, (len(times_s), *centres_m.shape))
 

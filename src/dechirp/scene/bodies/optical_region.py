@@ -16,7 +16,7 @@ class OpticalBody(AspectBody):
     def n_scatterers(self) -> int:
         return 1
 
-    def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
+    def scatterer_offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         return np.zeros((len(times_s), 1, 3))
 
     def check_optical_size(

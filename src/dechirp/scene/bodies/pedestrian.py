@@ -18,10 +18,9 @@ class Pedestrian(Body):
     """Walking person: head, trunk in two parts, arms, hands, thighs, shanks and feet.
 
     The velocity of the target moves it: use the same speed for both, or the feet slide. Its origin
-    is on
-    the ground below the pelvis, at z = -0.6 m for a radar 0.6 m above the ground. Limbs move about
-    that by `Gait`, with zero mean over a cycle: a foot on the ground moves backward at the walking
-    speed, and one in the air forward at 2 to 4 times that.
+    is on the ground below the pelvis, at z = -0.6 m for a radar 0.6 m above the ground. Limbs move
+    about that by `Gait`, with zero mean over a cycle: a foot on the ground moves backward at the
+    walking speed, and one in the air forward at 2 to 4 times that.
     """
 
     height_m: float = 1.75
@@ -56,7 +55,7 @@ class Pedestrian(Body):
     def is_rigid(self) -> bool:
         return self.speed_m_per_s == 0
 
-    def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
+    def scatterer_offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         cycles = self.phase_rad / (2 * np.pi) + self._gait.frequency_hz * times_s
         return scatterer_positions_on_segments_m(self._gait.joint_positions_m(cycles))
 

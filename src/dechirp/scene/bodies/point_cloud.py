@@ -47,7 +47,7 @@ class PointCloud(Body):
     def is_rigid(self) -> bool:
         return True
 
-    def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
+    def scatterer_offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         positions_m, _ = self._position_and_rcs_arrays
         return np.broadcast_to(positions_m, (len(times_s), *positions_m.shape))
 

@@ -119,7 +119,7 @@ class Points(Body):
     def is_rigid(self) -> bool:
         return all(p.rotation is None and p.oscillation is None for p in self.scatterers)
 
-    def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
+    def scatterer_offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         offsets_m = np.repeat(self._positions_m[None], len(times_s), axis=0)
         t = times_s[:, None, None]
         indices, rate, centre_m, cosine_m, sine_m = self._rotation_arrays

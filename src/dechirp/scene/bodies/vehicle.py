@@ -66,11 +66,10 @@ class Vehicle(AspectBody):
     r"""Box on wheels, on the ground; its origin is below the middle of the box.
 
     Rows of points on each side reflect in a lobe about the normal, like a gently curved panel;
-    corners,
-    wheel arches and wheels reflect equally in all directions from which they are visible. Sides
-    facing
-    away are hidden. Each point has its own aspect: the flash of a side moves along it as the radar
-    passes. In total, with angles from the peak of the lobe of each panel over its width,
+    corners, wheel arches and wheels reflect equally in all directions from which they are visible.
+    Sides facing away are hidden. Each point has its own aspect: the flash of a side moves along it
+    as the radar passes. In total, with angles from the peak of the lobe of each panel over its
+    width,
 
     .. math:: \sigma = \sum_i \sigma_i 10^{-1.2 \left((\Delta\varphi_i / \varphi_{3dB})^2 +
         (\Delta\theta_i / \theta_{3dB})^2\right)} + \sum_j \sigma_j
@@ -133,7 +132,7 @@ class Vehicle(AspectBody):
     def n_scatterers(self) -> int:
         return len(self._all_scatterers.rcs_m2)
 
-    def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
+    def scatterer_offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         offsets_m = np.repeat(self._all_scatterers.position_m[None], len(times_s), axis=0)
         turned_rad = (
             self._rim_angles_rad + times_s[:, None] * self.speed_m_per_s / self.wheel_radius_m
@@ -274,8 +273,7 @@ class Car(Vehicle):
     """Passenger car of some 80 scatterers: panels, corners, wheel arches, turning wheels.
 
     Its default size is that of the car of the table (3GPP TR 38.901); the origin is on the ground,
-    below
-    the centre. See `Vehicle` for the model.
+    below the centre. See `Vehicle` for the model.
     """
 
     length_m: float = 5.0

@@ -20,7 +20,7 @@ class Panel(ABC):
 
     @property
     @abstractmethod
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         """Root element that the page embeds."""
 
     @abstractmethod

@@ -73,9 +73,9 @@ class Compare(Panel):
         self._task: asyncio.Task[None] | None = None
         self._keep_buttons = {variant: Button(label=f"Keep as {variant}") for variant in ("A", "B")}
         for variant, button in self._keep_buttons.items():
-            button.on_click(partial(self._keep_scenario, variant))
+            button.on_click(partial(self._store_scenario_as_variant, variant))
         self._count = Toggle(label="Count", disabled=True)
-        self._count.on_change("active", lambda attr, old, new: self._on_count(new))
+        self._count.on_change("active", lambda attr, old, new: self._resume_or_pause_trials(new))
         self._reset = Button(label="Reset")
         self._reset.on_click(self._reset_comparison)
         self._output = Div(
@@ -97,18 +97,18 @@ class Compare(Panel):
             spacing=10,
             styles={"align-items": "flex-start", "padding": "4px 8px", "box-sizing": "border-box"},
         )
-        self._on_settings(session.scenario)
-        session.on_settings.append(self._on_settings)
-        session.document.on_session_destroyed(lambda _: self._stop())
+        self._enable_buttons_for_scenes(session.scenario)
+        session.on_settings.append(self._enable_buttons_for_scenes)
+        session.document.on_session_destroyed(lambda _: self._cancel_comparison())
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
     def apply_theme(self, theme: Theme) -> None:
         """Do nothing: the widgets inherit the colours of the page."""
 
-    def _on_settings(self, scenario: Scenario) -> None:
+    def _enable_buttons_for_scenes(self, scenario: Scenario) -> None:
         """Enable the buttons only for simulated scenes."""
         is_scene = scenario.scene is not None
         for button in self._keep_buttons.values():
@@ -116,9 +116,9 @@ class Compare(Panel):
         if not self._scenarios:
             self._show_message(_INTRODUCTION if is_scene else _RECORDING_NOTE)
 
-    def _keep_scenario(self, variant: str) -> None:
+    def _store_scenario_as_variant(self, variant: str) -> None:
         self._scenarios[variant] = self.session.scenario
-        self._stop()
+        self._cancel_comparison()
         if len(self._scenarios) < 2:
             other = "B" if variant == "A" else "A"
             self._show_message(
@@ -132,7 +132,7 @@ class Compare(Panel):
         running = self._run(self._scenarios["A"], self._scenarios["B"])
         self._task = asyncio.get_running_loop().create_task(running)
 
-    def _on_count(self, is_counting: bool) -> None:
+    def _resume_or_pause_trials(self, is_counting: bool) -> None:
         self._count.label = "Pause" if is_counting else "Count"
         if is_counting:
             self._is_counting.set()
@@ -140,12 +140,12 @@ class Compare(Panel):
             self._is_counting.clear()
 
     def _reset_comparison(self) -> None:
-        self._stop()
+        self._cancel_comparison()
         self._scenarios.clear()
         self._count.update(active=False, disabled=True)
-        self._on_settings(self.session.scenario)
+        self._enable_buttons_for_scenes(self.session.scenario)
 
-    def _stop(self) -> None:
+    def _cancel_comparison(self) -> None:
         if self._task is not None:
             self._task.cancel()
             self._task = None
@@ -157,16 +157,16 @@ class Compare(Panel):
             if self._task is task:  # another pair may have been stored meanwhile
                 self._output.text = text
 
-        lead = _difference_summary(a, b)
+        lead = _changed_settings_line(a, b)
         try:
             comparison = await self.session.run_on_worker(partial(Comparison, a, b))
             while not comparison.is_done:
                 await self._is_counting.wait()
                 until_s = perf_counter() + UPDATE_INTERVAL_S
                 while self._is_counting.is_set() and perf_counter() < until_s:
-                    await self.session.run_on_worker(partial(comparison.run_for, BATCH_S))
-                rows = await self.session.run_on_worker(comparison.rows)
-                text = _comparison_table(comparison.n_trials, rows, lead)
+                    await self.session.run_on_worker(partial(comparison.run_trials_for, BATCH_S))
+                rows = await self.session.run_on_worker(comparison.results_by_score_and_target)
+                text = _comparison_table_html(comparison.n_trials, rows, lead)
                 self.session.document.add_next_tick_callback(partial(show, text))
         except DechirpError as error:
             words = "<br>".join(escape(str(mistake)) for mistake in error.mistakes)
@@ -178,11 +178,11 @@ class Compare(Panel):
             )
             self.session.document.add_next_tick_callback(partial(show, words))
 
-    def _show_message(self, words: str) -> None:
-        self._output.text = f"<p>{words}</p>"
+    def _show_message(self, message_html: str) -> None:
+        self._output.text = f"<p>{message_html}</p>"
 
 
-def _difference_summary(a: Scenario, b: Scenario) -> str:
+def _changed_settings_line(a: Scenario, b: Scenario) -> str:
     """Summarise the differing settings in one line."""
     settings = changed_settings(a, b)
     if not settings:
@@ -195,11 +195,13 @@ def _difference_summary(a: Scenario, b: Scenario) -> str:
     return "A | B: " + "; ".join(texts[:_MAX_DIFFERENCES] + tail)
 
 
-def _comparison_table(n_trials: int, rows: Sequence[compare.ComparisonRow], lead: str) -> str:
+def _comparison_table_html(
+    n_trials: int, rows: Sequence[compare.ComparisonRow], settings_line: str
+) -> str:
     heads = ("", "", "A", "theory", "B", "theory", f"B {MINUS_SIGN} A", "how sure")
     head = "".join(f"<th>{heading}</th>" for heading in heads)
-    body = "".join(f"<tr>{_row_html(row)}</tr>" for row in rows)
-    summary = f"{n_trials:,} trials each. {lead}"
+    body = "".join(f"<tr>{_comparison_row_html(row)}</tr>" for row in rows)
+    summary = f"{n_trials:,} trials each. {settings_line}"
     return (
         f'<p class="muted" title="{_METHOD_NOTE}">{summary}</p>'
         f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
@@ -207,7 +209,7 @@ def _comparison_table(n_trials: int, rows: Sequence[compare.ComparisonRow], lead
     )
 
 
-def _row_html(row: compare.ComparisonRow) -> str:
+def _comparison_row_html(row: compare.ComparisonRow) -> str:
     numbers = [
         n for estimate in (row.a, row.b) if estimate for n in (estimate.value, estimate.theory)
     ]
@@ -219,11 +221,13 @@ def _row_html(row: compare.ComparisonRow) -> str:
     meaning = escape((row.score.__doc__ or "").partition("\n")[0])
     cells = [f'<td title="{meaning}">{score_text}</td><td>{escape(row.target or "")}</td>']
     for estimate in (row.a, row.b):
-        cells += _estimate_cells(estimate, scale)
-    return "".join([*cells, *_change_cells(row, scale)])
+        cells += _estimate_and_theory_cells_html(estimate, scale)
+    return "".join([*cells, *_difference_cells_html(row, scale)])
 
 
-def _estimate_cells(estimate: ScoreEstimate | None, scale: DisplayScale) -> list[str]:
+def _estimate_and_theory_cells_html(
+    estimate: ScoreEstimate | None, scale: DisplayScale
+) -> list[str]:
     if estimate is None:
         return [f"<td>{EN_DASH}</td>", f'<td class="law">{EN_DASH}</td>']
     value, interval = format_with_interval(*(scale.factor * number for number in estimate[:3]))
@@ -232,7 +236,7 @@ def _estimate_cells(estimate: ScoreEstimate | None, scale: DisplayScale) -> list
     return [f"<td>{value} <small>{interval}</small></td>", f'<td class="law">{theory_text}</td>']
 
 
-def _change_cells(row: compare.ComparisonRow, scale: DisplayScale) -> list[str]:
+def _difference_cells_html(row: compare.ComparisonRow, scale: DisplayScale) -> list[str]:
     """Return the cells of the difference and of the better variant, if it is certain."""
     change_estimate = row.change
     if change_estimate is None or not np.isfinite(change_estimate.value):

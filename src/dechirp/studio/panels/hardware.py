@@ -3,7 +3,7 @@
 from bokeh.models import UIElement
 
 from dechirp.studio.panels.base import Panel
-from dechirp.studio.panels.knob_widgets import KnobForm, setting_changer
+from dechirp.studio.panels.knob_widgets import KnobForm, make_setting_changer
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 
@@ -18,14 +18,14 @@ class Hardware(Panel):
     def __init__(self, session: Session) -> None:
         super().__init__(session)
         paths = [*(f"radar.hardware.{key}" for key in _HARDWARE.split()), "impairments"]
-        self._form = KnobForm(session.scenario, lambda _: paths, setting_changer(session))
-        self._form.root.name = self.name
-        session.on_settings.append(self._form.show)
+        self._form = KnobForm(session.scenario, lambda _: paths, make_setting_changer(session))
+        self._form.root_element.name = self.name
+        session.on_settings.append(self._form.show_settings_of)
         session.on_mistakes.append(self._form.show_mistakes)
 
     @property
-    def root(self) -> UIElement:
-        return self._form.root
+    def root_element(self) -> UIElement:
+        return self._form.root_element
 
     def apply_theme(self, theme: Theme) -> None:
         """Do nothing: the widgets inherit the colours of the page."""

@@ -11,14 +11,14 @@ from dechirp.experiments.scenario import Scenario
 from dechirp.studio.panels.knobs import (
     NONE,
     Knob,
-    kind_text,
-    override_options,
-    required_member_knobs,
-    setting_family,
+    empty_knobs_of_required_settings,
+    family_of_setting,
+    kind_as_yaml_mapping,
+    overrides_for_knob_text,
     setting_knobs,
-    setting_value,
+    setting_or_parent_value,
 )
-from dechirp.studio.scenario_edits import apply_options
+from dechirp.studio.scenario_edits import apply_overrides
 from dechirp.studio.session import Session
 
 T = TypeVar("T")
@@ -32,11 +32,11 @@ class KnobWidget:
 
     Parameters
     ----------
-    entry : Entry
+    knob : Knob
         Knob to show.
-    typed : function
+    on_typed : function
         Called with the path and the typed text.
-    marked : function
+    on_mark : function
         Called when its validity may have changed.
     """
 
@@ -46,7 +46,7 @@ class KnobWidget:
         self.is_wrong = False
         """True while a mistake is shown below it."""
         self._widget: Checkbox | Select | TextInput
-        if knob.is_switch:
+        if knob.is_on_off_switch:
             self._widget = Checkbox()
         else:
             self._widget = Select() if knob.choices else TextInput()
@@ -56,51 +56,53 @@ class KnobWidget:
             children=[self._widget, self._messages], sizing_mode="stretch_width", spacing=0
         )
         self._widget.sizing_mode = "stretch_width"
-        name = "active" if knob.is_switch else "value"
-        self._widget.on_change(name, lambda attr, old, new: self._on_change(self.text))
-        self.show(knob)
+        name = "active" if knob.is_on_off_switch else "value"
+        self._widget.on_change(
+            name, lambda attr, old, new: self._submit_changed_text(self.current_text)
+        )
+        self.show_knob(knob)
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         """Widget with the messages below it."""
         return self._root
 
     @property
-    def text(self) -> str:
+    def current_text(self) -> str:
         """Current text, applied or not."""
         if isinstance(self._widget, Checkbox):
             return self._entry.choices[int(self._widget.active)][0]
         return str(self._widget.value)
 
     @property
-    def is_current(self) -> bool:
+    def shows_current_setting(self) -> bool:
         """True if the text is the current setting."""
-        return self._has_value and self.text == self._entry.text and not self.is_wrong
+        return self._has_value and self.current_text == self._entry.text and not self.is_wrong
 
-    def show(self, entry: Knob) -> None:
+    def show_knob(self, knob: Knob) -> None:
         """Show the current setting and clear messages."""
-        if entry == self._entry and self.is_current:
+        if knob == self._entry and self.shows_current_setting:
             return
-        self._entry = entry
+        self._entry = knob
         self._is_pending, self._has_value = False, True
         widget = self._widget
         widget.update(
-            tags=[entry.text],
+            tags=[knob.text],
             html_attributes={
-                "title": entry.help,
-                "aria-description": entry.help,
-                "data-setting": entry.path,
+                "title": knob.help,
+                "aria-description": knob.help,
+                "data-setting": knob.path,
                 "data-model": widget.id,
             },
-            margin=(2, 0, 2, 12 * entry.depth),
+            margin=(2, 0, 2, 12 * knob.depth),
         )
         if isinstance(widget, Checkbox):
-            widget.update(label=entry.label, active=entry.text != entry.choices[0][0])
+            widget.update(label=knob.label, active=knob.text != knob.choices[0][0])
         elif isinstance(widget, Select):
-            widget.update(title=entry.label, options=list(entry.choices), value=entry.text)
+            widget.update(title=knob.label, options=list(knob.choices), value=knob.text)
         else:
-            widget.update(title=entry.label, placeholder=entry.placeholder, value=entry.text)
-        self._show_messages(())
+            widget.update(title=knob.label, placeholder=knob.placeholder, value=knob.text)
+        self._display_mistakes(())
 
     def show_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
         """Show mistakes that concern this setting or result from the text typed here."""
@@ -108,17 +110,17 @@ class KnobWidget:
             one for one in mistakes if self._is_pending or one.setting == self._entry.path
         )
         if own_mistakes:
-            self._show_messages(own_mistakes)
+            self._display_mistakes(own_mistakes)
             self._is_pending = False  # later mistakes have other causes
 
-    def _on_change(self, text: str) -> None:
+    def _submit_changed_text(self, text: str) -> None:
         if text == self._entry.text:
-            self._show_messages(())  # restored
+            self._display_mistakes(())  # restored
         else:
             self._is_pending = True
             self._on_typed(self._entry.path, text)
 
-    def _show_messages(self, mistakes: tuple[Mistake, ...]) -> None:
+    def _display_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
         self.is_wrong = bool(mistakes)
         self._widget.css_classes = ["field", "wrong"] if mistakes else ["field"]
         self._messages.text = "\n".join(_mistake_text(one, self._entry.path) for one in mistakes)
@@ -126,12 +128,14 @@ class KnobWidget:
         self._on_mark()
 
 
-def setting_changer(session: Session) -> ChangeSetting:
+def make_setting_changer(session: Session) -> ChangeSetting:
     """Return the function that applies texts of knobs to the settings of a page."""
 
     def change(path: str, text: str) -> None:
         def edit(scenario: Scenario) -> Scenario:
-            return apply_options(scenario, override_options(scenario, path, text), session.limits)
+            return apply_overrides(
+                scenario, overrides_for_knob_text(scenario, path, text), session.limits
+            )
 
         session.queue_edit(path, edit)
 
@@ -150,7 +154,7 @@ class KnobForm(Generic[T]):
     paths : function of the value
         Function that returns the paths of the settings.
     change : function
-        Called with path and text of what is changed, see `setting_knobs.override_options`.
+        Called with path and text of what is changed, see `setting_knobs.overrides_for_knob_text`.
     """
 
     def __init__(
@@ -164,38 +168,40 @@ class KnobForm(Generic[T]):
         """Called when the validity of a knob may have changed."""
         self._parts: list[tuple[str, object]] = []
         self._root = Column(sizing_mode="stretch_width", spacing=0)
-        self.show(whole)
+        self.show_settings_of(whole)
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
     @property
-    def is_wrong(self) -> bool:
+    def has_wrong_text(self) -> bool:
         """True if a typed text is invalid."""
         return any(field.is_wrong for field in self._fields.values())
 
-    def show(self, whole: T) -> None:
+    def show_settings_of(self, root_value: T) -> None:
         """Show the current settings."""
-        parts = [(path, setting_value(whole, path)) for path in self._paths(whole)]
+        parts = [
+            (path, setting_or_parent_value(root_value, path)) for path in self._paths(root_value)
+        ]
         # A dragged target changes other settings thirty times a second.
         alike = [path for path, _ in parts] == [path for path, _ in self._parts] and all(
             new is old for (_, new), (_, old) in zip(parts, self._parts, strict=True)
         )
-        self._whole, self._parts = whole, parts
-        if alike and all(field.is_current for field in self._fields.values()):
+        self._whole, self._parts = root_value, parts
+        if alike and all(field.shows_current_setting for field in self._fields.values()):
             return
         self._drafts.clear()
-        self._rebuild()
+        self._rebuild_widgets()
 
     def show_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
         """Show each mistake at its knob."""
         for field in self._fields.values():
             field.show_mistakes(mistakes)
 
-    def _rebuild(self) -> None:
+    def _rebuild_widgets(self) -> None:
         knobs = [
-            self._with_draft_kind(knob)
+            self._knob_with_draft_kind(knob)
             for path in self._paths(self._whole)
             for knob in self._knobs_of_setting(path)
         ]
@@ -203,15 +209,15 @@ class KnobForm(Generic[T]):
         for entry in knobs:
             key = (entry.path, bool(entry.choices))
             widgets[key] = self._fields.get(key) or KnobWidget(
-                entry, self._on_typed, self._notify_marks
+                entry, self._submit_or_draft_text, self._notify_validity_listeners
             )
-            widgets[key].show(entry)
+            widgets[key].show_knob(entry)
         self._fields = widgets
-        children = [field.root for field in widgets.values()]
+        children = [field.root_element for field in widgets.values()]
         if self._root.children != children:
             self._root.children = children
 
-    def _notify_marks(self) -> None:
+    def _notify_validity_listeners(self) -> None:
         for listener in self.on_marks:
             listener()
 
@@ -223,35 +229,39 @@ class KnobForm(Generic[T]):
                 continue
             yield entry
             if entry.path in self._drafts:
-                family = setting_family(self._whole, entry.path)
+                family = family_of_setting(self._whole, entry.path)
                 assert family is not None
-                yield from required_member_knobs(family, self._drafts[entry.path], entry.path)
+                yield from empty_knobs_of_required_settings(
+                    family, self._drafts[entry.path], entry.path
+                )
 
-    def _with_draft_kind(self, entry: Knob) -> Knob:
-        kind = self._drafts.get(entry.path)
-        return entry if kind is None else replace(entry, text=kind_text(kind))
+    def _knob_with_draft_kind(self, knob: Knob) -> Knob:
+        kind = self._drafts.get(knob.path)
+        return knob if kind is None else replace(knob, text=kind_as_yaml_mapping(kind))
 
-    def _on_typed(self, path: str, text: str) -> None:
+    def _submit_or_draft_text(self, path: str, text: str) -> None:
         parent_path = path.rpartition(".")[0]
         if parent_path in self._drafts:
-            self._submit_draft(parent_path)
+            self._submit_completed_draft(parent_path)
             return
-        family = setting_family(self._whole, path) if text.startswith("{kind: ") else None
+        family = family_of_setting(self._whole, path) if text.startswith("{kind: ") else None
         kind = text.removeprefix("{kind: ").removesuffix("}")
-        if family is not None and required_member_knobs(family, kind, path):
+        if family is not None and empty_knobs_of_required_settings(family, kind, path):
             self._drafts[path] = kind
-            self._rebuild()
+            self._rebuild_widgets()
             return
         self._drafts.pop(path, None)
         self._change_setting(path, text)
 
-    def _submit_draft(self, path: str) -> None:
+    def _submit_completed_draft(self, path: str) -> None:
         """Submit a drafted member once all required settings are typed."""
-        family = setting_family(self._whole, path)
+        family = family_of_setting(self._whole, path)
         assert family is not None
         kind = self._drafts[path]
-        required_knobs = required_member_knobs(family, kind, path)
-        texts = [self._fields[knob.path, bool(knob.choices)].text for knob in required_knobs]
+        required_knobs = empty_knobs_of_required_settings(family, kind, path)
+        texts = [
+            self._fields[knob.path, bool(knob.choices)].current_text for knob in required_knobs
+        ]
         if all(knob not in ("", NONE) for knob in texts):
             names = [knob.path.rpartition(".")[2] for knob in required_knobs]
             members = ", ".join(f"{name}: {knob}" for name, knob in zip(names, texts, strict=True))

@@ -26,7 +26,7 @@ class Errors(Panel):
         session.on_mistakes.append(self._show_mistakes)
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
     def apply_theme(self, theme: Theme) -> None:
@@ -54,22 +54,22 @@ class Findings(Panel):
         super().__init__(session)
         self._findings: Sequence[Finding] | None = None
         self._root = Div(name=self.name, sizing_mode="stretch_width", disable_math=True)
-        session.on_frame.append(self._show_frame)
+        session.on_frame.append(self._show_findings_of_frame)
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
     def apply_theme(self, theme: Theme) -> None:
         """Do nothing: the widgets inherit the colours of the page."""
 
-    def _show_frame(self, moment: FrameState) -> None:
-        if moment.findings == self._findings:  # mostly unchanged between frames
+    def _show_findings_of_frame(self, frame_state: FrameState) -> None:
+        if frame_state.findings == self._findings:  # mostly unchanged between frames
             return
-        self._findings = moment.findings
+        self._findings = frame_state.findings
         items = [
             f"<li><b>{finding.level}</b>: {escape(str(finding))}</li>"
-            for finding in moment.findings
+            for finding in frame_state.findings
         ]
         empty_text = "No findings."
         self._root.text = f"<ul>{''.join(items)}</ul>" if items else empty_text

@@ -5,9 +5,9 @@ from functools import partial
 from bokeh.models import UIElement
 
 from dechirp.studio.panels.base import Panel
-from dechirp.studio.panels.knob_widgets import KnobForm, setting_changer
+from dechirp.studio.panels.knob_widgets import KnobForm, make_setting_changer
 from dechirp.studio.panels.knobs import NONE
-from dechirp.studio.scenario_edits import apply_options
+from dechirp.studio.scenario_edits import apply_overrides
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 
@@ -41,25 +41,27 @@ class Processing(Panel):
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
-        self._change_single = setting_changer(session)
-        self._form = KnobForm(session.scenario, lambda _: _PATHS, self._change)
-        self._form.root.name = self.name
-        session.on_settings.append(self._form.show)
+        self._change_single = make_setting_changer(session)
+        self._form = KnobForm(
+            session.scenario, lambda _: _PATHS, self._change_setting_and_clear_alternative
+        )
+        self._form.root_element.name = self.name
+        session.on_settings.append(self._form.show_settings_of)
         session.on_mistakes.append(self._form.show_mistakes)
 
     @property
-    def root(self) -> UIElement:
-        return self._form.root
+    def root_element(self) -> UIElement:
+        return self._form.root_element
 
     def apply_theme(self, theme: Theme) -> None:
         """Do nothing: the widgets inherit the colours of the page."""
 
-    def _change(self, path: str, text: str) -> None:
+    def _change_setting_and_clear_alternative(self, path: str, text: str) -> None:
         alternative = _ALTERNATIVES.get(path)
         if alternative is None or not text:
             self._change_single(path, text)
             return
         options = (f"{path}={text}", f"{alternative}={NONE}")
         self.session.queue_edit(
-            path, partial(apply_options, options=options, limits=self.session.limits)
+            path, partial(apply_overrides, overrides=options, limits=self.session.limits)
         )

@@ -11,10 +11,14 @@ from dechirp.experiments.scenario import Scenario
 from dechirp.processing.direction_finding import can_resolve_directions
 from dechirp.radar.budget import noise_power_w
 from dechirp.radar.radar import Radar as Settings
-from dechirp.studio.panels.arrays import linear_array_options, replace_array, replace_elements
+from dechirp.studio.panels.arrays import (
+    apply_array_overrides,
+    linear_array_tdm_overrides,
+    replace_array_elements,
+)
 from dechirp.studio.panels.base import Panel
-from dechirp.studio.panels.knob_widgets import KnobForm, setting_changer
-from dechirp.studio.panels.knobs import format_setting
+from dechirp.studio.panels.knob_widgets import KnobForm, make_setting_changer
+from dechirp.studio.panels.knobs import format_setting_inline
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 
@@ -37,7 +41,7 @@ class Radar(Panel):
             title="Array in a row",
             options=[
                 ("", "as below"),
-                *((_choice_text(*row), _choice_label(*row)) for row in _ROWS),
+                *((_array_choice_value(*row), _array_choice_label(*row)) for row in _ROWS),
             ],
             value="",
             sizing_mode="stretch_width",
@@ -48,77 +52,89 @@ class Radar(Panel):
         waveform = [f"radar.frame.chirp.{key}" for key in _CHIRP.split()]
         waveform += [f"radar.frame.{key}" for key in _FRAME.split()]
         self._forms = [
-            KnobForm(session.scenario, lambda _: waveform, setting_changer(session)),
-            KnobForm(session.scenario, lambda _: _ARRAY, self._change_elements),
+            KnobForm(session.scenario, lambda _: waveform, make_setting_changer(session)),
+            KnobForm(session.scenario, lambda _: _ARRAY, self._change_array_elements),
         ]
         self._root = Column(
             name=self.name,
-            children=[self._derived_values, self._forms[0].root, self._rows, self._forms[1].root],
+            children=[
+                self._derived_values,
+                self._forms[0].root_element,
+                self._rows,
+                self._forms[1].root_element,
+            ],
             sizing_mode="stretch_width",
             spacing=0,
         )
-        self._rows.on_change("value", lambda attr, old, new: self._on_choice(str(new)))
-        session.on_settings.append(self._show_scenario)
-        session.on_mistakes += [*(form.show_mistakes for form in self._forms), self._restore_choice]
-        self._show_scenario(session.scenario)
+        self._rows.on_change("value", lambda attr, old, new: self._apply_array_choice(str(new)))
+        session.on_settings.append(self._show_radar_of_scenario)
+        session.on_mistakes += [
+            *(form.show_mistakes for form in self._forms),
+            self._restore_array_choice,
+        ]
+        self._show_radar_of_scenario(session.scenario)
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
     def apply_theme(self, theme: Theme) -> None:
         """Do nothing: the widgets inherit the colours of the page."""
 
-    def _show_scenario(self, scenario: Scenario) -> None:
+    def _show_radar_of_scenario(self, scenario: Scenario) -> None:
         for form in self._forms:
-            form.show(scenario)
-        self._derived_values.text = _derived_table(scenario.radar)
+            form.show_settings_of(scenario)
+        self._derived_values.text = _derived_values_html(scenario.radar)
         self._rows.visible = scenario.radar is not None
-        self._rows.value = _array_choice(scenario.radar)
+        self._rows.value = _choice_matching_array(scenario.radar)
 
-    def _restore_choice(self, mistakes: tuple[Mistake, ...]) -> None:
+    def _restore_array_choice(self, mistakes: tuple[Mistake, ...]) -> None:
         """Restore the choice of the current array after a refused one."""
         if mistakes:
-            self._rows.value = _array_choice(self.session.scenario.radar)
+            self._rows.value = _choice_matching_array(self.session.scenario.radar)
 
-    def _on_choice(self, text: str) -> None:
+    def _apply_array_choice(self, text: str) -> None:
         radar = self.session.scenario.radar
-        is_listed = text in (_choice_text(*row) for row in _ROWS)  # a browser may send anything
-        if not is_listed or radar is None or text == _array_choice(radar):
+        is_listed = text in (
+            _array_choice_value(*row) for row in _ROWS
+        )  # a browser may send anything
+        if not is_listed or radar is None or text == _choice_matching_array(radar):
             return
         n_tx, n_rx = map(int, text.split())
-        options, limits = linear_array_options(radar, n_tx, n_rx), self.session.limits
+        options, limits = linear_array_tdm_overrides(radar, n_tx, n_rx), self.session.limits
         self.session.queue_edit(
-            "radar.array", partial(replace_array, options=options, limits=limits)
+            "radar.array", partial(apply_array_overrides, overrides=options, limits=limits)
         )
 
-    def _change_elements(self, path: str, text: str) -> None:
+    def _change_array_elements(self, path: str, text: str) -> None:
         limits = self.session.limits
         self.session.queue_edit(
-            path, partial(replace_elements, path=path, text=text, limits=limits)
+            path, partial(replace_array_elements, path=path, text=text, limits=limits)
         )
 
 
-def _array_choice(radar: Settings | None) -> str:
+def _choice_matching_array(radar: Settings | None) -> str:
     """Return the choice that equals the array; empty if none does."""
     if radar is None:
         return ""
     n_tx, n_rx = len(radar.array.tx_m), radar.array.n_rx
     if (n_tx, n_rx) not in _ROWS:
         return ""
-    array_text = linear_array_options(radar, n_tx, n_rx)[0].partition("=")[2]
-    return _choice_text(n_tx, n_rx) if array_text == format_setting(radar.array) else ""
+    array_text = linear_array_tdm_overrides(radar, n_tx, n_rx)[0].partition("=")[2]
+    return (
+        _array_choice_value(n_tx, n_rx) if array_text == format_setting_inline(radar.array) else ""
+    )
 
 
-def _choice_text(n_tx: int, n_rx: int) -> str:
+def _array_choice_value(n_tx: int, n_rx: int) -> str:
     return f"{n_tx} {n_rx}"
 
 
-def _choice_label(n_tx: int, n_rx: int) -> str:
+def _array_choice_label(n_tx: int, n_rx: int) -> str:
     return f"{n_tx} transmitter{'s' * (n_tx > 1)}, {n_rx} receiver{'s' * (n_rx > 1)}"
 
 
-def _derived_table(radar: Settings | None) -> str:
+def _derived_values_html(radar: Settings | None) -> str:
     """Return the derived values of a radar as an HTML table."""
     if radar is None:
         return "The radar is defined by the recording."

@@ -11,15 +11,15 @@ from bokeh.models import Button, Column, Div, InlineStyleSheet, Row, Select, Sli
 
 from dechirp.core.text import format_with_si_prefix
 from dechirp.experiments.scenario import Scenario
-from dechirp.studio.browser_events import is_finite_number
+from dechirp.studio.browser_events import is_bounded_number
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.library import (
     MAX_SCANNED,
     FolderScan,
     InspectedRecording,
     LibraryItem,
-    inspect_item,
-    open_item,
+    inspect_first_frames,
+    open_item_as_scenario,
 )
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.session import Session
@@ -57,13 +57,13 @@ class Recordings(Panel):
         self._radar = Select(title="Settings of its radar", options=[_NONE], value=_NONE)
         for select in (self._file, self._radar):
             select.sizing_mode = "stretch_width"
-            select.on_change("value", lambda attr, old, new: self._on_choice())
+            select.on_change("value", lambda attr, old, new: self._inspect_chosen_file())
         self._open_button = Button(label="Open", width=54, disabled=True)
-        self._open_button.on_click(self._open_choice)
+        self._open_button.on_click(self._open_chosen_file)
         self._back_button = Button(label="Back to the scene", width=118, disabled=True)
         self._back_button.on_click(self._return_to_scene)
         self._rescan_button = Button(label="Rescan", width=78)
-        self._rescan_button.on_click(self._rescan)
+        self._rescan_button.on_click(self._rescan_folders)
         self._frame = Slider(title="Frame", start=0, end=1, value=0, step=1, visible=False)
         self._frame.update(sizing_mode="stretch_width", margin=(5, 14, 5, 14))
         self._frame.on_change("value_throttled", lambda attr, old, new: self._go_to_frame(new))
@@ -78,58 +78,58 @@ class Recordings(Panel):
             sizing_mode="stretch_width",
             spacing=4,
         )
-        session.on_settings.append(self._on_settings)
-        session.on_frame.append(self._show_frame)
-        session.document.on_session_destroyed(lambda _: self._start_task(None))
-        self._rescan()
+        session.on_settings.append(self._remember_scene_and_hide_slider)
+        session.on_frame.append(self._update_frame_slider)
+        session.document.on_session_destroyed(lambda _: self._replace_running_task(None))
+        self._rescan_folders()
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
     def apply_theme(self, theme: Theme) -> None:
         """Do nothing: the widgets inherit the colours of the page."""
 
-    def _on_settings(self, scenario: Scenario) -> None:
+    def _remember_scene_and_hide_slider(self, scenario: Scenario) -> None:
         if scenario.scene is not None:
             self._scene = scenario
         is_recording = scenario.recording is not None
         self._back_button.disabled = not (is_recording and self._scene)
         self._frame.visible = False  # until its first frame is known
 
-    def _show_frame(self, moment: FrameState) -> None:
-        if self.session.scenario.recording is None or moment.n_frames < 2:
+    def _update_frame_slider(self, frame_state: FrameState) -> None:
+        if self.session.scenario.recording is None or frame_state.n_frames < 2:
             return
-        last, frame = moment.n_frames - 1, moment.step % moment.n_frames
+        last, frame = frame_state.n_frames - 1, frame_state.step % frame_state.n_frames
         self._frame.update(
-            end=last, value=frame, title=f"Frame, of {moment.n_frames}", visible=True
+            end=last, value=frame, title=f"Frame, of {frame_state.n_frames}", visible=True
         )
 
-    def _rescan(self) -> None:
+    def _rescan_folders(self) -> None:
         if self.session.limits.folders:
             self._message.text = '<p class="muted">Scanning the folders.</p>'
-            self._start_task(self._scan())
+            self._replace_running_task(self._scan())
         else:
             self._rescan_button.disabled = True
             self._message.text = f"<p>{_NO_FOLDER}</p>"
 
     def _go_to_frame(self, frame: float) -> None:
-        if is_finite_number(frame):
+        if is_bounded_number(frame):
             self.session.go_to_step(int(frame))
 
-    def _on_choice(self) -> None:
+    def _inspect_chosen_file(self) -> None:
         item = self._items.get(str(self._file.value))
         self._open_button.disabled = item is None or item.kind == "recording"
         self._message.text = ""
         if item is not None and item.kind == "recording":
             self._message.text = '<p class="muted">Inspecting the recording.</p>'
-            self._start_task(self._inspect(item, self._items.get(str(self._radar.value))))
+            self._replace_running_task(self._inspect(item, self._items.get(str(self._radar.value))))
 
-    def _open_choice(self) -> None:
+    def _open_chosen_file(self) -> None:
         item, radar = (self._items.get(str(select.value)) for select in (self._file, self._radar))
         if item is not None:
             limits = self.session.limits
-            edit = partial(open_item, item=item, settings=radar, limits=limits)
+            edit = partial(open_item_as_scenario, item=item, radar_settings=radar, limits=limits)
             self.session.go_to_step(0)
             self.session.queue_edit("", edit)
 
@@ -143,15 +143,15 @@ class Recordings(Panel):
         library = FolderScan(self.session.limits)
         while not library.is_done:
             await self.session.run_on_worker(partial(library.scan_for, BATCH_S))
-        self._schedule(partial(self._list_items, library))
+        self._schedule_unless_task_replaced(partial(self._offer_scanned_files, library))
 
     async def _inspect(self, item: LibraryItem, radar: LibraryItem | None) -> None:
         inspected = await self.session.run_on_worker(
-            partial(inspect_item, item, radar, self.session.limits)
+            partial(inspect_first_frames, item, radar, self.session.limits)
         )
-        self._schedule(partial(self._show_inspection, inspected))
+        self._schedule_unless_task_replaced(partial(self._show_inspection, inspected))
 
-    def _start_task(self, work: Coroutine[Any, Any, None] | None) -> None:
+    def _replace_running_task(self, work: Coroutine[Any, Any, None] | None) -> None:
         """Start a task in place of the current one."""
         if self._task is not None:
             self._task.cancel()
@@ -164,21 +164,23 @@ class Recordings(Panel):
             await work
         except Exception:
             _log.exception("the recordings of the studio failed")
-            self._schedule(partial(setattr, self._message, "text", f"<p>{_INTERNAL_ERROR}</p>"))
+            self._schedule_unless_task_replaced(
+                partial(setattr, self._message, "text", f"<p>{_INTERNAL_ERROR}</p>")
+            )
 
-    def _schedule(self, job: Callable[[], None]) -> None:
+    def _schedule_unless_task_replaced(self, job: Callable[[], None]) -> None:
         """Schedule a job in the document, unless another task starts before."""
         task = self._task
         self.session.document.add_next_tick_callback(lambda: job() if self._task is task else None)
 
-    def _list_items(self, library: FolderScan) -> None:
+    def _offer_scanned_files(self, library: FolderScan) -> None:
         self._items = {item.name: item for item in library.items}
         kinds = {"Recordings": "recording", "Scenarios": "scenario"}
         self._file.options = {
             "": [(_NONE, "choose one")],
-            **{title: self._options(kind) for title, kind in kinds.items()},
+            **{title: self._file_choices_of_kind(kind) for title, kind in kinds.items()},
         }
-        self._radar.options = [(_NONE, _DEFAULT_SETTINGS), *self._options("settings")]
+        self._radar.options = [(_NONE, _DEFAULT_SETTINGS), *self._file_choices_of_kind("settings")]
         for select in (self._file, self._radar):
             if select.value not in self._items:
                 select.value = _NONE
@@ -188,9 +190,11 @@ class Recordings(Panel):
             text += f" Only the first {MAX_SCANNED} files were scanned: name a smaller folder."
         self._message.text = f'<p class="muted">{text}</p>'
 
-    def _options(self, kind: str) -> list[tuple[str, str]]:
+    def _file_choices_of_kind(self, kind: str) -> list[tuple[str, str]]:
         return [
-            (item.name, _item_title(item)) for item in self._items.values() if item.kind == kind
+            (item.name, _file_choice_title(item))
+            for item in self._items.values()
+            if item.kind == kind
         ]
 
     def _show_inspection(self, inspected: InspectedRecording) -> None:
@@ -214,7 +218,7 @@ class Recordings(Panel):
         self._message.text = f"<p>{lead}</p>{body}"
 
 
-def _item_title(item: LibraryItem) -> str:
+def _file_choice_title(item: LibraryItem) -> str:
     if item.kind != "recording":
         return item.name
     kind = " or ".join(item.formats) if len(item.formats) < 3 else "bare samples"

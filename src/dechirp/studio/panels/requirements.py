@@ -8,7 +8,7 @@ from typing import get_args, get_type_hints
 
 from bokeh.models import Button, Column, Div, Select, UIElement
 
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.config.fields import list_settings
 from dechirp.config.loading import parse_settings
 from dechirp.core.errors import DechirpError, InvalidFile
@@ -22,7 +22,7 @@ from dechirp.radar.hardware import Hardware
 from dechirp.studio.panels.arrays import replace_radar
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.knob_widgets import KnobForm
-from dechirp.studio.scenario_edits import check_scenario_size
+from dechirp.studio.scenario_edits import check_scenario_within_limits
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 
@@ -35,7 +35,7 @@ def apply_design(scenario: Scenario, design: Design) -> Scenario:
     Only one transmitter is used: TDM would divide the unambiguous velocity. The frame period is
     kept if there is time.
     """
-    radar, frame = scenario.radar, round_frame(design.radar.frame)
+    radar, frame = scenario.radar, round_frame_to_six_digits(design.radar.frame)
     if radar is None:
         return replace_radar(scenario, replace(design.radar, frame=frame))
     period_s = radar.frame.period_s
@@ -47,7 +47,7 @@ def apply_design(scenario: Scenario, design: Design) -> Scenario:
     return replace_radar(replace(scenario, chain=chain), new_radar)
 
 
-def round_frame(frame: Frame) -> Frame:
+def round_frame_to_six_digits(frame: Frame) -> Frame:
     """Round the frame of a design to six digits; a crystal is stable to five.
 
     Numbers are rounded so that range cells do not become wider and the unambiguous velocity does
@@ -58,12 +58,12 @@ def round_frame(frame: Frame) -> Frame:
     margin_s = max(0.0, chirp.ramp_duration_s - chirp.adc_start_s - chirp.sampled_duration_s)
     # 1e-6 shorter: a steeper ramp has a shorter wavelength in its middle.
     adc_start_s, ramp_s, interval_s = (
-        _round_to_digits(chirp.adc_start_s, math.ceil),
-        _round_to_digits(chirp.ramp_duration_s * (1 - 1e-6), math.floor),
-        _round_to_digits(frame.single_interval_s * (1 - 1e-6), math.floor),
+        _round_to_six_digits(chirp.adc_start_s, math.ceil),
+        _round_to_six_digits(chirp.ramp_duration_s * (1 - 1e-6), math.floor),
+        _round_to_six_digits(frame.single_interval_s * (1 - 1e-6), math.floor),
     )
-    rate_hz = _round_to_digits(chirp.n_samples / (ramp_s - adc_start_s - margin_s), math.ceil)
-    slope_hz_per_s = _round_to_digits(
+    rate_hz = _round_to_six_digits(chirp.n_samples / (ramp_s - adc_start_s - margin_s), math.ceil)
+    slope_hz_per_s = _round_to_six_digits(
         chirp.sampled_bandwidth_hz * rate_hz / chirp.n_samples, math.ceil
     )
     rounded_chirp = replace(
@@ -76,7 +76,7 @@ def round_frame(frame: Frame) -> Frame:
     return replace(frame, chirp=rounded_chirp, interval_s=interval_s)
 
 
-def _round_to_digits(number: float, rounding: Callable[[float], int]) -> float:
+def _round_to_six_digits(number: float, rounding: Callable[[float], int]) -> float:
     """Round to six digits, up or down; numbers with fewer digits stay unchanged."""
     if not number:
         return number
@@ -101,7 +101,7 @@ class Requirements(Panel):
     def __init__(self, session: Session) -> None:
         super().__init__(session)
         self._requirements = _START
-        self._hardware = _scenario_hardware(session.scenario)
+        self._hardware = _scenario_or_typical_hardware(session.scenario)
         self._design: Design | None = None
         """None if the rule has no solution."""
         self._title = self._body = ""
@@ -117,7 +117,9 @@ class Requirements(Panel):
                 " regulation."
             },
         )
-        self._form = KnobForm(_START, lambda _: list_settings(Asked), self._change)
+        self._form = KnobForm(
+            _START, lambda _: list_settings(Asked), self._change_requirement_and_redesign
+        )
         self._use_button = Button(
             label="Use this radar", button_type="primary", margin=(6, 0, 6, 0)
         )
@@ -125,34 +127,34 @@ class Requirements(Panel):
         self._answer = Div(sizing_mode="stretch_width", disable_math=True)
         self._root = Column(
             name=self.name,
-            children=[self._form.root, self._rule, self._use_button, self._answer],
+            children=[self._form.root_element, self._rule, self._use_button, self._answer],
             sizing_mode="stretch_width",
             spacing=0,
         )
         self._rule.on_change(
-            "value", lambda attr, old, new: self._update_design(self._requirements)
+            "value", lambda attr, old, new: self._design_and_show(self._requirements)
         )
-        self._use_button.on_click(self._use_design)
-        self._form.on_marks.append(self._show_answer)
-        session.on_settings.append(self._on_settings)
-        self._update_design(_START)
+        self._use_button.on_click(self._apply_design_to_scenario)
+        self._form.on_marks.append(self._show_design)
+        session.on_settings.append(self._redesign_if_hardware_changed)
+        self._design_and_show(_START)
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
     def apply_theme(self, theme: Theme) -> None:
         """Do nothing: the widgets inherit the colours of the page."""
 
-    def _change(self, path: str, text: str) -> None:
+    def _change_requirement_and_redesign(self, path: str, text: str) -> None:
         try:
             requirements = change_requirement(self._requirements, path, text)
         except DechirpError as error:
             self._form.show_mistakes(error.mistakes)
         else:
-            self._update_design(requirements)
+            self._design_and_show(requirements)
 
-    def _update_design(self, requirements: Asked) -> None:
+    def _design_and_show(self, requirements: Asked) -> None:
         """Design a radar; without a solution, show the reason and keep the last requirements."""
         try:
             new_design = design(requirements, rule=self._rule.value, hardware=self._hardware)
@@ -168,35 +170,35 @@ class Requirements(Panel):
                 _design_html(new_design),
             )
             self._title = "Met" if new_design.is_met else "Cannot be met: the nearest radar"
-            self._form.show(requirements)
-        self._show_answer()
+            self._form.show_settings_of(requirements)
+        self._show_design()
 
-    def _show_answer(self) -> None:
+    def _show_design(self) -> None:
         """Show the answer, greyed out while a knob is invalid."""
-        is_old = self._form.is_wrong
+        is_old = self._form.has_wrong_text
         self._answer.text = f"<h3>{_OUT_OF_DATE if is_old else self._title}</h3>{self._body}"
         self._answer.styles = {"opacity": "0.5" if is_old else "1"}
         self._use_button.disabled = is_old or self._design is None
 
-    def _on_settings(self, scenario: Scenario) -> None:
+    def _redesign_if_hardware_changed(self, scenario: Scenario) -> None:
         """Design again if the hardware of the scenario has changed."""
-        hardware = _scenario_hardware(scenario)
+        hardware = _scenario_or_typical_hardware(scenario)
         if hardware != self._hardware:
             self._hardware = hardware
-            self._update_design(self._requirements)
+            self._design_and_show(self._requirements)
 
-    def _use_design(self) -> None:
+    def _apply_design_to_scenario(self) -> None:
         chosen_design = self._design
         if chosen_design is not None:
             self.session.queue_edit(
                 "radar",
-                lambda scenario: check_scenario_size(
+                lambda scenario: check_scenario_within_limits(
                     apply_design(scenario, chosen_design), self.session.limits
                 ),
             )
 
 
-def _scenario_hardware(scenario: Scenario) -> Hardware:
+def _scenario_or_typical_hardware(scenario: Scenario) -> Hardware:
     radar = scenario.radar
     return (None if radar is None else radar.hardware) or TYPICAL_HARDWARE
 
@@ -210,7 +212,7 @@ def change_requirement(requirements: Asked, path: str, text: str) -> Asked:
         As `dechirp design` refuses its options.
     """
     try:
-        return parse_settings(dump(requirements), Asked, file="", overrides=[f"{path}={text}"])
+        return parse_settings(dump_yaml(requirements), Asked, file="", overrides=[f"{path}={text}"])
     except InvalidFile as error:
         mistakes = (
             replace(mistake, file=None, line=None, column=None) for mistake in error.mistakes
@@ -225,13 +227,13 @@ def _design_html(result: Design) -> str:
     )
     rows = "".join(
         f"<tr title='{escape(derived.symbols)}'><td>{escape(derived.name.replace('_', ' '))}</td>"
-        f"<td>{escape(_format_derived(derived))}</td><td>{escape(derived.formula)}</td></tr>"
+        f"<td>{escape(_format_derived_value(derived))}</td><td>{escape(derived.formula)}</td></tr>"
         for derived in result.derived
     )
     return f"{findings}<table class='follows' aria-label='Design'>{rows}</table>"
 
 
-def _format_derived(derived: DerivedValue) -> str:
+def _format_derived_value(derived: DerivedValue) -> str:
     if derived.unit == "1":
         return format_number(derived.value)
     if derived.unit == "Hz/s":

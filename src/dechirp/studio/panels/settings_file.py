@@ -4,7 +4,7 @@ from html import escape
 
 from bokeh.models import Button, Column, Div, Row, TextAreaInput, UIElement
 
-from dechirp.config.dumping import dump
+from dechirp.config.dumping import dump_yaml
 from dechirp.core.errors import Mistake
 from dechirp.experiments.scenario import Scenario
 from dechirp.studio.panels.base import Panel
@@ -23,7 +23,7 @@ class SettingsFile(Panel):
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
-        text = dump(session.scenario)
+        text = dump_yaml(session.scenario)
         self._is_update_scheduled = self._is_applying = False
         self._area = TextAreaInput(
             title="Settings for dechirp run",
@@ -39,7 +39,7 @@ class SettingsFile(Panel):
         self._messages.css_classes = ["wrong"]
         apply = Button(label="Apply", button_type="primary", width=80)
         copy, download = Button(label="Copy", width=80), Button(label="Download", width=90)
-        apply.on_click(self._apply)
+        apply.on_click(self._apply_edited_text)
         # page.js handles both with the current text in the tags: the text in the area may be
         # invalid.
         copy.html_attributes = {"data-copies": self._area.id}
@@ -49,29 +49,29 @@ class SettingsFile(Panel):
             children=[Row(children=[apply, copy, download], spacing=6), self._messages, self._area],
             sizing_mode="stretch_width",
         )
-        session.on_settings.append(self._schedule_update)
+        session.on_settings.append(self._schedule_text_update)
         session.on_mistakes.append(self._show_mistakes)
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
     def apply_theme(self, theme: Theme) -> None:
         """Do nothing: the widgets inherit the colours of the page."""
 
-    def _apply(self) -> None:
+    def _apply_edited_text(self) -> None:
         self._is_applying = True
         self.session.replace_settings(self._area.value)
 
-    def _schedule_update(self, _: Scenario) -> None:
+    def _schedule_text_update(self, _: Scenario) -> None:
         self._is_applying = False
         if not self._is_update_scheduled:
             self._is_update_scheduled = True
-            self.session.document.add_timeout_callback(self._update_text, _WAIT_MS)
+            self.session.document.add_timeout_callback(self._show_current_settings, _WAIT_MS)
 
-    def _update_text(self) -> None:
+    def _show_current_settings(self) -> None:
         self._is_update_scheduled = False
-        text = dump(self.session.scenario)
+        text = dump_yaml(self.session.scenario)
         self._area.update(value=text, tags=[text])
         self._messages.visible = False
 

@@ -14,9 +14,9 @@ from dechirp.scene.target import Target
 from dechirp.simulation.impairments.base import Impairment
 from dechirp.simulation.impairments.noise import ThermalNoise, WhiteNoise
 from dechirp.studio.panels.base import Panel
-from dechirp.studio.panels.knob_widgets import KnobForm, setting_changer
-from dechirp.studio.panels.knobs import NONE, member_label
-from dechirp.studio.scenario_edits import apply_options, check_scenario_size
+from dechirp.studio.panels.knob_widgets import KnobForm, make_setting_changer
+from dechirp.studio.panels.knobs import NONE, list_member_name_in_path
+from dechirp.studio.scenario_edits import apply_overrides, check_scenario_within_limits
 from dechirp.studio.session import Edit, Session
 from dechirp.studio.theme import Theme
 
@@ -38,7 +38,9 @@ class Targets(Panel):
         self._rows: list[_TargetRow] = []
         self._list = Column(sizing_mode="stretch_width", spacing=8)
         self._add = Button(label="Add a target", sizing_mode="stretch_width", margin=(6, 0, 6, 0))
-        self._add.on_click(lambda: self._edit("add a target", add_target))
+        self._add.on_click(
+            lambda: self._queue_edit_within_limits("add a target", add_target_beyond_farthest)
+        )
         self._noise = Select(
             title="Noise",
             options=list(_NOISES.items()),
@@ -46,47 +48,49 @@ class Targets(Panel):
             css_classes=["field"],
             margin=(2, 0, 2, 0),
         )
-        self._noise.on_change("value", lambda attr, old, new: self._on_noise_choice(str(new)))
-        self._form = KnobForm(session.scenario, _noise_setting_paths, setting_changer(session))
+        self._noise.on_change("value", lambda attr, old, new: self._apply_noise_choice(str(new)))
+        self._form = KnobForm(
+            session.scenario, _noise_and_frame_setting_paths, make_setting_changer(session)
+        )
         self._root = Column(
             name=self.name,
-            children=[self._noise, self._form.root, self._list, self._add],
+            children=[self._noise, self._form.root_element, self._list, self._add],
             sizing_mode="stretch_width",
             spacing=0,
         )
-        session.on_settings.append(self._show_scenario)
+        session.on_settings.append(self._show_targets_and_noise)
         session.on_mistakes.append(self._form.show_mistakes)
-        self._show_scenario(session.scenario)
+        self._show_targets_and_noise(session.scenario)
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
     def apply_theme(self, theme: Theme) -> None:
         """Do nothing: the widgets inherit the colours of the page."""
 
-    def _show_scenario(self, scenario: Scenario) -> None:
+    def _show_targets_and_noise(self, scenario: Scenario) -> None:
         scene = scenario.scene
         for part in (self._add, self._noise, self._list):
             part.visible = scene is not None
-        self._form.show(scenario)
-        self._noise.value = _noise_choice(scenario)
+        self._form.show_settings_of(scenario)
+        self._noise.value = _noise_kind_of_scenario(scenario)
         targets = () if scene is None else scene.targets
         while len(self._rows) < len(targets):
             self._rows.append(_TargetRow(self.session, len(self._rows)))
         for row in self._rows[: len(targets)]:
-            row.form.show(scenario)
-        roots = [row.root for row in self._rows[: len(targets)]]
+            row.form.show_settings_of(scenario)
+        roots = [row.root_element for row in self._rows[: len(targets)]]
         if self._list.children != roots:
             self._list.children = roots
 
-    def _on_noise_choice(self, noise: str) -> None:
-        if noise != _noise_choice(self.session.scenario):
-            self._edit("noise", partial(replace_noise, noise=noise))
+    def _apply_noise_choice(self, noise: str) -> None:
+        if noise != _noise_kind_of_scenario(self.session.scenario):
+            self._queue_edit_within_limits("noise", partial(replace_noise_model, noise_kind=noise))
 
-    def _edit(self, key: str, edit: Edit) -> None:
+    def _queue_edit_within_limits(self, key: str, edit: Edit) -> None:
         self.session.queue_edit(
-            key, lambda scenario: check_scenario_size(edit(scenario), self.session.limits)
+            key, lambda scenario: check_scenario_within_limits(edit(scenario), self.session.limits)
         )
 
 
@@ -95,23 +99,25 @@ class _TargetRow:
 
     def __init__(self, session: Session, index: int) -> None:
         self._session, self._index = session, index
-        self.form = KnobForm(session.scenario, self._setting_paths, self._change)
+        self.form = KnobForm(
+            session.scenario, self._target_setting_paths, self._change_target_setting
+        )
         remove = Button(label="Remove", width=70, margin=(0, 0, 0, 0))
         remove.html_attributes = {"title": f"Remove target {index + 1}"}
-        remove.on_click(self._remove)
-        self.root = Column(
-            children=[self.form.root, Row(children=[remove], align="end")],
+        remove.on_click(self._remove_own_target)
+        self.root_element = Column(
+            children=[self.form.root_element, Row(children=[remove], align="end")],
             sizing_mode="stretch_width",
             spacing=2,
             css_classes=["one-of-many"],
         )
         session.on_mistakes.append(self.form.show_mistakes)
 
-    def _setting_paths(self, scenario: Scenario) -> list[str]:
+    def _target_setting_paths(self, scenario: Scenario) -> list[str]:
         targets = () if scenario.scene is None else scenario.scene.targets
         if self._index >= len(targets):
             return []
-        target_path = f"scene.targets.{member_label(targets, self._index)}"
+        target_path = f"scene.targets.{list_member_name_in_path(targets, self._index)}"
         has_body = targets[self._index].body is not None
         return [
             f"{target_path}.{key}"
@@ -119,24 +125,24 @@ class _TargetRow:
             if not (has_body and key == "rcs")
         ]
 
-    def _change(self, path: str, text: str) -> None:
+    def _change_target_setting(self, path: str, text: str) -> None:
         if not path.endswith(".body") or text == NONE:
-            setting_changer(self._session)(path, text)
+            make_setting_changer(self._session)(path, text)
             return
         # A body defines its own cross sections.
         options = (f"{path}={text}", f"{path.removesuffix('.body')}.rcs=0 dBsm")
         self._session.queue_edit(
-            path, partial(apply_options, options=options, limits=self._session.limits)
+            path, partial(apply_overrides, overrides=options, limits=self._session.limits)
         )
 
-    def _remove(self) -> None:
+    def _remove_own_target(self) -> None:
         scene = self._session.scenario.scene
         if scene is not None and self._index < len(scene.targets):
             name = scene.names[self._index]
             self._session.queue_edit(f"remove {name}", partial(remove_target, name=name))
 
 
-def add_target(scenario: Scenario) -> Scenario:
+def add_target_beyond_farthest(scenario: Scenario) -> Scenario:
     """Add a target at rest straight ahead, 5 m beyond the farthest."""
     scene = scenario.scene
     if scene is None:
@@ -165,21 +171,21 @@ def remove_target(scenario: Scenario, name: str) -> Scenario:
     )
     has_lost_noise = len(impairments) < len(scenario.impairments)
     edited = replace(scenario, scene=replace(scene, targets=remaining), impairments=impairments)
-    return replace_noise(edited, "thermal") if has_lost_noise else edited
+    return replace_noise_model(edited, "thermal") if has_lost_noise else edited
 
 
-def replace_noise(scenario: Scenario, noise: str) -> Scenario:
+def replace_noise_model(scenario: Scenario, noise_kind: str) -> Scenario:
     """Return the scenario with another noise model of the same power as thermal noise."""
     others = tuple(o for o in scenario.impairments if not isinstance(o, ThermalNoise | WhiteNoise))
     noise_impairments: tuple[Impairment, ...] = ()
-    if noise == "thermal":
+    if noise_kind == "thermal":
         noise_impairments = (ThermalNoise(),)
-    elif noise == "white":
-        noise_impairments = (_white_noise_by_snr(scenario),)
+    elif noise_kind == "white":
+        noise_impairments = (_white_noise_equal_to_thermal(scenario),)
     return replace(scenario, impairments=(*noise_impairments, *others))
 
 
-def _white_noise_by_snr(scenario: Scenario) -> WhiteNoise:
+def _white_noise_equal_to_thermal(scenario: Scenario) -> WhiteNoise:
     scene, radar = scenario.scene, scenario.radar
     if scene is None or radar is None or not scene.targets:
         raise InvalidSetting(
@@ -193,19 +199,19 @@ def _white_noise_by_snr(scenario: Scenario) -> WhiteNoise:
     return WhiteNoise(snr=10 ** (ratio_db / 10), target=scene.names[0])
 
 
-def _noise_choice(scenario: Scenario) -> str:
+def _noise_kind_of_scenario(scenario: Scenario) -> str:
     if any(isinstance(impairment, WhiteNoise) for impairment in scenario.impairments):
         return "white"
     return "thermal" if any(isinstance(o, ThermalNoise) for o in scenario.impairments) else "none"
 
 
-def _noise_setting_paths(scenario: Scenario) -> list[str]:
+def _noise_and_frame_setting_paths(scenario: Scenario) -> list[str]:
     """Return the paths of the settings of noise and frames."""
     if scenario.scene is None:
         return ["seed"]
     paths = ["seed", "n_frames"]
     for index, impairment in enumerate(scenario.impairments):
         if isinstance(impairment, WhiteNoise):
-            path = f"impairments.{member_label(scenario.impairments, index)}"
+            path = f"impairments.{list_member_name_in_path(scenario.impairments, index)}"
             paths += [f"{path}.snr", f"{path}.target"]
     return paths if len(paths) > 2 else [*paths, "radar.hardware.noise_factor"]

@@ -20,9 +20,9 @@ class Transport(Panel):
         self._step = Button(label="Step", width=52)
         self._seed = TextInput(value=str(session.scenario.seed), width=64)
         self._rewind.on_click(lambda: session.go_to_step(0))
-        self._play.on_change("active", lambda attr, old, new: self._on_play())
+        self._play.on_change("active", lambda attr, old, new: self._play_or_pause())
         self._step.on_click(lambda: session.go_to_step(session.step + 1))
-        self._seed.on_change("value", lambda attr, old, new: self._on_seed(new))
+        self._seed.on_change("value", lambda attr, old, new: self._change_seed(new))
         parts = [self._rewind, self._play, self._step, Div(text="Seed"), self._seed]
         self._root = Row(
             name=self.name,
@@ -31,29 +31,29 @@ class Transport(Panel):
             spacing=6,
             styles={"align-items": "center"},
         )
-        session.on_frame.append(lambda _: self._update_play())
-        session.on_settings.append(self._on_settings)
-        session.on_mistakes.append(lambda _: self._update_play())
+        session.on_frame.append(lambda _: self._update_play_button())
+        session.on_settings.append(self._show_seed)
+        session.on_mistakes.append(lambda _: self._update_play_button())
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
     def apply_theme(self, theme: Theme) -> None:
         """Do nothing: the widgets inherit the colours of the page."""
 
-    def _on_play(self) -> None:
+    def _play_or_pause(self) -> None:
         if self._play.active != self.session.playing:
             self.session.set_playing(self._play.active)
-        self._update_play()
+        self._update_play_button()
 
-    def _on_seed(self, text: str) -> None:
+    def _change_seed(self, text: str) -> None:
         if text != str(self.session.scenario.seed):
             self.session.change_setting("seed", text)
 
-    def _update_play(self) -> None:
+    def _update_play_button(self) -> None:
         playing = self.session.playing
         self._play.active, self._play.label = playing, "Pause" if playing else "Play"
 
-    def _on_settings(self, scenario: Scenario) -> None:
+    def _show_seed(self, scenario: Scenario) -> None:
         self._seed.value = str(scenario.seed)

@@ -17,7 +17,9 @@ LESSONS = (ChirpLesson, EchoLesson, DopplerLesson, NoiseLesson)
 """In the order of the report."""
 
 
-def lesson_builders(worker: Executor, limits: PageLimits) -> dict[str, Callable[[Document], None]]:
+def lesson_page_builders_by_address(
+    worker: Executor, limits: PageLimits
+) -> dict[str, Callable[[Document], None]]:
     """Return the page builder of each lesson by address."""
 
     def build(document: Document, number: int) -> None:

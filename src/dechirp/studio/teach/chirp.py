@@ -66,7 +66,7 @@ class ChirpFrame:
     """Measured from those samples; NaN for fewer than two."""
 
 
-def compute_chirp_frame(settings: ChirpSettings) -> ChirpFrame:
+def compute_ramps_and_beat(settings: ChirpSettings) -> ChirpFrame:
     """Compute the transmitted and received signals up to an instant."""
     chirp = settings.chirp
     delay_s = 2 * settings.range_m / SPEED_OF_LIGHT
@@ -109,7 +109,7 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
     )
     knobs: ClassVar = {
         "bandwidth_mhz": Dial("Bandwidth B (MHz)", 20, 600, 10, 150),
-        "duration_us": Dial("Duration T of the ramp, µs", 5, 20, 0.1, 7.3),
+        "duration_us": Dial("Duration T of the ramp (µs)", 5, 20, 0.1, 7.3),
         "range_m": Dial("Range R of the target (m)", 1, 200, 1, 50),
         "elapsed": Dial("Elapsed part of the ramp (%)", 1, 100, 1, 100),
     }
@@ -144,7 +144,7 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
     def __init__(self) -> None:
         super().__init__(ChirpSettings)
         self._ramps = LineFigure(
-            x="time since the start of the ramp, µs",
+            x="Time since the start of the ramp (µs)",
             y="Frequency over 77 GHz (MHz)",
             x_range=(0, 8),
             y_range=(0, 150),
@@ -156,8 +156,8 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
         self._ramps.add_texts("words", "ink", x_offset=8, text_baseline="middle")
         self._ramps.add_legend("top_left")
         self._beat = LineFigure(
-            x="time since the start of the ramp, µs",
-            y="beat signal, real part",
+            x="Time since the start of the ramp (µs)",
+            y="Beat signal, real part",
             x_range=(0, 8),
             y_range=(-1.2, 1.7),
         )
@@ -167,18 +167,18 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
         self._root = column(self._ramps.figure, self._beat.figure, sizing_mode="stretch_both")
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
-    def compute_frame(self, settings: ChirpSettings, number: int) -> ChirpFrame:
-        return compute_chirp_frame(settings)
+    def compute_frame(self, settings: ChirpSettings, frame_number: int) -> ChirpFrame:
+        return compute_ramps_and_beat(settings)
 
-    def show_frame(self, frame: ChirpFrame) -> Mapping[str, str]:
+    def draw_frame_and_format_numbers(self, frame: ChirpFrame) -> Mapping[str, str]:
         chirp, now_us = frame.chirp, frame.now_s * 1e6
         ends_us = (0.0, chirp.ramp_duration_s * 1e6 * 1.14)
         top_mhz = chirp.ramp_bandwidth_hz / 1e6
-        self._ramps.set_limits(x=ends_us, y=(0.0, top_mhz * 1.05))
-        self._beat.set_limits(x=ends_us, y=(-1.2, 1.7))
+        self._ramps.set_axis_limits(x=ends_us, y=(0.0, top_mhz * 1.05))
+        self._beat.set_axis_limits(x=ends_us, y=(-1.2, 1.7))
         for name, time_s, hz in (
             ("sent", frame.sent_s, frame.sent_hz),
             ("echo", frame.echo_s, frame.echo_hz),

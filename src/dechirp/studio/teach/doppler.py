@@ -18,7 +18,7 @@ from dechirp.studio.teach.mixer_demo import (
     MixerComparison,
     MixerFrame,
     MixerSettings,
-    compare_mixers,
+    compute_frames_of_both_mixers,
 )
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.line_figure import LineFigure
@@ -47,7 +47,7 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
         ),
     )
     knobs: ClassVar = {
-        "velocity_m_per_s": Dial("Velocity, receding positive, m/s", -60, 60, 1, 20),
+        "velocity_m_per_s": Dial("Velocity (m/s, receding positive)", -60, 60, 1, 20),
         "ramp": Choice("Ramp", (RAMP, NO_RAMP), RAMP),
         "guard": Choice("Guard cells on each side", tuple(GUARDS), "4 cells"),
         "false_alarms": Choice("False alarms in a cell", ("1e-6", "1e-4", "1e-3"), "1e-6"),
@@ -104,8 +104,8 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
         )
         self._one.figure.add_layout(bar, "right")
         self._phase = LineFigure(
-            x="chirp",
-            y="phase of the target's beat, turns",
+            x="Chirp",
+            y="Phase of the target's beat (turns)",
             x_range=(-1, 128),
             y_range=(-0.55, 0.75),
         )
@@ -133,20 +133,22 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
         )
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
-    def compute_frame(self, settings: MixerSettings, number: int) -> MixerComparison:
-        return compare_mixers(settings, number)
+    def compute_frame(self, settings: MixerSettings, frame_number: int) -> MixerComparison:
+        return compute_frames_of_both_mixers(settings, frame_number)
 
-    def show_frame(self, frame: MixerComparison) -> Mapping[str, str]:
+    def draw_frame_and_format_numbers(self, frame: MixerComparison) -> Mapping[str, str]:
         two_mixers, one_mixer, settings = frame.two_mixers, frame.one_mixer, frame.settings
         radar = settings.radar("complex")
         for map_, mixer_frame, name in (
             (self._two, two_mixers, "Two mixers"),
             (self._one, one_mixer, "One mixer"),
         ):
-            map_.show_map(mixer_frame, radar, x_label=_BEAT if settings.ramp == NO_RAMP else _RANGE)
+            map_.draw_map_near_target(
+                mixer_frame, radar, x_label=_BEAT if settings.ramp == NO_RAMP else _RANGE
+            )
             strongest = mixer_frame.velocity_m_per_s[
                 np.argmax(mixer_frame.power[:, mixer_frame.column])
             ]
@@ -162,11 +164,11 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
             self._cut.set_data(
                 name,
                 x=mixer_frame.velocity_m_per_s,
-                y=_to_shown_db(mixer_frame.power[:, mixer_frame.column]),
+                y=_to_clipped_db(mixer_frame.power[:, mixer_frame.column]),
             )
         self._phase.set_title(f"The phase turns from chirp to chirp: {radar.frame.n_chirps} of 128")
         self._cut.set_title("Through the target along velocity")
-        self._show_threshold(frame)
+        self._draw_threshold_and_training_cells(frame)
         waveform = radar.frame
         pending_text = "at 128 chirps"
         return {
@@ -180,7 +182,7 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
             ),
         }
 
-    def _show_threshold(self, comparison: MixerComparison) -> None:
+    def _draw_threshold_and_training_cells(self, comparison: MixerComparison) -> None:
         two_mixers, training_window = comparison.two_mixers, comparison.training_window
         if two_mixers.threshold is None:
             self._cut.set_data("threshold", x=[], y=[])
@@ -190,7 +192,7 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
         self._cut.set_data(
             "threshold",
             x=two_mixers.velocity_m_per_s,
-            y=_to_shown_db(two_mixers.threshold[:, two_mixers.column]),
+            y=_to_clipped_db(two_mixers.threshold[:, two_mixers.column]),
         )
         step = float(two_mixers.velocity_m_per_s[1] - two_mixers.velocity_m_per_s[0])
         peak = two_mixers.velocity_m_per_s[np.argmax(two_mixers.power[:, two_mixers.column])]
@@ -203,8 +205,8 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
         )
         self._cut.set_data("guard", left=[peak - inner], right=[peak + inner])
 
-    def next_values(self, values: Mapping[str, Any]) -> Mapping[str, float]:
-        return {} if values["play"] == _WHOLE_FRAMES else super().next_values(values)
+    def next_knob_values(self, knob_values: Mapping[str, Any]) -> Mapping[str, float]:
+        return {} if knob_values["play"] == _WHOLE_FRAMES else super().next_knob_values(knob_values)
 
     def apply_theme(self, theme: Theme) -> None:
         for drawing in (self._two, self._one, self._phase, self._cut):
@@ -227,7 +229,7 @@ class _MapFigure(LineFigure):
         self.figure.grid.visible = False
         self.add_marks("over", "threshold", size=5)
 
-    def show_map(self, mixer_frame: MixerFrame, radar: Radar, *, x_label: str) -> None:
+    def draw_map_near_target(self, mixer_frame: MixerFrame, radar: Radar, *, x_label: str) -> None:
         """Draw the columns near the target."""
         chirp, frame = radar.frame.chirp, radar.frame
         first = max(mixer_frame.column - 15, 0)
@@ -238,9 +240,9 @@ class _MapFigure(LineFigure):
         ends = ((first - 0.5) * step, (last - 0.5) * step)
         velocity_step = frame.velocity_resolution_m_per_s
         low = float(mixer_frame.velocity_m_per_s[0]) - velocity_step / 2
-        self.set_limits(x=ends, y=(self.figure.y_range.start, self.figure.y_range.end))
+        self.set_axis_limits(x=ends, y=(self.figure.y_range.start, self.figure.y_range.end))
         self._image.data = {
-            "image": [_to_shown_db(mixer_frame.power[:, first:last])],
+            "image": [_to_clipped_db(mixer_frame.power[:, first:last])],
             "x": [ends[0]],
             "y": [low],
             "dw": [ends[1] - ends[0]],
@@ -256,6 +258,6 @@ class _MapFigure(LineFigure):
         )
 
 
-def _to_shown_db(power: np.ndarray) -> np.ndarray:
+def _to_clipped_db(power: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore"):
         return np.maximum(to_decibels(power), _LOW_DB - 5).astype(np.float32)

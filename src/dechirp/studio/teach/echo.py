@@ -67,18 +67,18 @@ class EchoFrame:
     """Interpolated power between the bins."""
 
     @property
-    def peak_m(self) -> float:
+    def strongest_range_m(self) -> float:
         """Range of the strongest bin."""
         return float(self.bins_m[np.argmax(self.bins)])
 
 
 @cache
-def single_chirp_radar() -> Radar:
+def reference_radar_with_one_chirp() -> Radar:
     """Return the reference radar with one chirp per frame."""
     return replace(reference_radar(), frame=replace(reference_radar().frame, n_chirps=1))
 
 
-def echo_samples(range_m: float, second_target: str) -> np.ndarray:
+def noise_free_echo_samples(range_m: float, second_target: str) -> np.ndarray:
     """Return the noise-free echoes (sample,) of one chirp; the first alone has power 1."""
     first = Target(position_m=(range_m, 0.0, 0.0), rcs_m2=RCS_M2)
     targets = [first]
@@ -89,17 +89,19 @@ def echo_samples(range_m: float, second_target: str) -> np.ndarray:
         rcs_m2 = RCS_M2 * spread * float(from_decibels(level_db))
         targets.append(Target(position_m=(range_m + behind_m, 0.0, 0.0), rcs_m2=rcs_m2))
     first_echo, both = (
-        simulate_ideal_echoes(Scene(targets=scene_targets), single_chirp_radar()).values[0, 0, 0]
+        simulate_ideal_echoes(
+            Scene(targets=scene_targets), reference_radar_with_one_chirp()
+        ).values[0, 0, 0]
         for scene_targets in ((first,), tuple(targets))
     )
     return np.asarray(both / np.sqrt(np.mean(abs(first_echo) ** 2)))
 
 
-def compute_echo_frame(settings: EchoSettings) -> EchoFrame:
+def compute_echo_and_spectrum(settings: EchoSettings) -> EchoFrame:
     """Compute the beat signal and its spectrum."""
     n = int(settings.n_samples)
     chirp = replace(reference_radar().frame.chirp, n_samples=n)
-    kept_samples = echo_samples(settings.range_m, settings.second_target)[:n]
+    kept_samples = noise_free_echo_samples(settings.range_m, settings.second_target)[:n]
     transform = Transform(window=settings.window, n_points=n, n_bins=n * int(settings.padding))
     fine_transform = replace(transform, n_bins=_FINE_BINS)
     cube = xr.DataArray(kept_samples, dims="sample")
@@ -179,8 +181,8 @@ class EchoLesson(Lesson[EchoSettings, EchoFrame]):
         super().__init__(EchoSettings)
         last_us = reference_radar().frame.chirp.sampled_duration_s * 1e6
         self._signal = LineFigure(
-            x="time since the first sample, µs",
-            y="beat signal, real part",
+            x="Time since the first sample (µs)",
+            y="Beat signal, real part",
             x_range=(0, last_us * 1.01),
             y_range=(-2.1, 2.1),
         )
@@ -189,7 +191,7 @@ class EchoLesson(Lesson[EchoSettings, EchoFrame]):
         self._signal.add_legend()
         self._spectrum = LineFigure(
             x="Range (m)",
-            y="power, dB over the first target",
+            y="Power relative to the first target (dB)",
             x_range=SHOWN_M,
             y_range=(LOWEST_DB, 9),
         )
@@ -201,18 +203,18 @@ class EchoLesson(Lesson[EchoSettings, EchoFrame]):
         self._root = column(self._signal.figure, self._spectrum.figure, sizing_mode="stretch_both")
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
-    def compute_frame(self, settings: EchoSettings, number: int) -> EchoFrame:
-        return compute_echo_frame(settings)
+    def compute_frame(self, settings: EchoSettings, frame_number: int) -> EchoFrame:
+        return compute_echo_and_spectrum(settings)
 
-    def show_frame(self, frame: EchoFrame) -> Mapping[str, str]:
+    def draw_frame_and_format_numbers(self, frame: EchoFrame) -> Mapping[str, str]:
         time_us = frame.time_s * 1e6
         self._signal.set_data("samples", x=time_us, y=frame.tapered)
         self._signal.set_data("window", x=time_us, y=frame.transform.weights)
-        fine_m, fine_db = _shown_part_db(frame.fine_m, frame.fine)
-        bins_m, bins_db = _shown_part_db(frame.bins_m, frame.bins)
+        fine_m, fine_db = _crop_to_shown_ranges_db(frame.fine_m, frame.fine)
+        bins_m, bins_db = _crop_to_shown_ranges_db(frame.bins_m, frame.bins)
         self._spectrum.set_data("fine", x=fine_m, y=fine_db)
         self._spectrum.set_data(
             "stems", x=bins_m, low=np.full(bins_m.size, LOWEST_DB), high=bins_db
@@ -229,15 +231,17 @@ class EchoLesson(Lesson[EchoSettings, EchoFrame]):
         n = frame.chirp.n_samples
         self._signal.set_title(f"{n:,} samples: {time_us[-1]:.1f} µs of the ramp")
         self._spectrum.set_title(
-            f"Spectrum: range bins of {cell_m:.2f} m, the strongest at {frame.peak_m:.2f} m"
+            f"Spectrum: range bins of {cell_m:.2f} m,"
+            f" the strongest at {frame.strongest_range_m:.2f} m"
         )
+        main_lobe_m = 2 * cell_m * _half_main_lobe_in_unpadded_bins(frame)
         straddle = frame.transform.straddling_loss(beat_hz / frame.chirp.sample_rate_hz)
         return {
             "beat of the target": f"{beat_hz / 1e6:.3f} MHz",
-            "strongest bin": f"{frame.peak_m:.2f} m",
+            "strongest bin": f"{frame.strongest_range_m:.2f} m",
             "bin width c / 2B": f"{cell_m:.2f} m",
             "lost between bins": f"{abs(float(to_decibels(straddle))):.1f} dB",
-            "main lobe, zero to zero": f"{2 * cell_m * _half_main_lobe_bins(frame):.1f} m",
+            "main lobe, zero to zero": f"{main_lobe_m:.1f} m",
         }
 
     def apply_theme(self, theme: Theme) -> None:
@@ -245,7 +249,9 @@ class EchoLesson(Lesson[EchoSettings, EchoFrame]):
             drawing.apply_theme(theme)
 
 
-def _shown_part_db(range_m: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _crop_to_shown_ranges_db(
+    range_m: np.ndarray, power: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the shown part of a spectrum in dB, limited from below."""
     is_shown = (range_m >= SHOWN_M[0]) & (range_m <= SHOWN_M[1])
     return range_m[is_shown], np.asarray(
@@ -253,7 +259,7 @@ def _shown_part_db(range_m: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, 
     )
 
 
-def _half_main_lobe_bins(frame: EchoFrame) -> float:
+def _half_main_lobe_in_unpadded_bins(frame: EchoFrame) -> float:
     """Return half the main-lobe width in bins without zero padding."""
     return (
         frame.transform.main_lobe_half_width_bins

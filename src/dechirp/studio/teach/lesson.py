@@ -26,7 +26,7 @@ class Dial:
     step: float
     first: float
 
-    def widget(self) -> Slider:
+    def create_widget(self) -> Slider:
         """Create the slider."""
         decimals = max(0, int(np.ceil(-np.log10(self.step) - 1e-9)))
         return Slider(
@@ -39,7 +39,7 @@ class Dial:
             sizing_mode="stretch_width",
         )
 
-    def parse_value(self, value: Any) -> float:
+    def parse_browser_value(self, value: Any) -> float:
         """Parse a value from the browser to a number within bounds."""
         is_number = isinstance(value, int | float) and np.isfinite(value)
         return float(np.clip(value, self.start, self.end)) if is_number else self.first
@@ -53,7 +53,7 @@ class Choice:
     options: tuple[str, ...]
     first: str
 
-    def widget(self) -> Select:
+    def create_widget(self) -> Select:
         """Create the selection widget."""
         return Select(
             title=self.title,
@@ -62,7 +62,7 @@ class Choice:
             sizing_mode="stretch_width",
         )
 
-    def parse_value(self, value: Any) -> str:
+    def parse_browser_value(self, value: Any) -> str:
         """Parse a value from the browser to one of the options."""
         return str(value) if value in self.options else self.first
 
@@ -80,8 +80,8 @@ class Experiment:
 class Lesson(ABC, Generic[S, T]):
     """One lesson on one page.
 
-    `compute_frame` computes the results from the settings on the worker; `show_frame` draws them on
-    the event loop.
+    `compute_frame` computes the results from the settings on the worker;
+    `draw_frame_and_format_numbers` draws them on the event loop.
 
     Parameters
     ----------
@@ -102,33 +102,36 @@ class Lesson(ABC, Generic[S, T]):
     def __init__(self, settings: Callable[..., S]) -> None:
         self._settings = settings
 
-    def build_settings(self, values: Mapping[str, Any]) -> S:
+    def build_settings(self, knob_values: Mapping[str, Any]) -> S:
         """Build settings from the knob values of the browser."""
         return self._settings(
-            **{name: knob.parse_value(values[name]) for name, knob in self.knobs.items()}
+            **{
+                name: knob.parse_browser_value(knob_values[name])
+                for name, knob in self.knobs.items()
+            }
         )
 
-    def next_values(self, values: Mapping[str, Any]) -> Mapping[str, float]:
+    def next_knob_values(self, knob_values: Mapping[str, Any]) -> Mapping[str, float]:
         """Return the knob values that play changes for the next frame."""
         name, step = self.animated_dial
         dial = self.knobs[name]
         assert isinstance(dial, Dial)
-        value = round((dial.parse_value(values[name]) + step) / dial.step) * dial.step
+        value = round((dial.parse_browser_value(knob_values[name]) + step) / dial.step) * dial.step
         if not dial.start - dial.step / 2 <= value <= dial.end + dial.step / 2:
             value = dial.start if step > 0 else dial.end
         return {name: value}
 
     @property
     @abstractmethod
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         """Root element of the figures."""
 
     @abstractmethod
-    def compute_frame(self, settings: S, number: int) -> T:
-        """Compute a frame; `number` counts frames of the playback and determines the noise."""
+    def compute_frame(self, settings: S, frame_number: int) -> T:
+        """Compute a frame; its number, counted during playback, determines the noise."""
 
     @abstractmethod
-    def show_frame(self, frame: T) -> Mapping[str, str]:
+    def draw_frame_and_format_numbers(self, frame: T) -> Mapping[str, str]:
         """Draw a frame and return the numbers to show beside the figures, by label."""
 
     @abstractmethod

@@ -92,7 +92,9 @@ class MixerComparison:
     training_window: TrainingWindow
 
 
-def simulate_noisy_frame(settings: MixerSettings, sampling: Sampling, number: int) -> xr.DataArray:
+def simulate_noisy_frame(
+    settings: MixerSettings, sampling: Sampling, frame_number: int
+) -> xr.DataArray:
     """Simulate a frame (chirp, rx, sample) of the target in noise of mean power 1."""
     radar = settings.radar(sampling)
     clean = simulate_ideal_echoes(
@@ -112,13 +114,15 @@ def simulate_noisy_frame(settings: MixerSettings, sampling: Sampling, number: in
     amplitude = np.sqrt(float(from_decibels(QUIET_SNR_DB)) / power)
     cube = (clean * amplitude).astype(single)
     cube.values = np.ascontiguousarray(cube.values)
-    add_white_noise(cube.values, 1.0, np.random.default_rng((2, number)))
+    add_white_noise(cube.values, 1.0, np.random.default_rng((2, frame_number)))
     return cube
 
 
-def compute_mixer_frame(settings: MixerSettings, sampling: Sampling, number: int) -> MixerFrame:
+def compute_map_and_phases(
+    settings: MixerSettings, sampling: Sampling, frame_number: int
+) -> MixerFrame:
     """Compute the frame of one kind of mixer."""
-    radar, cube = settings.radar(sampling), simulate_noisy_frame(settings, sampling, number)
+    radar, cube = settings.radar(sampling), simulate_noisy_frame(settings, sampling, frame_number)
     # Training cells of two mixers: finding the rows with circular noise of one mixer takes 0.15 s.
     frame, chain = radar.frame, settings.chain.fit_to_radar(settings.radar("complex"))
     map_ = power_map(cube, radar, chain)
@@ -147,11 +151,11 @@ def compute_mixer_frame(settings: MixerSettings, sampling: Sampling, number: int
     )
 
 
-def compare_mixers(settings: MixerSettings, number: int) -> MixerComparison:
+def compute_frames_of_both_mixers(settings: MixerSettings, frame_number: int) -> MixerComparison:
     """Compute the frames of both kinds of mixer with the same noise seed."""
     return MixerComparison(
         settings=settings,
-        two_mixers=compute_mixer_frame(settings, "complex", number),
-        one_mixer=compute_mixer_frame(settings, "real", number),
+        two_mixers=compute_map_and_phases(settings, "complex", frame_number),
+        one_mixer=compute_map_and_phases(settings, "real", frame_number),
         training_window=settings.chain.fit_to_radar(settings.radar("complex")).cfar.training_window,
     )

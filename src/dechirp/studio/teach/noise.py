@@ -15,7 +15,7 @@ from dechirp.studio.teach.trials import (
     HitCounter,
     NoiseFrame,
     NoiseSettings,
-    compute_noise_frame,
+    compute_cuts_and_hits,
 )
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.line_figure import LineFigure
@@ -114,20 +114,24 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
         self._root = column(self._cut.figure, self._shares.figure, sizing_mode="stretch_both")
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self._root
 
-    def compute_frame(self, settings: NoiseSettings, number: int) -> NoiseFrame:
-        return compute_noise_frame(settings, number)
+    def compute_frame(self, settings: NoiseSettings, frame_number: int) -> NoiseFrame:
+        return compute_cuts_and_hits(settings, frame_number)
 
-    def show_frame(self, frame: NoiseFrame) -> Mapping[str, str]:
+    def draw_frame_and_format_numbers(self, frame: NoiseFrame) -> Mapping[str, str]:
         settings = frame.settings
-        self._hits.add(frame)
+        self._hits.add_hits_of_frame(frame)
         # The report's bins are zero-padded and lie elsewhere, but its threshold is as smooth.
-        self._cut.set_data("power", **_shown_columns_db(frame.chain.range_m, frame.chain.power))
-        self._cut.set_data("chain", **_shown_columns_db(frame.chain.range_m, frame.chain.threshold))
         self._cut.set_data(
-            "report", **_shown_columns_db(frame.report.range_m, frame.report.threshold)
+            "power", **_crop_to_shown_line_db(frame.chain.range_m, frame.chain.power)
+        )
+        self._cut.set_data(
+            "chain", **_crop_to_shown_line_db(frame.chain.range_m, frame.chain.threshold)
+        )
+        self._cut.set_data(
+            "report", **_crop_to_shown_line_db(frame.report.range_m, frame.report.threshold)
         )
         self._cut.set_data("truth", x=[REFERENCE_TARGET.range_m], low=[-8], high=[56])
         self._shares.set_data("now", x=[settings.snr_db], low=[-0.04], high=[1.08])
@@ -139,7 +143,7 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
             ("chain", "cell averaging", frame.theory, -0.1),
             ("report", "the report's rule", frame.report_theory, 0.1),
         ):
-            shares = self._hits.hit_rates(settings.window, detector)
+            shares = self._hits.hit_rates_with_intervals(settings.window, detector)
             self._shares.set_data(f"{detector} theory", x=frame.theory_db, y=curve)
             shown_db = shares[:, 0] + offset_db  # keeps both marks visible
             self._shares.set_data(
@@ -160,15 +164,17 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
         )
         return numbers
 
-    def next_values(self, values: Mapping[str, Any]) -> Mapping[str, float]:
-        return {} if values["play"] == _CONSTANT_NOISE else super().next_values(values)
+    def next_knob_values(self, knob_values: Mapping[str, Any]) -> Mapping[str, float]:
+        return (
+            {} if knob_values["play"] == _CONSTANT_NOISE else super().next_knob_values(knob_values)
+        )
 
     def apply_theme(self, theme: Theme) -> None:
         for drawing in (self._cut, self._shares):
             drawing.apply_theme(theme)
 
 
-def _shown_columns_db(range_m: np.ndarray, power: np.ndarray) -> dict[str, np.ndarray]:
+def _crop_to_shown_line_db(range_m: np.ndarray, power: np.ndarray) -> dict[str, np.ndarray]:
     is_shown = (range_m >= _SHOWN_M[0] - 1) & (range_m <= _SHOWN_M[1] + 1)
     return {"x": range_m[is_shown], "y": np.maximum(to_decibels(power[is_shown]), -8)}
 

@@ -15,10 +15,10 @@ from bokeh.models import Button, Div
 from dechirp.core.errors import DechirpError
 from dechirp.report.check_values import apply_typography
 from dechirp.report.equations import equation_svg
-from dechirp.studio.browser_events import BrowserState, browser_script, read_studio_file
+from dechirp.studio.browser_events import BrowserState, browser_javascript, read_studio_asset_text
 from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.teach.lesson import Experiment, Lesson
-from dechirp.studio.theme import DARK, LIGHT, page_style, widget_theme
+from dechirp.studio.theme import DARK, LIGHT, bokeh_widget_theme, page_css
 
 _FRAME_S = 1 / 15
 """Shortest time between frames: sufficient for animation, as lessons share one worker."""
@@ -42,7 +42,7 @@ class LessonPage:
         Number of the lesson, from 1, and number of lessons.
     worker : Executor
         Worker that computes frames for all pages.
-    limits : Limits
+    limits : PageLimits
         Limits, among them the frame rate.
     """
 
@@ -61,44 +61,44 @@ class LessonPage:
         self._has_changes, self._playing = True, False
         lesson = self._lesson
         self._browser, self._sent_s = BrowserState(name="browser"), 0.0
-        self._browser.on_change("dark", self._on_shade)
+        self._browser.on_change("dark", self._apply_shade)
         self._browser.on_change("play_keys", lambda attr, old, new: self._toggle_play())
-        self._knobs = {name: knob.widget() for name, knob in lesson.knobs.items()}
+        self._knobs = {name: knob.create_widget() for name, knob in lesson.knobs.items()}
         for knob in self._knobs.values():
-            knob.on_change("value", self._on_knob)
+            knob.on_change("value", self._mark_knobs_changed)
         self._play = _new_button(_PLAY, self._toggle_play, name="play")
         self._numbers = Div(name="numbers", css_classes=["lesson"], sizing_mode="stretch_width")
         self._answer = Div(name="answer", text=_INVITATION, sizing_mode="stretch_width")
         tries = [
             _new_button(
                 apply_typography(one.question),
-                partial(self._start_experiment, one),
+                partial(self._set_up_experiment, one),
                 name=f"try_{index}",
             )
             for index, one in enumerate(lesson.experiments)
         ]
-        lesson.root.name, lesson.root.tags = "figures", [self._browser]
+        lesson.root_element.name, lesson.root_element.tags = "figures", [self._browser]
         lesson.apply_theme(LIGHT)
         knobs = column(*self._knobs.values(), name="knobs", sizing_mode="stretch_width")
-        for root in (lesson.root, knobs, self._play, self._numbers, *tries, self._answer):
+        for root in (lesson.root_element, knobs, self._play, self._numbers, *tries, self._answer):
             document.add_root(root)
         document.title = f"{lesson.title} · dechirp"
-        document.theme = widget_theme()
-        document.template = read_studio_file("teach", "lesson.html")
+        document.theme = bokeh_widget_theme()
+        document.template = read_studio_asset_text("teach", "lesson.html")
         document.template_variables.update(
             lesson=lesson,
             says=apply_typography(lesson.introduction),
             number=number,
             n_lessons=n_lessons,
             formulas=[(equation_svg(tex), words) for tex, words in lesson.formulas],
-            style=page_style(),
-            script=browser_script(),
+            style=page_css(),
+            script=browser_javascript(),
         )
         document.add_periodic_callback(
             self._draw_next, round(1000 * max(_FRAME_S, limits.min_frame_interval_s))
         )
 
-    def _on_knob(self, attr: str, old: object, new: object) -> None:
+    def _mark_knobs_changed(self, attr: str, old: object, new: object) -> None:
         self._has_changes = True
 
     def _toggle_play(self) -> None:
@@ -106,12 +106,12 @@ class LessonPage:
         self._playing = not self._playing
         self._play.label = _PAUSE if self._playing else _PLAY
 
-    def _start_experiment(self, experiment: Experiment) -> None:
+    def _set_up_experiment(self, experiment: Experiment) -> None:
         for name, knob in self._lesson.knobs.items():
             self._knobs[name].value = experiment.knob_values.get(name, knob.first)
         self._answer.text = apply_typography(experiment.answer)
 
-    def _on_shade(self, attr: str, old: bool, dark: bool) -> None:
+    def _apply_shade(self, attr: str, old: bool, dark: bool) -> None:
         self._lesson.apply_theme(DARK if dark else LIGHT)
 
     async def _draw_next(self) -> None:
@@ -121,7 +121,7 @@ class LessonPage:
             return
         if self._playing:
             self._frame += 1
-            for name, value in self._lesson.next_values(self._knob_values()).items():
+            for name, value in self._lesson.next_knob_values(self._knob_values()).items():
                 self._knobs[name].value = value
         elif not self._has_changes:
             return
@@ -132,22 +132,24 @@ class LessonPage:
             frame = await loop.run_in_executor(
                 self._worker, self._lesson.compute_frame, settings, self._frame
             )
-            self._numbers.text = _numbers_html(self._lesson.show_frame(frame))
+            self._numbers.text = _numbers_table_html(
+                self._lesson.draw_frame_and_format_numbers(frame)
+            )
             self._browser.n_frames_sent += 1
             self._sent_s = monotonic()
         except DechirpError as error:
-            self._show_error(
+            self._show_error_and_pause(
                 " ".join(f"{m.value}; expected {m.expected}; {m.fix}." for m in error.mistakes)
             )
         except Exception:
             # The page shows an error and continues, as do all others.
             _log.exception("a lesson failed")
-            self._show_error("Internal error; see the log of the server.")
+            self._show_error_and_pause("Internal error; see the log of the server.")
 
     def _knob_values(self) -> dict[str, Any]:
         return {name: knob.value for name, knob in self._knobs.items()}
 
-    def _show_error(self, reason: str) -> None:
+    def _show_error_and_pause(self, reason: str) -> None:
         self._answer.text = reason
         if self._playing:
             self._toggle_play()
@@ -163,7 +165,7 @@ def _new_button(label: str, on_press: Callable[[], None], *, name: str) -> Butto
     return button
 
 
-def _numbers_html(numbers: Mapping[str, str]) -> str:
+def _numbers_table_html(numbers: Mapping[str, str]) -> str:
     """Format labelled numbers as HTML; both come from the lessons, not from users."""
     rows = (
         f"<tr><td>{apply_typography(name)}</td><td>{apply_typography(value)}</td></tr>"

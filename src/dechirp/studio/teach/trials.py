@@ -62,7 +62,7 @@ class NoiseFrame:
     chain: RangeCut
     report: RangeCut
     hits: np.ndarray
-    """By cell averaging of powers, in each of N_EACH frames; the cuts are of the first."""
+    """By cell averaging of powers, in each of N_FRAMES frames; the cuts are of the first."""
     report_hits: np.ndarray
     snr_in_cell_db: float
     """SNR of the echo in its cell of the map."""
@@ -73,26 +73,31 @@ class NoiseFrame:
     report_theory: np.ndarray
 
 
-def _generator(number: int) -> np.random.Generator:
+def _noise_generator(block_number: int) -> np.random.Generator:
     """Return the generator of the noise of a block, the same for both detectors."""
-    return np.random.default_rng((SEED, number))
+    return np.random.default_rng((SEED, block_number))
 
 
-def detection_hits(snr_db: float, window: Window, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """In which frames the target is found, (N_EACH,) each: cell averaging, the report's rule."""
+def simulate_hits_of_both_detectors(
+    snr_db: float, window: Window, block_number: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the hits (N_FRAMES,) of cell averaging and of the report's rule in a block of trials."""
     conditions = (TrialCondition(window=window, snr_db=(snr_db,)),)
     chain_trials = run_target_trials(
-        _generator(number), N_FRAMES, **REFERENCE_TARGET._asdict(), conditions=conditions
+        _noise_generator(block_number),
+        N_FRAMES,
+        **REFERENCE_TARGET._asdict(),
+        conditions=conditions,
     )
-    report_trials = run_report_trials(_generator(number), N_FRAMES, snr_db=(snr_db,))
+    report_trials = run_report_trials(_noise_generator(block_number), N_FRAMES, snr_db=(snr_db,))
     return trial_column(chain_trials, "hit")[:, 0] > 0, report_trials[:, 1] > 0
 
 
-def chain_cut(snr_db: float, window: Window, number: int) -> RangeCut:
+def cell_averaging_range_cut(snr_db: float, window: Window, block_number: int) -> RangeCut:
     """Return power and threshold of cell averaging along range at the velocity of the target."""
     chain = Chain(range_window=window, doppler_window=window, angle=None)
     clean = unit_power_echo(*REFERENCE_TARGET).values[0]
-    samples = _add_noise(clean, snr_db, number)
+    samples = _add_block_noise(clean, snr_db, block_number)
     cube = xr.DataArray(samples, dims=CUBE_AXES[1:])
     power = power_map(cube, reference_radar(), chain)
     threshold = threshold_map(power, reference_radar(), chain)
@@ -106,10 +111,10 @@ def chain_cut(snr_db: float, window: Window, number: int) -> RangeCut:
     )
 
 
-def report_cut(snr_db: float, number: int) -> RangeCut:
+def report_rule_range_cut(snr_db: float, block_number: int) -> RangeCut:
     """Return squared amplitude and threshold of the report's rule for the same frame."""
     amplitude, threshold, _ = published.apply_report_rule(
-        _add_noise(echo_after_arrival(), snr_db, number)
+        _add_block_noise(echo_after_arrival(), snr_db, block_number)
     )
     over_range, over_velocity = published.OVER_RANGE, published.OVER_VELOCITY
     mean = noise_gain(over_range, over_velocity, reference_radar().frame.chirp)
@@ -120,29 +125,34 @@ def report_cut(snr_db: float, number: int) -> RangeCut:
     )
 
 
-def _add_noise(clean: np.ndarray, snr_db: float, number: int) -> np.ndarray:
+def _add_block_noise(clean_echo: np.ndarray, snr_db: float, block_number: int) -> np.ndarray:
     """Add the noise of the first frame of a block to an echo of power 1."""
     amplitude = np.float32(np.sqrt(from_decibels(snr_db)))
-    return np.asarray(amplitude * clean + complex_white_noise(_generator(number), clean.shape))
+    return np.asarray(
+        amplitude * clean_echo
+        + complex_white_noise(_noise_generator(block_number), clean_echo.shape)
+    )
 
 
 @cache
-def theoretical_curves(window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def theoretical_detection_curves(window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return SNR in dB and the detection probabilities of cell averaging and the report's rule."""
     snr_db = np.linspace(*SNR_DB, 133)
     probability = sensitivity.theoretical_curve(window)(snr_db)
     return snr_db, probability, sensitivity.report_rule_curve()(snr_db)
 
 
-def compute_noise_frame(settings: NoiseSettings, number: int) -> NoiseFrame:
+def compute_cuts_and_hits(settings: NoiseSettings, block_number: int) -> NoiseFrame:
     """Compute the cuts of one frame, the detections of several, and the theory."""
-    hits, report_hits = detection_hits(settings.snr_db, settings.window, number)
-    theory_db, theory, report_theory = theoretical_curves(settings.window)
+    hits, report_hits = simulate_hits_of_both_detectors(
+        settings.snr_db, settings.window, block_number
+    )
+    theory_db, theory, report_theory = theoretical_detection_curves(settings.window)
     return NoiseFrame(
         settings=settings,
-        number=number,
-        chain=chain_cut(settings.snr_db, settings.window, number),
-        report=report_cut(settings.snr_db, number),
+        number=block_number,
+        chain=cell_averaging_range_cut(settings.snr_db, settings.window, block_number),
+        report=report_rule_range_cut(settings.snr_db, block_number),
         hits=hits,
         report_hits=report_hits,
         snr_in_cell_db=snr_in_cell_db(settings),
@@ -153,7 +163,7 @@ def compute_noise_frame(settings: NoiseSettings, number: int) -> NoiseFrame:
 
 
 def snr_in_cell_db(settings: NoiseSettings) -> float:
-    """SNR of the echo in its cell of the map."""
+    """Return the SNR of the echo in its cell of the map."""
     noise = Chain(
         range_window=settings.window, doppler_window=settings.window
     ).map_noise_statistics(reference_radar())
@@ -162,9 +172,9 @@ def snr_in_cell_db(settings: NoiseSettings) -> float:
 
 
 @lru_cache(maxsize=1024)
-def _hit_interval(hits: int, frames: int) -> tuple[float, float]:
+def _hit_rate_confidence_interval(n_hits: int, n_frames: int) -> tuple[float, float]:
     """Return the interval of a proportion, cached: those of all levels take 20 ms."""
-    return confidence_intervals.binomial_interval(hits, frames, confidence=CONFIDENCE)
+    return confidence_intervals.binomial_interval(n_hits, n_frames, confidence=CONFIDENCE)
 
 
 class HitCounter:
@@ -176,7 +186,7 @@ class HitCounter:
         """Conditions already counted in the current block."""
         self._counts: Counter[tuple[str, float, str]] = Counter()
 
-    def add(self, frame: NoiseFrame) -> None:
+    def add_hits_of_frame(self, frame: NoiseFrame) -> None:
         """Count the frames of a block."""
         window, snr_db = frame.settings.window, frame.settings.snr_db
         if frame.number != self._number:
@@ -188,11 +198,11 @@ class HitCounter:
         self._counts[window, snr_db, "chain"] += int(frame.hits.sum())
         self._counts[window, snr_db, "report"] += int(frame.report_hits.sum())
 
-    def hit_rates(self, window: Window, detector: str) -> np.ndarray:
+    def hit_rates_with_intervals(self, window: Window, detector: str) -> np.ndarray:
         """Return SNR in dB, detection rate, both ends of its interval, and frames; (n, 5)."""
         rows = []
         for (counted_window, snr_db, count), n in sorted(self._counts.items()):
             if (counted_window, count) == (window, "frames"):
                 k = self._counts[window, snr_db, detector]
-                rows.append((snr_db, k / n, *_hit_interval(k, n), n))
+                rows.append((snr_db, k / n, *_hit_rate_confidence_interval(k, n), n))
         return np.reshape(rows, (-1, 5))

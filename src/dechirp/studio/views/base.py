@@ -23,14 +23,14 @@ class View(ABC):
 
     @property
     @abstractmethod
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         """Root element that the page embeds."""
 
     @abstractmethod
-    def show_frame(self, moment: FrameState) -> None:
+    def show_frame(self, frame_state: FrameState) -> None:
         """Show a frame."""
 
-    def update_caption(self, moment: FrameState) -> None:  # noqa: B027 - not every view has one
+    def update_caption(self, frame_state: FrameState) -> None:  # noqa: B027 - not every view has one
         """Update title and note; at most 5 times a second during playback.
 
         Changed text triggers a new page layout, which takes a third of the browser's time for a

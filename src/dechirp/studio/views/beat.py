@@ -12,15 +12,20 @@ from dechirp.core.text import (
 )
 from dechirp.report.figures.beat import engineering_exponent
 from dechirp.report.figures.style import thin_line
-from dechirp.studio.browser_events import on_position_event
+from dechirp.studio.browser_events import register_position_callback
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
-from dechirp.studio.views.figure_style import STATIC_LEVEL, floor_db, stable_limits_db, stable_top
+from dechirp.studio.views.figure_style import (
+    STATIC_LEVEL,
+    level_12_db_below_median,
+    limits_rounded_to_10_db,
+    round_up_to_1_2_5,
+)
 from dechirp.studio.views.line_figure import LineFigure
-from dechirp.studio.views.map_markers import truth_on_map
-from dechirp.studio.views.toggle_tile import ToggleTile, colour_text
+from dechirp.studio.views.map_markers import target_map_positions
+from dechirp.studio.views.toggle_tile import ToggleTile, coloured_html
 
 _MAX_BLOCKS = 300  # two points each: as many as a tile has pixels
 _SIGNAL, _SPECTRUM = "Signal", "Spectrum"
@@ -37,15 +42,15 @@ class BeatView(View):
         self._caption = "", ""
         """Title and note of the last shown frame."""
         self.signal = LineFigure(
-            x="time since the start of the ramp, µs",
-            y="amplitude",
+            x="Time since the start of the ramp (µs)",
+            y="Amplitude",
             x_range=(0, 1),
             y_range=(-1, 1),
         )
         self.signal.add_line("imaginary", "muted", line_width=1, line_alpha=0.8)
         self.signal.add_line("real", "echo", line_width=1.5)
         self.spectrum = LineFigure(
-            x="Beat frequency (MHz)", y="power", x_range=(0, 1), y_range=(-1, 1)
+            x="Beat frequency (MHz)", y="Power", x_range=(0, 1), y_range=(-1, 1)
         )
         self.spectrum.add_vertical_lines("truth", "truth", line_width=1.5, line_dash="2 3")
         self.spectrum.add_vertical_lines("cursor", "cursor", line_width=1, line_dash="3 3")
@@ -62,59 +67,62 @@ class BeatView(View):
             ),
             "above",
         )
-        on_position_event(self.spectrum.figure, Tap, self._move_cursor)
+        register_position_callback(self.spectrum.figure, Tap, self._move_cursor)
         self.tile = ToggleTile(
             self.name,
             {_SIGNAL: self.signal.figure, _SPECTRUM: self.spectrum.figure},
-            on_switch=self._show_again,
+            on_switch=self._redraw_last_frame,
         )
 
     @property
-    def root(self) -> UIElement:
-        return self.tile.root
+    def root_element(self) -> UIElement:
+        return self.tile.root_element
 
-    def show_frame(self, moment: FrameState) -> None:
+    def show_frame(self, frame_state: FrameState) -> None:
         if self.tile.active_label == _SIGNAL:
-            self._show_signal(moment)
+            self._draw_signal(frame_state)
         else:
-            self._show_spectrum(moment)
+            self._draw_spectrum(frame_state)
 
-    def update_caption(self, moment: FrameState) -> None:
+    def update_caption(self, frame_state: FrameState) -> None:
         self.tile.set_caption(*self._caption)
 
     def apply_theme(self, theme: Theme) -> None:
         for drawing in (self.signal, self.spectrum):
             drawing.apply_theme(theme)
 
-    def _show_signal(self, moment: FrameState) -> None:
-        samples, time_us = moment.beat.samples, moment.beat.time_s * 1e6
-        units = str(moment.samples.attrs.get("units", ""))
+    def _draw_signal(self, frame_state: FrameState) -> None:
+        samples, time_us = (
+            frame_state.beat_and_spectrum.samples,
+            frame_state.beat_and_spectrum.time_s * 1e6,
+        )
+        units = str(frame_state.samples.attrs.get("units", ""))
         parts = {"real": samples.real}
         if np.iscomplexobj(samples):
             parts["imaginary"] = samples.imag
         else:
             self.signal.set_data("imaginary", x=[], y=[])
-        top = stable_top(max(float(abs(part).max()) for part in parts.values()))
+        top = round_up_to_1_2_5(max(float(abs(part).max()) for part in parts.values()))
         exponent = engineering_exponent(top)
         for name, part in parts.items():
             x, y = thin_line(time_us, part / 10.0**exponent, _MAX_BLOCKS)
             self.signal.set_data(name, x=x, y=y)
         limit = top / 10.0**exponent
-        self.signal.set_limits(x=(float(time_us[0]), float(time_us[-1])), y=(-limit, limit))
+        self.signal.set_axis_limits(x=(float(time_us[0]), float(time_us[-1])), y=(-limit, limit))
         unit = units.replace("sqrt(W)", "√W")
         unit = unit if exponent == 0 else f"{format_power_of_ten(exponent)} {unit}"
         self.signal.figure.yaxis.axis_label = f"amplitude, {unit}"
         level_db = float(power_to_dbm_or_dbfs(np.mean(abs(samples) ** 2), units))
-        legend = [colour_text("in phase", "echo")]
-        legend += [colour_text("in quadrature", "muted")] if len(parts) > 1 else []
+        legend = [coloured_html("in phase", "echo")]
+        legend += [coloured_html("in quadrature", "muted")] if len(parts) > 1 else []
         self._caption = (
             f"Beat signal: {format_number(level_db, 3)} {power_level_unit(units)}",
             f"first chirp, first receiver: {', '.join(legend)}",
         )
 
-    def _show_spectrum(self, moment: FrameState) -> None:
-        beat, chirp = moment.beat, moment.radar.frame.chirp
-        units = str(moment.samples.attrs.get("units", ""))
+    def _draw_spectrum(self, frame_state: FrameState) -> None:
+        beat, chirp = frame_state.beat_and_spectrum, frame_state.radar.frame.chirp
+        units = str(frame_state.samples.attrs.get("units", ""))
         to_mhz = chirp.beat_frequency_hz(1.0) / 1e6
         frequency_mhz = beat.range_m * to_mhz
         lines = {
@@ -126,24 +134,26 @@ class BeatView(View):
             self.spectrum.set_data(name, x=x, y=y)
         strongest = int(np.argmax(beat.profile))
         highest_db = max(float(level_db.max()) for level_db in lines.values())
-        low_db, top_db = stable_limits_db(floor_db(lines["first"]), highest_db)
+        low_db, top_db = limits_rounded_to_10_db(
+            level_12_db_below_median(lines["first"]), highest_db
+        )
         max_range_m = float(beat.range_m[-1])
-        self.spectrum.set_limits(x=(0.0, max_range_m * to_mhz), y=(low_db, top_db))
+        self.spectrum.set_axis_limits(x=(0.0, max_range_m * to_mhz), y=(low_db, top_db))
         if self._range_axis.end != max_range_m:
             self._range_axis.end = max_range_m
         self.spectrum.figure.yaxis.axis_label = f"power, {power_level_unit(units)}"
-        true_positions, _ = truth_on_map(moment)
+        true_positions, _ = target_map_positions(frame_state)
         for name, range_m in (
             ("truth", true_positions.range_m),
-            ("cursor", [moment.cursor.range_m]),
+            ("cursor", [frame_state.cursor.range_m]),
         ):
             x = np.asarray(range_m) * to_mhz
             self.spectrum.set_data(
                 name, x=x, low=np.full(len(x), low_db), high=np.full(len(x), top_db)
             )
-        legend = [colour_text("first chirp", "muted")]
-        legend += [colour_text("mean over chirps", "echo")]
-        legend += [colour_text("truth", "truth")] if len(true_positions.range_m) else []
+        legend = [coloured_html("first chirp", "muted")]
+        legend += [coloured_html("mean over chirps", "echo")]
+        legend += [coloured_html("truth", "truth")] if len(true_positions.range_m) else []
         self._caption = (
             f"Strongest: {format_number(frequency_mhz[strongest], 3)} MHz,"
             f" {format_number(beat.range_m[strongest], 3)} m",
@@ -151,13 +161,13 @@ class BeatView(View):
             f" {', '.join(legend)}",
         )
 
-    def _show_again(self) -> None:
+    def _redraw_last_frame(self) -> None:
         if self.session.frame_state is not None:
             self.show_frame(self.session.frame_state)
             self.update_caption(self.session.frame_state)
 
-    def _move_cursor(self, x: float, _: float) -> None:
-        moment = self.session.frame_state
-        if moment is not None:
-            range_m = moment.radar.frame.chirp.range_m(x * 1e6)
-            self.session.move_cursor(moment.cursor._replace(range_m=range_m))
+    def _move_cursor(self, frequency_mhz: float, _: float) -> None:
+        frame_state = self.session.frame_state
+        if frame_state is not None:
+            range_m = frame_state.radar.frame.chirp.range_m(frequency_mhz * 1e6)
+            self.session.move_cursor(frame_state.cursor._replace(range_m=range_m))

@@ -14,7 +14,7 @@ from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
-from dechirp.studio.views.map_markers import detections_on_map, order_by_snr
+from dechirp.studio.views.map_markers import detection_map_positions, detection_order_by_snr
 from dechirp.studio.views.table_tile import MAX_ROWS, Heading, TableTile, row_at_cursor
 
 
@@ -43,45 +43,45 @@ class DetectionsView(View):
         self.table = TableTile(self.name, _HEADINGS, on_pick=session.move_cursor)
 
     @property
-    def root(self) -> UIElement:
-        return self.table.root
+    def root_element(self) -> UIElement:
+        return self.table.root_element
 
-    def show_frame(self, moment: FrameState) -> None:
-        targets = self._matched_targets(moment)
-        columns = detection_columns(moment) | {"target": targets}
-        map_positions, _ = detections_on_map(moment)
+    def show_frame(self, frame_state: FrameState) -> None:
+        targets = self._nearest_target_names(frame_state)
+        columns = detection_columns(frame_state) | {"target": targets}
+        map_positions, _ = detection_map_positions(frame_state)
         cursors = [Cursor(*map(float, place)) for place in zip(*map_positions, strict=True)]
         visible = {
             key: bool(np.isfinite(column).any())
             for key, column in columns.items()
             if key in _ANGLES
         }
-        self.table.show_columns(visible | {"target": moment.truth is not None})
+        self.table.set_column_visibility(visible | {"target": frame_state.truth is not None})
         self.table.show_rows(
-            _detections_title(targets, moment),
+            _detections_title(targets, frame_state),
             columns,
             cursors=cursors,
-            selected=row_at_cursor(map_positions, moment),
+            selected=row_at_cursor(map_positions, frame_state),
         )
 
     def apply_theme(self, theme: Theme) -> None:
         """Do nothing: the widgets inherit the colours of the page."""
 
-    def _matched_targets(self, moment: FrameState) -> np.ndarray:
+    def _nearest_target_names(self, frame_state: FrameState) -> np.ndarray:
         """Return the target name of each detection, strongest first."""
-        scenario, truth = self.session.scenario, moment.truth
-        order = order_by_snr(moment)
+        scenario, truth = self.session.scenario, frame_state.truth
+        order = detection_order_by_snr(frame_state)
         if truth is None or scenario.radar is None:
             return np.full(order.size, EN_DASH, dtype=object)
-        columns = {str(name): column.values for name, column in moment.detections.items()}
+        columns = {str(name): column.values for name, column in frame_state.detections.items()}
         target = Associator(truth, scenario.radar, scenario.scene).nearest_targets(columns)[order]
         names = np.array([*truth.target.values.tolist(), _NO_TARGET], dtype=object)
         return np.asarray(names[target])
 
 
-def detection_columns(moment: FrameState) -> dict[str, np.ndarray]:
+def detection_columns(frame_state: FrameState) -> dict[str, np.ndarray]:
     """Return the columns of the detections, strongest first: angles in degrees, SNR in dB."""
-    detections, order = moment.detections, order_by_snr(moment)
+    detections, order = frame_state.detections, detection_order_by_snr(frame_state)
     return {
         key: BY_NAME[key].to_shown_unit(detections[key].values[order])
         for key in _HEADINGS
@@ -89,15 +89,15 @@ def detection_columns(moment: FrameState) -> dict[str, np.ndarray]:
     }
 
 
-def _detections_title(targets: np.ndarray, moment: FrameState) -> str:
+def _detections_title(targets: np.ndarray, frame_state: FrameState) -> str:
     """Return the numbers of detections and of detected targets as a title."""
     n = targets.size
     title = "Nothing detected" if n == 0 else pluralise(n, "detection")
     if n > MAX_ROWS:
         title = f"The strongest {MAX_ROWS} of {title}"
-    if moment.truth is None:
+    if frame_state.truth is None:
         return title
-    names = moment.truth.target.values.tolist()
+    names = frame_state.truth.target.values.tolist()
     n_detected = len(set(targets.tolist()) & set(names))
     title += f": {n_detected} of {pluralise(len(names), 'target')} found" if names else ""
     return f"{title}, {int(np.sum(targets == _NO_TARGET))} of no target" if n else title

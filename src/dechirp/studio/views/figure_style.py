@@ -12,7 +12,7 @@ _STEP_DB = 10.0
 _MAX_SPAN_DB = 100.0  # without noise, window sidelobes reach down 200 dB
 
 
-def stable_top(largest: float) -> float:
+def round_up_to_1_2_5(largest: float) -> float:
     """Round up to 1, 2 or 5 times a power of ten; 1 for zero."""
     if not largest > 0:
         return 1.0
@@ -20,14 +20,14 @@ def stable_top(largest: float) -> float:
     return next(step * decade for step in (1, 2, 5, 10, 20) if step * decade >= largest)
 
 
-def stable_limits_db(lowest_db: float, highest_db: float) -> tuple[float, float]:
+def limits_rounded_to_10_db(lowest_db: float, highest_db: float) -> tuple[float, float]:
     """Return limits in multiples of 10 dB around both levels, at most 100 dB apart."""
     top_db = _STEP_DB * math.ceil((highest_db + 2) / _STEP_DB)
     bottom_db = _STEP_DB * math.floor(lowest_db / _STEP_DB)
     return min(max(bottom_db, top_db - _MAX_SPAN_DB), top_db - _STEP_DB), top_db
 
 
-def floor_db(level_db: np.ndarray) -> float:
+def level_12_db_below_median(level_db: np.ndarray) -> float:
     """Return the lower limit of a level axis: single noise cells reach down arbitrarily far."""
     return float(np.median(level_db)) - 12.0
 
@@ -38,7 +38,7 @@ STATIC_LEVEL = "overlay"
 """Paint level of static parts: text takes longer to paint than maps at 20 frames a second."""
 
 
-def plain_figure(*, title: str, x: str, y: str) -> figure:
+def create_plain_figure(*, title: str, x: str, y: str) -> figure:
     """Create a figure without a toolbar that fills its tile; `x` and `y` are axis labels."""
     new_figure = figure(
         title=title,
@@ -97,7 +97,7 @@ def apply_figure_theme(target_figure: figure, theme: Theme) -> None:
         bar.bar_line_color = bar.major_tick_line_color = None
 
 
-def power_to_levels(power: np.ndarray, top: float, span_db: float = SPAN_DB) -> np.ndarray:
+def power_to_image_levels(power: np.ndarray, top: float, span_db: float = SPAN_DB) -> np.ndarray:
     """Convert powers to uint8 levels: 255 at `top` and above, 0 at `span_db` below it.
 
     Zero power and NaN give 0, infinite power 255.
@@ -110,7 +110,7 @@ def power_to_levels(power: np.ndarray, top: float, span_db: float = SPAN_DB) -> 
     return np.minimum(levels, 255, out=levels).astype(np.uint8)
 
 
-def join_lines(lines: list[np.ndarray]) -> np.ndarray:
+def join_lines_with_gaps(lines: list[np.ndarray]) -> np.ndarray:
     """Join lines (n, 2) to one with gaps: sending one array takes a tenth of the time."""
     gap = np.full((1, 2), np.nan)
     parts = [part for line in lines for part in (line, gap)]

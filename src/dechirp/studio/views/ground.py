@@ -12,8 +12,8 @@ from dechirp.studio.theme import Theme
 from dechirp.studio.views.figure_style import (
     add_subtitle,
     apply_figure_theme,
-    join_lines,
-    plain_figure,
+    create_plain_figure,
+    join_lines_with_gaps,
 )
 
 # Fractions of the figure height, which is 170 pixels at 1280 x 720; larger pages have more space.
@@ -25,7 +25,7 @@ Box = tuple[float, float, float, float]
 
 
 def centred_label_boxes(positions: np.ndarray, names: Sequence[str]) -> list[Box]:
-    """Return the boxes of centred labels, for `place_labels`."""
+    """Return the boxes of centred labels, for `choose_label_offsets`."""
     halves = [len(name) * _LETTER / 2 for name in names]
     return [
         (x - half, x + half, y - _LINE / 2, y + _LINE / 2)
@@ -33,7 +33,7 @@ def centred_label_boxes(positions: np.ndarray, names: Sequence[str]) -> list[Box
     ]
 
 
-def place_labels(
+def choose_label_offsets(
     positions: np.ndarray, names: Sequence[str], occupied_boxes: Sequence[Box] = ()
 ) -> dict[str, Sequence[object]]:
     """Return alignment and pixel offsets of labels beside their marks.
@@ -58,10 +58,14 @@ def place_labels(
     for (x, y), name in zip(positions.astype(float), names, strict=True):
         outward = 1 if x > 0 else -1
         candidates = product((outward, -outward), (0, 1, -1))
-        boxes = {(side, up): _label_box(x, y, side, up, len(name)) for side, up in candidates}
+        boxes = {
+            (side, up): _box_of_offset_label(x, y, side, up, len(name)) for side, up in candidates
+        }
         best = min(
             boxes,
-            key=lambda candidate: sum(_overlap(boxes[candidate], other) for other in occupied),
+            key=lambda candidate: sum(
+                _boxes_overlap(boxes[candidate], other) for other in occupied
+            ),
         )
         occupied.append(boxes[best])
         choices.append(best)
@@ -72,13 +76,13 @@ def place_labels(
     }
 
 
-def _label_box(x: float, y: float, side: int, up: int, n_letters: int) -> Box:
-    near, far = x + side * _AWAY, x + side * (_AWAY + n_letters * _LETTER)
-    bottom = y + (up - 0.5) * _LINE
+def _box_of_offset_label(x: float, y: float, side_sign: int, lines_up: int, n_letters: int) -> Box:
+    near, far = x + side_sign * _AWAY, x + side_sign * (_AWAY + n_letters * _LETTER)
+    bottom = y + (lines_up - 0.5) * _LINE
     return min(near, far), max(near, far), bottom, bottom + _LINE
 
 
-def _overlap(box: Box, other: Box) -> bool:
+def _boxes_overlap(box: Box, other: Box) -> bool:
     # Boxes of consecutive lines touch without overlapping.
     return (
         box[0] < other[1]
@@ -98,7 +102,9 @@ class TopView:
     """Figure with a renderer for each kind of mark; positions are (n, 2), left and forward, m."""
 
     def __init__(self, name: str) -> None:
-        self.figure = plain_figure(title="Top view", x="y (m, left positive)", y="x, m (forward)")
+        self.figure = create_plain_figure(
+            title="Top view", x="y (m, left positive)", y="x (m, forward)"
+        )
         self.figure.name = name
         self.figure.match_aspect = True
         self.figure.grid.visible = False
@@ -113,11 +119,11 @@ class TopView:
             DataRange1d(renderers=[self._limits], range_padding=0, flipped=flipped)
             for flipped in (True, False)
         )
-        self._rings = self._add_line(width=1)
-        self._field_of_view = self._add_line(width=1.2, dash="5 4")
-        self.cursor = self._add_line(width=1.2, dash="3 3")
-        self.tails = self._add_line(width=1.6)
-        self.errors = self._add_line(width=1.4)
+        self._rings = self._add_empty_line(width=1)
+        self._field_of_view = self._add_empty_line(width=1.2, dash="5 4")
+        self.cursor = self._add_empty_line(width=1.2, dash="3 3")
+        self.tails = self._add_empty_line(width=1.6)
+        self.errors = self._add_empty_line(width=1.4)
         self.scatterers = self._add_marks("dot", size=6)
         self.targets = self._add_marks("circle", size=6)
         self.detections = self._add_marks("circle", size=13)
@@ -136,15 +142,18 @@ class TopView:
         )
         self.figure.add_layout(self._arrows)
         move_marks(self._radar, np.zeros((1, 2)))
-        self.set_range(100.0, np.pi / 2)  # until the first frame
+        self.set_max_range_and_field_of_view(100.0, np.pi / 2)  # until the first frame
 
-    def set_range(self, max_range_m: float, half_view_rad: float) -> None:
+    def set_max_range_and_field_of_view(self, max_range_m: float, half_view_rad: float) -> None:
         """Set the largest range, with rings at round ranges and the field of view."""
         self.max_range_m = max_range_m
         move_marks(self._limits, max_range_m * np.array([[-0.5, -0.06], [0.5, 1.0]]))
         step_m = round_down_to_1_2_5(max_range_m / 2)
         radii_m = np.arange(step_m, 1.4 * max_range_m, step_m)
-        move_marks(self._rings, join_lines([arc_m(radius_m, np.pi) for radius_m in radii_m]))
+        move_marks(
+            self._rings,
+            join_lines_with_gaps([arc_positions_m(radius_m, np.pi) for radius_m in radii_m]),
+        )
         labelled_m = radii_m[radii_m * np.cos(_RING_LABEL_ANGLE_RAD) < 0.95 * max_range_m]
         labels_m = labelled_m[:, None] * (
             -np.sin(_RING_LABEL_ANGLE_RAD),
@@ -156,11 +165,11 @@ class TopView:
         origin = np.zeros((1, 2))
         move_marks(
             self._field_of_view,
-            np.concatenate([origin, arc_m(1.5 * max_range_m, half_view_rad), origin]),
+            np.concatenate([origin, arc_positions_m(1.5 * max_range_m, half_view_rad), origin]),
         )
 
-    def draw_targets(
-        self, names: Sequence[str], positions_m: np.ndarray, ends_m: np.ndarray
+    def draw_targets_with_arrows(
+        self, names: Sequence[str], positions_m: np.ndarray, arrow_tips_m: np.ndarray
     ) -> None:
         """Draw targets with arrows along their velocity; only the first ones have names."""
         move_marks(self.targets, positions_m)
@@ -169,14 +178,16 @@ class TopView:
             self._names,
             labels_m,
             shown_names,
-            **place_labels(labels_m / self.max_range_m, shown_names, self._ring_label_boxes),
+            **choose_label_offsets(
+                labels_m / self.max_range_m, shown_names, self._ring_label_boxes
+            ),
         )
-        moves = np.any(positions_m != ends_m, axis=1)
+        moves = np.any(positions_m != arrow_tips_m, axis=1)
         self._arrows.source.data = {
             **_xy_columns(positions_m[moves]),
             **{
                 f"to_{coordinate}": values
-                for coordinate, values in _xy_columns(ends_m[moves]).items()
+                for coordinate, values in _xy_columns(arrow_tips_m[moves]).items()
             },
         }
 
@@ -201,7 +212,7 @@ class TopView:
         self._arrows.line_color = theme.truth
         self._arrows.end.line_color = self._arrows.end.fill_color = theme.truth
 
-    def _add_line(self, *, width: float, dash: str = "solid") -> GlyphRenderer:
+    def _add_empty_line(self, *, width: float, dash: str = "solid") -> GlyphRenderer:
         source = ColumnDataSource({"x": [], "y": []})
         return self.figure.line("x", "y", source=source, line_width=width, line_dash=dash)
 
@@ -249,9 +260,9 @@ def write_labels(
     renderer.data_source.data = {**_xy_columns(positions_m), "text": list(texts), **columns}
 
 
-def arc_m(radius_m: float, half_rad: float) -> np.ndarray:
+def arc_positions_m(radius_m: float, half_angle_rad: float) -> np.ndarray:
     """Return positions at one range within an angle to each side."""
-    angle = np.linspace(-half_rad, half_rad, 91)
+    angle = np.linspace(-half_angle_rad, half_angle_rad, 91)
     return radius_m * np.stack([np.sin(angle), np.cos(angle)], axis=-1)
 
 

@@ -23,7 +23,7 @@ class LineFigure:
         y_range: tuple[float, float],
         title: str = "",
     ) -> None:
-        self.figure: figure = figure_style.plain_figure(title=title or " ", x=x, y=y)
+        self.figure: figure = figure_style.create_plain_figure(title=title or " ", x=x, y=y)
         self.figure.x_range = Range1d(*x_range)
         self.figure.y_range = Range1d(*y_range)
         self._colour_roles: list[tuple[GlyphRenderer, str]] = []
@@ -32,39 +32,45 @@ class LineFigure:
 
     def add_line(self, name: str, role: str, *, label: str = "", **style: object) -> None:
         """Add a line over `x` and `y`."""
-        self._register(
-            name, role, label, self.figure.line("x", "y", source=self._add_source(name), **style)
+        self._register_glyph(
+            name,
+            role,
+            label,
+            self.figure.line("x", "y", source=self._add_empty_data_source(name), **style),
         )
 
     def add_marks(self, name: str, role: str, *, label: str = "", **style: object) -> None:
         """Add marks at `x` and `y`."""
-        self._register(
-            name, role, label, self.figure.scatter("x", "y", source=self._add_source(name), **style)
+        self._register_glyph(
+            name,
+            role,
+            label,
+            self.figure.scatter("x", "y", source=self._add_empty_data_source(name), **style),
         )
 
     def add_vertical_lines(self, name: str, role: str, *, label: str = "", **style: object) -> None:
         """Add vertical lines from `low` to `high` at `x`."""
-        source = self._add_source(name, "x", "low", "high")
+        source = self._add_empty_data_source(name, "x", "low", "high")
         renderer = self.figure.segment("x", "low", "x", "high", source=source, **style)
-        self._register(name, role, label, renderer)
+        self._register_glyph(name, role, label, renderer)
 
     def add_bands(self, name: str, role: str, *, label: str = "", alpha: float) -> None:
         """Add vertical bands from `left` to `right`, behind everything else."""
         renderer = self.figure.vstrip(
             "left",
             "right",
-            source=self._add_source(name, "left", "right"),
+            source=self._add_empty_data_source(name, "left", "right"),
             fill_alpha=alpha,
             line_alpha=0,
             level="underlay",
         )
-        self._register(name, role, label, renderer)
+        self._register_glyph(name, role, label, renderer)
 
     def add_texts(self, name: str, role: str, **style: object) -> None:
         """Add texts at `x` and `y`."""
-        source = self._add_source(name, "x", "y", "text")
+        source = self._add_empty_data_source(name, "x", "y", "text")
         renderer = self.figure.text("x", "y", "text", source=source, text_font_size="12px", **style)
-        self._register(name, role, "", renderer)
+        self._register_glyph(name, role, "", renderer)
 
     def set_data(self, name: str, **columns: Sequence[object] | np.ndarray) -> None:
         """Replace the data of a source; numbers are sent in single precision."""
@@ -77,7 +83,9 @@ class LineFigure:
         """Set the title."""
         self.figure.title.text = apply_typography(title)
 
-    def set_limits(self, *, x: tuple[float, float] | None = None, y: tuple[float, float]) -> None:
+    def set_axis_limits(
+        self, *, x: tuple[float, float] | None = None, y: tuple[float, float]
+    ) -> None:
         """Set the limits of the axes; unchanged limits are not sent."""
         for axis, ends in ((self.figure.x_range, x), (self.figure.y_range, y)):
             if ends is not None and (axis.start, axis.end) != ends:
@@ -112,11 +120,11 @@ class LineFigure:
                 if part in glyph.properties():
                     glyph.update(**{part: colour})
 
-    def _add_source(self, name: str, *columns: str) -> ColumnDataSource:
+    def _add_empty_data_source(self, name: str, *columns: str) -> ColumnDataSource:
         self._sources[name] = ColumnDataSource({key: [] for key in columns or ("x", "y")})
         return self._sources[name]
 
-    def _register(self, name: str, role: str, label: str, renderer: GlyphRenderer) -> None:
+    def _register_glyph(self, name: str, role: str, label: str, renderer: GlyphRenderer) -> None:
         renderer.name = name
         self._colour_roles.append((renderer, role))
         if label:

@@ -12,37 +12,39 @@ from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_do
 from dechirp.studio.frame_state import FrameState
 
 
-def order_by_snr(moment: FrameState) -> np.ndarray:
+def detection_order_by_snr(frame_state: FrameState) -> np.ndarray:
     """Return the order of the detections by falling SNR."""
-    return np.argsort(-moment.detections.variables["snr"].values, kind="stable")
+    return np.argsort(-frame_state.detections.variables["snr"].values, kind="stable")
 
 
 @lru_cache(maxsize=1)  # shared by several views: 0.1 ms each
-def detections_on_map(moment: FrameState) -> tuple[RangeVelocity, np.ndarray]:
+def detection_map_positions(frame_state: FrameState) -> tuple[RangeVelocity, np.ndarray]:
     """Return the map positions of the detections and their azimuths (rad), NaN if unknown."""
-    columns = moment.detections.variables
-    order = order_by_snr(moment)
+    columns = frame_state.detections.variables
+    order = detection_order_by_snr(frame_state)
     positions = RangeVelocity(columns["range"].values[order], columns["velocity"].values[order])
-    return range_doppler_map_position(positions, moment.radar), columns["azimuth"].values[order]
+    return range_doppler_map_position(positions, frame_state.radar), columns["azimuth"].values[
+        order
+    ]
 
 
 @lru_cache(maxsize=1)
-def truth_on_map(moment: FrameState) -> tuple[RangeVelocity, np.ndarray]:
+def target_map_positions(frame_state: FrameState) -> tuple[RangeVelocity, np.ndarray]:
     """Return the aliased map positions of the targets and their azimuths; empty if unknown."""
-    if moment.truth is None:
+    if frame_state.truth is None:
         return RangeVelocity(np.empty(0), np.empty(0)), np.empty(0)
-    truth = moment.truth.variables
+    truth = frame_state.truth.variables
     positions = RangeVelocity(truth["range"].values.ravel(), truth["velocity"].values.ravel())
     apparent = range_doppler_map_position(
-        alias_range_velocity(positions, moment.radar), moment.radar
+        alias_range_velocity(positions, frame_state.radar), frame_state.radar
     )
     return apparent, truth["azimuth"].values.ravel()
 
 
-def detections_with_azimuth(moment: FrameState) -> GroundDetections:
+def detections_with_azimuth(frame_state: FrameState) -> GroundDetections:
     """Return the detections with an azimuth, strongest first."""
-    columns = moment.detections.variables
-    order = order_by_snr(moment)
+    columns = frame_state.detections.variables
+    order = detection_order_by_snr(frame_state)
     rows = order[np.isfinite(columns["azimuth"].values[order])]
     return GroundDetections(
         range_m=columns["range"].values[rows],
@@ -51,12 +53,12 @@ def detections_with_azimuth(moment: FrameState) -> GroundDetections:
         range_std_m=columns["range_std"].values[rows],
         azimuth_std_rad=columns["azimuth_std"].values[rows],
         is_unambiguous=np.isfinite(columns["ambiguity_number"].values[rows]),
-        field_of_view_rad=moment.chain.field_of_view.azimuth_rad,
+        field_of_view_rad=frame_state.chain.field_of_view.azimuth_rad,
     )
 
 
-def ranges_without_azimuth(moment: FrameState) -> np.ndarray:
+def ranges_of_detections_without_azimuth(frame_state: FrameState) -> np.ndarray:
     """Return the ranges of the detections without azimuth, strongest first."""
-    columns = moment.detections.variables
-    order = order_by_snr(moment)
+    columns = frame_state.detections.variables
+    order = detection_order_by_snr(frame_state)
     return columns["range"].values[order[np.isnan(columns["azimuth"].values[order])]]

@@ -20,7 +20,7 @@ from bokeh.models import (
 from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
 from dechirp.core.units import from_decibels
 from dechirp.report.figures.range_doppler import block_maxima
-from dechirp.studio.browser_events import on_position_event
+from dechirp.studio.browser_events import register_position_callback
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
@@ -30,8 +30,8 @@ from dechirp.studio.views.figure_style import (
     STATIC_LEVEL,
     add_subtitle,
     apply_figure_theme,
-    plain_figure,
-    power_to_levels,
+    create_plain_figure,
+    power_to_image_levels,
 )
 
 _MAX_CELLS = (256, 384)  # sent along y and x: 96 KiB
@@ -49,7 +49,7 @@ class MapView(View):
 
     def __init__(self, session: Session, *, title: str, x: str, y: str) -> None:
         super().__init__(session)
-        self.figure = plain_figure(title=title, x=x, y=y)
+        self.figure = create_plain_figure(title=title, x=x, y=y)
         self.figure.name = self.name
         self.figure.grid.visible = False
         self.figure.x_range, self.figure.y_range = Range1d(0, 1), Range1d(0, 1)
@@ -62,7 +62,7 @@ class MapView(View):
         self._image_glyph = self.figure.image(
             image="image", x=0, y=0, dw=1, dh=1, source=self.image, color_mapper=self._level_mapper
         ).glyph
-        self._bar = _colour_bar(self._power_mapper)
+        self._bar = _create_colour_bar(self._power_mapper)
         self.figure.add_layout(self._bar, "right")
         self._marks = list(self._add_marks())
         self._vertical_line, self._horizontal_line = (
@@ -72,11 +72,11 @@ class MapView(View):
         self.figure.add_layout(self._vertical_line)
         self.figure.add_layout(self._horizontal_line)
         for event in (Tap, Pan):
-            on_position_event(self.figure, event, self._move_cursor)
+            register_position_callback(self.figure, event, self._move_cursor)
         self.figure.on_event(DoubleTap, lambda _: session.move_cursor(None))
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self.figure
 
     def apply_theme(self, theme: Theme) -> None:
@@ -87,7 +87,7 @@ class MapView(View):
     def cursor_at_position(self, x: float, y: float) -> Cursor:
         """Return the cursor for a position in the figure."""
 
-    def set_extent(self, x: tuple[float, float], y: tuple[float, float]) -> None:
+    def set_image_extent(self, x: tuple[float, float], y: tuple[float, float]) -> None:
         """Set the extent of the image along x and y."""
         if (self.figure.x_range.start, self.figure.x_range.end) != x:
             self.figure.x_range.update(start=x[0], end=x[1])
@@ -102,7 +102,9 @@ class MapView(View):
         top_db, bottom_db = self._colour_limits_db(power, units)
         top = float(from_decibels(top_db - zero_db))
         self.image.data = {
-            "image": [power_to_levels(block_maxima(power, _MAX_CELLS), top, top_db - bottom_db)]
+            "image": [
+                power_to_image_levels(block_maxima(power, _MAX_CELLS), top, top_db - bottom_db)
+            ]
         }
         if (self._power_mapper.low, self._power_mapper.high) != (bottom_db, top_db):
             self._power_mapper.update(low=bottom_db, high=top_db)
@@ -136,7 +138,7 @@ class MapView(View):
         self._vertical_line.location, self._horizontal_line.location = x, y
 
     @property
-    def legend(self) -> str:
+    def legend_text(self) -> str:
         """Legend of the marks that are present."""
         texts = [
             texts
@@ -164,7 +166,7 @@ class MapView(View):
             self.session.move_cursor(self.cursor_at_position(x, y))
 
 
-def _colour_bar(mapper: LinearColorMapper) -> ColorBar:
+def _create_colour_bar(mapper: LinearColorMapper) -> ColorBar:
     return ColorBar(
         title="Power (dBm)",
         level=STATIC_LEVEL,

@@ -26,12 +26,14 @@ class MicroDopplerView(MapView):
         times.ticker.desired_num_ticks = 4  # their labels have many decimals
         times.formatter = BasicTickFormatter(use_scientific=False)  # 5.000e-4 would be longer
 
-    def show_frame(self, moment: FrameState) -> None:
-        power = moment.micro_doppler.transpose("velocity", "time")
+    def show_frame(self, frame_state: FrameState) -> None:
+        power = frame_state.micro_doppler.transpose("velocity", "time")
         time_s, velocity_m_per_s = power.time.values, power.velocity.values
-        self.set_extent(_time_limits_s(time_s, moment), axis_edges(velocity_m_per_s))
-        self.draw_power(power.values, units=str(moment.samples.attrs.get("units", "")))
-        self.draw_cursor(None, moment.cursor.velocity_m_per_s)
+        self.set_image_extent(
+            _time_axis_limits_s(time_s, frame_state), axis_edges(velocity_m_per_s)
+        )
+        self.draw_power(power.values, units=str(frame_state.samples.attrs.get("units", "")))
+        self.draw_cursor(None, frame_state.cursor.velocity_m_per_s)
         now_m_per_s = velocity_m_per_s[int(np.argmax(power.values[:, -1]))]
         self.figure.title.text = (
             f"Micro-Doppler: strongest at {format_number(now_m_per_s, 2)} m/s now"
@@ -39,19 +41,19 @@ class MicroDopplerView(MapView):
         where = (
             "each about its strongest"
             if self.session.cursor is None
-            else f"about {format_number(moment.cursor.range_m, 3)} m"
+            else f"about {format_number(frame_state.cursor.range_m, 3)} m"
         )
         self.note.text = f"{pluralise(time_s.size, 'frame')}, {where}"
 
     def cursor_at_position(self, x: float, y: float) -> Cursor:
-        moment = self.session.frame_state
-        assert moment is not None
-        return moment.cursor._replace(velocity_m_per_s=y)
+        frame_state = self.session.frame_state
+        assert frame_state is not None
+        return frame_state.cursor._replace(velocity_m_per_s=y)
 
 
-def _time_limits_s(time_s: np.ndarray, moment: FrameState) -> tuple[float, float]:
+def _time_axis_limits_s(time_s: np.ndarray, frame_state: FrameState) -> tuple[float, float]:
     """Return the time limits of the columns; a single column has the width of its frame."""
     if time_s.size > 1:
         return axis_edges(time_s)
-    half_s = moment.radar.frame.duration_s / 2
+    half_s = frame_state.radar.frame.duration_s / 2
     return float(time_s[0] - half_s), float(time_s[0] + half_s)

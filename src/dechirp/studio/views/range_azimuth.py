@@ -7,7 +7,7 @@ from dechirp.report.figures.common import axis_edges
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
-from dechirp.studio.views.map_markers import detections_on_map, truth_on_map
+from dechirp.studio.views.map_markers import detection_map_positions, target_map_positions
 from dechirp.studio.views.map_view import MapView
 
 _TITLE = "Range-azimuth map"
@@ -22,44 +22,44 @@ class RangeAzimuthView(MapView):
     def __init__(self, session: Session) -> None:
         super().__init__(session, title=_TITLE, x="Azimuth (°, left positive)", y="Range (m)")
 
-    def show_frame(self, moment: FrameState) -> None:
-        power = moment.azimuth_power
+    def show_frame(self, frame_state: FrameState) -> None:
+        power = frame_state.azimuth_power
         if power is None:
-            self._show_empty(moment)
+            self._clear_map(frame_state)
             return
         self._bar.visible = True
         azimuth_deg = np.degrees(power.azimuth.values)
         shown_deg = np.linspace(azimuth_deg[0], azimuth_deg[-1], _STEPS)
         right, left = axis_edges(shown_deg)
-        self.set_extent((left, right), axis_edges(power.range.values))
+        self.set_image_extent((left, right), axis_edges(power.range.values))
         nearest = abs(azimuth_deg - shown_deg[:, None]).argmin(axis=1)
         self.draw_power(
             power.transpose("range", "azimuth").values[:, nearest],
-            units=str(moment.samples.attrs.get("units", "")),
+            units=str(frame_state.samples.attrs.get("units", "")),
         )
-        detections, detections_rad = detections_on_map(moment)
-        truth, truth_rad = truth_on_map(moment)
+        detections, detections_rad = detection_map_positions(frame_state)
+        truth, truth_rad = target_map_positions(frame_state)
         self.draw_marks(self.detections, np.degrees(detections_rad), detections.range_m)
         self.draw_marks(self.truth, np.degrees(truth_rad), truth.range_m)
-        self.draw_cursor(None, moment.cursor.range_m)
+        self.draw_cursor(None, frame_state.cursor.range_m)
 
-    def update_caption(self, moment: FrameState) -> None:
-        if moment.azimuth_power is None:
+    def update_caption(self, frame_state: FrameState) -> None:
+        if frame_state.azimuth_power is None:
             self.figure.title.text = f"{_TITLE}: this array has no azimuth resolution"
             self.note.text = "Add elements at several positions along y."
             return
-        detections, detections_rad = detections_on_map(moment)
+        detections, detections_rad = detection_map_positions(frame_state)
         self.figure.title.text = (
-            f"{_TITLE}: {_strongest_text(np.degrees(detections_rad), detections.range_m)}"
+            f"{_TITLE}: {_strongest_detection_text(np.degrees(detections_rad), detections.range_m)}"
         )
-        self.note.text = f"{self.legend}   ┄ range of the cursor"
+        self.note.text = f"{self.legend_text}   ┄ range of the cursor"
 
     def cursor_at_position(self, x: float, y: float) -> Cursor:
-        moment = self.session.frame_state
-        return Cursor(y, 0.0 if moment is None else moment.cursor.velocity_m_per_s)
+        frame_state = self.session.frame_state
+        return Cursor(y, 0.0 if frame_state is None else frame_state.cursor.velocity_m_per_s)
 
-    def _show_empty(self, moment: FrameState) -> None:
-        self.set_extent((90.0, -90.0), axis_edges(moment.power.range.values))
+    def _clear_map(self, frame_state: FrameState) -> None:
+        self.set_image_extent((90.0, -90.0), axis_edges(frame_state.power.range.values))
         self._bar.visible = False
         self.image.data = {"image": [np.zeros((1, 1), np.uint8)]}
         for marks in (self.detections, self.truth):
@@ -73,7 +73,7 @@ def format_azimuth(azimuth_deg: float) -> str:
     return f"{abs(azimuth_deg):.1f}°{suffix}"
 
 
-def _strongest_text(azimuth_deg: np.ndarray, range_m: np.ndarray) -> str:
+def _strongest_detection_text(azimuth_deg: np.ndarray, range_m: np.ndarray) -> str:
     finite = np.flatnonzero(np.isfinite(azimuth_deg))
     if not finite.size:
         return "no directions"

@@ -6,7 +6,7 @@ from dechirp.report.figures.common import axis_edges, cell_width
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
-from dechirp.studio.views.map_markers import detections_on_map, truth_on_map
+from dechirp.studio.views.map_markers import detection_map_positions, target_map_positions
 from dechirp.studio.views.map_view import MapView
 
 
@@ -20,23 +20,31 @@ class RangeDopplerView(MapView):
             session, title="Range-Doppler map", x="Range (m)", y="Velocity (m/s, receding positive)"
         )
 
-    def show_frame(self, moment: FrameState) -> None:
-        range_m, velocity_m_per_s = moment.power.range.values, moment.power.velocity.values
-        self.set_extent(axis_edges(range_m), axis_edges(velocity_m_per_s))
-        self.draw_power(moment.power.values, units=str(moment.samples.attrs.get("units", "")))
-        detections, _ = detections_on_map(moment)
-        truth, _ = truth_on_map(moment)
+    def show_frame(self, frame_state: FrameState) -> None:
+        range_m, velocity_m_per_s = (
+            frame_state.power.range.values,
+            frame_state.power.velocity.values,
+        )
+        self.set_image_extent(axis_edges(range_m), axis_edges(velocity_m_per_s))
+        self.draw_power(
+            frame_state.power.values, units=str(frame_state.samples.attrs.get("units", ""))
+        )
+        detections, _ = detection_map_positions(frame_state)
+        truth, _ = target_map_positions(frame_state)
         self.draw_marks(self.detections, *detections)
         self.draw_marks(self.truth, *truth)
-        self.draw_cursor(*moment.cursor)
+        self.draw_cursor(*frame_state.cursor)
 
-    def update_caption(self, moment: FrameState) -> None:
-        range_m, velocity_m_per_s = moment.power.range.values, moment.power.velocity.values
-        n_detections = moment.detections.sizes["detection"]
+    def update_caption(self, frame_state: FrameState) -> None:
+        range_m, velocity_m_per_s = (
+            frame_state.power.range.values,
+            frame_state.power.velocity.values,
+        )
+        n_detections = frame_state.detections.sizes["detection"]
         self.figure.title.text = f"Range-Doppler map: {pluralise(n_detections, 'detection')}"
         width_m, width_m_per_s = cell_width(range_m), cell_width(velocity_m_per_s)
         cell = f"{format_number(width_m, 2)} m {TIMES_SIGN} {format_number(width_m_per_s, 2)} m/s"
-        self.note.text = f"a cell: {cell}   {self.legend}"
+        self.note.text = f"a cell: {cell}   {self.legend_text}"
 
     def cursor_at_position(self, x: float, y: float) -> Cursor:
         return Cursor(x, y)

@@ -17,19 +17,22 @@ from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
 from dechirp.scene.rotations import from_local_axes, to_local_axes
 from dechirp.scene.scene import Scene
 from dechirp.scene.scene import Scene as Targets
-from dechirp.studio.browser_events import on_position_event
+from dechirp.studio.browser_events import register_position_callback
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
-from dechirp.studio.views.figure_style import join_lines
-from dechirp.studio.views.ground import TopView, arc_m, move_marks
-from dechirp.studio.views.map_markers import detections_with_azimuth, ranges_without_azimuth
+from dechirp.studio.views.figure_style import join_lines_with_gaps
+from dechirp.studio.views.ground import TopView, arc_positions_m, move_marks
+from dechirp.studio.views.map_markers import (
+    detections_with_azimuth,
+    ranges_of_detections_without_azimuth,
+)
 from dechirp.studio.views.tracks import TrackTails
 
 
-def initial_position_m(
+def position_at_time_zero_m(
     scene: Scene, name: str, position_m: tuple[float, float], time_s: float
 ) -> tuple[float, float, float]:
     """Return the position at time zero of a target that is at a given position later.
@@ -64,7 +67,7 @@ def initial_position_m(
     return x, y, z
 
 
-def format_position(position_m: tuple[float, float, float]) -> str:
+def format_position_setting(position_m: tuple[float, float, float]) -> str:
     """Format a position for settings, to a tenth of a millimetre."""
     return f"[{', '.join(f'{coordinate:.4f} m' for coordinate in position_m)}]"
 
@@ -84,7 +87,7 @@ class TargetPositions(NamedTuple):
     """(n, 2): scatterers that outline the bodies; a subset if there are many."""
 
 
-def target_positions(scene: Scene, time_s: float) -> TargetPositions:
+def target_positions_and_velocities(scene: Scene, time_s: float) -> TargetPositions:
     """Return positions and velocities of targets, and scatterers of bodies."""
     at_s = np.array([time_s])
     own = to_local_axes(scene.ego.axes(at_s), scene.ego.velocities_m_per_s(at_s)[:, None])
@@ -115,7 +118,7 @@ class SceneView(View):
     def __init__(self, session: Session) -> None:
         super().__init__(session)
         self.top_view = TopView(self.name)
-        self._positions = target_positions(Targets(), 0.0)
+        self._positions = target_positions_and_velocities(Targets(), 0.0)
         self._tails = TrackTails()
         self._fitted: tuple[float, float] | None = None
         """Range span and field of view that the figure was fitted to."""
@@ -127,57 +130,65 @@ class SceneView(View):
         self._legend = ""
         """Legend of the marks that were drawn last."""
         for event, handler in (
-            (PanStart, self._start_drag),
-            (Pan, self._drag),
-            (PanEnd, self._drag),
+            (PanStart, self._start_dragging_target),
+            (Pan, self._drag_target_to),
+            (PanEnd, self._drag_target_to),
             (Tap, self._move_cursor),
         ):
-            on_position_event(self.top_view.figure, event, handler)
-        self.top_view.figure.on_event(PanEnd, lambda _: self._release())
+            register_position_callback(self.top_view.figure, event, handler)
+        self.top_view.figure.on_event(PanEnd, lambda _: self._release_target())
         self.top_view.figure.on_event(DoubleTap, lambda _: session.move_cursor(None))
-        session.on_settings.append(self._on_settings)
-        session.on_mistakes.append(self._cancel_drag)
+        session.on_settings.append(self._end_released_drag)
+        session.on_mistakes.append(self._cancel_drag_after_mistakes)
 
     @property
-    def root(self) -> UIElement:
+    def root_element(self) -> UIElement:
         return self.top_view.figure
 
     def apply_theme(self, theme: Theme) -> None:
         self.top_view.apply_theme(theme)
 
-    def show_frame(self, moment: FrameState) -> None:
-        scene = None if moment.truth is None else self.session.scenario.scene
-        self._positions = target_positions(scene or Targets(), moment.time_s)
-        self._fit_range(moment)
-        marks = [self._show_targets(), self._show_detections(moment), self._show_tracks(moment)]
+    def show_frame(self, frame_state: FrameState) -> None:
+        scene = None if frame_state.truth is None else self.session.scenario.scene
+        self._positions = target_positions_and_velocities(scene or Targets(), frame_state.time_s)
+        self._fit_range_to_targets(frame_state)
+        marks = [
+            self._draw_targets(),
+            self._draw_detections(frame_state),
+            self._draw_tracks(frame_state),
+        ]
         self._legend = "   ".join(mark for mark in marks if mark)
-        half_rad = moment.chain.field_of_view.azimuth_rad
-        move_marks(self.top_view.cursor, arc_m(moment.cursor.range_m, half_rad))
+        half_rad = frame_state.chain.field_of_view.azimuth_rad
+        move_marks(self.top_view.cursor, arc_positions_m(frame_state.cursor.range_m, half_rad))
 
-    def update_caption(self, moment: FrameState) -> None:
-        parts = [] if moment.truth is None else [pluralise(len(self._positions.names), "target")]
-        parts.append(f"{moment.detections.sizes['detection']} detected")
-        if moment.tracks:
-            parts.append(pluralise(len(moment.tracks), "track"))
+    def update_caption(self, frame_state: FrameState) -> None:
+        parts = (
+            [] if frame_state.truth is None else [pluralise(len(self._positions.names), "target")]
+        )
+        parts.append(f"{frame_state.detections.sizes['detection']} detected")
+        if frame_state.tracks:
+            parts.append(pluralise(len(frame_state.tracks), "track"))
         self.top_view.figure.title.text = f"From above: {', '.join(parts)}"
         self.top_view.note.text = self._legend
 
-    def _fit_range(self, moment: FrameState) -> None:
+    def _fit_range_to_targets(self, frame_state: FrameState) -> None:
         """Fit all targets and detections into the figure; keep it until more space is needed."""
-        ranges_m = moment.detections.range.values
-        if moment.truth is not None:
+        ranges_m = frame_state.detections.range.values
+        if frame_state.truth is not None:
             ranges_m = np.hypot(*self._positions.positions_m.T)
         farthest_m = float(ranges_m.max(initial=0.0))
-        span_m = float(moment.power.range[-1])
-        fitted = span_m, moment.chain.field_of_view.azimuth_rad
+        span_m = float(frame_state.power.range[-1])
+        fitted = span_m, frame_state.chain.field_of_view.azimuth_rad
         fits = fitted == self._fitted and farthest_m <= self.top_view.max_range_m
         if fits or self._dragged is not None:
             return
         self._fitted, self._error_magnification = fitted, 0.0
         new_range_m = max(min(2 * farthest_m or span_m, span_m), 1.15 * farthest_m)
-        self.top_view.set_range(new_range_m, moment.chain.field_of_view.azimuth_rad)
+        self.top_view.set_max_range_and_field_of_view(
+            new_range_m, frame_state.chain.field_of_view.azimuth_rad
+        )
 
-    def _show_targets(self) -> str:
+    def _draw_targets(self) -> str:
         targets, reach_m = self._positions, self.top_view.max_range_m
         positions_m = targets.positions_m.copy()
         if self._dragged is not None and self._dragged[0] in targets.names:
@@ -187,14 +198,17 @@ class SceneView(View):
             round_down_to_1_2_5(_ARROW_LENGTH * reach_m / fastest) if fastest > 0 else 0.0
         )
         ends_m = positions_m + arrow_time_s * targets.velocities_m_per_s
-        self.top_view.draw_targets(targets.names, positions_m[:, ::-1], ends_m[:, ::-1])
+        self.top_view.draw_targets_with_arrows(targets.names, positions_m[:, ::-1], ends_m[:, ::-1])
         move_marks(self.top_view.scatterers, targets.scatterers_m[:, ::-1])
         if not targets.names:
             return ""
         return f"● true, → motion in {format_number(arrow_time_s)} s" if arrow_time_s else "● true"
 
-    def _show_detections(self, moment: FrameState) -> str:
-        detections, other_ranges_m = detections_with_azimuth(moment), ranges_without_azimuth(moment)
+    def _draw_detections(self, frame_state: FrameState) -> str:
+        detections, other_ranges_m = (
+            detections_with_azimuth(frame_state),
+            ranges_of_detections_without_azimuth(frame_state),
+        )
         move_marks(self.top_view.detections, detections.positions_m[:, ::-1])
         self.top_view.detections.glyph.size = (
             13 if len(detections.range_m) <= _MAX_LARGE_MARKS else 7
@@ -209,23 +223,23 @@ class SceneView(View):
             + self._error_magnification * detections.error_ellipses_m()
         )
         lines = [line[::-1].T for line in ellipses_m[:_MAX_ELLIPSES]]
-        half_rad = moment.chain.field_of_view.azimuth_rad
-        arcs = [arc_m(range_m, half_rad) for range_m in other_ranges_m[:_MAX_ARCS]]
-        move_marks(self.top_view.errors, join_lines([*lines, *arcs]))
+        half_rad = frame_state.chain.field_of_view.azimuth_rad
+        arcs = [arc_positions_m(range_m, half_rad) for range_m in other_ranges_m[:_MAX_ARCS]]
+        move_marks(self.top_view.errors, join_lines_with_gaps([*lines, *arcs]))
         if lines:
             return f"○ detected, errors {TIMES_SIGN}{format_number(self._error_magnification)}"
         return "arcs: detected, no direction" if arcs else ""
 
-    def _show_tracks(self, moment: FrameState) -> str:
-        self._tails.add_frame(moment)
-        ends = [(track.state[2], track.state[0]) for track in moment.tracks]
+    def _draw_tracks(self, frame_state: FrameState) -> str:
+        self._tails.add_tracks_of_frame(frame_state)
+        ends = [(track.state[2], track.state[0]) for track in frame_state.tracks]
         move_marks(self.top_view.tracks, np.array(ends).reshape(-1, 2))
-        move_marks(self.top_view.tails, join_lines(self._tails.lines_m))
+        move_marks(self.top_view.tails, join_lines_with_gaps(self._tails.track_lines_m))
         return "◇ track" if ends else ""
 
     # Cursor and dragging.
 
-    def _target_near(self, x: float, y: float) -> int | None:
+    def _index_of_target_near(self, x: float, y: float) -> int | None:
         """Return the index of the target near a position, None without one."""
         distance_m = np.hypot(*(self._positions.positions_m - (y, x)).T)
         if not distance_m.size or distance_m.min() > _PICK_DISTANCE * self.top_view.max_range_m:
@@ -233,59 +247,62 @@ class SceneView(View):
         return int(distance_m.argmin())
 
     def _move_cursor(self, x: float, y: float) -> None:
-        moment, target = self.session.frame_state, self._target_near(x, y)
-        if moment is None:
+        frame_state, target = self.session.frame_state, self._index_of_target_near(x, y)
+        if frame_state is None:
             return
-        cursor = Cursor(float(np.hypot(x, y)), moment.cursor.velocity_m_per_s)
-        if target is not None and moment.truth is not None:
+        cursor = Cursor(float(np.hypot(x, y)), frame_state.cursor.velocity_m_per_s)
+        if target is not None and frame_state.truth is not None:
             coordinates = (
-                moment.truth[column].values.ravel()[target] for column in ("range", "velocity")
+                frame_state.truth[column].values.ravel()[target] for column in ("range", "velocity")
             )
             cursor = Cursor(
-                *map(float, range_doppler_map_position(RangeVelocity(*coordinates), moment.radar))
+                *map(
+                    float,
+                    range_doppler_map_position(RangeVelocity(*coordinates), frame_state.radar),
+                )
             )
         self.session.move_cursor(cursor)
 
-    def _start_drag(self, x: float, y: float) -> None:
-        target = self._target_near(x, y)
+    def _start_dragging_target(self, x: float, y: float) -> None:
+        target = self._index_of_target_near(x, y)
         if target is not None:
             self._dragged, self._is_released = (self._positions.names[target], (y, x)), False
 
-    def _drag(self, x: float, y: float) -> None:
-        moment, scene = self.session.frame_state, self.session.scenario.scene
-        if self._dragged is None or self._is_released or moment is None or scene is None:
+    def _drag_target_to(self, x: float, y: float) -> None:
+        frame_state, scene = self.session.frame_state, self.session.scenario.scene
+        if self._dragged is None or self._is_released or frame_state is None or scene is None:
             return
         name, _ = self._dragged
         if name not in scene.names:  # removed meanwhile
             self._dragged = None
             return
-        path = f"scene.targets.{target_label(scene, name)}.position"
+        path = f"scene.targets.{target_name_in_path(scene, name)}.position"
         try:
-            position_m = initial_position_m(scene, name, (y, x), moment.time_s)
+            position_m = position_at_time_zero_m(scene, name, (y, x), frame_state.time_s)
         except InvalidSetting as error:
             self._dragged = None
             self.session.queue_edit(path, partial(_raise_error, error))
             return
         self._dragged = name, (y, x)
-        self._show_targets()
-        self.session.change_setting(path, format_position(position_m))
+        self._draw_targets()
+        self.session.change_setting(path, format_position_setting(position_m))
 
-    def _release(self) -> None:
+    def _release_target(self) -> None:
         self._is_released = True
 
-    def _on_settings(self, _: Scenario) -> None:
+    def _end_released_drag(self, _: Scenario) -> None:
         """Reset the magnification and end a released drag after a change of settings."""
         self._error_magnification = 0.0
         if self._is_released:
             self._dragged = None
 
-    def _cancel_drag(self, mistakes: tuple[Mistake, ...]) -> None:
+    def _cancel_drag_after_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
         if mistakes and self._dragged is not None:
             self._dragged = None
-            self._show_targets()
+            self._draw_targets()
 
 
-def target_label(scene: Targets, name: str) -> str:
+def target_name_in_path(scene: Targets, name: str) -> str:
     """Return the name of a target in a setting path: its name or its index."""
     index = scene.names.index(name)
     own_name = scene.targets[index].name

@@ -57,14 +57,14 @@ class TableTile:
         self._cursors: Sequence[Cursor] = ()
         self._selected: list[int] = []
         self.source = ColumnDataSource({key: [] for key in heads})
-        self.source.selected.on_change("indices", self._select_row)
+        self.source.selected.on_change("indices", self._pick_selected_row)
         self.title = Div(
             text="", margin=(3, 8, 1, 8), sizing_mode="stretch_width", css_classes=["line"]
         )
         css = resources.files("dechirp.studio.views").joinpath("table.css").read_text("utf-8")
         self.table = DataTable(
             source=self.source,
-            columns=[_table_column(key, head) for key, head in heads.items()],
+            columns=[_create_table_column(key, head) for key, head in heads.items()],
             index_position=None,
             reorderable=False,
             row_height=_ROW_PX,
@@ -73,8 +73,8 @@ class TableTile:
             sizing_mode="stretch_both",
             stylesheets=[InlineStyleSheet(css=css)],
         )
-        self.root: UIElement = column(self.title, self.table, name=name, margin=0)
-        self.root.sizing_mode = "stretch_both"
+        self.root_element: UIElement = column(self.title, self.table, name=name, margin=0)
+        self.root_element.sizing_mode = "stretch_both"
 
     def show_rows(
         self,
@@ -91,27 +91,27 @@ class TableTile:
         self.source.data = {key: column[:MAX_ROWS] for key, column in columns.items()}
         self.source.selected.indices = self._selected
 
-    def show_columns(self, visible: Mapping[str, bool]) -> None:
+    def set_column_visibility(self, visible: Mapping[str, bool]) -> None:
         """Show or hide columns."""
         for table_column in self.table.columns:
             shown = visible.get(table_column.field)
             if shown is not None and table_column.visible != shown:
                 table_column.visible = shown
 
-    def _select_row(self, attr: str, old: list[int], new: list[int]) -> None:
+    def _pick_selected_row(self, attr: str, old: list[int], new: list[int]) -> None:
         if new and new != self._selected and new[-1] < len(self._cursors):
             self._selected = new
             self._on_pick(self._cursors[new[-1]])
 
 
-def row_at_cursor(positions: RangeVelocity, moment: FrameState) -> int | None:
+def row_at_cursor(positions: RangeVelocity, frame_state: FrameState) -> int | None:
     """Return the index of the position nearest to the cursor within a cell, else None."""
     distances = [
         abs(position - cursor_position) / cell_width(cells)
         for cells, position, cursor_position in zip(
-            (moment.power.range.values, moment.power.velocity.values),
+            (frame_state.power.range.values, frame_state.power.velocity.values),
             positions,
-            moment.cursor,
+            frame_state.cursor,
             strict=True,
         )
     ]
@@ -121,7 +121,7 @@ def row_at_cursor(positions: RangeVelocity, moment: FrameState) -> int | None:
     return int(np.nanargmin(farthest))
 
 
-def _table_column(key: str, head: Heading) -> TableColumn:
+def _create_table_column(key: str, head: Heading) -> TableColumn:
     formatter = (
         NumberFormatter(format=head.number_format, nan_format=EN_DASH, text_align="right")
         if head.number_format

@@ -9,16 +9,16 @@ from dechirp.core.units import to_decibels
 from dechirp.report.figures.cfar import run_edges, threshold_level_db, training_and_guard_cells
 from dechirp.report.figures.common import MapAxis, axis_edges
 from dechirp.report.figures.style import thin_line
-from dechirp.studio.browser_events import on_position_event
+from dechirp.studio.browser_events import register_position_callback
 from dechirp.studio.cursor import MapCut as Line
-from dechirp.studio.cursor import nearest_cell
+from dechirp.studio.cursor import nearest_cell_indices
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
-from dechirp.studio.views.figure_style import floor_db, stable_limits_db
+from dechirp.studio.views.figure_style import level_12_db_below_median, limits_rounded_to_10_db
 from dechirp.studio.views.line_figure import LineFigure
-from dechirp.studio.views.toggle_tile import ToggleTile, colour_text
+from dechirp.studio.views.toggle_tile import ToggleTile, coloured_html
 
 _MAX_BLOCKS = 300
 _AXES: dict[str, MapAxis] = {"Range": "range", "Velocity": "velocity"}
@@ -35,48 +35,49 @@ class ThresholdCutView(View):
         super().__init__(session)
         self._caption = "", ""
         """Title and note of the last shown frame."""
-        self.drawings = {axis: _new_figure(_LABELS[axis]) for axis in _AXES.values()}
+        self.drawings = {axis: _create_cut_figure(_LABELS[axis]) for axis in _AXES.values()}
         for drawing in self.drawings.values():
-            on_position_event(drawing.figure, Tap, self._move_cursor)
+            register_position_callback(drawing.figure, Tap, self._move_cursor)
             drawing.figure.on_event(DoubleTap, lambda _: session.move_cursor(None))
         figures = {words: self.drawings[axis].figure for words, axis in _AXES.items()}
-        self.tile = ToggleTile(self.name, figures, on_switch=self._show_again)
+        self.tile = ToggleTile(self.name, figures, on_switch=self._redraw_last_frame)
 
     @property
-    def root(self) -> UIElement:
-        return self.tile.root
+    def root_element(self) -> UIElement:
+        return self.tile.root_element
 
-    def show_frame(self, moment: FrameState) -> None:
+    def show_frame(self, frame_state: FrameState) -> None:
         axis = self._active_axis
-        drawing, line, index = self.drawings[axis], *_cut_through_cursor(moment, axis)
-        units = str(moment.samples.attrs.get("units", ""))
+        drawing, line, index = self.drawings[axis], *_cut_and_cursor_index(frame_state, axis)
+        units = str(frame_state.samples.attrs.get("units", ""))
         level_db, threshold_db = (
             power_to_dbm_or_dbfs(line.power, units),
             threshold_level_db(line.threshold, units),
         )
-        drawing.set_data("power", **_thinned_line(line.positions, level_db))
-        drawing.set_data("threshold", **_thinned_line(line.positions, threshold_db))
+        drawing.set_data("power", **_thinned_line_columns(line.positions, level_db))
+        drawing.set_data("threshold", **_thinned_line_columns(line.positions, threshold_db))
         drawing.set_data("cell", x=line.positions[[index]], y=level_db[[index]])
         training, guard = training_and_guard_cells(
-            index, line.positions.size, moment.chain.cfar, along=axis
+            index, line.positions.size, frame_state.chain.cfar, along=axis
         )
         for name, cells in (("training", training), ("guard", guard)):
             ends = np.reshape(run_edges(line.positions, cells), (-1, 2))
             drawing.set_data(name, left=ends[:, 0], right=ends[:, 1])
         highest_db = max(float(level_db.max()), float(np.nanmax(threshold_db, initial=-np.inf)))
-        drawing.set_limits(
-            x=axis_edges(line.positions), y=stable_limits_db(floor_db(level_db), highest_db)
+        drawing.set_axis_limits(
+            x=axis_edges(line.positions),
+            y=limits_rounded_to_10_db(level_12_db_below_median(level_db), highest_db),
         )
         drawing.figure.yaxis.axis_label = f"power, {power_level_unit(units)}"
-        range_m, velocity_m_per_s = moment.cursor
+        range_m, velocity_m_per_s = frame_state.cursor
         self._caption = (
             _threshold_margin_text(line, index),
             f"at {format_number(range_m, 3)} m, {format_number(velocity_m_per_s, 3)} m/s:"
-            f" {colour_text('power', 'echo')}, {colour_text('threshold', 'threshold')};"
+            f" {coloured_html('power', 'echo')}, {coloured_html('threshold', 'threshold')};"
             " shaded: training",
         )
 
-    def update_caption(self, moment: FrameState) -> None:
+    def update_caption(self, frame_state: FrameState) -> None:
         self.tile.set_caption(*self._caption)
 
     def apply_theme(self, theme: Theme) -> None:
@@ -87,15 +88,15 @@ class ThresholdCutView(View):
     def _active_axis(self) -> MapAxis:
         return _AXES[self.tile.active_label]
 
-    def _show_again(self) -> None:
+    def _redraw_last_frame(self) -> None:
         if self.session.frame_state is not None:
             self.show_frame(self.session.frame_state)
             self.update_caption(self.session.frame_state)
 
     def _move_cursor(self, x: float, _: float) -> None:
-        moment = self.session.frame_state
-        if moment is not None:
-            cursor = moment.cursor
+        frame_state = self.session.frame_state
+        if frame_state is not None:
+            cursor = frame_state.cursor
             self.session.move_cursor(
                 cursor._replace(range_m=x)
                 if self._active_axis == "range"
@@ -103,8 +104,8 @@ class ThresholdCutView(View):
             )
 
 
-def _new_figure(label: str) -> LineFigure:
-    line_figure = LineFigure(x=label, y="power", x_range=(0, 1), y_range=(0, 1))
+def _create_cut_figure(x_label: str) -> LineFigure:
+    line_figure = LineFigure(x=x_label, y="Power", x_range=(0, 1), y_range=(0, 1))
     line_figure.add_bands("training", "echo", alpha=0.16)
     line_figure.add_bands("guard", "muted", alpha=0.12)
     line_figure.add_line("power", "echo", line_width=1.6)
@@ -113,14 +114,14 @@ def _new_figure(label: str) -> LineFigure:
     return line_figure
 
 
-def _cut_through_cursor(moment: FrameState, axis: MapAxis) -> tuple[Line, int]:
+def _cut_and_cursor_index(frame_state: FrameState, axis: MapAxis) -> tuple[Line, int]:
     """Return the cut along an axis and the index of the cursor in it."""
-    row, column = nearest_cell(moment.power, moment.cursor)
-    over_range, over_velocity = moment.cuts
+    row, column = nearest_cell_indices(frame_state.power, frame_state.cursor)
+    over_range, over_velocity = frame_state.cuts_through_cursor
     return (over_range, column) if axis == "range" else (over_velocity, row)
 
 
-def _thinned_line(positions: np.ndarray, level_db: np.ndarray) -> dict[str, np.ndarray]:
+def _thinned_line_columns(positions: np.ndarray, level_db: np.ndarray) -> dict[str, np.ndarray]:
     x, y = thin_line(positions, level_db, _MAX_BLOCKS)
     return {"x": x, "y": y}
 

@@ -26,13 +26,15 @@ class ToggleTile:
         )
         self.note.styles = {**self.note.styles, "font-size": "10px", "color": "var(--muted)"}
         self.switch = RadioButtonGroup(labels=list(figures), active=0, margin=(3, 4, 0, 4))
-        self.switch.on_change("active", self._on_toggle)
+        self.switch.on_change("active", self._show_active_and_notify)
         head = row(self.title, self.switch, sizing_mode="stretch_width", margin=0)
-        self.root: UIElement = column(head, self.note, *figures.values(), name=name, margin=0)
-        self.root.sizing_mode = "stretch_both"
+        self.root_element: UIElement = column(
+            head, self.note, *figures.values(), name=name, margin=0
+        )
+        self.root_element.sizing_mode = "stretch_both"
         for tile_figure in figures.values():
             tile_figure.title.visible = False
-        self._show_active()
+        self._show_active_figure()
 
     @property
     def active_label(self) -> str:
@@ -46,15 +48,15 @@ class ToggleTile:
         """Set the title and a smaller line below it."""
         self.title.text, self.note.text = f"<b>{title}</b>", note
 
-    def _on_toggle(self, attr: str, old: int, new: int) -> None:
-        self._show_active()
+    def _show_active_and_notify(self, attr: str, old: int, new: int) -> None:
+        self._show_active_figure()
         self._on_switch()
 
-    def _show_active(self) -> None:
+    def _show_active_figure(self) -> None:
         for label, tile_figure in self._figures.items():
             tile_figure.visible = label == self.active_label
 
 
-def colour_text(text: str, role: str) -> str:
+def coloured_html(text: str, role: str) -> str:
     """Return text in a colour of the theme as HTML."""
     return f"<span style='color: var(--{role})'>{text}</span>"

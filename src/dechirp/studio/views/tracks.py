@@ -25,22 +25,22 @@ class TrackTails:
         self._step = 0
         self._places: dict[int, dict[int, tuple[float, float]]] = {}
 
-    def add_frame(self, moment: FrameState) -> None:
+    def add_tracks_of_frame(self, frame_state: FrameState) -> None:
         """Add the tracks of a frame; a frame that is shown again replaces itself."""
-        if moment.step not in (self._step, self._step + 1):
+        if frame_state.step not in (self._step, self._step + 1):
             self._places = {}
-        self._step = moment.step
-        oldest = moment.step - _MAX_FRAMES
+        self._step = frame_state.step
+        oldest = frame_state.step - _MAX_FRAMES
         places = {}
-        for track in moment.tracks:
+        for track in frame_state.tracks:
             x, _, y, _ = track.state
             previous = self._places.get(track.number, {})
             recent = {step: position for step, position in previous.items() if step > oldest}
-            places[track.number] = {**recent, moment.step: (y, x)}
+            places[track.number] = {**recent, frame_state.step: (y, x)}
         self._places = places
 
     @property
-    def lines_m(self) -> list[np.ndarray]:
+    def track_lines_m(self) -> list[np.ndarray]:
         """Line (n, 2) of each track: left and forward."""
         return [np.array(list(places.values())) for places in self._places.values()]
 
@@ -73,29 +73,29 @@ class TracksView(View):
         self.table = TableTile(self.name, _HEADINGS, on_pick=session.move_cursor)
 
     @property
-    def root(self) -> UIElement:
-        return self.table.root
+    def root_element(self) -> UIElement:
+        return self.table.root_element
 
-    def show_frame(self, moment: FrameState) -> None:
+    def show_frame(self, frame_state: FrameState) -> None:
         tracks = sorted(
-            moment.tracks, key=lambda track: (track.status != "confirmed", track.number)
+            frame_state.tracks, key=lambda track: (track.status != "confirmed", track.number)
         )
         columns = track_columns(tracks)
         apparent = alias_range_velocity(
-            RangeVelocity(columns["range"], columns["velocity"]), moment.radar
+            RangeVelocity(columns["range"], columns["velocity"]), frame_state.radar
         )
-        map_positions = range_doppler_map_position(apparent, moment.radar)
+        map_positions = range_doppler_map_position(apparent, frame_state.radar)
         self.table.show_rows(
-            self._title(tracks),
+            self._track_counts_title(tracks),
             columns,
             cursors=[Cursor(*map(float, place)) for place in zip(*map_positions, strict=True)],
-            selected=row_at_cursor(map_positions, moment),
+            selected=row_at_cursor(map_positions, frame_state),
         )
 
     def apply_theme(self, theme: Theme) -> None:
         """Do nothing: the widgets inherit the colours of the page."""
 
-    def _title(self, tracks: Sequence[Track]) -> str:
+    def _track_counts_title(self, tracks: Sequence[Track]) -> str:
         if self.session.scenario.tracker is None:
             return "No tracks: the settings have no tracker (Processing)"
         n_confirmed = sum(track.status == "confirmed" for track in tracks)

@@ -1,6 +1,6 @@
 r"""
-The own speed from what stands still
-====================================
+Ego speed from static targets
+=============================
 
 What stands still comes nearer at :math:`v \cos \phi`, so that all of it lies on one curve
 (Kellner et al., IEEE ITSC 2013). See posts on both sides on it, a car that is not, and the speed
@@ -15,25 +15,25 @@ import numpy as np
 import dechirp as dc
 from dechirp.tracking.ego import label_motion
 
-made = dc.design(
+design_radar = dc.design(
     max_range_m=60, range_resolution_m=0.5, max_velocity_m_per_s=22, rule="constraints"
 ).radar
 array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(8)])
-radar = dataclasses.replace(made, array=array)
+radar = dataclasses.replace(design_radar, array=array)
 posts = [
     dc.Target(name=f"post {x}", position_m=(x, y, 0), rcs_m2=10)
     for x, y in zip(range(6, 48, 2), 11 * [-6, 6], strict=False)
 ]
 car = dc.Target(name="car", position_m=(25, 3, 0), velocity_m_per_s=(16, 0, 0), rcs_m2=10)
 scene = dc.Scene(targets=[*posts, car], ego=dc.Ego(velocity_m_per_s=(20, 0, 0)))
-found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
-ego = dc.ego_motion(found, radar)
-rows = label_motion(found, ego, radar)
+detections = dc.detect(dc.simulate(scene, radar, seed=1), radar)
+ego = dc.ego_motion(detections, radar)
+rows = label_motion(detections, ego, radar)
 
 figure, axes = plt.subplots()
 for motion in ("static", "moving"):
-    some = rows.isel(detection=rows.motion == motion)
-    axes.plot(np.rad2deg(some.azimuth), some.velocity, "o", label=motion)
+    group = rows.isel(detection=rows.motion == motion)
+    axes.plot(np.rad2deg(group.azimuth), group.velocity, "o", label=motion)
 azimuth = np.linspace(-60, 60, 121)
 speed = ego.vx.item()
 axes.plot(azimuth, -speed * np.cos(np.deg2rad(azimuth)), color="0.6", label="-v cos(azimuth)")

@@ -1,4 +1,4 @@
-"""Members from another package, `examples/guests`, each run in a process of its own."""
+"""Plug-ins from `examples/guests` and broken plug-ins, each run in a separate process."""
 
 import json
 import os
@@ -13,11 +13,11 @@ import dechirp as dc
 from dechirp.config.yaml_tree import parse_yaml
 
 SRC = Path(dc.__file__).parent.parent
-GUESTS = SRC.parent / "examples" / "guests"
+PLUGINS = SRC.parent / "examples" / "guests"
 
 
-def python(*arguments, path, cwd):
-    """Run with packages of a folder beside those that are installed."""
+def run_python(*arguments, path, cwd):
+    """Run Python with the packages of a folder in addition to the installed ones."""
     return subprocess.run(
         [sys.executable, *map(str, arguments)],
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(path), str(SRC)])},
@@ -28,33 +28,35 @@ def python(*arguments, path, cwd):
     )
 
 
-def dechirp(*arguments, path, cwd):
-    return python("-m", "dechirp", *arguments, path=path, cwd=cwd)
+def run_dechirp(*arguments, path, cwd):
+    return run_python("-m", "dechirp", *arguments, path=path, cwd=cwd)
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory):
-    """The package as pip installs it, in a folder of its own."""
+def plugin_folder(tmp_path_factory):
+    """Install the example package with pip into a temporary folder."""
     pytest.importorskip("hatchling")
     folder = tmp_path_factory.mktemp("guests")
     options = ["--quiet", "--no-index", "--no-deps", "--no-build-isolation"]
-    pip = python(
-        "-m", "pip", "install", *options, "--target", folder, GUESTS, path=folder, cwd=folder
+    pip = run_python(
+        "-m", "pip", "install", *options, "--target", folder, PLUGINS, path=folder, cwd=folder
     )
     assert pip.returncode == 0, pip.stderr
     return folder
 
 
-def test_the_guests_pass_the_tests_of_their_package(installed, tmp_path):
+def test_example_plugins_pass_their_own_tests(plugin_folder, tmp_path):
     options = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist", "--basetemp", tmp_path / "made"]
-    done = python("-m", "pytest", *options, GUESTS / "tests", path=installed, cwd=GUESTS)
-    assert done.returncode == 0, done.stdout
+    process = run_python(
+        "-m", "pytest", *options, PLUGINS / "tests", path=plugin_folder, cwd=PLUGINS
+    )
+    assert process.returncode == 0, process.stdout
 
 
-def test_guests_are_listed_with_their_settings(installed, tmp_path):
-    done = dechirp("list", "--json", path=installed, cwd=tmp_path)
-    families = json.loads(done.stdout)["families"]
-    assert done.stderr == ""
+def test_plugins_are_listed_with_their_settings(plugin_folder, tmp_path):
+    process = run_dechirp("list", "--json", path=plugin_folder, cwd=tmp_path)
+    families = json.loads(process.stdout)["families"]
+    assert process.stderr == ""
     assert families["cfar"]["log-mean"] == {
         "help": "Geometric mean of the training cells.",
         "experimental": False,
@@ -66,20 +68,20 @@ def test_guests_are_listed_with_their_settings(installed, tmp_path):
     assert "json-header" in families["format"]
 
 
-def test_guests_are_in_the_schema_for_editors(installed, tmp_path):
-    done = dechirp("schema", path=installed, cwd=tmp_path)
-    assert done.stderr == ""
-    schema = json.loads(done.stdout)
+def test_plugins_are_in_schema_for_editors(plugin_folder, tmp_path):
+    process = run_dechirp("schema", path=plugin_folder, cwd=tmp_path)
+    assert process.stderr == ""
+    schema = json.loads(process.stdout)
     checker = Draft202012Validator(schema)
-    spur = parse_yaml((GUESTS / "spur.yaml").read_text(encoding="utf-8"), "").plain_data
+    spur = parse_yaml((PLUGINS / "spur.yaml").read_text(encoding="utf-8"), "").plain_data
     assert list(checker.iter_errors(spur)) == []
     spur["impairments"][1]["frequency"] = "4 m"
     assert [error.message for error in checker.iter_errors(spur)] != []
 
 
 @pytest.fixture
-def broken(tmp_path):
-    """Packages that cannot be loaded, or are no members."""
+def broken_plugin_folder(tmp_path):
+    """Create packages that cannot be loaded, or are not members."""
     (tmp_path / "needs_more.py").write_text("import a_package_that_is_not_there\n")
     (tmp_path / "half_done.py").write_text(
         "from dechirp.processing.cfar.base import NoiseEstimator\n\n\n"
@@ -100,17 +102,17 @@ def broken(tmp_path):
     return tmp_path
 
 
-def test_a_guest_that_is_broken_is_told_by_name_and_takes_nothing_from_the_others(broken):
-    listed = dechirp("list", "cfar", path=broken, cwd=broken)
-    assert listed.returncode == 0 and "ordered-statistic" in listed.stdout
-    assert "needs-more" not in listed.stdout and "half-done" not in listed.stdout
-    said = {
+def test_broken_plugins_are_named_and_other_members_remain(broken_plugin_folder):
+    listing = run_dechirp("list", "cfar", path=broken_plugin_folder, cwd=broken_plugin_folder)
+    assert listing.returncode == 0 and "ordered-statistic" in listing.stdout
+    assert "needs-more" not in listing.stdout and "half-done" not in listing.stdout
+    reasons = {
         "needs-more": "raises ModuleNotFoundError: No module named 'a_package_that_is_not_there'",
         "half-done": "half_done:HalfDone does not define statistic",
         "a-decoder": "json:JSONDecoder is not a NoiseEstimator",
     }
-    for kind, why in said.items():
-        assert any(kind in line and why in line for line in listed.stderr.splitlines())
+    for kind, reason in reasons.items():
+        assert any(kind in line and reason in line for line in listing.stderr.splitlines())
 
     code = (
         "import dechirp as dc\n"
@@ -125,9 +127,15 @@ def test_a_guest_that_is_broken_is_told_by_name_and_takes_nothing_from_the_other
         "except dc.RecordingError as error:\n"
         "    print(error)\n"
     )
-    tried = python("-c", code, broken / "half_done.py", path=broken, cwd=broken)
-    assert tried.returncode == 0, tried.stderr
-    *errors, of_format = tried.stdout.splitlines()
-    for (kind, why), error in zip(said.items(), errors, strict=True):
-        assert f"kind: {kind}, which cannot be loaded" in error and why in error
-    assert "format 'needs-more', which cannot be loaded" in of_format
+    process = run_python(
+        "-c",
+        code,
+        broken_plugin_folder / "half_done.py",
+        path=broken_plugin_folder,
+        cwd=broken_plugin_folder,
+    )
+    assert process.returncode == 0, process.stderr
+    *errors, format_error = process.stdout.splitlines()
+    for (kind, reason), error in zip(reasons.items(), errors, strict=True):
+        assert f"kind: {kind}, which cannot be loaded" in error and reason in error
+    assert "format 'needs-more', which cannot be loaded" in format_error

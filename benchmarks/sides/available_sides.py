@@ -1,4 +1,4 @@
-"""Which sides there are: ours, plain, other packages in their environments, and GNU Octave."""
+"""Available sides: dechirp, plain code, other packages and GNU Octave."""
 
 import importlib
 import shutil
@@ -7,53 +7,57 @@ import sys
 from pathlib import Path
 
 from sides import environments
-from sides.turns import Absent, Side, python_side, surroundings
+from sides.side_processes import Absent, Side, build_environment, python_side
 
 OCTAVE = Path(__file__).with_name("octave.m")
 
 
-def made(
+def create_sides(
     peers: list[str], folder: Path, *, threads: int, patience_s: float
 ) -> tuple[list[Side], dict[str, str], dict[str, dict[str, str]]]:
-    """Sides that can be asked, why others cannot, and versions of what is in each."""
-    here = [
+    """Create the available sides; return reasons for absent ones, and all versions."""
+    sides = [
         python_side(
             name, f"sides.{name}", sys.executable, threads=threads, patience_s=120.0, ours=True
         )
         for name in ("ours", "plain")
     ]
     absent: dict[str, str] = {}
-    versions = {"ours": environments.versions(sys.executable)}
+    versions = {"ours": environments.installed_versions(sys.executable)}
     for name in peers:
         try:
             if name == "octave":
-                here.append(octave(threads, 6 * patience_s))
+                sides.append(create_octave_side(threads, 6 * patience_s))
                 versions[name] = {"octave": octave_version()}
                 continue
-            python = environments.interpreter(name, folder)
+            python = environments.prepare_interpreter(name, folder)
             module = f"sides.peers.{name}"
-            here.append(python_side(name, module, python, threads=threads, patience_s=patience_s))
-            versions[name] = environments.versions(python, environments.required(name))
+            sides.append(python_side(name, module, python, threads=threads, patience_s=patience_s))
+            versions[name] = environments.installed_versions(
+                python, environments.required_packages(name)
+            )
         except Absent as why:
             absent[name] = str(why)
-    return here, absent, versions
+    return sides, absent, versions
 
 
-def octave(threads: int, patience_s: float) -> Side:
+def create_octave_side(threads: int, patience_s: float) -> Side:
     program = shutil.which("octave-cli")
     if program is None:
         raise Absent("no octave-cli on the path")
     command = [program, "--quiet", "--no-init-file", str(OCTAVE)]
-    return Side("octave", command, surroundings(threads), patience_s)
+    return Side("octave", command, build_environment(threads), patience_s)
 
 
 def octave_version() -> str:
-    told = subprocess.run(["octave-cli", "--version"], capture_output=True, text=True, check=False)
-    return told.stdout.partition("\n")[0]
+    process = subprocess.run(
+        ["octave-cli", "--version"], capture_output=True, text=True, check=False
+    )
+    return process.stdout.partition("\n")[0]
 
 
-def does(side: Side, kind: str) -> bool:
-    """Whether a side has a function for jobs of that kind; Octave has the report's chain alone."""
+def can_do(side: Side, kind: str) -> bool:
+    """Return whether a side implements a kind of job; Octave implements only `frame`."""
     if side.name == "octave":
         return kind == "frame"
     module = side.name if side.name in ("ours", "plain") else f"peers.{side.name}"

@@ -1,4 +1,4 @@
-"""What a side's function for a kind of job takes, and what it returns."""
+"""Types of the inputs and timed calls of benchmark jobs."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,4 +7,4 @@ import numpy as np
 
 Inputs = dict[str, np.ndarray]
 Timed = Callable[[], Any]
-"""What is timed; what it returns is judged."""
+"""Timed call; its return value is evaluated."""

@@ -1,9 +1,9 @@
 r"""
-Velocities that fold, and how three intervals unfold them
-=========================================================
+Velocity ambiguity resolved by three chirp intervals
+=====================================================
 
 Chirps at an interval T tell velocities up to :math:`\lambda / 4T`; faster ones come back from
-the other side. Frames of different intervals fold them differently, and only the true one agrees
+the other side. Frames of different intervals alias them differently, and only the true one agrees
 with all (Kronauge and Rohling, IEEE T-AES 50, 2014). See the maps' velocities zigzag, and the
 detections of the three frames together follow the truth.
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 import dechirp as dc
 
-warnings.simplefilter("ignore", dc.PhysicsWarning)  # that targets fold is what is to be seen
+warnings.simplefilter("ignore", dc.PhysicsWarning)  # aliased targets are intended
 radar = dc.design(
     max_range_m=100, range_resolution_m=1, max_velocity_m_per_s=20, rule="constraints"
 ).radar
@@ -38,6 +38,8 @@ axes.plot(speeds_m_per_s, speeds_m_per_s, color="0.6", label="truth")
 axes.plot(speeds_m_per_s, alone, "o", label="one interval")
 axes.plot(speeds_m_per_s, together, "s", mfc="none", label="three intervals in turn")
 axes.set(xlabel="Velocity of the target (m/s)", ylabel="Reported velocity (m/s)")
-axes.set_title(f"Folds beyond {radar.frame.max_velocity_m_per_s:.0f} m/s, and what undoes them")
+axes.set_title(
+    f"Velocities aliased beyond {radar.frame.max_velocity_m_per_s:.0f} m/s, and resolved"
+)
 axes.legend()
 print(f"largest error of three intervals: {np.abs(together - speeds_m_per_s).max():.3f} m/s")

@@ -1,4 +1,4 @@
-"""The bibliography has every source that a docstring rests on."""
+"""Bibliography of the guide: authors cited in docstrings, and duplicates."""
 
 import ast
 import re
@@ -14,7 +14,7 @@ pytest.importorskip("sphinx")
 ROOT = Path(dechirp.__file__).parent
 DOCS = Path(__file__).parents[2] / "docs"
 JOURNALS = {"Sel", "Image", "Fourier", "Meteorology", "Infrared", "Oceanic"}
-"""What follows a J. that is no first name."""
+"""Words after "J." that are part of a journal title."""
 
 
 @pytest.fixture(scope="module")
@@ -27,38 +27,38 @@ def sources():
     return sources
 
 
-def cited() -> dict[str, str]:
-    """What stands under References in docstrings, by file."""
-    found = {}
+def read_citations() -> dict[str, str]:
+    """Read the References sections of docstrings, by file and object."""
+    citations = {}
     for path in sorted(ROOT.rglob("*.py")):
         text = path.read_text(encoding="utf-8")
         for node in ast.walk(ast.parse(text)) if "References\n" in text else ():
             if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
-                _, _, below = (ast.get_docstring(node) or "").partition("\nReferences\n")
-                if below:
+                _, _, references = (ast.get_docstring(node) or "").partition("\nReferences\n")
+                if references:
                     name = f"{path.relative_to(ROOT)}:{getattr(node, 'name', '')}"
-                    found[name] = " ".join(below.lstrip("-\n").split())
-    return found
+                    citations[name] = " ".join(references.lstrip("-\n").split())
+    return citations
 
 
-def plain(text: str) -> str:
-    """Without accents."""
+def remove_accents(text: str) -> str:
+    """Remove accents from a text."""
     return unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
 
 
-def test_every_author_under_references_is_in_the_bibliography(sources):
-    listed = (plain(text) for text in sources.read().values())
-    known = JOURNALS | {name for text in listed for name in sources.surnames(text)}
+def test_cited_authors_are_in_bibliography(sources):
+    listed = (remove_accents(text) for text in sources.read().values())
+    known_names = JOURNALS | {name for text in listed for name in sources.surnames(text)}
     missing = {
         where: names
-        for where, text in cited().items()
-        if (names := set(sources.surnames(text)) - known)
+        for where, text in read_citations().items()
+        if (names := set(sources.surnames(text)) - known_names)
     }
 
     assert missing == {}
 
 
-def test_every_source_is_listed_once_under_a_subject(sources):
+def test_each_source_is_listed_once(sources):
     page = (DOCS / "guide/bibliography.md").read_text(encoding="utf-8")
     listed = " ".join(re.findall(r"```{sources}\n(.*?)```", page, re.DOTALL)).split()
 

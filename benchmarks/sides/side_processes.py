@@ -1,4 +1,4 @@
-"""Sides in processes of their own, and turns A B C A B C of one job among them."""
+"""Side processes and their alternating timing (A B C A B C)."""
 
 import contextlib
 import os
@@ -109,7 +109,7 @@ class Process:
         self.errors.close()
 
 
-def surroundings(threads: int) -> dict[str, str]:
+def build_environment(threads: int) -> dict[str, str]:
     """Variables of a side's process: so many threads, and memory as all others have it."""
     pools = {f"{pool}_NUM_THREADS": str(threads) for pool in POOLS}
     return dict(os.environ) | pools | KEEPS_MEMORY
@@ -119,36 +119,36 @@ def python_side(
     name: str, module: str, python: str, *, threads: int, patience_s: float, ours: bool = False
 ) -> Side:
     """A module of this folder in an interpreter; only ours sees where this package is."""
-    environment = surroundings(threads) | {"PYTHONWARNINGS": "ignore"}
+    environment = build_environment(threads) | {"PYTHONWARNINGS": "ignore"}
     path = os.environ.get("PYTHONPATH", "") if ours else ""
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, (str(BENCHMARKS), path)))
     return Side(name, [python, "-m", "sides.worker", module], environment, patience_s)
 
 
-class Times(NamedTuple):
-    """Of one side: the first call, and the fastest call of each turn, s."""
+class SideTimes(NamedTuple):
+    """Times of one side: first call, and fastest call of each turn, s."""
 
     first_s: float
     turns_s: list[float]
 
 
-def interleaved(
+def time_alternately(
     sides: list[Side], kind: str, inputs: dict[str, Path], n_turns: int, turn_s: float
-) -> tuple[dict[str, Times], dict[str, Absent]]:
+) -> tuple[dict[str, SideTimes], dict[str, Absent]]:
     """Times of the sides that do a job, and why others do not.
 
     A side whose call takes above a second has three turns at most, above five seconds one.
     """
-    times: dict[str, Times] = {}
+    times: dict[str, SideTimes] = {}
     absent: dict[str, Absent] = {}
     for side in sides:
         try:
-            times[side.name] = Times(side.ask("load", kind, str(inputs[side.name])), [])
+            times[side.name] = SideTimes(side.ask("load", kind, str(inputs[side.name])), [])
         except Absent as why:
             absent[side.name] = why
     for turn in range(n_turns):
         for side in sides:
-            if side.name not in times or turn >= most_turns(times[side.name].turns_s):
+            if side.name not in times or turn >= max_turns(times[side.name].turns_s):
                 continue
             try:
                 times[side.name].turns_s.append(side.ask("turn", str(turn_s)))
@@ -158,11 +158,11 @@ def interleaved(
     return times, absent
 
 
-def most_turns(spent_s: list[float]) -> float:
+def max_turns(spent_s: list[float]) -> float:
     if not spent_s or min(spent_s) < 1.0:
         return float("inf")
     return 1 if min(spent_s) > 5.0 else 3
 
 
-def say(text: str) -> None:
+def print_progress(text: str) -> None:
     print(text, file=sys.stderr, flush=True)

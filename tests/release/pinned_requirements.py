@@ -1,4 +1,4 @@
-"""The pinned requirements, and what pyproject.toml says."""
+"""Readers of the pinned requirements and of pyproject.toml."""
 
 import re
 import tomllib
@@ -11,15 +11,15 @@ ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
-def text_of(name: str) -> str:
+def read_requirements(name: str) -> str:
     return (ROOT / "requirements" / name).read_text(encoding="utf-8")
 
 
 @cache
-def pins(name: str) -> list[tuple[Requirement, list[str]]]:
-    """Each pin with its hashes."""
+def read_pins(name: str) -> list[tuple[Requirement, list[str]]]:
+    """Read each pin with its hashes."""
     entry = r"^([A-Za-z0-9][^\\\n]*?) \\\n((?: +--hash=\S+(?: \\)?\n)+)"
     return [
         (Requirement(pin), re.findall(r"--hash=(\S+)", hashes))
-        for pin, hashes in re.findall(entry, text_of(name), re.MULTILINE)
+        for pin, hashes in re.findall(entry, read_requirements(name), re.MULTILINE)
     ]

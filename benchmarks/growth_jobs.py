@@ -1,4 +1,4 @@
-"""What `growth.py` measures: jobs of growing size, and how their time should grow.
+"""Jobs of growing size for `growth.py`, with their complexity laws.
 
 A law is what a count of operations gives. It is the growth of the largest sizes: constant parts
 flatten the small ones, and so does a kernel that is bound by memory there.
@@ -13,8 +13,8 @@ import angles
 import numpy as np
 import study_machinery
 import xarray as xr
-from sides.frames import frame_of
-from sides.scenes import centred, cube_a
+from sides.frames import simulate_frame
+from sides.scenes import centred_times, cube_a
 
 import dechirp as dc
 from dechirp.processing.angle.aperture import Aperture
@@ -41,28 +41,32 @@ LAWS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 
 class Job(NamedTuple):
-    """A work of any size, and the law of its time."""
+    """Job of variable size with its complexity law."""
 
     name: str
     along: str
-    """What grows."""
+    """Quantity that grows."""
     law: str
     sizes: tuple[int, ...]
     make: Callable[[int], Work]
 
 
 def jobs() -> Iterator[Job]:
-    """All of them."""
+    """Iterate over all jobs."""
     yield from _echoes()
     yield from _maps()
     yield from _detectors()
     yield from _estimates()
-    yield Job("clusters, of one density", "detections", "n log n", doubled(1000, 5), _clusters)
-    yield Job("study, its ledger", "trials", "n", tuple(50 * n for n in doubled(25, 4)), _study)
+    yield Job(
+        "clusters, of one density", "detections", "n log n", doubled_sizes(1000, 5), _clusters
+    )
+    yield Job(
+        "study, its ledger", "trials", "n", tuple(50 * n for n in doubled_sizes(25, 4)), _study
+    )
 
 
-def doubled(first: int, count: int) -> tuple[int, ...]:
-    """Sizes, each twice the one before."""
+def doubled_sizes(first: int, count: int) -> tuple[int, ...]:
+    """Return sizes that double from the first one."""
     return tuple(first << k for k in range(count))
 
 
@@ -70,28 +74,28 @@ def _echoes() -> Iterator[Job]:
     def work(
         kernel: str, n: int = 8, *, n_chirps: int = 128, n_rx: int = 1, n_samples: int = 2200
     ) -> Work:
-        scatterers, sent, _ = cube_a(n, 200.0, np.random.default_rng(1))
+        scatterers, transmission, _ = cube_a(n, 200.0, np.random.default_rng(1))
         half_wave_m = np.arange(n_rx)[:, None] * [0.0, 1.9e-3, 0.0]
-        sent = sent._replace(
-            starts_s=centred(n_chirps, sent.starts_s[1] - sent.starts_s[0]),
+        transmission = transmission._replace(
+            starts_s=centred_times(n_chirps, transmission.starts_s[1] - transmission.starts_s[0]),
             weights=np.ones((n_chirps, 1), complex),
             rx_m=half_wave_m,
         )
         scatterers = scatterers._replace(rx_gains=np.ones((n_rx, n)))
         out = np.zeros((n_chirps, n_rx, n_samples), np.complex64)
         engine = Engine(kernel=kernel)
-        return lambda: selection.add_echoes(out, scatterers, sent, engine=engine)
+        return lambda: selection.add_echoes(out, scatterers, transmission, engine=engine)
 
     for kernel, first in (("direct", 2), ("low-rank", 8), ("nufft", 8000)):
         named = partial(work, kernel)
-        yield Job(f"echoes, {kernel}", "scatterers", "n", doubled(first, 5), named)
+        yield Job(f"echoes, {kernel}", "scatterers", "n", doubled_sizes(first, 5), named)
     for kernel in ("direct", "low-rank"):
         yield Job(
-            f"echoes, {kernel}", "chirps", "n", doubled(32, 5),
+            f"echoes, {kernel}", "chirps", "n", doubled_sizes(32, 5),
             lambda m, kernel=kernel: work(kernel, n_chirps=m),
         )  # fmt: skip
         yield Job(
-            f"echoes, {kernel}", "channels", "n", doubled(1, 5),
+            f"echoes, {kernel}", "channels", "n", doubled_sizes(1, 5),
             lambda m, kernel=kernel: work(kernel, n_chirps=32, n_rx=m),
         )  # fmt: skip
 
@@ -107,18 +111,18 @@ def _maps() -> Iterator[Job]:
         )
         return lambda: mean_range_doppler_power(cube, "complex", over_range, over_velocity)
 
-    yield Job("map", "chirps", "n log n", doubled(64, 5), lambda n: work(n_chirps=n))
-    yield Job("map", "samples", "n log n", doubled(256, 5), lambda n: work(n_samples=n))
-    yield Job("map", "channels", "n", doubled(1, 5), lambda n: work(n_channels=n))
+    yield Job("map", "chirps", "n log n", doubled_sizes(64, 5), lambda n: work(n_chirps=n))
+    yield Job("map", "samples", "n log n", doubled_sizes(256, 5), lambda n: work(n_samples=n))
+    yield Job("map", "channels", "n", doubled_sizes(1, 5), lambda n: work(n_channels=n))
 
     def frame(**counts: int) -> Work:
         shape = {"n_samples": 256, "n_chirps": 64, "n_tx": 1, "n_rx": 1} | counts
-        cube, radar = frame_of(**shape, n_targets=3)
+        cube, radar = simulate_frame(**shape, n_targets=3)
         chain = dc.Chain(angle=None)
         return lambda: dc.detect(cube, radar, chain)
 
-    yield Job("detect", "chirps", "n log n", doubled(64, 5), lambda n: frame(n_chirps=n))
-    yield Job("detect", "channels", "n", doubled(1, 5), lambda n: frame(n_rx=n))
+    yield Job("detect", "chirps", "n log n", doubled_sizes(64, 5), lambda n: frame(n_chirps=n))
+    yield Job("detect", "channels", "n", doubled_sizes(1, 5), lambda n: frame(n_rx=n))
 
 
 def _detectors() -> Iterator[Job]:
@@ -144,9 +148,9 @@ def _detectors() -> Iterator[Job]:
 
     for kind, member in NoiseEstimator.members().items():
         estimator = member()
-        yield Job(f"CFAR, {kind}", "cells", "n", doubled(2**16, 4), partial(work, estimator))
+        yield Job(f"CFAR, {kind}", "cells", "n", doubled_sizes(2**16, 4), partial(work, estimator))
         yield Job(
-            f"CFAR, {kind}", "training cells", RING_LAWS.get(kind, "n"), doubled(256, 4),
+            f"CFAR, {kind}", "training cells", RING_LAWS.get(kind, "n"), doubled_sizes(256, 4),
             partial(of_ring, estimator),
         )  # fmt: skip
 
@@ -173,20 +177,25 @@ def _estimates() -> Iterator[Job]:
         slow, fast = rng.uniform(0, 2 * np.pi, (2, n))
         return lambda: refine_tones(samples, slow, fast, np.ones(n))
 
-    yield Job("refinement", "detections", "n", doubled(32, 5), tones)
+    yield Job("refinement", "detections", "n", doubled_sizes(32, 5), tones)
 
     def directions(kind: str, n: int) -> Work:
-        seen = Aperture(angles.line(n))
-        estimator, x = DirectionEstimator.members()[kind](), angles.one_source(seen, 100)
-        return lambda: estimator.find_directions(x, seen, np.ones(100))
+        aperture = Aperture(angles.uniform_line(n))
+        estimator, x = (
+            DirectionEstimator.members()[kind](),
+            angles.simulate_one_source(aperture, 100),
+        )
+        return lambda: estimator.find_directions(x, aperture, np.ones(100))
 
     # A grid as fine as the beam times a product for each of its points; or eigenvectors.
     for kind, law in (("bartlett", "n^2"), ("capon", "n^3"), ("music", "n^3")):
-        yield Job(f"directions, {kind}", "channels", law, doubled(16, 4), partial(directions, kind))
+        yield Job(
+            f"directions, {kind}", "channels", law, doubled_sizes(16, 4), partial(directions, kind)
+        )
 
 
 def _clusters(n: int) -> Work:
-    """So many detections in frames of 100."""
+    """Build a clustering job of n detections in frames of 100."""
     rng = np.random.default_rng(1)
     columns = {
         "frame": np.arange(n) // 100,
@@ -201,7 +210,10 @@ def _clusters(n: int) -> Work:
 
 def _study(n: int) -> Work:
     def work() -> None:
-        with ThreadPoolExecutor(1) as one, study_machinery.issued(one) as workers:
+        with (
+            ThreadPoolExecutor(1) as executor,
+            study_machinery.workers_from_executor(executor) as workers,
+        ):
             study_machinery.study(workers, n // study_machinery.BLOCK, 0)
 
     return work

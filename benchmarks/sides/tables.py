@@ -1,4 +1,4 @@
-"""Tables of what was measured: on the screen, and as Markdown."""
+"""Tables of benchmark results as plain text and Markdown."""
 
 from statistics import median, quantiles
 from typing import Any
@@ -6,14 +6,14 @@ from typing import Any
 Row = dict[str, Any]
 
 
-def row(job: str, side: str, ours: list[float], theirs: list[float], each: int) -> Row:
+def build_row(job: str, side: str, ours: list[float], theirs: list[float], n_items: int) -> Row:
     """Times of one side of a job, and the ratio of ours to it turn by turn."""
     ratios = [a / b for a, b in zip(ours, theirs, strict=False)]
     low, _, high = quantiles(ratios, n=4) if len(ratios) > 3 else (min(ratios), 0, max(ratios))
     return {
         "job": job,
         "side": side,
-        "ms": 1e3 * median(theirs) / each,
+        "ms": 1e3 * median(theirs) / n_items,
         "ratio": median(ratios),
         "ratio_low": low,
         "ratio_high": high,
@@ -21,30 +21,30 @@ def row(job: str, side: str, ours: list[float], theirs: list[float], each: int) 
     }
 
 
-def cells(one: Row) -> list[str]:
-    if "absent" in one:
-        return [one["job"], one["side"], "-", "-", one["absent"]]
-    spread = "" if one["side"] == "ours" else f"{one['ratio_low']:.3g} to {one['ratio_high']:.3g}"
-    ratio = "1" if one["side"] == "ours" else f"{one['ratio']:.3g} ({spread})"
+def format_cells(row: Row) -> list[str]:
+    if "absent" in row:
+        return [row["job"], row["side"], "-", "-", row["absent"]]
+    spread = "" if row["side"] == "ours" else f"{row['ratio_low']:.3g} to {row['ratio_high']:.3g}"
+    ratio = "1" if row["side"] == "ours" else f"{row['ratio']:.3g} ({spread})"
     right = ", ".join(
-        f"{name} {value:.3g}" + spread_of(one["accuracy"], name)
-        for name, value in one["accuracy"].items()
+        f"{name} {value:.3g}" + format_spread(row["accuracy"], name)
+        for name, value in row["accuracy"].items()
         if not name.endswith("_std")
     )
-    return [one["job"], one["side"], f"{one['ms']:.3g}", ratio, right]
+    return [row["job"], row["side"], f"{row['ms']:.3g}", ratio, right]
 
 
-def spread_of(accuracy: dict[str, float], name: str) -> str:
+def format_spread(accuracy: dict[str, float], name: str) -> str:
     std = accuracy.get(f"{name}_std")
     return "" if std is None else f" +- {std:.2g}"
 
 
-HEAD = ["job", "side", "ms", "ours / it (quartiles)", "how right"]
+HEAD = ["job", "side", "ms", "ours / it (quartiles)", "accuracy"]
 
 
 def plain_text(rows: list[Row]) -> str:
     """Columns side by side; a job's name stands once."""
-    table = [HEAD, *(cells(one) for one in rows)]
+    table = [HEAD, *(format_cells(row) for row in rows)]
     widths = [max(len(line[k]) for line in table if k < 4) for k in range(4)]
     lines, last = [], ""
     for line in table:
@@ -70,12 +70,15 @@ def machine_lines(machine: dict[str, Any]) -> list[str]:
     ]
 
 
-def markdown(found: dict[str, Any]) -> str:
+def markdown(result: dict[str, Any]) -> str:
     """The table, the machine, and what is slower with what stops it."""
     lines = ["| " + " | ".join(HEAD) + " |", "|---|---|---|---|---|"]
-    lines += ["| " + " | ".join(cells(one)) + " |" for one in found["rows"]]
-    lines += ["", *(f"- {line}" for line in found["slower"]), ""]
-    lines += machine_lines(found["machine"])
-    for side, told in found["versions"].items():
-        lines.append(f"- {side}: " + ", ".join(f"{name} {one}" for name, one in told.items()))
+    lines += ["| " + " | ".join(format_cells(version)) + " |" for version in result["rows"]]
+    lines += ["", *(f"- {line}" for line in result["slower"]), ""]
+    lines += machine_lines(result["machine"])
+    for side, side_versions in result["versions"].items():
+        lines.append(
+            f"- {side}: "
+            + ", ".join(f"{name} {version}" for name, version in side_versions.items())
+        )
     return "\n".join([*lines, ""])
