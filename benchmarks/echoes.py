@@ -118,7 +118,7 @@ def measure_memory_mb() -> float:
 
 def main() -> None:
     # First, in a process that has summed nothing yet.
-    grown_mb = measure_memory_mb() if "memory".startswith(options.case) else None
+    grown_mb = measure_memory_mb() if "memory".startswith(options.context) else None
     print(f"100,000 scatterers: {grown_mb} MB", file=sys.stderr)
     rng = np.random.default_rng(options.seed)
     cases: list[tuple[str, Callable[[], Case], float]] = [
@@ -130,7 +130,7 @@ def main() -> None:
     ]
     rows = []
     for name, make, most_ms in cases:
-        if not name.startswith(options.case):
+        if not name.startswith(options.context):
             continue
         rows.append(measure_case(name, make(), most_ms, rng))
         print(

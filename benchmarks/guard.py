@@ -93,13 +93,13 @@ def measure_ratios() -> Ratios:
 def write_ratios(repeats: list[Ratios]) -> Path:
     """Write the ratios as those of this version."""
     import dechirp
-    from dechirp.experiments.study.environment import describe_environment
+    from dechirp.experiments.study.environment import versions_system_and_processor
 
     file = RELEASES / f"{dechirp.__version__}.json"
     document = {
         "version": dechirp.__version__,
         "date": datetime.now(UTC).date().isoformat(),
-        "environment": describe_environment(),
+        "environment": versions_system_and_processor(),
         "ratios": {
             job: float(f"{median(ratios[job] for ratios in repeats):.4g}") for job in repeats[0]
         },
@@ -116,7 +116,7 @@ def main() -> int:
     if options.write:
         print(write_ratios(repeats))
         return 0
-    from dechirp.experiments.study.environment import describe_environment
+    from dechirp.experiments.study.environment import versions_system_and_processor
 
     release = load_last_release()
     print(f"{'ours over plain':48} {release['version']:>8}   now")
@@ -130,7 +130,7 @@ def main() -> int:
     lines = find_slower_jobs(release["ratios"], repeats)
     release_processor, processor = (
         release["environment"]["processor"],
-        describe_environment()["processor"],
+        versions_system_and_processor()["processor"],
     )
     if lines and release_processor != processor:
         lines.append(

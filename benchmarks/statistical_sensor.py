@@ -26,7 +26,7 @@ import numpy as np
 import dechirp as dc
 from dechirp.core.findings import PhysicsWarning
 from dechirp.evaluation.association import Associator
-from dechirp.experiments.link_budget import added_noise_w
+from dechirp.experiments.link_budget import added_noise_power_w
 from dechirp.experiments.scenario import Scenario, load, reference
 from dechirp.experiments.statistical.sensor import StatisticalSensor
 from dechirp.processing.cfar.base import Cells, Cfar
@@ -132,7 +132,7 @@ class Score(NamedTuple):
 
 def score_trials(scenario: Scenario, frames: Frames, n_trials: int) -> Score:
     """Detections of one frame each, against the truth."""
-    noise_w = added_noise_w(scenario, scenario.radar)
+    noise_w = added_noise_power_w(scenario, scenario.radar)
     truth = dc.truth(scenario.scene, scenario.radar, noise_power_w=noise_w)
     associator = Associator(truth, scenario.radar)
     n_found, n_false, errors, detected_snr = 0, 0, [], []
@@ -177,7 +177,7 @@ def compare(scenario: Scenario, n_trials: int) -> tuple[Score, Score]:
     sensor, other = StatisticalSensor(scenario), np.random.default_rng(2)
     return (
         score_trials(scenario, of_samples, n_trials),
-        score_trials(scenario, lambda: sensor.detections(other), n_trials),
+        score_trials(scenario, lambda: sensor.draw_detections(other), n_trials),
     )
 
 
@@ -208,10 +208,10 @@ def print_comparison(
 
 def measure_speed(scenario: Scenario) -> None:
     sensor, rng = StatisticalSensor(scenario), np.random.default_rng(1)
-    sensor.detections(rng)
+    sensor.draw_detections(rng)
     started, n = process_time(), 0
     while process_time() - started < 2.0:
-        sensor.detections(rng)
+        sensor.draw_detections(rng)
         n += scenario.n_frames
     print(f"{scenario.name}: {n / (process_time() - started):.0f} frames/s")
 

@@ -46,7 +46,7 @@ from dechirp.experiments.study.executors import (
     workers_from_executor,
 )
 from dechirp.experiments.study.ledger import Ledger
-from dechirp.experiments.study.scheduler import run_blocks
+from dechirp.experiments.study.scheduler import run_missing_blocks
 from dechirp.experiments.study.study import TrialBudget
 
 BLOCK, COLUMNS = 50, 10
@@ -74,8 +74,8 @@ def study(workers: Workers, n_blocks: int, n_steps: int, n_points: int = 1) -> f
     trials = TrialBudget(at_most=n_blocks // n_points * BLOCK, block=BLOCK)
     with tempfile.TemporaryDirectory() as folder:
         start = perf_counter()
-        with Ledger.open(Path(folder), identity={}, environment={}) as ledger:
-            run_blocks(
+        with Ledger.create_or_continue(Path(folder), identity={}, environment={}) as ledger:
+            run_missing_blocks(
                 compute_block,
                 n_steps,
                 n_points=n_points,
@@ -100,7 +100,7 @@ def overhead() -> None:
     print(f"          {1e3 * median(in_thread) / n / BLOCK:.4f} ms by a thread of this process")
     with tempfile.TemporaryDirectory() as folder:
         blocks = [compute_block(0, 0, number) for number in range(500)]
-        with Ledger.open(Path(folder), identity={}, environment={}) as ledger:
+        with Ledger.create_or_continue(Path(folder), identity={}, environment={}) as ledger:
             start = perf_counter()
             for block in blocks:
                 ledger.add_blocks([block])
@@ -235,7 +235,7 @@ print(f"million: {len(done)} blocks: {seconds:.2f} s (bar 5), {used:.2f} GiB (ba
     for size in (50, 1):
         with tempfile.TemporaryDirectory() as folder:
             rng = np.random.default_rng(1)
-            with Ledger.open(Path(folder), identity={}, environment={}) as ledger:
+            with Ledger.create_or_continue(Path(folder), identity={}, environment={}) as ledger:
                 for number in range(n // n_points // size):
                     ledger.add_blocks(
                         Block(point, number, number * size, rng.random((size, COLUMNS)), 0.1)

@@ -30,17 +30,17 @@ extensions = [
 exclude_patterns = ["gallery", "_build", "_ext", "_templates", "verification/README.md"]
 nitpicky = False
 
-# Every block of the guide is run when it is built; one that fails is a warning, an error with -W.
-nb_execution_mode = "inline"  # in the order of the page, between its commands
+# The build runs every block of the guide; a failure is a warning, with -W an error.
+nb_execution_mode = "inline"  # in page order, between the commands
 nb_execution_show_tb = True
 nb_execution_timeout = 120
 nb_execution_in_temp = True
-nb_ipywidgets_js = {}  # they would be asked for from elsewhere
+nb_ipywidgets_js = {}  # would be downloaded from other sites
 nb_merge_streams = True
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
-# Scripts in docs/gallery become pages with what they draw and print: one that fails, no guide.
+# Scripts in docs/gallery become pages with their figures and output; a failure stops the build.
 sphinx_gallery_conf = {
     "examples_dirs": "gallery",
     "gallery_dirs": "gallery_built",
@@ -53,14 +53,14 @@ sphinx_gallery_conf = {
     "filename_pattern": r"/plot_",
     "abort_on_example_error": True,
     "reset_modules": ("gallery_style.reset",),
-    "notebook_extensions": [],  # MyST-NB would run them once more
-    "capture_repr": (),  # what is printed, and no values besides
+    "notebook_extensions": [],  # MyST-NB would run them a second time
+    "capture_repr": (),  # printed output only, no values
     "image_srcset": ["2x"],
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,
     "write_computation_times": False,
-    "min_reported_time": 1e9,  # it is that of the machine that builds the guide
+    "min_reported_time": 1e9,  # the time depends on the machine of the build
 }
 
 html_theme = "pydata_sphinx_theme"
@@ -70,7 +70,7 @@ html_css_files = ["guide.css"]
 templates_path = ["_templates"]
 html_show_sourcelink = False
 html_copy_source = False
-html_show_search_summary = False  # they would be fetched, which a page from disk may not
+html_show_search_summary = False  # pages opened from disk cannot fetch them
 html_context = {"default_mode": "auto"}
 html_sidebars = {"**": ["contents"]}
 html_theme_options = {
@@ -90,7 +90,7 @@ autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 autodoc_typehints_format = "short"
-default_role = "py:obj"  # `detect` in a docstring leads to dechirp.detect
+default_role = "py:obj"  # `detect` in a docstring links to dechirp.detect
 add_module_names = False
 python_maximum_signature_line_length = 130
 toc_object_entries = False
@@ -100,5 +100,5 @@ napoleon_use_rtype = False
 
 
 def setup(app: Any) -> None:
-    """Say of the MathJax that is copied beside the pages that it does not mind two readers."""
+    """Declare the MathJax extension safe for parallel reading."""
     app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True

@@ -9,8 +9,8 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.score.base import Estimate, Score
 from dechirp.experiments.scenario import reference
 from dechirp.experiments.study.block import Failure
-from dechirp.experiments.study.layout import Layout
-from dechirp.experiments.study.results import PointData, estimate_points
+from dechirp.experiments.study.layout import ScoreColumnLayout
+from dechirp.experiments.study.results import PointData, estimate_scores_of_points
 from dechirp.experiments.study.study import (
     RandomSetting,
     Sampling,
@@ -93,7 +93,7 @@ SCORES = (HitProbability(), RmsError(), AlarmProbability())
 
 
 def make_layout(*, targets=("car",), scores=SCORES):
-    return Layout(
+    return ScoreColumnLayout(
         scores, tuple(() if isinstance(score, AlarmProbability) else targets for score in scores)
     )
 
@@ -223,6 +223,6 @@ def make_result(
     made_study = make_study(
         *axes, targets=targets, n_trials=n_trials, scores=scores, draw=draw, **settings
     )
-    return estimate_points(
+    return estimate_scores_of_points(
         made_study, make_layout(targets=targets, scores=scores), points
     ), sums_by_point

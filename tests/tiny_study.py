@@ -19,7 +19,7 @@ from dechirp.core.findings import Finding
 from dechirp.experiments.study.block import Block, Failure
 from dechirp.experiments.study.executors import Workers, local_workers, workers_from_executor
 from dechirp.experiments.study.ledger import LEDGER_NAME, Ledger
-from dechirp.experiments.study.scheduler import Progress, run_blocks
+from dechirp.experiments.study.scheduler import Progress, run_missing_blocks
 
 IDENTITY = {"study": "seed: 1\ntrials: 400", "dechirp": "0.1.0"}
 ENVIRONMENT = {"numpy": np.__version__}
@@ -85,8 +85,8 @@ def run_tiny_study(
     """Run or resume the study; return its progress reports."""
     tiny = tiny or TinyPlan()
     progress_reports: list[Progress] = []
-    with Ledger.open(out, identity=IDENTITY, environment=ENVIRONMENT) as ledger:
-        run_blocks(
+    with Ledger.create_or_continue(out, identity=IDENTITY, environment=ENVIRONMENT) as ledger:
+        run_missing_blocks(
             options.pop("work", run_tiny_block),
             tiny,
             n_points=tiny.n_points,

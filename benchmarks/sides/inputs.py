@@ -164,7 +164,7 @@ def tracking(n_frames: int) -> Inputs:
     trial = loading.read_settings(CROSSING, TrackTrial)
     trial_data = draw_truth_and_detections(trial, 0)
     detections = trial_data.detections.isel(detection=trial_data.detections.frame.values < n_frames)
-    area = np.prod([high - low for low, high in trial.false_alarms.bounds])
+    area = np.prod([high - low for low, high in trial.false_alarms.range_azimuth_velocity_bounds])
     truth = np.stack([trial_data.truth.x.values, trial_data.truth.y.values], axis=-1)
     return {
         f"detections_{name}": detections[name].values for name in detections if name != "target"

@@ -64,7 +64,7 @@ def masks(estimator: NoiseEstimator, x: Inputs) -> Timed:
     """Edges with factors of their own: fewer guard cells fit into a box at the end of the map."""
     training, guard = (dc.Cells(velocity=n[0], range=n[1]) for n in (TRAINING, GUARD))
     window = TrainingWindow(n_training=training, n_guard=guard)
-    places = window.box_row_of_map_rows(x["power"].shape[2])
+    places = window.tested_rows_in_training_box(x["power"].shape[2])
     factors = {
         place: estimator.independent_cells_threshold_factor(
             float(x["false_alarm_probability"]), window.training_cell_offsets(place), n_channels=1

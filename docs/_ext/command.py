@@ -1,12 +1,12 @@
-"""Commands of the guide: shown, run when the guide is built, and followed by what they print.
+"""Directive `command`: shell commands of the guide, run during the build, with their output.
 
     ```{command}
     :lines: 6
     dechirp run examples/mimo.yaml
     ```
 
-The blocks of a page run one after the other in its scratch folder; what one writes the next one
-reads. A command that ends otherwise than `status` says is a warning, which `-W` makes an error.
+The blocks of a page run in order in its scratch folder, so that later blocks can read the files of
+earlier ones. An exit status other than `status` is a warning, which `-W` makes an error.
 """
 
 import os
@@ -37,13 +37,13 @@ class Command(SphinxDirective):
         "status": directives.nonnegative_int,
         "ran": directives.unchanged,
     }
-    """`lines`: so many of the last ones are shown, 12 without it. `status`: that it ends with, 0
-    without it. `ran`: what is run in its place, with fewer trials."""
+    """`lines`: number of output lines shown, from the end, 12 by default. `status`: expected
+    exit status, 0 by default. `ran`: command that is run instead, e.g. with fewer trials."""
 
     def run(self) -> list[nodes.Node]:
-        """Run it; a block of what was typed, and one of what came out."""
+        """Run the command; return a block with its text and one with its output."""
         typed = "\n".join(self.content)
-        done = subprocess.run(
+        process = subprocess.run(
             ["bash", "-euo", "pipefail", "-c", self.options.get("ran", typed)],
             cwd=folder_of(self.env.app, self.env.docname),
             env={
@@ -60,24 +60,26 @@ class Command(SphinxDirective):
             timeout=_LONGEST_S,
             check=False,
         )
-        if done.returncode != self.options.get("status", 0):
+        if process.returncode != self.options.get("status", 0):
             _LOG.warning(
                 "ended with %s\n%s\n%s",
-                done.returncode,
+                process.returncode,
                 typed,
-                done.stdout,
+                process.stdout,
                 location=self.get_location(),
                 type="guide",
             )
-        shown: list[nodes.Node] = [
+        blocks: list[nodes.Node] = [
             nodes.literal_block(typed, typed, language="bash", classes=["typed"])
         ]
-        printed = done.stdout.rstrip().splitlines()
-        kept = printed[-self.options.get("lines", 12) :]
-        if kept and self.options.get("lines") != 0:
-            text = "\n".join(kept if len(kept) == len(printed) else ["...", *kept])
-            shown.append(nodes.literal_block(text, text, language="text", classes=["printed"]))
-        return shown
+        printed = process.stdout.rstrip().splitlines()
+        last_lines = printed[-self.options.get("lines", 12) :]
+        if last_lines and self.options.get("lines") != 0:
+            text = "\n".join(
+                last_lines if len(last_lines) == len(printed) else ["...", *last_lines]
+            )
+            blocks.append(nodes.literal_block(text, text, language="text", classes=["printed"]))
+        return blocks
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Members of a family with their settings, as `dechirp list` has them.
+"""Directive `family`: members of a family with their settings, as `dechirp list` prints them.
 
 ```{family} cfar
 ```
@@ -19,18 +19,18 @@ class Members(SphinxDirective):
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        """Give a definition list: each kind, what it is, and a table of its settings."""
-        shown = nodes.definition_list()
+        """Return a definition list: each kind with its description and a table of its settings."""
+        items = nodes.definition_list()
         for kind, member in member_help_and_settings(
             family_base_classes()[self.arguments[0]]
         ).items():
             text = nodes.definition("", nodes.paragraph("", member["help"]))
             if member["settings"]:
                 text += _table(member["settings"])
-            shown += nodes.definition_list_item(
+            items += nodes.definition_list_item(
                 "", nodes.term("", "", nodes.literal(kind, kind)), text
             )
-        return [shown]
+        return [items]
 
 
 def _table(settings: dict[str, Any]) -> nodes.table:
@@ -39,10 +39,10 @@ def _table(settings: dict[str, Any]) -> nodes.table:
         group += nodes.colspec(colwidth=width)
     group += nodes.thead("", _row("setting", "takes", "default"))
     body = nodes.tbody()
-    for name, told in settings.items():
-        need = f"{told['expected']}. {told['help']}".strip()
-        written = "required" if told["required"] else _written(told["default"])
-        body += _row(nodes.literal(name, name), need, written)
+    for name, setting in settings.items():
+        expected = f"{setting['expected']}. {setting['help']}".strip()
+        default_text = "required" if setting["required"] else _format_default(setting["default"])
+        body += _row(nodes.literal(name, name), expected, default_text)
     group += body
     return nodes.table("", group)
 
@@ -55,7 +55,7 @@ def _row(*cells: str | nodes.Node) -> nodes.row:
     return row
 
 
-def _written(default: object) -> str:
+def _format_default(default: object) -> str:
     return "null" if default is None else str(default)
 
 

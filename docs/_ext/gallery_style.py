@@ -18,12 +18,12 @@ _STYLE: dict[Any, Any] = {
     "grid.color": "#e9edf0",
     "legend.frameon": False,
     "lines.linewidth": 1.4,
-    # Okabe and Ito's, darkened for thin lines: told apart by colour-blind readers.
+    # Okabe and Ito's, darkened for thin lines: distinguishable for colour-blind readers.
     "axes.prop_cycle": cycler(color=["#0868ac", "#c8500a", "#00795a", "#8a4f9e", "#66727f"]),
 }
 
 
 def reset(gallery_conf: dict[str, Any], script: str) -> None:
-    """Set the style before each script, as sphinx-gallery asks for it."""
+    """Set the style before each script, as sphinx-gallery requires."""
     plt.rcdefaults()
     plt.rcParams.update(_STYLE)

@@ -1,7 +1,7 @@
-"""One scratch folder for each page, in which its commands, settings and code cells run.
+"""Scratch folders of the pages, in which their commands, settings and code cells run.
 
-`examples` in it is that of the project. All of them go when the guide is built. Figures of cells
-look like those of the gallery.
+Each contains a link to `examples` of the project. All are deleted after the build. Figures of cells
+have the style of the gallery.
 """
 
 import os
@@ -17,7 +17,7 @@ _EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def folder_of(app: Sphinx, page: str) -> Path:
-    """Folder of a page, made when it is first asked for."""
+    """Return the folder of a page, created at the first call."""
     folder = Path(app.scratch) / page.replace("/", "-")  # type: ignore[attr-defined]
     if not folder.exists():
         folder.mkdir()
@@ -26,13 +26,13 @@ def folder_of(app: Sphinx, page: str) -> Path:
 
 
 def _open(app: Sphinx) -> None:
-    # Before the processes part that read the pages, so that one folder holds all.
+    # Created before Sphinx forks its reading processes, so that all share one folder.
     app.scratch = tempfile.mkdtemp(prefix="guide-")  # type: ignore[attr-defined]
     _style(Path(app.scratch) / "ipython")
 
 
 def _style(folder: Path) -> None:
-    """Let every kernel set it before its first cell, and draw sharp figures."""
+    """Set the style and sharp figures in each kernel before its first cell."""
     at_start = folder / "profile_default" / "startup"
     at_start.mkdir(parents=True)
     lines = [
@@ -45,14 +45,14 @@ def _style(folder: Path) -> None:
         "del sys, gallery_style, set_matplotlib_formats",
     ]
     (at_start / "style.py").write_text("\n".join(lines), encoding="utf-8")
-    # A kernel tells of its unencrypted port, which is open on this machine alone.
+    # A kernel warns about its unencrypted port, which is open on this machine only.
     quiet = "c.IPKernelApp.log_level = 40\n"
     (at_start.parent / "ipython_kernel_config.py").write_text(quiet, encoding="utf-8")
     os.environ["IPYTHONDIR"] = str(folder)
 
 
 def _enter(app: Sphinx, page: str, _: list[str]) -> None:
-    # MyST-NB asks for a new folder for the cells of each page, and clears it after the page.
+    # MyST-NB creates a folder for the cells of each page, and deletes it after the page.
     inline.mkdtemp = lambda: str(folder_of(app, page))
 
 
@@ -61,7 +61,7 @@ def _clear(app: Sphinx, _: Exception | None) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Open the folder before the pages are read, and clear it in the end."""
+    """Register the extension: create the folder before the pages are read, delete it at the end."""
     app.connect("builder-inited", _open)
     app.connect("source-read", _enter)
     app.connect("build-finished", _clear)

@@ -1,13 +1,13 @@
-"""Settings of the guide: shown, and loaded by the package when the guide is built.
+"""Directive `settings`: settings of the guide, checked by the package during the build.
 
     ```{settings}
     chain:
       angle: {kind: music}
     ```
 
-A wrong name is a warning, which `-W` makes an error. What a fragment leaves out is that of the
-reference scenario, or of `examples/mimo.yaml` where only an array can do it, or of the file that
-`over` names; a fragment of a study or a search is given a scenario and scores.
+A wrong name is a warning, which `-W` makes an error. Fragments are completed from the
+reference scenario, from `examples/mimo.yaml` if they require an array, or from the file that `over`
+names; fragments of a study or a search get a scenario and scores.
 """
 
 import warnings
@@ -64,12 +64,12 @@ class Settings(SphinxDirective):
         "name": directives.unchanged_required,
         "whole": directives.flag,
     }
-    """`of`: what they are settings of, a scenario without it. `over`: scenario that a fragment is
-    laid over. `whole`: nothing is left out. `name`: file that they are written to, whole, for the
-    blocks that follow."""
+    """`of`: type of the settings, a scenario by default. `over`: scenario that completes it.
+    `whole`: the settings are complete. `name`: file that receives the settings, complete, for
+    later blocks."""
 
     def run(self) -> list[nodes.Node]:
-        """Load them; the block as it is written."""
+        """Load the settings; return them as a block."""
         text = "\n".join(self.content)
         folder = folder_of(self.env.app, self.env.docname)
         name = self.options.get("name", "")
@@ -86,22 +86,22 @@ class Settings(SphinxDirective):
         return [block]
 
     def _load(self, file: Path, folder: Path) -> None:
-        """Load them over the first of the scenarios that they can be laid over."""
+        """Load the settings, completed from the first base scenario that accepts them."""
         load = _LOADED[self.options.get("of", "scenario")]
         bases: list[Path | None] = [_REFERENCE, _EXAMPLES / "mimo.yaml"]
         if "over" in self.options:
             bases = [folder / self.options["over"]]
         if "whole" in self.options or "name" in self.options:
             bases = [None]
-        refused: list[DechirpError] = []
+        errors: list[DechirpError] = []
         for base in bases:
             try:
                 with chdir(folder), warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # findings, which a run of them would tell
+                    warnings.simplefilter("ignore")  # findings, which a run would print
                     return load(file, base)
             except DechirpError as error:
-                refused.append(error)
-        raise refused[0]
+                errors.append(error)
+        raise errors[0]
 
 
 def _scenario(file: Path, base: Path | None) -> None:
@@ -113,58 +113,60 @@ def _radar(file: Path, base: Path | None) -> None:
 
 
 def _load(file: Path, base: Path | None, kind: type) -> None:
-    given = parse_yaml(file.read_text(encoding="utf-8"), file.name)
+    fragment = parse_yaml(file.read_text(encoding="utf-8"), file.name)
     if base is not None:
-        under = parse_yaml(base.read_text(encoding="utf-8"), base.name)
-        if kind is Radar and isinstance(under.content, dict):
-            under = under.content.get("radar", under)
-        given = _laid(_without_what_it_replaces(under, given), given)
+        base_node = parse_yaml(base.read_text(encoding="utf-8"), base.name)
+        if kind is Radar and isinstance(base_node.content, dict):
+            base_node = base_node.content.get("radar", base_node)
+        fragment = _merge_nodes(_drop_replaced_settings(base_node, fragment), fragment)
     loading.build_value_from_tree(
-        given, kind, ValidationContext(folder=file.parent, readers=READERS)
+        fragment, kind, ValidationContext(folder=file.parent, readers=READERS)
     )
 
 
-def _without_what_it_replaces(under: YamlNode, given: YamlNode) -> YamlNode:
-    """Leave out what goes with a scene where another is given, or a recording."""
-    assert isinstance(under.content, dict)
-    assert isinstance(given.content, dict)
-    gone: set[str] = set()
-    if "recording" in given.content:
-        gone = {"scene", "radar", "impairments", "engine", "n_frames"}
-    elif "scene" in given.content:
-        gone = {"scene", "impairments"}  # noise may be set beside a target by name
-    left = {name: node for name, node in under.content.items() if name not in gone}
-    return replace(under, content=left)
-
-
-def _laid(under: YamlNode, over: YamlNode) -> YamlNode:
-    """Settings over others; a member of a family of another kind brings all of its own."""
-    if not (isinstance(under.content, dict) and isinstance(over.content, dict)):
-        return over
-    if "kind" in over.content:
-        return over
-    laid = {
-        name: _laid(under.content[name], node) if name in under.content else node
-        for name, node in over.content.items()
+def _drop_replaced_settings(base_node: YamlNode, fragment: YamlNode) -> YamlNode:
+    """Remove the settings of the base that a scene or recording of the fragment replaces."""
+    assert isinstance(base_node.content, dict)
+    assert isinstance(fragment.content, dict)
+    replaced_names: set[str] = set()
+    if "recording" in fragment.content:
+        replaced_names = {"scene", "radar", "impairments", "engine", "n_frames"}
+    elif "scene" in fragment.content:
+        replaced_names = {"scene", "impairments"}  # noise levels may refer to a target by name
+    remaining = {
+        name: node for name, node in base_node.content.items() if name not in replaced_names
     }
-    return replace(over, content={**under.content, **laid})
+    return replace(base_node, content=remaining)
+
+
+def _merge_nodes(base_node: YamlNode, overrides: YamlNode) -> YamlNode:
+    """Merge two trees of settings; a family member with a `kind` replaces the base value."""
+    if not (isinstance(base_node.content, dict) and isinstance(overrides.content, dict)):
+        return overrides
+    if "kind" in overrides.content:
+        return overrides
+    merged = {
+        name: _merge_nodes(base_node.content[name], node) if name in base_node.content else node
+        for name, node in overrides.content.items()
+    }
+    return replace(overrides, content={**base_node.content, **merged})
 
 
 def _study(file: Path, base: Path | None) -> None:
-    _with_the_rest(file, base, "study", load_study)
+    _load_completed(file, base, "study", load_study)
 
 
 def _tune(file: Path, base: Path | None) -> None:
-    _with_the_rest(file, base, "tune", load_tune)
+    _load_completed(file, base, "tune", load_tune)
 
 
 def _requirements(file: Path, base: Path | None) -> None:
-    _with_the_rest(
+    _load_completed(
         file, base, "requirements", lambda path: loading.read_settings(path, Requirements)
     )
 
 
-def _with_the_rest(
+def _load_completed(
     file: Path, base: Path | None, kind: str, load: Callable[[Path], object]
 ) -> None:
     text = file.read_text(encoding="utf-8")

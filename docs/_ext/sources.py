@@ -22,26 +22,26 @@ _YEAR = re.compile(r"\b(?:19|20)\d\d\b")
 
 
 def read() -> dict[str, str]:
-    """Sources by key, the dashes of page numbers as they are printed."""
+    """Return the sources by key, with en dashes in page numbers."""
     lines = (Path(__file__).parents[1] / "sources.txt").read_text(encoding="utf-8").splitlines()
-    own = dict(line.split(": ", 1) for line in lines if line and not line.startswith("#"))
-    if twice := sorted(set(own) & set(REFERENCES)):
+    guide_sources = dict(line.split(": ", 1) for line in lines if line and not line.startswith("#"))
+    if twice := sorted(set(guide_sources) & set(REFERENCES)):
         raise ExtensionError(
             f"docs/sources.txt: {', '.join(twice)}: in certificate/paper.py already"
         )
     return {
         key: re.sub(r"(pp\. \d+)-", "\\1\N{EN DASH}", text)
-        for key, text in {**REFERENCES, **own}.items()
+        for key, text in {**REFERENCES, **guide_sources}.items()
     }
 
 
 def surnames(text: str) -> list[str]:
-    """Surnames of the authors of a source, or none where an institution wrote it."""
+    """Return the surnames of the authors; empty if the author is an institution."""
     return _AUTHOR.findall(text)
 
 
 def label(text: str) -> str:
-    """Author and year, as a page cites it."""
+    """Return author and year in the form that a page cites."""
     names, year = surnames(text), _YEAR.findall(text)[-1]
     if not names:
         return text.partition(",")[0].removeprefix("Recommendation ")
@@ -56,30 +56,30 @@ class Sources(SphinxDirective):
     has_content = True
 
     def run(self) -> list[nodes.Node]:
-        """A list with a place to lead to for each."""
-        every, listed = read(), nodes.bullet_list(classes=["sources"])
-        for key in sorted(" ".join(self.content).split(), key=lambda key: _order(every[key])):
-            item = nodes.list_item("", nodes.paragraph(every[key], every[key]), ids=[_id(key)])
+        """Return the list, with a link target for each source."""
+        sources, listed = read(), nodes.bullet_list(classes=["sources"])
+        for key in sorted(" ".join(self.content).split(), key=lambda key: _order(sources[key])):
+            item = nodes.list_item("", nodes.paragraph(sources[key], sources[key]), ids=[_id(key)])
             listed += item
         return [listed]
 
 
 class Cite(SphinxRole):
-    """Author and year of a source, which lead to it; several keys with commas between."""
+    """Role `cite`: author and year of a source, linked to it; several keys separated by commas."""
 
     def run(self) -> tuple[list[nodes.Node], list[nodes.system_message]]:
-        """A link for each key."""
-        every, shown = read(), []
-        for key in (one.strip() for one in self.text.split(",")):
-            if key not in every:
+        """Return a link for each key."""
+        sources, links = read(), []
+        for key in (part.strip() for part in self.text.split(",")):
+            if key not in sources:
                 raise ExtensionError(
                     f"{self.get_location()}: no source {key!r} in docs/sources.txt"
                 )
-            shown += [nodes.Text("; ")] if shown else []
+            links += [nodes.Text("; ")] if links else []
             up = "../" * self.env.docname.count("/")
             address = f"{up}{_PAGE}.html#{_id(key)}"
-            shown.append(nodes.reference("", label(every[key]), refuri=address, internal=True))
-        return shown, []
+            links.append(nodes.reference("", label(sources[key]), refuri=address, internal=True))
+        return links, []
 
 
 def _order(text: str) -> tuple[str, str]:

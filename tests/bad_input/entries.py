@@ -232,18 +232,24 @@ def _read_study_ledger(file: Path, scratch: Path) -> object:
     from dechirp.experiments.study.ledger_reader import LEDGER_NAME, LedgerReader
 
     (scratch / LEDGER_NAME).write_bytes(file.read_bytes())
-    with LedgerReader.open_existing(scratch) as ledger:
+    with LedgerReader.open_read_only(scratch) as ledger:
         numbers = [
-            (ledger.trial_numbers(point), ledger.point_theory(point))
-            for point, _ in ledger.iter_point_sums()
+            (ledger.trial_numbers_of_point(point), ledger.theoretical_values_of_point(point))
+            for point, _ in ledger.iter_trial_sums_by_point()
         ]
         outcome = (
-            ledger.failures(),
-            ledger.findings(),
-            ledger.ended_points(),
-            ledger.total_seconds(),
+            ledger.failed_trials_with_points(),
+            ledger.findings_with_points(),
+            ledger.n_blocks_of_points_ended_early(),
+            ledger.total_computing_seconds(),
         )
-        return ledger.identity, ledger.environments, ledger.finished_blocks(), numbers, outcome
+        return (
+            ledger.study_identity,
+            ledger.environments_of_all_runs,
+            ledger.saved_point_and_block_numbers(),
+            numbers,
+            outcome,
+        )
 
 
 # The network

@@ -39,7 +39,7 @@ def _open_foreign_study(folder: Path) -> None:
     (folder / "study.sqlite").write_bytes(b"something else")
     from dechirp.experiments.study.ledger_reader import LedgerReader
 
-    LedgerReader.open_existing(folder)
+    LedgerReader.open_read_only(folder)
 
 
 def _request_huge_cube(_: Path) -> None:

@@ -13,7 +13,7 @@ from bad_input.entries import check_error_is_complete, run_command
 from dechirp.cli.main import main
 from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.core.errors import DechirpError
-from dechirp.experiments.run import run_chain_findings
+from dechirp.experiments.run import fitted_chain_findings
 from dechirp.recordings.settings.calibration import read_calibration
 from dechirp.results.hex_vectors import read_vectors
 from dechirp.results.object_lists.files import read_objects, write_objects
@@ -42,14 +42,14 @@ def test_omitted_angle_estimator_gives_finding():
     scenario = dc.reference(["chain.angle={kind: fft}"])
     (angle_finding,) = (
         finding
-        for finding in run_chain_findings(scenario.chain, scenario.radar)
+        for finding in fitted_chain_findings(scenario.chain, scenario.radar)
         if finding.setting == "chain.angle"
     )
     assert angle_finding.value == "fft, left out: this array resolves no directions"
     default_scenario = dc.reference()
     assert not [
         finding
-        for finding in run_chain_findings(default_scenario.chain, default_scenario.radar)
+        for finding in fitted_chain_findings(default_scenario.chain, default_scenario.radar)
         if "angle" in finding.setting
     ]
 

@@ -138,7 +138,7 @@ def test_report_counts_detected_targets_of_scenes(scene_result):
 
 def assign_tracks_to_targets(result: dc.Result) -> list[str]:
     """Return the single target of each track over all frames in which it is confirmed."""
-    track_targets = objects_section.targets_of_tracks(result, result.tracks)
+    track_targets = objects_section.names_of_tracked_targets(result, result.tracks)
     assert all(len(names) == 1 for names in track_targets)
     return [names[0] for names in track_targets]
 

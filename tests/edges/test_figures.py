@@ -173,7 +173,7 @@ DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
     "birds_eye.draw_detections_from_above": lambda area, run: (
         birds_eye.draw_detections_from_above(area, run.ground)
     ),
-    "cfar.draw_cut": lambda area, run: cfar.draw_cut(
+    "cfar.draw_threshold_cut": lambda area, run: cfar.draw_threshold_cut(
         area, run.result.power, run.result.threshold, run.chain.cfar,
         along="range", cell=(32, 40), units="full scale",
     ),
@@ -192,15 +192,15 @@ DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
     ),
     "detections.draw_detection_maps": lambda area, _: detections.draw_detection_maps(
         area, [[DETECTION_MASK, DETECTION_MASK]],
-        target=RangeVelocity(np.array(3.0), np.array(3.0)), reach=(2, 2),
+        target=RangeVelocity(np.array(3.0), np.array(3.0)), half_widths=(2, 2),
     ),
-    "detections.draw_thresholds": lambda area, _: detections.draw_thresholds(
+    "detections.draw_threshold_lines": lambda area, _: detections.draw_threshold_lines(
         area, [THRESHOLD_LINE, THRESHOLD_LINE], around_m=3, reach_m=2
     ),
     "detectors.draw_detector_comparison": lambda area, _: detectors.draw_detector_comparison(area),
     "diagrams.draw_data_flow": lambda area, _: diagrams.draw_data_flow(area),
     "diagrams.draw_demodulator": lambda area, _: diagrams.draw_demodulator(area),
-    "directions.draw_range_azimuth": lambda area, run: directions.draw_range_azimuth(
+    "directions.draw_range_azimuth_map": lambda area, run: directions.draw_range_azimuth_map(
         area,
         directions.RangeAzimuthMap(
             power=range_azimuth_map(run.cube.isel(frame=0), RADAR, run.chain),
@@ -233,17 +233,19 @@ DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
     "range_doppler.draw_close_up": lambda area, run: (
         range_doppler.draw_close_up(area, run.marked_map, cell=(32, 40))
     ),
-    "false_alarm_rates.draw_alarm_ratios": lambda area, _: false_alarm_rates.draw_alarm_ratios(
+    "false_alarm_rates.draw_false_alarm_ratios":
+        lambda area, _: false_alarm_rates.draw_false_alarm_ratios(
         area,
         [
             false_alarm_rates.DetectorRates(name="mean", checks=[ALARM_CHECK]),
             false_alarm_rates.DetectorRates(name="rank", checks=[ALARM_CHECK]),
         ],
     ),
-    "recording.draw_first_map": lambda area, run: (
-        recording.draw_first_map(area, run.result.power, units="sqrt(W)")
+    "recording.draw_map_or_range_profile": lambda area, run: (
+        recording.draw_map_or_range_profile(area, run.result.power, units="sqrt(W)")
     ),
-    "recording.draw_first_map of one chirp": lambda area, run: recording.draw_first_map(
+    "recording.draw_map_or_range_profile of one chirp":
+        lambda area, run: recording.draw_map_or_range_profile(
         area, run.result.power.isel(velocity=[0]), units="full scale"
     ),
     "recording.draw_points_from_above": lambda area, _: (
@@ -255,13 +257,15 @@ DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
     "spectrogram.draw_spectrogram": lambda area, run: spectrogram.draw_spectrogram(
         area, spectrogram_of(run.cube, RADAR, n_window=16)
     ),
-    "study.draw_lines": lambda area, _: (
-        study.draw_lines(area, [SCORE_LINE], x=RCS_LABEL, y=PD_LABEL, is_ratio=True, limits=[0.5])
+    "study.draw_score_lines": lambda area, _: (
+        study.draw_score_lines(
+            area, [SCORE_LINE], x=RCS_LABEL, y=PD_LABEL, is_ratio=True, limits=[0.5]
+        )
     ),
-    "study.draw_scatter": lambda area, _: (
-        study.draw_scatter(area, [SCORE_LINE], x=RCS_LABEL, y=RMSE_LABEL, is_ratio=False)
+    "study.draw_score_scatter": lambda area, _: (
+        study.draw_score_scatter(area, [SCORE_LINE], x=RCS_LABEL, y=RMSE_LABEL, is_ratio=False)
     ),
-    "study.draw_bars": lambda area, _: study.draw_bars(
+    "study.draw_score_bars": lambda area, _: study.draw_score_bars(
         area, [SCORE_LINE], [f"window {n}" for n in N], x=study.AxisLabel(text="Range window"),
         y=PD_LABEL, is_ratio=True,
     ),
@@ -273,24 +277,27 @@ DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
         area, [ROC_CURVE], x="False-alarm probability", y=PD_LABEL.text
     ),
     "tracks.draw_tracks": lambda area, _: tracks.draw_tracks(area, [TRACK_LINE], BACKGROUND),
-    "tune.draw_tradeoff": lambda area, _: tune.draw_tradeoff(area, TUNE_DOCUMENT),
-    "tune.draw_tradeoff without a limit": lambda area, _: tune.draw_tradeoff(
+    "tune.draw_candidate_scores_over_limited_score":
+        lambda area, _: tune.draw_candidate_scores_over_limited_score(area, TUNE_DOCUMENT),
+    "tune.draw_candidate_scores_over_limited_score without a limit":
+        lambda area, _: tune.draw_candidate_scores_over_limited_score(
         area, TUNE_DOCUMENT | {"objective": TUNE_DOCUMENT["objective"] | {"limits": []}}
     ),
-    "twin.draw_cut": lambda area, run: twin.draw_cut(
+    "twin.draw_recorded_and_twin_cut": lambda area, run: twin.draw_recorded_and_twin_cut(
         area, run.result.power, run.result.power, along="velocity", cell=(32, 40), units="sqrt(W)"
     ),
-    "twin.draw_noise": lambda area, _: twin.draw_noise(
+    "twin.draw_noise_levels_over_range": lambda area, _: twin.draw_noise_levels_over_range(
         area, [{"range_m": n, "recorded_db": -n, "twin_db": None} for n in N], unit="dBm"
     ),
-    "twin.draw_differences": lambda area, _: (
-        twin.draw_differences(area, [PEAK, PEAK | {"judged": False}], within_db=1.0)
+    "twin.draw_peak_power_differences": lambda area, _: (
+        twin.draw_peak_power_differences(area, [PEAK, PEAK | {"judged": False}], tolerance_db=1.0)
     ),
-    "waveform.draw_frequencies": lambda area, _: waveform.draw_frequencies(
+    "waveform.draw_ramp_frequencies": lambda area, _: waveform.draw_ramp_frequencies(
         area, start_frequency_hz=77e9, bandwidth_hz=150e6, chirp_duration_s=7.3e-6,
         delay_s=0.33e-6, beat_frequency_hz=6.8e6,
     ),
-    "waveform.draw_spectrograms": lambda area, _: waveform.draw_spectrograms(
+    "waveform.draw_ramp_and_beat_spectrograms":
+        lambda area, _: waveform.draw_ramp_and_beat_spectrograms(
         area, TONE, TONE, 10e6, slope_hz_per_s=1e12, highest_beat_hz=3e6
     ),
     "training_window.draw_training_window": lambda area, _: training_window.draw_training_window(
@@ -393,7 +400,7 @@ def test_legend_rows_enlarge_figure_instead_of_shrinking_axes():
 
     def render_lines(lines):
         return render_svg(
-            lambda figure: study.draw_lines(
+            lambda figure: study.draw_score_lines(
                 figure.subplots(), lines, x=RCS_LABEL, y=PD_LABEL, is_ratio=True
             )
         )
@@ -407,7 +414,7 @@ def test_legend_rows_enlarge_figure_instead_of_shrinking_axes():
 
 def test_png_has_figure_width_and_title(example):
     png = render_png(
-        lambda figure: recording.draw_first_map(
+        lambda figure: recording.draw_map_or_range_profile(
             figure.subplots(), example.result.power, units="sqrt(W)"
         ),
         title="a",

@@ -10,7 +10,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.experiments.object_stage import run_object_stage
+from dechirp.experiments.object_stage import estimate_ego_motion_clusters_tracks
 from dechirp.experiments.scenario import RecordingSource
 from dechirp.processing.cluster import Dbscan
 from dechirp.tracking.ego import EgoMotion
@@ -113,7 +113,9 @@ def test_tracker_uses_all_detections_without_ego_motion(street):
 
 def test_no_detections_give_no_tracks(result):
     no_detections = result.detections.drop_vars(["cluster", "motion"]).isel(detection=[])
-    stage = run_object_stage(no_detections, result.times_s, result.scenario, result.radar)
+    stage = estimate_ego_motion_clusters_tracks(
+        no_detections, result.times_s, result.scenario, result.radar
+    )
     assert stage.ego.sizes["frame"] == stage.clusters.sizes["cluster"] == 0
     assert stage.tracks.sizes["track"] == 0
     assert stage.tracks.sizes["frame"] == N_FRAMES
@@ -123,7 +125,7 @@ def test_no_detections_give_no_tracks(result):
 def test_failed_ego_motion_gives_finding_and_tracks_all_detections(result):
     scenario = replace(result.scenario, ego_motion=EgoMotion(min_static=100))
     detections = result.detections.drop_vars(["cluster", "motion"])
-    stage = run_object_stage(detections, result.times_s, scenario, result.radar)
+    stage = estimate_ego_motion_clusters_tracks(detections, result.times_s, scenario, result.radar)
     (finding,) = stage.findings
     assert (finding.setting, finding.value[:29]) == ("ego_motion", "no motion of the radar in 6 o")
     assert stage.tracks.sizes["track"] == 9

@@ -11,16 +11,16 @@ import pytest
 from dechirp.certificate import paper
 from dechirp.certificate.certificate import CLAIM_IDS, Certificate
 from dechirp.certificate.claim import Check, Claim
-from dechirp.certificate.corrections import find_corrections
+from dechirp.certificate.corrections import list_corrections_of_published_report
 from dechirp.certificate.detection_curves import MeasuredCurve
-from dechirp.certificate.document import build_document
-from dechirp.certificate.paper import REFERENCES, number_references
-from dechirp.certificate.paper_figures import draw_figures
-from dechirp.certificate.tables import build_tables
+from dechirp.certificate.document import certificate_as_json_data
+from dechirp.certificate.paper import REFERENCES, number_labels_and_citations
+from dechirp.certificate.paper_figures import draw_paper_figures
+from dechirp.certificate.tables import build_report_tables
 from dechirp.report.check_values import (
     apply_typography,
     format_amount,
-    format_check,
+    format_check_row,
     format_count,
     format_pair,
 )
@@ -127,11 +127,11 @@ def document() -> dict:
     }
     pairs = {"x_label": "Separation (range bins)", "x": (1.0, 1.5), "trials": (100, 1000)}
     frames = {"x_label": "SNR per sample (dB)", "trials": (500, 500), "hits": (200, 480)}
-    content = build_document(
+    content = certificate_as_json_data(
         Certificate(
             claims=tuple(claims.values()),
-            corrections=find_corrections(),
-            tables=build_tables(claims),
+            corrections=list_corrections_of_published_report(),
+            tables=build_report_tables(claims),
             curves=(
                 MeasuredCurve(
                     name="rectangular windows",
@@ -165,13 +165,13 @@ def document() -> dict:
 
 @pytest.fixture(scope="module")
 def figures(document) -> dict:
-    return draw_figures(document)
+    return draw_paper_figures(document)
 
 
 @pytest.fixture
 def render_page(monkeypatch, figures):
     """Return the renderer with precomputed figures, which take most of the time."""
-    monkeypatch.setattr(paper, "draw_figures", lambda document: figures)
+    monkeypatch.setattr(paper, "draw_paper_figures", lambda document: figures)
     return paper.render_paper
 
 
@@ -378,7 +378,7 @@ def test_figures_are_annotated_with_numbers_of_document(figures):
 
 def test_interval_sets_number_of_digits():
     check = CHECKS["range_doppler_peak"][0]
-    texts = format_check(
+    texts = format_check_row(
         {
             "unit": check.unit,
             "measured": check.measured,
@@ -396,17 +396,19 @@ def test_interval_sets_number_of_digits():
 
 def test_requirements_are_formatted_with_relation_sign():
     check = {"unit": "dB", "measured": -40.7, "published": None, "limit": None, "interval": None}
-    assert format_check({**check, "required": {"at_most": -40.5}}).required.startswith(
+    assert format_check_row({**check, "required": {"at_most": -40.5}}).required.startswith(
         f"≤ {MINUS}40.5"
     )
-    assert format_check({**check, "required": {"at_least": -60.0}}).required.startswith(
+    assert format_check_row({**check, "required": {"at_least": -60.0}}).required.startswith(
         f"≥ {MINUS}60"
     )
     assert (
-        format_check({**check, "required": {"at_least": 0.0, "at_most": 0.0}}).required.split()[0]
+        format_check_row({**check, "required": {"at_least": 0.0, "at_most": 0.0}}).required.split()[
+            0
+        ]
         == "0"
     )
-    assert format_check({**check, "required": None}).required == DASH
+    assert format_check_row({**check, "required": None}).required == DASH
 
 
 def test_amounts_are_formatted_with_readable_units():
@@ -459,7 +461,7 @@ def test_equations_are_numbered_in_order():
 @pytest.mark.parametrize("text", [r"\ref{figure:nowhere}", r"\cite{nobody}"])
 def test_unknown_reference_raises_error(text):
     with pytest.raises(KeyError):
-        number_references(text, REFERENCES)
+        number_labels_and_citations(text, REFERENCES)
 
 
 def test_unknown_equation_reference_raises_error():

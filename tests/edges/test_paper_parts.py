@@ -12,7 +12,7 @@ from test_paper import document  # noqa: F401
 
 from dechirp.certificate import paper
 from dechirp.certificate.claim import Check, Claim, Part
-from dechirp.certificate.document import _claim_entry, _part_entry
+from dechirp.certificate.document import _claim_as_json_data, _part_as_json_data
 from dechirp.report.figures import false_alarm_rates
 
 WINDOWS = ("rectangular windows", "Hann windows", "at both ends of the range, all windows")
@@ -80,10 +80,15 @@ def make_parts(greatest_of=1.01):
 @pytest.fixture
 def render_page(document, monkeypatch):  # noqa: F811
     """Return a function that renders the paper with parts, without its figures."""
-    monkeypatch.setattr(paper, "draw_figures", lambda _: defaultdict(lambda: Markup("<svg></svg>")))
+    monkeypatch.setattr(
+        paper, "draw_paper_figures", lambda _: defaultdict(lambda: Markup("<svg></svg>"))
+    )
 
     def render_with_parts(certificate_parts):
-        full_document = {**document, "parts": [_part_entry(part) for part in certificate_parts]}
+        full_document = {
+            **document,
+            "parts": [_part_as_json_data(part) for part in certificate_parts],
+        }
         return paper.render_paper(full_document)
 
     return render_with_parts
@@ -121,10 +126,10 @@ def test_failed_claim_beyond_report_is_named_at_top(render_page):
 
 def test_alarm_rate_figure_has_marker_and_interval_for_every_rate():
     detectors = [
-        false_alarm_rates.DetectorRates(name=entry.id, checks=_claim_entry(entry)["checks"])
+        false_alarm_rates.DetectorRates(name=entry.id, checks=_claim_as_json_data(entry)["checks"])
         for entry in make_parts()[0].claims
     ]
-    axes = false_alarm_rates.draw_alarm_ratios(Figure().subplots(), detectors)
+    axes = false_alarm_rates.draw_false_alarm_ratios(Figure().subplots(), detectors)
 
     assert [label.get_text() for label in axes.get_yticklabels()] == list(WINDOWS)
     for container, detector in zip(axes.containers, detectors, strict=True):

@@ -27,9 +27,9 @@ from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 from dechirp.report.figures import bars
 from dechirp.report.figures.range_doppler import block_maxima
-from dechirp.report.figures.style import thin_line
+from dechirp.report.figures.style import reduce_line_to_extremes
 from dechirp.report.page import render_report
-from dechirp.report.page_context import build_page_context
+from dechirp.report.page_context import sort_match_and_map_detections
 from dechirp.scene.aliasing import apparent_range_and_velocity, range_doppler_map_position
 from dechirp.scene.bodies.corner_reflector import CornerReflector
 from dechirp.scene.bodies.pedestrian import Pedestrian
@@ -373,7 +373,7 @@ def test_spike_survives_thinning_of_long_line():
     y = np.random.default_rng(4).normal(size=50_000)
     y[31_234], y[8_003] = 99.0, -99.0
 
-    x, thinned_y = thin_line(np.arange(y.size), y)
+    x, thinned_y = reduce_line_to_extremes(np.arange(y.size), y)
 
     assert x.size <= 1200
     assert 31_234 in x and 8_003 in x
@@ -426,14 +426,16 @@ def test_truth_over_time_is_aliased_like_its_detections_and_map_like_one_tx(n_tx
     )
     scene = Scene(targets=[dataclasses.replace(CAR, velocity_m_per_s=(-40, 0, 0), rcs_m2=100)])
     result = run(Scenario(radar=radar, scene=scene, n_frames=2))
-    context = build_page_context(result)
+    context = sort_match_and_map_detections(result)
 
     assert radar.frame.max_velocity_m_per_s == pytest.approx(26.5, abs=0.5)
     expected = -40 if n_tx == 2 else -40 + 2 * radar.frame.max_velocity_m_per_s
     assert context.apparent_truth.velocity_m_per_s == pytest.approx(expected, abs=0.1)
     assert context.strongest.velocity.values[:2] == pytest.approx(expected, abs=0.1)
     map_velocity = -40 + 2 * radar.frame.max_velocity_m_per_s
-    assert context.expected_peaks.velocity_m_per_s == pytest.approx(map_velocity, abs=0.1)
+    assert context.point_target_map_positions.velocity_m_per_s == pytest.approx(
+        map_velocity, abs=0.1
+    )
 
 
 def test_beat_signal_shows_full_echo_amplitude_with_tdm():
@@ -493,7 +495,7 @@ def test_hidden_side_of_car_matches_no_detection():
     )
 
     assert association.target.tolist() == [0, -1]
-    peaks = build_page_context(make_result(scene=scene)).scatterer_peaks
+    peaks = sort_match_and_map_detections(make_result(scene=scene)).scatterer_map_positions
     assert peaks.range_m.min() == pytest.approx(42.5, abs=0.2)
     assert peaks.range_m.max() < 57
 

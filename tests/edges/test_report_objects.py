@@ -119,23 +119,25 @@ def test_track_ellipse_follows_covariance():
 
 def test_track_that_switches_target_lists_both_targets(result):
     tracks = result.tracks.copy(deep=True)
-    right = [names[0] for names in objects_section.targets_of_tracks(result, tracks)].index("right")
+    right = [names[0] for names in objects_section.names_of_tracked_targets(result, tracks)].index(
+        "right"
+    )
     positions_m = result.scenario.scene.target_positions_m(result.truth.time.values)[:, 0]
     for name, column in zip("xy", positions_m.T, strict=False):
         tracks[name].values[right, 4:] = column[4:]
 
-    assert objects_section.targets_of_tracks(result, tracks)[right] == ["right", "left"]
+    assert objects_section.names_of_tracked_targets(result, tracks)[right] == ["right", "left"]
 
 
 def test_track_far_from_all_targets_has_no_target(result):
     shifted_tracks = result.tracks.assign(x=result.tracks.x + 8.0)
-    assert objects_section.targets_of_tracks(result, shifted_tracks) == [[], []]
+    assert objects_section.names_of_tracked_targets(result, shifted_tracks) == [[], []]
 
 
 def test_tracks_without_truth_have_no_targets(result):
     recorded_result = replace(result, truth=None)
-    assert objects_section.summarise_track_targets(recorded_result) == ""
-    assert [row["target"] for row in objects_section.track_rows(recorded_result, 5)] == [
+    assert objects_section.describe_number_of_targets_with_tracks(recorded_result) == ""
+    assert [row["target"] for row in objects_section.track_table_rows(recorded_result, 5)] == [
         "\N{EN DASH}"
     ] * 2
 

@@ -18,7 +18,7 @@ from dechirp.config.loading import parse_settings, read_settings
 from dechirp.config.yaml_tree import Plain, parse_yaml
 from dechirp.core.errors import DechirpError
 from dechirp.experiments.scenario import READERS
-from dechirp.experiments.study.dumping import dump_study
+from dechirp.experiments.study.dumping import dump_study_as_yaml
 
 EXAMPLES = Path(dc.__file__).parents[2] / "examples"
 KINDS = ["scenario", "study", "tune", "radar", "requirements"]
@@ -80,7 +80,10 @@ def test_every_dumped_scenario_matches_schema(name):
 @pytest.mark.parametrize("name", [name for name, kind in FILES.items() if kind == "study"])
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_every_dumped_study_matches_schema(name):
-    assert find_schema_error("study", parse_plain(dump_study(dc.load_study(EXAMPLES / name)))) == ""
+    assert (
+        find_schema_error("study", parse_plain(dump_study_as_yaml(dc.load_study(EXAMPLES / name))))
+        == ""
+    )
 
 
 def test_reference_and_requirements_match_schemas():

@@ -8,10 +8,10 @@ from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting
 from dechirp.evaluation.detector_law import find_detector_law
 from dechirp.evaluation.score.errors import RangeRmse
 from dechirp.evaluation.score.probabilities import DetectionProbability
-from dechirp.experiments.study.layout import Layout
+from dechirp.experiments.study.layout import ScoreColumnLayout
 from dechirp.experiments.study.plan import Plan
 from dechirp.experiments.study.requirements import judge_requirements
-from dechirp.experiments.study.results import PointData, estimate_points
+from dechirp.experiments.study.results import PointData, estimate_scores_of_points
 from dechirp.experiments.study.run import replay_trial
 from dechirp.experiments.study.study import Requirement
 from dechirp.experiments.study.trial_context import build_trial_context
@@ -80,7 +80,7 @@ def test_score_that_fits_some_points_runs(load_study, tmp_path):
     outcome = dc.run_study(
         load_study("clusters_per_target", vary=vary, more="stop_after_failures: 1"), tmp_path
     )
-    assert outcome.result.n_failures.tolist() == [4, 0]
+    assert outcome.result.n_failed_trials_per_point.tolist() == [4, 0]
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_point_on_limit_is_undecided_at_any_confidence():
     ]
     checked_study = make_study(WINDOW, scores=(HitProbability(),), require=(limit,))
     (verdict,) = judge_requirements(
-        estimate_points(checked_study, make_layout(scores=(HitProbability(),)), points),
+        estimate_scores_of_points(checked_study, make_layout(scores=(HitProbability(),)), points),
         lambda _: sums,
     )
     assert verdict.decision == "undecided"
@@ -155,18 +155,20 @@ def test_point_on_limit_is_undecided_at_any_confidence():
 
 
 def test_combined_theory_is_mean_of_ratios_and_undefined_for_errors():
-    joint_layout = Layout((DetectionProbability(), RangeRmse()), (("car", "van"), ("car", "van")))
+    joint_layout = ScoreColumnLayout(
+        (DetectionProbability(), RangeRmse()), (("car", "van"), ("car", "van"))
+    )
     theory = np.array([0.5, 1.0, 0.1, 0.3])
-    assert joint_layout.score_theory(theory, "detection_probability") == 0.75
-    assert np.isnan(joint_layout.score_theory(theory, "range_rmse"))
-    assert joint_layout.score_theory(theory, "range_rmse", "van") == 0.3
-    single_layout = Layout((RangeRmse(),), (("car",),))
-    assert single_layout.score_theory(np.array([0.1]), "range_rmse") == 0.1
+    assert joint_layout.theoretical_score_value(theory, "detection_probability") == 0.75
+    assert np.isnan(joint_layout.theoretical_score_value(theory, "range_rmse"))
+    assert joint_layout.theoretical_score_value(theory, "range_rmse", "van") == 0.3
+    single_layout = ScoreColumnLayout((RangeRmse(),), (("car",),))
+    assert single_layout.theoretical_score_value(np.array([0.1]), "range_rmse") == 0.1
 
 
 def test_ordered_statistic_has_more_effective_cells_than_mean(load_study):
     checked_study = load_study(vary="chain.cfar.estimator: [{kind: ordered-statistic}]")
-    context = build_trial_context(Plan.from_study(checked_study).scenario(0))
+    context = build_trial_context(Plan.from_study(checked_study).scenario_of_point(0))
     noise, training_window = (
         context.chain.map_noise_statistics(context.radar),
         context.chain.cfar.training_window,
@@ -177,7 +179,9 @@ def test_ordered_statistic_has_more_effective_cells_than_mean(load_study):
     shape = (20_000, len(roots[0]), len(roots[1]))
     white_noise = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
     power = abs(roots[0] @ white_noise @ roots[1].T) ** 2
-    indices = box.offsets + np.array([training_window.half_velocity, training_window.half_range])
+    indices = box.training_offsets + np.array(
+        [training_window.half_velocity, training_window.half_range]
+    )
     quantiles = np.quantile(power[:, indices[:, 0], indices[:, 1]], 0.75, axis=1)
 
     # The variance over n independent exponential cells is p q / (n p^2), known here to 5 % at

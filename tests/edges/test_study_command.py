@@ -89,18 +89,19 @@ def test_trials_are_bit_identical_in_threads_and_processes(study_file, tmp_path)
         dc.run_study(study, tmp_path / "threads", executor=threads)
     dc.run_study(study, tmp_path / "processes")
     with (
-        LedgerReader.open_existing(tmp_path / "threads") as thread_ledger,
-        LedgerReader.open_existing(tmp_path / "processes") as process_ledger,
+        LedgerReader.open_read_only(tmp_path / "threads") as thread_ledger,
+        LedgerReader.open_read_only(tmp_path / "processes") as process_ledger,
     ):
         for point in range(6):
             np.testing.assert_array_equal(
-                thread_ledger.point_sums(point), process_ledger.point_sums(point)
+                thread_ledger.trial_sums_of_point(point), process_ledger.trial_sums_of_point(point)
             )
             np.testing.assert_array_equal(
-                thread_ledger.point_theory(point), process_ledger.point_theory(point)
+                thread_ledger.theoretical_values_of_point(point),
+                process_ledger.theoretical_values_of_point(point),
             )
         replay = replay_trial(dc.load_study(study_file), 17, point=3)
-        np.testing.assert_array_equal(replay.sums, thread_ledger.point_sums(3)[17])
+        np.testing.assert_array_equal(replay.sums, thread_ledger.trial_sums_of_point(3)[17])
     # `run` of that trial uses the same samples, so its detections are equal.
     np.testing.assert_array_equal(
         replay.result.detections.range.values, replay.trial_result.detections["range"]

@@ -25,7 +25,7 @@ from dechirp.report.study.page import (
     render_study_page,
     replay_command,
 )
-from dechirp.report.study.settings import format_percent
+from dechirp.report.study.settings import format_confidence_percent
 from dechirp.report.study.table import build_point_table
 from dechirp.results.text_files import to_json_text
 from page_checks import check_captions, check_pdf_contains_page_text
@@ -174,7 +174,7 @@ def test_point_table_has_columns_per_target_and_counts_omitted_points():
     assert "range RMSE of car (mm)" in headings
     assert (len(table.rows), table.n_more) == (3, 4)
     column_index = headings.index("range RMSE of car (mm)")
-    value_m = study_result.rows[0]["range_rmse"]["targets"]["car"]["value"]
+    value_m = study_result.points_as_dicts[0]["range_rmse"]["targets"]["car"]["value"]
     assert float(table.rows[0][column_index]) == pytest.approx(1e3 * value_m, rel=0.01)
 
 
@@ -227,7 +227,7 @@ def test_value_is_rounded_to_two_digits_of_its_interval(numbers, texts):
     ],
 )
 def test_certainty_is_never_rounded_up(certainty, text):
-    assert format_percent(certainty) == text
+    assert format_confidence_percent(certainty) == text
 
 
 def test_axis_scale_follows_kind_and_range_of_values():
@@ -237,8 +237,8 @@ def test_axis_scale_follows_kind_and_range_of_values():
     assert figures.choose_axis_scale(np.array([0.01, 1.0]), is_ratio=False) == "log"
     assert figures.choose_axis_scale(np.array([-0.01, 1.0]), is_ratio=False) == "linear"
     assert figures.choose_axis_scale(np.array([np.nan]), is_ratio=False) == "linear"
-    assert figures.is_evenly_spaced_in_ratio((1, 10, 100))
-    assert not figures.is_evenly_spaced_in_ratio((10, 20, 30, 40))
+    assert figures.is_suited_to_log_axis((1, 10, 100))
+    assert not figures.is_suited_to_log_axis((10, 20, 30, 40))
 
 
 def test_figure_thins_many_values_and_states_their_number():
@@ -312,7 +312,7 @@ def test_json_document_contains_rows_requirements_and_failures():
 
     content = json.loads(to_json_text(document))
     assert set(content) >= {"version", "seed", "rows", "done", "total", "require", "files"}
-    assert content["rows"] == study_result.rows
+    assert content["rows"] == study_result.points_as_dicts
     (requirement,) = content["require"]
     assert (requirement["decision"], requirement["at_least"]) == ("met", 0.9)
     assert requirement["point_settings"] == requirement["deciding"] == {RCS.path: "20 dBsm"}

@@ -37,7 +37,7 @@ def test_items_equal_stored_trials(example, folder):
     items = example.Items(folder)
     assert len(items) == int(data[""].made.sum()) < data[""].made.size
     for index in (0, len(items) - 1):
-        point, trial = items.places[index]
+        point, trial = items.positions[index]
         item, labels = items[index]
         assert item.dtype == np.float32
         np.testing.assert_allclose(item, data[""].power[point, trial], atol=1e-4)
@@ -58,7 +58,7 @@ def test_labels_lie_on_peaks_of_map(example, folder):
 
 def test_cube_items_are_complex_samples_of_data_set(example, folder):
     data = open_data_set_groups(folder)[""]
-    cube, labels = example.Items(folder, what="cube")[2]
+    cube, labels = example.Items(folder, content="cube")[2]
     scale = np.float32(data.cube_scale[0, 2])
     np.testing.assert_array_equal(cube.imag, data.cube[0, 2, ..., 1] * scale)
     assert "row" not in labels
@@ -66,7 +66,7 @@ def test_cube_items_are_complex_samples_of_data_set(example, folder):
 
 def test_splits_by_trials_are_disjoint(example, folder):
     parts = [example.Items(folder, trials=limits) for limits in ((0, 0.5), (0.5, 1))]
-    trial_sets = [set(part.places[:, 1].tolist()) for part in parts]
+    trial_sets = [set(part.positions[:, 1].tolist()) for part in parts]
     assert not trial_sets[0] & trial_sets[1]
     assert sum(map(len, parts)) == len(example.Items(folder))
 

@@ -15,7 +15,7 @@ import pytest
 import dechirp as dc
 from dechirp.certificate import certificate, every_detector, extended, false_alarms
 from dechirp.certificate.certificate import CLAIM_IDS, verify
-from dechirp.certificate.document import build_document, number_checksum
+from dechirp.certificate.document import certificate_as_json_data, checksum_of_numbers
 from dechirp.certificate.trials import Job
 from dechirp.cli.main import main
 from dechirp.results.text_files import to_json_text
@@ -34,10 +34,10 @@ def reduce_trials(jobs: dict[str, Job]) -> dict[str, Job]:
 @pytest.fixture(autouse=True)
 def reduced_trials(monkeypatch):
     """Reduce the number of trials, and replace worker processes by a thread."""
-    original_jobs = certificate._report_jobs
+    original_jobs = certificate._trial_jobs_of_report_claims
     monkeypatch.setattr(
         certificate,
-        "_report_jobs",
+        "_trial_jobs_of_report_claims",
         lambda *arguments, **options: reduce_trials(original_jobs(*arguments, **options)),
     )
     original_workers = certificate.workers_from_executor
@@ -115,13 +115,13 @@ def _make_passing(claim):
 def test_same_seed_gives_bit_identical_certificate():
     with ThreadPoolExecutor(2) as threads:
         serial, parallel = (
-            build_document(verify(seed=4)),
-            build_document(verify(seed=4, executor=threads)),
+            certificate_as_json_data(verify(seed=4)),
+            certificate_as_json_data(verify(seed=4, executor=threads)),
         )
     for key in ("date", "timing_s"):
         del serial[key], parallel[key]
     assert repr(serial) == repr(parallel)  # with few trials, some intervals are NaN
-    assert build_document(verify(seed=5))["claims"] != serial["claims"]
+    assert certificate_as_json_data(verify(seed=5))["claims"] != serial["claims"]
 
 
 def test_full_certificate_has_parts_and_progress_counts_all_jobs(monkeypatch):
@@ -129,18 +129,23 @@ def test_full_certificate_has_parts_and_progress_counts_all_jobs(monkeypatch):
     group = {"maps of noise": every_detector.MAP_GROUPS["maps of noise"][:1]}
     monkeypatch.setattr(every_detector, "MAP_GROUPS", group)
     monkeypatch.setattr(every_detector, "MIN_CELLS", 1e5)
-    original_jobs, original_tests = extended.initial_jobs, false_alarms.noise_tests
-    monkeypatch.setattr(
-        extended, "initial_jobs", lambda n_trials: reduce_trials(original_jobs(n_trials))
+    original_jobs, original_tests = (
+        extended.jobs_before_noise_maps,
+        false_alarms.planned_noise_tests,
     )
-    monkeypatch.setattr(false_alarms, "noise_tests", lambda full: original_tests(full=False))
+    monkeypatch.setattr(
+        extended, "jobs_before_noise_maps", lambda n_trials: reduce_trials(original_jobs(n_trials))
+    )
+    monkeypatch.setattr(
+        false_alarms, "planned_noise_tests", lambda full: original_tests(full=False)
+    )
     progress_counts = []
 
     result = verify(
         seed=2, trials=100, full=True, progress=lambda *counts: progress_counts.append(counts)
     )
 
-    document = build_document(result)
+    document = certificate_as_json_data(result)
     assert [part["id"] for part in document["parts"]] == [
         "false_alarms",
         "directions",
@@ -152,11 +157,11 @@ def test_full_certificate_has_parts_and_progress_counts_all_jobs(monkeypatch):
         (n_done, len(progress_counts)) for n_done in range(1, len(progress_counts) + 1)
     ]
     assert {"python", "numpy", "scipy", "numba", "llvmlite"} <= set(document["versions"])
-    assert document["checksum"] == number_checksum(json.loads(to_json_text(document)))
+    assert document["checksum"] == checksum_of_numbers(json.loads(to_json_text(document)))
 
 
 def test_tables_show_published_and_computed_numbers():
-    tables = {table["number"]: table for table in build_document(verify())["tables"]}
+    tables = {table["number"]: table for table in certificate_as_json_data(verify())["tables"]}
 
     assert list(tables) == [5, 6, 7]
     waveform = {row["quantity"]: row for row in tables[6]["rows"]}
@@ -169,7 +174,8 @@ def test_tables_show_published_and_computed_numbers():
 
 def test_corrections_have_expected_values():
     corrections = {
-        correction["subject"]: correction for correction in build_document(verify())["corrections"]
+        correction["subject"]: correction
+        for correction in certificate_as_json_data(verify())["corrections"]
     }
 
     assert corrections["residual video phase"]["correct"].startswith("1.138 cycles")
@@ -210,7 +216,9 @@ def test_rejects_invalid_calls_with_option_name(run_cli, arguments, option):
 def test_rejects_foreign_folder_before_trials(run_cli, tmp_path, monkeypatch):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years of work")
-    monkeypatch.setattr(certificate, "_report_jobs", lambda *_, **__: pytest.fail("trials started"))
+    monkeypatch.setattr(
+        certificate, "_trial_jobs_of_report_claims", lambda *_, **__: pytest.fail("trials started")
+    )
 
     status, _, err = run_cli("--out", "mine")
 

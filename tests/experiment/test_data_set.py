@@ -23,12 +23,12 @@ from data_set_study import file_digests, make_adaptive_study, make_study, run_to
 from dechirp.cli.main import main
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting
 from dechirp.experiments.study import trial as trials
-from dechirp.experiments.study.data_set import data_bytes
+from dechirp.experiments.study.data_set import uncompressed_data_set_bytes
 from dechirp.experiments.study.data_set_items import TRUTH_COLUMNS
-from dechirp.experiments.study.dumping import dump_study
+from dechirp.experiments.study.dumping import dump_study_as_yaml
 from dechirp.experiments.study.ledger_reader import LedgerReader
 from dechirp.experiments.study.plan import Plan
-from dechirp.experiments.study.run import open_ledger, replay_trial
+from dechirp.experiments.study.run import create_or_continue_ledger, replay_trial
 from dechirp.experiments.study.study import RandomSetting, SweptSetting, TrialBudget
 from dechirp.radar.modulations.triangular import Triangular
 from dechirp.report.data_set import render_data_set_page
@@ -224,8 +224,8 @@ def test_repeated_call_of_finished_study_changes_nothing(tmp_path):
 
 def test_stopped_points_leave_no_items_past_their_end(tmp_path):
     run_to_folder(tmp_path, make_adaptive_study())
-    with LedgerReader.open_existing(tmp_path) as record:
-        lengths = [len(record.point_sums(point)) for point in range(3)]
+    with LedgerReader.open_read_only(tmp_path) as record:
+        lengths = [len(record.trial_sums_of_point(point)) for point in range(3)]
     assert min(lengths) < 23
     data = open_data_set_groups(tmp_path / "data.zarr")
     np.testing.assert_array_equal(data[""].made.sum("trial"), lengths)
@@ -277,8 +277,8 @@ def test_full_disk_stops_data_set_and_counts_only_stored_items(
         run_to_folder(tmp_path)
     monkeypatch.undo()
     folder = tmp_path / "data.zarr"
-    with LedgerReader.open_existing(tmp_path) as record:
-        n_done = len(record.finished_blocks())
+    with LedgerReader.open_read_only(tmp_path) as record:
+        n_done = len(record.saved_point_and_block_numbers())
     assert n_done < 15
     assert len(list((folder / "cube").glob("c.*"))) >= n_done
     assert not list(folder.rglob(".*"))
@@ -346,36 +346,38 @@ def test_random_setting_of_each_trial_is_stored(tmp_path):
 @pytest.mark.parametrize("first_keep", [(), ("detections",)])
 def test_study_with_other_kept_parts_is_refused_for_keep_alone(tmp_path, first_keep):
     second_keep = ("detections",) if not first_keep else ()
-    open_ledger(make_study(keep=first_keep), tmp_path).close()
+    create_or_continue_ledger(make_study(keep=first_keep), tmp_path).close()
     with pytest.raises(DechirpError) as error:
-        open_ledger(make_study(keep=second_keep, at_most_bytes=10**9), tmp_path)
+        create_or_continue_ledger(make_study(keep=second_keep, at_most_bytes=10**9), tmp_path)
     assert [mistake.setting for mistake in error.value.mistakes] == ["keep"]
 
 
 def test_confirmed_size_is_dumped_with_and_without_data_set():
-    assert "at_most_bytes: 1000000000" in dump_study(make_study(keep=(), at_most_bytes=10**9))
-    assert "at_most_bytes" not in dump_study(make_study())
+    assert "at_most_bytes: 1000000000" in dump_study_as_yaml(
+        make_study(keep=(), at_most_bytes=10**9)
+    )
+    assert "at_most_bytes" not in dump_study_as_yaml(make_study())
 
 
 def test_study_without_data_set_stores_no_items(tmp_path):
     plain = make_study(keep=())
-    assert "keep" not in dump_study(plain)
-    assert "at_most_bytes" not in dump_study(plain)
+    assert "keep" not in dump_study_as_yaml(plain)
+    assert "at_most_bytes" not in dump_study_as_yaml(plain)
     run_to_folder(tmp_path, plain)
     assert not (tmp_path / "data.zarr").exists()
-    with LedgerReader.open_existing(tmp_path) as record:
-        assert not list(record.iter_items())
+    with LedgerReader.open_read_only(tmp_path) as record:
+        assert not list(record.iter_packed_items())
 
 
 def test_scores_do_not_depend_on_kept_parts(tmp_path, undisturbed_folder):
     run_to_folder(tmp_path, make_study(keep=()))
     with (
-        LedgerReader.open_existing(tmp_path) as ledger,
-        LedgerReader.open_existing(undisturbed_folder) as reference_ledger,
+        LedgerReader.open_read_only(tmp_path) as ledger,
+        LedgerReader.open_read_only(undisturbed_folder) as reference_ledger,
     ):
         for point in range(3):
             np.testing.assert_array_equal(
-                ledger.point_sums(point), reference_ledger.point_sums(point)
+                ledger.trial_sums_of_point(point), reference_ledger.trial_sums_of_point(point)
             )
 
 
@@ -429,7 +431,10 @@ def test_rejects_maps_of_triangular_modulation(tmp_path):
 
 def test_data_set_size_equals_array_bytes(undisturbed_folder):
     group = zarr.open_group(undisturbed_folder / "data.zarr", mode="r")
-    assert data_bytes(Plan.from_study(make_study())) == group["cube"].nbytes + group["power"].nbytes
+    assert (
+        uncompressed_data_set_bytes(Plan.from_study(make_study()))
+        == group["cube"].nbytes + group["power"].nbytes
+    )
 
 
 def test_every_truth_column_has_units_and_description(data):
@@ -441,9 +446,9 @@ def test_every_truth_column_has_units_and_description(data):
 
 def test_study_file_sets_keep_and_is_refused_with_its_line(tmp_path):
     dc_study = tmp_path / "study.yaml"
-    dc_study.write_text(dump_study(make_study()))
+    dc_study.write_text(dump_study_as_yaml(make_study()))
     assert dc.load_study(dc_study) == make_study()
-    dc_study.write_text(dump_study(make_study()).replace("maps", "mpas"))
+    dc_study.write_text(dump_study_as_yaml(make_study()).replace("maps", "mpas"))
     with pytest.raises(InvalidFile, match=r"keep.*mpas; expected"):
         dc.load_study(dc_study)
 
@@ -484,7 +489,7 @@ def test_python_code_of_datasheet_reads_an_item(undisturbed_folder, data, monkey
 
 def test_command_writes_data_set_and_datasheet(tmp_path, capsys):
     file, out = tmp_path / "study.yaml", tmp_path / "out"
-    file.write_text(dump_study(make_study(trials=TrialBudget(at_most=4, block=2), vary=())))
+    file.write_text(dump_study_as_yaml(make_study(trials=TrialBudget(at_most=4, block=2), vary=())))
     for _ in range(2):  # the second call finds the study finished
         with pytest.raises(SystemExit) as exit_info:
             main(["study", str(file), "--workers", "1", "--out", str(out), "--pdf"])

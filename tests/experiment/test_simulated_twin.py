@@ -65,7 +65,7 @@ def test_twin_recovers_targets_and_cross_sections(small_radar, sampling):
             np.hypot(*target.position_m[:2]), abs=0.03
         )
         assert float(to_decibels(twin_target.rcs_m2 / target.rcs_m2)) == pytest.approx(0, abs=0.3)
-    assert twin.is_within(TwinTolerance(power=10**0.05, cells=0.1))
+    assert twin.is_twin_within_tolerance(TwinTolerance(power=10**0.05, cells=0.1))
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
@@ -114,7 +114,7 @@ def test_two_points_closer_than_a_lobe_give_two_matched_peaks(small_radar):
 
     assert twin.differences.sizes["peak"] == 2
     np.testing.assert_allclose(to_decibels(twin.differences.power_ratio_clean), 0, atol=0.1)
-    assert twin.is_within(TwinTolerance())
+    assert twin.is_twin_within_tolerance(TwinTolerance())
 
 
 def test_peak_error_in_cells_doubles_on_padded_map(small_radar):
@@ -202,7 +202,7 @@ def test_full_scale_without_noise_is_set_below_transmit_power(small_radar):
     assert twin.scenario.impairments == ()
     assert float(to_decibels(twin.differences.power_ratio[0])) == pytest.approx(0, abs=0.1)
     assert np.isnan(twin.noise.ratio)
-    assert twin.is_within(TwinTolerance())
+    assert twin.is_twin_within_tolerance(TwinTolerance())
 
 
 def test_constant_samples_are_leakage_of_their_power(small_radar):

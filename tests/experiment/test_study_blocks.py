@@ -16,11 +16,11 @@ from dechirp.evaluation.score.errors import RangeRmse, VelocityRmse
 from dechirp.evaluation.score.probabilities import DetectionProbability
 from dechirp.experiments.scenario import Scenario
 from dechirp.experiments.study import trial
-from dechirp.experiments.study.executors import _thread_findings
+from dechirp.experiments.study.executors import _multithreaded_worker_findings
 from dechirp.experiments.study.plan import Plan
 from dechirp.experiments.study.run import replay_trial
 from dechirp.experiments.study.study import Study, SweptSetting, TrialBudget
-from dechirp.experiments.study.trial import prepare_trial, run_block
+from dechirp.experiments.study.trial import create_trial_runner, run_trial_block
 from dechirp.simulation.impairments.bumper import Bumper
 from dechirp.simulation.impairments.noise import ThermalNoise
 from trial_cases import make_target, small_radar
@@ -53,10 +53,10 @@ def frequent_switches():
 def test_blocks_of_a_point_can_run_in_threads(frequent_switches):
     numbers = [*range(4)] * 3
     serial_plan, plan = Plan.from_study(make_study()), Plan.from_study(make_study())
-    expected = [ledger_content(run_block(serial_plan, 0, number)) for number in numbers]
+    expected = [ledger_content(run_trial_block(serial_plan, 0, number)) for number in numbers]
     with ThreadPoolExecutor(4) as pool:
         contents = list(
-            pool.map(lambda number: ledger_content(run_block(plan, 0, number)), numbers)
+            pool.map(lambda number: ledger_content(run_trial_block(plan, 0, number)), numbers)
         )
     assert contents == expected
 
@@ -74,7 +74,7 @@ def test_replayed_trial_equals_trial_of_study():
     seeded_study = make_study(
         scenario=Scenario(scene=scene, radar=small_radar(4), impairments=(ThermalNoise(),)), seed=4
     )
-    block = run_block(Plan.from_study(seeded_study), 0, 2)
+    block = run_trial_block(Plan.from_study(seeded_study), 0, 2)
     replayed_trial = replay_trial(seeded_study, 23)
     assert replayed_trial.sums.tobytes() == block.sums[3].tobytes()
 
@@ -84,32 +84,32 @@ def test_findings_do_not_depend_on_block_order():
     scenario = Scenario(scene=SCENE, radar=small_radar(2), impairments=impairments)
     statistical_study = make_study(scenario=scenario, sensor="statistical")
     first, late = Plan.from_study(statistical_study), Plan.from_study(statistical_study)
-    findings = run_block(first, 0, 0).findings
-    run_block(late, 0, 1)
+    findings = run_trial_block(first, 0, 0).findings
+    run_trial_block(late, 0, 1)
     assert any("bumper" in finding.value for finding in findings)
-    assert run_block(late, 0, 0).findings == findings
+    assert run_trial_block(late, 0, 0).findings == findings
 
 
 def test_memory_error_is_not_counted_as_failed_trial(monkeypatch):
     def run(self, number):
         raise MemoryError("no 3 GiB")
 
-    monkeypatch.setattr(trial.TrialRunner, "run", run)
+    monkeypatch.setattr(trial.TrialRunner, "run_trial", run)
     with pytest.raises(DechirpError, match="too little memory for trial 10 of point 0"):
-        run_block(Plan.from_study(make_study()), 0, 1)
+        run_trial_block(Plan.from_study(make_study()), 0, 1)
 
 
 def test_error_in_theory_loses_no_trials(monkeypatch):
     plan, reference_block = (
         Plan.from_study(make_study()),
-        run_block(Plan.from_study(make_study()), 0, 0),
+        run_trial_block(Plan.from_study(make_study()), 0, 0),
     )
 
     def theory(self, case):
         raise ArithmeticError("no law")
 
     monkeypatch.setattr(DetectionProbability, "theoretical_values", theory)
-    block = run_block(plan, 0, 0)
+    block = run_trial_block(plan, 0, 0)
     assert block.sums.tobytes() == reference_block.sums.tobytes()
     assert np.isnan(block.theory[:2]).all()
     assert block.theory[2:] == pytest.approx(reference_block.theory[2:])
@@ -119,8 +119,8 @@ def test_error_in_theory_loses_no_trials(monkeypatch):
 def test_point_with_invalid_scores_fails_every_trial_and_has_no_theory():
     lists = (SweptSetting(path="radar.frame.n_chirps", texts=("32", "1")),)
     plan = Plan.from_study(make_study(vary=lists, scores=(DetectionProbability(), VelocityRmse())))
-    assert not run_block(plan, 0, 0).failures
-    block = run_block(plan, 1, 0)
+    assert not run_trial_block(plan, 0, 0).failures
+    block = run_trial_block(plan, 1, 0)
     assert [failure.trial for failure in block.failures] == list(range(10))
     assert np.isnan(block.sums).all() and np.isnan(block.theory).all()
 
@@ -129,16 +129,16 @@ def test_targets_of_point_must_match_study(monkeypatch):
     plan = Plan.from_study(make_study())
     car, van = SCENE.targets
     other_scene = dc.Scene(targets=(car, replace(van, name="tram")))
-    prepared_trial = prepare_trial(
+    prepared_trial = create_trial_runner(
         Plan.from_study(make_study(scenario=replace(plan.study.scenario, scene=other_scene))), 0, 0
     )
-    monkeypatch.setattr(trial, "prepare_trial", lambda *arguments: prepared_trial)
-    failures = run_block(plan, 0, 0).failures
+    monkeypatch.setattr(trial, "create_trial_runner", lambda *arguments: prepared_trial)
+    failures = run_trial_block(plan, 0, 0).failures
     assert len(failures) == 10
     assert "targets car, tram" in failures[0].message
 
 
 @pytest.mark.parametrize(("threads", "n_findings"), [({"a": 1, "b": 1}, 0), ({"a": 1, "b": 8}, 1)])
 def test_workers_with_several_threads_give_a_finding(threads, n_findings):
-    findings = _thread_findings(SimpleNamespace(nthreads=lambda: threads))
+    findings = _multithreaded_worker_findings(SimpleNamespace(nthreads=lambda: threads))
     assert ["b of 8" in finding.value for finding in findings] == [True] * n_findings

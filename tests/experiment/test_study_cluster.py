@@ -20,7 +20,7 @@ import cloudpickle
 
 import tiny_study
 from dechirp.core.errors import DechirpError, InvalidSetting
-from dechirp.experiments.study.environment import describe_environment
+from dechirp.experiments.study.environment import versions_system_and_processor
 from dechirp.experiments.study.executors import (
     dask_workers,
     slurm_workers,
@@ -108,7 +108,7 @@ def test_dask_matches_one_thread_and_loses_nothing_when_killed(tmp_path, monkeyp
             assert ledger_digest(tmp_path / "until") == expected_until
 
         # Workers with other library versions are refused by name.
-        monkeypatch.setitem(describe_environment(), "numpy", "1.0")
+        monkeypatch.setitem(versions_system_and_processor(), "numpy", "1.0")
         with pytest.raises(DechirpError) as error, dask_workers(dask_cluster.address):
             pass
         monkeypatch.undo()
@@ -129,8 +129,8 @@ def test_dask_matches_one_thread_and_loses_nothing_when_killed(tmp_path, monkeyp
             pytest.raises(DechirpError, match=r"which is gone.*what was done is kept"),
         ):
             run_tiny_study(tmp_path / "killed", workers, TinyPlan(pause_s=0.001), progress=kill)
-    with LedgerReader.open_existing(tmp_path / "killed") as record:
-        assert 1000 < sum(len(sums) for _, sums in record.iter_point_sums()) < 1612
+    with LedgerReader.open_read_only(tmp_path / "killed") as record:
+        assert 1000 < sum(len(sums) for _, sums in record.iter_trial_sums_by_point()) < 1612
     with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
         run_tiny_study(tmp_path / "killed", workers)
     assert ledger_digest(tmp_path / "killed") == expected

@@ -19,7 +19,7 @@ import pytest
 import tiny_study
 from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.experiments.study.block import Block
-from dechirp.experiments.study.block_queue import is_checkpoint
+from dechirp.experiments.study.block_queue import is_stop_criterion_tested
 from dechirp.experiments.study.executors import (
     Workers,
     local_workers,
@@ -87,12 +87,12 @@ def test_result_does_not_depend_on_number_of_processes(tmp_path, undisturbed_res
 def test_stopped_point_keeps_first_sufficient_blocks_alone(tmp_path):
     with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
         progress = run_tiny_study(tmp_path, workers, until=True)
-    with LedgerReader.open_existing(tmp_path) as record:
-        lengths = [len(record.point_sums(point)) for point in range(4)]
+    with LedgerReader.open_read_only(tmp_path) as record:
+        lengths = [len(record.trial_sums_of_point(point)) for point in range(4)]
         for point in (0, 1, 2):
-            sums, n = record.point_sums(point), lengths[point]
+            sums, n = record.trial_sums_of_point(point), lengths[point]
             assert tiny_study.is_mean_precise(sums)
-            checkpoints = [5 * b for b in range(1, n // 5) if is_checkpoint(b)]
+            checkpoints = [5 * b for b in range(1, n // 5) if is_stop_criterion_tested(b)]
             assert not any(tiny_study.is_mean_precise(sums[:m]) for m in checkpoints)
     assert progress[-1].n_trials_done == progress[-1].n_trials == sum(lengths)
     assert progress[-1].n_points_done == 4
@@ -101,7 +101,7 @@ def test_stopped_point_keeps_first_sufficient_blocks_alone(tmp_path):
 
 
 def test_checkpoints_are_at_most_three_percent_apart():
-    checkpoints = [n for n in range(1, 20001) if is_checkpoint(n)]
+    checkpoints = [n for n in range(1, 20001) if is_stop_criterion_tested(n)]
     assert checkpoints[:64] == list(range(1, 65))
     assert max(b / a for a, b in pairwise(checkpoints[63:])) <= 1 + 1 / 32
     assert len(checkpoints) < 450
@@ -142,10 +142,10 @@ def test_too_many_failures_stop_study_and_keep_finished_trials(tmp_path):
         with pytest.raises(DechirpError, match="of point 1 said ValueError: 0") as error:
             run_tiny_study(tmp_path, workers, failing_study, stop_after_failures=0.01)
         assert "stop_after_failures: 0.01" in str(error.value)
-        with LedgerReader.open_existing(tmp_path) as record:
+        with LedgerReader.open_read_only(tmp_path) as record:
             # 403 trials of point 0 succeeded: 5 failures exceed 1 % of 408.
-            assert 5 <= record.count_failures() < 60
-            assert len(record.point_sums(0)) == 403
+            assert 5 <= record.count_failed_trials() < 60
+            assert len(record.trial_sums_of_point(0)) == 403
         with pytest.raises(DechirpError):  # the repeated call fails before any work
             run_tiny_study(
                 tmp_path, workers, failing_study, stop_after_failures=0.01, work=_fail_if_called
@@ -158,8 +158,8 @@ def test_error_outside_trials_ends_study_with_its_message(tmp_path):
         with pytest.raises(InvalidSetting, match="no such target"):
             run_tiny_study(tmp_path, workers, work=_fail_at_point_2)
         run_tiny_study(tmp_path, workers)
-    with LedgerReader.open_existing(tmp_path) as record:
-        assert len(record.finished_blocks()) == 4 * 81
+    with LedgerReader.open_read_only(tmp_path) as record:
+        assert len(record.saved_point_and_block_numbers()) == 4 * 81
 
 
 def _fail_at_point_2(tiny: TinyPlan, point: int, number: int) -> Block:
@@ -195,8 +195,8 @@ def test_block_that_always_kills_its_worker_is_abandoned_with_message(tmp_path):
         run_tiny_study(tmp_path, workers, work=_kill_worker_at_block_20)
     with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
         run_tiny_study(tmp_path, workers)
-    with LedgerReader.open_existing(tmp_path) as record:
-        assert len(record.finished_blocks()) == 4 * 81
+    with LedgerReader.open_read_only(tmp_path) as record:
+        assert len(record.saved_point_and_block_numbers()) == 4 * 81
 
 
 def _kill_worker_at_block_20(tiny: TinyPlan, point: int, number: int) -> Block:
@@ -236,8 +236,8 @@ def test_parent_killed_at_random_moments_loses_nothing(tmp_path, undisturbed_res
         process.kill()
         process.communicate()
         if (tmp_path / "study.sqlite").exists() and (tmp_path / "study.sqlite").stat().st_size:
-            with LedgerReader.open_existing(tmp_path) as record:
-                block_counts.append(len(record.finished_blocks()))
+            with LedgerReader.open_read_only(tmp_path) as record:
+                block_counts.append(len(record.saved_point_and_block_numbers()))
         else:
             block_counts.append(0)
         assert block_counts == sorted(block_counts) or until  # late blocks are dropped
@@ -262,8 +262,8 @@ def _wait_for_blocks(out: Path, n: int, *, timeout_s: float = 60.0) -> None:
     """Wait until a running study has stored n blocks."""
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:
-        with suppress(DechirpError), LedgerReader.open_existing(out) as record:
-            if len(record.finished_blocks()) >= n:
+        with suppress(DechirpError), LedgerReader.open_read_only(out) as record:
+            if len(record.saved_point_and_block_numbers()) >= n:
                 return
         time.sleep(0.02)
     raise AssertionError
@@ -299,8 +299,8 @@ def test_ctrl_c_keeps_finished_trials_and_explains_how_to_continue(tmp_path, n_w
     output, errors = process.communicate(timeout=30)
     assert process.returncode == 130
     assert not errors
-    with LedgerReader.open_existing(tmp_path) as record:
-        n_kept = sum(len(sums) for _, sums in record.iter_point_sums())
+    with LedgerReader.open_read_only(tmp_path) as record:
+        n_kept = sum(len(sums) for _, sums in record.iter_trial_sums_by_point())
     assert f"Interrupted; {n_kept} of 1612 trials are kept in {tmp_path}" in output
     assert "The same call goes on" in output
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dechirp.config.quantities import format_shortest_decimal, parse_quantity
 from dechirp.core.errors import InvalidFile, InvalidSetting
-from dechirp.experiments.study.dumping import dump_study
+from dechirp.experiments.study.dumping import dump_study_as_yaml
 from dechirp.experiments.study.parsing import load_study
 from dechirp.experiments.study.plan import Plan
 from dechirp.experiments.study.study import RandomSetting, Sampling, Study, SweptSetting
@@ -103,9 +103,9 @@ def test_dumped_study_is_read_back_equal(load_text):
     more += "  chain.angle: [null, {kind: fft}]\ndraw: {method: sobol, n: 8}\n"
     study = load_text(STUDY.replace("trials:", more + "trials:", 1))
 
-    text = dump_study(study)
+    text = dump_study_as_yaml(study)
     assert load_text(text) == study
-    assert dump_study(load_text(text)) == text
+    assert dump_study_as_yaml(load_text(text)) == text
 
 
 def test_long_range_is_dumped_in_short_form(load_text):
@@ -115,7 +115,7 @@ def test_long_range_is_dumped_in_short_form(load_text):
         f"vary: {{scene.targets.car.position.0: {values}}}"
     )
 
-    text = dump_study(study)
+    text = dump_study_as_yaml(study)
     assert values in text
     assert load_text(text) == study
 
@@ -263,7 +263,7 @@ def test_texts_of_values_are_valid_for_set_option(
             plan = Plan.from_study(
                 Study(scenario=by_label.scenario, scores=by_label.scores, vary=(axis,))
             )
-            assert plan.scenario(axis.texts.index(text)) == set_study.scenario
+            assert plan.scenario_of_point(axis.texts.index(text)) == set_study.scenario
 
 
 INVALID_CHANGES = [
@@ -495,7 +495,7 @@ def test_grid_beyond_limit_must_be_confirmed(load_text):
     study = load_text(f"{text}at_most_points: 112000\n")
     plan = Plan.from_study(study)
     assert plan.n_points == 112_000
-    assert dict(plan.point_settings(111_999)) == {
+    assert dict(plan.setting_texts_of_point(111_999)) == {
         "scene.targets.car.rcs": "20 dBsm",
         "chain.range_window": "rectangular",
         "scene.targets.truck.position.0": "8000 m",
@@ -525,7 +525,7 @@ def test_set_option_fixes_varied_setting(load_text):
     study = load_text(text, "scene.targets.car.rcs=3 dBsm", "chain.range_window=hard")
 
     assert study.n_points == 1
-    assert Plan.from_study(study).point_settings(0) == (
+    assert Plan.from_study(study).setting_texts_of_point(0) == (
         ("scene.targets.car.rcs", "3 dBsm"),
         ("chain.range_window", "rectangular"),
     )

@@ -24,7 +24,9 @@ NUMBERS = np.array([0.5, np.nan])
 
 
 def open_ledger(out: Path, **settings) -> Ledger:
-    return Ledger.open(out, **{"identity": IDENTITY, "environment": ENVIRONMENT, **settings})
+    return Ledger.create_or_continue(
+        out, **{"identity": IDENTITY, "environment": ENVIRONMENT, **settings}
+    )
 
 
 def make_blocks(n: int, columns: int = 2) -> list[Block]:
@@ -47,34 +49,37 @@ def test_added_blocks_are_read_back_in_trial_order(tmp_path):
     with open_ledger(tmp_path) as ledger:
         ledger.add_blocks([second, extreme_block])
         ledger.add_blocks([first])
-    with LedgerReader.open_existing(tmp_path) as record:
-        assert record.finished_blocks().tolist() == [[0, 0], [0, 1], [7, 0]]
-        assert record.point_sums(0).tobytes() == np.concatenate([first.sums, second.sums]).tobytes()
-        assert record.trial_numbers(0).tolist() == [0, 1, 2, 3, 4, 5]
-        assert record.point_sums(7).tobytes() == extreme_block.sums.tobytes()
-        assert [point for point, _ in record.iter_point_sums()] == [0, 7]
-        assert record.failures() == [(7, Failure(1, "ValueError: no"))]
-        np.testing.assert_array_equal(record.point_theory(7), [0.5, np.nan])
-        assert record.point_theory(0) is None
-        assert record.total_seconds() == 1.25
+    with LedgerReader.open_read_only(tmp_path) as record:
+        assert record.saved_point_and_block_numbers().tolist() == [[0, 0], [0, 1], [7, 0]]
+        assert (
+            record.trial_sums_of_point(0).tobytes()
+            == np.concatenate([first.sums, second.sums]).tobytes()
+        )
+        assert record.trial_numbers_of_point(0).tolist() == [0, 1, 2, 3, 4, 5]
+        assert record.trial_sums_of_point(7).tobytes() == extreme_block.sums.tobytes()
+        assert [point for point, _ in record.iter_trial_sums_by_point()] == [0, 7]
+        assert record.failed_trials_with_points() == [(7, Failure(1, "ValueError: no"))]
+        np.testing.assert_array_equal(record.theoretical_values_of_point(7), [0.5, np.nan])
+        assert record.theoretical_values_of_point(0) is None
+        assert record.total_computing_seconds() == 1.25
 
 
 def test_reader_returns_finished_blocks_while_study_runs(tmp_path):
-    with open_ledger(tmp_path) as ledger, LedgerReader.open_existing(tmp_path) as record:
+    with open_ledger(tmp_path) as ledger, LedgerReader.open_read_only(tmp_path) as record:
         for n, block in enumerate(make_blocks(3)):
-            assert len(record.finished_blocks()) == n
+            assert len(record.saved_point_and_block_numbers()) == n
             ledger.add_blocks([block])
-        assert len(record.point_sums(0)) == 9
+        assert len(record.trial_sums_of_point(0)) == 9
 
 
 def test_blocks_past_end_of_point_are_dropped_with_their_failures(tmp_path):
     late = Block(0, 2, 6, np.full((3, 2), np.nan), 0.1, (Failure(6, "late"),))
     with open_ledger(tmp_path) as ledger:
         ledger.add_blocks([*make_blocks(2), late])
-        ledger.end_point(0, 1)
-        assert ledger.finished_blocks().tolist() == [[0, 0]]
-        assert ledger.ended_points() == {0: 1}
-        assert ledger.count_failures() == 0
+        ledger.mark_point_ended(0, 1)
+        assert ledger.saved_point_and_block_numbers().tolist() == [[0, 0]]
+        assert ledger.n_blocks_of_points_ended_early() == {0: 1}
+        assert ledger.count_failed_trials() == 0
 
 
 def test_second_process_on_folder_is_refused_and_first_continues(tmp_path):
@@ -92,7 +97,7 @@ def test_second_process_on_folder_is_refused_and_first_continues(tmp_path):
             open_ledger(tmp_path)
         ledger.add_blocks(make_blocks(1))
     with open_ledger(tmp_path) as ledger:  # closing releases the lock
-        assert len(ledger.finished_blocks()) == 1
+        assert len(ledger.saved_point_and_block_numbers()) == 1
 
 
 @pytest.mark.parametrize(
@@ -113,7 +118,7 @@ def test_different_study_is_refused_with_its_differences(tmp_path, changes, mess
     with pytest.raises(DechirpError, match=message):
         open_ledger(tmp_path, identity={**IDENTITY, **changes})
     with open_ledger(tmp_path) as ledger:  # the ledger is unchanged
-        assert len(ledger.finished_blocks()) == 1
+        assert len(ledger.saved_point_and_block_numbers()) == 1
 
 
 def test_all_differences_are_reported_together(tmp_path):
@@ -128,7 +133,7 @@ def test_different_library_version_gives_finding(tmp_path):
     with open_ledger(tmp_path, environment={"numpy": "1.0"}) as ledger:
         (finding,) = ledger.environment_findings
         assert "now numpy 1.0, begun with numpy" in finding.value
-        assert ledger.environments == [ENVIRONMENT, {"numpy": "1.0"}]
+        assert ledger.environments_of_all_runs == [ENVIRONMENT, {"numpy": "1.0"}]
     with open_ledger(tmp_path) as ledger:
         assert ledger.environment_findings == ()
 
@@ -146,12 +151,12 @@ def test_foreign_file_is_refused_and_left_unchanged(tmp_path):
         (other_database, "a database of something else"),
     ):
         content = (folder / LEDGER_NAME).read_bytes()
-        for opener in (open_ledger, LedgerReader.open_existing):
+        for opener in (open_ledger, LedgerReader.open_read_only):
             with pytest.raises(DechirpError, match=message):
                 opener(folder)
         assert (folder / LEDGER_NAME).read_bytes() == content
     with pytest.raises(DechirpError, match="not there"):
-        LedgerReader.open_existing(empty)
+        LedgerReader.open_read_only(empty)
 
 
 def test_damaged_ledger_is_reported(tmp_path):
@@ -199,21 +204,21 @@ def test_malformed_rows_are_reported_as_damage(statement, tmp_path):
         open_ledger(tmp_path)
     with (
         pytest.raises(DechirpError, match="damaged"),
-        LedgerReader.open_existing(tmp_path) as record,
+        LedgerReader.open_read_only(tmp_path) as record,
     ):
-        assert not (record.identity, record.environments)
+        assert not (record.study_identity, record.environments_of_all_runs)
 
 
 def test_mismatched_sums_and_theory_are_reported_as_damage(tmp_path):
     with open_ledger(tmp_path) as ledger:
         ledger.add_blocks([Block(0, 0, 0, np.ones((3, 2)), 0.5, theory=NUMBERS)])
-        ledger.check_columns(n_columns=2, n_laws=2)
+        ledger.check_sum_and_theory_sizes(n_columns=2, n_theoretical_values=2)
         for n_columns, n_laws in ((3, 2), (2, 1)):
             with pytest.raises(DechirpError, match="damaged"):
-                ledger.check_columns(n_columns=n_columns, n_laws=n_laws)
+                ledger.check_sum_and_theory_sizes(n_columns=n_columns, n_theoretical_values=n_laws)
         ledger.add_blocks([Block(0, 1, 3, np.ones((3, 5)), 0.5)])
         with pytest.raises(DechirpError, match="damaged"):
-            ledger.point_sums(0)
+            ledger.trial_sums_of_point(0)
 
 
 def test_ledger_of_later_format_is_refused(tmp_path):
@@ -246,10 +251,10 @@ def test_full_disk_keeps_earlier_blocks_and_is_reported(tmp_path):
         ledger._connection.execute(f"PRAGMA max_page_count = {n_pages + 2}")
         with pytest.raises(DechirpError, match=r"full disk.*What was done before is kept"):
             ledger.add_blocks(make_blocks(2000, columns=10))
-        assert len(ledger.finished_blocks()) == 1
+        assert len(ledger.saved_point_and_block_numbers()) == 1
     with open_ledger(tmp_path) as ledger:  # after space was freed
         ledger.add_blocks(make_blocks(2000, columns=10))
-        assert len(ledger.finished_blocks()) == 2000
+        assert len(ledger.saved_point_and_block_numbers()) == 2000
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX file size limits")
@@ -263,8 +268,8 @@ def test_study_stopped_by_file_size_limit_continues_to_same_result(tmp_path):
     process = run_study(tmp_path / "limited", "--file-limit", "60000")
     assert (process.returncode, process.stderr) == (2, "")
     assert "What was done before is kept" in process.stdout
-    with LedgerReader.open_existing(tmp_path / "limited") as record:
-        assert 0 < len(record.finished_blocks()) < 324
+    with LedgerReader.open_read_only(tmp_path / "limited") as record:
+        assert 0 < len(record.saved_point_and_block_numbers()) < 324
     assert run_study(tmp_path / "limited").returncode == 0
     fingerprints = [
         tiny_study.ledger_digest(tmp_path / name) for name in ("undisturbed", "limited")

@@ -18,9 +18,9 @@ from dechirp.config.yaml_tree import parse_yaml
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.scenario import READERS, Scenario
-from dechirp.experiments.study.plan import Plan, digest_differences
+from dechirp.experiments.study.plan import Plan, describe_identity_changes
 from dechirp.experiments.study.study import RandomSetting, Sampling, Study, SweptSetting
-from dechirp.experiments.study.variants import ABSOLUTE_CONTEXT, Variants
+from dechirp.experiments.study.variants import ABSOLUTE_CONTEXT, ScenarioVariants
 from dechirp.processing.angle.base import DirectionEstimator
 from dechirp.processing.cfar.base import NoiseEstimator
 from dechirp.scene.bodies.base import Body
@@ -207,13 +207,13 @@ def test_combined_settings_change_by_value_as_by_text(rich_scenario, options):
         expected = set_by_text(rich_scenario, *options)
     except InvalidFile as error:
         with pytest.raises(InvalidFile) as variant_error:
-            Variants(rich_scenario).with_settings(texts)
+            ScenarioVariants(rich_scenario).scenario_with_settings(texts)
         assert [mistake.setting for mistake in variant_error.value.mistakes] == [
             mistake.setting for mistake in error.mistakes
         ]
         assert all(mistake.file is None for mistake in variant_error.value.mistakes)
     else:
-        assert Variants(rich_scenario).with_settings(texts) == expected
+        assert ScenarioVariants(rich_scenario).scenario_with_settings(texts) == expected
 
 
 def make_study(scenario, *vary, scores=(), **settings):
@@ -240,55 +240,69 @@ LOSS = RandomSetting(
 def test_points_number_grid_with_last_list_fastest(one_target_scenario):
     plan = Plan.from_study(make_study(one_target_scenario, RCS, ANGLE))
 
-    assert (plan.shape, plan.n_points) == ((3, 2), 6)
-    texts = [tuple(text for _, text in plan.point_settings(point)) for point in range(6)]
+    assert (plan.grid_shape, plan.n_points) == ((3, 2), 6)
+    texts = [tuple(text for _, text in plan.setting_texts_of_point(point)) for point in range(6)]
     assert texts == list(product(RCS.texts, ANGLE.texts))
-    assert [plan.grid_index(point) for point in range(6)] == list(product(range(3), range(2)))
-    assert plan.point_labels(3)[1] == ("chain.angle", "fft")
-    assert plan.point_numbers(3) == (10.0, None)
+    assert [plan.grid_index_of_point(point) for point in range(6)] == list(
+        product(range(3), range(2))
+    )
+    assert plan.setting_labels_of_point(3)[1] == ("chain.angle", "fft")
+    assert plan.numeric_settings_of_point(3) == (10.0, None)
     for point in range(6):
-        options = [f"{path}={text}" for path, text in plan.point_settings(point)]
-        assert plan.scenario(point) == set_by_text(one_target_scenario, *options)
+        options = [f"{path}={text}" for path, text in plan.setting_texts_of_point(point)]
+        assert plan.scenario_of_point(point) == set_by_text(one_target_scenario, *options)
     with pytest.raises(InvalidSetting, match="from 0 to 5"):
-        plan.point_settings(6)
+        plan.setting_texts_of_point(6)
 
 
 def test_study_without_varied_settings_has_one_point(one_target_scenario):
     plan = Plan.from_study(make_study(one_target_scenario))
 
-    assert (plan.n_points, plan.point_settings(0), plan.trial_settings(7)) == (1, (), {})
-    assert plan.scenario(0) is one_target_scenario
+    assert (
+        plan.n_points,
+        plan.setting_texts_of_point(0),
+        plan.drawn_setting_texts_of_trial(7),
+    ) == (1, (), {})
+    assert plan.scenario_of_point(0) is one_target_scenario
 
 
 def test_random_points_are_crossed_with_grid(one_target_scenario):
     plan = Plan.from_study(make_study(one_target_scenario, RANGE, ANGLE, LOSS, draw=Sampling(n=8)))
 
-    assert (plan.shape, plan.n_points) == ((2, 8), 16)
-    assert plan.trial_settings(0) == {}
+    assert (plan.grid_shape, plan.n_points) == ((2, 8), 16)
+    assert plan.drawn_setting_texts_of_trial(0) == {}
     for draw in range(8):
-        first, second = dict(plan.point_settings(draw)), dict(plan.point_settings(8 + draw))
+        first, second = (
+            dict(plan.setting_texts_of_point(draw)),
+            dict(plan.setting_texts_of_point(8 + draw)),
+        )
         assert first.pop("chain.angle") != second.pop("chain.angle")
         assert first == second
-    (path, text), _, _ = plan.point_settings(5)
-    assert float(text.removesuffix(" m")) == plan.point_numbers(5)[0]
-    assert plan.scenario(5).scene.targets[0].position_m[0] == plan.point_numbers(5)[0]
+    (path, text), _, _ = plan.setting_texts_of_point(5)
+    assert float(text.removesuffix(" m")) == plan.numeric_settings_of_point(5)[0]
+    assert (
+        plan.scenario_of_point(5).scene.targets[0].position_m[0]
+        == plan.numeric_settings_of_point(5)[0]
+    )
     assert path == RANGE.path
 
 
 def test_random_setting_without_draw_changes_per_trial(one_target_scenario):
     plan = Plan.from_study(make_study(one_target_scenario, RCS, RANGE, LOSS))
-    trial_settings = [plan.trial_settings(trial) for trial in range(2000)]
+    trial_settings = [plan.drawn_setting_texts_of_trial(trial) for trial in range(2000)]
 
     assert (
         trial_settings[3]
-        == plan.trial_settings(3)
-        == Plan.from_study(make_study(one_target_scenario, RANGE, LOSS)).trial_settings(3)
+        == plan.drawn_setting_texts_of_trial(3)
+        == Plan.from_study(
+            make_study(one_target_scenario, RANGE, LOSS)
+        ).drawn_setting_texts_of_trial(3)
     )
     assert trial_settings[3] != Plan.from_study(
         make_study(one_target_scenario, RANGE, LOSS, seed=1)
-    ).trial_settings(3)
+    ).drawn_setting_texts_of_trial(3)
     assert plan.n_points == 3
-    assert set(dict(plan.point_settings(0))) == {RCS.path}
+    assert set(dict(plan.setting_texts_of_point(0))) == {RCS.path}
     ranges, losses = (
         np.array([float(settings[axis.path].split()[0]) for settings in trial_settings])
         for axis in (RANGE, LOSS)
@@ -305,7 +319,7 @@ def test_random_setting_without_draw_changes_per_trial(one_target_scenario):
         int(np.sum((losses > 3) == (ranges > 30))), 2000, confidence=confidence
     )
     assert low < 0.5 < high  # the two settings are independent
-    scenario = plan.scenario(2, trial_settings[0])
+    scenario = plan.scenario_of_point(2, trial_settings[0])
     assert scenario.scene.targets[0].position_m[0] == ranges[0]
     assert scenario.radar.hardware.loss == pytest.approx(10 ** (losses[0] / 10), rel=1e-12)
 
@@ -317,7 +331,7 @@ def test_sobol_points_fill_cells_evenly(one_target_scenario):
     )
     from scipy.special import ndtr
 
-    numbers = np.array([plan.point_numbers(point) for point in range(256)])
+    numbers = np.array([plan.numeric_settings_of_point(point) for point in range(256)])
     shares = np.stack([(numbers[:, 0] - 10) / 40, ndtr((numbers[:, 1] - 3) / 0.5)])
     assert np.all((shares > 0) & (shares < 1))
     for bits in range(9):
@@ -327,14 +341,16 @@ def test_sobol_points_fill_cells_evenly(one_target_scenario):
     other_plan = Plan.from_study(
         make_study(one_target_scenario, RANGE, LOSS, draw=Sampling(n=256), seed=1)
     )
-    assert other_plan.point_numbers(0) != plan.point_numbers(0)
+    assert other_plan.numeric_settings_of_point(0) != plan.numeric_settings_of_point(0)
 
 
 def test_independent_points_do_not_fill_cells_evenly(one_target_scenario):
     plan = Plan.from_study(
         make_study(one_target_scenario, RANGE, LOSS, draw=Sampling(method="independent", n=300))
     )
-    shares = (np.array([plan.point_numbers(point)[0] for point in range(256)]) - 10) / 40
+    shares = (
+        np.array([plan.numeric_settings_of_point(point)[0] for point in range(256)]) - 10
+    ) / 40
 
     # 256 random points in 256 cells leave 94 empty, with a spread of 8.
     assert 94 - 50 < 256 - len(set((shares * 256).astype(int))) < 94 + 50
@@ -343,15 +359,18 @@ def test_independent_points_do_not_fill_cells_evenly(one_target_scenario):
 def test_pickled_plan_is_small_and_complete(one_target_scenario):
     plan = Plan.from_study(make_study(one_target_scenario, RCS, ANGLE, RANGE))
     pickled_plan = pickle.dumps(plan)
-    scenarios = [plan.scenario(point, plan.trial_settings(1)) for point in range(6)]
+    scenarios = [
+        plan.scenario_of_point(point, plan.drawn_setting_texts_of_trial(1)) for point in range(6)
+    ]
 
     assert len(pickle.dumps(plan)) == len(pickled_plan) < 20_000
     restored_plan = pickle.loads(pickled_plan)
     assert restored_plan.study == plan.study
     assert [
-        restored_plan.scenario(point, restored_plan.trial_settings(1)) for point in range(6)
+        restored_plan.scenario_of_point(point, restored_plan.drawn_setting_texts_of_trial(1))
+        for point in range(6)
     ] == scenarios
-    assert restored_plan.digest() == plan.digest()
+    assert restored_plan.study_identity_texts() == plan.study_identity_texts()
 
 
 def test_digest_differences_name_changed_settings(rich_scenario, tmp_path):
@@ -359,31 +378,37 @@ def test_digest_differences_name_changed_settings(rich_scenario, tmp_path):
     text = "{kind: mesh, path: " + str(tmp_path / "box.obj") + "}"
     body = SweptSetting(path="scene.targets.van.body", texts=("{kind: van}", text))
     study = make_study(rich_scenario, RCS, body)
-    earlier_digest = Plan.from_study(study).digest()
+    earlier_digest = Plan.from_study(study).study_identity_texts()
 
-    assert digest_differences(earlier_digest, Plan.from_study(study).digest()) == []
+    assert (
+        describe_identity_changes(earlier_digest, Plan.from_study(study).study_identity_texts())
+        == []
+    )
     digest = Plan.from_study(
         make_study(set_by_text(rich_scenario, "n_frames=5"), RCS, body, seed=3)
-    ).digest()
-    assert digest_differences(earlier_digest, digest) == [
+    ).study_identity_texts()
+    assert describe_identity_changes(earlier_digest, digest) == [
         "seed: 0 -> 3",
         "scenario.n_frames: 3 -> 5",
     ]
     digest = Plan.from_study(
         make_study(rich_scenario, SweptSetting(path=RCS.path, texts=("0 dBsm",)), body)
-    ).digest()
-    (difference,) = digest_differences(earlier_digest, digest)
+    ).study_identity_texts()
+    (difference,) = describe_identity_changes(earlier_digest, digest)
     assert difference == f"vary.{RCS.path}: [0 dBsm, 10 dBsm, 20 dBsm] -> [0 dBsm]"
-    assert digest_differences(earlier_digest, {**earlier_digest, "version": "9"})[0].endswith(
-        "-> 9"
-    )
+    assert describe_identity_changes(earlier_digest, {**earlier_digest, "version": "9"})[
+        0
+    ].endswith("-> 9")
     (tmp_path / "box.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 2 0\nf 1 2 3\n")
-    digest = Plan.from_study(study).digest()
-    assert digest_differences(earlier_digest, digest) == [
+    digest = Plan.from_study(study).study_identity_texts()
+    assert describe_identity_changes(earlier_digest, digest) == [
         f"file {tmp_path / 'box.obj'}: other content"
     ]
     (tmp_path / "box.obj").unlink()
-    assert "not readable" in Plan.from_study(study).digest()[f"file {tmp_path / 'box.obj'}"]
+    assert (
+        "not readable"
+        in Plan.from_study(study).study_identity_texts()[f"file {tmp_path / 'box.obj'}"]
+    )
 
 
 @pytest.mark.parametrize(

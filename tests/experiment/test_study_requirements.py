@@ -6,7 +6,7 @@ from scipy import stats
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.experiments.study.requirements import exit_status, judge_requirements
-from dechirp.experiments.study.results import PointData, estimate_points
+from dechirp.experiments.study.results import PointData, estimate_scores_of_points
 from dechirp.experiments.study.study import Requirement
 from dechirp.theory import confidence_intervals
 from sample_studies import RCS, WINDOW, HitProbability, make_layout, make_result, make_study
@@ -30,7 +30,7 @@ def judge_points(points, *, axes=(), **limits):
         PointData(settings=settings, numbers=x, sums=sums, theory=np.array([np.nan]))
         for settings, x, sums in zip(paths, numbers, point_sums, strict=True)
     ]
-    study_result = estimate_points(
+    study_result = estimate_scores_of_points(
         tested_study, make_layout(scores=(HitProbability(),)), point_data
     )
     return judge_requirements(study_result, lambda point: point_sums[point])
@@ -176,7 +176,7 @@ def test_failed_trials_are_not_counted():
     sums = make_sums(100, 100)
     sums[40:] = np.nan
     point_data = [PointData(settings=(), numbers=(), sums=sums, theory=np.array([np.nan]))]
-    study_result = estimate_points(
+    study_result = estimate_scores_of_points(
         tested_study, make_layout(scores=(HitProbability(),)), point_data
     )
 

@@ -10,9 +10,9 @@ import xarray as xr
 from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.experiments.study.results import (
     StudyResult,
-    iter_trial_sums,
-    write_points,
-    write_trials,
+    iter_trial_numbers_and_sums,
+    write_points_parquet,
+    write_trials_parquet,
 )
 from dechirp.experiments.study.study import SweptSetting
 from dechirp.results.parquet import read_parquet, write_parquet
@@ -120,7 +120,7 @@ def test_study_of_one_point_has_no_dimension():
     assert (
         float(study_result.dataset["detection_probability"]) == compute_proportions(point_sums)[0]
     )
-    assert study_result.rows[0]["trials"] == 200
+    assert study_result.points_as_dicts[0]["trials"] == 200
 
 
 def test_row_contains_settings_values_intervals_and_theory():
@@ -128,7 +128,7 @@ def test_row_contains_settings_values_intervals_and_theory():
         RCS, failed=[(2, 5, "ValueError: no"), (2, 9, "ValueError: no")]
     )
 
-    row = study_result.rows[2]
+    row = study_result.points_as_dicts[2]
 
     assert row[RCS.path] == "0 dBsm"
     assert (row["trials"], row["failures"]) == (200, 2)
@@ -143,7 +143,7 @@ def test_row_contains_settings_values_intervals_and_theory():
 def test_rows_of_several_targets_contain_each_target():
     study_result, _ = make_result(RCS, targets=("car", "truck"))
 
-    score = study_result.rows[-1]["range_rmse"]
+    score = study_result.points_as_dicts[-1]["range_rmse"]
 
     assert set(score["targets"]) == {"car", "truck"}
     assert score["targets"]["truck"]["value"] > score["targets"]["car"]["value"]
@@ -157,7 +157,7 @@ def test_point_whose_trials_all_failed_has_no_value():
         RCS, n_trials=3, failed=[(0, trial, "ValueError: no") for trial in range(3)]
     )
 
-    assert study_result.rows[0]["detection_probability"]["value"] is None
+    assert study_result.points_as_dicts[0]["detection_probability"]["value"] is None
     assert np.isnan(study_result.dataset["detection_probability"].values[0])
     assert np.isfinite(study_result.dataset["detection_probability"].values[1:]).all()
 
@@ -195,10 +195,10 @@ def test_points_in_parquet_equal_rows(tmp_path):
         RCS, WINDOW, targets=("car", "truck"), failed=[(3, 1, "ValueError: no")]
     )
 
-    write_points(study_result, tmp_path / "points.parquet", metadata={"seed": "7"})
+    write_points_parquet(study_result, tmp_path / "points.parquet", metadata={"seed": "7"})
 
     table = read_parquet(tmp_path / "points.parquet")
-    rows = study_result.rows
+    rows = study_result.points_as_dicts
     assert table["point"].tolist() == list(range(14))
     assert table[f"{RCS.path}_dBsm"].tolist() == [numbers[0] for numbers in study_result.numbers]
     assert table[WINDOW.path].tolist() == [row[WINDOW.path] for row in rows]
@@ -219,7 +219,7 @@ def test_trials_in_parquet_reproduce_estimates(tmp_path):
     score_layout = make_layout(targets=("car", "truck"))
 
     trial_rows = ((point, np.arange(len(sums)), sums) for point, sums in enumerate(point_sums))
-    write_trials(score_layout, trial_rows, tmp_path / "trials.parquet", metadata={})
+    write_trials_parquet(score_layout, trial_rows, tmp_path / "trials.parquet", metadata={})
 
     table = read_parquet(tmp_path / "trials.parquet")
     assert table["failed"].sum() == 1
@@ -227,10 +227,8 @@ def test_trials_in_parquet_reproduce_estimates(tmp_path):
     for point in range(study_result.n_points):
         rows = (table["point"] == point) & ~table["failed"]
         hits, attempts = (table[f"detection_probability.truck.{k}"][rows].sum() for k in (0, 1))
-        assert (
-            hits / attempts
-            == study_result.rows[point]["detection_probability"]["targets"]["truck"]["value"]
-        )
+        by_target = study_result.points_as_dicts[point]["detection_probability"]["targets"]
+        assert hits / attempts == by_target["truck"]["value"]
     assert table["false_alarm_probability.1"][0] == 1000
     # Failed trials are NaN, all others identical to the bit.
     columns = [table[name] for name in list(table)[3:]]
@@ -241,18 +239,20 @@ def test_trial_numbers_skip_missing_blocks():
     class Record:
         """Ledger with blocks of ten trials; the second block of point 0 is missing."""
 
-        def finished_blocks(self):
+        def saved_point_and_block_numbers(self):
             return np.array([[0, 0], [0, 2], [3, 0]])
 
-        def iter_point_sums(self):
+        def iter_trial_sums_by_point(self):
             yield 0, np.zeros((20, 2))
             yield 3, np.ones((10, 2))
 
-        def trial_numbers(self, point):
+        def trial_numbers_of_point(self, point):
             assert point == 0
             return np.r_[0:10, 20:30]
 
-    point_trials = [(point, trials.tolist()) for point, trials, _ in iter_trial_sums(Record())]
+    point_trials = [
+        (point, trials.tolist()) for point, trials, _ in iter_trial_numbers_and_sums(Record())
+    ]
 
     assert point_trials == [(0, [*range(10), *range(20, 30)]), (3, list(range(10)))]
 
@@ -313,6 +313,6 @@ def test_sums_of_scores_are_separate():
 
     assert score_layout.n_columns == trial_sums.shape[1] == 2 * 2 + 2 * 1 + 2
     assert np.array_equal(
-        score_layout.score_sums(trial_sums, "range_rmse", "truck")[:, 0], trial_sums[:, 5]
+        score_layout.select_score_sums(trial_sums, "range_rmse", "truck")[:, 0], trial_sums[:, 5]
     )
     assert len(SCORES) == len(score_layout.scores)

@@ -15,10 +15,10 @@ from dechirp.experiments.study import executors
 from dechirp.experiments.study.block import Failure
 from dechirp.experiments.study.executors import Workers
 from dechirp.experiments.study.trial_context import build_trial_context
-from dechirp.experiments.tune.document import tune_document
+from dechirp.experiments.tune.document import tune_result_as_dict
 from dechirp.experiments.tune.parsing import load_tune
 from dechirp.experiments.tune.run import TuneResult, run_search
-from dechirp.report.tune import format_headline, format_verdict, render_tune_page
+from dechirp.report.tune import describe_improvement_and_limits, format_headline, render_tune_page
 from page_checks import check_captions, check_pdf_contains_page_text
 
 RADAR = """\
@@ -169,9 +169,9 @@ def test_stopped_search_continues_to_same_result(folder, reference_result, tmp_p
         )  # 11 of 12, the earlier candidates restored
     continued_result = run_search(tune, tmp_path / "out", workers=immediate_workers())
 
-    assert tune_document(continued_result) == tune_document(reference_result)
+    assert tune_result_as_dict(continued_result) == tune_result_as_dict(reference_result)
     repeated_result = run_search(tune, tmp_path / "out", workers=immediate_workers(at_most=0))
-    assert tune_document(repeated_result) == tune_document(reference_result)
+    assert tune_result_as_dict(repeated_result) == tune_result_as_dict(reference_result)
 
 
 def test_candidate_whose_workers_died_does_not_change_other_trials(
@@ -195,9 +195,9 @@ def test_candidate_whose_workers_died_does_not_change_other_trials(
     )
     # The last candidate depends on the scores of the others, so it differs; the record has both.
     assert partial_result.candidates[-1].scores != reference_result.candidates[-1].scores
-    assert tune_document(
+    assert tune_result_as_dict(
         run_search(tune, tmp_path / "out", workers=immediate_workers())
-    ) == tune_document(reference_result)
+    ) == tune_result_as_dict(reference_result)
 
 
 def test_settings_that_fail_in_confirmation_trials_are_not_chosen(tmp_path):
@@ -222,9 +222,9 @@ def test_settings_that_fail_in_confirmation_trials_are_not_chosen(tmp_path):
     assert not any(entry.failure for entry in tune_result.candidates)
     (finding,) = [entry for entry in tune_result.findings if entry.setting.startswith("candidate")]
     assert "ValueError: singular" in finding.value
-    assert tune_document(
+    assert tune_result_as_dict(
         run_search(tune, tmp_path / "out", workers=immediate_workers(at_most=0))
-    ) == tune_document(tune_result)
+    ) == tune_result_as_dict(tune_result)
 
 
 def test_different_search_in_same_folder_is_refused(folder, reference_result, tmp_path):
@@ -238,11 +238,14 @@ def test_different_search_in_same_folder_is_refused(folder, reference_result, tm
 
 
 def test_page_shows_gain_and_is_self_contained(reference_result):
-    document = {"version": "1", **tune_document(reference_result)}
+    document = {"version": "1", **tune_result_as_dict(reference_result)}
     page = render_tune_page(document, yaml="name: weak")
 
     assert format_headline(document).startswith("Detection probability: 0.")
-    assert "certainty" in format_verdict(document) and format_verdict(document) in page
+    assert (
+        "certainty" in describe_improvement_and_limits(document)
+        and describe_improvement_and_limits(document) in page
+    )
     assert page.count("<svg") == 1 and "chain.cfar.n_training.range=" in page
     assert not any(word in page for word in ("http://", "https://", "src=", "@import"))
     check_captions(page)
@@ -310,7 +313,7 @@ confirmation_trials: 4
     ] == ["25"]
     assert "chain.cfar" in failed_candidates[0].failure
     assert "Traceback" not in render_tune_page(
-        {"version": "1", **tune_document(tune_result)}, yaml=""
+        {"version": "1", **tune_result_as_dict(tune_result)}, yaml=""
     )
 
 

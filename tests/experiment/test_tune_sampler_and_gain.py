@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import binomtest
 
 from dechirp.experiments.study.study import SweptSetting
-from dechirp.experiments.tune.gain import paired_gain
-from dechirp.experiments.tune.sampler import next_choice, setting_importances
+from dechirp.experiments.tune.gain import estimate_paired_gain
+from dechirp.experiments.tune.sampler import choose_next_untried_settings, setting_importances
 from dechirp.theory.confidence_intervals import binomial_interval
 
 NEAR_CERTAINTY = 1 - 1e-6
@@ -33,7 +33,7 @@ def compute_objective(choice: tuple[int, ...]) -> float:
 def run_search(n: int, *, seed: int, space=SPACE) -> list[tuple[tuple[int, ...], float]]:
     trials: list[tuple[tuple[int, ...], float]] = []
     for _ in range(n):
-        choice = next_choice(space, trials, seed=seed)
+        choice = choose_next_untried_settings(space, trials, seed=seed)
         if choice is None:
             break
         trials.append((choice, compute_objective((*choice, 0, 0)[:3])))
@@ -57,15 +57,15 @@ def test_search_tries_every_choice_once():
     trials = run_search(100, seed=1, space=space)
 
     assert len(trials) == 21 == len({choice for choice, _ in trials})
-    assert next_choice(space, trials, seed=1) is None
+    assert choose_next_untried_settings(space, trials, seed=1) is None
 
 
 def test_choice_depends_on_history_and_seed_alone():
     trials = run_search(25, seed=4)
 
-    choice = next_choice(SPACE, trials[:15], seed=4)
+    choice = choose_next_untried_settings(SPACE, trials[:15], seed=4)
     assert choice == trials[15][0]
-    assert {next_choice(SPACE, trials, seed=seed) for seed in range(8)} != {choice}
+    assert {choose_next_untried_settings(SPACE, trials, seed=seed) for seed in range(8)} != {choice}
 
 
 def test_most_influential_setting_has_largest_importance():
@@ -96,7 +96,7 @@ def test_interval_of_gain_in_hits_covers_truth_as_often_as_stated(p10, p01):
     rng = np.random.default_rng(3)
     n_covered, n_certain = 0, 0
     for _ in range(1000):
-        gain = paired_gain(
+        gain = estimate_paired_gain(
             *draw_paired_hits(p10, p01, 0.3, 200, rng), compute_proportion, confidence=0.9
         )
         n_covered += gain.low <= p10 - p01 <= gain.high
@@ -111,7 +111,7 @@ def test_certainty_of_gain_in_hits_matches_sign_test():
     n_better = int((candidate_sums > default_sums)[:, 0].sum())
     n_different = int((candidate_sums != default_sums)[:, 0].sum())
 
-    gain = paired_gain(default_sums, candidate_sums, compute_proportion, confidence=0.95)
+    gain = estimate_paired_gain(default_sums, candidate_sums, compute_proportion, confidence=0.95)
 
     assert gain.certainty == pytest.approx(
         1 - binomtest(n_better, n_different, 0.5, "greater").pvalue
@@ -123,7 +123,7 @@ def test_certainty_of_gain_in_hits_matches_sign_test():
 def test_identical_trials_give_no_gain():
     trial_sums, _ = draw_paired_hits(0.0, 0.0, 0.6, 300, np.random.default_rng(2))
 
-    gain = paired_gain(trial_sums, trial_sums, compute_proportion, confidence=0.95)
+    gain = estimate_paired_gain(trial_sums, trial_sums, compute_proportion, confidence=0.95)
 
     assert (gain.value, gain.certainty) == (0, 0)
     # None of 300 trials differs: rule of three for a one-sided tail of 0.0125.
@@ -142,7 +142,9 @@ def test_common_randomness_cancels_in_gain_of_error():
         ones = np.ones(n)
         default_sums = np.stack([common**2, ones], axis=1)
         candidate_sums = np.stack([(0.8 * common + 0.1 * independent) ** 2, ones], axis=1)
-        gain = paired_gain(default_sums, candidate_sums, compute_negative_rms, confidence=0.95)
+        gain = estimate_paired_gain(
+            default_sums, candidate_sums, compute_negative_rms, confidence=0.95
+        )
         n_covered += gain.low <= 1 - np.hypot(0.8, 0.1) <= gain.high
         widths.append(gain.high - gain.low)
     low, high = binomial_interval(n_covered, 400, confidence=NEAR_CERTAINTY)
@@ -157,11 +159,11 @@ def test_trials_that_failed_in_one_are_omitted_from_both():
     failed_default_sums[:10], failed_candidate_sums[20:25] = np.nan, np.nan
     completed_trials = np.r_[10:20, 25:100]
 
-    gain = paired_gain(
+    gain = estimate_paired_gain(
         failed_default_sums, failed_candidate_sums, compute_proportion, confidence=0.95
     )
 
-    assert gain == paired_gain(
+    assert gain == estimate_paired_gain(
         default_sums[completed_trials],
         candidate_sums[completed_trials],
         compute_proportion,

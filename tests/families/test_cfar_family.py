@@ -119,8 +119,8 @@ def test_training_cells_agree_between_maps_and_theory(kind):
             continue
         for range_index in {0, window.half_range // 2, window.half_range}:
             covariance = window.noise_covariance_in_box(noise, range_index)
-            assert (covariance.offsets == window.training_cell_offsets(range_index)).all()
-            subsets = estimator.subsets_causing_false_alarms(covariance.offsets)
+            assert (covariance.training_offsets == window.training_cell_offsets(range_index)).all()
+            subsets = estimator.subsets_causing_false_alarms(covariance.training_offsets)
             assert subsets.shape[1] == covariance.n_training and subsets.any(axis=1).all()
             # In homogeneous noise, each false alarm probability has one factor.
             factor_at_1e_2, factor_at_1e_3 = (

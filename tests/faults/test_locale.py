@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from dechirp.report.template import format_date
+from dechirp.report.template import format_date_and_time
 from faults.conftest import run_shell
 from nightly import nightly
 
@@ -68,7 +68,7 @@ def test_files_do_not_depend_on_locale(folder, call, comma_locale):
 
 
 def test_month_names_are_english(comma_locale):
-    assert format_date("2026-05-03T09:05:00+00:00") == "3 May 2026, 09:05 UTC"
+    assert format_date_and_time("2026-05-03T09:05:00+00:00") == "3 May 2026, 09:05 UTC"
 
 
 @nightly

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from dechirp.report.template import format_date
+from dechirp.report.template import format_date_and_time
 from faults.test_locale import read_results
 
 pytestmark = pytest.mark.skipif(
@@ -30,7 +30,7 @@ def set_zone(monkeypatch):
 )
 def test_dates_are_shown_in_utc(iso, set_zone):
     set_zone("Asia/Kathmandu")
-    assert format_date(iso) == "31 December 2026, 23:30 UTC"
+    assert format_date_and_time(iso) == "31 December 2026, 23:30 UTC"
 
 
 def test_results_do_not_depend_on_time_zone(folder, call, set_zone):

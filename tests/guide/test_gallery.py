@@ -16,7 +16,7 @@ MAX_LINES = 60
 RANDOM_CALLS = {
     "simulate",
     "default_rng",
-    "sense",
+    "draw_statistical_detections",
     "signal_to_quantisation_noise_over_bits",
     "Study",
     "Scenario",

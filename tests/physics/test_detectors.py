@@ -151,7 +151,9 @@ def test_calibrated_factor_is_correct_for_short_padded_transforms(kind):
     values, vectors = np.linalg.eigh(box.covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))
     power = abs(white @ root.T.astype(np.complex64)) ** 2 / 2
-    alarms = power[:, -1] > factors[0].value * estimator.statistic(power[:, :-1], box.offsets)
+    alarms = power[:, -1] > factors[0].value * estimator.statistic(
+        power[:, :-1], box.training_offsets
+    )
     assert np.mean(alarms) == pytest.approx(1e-2, rel=0.13)
 
 

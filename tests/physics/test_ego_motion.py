@@ -10,8 +10,8 @@ import xarray as xr
 import dechirp as dc
 from dechirp.evaluation.association import associate_detections
 from dechirp.radar.velocity_ambiguity import unambiguous_velocity_span_m_per_s
-from dechirp.tracking.doppler_fit import Sightings, fit_velocity
-from dechirp.tracking.ego import EgoMotion, ego_motion, label_motion
+from dechirp.tracking.doppler_fit import Sightings, fit_radar_velocity
+from dechirp.tracking.ego import EgoMotion, ego_motion, label_static_and_moving
 from dechirp.tracking.mounting import mounting_angle
 
 HIGHWAY = Path(__file__).parents[2] / "examples" / "highway.yaml"
@@ -53,7 +53,7 @@ def test_ego_velocity_follows_majority_of_detections(single_element_radar, v):
     rows = make_detections(azimuth=azimuth, velocity=velocity, elevation=elevation)
 
     ego = ego_motion(rows, single_element_radar)
-    marked = label_motion(rows, ego, single_element_radar)
+    marked = label_static_and_moving(rows, ego, single_element_radar)
 
     assert ego.n_static.item() == 30
     assert [ego.vx.item(), ego.vy.item()] == pytest.approx(v, abs=1e-5)
@@ -82,7 +82,7 @@ def test_velocity_fit_covariance_is_correct(azimuth_std, velocity_std, model_err
     n_trials, v = 2500, np.array([30.0, 1.0])
     squares = np.empty(n_trials)
     for trial in range(n_trials):
-        fit = fit_velocity(
+        fit = fit_radar_velocity(
             draw_sightings(rng, 40, v, azimuth_std, velocity_std, model_error, 0.0), v
         )
         error = fit.velocity - v
@@ -99,8 +99,8 @@ def test_azimuth_errors_do_not_bias_velocity_fit():
     fit_velocities, least_squares_velocities = np.empty((2, n_trials, 2))
     for trial in range(n_trials):
         sightings = draw_sightings(rng, 60, v, 0.03, 0.02, 0.0, 0.6)
-        fit_velocities[trial] = fit_velocity(sightings, v).velocity
-        directions = sightings.level_directions(sightings.azimuth_rad)
+        fit_velocities[trial] = fit_radar_velocity(sightings, v).velocity
+        directions = sightings.horizontal_direction_components(sightings.azimuth_rad)
         least_squares_velocities[trial] = -np.linalg.lstsq(directions, sightings.velocity_m_per_s)[
             0
         ]
@@ -197,7 +197,7 @@ def test_inconclusive_detections_yield_no_ego_velocity(single_element_radar, row
 
     assert ego.n_static.item() == 0
     assert all(np.isnan(ego[name].item()) for name in ("vx", "vy", "vx_std", "vy_std"))
-    assert set(label_motion(rows, ego, single_element_radar).motion.values) == {""}
+    assert set(label_static_and_moving(rows, ego, single_element_radar).motion.values) == {""}
 
 
 def test_moving_label_needs_three_standard_errors(single_element_radar):
@@ -206,7 +206,7 @@ def test_moving_label_needs_three_standard_errors(single_element_radar):
         velocity = static_velocities(AZIMUTH, (10, 0))
         velocity[7] += 0.4
         rows = make_detections(azimuth=AZIMUTH, velocity=velocity, velocity_std=velocity_std)
-        marked = label_motion(
+        marked = label_static_and_moving(
             rows, ego_motion(rows, single_element_radar), single_element_radar
         ).motion.values
         assert marked[7] == motion and set(np.delete(marked, 7)) == {"static"}
@@ -241,7 +241,7 @@ def test_ambiguous_directions_are_excluded_from_fit(radar):
     )
 
     ego = ego_motion(rows, radar)
-    motion = label_motion(rows, ego, radar).motion.values
+    motion = label_static_and_moving(rows, ego, radar).motion.values
 
     assert ego.n_static.item() == 13
     # Consistent detections are static; inconsistent ones may have another direction.
@@ -266,7 +266,7 @@ def test_ego_motion_of_frame_does_not_depend_on_other_frames(single_element_rada
     xr.testing.assert_identical(combined, xr.concat(single_frames, "frame"))
     assert combined.time.values == pytest.approx([0.2, 0.3, 0.45])
     # Frames without ego motion have no labels.
-    marked = label_motion(rows, single_frames[0], single_element_radar)
+    marked = label_static_and_moving(rows, single_frames[0], single_element_radar)
     assert set(marked.motion.values[frame != 4]) == {""}
 
 
@@ -289,7 +289,7 @@ def test_highway_ego_velocity_is_accurate_to_decimetre_per_second(highway):
     ego = ego_motion(rows, highway.radar)
     assert np.hypot(ego.vx - 30, ego.vy).max() < 0.1
 
-    motion = label_motion(rows, ego, highway.radar).motion.values
+    motion = label_static_and_moving(rows, ego, highway.radar).motion.values
     truth = dc.truth(scene, highway.radar, n_frames=2)
     target_index = associate_detections(rows, truth, highway.radar, scene).target
     names = np.array(scene.names)[target_index]
@@ -425,7 +425,7 @@ def test_no_detections_yield_no_frames(single_element_radar):
     no_detections = VALID_DETECTIONS.isel(detection=[])
     ego = ego_motion(no_detections, single_element_radar)
     assert ego.sizes["frame"] == 0
-    assert label_motion(no_detections, ego, single_element_radar).motion.size == 0
+    assert label_static_and_moving(no_detections, ego, single_element_radar).motion.size == 0
 
 
 def test_rejects_wrong_argument_types(single_element_radar):
@@ -434,9 +434,9 @@ def test_rejects_wrong_argument_types(single_element_radar):
     with pytest.raises(dc.InvalidSetting, match="settings: a dict"):
         ego_motion(VALID_DETECTIONS, single_element_radar, {})
     with pytest.raises(dc.InvalidSetting, match="ego: a tuple"):
-        label_motion(VALID_DETECTIONS, (10.0, 0.0), single_element_radar)
+        label_static_and_moving(VALID_DETECTIONS, (10.0, 0.0), single_element_radar)
     with pytest.raises(dc.InvalidSetting, match="ego: a dataset without vx"):
-        label_motion(
+        label_static_and_moving(
             VALID_DETECTIONS,
             ego_motion(VALID_DETECTIONS, single_element_radar).drop_vars("vx"),
             single_element_radar,

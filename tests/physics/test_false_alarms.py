@@ -214,7 +214,7 @@ def test_threshold_is_mean_of_training_cells():
         threshold = dc.cfar.CellAveraging().threshold(
             power, training_window, np.ones(power.shape[1], np.float32)
         )
-        box_offsets = training_window.box_row_of_map_rows(40)
+        box_offsets = training_window.tested_rows_in_training_box(40)
         for v in range(26):
             for j in range(40):
                 rows = j - box_offsets[j] + np.arange(2 * training_window.half_range + 1)

@@ -10,7 +10,7 @@ import dechirp as dc
 from dechirp.config.dumping import dump_yaml
 from dechirp.config.loading import parse_settings
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.experiments.link_budget import link_budget
+from dechirp.experiments.link_budget import link_budget_of_first_target
 from dechirp.radar.angle_table import interpolate_angle_table
 from dechirp.radar.budget import received_power_w, sample_snr, unit_echo_amplitude
 from dechirp.radar.hardware import Hardware
@@ -349,7 +349,9 @@ def test_link_budget_lists_off_beam_losses(radar):
     target = dc.Target(position_m=(30 * math.cos(30 * DEG), 30 * math.sin(30 * DEG), 0))
     scenario = dc.Scenario(radar=radar, scene=dc.Scene(targets=[target]))
     budget_radar = replace(radar, hardware=replace(HARDWARE, rx_pattern=None, antenna_gain=10.0))
-    lines = {line.name: line.level_db for line in link_budget(scenario, budget_radar)}
+    lines = {
+        line.name: line.level_db for line in link_budget_of_first_target(scenario, budget_radar)
+    }
 
     assert lines["off its transmit beam"] == pytest.approx(-3.0103, abs=1e-4)
     assert "off its receive beam" not in lines
@@ -359,7 +361,7 @@ def test_link_budget_lists_off_beam_losses(radar):
     backward_radar = replace(
         budget_radar, hardware=replace(budget_radar.hardware, tx_pattern=rear_pattern)
     )
-    assert link_budget(scenario, backward_radar) is None
+    assert link_budget_of_first_target(scenario, backward_radar) is None
 
 
 @pytest.mark.parametrize("pattern", ALL_PATTERNS.values(), ids=ALL_PATTERNS)

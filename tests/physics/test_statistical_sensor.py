@@ -10,9 +10,9 @@ import dechirp as dc
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import PhysicsWarning
 from dechirp.evaluation.association import Associator
-from dechirp.experiments.link_budget import added_noise_w
+from dechirp.experiments.link_budget import added_noise_power_w
 from dechirp.experiments.scenario import RecordingSource, Scenario
-from dechirp.experiments.statistical.sensor import StatisticalSensor, sense
+from dechirp.experiments.statistical.sensor import StatisticalSensor, draw_statistical_detections
 from dechirp.processing.cfar.base import Cells, Cfar
 from dechirp.processing.cfar.cell_averaging import CellAveraging
 from dechirp.processing.cfar.ordered_statistic import OrderedStatistic
@@ -90,7 +90,7 @@ def build_scenario(
 
 def score_detections(scenario, frame, n_trials):
     """Score detections: share of targets, false alarms per frame, errors (3, n), stds (3, n)."""
-    noise_w = added_noise_w(scenario, scenario.radar)
+    noise_w = added_noise_power_w(scenario, scenario.radar)
     truth = dc.truth(scenario.scene, scenario.radar, noise_power_w=noise_w)
     associator, n_found, n_false, errors, stds = Associator(truth, scenario.radar), 0, 0, [], []
     for _ in range(n_trials):
@@ -121,7 +121,7 @@ def make_sample_source(scenario, seed):
 
 def make_statistical_source(scenario, seed):
     sensor, rng = StatisticalSensor(scenario), np.random.default_rng(seed)
-    return lambda: sensor.detections(rng)
+    return lambda: sensor.draw_detections(rng)
 
 
 def compute_rms(errors):
@@ -223,7 +223,7 @@ def test_number_of_noise_peaks_matches_sample_maps(n_elements):
 
 def test_table_has_layout_of_detect_and_depends_on_seed():
     scenario = replace(build_scenario(build_radar(8), snr_db=25.0), n_frames=3)
-    table = sense(scenario, seed=1)
+    table = draw_statistical_detections(scenario, seed=1)
     detected = dc.detect(
         dc.simulate(scenario.scene, scenario.radar, n_frames=3, seed=1), scenario.radar,
         scenario.chain,
@@ -232,22 +232,22 @@ def test_table_has_layout_of_detect_and_depends_on_seed():
     assert all(table[name].attrs == detected[name].attrs for name in table)
     assert np.array_equal(np.unique(table.frame), [0, 1, 2])
     assert np.array_equal(np.unique(table.time), np.unique(detected.time))
-    assert table.equals(sense(scenario, seed=1))
-    assert not table.equals(sense(scenario, seed=2))
+    assert table.equals(draw_statistical_detections(scenario, seed=1))
+    assert not table.equals(draw_statistical_detections(scenario, seed=2))
 
 
 def test_tdm_resolves_velocity_ambiguity_as_in_samples():
     # Velocity of 40 cells, beyond the unambiguous 32 cells to each side.
     scenario = build_scenario(build_radar(8), target_cells=[(50.0, 40.0)], snr_db=25.0)
     with pytest.warns(PhysicsWarning, match="is aliased to"):
-        table = sense(scenario, seed=1)
+        table = draw_statistical_detections(scenario, seed=1)
     truth = dc.truth(scenario.scene, scenario.radar)
     strongest = table.isel(detection=0)
     assert strongest.ambiguity_number == 1
     assert strongest.velocity == pytest.approx(float(truth.velocity[0, 0]), abs=0.2)
     # A single transmitter cannot resolve the ambiguity: the velocity is one span lower.
     with pytest.warns(PhysicsWarning, match="is aliased to"):
-        single_tx_table = sense(
+        single_tx_table = draw_statistical_detections(
             build_scenario(build_radar(1), target_cells=[(50.0, 40.0)], snr_db=25.0), seed=1
         )
     span = 2 * build_radar(1).frame.max_velocity_m_per_s
@@ -267,7 +267,7 @@ def test_two_targets_in_one_cell_give_detection_of_coherent_sum():
         scene = dc.Scene(
             targets=(first_target, replace(first_target, position_m=second_position_m))
         )
-        columns = StatisticalSensor(replace(scenario, scene=scene)).detections(
+        columns = StatisticalSensor(replace(scenario, scene=scene)).draw_detections(
             np.random.default_rng(1)
         )
         if gain:
@@ -304,10 +304,10 @@ def test_rain_attenuates_statistical_detections_like_samples():
         for case in (scenario, rain_scenario)
     ]
     power = [float(np.mean(abs(case.values) ** 2)) for case in cubes]
-    noise = added_noise_w(scenario, scenario.radar)
+    noise = added_noise_power_w(scenario, scenario.radar)
     loss = (power[1] - noise) / (power[0] - noise)
     snr = [
-        StatisticalSensor(case).detections(np.random.default_rng(1))["snr"][0]
+        StatisticalSensor(case).draw_detections(np.random.default_rng(1))["snr"][0]
         for case in (scenario, rain_scenario)
     ]
     assert loss < 0.9

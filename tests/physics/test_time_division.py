@@ -8,7 +8,7 @@ from scipy.stats import binom
 
 import dechirp as dc
 from dechirp.core.units import to_decibels
-from dechirp.experiments.link_budget import link_budget
+from dechirp.experiments.link_budget import link_budget_of_first_target
 from dechirp.processing.spectrum import Transform, range_profiles
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
@@ -189,7 +189,7 @@ def test_link_budget_includes_every_channel(radar):
     radar = apply_tdm(radar, 0, 1)
     target = dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(5, 0, 0), rcs_m2=1)
     scenario = dc.Scenario(radar=radar, scene=dc.Scene(targets=[target]))
-    levels = {line.name: line.level_db for line in link_budget(scenario, radar)}
+    levels = {line.name: line.level_db for line in link_budget_of_first_target(scenario, radar)}
 
     assert radar.integration_gain == 256 * 128 * 2 * 2
     assert levels["integration"] == pytest.approx(to_decibels(256 * 128 * 4))

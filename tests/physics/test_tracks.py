@@ -22,7 +22,7 @@ from dechirp.scene.target import Target
 from dechirp.tracking import stone_soup
 from dechirp.tracking.batch import track
 from dechirp.tracking.false_alarms import FalseAlarms
-from dechirp.tracking.measurements import to_measurements
+from dechirp.tracking.measurements import usable_rows_to_measurements
 from dechirp.tracking.online import LiveTracker
 from dechirp.tracking.stone_soup import StateEstimate, StoneSoup
 from dechirp.tracking.tracker import Tracker
@@ -387,18 +387,20 @@ def test_joint_shares_match_enumeration_of_joint_events():
     spread = np.diag([1.0, 0.5, 1.0, 0.5])
     beliefs = [StateEstimate(np.array([40.0, 5, y, 1.0]), spread) for y in (0.0, 1.2)]
     measured_states = np.array([[40.3, 5, 0.2, 1], [40.0, 5, 0.9, 1], [40.4, 5, 1.5, 1]])
-    frame = to_measurements(
+    frame = usable_rows_to_measurements(
         build_detections([0] * 3, measured_states), target_size_m=0, velocity_span_m_per_s=None
     )
     stone_soup_tracker = StoneSoup(tracker)
 
-    shares = stone_soup_tracker.update(beliefs, 0.1, frame).shares
+    shares = stone_soup_tracker.predict_associate_and_update(beliefs, 0.1, frame).shares
 
     # Weight of each pair, from a single track without competitors.
     miss_probability = 1 - tracker.hit_probability
     weight = np.empty((2, 3))
     for i, j in product(range(2), range(3)):
-        share = stone_soup_tracker.update(beliefs[i : i + 1], 0.1, frame.select([j])).shares[0, 0]
+        share = stone_soup_tracker.predict_associate_and_update(
+            beliefs[i : i + 1], 0.1, frame.select_measurements([j])
+        ).shares[0, 0]
         weight[i, j] = miss_probability * share / (1 - share)
     sums, total = np.zeros((2, 3)), 0.0
     for first_choice, second_choice in product([None, 0, 1, 2], repeat=2):
@@ -425,14 +427,14 @@ def test_shares_of_many_tracks_approximate_exact_sums(monkeypatch):
         StateEstimate(np.array([x, 5, y, 1]), np.diag([0.1, 0.05] * 2)) for x, y in positions_m
     ]
     measured_states = np.stack([*positions_m.T, np.full(9, 5.0), np.ones(9)])[[0, 2, 1, 3]].T
-    frame = to_measurements(
+    frame = usable_rows_to_measurements(
         build_detections([0] * 9, measured_states), target_size_m=0, velocity_span_m_per_s=None
     )
     stone_soup_tracker = StoneSoup(Tracker(association="joint"))
 
-    approximate_shares = stone_soup_tracker.update(beliefs, 0.1, frame).shares
+    approximate_shares = stone_soup_tracker.predict_associate_and_update(beliefs, 0.1, frame).shares
     monkeypatch.setattr(stone_soup, "_MAX_EXACT_TRACKS", 9)
-    exact_shares = stone_soup_tracker.update(beliefs, 0.1, frame).shares
+    exact_shares = stone_soup_tracker.predict_associate_and_update(beliefs, 0.1, frame).shares
 
     assert np.all(np.sum(exact_shares > 0.01, axis=0) > 1)  # all compete
     assert 0 < abs(approximate_shares - exact_shares).max() < 0.1

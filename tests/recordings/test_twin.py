@@ -21,14 +21,14 @@ def test_noise_and_peaks_match_within_1_db_and_fifth_of_bin(real_data, folder, n
     twin = dc.twin(open_real_recording(real_data / folder, name), seed=20)
 
     differences = twin.differences
-    judged = twin.judged_peaks(TwinTolerance())
+    judged = twin.peaks_precise_enough_to_judge(TwinTolerance())
     assert judged.sum() >= n_judged
     assert abs(to_decibels(twin.noise.ratio)) < 1
     assert np.all(abs(to_decibels(differences.power_ratio))[judged] < 1)
     assert np.all(abs(differences.range_cells)[judged] < 0.2)
     assert np.all(abs(differences.velocity_cells)[judged] < 0.2)
     # Point targets reproduce the peaks; the rest of the difference is the noise of the twin.
-    assert np.all(twin.peaks_within_clean(TwinTolerance()))
+    assert np.all(twin.noise_free_peaks_within_tolerance(TwinTolerance()))
     assert np.all(abs(to_decibels(differences.power_ratio_clean))[judged] < 0.1)
     normalised_errors = to_decibels(differences.power_ratio)[judged] / (
         4.34 * differences.power_std[judged]
@@ -43,7 +43,7 @@ def test_strongest_peak_of_long_recording_is_within_tolerance(real_data):
         open_real_recording(real_data / "sirad122_walk", "giulioCammina.json"), max_peaks=1
     )
 
-    assert twin.peaks_within_clean(TwinTolerance()).tolist() == [True]
+    assert twin.noise_free_peaks_within_tolerance(TwinTolerance()).tolist() == [True]
     assert twin.scenario.chain.cfar.n_training.velocity == 500
 
 

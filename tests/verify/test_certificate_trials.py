@@ -9,10 +9,10 @@ from scipy.stats import binom, chi2, norm
 from dechirp.certificate.claim import CONFIDENCE, Check, Claim
 from dechirp.certificate.trials import (
     Job,
+    count_trials_to_prove_mean,
+    count_trials_to_prove_probability,
+    count_trials_to_prove_rms,
     run_jobs,
-    trials_for_mean,
-    trials_for_probability,
-    trials_for_rms,
 )
 from dechirp.theory import confidence_intervals
 
@@ -74,7 +74,7 @@ def test_failing_trial_ends_run_with_its_error():
     [(1.0, 0.9), (1.0, 0.95), (0.998, 0.9), (0.93, 0.9), (0.96, 0.9), (0.6, 0.5)],
 )
 def test_number_of_trials_shows_probability_at_confidence(expected, at_least):
-    n = trials_for_probability(expected, at_least=at_least)
+    n = count_trials_to_prove_probability(expected, at_least=at_least)
 
     def is_shown(hits):
         return confidence_intervals.binomial_interval(hits, n, confidence=CONFIDENCE)[0] >= at_least
@@ -88,14 +88,14 @@ def test_number_of_trials_shows_probability_at_confidence(expected, at_least):
 
 @pytest.mark.parametrize(("expected", "at_most"), [(1.0, 1.15), (1.03, 1.15), (1.0, 2.0)])
 def test_number_of_trials_shows_rms(expected, at_most):
-    n = trials_for_rms(expected, at_most=at_most)
+    n = count_trials_to_prove_rms(expected, at_most=at_most)
     highest_rms = at_most * np.sqrt(chi2.ppf(TAIL, n) / n)
     chance = chi2.sf(n * (highest_rms / expected) ** 2, n)
     assert TAIL / 30 < chance < 5 * TAIL
 
 
 def test_number_of_trials_shows_mean():
-    n = trials_for_mean(2.0, within=0.3)
+    n = count_trials_to_prove_mean(2.0, within=0.3)
     half_width = norm.isf(TAIL) * 2.0 / np.sqrt(n)
     assert half_width == pytest.approx(0.15, rel=1e-3)  # half for the interval, half for the spread
 

@@ -21,7 +21,7 @@ from dechirp.certificate.reference_trials import (
     REFERENCE_TARGET,
     TRIAL_COLUMNS,
     TrialCondition,
-    echo_after_arrival,
+    reference_echo_zero_before_arrival,
     reference_radar,
     run_target_trials,
 )
@@ -38,7 +38,7 @@ def make_trial_results(
     rng, n, *, snr_db=-10.0, hit_rate=1.0, errors=1.0, bias=0.0, is_reversed=False
 ):
     """Make results as of `run_target_trials`: hits, and errors as multiples of the bounds."""
-    bound = estimates.cramer_rao_bounds(snr_db)
+    bound = estimates.range_velocity_cramer_rao_bounds(snr_db)
     out = np.empty((n, len(TRIAL_COLUMNS)))
     out[:, 0] = snr_db
     out[:, 1] = rng.random(n) < hit_rate
@@ -119,7 +119,7 @@ def test_theoretical_snr_limits_match_independent_values():
 
 def test_report_threshold_needs_16_db_more_snr():
     difference_db = 10 * np.log10(
-        sensitivity.report_required_snr() / sensitivity.chain_required_snr()
+        sensitivity.report_rule_required_snr() / sensitivity.chain_required_snr()
     )
     assert difference_db == pytest.approx(16.0, abs=0.1)
     assert 10 * np.log10(sensitivity.report_threshold()) == pytest.approx(28.95, abs=0.01)
@@ -166,7 +166,8 @@ def test_lower_detection_rates_fail_detection_claims(changes, failed):
 def test_every_claim_is_made_by_exactly_one_module():
     rng = np.random.default_rng(13)
     results = {
-        d.name: draw_alarm_counts(rng, d, 1.0, 356) for d in false_alarms.noise_tests(full=False)
+        d.name: draw_alarm_counts(rng, d, 1.0, 356)
+        for d in false_alarms.planned_noise_tests(full=False)
     }
     results |= make_detection_results(rng) | {"noise in map": np.full((40, 2), 1e-6)}
     results["beside the target"] = np.ones((200, 2))
@@ -194,12 +195,15 @@ def draw_alarm_counts(rng, design, ratio, n):
 def test_wrong_false_alarm_rate_fails(ratio, passes):
     rng = np.random.default_rng(4)
     results = {
-        d.name: draw_alarm_counts(rng, d, ratio, 356) for d in false_alarms.noise_tests(full=False)
+        d.name: draw_alarm_counts(rng, d, ratio, 356)
+        for d in false_alarms.planned_noise_tests(full=False)
     }
     expected_alarms = (
         ratio
         * 1e-4
-        * false_alarms.is_away_from_target((128, 2200), dc.Chain().cfar.training_window, 2200).sum()
+        * false_alarms.mask_away_from_target(
+            (128, 2200), dc.Chain().cfar.training_window, 2200
+        ).sum()
     )
     results["beside the target"] = np.stack(
         [rng.poisson(expected_alarms, 200), np.zeros(200)], axis=-1
@@ -214,11 +218,14 @@ def test_wrong_false_alarm_rate_fails(ratio, passes):
 def test_one_false_alarm_of_fixed_offset_fails():
     rng = np.random.default_rng(5)
     results = {
-        d.name: draw_alarm_counts(rng, d, 1.0, 356) for d in false_alarms.noise_tests(full=False)
+        d.name: draw_alarm_counts(rng, d, 1.0, 356)
+        for d in false_alarms.planned_noise_tests(full=False)
     }
     expected_alarms = (
         1e-4
-        * false_alarms.is_away_from_target((128, 2200), dc.Chain().cfar.training_window, 2200).sum()
+        * false_alarms.mask_away_from_target(
+            (128, 2200), dc.Chain().cfar.training_window, 2200
+        ).sum()
     )
     alarm_counts = np.stack([rng.poisson(expected_alarms, 200), np.zeros(200)], axis=-1)
     alarm_counts[7, 1] = 1
@@ -230,7 +237,7 @@ def test_one_false_alarm_of_fixed_offset_fails():
 
 
 def test_noise_tests_cover_required_number_of_cells():
-    quick, full = (false_alarms.noise_tests(full=full) for full in (False, True))
+    quick, full = (false_alarms.planned_noise_tests(full=full) for full in (False, True))
     assert all(d.false_alarm_probability == 1e-4 and d.min_cells >= 1e8 for d in quick)
     million = [d for d in full if d.false_alarm_probability == 1e-6]
     assert len(million) == 4
@@ -252,12 +259,14 @@ def test_independent_cell_factor_fails_under_hann_window(monkeypatch):
     )
     base._threshold_factors_per_box_row_and_error.cache_clear()
     try:
-        counts = false_alarms.count_noise_alarms(np.random.default_rng(6), 40, noise_test=design)
+        counts = false_alarms.count_false_alarms_in_noise(
+            np.random.default_rng(6), 40, noise_test=design
+        )
     finally:
         base._threshold_factors_per_box_row_and_error.cache_clear()
 
     expected = design.false_alarm_probability * design.n_cells_per_map
-    assert not false_alarms.alarm_ratio_check("wrong", counts, expected).passed
+    assert not false_alarms.false_alarm_ratio_check("wrong", counts, expected).passed
     assert counts.mean() > 1.2 * expected
 
 
@@ -280,7 +289,7 @@ def test_two_targets_must_be_resolved_in_nine_of_ten_trials(resolved_rate, passe
 def test_two_targets_are_resolved_at_required_separation_alone():
     for window, separation in resolution.REQUIRED_SEPARATION_BINS.items():
         trials = resolution.run_resolution_trials(
-            np.random.default_rng(8), 60, window=window, separations=(separation, 0.4)
+            np.random.default_rng(8), 60, window=window, separations_bins=(separation, 0.4)
         )
         resolved_trials = [trials[trials[:, 0] == x, 1] for x in (separation, 0.4)]
         assert resolved_trials[0].mean() >= 0.9  # theory predicts all 30 trials
@@ -312,8 +321,8 @@ def test_wrong_slope_or_power_fails(monkeypatch):
     )
     monkeypatch.setattr(waveform, "reference_radar", lambda: wrong_radar)
 
-    assert not waveform._chirp_linearity_claim().passed
-    assert not waveform._echo_power_claim().passed
+    assert not waveform._ramp_is_linear_claim().passed
+    assert not waveform._echo_power_follows_radar_equation_claim().passed
 
 
 @pytest.mark.parametrize(
@@ -347,20 +356,24 @@ def test_mirror_image_in_retained_half_fails(monkeypatch):
     noise = np.full((40, 2), 1 / (2200 * 128)) * [1.0, 2.0]
     noise *= 1 + 1e-5 * np.random.default_rng(14).standard_normal((40, 2))
 
-    checks = {check.name: check for check in transforms._blind_doppler_claim(noise).checks}
+    checks = {
+        check.name: check for check in transforms._velocity_sign_with_one_mixer_claim(noise).checks
+    }
 
     assert not checks["ramp, one mixer, retained half: level at the negative velocity"].passed
 
 
 def test_report_gives_published_range_and_different_velocity():
-    range_m, velocity = published.find_strongest_detection(echo_after_arrival())
+    range_m, velocity = published.find_strongest_report_rule_detection(
+        reference_echo_zero_before_arrival()
+    )
     # The velocity follows from the report's axes and differs from its printed value.
     assert range_m == pytest.approx(published.RANGE_M, abs=0.005)
     assert velocity == pytest.approx(11.50, abs=0.005)
 
 
 def test_report_threshold_misses_targets_one_db_below_its_limit():
-    trials = detection.run_report_trials(np.random.default_rng(10), 40, snr_db=(-22.5, -25.5))
+    trials = detection.run_report_rule_trials(np.random.default_rng(10), 40, snr_db=(-22.5, -25.5))
     # Rates over many trials: 1.00 and 0.02.
     assert trials[::2, 1].mean() == 1
     assert trials[1::2, 1].mean() < 0.5
@@ -375,6 +388,6 @@ def test_target_trial_detects_reference_target_at_its_position():
 
     assert trials[:, TRIAL_COLUMNS.index("hit")].tolist() == [1, 0, 1, 0]
     assert np.isnan(trials[1::2, 2:]).all()
-    bound = estimates.cramer_rao_bounds(0.0)
+    bound = estimates.range_velocity_cramer_rao_bounds(0.0)
     assert (abs(trials[::2, 2]) < 6 * bound.range_m).all()
     assert (abs(trials[::2, 3]) < 6 * bound.velocity_m_per_s).all()

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from dechirp.certificate import directions, every_detector, extended
-from dechirp.certificate.directions import run_one_source_trials, run_two_source_trials
+from dechirp.certificate.directions import (
+    run_one_source_error_trials,
+    run_two_source_resolution_trials,
+)
 from dechirp.certificate.impairments.measurement import Measurement, Quantity
 from dechirp.certificate.reference_trials import (
     REFERENCE_TARGET,
@@ -30,7 +33,7 @@ MEASUREMENTS_BY_KIND = {entry.kind: entry for entry in extended.IMPAIRMENT_MEASU
 def test_every_family_member_is_certified():
     assert set(MEASUREMENTS_BY_KIND) == set(Impairment.members())
     assert set(every_detector.all_detectors()) == set(NoiseEstimator.members())
-    estimators = {name.rpartition(", ")[2] for name in directions.trial_jobs(1)}
+    estimators = {name.rpartition(", ")[2] for name in directions.one_and_two_source_trial_jobs(1)}
     assert estimators == set(DirectionEstimator.members())
 
 
@@ -68,7 +71,7 @@ def test_measurement_beyond_tolerance_fails(bias, passes):
 
 def test_direction_bound_matches_linear_array_bound():
     rng = np.random.default_rng(2)
-    array, azimuth = directions.linear_array(), rng.uniform(-1, 1, (5, 1))
+    array, azimuth = directions.half_wavelength_linear_array(), rng.uniform(-1, 1, (5, 1))
     amplitudes = np.exp(1j * rng.uniform(0, 6, (5, 1)))
     bound = directions.azimuth_bounds_rad(array, azimuth, amplitudes, 0.01)
     expected = angle_std_rad(
@@ -80,13 +83,13 @@ def test_direction_bound_matches_linear_array_bound():
 @pytest.mark.parametrize("kind", sorted(DirectionEstimator.members()))
 def test_direction_trials_have_errors_near_their_bounds(kind):
     member = DirectionEstimator.members()[kind]
-    trials = run_one_source_trials(np.random.default_rng(3), 300, estimator=member())
+    trials = run_one_source_error_trials(np.random.default_rng(3), 300, estimator=member())
     # The RMS of 300 trials has a standard error of 4 %; the tolerance is five of them.
     assert np.sqrt(np.mean((trials[:, 0] / trials[:, 1]) ** 2)) == pytest.approx(1, abs=0.2)
     two_source_estimator = directions._two_source_estimator(member)
     if two_source_estimator is not None:
         separation = 2 * directions.BEAMWIDTH
-        pair_trials = run_two_source_trials(
+        pair_trials = run_two_source_resolution_trials(
             np.random.default_rng(4), 40, estimator=two_source_estimator, separation=separation
         )
         assert pair_trials.mean(axis=0) == pytest.approx([1.0, 1.0])
@@ -95,7 +98,7 @@ def test_direction_trials_have_errors_near_their_bounds(kind):
 def make_direction_results(rng, *, errors=1.0, stated_error=1.0, loss_rate=0.0):
     n = 10_000
     results = {}
-    for name in directions.trial_jobs(1):
+    for name in directions.one_and_two_source_trial_jobs(1):
         if name.startswith("one"):
             results[name] = np.stack(
                 [errors * rng.standard_normal(n), np.full(n, stated_error)], axis=1
@@ -119,15 +122,17 @@ def make_direction_results(rng, *, errors=1.0, stated_error=1.0, loss_rate=0.0):
 )
 def test_direction_estimator_worse_than_stated_fails(changes, passes):
     results = make_direction_results(np.random.default_rng(5), **changes)
-    assert {claim.passed for claim in directions.build_part(results).claims} >= {passes}
+    assert {claim.passed for claim in directions.build_direction_claims(results).claims} >= {passes}
     if passes:
-        assert all(claim.passed for claim in directions.build_part(results).claims)
+        assert all(claim.passed for claim in directions.build_direction_claims(results).claims)
 
 
 def make_noise_results(rng, rate_factors):
     """Make alarm counts of noise frames for detectors with the given false-alarm rates."""
     results = {}
-    for name, job in every_detector.trial_jobs(None, every_detector.MIN_CELLS).items():
+    for name, job in every_detector.false_alarm_counting_jobs(
+        None, every_detector.MIN_CELLS
+    ).items():
         group = every_detector.MAP_GROUPS[name]
         shape = (job.n_trials, len(group), len(rate_factors))
         cells = np.array([maps.n_cells for maps in group])[:, None]
@@ -141,7 +146,7 @@ def make_noise_results(rng, rate_factors):
 def test_detector_with_wrong_false_alarm_rate_fails():
     rate_factors = [1.0, 1.1, 1.3, 0.75, 0.9, 1.0]
     results = make_noise_results(np.random.default_rng(6), rate_factors)
-    claims = every_detector.build_part(results).claims
+    claims = every_detector.build_false_alarm_rate_claims(results).claims
     assert [claim.passed for claim in claims] == [
         0.8 < rate_factor < 1.25 for rate_factor in rate_factors
     ]
@@ -154,12 +159,14 @@ def test_detector_with_wrong_false_alarm_rate_fails():
 def test_alarm_counts_match_those_of_chain():
     maps = every_detector.NoiseMaps(window="rectangular", n_range_bins=every_detector.N_SAMPLES)
     cfar = replace(every_detector.all_detectors()["greatest-of"], false_alarm_probability=1e-2)
-    rows = every_detector.calibrate_factor(np.random.default_rng(0), 1, maps=maps, cfar=cfar)[0]
-    counts = every_detector.count_alarms(
-        np.random.default_rng(7), 2, group=(maps,), judges=[[(cfar, rows)]]
+    rows = every_detector.threshold_factors_per_range_bin(
+        np.random.default_rng(0), 1, maps=maps, cfar=cfar
+    )[0]
+    counts = every_detector.count_false_alarms_per_frame(
+        np.random.default_rng(7), 2, map_kinds=(maps,), detectors_per_map=[[(cfar, rows)]]
     )
 
-    rng, radar = np.random.default_rng(7), every_detector.small_radar()
+    rng, radar = np.random.default_rng(7), every_detector.reference_radar_with_fewer_samples()
     chain = replace(maps.chain, cfar=cfar)
     for n_alarms, n_edge_alarms in counts[:, 0, 0]:
         samples = every_detector.complex_white_noise(rng, (128, 1, 256))

@@ -9,9 +9,9 @@ import pytest
 
 from dechirp.certificate.document import (
     PROVENANCE_KEYS,
-    _json_digest,
-    code_checksum,
-    number_checksum,
+    _sha256_of_rounded_json,
+    checksum_of_numbers,
+    package_code_checksum,
 )
 
 FOLDER = Path(__file__).parents[2] / "docs" / "verification"
@@ -42,9 +42,9 @@ def test_certificate_passes_and_records_its_versions(name):
     assert certificate["date"].startswith(name.removesuffix(".json"))
     if name == "2026-11-23.json":  # the checksum of this file also covers sentences
         results = {key: certificate[key] for key in certificate if key not in PROVENANCE_KEYS}
-        assert certificate["checksum"] == _json_digest(results)
+        assert certificate["checksum"] == _sha256_of_rounded_json(results)
     else:
-        assert certificate["checksum"] == number_checksum(certificate)
+        assert certificate["checksum"] == checksum_of_numbers(certificate)
     table_row = next(
         line for line in (FOLDER / "README.md").read_text().splitlines() if name[:10] in line
     )
@@ -96,14 +96,14 @@ def document():
 
 
 def test_checksum_ignores_provenance_and_rounding(document):
-    checksum = number_checksum(document)
-    assert checksum == number_checksum(json.loads(json.dumps(document)))
+    checksum = checksum_of_numbers(document)
+    assert checksum == checksum_of_numbers(json.loads(json.dumps(document)))
     for name in PROVENANCE_KEYS:
-        assert number_checksum({**document, name: "other"}) == checksum
+        assert checksum_of_numbers({**document, name: "other"}) == checksum
     # Rounding of another processor, and another order of keys.
     rounded = deepcopy(document)
     rounded["claims"][0]["measured"] *= 1 + 1e-12
-    assert number_checksum(dict(reversed(rounded.items()))) == checksum
+    assert checksum_of_numbers(dict(reversed(rounded.items()))) == checksum
 
 
 @pytest.mark.parametrize(
@@ -111,15 +111,15 @@ def test_checksum_ignores_provenance_and_rounding(document):
     [("measured", 0.123458), ("trials", 11), ("id", "b"), ("interval", None)],
 )
 def test_checksum_changes_with_numbers(document, field, changed_value):
-    checksum = number_checksum(document)
+    checksum = checksum_of_numbers(document)
     document["claims"][0][field] = changed_value
-    assert number_checksum(document) != checksum
+    assert checksum_of_numbers(document) != checksum
 
 
 def test_checksum_ignores_sentences(document):
-    checksum = number_checksum(document)
+    checksum = checksum_of_numbers(document)
     document["claims"][0] |= {"claim": "A sentence.", "note": "Another one."}
-    assert number_checksum(document) == checksum
+    assert checksum_of_numbers(document) == checksum
 
 
 def test_checksum_of_fixed_document(document):
@@ -128,9 +128,9 @@ def test_checksum_of_fixed_document(document):
         '{"claims":[{"id":"a","interval":["0.1",null],"measured":"0.123457","trials":"10"}],'
         '"passed":true,"seed":"1"}'
     )
-    assert number_checksum(document) == hashlib.sha256(text.encode()).hexdigest()
+    assert checksum_of_numbers(document) == hashlib.sha256(text.encode()).hexdigest()
 
 
 def test_code_checksum_is_reproducible():
-    assert code_checksum() == code_checksum()
-    assert len(code_checksum()) == 64
+    assert package_code_checksum() == package_code_checksum()
+    assert len(package_code_checksum()) == 64

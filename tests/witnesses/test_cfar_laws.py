@@ -67,7 +67,7 @@ def test_ordered_statistic_of_summed_powers_matches_integral(n, k, n_summed):
 def test_integral_for_one_power_equals_rohling_product(n, k, pfa):
     factor = cfar.ordered_statistic_factor(pfa, n_training=n, rank=k)
     law = OrderedStatisticLaw(n_training=n, rank=k, n_summed=1)
-    assert np.exp(law.log_probability(factor)) == pytest.approx(pfa, rel=1e-9)
+    assert np.exp(law.log_false_alarm_probability(factor)) == pytest.approx(pfa, rel=1e-9)
 
 
 HALVES = [((4, 4), 1), ((5, 11), 1), ((8, 8), 4), ((3, 12), 5), ((20, 16), 2)]
@@ -195,8 +195,8 @@ def test_calibrated_factor_of_mean_matches_exact_factor(
 @pytest.mark.parametrize("n_summed", [1, 4])
 def test_calibrated_factors_in_independent_cells_match_closed_forms(pfa, n_summed):
     correlated_window = make_correlated_window((4, 3), (2, 2))
-    first = correlated_window.offsets[:, 1] < 0
-    second = correlated_window.offsets[:, 1] > 0
+    first = correlated_window.training_offsets[:, 1] < 0
+    second = correlated_window.training_offsets[:, 1] > 0
     halves, n = (int(first.sum()), int(second.sum())), correlated_window.n_training
     sets = np.array([first, second])
     cases = {
@@ -224,7 +224,7 @@ def test_calibrated_factors_in_independent_cells_match_closed_forms(pfa, n_summe
     }
     for statistic, low, law in cases.values():
         calibration = calibrate_factor(
-            pfa, statistic, correlated_window, n_summed=n_summed, low=low
+            pfa, statistic, correlated_window, n_summed=n_summed, low_cell_masks=low
         )
         assert calibration.relative_error <= 0.02
         assert float(law(calibration.value)) == pytest.approx(

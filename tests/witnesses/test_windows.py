@@ -14,8 +14,8 @@ from dechirp.theory.windows import (
     bin_correlation,
     chebyshev_weights,
     coherent_gain,
+    half_main_lobe_bins,
     kaiser_weights,
-    main_lobe_bins,
     noise_bandwidth_bins,
     scalloping_loss,
     taylor_weights,
@@ -180,7 +180,7 @@ def test_single_point_window_is_one(window):
 def test_main_lobe_ends_at_first_null(window, n):
     null = find_first_null(compute_spectrum(window, n)) / 64
     # Nulls are located within half of 1 / 64 bin; windows of 32 points are up to 4 % wider.
-    assert null == pytest.approx(main_lobe_bins(window), abs=0.008, rel=1.28 / n)
+    assert null == pytest.approx(half_main_lobe_bins(window), abs=0.008, rel=1.28 / n)
 
 
 @pytest.mark.parametrize(
@@ -226,9 +226,9 @@ def test_weights_are_at_most_one_and_noise_bandwidth_is_at_least_one(window, n):
         lambda: chebyshev_weights(64, 301.0),
         lambda: taylor_weights(64, 4, [30.0]),
         lambda: taylor_weights(64, [4], 30.0),
-        lambda: main_lobe_bins("x"),
-        lambda: main_lobe_bins(["hann"]),
-        lambda: main_lobe_bins(None),
+        lambda: half_main_lobe_bins("x"),
+        lambda: half_main_lobe_bins(["hann"]),
+        lambda: half_main_lobe_bins(None),
         lambda: window_weights(np.array(["hann", "hamming"]), 64),
         lambda: window_weights("chebyshev-70", 64),
         lambda: window_weights(["hann"], 64),

@@ -2,10 +2,11 @@
 Four detectors at the edge of clutter
 =====================================
 
-A threshold follows the noise of the cells about it. Cell averaging is raised by a strong
-neighbour, which masks the weak target behind it, and lags at the edge of clutter. Halves and
-ranks mend one or the other (Gandhi and Kassam, IEEE T-AES 24, 1988). See who stays below the weak
-target, and whom the edge crosses.
+A CFAR threshold follows the noise level of the training cells. A strong neighbour raises the
+threshold of cell averaging and masks the weak target behind it; at a clutter edge the threshold
+rises too late. Methods based on window halves or ranks correct one of these errors or the other
+(Gandhi and Kassam, IEEE T-AES 24, 1988). The figure shows which thresholds stay below the weak
+target, and which are exceeded at the clutter edge.
 """
 
 import dataclasses

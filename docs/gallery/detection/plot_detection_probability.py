@@ -2,9 +2,10 @@
 Probability of detection for steady and fading targets
 ======================================================
 
-A car fades as its reflections add up or cancel. Swerling's models (IRE Transactions IT-6, 1960)
-say what that costs: at 9 in 10 and a false-alarm probability of 1e-6, 8 dB where all parts are
-alike (1), 4 dB where one is steady (3). See trials, with 95 % intervals, on the curves of theory.
+A car fades because its reflections interfere. Swerling's models (IRE Transactions IT-6, 1960)
+predict the loss: at a detection probability of 0.9 and a false-alarm probability of 1e-6 it is
+8 dB for equal scatterers (Swerling 1) and 4 dB with one dominant scatterer (Swerling 3). The
+figure compares trials, with 95 % intervals, with theory.
 """
 
 import tempfile
@@ -46,13 +47,13 @@ with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
 figure, axes = plt.subplots()
 for index, model in enumerate(models):
     curve = scores.sel({"scene.targets.car.fluctuation": model})
-    share, low, high, theory = (
+    probability, low, high, theory = (
         curve[f"detection_probability{end}"] for end in ("", "_low", "_high", "_theory")
     )
     axes.plot(levels_db, theory, color=f"C{index}")
-    error = (share - low, high - share)
-    axes.errorbar(levels_db, share, error, fmt="o", color=f"C{index}", capsize=3, label=model)
-    print(f"{model}: largest difference {abs(share - theory).max():.2f}")
+    error = (probability - low, high - probability)
+    axes.errorbar(levels_db, probability, error, fmt="o", color=f"C{index}", capsize=3, label=model)
+    print(f"{model}: largest difference {abs(probability - theory).max():.2f}")
 axes.set(xlabel="Signal-to-noise ratio in a sample (dB)", ylabel="Detection probability")
-axes.set_title("Trials with 95 % intervals, and the curves of theory")
+axes.set_title("Trials with 95 % intervals, and theory")
 axes.legend(loc="lower right")

@@ -2,10 +2,10 @@ r"""
 Specified and measured false alarms
 ===================================
 
-The factor between noise and threshold follows from the false-alarm probability and the number of
-training cells, :math:`\alpha = N (P^{-1/N} - 1)` (Finn and Johnson, RCA Review 29, 1968);
-windows tie cells together and change it. See maps of noise alone keep what was asked for, within
-the 95 % intervals.
+The factor between noise level and threshold follows from the false-alarm probability and the
+number of training cells, :math:`\alpha = N (P^{-1/N} - 1)` (Finn and Johnson, RCA Review 29,
+1968). Windows correlate neighbouring cells and change the factor. In maps of noise, the measured
+probabilities agree with the specified ones within the 95 % intervals.
 """
 
 import tempfile
@@ -28,12 +28,13 @@ cfar = dc.Cfar(
     n_guard=dc.Cells(range=2, velocity=2),
     false_alarm_probability=1e-3,
 )
-asked = (1e-2, 1e-3, 1e-4, 1e-5)
+specified_probabilities = (1e-2, 1e-3, 1e-4, 1e-5)
 study = dc.Study(
     scenario=dc.Scenario(radar=radar, scene=dc.Scene(), chain=dc.Chain(cfar=cfar)),
     vary=(
         dc.studies.SweptSetting(
-            path="chain.cfar.false_alarm_probability", texts=tuple(map(str, asked))
+            path="chain.cfar.false_alarm_probability",
+            texts=tuple(map(str, specified_probabilities)),
         ),
     ),
     trials=dc.studies.TrialBudget(at_most=200),
@@ -43,13 +44,17 @@ study = dc.Study(
 with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
     scores = dc.run_study(study, folder, executor=executor).result.dataset
 
-share = scores.false_alarm_probability / asked
-low, high = (scores[f"false_alarm_probability_{end}"] / asked for end in ("low", "high"))
+ratio = scores.false_alarm_probability / specified_probabilities
+low, high = (
+    scores[f"false_alarm_probability_{end}"] / specified_probabilities for end in ("low", "high")
+)
 figure, axes = plt.subplots()
-axes.errorbar(asked, share, yerr=(share - low, high - share), fmt="o", capsize=4)
+axes.errorbar(specified_probabilities, ratio, yerr=(ratio - low, high - ratio), fmt="o", capsize=4)
 axes.axhline(1, color="0.5", linestyle=":")
 axes.set(xscale="log", ylim=(0, 3), xlabel="Specified false-alarm probability")
 axes.set_ylabel("Measured / specified probability")
 axes.set_title("False alarms of cell averaging under Hann windows, 95 % intervals")
-for one, value in zip(asked, scores.false_alarm_probability.values, strict=True):
-    print(f"asked for {one:.0e}, measured {value:.2e}")
+for specified, value in zip(
+    specified_probabilities, scores.false_alarm_probability.values, strict=True
+):
+    print(f"specified {specified:.0e}, measured {value:.2e}")

@@ -2,9 +2,10 @@ r"""
 Range errors and the Cramér-Rao bound
 =====================================
 
-No estimator without bias is better than :math:`\sigma_R = \Delta R \sqrt{6} / 2 \pi
-\sqrt{\eta}`, :math:`\eta` the ratio after integration (Rife and Boorstyn, IEEE T-IT 20, 1974).
-See errors on the bound over the whole span: a hundredth of a cell of 50 cm at 32 dB.
+No unbiased estimator is better than :math:`\sigma_R = \Delta R \sqrt{6} / 2 \pi \sqrt{\eta}`,
+where :math:`\eta` is the signal-to-noise ratio after integration (Rife and Boorstyn, IEEE T-IT
+20, 1974). The errors follow the bound over the whole span: a hundredth of a cell of 50 cm at
+32 dB.
 """
 
 import tempfile
@@ -23,7 +24,7 @@ radar = dc.design(
     rule="constraints",
 ).radar
 levels_db = np.arange(-15, 13, 3)
-texts = tuple(f"{one} dB" for one in levels_db)
+texts = tuple(f"{level} dB" for level in levels_db)
 levels = dc.studies.SweptSetting(path="impairments.white-noise.snr", texts=texts)
 study = dc.Study(
     scenario=dc.Scenario(
@@ -49,6 +50,6 @@ axes.semilogy(integrated_db, bound_cm, color="0.5", label="Cramér-Rao bound")
 spread_cm = (error_cm - low_cm, high_cm - error_cm)
 axes.errorbar(integrated_db, error_cm, spread_cm, fmt="o", capsize=3, label="trials, 95 %")
 axes.set(xlabel="Signal-to-noise ratio after integration (dB)", ylabel="RMS range error (cm)")
-axes.set_title("How well one frame tells range, cells of 50 cm")
+axes.set_title("Range error of one frame, cells of 50 cm")
 axes.legend()
 print(f"measured over bound: {np.array2string(error_cm / bound_cm, precision=2)}")

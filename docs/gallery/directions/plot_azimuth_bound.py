@@ -2,10 +2,10 @@ r"""
 Azimuth errors and the Cramér-Rao bound
 =======================================
 
-No estimator without bias is better than the bound: for L elements at half a wavelength it is
-:math:`\sqrt{6 / (\eta L (L^2 - 1))} / (\pi \cos \phi)`, :math:`\eta` the ratio in one
-element (Stoica and Nehorai, IEEE T-ASSP 37, 1989). See beams, and phase comparison of neighbours,
-which has less to go by.
+For L elements at half a wavelength, the Cramér-Rao bound of azimuth is
+:math:`\sqrt{6 / (\eta L (L^2 - 1))} / (\pi \cos \phi)`, where :math:`\eta` is the signal-to-noise
+ratio in one element (Stoica and Nehorai, IEEE T-ASSP 37, 1989). The figure compares beamforming
+with phase comparison of neighbouring elements, which uses less of the aperture.
 """
 
 import dataclasses
@@ -20,9 +20,9 @@ import dechirp as dc
 design_radar = dc.design(
     max_range_m=12, range_resolution_m=0.5, max_velocity_m_per_s=50, rule="constraints"
 ).radar
-array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(6)])
+array = dc.Array(rx_m=[(0, 1.94e-3 * element, 0) for element in range(6)])
 levels_db = tuple(range(-20, 1, 5))
-texts = tuple(f"{one} dB" for one in levels_db)
+texts = tuple(f"{level} dB" for level in levels_db)
 levels = dc.studies.SweptSetting(path="impairments.white-noise.snr", texts=texts)
 study = dc.Study(
     scenario=dc.Scenario(
@@ -43,13 +43,13 @@ with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
     scores = dc.run_study(study, folder, executor=executor).result.dataset
 
 figure, axes = plt.subplots()
-for place, kind in enumerate(scores["chain.angle.kind"].values):
-    one = scores.sel({"chain.angle.kind": kind})
+for index, kind in enumerate(scores["chain.angle.kind"].values):
+    curve = scores.sel({"chain.angle.kind": kind})
     error, low, high, bound = (
-        np.rad2deg(one[f"azimuth_rmse{end}"]) for end in ("", "_low", "_high", "_theory")
+        np.rad2deg(curve[f"azimuth_rmse{end}"]) for end in ("", "_low", "_high", "_theory")
     )
     spread = (error - low, high - error)
-    axes.errorbar(levels_db, error, spread, fmt="o", color=f"C{place}", capsize=3, label=kind)
+    axes.errorbar(levels_db, error, spread, fmt="o", color=f"C{index}", capsize=3, label=kind)
     print(f"{kind}: {(error / bound).mean().item():.2f} of the bound")
 axes.semilogy(levels_db, bound, color="0.5", label="Cramér-Rao bound")
 axes.set(xlabel="Signal-to-noise ratio in a sample (dB)", ylabel="RMS azimuth error (°)")

@@ -2,10 +2,10 @@
 Two directions in one cell
 ==========================
 
-Beams of eight elements are 12.8° wide. Two equal targets 9° apart at one range and velocity are
-one hump to them; Capon's beams (Proceedings of the IEEE 57, 1969) and MUSIC (Schmidt, IEEE T-AP
-34, 1986) part them. See the spectra of one detection, each over its own peak: only that of the
-beams is a power.
+The beam of eight elements is 12.8° wide, so beamforming merges two equal targets 9° apart at the
+same range and velocity into one peak. Capon's method (Proceedings of the IEEE 57, 1969) and MUSIC
+(Schmidt, IEEE T-AP 34, 1986) separate them. The figure shows the spectra of one detection, each
+relative to its own peak; only the beamforming spectrum is a power.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ import dechirp as dc
 design_radar = dc.design(
     max_range_m=60, range_resolution_m=0.5, max_velocity_m_per_s=20, rule="constraints"
 ).radar
-array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(8)])
+array = dc.Array(rx_m=[(0, 1.94e-3 * element, 0) for element in range(8)])
 radar = dataclasses.replace(design_radar, array=array)
 azimuths_deg = (-4.5, 4.5)
 targets = [
@@ -32,7 +32,7 @@ for estimator in (dc.angle.Fft(), dc.angle.Capon(n_sources=2), dc.angle.Music(n_
     chain = dc.Chain(angle=estimator)
     detections = dc.detect(cube, radar, chain)
     estimates_deg = np.rad2deg(np.unique(detections.azimuth))
-    print(f"{type(estimator).kind():6} tells {estimates_deg.round(2)} deg")
+    print(f"{type(estimator).kind():6} estimates {estimates_deg.round(2)} deg")
     spectrum = dc.angle_spectrum(cube.isel(frame=0), radar, detections, 0, chain).squeeze()
     level_db = 10 * np.log10(spectrum / spectrum.max())
     axes.plot(np.rad2deg(spectrum.azimuth), level_db, label=type(estimator).kind())

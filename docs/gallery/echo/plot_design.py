@@ -2,10 +2,10 @@
 Feasible radar designs
 ======================
 
-Fine range cells want bandwidth, fast targets want short intervals, and a far target wants a high
-beat frequency: :math:`f_b = 2 S R / c` with :math:`S = B / T`. The sample rate that follows is
-drawn for 150 m. See where parts give up (crossed): `dc.design` then says which requirement had to
-give, and why.
+Fine range resolution requires bandwidth, fast targets require short chirp intervals, and distant
+targets give high beat frequencies: :math:`f_b = 2 S R / c` with :math:`S = B / T`. The figure
+shows the resulting sample rate for a maximum range of 150 m. Crosses mark infeasible designs, for
+which `dc.design` reports the requirement that is not met, and the reason.
 """
 
 import matplotlib.pyplot as plt

@@ -2,10 +2,10 @@
 The range-Doppler map of a road
 ===============================
 
-Two Fourier transforms, over the samples of a chirp and over the chirps of a frame, sort echoes by
-range and velocity (Winkler, European Radar Conference 2007). See what recedes above zero, what
-comes nearer below it, wheels smeared over velocity, and the posts of a guard rail, which come at
-the speed of the radar times the cosine of their azimuth.
+Two Fourier transforms, over fast time and slow time, separate echoes by range and velocity
+(Winkler, European Radar Conference 2007). The figure shows receding targets above zero velocity,
+approaching ones below it, wheels spread over velocity, and the posts of a guard rail, whose
+velocity is the ego speed times the cosine of their azimuth.
 """
 
 import matplotlib.pyplot as plt
@@ -39,6 +39,4 @@ figure, axes = plt.subplots()
 range_doppler.draw_map(axes, range_doppler.MarkedMap(power=power, units=cube.attrs["units"]))
 figure.suptitle("Car and truck ahead, oncoming van, guard rail")
 rail = power.sel(range=31, method="nearest").idxmax("velocity").item()
-print(
-    f"strongest at 31 m: {rail:.1f} m/s, by the cosine {-25 * (1 - (7 / 31) ** 2) ** 0.5:.1f} m/s"
-)
+print(f"strongest at 31 m: {rail:.1f} m/s; predicted {-25 * (1 - (7 / 31) ** 2) ** 0.5:.1f} m/s")

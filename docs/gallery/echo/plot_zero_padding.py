@@ -2,9 +2,10 @@
 Zero padding interpolates, it does not resolve
 ==============================================
 
-Two equal targets 0.7 of a resolution cell :math:`c / 2B` apart stay one hump, however finely the
-spectrum is drawn; twice the bandwidth parts them. (How deep a dip is also hangs on the phase
-between both echoes.) See one hump on the left, of 134 bins as of 4096, and two on the right.
+Two equal targets 0.7 resolution cells :math:`c / 2B` apart remain one peak, however finely the
+spectrum is sampled; twice the bandwidth separates them. (The depth of the dip also depends on the
+phase between the echoes.) The left panel shows one peak, with 134 as with 4096 bins; the right
+panel shows two.
 """
 
 import dataclasses
@@ -21,20 +22,22 @@ wide = dataclasses.replace(
     radar.frame.chirp, slope_hz_per_s=2 * radar.frame.chirp.slope_hz_per_s
 )  # the same samples of a ramp twice as steep
 wider = dataclasses.replace(radar, frame=dataclasses.replace(radar.frame, chirp=wide))
-places_m = (20.0, 20.35)
-scene = dc.Scene(targets=[dc.Target(position_m=(at, 0, 0), rcs_m2=10) for at in places_m])
+ranges_m = (20.0, 20.35)
+scene = dc.Scene(
+    targets=[dc.Target(position_m=(distance, 0, 0), rcs_m2=10) for distance in ranges_m]
+)
 
 figure, columns = plt.subplots(1, 2, sharey=True)
-for axes, one in zip(columns, (radar, wider), strict=True):
-    cube = dc.simulate(scene, one, seed=1).isel(frame=0)
-    for n_bins, style in ((one.frame.chirp.n_samples, "o"), (4096, "-")):
+for axes, design in zip(columns, (radar, wider), strict=True):
+    cube = dc.simulate(scene, design, seed=1).isel(frame=0)
+    for n_bins, style in ((design.frame.chirp.n_samples, "o"), (4096, "-")):
         chain = dc.Chain(range_window="rectangular", n_range_bins=n_bins)
-        profile = dc.power_map(cube, one, chain).sel(velocity=0, method="nearest")
+        profile = dc.power_map(cube, design, chain).sel(velocity=0, method="nearest")
         near = profile.sel(range=slice(18, 22.5))
         axes.plot(near.range, 10 * np.log10(near) + 30, style, label=f"{n_bins} bins")
-    for at in places_m:
-        axes.axvline(at, color="0.6", linestyle=":")
+    for distance in ranges_m:
+        axes.axvline(distance, color="0.6", linestyle=":")
     axes.set(xlabel="Range (m)", ylabel="Power (dBm)", ylim=(-130, None))
-    axes.set_title(f"cells of {one.frame.chirp.range_resolution_m:.2f} m")
+    axes.set_title(f"cells of {design.frame.chirp.range_resolution_m:.2f} m")
     axes.legend()
 figure.suptitle("Targets (dotted) 0.35 m apart")

@@ -1,10 +1,10 @@
 """
-Ghosts off a guard rail
-=======================
+Ghost targets from a guard rail
+===============================
 
-A rail is a mirror: echoes also come by way of it, one way or both (Kamann et al., IEEE Access 6,
-2018). One way off it, the range is the mean of the straight and the mirrored way. See the car
-once and two ghosts behind it, where the image behind the rail has them.
+A guard rail acts as a mirror: echoes also arrive via the rail, on one leg of the path or on both
+(Kamann et al., IEEE Access 6, 2018). With one reflection, the range is the mean of the direct and
+the mirrored path. The figure shows the car and two ghosts behind it at the predicted ranges.
 """
 
 import matplotlib.pyplot as plt
@@ -22,22 +22,22 @@ cube = dc.simulate(
 )
 power = dc.power_map(cube.isel(frame=0), radar, dc.Chain(n_range_bins=1024))
 
-middle = 14 + 4 * radar.frame.mid_frame_s
-straight_m, mirrored_m = np.hypot(middle, 2.5), np.hypot(middle, 2 * 3 + 2.5)
+mid_x_m = 14 + 4 * radar.frame.mid_frame_s
+straight_m, mirrored_m = np.hypot(mid_x_m, 2.5), np.hypot(mid_x_m, 2 * 3 + 2.5)
 path_ranges_m = {
     "car": straight_m,
-    "one way": (straight_m + mirrored_m) / 2,
-    "both ways": mirrored_m,
+    "one reflection": (straight_m + mirrored_m) / 2,
+    "two reflections": mirrored_m,
 }
 detections = dc.detect(cube, radar)
-print("expected at", np.round(list(path_ranges_m.values()), 2), "m")
-print("found at   ", np.sort(detections.range).round(2), "m")
+print("predicted:", np.round(list(path_ranges_m.values()), 2), "m")
+print("detected: ", np.sort(detections.range).round(2), "m")
 
 figure, axes = plt.subplots()
 level_db = 10 * np.log10(power) + 30
 level_db.plot(ax=axes, x="velocity", vmin=-140, cbar_kwargs={"label": "Power (dBm)"})
-for name, at_m in path_ranges_m.items():
-    axes.text(6, at_m, name, color="w", va="center")
+for name, range_m in path_ranges_m.items():
+    axes.text(6, range_m, name, color="w", va="center")
 axes.set(xlabel="Velocity (m/s, receding positive)", ylabel="Range (m)")
 axes.set(xlim=(-2, 10), ylim=(12, 19))
-axes.set_title("One car beside a rail, by three ways")
+axes.set_title("One car beside a rail, three propagation paths")

@@ -2,9 +2,10 @@
 A burst of another radar, and its repair
 ========================================
 
-Where the ramp of another radar crosses ours its signal falls into our band for a moment: a burst,
-which raises the floor at all ranges (Brooker, IEEE T-EMC 49, 2007). Samples in it are filled from
-both sides by linear prediction. See the burst in one chirp, and the floor before and after.
+Where the ramp of another radar crosses that of this radar, its signal falls into the receiver
+band for a moment. This burst raises the noise floor at all ranges (Brooker, IEEE T-EMC 49, 2007).
+Linear prediction from both sides replaces the affected samples. The figure shows the burst in one
+chirp, and the noise floor before and after the repair.
 """
 
 import matplotlib.pyplot as plt
@@ -28,16 +29,16 @@ scene = dc.Scene(targets=[dc.Target(position_m=(40, 0, 0), velocity_m_per_s=(6, 
 impairments = (dc.impairments.Interference(interferers=[other]), dc.impairments.ThermalNoise())
 cube = dc.simulate(scene, radar, impairments=impairments, seed=1).isel(frame=0)
 
-figure, (left, right) = plt.subplots(1, 2)
-one = cube.isel(chirp=10, rx=0)
-left.plot(one.sample * 1e6, one.real * 1e6)
-left.set(xlabel="Time since ramp start (µs)", ylabel="Beat signal, I (sqrt(pW))")
-left.set_title("One chirp")
+figure, (time_axes, profile_axes) = plt.subplots(1, 2)
+chirp = cube.isel(chirp=10, rx=0)
+time_axes.plot(chirp.sample * 1e6, chirp.real * 1e6)
+time_axes.set(xlabel="Time since ramp start (µs)", ylabel="Beat signal, I (sqrt(pW))")
+time_axes.set_title("One chirp")
 for name, repair in (("received", ()), ("repaired", (dc.mitigation.InterferenceAutoregression(),))):
     power = dc.power_map(cube, radar, dc.Chain(mitigation=repair))
     cut = power.sel(velocity=6, method="nearest")
-    right.plot(cut.range, 10 * np.log10(cut) + 30, label=name)
+    profile_axes.plot(cut.range, 10 * np.log10(cut) + 30, label=name)
     print(f"{name}: median of the map {10 * np.log10(power.median().item()) + 30:.1f} dBm")
-right.set(xlabel="Range (m)", ylabel="Power at 6 m/s (dBm)", ylim=(-150, None))
-right.set_title("A car at 40 m")
-right.legend()
+profile_axes.set(xlabel="Range (m)", ylabel="Power at 6 m/s (dBm)", ylim=(-150, None))
+profile_axes.set_title("A car at 40 m")
+profile_axes.legend()

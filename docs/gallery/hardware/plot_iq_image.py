@@ -2,10 +2,10 @@ r"""
 The image of an I/Q imbalance
 =============================
 
-Where I and Q differ in gain g or phase, each tone leaves one at minus its frequency, below it by
-:math:`(1 + 2 g \cos \phi + g^2) / (1 - 2 g \cos \phi + g^2)` (Razavi, RF Microelectronics,
-2011). On the map it stands at the far end of the ranges, with the opposite velocity. See both,
-and the ratio.
+A gain error g or phase error between I and Q creates an image of each tone at the negative
+frequency, weaker by :math:`(1 + 2 g \cos \phi + g^2) / (1 - 2 g \cos \phi + g^2)` (Razavi, RF
+Microelectronics, 2011). On the map it lies at the far end of the range axis, with the opposite
+velocity. The figure shows target and image.
 """
 
 import matplotlib.pyplot as plt
@@ -28,9 +28,9 @@ power = dc.power_map(cube.isel(frame=0), radar, dc.Chain())
 
 g, cosine = np.sqrt(imbalance.gain), np.cos(imbalance.phase_rad)
 theory_db = 10 * np.log10((1 + 2 * g * cosine + g**2) / (1 - 2 * g * cosine + g**2))
-away, towards = power.sel(velocity=slice(5, 15)), power.sel(velocity=slice(-15, -5))
-ratio_db = 10 * np.log10(away.max().item() / towards.max().item())
-print(f"image {ratio_db:.1f} dB below the target, by theory {theory_db:.1f} dB")
+target_region, image_region = power.sel(velocity=slice(5, 15)), power.sel(velocity=slice(-15, -5))
+ratio_db = 10 * np.log10(target_region.max().item() / image_region.max().item())
+print(f"image {ratio_db:.1f} dB below the target, theory {theory_db:.1f} dB")
 
 figure, axes = plt.subplots()
 level_db = 10 * np.log10(power) + 30

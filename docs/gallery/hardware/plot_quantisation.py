@@ -1,11 +1,11 @@
 """
-The floor of a converter
-========================
+The noise floor of a converter
+==============================
 
-The noise of b bits is :math:`6.02 b + 1.76` dB below a tone of full scale (Bennett, Bell System
-Technical Journal 27, 1948); two transforms spread it over all cells. See the floor fall with
-every two bits, until it is that of the receiver. Where noise is far below a step, at 4 and 6
-bits, rounding leaves lines instead of a floor.
+Quantisation noise of b bits is :math:`6.02 b + 1.76` dB below a full-scale tone (Bennett, Bell
+System Technical Journal 27, 1948); two transforms spread it over all cells. The floor falls with
+the number of bits until receiver noise dominates. At 4 and 6 bits the noise is far below one
+step, and rounding gives spectral lines instead of a floor.
 """
 
 import matplotlib.pyplot as plt
@@ -18,7 +18,8 @@ radar = dc.design(
 ).radar
 scene = dc.Scene(targets=[dc.Target(position_m=(10, 0, 0), velocity_m_per_s=(3, 0, 0), rcs_m2=1e4)])
 full_scale_w = 1e-3 * 10**-4.4  # -44 dBm
-cell = 1.5**2 / (radar.frame.chirp.n_samples * radar.frame.n_chirps)  # of noise, Hann windows
+# Noise of one cell relative to the sum over samples, with Hann windows.
+cell_share = 1.5**2 / (radar.frame.chirp.n_samples * radar.frame.n_chirps)
 
 figure, axes = plt.subplots()
 for bits in (4, 6, 8, 12):
@@ -27,8 +28,10 @@ for bits in (4, 6, 8, 12):
     power = dc.power_map(cube.isel(frame=0), radar, dc.Chain()).mean("velocity")
     axes.plot(power.range, 10 * np.log10(power) + 30, label=f"{bits} bits")
     floor_dbm = 10 * np.log10(power.sel(range=slice(30, 90)).mean().item()) + 30
-    alone_dbm = 10 * np.log10(full_scale_w / (1.5 * 4**bits) * cell) + 30
-    print(f"{bits:2} bits: floor {floor_dbm:.1f} dBm, of the converter alone {alone_dbm:.1f} dBm")
+    alone_dbm = 10 * np.log10(full_scale_w / (1.5 * 4**bits) * cell_share) + 30
+    print(
+        f"{bits:2} bits: floor {floor_dbm:.1f} dBm, predicted for the converter {alone_dbm:.1f} dBm"
+    )
 axes.set(xlabel="Range (m)", ylabel="Power, mean over velocity (dBm)")
 axes.set_title("A strong target at 10 m, 6 dB below full scale")
 axes.legend()

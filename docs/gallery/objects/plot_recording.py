@@ -2,9 +2,9 @@
 A recording, written and read back
 ==================================
 
-What is simulated can be written in the formats of others and goes through the same chain when it
-is read: here the binary file of a TI DCA1000 board, with words of 16 bits, beside its settings
-file. See the profile of both, and the difference that the words leave.
+Simulated cubes can be written in foreign formats, read back and processed with the same chain:
+here a binary file of a TI DCA1000 board with 16-bit words, with its settings file. The figure
+shows both range profiles and the difference caused by the word length.
 """
 
 import dataclasses
@@ -19,28 +19,28 @@ import dechirp as dc
 design_radar = dc.design(
     max_range_m=60, range_resolution_m=0.5, max_velocity_m_per_s=20, rule="constraints"
 ).radar
-array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(4)])
+array = dc.Array(rx_m=[(0, 1.94e-3 * element, 0) for element in range(4)])
 radar = dataclasses.replace(design_radar, array=array)
 scene = dc.Scene(targets=[dc.Target(position_m=(25, 4, 0), velocity_m_per_s=(5, 0, 0), rcs_m2=10)])
 cube = dc.simulate(scene, radar, seed=1)
 with tempfile.TemporaryDirectory() as folder:
-    written = dc.write(dc.recording_from_cube(cube, radar), Path(folder) / "capture.bin")
-    print("written:", ", ".join(path.name for path in written))
-    recording = dc.open(written[0])
-    again = recording.cube.load()
+    paths = dc.write(dc.recording_from_cube(cube, radar), Path(folder) / "capture.bin")
+    print("written:", ", ".join(path.name for path in paths))
+    recording = dc.open(paths[0])
+    loaded_cube = recording.cube.load()
 
 figure, axes = plt.subplots()
 chain = dc.Chain()
-before, after, apart = (
+original, reloaded, difference = (
     dc.power_map(samples.isel(frame=0), radar, chain).sel(velocity=5, method="nearest")
-    for samples in (cube, again, again.copy(data=again.values - cube.values))
+    for samples in (cube, loaded_cube, loaded_cube.copy(data=loaded_cube.values - cube.values))
 )
-axes.plot(before.range, 10 * np.log10(before) + 30, linewidth=4, alpha=0.4, label="simulated")
-axes.plot(after.range, 10 * np.log10(after) + 30, label="read back")
-axes.plot(apart.range, 10 * np.log10(apart) + 30, label="difference")
+axes.plot(original.range, 10 * np.log10(original) + 30, linewidth=4, alpha=0.4, label="simulated")
+axes.plot(reloaded.range, 10 * np.log10(reloaded) + 30, label="read back")
+axes.plot(difference.range, 10 * np.log10(difference) + 30, label="difference")
 axes.set(xlabel="Range (m)", ylabel="Power at 5 m/s (dBm)")
 axes.set_title("A car at 25 m, before and after a file of 16-bit words")
 axes.legend()
-for name, samples in (("simulated", cube), ("read back", again)):
+for name, samples in (("simulated", cube), ("read back", loaded_cube)):
     detections = dc.detect(samples, radar)
     print(f"{name}: {detections.range[0].item():.4f} m, {detections.velocity[0].item():.4f} m/s")

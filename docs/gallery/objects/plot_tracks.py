@@ -2,9 +2,9 @@
 Tracks of a car that overtakes a truck
 ======================================
 
-Detections of each frame are joined to tracks by a Kalman filter (Bar-Shalom et al., Estimation
-with Applications to Tracking and Navigation, 2001). See two tracks from above over three seconds,
-a dot for each detection, and the velocities that the tracks tell beside the truth (dotted).
+A Kalman filter joins the detections of successive frames to tracks (Bar-Shalom et al., Estimation
+with Applications to Tracking and Navigation, 2001). The figure shows detections (dots) and two
+tracks from above over three seconds, and the estimated velocities with the true ones (dotted).
 """
 
 import dataclasses
@@ -17,7 +17,7 @@ import dechirp as dc
 design_radar = dc.design(
     max_range_m=60, range_resolution_m=0.5, max_velocity_m_per_s=20, rule="constraints"
 ).radar
-array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(4)])
+array = dc.Array(rx_m=[(0, 1.94e-3 * element, 0) for element in range(4)])
 frame = dataclasses.replace(design_radar.frame, period_s=0.1)
 radar = dataclasses.replace(design_radar, array=array, frame=frame)
 scene = dc.Scene(
@@ -32,20 +32,20 @@ scenario = dc.Scenario(
 result = dc.run(scenario)
 detections, tracks = result.detections, result.tracks
 
-figure, (left, right) = plt.subplots(1, 2)
+figure, (position_axes, velocity_axes) = plt.subplots(1, 2)
 y_m, x_m = (
     detections.range * np.sin(detections.azimuth),
     detections.range * np.cos(detections.azimuth),
 )
-left.plot(y_m, x_m, ".", color="0.7")
+position_axes.plot(y_m, x_m, ".", color="0.7")
 for number in tracks.track.values:
-    one = tracks.sel(track=number)
-    left.plot(one.y, one.x, label=f"track {number}")
-    right.plot(result.times_s, one.vx)
-    print(f"track {number}: {one.vx[-1].item():.2f} m/s, {one.vy[-1].item():+.2f} m/s across")
+    track = tracks.sel(track=number)
+    position_axes.plot(track.y, track.x, label=f"track {number}")
+    velocity_axes.plot(result.times_s, track.vx)
+    print(f"track {number}: {track.vx[-1].item():.2f} m/s, {track.vy[-1].item():+.2f} m/s across")
 for speed in (12, 3):
-    right.axhline(speed, color="0.6", linestyle=":")
-left.set(xlabel="y (m, left positive)", ylabel="x (m, forward)", xlim=(12, -12))
-right.set(xlabel="Time (s)", ylabel="Velocity ahead (m/s)")
-left.legend()
+    velocity_axes.axhline(speed, color="0.6", linestyle=":")
+position_axes.set(xlabel="y (m, left positive)", ylabel="x (m, forward)", xlim=(12, -12))
+velocity_axes.set(xlabel="Time (s)", ylabel="Velocity ahead (m/s)")
+position_axes.legend()
 figure.suptitle("A car at 12 m/s overtakes a truck at 3 m/s")

@@ -2,9 +2,9 @@
 Micro-Doppler of a pedestrian
 =============================
 
-Trunk, arms and legs each have a velocity of their own; a short-time Fourier transform over the
-chirps shows them over time (Chen, The Micro-Doppler Effect in Radar, 2011). See the trunk as a
-wavy line, and each foot swing forward almost four times as fast, one after the other.
+Trunk, arms and legs move at different velocities; a short-time Fourier transform over slow time
+shows them over time (Chen, The Micro-Doppler Effect in Radar, 2011). The figure shows the trunk as
+a wavy line, and the feet swing forward in turn, almost four times as fast.
 """
 
 import matplotlib.pyplot as plt
@@ -29,4 +29,4 @@ spectrogram.draw_spectrogram(axes, power)
 figure.suptitle("A pedestrian walks away at 1.4 m/s")
 strong = power.where(power > 20 * power.median(), 0)  # echoes, not noise
 mean = (strong * power.velocity).sum() / strong.sum()
-print(f"mean velocity by power: {mean.item():.2f} m/s")
+print(f"power-weighted mean velocity: {mean.item():.2f} m/s")

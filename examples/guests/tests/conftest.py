@@ -1,4 +1,4 @@
-"""One small radar."""
+"""Fixture of a small radar."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A recording goes through open, inspect and run as the cube that it was written from."""
+"""JSON-header plug-in: reading, inspection, and rejection of damaged files."""
 
 import json
 
@@ -23,17 +23,17 @@ def cube(radar):
     )
 
 
-def write(path, cube, radar, **changed):
-    """Write a header line and codes, as a logger does."""
+def write_recording(path, cube, radar, **header_changes):
+    """Write a header line and codes like a logger."""
     step = float(abs(cube).max()) / 2**15
     codes = np.round(cube.values.view(np.float32) / step).astype("<i2")
-    header = {"json_header": 1, "radar": to_yaml_data(radar, None), "step": step, **changed}
+    header = {"json_header": 1, "radar": to_yaml_data(radar, None), "step": step, **header_changes}
     path.write_bytes(json.dumps(header).encode() + b"\n" + codes.tobytes())
     return path
 
 
-def test_the_recording_has_the_detections_of_the_cube(tmp_path, radar, cube):
-    path = write(tmp_path / "logged.dat", cube, radar)
+def test_recording_gives_same_detections_as_cube(tmp_path, radar, cube):
+    path = write_recording(tmp_path / "logged.dat", cube, radar)
     recording = dc.open(path)
     assert recording.format == "json-header" and recording.radar == radar
     step = float(abs(cube).max()) / 2**15
@@ -42,28 +42,28 @@ def test_the_recording_has_the_detections_of_the_cube(tmp_path, radar, cube):
     first, second = dc.detect(cube, radar), dc.detect(recording.cube, radar)
     assert first.sizes["detection"] == second.sizes["detection"] == 4
     for name in ("range", "velocity"):
-        off = abs(first[name].values - second[name].values)
-        assert np.all(off < 0.5 * first[f"{name}_std"].values)
-    seen = dc.inspect(path)
-    assert seen.formats == ("json-header",) and seen.findings == ()
+        errors = abs(first[name].values - second[name].values)
+        assert np.all(errors < 0.5 * first[f"{name}_std"].values)
+    report = dc.inspect(path)
+    assert report.formats == ("json-header",) and report.findings == ()
 
 
-def test_without_a_step_full_scale_is_one(tmp_path, radar, cube):
-    recording = dc.open(write(tmp_path / "logged.dat", cube, radar, step=None))
+def test_full_scale_is_one_without_step(tmp_path, radar, cube):
+    recording = dc.open(write_recording(tmp_path / "logged.dat", cube, radar, step=None))
     assert recording.contents.units == "full scale"
     assert abs(recording.cube).max() == pytest.approx(1, abs=1e-4)
 
 
-def test_what_is_damaged_is_told(tmp_path, radar, cube):
-    path = write(tmp_path / "logged.dat", cube, radar, step=-1.0)
+def test_rejects_or_reports_damaged_files(tmp_path, radar, cube):
+    path = write_recording(tmp_path / "logged.dat", cube, radar, step=-1.0)
     with pytest.raises(dc.RecordingError, match="a step of -1.0"):
         dc.open(path)
-    whole = write(path, cube, radar).read_bytes()
-    path.write_bytes(whole[: len(whole) * 3 // 4])
+    contents = write_recording(path, cube, radar).read_bytes()
+    path.write_bytes(contents[: len(contents) * 3 // 4])
     recording = dc.open(path)
     assert recording.sizes["frame"] == 1
     assert any("left out" in finding.value for finding in recording.findings)
-    path.write_bytes(whole.replace(b'"radar"', b'"rader"', 1))
+    path.write_bytes(contents.replace(b'"radar"', b'"rader"', 1))
     with pytest.raises(dc.RecordingError, match="radar"):
         dc.open(path)
     path.write_bytes(b'{"json_header": 1, "radar": ')

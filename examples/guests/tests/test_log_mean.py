@@ -1,4 +1,4 @@
-"""The detector alarms as asked, and one strong cell hardly raises its threshold."""
+"""LOG/CFAR plug-in: false-alarm probability and effect of one strong training cell."""
 
 import numpy as np
 import pytest
@@ -8,24 +8,24 @@ from dechirp_guests.log_mean import LogMean
 import dechirp as dc
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
 
-RING = TrainingWindow(
+WINDOW = TrainingWindow(
     n_training=dc.Cells(range=3, velocity=2), n_guard=dc.Cells(range=2, velocity=2)
 )
 
 
-def test_one_training_cell_has_the_law_of_a_ratio_of_two_exponentials():
+def test_factor_of_one_training_cell_follows_ratio_of_two_exponentials():
     for pfa in (0.3, 1e-2, 1e-4):
         factor = LogMean().independent_cells_threshold_factor(pfa, np.ones((1, 2)), n_channels=1)
         assert factor == pytest.approx(1 / pfa - 1, rel=1e-6)
 
 
 @pytest.mark.parametrize("window", ["rectangular", "hann"])
-def test_it_alarms_as_asked_in_noise(radar, window):
-    """By its law under a rectangular window, calibrated by the package under another."""
+def test_false_alarm_rate_in_noise_matches_setting(radar, window):
+    """Use the exact law with a rectangular window, and calibration by the package with another."""
     cfar = dc.Cfar(
         estimator=LogMean(),
-        n_training=RING.n_training,
-        n_guard=RING.n_guard,
+        n_training=WINDOW.n_training,
+        n_guard=WINDOW.n_guard,
         false_alarm_probability=1e-2,
     )
     chain = dc.Chain(range_window=window, doppler_window=window, cfar=cfar)
@@ -37,27 +37,27 @@ def test_it_alarms_as_asked_in_noise(radar, window):
         power = dc.power_map(cube, radar, chain)
         alarms = (power > dc.threshold_map(power, radar, chain)).values
         hits, trials = hits + alarms.sum(), trials + alarms.size
-    # A Hann window leaves 1 / 1.5^2 of the cells independent, shared training cells widen the
-    # spread by less than 1.5, and the calibration is good to 1 %: five standard errors.
+    # A Hann window leaves 1 / 1.5^2 of the cells independent, shared training cells increase
+    # the spread by less than 1.5, and the calibration is good to 1 %: five standard errors.
     error = np.hypot(1.5 * 1.5 / np.sqrt(1e-2 * trials), 0.01)
     assert hits / trials == pytest.approx(1e-2, rel=5 * error)
 
 
-def test_a_strong_cell_raises_the_threshold_by_its_nth_root_in_the_map_and_cell_by_cell():
+def test_strong_cell_raises_threshold_by_its_nth_root():
     power = np.ones((40, 60), np.float32)
     power[20, 30] = 1e3
     factors = np.full(60, 2.0, np.float32)
-    levels = LogMean().threshold(power, RING, factors)
+    levels = LogMean().threshold(power, WINDOW, factors)
 
-    n_training = RING.n_training_cells_per_row(60)[35]
+    n_training = WINDOW.n_training_cells_per_row(60)[35]
     assert levels[20, 35] == pytest.approx(2 * 1e3 ** (1 / n_training), rel=1e-4)
-    slow = NoiseEstimator.threshold(LogMean(), power, RING, factors)
-    assert levels == pytest.approx(slow, rel=1e-4)
+    cell_by_cell = NoiseEstimator.threshold(LogMean(), power, WINDOW, factors)
+    assert levels == pytest.approx(cell_by_cell, rel=1e-4)
     power[5:8] = 0  # a map may have cells without power
-    assert np.isfinite(LogMean().threshold(power, RING, factors)).all()
+    assert np.isfinite(LogMean().threshold(power, WINDOW, factors)).all()
 
 
-def test_settings_choose_it_by_its_kind():
+def test_settings_select_estimator_by_kind():
     scenario = dc.reference(["chain.cfar.estimator={kind: log-mean}"])
     assert scenario.chain.cfar.estimator == LogMean()
     with pytest.raises(dc.InvalidFile, match="not a known name"):

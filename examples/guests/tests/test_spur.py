@@ -1,4 +1,4 @@
-"""The tone is what its formula says, and shows where its docstring says."""
+"""Spur plug-in: samples, power, apparent target and validation."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,15 +15,15 @@ SCENARIO = Path(__file__).parents[1] / "spur.yaml"
 EMPTY = dc.Scene(targets=[])
 
 
-def test_it_is_a_tone_that_runs_on_from_chirp_to_chirp(radar):
+def test_spur_is_phase_continuous_tone(radar):
     cube = dc.simulate(EMPTY, radar, impairments=[SPUR], n_frames=2, seed=1)
     t_s = np.arange(64)[:, None] * 35e-6 + np.arange(256) / 10e6
     tone = 1e-6 * np.exp(2j * np.pi * 4.009e6 * t_s)
 
     for frame in cube.values:
-        turned = frame / tone[:, None]
-        assert abs(turned - turned.flat[0]).max() < 1e-5  # one phase, in both receivers
-        assert abs(turned.flat[0]) == pytest.approx(1, abs=1e-5)
+        phasors = frame / tone[:, None]
+        assert abs(phasors - phasors.flat[0]).max() < 1e-5  # one phase, in both receivers
+        assert abs(phasors.flat[0]) == pytest.approx(1, abs=1e-5)
 
 
 def test_real_samples_have_the_same_power(radar):
@@ -33,21 +33,21 @@ def test_real_samples_have_the_same_power(radar):
     assert float((cube**2).mean()) == pytest.approx(1e-12, rel=1e-2)
 
 
-def test_a_scenario_that_has_it_has_a_detection_without_a_target():
+def test_spur_appears_as_false_target_at_predicted_range_and_velocity():
     scenario = dc.load(SCENARIO)
-    found = dc.run(scenario).detections.sortby("range")
+    detections = dc.run(scenario).detections.sortby("range")
     frame = scenario.radar.frame
     doppler_hz = 4.009e6 - round(4.009e6 * 35e-6) / 35e-6
     velocity_m_per_s = doppler_hz * frame.chirp.wavelength_m / 2
     range_m = (4.009e6 - doppler_hz) * C / (2 * 20e12)
 
-    at = {"range": [range_m, 50.0], "velocity": [velocity_m_per_s, -8.0]}
-    for name, expected in at.items():
-        within = 5 * float(found[f"{name}_std"].max())
-        assert found[name].values == pytest.approx(expected, abs=within)
+    expected_values = {"range": [range_m, 50.0], "velocity": [velocity_m_per_s, -8.0]}
+    for name, expected in expected_values.items():
+        tolerance = 5 * float(detections[f"{name}_std"].max())
+        assert detections[name].values == pytest.approx(expected, abs=tolerance)
 
 
-def test_what_a_filter_would_take_out_is_refused_by_the_name_that_settings_have(radar):
+def test_rejects_frequency_beyond_filter_by_setting_name(radar):
     with pytest.raises(dc.InvalidSetting, match=r"frequency: 12 MHz; expected at most 10 MHz"):
         dc.simulate(EMPTY, radar, impairments=[replace(SPUR, frequency_hz=12e6)])
     with pytest.raises(dc.InvalidSetting, match="power_w"):

@@ -1,6 +1,6 @@
 """Certificate: claims of the reference report and of the package, measured against theory.
 
-`certificate.verify` collects the `trial_jobs` of the claim modules, runs them with
+`certificate.verify` collects the trial jobs of the claim modules, runs them with
 `trials.run_jobs`, and passes the results to `evaluate_claims` of the same modules. `document`
 converts the certificate to plain values, from which `paper` and `paper_figures` make the paper.
 

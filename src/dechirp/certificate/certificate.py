@@ -24,15 +24,18 @@ from dechirp.certificate import (
     waveform,
 )
 from dechirp.certificate.claim import Claim, Part
-from dechirp.certificate.corrections import Correction, find_corrections
-from dechirp.certificate.detection_curves import MeasuredCurve, build_curves
-from dechirp.certificate.sensitivity import trials_for_limit
+from dechirp.certificate.corrections import Correction, list_corrections_of_published_report
+from dechirp.certificate.detection_curves import (
+    MeasuredCurve,
+    build_detection_and_resolution_curves,
+)
+from dechirp.certificate.sensitivity import count_trials_to_prove_snr_limit
 from dechirp.certificate.shared_trials import LIMIT_SNRS_DB
-from dechirp.certificate.tables import Table, build_tables
-from dechirp.certificate.trials import Job, count_blocks, run_jobs
+from dechirp.certificate.tables import Table, build_report_tables
+from dechirp.certificate.trials import Job, count_trial_blocks, run_jobs
 from dechirp.core.checks import check_integer
 from dechirp.core.values import frozen_dataclass
-from dechirp.experiments.study.environment import describe_environment
+from dechirp.experiments.study.environment import versions_system_and_processor
 from dechirp.experiments.study.executors import workers_from_executor
 
 CLAIM_IDS = (
@@ -126,10 +129,13 @@ def verify(
     if trials is not None:
         check_integer("trials", trials, at_least=1, at_most=100_000_000)
     start_s = perf_counter()
-    first_jobs = _report_jobs(trials, full=full)
+    first_jobs = _trial_jobs_of_report_claims(trials, full=full)
     if full:
-        first_jobs |= extended.initial_jobs(trials or FULL_TRIALS)
-    n_first, n_later = count_blocks(first_jobs), extended.count_noise_map_blocks() if full else 0
+        first_jobs |= extended.jobs_before_noise_maps(trials or FULL_TRIALS)
+    n_first, n_later = (
+        count_trial_blocks(first_jobs),
+        extended.count_noise_map_trial_blocks() if full else 0,
+    )
 
     def progress_after(n_before: int) -> Callable[[int, int], None] | None:
         if progress is None:
@@ -146,7 +152,9 @@ def verify(
         )
         results = run(first_jobs, progress=progress_after(0))
         if full:
-            results |= run(extended.noise_map_jobs(results), progress=progress_after(n_first))
+            results |= run(
+                extended.noise_map_false_alarm_jobs(results), progress=progress_after(n_first)
+            )
     trials_end_s = perf_counter()
     claims = [
         *waveform.evaluate_claims(),
@@ -159,32 +167,36 @@ def verify(
     claims_by_id = {claim.id: claim for claim in claims}
     return Certificate(
         claims=tuple(claims_by_id[name] for name in CLAIM_IDS),
-        parts=extended.build_parts(results) if full else (),
-        corrections=find_corrections(),
-        tables=build_tables(claims_by_id),
-        curves=build_curves(results),
+        parts=extended.build_claims_beyond_report(results) if full else (),
+        corrections=list_corrections_of_published_report(),
+        tables=build_report_tables(claims_by_id),
+        curves=build_detection_and_resolution_curves(results),
         seed=seed,
         trials=trials,
         full=full,
         date=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         versions=_library_versions(),
-        machine=f"{platform.system()} {platform.machine()}, {describe_environment()['processor']},"
-        f" {os.cpu_count()} cores",
+        machine=f"{platform.system()} {platform.machine()},"
+        f" {versions_system_and_processor()['processor']}, {os.cpu_count()} cores",
         timing_s={"trials": trials_end_s - start_s, "claims": perf_counter() - trials_end_s},
     )
 
 
-def _report_jobs(trials: int | None, *, full: bool) -> dict[str, Job]:
+def _trial_jobs_of_report_claims(trials: int | None, *, full: bool) -> dict[str, Job]:
     """Return the jobs of the report's claims, each with at least the trials that it needs."""
     min_trials = trials or (FULL_TRIALS if full else 0)
-    n_limit_trials = {window: max(min_trials, trials_for_limit(window)) for window in LIMIT_SNRS_DB}
+    n_limit_trials = {
+        window: max(min_trials, count_trials_to_prove_snr_limit(window)) for window in LIMIT_SNRS_DB
+    }
     return {
-        **transforms.trial_jobs(),
-        **shared_trials.trial_jobs(max(min_trials, estimates.trials_for_errors()), n_limit_trials),
-        **detection.trial_jobs(min_trials),
-        **estimates.trial_jobs(min_trials),
-        **false_alarms.trial_jobs(full=full),
-        **resolution.trial_jobs(min_trials),
+        **transforms.map_noise_trial_jobs(),
+        **shared_trials.error_and_snr_limit_trial_jobs(
+            max(min_trials, estimates.count_trials_to_prove_rmse()), n_limit_trials
+        ),
+        **detection.report_rule_trial_jobs(min_trials),
+        **estimates.target_motion_trial_jobs(min_trials),
+        **false_alarms.noise_and_target_frame_jobs(full=full),
+        **resolution.resolution_trial_jobs(min_trials),
     }
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from dechirp.certificate import published, sensitivity
 from dechirp.certificate.reference_trials import (
     REFERENCE_TARGET,
-    echo_after_arrival,
+    reference_echo_zero_before_arrival,
     reference_radar,
 )
 from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
@@ -22,23 +22,23 @@ class Correction:
     reason: str
 
 
-def find_corrections() -> tuple[Correction, ...]:
+def list_corrections_of_published_report() -> tuple[Correction, ...]:
     """Return all corrections, with numbers computed from the reference radar."""
     return (
-        _sample_count_correction(),
-        _guard_cell_correction(),
-        _slope_correction(),
-        _rate_unit_correction(),
-        _sample_rate_correction(),
-        _mirror_image_correction(),
-        _residual_phase_correction(),
-        _direction_correction(),
-        _velocity_correction(),
-        _amplitude_correction(),
+        _published_sample_count_correction(),
+        _published_guard_cell_correction(),
+        _published_slope_correction(),
+        _published_sample_rate_unit_correction(),
+        _published_sample_rate_correction(),
+        _published_mirror_image_correction(),
+        _published_residual_phase_correction(),
+        _published_velocity_sign_correction(),
+        _published_velocity_correction(),
+        _published_amplitude_as_power_correction(),
     )
 
 
-def _sample_count_correction() -> Correction:
+def _published_sample_count_correction() -> Correction:
     chirp = reference_radar().frame.chirp
     required_rate_hz = 1024 / chirp.ramp_duration_s
     return Correction(
@@ -51,10 +51,18 @@ def _sample_count_correction() -> Correction:
     )
 
 
-def _guard_cell_correction() -> Correction:
+def _published_guard_cell_correction() -> Correction:
     wide_window, narrow_window = published.TRAINING_WINDOW, published.SMALL_GUARD_WINDOW
     masking_db = [
-        float(-2 * to_decibels(1 - published.self_masking(echo_after_arrival(), window)))
+        float(
+            -2
+            * to_decibels(
+                1
+                - published.threshold_over_peak_amplitude(
+                    reference_echo_zero_before_arrival(), window
+                )
+            )
+        )
         for window in (narrow_window, wide_window)
     ]
     return Correction(
@@ -69,7 +77,7 @@ def _guard_cell_correction() -> Correction:
     )
 
 
-def _slope_correction() -> Correction:
+def _published_slope_correction() -> Correction:
     slope = published.BANDWIDTH_HZ / reference_radar().frame.chirp.ramp_duration_s
     range_error_m = REFERENCE_TARGET.range_m * (slope / published.ROUNDED_SLOPE_HZ_PER_S - 1)
     return Correction(
@@ -82,7 +90,7 @@ def _slope_correction() -> Correction:
     )
 
 
-def _rate_unit_correction() -> Correction:
+def _published_sample_rate_unit_correction() -> Correction:
     chirp = reference_radar().frame.chirp
     return Correction(
         subject="unit of the sample rate",
@@ -93,7 +101,7 @@ def _rate_unit_correction() -> Correction:
     )
 
 
-def _sample_rate_correction() -> Correction:
+def _published_sample_rate_correction() -> Correction:
     chirp = reference_radar().frame.chirp
     beat_hz = chirp.beat_frequency_hz(published.MAX_RANGE_M)
     doppler_hz = 2 * published.MAX_VELOCITY_M_PER_S / chirp.wavelength_m
@@ -109,7 +117,7 @@ def _sample_rate_correction() -> Correction:
     )
 
 
-def _mirror_image_correction() -> Correction:
+def _published_mirror_image_correction() -> Correction:
     chirp = reference_radar().frame.chirp
     return Correction(
         subject="mirror image of the spectrum",
@@ -121,7 +129,7 @@ def _mirror_image_correction() -> Correction:
     )
 
 
-def _residual_phase_correction() -> Correction:
+def _published_residual_phase_correction() -> Correction:
     chirp = reference_radar().frame.chirp
     delay_s = 2 * REFERENCE_TARGET.range_m / SPEED_OF_LIGHT
     cycles = chirp.slope_hz_per_s * delay_s**2 / 2
@@ -135,7 +143,7 @@ def _residual_phase_correction() -> Correction:
     )
 
 
-def _direction_correction() -> Correction:
+def _published_velocity_sign_correction() -> Correction:
     return Correction(
         subject="sign of the velocity",
         published="positive is approaching",
@@ -144,9 +152,11 @@ def _direction_correction() -> Correction:
     )
 
 
-def _velocity_correction() -> Correction:
-    range_m, velocity = published.find_strongest_detection(echo_after_arrival())
-    _, axis = published.report_axes()
+def _published_velocity_correction() -> Correction:
+    range_m, velocity = published.find_strongest_report_rule_detection(
+        reference_echo_zero_before_arrival()
+    )
+    _, axis = published.report_range_and_velocity_axes()
     next_lower = axis[np.searchsorted(axis, velocity) - 1]
     bin_width = reference_radar().frame.velocity_resolution_m_per_s
     return Correction(
@@ -160,9 +170,9 @@ def _velocity_correction() -> Correction:
     )
 
 
-def _amplitude_correction() -> Correction:
+def _published_amplitude_as_power_correction() -> Correction:
     threshold = sensitivity.report_threshold()
-    snr_ratio = sensitivity.report_required_snr() / sensitivity.chain_required_snr()
+    snr_ratio = sensitivity.report_rule_required_snr() / sensitivity.chain_required_snr()
     return Correction(
         subject="amplitudes used as powers",
         published=f"{published.OFFSET_DB:g} dB above the noise",

@@ -10,7 +10,7 @@ from dechirp.certificate.claim import Check, Claim, proportion_check
 from dechirp.certificate.reference_trials import (
     REFERENCE_TARGET,
     complex_white_noise,
-    echo_after_arrival,
+    reference_echo_zero_before_arrival,
     trial_column,
     window_label,
 )
@@ -19,36 +19,36 @@ from dechirp.certificate.sensitivity import (
     REQUIRED_SNR_DB,
     chain_required_snr,
     fit_snr_limit,
-    report_required_snr,
     report_rule_curve,
+    report_rule_required_snr,
     report_threshold,
     theoretical_curve,
 )
-from dechirp.certificate.shared_trials import error_trials_by_snr, limit_trials_by_window
-from dechirp.certificate.trials import Job, trials_for_probability
+from dechirp.certificate.shared_trials import error_trials_by_snr, snr_limit_trials_by_window
+from dechirp.certificate.trials import Job, count_trials_to_prove_probability
 from dechirp.core.units import from_decibels, to_decibels
 
 REPORT_SNRS_DB = (-25.0, -24.75, -24.5, -24.25, -24.0, -23.75)
 
 
-def trial_jobs(n_trials: int) -> dict[str, Job]:
-    """Return the jobs that run the report's rule, with at least `n_trials` trials each."""
-    n_decision_trials = trials_for_probability(1.0, at_least=DETECTION_PROBABILITY)
+def report_rule_trial_jobs(min_trials: int) -> dict[str, Job]:
+    """Return the jobs that run the report's rule, with at least `min_trials` trials each."""
+    n_decision_trials = count_trials_to_prove_probability(1.0, at_least=DETECTION_PROBABILITY)
     return {
         "report": Job(
-            work=run_report_trials,
-            n_trials=max(n_trials, 50 * len(REPORT_SNRS_DB)),
+            work=run_report_rule_trials,
+            n_trials=max(min_trials, 50 * len(REPORT_SNRS_DB)),
             arguments={"snr_db": REPORT_SNRS_DB},
         ),
         "report at its limit": Job(
-            work=run_report_trials,
-            n_trials=max(n_trials, n_decision_trials),
+            work=run_report_rule_trials,
+            n_trials=max(min_trials, n_decision_trials),
             arguments={"snr_db": (published.LOWEST_SNR_DB,)},
         ),
     }
 
 
-def run_report_trials(
+def run_report_rule_trials(
     rng: np.random.Generator, n_trials: int, *, snr_db: tuple[float, ...]
 ) -> np.ndarray:
     """Apply the report's rule to the reference target in noise; columns (n_trials, 2).
@@ -57,13 +57,13 @@ def run_report_trials(
     arrives contain only noise, and the SNR refers to the mean power of all samples. A hit is a
     strongest detection within 2 m and 5 m/s of the target, four and two cells.
     """
-    samples = echo_after_arrival()
+    samples = reference_echo_zero_before_arrival()
     trials = np.empty((n_trials, 2))
     for trial in range(n_trials):
         level_db = snr_db[trial % len(snr_db)]
         frame = np.float32(np.sqrt(from_decibels(level_db))) * samples
         frame += complex_white_noise(rng, samples.shape)
-        range_m, velocity = published.find_strongest_detection(frame)
+        range_m, velocity = published.find_strongest_report_rule_detection(frame)
         is_hit = (
             abs(range_m - REFERENCE_TARGET.range_m) < 2.0
             and abs(velocity - REFERENCE_TARGET.velocity_m_per_s) < 5.0
@@ -74,10 +74,10 @@ def run_report_trials(
 
 def evaluate_claims(results: Mapping[str, np.ndarray]) -> tuple[Claim, ...]:
     """Return the claims on detection."""
-    return _detection_claim(results), _snr_limit_claim(results)
+    return _detected_at_minus_24_db_claim(results), _snr_limit_meets_requirement_claim(results)
 
 
-def _detection_claim(results: Mapping[str, np.ndarray]) -> Claim:
+def _detected_at_minus_24_db_claim(results: Mapping[str, np.ndarray]) -> Claim:
     chain_hits = trial_column(error_trials_by_snr(results)[published.LOWEST_SNR_DB], "hit")
     report_hits = results["report at its limit"][:, 1]
     check = proportion_check(
@@ -105,9 +105,9 @@ def _detection_claim(results: Mapping[str, np.ndarray]) -> Claim:
     )
 
 
-def _snr_limit_claim(results: Mapping[str, np.ndarray]) -> Claim:
+def _snr_limit_meets_requirement_claim(results: Mapping[str, np.ndarray]) -> Claim:
     checks: list[Check] = []
-    for window, trials in limit_trials_by_window(results).items():
+    for window, trials in snr_limit_trials_by_window(results).items():
         limit_fit = fit_snr_limit(trials, theoretical_curve(window))
         checks.append(
             Check(
@@ -134,7 +134,7 @@ def _snr_limit_claim(results: Mapping[str, np.ndarray]) -> Claim:
             trials=report_fit.trials,
         )
     )
-    snr_ratio = report_required_snr() / chain_required_snr()
+    snr_ratio = report_rule_required_snr() / chain_required_snr()
     return Claim(
         id="snr_limit",
         claim="The SNR limit for a detection probability of 0.9 meets the requirement.",

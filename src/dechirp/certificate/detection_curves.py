@@ -6,7 +6,7 @@ import numpy as np
 
 from dechirp.certificate import published, resolution, sensitivity
 from dechirp.certificate.reference_trials import window_label
-from dechirp.certificate.shared_trials import limit_trials_by_window
+from dechirp.certificate.shared_trials import snr_limit_trials_by_window
 from dechirp.core.values import frozen_dataclass
 
 
@@ -30,24 +30,32 @@ _SEPARATION_LABEL = "Separation (range bins)"
 _THEORY_MARGIN_DB = 2.5  # of the theoretical curve beyond the measured points on either side
 
 
-def build_curves(results: Mapping[str, np.ndarray]) -> tuple[MeasuredCurve, ...]:
+def build_detection_and_resolution_curves(
+    results: Mapping[str, np.ndarray],
+) -> tuple[MeasuredCurve, ...]:
     """Return the detection curves of all windows and the report's rule, and resolution curves."""
     measured_curves = [
-        _curve_with_theory(window_label(window), trials, sensitivity.theoretical_curve(window))
-        for window, trials in limit_trials_by_window(results).items()
+        _detection_curve_with_theory(
+            window_label(window), trials, sensitivity.theoretical_curve(window)
+        )
+        for window, trials in snr_limit_trials_by_window(results).items()
     ]
     report_trials = np.concatenate([results["report"], results["report at its limit"]])
     measured_curves.append(
-        _curve_with_theory(published.RULE_NAME, report_trials, sensitivity.report_rule_curve())
+        _detection_curve_with_theory(
+            published.RULE_NAME, report_trials, sensitivity.report_rule_curve()
+        )
     )
     for window in resolution.REQUIRED_SEPARATION_BINS:
         name = f"two targets, {window}"
         trials = np.concatenate([results[name], results[f"{name}, curve"]])
-        measured_curves.append(count_hits(window_label(window), _SEPARATION_LABEL, trials))
+        measured_curves.append(
+            count_hits_per_value(window_label(window), _SEPARATION_LABEL, trials)
+        )
     return tuple(measured_curves)
 
 
-def count_hits(name: str, x_label: str, trials: np.ndarray) -> MeasuredCurve:
+def count_hits_per_value(name: str, x_label: str, trials: np.ndarray) -> MeasuredCurve:
     """Count the hits at each value; `trials` (n, 2) holds the varied value and the hit (0 or 1)."""
     x, inverse = np.unique(trials[:, 0], return_inverse=True)
     return MeasuredCurve(
@@ -59,10 +67,10 @@ def count_hits(name: str, x_label: str, trials: np.ndarray) -> MeasuredCurve:
     )
 
 
-def _curve_with_theory(
+def _detection_curve_with_theory(
     name: str, trials: np.ndarray, theory: sensitivity.DetectionCurve
 ) -> MeasuredCurve:
-    measured = count_hits(name, _SNR_LABEL, trials)
+    measured = count_hits_per_value(name, _SNR_LABEL, trials)
     theory_x = np.linspace(
         measured.x[0] - _THEORY_MARGIN_DB, measured.x[-1] + _THEORY_MARGIN_DB, 61
     )

@@ -16,7 +16,7 @@ from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.angle.base import DirectionEstimator
 from dechirp.theory import confidence_intervals
 from dechirp.theory.direction_bounds import (
-    conditional_information,
+    conditional_fisher_information,
     crlb_variances,
     unit_vector_derivatives,
 )
@@ -42,17 +42,17 @@ SEPARATIONS = {"1": 1.0, "2": 2.0}
 _NEGLIGIBLE_NOISE = 1e-8  # noise power relative to a source
 
 
-def linear_array() -> Aperture:
+def half_wavelength_linear_array() -> Aperture:
     """Return a uniform linear array along y with a spacing of half a wavelength."""
     return Aperture(positions=np.arange(N_ELEMENTS)[:, None] * [0.0, 0.5, 0.0])
 
 
-def trial_jobs(n_trials: int) -> dict[str, Job]:
+def one_and_two_source_trial_jobs(n_trials: int) -> dict[str, Job]:
     """Return the jobs with one and with two sources, for each estimator."""
     jobs = {}
     for kind, member in DirectionEstimator.members().items():
         jobs[f"one source, {kind}"] = Job(
-            work=run_one_source_trials,
+            work=run_one_source_error_trials,
             n_trials=n_trials,
             arguments={"estimator": member()},
             block_size=500,
@@ -60,7 +60,7 @@ def trial_jobs(n_trials: int) -> dict[str, Job]:
         if (pair_estimator := _two_source_estimator(member)) is not None:
             for name, separation in SEPARATIONS.items():
                 jobs[f"two sources {name} apart, {kind}"] = Job(
-                    work=run_two_source_trials,
+                    work=run_two_source_resolution_trials,
                     n_trials=n_trials,
                     arguments={"estimator": pair_estimator, "separation": separation * BEAMWIDTH},
                     block_size=500,
@@ -68,23 +68,23 @@ def trial_jobs(n_trials: int) -> dict[str, Job]:
     return jobs
 
 
-def _two_source_estimator(member: type) -> DirectionEstimator | None:
+def _two_source_estimator(estimator_class: type) -> DirectionEstimator | None:
     """Return the estimator set to two sources; None if it supports only one."""
     try:
-        estimator: DirectionEstimator = member(n_sources=2)
+        estimator: DirectionEstimator = estimator_class(n_sources=2)
     except InvalidSetting:
         return None
     return estimator
 
 
-def run_one_source_trials(
+def run_one_source_error_trials(
     rng: np.random.Generator, n_trials: int, *, estimator: DirectionEstimator
 ) -> np.ndarray:
     """Return error and stated standard error, both over the bound, (n_trials, 2)."""
-    array, noise = linear_array(), float(from_decibels(-SNR_DB))
+    array, noise = half_wavelength_linear_array(), float(from_decibels(-SNR_DB))
     azimuth = rng.uniform(-MAX_AZIMUTH_RAD, MAX_AZIMUTH_RAD, (n_trials, 1))
     amplitudes = _random_phasors(rng, (n_trials, 1))
-    snapshots = _clean_snapshots(array, azimuth, amplitudes) + _noise_snapshots(
+    snapshots = _noise_free_snapshots(array, azimuth, amplitudes) + _noise_snapshots(
         rng, n_trials, noise
     )
     estimates = estimator.find_directions(snapshots, array, np.full(n_trials, noise))
@@ -93,16 +93,16 @@ def run_one_source_trials(
     return np.concatenate([error / bound, estimates.azimuth_std_rad[:, :1] / bound], axis=1)
 
 
-def run_two_source_trials(
+def run_two_source_resolution_trials(
     rng: np.random.Generator, n_trials: int, *, estimator: DirectionEstimator, separation: float
 ) -> np.ndarray:
     """Return the resolution of two sources (0 or 1), (n_trials, 2): in noise, without noise.
 
     Two sources are resolved if both estimates lie within half the separation of them.
     """
-    array, noise = linear_array(), float(from_decibels(-SNR_DB))
+    array, noise = half_wavelength_linear_array(), float(from_decibels(-SNR_DB))
     sines = rng.uniform(-0.5, 0.5, (n_trials, 1)) + separation / 2 * np.array([-1, 1])
-    clean = _clean_snapshots(array, np.arcsin(sines), _random_phasors(rng, (n_trials, 2)))
+    clean = _noise_free_snapshots(array, np.arcsin(sines), _random_phasors(rng, (n_trials, 2)))
     unit_noise = _noise_snapshots(rng, n_trials, 1.0)
     resolved = np.empty((n_trials, 2))
     for column, power in enumerate((noise, _NEGLIGIBLE_NOISE)):
@@ -120,7 +120,9 @@ def _random_phasors(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndar
     return np.exp(2j * np.pi * rng.random(shape))
 
 
-def _clean_snapshots(array: Aperture, azimuth: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
+def _noise_free_snapshots(
+    array: Aperture, azimuth: np.ndarray, amplitudes: np.ndarray
+) -> np.ndarray:
     """Return noise-free snapshots (n, 1, n_elements) of sources (n, k)."""
     steering = array.steering_vectors(azimuth, np.zeros_like(azimuth))
     return np.asarray(np.sum(amplitudes[..., None] * steering, axis=1)[:, None])
@@ -140,13 +142,13 @@ def azimuth_bounds_rad(
         unit_vector_derivatives(azimuth, 0.0)[..., 0, :] @ array.positions.T
     )  # (n, 1, n_elements)
     derivatives = -2j * np.pi * np.swapaxes(phase_slopes, 1, 2) * steering
-    information = conditional_information(
+    information = conditional_fisher_information(
         steering, derivatives[..., None], amplitudes[..., None], noise_power
     )
     return np.sqrt(crlb_variances(information))
 
 
-def build_part(results: Mapping[str, np.ndarray]) -> Part:
+def build_direction_claims(results: Mapping[str, np.ndarray]) -> Part:
     """Return the claims on directions, one for each estimator."""
     return Part(
         id="directions",
@@ -162,11 +164,14 @@ def build_part(results: Mapping[str, np.ndarray]) -> Part:
         " loss; the requirement is that the error agrees with the stated one. Two sources count as"
         " resolved if both are estimated within half their separation; the theoretical proportion"
         " is that of the same pairs without noise.",
-        claims=tuple(_estimator_claim(kind, results) for kind in DirectionEstimator.members()),
+        claims=tuple(
+            _estimator_error_and_resolution_claim(kind, results)
+            for kind in DirectionEstimator.members()
+        ),
     )
 
 
-def _estimator_claim(kind: str, results: Mapping[str, np.ndarray]) -> Claim:
+def _estimator_error_and_resolution_claim(kind: str, results: Mapping[str, np.ndarray]) -> Claim:
     error, stated_error = results[f"one source, {kind}"].T
     stated = float(np.sqrt(np.mean(stated_error**2)))
     is_finite = bool(np.isfinite(error).all())

@@ -16,8 +16,8 @@ from typing import Any
 from dechirp.certificate import every_detector, published, sensitivity
 from dechirp.certificate.certificate import Certificate
 from dechirp.certificate.claim import CONFIDENCE, Check, Claim, Part
-from dechirp.certificate.estimates import cramer_rao_bounds
-from dechirp.certificate.false_alarms import noise_tests
+from dechirp.certificate.estimates import range_velocity_cramer_rao_bounds
+from dechirp.certificate.false_alarms import planned_noise_tests
 from dechirp.certificate.reference_trials import (
     QUIET_SNR_DB,
     REFERENCE_TARGET,
@@ -39,7 +39,7 @@ TEXT_KEYS = frozenset(("id", "unit"))
 _DIGITS = 6
 
 
-def number_checksum(document: Mapping[str, Any]) -> str:
+def checksum_of_numbers(document: Mapping[str, Any]) -> str:
     """Return the SHA-256 of the numbers of a certificate, in hexadecimal.
 
     The digest is that of canonical JSON: sorted keys, no spaces, six digits, no text except ids and
@@ -48,16 +48,16 @@ def number_checksum(document: Mapping[str, Any]) -> str:
     Parameters
     ----------
     document : mapping
-        Result of `build_document`, or the content of `verify.json`.
+        Result of `certificate_as_json_data`, or the content of `verify.json`.
     """
     results = {key: content for key, content in document.items() if key not in PROVENANCE_KEYS}
-    return _json_digest(_without_text(results))
+    return _sha256_of_rounded_json(_drop_texts_except_ids_and_units(results))
 
 
-def _json_digest(content: object) -> str:
+def _sha256_of_rounded_json(content: object) -> str:
     """Return the SHA-256 of canonical JSON with rounded numbers."""
     text = json.dumps(
-        _round_numbers(content),
+        _numbers_as_six_digit_text(content),
         sort_keys=True,
         separators=(",", ":"),
         ensure_ascii=True,
@@ -66,44 +66,48 @@ def _json_digest(content: object) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _without_text(content: object) -> object:
+def _drop_texts_except_ids_and_units(content: object) -> object:
     """Drop all texts but ids and units."""
     if isinstance(content, Mapping):
         return {
-            key: _without_text(child)
+            key: _drop_texts_except_ids_and_units(child)
             for key, child in content.items()
             if key in TEXT_KEYS or not isinstance(child, str)
         }
     if isinstance(content, list | tuple):
-        return [_without_text(child) for child in content if not isinstance(child, str)]
+        return [
+            _drop_texts_except_ids_and_units(child)
+            for child in content
+            if not isinstance(child, str)
+        ]
     return content
 
 
-def code_checksum() -> str:
+def package_code_checksum() -> str:
     """Return the SHA-256 of all Python files of the package, in hexadecimal."""
     digest = hashlib.sha256()
-    for name, content in sorted(_python_files(files("dechirp"), "dechirp")):
+    for name, content in sorted(_python_file_paths_and_contents(files("dechirp"), "dechirp")):
         digest.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
     return digest.hexdigest()
 
 
-def _python_files(folder: Traversable, name: str) -> list[tuple[str, bytes]]:
+def _python_file_paths_and_contents(folder: Traversable, name: str) -> list[tuple[str, bytes]]:
     files_with_content = []
     for entry in folder.iterdir():
         path = f"{name}/{entry.name}"
         if entry.is_dir():
-            files_with_content += _python_files(entry, path)
+            files_with_content += _python_file_paths_and_contents(entry, path)
         elif entry.name.endswith(".py"):
             # Git may have converted the line endings.
             files_with_content.append((path, entry.read_bytes().replace(b"\r\n", b"\n")))
     return files_with_content
 
 
-def _round_numbers(content: object) -> object:
+def _numbers_as_six_digit_text(content: object) -> object:
     if isinstance(content, Mapping):
-        return {name: _round_numbers(inside) for name, inside in content.items()}
+        return {name: _numbers_as_six_digit_text(inside) for name, inside in content.items()}
     if isinstance(content, list | tuple):
-        return [_round_numbers(inside) for inside in content]
+        return [_numbers_as_six_digit_text(inside) for inside in content]
     if isinstance(content, bool | str) or content is None:
         return content
     if isinstance(content, int | float):  # 1 and 1.0 are one number
@@ -111,7 +115,7 @@ def _round_numbers(content: object) -> object:
     raise TypeError(f"not a JSON value: {content!r}")
 
 
-def build_document(certificate: Certificate) -> dict[str, Any]:
+def certificate_as_json_data(certificate: Certificate) -> dict[str, Any]:
     """Convert a certificate to plain values; the values of a claim are those of its first check."""
     fields = {
         "date": certificate.date,
@@ -119,59 +123,62 @@ def build_document(certificate: Certificate) -> dict[str, Any]:
         "trials": certificate.trials,
         "full": certificate.full,
         "confidence": CONFIDENCE,
-        "claims": [_claim_entry(claim) for claim in certificate.claims],
-        "parts": [_part_entry(part) for part in certificate.parts],
+        "claims": [_claim_as_json_data(claim) for claim in certificate.claims],
+        "parts": [_part_as_json_data(part) for part in certificate.parts],
         "passed": certificate.passed,
         "corrections": [to_json_data(correction) for correction in certificate.corrections],
         "tables": [to_json_data(table) for table in certificate.tables],
         "curves": [to_json_data(curve) for curve in certificate.curves],
         "numbers": {
-            **_paper_numbers(),
+            **_radar_and_detector_numbers_of_paper(),
             "measured_false_alarm_probabilities": sorted(
-                {design.false_alarm_probability for design in noise_tests(full=certificate.full)},
+                {
+                    design.false_alarm_probability
+                    for design in planned_noise_tests(full=certificate.full)
+                },
                 reverse=True,
             ),
         },
         "machine": certificate.machine,
         "versions": certificate.versions,
         "timing_s": certificate.timing_s,
-        "code": code_checksum(),
+        "code": package_code_checksum(),
     }
-    return {**fields, "checksum": number_checksum(fields)}
+    return {**fields, "checksum": checksum_of_numbers(fields)}
 
 
-def _part_entry(part: Part) -> dict[str, Any]:
+def _part_as_json_data(part: Part) -> dict[str, Any]:
     return {
         "id": part.id,
         "title": part.title,
         "method": part.method,
-        "claims": [_claim_entry(claim) for claim in part.claims],
+        "claims": [_claim_as_json_data(claim) for claim in part.claims],
     }
 
 
-def _claim_entry(claim: Claim) -> dict[str, Any]:
+def _claim_as_json_data(claim: Claim) -> dict[str, Any]:
     first, *_ = claim.checks
     return {
         "id": claim.id,
         "claim": claim.claim,
         "published": first.published,
-        "required": _requirement_entry(first),
+        "required": _requirement_as_json_data(first),
         "measured": first.measured,
         "limit": first.limit,
         "passed": claim.passed,
         "unit": first.unit,
         "interval": None if first.low is None else [first.low, first.high],
         "trials": first.trials,
-        "checks": [_check_entry(check) for check in claim.checks],
+        "checks": [_check_as_json_data(check) for check in claim.checks],
         "note": claim.note,
     }
 
 
-def _check_entry(check: Check) -> dict[str, Any]:
+def _check_as_json_data(check: Check) -> dict[str, Any]:
     return {
         "name": check.name,
         "published": check.published,
-        "required": _requirement_entry(check),
+        "required": _requirement_as_json_data(check),
         "measured": check.measured,
         "limit": check.limit,
         "passed": check.passed,
@@ -181,20 +188,20 @@ def _check_entry(check: Check) -> dict[str, Any]:
     }
 
 
-def _requirement_entry(check: Check) -> dict[str, float] | None:
+def _requirement_as_json_data(check: Check) -> dict[str, float] | None:
     """Return the lower and upper requirement; None if a check serves only for comparison."""
     bounds = {"at_least": check.at_least, "at_most": check.at_most}
     return {name: bound for name, bound in bounds.items() if bound is not None} or None
 
 
-def _paper_numbers() -> dict[str, float]:
+def _radar_and_detector_numbers_of_paper() -> dict[str, float]:
     """Return the numbers of the paper about radar, detector and reference target, SI and dB."""
     frame, chirp = reference_radar().frame, reference_radar().frame.chirp
     target = motion_at_mid_frame(REFERENCE_TARGET)
     cfar = Chain().cfar
     pfa = cfar.false_alarm_probability
     assert pfa is not None
-    detector_law = sensitivity.chain_detector("rectangular")
+    detector_law = sensitivity.chain_detector_law("rectangular")
     loss = cell_averaging_loss(
         sensitivity.DETECTION_PROBABILITY, pfa, n_training=detector_law.n_training
     )
@@ -238,9 +245,11 @@ def _paper_numbers() -> dict[str, float]:
         "needed_db": float(to_decibels(sensitivity.chain_required_snr())),
         "report_offset_db": published.OFFSET_DB,
         "report_threshold_db": float(to_decibels(sensitivity.report_threshold())),
-        "report_needed_db": float(to_decibels(sensitivity.report_required_snr())),
-        "range_bound_m": cramer_rao_bounds(published.LOWEST_SNR_DB).range_m,
-        "velocity_bound_m_per_s": cramer_rao_bounds(published.LOWEST_SNR_DB).velocity_m_per_s,
+        "report_needed_db": float(to_decibels(sensitivity.report_rule_required_snr())),
+        "range_bound_m": range_velocity_cramer_rao_bounds(published.LOWEST_SNR_DB).range_m,
+        "velocity_bound_m_per_s": range_velocity_cramer_rao_bounds(
+            published.LOWEST_SNR_DB
+        ).velocity_m_per_s,
         "every_detector_false_alarm_probability": every_detector.FALSE_ALARM_PROBABILITY,
         "report_snr_db": published.LOWEST_SNR_DB,
         "quiet_snr_db": QUIET_SNR_DB,

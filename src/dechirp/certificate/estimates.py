@@ -20,7 +20,12 @@ from dechirp.certificate.reference_trials import (
     trial_column,
 )
 from dechirp.certificate.shared_trials import ERROR_SNRS_DB, error_trials_by_snr
-from dechirp.certificate.trials import Job, trials_for_mean, trials_for_probability, trials_for_rms
+from dechirp.certificate.trials import (
+    Job,
+    count_trials_to_prove_mean,
+    count_trials_to_prove_probability,
+    count_trials_to_prove_rms,
+)
 from dechirp.core.units import from_decibels, to_decibels
 from dechirp.radar.budget import sample_snr
 from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
@@ -48,37 +53,37 @@ _MOTIONS = {
 }
 
 
-def trial_jobs(n_trials: int) -> dict[str, Job]:
-    """Return the jobs of targets at other ranges and velocities, with `n_trials` or more each."""
-    n_bias_trials = trials_for_mean(EXPECTED_RMSE_RATIO, within=MAX_BIAS_RATIO)
-    n_sign_trials = trials_for_probability(1.0, at_least=MIN_SIGN_PROPORTION)
-    n_corner_trials = trials_for_probability(0.998, at_least=MIN_CORNER_PROPORTION)
+def target_motion_trial_jobs(min_trials: int) -> dict[str, Job]:
+    """Return the jobs of targets at other ranges and velocities, with `min_trials` or more each."""
+    n_bias_trials = count_trials_to_prove_mean(EXPECTED_RMSE_RATIO, within=MAX_BIAS_RATIO)
+    n_sign_trials = count_trials_to_prove_probability(1.0, at_least=MIN_SIGN_PROPORTION)
+    n_corner_trials = count_trials_to_prove_probability(0.998, at_least=MIN_CORNER_PROPORTION)
     counts = {"at rest": n_bias_trials, "receding": n_sign_trials, "approaching": n_sign_trials}
     return {
         name: Job(
             work=run_target_trials,
-            n_trials=max(n_trials, counts.get(name, n_corner_trials)),
+            n_trials=max(min_trials, counts.get(name, n_corner_trials)),
             arguments={
                 **start._asdict(),
-                "conditions": (TrialCondition(window="hann", snr_db=(_trial_snr_db(name),)),),
+                "conditions": (TrialCondition(window="hann", snr_db=(_snr_db_of_job(name),)),),
             },
         )
         for name, start in _MOTIONS.items()
     }
 
 
-def _trial_snr_db(name: str) -> float:
+def _snr_db_of_job(job_name: str) -> float:
     """Return the SNR per sample: -10 dB, or at the largest range that in thermal noise."""
-    if not name.startswith("corner"):
+    if not job_name.startswith("corner"):
         return QUIET_SNR_DB
     return float(
         to_decibels(sample_snr(reference_radar(), range_m=published.MAX_RANGE_M, rcs_m2=RCS_M2))
     )
 
 
-def trials_for_errors() -> int:
+def count_trials_to_prove_rmse() -> int:
     """Return the number of trials that prove the RMSE to meet the requirement."""
-    return trials_for_rms(EXPECTED_RMSE_RATIO, at_most=MAX_RMSE_RATIO)
+    return count_trials_to_prove_rms(EXPECTED_RMSE_RATIO, at_most=MAX_RMSE_RATIO)
 
 
 def evaluate_claims(results: Mapping[str, np.ndarray]) -> tuple[Claim, ...]:
@@ -86,23 +91,25 @@ def evaluate_claims(results: Mapping[str, np.ndarray]) -> tuple[Claim, ...]:
     errors = error_trials_by_snr(results)
     trials = {name: results[name][:, 0] for name in _MOTIONS}
     return (
-        _stationary_claim(trials["at rest"]),
-        _peak_claim(errors[QUIET_SNR_DB]),
-        _corner_claim(trials["corner, receding"], trials["corner, approaching"]),
-        _direction_claim(trials["receding"], trials["approaching"]),
-        _rmse_claim("range", errors),
-        _rmse_claim("velocity", errors),
+        _stationary_target_unbiased_claim(trials["at rest"]),
+        _moving_target_unbiased_claim(errors[QUIET_SNR_DB]),
+        _detected_at_max_range_and_velocity_claim(
+            trials["corner, receding"], trials["corner, approaching"]
+        ),
+        _velocity_sign_is_right_claim(trials["receding"], trials["approaching"]),
+        _rmse_near_cramer_rao_bound_claim("range", errors),
+        _rmse_near_cramer_rao_bound_claim("velocity", errors),
     )
 
 
-def cramer_rao_bounds(snr_db: float) -> TargetMotion:
+def range_velocity_cramer_rao_bounds(snr_db: float) -> TargetMotion:
     """Return the Cramér-Rao bounds of range and velocity for an SNR per sample."""
     snr = from_decibels(snr_db) * reference_radar().integration_gain
     range_std, velocity_std = range_and_velocity_crlb_std(reference_radar().frame, snr=snr)
     return TargetMotion(float(range_std), float(velocity_std))
 
 
-def _error_interval(
+def _error_interval_or_nan(
     interval_function: Callable[..., tuple[float, float]], errors: np.ndarray
 ) -> tuple[float, float]:
     """Return the interval of errors; NaN if a trial has no detection and therefore no error."""
@@ -111,15 +118,15 @@ def _error_interval(
     return interval_function(errors, confidence=CONFIDENCE)
 
 
-def _mean_checks(
+def _mean_range_and_velocity_checks(
     trials: np.ndarray, start: TargetMotion, published_values: tuple[float | None, float | None]
 ) -> tuple[Check, ...]:
     """Return checks of mean range and mean velocity at -10 dB against the truth."""
-    expected, bound = motion_at_mid_frame(start), cramer_rao_bounds(QUIET_SNR_DB)
+    expected, bound = motion_at_mid_frame(start), range_velocity_cramer_rao_bounds(QUIET_SNR_DB)
     checks = []
     for index, (name, unit) in enumerate((("range", "m"), ("velocity", "m/s"))):
         errors = trial_column(trials, _ERROR_COLUMNS[index])
-        low, high = _error_interval(confidence_intervals.mean_interval, errors)
+        low, high = _error_interval_or_nan(confidence_intervals.mean_interval, errors)
         checks.append(
             Check(
                 name=f"mean {name} at {QUIET_SNR_DB:g} dB",
@@ -137,20 +144,20 @@ def _mean_checks(
     return tuple(checks)
 
 
-def _stationary_claim(trials: np.ndarray) -> Claim:
+def _stationary_target_unbiased_claim(trials: np.ndarray) -> Claim:
     return Claim(
         id="range_stationary_100m",
         claim="A stationary target at 100 m is measured at 100 m and 0 m/s.",
-        checks=_mean_checks(trials, _MOTIONS["at rest"], (100.0, None)),
+        checks=_mean_range_and_velocity_checks(trials, _MOTIONS["at rest"], (100.0, None)),
         note=f"Required: a bias of at most {MAX_BIAS_RATIO:g} times the Cramér-Rao bound.",
     )
 
 
-def _peak_claim(trials: np.ndarray) -> Claim:
+def _moving_target_unbiased_claim(trials: np.ndarray) -> Claim:
     return Claim(
         id="range_doppler_peak",
         claim="The peak of the map gives the range and velocity of the car at 50 m and 10 m/s.",
-        checks=_mean_checks(
+        checks=_mean_range_and_velocity_checks(
             trials, REFERENCE_TARGET, (published.RANGE_M, published.VELOCITY_M_PER_S)
         ),
         note=f"Required: a bias of at most {MAX_BIAS_RATIO:g} times the Cramér-Rao bound. Truth and"
@@ -158,7 +165,9 @@ def _peak_claim(trials: np.ndarray) -> Claim:
     )
 
 
-def _corner_claim(receding: np.ndarray, approaching: np.ndarray) -> Claim:
+def _detected_at_max_range_and_velocity_claim(
+    receding: np.ndarray, approaching: np.ndarray
+) -> Claim:
     frame = reference_radar().frame
     return Claim(
         id="corner_200m_100mps",
@@ -188,12 +197,12 @@ def _corner_claim(receding: np.ndarray, approaching: np.ndarray) -> Claim:
             ),
         ),
         note="Not tested in the report. Measured in thermal noise, at an SNR of"
-        f" {_trial_snr_db('corner'):.1f} dB per sample. A detection counts within one resolution"
+        f" {_snr_db_of_job('corner'):.1f} dB per sample. A detection counts within one resolution"
         " cell on both axes.",
     )
 
 
-def _direction_claim(receding: np.ndarray, approaching: np.ndarray) -> Claim:
+def _velocity_sign_is_right_claim(receding: np.ndarray, approaching: np.ndarray) -> Claim:
     checks = []
     for name, trials in (("receding", receding), ("approaching", approaching)):
         true_velocity = motion_at_mid_frame(_MOTIONS[name]).velocity_m_per_s
@@ -214,7 +223,7 @@ def _direction_claim(receding: np.ndarray, approaching: np.ndarray) -> Claim:
     )
 
 
-def _rmse_claim(
+def _rmse_near_cramer_rao_bound_claim(
     variable: Literal["range", "velocity"], errors: Mapping[float, np.ndarray]
 ) -> Claim:
     index = ("range", "velocity").index(variable)
@@ -222,8 +231,8 @@ def _rmse_claim(
     checks = []
     for snr_db in ERROR_SNRS_DB:
         component_errors = trial_column(errors[snr_db], _ERROR_COLUMNS[index])
-        bound = cramer_rao_bounds(snr_db)[index]
-        low, high = _error_interval(confidence_intervals.rms_interval, component_errors)
+        bound = range_velocity_cramer_rao_bounds(snr_db)[index]
+        low, high = _error_interval_or_nan(confidence_intervals.rms_interval, component_errors)
         checks.append(
             Check(
                 name=f"RMSE at {snr_db:g} dB",
@@ -237,7 +246,7 @@ def _rmse_claim(
                 trials=component_errors.size,
             )
         )
-    axis_step = np.diff(published.report_axes()[index])[0]
+    axis_step = np.diff(published.report_range_and_velocity_axes()[index])[0]
     return Claim(
         id=f"{variable}_rmse",
         claim=f"The RMSE of {variable} is within 15 % of the Cramér-Rao bound.",

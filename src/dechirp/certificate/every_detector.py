@@ -12,7 +12,7 @@ from typing import get_args
 import numpy as np
 
 from dechirp.certificate.claim import Check, Claim, Part
-from dechirp.certificate.false_alarms import alarm_ratio_check
+from dechirp.certificate.false_alarms import false_alarm_ratio_check
 from dechirp.certificate.reference_trials import complex_white_noise, reference_radar, window_label
 from dechirp.certificate.trials import Job
 from dechirp.core.values import frozen_dataclass
@@ -81,17 +81,20 @@ def all_detectors() -> dict[str, Cfar]:
     }
 
 
-def small_radar() -> Radar:
+def reference_radar_with_fewer_samples() -> Radar:
     """Return the reference radar with fewer samples, so that maps fit in the cache."""
     chirp = replace(reference_radar().frame.chirp, n_samples=N_SAMPLES)
     return replace(reference_radar(), frame=replace(reference_radar().frame, chirp=chirp))
 
 
-def calibration_jobs() -> dict[str, Job]:
+def threshold_calibration_jobs() -> dict[str, Job]:
     """Return the jobs that calibrate the detectors once for all workers; each takes seconds."""
     return {
-        _calibration_name(maps, kind): Job(
-            work=calibrate_factor, n_trials=1, arguments={"maps": maps, "cfar": cfar}, block_size=1
+        _calibration_job_name(maps, kind): Job(
+            work=threshold_factors_per_range_bin,
+            n_trials=1,
+            arguments={"maps": maps, "cfar": cfar},
+            block_size=1,
         )
         for group in MAP_GROUPS.values()
         for maps in group
@@ -99,35 +102,38 @@ def calibration_jobs() -> dict[str, Job]:
     }
 
 
-def calibrate_factor(
+def threshold_factors_per_range_bin(
     rng: np.random.Generator, n_trials: int, *, maps: NoiseMaps, cfar: Cfar
 ) -> np.ndarray:
     """Return the threshold factor of each range bin, (1, n_range)."""
     size = np.empty((reference_radar().frame.n_chirps, maps.n_range_bins), np.float32)
-    return cfar.threshold_factors_per_row(size, maps.chain.map_noise_statistics(small_radar()))[
-        None
-    ]
+    return cfar.threshold_factors_per_row(
+        size, maps.chain.map_noise_statistics(reference_radar_with_fewer_samples())
+    )[None]
 
 
-def _calibration_name(maps: NoiseMaps, kind: str) -> str:
-    return f"factor of {kind}, {maps.name}"
+def _calibration_job_name(maps: NoiseMaps, detector_kind: str) -> str:
+    return f"factor of {detector_kind}, {maps.name}"
 
 
-def trial_jobs(factors: Mapping[str, np.ndarray] | None, min_cells: float) -> dict[str, Job]:
-    """Frames of noise, so many that each detector has `min_cells` under each window.
+def false_alarm_counting_jobs(
+    factors: Mapping[str, np.ndarray] | None, min_cells: float
+) -> dict[str, Job]:
+    """Return the jobs that count false alarms in at least `min_cells` of each detector and window.
 
-    `factors`: results of `calibration_jobs`; without them the jobs can be counted, not run.
+    `factors`: results of `threshold_calibration_jobs`; without them the jobs can be counted, not
+    run.
     """
     detectors = all_detectors() if factors is not None else {}
     return {
         name: Job(
-            work=count_alarms,
+            work=count_false_alarms_per_frame,
             n_trials=max(2, int(np.ceil(min_cells / min(maps.n_cells for maps in group)))),
             arguments={
-                "group": group,
-                "judges": [
+                "map_kinds": group,
+                "detectors_per_map": [
                     [
-                        (cfar, (factors or {})[_calibration_name(maps, kind)][0])
+                        (cfar, (factors or {})[_calibration_job_name(maps, kind)][0])
                         for kind, cfar in detectors.items()
                     ]
                     for maps in group
@@ -139,21 +145,21 @@ def trial_jobs(factors: Mapping[str, np.ndarray] | None, min_cells: float) -> di
     }
 
 
-def count_alarms(
+def count_false_alarms_per_frame(
     rng: np.random.Generator,
     n_trials: int,
     *,
-    group: tuple[NoiseMaps, ...],
-    judges: list[list[tuple[Cfar, np.ndarray]]],
+    map_kinds: tuple[NoiseMaps, ...],
+    detectors_per_map: list[list[tuple[Cfar, np.ndarray]]],
 ) -> np.ndarray:
     """Count false alarms per frame, (n_trials, maps, detectors, 2): all, and at the range ends."""
-    radar = small_radar()
+    radar = reference_radar_with_fewer_samples()
     shape = (radar.frame.n_chirps, 1, radar.frame.chirp.n_samples)
-    counts = np.empty((n_trials, len(group), len(judges[0]), 2), np.uint16)
+    counts = np.empty((n_trials, len(map_kinds), len(detectors_per_map[0]), 2), np.uint16)
     for trial in range(n_trials):
         samples = complex_white_noise(rng, shape)
         for trial_counts, maps, calibrated_detectors in zip(
-            counts[trial], group, judges, strict=True
+            counts[trial], map_kinds, detectors_per_map, strict=True
         ):
             power = range_doppler_power(samples, radar, maps.chain)
             for detector_counts, (cfar, factor) in zip(
@@ -166,7 +172,7 @@ def count_alarms(
     return counts
 
 
-def build_part(results: Mapping[str, np.ndarray]) -> Part:
+def build_false_alarm_rate_claims(results: Mapping[str, np.ndarray]) -> Part:
     """Return the claims on the false-alarm rate, one for each detector."""
     return Part(
         id="false_alarms",
@@ -178,19 +184,22 @@ def build_part(results: Mapping[str, np.ndarray]) -> Part:
         " them."
         " Values are measured over designed false-alarm rates.",
         claims=tuple(
-            _detector_claim(index, kind, results) for index, kind in enumerate(all_detectors())
+            _detector_false_alarm_rate_claim(index, kind, results)
+            for index, kind in enumerate(all_detectors())
         ),
     )
 
 
-def _detector_claim(index: int, kind: str, results: Mapping[str, np.ndarray]) -> Claim:
+def _detector_false_alarm_rate_claim(
+    detector_index: int, kind: str, results: Mapping[str, np.ndarray]
+) -> Claim:
     checks: list[Check] = []
     end_counts = []
     for name, group in MAP_GROUPS.items():
-        counts = results[name][:, :, index].astype(float)
+        counts = results[name][:, :, detector_index].astype(float)
         for map_index, maps in enumerate(group):
             checks.append(
-                _map_ratio_check(
+                _false_alarm_ratio_check_over_cells(
                     maps.name, counts[:, map_index, 0], FALSE_ALARM_PROBABILITY, maps.n_cells
                 )
             )
@@ -199,7 +208,7 @@ def _detector_claim(index: int, kind: str, results: Mapping[str, np.ndarray]) ->
     half = all_detectors()[kind].training_window.half_range
     n_end_cells = 2 * half * reference_radar().frame.n_chirps * len(next(iter(MAP_GROUPS.values())))
     checks.append(
-        _map_ratio_check(
+        _false_alarm_ratio_check_over_cells(
             "both ends of the range axis, all windows",
             end_counts[0],
             FALSE_ALARM_PROBABILITY,
@@ -215,6 +224,8 @@ def _detector_claim(index: int, kind: str, results: Mapping[str, np.ndarray]) ->
     )
 
 
-def _map_ratio_check(name: str, counts: np.ndarray, probability: float, n_cells: int) -> Check:
-    check = alarm_ratio_check(name, counts, probability * n_cells)
+def _false_alarm_ratio_check_over_cells(
+    name: str, counts: np.ndarray, probability: float, n_cells: int
+) -> Check:
+    check = false_alarm_ratio_check(name, counts, probability * n_cells)
     return replace(check, trials=n_cells * counts.size)

@@ -13,7 +13,7 @@ from dechirp.certificate.impairments import (
     receivers,
     weather,
 )
-from dechirp.certificate.trials import Job, count_blocks
+from dechirp.certificate.trials import Job, count_trial_blocks
 
 IMPAIRMENT_MEASUREMENTS = tuple(
     sorted(
@@ -30,37 +30,39 @@ IMPAIRMENT_MEASUREMENTS = tuple(
 """Measurements of impairments, sorted by kind. A test demands one for each impairment."""
 
 
-def initial_jobs(n_trials: int) -> dict[str, Job]:
+def jobs_before_noise_maps(n_trials: int) -> dict[str, Job]:
     """Return the jobs of all parts that do not depend on the results of others."""
     return {
-        **every_detector.calibration_jobs(),
-        **directions.trial_jobs(n_trials),
+        **every_detector.threshold_calibration_jobs(),
+        **directions.one_and_two_source_trial_jobs(n_trials),
         **{
             measurement.job_name: measurement.trial_job() for measurement in IMPAIRMENT_MEASUREMENTS
         },
     }
 
 
-def count_noise_map_blocks() -> int:
-    """Return the number of blocks of `noise_map_jobs`."""
-    return count_blocks(every_detector.trial_jobs(None, every_detector.MIN_CELLS))
-
-
-def noise_map_jobs(results: Mapping[str, np.ndarray]) -> dict[str, Job]:
-    """Return the jobs that count alarms in noise maps, given the factors from `initial_jobs`."""
-    return every_detector.trial_jobs(results, every_detector.MIN_CELLS)
-
-
-def build_parts(results: Mapping[str, np.ndarray]) -> tuple[Part, ...]:
-    """Return all parts, given the results of all jobs."""
-    return (
-        every_detector.build_part(results),
-        directions.build_part(results),
-        _impairment_part(results),
+def count_noise_map_trial_blocks() -> int:
+    """Return the number of blocks of `noise_map_false_alarm_jobs`."""
+    return count_trial_blocks(
+        every_detector.false_alarm_counting_jobs(None, every_detector.MIN_CELLS)
     )
 
 
-def _impairment_part(results: Mapping[str, np.ndarray]) -> Part:
+def noise_map_false_alarm_jobs(results: Mapping[str, np.ndarray]) -> dict[str, Job]:
+    """Return the jobs that count alarms in noise maps, given the results of the first jobs."""
+    return every_detector.false_alarm_counting_jobs(results, every_detector.MIN_CELLS)
+
+
+def build_claims_beyond_report(results: Mapping[str, np.ndarray]) -> tuple[Part, ...]:
+    """Return all parts, given the results of all jobs."""
+    return (
+        every_detector.build_false_alarm_rate_claims(results),
+        directions.build_direction_claims(results),
+        _build_impairment_claims(results),
+    )
+
+
+def _build_impairment_claims(results: Mapping[str, np.ndarray]) -> Part:
     """Return the claims on impairments, one for each."""
     return Part(
         id="impairments",

@@ -12,7 +12,7 @@ from dechirp.certificate.reference_trials import (
     QUIET_SNR_DB,
     REFERENCE_TARGET,
     complex_white_noise,
-    echo_after_arrival,
+    reference_echo_zero_before_arrival,
     reference_radar,
     unit_power_echo,
     window_label,
@@ -67,7 +67,7 @@ class NoiseTest:
         )
 
 
-def noise_tests(*, full: bool) -> tuple[NoiseTest, ...]:
+def planned_noise_tests(*, full: bool) -> tuple[NoiseTest, ...]:
     """Return the measurements: Pfa = 1e-4 over 1e8 cells each; in full also 1e-6 over 3e9 cells.
 
     3,000 false alarms, some of them in clusters, have a standard deviation of 2.2 %. The distance
@@ -87,15 +87,15 @@ def noise_tests(*, full: bool) -> tuple[NoiseTest, ...]:
     )
 
 
-def trial_jobs(*, full: bool) -> dict[str, Job]:
+def noise_and_target_frame_jobs(*, full: bool) -> dict[str, Job]:
     """Return the jobs with noise frames and with frames that contain the target."""
     jobs = {
         noise_test.name: Job(
-            work=count_noise_alarms,
+            work=count_false_alarms_in_noise,
             n_trials=int(np.ceil(noise_test.min_cells / noise_test.n_cells_per_map)),
             arguments={"noise_test": noise_test},
         )
-        for noise_test in noise_tests(full=full)
+        for noise_test in planned_noise_tests(full=full)
     }
     jobs["beside the target"] = Job(
         work=count_alarms_away_from_target, n_trials=N_TARGET_FRAMES, arguments={}
@@ -103,20 +103,20 @@ def trial_jobs(*, full: bool) -> dict[str, Job]:
     return jobs
 
 
-def count_noise_alarms(
+def count_false_alarms_in_noise(
     rng: np.random.Generator, n_trials: int, *, noise_test: NoiseTest
 ) -> np.ndarray:
     """Count the false alarms in each noise frame, (n_trials,)."""
     shape = (reference_radar().frame.n_chirps, 1, reference_radar().frame.chirp.n_samples)
     counts = np.empty(n_trials)
     for trial in range(n_trials):
-        counts[trial] = _cells_above_threshold(
+        counts[trial] = _mask_of_cells_above_threshold(
             complex_white_noise(rng, shape), noise_test.chain
         ).sum()
     return counts
 
 
-def _cells_above_threshold(samples: np.ndarray, chain: Chain) -> np.ndarray:
+def _mask_of_cells_above_threshold(samples: np.ndarray, chain: Chain) -> np.ndarray:
     """Return the mask of cells above threshold, (velocity, range), for (chirp, rx, sample)."""
     power = power_map(
         xr.DataArray(samples, dims=("chirp", "rx", "sample")), reference_radar(), chain
@@ -130,17 +130,20 @@ def count_alarms_away_from_target(rng: np.random.Generator, n_trials: int) -> np
     A cell is away from the target if its training window does not touch the range or velocity bin
     of the target, where its sidelobes lie.
     """
-    chain = _target_frame_test().chain
+    chain = _noise_test_of_target_frames().chain
     amplitude = np.float32(np.sqrt(from_decibels(QUIET_SNR_DB)))
-    full_echo, arrived_echo = unit_power_echo(*REFERENCE_TARGET).values[0], echo_after_arrival()
+    full_echo, arrived_echo = (
+        unit_power_echo(*REFERENCE_TARGET).values[0],
+        reference_echo_zero_before_arrival(),
+    )
     counts = np.empty((n_trials, 2))
     for trial in range(n_trials):
         noise = complex_white_noise(rng, full_echo.shape)
-        chain_detections = _cells_above_threshold(noise + amplitude * full_echo, chain)
+        chain_detections = _mask_of_cells_above_threshold(noise + amplitude * full_echo, chain)
         _, _, report_detections = published.apply_report_rule(noise + amplitude * arrived_echo)
         counts[trial] = [
             (
-                detections & is_away_from_target(detections.shape, training_window, n_range_bins)
+                detections & mask_away_from_target(detections.shape, training_window, n_range_bins)
             ).sum()
             for detections, training_window, n_range_bins in (
                 (chain_detections, chain.cfar.training_window, full_echo.shape[-1]),
@@ -150,43 +153,47 @@ def count_alarms_away_from_target(rng: np.random.Generator, n_trials: int) -> np
     return counts
 
 
-def _target_frame_test() -> NoiseTest:
+def _noise_test_of_target_frames() -> NoiseTest:
     return NoiseTest(
         window="hann", n_range_bins=2200, false_alarm_probability=TARGET_FRAME_PFA, min_cells=np.inf
     )
 
 
-def is_away_from_target(
-    shape: tuple[int, int], training_window: TrainingWindow, n_range_bins: int
+def mask_away_from_target(
+    map_shape: tuple[int, int], training_window: TrainingWindow, n_range_bins: int
 ) -> np.ndarray:
     """Return the mask of cells (velocity, range) away from the sidelobes of the target.
 
-    `shape` is that of the map, which may retain fewer than the `n_range_bins` transformed bins.
+    `map_shape` is that of the map, which may retain fewer than the `n_range_bins` transformed bins.
     """
     bin_m = reference_radar().frame.chirp.range_m(reference_radar().frame.chirp.sample_rate_hz)
     range_index = round(REFERENCE_TARGET.range_m / bin_m * n_range_bins)
-    velocity_index = shape[0] // 2 + round(
+    velocity_index = map_shape[0] // 2 + round(
         REFERENCE_TARGET.velocity_m_per_s / reference_radar().frame.velocity_resolution_m_per_s
     )
     is_away_in_velocity = (
-        abs(np.arange(shape[0]) - velocity_index) > training_window.half_velocity + 2
+        abs(np.arange(map_shape[0]) - velocity_index) > training_window.half_velocity + 2
     )
-    is_away_in_range = abs(np.arange(shape[1]) - range_index) > training_window.half_range + 2
+    is_away_in_range = abs(np.arange(map_shape[1]) - range_index) > training_window.half_range + 2
     return np.outer(is_away_in_velocity, is_away_in_range)
 
 
 def evaluate_claims(results: Mapping[str, np.ndarray], *, full: bool) -> tuple[Claim, ...]:
     """Return the claims on false alarms."""
-    return _target_frame_claim(results["beside the target"]), _noise_rate_claim(results, full=full)
+    return _false_alarm_rate_beside_target_claim(
+        results["beside the target"]
+    ), _false_alarm_rate_in_noise_claim(results, full=full)
 
 
-def alarm_ratio_check(name: str, counts: np.ndarray, expected: float) -> Check:
+def false_alarm_ratio_check(name: str, counts: np.ndarray, expected_per_frame: float) -> Check:
     """Return the check of false alarms per frame over the expected number."""
-    low, high = confidence_intervals.rate_interval(counts, expected, confidence=CONFIDENCE)
+    low, high = confidence_intervals.rate_interval(
+        counts, expected_per_frame, confidence=CONFIDENCE
+    )
     return Check(
         name=name,
         unit="1",
-        measured=float(counts.mean() / expected),
+        measured=float(counts.mean() / expected_per_frame),
         low=low,
         high=high,
         at_least=REQUIRED_RATIO[0],
@@ -196,11 +203,11 @@ def alarm_ratio_check(name: str, counts: np.ndarray, expected: float) -> Check:
     )
 
 
-def _target_frame_claim(counts: np.ndarray) -> Claim:
-    noise_test = _target_frame_test()
+def _false_alarm_rate_beside_target_claim(counts: np.ndarray) -> Claim:
+    noise_test = _noise_test_of_target_frames()
     shape = (reference_radar().frame.n_chirps, noise_test.n_range_bins)
     n_cells = int(
-        is_away_from_target(
+        mask_away_from_target(
             shape, noise_test.chain.cfar.training_window, noise_test.n_range_bins
         ).sum()
     )
@@ -210,7 +217,7 @@ def _target_frame_claim(counts: np.ndarray) -> Claim:
         " within"
         " a factor of 1.25.",
         checks=(
-            alarm_ratio_check(
+            false_alarm_ratio_check(
                 f"false alarms over the design of {noise_test.false_alarm_probability:.0e} per"
                 " cell",
                 counts[:, 0],
@@ -233,20 +240,20 @@ def _target_frame_claim(counts: np.ndarray) -> Claim:
     )
 
 
-def _noise_rate_claim(results: Mapping[str, np.ndarray], *, full: bool) -> Claim:
+def _false_alarm_rate_in_noise_claim(results: Mapping[str, np.ndarray], *, full: bool) -> Claim:
     return Claim(
         id="false_alarm_rate",
         claim="In noise alone the false-alarm rate is that of the design, within a factor of 1.25.",
         checks=tuple(
             replace(
-                alarm_ratio_check(
+                false_alarm_ratio_check(
                     noise_test.name,
                     results[noise_test.name],
                     noise_test.false_alarm_probability * noise_test.n_cells_per_map,
                 ),
                 trials=noise_test.n_cells_per_map * results[noise_test.name].size,
             )
-            for noise_test in noise_tests(full=full)
+            for noise_test in planned_noise_tests(full=full)
         ),
         note="Measured over designed false-alarm rate, in all cells of the map.",
     )

@@ -1,6 +1,7 @@
 r"""Technical paper of a certificate, a self-contained HTML page.
 
-The template cites and cross-references with the LaTeX commands that `number_references` replaces:
+The template cites and cross-references with LaTeX commands, which `number_labels_and_citations`
+replaces:
 
     \label{figure:map}           number of a figure or table: Figure 7
     \ref{figure:map}             the same text, with a link
@@ -18,18 +19,18 @@ from typing import Any
 from jinja2 import Template
 from markupsafe import Markup, escape
 
-from dechirp.certificate.paper_figures import draw_figures, midpoint_snr_db
+from dechirp.certificate.paper_figures import draw_paper_figures, midpoint_of_snr_limits_db
 from dechirp.core.text import format_fixed, format_power_of_ten, format_probability
 from dechirp.core.units import SPEED_OF_LIGHT, from_decibels
 from dechirp.report.check_values import (
     apply_typography,
     format_amount,
-    format_check,
+    format_check_row,
     format_count,
     format_pair,
 )
 from dechirp.report.equations import typeset_equations
-from dechirp.report.template import format_date, template_environment
+from dechirp.report.template import format_date_and_time, template_environment
 
 REFERENCES = {
     "stove": "A. G. Stove, “Linear FMCW radar techniques,” IEE Proceedings F, vol. 139, no. 5,"
@@ -85,8 +86,8 @@ def render_paper(document: Mapping[str, Any]) -> str:
     Parameters
     ----------
     document : mapping
-        Result of `certificate.document.build_document`, and `version`. It provides all numbers of
-        the text; the frames of the figures are simulated with its seed.
+        Result of `certificate.document.certificate_as_json_data`, and `version`. It provides all
+        numbers of the text; the frames of the figures are simulated with its seed.
 
     Returns
     -------
@@ -103,11 +104,11 @@ def render_paper(document: Mapping[str, Any]) -> str:
         claim=claims,
         failed=failed,
         n_beyond=len(beyond),
-        date=format_date(document["date"]),
-        derived=_derived_values(claims, n),
-        most_sides=max(map(_count_interval_sides, document["claims"])),
-        midpoint_snr_db=midpoint_snr_db(document),
-        figures=draw_figures(document),
+        date=format_date_and_time(document["date"]),
+        derived=_derived_numbers_of_paper(claims, n),
+        most_sides=max(map(_count_required_interval_ends, document["claims"])),
+        midpoint_snr_db=midpoint_of_snr_limits_db(document),
+        figures=draw_paper_figures(document),
     )
 
 
@@ -123,10 +124,10 @@ def _paper_template() -> Template:
         "db": lambda level_db, decimals=2: _with_nonbreaking_spaces(
             f"{_format_fixed(level_db, decimals)} dB"
         ),
-        "power_of_ten": lambda exponent: _with_superscripts(format_power_of_ten(exponent)),
-        "check": format_check,
+        "power_of_ten": lambda exponent: _superscripts_as_html(format_power_of_ten(exponent)),
+        "check": format_check_row,
         "small": lambda probability: _with_nonbreaking_spaces(format_probability(probability)),
-        "typography": lambda text: _with_superscripts(apply_typography(text)),
+        "typography": lambda text: _superscripts_as_html(apply_typography(text)),
     }
     text, parts = (
         files("dechirp.certificate").joinpath(name).read_text(encoding="utf-8")
@@ -134,7 +135,8 @@ def _paper_template() -> Template:
     )
     text = text.replace("\\parts", parts)
     return paper.from_string(
-        number_references(typeset_equations(text), REFERENCES), globals={"format_pair": format_pair}
+        number_labels_and_citations(typeset_equations(text), REFERENCES),
+        globals={"format_pair": format_pair},
     )
 
 
@@ -143,10 +145,10 @@ def _format_fixed(number: float | None, decimals: int) -> str:
 
 
 def _with_nonbreaking_spaces(text: str) -> Markup:
-    return _with_superscripts(text.replace(" ", "\N{NO-BREAK SPACE}"))
+    return _superscripts_as_html(text.replace(" ", "\N{NO-BREAK SPACE}"))
 
 
-def _with_superscripts(text: str) -> Markup:
+def _superscripts_as_html(text: str) -> Markup:
     """Write superscripts as HTML, because few fonts contain all superscript digits."""
     return Markup(
         re.sub(
@@ -157,7 +159,9 @@ def _with_superscripts(text: str) -> Markup:
     )
 
 
-def _derived_values(claims: Mapping[str, Any], n: Mapping[str, Any]) -> dict[str, Any]:
+def _derived_numbers_of_paper(
+    claims: Mapping[str, Any], numbers: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return numbers of the text that follow from those of the document, NaN if one is missing."""
     limits = claims["snr_limit"]["checks"]
     measured_db, limits_db = (
@@ -166,13 +170,15 @@ def _derived_values(claims: Mapping[str, Any], n: Mapping[str, Any]) -> dict[str
     )
     rates = [_number_or_nan(check["measured"]) for check in claims["false_alarm_rate"]["checks"]]
     return {
-        "rule_db": n["report_needed_db"] - n["needed_db"],
+        "rule_db": numbers["report_needed_db"] - numbers["needed_db"],
         "theory_db": limits_db,
         "measured_db": measured_db,
         # Power of an echo falls with the fourth power of range.
         "range_factor": 10 ** (measured_db / 40),
         # exp(-T) as a power of ten.
-        "report_exponent": -round(float(from_decibels(n["report_threshold_db"])) / math.log(10)),
+        "report_exponent": -round(
+            float(from_decibels(numbers["report_threshold_db"])) / math.log(10)
+        ),
         "lowest_rate": min(rates),
         "highest_rate": max(rates),
         "pairs_found": [_hit_count(check) for check in claims["two_targets_resolved"]["checks"]],
@@ -180,9 +186,9 @@ def _derived_values(claims: Mapping[str, Any], n: Mapping[str, Any]) -> dict[str
             name: _ratio_to_theory(claims[f"{name}_rmse"]["checks"][0])
             for name in ("range", "velocity")
         },
-        "coupling_over_bound": n["coupling_m"] / n["range_bound_m"],
-        "report_offset": float(from_decibels(n["report_offset_db"])),
-        "light_time": abs(n["target_velocity_m_per_s"]) / SPEED_OF_LIGHT,
+        "coupling_over_bound": numbers["coupling_m"] / numbers["range_bound_m"],
+        "report_offset": float(from_decibels(numbers["report_offset_db"])),
+        "light_time": abs(numbers["target_velocity_m_per_s"]) / SPEED_OF_LIGHT,
     }
 
 
@@ -199,14 +205,14 @@ def _number_or_nan(number: float | None) -> float:
     return math.nan if number is None else float(number)
 
 
-def _count_interval_sides(claim: Mapping[str, Any]) -> int:
+def _count_required_interval_ends(claim: Mapping[str, Any]) -> int:
     """Count the interval ends with a requirement in a claim."""
     return sum(
         len(check["required"] or {}) for check in claim["checks"] if check["interval"] is not None
     )
 
 
-def number_references(text: str, references: Mapping[str, str]) -> str:
+def number_labels_and_citations(text: str, references: Mapping[str, str]) -> str:
     """Replace labels, cross-references, citations and the bibliography of a page.
 
     Raises

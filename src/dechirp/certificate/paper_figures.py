@@ -28,28 +28,29 @@ from dechirp.report.figures import (
 )
 from dechirp.report.figures import training_window as cfar_window
 from dechirp.report.figures.style import TALL_IN, render_svg
-from dechirp.report.page_context import build_page_context
+from dechirp.report.page_context import sort_match_and_map_detections
 from dechirp.scene.aliasing import RangeVelocity
 
 CHAIN_NAME = "chain"
 
 
-def draw_figures(document: Mapping[str, Any]) -> dict[str, Markup]:
+def draw_paper_figures(document: Mapping[str, Any]) -> dict[str, Markup]:
     """Draw all figures of the paper and return them by name."""
     n = document["numbers"]
     quiet, noisy = (
-        _simulate_frame(document["seed"], n[name]) for name in ("quiet_snr_db", "report_snr_db")
+        _run_reference_scenario(document["seed"], n[name])
+        for name in ("quiet_snr_db", "report_snr_db")
     )
     chirp = quiet.radar.frame.chirp
     # Beyond 1.25 times the required range the map contains only noise.
     required_range_m = _required_range_m(document) or n["target_range_m"]
     reach_m = 1.25 * required_range_m
     ramp = synthesise_ramp(chirp, np.arange(chirp.n_samples) / chirp.sample_rate_hz)
-    midpoint_db = midpoint_snr_db(document)
+    midpoint_db = midpoint_of_snr_limits_db(document)
     frames = [(n["report_snr_db"], noisy)]
     if midpoint_db is not None:
-        frames.append((midpoint_db, _simulate_frame(document["seed"], midpoint_db)))
-    decisions = [_compare_rules(result, snr_db) for snr_db, result in frames]
+        frames.append((midpoint_db, _run_reference_scenario(document["seed"], midpoint_db)))
+    decisions = [_decisions_of_chain_and_report_rule(result, snr_db) for snr_db, result in frames]
     detection_curves, resolution_curves = [
         [curve for curve in document["curves"] if bool(curve["theory_x"]) is against_theory]
         for against_theory in (True, False)
@@ -63,7 +64,7 @@ def draw_figures(document: Mapping[str, Any]) -> dict[str, Markup]:
             lambda figure: diagrams.draw_demodulator(figure.subplots()), height_in=2.4
         ),
         "frequencies": render_svg(
-            lambda figure: waveform.draw_frequencies(
+            lambda figure: waveform.draw_ramp_frequencies(
                 figure,
                 start_frequency_hz=n["start_frequency_hz"],
                 bandwidth_hz=n["bandwidth_hz"],
@@ -74,7 +75,7 @@ def draw_figures(document: Mapping[str, Any]) -> dict[str, Markup]:
             height_in=2.9,
         ),
         "spectrogram": render_svg(
-            lambda figure: waveform.draw_spectrograms(
+            lambda figure: waveform.draw_ramp_and_beat_spectrograms(
                 figure,
                 ramp,
                 quiet.cube.values[0, 0, 0],
@@ -88,14 +89,14 @@ def draw_figures(document: Mapping[str, Any]) -> dict[str, Markup]:
             lambda figure: _draw_training_window(figure.subplots(), n), height_in=2.9
         ),
         "detectors": render_svg(
-            detectors.draw_detector_comparison, height_in=detectors.height_in()
+            detectors.draw_detector_comparison, height_in=detectors.figure_height_in()
         ),
         "spectrum": render_svg(
             lambda figure: beat.draw_spectrum(
                 figure.subplots(), quiet.cube, chirp, quiet.scenario.chain
             )
         ),
-        **_map_figures({"map": quiet, "noisy_map": noisy}, reach_m),
+        **_draw_range_doppler_maps({"map": quiet, "noisy_map": noisy}, reach_m),
         "detections": render_svg(
             lambda figure: detections.draw_detection_maps(
                 figure,
@@ -104,12 +105,12 @@ def draw_figures(document: Mapping[str, Any]) -> dict[str, Markup]:
                     np.array(n["mid_frame_range_m"] + n["coupling_m"]),
                     np.array(n["target_velocity_m_per_s"]),
                 ),
-                reach=(0.5 * n["target_range_m"], 0.15 * n["max_velocity_m_per_s"]),
+                half_widths=(0.5 * n["target_range_m"], 0.15 * n["max_velocity_m_per_s"]),
             ),
             height_in=1.9 * len(decisions) + 0.4,
         ),
         "thresholds": render_svg(
-            lambda figure: detections.draw_thresholds(
+            lambda figure: detections.draw_threshold_lines(
                 figure,
                 [line for _, line in decisions[0]],
                 around_m=n["target_range_m"],
@@ -122,7 +123,7 @@ def draw_figures(document: Mapping[str, Any]) -> dict[str, Markup]:
                 figure.subplots(),
                 detection_curves,
                 confidence=document["confidence"],
-                gap=_snr_limit_gap(document),
+                gap=_gap_between_snr_limits(document),
             )
         ),
         "resolution": render_svg(
@@ -133,11 +134,11 @@ def draw_figures(document: Mapping[str, Any]) -> dict[str, Markup]:
                 required=(resolution_claim["required"] or {}).get("at_least"),
             )
         ),
-        **_false_alarm_figure(document),
+        **_draw_false_alarm_ratios(document),
     }
 
 
-def _false_alarm_figure(document: Mapping[str, Any]) -> dict[str, Markup]:
+def _draw_false_alarm_ratios(document: Mapping[str, Any]) -> dict[str, Markup]:
     """Draw the false-alarm ratios of all detectors; empty if they were not measured."""
     claims = [
         claim
@@ -154,21 +155,23 @@ def _false_alarm_figure(document: Mapping[str, Any]) -> dict[str, Markup]:
     ]
     return {
         "rates": render_svg(
-            lambda figure: false_alarm_rates.draw_alarm_ratios(figure.subplots(), detector_rates),
-            height_in=false_alarm_rates.height_in(detector_rates),
+            lambda figure: false_alarm_rates.draw_false_alarm_ratios(
+                figure.subplots(), detector_rates
+            ),
+            height_in=false_alarm_rates.figure_height_in(detector_rates),
         )
     }
 
 
-def _draw_training_window(axes: Axes, n: Mapping[str, Any]) -> Axes:
+def _draw_training_window(axes: Axes, numbers: Mapping[str, Any]) -> Axes:
     ring = TrainingWindow(
-        n_training=Cells(range=n["training_range"], velocity=n["training_velocity"]),
-        n_guard=Cells(range=n["guard_range"], velocity=n["guard_velocity"]),
+        n_training=Cells(range=numbers["training_range"], velocity=numbers["training_velocity"]),
+        n_guard=Cells(range=numbers["guard_range"], velocity=numbers["guard_velocity"]),
     )
-    return cfar_window.draw_training_window(axes, ring, n_training=n["n_training"])
+    return cfar_window.draw_training_window(axes, ring, n_training=numbers["n_training"])
 
 
-def _simulate_frame(seed: int, snr_db: float) -> Result:
+def _run_reference_scenario(seed: int, snr_db: float) -> Result:
     return run(reference([f"seed={seed}", f"impairments.white-noise.snr={snr_db:g} dB"]))
 
 
@@ -178,12 +181,17 @@ def _required_range_m(document: Mapping[str, Any]) -> float | None:
     return next((row["published"] for row in rows if row["quantity"] == "largest range"), None)
 
 
-def _map_figures(results: Mapping[str, Result], reach_m: float) -> dict[str, Markup]:
+def _draw_range_doppler_maps(
+    results: Mapping[str, Result], max_range_m: float
+) -> dict[str, Markup]:
     """Draw maps relative to their mean noise with a common colour scale."""
-    marked_maps = {name: _marked_map(result, reach_m) for name, result in results.items()}
+    marked_maps = {
+        name: _map_with_marked_detections(result, max_range_m) for name, result in results.items()
+    }
     powers = [marked_map.power.values for marked_map in marked_maps.values()]
     highest_db = max(
-        float(to_decibels(power.max() / range_doppler.noise_power(power))) for power in powers
+        float(to_decibels(power.max() / range_doppler.noise_power_from_median(power)))
+        for power in powers
     )
 
     def over_noise(marked_map: range_doppler.MarkedMap) -> Markup:
@@ -197,23 +205,23 @@ def _map_figures(results: Mapping[str, Result], reach_m: float) -> dict[str, Mar
     return {name: over_noise(marked_map) for name, marked_map in marked_maps.items()}
 
 
-def _marked_map(result: Result, reach_m: float) -> range_doppler.MarkedMap:
-    context = build_page_context(result)
+def _map_with_marked_detections(result: Result, max_range_m: float) -> range_doppler.MarkedMap:
+    context = sort_match_and_map_detections(result)
     return range_doppler.MarkedMap(
-        power=result.power.sel(range=slice(0, reach_m)),
+        power=result.power.sel(range=slice(0, max_range_m)),
         units=context.units,
         detections=context.peaks,
         truth=None,  # its cross would hide the peak
     )
 
 
-def midpoint_snr_db(document: Mapping[str, Any]) -> float | None:
+def midpoint_of_snr_limits_db(document: Mapping[str, Any]) -> float | None:
     """Return the SNR midway between the limits of the chain and the report's rule."""
-    gap = _snr_limit_gap(document)
+    gap = _gap_between_snr_limits(document)
     return None if gap is None else round((gap.low_db + gap.high_db) / 2, 1)
 
 
-def _snr_limit_gap(document: Mapping[str, Any]) -> curves.SnrGap | None:
+def _gap_between_snr_limits(document: Mapping[str, Any]) -> curves.SnrGap | None:
     """Return the interval between the SNR limits of the chain and of the report's rule."""
     limits = {claim["id"]: claim["checks"] for claim in document["claims"]}["snr_limit"]
     low_db, high_db = limits[0]["measured"], limits[-1]["measured"]
@@ -223,7 +231,7 @@ def _snr_limit_gap(document: Mapping[str, Any]) -> curves.SnrGap | None:
     return curves.SnrGap(low_db=low_db, high_db=high_db, probability=share)
 
 
-def _compare_rules(
+def _decisions_of_chain_and_report_rule(
     result: Result, snr_db: float
 ) -> tuple[tuple[detections.DetectionMask, detections.ThresholdLine], ...]:
     """Return detection mask and threshold of the chain and of the report's rule for one frame."""
@@ -242,12 +250,12 @@ def _compare_rules(
     )
     level_text = f"{format_number(snr_db)} dB"
     return (
-        _rule_decision(
+        _detection_mask_and_threshold_line(
             f"{CHAIN_NAME}, {level_text}",
             chain_power,
             result.threshold.transpose("velocity", "range").values,
         ),
-        _rule_decision(
+        _detection_mask_and_threshold_line(
             f"{apply_typography(published.RULE_NAME)}, {level_text}",
             report_power,
             report_threshold**2,
@@ -256,11 +264,11 @@ def _compare_rules(
     )
 
 
-def _rule_decision(
+def _detection_mask_and_threshold_line(
     title: str, power: xr.DataArray, threshold: np.ndarray, *, is_detected: np.ndarray | None = None
 ) -> tuple[detections.DetectionMask, detections.ThresholdLine]:
     values = power.values
-    noise = range_doppler.noise_power(values)
+    noise = range_doppler.noise_power_from_median(values)
     row = int(np.unravel_index(np.argmax(values), values.shape)[0])
     range_m = np.asarray(power.range.values)
     return (

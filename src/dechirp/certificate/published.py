@@ -64,7 +64,7 @@ def apply_report_rule(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     return amplitude, threshold, exceeds & is_tested
 
 
-def self_masking(samples: np.ndarray, training_window: TrainingWindow) -> float:
+def threshold_over_peak_amplitude(samples: np.ndarray, training_window: TrainingWindow) -> float:
     """Return the threshold over the amplitude at the peak of a noise-free echo.
 
     The sidelobes of the target in the training window raise its threshold. With a ratio of 1 or
@@ -87,7 +87,7 @@ def _mean_training_amplitude(amplitude: np.ndarray, training_window: TrainingWin
     )
 
 
-def report_axes() -> tuple[np.ndarray, np.ndarray]:
+def report_range_and_velocity_axes() -> tuple[np.ndarray, np.ndarray]:
     """Return range (m) and velocity (m/s) of the cells on the report's axes."""
     duration_s = N_SAMPLES / SAMPLE_RATE_HZ
     max_range_m = SPEED_OF_LIGHT * SAMPLE_RATE_HZ / (2 * BANDWIDTH_HZ / duration_s) / 2
@@ -97,11 +97,11 @@ def report_axes() -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def find_strongest_detection(samples: np.ndarray) -> tuple[float, float]:
+def find_strongest_report_rule_detection(samples: np.ndarray) -> tuple[float, float]:
     """Return range and velocity of the strongest detection on the report's axes, or NaN."""
     amplitude, _, detected = apply_report_rule(samples)
     if not detected.any():
         return float("nan"), float("nan")
     row, column = np.unravel_index(np.argmax(np.where(detected, amplitude, 0)), detected.shape)
-    range_m, velocity_m_per_s = report_axes()
+    range_m, velocity_m_per_s = report_range_and_velocity_axes()
     return float(range_m[column]), float(velocity_m_per_s[row])

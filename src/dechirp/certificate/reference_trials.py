@@ -77,7 +77,7 @@ def target_scene(range_m: float, velocity_m_per_s: float) -> Scene:
 
 
 @cache
-def echo_after_arrival() -> np.ndarray:
+def reference_echo_zero_before_arrival() -> np.ndarray:
     """Return the echo of the reference target with zeros before its arrival, (chirp, 1, sample).
 
     The mean power of all samples is 1.

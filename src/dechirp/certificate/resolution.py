@@ -9,7 +9,7 @@ import xarray as xr
 
 from dechirp.certificate.claim import Claim, proportion_check
 from dechirp.certificate.reference_trials import complex_white_noise, reference_radar, window_label
-from dechirp.certificate.trials import Job, trials_for_probability
+from dechirp.certificate.trials import Job, count_trials_to_prove_probability
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.units import to_decibels
 from dechirp.processing.chain import Chain
@@ -28,7 +28,9 @@ REQUIRED_SEPARATION_BINS: dict[Window, float] = {"rectangular": 1.5, "hann": 2.2
 """Separation in range bins at which both targets must be detected in 90 % of the trials."""
 CURVE_SEPARATIONS_BINS = (0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25, 2.5)
 N_CURVE_TRIALS = 60
-N_DECISION_TRIALS = max(500, trials_for_probability(0.99, at_least=MIN_RESOLVED_PROPORTION))
+N_DECISION_TRIALS = max(
+    500, count_trials_to_prove_probability(0.99, at_least=MIN_RESOLVED_PROPORTION)
+)
 """Trials at the required separation; both targets are detected in at least 99 % of them."""
 N_CHIRPS = 32
 """Number of chirps, a quarter of the reference frame: it affects only the computing time."""
@@ -39,19 +41,19 @@ Without zero padding, targets separated by 1.5 bins may not form two local maxim
 """
 
 
-def trial_jobs(n_trials: int) -> dict[str, Job]:
+def resolution_trial_jobs(min_trials: int) -> dict[str, Job]:
     """Return the jobs at the required separations and along the curves."""
     jobs = {}
     for window, separation_bins in REQUIRED_SEPARATION_BINS.items():
         for name, separations, n_job_trials in (
-            (f"two targets, {window}", (separation_bins,), max(n_trials, N_DECISION_TRIALS)),
+            (f"two targets, {window}", (separation_bins,), max(min_trials, N_DECISION_TRIALS)),
             (
                 f"two targets, {window}, curve",
                 CURVE_SEPARATIONS_BINS,
                 N_CURVE_TRIALS * len(CURVE_SEPARATIONS_BINS),
             ),
         ):
-            arguments = {"window": window, "separations": separations}
+            arguments = {"window": window, "separations_bins": separations}
             jobs[name] = Job(
                 work=run_resolution_trials,
                 n_trials=n_job_trials,
@@ -62,13 +64,13 @@ def trial_jobs(n_trials: int) -> dict[str, Job]:
 
 
 @cache
-def short_radar() -> Radar:
+def reference_radar_with_fewer_chirps() -> Radar:
     """Return the reference radar with fewer chirps."""
     return replace(reference_radar(), frame=replace(reference_radar().frame, n_chirps=N_CHIRPS))
 
 
 def run_resolution_trials(
-    rng: np.random.Generator, n_trials: int, *, window: Window, separations: tuple[float, ...]
+    rng: np.random.Generator, n_trials: int, *, window: Window, separations_bins: tuple[float, ...]
 ) -> np.ndarray:
     """Simulate two equal targets; columns (n_trials, 2): separation in bins, both detected.
 
@@ -77,17 +79,19 @@ def run_resolution_trials(
     a detection nearer than half the separation and within one velocity resolution cell, and if
     there is no third detection within three bins of either.
     """
-    frame = short_radar().frame
+    frame = reference_radar_with_fewer_chirps().frame
     cell_m = frame.chirp.range_resolution_m
     chain = Chain(
         range_window=window,
         doppler_window=window,
         n_range_bins=PADDING_FACTOR * frame.chirp.n_samples,
     )
-    amplitude = np.float32(np.sqrt(INTEGRATED_SNR / short_radar().integration_gain))
+    amplitude = np.float32(
+        np.sqrt(INTEGRATED_SNR / reference_radar_with_fewer_chirps().integration_gain)
+    )
     trials = np.empty((n_trials, 2))
     for trial in range(n_trials):
-        separation = separations[trial % len(separations)]
+        separation = separations_bins[trial % len(separations_bins)]
         near_m = cell_m * (50 + rng.random())
         phase_shift_m = frame.chirp.wavelength_m / 2 * rng.random()
         velocity = 20.0 * (rng.random() - 0.5)
@@ -104,11 +108,15 @@ def run_resolution_trials(
             )
         ]
         scene = Scene(targets=tuple(targets))
-        echoes = simulate_ideal_echoes(scene, short_radar(), dtype=np.dtype(np.complex64))
-        samples = (amplitude / np.float32(_unit_echo_amplitude())) * echoes.values
+        echoes = simulate_ideal_echoes(
+            scene, reference_radar_with_fewer_chirps(), dtype=np.dtype(np.complex64)
+        )
+        samples = (amplitude / np.float32(_echo_amplitude_at_50_m())) * echoes.values
         samples += complex_white_noise(rng, samples.shape)
-        detections = detect(xr.DataArray(samples, dims=CUBE_AXES), short_radar(), chain)
-        truth_values = truth(scene, short_radar()).isel(frame=0)
+        detections = detect(
+            xr.DataArray(samples, dims=CUBE_AXES), reference_radar_with_fewer_chirps(), chain
+        )
+        truth_values = truth(scene, reference_radar_with_fewer_chirps()).isel(frame=0)
         range_error_m = abs(detections.range.values[:, None] - truth_values.range.values)
         velocity_error_m_per_s = abs(
             detections.velocity.values[:, None] - truth_values.velocity.values
@@ -121,10 +129,12 @@ def run_resolution_trials(
 
 
 @cache
-def _unit_echo_amplitude() -> float:
+def _echo_amplitude_at_50_m() -> float:
     """Return the amplitude of the echo of one such target."""
     scene = Scene(targets=(Target(position_m=(50.0, 0.0, 0.0), rcs_m2=1.0),))
-    return float(abs(simulate_ideal_echoes(scene, short_radar()).values[0, 0, 0, 0]))
+    return float(
+        abs(simulate_ideal_echoes(scene, reference_radar_with_fewer_chirps()).values[0, 0, 0, 0])
+    )
 
 
 def evaluate_claims(results: Mapping[str, np.ndarray]) -> tuple[Claim, ...]:
@@ -149,12 +159,12 @@ def evaluate_claims(results: Mapping[str, np.ndarray]) -> tuple[Claim, ...]:
             note=f"SNR of each target {float(to_decibels(INTEGRATED_SNR)):.0f} dB after integration"
             f" over {N_CHIRPS} chirps, range transform zero-padded by a factor of {PADDING_FACTOR}."
             " The report's 1 m is the width of a range bin; at this separation both are detected"
-            f" in {_format_one_bin_results(results)}.",
+            f" in {_format_detection_rates_at_one_bin(results)}.",
         ),
     )
 
 
-def _format_one_bin_results(results: Mapping[str, np.ndarray]) -> str:
+def _format_detection_rates_at_one_bin(results: Mapping[str, np.ndarray]) -> str:
     """Write how often both targets are detected at a separation of one range bin."""
     proportions = []
     for window in REQUIRED_SEPARATION_BINS:

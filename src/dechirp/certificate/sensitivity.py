@@ -9,8 +9,8 @@ from scipy.optimize import brentq, minimize_scalar
 from dechirp.certificate import published
 from dechirp.certificate.reference_trials import (
     REFERENCE_TARGET,
-    echo_after_arrival,
     motion_at_mid_frame,
+    reference_echo_zero_before_arrival,
     reference_radar,
 )
 from dechirp.certificate.shared_trials import LIMIT_SNRS_DB
@@ -64,7 +64,9 @@ def fit_snr_limit(trials: np.ndarray, curve: DetectionCurve) -> LimitFit:
             negative_log_likelihood, bounds=(-MAX_SHIFT_DB, MAX_SHIFT_DB), method="bounded"
         ).x
     )
-    information = float(np.sum(n_trials * _fisher_information(curve, snr_db - shift_db)))
+    information = float(
+        np.sum(n_trials * _fisher_information_of_curve_shift(curve, snr_db - shift_db))
+    )
     half_interval_db = (
         Z_SCORE / np.sqrt(information) if abs(shift_db) < 0.99 * MAX_SHIFT_DB else np.nan
     )
@@ -83,15 +85,17 @@ def theoretical_limit_db(curve: DetectionCurve) -> float:
     return float(brentq(lambda s: float(curve(np.array(s))) - DETECTION_PROBABILITY, -60.0, 0.0))
 
 
-def trials_for_limit(window: Window) -> int:
+def count_trials_to_prove_snr_limit(window: Window) -> int:
     """Return the number of trials that prove the limit to be below the requirement."""
     curve = theoretical_curve(window)
     margin_db = REQUIRED_SNR_DB[window] - theoretical_limit_db(curve)
-    information = np.mean(_fisher_information(curve, np.array(LIMIT_SNRS_DB[window])))
+    information = np.mean(
+        _fisher_information_of_curve_shift(curve, np.array(LIMIT_SNRS_DB[window]))
+    )
     return int(np.ceil((2 * Z_SCORE / margin_db) ** 2 / information))
 
 
-def _fisher_information(curve: DetectionCurve, snr_db: np.ndarray) -> np.ndarray:
+def _fisher_information_of_curve_shift(curve: DetectionCurve, snr_db: np.ndarray) -> np.ndarray:
     """Return the Fisher information of one trial about a shift of the curve, 1 / dB^2."""
     p = _clip_probability(curve(snr_db))
     slope = (curve(snr_db + 0.01) - curve(snr_db - 0.01)) / 0.02
@@ -113,7 +117,7 @@ def snr_gain_in_map(over_range: Transform, over_velocity: Transform) -> float:
 
 
 @cache
-def chain_detector(window: Window) -> DetectorLaw:
+def chain_detector_law(window: Window) -> DetectorLaw:
     """Return the detector law of the chain.
 
     The training window counts as 644 independent cells with rectangular windows, 181 with Hann.
@@ -130,7 +134,9 @@ def theoretical_curve(window: Window) -> DetectionCurve:
         reference_radar()
     )
     gain = snr_gain_in_map(noise.range_transform, noise.doppler_transform)
-    return lambda snr_db: chain_detector(window).detection_probability(from_decibels(snr_db) * gain)
+    return lambda snr_db: chain_detector_law(window).detection_probability(
+        from_decibels(snr_db) * gain
+    )
 
 
 def report_threshold() -> float:
@@ -145,23 +151,30 @@ def report_threshold() -> float:
 def report_rule_curve() -> DetectionCurve:
     """Return the detection probability of the report's rule over the SNR, without self-masking."""
     # The first 100 of 2,200 samples are zero, and the SNR refers to all of them.
-    echo_fraction = np.count_nonzero(echo_after_arrival()[0, 0]) / echo_after_arrival().shape[-1]
+    echo_fraction = (
+        np.count_nonzero(reference_echo_zero_before_arrival()[0, 0])
+        / reference_echo_zero_before_arrival().shape[-1]
+    )
     gain = snr_gain_in_map(published.OVER_RANGE, published.OVER_VELOCITY) * echo_fraction
     return lambda snr_db: exceedance_probability(from_decibels(snr_db) * gain, report_threshold())
 
 
 def chain_required_snr() -> float:
     """Return the SNR per cell that the chain needs for Pd = 0.9 with rectangular windows."""
-    return _required_snr(chain_detector("rectangular").detection_probability)
+    return _snr_at_required_detection_probability(
+        chain_detector_law("rectangular").detection_probability
+    )
 
 
-def report_required_snr() -> float:
+def report_rule_required_snr() -> float:
     """Return the SNR per cell that the report's rule needs for Pd = 0.9."""
-    return _required_snr(lambda snr: exceedance_probability(snr, report_threshold()))
+    return _snr_at_required_detection_probability(
+        lambda snr: exceedance_probability(snr, report_threshold())
+    )
 
 
-def _required_snr(probability: DetectionCurve) -> float:
+def _snr_at_required_detection_probability(detection_curve: DetectionCurve) -> float:
     def excess(snr_db: float) -> float:
-        return float(probability(from_decibels(np.array(snr_db)))) - DETECTION_PROBABILITY
+        return float(detection_curve(from_decibels(np.array(snr_db)))) - DETECTION_PROBABILITY
 
     return float(from_decibels(brentq(excess, 0.0, 50.0)))

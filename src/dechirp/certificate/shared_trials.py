@@ -24,7 +24,9 @@ LIMIT_SNRS_DB: dict[Window, tuple[float, ...]] = {
 """SNR per sample at which the detection curve is measured; below the limit it is steepest."""
 
 
-def trial_jobs(n_error_trials: int, n_limit_trials: Mapping[Window, int]) -> dict[str, Job]:
+def error_and_snr_limit_trial_jobs(
+    n_error_trials: int, n_limit_trials: Mapping[Window, int]
+) -> dict[str, Job]:
     """Return the jobs for the errors and for the SNR limit with each window.
 
     Generating noise takes half the time of a trial, so the first trials serve several claims. The
@@ -59,7 +61,7 @@ def error_trials_by_snr(results: Mapping[str, np.ndarray]) -> dict[float, np.nda
     return {snr_db: trials[:, index] for index, snr_db in enumerate(ERROR_SNRS_DB)}
 
 
-def limit_trials_by_window(results: Mapping[str, np.ndarray]) -> dict[Window, np.ndarray]:
+def snr_limit_trials_by_window(results: Mapping[str, np.ndarray]) -> dict[Window, np.ndarray]:
     """Return the trials for the limit, by window: SNR in dB and hit (0 or 1), (n_trials, 2)."""
     first = len(ERROR_SNRS_DB)
     trials = {

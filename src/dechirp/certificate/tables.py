@@ -41,7 +41,7 @@ def _table_row(
     )
 
 
-def build_tables(claims: Mapping[str, Claim]) -> tuple[Table, ...]:
+def build_report_tables(claims: Mapping[str, Claim]) -> tuple[Table, ...]:
     """Return the three tables; the last one contains results of the claims, given by id."""
     return _requirements_table(), _waveform_table(), _results_table(claims)
 

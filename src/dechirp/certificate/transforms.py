@@ -29,14 +29,14 @@ N_NOISE_FRAMES = 40
 def evaluate_claims(results: Mapping[str, np.ndarray]) -> tuple[Claim, ...]:
     """Return the claims on the transforms, in the order of the report."""
     noise = results["noise in map"]
-    return _integration_gain_claim(noise[:, 0]), _blind_doppler_claim(noise)
+    return _integration_gain_claim(noise[:, 0]), _velocity_sign_with_one_mixer_claim(noise)
 
 
-def trial_jobs() -> dict[str, Job]:
+def map_noise_trial_jobs() -> dict[str, Job]:
     """Return the jobs that the claims need."""
     return {
         "noise in map": Job(
-            work=measure_map_noise, n_trials=N_NOISE_FRAMES, arguments={}, block_size=10
+            work=measure_mean_map_noise_power, n_trials=N_NOISE_FRAMES, arguments={}, block_size=10
         )
     }
 
@@ -49,7 +49,7 @@ def real_sampling_radar() -> Radar:
     )
 
 
-def measure_map_noise(rng: np.random.Generator, n_trials: int) -> np.ndarray:
+def measure_mean_map_noise_power(rng: np.random.Generator, n_trials: int) -> np.ndarray:
     """Return the mean power of noise maps of complex and of real samples, (n_trials, 2).
 
     The noise has unit power per sample.
@@ -86,7 +86,7 @@ def _echo_power_map(radar: Radar, window: Window = "rectangular") -> np.ndarray:
     return _range_doppler_power(samples.astype(dtype), radar, window)
 
 
-def _integration_gain_claim(noise: np.ndarray) -> Claim:
+def _integration_gain_claim(mean_noise_power: np.ndarray) -> Claim:
     """Compare the peak of an echo on a bin with the mean noise of the map."""
     frame, chirp = reference_radar().frame, reference_radar().frame.chirp
     row, column = 5, 50
@@ -101,7 +101,7 @@ def _integration_gain_claim(noise: np.ndarray) -> Claim:
     peak = (
         _range_doppler_power(echo.values[0].astype(np.complex64), reference_radar()).max() / power
     )
-    gains_db = to_decibels(peak / noise)
+    gains_db = to_decibels(peak / mean_noise_power)
     low, high = confidence_intervals.mean_interval(gains_db, confidence=CONFIDENCE)
     expected_db = float(to_decibels(reference_radar().integration_gain))
     return Claim(
@@ -119,15 +119,17 @@ def _integration_gain_claim(noise: np.ndarray) -> Claim:
                 at_least=expected_db - 0.05,
                 at_most=expected_db + 0.05,
                 limit=expected_db,
-                trials=noise.size,
+                trials=mean_noise_power.size,
             ),
         ),
         note="Rectangular windows and an echo on a bin, so there is no window or straddling loss.",
     )
 
 
-def _blind_doppler_claim(noise: np.ndarray) -> Claim:
-    carrier_image_db = [_image_level_db(carrier_echo(n_mixers)) for n_mixers in (1, 2)]
+def _velocity_sign_with_one_mixer_claim(mean_noise_power: np.ndarray) -> Claim:
+    carrier_image_db = [
+        _mirror_image_level_db(unmodulated_carrier_echo(n_mixers)) for n_mixers in (1, 2)
+    ]
     ramp_echo = simulate_ideal_echoes(
         target_scene(*REFERENCE_TARGET), real_sampling_radar()
     ).values[0, :, 0]
@@ -136,7 +138,9 @@ def _blind_doppler_claim(noise: np.ndarray) -> Claim:
     # Zero velocity is the middle row.
     mirrored_db = float(to_decibels(half_map[-row % len(half_map), column] / half_map[row, column]))
     peaks = [_echo_power_map(radar).max() for radar in (reference_radar(), real_sampling_radar())]
-    snr_loss_db = to_decibels(peaks[0] / noise[:, 0] / (peaks[1] / noise[:, 1]))
+    snr_loss_db = to_decibels(
+        peaks[0] / mean_noise_power[:, 0] / (peaks[1] / mean_noise_power[:, 1])
+    )
     low, high = confidence_intervals.mean_interval(snr_loss_db, confidence=CONFIDENCE)
     ranges = [radar.frame.chirp.max_range_m for radar in (real_sampling_radar(), reference_radar())]
     return Claim(
@@ -163,7 +167,7 @@ def _blind_doppler_claim(noise: np.ndarray) -> Claim:
             Check(
                 name="ramp, one mixer: image at negative range and negative velocity",
                 unit="dB",
-                measured=_image_level_db(ramp_echo),
+                measured=_mirror_image_level_db(ramp_echo),
                 at_least=-0.01,
                 at_most=0.01,
                 limit=0.0,
@@ -193,7 +197,7 @@ def _blind_doppler_claim(noise: np.ndarray) -> Claim:
                 at_least=2.96,
                 at_most=3.06,
                 limit=float(to_decibels(2)),
-                trials=len(noise),
+                trials=len(mean_noise_power),
             ),
             Check(
                 name="unambiguous range with one mixer over that with two, by design",
@@ -211,7 +215,7 @@ def _blind_doppler_claim(noise: np.ndarray) -> Claim:
     )
 
 
-def carrier_echo(n_mixers: int) -> np.ndarray:
+def unmodulated_carrier_echo(n_mixers: int) -> np.ndarray:
     """Return the echo of the reference target for a carrier without a ramp, (chirp, sample)."""
     frame, chirp = reference_radar().frame, reference_radar().frame.chirp
     samples = np.zeros((frame.n_chirps, 1, chirp.n_samples), np.complex128)
@@ -236,7 +240,7 @@ def carrier_echo(n_mixers: int) -> np.ndarray:
     return samples[:, 0].real if n_mixers == 1 else samples[:, 0]
 
 
-def _image_level_db(samples: np.ndarray) -> float:
+def _mirror_image_level_db(samples: np.ndarray) -> float:
     """Return the level of the image at negative range and velocity over the receding peak.
 
     `samples` (chirp, sample) are transformed with Hann windows. The spectrum is not cut to positive

@@ -39,7 +39,7 @@ class Job:
         return -(-self.n_trials // self.block_size)
 
 
-def count_blocks(jobs: Mapping[str, Job]) -> int:
+def count_trial_blocks(jobs: Mapping[str, Job]) -> int:
     """Return the number of blocks of all jobs."""
     return sum(job.n_blocks for job in jobs.values())
 
@@ -76,7 +76,7 @@ def run_jobs(
             try:
                 while waiting and len(running) < MAX_QUEUED_BLOCKS:
                     name, block = waiting[0]
-                    running[_submit_block(executor, jobs[name], seed, name, block)] = (
+                    running[_submit_trial_block(executor, jobs[name], seed, name, block)] = (
                         waiting.popleft()
                     )
                 finished = next(iter(wait(running, return_when=FIRST_COMPLETED).done))
@@ -113,16 +113,16 @@ def _worker_death_error(error: BaseException) -> DechirpError:
     )
 
 
-def _submit_block(
+def _submit_trial_block(
     executor: Executor, job: Job, seed: int, name: str, block: int
 ) -> Future[np.ndarray]:
     key = (zlib.crc32(name.encode()), block)
     sequence = np.random.SeedSequence(seed, spawn_key=key)
     n_trials = min(job.block_size, job.n_trials - block * job.block_size)
-    return executor.submit(_run_block, job.work, sequence, n_trials, dict(job.arguments))
+    return executor.submit(_run_trial_block, job.work, sequence, n_trials, dict(job.arguments))
 
 
-def _run_block(
+def _run_trial_block(
     work: Callable[..., np.ndarray],
     sequence: np.random.SeedSequence,
     n_trials: int,
@@ -131,7 +131,7 @@ def _run_block(
     return work(np.random.default_rng(sequence), n_trials, **arguments)
 
 
-def trials_for_probability(expected: float, *, at_least: float) -> int:
+def count_trials_to_prove_probability(expected: float, *, at_least: float) -> int:
     """Return the number of trials that prove a probability of at least `at_least`.
 
     n = (z (sqrt(p (1 - p)) + sqrt(q (1 - q))) / (p - q))^2 with the true probability p (`expected`)
@@ -144,7 +144,7 @@ def trials_for_probability(expected: float, *, at_least: float) -> int:
     return int(np.ceil((Z_SCORE * spread / (expected - at_least)) ** 2))
 
 
-def trials_for_rms(expected: float, *, at_most: float) -> int:
+def count_trials_to_prove_rms(expected: float, *, at_most: float) -> int:
     """Return the number of trials that prove an RMS value of at most `at_most`.
 
     The logarithm of the RMS of n normal errors has the standard deviation 1 / sqrt(2 n). The
@@ -153,6 +153,6 @@ def trials_for_rms(expected: float, *, at_most: float) -> int:
     return int(np.ceil((2 * Z_SCORE / np.log(at_most / expected)) ** 2 / 2))
 
 
-def trials_for_mean(std: float, *, within: float) -> int:
+def count_trials_to_prove_mean(std: float, *, within: float) -> int:
     """Return the number of trials that prove a mean `within` a distance of its true value."""
     return int(np.ceil((2 * Z_SCORE * std / within) ** 2))

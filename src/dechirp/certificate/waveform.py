@@ -18,7 +18,11 @@ from dechirp.simulation.simulate import simulate_ideal_echoes
 
 def evaluate_claims() -> tuple[Claim, ...]:
     """Return the claims on the waveform, in the order of the report."""
-    return _chirp_linearity_claim(), _beat_frequency_claim(), _echo_power_claim()
+    return (
+        _ramp_is_linear_claim(),
+        _beat_frequency_follows_range_claim(),
+        _echo_power_follows_radar_equation_claim(),
+    )
 
 
 def synthesise_ramp(chirp: Chirp, time_s: np.ndarray) -> np.ndarray:
@@ -44,7 +48,7 @@ def instantaneous_frequency_hz(
     return (np.arange(turns.size) + 0.5) / sample_rate_hz, turns * sample_rate_hz
 
 
-def _chirp_linearity_claim() -> Claim:
+def _ramp_is_linear_claim() -> Claim:
     chirp = reference_radar().frame.chirp
     rate_hz = 4 * published.BANDWIDTH_HZ
     instants_s = np.arange(round(chirp.ramp_duration_s * rate_hz)) / rate_hz
@@ -77,7 +81,7 @@ def _chirp_linearity_claim() -> Claim:
     )
 
 
-def _beat_frequency_claim() -> Claim:
+def _beat_frequency_follows_range_claim() -> Claim:
     chirp, range_m = reference_radar().frame.chirp, REFERENCE_TARGET.range_m
     echo = simulate_ideal_echoes(target_scene(range_m, 0.0), reference_radar()).values[0, 0, 0]
     _, frequency_hz = instantaneous_frequency_hz(echo, chirp.sample_rate_hz)
@@ -110,7 +114,7 @@ def _beat_frequency_claim() -> Claim:
     )
 
 
-def _echo_power_claim() -> Claim:
+def _echo_power_follows_radar_equation_claim() -> Claim:
     scene = target_scene(*REFERENCE_TARGET)
     measured = float(np.mean(abs(simulate_ideal_echoes(scene, reference_radar()).values) ** 2))
     hardware, wavelength_m = (

@@ -122,7 +122,7 @@ def track_table_and_object_sentences(
     result: Result, *, at_most: int, width: int
 ) -> Iterator[Table | str]:
     """Yield a table of tracks and sentences on ego motion, clusters and tracks."""
-    tracks = objects_section.track_rows(result, at_most)
+    tracks = objects_section.track_table_rows(result, at_most)
     if tracks and result.tracks is not None:
         n_all = result.tracks.sizes["track"]
         title = f"{n_all} track{'' if n_all == 1 else 's'}, last state"
@@ -139,7 +139,10 @@ def track_table_and_object_sentences(
             table.add_row(*cells)
         yield table
     summary = " ".join(
-        [*objects_section.describe_objects(result), objects_section.summarise_track_targets(result)]
+        [
+            *objects_section.describe_ego_clusters_and_tracks(result),
+            objects_section.describe_number_of_targets_with_tracks(result),
+        ]
     ).strip()
     if summary:
         yield summary

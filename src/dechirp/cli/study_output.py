@@ -18,7 +18,7 @@ from dechirp.cli.console import new_table
 if TYPE_CHECKING:
     import numpy as np
 
-    from dechirp.experiments.study.layout import Layout
+    from dechirp.experiments.study.layout import ScoreColumnLayout
     from dechirp.experiments.study.ledger_reader import LedgerReader
     from dechirp.experiments.study.plan import Plan
     from dechirp.experiments.study.requirements import Verdict
@@ -36,7 +36,7 @@ _MAX_TIME_SHARE = 0.02
 
 @contextmanager
 def show_live_progress(
-    plan: "Plan", layout: "Layout", record: "LedgerReader", *, quiet: bool
+    plan: "Plan", layout: "ScoreColumnLayout", record: "LedgerReader", *, quiet: bool
 ) -> Iterator[Callable[["Progress"], None] | None]:
     """Show the progress and the latest points of a study on standard error, if a terminal.
 
@@ -91,7 +91,7 @@ def format_duration(seconds: float) -> str:
 class _LatestPoints:
     """Table of the points that were started last, rebuilt at limited cost."""
 
-    def __init__(self, plan: "Plan", layout: "Layout", record: "LedgerReader") -> None:
+    def __init__(self, plan: "Plan", layout: "ScoreColumnLayout", record: "LedgerReader") -> None:
         self.plan, self.layout, self.record = plan, layout, record
         self._tables: list[Table] = []
         self._next_s = 0.0
@@ -110,15 +110,17 @@ class _LatestPoints:
 
         from dechirp.experiments.study.results import estimate_score
 
-        latest_points = np.unique(self.record.finished_blocks()[:, 0])[-_MAX_LIVE_POINTS:].tolist()
+        latest_points = np.unique(self.record.saved_point_and_block_numbers()[:, 0])[
+            -_MAX_LIVE_POINTS:
+        ].tolist()
         if not latest_points:
             return
         columns = list(_score_label_and_target_columns(self.layout))[:_MAX_COLUMNS]
         rows, numbers = [], []
         confidence = self.plan.study.confidence
         for point in latest_points:
-            sums = self.record.point_sums(point)
-            rows.append((self.plan.point_labels(point), len(sums)))
+            sums = self.record.trial_sums_of_point(point)
+            rows.append((self.plan.setting_labels_of_point(point), len(sums)))
             numbers.append(
                 [
                     estimate_score(self.layout, *column, sums, confidence=confidence)
@@ -136,12 +138,14 @@ def study_points_table(result: "StudyResult", *, width: int) -> Table:
     """
     import numpy as np
 
-    from dechirp.experiments.study.results import axis_value_label
+    from dechirp.experiments.study.results import label_of_swept_value
 
     columns = list(_score_label_and_target_columns(result.layout))
     rows = [
         (
-            tuple((path, axis_value_label(result.study, path, text)) for path, text in settings),
+            tuple(
+                (path, label_of_swept_value(result.study, path, text)) for path, text in settings
+            ),
             int(result.trials[point]),
         )
         for point, settings in enumerate(result.settings[:_MAX_ROWS])
@@ -162,10 +166,10 @@ def omitted_point_count_line(result: "StudyResult") -> Iterator[str]:
 
 def requirement_paragraphs(verdicts: Sequence["Verdict"], result: "StudyResult") -> Iterator[Text]:
     """Yield a paragraph for each requirement: the decision and its certainty."""
-    from dechirp.report.study.requirements import format_requirement
+    from dechirp.report.study.requirements import format_requirement_row
 
     for verdict in verdicts:
-        row = format_requirement(verdict, result)
+        row = format_requirement_row(verdict, result)
         where = f" ({row.where})" if row.where else ""
         bound = f"{row.measured}, bound {row.bound} ({row.bound_note}), {row.trials} trials"
         more_words = f", {row.more}" if row.more else ""
@@ -186,14 +190,14 @@ def study_json_document(
 ) -> dict[str, Any]:
     """Return the JSON document of a study, in plain values.
 
-    `n_done` and `n_total` count trials. A row, a point: see `StudyResult.rows`.
+    `n_done` and `n_total` count trials. A row, a point: see `StudyResult.points_as_dicts`.
     """
     from dechirp.config.dumping import to_json_data
 
     return {
         "version": version,
         "seed": result.study.seed,
-        "rows": result.rows,
+        "rows": result.points_as_dicts,
         "done": n_done,
         "total": n_total,
         "require": [_requirement_json_document(verdict, result) for verdict in verdicts],
@@ -231,15 +235,15 @@ def _requirement_json_document(verdict: "Verdict", result: "StudyResult") -> dic
 _Column = tuple[str, str | None]
 
 
-def _score_label_and_target_columns(layout: "Layout") -> Iterator[_Column]:
+def _score_label_and_target_columns(layout: "ScoreColumnLayout") -> Iterator[_Column]:
     """Yield label and target of each score; the target is None if there is only one."""
-    for score, names in zip(layout.scores, layout.subjects, strict=True):
+    for score, names in zip(layout.scores, layout.scored_target_names, strict=True):
         for name in names if len(names) > 1 else (None,):
             yield score.label(), name
 
 
-def _score_target_index(layout: "Layout", label: str, target: str | None) -> int:
-    names = layout.subjects[layout.score_index(label)]
+def _score_target_index(layout: "ScoreColumnLayout", label: str, target: str | None) -> int:
+    names = layout.scored_target_names[layout.index_of_score(label)]
     return 0 if target is None else 1 + names.index(target)
 
 
@@ -247,7 +251,7 @@ def _estimates_table(
     rows: Sequence[tuple[Sequence[tuple[str, str]], int]],
     columns: Sequence[_Column],
     numbers: "np.ndarray",
-    layout: "Layout",
+    layout: "ScoreColumnLayout",
     width: int,
 ) -> Table:
     """Return a table of settings, trials and estimates.
@@ -255,7 +259,7 @@ def _estimates_table(
     `numbers` (n_rows, n_columns, 3) holds value, low and high end of each interval.
     """
     from dechirp.report.labels import (
-        display_scale,
+        choose_display_scale,
         format_with_interval,
         label_with_unit,
         score_label,
@@ -272,7 +276,9 @@ def _estimates_table(
     )
     cells: list[list[str]] = []
     for (label, owner), estimates in zip(columns, numbers.swapaxes(0, 1), strict=True):
-        scale = display_scale(layout.scores[layout.score_index(label)].unit, estimates[:, 0])
+        scale = choose_display_scale(
+            layout.scores[layout.index_of_score(label)].unit, estimates[:, 0]
+        )
         texts = [
             f"{value} ({interval.replace(' to ', _RANGE_DASH)})"
             for value, interval in (

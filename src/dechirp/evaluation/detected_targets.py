@@ -39,7 +39,7 @@ def detected_target_mask(result: TrialResult, context: TrialContext) -> np.ndarr
     return detected
 
 
-def strongest_detection_rows(result: TrialResult, context: TrialContext) -> np.ndarray:
+def strongest_detection_rows_per_frame(result: TrialResult, context: TrialContext) -> np.ndarray:
     """Return the row of the strongest detection of each target in each frame.
 
     Later stages use the strongest one. The nearest to the truth would be too optimistic, since it

@@ -74,7 +74,7 @@ def _mean_false_alarm_probability_of_offset(cfar: Cfar, noise: MapNoise, n_rows:
         np.linspace(0, half_range, min(half_range + 1, _N_SAMPLED_ROWS)).round().astype(int)
     )
     probabilities = [_false_alarm_probability_at_row(cfar, noise, int(row)) for row in sampled_rows]
-    rows = cfar.training_window.box_row_of_map_rows(n_rows)
+    rows = cfar.training_window.tested_rows_in_training_box(n_rows)
     log_probabilities = np.interp(
         np.minimum(rows, 2 * half_range - rows), sampled_rows, np.log(probabilities)
     )
@@ -90,7 +90,7 @@ def _false_alarm_probability_at_row(cfar: Cfar, noise: MapNoise, training_row: i
     )
     assert offset is not None
     closed = cfar.estimator.independent_cells_threshold_factor(
-        0.1, box.offsets, n_channels=n_channels
+        0.1, box.training_offsets, n_channels=n_channels
     )
     if not isinstance(cfar.estimator, CellAveraging) and (not box.is_white or closed is None):
         return np.nan

@@ -172,7 +172,9 @@ def _target_detection_probability(
     if not rows.start <= row < rows.stop:
         return np.nan
     window_row = int(
-        chain.cfar.training_window.box_row_of_map_rows(rows.stop - rows.start)[row - rows.start]
+        chain.cfar.training_window.tested_rows_in_training_box(rows.stop - rows.start)[
+            row - rows.start
+        ]
     )
     law = find_detector_law(chain.cfar, noise, window_row)
     assert law is not None and echo.swerling is not None

@@ -168,7 +168,7 @@ def _draw_detections(trial: TrackTrial, state: np.ndarray, rng: np.random.Genera
     target, frame = np.nonzero(rng.random(range_m.shape) < trial.detection_probability)
     measured = true_values[target, frame] + std * rng.standard_normal((len(target), 3))
     n_false = rng.poisson(trial.false_alarms.per_frame, trial.n_frames)
-    lower, upper = np.array(list(trial.false_alarms.bounds)).T
+    lower, upper = np.array(list(trial.false_alarms.range_azimuth_velocity_bounds)).T
     false_alarms = rng.uniform(lower, upper, (n_false.sum(), 3))
     frames = np.concatenate([frame, np.repeat(np.arange(trial.n_frames), n_false)])
     owners = np.concatenate([target, np.full(len(false_alarms), -1)])

@@ -101,7 +101,7 @@ def inspect(
     power, findings = None, recording.findings
     try:
         if recording.sizes:
-            power, findings = _inspect_samples(recording, progress)
+            power, findings = _first_frame_map_and_sample_findings(recording, progress)
     except DechirpError as error:
         return _unreadable_inspection(path, kinds, error)
     if chip is not None and recording.contents.radar is not None:
@@ -111,7 +111,7 @@ def inspect(
     )
 
 
-def _inspect_samples(
+def _first_frame_map_and_sample_findings(
     recording: Recording, progress: Callable[[int, int], None] | None
 ) -> tuple[xr.DataArray, tuple[Finding, ...]]:
     """Compute the map of the first frame, and findings on the samples of all frames."""

@@ -17,14 +17,14 @@ from dechirp.theory.detection import required_snr
 DETECTION_PROBABILITY = 0.9
 
 
-def added_noise_w(scenario: Scenario, radar: Radar) -> float:
+def added_noise_power_w(scenario: Scenario, radar: Radar) -> float:
     """Return the power of the noise that the impairments add to each sample, W."""
     assert scenario.scene is not None
     impairments = sort_into_stages(scenario.impairments, radar).impairments
     return sum(impairment.noise_power_w(scenario.scene, radar) for impairment in impairments)
 
 
-def link_budget(scenario: Scenario, radar: Radar) -> tuple[BudgetLine, ...] | None:
+def link_budget_of_first_target(scenario: Scenario, radar: Radar) -> tuple[BudgetLine, ...] | None:
     """Compute powers and gains of the first target's echo, in the middle of the first frame.
 
     The last line is the margin over the SNR that a steady target needs in known noise for a
@@ -53,29 +53,29 @@ def link_budget(scenario: Scenario, radar: Radar) -> tuple[BudgetLine, ...] | No
     )
     spreading = radar.frame.chirp.wavelength_m**2 / ((4 * np.pi) ** 3 * range_m**4)
     lines = (
-        _level_line("transmit power", hardware.transmit_power_w * 1e3, "dBm", "Pt"),
-        *_antenna_lines("transmit", float(hardware.tx_gain()), tx_gain, hardware.tx_pattern),
-        _gain_line(f"there and back, {range_m:.4g} m", spreading, "λ² / (4π)³ R⁴"),
-        _gain_line("radar cross section", rcs_m2, "RCS"),
-        *_antenna_lines("receive", float(hardware.rx_gain()), rx_gain, hardware.rx_pattern),
-        _gain_line("losses", 1 / hardware.loss, "1 / L"),
-        _level_line("echo in one receiver", echo_w * 1e3, "dBm", "Pr"),
+        _level_budget_line("transmit power", hardware.transmit_power_w * 1e3, "dBm", "Pt"),
+        *_antenna_budget_lines("transmit", float(hardware.tx_gain()), tx_gain, hardware.tx_pattern),
+        _gain_budget_line(f"there and back, {range_m:.4g} m", spreading, "λ² / (4π)³ R⁴"),
+        _gain_budget_line("radar cross section", rcs_m2, "RCS"),
+        *_antenna_budget_lines("receive", float(hardware.rx_gain()), rx_gain, hardware.rx_pattern),
+        _gain_budget_line("losses", 1 / hardware.loss, "1 / L"),
+        _level_budget_line("echo in one receiver", echo_w * 1e3, "dBm", "Pr"),
     )
-    noise_w = added_noise_w(scenario, radar)
+    noise_w = added_noise_power_w(scenario, radar)
     if not noise_w:
         return lines
     noise = (
-        _level_line("noise in one sample", noise_w * 1e3, "dBm", "all noise that is added"),
-        _level_line("SNR in one sample", echo_w / noise_w, "dB", "Pr / noise"),
+        _level_budget_line("noise in one sample", noise_w * 1e3, "dBm", "all noise that is added"),
+        _level_budget_line("SNR in one sample", echo_w / noise_w, "dB", "Pr / noise"),
     )
     return (
         lines
         + noise
-        + _processing_lines(scenario, radar, echo_w / noise_w, range_m, velocity_m_per_s)
+        + _processing_budget_lines(scenario, radar, echo_w / noise_w, range_m, velocity_m_per_s)
     )
 
 
-def _processing_lines(
+def _processing_budget_lines(
     scenario: Scenario, radar: Radar, snr: float, range_m: float, velocity_m_per_s: float
 ) -> tuple[BudgetLine, ...]:
     """Return gains and losses from one sample to the decision."""
@@ -89,16 +89,20 @@ def _processing_lines(
     )
     n_summed = radar.n_summed_maps
     in_map = snr * radar.integration_gain / n_summed / windows * straddle
-    per_channel = _gain_line("channels", 1 / n_summed, "the map adds powers, not echoes")
+    per_channel = _gain_budget_line("channels", 1 / n_summed, "the map adds powers, not echoes")
     summing = [per_channel] if n_summed > 1 else []
     half = "" if chirp.sampling == "complex" else " / 2"
     lines = (
-        _gain_line("integration", radar.integration_gain, f"samples x chirps x channels{half}"),
-        _level_line("SNR after integration", snr * radar.integration_gain, "dB", "sets the errors"),
-        _gain_line("windows", 1 / windows, "1 / noise bandwidths in bins"),
-        _gain_line("between bins", straddle, "response at the nearest cell"),
+        _gain_budget_line(
+            "integration", radar.integration_gain, f"samples x chirps x channels{half}"
+        ),
+        _level_budget_line(
+            "SNR after integration", snr * radar.integration_gain, "dB", "sets the errors"
+        ),
+        _gain_budget_line("windows", 1 / windows, "1 / noise bandwidths in bins"),
+        _gain_budget_line("between bins", straddle, "response at the nearest cell"),
         *summing,
-        _level_line("SNR in the map", in_map, "dB", "decides on detection"),
+        _level_budget_line("SNR in the map", in_map, "dB", "decides on detection"),
     )
     pfa = chain.cfar.false_alarm_probability
     if pfa is None:
@@ -107,25 +111,25 @@ def _processing_lines(
     formula = f"Pd {DETECTION_PROBABILITY:g} at Pfa {pfa:g}, steady target"
     return (
         *lines,
-        _level_line("SNR needed", needed_snr, "dB", formula),
-        _gain_line("margin", in_map / needed_snr, ""),
+        _level_budget_line("SNR needed", needed_snr, "dB", formula),
+        _gain_budget_line("margin", in_map / needed_snr, ""),
     )
 
 
-def _antenna_lines(
-    which: str, peak: float, gain: float, pattern: Pattern | None
+def _antenna_budget_lines(
+    side: str, peak: float, gain: float, pattern: Pattern | None
 ) -> tuple[BudgetLine, ...]:
     """Return the gain of an antenna, and the loss of its pattern towards the target."""
-    symbol = "Gt" if which == "transmit" else "Gr"
-    peak_line = _gain_line(f"{which} antenna", peak, symbol)
+    symbol = "Gt" if side == "transmit" else "Gr"
+    peak_line = _gain_budget_line(f"{side} antenna", peak, symbol)
     if pattern is None:
         return (peak_line,)
-    return peak_line, _gain_line(
-        f"off its {which} beam", gain / peak, "pattern, towards the target"
+    return peak_line, _gain_budget_line(
+        f"off its {side} beam", gain / peak, "pattern, towards the target"
     )
 
 
-def _level_line(name: str, ratio: float, unit: str, formula: str) -> BudgetLine:
+def _level_budget_line(name: str, ratio: float, unit: str, formula: str) -> BudgetLine:
     return BudgetLine(
         name=name,
         kind="level",
@@ -135,7 +139,7 @@ def _level_line(name: str, ratio: float, unit: str, formula: str) -> BudgetLine:
     )
 
 
-def _gain_line(name: str, ratio: float, formula: str) -> BudgetLine:
+def _gain_budget_line(name: str, ratio: float, formula: str) -> BudgetLine:
     return BudgetLine(
         name=name, kind="step", level_db=float(to_decibels(ratio)), unit="dB", formula=formula
     )

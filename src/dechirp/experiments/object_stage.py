@@ -11,7 +11,7 @@ from dechirp.experiments.scenario import Scenario
 from dechirp.processing.cluster import cluster
 from dechirp.radar.radar import Radar
 from dechirp.tracking.batch import track
-from dechirp.tracking.ego import ego_motion, label_motion
+from dechirp.tracking.ego import ego_motion, label_static_and_moving
 
 
 class ObjectStage(NamedTuple):
@@ -34,12 +34,12 @@ class GroupedDetections(NamedTuple):
     findings: tuple[Finding, ...]
 
     @property
-    def track_inputs(self) -> xr.Dataset:
+    def clusters_or_detections(self) -> xr.Dataset:
         """Input of the tracker: clusters if there are any, else detections."""
         return self.detections if self.clusters is None else self.clusters
 
 
-def run_object_stage(
+def estimate_ego_motion_clusters_tracks(
     detections: xr.Dataset,
     times_s: Sequence[float],
     scenario: Scenario,
@@ -65,12 +65,12 @@ def run_object_stage(
     first_frame : int
         Number of the first frame.
     """
-    groups = group_detections(detections, scenario, radar)
+    groups = estimate_ego_motion_and_clusters(detections, scenario, radar)
     tracks, findings = None, list(groups.findings)
     if scenario.tracker is not None:
         with capture_warned_findings() as warned:
             tracks = track(
-                trackable_rows(groups.track_inputs, radar),
+                select_trackable_rows(groups.clusters_or_detections, radar),
                 times_s,
                 scenario.tracker,
                 first=first_frame,
@@ -80,23 +80,28 @@ def run_object_stage(
     return ObjectStage(groups.detections, groups.ego, groups.clusters, tracks, tuple(findings))
 
 
-def group_detections(detections: xr.Dataset, scenario: Scenario, radar: Radar) -> GroupedDetections:
-    """Estimate ego motion and clusters, as far as requested; arguments as of `run_object_stage`."""
+def estimate_ego_motion_and_clusters(
+    detections: xr.Dataset, scenario: Scenario, radar: Radar
+) -> GroupedDetections:
+    """Estimate ego motion and clusters, as far as requested.
+
+    Arguments as of `estimate_ego_motion_clusters_tracks`.
+    """
     ego, clusters, findings = None, None, []
     if scenario.ego_motion is not None:
         ego = ego_motion(detections, radar, scenario.ego_motion)
-        detections = label_motion(detections, ego, radar, scenario.ego_motion)
-        findings += _ego_motion_findings(ego)
+        detections = label_static_and_moving(detections, ego, radar, scenario.ego_motion)
+        findings += _unknown_ego_motion_findings(ego)
     if scenario.chain.cluster is not None:
         detections, clusters = cluster(detections, radar, scenario.chain.cluster)
         if ego is not None and scenario.ego_motion is not None:
             rows = clusters.rename(cluster="detection")
-            labelled_rows = label_motion(rows, ego, radar, scenario.ego_motion)
+            labelled_rows = label_static_and_moving(rows, ego, radar, scenario.ego_motion)
             clusters = labelled_rows.rename(detection="cluster")
     return GroupedDetections(detections, ego, clusters, tuple(findings))
 
 
-def trackable_rows(rows: xr.Dataset, radar: Radar) -> xr.Dataset:
+def select_trackable_rows(rows: xr.Dataset, radar: Radar) -> xr.Dataset:
     """Select the rows that may belong to a track; drop velocities of unresolved ambiguity."""
     if "motion" in rows:
         (row_dimension,) = rows["motion"].dims
@@ -107,7 +112,7 @@ def trackable_rows(rows: xr.Dataset, radar: Radar) -> xr.Dataset:
     return rows
 
 
-def _ego_motion_findings(ego: xr.Dataset) -> list[Finding]:
+def _unknown_ego_motion_findings(ego: xr.Dataset) -> list[Finding]:
     """Return a warning if the ego motion is unknown in most frames."""
     n_unknown = int(np.isnan(ego["vx"]).sum())
     if 2 * n_unknown <= ego.sizes["frame"]:

@@ -13,9 +13,14 @@ from dechirp.core.display import Displayable, Table, pluralise
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, capture_warned_findings, findings_display_table
 from dechirp.core.values import frozen_dataclass
-from dechirp.experiments.link_budget import added_noise_w, link_budget
-from dechirp.experiments.object_stage import run_object_stage
-from dechirp.experiments.scenario import Scenario, check_chain, check_object_stage, setting_prefix
+from dechirp.experiments.link_budget import added_noise_power_w, link_budget_of_first_target
+from dechirp.experiments.object_stage import estimate_ego_motion_clusters_tracks
+from dechirp.experiments.scenario import (
+    Scenario,
+    check_chain_fits_radar,
+    check_tracks_and_ego_motion_possible,
+    prefix_setting_of_errors,
+)
 from dechirp.processing import near_field
 from dechirp.processing.cfar.base import Cfar
 from dechirp.processing.chain import Chain
@@ -83,7 +88,7 @@ class Result(Displayable):
         return len(self.times_s)
 
     @property
-    def n_kept(self) -> int:
+    def n_frames_with_kept_samples(self) -> int:
         """Number of frames whose samples are kept: of a stream the first alone."""
         return self.source.sizes["frame"]
 
@@ -106,7 +111,7 @@ class Result(Displayable):
 
     def frames(self) -> Iterator[xr.DataArray]:
         """Yield the kept frames as cubes of one frame each; recordings are decoded on the fly."""
-        return _iter_frames(self.source)
+        return _iter_frame_cubes(self.source)
 
 
 def run(
@@ -135,19 +140,21 @@ def run(
     start_s = perf_counter()
     n_simulated = 0 if scenario.scene is None else scenario.n_frames
     if scenario.tracker is not None:
-        with setting_prefix("tracker", instead_of="Tracker"):
+        with prefix_setting_of_errors("tracker", instead_of="Tracker"):
             LiveTracker(scenario.tracker)  # fails early if a library is missing
 
     def report_simulated(n_done: int, n_steps: int) -> None:
         if progress is not None:
             progress(n_done, 2 * n_steps)
 
-    source, radar, findings = _load_source(scenario, report_simulated, rng)
+    source, radar, findings = _simulate_cube_or_open_recording(scenario, report_simulated, rng)
     source_time_s = perf_counter()
-    numbers = _frame_numbers(source)
+    numbers = _frame_numbers_of_source(source)
     processor, frames = FrameProcessor(radar, scenario.chain), FrameTotals()
-    for frame in processor.process_cubes(_iter_frames(source), first_frame_number=numbers.start):
-        frames.add(frame)
+    for frame in processor.process_cubes(
+        _iter_frame_cubes(source), first_frame_number=numbers.start
+    ):
+        frames.add_frame_result(frame)
         if progress is not None:
             progress(n_simulated + len(frames.times_s), n_simulated + len(numbers))
     detection_run = DetectionRun(
@@ -160,7 +167,7 @@ def run(
     return replace(
         result,
         truth=None if scenario.scene is None else _scene_truth(scenario, radar),
-        budget=None if scenario.scene is None else link_budget(scenario, radar),
+        budget=None if scenario.scene is None else link_budget_of_first_target(scenario, radar),
         findings=(*findings, *result.findings),
         timing_s={
             "simulate" if scenario.scene is not None else "open": source_time_s - start_s,
@@ -182,7 +189,7 @@ class FrameTotals:
         self.first_power: tuple[np.ndarray, ...] = ()
         """Map of the first frame, see `FrameResult.power`."""
 
-    def add(self, frame: FrameResult) -> None:
+    def add_frame_result(self, frame: FrameResult) -> None:
         """Add the result of the next frame."""
         if not self.times_s:
             # Copied: the map may be a view of a larger array.
@@ -209,12 +216,12 @@ def build_result(
     start_s = perf_counter()
     chain, first = scenario.chain.fit_to_radar(radar), detection_run.first_frame
     fitted = replace(scenario, chain=chain)
-    with setting_prefix("tracker", instead_of="Tracker"):
-        objects = run_object_stage(
+    with prefix_setting_of_errors("tracker", instead_of="Tracker"):
+        objects = estimate_ego_motion_clusters_tracks(
             detection_run.detections, detection_run.frames.times_s, fitted, radar, first_frame=first
         )
     power = frame_power_map(
-        detection_run.frames.first_power, next(_iter_frames(source)), first, radar, chain
+        detection_run.frames.first_power, next(_iter_frame_cubes(source)), first, radar, chain
     )
     threshold = threshold_map(power, radar.for_frame(first), chain)
     return Result(
@@ -231,7 +238,7 @@ def build_result(
         truth=None,
         budget=None,
         findings=(
-            *run_chain_findings(scenario.chain, radar),
+            *fitted_chain_findings(scenario.chain, radar),
             *detection_findings(detection_run, radar),
             *objects.findings,
         ),
@@ -240,11 +247,11 @@ def build_result(
     )
 
 
-def run_chain_findings(chain: Chain, radar: Radar) -> tuple[Finding, ...]:
+def fitted_chain_findings(chain: Chain, radar: Radar) -> tuple[Finding, ...]:
     """Return findings on the maps that a chain computes for a radar."""
     fitted = chain.fit_to_radar(radar)
-    cells = _training_cell_findings(chain.cfar, fitted.cfar)
-    return (*cells, *_direction_findings(chain, fitted), *chain_findings(radar, fitted))
+    cells = _reduced_training_cell_findings(chain.cfar, fitted.cfar)
+    return (*cells, *_dropped_directions_findings(chain, fitted), *chain_findings(radar, fitted))
 
 
 def detection_findings(detection_run: DetectionRun, radar: Radar) -> tuple[Finding, ...]:
@@ -298,8 +305,8 @@ def load_frame(scenario: Scenario, number: int = 0) -> tuple[xr.DataArray, Radar
     DechirpError
         If a setting is invalid, the recording cannot be read, or memory is insufficient.
     """
-    source, radar, _ = _load_source(scenario, lambda n_done, n_steps: None)
-    numbers = _frame_numbers(source)
+    source, radar, _ = _simulate_cube_or_open_recording(scenario, lambda n_done, n_steps: None)
+    numbers = _frame_numbers_of_source(source)
     if number not in numbers:
         raise InvalidSetting(
             "frame",
@@ -307,7 +314,7 @@ def load_frame(scenario: Scenario, number: int = 0) -> tuple[xr.DataArray, Radar
             expected=f"a frame from {numbers.start} to {numbers.stop - 1}",
             fix="frames count from 0; n_frames says how many are simulated",
         )
-    frames = _iter_frames(source)
+    frames = _iter_frame_cubes(source)
     cube = next(
         frame_cube
         for frame_number, frame_cube in zip(numbers, frames, strict=True)
@@ -326,7 +333,9 @@ def simulate_scenario(
     DechirpError
         If a setting is invalid, or memory is insufficient.
     """
-    source, radar, findings = _load_source(scenario, progress or (lambda n_done, n_steps: None))
+    source, radar, findings = _simulate_cube_or_open_recording(
+        scenario, progress or (lambda n_done, n_steps: None)
+    )
     assert isinstance(source, xr.DataArray)  # the scenario has a scene
     return source, _scene_truth(scenario, radar), findings
 
@@ -354,12 +363,12 @@ def open_scenario_recording(scenario: Scenario) -> Recording:
         frames=source.frames,
     )
     recording.check_has_samples()
-    check_chain(scenario.chain, recording.radar)
-    check_object_stage(scenario, recording.radar, len(recording.frame_numbers))
+    check_chain_fits_radar(scenario.chain, recording.radar)
+    check_tracks_and_ego_motion_possible(scenario, recording.radar, len(recording.frame_numbers))
     return recording
 
 
-def _training_cell_findings(configured: Cfar, fitted: Cfar) -> tuple[Finding, ...]:
+def _reduced_training_cell_findings(configured: Cfar, fitted: Cfar) -> tuple[Finding, ...]:
     """Return a note if the map has no room for the default training cells."""
     if configured == fitted:
         return ()
@@ -380,7 +389,7 @@ def _training_cell_findings(configured: Cfar, fitted: Cfar) -> tuple[Finding, ..
     )
 
 
-def _direction_findings(configured: Chain, fitted: Chain) -> tuple[Finding, ...]:
+def _dropped_directions_findings(configured: Chain, fitted: Chain) -> tuple[Finding, ...]:
     """Return a note if directions are requested that the array cannot resolve."""
     was_asked_for = configured.angle is not Chain.angle  # an explicit setting
     if not (was_asked_for and configured.angle is not None and fitted.angle is None):
@@ -396,25 +405,25 @@ def _direction_findings(configured: Chain, fitted: Chain) -> tuple[Finding, ...]
     )
 
 
-def _dropped_peak_findings(n_frames: int) -> tuple[Finding, ...]:
+def _dropped_peak_findings(n_affected_frames: int) -> tuple[Finding, ...]:
     """Return a warning if frames had more peaks than are kept."""
-    if not n_frames:
+    if not n_affected_frames:
         return ()
     return (
         Finding(
             level="warning",
             setting="chain.cfar",
-            value=f"more than {MAX_PEAKS} peaks over threshold in {n_frames} frames, of which the"
-            " strongest are kept",
+            value=f"more than {MAX_PEAKS} peaks over threshold in {n_affected_frames} frames, of"
+            " which the strongest are kept",
             expected=f"at most {MAX_PEAKS} in a frame",
             fix="lower the false-alarm probability",
         ),
     )
 
 
-def _load_source(
+def _simulate_cube_or_open_recording(
     scenario: Scenario,
-    simulated: Callable[[int, int], None],
+    progress: Callable[[int, int], None],
     rng: np.random.Generator | None = None,
 ) -> tuple[xr.DataArray | Recording, Radar, tuple[Finding, ...]]:
     """Return the simulated cube or the recording, its radar, and findings."""
@@ -428,19 +437,19 @@ def _load_source(
                 n_frames=scenario.n_frames,
                 seed=scenario.seed if rng is None else rng,
                 engine=scenario.engine,
-                progress=simulated,
+                progress=progress,
             )
         return cube, scenario.radar, tuple(findings)
     recording = open_scenario_recording(scenario)
     return recording, recording.radar, recording.findings
 
 
-def _frame_numbers(source: xr.DataArray | Recording) -> range:
+def _frame_numbers_of_source(source: xr.DataArray | Recording) -> range:
     """Return the numbers of the processed frames."""
     return source.frame_numbers if isinstance(source, Recording) else range(source.sizes["frame"])
 
 
-def _iter_frames(source: xr.DataArray | Recording) -> Iterator[xr.DataArray]:
+def _iter_frame_cubes(source: xr.DataArray | Recording) -> Iterator[xr.DataArray]:
     if isinstance(source, Recording):
         yield from source.frames()
     else:
@@ -451,5 +460,5 @@ def _iter_frames(source: xr.DataArray | Recording) -> Iterator[xr.DataArray]:
 def _scene_truth(scenario: Scenario, radar: Radar) -> xr.Dataset:
     """Compute the truth of the scene, with signal-to-noise ratios against the added noise."""
     assert scenario.scene is not None
-    noise_w = added_noise_w(scenario, radar)
+    noise_w = added_noise_power_w(scenario, radar)
     return truth(scenario.scene, radar, n_frames=scenario.n_frames, noise_power_w=noise_w)

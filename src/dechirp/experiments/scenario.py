@@ -116,7 +116,7 @@ class Scenario:
                 fix="describe it, or name a file that does",
             )
         if self.scene is not None and self.radar is not None:
-            self._check_scene(self.scene, self.radar)
+            self._check_scene_and_impairments(self.scene, self.radar)
         for name, kind in (("ego_motion", EgoMotion), ("tracker", Tracker)):
             if not isinstance(getattr(self, name), kind | None):
                 raise InvalidSetting(
@@ -126,24 +126,26 @@ class Scenario:
                     fix=f"give {kind.__name__}(), or leave it out",
                 )
         if self.radar is not None:
-            check_chain(self.chain, self.radar)
-            check_object_stage(self, self.radar, None if self.scene is None else self.n_frames)
+            check_chain_fits_radar(self.chain, self.radar)
+            check_tracks_and_ego_motion_possible(
+                self, self.radar, None if self.scene is None else self.n_frames
+            )
 
-    def _check_scene(self, scene: Scene, radar: Radar) -> None:
-        with setting_prefix("radar.hardware", instead_of="Radar.hardware"):
+    def _check_scene_and_impairments(self, scene: Scene, radar: Radar) -> None:
+        with prefix_setting_of_errors("radar.hardware", instead_of="Radar.hardware"):
             radar.require_hardware()
         check_scene_echoes_finite(scene, radar, n_frames=self.n_frames)
         truth(scene, radar)  # raises for a body whose origin is the radar
         kinds = [impairment.kind() for impairment in self.impairments]
         for index, impairment in enumerate(self.impairments):
             label = kinds[index] if kinds.count(kinds[index]) == 1 else str(index)
-            with setting_prefix(f"impairments.{label}."), warnings.catch_warnings():
+            with prefix_setting_of_errors(f"impairments.{label}."), warnings.catch_warnings():
                 warnings.simplefilter("ignore", PhysicsWarning)  # reported by the run
                 for stage in sort_into_stages([impairment], radar).impairments:
                     stage.check(scene, radar)
 
 
-def check_chain(chain: Chain, radar: Radar) -> None:
+def check_chain_fits_radar(chain: Chain, radar: Radar) -> None:
     """Raise `InvalidSetting`, with the path of the setting, unless the chain fits the radar.
 
     Transforms need a bin for each sample and chirp, explicit training windows must fit into the
@@ -152,16 +154,16 @@ def check_chain(chain: Chain, radar: Radar) -> None:
     for method in chain.mitigation:
         path = f"chain.mitigation.{method.kind()}"
         with (
-            setting_prefix("radar.frame", instead_of="Frame"),
-            setting_prefix(path, instead_of=type(method).__name__),
+            prefix_setting_of_errors("radar.frame", instead_of="Frame"),
+            prefix_setting_of_errors(path, instead_of=type(method).__name__),
         ):
             method.check_frame_suits_method(radar.frame)
-    with setting_prefix("chain.n_range_bins", instead_of="Transform.n_bins"):
+    with prefix_setting_of_errors("chain.n_range_bins", instead_of="Transform.n_bins"):
         over_range = chain.range_transform(radar.frame.chirp)
-    with setting_prefix("chain.n_velocity_bins", instead_of="Transform.n_bins"):
+    with prefix_setting_of_errors("chain.n_velocity_bins", instead_of="Transform.n_bins"):
         over_velocity = chain.doppler_transform(radar.frame)
     n_rows = n_searched_range_rows(radar.frame.chirp, over_range)
-    with setting_prefix("chain.cfar", instead_of="Cfar"):
+    with prefix_setting_of_errors("chain.cfar", instead_of="Cfar"):
         chain.cfar.fit_to_map(over_velocity.n_bins, n_rows).training_window.check_map_size(
             over_velocity.n_bins, n_rows
         )
@@ -171,19 +173,21 @@ def check_chain(chain: Chain, radar: Radar) -> None:
         if angle != Fft():  # accepts any array; others are tested with a zero snapshot
             snapshots = np.zeros((1, 1, aperture.n_elements), complex)
             with (
-                setting_prefix("chain", instead_of="Chain"),
-                setting_prefix("chain.angle", instead_of=type(angle).__name__),
+                prefix_setting_of_errors("chain", instead_of="Chain"),
+                prefix_setting_of_errors("chain.angle", instead_of=type(angle).__name__),
             ):
                 angle.find_directions(snapshots, aperture, np.zeros(1))
 
 
-def check_object_stage(scenario: Scenario, radar: Radar, n_frames: int | None) -> None:
+def check_tracks_and_ego_motion_possible(
+    scenario: Scenario, radar: Radar, n_frames: int | None
+) -> None:
     """Raise `InvalidSetting` if tracks or ego motion are requested but impossible.
 
     They need azimuths, and tracks enough frames for confirmation; `n_frames` is None while unknown.
     """
     if scenario.tracker is not None and n_frames is not None:
-        with setting_prefix("tracker", instead_of="Tracker"):
+        with prefix_setting_of_errors("tracker", instead_of="Tracker"):
             scenario.tracker.check_confirmable_within(n_frames)
     if scenario.chain.fit_to_radar(radar).angle is not None:
         return
@@ -198,7 +202,7 @@ def check_object_stage(scenario: Scenario, radar: Radar, n_frames: int | None) -
 
 
 @contextmanager
-def setting_prefix(path: str, *, instead_of: str = "") -> Iterator[None]:
+def prefix_setting_of_errors(path: str, *, instead_of: str = "") -> Iterator[None]:
     """Prefix the settings of errors in the block with their path in the scenario."""
     try:
         yield

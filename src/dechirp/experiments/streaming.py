@@ -17,9 +17,9 @@ from dechirp.experiments.run import DetectionRun, FrameTotals, Result, build_res
 from dechirp.experiments.scenario import (
     RecordingSource,
     Scenario,
-    check_chain,
-    check_object_stage,
-    setting_prefix,
+    check_chain_fits_radar,
+    check_tracks_and_ego_motion_possible,
+    prefix_setting_of_errors,
 )
 from dechirp.processing.detect import process_cubes
 from dechirp.recordings.live.growing_file import follow
@@ -49,7 +49,7 @@ def open_stream(scenario: Scenario, *, idle_s: float) -> Stream:
     DechirpError
         If it cannot be opened, or does not fit the scenario's settings.
     """
-    source = _stream_source(scenario)
+    source = _checked_stream_source(scenario)
     open_source = listen if is_udp_address(source.path) else follow
     stream: Stream = open_source(
         source.path,
@@ -61,10 +61,10 @@ def open_stream(scenario: Scenario, *, idle_s: float) -> Stream:
         idle_s=idle_s,
     )
     try:
-        check_chain(scenario.chain, stream.radar)
-        check_object_stage(scenario, stream.radar, None)
+        check_chain_fits_radar(scenario.chain, stream.radar)
+        check_tracks_and_ego_motion_possible(scenario, stream.radar, None)
         if scenario.tracker is not None:
-            with setting_prefix("tracker", instead_of="Tracker"):
+            with prefix_setting_of_errors("tracker", instead_of="Tracker"):
                 LiveTracker(scenario.tracker)  # fails early if a library is missing
     except DechirpError:
         stream.close()
@@ -95,7 +95,7 @@ def process_stream(
     DechirpError
         If a frame cannot be processed.
     """
-    source, radar = _stream_source(scenario), stream.radar
+    source, radar = _checked_stream_source(scenario), stream.radar
     first: xr.DataArray | None = None
     numbers = range(0)
     columns = {name: array("d") for name in UNITS}
@@ -107,7 +107,7 @@ def process_stream(
             if first is None:
                 first, numbers = cube, range(number, number)
             (frame,) = process_cubes([cube], radar, chain, first_frame_number=number)
-            frames.add(frame)
+            frames.add_frame_result(frame)
             numbers = range(numbers.start, number + 1)
             for name, column in columns.items():
                 column.extend(frame.detections[name])
@@ -143,15 +143,15 @@ def process_stream(
         result,
         findings=(
             *stream.findings,
-            _first_frame_finding(),
-            *_ambiguity_findings(radar.frame.n_intervals),
+            _only_first_frame_kept_finding(),
+            *_ambiguity_resolved_per_frame_findings(radar.frame.n_intervals),
             *result.findings,
         ),
         timing_s={"wait": waiting_s, "process": processing_s + result.timing_s["process"]},
     )
 
 
-def _stream_source(scenario: Scenario) -> RecordingSource:
+def _checked_stream_source(scenario: Scenario) -> RecordingSource:
     """Return the recording to follow; raise if there is none, or it is not a DCA1000 stream."""
     source = scenario.recording
     if source is None:
@@ -173,7 +173,7 @@ def _stream_source(scenario: Scenario) -> RecordingSource:
     return source
 
 
-def _first_frame_finding() -> Finding:
+def _only_first_frame_kept_finding() -> Finding:
     return Finding(
         level="note",
         setting="recording",
@@ -183,7 +183,7 @@ def _first_frame_finding() -> Finding:
     )
 
 
-def _ambiguity_findings(n_intervals: int) -> tuple[Finding, ...]:
+def _ambiguity_resolved_per_frame_findings(n_intervals: int) -> tuple[Finding, ...]:
     if n_intervals == 1:
         return ()
     return (

@@ -23,7 +23,7 @@ def local_noise_power(
     """
     median = gammaincinv(n_channels, 0.5) / n_channels
     guard, rows = training_window.n_guard, 2 * training_window.half_range + 1
-    first = cells[:, 1] - training_window.box_row_of_map_rows(power.shape[1])[cells[:, 1]]
+    first = cells[:, 1] - training_window.tested_rows_in_training_box(power.shape[1])[cells[:, 1]]
     reach = np.array([training_window.half_velocity, guard.velocity, rows, guard.range])
     return np.asarray(_corner_medians(power, cells, first, reach) / median)
 

@@ -101,7 +101,7 @@ def threshold_cuts_through_cell(
     over_range[rows] = chain.cfar.threshold(level[window_rows], noise)[ring.half_velocity]
     over_velocity = np.full(values.shape[0], np.inf, np.float32)
     if rows.start <= column < rows.stop:
-        box_row = int(ring.box_row_of_map_rows(level.shape[1])[column - rows.start])
+        box_row = int(ring.tested_rows_in_training_box(level.shape[1])[column - rows.start])
         first = column - rows.start - box_row
         box = np.ascontiguousarray(level[:, first : first + 2 * ring.half_range + 1])
         over_velocity = chain.cfar.threshold(box, noise)[:, box_row]

@@ -48,6 +48,11 @@ __all__ = [
     "strongest_oscillation",
 ]
 
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 # Phase steps between values of a trace beyond this are ambiguous: at an SNR of 15 dB (0.13 rad) the
 # margin from three quarters of half a cycle to half a cycle is six standard deviations.
 _MAX_PHASE_STEP = 0.75 * np.pi

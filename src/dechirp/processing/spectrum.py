@@ -17,7 +17,7 @@ from dechirp.radar.chirp import Chirp, Sampling
 from dechirp.theory.windows import (
     Window,
     bin_correlation,
-    main_lobe_bins,
+    half_main_lobe_bins,
     noise_bandwidth_bins,
     window_weights,
 )
@@ -69,7 +69,7 @@ class Transform:
     @property
     def main_lobe_half_width_bins(self) -> float:
         """Half the width of the main lobe of a tone, in bins of the transform."""
-        return main_lobe_bins(self.window) * self.n_bins / self.n_points
+        return half_main_lobe_bins(self.window) * self.n_bins / self.n_points
 
     def straddling_loss(self, cycles_per_point: float) -> float:
         """Return the straddling loss of a tone: power in the nearest bin over that on a bin."""

@@ -30,50 +30,51 @@ class CheckRow:
     limit: str
 
 
-def format_check(check: Mapping[str, Any]) -> CheckRow:
+def format_check_row(check: Mapping[str, Any]) -> CheckRow:
     """Format the values of a claim or of one of its checks.
 
     The number of decimals follows from the interval (two digits of its half width), otherwise from
     the requirement and its distance from theory.
     """
     measured = _float_or_nan(check["measured"])
-    factor, unit = _unit_scale(check["unit"], measured)
-    decimals = _displayed_decimals(check, measured, factor)
+    factor, unit = _divisor_and_prefixed_unit(check["unit"], measured)
+    decimals = _decimals_from_interval_or_requirement(check, measured, factor)
     low, high = check["interval"] or (None, None)
     interval = ""
     if low is not None or high is not None:
-        interval = (
-            f"{_format_fixed(low, factor, decimals)} to {_format_fixed(high, factor, decimals)}"
-        )
+        low_text, high_text = (_format_scaled_fixed(end, factor, decimals) for end in (low, high))
+        interval = f"{low_text} to {high_text}"
     published = check["published"]
     return CheckRow(
         published=published
         if isinstance(published, str)
-        else _append_unit(_format_short(published, factor), unit),
-        required=_append_unit(_format_requirement(check["required"] or {}, factor, decimals), unit),
-        measured=_append_unit(_format_fixed(measured, factor, decimals), unit),
+        else _append_unit(_format_scaled_significant(published, factor), unit),
+        required=_append_unit(
+            _format_required_interval(check["required"] or {}, factor, decimals), unit
+        ),
+        measured=_append_unit(_format_scaled_fixed(measured, factor, decimals), unit),
         interval=interval,
-        limit=_append_unit(_format_fixed(check["limit"], factor, decimals), unit),
+        limit=_append_unit(_format_scaled_fixed(check["limit"], factor, decimals), unit),
     )
 
 
 def format_pair(published: float | None, computed: float | None, unit: str) -> tuple[str, str]:
     """Format two values of one quantity with three digits of their difference."""
-    factor, unit_text = _unit_scale(
+    factor, unit_text = _divisor_and_prefixed_unit(
         unit, _float_or_nan(published if computed is None else computed)
     )
     difference = abs(_float_or_nan(published) - _float_or_nan(computed)) / factor
     if not (math.isfinite(difference) and difference > 0):
-        return _append_unit(_format_short(published, factor), unit_text), _append_unit(
-            _format_short(computed, factor), unit_text
+        return _append_unit(_format_scaled_significant(published, factor), unit_text), _append_unit(
+            _format_scaled_significant(computed, factor), unit_text
         )
     decimals = max(2 - math.floor(math.log10(difference)), 0)
-    published_text = _format_fixed(published, factor, decimals)
+    published_text = _format_scaled_fixed(published, factor, decimals)
     published_text = (
         published_text.rstrip("0").rstrip(".") if "." in published_text else published_text
     )
     return _append_unit(published_text, unit_text), _append_unit(
-        _format_fixed(computed, factor, decimals), unit_text
+        _format_scaled_fixed(computed, factor, decimals), unit_text
     )
 
 
@@ -81,7 +82,7 @@ def format_amount(amount: float | None, unit: str, digits: int = 4) -> str:
     """Format a number with its unit: 6.823 MHz, 37.7 mm; None is a dash."""
     if unit in ("m", "m/s") and 0 < abs(_float_or_nan(amount)) < 0.1:
         return format_with_si_prefix(_float_or_nan(amount), unit, digits)
-    factor, tail = _unit_scale(unit, _float_or_nan(amount))
+    factor, tail = _divisor_and_prefixed_unit(unit, _float_or_nan(amount))
     return _append_unit(EN_DASH if amount is None else format_number(amount / factor, digits), tail)
 
 
@@ -113,19 +114,21 @@ def _append_unit(text: str, unit: str) -> str:
     return text + (unit.replace(" ", "\N{NO-BREAK SPACE}") if unit.count(" ") == 1 else unit)
 
 
-def _format_fixed(amount: float | None, factor: float, decimals: int) -> str:
+def _format_scaled_fixed(amount: float | None, divisor: float, decimals: int) -> str:
     if amount is None or not math.isfinite(amount):
         return EN_DASH
-    text = f"{amount / factor:.{decimals}f}"
+    text = f"{amount / divisor:.{decimals}f}"
     return (text.lstrip("-") if float(text) == 0 else text).replace("-", MINUS_SIGN)
 
 
-def _format_short(amount: float | None, factor: float, digits: int = 6) -> str:
-    return EN_DASH if amount is None else format_number(amount / factor, digits)
+def _format_scaled_significant(amount: float | None, divisor: float, digits: int = 6) -> str:
+    return EN_DASH if amount is None else format_number(amount / divisor, digits)
 
 
-def _format_requirement(bounds: Mapping[str, float | None], factor: float, decimals: int) -> str:
-    texts = {name: _format_fixed(bound, factor, decimals) for name, bound in bounds.items()}
+def _format_required_interval(
+    bounds: Mapping[str, float | None], divisor: float, decimals: int
+) -> str:
+    texts = {name: _format_scaled_fixed(bound, divisor, decimals) for name, bound in bounds.items()}
     # Trailing zeros common to all bounds are dropped.
     while texts and all(re.search(r"\.\d*0$", text) for text in texts.values()):
         texts = {name: text[:-1].rstrip(".") for name, text in texts.items()}
@@ -137,7 +140,7 @@ def _format_requirement(bounds: Mapping[str, float | None], factor: float, decim
     return low if low == high else f"{low} to {high}"
 
 
-def _unit_scale(unit: str, amount: float) -> tuple[float, str]:
+def _divisor_and_prefixed_unit(unit: str, amount: float) -> tuple[float, str]:
     """Return the divisor of a value, and its unit with prefix, preceded by a space."""
     if unit == "1":
         return 1.0, ""
@@ -151,20 +154,22 @@ def _unit_scale(unit: str, amount: float) -> tuple[float, str]:
     return 10.0**power, " " + format_with_si_prefix(10.0**power, unit).partition(" ")[2]
 
 
-def _displayed_decimals(check: Mapping[str, Any], measured: float, factor: float) -> int:
+def _decimals_from_interval_or_requirement(
+    check: Mapping[str, Any], measured: float, divisor: float
+) -> int:
     low, high = check["interval"] or (None, None)
     steps = [(_float_or_nan(high) - _float_or_nan(low)) / 2]
     if not math.isfinite(steps[0]):
         ends = [_float_or_nan(end) for end in (check["required"] or {}).values()]
         steps = [abs(end - _float_or_nan(check["limit"])) for end in ends]
         steps += [(max(ends) - min(ends)) / 2] if ends else []
-    steps = [step / factor for step in steps if math.isfinite(step) and step / factor > 1e-9]
+    steps = [step / divisor for step in steps if math.isfinite(step) and step / divisor > 1e-9]
     if steps:
         return max(1 - math.floor(math.log10(min(steps))), 0)
     if not math.isfinite(measured):
         return 0
     # Four digits, without trailing zeros.
-    return len(format_number(measured / factor, 4).partition(".")[2])
+    return len(format_number(measured / divisor, 4).partition(".")[2])
 
 
 def _float_or_nan(amount: float | None) -> float:

@@ -7,13 +7,13 @@ import xarray as xr
 
 from dechirp.core.text import format_number
 from dechirp.core.values import frozen_dataclass
-from dechirp.experiments.study.data_set import data_bytes, format_bytes
+from dechirp.experiments.study.data_set import format_bytes, uncompressed_data_set_bytes
 from dechirp.experiments.study.plan import Plan
 from dechirp.experiments.study.study import Study
 from dechirp.report.check_values import format_count
 from dechirp.report.data_set_figures import DataSetFigures
 from dechirp.report.labels import setting_label, value_label
-from dechirp.report.study.settings import varied_setting_rows
+from dechirp.report.study.settings import format_varied_settings
 from dechirp.report.template import load_template
 
 _MAX_VALUES = 12
@@ -64,27 +64,27 @@ def render_data_set_page(study: Study, data: Mapping[str, xr.Dataset], *, n_byte
     return load_template("data_set.html").render(
         study=study,
         headline=_format_headline(study, len(item_indices)),
-        lead=_format_lead(study),
-        cards=list(_build_cards(study, data, item_indices, n_bytes)),
-        groups=[(name, list(_array_rows(group, name))) for name, group in data.items()],
-        varied=varied_setting_rows(study),
-        n_items=list(_item_counts(study, item_indices)),
-        figures=list(figures.draw_figures()),
+        lead=_describe_origin(study),
+        cards=list(_build_item_and_size_cards(study, data, item_indices, n_bytes)),
+        groups=[(name, list(_array_table_rows(group, name))) for name, group in data.items()],
+        varied=format_varied_settings(study),
+        n_items=list(_item_counts_per_swept_value(study, item_indices)),
+        figures=list(figures.draw_distributions()),
         about_sample=figures.sample_note,
-        maps=list(figures.draw_maps()),
-        simulated=list(_model_limits(study)),
-        targets=_target_classes(data),
+        maps=list(figures.draw_example_maps()),
+        simulated=list(_describe_simulation_limits(study)),
+        targets=_target_names_and_classes(data),
         yaml=data[""].attrs["study"],
         version=data[""].attrs["dechirp"],
     )
 
 
-def _format_headline(study: Study, n: int) -> str:
+def _format_headline(study: Study, n_items: int) -> str:
     contents = " and ".join([", ".join(study.keep[:-1]), study.keep[-1]]) if study.keep[1:] else ""
-    return f"{format_count(n)} items: {contents or study.keep[0]}, with truth"
+    return f"{format_count(n_items)} items: {contents or study.keep[0]}, with truth"
 
 
-def _format_lead(study: Study) -> str:
+def _describe_origin(study: Study) -> str:
     method = (
         "Detections sampled from theory"
         if study.sensor == "statistical"
@@ -93,7 +93,7 @@ def _format_lead(study: Study) -> str:
     return f"{study.scenario.name}. {method}; no measured data. Seed {study.seed}."
 
 
-def _build_cards(
+def _build_item_and_size_cards(
     study: Study, data: Mapping[str, xr.Dataset], item_indices: np.ndarray, n_bytes: int
 ) -> Iterator[Mapping[str, str]]:
     sizes = data["truth"].sizes
@@ -121,7 +121,7 @@ def _build_cards(
             "unit": "",
             "small_print": f"{format_number(n_detections / max(len(item_indices), 1), 3)} per item",
         }
-    raw = data_bytes(Plan.from_study(study))
+    raw = uncompressed_data_set_bytes(Plan.from_study(study))
     yield {
         "name": "on disk",
         "number": size,
@@ -130,7 +130,7 @@ def _build_cards(
     }
 
 
-def _array_rows(data: xr.Dataset, group: str) -> Iterator[ArrayRow]:
+def _array_table_rows(data: xr.Dataset, group: str) -> Iterator[ArrayRow]:
     order = {name: position for position, name in enumerate(_DESCRIPTIONS)}
     names = sorted(map(str, data.variables), key=lambda name: (order.get(name, len(order)), name))
     for name in names:
@@ -157,16 +157,16 @@ def _array_rows(data: xr.Dataset, group: str) -> Iterator[ArrayRow]:
         )
 
 
-def _item_counts(
+def _item_counts_per_swept_value(
     study: Study, item_indices: np.ndarray
 ) -> Iterator[tuple[str, list[tuple[str, str, float]], int]]:
     """Yield each swept setting with its values, their item counts and percentages, and the rest."""
     plan = Plan.from_study(study)
     items_per_point = np.bincount(item_indices[:, 0], minlength=plan.n_points)
-    for axis_index, axis in enumerate(plan.axes):
+    for axis_index, axis in enumerate(plan.swept_settings):
         if len(axis.texts) < 2:
             continue
-        items_on_grid = items_per_point.reshape(plan.shape)
+        items_on_grid = items_per_point.reshape(plan.grid_shape)
         others = tuple(
             other_index for other_index in range(items_on_grid.ndim) if other_index != axis_index
         )
@@ -179,12 +179,12 @@ def _item_counts(
         yield setting_label(axis.path), rows[:_MAX_VALUES], max(len(rows) - _MAX_VALUES, 0)
 
 
-def _target_classes(data: Mapping[str, xr.Dataset]) -> list[tuple[str, str]]:
+def _target_names_and_classes(data: Mapping[str, xr.Dataset]) -> list[tuple[str, str]]:
     truth = data["truth"]
     return list(zip(truth.target.values.tolist(), truth["class"].values.tolist(), strict=True))
 
 
-def _model_limits(study: Study) -> Iterator[str]:
+def _describe_simulation_limits(study: Study) -> Iterator[str]:
     """Yield sentences on what the simulation includes and what it does not."""
     scenario = study.scenario
     impairments = ", ".join(

@@ -45,7 +45,7 @@ class DataSetFigures:
             name: np.flatnonzero(np.array(target_classes) == name) for name in self.classes
         }
 
-    def draw_figures(self) -> Iterator[FigureWithCaption]:
+    def draw_distributions(self) -> Iterator[FigureWithCaption]:
         """Draw the distributions of targets, SNR, detection counts and random settings."""
         if not self.n:
             return
@@ -89,9 +89,9 @@ class DataSetFigures:
                     is_integer=True,
                 ),
             )
-        yield from self._draw_random_settings()
+        yield from self._draw_random_setting_histograms()
 
-    def draw_maps(self) -> Iterator[FigureWithCaption]:
+    def draw_example_maps(self) -> Iterator[FigureWithCaption]:
         """Draw the stored maps of a few random items."""
         if "power" not in self.data[""] or not len(self.made):
             return
@@ -101,16 +101,18 @@ class DataSetFigures:
         for point, trial in self.made[item_choice].tolist():
             settings = ", ".join(
                 f"{setting_label(path)} {value_label(text)}"
-                for path, text in plan.point_labels(point)
+                for path, text in plan.setting_labels_of_point(point)
             )
             yield FigureWithCaption(
                 title=f"Point {point}, trial {trial}.",
                 caption=(f"{settings}. " if settings else "")
                 + "First frame. A truth mark without a peak is a target below the noise.",
-                figure=_draw_map(self._marked_map(plan, point, trial)),
+                figure=_draw_map(self._map_with_marked_detections(plan, point, trial)),
             )
 
-    def _marked_map(self, plan: Plan, point: int, trial: int) -> range_doppler.MarkedMap:
+    def _map_with_marked_detections(
+        self, plan: Plan, point: int, trial: int
+    ) -> range_doppler.MarkedMap:
         top, truth = self.data[""], self.data["truth"]
         level_db = top.power[point, trial, 0].values
         power = xr.DataArray(
@@ -123,7 +125,7 @@ class DataSetFigures:
         )
         item_truth = truth.isel(point=point, trial=trial, frame=0)
         detections = None
-        radar = plan.scenario(point, plan.trial_settings(trial)).radar
+        radar = plan.scenario_of_point(point, plan.drawn_setting_texts_of_trial(trial)).radar
         if "detections" in self.data and radar is not None:
             rows = self.data["detections"]
             item_rows = slice(int(rows.start[point, trial]), int(rows.stop[point, trial]))
@@ -139,10 +141,10 @@ class DataSetFigures:
             truth=RangeVelocity(item_truth.map_range.values, item_truth.map_velocity.values),
         )
 
-    def _truth_by_class(self, name: str) -> dict[str, np.ndarray]:
+    def _truth_by_class(self, variable: str) -> dict[str, np.ndarray]:
         """Return the true values of all targets of each class, (n,) each."""
         values = (
-            self.data["truth"][name]
+            self.data["truth"][variable]
             .isel(self.item_index)
             .transpose("item", "frame", "target")
             .values
@@ -152,7 +154,7 @@ class DataSetFigures:
             for kind, target_indices in self.targets_by_class.items()
         }
 
-    def _draw_random_settings(self) -> Iterator[FigureWithCaption]:
+    def _draw_random_setting_histograms(self) -> Iterator[FigureWithCaption]:
         """Draw the distribution of each random setting over the items."""
         random_settings = [axis for axis in self.study.vary if not isinstance(axis, SweptSetting)]
         for axis in random_settings[:_MAX_RANDOM_SETTINGS]:
@@ -173,12 +175,16 @@ class DataSetFigures:
 
 
 def _draw_histogram(
-    classes: Mapping[str, np.ndarray], *, label: str, counted_things: str, is_integer: bool = False
+    values_by_class: Mapping[str, np.ndarray],
+    *,
+    label: str,
+    counted_things: str,
+    is_integer: bool = False,
 ) -> Markup:
     return render_svg(
         lambda figure: figures.draw_histogram(
             figure.subplots(),
-            classes,
+            values_by_class,
             label=label,
             counted_things=counted_things,
             is_integer=is_integer,

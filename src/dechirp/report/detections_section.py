@@ -45,36 +45,39 @@ def format_headline(context: PageContext) -> str:
     return f"{n} detections{frame_text}, the strongest at {place}"
 
 
-def format_lead(context: PageContext) -> str:
+def describe_source_and_size(context: PageContext) -> str:
     """Describe the source and the size of the recording."""
     sizes, recording = context.first_frame.sizes, context.result.scenario.recording
     source = "Simulated" if recording is None else f"Recorded in {Path(recording.path).name}"
     return (
-        f"{source}: {_several(context.result.n_frames, 'frame')} of"
-        f" {_several(sizes['chirp'], 'chirp')}, {sizes['sample']} samples each,"
-        f" {_several(sizes['rx'], 'receiver')}."
+        f"{source}: {_count_with_plural(context.result.n_frames, 'frame')} of"
+        f" {_count_with_plural(sizes['chirp'], 'chirp')}, {sizes['sample']} samples each,"
+        f" {_count_with_plural(sizes['rx'], 'receiver')}."
     )
 
 
-def build_cards(context: PageContext) -> list[Card]:
+def build_strongest_detection_cards(context: PageContext) -> list[Card]:
     """Return the cards of the strongest detection; empty without detections."""
     if context.strongest.sizes["detection"] == 0:
         return []
     snr = format_fixed(ratio_db(float(context.strongest.snr[0])), 1)
     return [
-        _estimate_card(context, "range", "m"),
-        _estimate_card(context, "velocity", "m/s"),
-        *(_estimate_card(context, name, "°") for name in angle_columns(context)),
+        _strongest_detection_estimate_card(context, "range", "m"),
+        _strongest_detection_estimate_card(context, "velocity", "m/s"),
+        *(
+            _strongest_detection_estimate_card(context, name, "°")
+            for name in names_of_estimated_angles(context)
+        ),
         Card(name="signal to noise", number=snr, unit="dB", small_print="after integration"),
         *_threshold_margin_cards(context),
     ]
 
 
-def detection_rows(context: PageContext, n_rows: int) -> list[dict[str, str]]:
-    """Return the rows of the detection table, strongest first, at most `n_rows`."""
+def detection_table_rows(context: PageContext, max_rows: int) -> list[dict[str, str]]:
+    """Return the rows of the detection table, strongest first, at most `max_rows`."""
     truth, matched = context.result.truth, context.matched
     rows = []
-    for index in range(min(context.strongest.sizes["detection"], n_rows)):
+    for index in range(min(context.strongest.sizes["detection"], max_rows)):
         detection = context.strongest.isel(detection=index)
         row = {
             "frame": str(int(detection.frame)),
@@ -98,7 +101,7 @@ def detection_rows(context: PageContext, n_rows: int) -> list[dict[str, str]]:
     return rows
 
 
-def estimate_columns(context: PageContext) -> list[tuple[str, str, str]]:
+def estimate_table_columns(context: PageContext) -> list[tuple[str, str, str]]:
     """Return heading, key and class of the columns of estimates; angles only if estimated."""
     return [
         (axis_label(column.heading, column.shown_unit_symbol), column.name, "num")
@@ -107,7 +110,7 @@ def estimate_columns(context: PageContext) -> list[tuple[str, str, str]]:
     ]
 
 
-def angle_columns(context: PageContext) -> list[str]:
+def names_of_estimated_angles(context: PageContext) -> list[str]:
     """Return the angles that any detection has."""
     return [
         name
@@ -116,7 +119,7 @@ def angle_columns(context: PageContext) -> list[str]:
     ]
 
 
-def error_columns(rows: Sequence[Mapping[str, str]]) -> list[str]:
+def names_of_estimates_with_errors(rows: Sequence[Mapping[str, str]]) -> list[str]:
     """Return the estimates that have errors; detections of bodies have none."""
     names = ("range", "velocity", "azimuth", "elevation")
     return [
@@ -124,12 +127,12 @@ def error_columns(rows: Sequence[Mapping[str, str]]) -> list[str]:
     ]
 
 
-def target_rows(context: PageContext) -> list[dict[str, str]]:
+def target_table_rows(context: PageContext) -> list[dict[str, str]]:
     """Return the true values of all targets in the first frame, and their detection."""
     truth, matched, scene = context.result.truth, context.matched, context.result.scenario.scene
     if truth is None or matched is None or scene is None:
         return []
-    hits = _detected_targets(context, context.result.first_frame)
+    hits = _indices_of_detected_targets(context, context.result.first_frame)
     wavelength_m = context.result.radar.frame.chirp.wavelength_m
     rcs_m2 = target_cross_sections_m2(scene, truth.time.values[:1], wavelength_m)[0]
     rows = []
@@ -151,29 +154,28 @@ def target_rows(context: PageContext) -> list[dict[str, str]]:
     return rows
 
 
-def summarise_detected_targets(context: PageContext) -> str:
+def describe_number_of_detected_targets(context: PageContext) -> str:
     """Describe how many targets were detected, in the first frame and in all."""
     truth = context.result.truth
     if truth is None or context.matched is None:
         return ""
     n, numbers = truth.sizes["target"], truth.frame.values.tolist()
-    n_detected = (
-        f"{len(_detected_targets(context, context.result.first_frame))} of {_several(n, 'target')}"
-    )
+    n_first = len(_indices_of_detected_targets(context, context.result.first_frame))
+    n_detected = f"{n_first} of {_count_with_plural(n, 'target')}"
     if len(numbers) == 1:
         return f"Detected: {n_detected}."
-    n_all = sum(len(_detected_targets(context, number)) for number in numbers)
+    n_all = sum(len(_indices_of_detected_targets(context, number)) for number in numbers)
     n_possible = f"{n_all} of {n * len(numbers)}"
     return f"Detected: {n_detected}; in all frames {n_possible}, each counted in each frame."
 
 
-def _detected_targets(context: PageContext, frame: int) -> set[int]:
+def _indices_of_detected_targets(context: PageContext, frame: int) -> set[int]:
     """Return the targets that were detected in a frame."""
     assert context.matched is not None
     return set(context.matched.target[context.strongest.frame.values == frame].tolist()) - {-1}
 
 
-def _estimate_card(context: PageContext, name: str, unit: str) -> Card:
+def _strongest_detection_estimate_card(context: PageContext, name: str, unit: str) -> Card:
     first, error = context.strongest.isel(detection=0), math.nan
     scale = math.degrees(1) if unit == "°" else 1.0
     if context.matched is not None:
@@ -240,5 +242,5 @@ def _format_error(error: float, std: xr.DataArray, unit: str = "") -> str:
     return f"{text} ({format_fixed(abs(error) / float(std), 1)}\N{NO-BREAK SPACE}{_SIGMA})"
 
 
-def _several(n: int, thing: str) -> str:
+def _count_with_plural(n: int, thing: str) -> str:
     return f"{n} {thing}" if n == 1 else f"{n} {thing}s"

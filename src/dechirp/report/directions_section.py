@@ -34,7 +34,7 @@ def detections_on_ground(context: PageContext) -> top_view.GroundDetections | No
     )
 
 
-def direction_figures(context: PageContext) -> list[FigureWithCaption]:
+def draw_direction_figures(context: PageContext) -> list[FigureWithCaption]:
     """Draw the maps and spectra over direction, and for a recording the top view."""
     on_ground, figures = detections_on_ground(context), []
     if context.result.scenario.scene is None and on_ground is not None:
@@ -55,29 +55,31 @@ def direction_figures(context: PageContext) -> list[FigureWithCaption]:
     if on_ground is not None:
         figures.append(
             FigureWithCaption(
-                figure=_draw_range_azimuth(context),
+                figure=_draw_range_azimuth_map(context),
                 title="Range-azimuth map.",
                 caption="Power of a beam in the first frame, maximum over velocity. A target is as"
                 " wide as the beam; ripples beside it are sidelobes of the array.",
             )
         )
-    if _has_direction(context.first_frame_detections).any():
-        figures.append(_spectrum_figure(context))
+    if _detections_with_direction_mask(context.first_frame_detections).any():
+        figures.append(_draw_angle_spectrum(context))
     return figures
 
 
-def _has_direction(detections: xr.Dataset) -> np.ndarray:
+def _detections_with_direction_mask(detections: xr.Dataset) -> np.ndarray:
     """Return the mask of detections with an azimuth or elevation."""
     return np.isfinite(detections.azimuth.values) | np.isfinite(detections.elevation.values)
 
 
-def _draw_range_azimuth(context: PageContext) -> Markup:
+def _draw_range_azimuth_map(context: PageContext) -> Markup:
     result, detections = context.result, context.first_frame_detections
     radar, truth = result.radar.for_frame(result.first_frame), None
     power = range_azimuth_map(context.first_frame.isel(frame=0), radar, result.scenario.chain)
-    if context.expected_peaks is not None and result.truth is not None:
-        azimuth = result.truth.azimuth.transpose("target", "frame").values[context.is_point, 0]
-        truth = (azimuth, context.expected_peaks.range_m)
+    if context.point_target_map_positions is not None and result.truth is not None:
+        azimuth = result.truth.azimuth.transpose("target", "frame").values[
+            context.point_target_mask, 0
+        ]
+        truth = (azimuth, context.point_target_map_positions.range_m)
     has_azimuth = np.isfinite(detections.azimuth.values)
     marked = directions.RangeAzimuthMap(
         power=power,
@@ -86,18 +88,19 @@ def _draw_range_azimuth(context: PageContext) -> Markup:
         truth=truth,
     )
     return render_svg(
-        lambda figure: directions.draw_range_azimuth(figure.subplots(), marked), height_in=TALL_IN
+        lambda figure: directions.draw_range_azimuth_map(figure.subplots(), marked),
+        height_in=TALL_IN,
     )
 
 
-def _spectrum_figure(context: PageContext) -> FigureWithCaption:
+def _draw_angle_spectrum(context: PageContext) -> FigureWithCaption:
     """Draw the angle spectrum of the strongest detection that has a direction."""
     result, detections, chain = (
         context.result,
         context.first_frame_detections,
         context.result.scenario.chain,
     )
-    index = int(_has_direction(detections).argmax())
+    index = int(_detections_with_direction_mask(detections).argmax())
     detection = detections.isel(detection=index)
     radar = result.radar.for_frame(result.first_frame)
     power = angle_spectrum(context.first_frame.isel(frame=0), radar, detections, index, chain)
@@ -143,6 +146,6 @@ def _true_directions(context: PageContext, is_same_cell: np.ndarray) -> Directio
         return None
     in_first = np.flatnonzero(context.strongest.frame.values == context.result.first_frame)
     targets = np.unique(matched.target[in_first[is_same_cell]])
-    points = [target for target in targets if target >= 0 and context.is_point[target]]
+    points = [target for target in targets if target >= 0 and context.point_target_mask[target]]
     first = truth.isel(frame=0)
     return Directions(first.azimuth.values[points], first.elevation.values[points])

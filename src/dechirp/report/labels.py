@@ -28,25 +28,27 @@ def setting_label(path: str) -> str:
     parts = path.split(".")
     if len(parts) > 1 and parts[-1] in _AXES and parts[-2] in _VECTORS:
         parts = [*parts[:-2], f"{parts[-2]} {_AXES[parts[-1]]}"]
-    quantity = _expand_name(parts[-1])
+    quantity = _identifier_as_words(parts[-1])
     owners = [part for part in parts[:-1] if part not in _CONTAINERS]
     # Names given by the user remain unchanged.
     is_user_name = "targets" in parts[:-1] and parts.index("targets") + 1 < len(parts) - 1
-    owner = owners[0] if is_user_name and owners else " ".join(map(_expand_name, owners[-1:]))
+    owner = (
+        owners[0] if is_user_name and owners else " ".join(map(_identifier_as_words, owners[-1:]))
+    )
     return f"{quantity} of {owner}" if owner else quantity
 
 
-def value_label(text: str) -> str:
+def value_label(value_text: str) -> str:
     """Return the label of a value: `{kind: ordered-statistic}` becomes "ordered statistic"."""
-    kind = _KIND.fullmatch(text.strip())
+    kind = _KIND.fullmatch(value_text.strip())
     if kind:
         return kind[1].replace("-", " ")
-    return re.sub(r"(?<![\w.])-(?=\d)", MINUS_SIGN, text)
+    return re.sub(r"(?<![\w.])-(?=\d)", MINUS_SIGN, value_text)
 
 
-def score_label(label: str) -> str:
+def score_label(score_name: str) -> str:
     """Return the label of a score: `range_rmse` becomes "range RMSE"."""
-    return "area under ROC" if label == "roc" else _expand_name(label)
+    return "area under ROC" if score_name == "roc" else _identifier_as_words(score_name)
 
 
 def label_with_unit(label: str, unit: str) -> str:
@@ -68,7 +70,7 @@ class DisplayScale:
     """Unit; empty for ratios."""
 
 
-def display_scale(unit: str | None, values: np.ndarray) -> DisplayScale:
+def choose_display_scale(unit: str | None, values: np.ndarray) -> DisplayScale:
     """Choose the display unit of a score: degrees for rad, and metric prefixes."""
     if unit == "rad":
         return DisplayScale(factor=math.degrees(1), unit="°")
@@ -109,6 +111,6 @@ def _format_fixed(value: float, decimals: int) -> str:
     return (text.lstrip("-") if float(text) == 0 else text).replace("-", MINUS_SIGN)
 
 
-def _expand_name(name: str) -> str:
+def _identifier_as_words(name: str) -> str:
     parts = re.split(r"[_\s-]+", name)
     return " ".join(_SHORT.get(part, part) for part in parts if part)

@@ -24,7 +24,7 @@ _MAX_POINTS = 5000  # drawn points of all tracks, for the size of the page
 _MATCH_STDS, _MATCH_CELLS = 3.0, 2.0
 
 
-def describe_objects(result: "Result") -> list[str]:
+def describe_ego_clusters_and_tracks(result: "Result") -> list[str]:
     """Return a sentence on each of ego motion, clusters and tracks, if present."""
     sentences = []
     n = result.n_frames
@@ -32,7 +32,10 @@ def describe_objects(result: "Result") -> list[str]:
     if result.ego is not None:
         sentences.append(_describe_ego_motion(result.ego, n))
     if result.clusters is not None:
-        n_all, n_alone = result.detections.sizes["detection"], _count_unclustered(result.detections)
+        n_all, n_alone = (
+            result.detections.sizes["detection"],
+            _count_unclustered_detections(result.detections),
+        )
         noise = f", {n_alone} of them unclustered" if n_alone else ""
         n_clusters = result.clusters.sizes["cluster"]
         sentences.append(f"{n_clusters} clusters of {n_all} detections{frame_text}{noise}.")
@@ -58,18 +61,18 @@ def _describe_ego_motion(ego: xr.Dataset, n_frames: int) -> str:
     )
 
 
-def _count_unclustered(detections: xr.Dataset) -> int:
+def _count_unclustered_detections(detections: xr.Dataset) -> int:
     return int(np.sum(detections.cluster.values < 0)) if "cluster" in detections else 0
 
 
-def track_rows(result: "Result", n_rows: int) -> list[dict[str, str]]:
-    """Return the rows of the track table in order of their start, at most `n_rows`."""
+def track_table_rows(result: "Result", max_rows: int) -> list[dict[str, str]]:
+    """Return the rows of the track table in order of their start, at most `max_rows`."""
     if result.tracks is None:
         return []
     rows = []
-    shown_tracks = result.tracks.isel(track=slice(n_rows))
+    shown_tracks = result.tracks.isel(track=slice(max_rows))
     for track, names in zip(
-        _iter_tracks(shown_tracks), targets_of_tracks(result, shown_tracks), strict=True
+        _iter_tracks(shown_tracks), names_of_tracked_targets(result, shown_tracks), strict=True
     ):
         confirmed = np.flatnonzero(track.status.values == "confirmed")
         numbers, last = track.frame.values, track.isel(frame=confirmed[-1])
@@ -86,17 +89,19 @@ def track_rows(result: "Result", n_rows: int) -> list[dict[str, str]]:
     return rows
 
 
-def summarise_track_targets(result: "Result") -> str:
+def describe_number_of_targets_with_tracks(result: "Result") -> str:
     """Describe how many targets have tracks; empty without the truth."""
     if result.tracks is None or result.truth is None:
         return ""
     final_targets = [
-        names[-1] if names else None for names in targets_of_tracks(result, result.tracks)
+        names[-1] if names else None for names in names_of_tracked_targets(result, result.tracks)
     ]
     covered_targets = set(final_targets) - {None}
     n_none = final_targets.count(None)
     n_more = len(final_targets) - n_none - len(covered_targets)
-    sentence = f"Tracks cover {len(covered_targets)} of {_count_trackable_targets(result)}"
+    sentence = (
+        f"Tracks cover {len(covered_targets)} of {_describe_number_of_trackable_targets(result)}"
+    )
     sentence += (
         f"; {n_more} more for the same targets"
         if n_more
@@ -107,7 +112,7 @@ def summarise_track_targets(result: "Result") -> str:
     return f"{sentence}; {n_none} without a target." if n_none else f"{sentence}."
 
 
-def _count_trackable_targets(result: "Result") -> str:
+def _describe_number_of_trackable_targets(result: "Result") -> str:
     """Describe how many targets can have a track: with ego motion, the moving ones."""
     scene, truth = result.scenario.scene, result.truth
     assert scene is not None and truth is not None
@@ -118,7 +123,7 @@ def _count_trackable_targets(result: "Result") -> str:
     return f"{sum(moves)} targets that move over ground"
 
 
-def targets_of_tracks(result: "Result", tracks: xr.Dataset) -> list[list[str]]:
+def names_of_tracked_targets(result: "Result", tracks: xr.Dataset) -> list[list[str]]:
     """Return the names of the targets of each track in order of time; empty without the truth.
 
     In a selection of frames, a track belongs to the target with the nearest scatterer, if it is
@@ -132,7 +137,7 @@ def targets_of_tracks(result: "Result", tracks: xr.Dataset) -> list[list[str]]:
         [tracks[name].transpose("track", "frame").values for name in "xy"], axis=-1
     )
     confirmed = tracks.status.transpose("track", "frame").values == "confirmed"
-    max_distance_m = _match_distance_m(tracks, result.radar.frame.chirp.range_resolution_m)
+    max_distance_m = _max_match_distance_m(tracks, result.radar.frame.chirp.range_resolution_m)
     for frame in range(0, tracks.sizes["frame"], -(-tracks.sizes["frame"] // _MAX_SAMPLED_FRAMES)):
         time_s = float(truth.time.values[frame])
         is_visible = visible_scatterer_mask(scene, time_s, result.radar)
@@ -148,7 +153,7 @@ def targets_of_tracks(result: "Result", tracks: xr.Dataset) -> list[list[str]]:
     return names
 
 
-def _match_distance_m(tracks: xr.Dataset, cell_m: float) -> np.ndarray:
+def _max_match_distance_m(tracks: xr.Dataset, cell_m: float) -> np.ndarray:
     """Return the largest distance between a track and its target, (track, frame), or NaN."""
     covariance = (
         _position_covariance(tracks).transpose("track", "frame", "state", "other_state").values
@@ -165,7 +170,7 @@ def _position_covariance(tracks: xr.Dataset) -> xr.DataArray:
     return tracks.covariance.sel(state=["x", "y"], other_state=["x", "y"])
 
 
-def draw_tracks(context: PageContext) -> Markup | None:
+def draw_longest_tracks(context: PageContext) -> Markup | None:
     """Draw the longest tracks over all frames; None without tracks."""
     tracks = context.result.tracks
     if tracks is None or not tracks.sizes["track"]:
@@ -176,20 +181,20 @@ def draw_tracks(context: PageContext) -> Markup | None:
     step = max(tracks.sizes["track"] * tracks.sizes["frame"] // _MAX_POINTS, 1)
     lines, around = (
         [_track_line(track, step) for track in _iter_tracks(tracks)],
-        _track_background(context),
+        _detections_and_true_paths(context),
     )
     return render_svg(
         lambda page: figure.draw_tracks(page.subplots(), lines, around),
-        height_in=figure.height_in(lines),
+        height_in=figure.figure_height_in(lines),
     )
 
 
-def _track_line(track: xr.Dataset, step: int) -> figure.TrackLine:
+def _track_line(track: xr.Dataset, frame_step: int) -> figure.TrackLine:
     confirmed = track.status.values == "confirmed"
     last = track.isel(frame=np.flatnonzero(confirmed)[-1])
     present_frames = np.flatnonzero(track.status.values != "")
     shown_frames = np.union1d(
-        present_frames[::step], [np.flatnonzero(confirmed)[-1], present_frames[-1]]
+        present_frames[::frame_step], [np.flatnonzero(confirmed)[-1], present_frames[-1]]
     )
     return figure.TrackLine(
         number=int(track.track),
@@ -200,7 +205,7 @@ def _track_line(track: xr.Dataset, step: int) -> figure.TrackLine:
     )
 
 
-def _track_background(context: PageContext) -> figure.TrackBackground:
+def _detections_and_true_paths(context: PageContext) -> figure.TrackBackground:
     detections, scene, truth = (
         context.strongest,
         context.result.scenario.scene,

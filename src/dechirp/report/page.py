@@ -13,8 +13,8 @@ from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scen
 from dechirp.report.figures import spectrogram as over
 from dechirp.report.figures.common import MapAxis
 from dechirp.report.figures.style import TALL_IN, render_svg
-from dechirp.report.page_context import PageContext, build_page_context
-from dechirp.report.settings_summary import summarise_settings
+from dechirp.report.page_context import PageContext, sort_match_and_map_detections
+from dechirp.report.settings_summary import format_settings_by_group
 from dechirp.report.template import load_template
 from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_doppler_map_position
 from dechirp.scene.scene import Scene
@@ -47,34 +47,35 @@ def render_report(result: "Result", *, yaml: str) -> str:
     str
         Self-contained HTML page.
     """
-    context = build_page_context(result)
-    rows = detections_section.detection_rows(context, _MAX_ROWS)
+    context = sort_match_and_map_detections(result)
+    rows = detections_section.detection_table_rows(context, _MAX_ROWS)
     return load_template("page.html").render(
         scenario=result.scenario,
         headline=detections_section.format_headline(context),
-        lead=detections_section.format_lead(context),
-        cards=detections_section.build_cards(context),
+        lead=detections_section.describe_source_and_size(context),
+        cards=detections_section.build_strongest_detection_cards(context),
         rows=rows,
-        columns=detections_section.estimate_columns(context),
-        angles=detections_section.angle_columns(context),
-        errors=detections_section.error_columns(rows),
+        columns=detections_section.estimate_table_columns(context),
+        angles=detections_section.names_of_estimated_angles(context),
+        errors=detections_section.names_of_estimates_with_errors(rows),
         n_more=max(context.strongest.sizes["detection"] - _MAX_ROWS, 0),
         n_frames=result.n_frames,
         has_truth=result.truth is not None,
         n_in_map=context.peaks.range_m.size,
         is_complex=np.iscomplexobj(context.first_frame),
-        figures=_draw_figures(context),
-        panels=directions_section.direction_figures(context),
-        has_bodies=context.scatterer_peaks is not None and context.scatterer_peaks.range_m.size > 0,
-        targets=detections_section.target_rows(context),
-        targets_found=detections_section.summarise_detected_targets(context),
-        objects=objects_section.describe_objects(result),
-        tracks=objects_section.track_rows(result, _MAX_ROWS),
-        tracks_found=objects_section.summarise_track_targets(result),
+        figures=_draw_report_figures(context),
+        panels=directions_section.draw_direction_figures(context),
+        has_bodies=context.scatterer_map_positions is not None
+        and context.scatterer_map_positions.range_m.size > 0,
+        targets=detections_section.target_table_rows(context),
+        targets_found=detections_section.describe_number_of_detected_targets(context),
+        objects=objects_section.describe_ego_clusters_and_tracks(result),
+        tracks=objects_section.track_table_rows(result, _MAX_ROWS),
+        tracks_found=objects_section.describe_number_of_targets_with_tracks(result),
         most_drawn=objects_section.MAX_TRACKS,
         n_tracks=0 if result.tracks is None else result.tracks.sizes["track"],
         budget=bars.link_budget_bars(result.budget or ()),
-        settings=summarise_settings(result),
+        settings=format_settings_by_group(result),
         findings=result.findings,
         timing=bars.timing_bars(result.timing_s),
         total=format_with_si_prefix(sum(result.timing_s.values()), "s", 3),
@@ -82,21 +83,23 @@ def render_report(result: "Result", *, yaml: str) -> str:
     )
 
 
-def _draw_figures(context: PageContext) -> dict[str, Markup]:
-    result, expected = context.result, context.expected_peaks
+def _draw_report_figures(context: PageContext) -> dict[str, Markup]:
+    result, expected = context.result, context.point_target_map_positions
     radar, chain = result.radar.for_frame(result.first_frame), result.scenario.chain
     doppler_hz = None
     if context.peaks.range_m.size:
         doppler_hz = 2 * float(context.peaks.velocity_m_per_s[0]) / radar.frame.chirp.wavelength_m
     # Slots differ in phase (TDM) or in beat frequency (falling ramps), so one slot is shown.
     same_slot_chirps = context.first_frame.isel(chirp=slice(None, None, radar.frame.n_slots))
-    truth_m = [place.range_m for place in (expected, context.scatterer_peaks) if place is not None]
+    truth_m = [
+        place.range_m for place in (expected, context.scatterer_map_positions) if place is not None
+    ]
     marked_map = range_doppler.MarkedMap(
         power=result.power,
         units=context.units,
         detections=context.peaks,
         truth=expected,
-        scatterers=context.scatterer_peaks,
+        scatterers=context.scatterer_map_positions,
     )
     figures = {
         "signal": render_svg(
@@ -122,20 +125,20 @@ def _draw_figures(context: PageContext) -> dict[str, Markup]:
             ),
             height_in=TALL_IN,
         ),
-        "cut_range": _draw_cut(context, "range"),
-        "cut_velocity": _draw_cut(context, "velocity"),
+        "cut_range": _draw_threshold_cut(context, "range"),
+        "cut_velocity": _draw_threshold_cut(context, "velocity"),
     }
     if result.scenario.scene is not None:
         figures["scene"] = _draw_scene(context, result.scenario.scene)
-    tracks = objects_section.draw_tracks(context)
+    tracks = objects_section.draw_longest_tracks(context)
     if tracks is not None:
         figures["tracks"] = tracks
     moving_m = _moving_body_range_interval_m(context)
     if moving_m is not None:
         figures["spectrogram"] = _draw_spectrogram(result, moving_m)
     if result.n_frames > 1 and context.strongest.sizes["detection"]:
-        figures["range_over_time"] = _draw_over_time(context, "range")
-        figures["velocity_over_time"] = _draw_over_time(context, "velocity")
+        figures["range_over_time"] = _draw_estimates_over_time(context, "range")
+        figures["velocity_over_time"] = _draw_estimates_over_time(context, "velocity")
     return figures
 
 
@@ -150,7 +153,7 @@ def _draw_scene(context: PageContext, scene_: Scene) -> Markup:
             detected_m=detections.range.values[has_no_azimuth].tolist(),
             detections=directions_section.detections_on_ground(context),
         ),
-        height_in=scene.height_in(scene_),
+        height_in=scene.figure_height_in(scene_),
     )
 
 
@@ -191,10 +194,10 @@ def _draw_spectrogram(result: "Result", range_m: tuple[float, float]) -> Markup:
     return render_svg(lambda figure: over.draw_spectrogram(figure.subplots(), power))
 
 
-def _draw_cut(context: PageContext, axis: MapAxis) -> Markup:
+def _draw_threshold_cut(context: PageContext, axis: MapAxis) -> Markup:
     result = context.result
     return render_svg(
-        lambda figure: cfar.draw_cut(
+        lambda figure: cfar.draw_threshold_cut(
             figure.subplots(),
             result.power,
             result.threshold,
@@ -206,7 +209,7 @@ def _draw_cut(context: PageContext, axis: MapAxis) -> Markup:
     )
 
 
-def _draw_over_time(context: PageContext, variable: MapAxis) -> Markup:
+def _draw_estimates_over_time(context: PageContext, variable: MapAxis) -> Markup:
     lines = None
     if context.result.truth is not None and context.apparent_truth is not None:
         estimates = (

@@ -58,24 +58,26 @@ class PageContext:
         return self.strongest.isel(detection=np.flatnonzero(of_first))
 
     @property
-    def is_point(self) -> np.ndarray:
+    def point_target_mask(self) -> np.ndarray:
         """Mask of the targets that are points, not bodies, (n_targets,)."""
         scene = self.result.scenario.scene
         targets = () if scene is None else scene.targets
         return np.array([target.body is None for target in targets], dtype=bool)
 
     @property
-    def expected_peaks(self) -> RangeVelocity | None:
+    def point_target_map_positions(self) -> RangeVelocity | None:
         """True positions of point targets on the map of the first frame."""
         if self.apparent_truth is None:
             return None
-        first = RangeVelocity(*(values[self.is_point, 0] for values in self.apparent_truth))
+        first = RangeVelocity(
+            *(values[self.point_target_mask, 0] for values in self.apparent_truth)
+        )
         return range_doppler_map_position(
             first, self.result.radar.for_frame(self.result.first_frame)
         )
 
     @property
-    def scatterer_peaks(self) -> RangeVelocity | None:
+    def scatterer_map_positions(self) -> RangeVelocity | None:
         """True positions of visible scatterers of bodies on the map of the first frame.
 
         Large numbers of scatterers are thinned.
@@ -93,7 +95,7 @@ class PageContext:
         return range_doppler_map_position(apparent, radar)
 
 
-def build_page_context(result: "Result") -> PageContext:
+def sort_match_and_map_detections(result: "Result") -> PageContext:
     """Sort the detections, match them with targets, and locate them on the map."""
     order = np.argsort(-result.detections.snr.values, kind="stable")
     strongest = result.detections.isel(detection=order)
@@ -107,7 +109,7 @@ def build_page_context(result: "Result") -> PageContext:
     matched = apparent_truth = None
     if result.truth is not None:
         matched = associate_detections(strongest, result.truth, result.radar, result.scenario.scene)
-        apparent_truth = _apparent_truth(
+        apparent_truth = _truth_aliased_unless_resolved(
             result.truth, result.radar, strongest.ambiguity_number.values, matched
         )
     return PageContext(
@@ -115,21 +117,21 @@ def build_page_context(result: "Result") -> PageContext:
         first_frame=next(iter(result.frames())),
         strongest=strongest,
         matched=matched,
-        strongest_cell=_strongest_cell(result.power, peaks),
+        strongest_cell=_map_cell_of_strongest_peak(result.power, peaks),
         peaks=peaks,
         apparent_truth=apparent_truth,
     )
 
 
-def _apparent_truth(
-    truth: xr.Dataset, radar: Radar, fold: np.ndarray, matched: Association
+def _truth_aliased_unless_resolved(
+    truth: xr.Dataset, radar: Radar, ambiguity_numbers: np.ndarray, matched: Association
 ) -> RangeVelocity:
     """Return the truth as reported: unaliased if most detections resolve the ambiguity."""
     folds = radar.frame.n_resolvable_ambiguities if radar.frame.n_intervals == 1 else None
     is_matched, n_targets = matched.target >= 0, truth.sizes["target"]
     n_detections = np.bincount(matched.target[is_matched], minlength=n_targets)
     n_resolved = np.bincount(
-        matched.target[is_matched], np.isfinite(fold[is_matched]), minlength=n_targets
+        matched.target[is_matched], np.isfinite(ambiguity_numbers[is_matched]), minlength=n_targets
     )
     is_resolved = (2 * n_resolved > n_detections)[:, None]
     folded, unfolded = (
@@ -141,7 +143,7 @@ def _apparent_truth(
     )
 
 
-def _strongest_cell(power: xr.DataArray, peaks: RangeVelocity) -> tuple[int, int]:
+def _map_cell_of_strongest_peak(power: xr.DataArray, peaks: RangeVelocity) -> tuple[int, int]:
     """Return the cell (velocity, range) of the strongest detection, or of the map maximum."""
     labelled = power.transpose("velocity", "range")
     around = [slice(None), slice(None)]

@@ -12,7 +12,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.report.typst_source import html_to_typst
 
 
-def check_pdf() -> None:
+def check_typst_installed() -> None:
     """Raise `InvalidSetting` if the extra `pdf` is missing; call it before a long run."""
     if find_spec("typst") is None:
         raise InvalidSetting(
@@ -48,7 +48,7 @@ def html_to_pdf(html: str) -> bytes:
     )
 
 
-def write_pdf(out: Path, html: str | None) -> None:
+def write_or_remove_pdf(out: Path, html: str | None) -> None:
     """Write the PDF of a page, or remove an earlier one if `html` is None."""
     if html is None:
         out.unlink(missing_ok=True)

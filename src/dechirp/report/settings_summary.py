@@ -21,24 +21,27 @@ if TYPE_CHECKING:
 SettingsGroup = tuple[str, list[tuple[str, str]]]
 
 
-def summarise_settings(result: "Result") -> list[SettingsGroup]:
+def format_settings_by_group(result: "Result") -> list[SettingsGroup]:
     """Return the settings of a run in groups."""
     radar = result.radar
-    groups = [("Waveform", _waveform_rows(radar)), ("Derived limits", _limit_rows(radar))]
+    groups = [
+        ("Waveform", _format_waveform_settings(radar)),
+        ("Derived limits", _format_derived_limits(radar)),
+    ]
     if radar.hardware is not None:
-        groups.append(("Hardware", _hardware_rows(radar)))
+        groups.append(("Hardware", _format_hardware_settings(radar)))
     if result.scenario.scene is not None:
-        groups.append(("Echoes", _echo_rows(result)))
-    groups.append(("Processing", _processing_rows(result)))
+        groups.append(("Echoes", _format_echo_simulation_settings(result)))
+    groups.append(("Processing", _format_processing_settings(result)))
     return groups
 
 
-def summarise_waveform(radar: Radar) -> list[tuple[str, str]]:
+def format_waveform_and_limits(radar: Radar) -> list[tuple[str, str]]:
     """Return the waveform of a radar and the limits that follow from it."""
-    return _waveform_rows(radar) + _limit_rows(radar)
+    return _format_waveform_settings(radar) + _format_derived_limits(radar)
 
 
-def _waveform_rows(radar: Radar) -> list[tuple[str, str]]:
+def _format_waveform_settings(radar: Radar) -> list[tuple[str, str]]:
     frame, chirp = radar.frame, radar.frame.chirp
     return [
         ("start frequency", format_with_si_prefix(chirp.start_frequency_hz, "Hz", 6)),
@@ -48,13 +51,17 @@ def _waveform_rows(radar: Radar) -> list[tuple[str, str]]:
         ("samples per chirp", f"{chirp.n_samples}, {chirp.sampling}"),
         ("sample rate", format_with_si_prefix(chirp.sample_rate_hz, "Hz", 5)),
         ("chirps per frame", _format_chirp_count(frame)),
-        ("chirp interval", _format_intervals(frame)),
-        *([("transmitters", _format_transmitters(radar))] if len(radar.array.tx_m) > 1 else []),
+        ("chirp interval", _format_chirp_intervals(frame)),
+        *(
+            [("transmitters", _format_transmitter_multiplexing(radar))]
+            if len(radar.array.tx_m) > 1
+            else []
+        ),
         ("receivers", f"{radar.array.n_rx}"),
     ]
 
 
-def _format_intervals(frame: Frame) -> str:
+def _format_chirp_intervals(frame: Frame) -> str:
     intervals_s = [frame.for_frame(index).single_interval_s for index in range(frame.n_intervals)]
     intervals = ", ".join(format_with_si_prefix(interval_s, "s", 5) for interval_s in intervals_s)
     return intervals if len(intervals_s) == 1 else f"{intervals}, frame by frame"
@@ -71,7 +78,7 @@ def _format_chirp_count(frame: Frame) -> str:
     return f"{frame.n_chirps_total}, {frame.n_chirps} {grouping}"
 
 
-def _format_transmitters(radar: Radar) -> str:
+def _format_transmitter_multiplexing(radar: Radar) -> str:
     multiplexing, n = radar.frame.multiplexing, len(radar.array.tx_m)
     assert multiplexing is not None
     if radar.frame.tdm_order is not None:
@@ -79,7 +86,7 @@ def _format_transmitters(radar: Radar) -> str:
     return f"{n}, together: {multiplexing.kind().replace('-', ' ')}"
 
 
-def _limit_rows(radar: Radar) -> list[tuple[str, str]]:
+def _format_derived_limits(radar: Radar) -> list[tuple[str, str]]:
     frame, chirp = radar.frame.for_frame(0), radar.frame.chirp
     velocities = [
         ("velocity resolution", f"{format_number(frame.velocity_resolution_m_per_s)} m/s"),
@@ -92,22 +99,22 @@ def _limit_rows(radar: Radar) -> list[tuple[str, str]]:
         ("largest range", f"{format_number(chirp.max_range_m, 5)} m"),
         *(velocities if frame.n_chirps > 1 else []),
         ("frame duration", format_with_si_prefix(frame.duration_s, "s")),
-        ("integration gain", _format_db(radar.integration_gain)),
+        ("integration gain", _format_ratio_in_db(radar.integration_gain)),
     ]
 
 
-def _hardware_rows(radar: Radar) -> list[tuple[str, str]]:
+def _format_hardware_settings(radar: Radar) -> list[tuple[str, str]]:
     hardware = radar.require_hardware()
     return [
         ("transmit power", f"{format_fixed(ratio_db(hardware.transmit_power_w) + 30, 1)} dBm"),
-        *_antenna_rows(hardware),
+        *_format_antenna_gains(hardware),
         ("EIRP", f"{format_fixed(ratio_db(hardware.eirp_w) + 30, 1)} dBm"),
-        ("noise figure", _format_db(hardware.noise_factor)),
-        ("loss", _format_db(hardware.loss)),
+        ("noise figure", _format_ratio_in_db(hardware.noise_factor)),
+        ("loss", _format_ratio_in_db(hardware.loss)),
     ]
 
 
-def _antenna_rows(hardware: Hardware) -> list[tuple[str, str]]:
+def _format_antenna_gains(hardware: Hardware) -> list[tuple[str, str]]:
     tx, rx = (
         f"{format_fixed(ratio_db(float(gain)), 1)} dBi"
         for gain in (hardware.tx_gain(), hardware.rx_gain())
@@ -115,12 +122,12 @@ def _antenna_rows(hardware: Hardware) -> list[tuple[str, str]]:
     if hardware.tx_pattern is None and hardware.rx_pattern is None:
         return [("antenna gain", tx)]
     return [
-        (f"transmit antenna, {_format_pattern(hardware.tx_pattern)}", tx),
-        (f"receive antenna, {_format_pattern(hardware.rx_pattern)}", rx),
+        (f"transmit antenna, {_format_antenna_pattern(hardware.tx_pattern)}", tx),
+        (f"receive antenna, {_format_antenna_pattern(hardware.rx_pattern)}", rx),
     ]
 
 
-def _format_pattern(pattern: Pattern | None) -> str:
+def _format_antenna_pattern(pattern: Pattern | None) -> str:
     if pattern is None:
         return "isotropic pattern"
     return f"{pattern.kind().replace('-', ' ')}, peak"
@@ -133,7 +140,7 @@ _LATE_ECHO_LABELS = {
 }
 
 
-def _echo_rows(result: "Result") -> list[tuple[str, str]]:
+def _format_echo_simulation_settings(result: "Result") -> list[tuple[str, str]]:
     engine, scene = result.scenario.engine, result.scenario.scene
     assert scene is not None
     kernels = result.cube.attrs.get("kernels")
@@ -148,7 +155,7 @@ def _echo_rows(result: "Result") -> list[tuple[str, str]]:
     ]
 
 
-def _processing_rows(result: "Result") -> list[tuple[str, str]]:
+def _format_processing_settings(result: "Result") -> list[tuple[str, str]]:
     chain, chirp = result.scenario.chain, result.radar.frame.chirp
     cfar = chain.cfar
     sizes = result.power.sizes
@@ -174,15 +181,15 @@ def _processing_rows(result: "Result") -> list[tuple[str, str]]:
             )
         )
     if cfar.offset is not None:
-        rows.append(("threshold over noise", _format_db(cfar.offset)))
+        rows.append(("threshold over noise", _format_ratio_in_db(cfar.offset)))
     if chain.angle is not None:
         rows.append(("directions", chain.angle.kind().replace("-", " ")))
     if chain.n_range_bins not in (None, chirp.n_samples):
         rows.append(("range transform", f"{chirp.n_samples} samples to {chain.n_range_bins} bins"))
-    return rows + _mitigation_and_tracking_rows(result)
+    return rows + _format_mitigation_and_tracking_settings(result)
 
 
-def _mitigation_and_tracking_rows(result: "Result") -> list[tuple[str, str]]:
+def _format_mitigation_and_tracking_settings(result: "Result") -> list[tuple[str, str]]:
     """Return the settings of mitigation, clustering and tracking, if present."""
     chain, tracker = result.scenario.chain, result.scenario.tracker
     rows = []
@@ -206,5 +213,5 @@ def _mitigation_and_tracking_rows(result: "Result") -> list[tuple[str, str]]:
     return rows
 
 
-def _format_db(ratio: float) -> str:
+def _format_ratio_in_db(ratio: float) -> str:
     return f"{format_fixed(ratio_db(ratio), 1)} dB"

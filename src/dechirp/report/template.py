@@ -49,7 +49,7 @@ def library_versions() -> list[tuple[str, str]]:
     return versions
 
 
-def format_date(iso: str) -> str:
+def format_date_and_time(iso: str) -> str:
     """Write an ISO 8601 date to the minute, in English and UTC; UTC is the default time zone."""
     date = datetime.fromisoformat(iso)
     date = date.replace(tzinfo=UTC) if date.tzinfo is None else date.astimezone(UTC)

@@ -10,7 +10,7 @@ from dechirp.core.text import EN_DASH, format_number, format_probability
 from dechirp.report.figures import tune as figures
 from dechirp.report.figures.style import TALL_IN, render_svg
 from dechirp.report.labels import (
-    display_scale,
+    choose_display_scale,
     format_with_interval,
     score_label,
     setting_label,
@@ -40,17 +40,20 @@ def render_tune_page(document: Mapping[str, Any], *, yaml: str) -> str:
     return load_template("tuned.html").render(
         d=document,
         headline=format_headline(document),
-        lead=_format_lead(document),
+        lead=_describe_objective_and_trials(document),
         cards=(),
-        verdict=format_verdict(document),
+        verdict=describe_improvement_and_limits(document),
         figure=render_svg(
-            lambda figure: figures.draw_tradeoff(figure.subplots(), document), height_in=TALL_IN
+            lambda figure: figures.draw_candidate_scores_over_limited_score(
+                figure.subplots(), document
+            ),
+            height_in=TALL_IN,
         ),
-        compared=list(compare_scores(document)),
+        compared=list(compare_initial_and_best_scores(document)),
         settings=list(changed.items()),
-        shares=list(_importance_rows(document)),
-        rows=_candidate_rows(document)[:_MAX_ROWS],
-        columns=[score_label(item) for item in _score_names(document)],
+        shares=list(_setting_importance_rows(document)),
+        rows=_candidate_table_rows(document)[:_MAX_ROWS],
+        columns=[score_label(item) for item in _objective_and_limited_scores(document)],
         searched=[setting_label(path) for path in document["search"]],
         n_more=max(len(document["candidates"]) - _MAX_ROWS, 0),
         n_failed=sum(item["failure"] is not None for item in document["candidates"]),
@@ -72,12 +75,12 @@ def format_headline(document: Mapping[str, Any]) -> str:
     label = score_label(score)
     unit = document["objective"]["unit"]
     text_before, text_after = (
-        _format_value(estimate, unit) for estimate in (value_before, value_after)
+        _format_score_value(estimate, unit) for estimate in (value_before, value_after)
     )
     return f"{label[:1].upper()}{label[1:]}: {text_before} to {text_after}"
 
 
-def _format_lead(document: Mapping[str, Any]) -> str:
+def _describe_objective_and_trials(document: Mapping[str, Any]) -> str:
     n_trials = document["n_trials"]
     return (
         f"Objective: {_format_objective(document)}. {len(document['candidates']) - 1} candidates"
@@ -87,7 +90,7 @@ def _format_lead(document: Mapping[str, Any]) -> str:
     )
 
 
-def format_verdict(document: Mapping[str, Any]) -> str:
+def describe_improvement_and_limits(document: Mapping[str, Any]) -> str:
     """Describe the gain of the best settings in confirmation trials."""
     n_tried = len(document["candidates"]) - 1
     if document["best"] is None:
@@ -97,7 +100,7 @@ def format_verdict(document: Mapping[str, Any]) -> str:
         sentence = f"None of {n_tried} candidates is better than the initial settings."
     else:
         gain, unit = document["gain"], document["objective"]["unit"]
-        value, interval = _format_estimate(gain, unit)
+        value, interval = _format_score_and_interval(gain, unit)
         sentence = (
             f"Improvement {value} ({interval} at {format_number(100 * document['confidence'])} %);"
             f" certainty of an improvement {_format_certainty(gain['certainty'])}."
@@ -110,7 +113,7 @@ def format_verdict(document: Mapping[str, Any]) -> str:
     return sentence
 
 
-def compare_scores(
+def compare_initial_and_best_scores(
     document: Mapping[str, Any],
 ) -> Iterator[tuple[str, tuple[str, str], tuple[str, str]]]:
     """Yield each score with the values of the initial and the best settings.
@@ -120,12 +123,13 @@ def compare_scores(
     """
     names = list(document["default"]["sources"])
     for name in [None, *(names if len(names) > 1 else [])]:
-        for label in _score_names(document):
+        for label in _objective_and_limited_scores(document):
             both = [
                 ("", "")
                 if settings_result is None
-                else _format_estimate(
-                    _scores(settings_result, name)[label], _score_unit(document, label)
+                else _format_score_and_interval(
+                    _scores_in_total_or_of_source(settings_result, name)[label],
+                    _score_unit(document, label),
                 )
                 for settings_result in (document["default"], document["best"])
             ]
@@ -133,21 +137,23 @@ def compare_scores(
             yield words if name is None else f"{name}: {words}", both[0], both[1]
 
 
-def _scores(candidate: Mapping[str, Any], source: str | None) -> Mapping[str, Any]:
+def _scores_in_total_or_of_source(
+    candidate: Mapping[str, Any], source: str | None
+) -> Mapping[str, Any]:
     scores: Mapping[str, Any] = (
         candidate["scores"] if source is None else candidate["sources"][source]
     )
     return scores
 
 
-def _candidate_rows(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _candidate_table_rows(document: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the candidates, those within the limits first, then by score."""
     sign = -1 if document["objective"]["direction"] == "maximise" else 1
 
     def key(candidate: Mapping[str, Any]) -> tuple[float, ...]:
         values = [
             candidate["scores"].get(label, {}).get("value", math.nan)
-            for label in _score_names(document)
+            for label in _objective_and_limited_scores(document)
         ]
         order = [sign * values[0], *(abs(other) for other in values[1:])]
         return (
@@ -161,16 +167,16 @@ def _candidate_rows(document: Mapping[str, Any]) -> list[dict[str, Any]]:
         {
             "number": candidate["number"],
             "settings": [
-                _format_setting(candidate["settings"][path])
+                _format_setting_value(candidate["settings"][path])
                 if path in candidate["settings"]
                 else ""
                 for path in document["search"]
             ],
             "scores": [
-                _format_estimate(candidate["scores"][label], _score_unit(document, label))
+                _format_score_and_interval(candidate["scores"][label], _score_unit(document, label))
                 if candidate["scores"]
                 else ("", "")
-                for label in _score_names(document)
+                for label in _objective_and_limited_scores(document)
             ],
             "note": _candidate_note(candidate, best),
         }
@@ -189,7 +195,7 @@ def _candidate_note(candidate: Mapping[str, Any], best: int | None) -> str:
     return ", ".join(notes)
 
 
-def _format_setting(text: str) -> str:
+def _format_setting_value(text: str) -> str:
     """Format a setting value for the table, numbers with four digits."""
     try:
         value = float(text)
@@ -198,7 +204,7 @@ def _format_setting(text: str) -> str:
     return format_probability(value) if 0 < value < 1e-3 else format_number(value)
 
 
-def _importance_rows(document: Mapping[str, Any]) -> Iterator[tuple[str, str, float]]:
+def _setting_importance_rows(document: Mapping[str, Any]) -> Iterator[tuple[str, str, float]]:
     for path, share in document["importances"].items():
         yield path, f"{format_number(100 * share, 2)} %", 100 * share
 
@@ -212,29 +218,29 @@ def _format_objective(document: Mapping[str, Any]) -> str:
     return f"{words} with {limits}" if limits else words
 
 
-def _score_names(document: Mapping[str, Any]) -> list[str]:
+def _objective_and_limited_scores(document: Mapping[str, Any]) -> list[str]:
     objective = document["objective"]
     return list(
         dict.fromkeys([objective["score"], *(limit["score"] for limit in objective["limits"])])
     )
 
 
-def _score_unit(document: Mapping[str, Any], label: str) -> str | None:
+def _score_unit(document: Mapping[str, Any], score_name: str) -> str | None:
     objective = document["objective"]
     units = {limit["score"]: limit["unit"] for limit in objective["limits"]}
-    return {**units, objective["score"]: objective["unit"]}[label]
+    return {**units, objective["score"]: objective["unit"]}[score_name]
 
 
-def _format_value(estimate: Mapping[str, float], unit: str | None) -> str:
-    return _format_estimate(estimate, unit)[0]
+def _format_score_value(estimate: Mapping[str, float], unit: str | None) -> str:
+    return _format_score_and_interval(estimate, unit)[0]
 
 
-def _format_estimate(estimate: Mapping[str, float], unit: str | None) -> tuple[str, str]:
+def _format_score_and_interval(estimate: Mapping[str, float], unit: str | None) -> tuple[str, str]:
     """Format value and interval of a score or of a difference, with the unit."""
     ends = np.array([estimate[end] for end in ("value", "low", "high")])
     if unit is None and not ends[0]:
         return "0", format_with_interval(*(float(end) for end in ends))[1]
-    scale = display_scale(unit, ends)
+    scale = choose_display_scale(unit, ends)
     value, interval = format_with_interval(*(float(end) for end in ends * scale.factor))
     tail = "" if not scale.unit else scale.unit if scale.unit == "°" else f" {scale.unit}"
     return value + tail, interval + tail

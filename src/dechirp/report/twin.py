@@ -39,36 +39,41 @@ def render_twin_page(twin: "Twin", document: Mapping[str, Any], *, yaml: str) ->
         Self-contained HTML page.
     """
     recorded, simulated = maps_in_recorded_units(twin)
-    figures_by_name = _draw_maps(recorded, simulated, twin.recording_units)
+    figures_by_name = _draw_recorded_and_simulated_maps(recorded, simulated, twin.recording_units)
     figures_by_name["noise"] = render_svg(
-        lambda figure: figures.draw_noise(
+        lambda figure: figures.draw_noise_levels_over_range(
             figure.subplots(), document["floor"]["over_range"], unit=document["unit"]
         ),
         height_in=_LOW_IN,
     )
-    cell = _strongest_cell(twin)
-    figures_by_name["cut_range"] = _draw_cut(
+    cell = _map_cell_of_strongest_peak(twin)
+    figures_by_name["cut_range"] = _draw_recorded_and_simulated_cut(
         recorded, simulated, "range", cell, twin.recording_units
     )
     if recorded.sizes["velocity"] > 1:
-        figures_by_name["cut_velocity"] = _draw_cut(
+        figures_by_name["cut_velocity"] = _draw_recorded_and_simulated_cut(
             recorded, simulated, "velocity", cell, twin.recording_units
         )
     if document["differences"]:
         figures_by_name["apart"] = render_svg(
-            lambda figure: figures.draw_differences(
-                figure.subplots(), document["differences"], within_db=document["within"]["power_db"]
+            lambda figure: figures.draw_peak_power_differences(
+                figure.subplots(),
+                document["differences"],
+                tolerance_db=document["within"]["power_db"],
             ),
             height_in=_LOW_IN,
         )
     return load_template("twin.html").render(
         d=document,
         headline=format_headline(document),
-        lead=_format_lead(document),
+        lead=_describe_frame_and_full_scale(document),
         cards=(),
-        verdict=format_verdict(document),
+        verdict=describe_judged_peaks(document),
         figures=figures_by_name,
-        rows=[_difference_row(difference) for difference in document["differences"][:_MAX_ROWS]],
+        rows=[
+            _peak_difference_table_row(difference)
+            for difference in document["differences"][:_MAX_ROWS]
+        ],
         n_more=max(len(document["differences"]) - _MAX_ROWS, 0),
         has_azimuth=any(
             difference["azimuth_deg"] is not None for difference in document["differences"]
@@ -77,7 +82,9 @@ def render_twin_page(twin: "Twin", document: Mapping[str, Any], *, yaml: str) ->
     )
 
 
-def _draw_maps(recorded: xr.DataArray, simulated: xr.DataArray, units: str) -> dict[str, Markup]:
+def _draw_recorded_and_simulated_maps(
+    recorded: xr.DataArray, simulated: xr.DataArray, units: str
+) -> dict[str, Markup]:
     """Draw both maps in the colours of the recording."""
     first = range_doppler.MarkedMap(power=recorded, units=units)
     second = range_doppler.MarkedMap(power=simulated, units=units)
@@ -94,7 +101,7 @@ def _draw_maps(recorded: xr.DataArray, simulated: xr.DataArray, units: str) -> d
     }
 
 
-def _draw_cut(
+def _draw_recorded_and_simulated_cut(
     recorded: xr.DataArray,
     simulated: xr.DataArray,
     axis: MapAxis,
@@ -102,14 +109,14 @@ def _draw_cut(
     units: str,
 ) -> Markup:
     return render_svg(
-        lambda figure: figures.draw_cut(
+        lambda figure: figures.draw_recorded_and_twin_cut(
             figure.subplots(), recorded, simulated, along=axis, cell=cell, units=units
         ),
         height_in=_LOW_IN,
     )
 
 
-def _strongest_cell(twin: "Twin") -> tuple[int, int]:
+def _map_cell_of_strongest_peak(twin: "Twin") -> tuple[int, int]:
     """Return the cell (velocity, range) of the strongest peak other than leakage."""
     peaks = twin.differences.isel(peak=np.flatnonzero(~twin.differences.is_leakage.values))
     if peaks.sizes["peak"]:
@@ -142,7 +149,7 @@ def format_headline(document: Mapping[str, Any]) -> str:
     )
 
 
-def _format_lead(document: Mapping[str, Any]) -> str:
+def _describe_frame_and_full_scale(document: Mapping[str, Any]) -> str:
     sentence = (
         f"Frame {document['frame']} of the recording and its simulation, seed {document['seed']}."
     )
@@ -152,7 +159,7 @@ def _format_lead(document: Mapping[str, Any]) -> str:
     return sentence
 
 
-def format_verdict(document: Mapping[str, Any]) -> str:
+def describe_judged_peaks(document: Mapping[str, Any]) -> str:
     """Describe the judged peaks and their differences."""
     rows = document["differences"]
     judged = [peak for peak in rows if peak["judged"]]
@@ -188,7 +195,7 @@ def _format_tolerances(document: Mapping[str, Any]) -> str:
     )
 
 
-def _difference_row(peak: Mapping[str, Any]) -> dict[str, str]:
+def _peak_difference_table_row(peak: Mapping[str, Any]) -> dict[str, str]:
     def format_field(name: str, decimals: int, *, sign: bool = True) -> str:
         return "" if peak[name] is None else format_fixed(peak[name], decimals, sign=sign)
 

@@ -42,14 +42,14 @@ class InlineWriter:
             element.attributes["id"] for element in page.descendants() if "id" in element.attributes
         }
 
-    def anchor(self, element: Element) -> str:
+    def typst_anchor(self, element: Element) -> str:
         """Return a label for links to an element with an id."""
         place = element.attributes.get("id")
-        return f"#[#metadata(none)#label({typst_string(place)})]" if place else ""
+        return f"#[#metadata(none)#label({quote_typst_string(place)})]" if place else ""
 
-    def inline_content(self, parent: Element) -> str:
+    def convert_inline_content(self, parent: Element) -> str:
         """Return the inline content of an element."""
-        parts = list(self._inline(parent))
+        parts = list(self._convert_inline_children(parent))
         while parts and parts[0] == _SPACE:
             parts.pop(0)
         while parts and parts[-1] == _SPACE:
@@ -57,31 +57,31 @@ class InlineWriter:
         single = (
             part for part, following in pairwise([*parts, ""]) if not part == following == _SPACE
         )
-        return self.anchor(parent) + "".join(single)
+        return self.typst_anchor(parent) + "".join(single)
 
-    def _inline(self, parent: Element) -> Iterator[str]:
+    def _convert_inline_children(self, parent: Element) -> Iterator[str]:
         for child in parent.children:
             if isinstance(child, str):
-                yield from _text_tokens(child)
+                yield from _text_as_typst_strings(child)
             else:
-                yield self._element(child, first=child is parent.children[0])
+                yield self._convert_inline_element(child, first=child is parent.children[0])
 
-    def _element(self, element: Element, *, first: bool) -> str:
+    def _convert_inline_element(self, element: Element, *, first: bool) -> str:
         if element.tag == "svg":
-            return self._formula(element)
+            return self._convert_formula_drawing(element)
         if element.tag == "div" and "bar" in element.classes:
-            return _typst_bar(element)
+            return _convert_bar(element)
         if element.tag not in INLINE:
             raise UnknownElementError(
                 f"<{element.tag}> in inline content: {collapse_whitespace(element.text)[:60]!r}"
             )
-        content = self.inline_content(element)
+        content = self.convert_inline_content(element)
         if element.tag == "small" and content and not first:
             return f"#linebreak();#tiny[{content}];"
         if element.tag == "a":
             place = element.attributes["href"].removeprefix("#")
             return (
-                f"#link(label({typst_string(place)}))[{content}];"
+                f"#link(label({quote_typst_string(place)}))[{content}];"
                 if place in self.anchor_ids
                 else content
             )
@@ -91,8 +91,8 @@ class InlineWriter:
             content = apply_class_style(element, content)
         return f"#{_TYPST_FUNCTIONS.get(element.tag, '')}[{content}];" if content else ""
 
-    def _formula(self, element: Element) -> str:
-        style = dict(part.split(":") for part in _attribute(element.svg, "style").split(";"))
+    def _convert_formula_drawing(self, element: Element) -> str:
+        style = dict(part.split(":") for part in _svg_attribute(element.svg, "style").split(";"))
         below = style["vertical-align"].removeprefix("-")
         file, alt = self.store_drawing(element)
         return f"#formula({file}, {alt}, {style['width']}, {below});"
@@ -102,29 +102,31 @@ class InlineWriter:
         name = f"{len(self.drawings)}.svg"
         spaces = f'<svg xmlns="{_HEAD}" xmlns:xlink="http://www.w3.org/1999/xlink"'
         self.drawings[name] = element.svg.replace("<svg", spaces, 1)
-        return typst_string(name), typst_string(_attribute(element.svg, "aria-label"))
+        return quote_typst_string(name), quote_typst_string(
+            _svg_attribute(element.svg, "aria-label")
+        )
 
 
 _SPACE = '#" ";'
 
 
-def _text_tokens(text: str) -> Iterator[str]:
+def _text_as_typst_strings(text: str) -> Iterator[str]:
     """Yield text as Typst strings, with white space collapsed."""
     for part in re.split(r"([ \t\r\n]+)", text):
         if part and not part.strip(" \t\r\n"):
             yield _SPACE
         elif part:
-            yield f"#{typst_string(_LONG.sub(_insert_breaks, part))};"
+            yield f"#{quote_typst_string(_LONG.sub(_insert_zero_width_breaks, part))};"
 
 
-def _insert_breaks(match: re.Match[str]) -> str:
+def _insert_zero_width_breaks(match: re.Match[str]) -> str:
     return re.sub(r"(.{8})", rf"\1{_BREAK}", match[0])
 
 
-def _typst_bar(element: Element) -> str:
+def _convert_bar(element: Element) -> str:
     (fill,) = [child for child in element.children if isinstance(child, Element)]
     offset, width = re.findall(r"[\d.]+%", fill.attributes["style"])
-    return f"#bar({typst_string(' '.join(fill.classes))}, {offset}, {width});"
+    return f"#bar({quote_typst_string(' '.join(fill.classes))}, {offset}, {width});"
 
 
 def apply_class_style(element: Element, content: str) -> str:
@@ -135,7 +137,7 @@ def apply_class_style(element: Element, content: str) -> str:
     return f"#{style}[{content}];" if style and content else content
 
 
-def typst_string(text: str) -> str:
+def quote_typst_string(text: str) -> str:
     """Return a Typst string literal."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + escaped.replace("\r", "").replace("\n", "\\n").replace("\t", "\\t") + '"'
@@ -146,6 +148,6 @@ def collapse_whitespace(text: str) -> str:
     return re.sub(r"[ \t\r\n]+", " ", text).strip(" ")
 
 
-def _attribute(svg: str, name: str) -> str:
+def _svg_attribute(svg: str, name: str) -> str:
     match = re.search(rf'{name}="([^"]*)"', svg[: svg.index(">")])
     return unescape(match[1]) if match else ""

@@ -10,7 +10,7 @@ from dechirp.report.typst_inline import (
     UnknownElementError,
     apply_class_style,
     collapse_whitespace,
-    typst_string,
+    quote_typst_string,
 )
 from dechirp.report.typst_table import Cell, lay_out_table
 
@@ -30,7 +30,7 @@ class _Page(InlineWriter):
         self.turned = False
         self.is_paper = "paper" in main.classes
         self.blocks: dict[str, Callable[[Element], str]] = {
-            "header": self.convert_all,
+            "header": self.convert_child_blocks,
             "section": self.convert_section,
             **dict.fromkeys(("h1", "h2", "h3"), self.convert_heading),
             **dict.fromkeys(("ul", "ol"), self.convert_list),
@@ -39,19 +39,20 @@ class _Page(InlineWriter):
             "table": self.convert_table,
             "figure": self.convert_figure,
             "details": self.convert_details,
-            "pre": lambda element: f"#file([], {typst_string(element.text)})\n",
-            "footer": lambda element: f"#colophon[{self.inline_content(element)}]\n",
+            "pre": lambda element: f"#file([], {quote_typst_string(element.text)})\n",
+            "footer": lambda element: f"#colophon[{self.convert_inline_content(element)}]\n",
         }
         is_paper = "true" if self.is_paper else "false"
-        head = f"#show: report.with({typst_string(collapse_whitespace(title.text))}, {is_paper})\n"
-        self.text = head + self.convert_all(main)
+        title_text = quote_typst_string(collapse_whitespace(title.text))
+        head = f"#show: report.with({title_text}, {is_paper})\n"
+        self.text = head + self.convert_child_blocks(main)
 
-    def convert_all(self, parent: Element) -> str:
+    def convert_child_blocks(self, parent: Element) -> str:
         """Convert the blocks of an element; text between them becomes a paragraph."""
         blocks = []
         for is_inline, children_run in groupby(parent.children, _is_inline):
             if is_inline:
-                words = self.inline_content(Element("p", {}, list(children_run)))
+                words = self.convert_inline_content(Element("p", {}, list(children_run)))
                 blocks += [f"#par[{words}]\n"] if words else []
             else:
                 blocks += [
@@ -59,7 +60,7 @@ class _Page(InlineWriter):
                     for element in children_run
                     if isinstance(element, Element)
                 ]
-        return self.anchor(parent) + "".join(blocks)
+        return self.typst_anchor(parent) + "".join(blocks)
 
     def convert_block(self, element: Element) -> str:
         if element.tag not in self.blocks:
@@ -71,16 +72,16 @@ class _Page(InlineWriter):
     def convert_section(self, element: Element) -> str:
         """Convert a section, on landscape pages if it contains a wide table."""
         self.turned = False
-        blocks = self.convert_all(element)
+        blocks = self.convert_child_blocks(element)
         return f"#wide[{blocks}]\n" if self.turned else blocks
 
     def convert_heading(self, element: Element) -> str:
         level = int(element.tag[1])
         plain = ", numbering: none" if level == 1 or "plain" in element.classes else ""
-        return f"#heading(level: {level}{plain})[{self.inline_content(element)}]\n"
+        return f"#heading(level: {level}{plain})[{self.convert_inline_content(element)}]\n"
 
     def convert_paragraph(self, element: Element) -> str:
-        words = self.inline_content(element)
+        words = self.convert_inline_content(element)
         if not words:
             return ""
         blocks = f"#par[{apply_class_style(element, words)}]"
@@ -92,11 +93,11 @@ class _Page(InlineWriter):
         items = [child for child in element.children if isinstance(child, Element)]
         if "findings" in element.classes:
             return "".join(
-                f"#finding({_FINDINGS[item.classes[0]]})[{self.inline_content(item)}]\n"
+                f"#finding({_FINDINGS[item.classes[0]]})[{self.convert_inline_content(item)}]\n"
                 for item in items
             )
         kind = "list" if element.tag == "ul" else "enum"
-        return f"#{kind}({', '.join(f'[{self.inline_content(item)}]' for item in items)})\n"
+        return f"#{kind}({', '.join(f'[{self.convert_inline_content(item)}]' for item in items)})\n"
 
     def convert_div(self, element: Element) -> str:
         classes = element.classes
@@ -104,7 +105,7 @@ class _Page(InlineWriter):
         if "cards" in classes:
             cards = (
                 ", ".join(
-                    f"[{self.inline_content(part)}]"
+                    f"[{self.convert_inline_content(part)}]"
                     for part in card.children
                     if isinstance(part, Element)
                 )
@@ -112,22 +113,23 @@ class _Page(InlineWriter):
             )
             return f"#cards({', '.join(f'card({card})' for card in cards)})\n"
         if "pair" in classes:
-            return self.convert_pair(children)
+            return self.convert_blocks_side_by_side(children)
         if "sign" in classes:
-            return (
-                f"#signed({', '.join(f'[{self.inline_content(child)}]' for child in children)})\n"
-            )
+            contents = [f"[{self.convert_inline_content(child)}]" for child in children]
+            return f"#signed({', '.join(contents)})\n"
         if "equation" in classes:
             formula, number = children
-            words = f"[{self.inline_content(formula)}], [{self.inline_content(number)}]"
-            return f"{self.anchor(element)}#equation({words})\n"
-        blocks = self.convert_all(element)
+            words = (
+                f"[{self.convert_inline_content(formula)}], [{self.convert_inline_content(number)}]"
+            )
+            return f"{self.typst_anchor(element)}#equation({words})\n"
+        blocks = self.convert_child_blocks(element)
         return f"#kept[{blocks}]\n" if {"keep", "group"} & set(classes) else blocks
 
-    def convert_pair(self, children: Sequence[Element]) -> str:
+    def convert_blocks_side_by_side(self, children: Sequence[Element]) -> str:
         """Convert a pair: figures and groups in two columns, other blocks at full width."""
         converted = []
-        for is_narrow, children_run in groupby(children, _is_narrow):
+        for is_narrow, children_run in groupby(children, _fits_half_page_width):
             blocks = [self.convert_block(element) for element in children_run]
             if is_narrow and len(blocks) > 1:
                 converted.append(f"#two({', '.join(f'[{block}]' for block in blocks)})\n")
@@ -139,19 +141,19 @@ class _Page(InlineWriter):
         drawing = next(element.descendants("svg"))  # further ones are formulas of the caption
         (caption,) = element.descendants("figcaption")
         file, alt = self.store_drawing(drawing)
-        blocks = f"#drawing({file}, {alt}, [{self.inline_content(caption)}])"
+        blocks = f"#drawing({file}, {alt}, [{self.convert_inline_content(caption)}])"
         return f"#narrow[{blocks}]\n" if self.is_paper else f"{blocks}\n"
 
     def convert_details(self, element: Element) -> str:
         (summary,), (pre,) = element.descendants("summary"), element.descendants("pre")
-        return f"#file([{self.inline_content(summary)}], {typst_string(pre.text)})\n"
+        return f"#file([{self.convert_inline_content(summary)}], {quote_typst_string(pre.text)})\n"
 
     def convert_table(self, element: Element) -> str:
         rows = [
             [
                 Cell(
-                    source=apply_class_style(cell, self.inline_content(cell)),
-                    lines=tuple(_cell_lines(cell)),
+                    source=apply_class_style(cell, self.convert_inline_content(cell)),
+                    lines=tuple(_table_cell_lines(cell)),
                     kinds=frozenset(cell.classes),
                     n_columns=int(cell.attributes.get("colspan", "1")),
                 )
@@ -167,7 +169,7 @@ class _Page(InlineWriter):
         return blocks
 
 
-def _cell_lines(cell: Element) -> Iterator[str]:
+def _table_cell_lines(cell: Element) -> Iterator[str]:
     """Yield the text of a cell line by line."""
     line = ""
     for child in cell.children:
@@ -185,5 +187,5 @@ def _is_inline(element: Element | str) -> bool:
     return isinstance(element, str) or element.tag in INLINE
 
 
-def _is_narrow(element: Element) -> bool:
+def _fits_half_page_width(element: Element) -> bool:
     return element.tag == "figure" or "group" in element.classes

@@ -44,9 +44,9 @@ Rows = Sequence[Sequence[Cell]]
 
 def lay_out_table(
     rows: Rows,
-    looks: Sequence[frozenset[str]],
+    row_classes: Sequence[frozenset[str]],
     n_heads: int,
-    kinds: frozenset[str],
+    table_classes: frozenset[str],
     *,
     is_paper: bool,
 ) -> tuple[str, bool]:
@@ -56,9 +56,9 @@ def lay_out_table(
     ----------
     rows : sequence of sequence of Cell
         Rows, of which the first `n_heads` are the header, repeated on each page.
-    looks : sequence of frozenset
+    row_classes : sequence of frozenset
         Classes of each row.
-    kinds : frozenset
+    table_classes : frozenset
         Classes of the table; `bars` and `plain` select special layouts.
     is_paper : bool
         Whether the page uses the font of papers.
@@ -67,16 +67,21 @@ def lay_out_table(
         return "", False
     heads, body = rows[:n_heads], rows[n_heads:]
     n_columns = max(sum(cell.n_columns for cell in row) for row in rows)
-    right = [_is_right_aligned(rows, column, kinds, n_columns) for column in range(n_columns)]
-    if kinds & {"bars", "plain"}:
-        fixed = next((cells for name, cells in _FIXED.items() if name in kinds), None)
-        if "shares" in kinds:
+    right = [
+        _is_right_aligned(rows, column, table_classes, n_columns) for column in range(n_columns)
+    ]
+    if table_classes & {"bars", "plain"}:
+        fixed = next((cells for name, cells in _FIXED.items() if name in table_classes), None)
+        if "shares" in table_classes:
             fixed = _FIXED["shares"]
         columns = [f"{cells}fr" for cells in fixed] if fixed else ["auto", "1fr"]
-        return _typst_table(columns, right, heads, body, looks[n_heads:], 7.5), False
+        return _typst_table_source(columns, right, heads, body, row_classes[n_heads:], 7.5), False
     letter_em = _PAPER_LETTER_EM if is_paper else _LETTER_EM
     for room_pt, smallest_pt, is_broken in _LAYOUTS:
-        letters = (_column_letters(rows, column, n_heads, is_broken) for column in range(n_columns))
+        letters = (
+            _min_and_unbroken_column_letters(rows, column, n_heads, is_broken)
+            for column in range(n_columns)
+        )
         needs, wants = zip(*letters, strict=True)
         widths_em = [letter_em * need + _PADDING_EM for need in needs]
         size_pt = min(_LARGEST_PT, room_pt / sum(widths_em))
@@ -88,22 +93,24 @@ def lay_out_table(
                 f"{width + share * more:.2f}fr"
                 for width, more in zip(widths_em, more_em, strict=True)
             ]
-            source = _typst_table(columns, right, heads, body, looks[n_heads:], size_pt)
+            source = _typst_table_source(
+                columns, right, heads, body, row_classes[n_heads:], size_pt
+            )
             return source, room_pt == _TURNED_PT
     parts = [
         lay_out_table(
             [[row[column] for column in group] for row in rows],
-            looks,
+            row_classes,
             n_heads,
-            kinds,
+            table_classes,
             is_paper=is_paper,
         )
-        for group in _cut(widths_em)
+        for group in _split_columns_over_landscape_pages(widths_em)
     ]
     return "".join(source for source, _ in parts), True
 
 
-def _cut(widths_em: Sequence[float]) -> Iterator[list[int]]:
+def _split_columns_over_landscape_pages(widths_em: Sequence[float]) -> Iterator[list[int]]:
     """Yield groups of columns that fit a landscape page, each with the first column."""
     room_em = _TURNED_PT / _TURNED_SMALLEST_PT
     group = [0]
@@ -115,11 +122,13 @@ def _cut(widths_em: Sequence[float]) -> Iterator[list[int]]:
     yield group
 
 
-def _column_letters(rows: Rows, column: int, n_heads: int, is_broken: bool) -> tuple[int, int]:
+def _min_and_unbroken_column_letters(
+    rows: Rows, column: int, n_heads: int, is_broken: bool
+) -> tuple[int, int]:
     """Return the minimum number of letters of a column, and the number without line breaks."""
     need = want = 1
     for number, row in enumerate(rows):
-        cell = _cell_at(row, column)
+        cell = _single_column_cell_at(row, column)
         if cell is None:
             continue
         words = [word for line in cell.lines for word in line.split(" ")]
@@ -137,7 +146,7 @@ def _column_letters(rows: Rows, column: int, n_heads: int, is_broken: bool) -> t
     return need, max(need, want)
 
 
-def _cell_at(row: Sequence[Cell], column: int) -> Cell | None:
+def _single_column_cell_at(row: Sequence[Cell], column: int) -> Cell | None:
     """Return the cell that occupies exactly one column; None if it spans several."""
     start = 0
     for cell in row:
@@ -147,34 +156,36 @@ def _cell_at(row: Sequence[Cell], column: int) -> Cell | None:
     return None
 
 
-def _is_right_aligned(rows: Rows, column: int, kinds: frozenset[str], n_columns: int) -> bool:
-    if "plain" in kinds:
-        return column == n_columns - 1 and "signed" not in kinds
-    cells = (_cell_at(row, column) for row in rows)
+def _is_right_aligned(
+    rows: Rows, column: int, table_classes: frozenset[str], n_columns: int
+) -> bool:
+    if "plain" in table_classes:
+        return column == n_columns - 1 and "signed" not in table_classes
+    cells = (_single_column_cell_at(row, column) for row in rows)
     return any(cell is not None and bool(cell.kinds & _RIGHT_ALIGNED) for cell in cells)
 
 
-def _typst_table(
+def _typst_table_source(
     columns: Sequence[str],
-    right: Sequence[bool],
+    is_right_aligned: Sequence[bool],
     heads: Rows,
     body: Rows,
-    looks: Sequence[frozenset[str]],
+    row_classes: Sequence[frozenset[str]],
     size_pt: float,
 ) -> str:
     head = "".join(f"[{cell.source}], " for row in heads for cell in row)
     cells = "".join(
-        f"  {_typst_cell(cell, look)},\n"
-        for row, look in zip(body, looks, strict=True)
+        f"  {_typst_cell_source(cell, look)},\n"
+        for row, look in zip(body, row_classes, strict=True)
         for cell in row
     )
-    align = "".join(f"{'right' if index else 'left'}, " for index in right)
+    align = "".join(f"{'right' if index else 'left'}, " for index in is_right_aligned)
     return f"#rows({size_pt:.2f}pt, ({', '.join(columns)},), ({align}), ({head}),\n{cells})\n"
 
 
-def _typst_cell(cell: Cell, look: frozenset[str]) -> str:
-    words = f"#strong[{cell.source}]" if "head" in look else cell.source
-    words = f"#quiet[{words}]" if "note" in look else words
+def _typst_cell_source(cell: Cell, row_classes: frozenset[str]) -> str:
+    words = f"#strong[{cell.source}]" if "head" in row_classes else cell.source
+    words = f"#quiet[{words}]" if "note" in row_classes else words
     arguments = [f"colspan: {cell.n_columns}"] if cell.n_columns > 1 else []
-    arguments += ['fill: rgb("#fdeeea")'] if "bad" in look else []
+    arguments += ['fill: rgb("#fdeeea")'] if "bad" in row_classes else []
     return f"table.cell({', '.join(arguments)})[{words}]" if arguments else f"[{words}]"

@@ -19,9 +19,8 @@ A frame passes these steps:
 3. `impairments/`, stage Propagation, adds or attenuates echoes: walls, road, rain, coupling
    (`mirror_images.py`, `path_attenuation.py`).
 4. `kernels/selection.py` predicts the cheapest kernel and sums the echoes with it:
-`kernels/direct.py`
-   echo by echo, `kernels/low_rank.py` as a product of chirps and fast time, `kernels/nufft.py` by
-   non-uniform Fourier transforms. `engine.py` holds the settings.
+   `kernels/direct.py` echo by echo, `kernels/low_rank.py` as a product of chirps and fast time,
+   `kernels/nufft.py` by non-uniform Fourier transforms. `engine.py` holds the settings.
 5. `impairments/`, stage Oscillator, yields a phase error phi; `phase_error.py` multiplies every
    echo by exp i (phi(t) - phi(t - tau)).
 6. `impairments/`, stage Receiver, filters, compresses, adds noise and quantises

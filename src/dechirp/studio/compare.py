@@ -27,7 +27,7 @@ from dechirp.experiments.scenario import Scenario
 from dechirp.experiments.study.results import estimate_score
 from dechirp.experiments.study.trial import TrialRunner
 from dechirp.experiments.study.trial_context import build_trial_context
-from dechirp.experiments.tune.gain import Gain, paired_gain
+from dechirp.experiments.tune.gain import Gain, estimate_paired_gain
 
 COMPARED_SCORES: tuple[Score, ...] = (
     DetectionProbability(),
@@ -180,9 +180,11 @@ class Comparison:
                 sums.sum(axis=0, keepdims=True), confidence=self._confidence
             ).value
 
-        change = paired_gain(sums_a, sums_b, value_of, confidence=self._confidence)
+        change = estimate_paired_gain(sums_a, sums_b, value_of, confidence=self._confidence)
         if change.value < 0:
-            reversed_change = paired_gain(sums_b, sums_a, value_of, confidence=self._confidence)
+            reversed_change = estimate_paired_gain(
+                sums_b, sums_a, value_of, confidence=self._confidence
+            )
             return change._replace(certainty=reversed_change.certainty)
         return change
 
@@ -198,7 +200,7 @@ class _Variant:
         self._layout = self._runner.layout
         self._theory = {
             score: np.full(max(len(names), 1), np.nan)
-            for score, names in zip(self.scores, self._layout.subjects, strict=True)
+            for score, names in zip(self.scores, self._layout.scored_target_names, strict=True)
         }
         # The system allocates pages only when trials write to them.
         self._sums = np.empty((MAX_TRIALS, self._layout.n_columns))
@@ -206,12 +208,14 @@ class _Variant:
     def targets_with_score(self, score: Score) -> tuple[str | None, ...]:
         """Return the targets that a score has values for; None is the whole scene."""
         return (
-            score.scored_target_names(self._runner.case) or (None,) if score in self.scores else ()
+            score.scored_target_names(self._runner.context) or (None,)
+            if score in self.scores
+            else ()
         )
 
     def compute_theoretical_score(self, score: Score) -> None:
         """Compute the theory of a score."""
-        self._theory[score] = score.theoretical_values(self._runner.case)
+        self._theory[score] = score.theoretical_values(self._runner.context)
 
     def run_trial(self, trial: int) -> None:
         """Run one trial."""
@@ -219,7 +223,7 @@ class _Variant:
 
     def per_trial_score_sums(self, score: Score, target: str | None, n_trials: int) -> np.ndarray:
         """Return the sums of one score, (n_trials, n_sums)."""
-        return self._layout.score_sums(self._sums[:n_trials], score.label(), target)
+        return self._layout.select_score_sums(self._sums[:n_trials], score.label(), target)
 
     def estimate_score_with_theory(
         self, score: Score, target: str | None, n_trials: int, confidence: float
@@ -228,7 +232,7 @@ class _Variant:
         layout, label = self._layout, score.label()
         found = estimate_score(layout, label, target, self._sums[:n_trials], confidence=confidence)
         laws = np.concatenate(list(self._theory.values()))
-        return ScoreEstimate(*found, layout.score_theory(laws, label, target))
+        return ScoreEstimate(*found, layout.theoretical_score_value(laws, label, target))
 
 
 def _is_score_applicable(score: Score, trial_context: TrialContext) -> bool:

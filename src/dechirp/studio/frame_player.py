@@ -8,13 +8,13 @@ import xarray as xr
 from dechirp.core.checks import check_integer
 from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.findings import Finding
-from dechirp.experiments.object_stage import group_detections, trackable_rows
+from dechirp.experiments.object_stage import estimate_ego_motion_and_clusters, select_trackable_rows
 from dechirp.experiments.run import (
     DetectionRun,
     FrameTotals,
     detection_findings,
+    fitted_chain_findings,
     frame_power_map,
-    run_chain_findings,
 )
 from dechirp.experiments.scenario import Scenario
 from dechirp.processing.angle_maps import range_azimuth_map
@@ -120,7 +120,7 @@ class _PreparedScenario:
         self.frames: FrameSource = open_frame_source(scenario, limits)
         radar = self.frames.radar
         self.chain = scenario.chain.fit_to_radar(radar)
-        self.findings = (*self.frames.findings, *run_chain_findings(scenario.chain, radar))
+        self.findings = (*self.frames.findings, *fitted_chain_findings(scenario.chain, radar))
         self.history = FrameHistory(scenario.tracker, radar)
         self._scenario = scenario
         self._has_azimuth = (
@@ -140,10 +140,12 @@ class _PreparedScenario:
             self.history.reset()
         samples = cube.isel(frame=0)
         run, power = self._detections_and_power_map(cube, number)
-        grouped = group_detections(run.detections, self._scenario, self.frames.radar)
+        grouped = estimate_ego_motion_and_clusters(
+            run.detections, self._scenario, self.frames.radar
+        )
         peak = cursor_at_strongest_detection(power, run.detections, radar)
         tracks = self.history.update_tracks(
-            trackable_rows(grouped.track_inputs, self.frames.radar), time_s
+            select_trackable_rows(grouped.clusters_or_detections, self.frames.radar), time_s
         )
         self.history.store_frame_map(power, radar, time_s, peak.range_m)
         return _ProcessedStep(
@@ -171,7 +173,7 @@ class _PreparedScenario:
         radar = self.frames.radar
         (frame,) = process_cubes([cube], radar, self.chain, first_frame_number=frame_number)
         totals = FrameTotals()
-        totals.add(frame)
+        totals.add_frame_result(frame)
         detections = detections_from_columns(frame.detections)
         run = DetectionRun(first_frame=frame_number, detections=detections, frames=totals)
         # Copy: the map may be a view of a larger array.

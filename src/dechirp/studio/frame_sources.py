@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.findings import Finding, capture_warned_findings
-from dechirp.experiments.link_budget import added_noise_w
+from dechirp.experiments.link_budget import added_noise_power_w
 from dechirp.experiments.run import open_scenario_recording
 from dechirp.experiments.scenario import Scenario
 from dechirp.radar.radar import Radar
@@ -77,7 +77,7 @@ class SceneFrames:
             n_frames=self.n_frames,
             engine=scenario.engine,
         )
-        self._noise_w = added_noise_w(scenario, self.radar)
+        self._noise_w = added_noise_power_w(scenario, self.radar)
 
     def frame_number(self, step: int) -> int:
         return step % self.n_frames

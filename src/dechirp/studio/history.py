@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dechirp.experiments.scenario import setting_prefix
+from dechirp.experiments.scenario import prefix_setting_of_errors
 from dechirp.processing.spectrum import Transform
 from dechirp.radar.radar import Radar
 from dechirp.tracking.online import LiveTracker, Track
@@ -50,7 +50,7 @@ class FrameHistory:
         self.frames = ()
         self._live_tracker: LiveTracker | None = None
         if self._tracker is not None:
-            with setting_prefix("tracker", instead_of="Tracker"):
+            with prefix_setting_of_errors("tracker", instead_of="Tracker"):
                 self._live_tracker = LiveTracker(
                     self._tracker, velocity_span_m_per_s=self._span_m_per_s
                 )

@@ -17,7 +17,11 @@ from dechirp.config.yaml_tree import replace_repeated_labels_by_index
 from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.experiments.inspection import inspect
-from dechirp.experiments.scenario import RecordingSource, Scenario, check_object_stage
+from dechirp.experiments.scenario import (
+    RecordingSource,
+    Scenario,
+    check_tracks_and_ego_motion_possible,
+)
 from dechirp.recordings.recognise import recognise_formats
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.read import holds_settings
@@ -131,7 +135,7 @@ def open_item_as_scenario(
     with translate_error_fixes_to_page():
         recording = open_recording(path, radar=settings_path)
     try:
-        check_object_stage(opened_scenario, recording.radar, recording.n_frames)
+        check_tracks_and_ego_motion_possible(opened_scenario, recording.radar, recording.n_frames)
     except InvalidSetting:  # no azimuth resolution, or too short
         opened_scenario = replace(opened_scenario, tracker=None, ego_motion=None)
     return parse_scenario(dump_yaml(opened_scenario), limits)

@@ -32,7 +32,7 @@ from dechirp.core.errors import (
 )
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.scenario import READERS, Scenario
-from dechirp.experiments.study.variants import check_disjoint
+from dechirp.experiments.study.variants import check_settings_do_not_overlap
 from dechirp.processing.chain import Chain
 from dechirp.radar.radar import Radar
 from dechirp.scene.bodies.mesh import Mesh
@@ -188,7 +188,7 @@ def _apply_overrides_without_reparsing(
         (setting_paths.find_setting(scenario, path), node)
         for path, node in map(parse_override, overrides)
     ]
-    check_disjoint(path for path, _ in changes)
+    check_settings_do_not_overlap(path for path, _ in changes)
     changes_by_part: dict[str, dict[setting_paths.Steps, Any]] = {}
     for path, node in changes:
         _check_no_forbidden_files(

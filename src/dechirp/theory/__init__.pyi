@@ -60,8 +60,8 @@ from dechirp.theory.water_permittivity import water_relative_permittivity as wat
 from dechirp.theory.windows import bin_correlation as bin_correlation
 from dechirp.theory.windows import chebyshev_weights as chebyshev_weights
 from dechirp.theory.windows import coherent_gain as coherent_gain
+from dechirp.theory.windows import half_main_lobe_bins as half_main_lobe_bins
 from dechirp.theory.windows import kaiser_weights as kaiser_weights
-from dechirp.theory.windows import main_lobe_bins as main_lobe_bins
 from dechirp.theory.windows import noise_bandwidth_bins as noise_bandwidth_bins
 from dechirp.theory.windows import scalloping_loss as scalloping_loss
 from dechirp.theory.windows import taylor_weights as taylor_weights

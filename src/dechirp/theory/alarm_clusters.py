@@ -50,8 +50,8 @@ def _simulate_local_maximum_fraction(
     false_alarm_probability: float, neighbours: NeighbourCorrelation, n_summed: int
 ) -> float:
     covariance = np.kron(
-        _covariance_of_three_cells(neighbours.in_velocity),
-        _covariance_of_three_cells(neighbours.in_range),
+        _covariance_of_three_adjacent_cells(neighbours.in_velocity),
+        _covariance_of_three_adjacent_cells(neighbours.in_range),
     )
     others = np.delete(np.arange(9), 4)
     coupling = covariance[others, 4]
@@ -71,8 +71,10 @@ def _simulate_local_maximum_fraction(
     return float(np.mean(neighbour_power.max(axis=1) < power))
 
 
-def _covariance_of_three_cells(by_lag: tuple[complex, complex]) -> np.ndarray:
+def _covariance_of_three_adjacent_cells(
+    correlation_at_lags_1_and_2: tuple[complex, complex],
+) -> np.ndarray:
     """Return the covariance of three cells in a row."""
-    lag_1, lag_2 = by_lag
+    lag_1, lag_2 = correlation_at_lags_1_and_2
     upper = np.array([[0, lag_1, lag_2], [0, 0, lag_1], [0, 0, 0]])
     return np.asarray(np.eye(3) + upper.conj() + upper.T)

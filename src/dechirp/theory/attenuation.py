@@ -86,8 +86,10 @@ def oxygen_db_per_km(
     ----------
     Recommendation ITU-R P.676-12, 2019, Annex 1.
     """
-    f = _frequency_ghz(frequency_hz, 1e9, 1e12)
-    p, e, theta = _air_state(pressure_pa, temperature_k, vapour_kg_per_m3)
+    f = _checked_frequency_ghz(frequency_hz, 1e9, 1e12)
+    p, e, theta = _pressures_hpa_and_inverse_temperature(
+        pressure_pa, temperature_k, vapour_kg_per_m3
+    )
     f0, a1, a2, a3, a5, a6 = OXYGEN.T
     strength = a1 * 1e-7 * p * theta**3 * np.exp(a2 * (1 - theta))
     width = a3 * 1e-4 * (p * theta**0.8 + 1.1 * e * theta)
@@ -96,7 +98,7 @@ def oxygen_db_per_km(
     continuum_width = 5.6e-4 * (p + e) * theta**0.8
     continuum = 6.14e-5 / (continuum_width * (1 + (f / continuum_width) ** 2))
     continuum += 1.4e-12 * p * theta**1.5 / (1 + 1.9e-5 * f**1.5)
-    lines = (strength * _line_shapes(f, f0, width, interference)).sum()
+    lines = (strength * _spectral_line_shapes(f, f0, width, interference)).sum()
     return float(0.1820 * f * (lines + f * p * theta**2 * continuum))
 
 
@@ -108,14 +110,18 @@ def vapour_db_per_km(
     vapour_kg_per_m3: float = 7.5e-3,
 ) -> float:
     """Return the attenuation by water vapour, like `oxygen_db_per_km`, from 35 lines."""
-    f = _frequency_ghz(frequency_hz, 1e9, 1e12)
-    p, e, theta = _air_state(pressure_pa, temperature_k, vapour_kg_per_m3)
+    f = _checked_frequency_ghz(frequency_hz, 1e9, 1e12)
+    p, e, theta = _pressures_hpa_and_inverse_temperature(
+        pressure_pa, temperature_k, vapour_kg_per_m3
+    )
     f0, b1, b2, b3, b4, b5, b6 = WATER_VAPOUR.T
     strength = b1 * 1e-1 * e * theta**3.5 * np.exp(b2 * (1 - theta))
     width = b3 * 1e-4 * (p * theta**b4 + b5 * e * theta**b6)
     # Broadened by the Doppler shift of the molecules.
     width = 0.535 * width + np.sqrt(0.217 * width**2 + 2.1316e-12 * f0**2 / theta)
-    return float(0.1820 * f * (strength * _line_shapes(f, f0, width, np.zeros_like(f0))).sum())
+    return float(
+        0.1820 * f * (strength * _spectral_line_shapes(f, f0, width, np.zeros_like(f0))).sum()
+    )
 
 
 def gas_db_per_km(
@@ -185,7 +191,7 @@ def rain_db_per_km(frequency_hz: float, rate_m_per_s: float, *, tilt_rad: float 
 
 def rain_power_law(frequency_hz: float) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return (k, alpha) for horizontal and for vertical polarisation, by the fit of P.838-3."""
-    log_f = math.log10(_frequency_ghz(frequency_hz, 1e9, 1e12))
+    log_f = math.log10(_checked_frequency_ghz(frequency_hz, 1e9, 1e12))
     k_h, alpha_h, k_v, alpha_v = (
         sum(a * math.exp(-(((log_f - b) / c) ** 2)) for a, b, c in bells) + m * log_f + offset
         for bells, m, offset in (_K_H, _ALPHA_H, _K_V, _ALPHA_V)
@@ -225,18 +231,18 @@ def fog_db_per_km(
     ----------
     Recommendation ITU-R P.840-8, 2019, Annex 1.
     """
-    f = _frequency_ghz(frequency_hz, 1e9, 200e9)
+    f = _checked_frequency_ghz(frequency_hz, 1e9, 200e9)
     water = 1e3 * check_number("water_kg_per_m3", water_kg_per_m3, at_least=0, at_most=1e-2)
     epsilon = water_relative_permittivity(frequency_hz, temperature_k)
     eta = (2 + epsilon.real) / epsilon.imag
     return 0.819 * f / (epsilon.imag * (1 + eta**2)) * water
 
 
-def _frequency_ghz(frequency_hz: float, at_least: float, at_most: float) -> float:
+def _checked_frequency_ghz(frequency_hz: float, at_least: float, at_most: float) -> float:
     return check_number("frequency_hz", frequency_hz, at_least=at_least, at_most=at_most) / 1e9
 
 
-def _air_state(
+def _pressures_hpa_and_inverse_temperature(
     pressure_pa: float, temperature_k: float, vapour_kg_per_m3: float
 ) -> tuple[float, float, float]:
     """Return the pressures of dry air and vapour in hPa, and 300 K over the temperature."""
@@ -246,11 +252,14 @@ def _air_state(
     return pressure / 100, 1e3 * vapour * kelvins / 216.7, 300 / kelvins
 
 
-def _line_shapes(
-    f: float, f0: np.ndarray, width: np.ndarray, interference: np.ndarray
+def _spectral_line_shapes(
+    frequency_ghz: float,
+    line_frequencies_ghz: np.ndarray,
+    width: np.ndarray,
+    interference: np.ndarray,
 ) -> np.ndarray:
     """Return the shape of each line, per GHz."""
-    below, above = f0 - f, f0 + f
+    below, above = line_frequencies_ghz - frequency_ghz, line_frequencies_ghz + frequency_ghz
     shapes = (width - interference * below) / (below**2 + width**2)
     shapes += (width - interference * above) / (above**2 + width**2)
-    return f / f0 * shapes
+    return frequency_ghz / line_frequencies_ghz * shapes

@@ -48,7 +48,7 @@ def frequency_variance(*, snr: ArrayLike, n_points: int) -> np.ndarray:
     Processing I: Estimation Theory, 1993, 3.11.
     """
     chi = check_positive_ratios("snr", snr)
-    _check_point_count("n_points", n_points)
+    _check_at_least_two_points("n_points", n_points)
     with np.errstate(over="ignore"):  # infinite below a ratio of 1e-308
         return np.asarray(6.0 / (chi * (float(n_points) ** 2 - 1.0)))
 
@@ -84,7 +84,7 @@ def range_std_m(
 
     For a target of known velocity; see `decoupled_range_std_m` for an unknown one.
     """
-    _check_point_count("n_samples", n_samples)
+    _check_at_least_two_points("n_samples", n_samples)
     sample_rate = check_finite_array("sample_rate_hz", sample_rate_hz, above=0)
     slope = check_finite_array("slope_hz_per_s", slope_hz_per_s, above=0)
     variance = frequency_variance(snr=snr, n_points=n_samples)
@@ -98,7 +98,7 @@ def velocity_std_m_per_s(
 
     `wavelength_m` is the one at the middle of the sampling window.
     """
-    _check_point_count("n_chirps", n_chirps)
+    _check_at_least_two_points("n_chirps", n_chirps)
     interval = check_finite_array("interval_s", interval_s, above=0)
     wavelength = check_finite_array("wavelength_m", wavelength_m, above=0)
     variance = frequency_variance(snr=snr, n_points=n_chirps)
@@ -118,8 +118,8 @@ def decoupled_range_std_m(
     at -24 dB per sample in the reference scenario, where range has 11.6 mm. Standard
     deviations are 0 or more, and may be infinite.
     """
-    range_std = _check_standard_deviations("range_std_m", range_std_m)
-    velocity_std = _check_standard_deviations("velocity_std_m_per_s", velocity_std_m_per_s)
+    range_std = _check_non_negative_deviations("range_std_m", range_std_m)
+    velocity_std = _check_non_negative_deviations("velocity_std_m_per_s", velocity_std_m_per_s)
     frequency = check_finite_array("mid_window_frequency_hz", mid_window_frequency_hz, above=0)
     slope = check_finite_array("slope_hz_per_s", slope_hz_per_s, above=0)
     return np.asarray(np.hypot(range_std, frequency / slope * velocity_std))
@@ -194,11 +194,11 @@ def monopulse_std_rad(
     )
 
 
-def _check_point_count(where: str, n: int) -> None:
+def _check_at_least_two_points(where: str, n: int) -> None:
     check_integer(where, n, at_least=2)
 
 
-def _check_standard_deviations(where: str, array: ArrayLike) -> np.ndarray:
+def _check_non_negative_deviations(where: str, array: ArrayLike) -> np.ndarray:
     deviations = np.asarray(array, dtype=float)
     wrong = deviations[~(deviations >= 0)]
     if wrong.size:

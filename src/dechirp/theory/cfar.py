@@ -47,11 +47,11 @@ from scipy.special import logsumexp
 from dechirp.core.checks import check_false_alarm_probability, check_positive_ratios
 from dechirp.theory.cfar_ordered_statistic import OrderedStatisticLaw
 from dechirp.theory.training_cells import (
-    count_powers,
-    half_sizes,
-    order_step_rates,
-    sum_below_probability,
-    sum_exceeds_probability,
+    count_training_powers,
+    n_training_of_both_halves,
+    noise_sum_below_probability,
+    noise_sum_exceeds_probability,
+    order_statistic_step_rates,
 )
 
 __all__ = [
@@ -78,7 +78,7 @@ def cell_averaging_factor(
     mean of the summed cells (K = 8, N = 32, 1e-6: 3.807).
     """
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
-    shape = count_powers(n_training, n_summed)
+    shape = count_training_powers(n_training, n_summed)
     if n_summed == 1:
         return float(n_training * np.expm1(-np.log(false_alarm_probability) / n_training))
     growth = np.log1p((shape - 1) / np.arange(1, n_summed))
@@ -101,14 +101,16 @@ def ordered_statistic_factor(
     of `theory.cfar_ordered_statistic`, relative to a summed cell.
     """
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
-    rates = order_step_rates(n_training, rank)
+    rates = order_statistic_step_rates(n_training, rank)
     log_pfa = math.log(false_alarm_probability)
     if n_summed > 1:
         law = OrderedStatisticLaw(n_training=n_training, rank=rank, n_summed=n_summed)
-        return find_decreasing_root(lambda factor: law.log_probability(factor) - log_pfa, start=1.0)
+        return find_decreasing_root(
+            lambda factor: law.log_false_alarm_probability(factor) - log_pfa, start=1.0
+        )
     # Bounds: every step as short as the first, or as long as the last.
     step = math.expm1(-log_pfa / rank)
-    return _find_root(
+    return _find_root_on_log_scale(
         lambda factor: float(np.sum(np.log1p(factor / rates))) + log_pfa,
         float(rates[-1]) * step,
         float(rates[0]) * step,
@@ -128,7 +130,7 @@ def greatest_of_factor(
 
     with P(j) = I_{m / (m + n (1 + T))}(mK, nK + j), and T = factor / n again.
     """
-    log_pfa = _checked_log(false_alarm_probability)
+    log_pfa = _ln_of_checked_probability(false_alarm_probability)
 
     def excess(factor: float) -> float:
         probability = greatest_of_false_alarm_probability(
@@ -137,7 +139,8 @@ def greatest_of_factor(
         return math.log(max(float(probability), _MIN_POSITIVE)) - log_pfa
 
     return find_decreasing_root(
-        excess, start=_factor_of_both_halves(false_alarm_probability, n_training, n_summed)
+        excess,
+        start=_cell_averaging_factor_of_both_halves(false_alarm_probability, n_training, n_summed),
     )
 
 
@@ -150,7 +153,7 @@ def smallest_of_factor(
     T = factor / n; for other halves and K summed powers as `greatest_of_factor` has it, with
     1 - P(j) instead of P(j).
     """
-    log_pfa = _checked_log(false_alarm_probability)
+    log_pfa = _ln_of_checked_probability(false_alarm_probability)
 
     def excess(factor: float) -> float:
         probability = smallest_of_false_alarm_probability(
@@ -159,7 +162,8 @@ def smallest_of_factor(
         return math.log(max(float(probability), _MIN_POSITIVE)) - log_pfa
 
     return find_decreasing_root(
-        excess, start=_factor_of_both_halves(false_alarm_probability, n_training, n_summed)
+        excess,
+        start=_cell_averaging_factor_of_both_halves(false_alarm_probability, n_training, n_summed),
     )
 
 
@@ -167,22 +171,22 @@ def cell_averaging_false_alarm_probability(
     factor: ArrayLike, *, n_training: int, n_summed: int = 1
 ) -> np.ndarray:
     """Return the probability that noise exceeds factor times the mean of the training cells."""
-    shape = count_powers(n_training, n_summed)
+    shape = count_training_powers(n_training, n_summed)
     a = check_positive_ratios("factor", factor) / n_training
     if n_summed == 1:
         return np.exp(-n_training * np.log1p(a))
-    return sum_exceeds_probability(n_summed, a, shape)
+    return noise_sum_exceeds_probability(n_summed, a, shape)
 
 
 def ordered_statistic_false_alarm_probability(
     factor: ArrayLike, *, n_training: int, rank: int, n_summed: int = 1
 ) -> np.ndarray:
     """Return the probability that noise exceeds factor times the k-th smallest training cell."""
-    rates = order_step_rates(n_training, rank)
+    rates = order_statistic_step_rates(n_training, rank)
     factors = check_positive_ratios("factor", factor)
     if n_summed > 1:
         law = OrderedStatisticLaw(n_training=n_training, rank=rank, n_summed=n_summed)
-        logs = [-law.log_probability(value) for value in factors.flat]
+        logs = [-law.log_false_alarm_probability(value) for value in factors.flat]
     else:
         logs = [np.sum(np.log1p(value / rates)) for value in factors.flat]
     return np.exp(-np.reshape(logs, factors.shape))
@@ -192,8 +196,8 @@ def greatest_of_false_alarm_probability(
     factor: ArrayLike, *, n_training: int | tuple[int, int], n_summed: int = 1
 ) -> np.ndarray:
     """Return the probability that noise exceeds factor times the larger mean of both halves."""
-    return _half_window_false_alarm_probability(
-        factor, n_training, n_summed, comparison=sum_exceeds_probability
+    return _greatest_or_smallest_of_false_alarm_probability(
+        factor, n_training, n_summed, selection_probability=noise_sum_exceeds_probability
     )
 
 
@@ -201,47 +205,47 @@ def smallest_of_false_alarm_probability(
     factor: ArrayLike, *, n_training: int | tuple[int, int], n_summed: int = 1
 ) -> np.ndarray:
     """Return the probability that noise exceeds factor times the smaller mean of both halves."""
-    return _half_window_false_alarm_probability(
-        factor, n_training, n_summed, comparison=sum_below_probability
+    return _greatest_or_smallest_of_false_alarm_probability(
+        factor, n_training, n_summed, selection_probability=noise_sum_below_probability
     )
 
 
-def _half_window_false_alarm_probability(
+def _greatest_or_smallest_of_false_alarm_probability(
     factor: ArrayLike,
     n_training: int | tuple[int, int],
     n_summed: int,
     *,
-    comparison: Callable[..., np.ndarray],
+    selection_probability: Callable[..., np.ndarray],
 ) -> np.ndarray:
     """Return the alarm probability over the mean of the half that wins the comparison of sums."""
     factors = check_positive_ratios("factor", factor)
-    n, m = half_sizes(n_training)
+    n, m = n_training_of_both_halves(n_training)
     probability = np.zeros_like(factors)
     for n_own, n_other in ((n, m), (m, n)):
-        shape, t = count_powers(n_own, n_summed), factors / n_own
+        shape, t = count_training_powers(n_own, n_summed), factors / n_own
         # The cell under test exceeds T x, x the sum of this half, if fewer than K events fall
         # into T x. Weighted by the probability of j events, x is again a gamma variate, of shape
         # + j and 1 + T times smaller, and must still win the comparison with the other half.
         log_weight = -shape * np.log1p(t)
         for j in range(n_summed):
-            comparison_probability = comparison(
-                shape + j, (1 + t) * n_own / n_other, count_powers(n_other, n_summed)
+            comparison_probability = selection_probability(
+                shape + j, (1 + t) * n_own / n_other, count_training_powers(n_other, n_summed)
             )
             probability += np.exp(log_weight) * comparison_probability
             log_weight += math.log((shape + j) / (j + 1)) - np.log1p(1 / t)
     return probability
 
 
-def _checked_log(false_alarm_probability: float) -> float:
+def _ln_of_checked_probability(false_alarm_probability: float) -> float:
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
     return math.log(false_alarm_probability)
 
 
-def _factor_of_both_halves(
+def _cell_averaging_factor_of_both_halves(
     false_alarm_probability: float, n_training: int | tuple[int, int], n_summed: int
 ) -> float:
     """Return the factor over the mean of both halves, as a start for that over one half."""
-    n_cells = sum(half_sizes(n_training))
+    n_cells = sum(n_training_of_both_halves(n_training))
     return cell_averaging_factor(false_alarm_probability, n_training=n_cells, n_summed=n_summed)
 
 
@@ -252,10 +256,10 @@ def find_decreasing_root(excess: Callable[[float], float], *, start: float) -> f
         low /= 2
     while excess(high) > 0:
         high *= 2
-    return _find_root(excess, low, high)
+    return _find_root_on_log_scale(excess, low, high)
 
 
-def _find_root(excess: Callable[[float], float], low: float, high: float) -> float:
+def _find_root_on_log_scale(excess: Callable[[float], float], low: float, high: float) -> float:
     """Find a positive root between bounds, which may equal the root up to rounding."""
     log_root = brentq(
         lambda log: excess(math.exp(log)),

@@ -64,10 +64,10 @@ class CalibratedFactor:
 def calibrate_factor(
     false_alarm_probability: float,
     statistic: Statistic,
-    box: CorrelatedWindow,
+    window: CorrelatedWindow,
     *,
     n_summed: int = 1,
-    low: np.ndarray | None = None,
+    low_cell_masks: np.ndarray | None = None,
 ) -> CalibratedFactor:
     """Simulate the ratio of threshold to a statistic of correlated training cells.
 
@@ -81,11 +81,11 @@ def calibrate_factor(
         For the cell under test.
     statistic : callable
         From powers (..., n_training) to (...); proportional to the powers.
-    box : Box
+    window : CorrelatedWindow
         The covariance of the noise.
     n_summed : int
         Powers that are summed in each cell.
-    low : bool array (n_sets, n_training), optional
+    low_cell_masks : bool array (n_sets, n_training), optional
         Sets of cells whose low values cause alarms; by default all cells as one set.
 
     Raises
@@ -94,7 +94,7 @@ def calibrate_factor(
         If there are more than 2,000 training cells, a tenth of the power of the cell under
         test leaks into one of them, or they are so few that the error would exceed 25 %.
     """
-    n_cells = box.n_training
+    n_cells = window.n_training
     if n_cells > MAX_TRAINING_CELLS:
         raise InvalidSetting(
             "Cfar.n_training",
@@ -102,7 +102,7 @@ def calibrate_factor(
             expected=f"at most {MAX_TRAINING_CELLS}, for which a factor can be calibrated",
             fix="lower n_training, or choose cell-averaging, whose factor is exact",
         )
-    covariance = box.covariance
+    covariance = window.covariance
     leak = covariance[:-1, -1]
     if np.max(abs(leak) ** 2) > _MAX_LEAKAGE:
         raise InvalidSetting(
@@ -111,15 +111,17 @@ def calibrate_factor(
             expected="guard cells beyond the main lobe of the window",
             fix="widen the guard, pad less, or choose cell-averaging, whose factor is exact",
         )
-    sets = np.ones((1, n_cells), bool) if low is None else low
+    sets = np.ones((1, n_cells), bool) if low_cell_masks is None else low_cell_masks
     tilts = np.concatenate(
         [
-            _importance_tilts(false_alarm_probability, covariance[:-1, :-1], cells, n_summed)
+            _importance_sampling_tilts(
+                false_alarm_probability, covariance[:-1, :-1], cells, n_summed
+            )
             for cells in sets
         ]
     )
     estimate = _FactorEstimate(statistic, leak, false_alarm_probability, n_summed)
-    for amplitudes, weights in _draw_training_amplitudes(covariance, tilts, n_summed):
+    for amplitudes, weights in _draw_training_amplitudes_and_weights(covariance, tilts, n_summed):
         estimate.add_draws(amplitudes, weights)
         if estimate.relative_error <= _TARGET_ERROR:
             break
@@ -154,11 +156,11 @@ class _FactorEstimate:
     def add_draws(self, amplitudes: np.ndarray, weights: np.ndarray) -> None:
         """Add draws, and update the factor and its error."""
         if not self._levels.size:
-            self._first_factor = self._find_first_factor(amplitudes, weights)
+            self._first_factor = self._find_self_consistent_factor(amplitudes, weights)
         levels = self._statistic_with_leakage(amplitudes, self._first_factor)
         self._levels = np.append(self._levels, levels)
         self._weights = np.append(self._weights, weights)
-        solved_factor = self._solve_factor(self._levels, self._weights)
+        solved_factor = self._solve_factor_for_false_alarm_probability(self._levels, self._weights)
         # Statistics include leakage at the factor of the first draws.
         self.factor = self._first_factor * (solved_factor / self._first_factor) ** (
             -1 / self._slope
@@ -170,18 +172,23 @@ class _FactorEstimate:
             probabilities.std() / probabilities.mean() / np.sqrt(probabilities.size)
         )
 
-    def _find_first_factor(self, amplitudes: np.ndarray, weights: np.ndarray) -> float:
+    def _find_self_consistent_factor(self, amplitudes: np.ndarray, weights: np.ndarray) -> float:
         """Find the factor consistent with its own leakage; set the slope."""
         power = np.sum(abs(amplitudes) ** 2, axis=1)
         log_factor_without_leakage = math.log(
-            self._solve_factor(self._statistic(power).astype(float), weights)
+            self._solve_factor_for_false_alarm_probability(
+                self._statistic(power).astype(float), weights
+            )
         )
         if not self._leak.any():
             return math.exp(log_factor_without_leakage)
 
         def log_excess(log_factor: float) -> float:
             levels = self._statistic_with_leakage(amplitudes, math.exp(log_factor))
-            return math.log(self._solve_factor(levels, weights)) - log_factor
+            return (
+                math.log(self._solve_factor_for_false_alarm_probability(levels, weights))
+                - log_factor
+            )
 
         # Much leakage lowers the factor; a little may change the order of cells either way.
         low, high = log_factor_without_leakage - 0.1, log_factor_without_leakage + 0.1
@@ -193,11 +200,13 @@ class _FactorEstimate:
         self._slope = (log_excess(log_factor + 0.05) - log_excess(log_factor)) / 0.05
         return math.exp(log_factor)
 
-    def _solve_factor(self, levels: np.ndarray, weights: np.ndarray) -> float:
+    def _solve_factor_for_false_alarm_probability(
+        self, statistics: np.ndarray, weights: np.ndarray
+    ) -> float:
         """Solve for the factor with statistics held fixed."""
 
         def excess(factor: float) -> float:
-            probability = self._weighted_alarm_probabilities(factor, levels, weights).mean()
+            probability = self._weighted_alarm_probabilities(factor, statistics, weights).mean()
             return math.log(max(float(probability), 1e-320)) - self._log_pfa
 
         return find_decreasing_root(excess, start=1.0)
@@ -226,16 +235,16 @@ class _FactorEstimate:
         return levels
 
 
-def _importance_tilts(
-    false_alarm_probability: float, covariance: np.ndarray, cells: np.ndarray, n_summed: int
+def _importance_sampling_tilts(
+    false_alarm_probability: float, covariance: np.ndarray, low_cells: np.ndarray, n_summed: int
 ) -> np.ndarray:
     """Return diagonals of T, (n_tilts, n_training), for draws in which the marked cells are low.
 
     The strongest tilt makes them as low as in alarms over their mean. Few cells must be very
     low, so further tilts lead stepwise to untilted noise.
     """
-    n = int(np.count_nonzero(cells))
-    n_independent = n**2 / np.sum(abs(covariance[np.ix_(cells, cells)]) ** 2)
+    n = int(np.count_nonzero(low_cells))
+    n_independent = n**2 / np.sum(abs(covariance[np.ix_(low_cells, low_cells)]) ** 2)
     factor = cell_averaging_factor(
         false_alarm_probability, n_training=max(round(n_independent), 1), n_summed=n_summed
     )
@@ -244,10 +253,10 @@ def _importance_tilts(
     relative_slope = 1 / (1 + np.sum(terms))
     strongest = relative_slope * factor / n
     n_tilts = 2 + max(math.ceil(math.log(strongest) / math.log(_TILT_RATIO)), 0)
-    return np.outer(strongest / _TILT_RATIO ** np.arange(n_tilts), cells)
+    return np.outer(strongest / _TILT_RATIO ** np.arange(n_tilts), low_cells)
 
 
-def _draw_training_amplitudes(
+def _draw_training_amplitudes_and_weights(
     covariance: np.ndarray, tilts: np.ndarray, n_summed: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Draw training cells without leakage, (n_draws, n_summed, n_training), and weights."""

@@ -92,10 +92,10 @@ class CorrelatedWindow:
     def n_training(self) -> int:
         """Number of training cells."""
         box = len(self.range_covariance) * len(self.velocity_covariance)
-        return box - self._n_guard(self.guard_range) * self._n_guard(self.guard_velocity)
+        return box - self._slice_length(self.guard_range) * self._slice_length(self.guard_velocity)
 
     @property
-    def offsets(self) -> np.ndarray:
+    def training_offsets(self) -> np.ndarray:
         """Offsets of the training cells from the cell under test, (n_training, 2): velocity, range.
 
         In order of range, then velocity.
@@ -138,15 +138,16 @@ class CorrelatedWindow:
         F. E. Satterthwaite, An approximate distribution of estimates of variance components,
         Biometrics Bulletin 2(6), 1946.
         """
-        return float(self.n_training**2 / self._sum_of_pairs(1))
+        return float(self.n_training**2 / self._sum_of_correlation_powers(1))
 
-    def n_independent_for_quantile(self, share: float) -> float:
-        r"""Return the number of independent cells whose quantile at `share` has the same variance.
+    def n_independent_for_quantile(self, quantile_level: float) -> float:
+        r"""Return the number of independent cells whose quantile has the same variance.
 
         .. math:: N_\mathrm{eff} = \frac{N^2 p q}{\sum_{ij} C(|\rho_{ij}|)}, \quad
             C(\rho) = \sum_{k \ge 1} \rho^{2 k} \left(p\, [L_k(t) - L_{k-1}(t)]\right)^2
 
-        with q the share, p = 1 - q, t = -ln p the level between them, and C the covariance of
+        with q the quantile level, p = 1 - q, t = -ln p the level between
+        them, and C the covariance of
         the events that two squared magnitudes exceed it, by the Laguerre series of their density
         (Watson).
         C falls faster with distance than the covariance of the magnitudes, so an ordered
@@ -156,36 +157,43 @@ class CorrelatedWindow:
         J. London Math. Soc. 8, 1933. Bahadur's relation of quantiles to shares: Ann. Math.
         Stat. 37(3), 1966.
         """
-        above = 1.0 - share
+        above = 1.0 - quantile_level
         orders = np.arange(_MAX_LAGUERRE_ORDER + 1)
         values = eval_laguerre(orders, -np.log(above))
         terms = (above * np.diff(values)) ** 2  # of k = 1, 2, ...
         n = self.n_training
         # Pairs of a cell with itself are the variance, and need no series.
-        apart = sum(c * (self._sum_of_pairs(k) - n) for k, c in zip(orders[1:], terms, strict=True))
-        return float(n**2 * above * share / (n * above * share + apart))
+        apart = sum(
+            c * (self._sum_of_correlation_powers(k) - n)
+            for k, c in zip(orders[1:], terms, strict=True)
+        )
+        return float(n**2 * above * quantile_level / (n * above * quantile_level + apart))
 
-    def _sum_of_pairs(self, order: int) -> float:
+    def _sum_of_correlation_powers(self, order: int) -> float:
         """Return the sum of |rho|^(2 order) over all pairs of training cells."""
         # Training cells are the window without its guard, and both are products of axes.
-        in_range = _sums_along_axis(self.range_covariance, self.guard_range, order)
-        in_velocity = _sums_along_axis(self.velocity_covariance, self.guard_velocity, order)
+        in_range = _axis_sums_of_correlation_powers(self.range_covariance, self.guard_range, order)
+        in_velocity = _axis_sums_of_correlation_powers(
+            self.velocity_covariance, self.guard_velocity, order
+        )
         box, across, guard = in_range * in_velocity
         return float(box - 2 * across + guard)
 
     @staticmethod
-    def _n_guard(guard: slice) -> int:
+    def _slice_length(guard: slice) -> int:
         return int(guard.stop - guard.start)
 
 
-def _sums_along_axis(covariance: np.ndarray, guard: slice, order: int) -> np.ndarray:
+def _axis_sums_of_correlation_powers(
+    covariance: np.ndarray, guard: slice, order: int
+) -> np.ndarray:
     """Sum |rho|^(2 order) over pairs of cells: window, window and guard, guard; (3,)."""
     power = np.abs(covariance) ** (2 * order)
     return np.array([power.sum(), power[guard].sum(), power[guard, guard].sum()])
 
 
 def correlated_factor(
-    false_alarm_probability: float, box: CorrelatedWindow, *, n_summed: int = 1
+    false_alarm_probability: float, window: CorrelatedWindow, *, n_summed: int = 1
 ) -> float:
     """Return the ratio of threshold to the mean of correlated training cells, by the exact law.
 
@@ -202,7 +210,7 @@ def correlated_factor(
     ----------
     false_alarm_probability : float
         For the cell under test.
-    box : Box
+    window : CorrelatedWindow
         The covariance of the noise.
     n_summed : int
         Powers that are summed in each cell, of receivers or pulses.
@@ -214,13 +222,13 @@ def correlated_factor(
         `cell_averaging_factor`.
     """
     independent = cell_averaging_factor(
-        false_alarm_probability, n_training=box.n_training, n_summed=n_summed
+        false_alarm_probability, n_training=window.n_training, n_summed=n_summed
     )
-    start, log_pfa = np.log(independent / box.n_training), np.log(false_alarm_probability)
-    law = _FalseAlarmLaw(box)
+    start, log_pfa = np.log(independent / window.n_training), np.log(false_alarm_probability)
+    law = _FalseAlarmLaw(window)
 
     def excess(log_x: float) -> float:
-        return law.log_probability(float(np.exp(log_x)), n_summed) - log_pfa
+        return law.log_false_alarm_probability(float(np.exp(log_x)), n_summed) - log_pfa
 
     try:
         log_x, solution = newton(
@@ -237,7 +245,7 @@ def correlated_factor(
             expected="guard cells beyond the main lobe of the window",
             fix="widen the guard, or pad less",
         )
-    return law.scaled_factor(float(np.exp(log_x))) * box.n_training
+    return law.factor_over_n_training(float(np.exp(log_x))) * window.n_training
 
 
 class _FalseAlarmLaw:
@@ -258,36 +266,42 @@ class _FalseAlarmLaw:
         self._n_guard = len(in_range) * len(in_velocity)
         self._cut = row * len(in_velocity) + box.cell_under_test[1] - box.guard_velocity.start
 
-    def _on_guard(self, weights: np.ndarray) -> np.ndarray:
+    def _weighted_eigenvector_sum_over_guard(self, weights: np.ndarray) -> np.ndarray:
         """Sum weights_ij u_i u_i^H x v_j v_j^H over the guard, (..., guard, guard)."""
         by_velocity = np.einsum("...ij,cdj->...icd", weights, self._velocity)
         block = np.einsum("abi,...icd->...acbd", self._range, by_velocity, optimize=True)
         return block.reshape(*weights.shape[:-2], self._n_guard, self._n_guard)
 
-    def scaled_factor(self, x: float) -> float:
+    def factor_over_n_training(self, root: float) -> float:
         """Return factor / N for a root x: h(x) - 1."""
-        inverse = np.linalg.inv(self._on_guard(1 / (1 + x * self._eigenvalues)))
+        inverse = np.linalg.inv(
+            self._weighted_eigenvector_sum_over_guard(1 / (1 + root * self._eigenvalues))
+        )
         return float(inverse[self._cut, self._cut].real - 1)
 
-    def log_probability(self, x: float, n_summed: int) -> float:
+    def log_false_alarm_probability(self, root: float, n_summed: int) -> float:
         """Return the natural logarithm of the false-alarm probability at the root x."""
         return (
-            self._log_probability_of_one(x)
+            self._log_false_alarm_probability_of_one_power(root)
             if n_summed == 1
-            else self._log_probability_of_sum(x, n_summed)
+            else self._log_false_alarm_probability_of_sum(root, n_summed)
         )
 
-    def _log_probability_of_one(self, x: float) -> float:
+    def _log_false_alarm_probability_of_one_power(self, root: float) -> float:
         """Return ln of (h - 1) / (x h' det over the training cells)."""
-        spread = 1 / (1 + x * self._eigenvalues)
-        block = self._on_guard(spread)
+        spread = 1 / (1 + root * self._eigenvalues)
+        block = self._weighted_eigenvector_sum_over_guard(spread)
         column = np.linalg.solve(block, np.eye(self._n_guard)[:, self._cut])
         h = column[self._cut].real
-        slope = column.conj() @ self._on_guard(self._eigenvalues * spread**2) @ column
+        slope = (
+            column.conj()
+            @ self._weighted_eigenvector_sum_over_guard(self._eigenvalues * spread**2)
+            @ column
+        )
         log_det = np.linalg.slogdet(block)[1] - np.sum(np.log(spread))
-        return float(np.log(h - 1) - np.log(x * slope.real) - log_det)
+        return float(np.log(h - 1) - np.log(root * slope.real) - log_det)
 
-    def _log_probability_of_sum(self, x: float, n_summed: int) -> float:
+    def _log_false_alarm_probability_of_sum(self, root: float, n_summed: int) -> float:
         """Return ln of the sum over derivatives, from q(s) = prod (1 + s mu_j) around s = 1.
 
         q(s) = det over the training cells at s x, times (a - (h(s x) - 1)) / (a (1 - s)). Its
@@ -297,9 +311,9 @@ class _FalseAlarmLaw:
         """
         n_upper = 8 + n_summed
         points = np.exp(1j * np.pi * (np.arange(n_upper) + 0.5) / n_upper)
-        a = self.scaled_factor(x)
-        spread = 1 / (1 + (1 + points)[:, None, None] * x * self._eigenvalues)
-        block = self._on_guard(spread)
+        a = self.factor_over_n_training(root)
+        spread = 1 / (1 + (1 + points)[:, None, None] * root * self._eigenvalues)
+        block = self._weighted_eigenvector_sum_over_guard(spread)
         h = np.linalg.inv(block)[:, self._cut, self._cut]
         sign, log_det = np.linalg.slogdet(block)
         log_q = np.log(sign * (h - 1 - a) / (a * points)) + log_det

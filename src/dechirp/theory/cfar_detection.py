@@ -50,13 +50,18 @@ from dechirp.theory.cfar import (
     smallest_of_false_alarm_probability,
 )
 from dechirp.theory.detection import required_snr
-from dechirp.theory.swerling import NEGLIGIBLE, count_range, probability_at_least, swerling_shape
+from dechirp.theory.swerling import (
+    NEGLIGIBLE,
+    likely_count_range,
+    probability_count_at_least,
+    swerling_shape,
+)
 from dechirp.theory.training_cells import (
-    count_powers,
-    half_sizes,
-    order_step_rates,
-    sum_below_probability,
-    sum_exceeds_probability,
+    count_training_powers,
+    n_training_of_both_halves,
+    noise_sum_below_probability,
+    noise_sum_exceeds_probability,
+    order_statistic_step_rates,
 )
 
 __all__ = [
@@ -74,7 +79,7 @@ def cell_averaging_detection_probability(
 ) -> np.ndarray:
     """Return the probability that a target exceeds factor times the mean of the cells."""
     chi, target_shape = check_non_negative_ratios("snr", snr), swerling_shape(swerling, n_summed)
-    noise_shape = count_powers(n_training, n_summed)
+    noise_shape = count_training_powers(n_training, n_summed)
     factor = check_number("factor", factor, above=0)
     a = factor / n_training
     if target_shape == n_summed:  # exponential in each power, as noise is
@@ -85,11 +90,11 @@ def cell_averaging_detection_probability(
         c = 1 + chi / 2
         exceedance = cell_averaging_false_alarm_probability(factor / c, n_training=n_training)
         return np.asarray(exceedance * (1 + (c - 1) / c * n_training * a / (c + a)))
-    return _sum_over_counts(
+    return _detection_probability_from_event_counts(
         n_summed * chi,
         target_shape,
         lambda n: _negative_binomial_pmf(n, noise_shape, a),
-        count_range(noise_shape * a, noise_shape)[1],
+        likely_count_range(noise_shape * a, noise_shape)[1],
         n_summed=n_summed,
     )
 
@@ -104,7 +109,7 @@ def ordered_statistic_detection_probability(
     """
     chi, target_shape = check_non_negative_ratios("snr", snr), swerling_shape(swerling, 1)
     factor = check_number("factor", factor, above=0)
-    rates = order_step_rates(n_training, rank)
+    rates = order_statistic_step_rates(n_training, rank)
     if target_shape == 1:
         return ordered_statistic_false_alarm_probability(
             factor / (1 + chi), n_training=n_training, rank=rank
@@ -118,11 +123,11 @@ def ordered_statistic_detection_probability(
         return np.asarray(exceedance * (1 + (c - 1) / c * np.reshape(steps, c.shape)))
     # The largest expected statistic: -ln of a beta variate.
     longest = -math.log(betaincinv(n_training - rank + 1, rank, NEGLIGIBLE))
-    return _sum_over_counts(
+    return _detection_probability_from_event_counts(
         chi,
         target_shape,
         lambda n: _geometric_sum_pmf(n, factor / rates),
-        count_range(longest * factor, math.inf)[1],
+        likely_count_range(longest * factor, math.inf)[1],
         max_terms=10**6,
     )
 
@@ -132,13 +137,13 @@ def greatest_of_detection_probability(
 ) -> np.ndarray:
     """Return the probability that a target exceeds factor times the larger half mean."""
     alarms = greatest_of_false_alarm_probability
-    return _half_window_detection_probability(
+    return _greatest_or_smallest_of_detection_probability(
         snr,
         factor,
         n_training,
         swerling,
         false_alarm_probability=alarms,
-        comparison=sum_exceeds_probability,
+        selection_probability=noise_sum_exceeds_probability,
     )
 
 
@@ -147,13 +152,13 @@ def smallest_of_detection_probability(
 ) -> np.ndarray:
     """Return the probability that a target exceeds factor times the smaller half mean."""
     alarms = smallest_of_false_alarm_probability
-    return _half_window_detection_probability(
+    return _greatest_or_smallest_of_detection_probability(
         snr,
         factor,
         n_training,
         swerling,
         false_alarm_probability=alarms,
-        comparison=sum_below_probability,
+        selection_probability=noise_sum_below_probability,
     )
 
 
@@ -236,21 +241,22 @@ def cell_averaging_loss(
     return adaptive / snr_in_known_noise
 
 
-def _half_window_detection_probability(
+def _greatest_or_smallest_of_detection_probability(
     snr: ArrayLike,
     factor: float,
     n_training: int | tuple[int, int],
     swerling: int,
     *,
     false_alarm_probability: Callable[..., np.ndarray],
-    comparison: Callable[..., np.ndarray],
+    selection_probability: Callable[..., np.ndarray],
 ) -> np.ndarray:
     """Return the detection probability over the mean of the half that wins the comparison of sums.
 
-    `comparison` is the probability of that outcome, `false_alarm_probability` that of an alarm.
+    `selection_probability` is the probability of that outcome, `false_alarm_probability` that of an
+    alarm.
     """
     chi, target_shape = check_non_negative_ratios("snr", snr), swerling_shape(swerling, 1)
-    sizes = half_sizes(n_training)
+    sizes = n_training_of_both_halves(n_training)
     factor = check_number("factor", factor, above=0)
     if target_shape == 1:
         return false_alarm_probability(factor / (1 + chi), n_training=n_training)
@@ -261,43 +267,46 @@ def _half_window_detection_probability(
         pmf = np.zeros(n)
         for n_own, n_other in (sizes, sizes[::-1]):
             t = factor / n_own
-            comparison_probability = comparison(
+            comparison_probability = selection_probability(
                 n_own + np.arange(n), (1 + t) * n_own / n_other, n_other
             )
             pmf += _negative_binomial_pmf(n, n_own, t) * comparison_probability
         return pmf
 
-    longest = max(count_range(factor, n_own)[1] for n_own in sizes)
-    return _sum_over_counts(chi, target_shape, counts, longest)
+    longest = max(likely_count_range(factor, n_own)[1] for n_own in sizes)
+    return _detection_probability_from_event_counts(chi, target_shape, counts, longest)
 
 
-def _sum_over_counts(
-    mean: np.ndarray,
-    shape: float,
-    count_pmf: Callable[[int], np.ndarray],
-    max_count: int,
+def _detection_probability_from_event_counts(
+    target_mean_counts: np.ndarray,
+    target_shape: float,
+    threshold_count_pmf: Callable[[int], np.ndarray],
+    max_threshold_count: int,
     *,
     n_summed: int = 1,
     max_terms: int = 10**8,
 ) -> np.ndarray:
-    """Return P(M < K + J) for each mean of J; `count_pmf(n)` holds P(M = m) for m < n."""
-    spans = [count_range(count_mean, shape) for count_mean in mean.flat]
-    n = n_summed + min(max_count, max((last for _, last in spans), default=0))
+    """Return P(M < K + J) for each mean of J; `threshold_count_pmf(n)` holds P(M = m) for m < n."""
+    spans = [likely_count_range(count_mean, target_shape) for count_mean in target_mean_counts.flat]
+    n = n_summed + min(max_threshold_count, max((last for _, last in spans), default=0))
     if n > max_terms:
         raise InvalidSetting(
             "snr",
-            value=f"{mean.max() / n_summed:.3g} over a threshold that needs {n:.3g} terms",
+            value=f"{target_mean_counts.max() / n_summed:.3g} over a threshold that needs"
+            f" {n:.3g} terms",
             expected=f"an SNR whose sum has at most {max_terms:.0e} terms",
             fix="lower it, train over more cells, or allow more false alarms",
         )
-    pmf = count_pmf(n)
+    pmf = threshold_count_pmf(n)
     probabilities = []
-    for count_mean, (first, last) in zip(mean.flat, spans, strict=True):
+    for count_mean, (first, last) in zip(target_mean_counts.flat, spans, strict=True):
         # J exceeds m - K certainly, possibly, or practically never.
         certain, uncertain = np.split(pmf[: n_summed + last], [n_summed + first])
         j = first + 1.0 + np.arange(uncertain.size)
-        probabilities.append(certain.sum() + uncertain @ probability_at_least(j, count_mean, shape))
-    return np.minimum(np.reshape(probabilities, mean.shape), 1.0)
+        probabilities.append(
+            certain.sum() + uncertain @ probability_count_at_least(j, count_mean, target_shape)
+        )
+    return np.minimum(np.reshape(probabilities, target_mean_counts.shape), 1.0)
 
 
 def _negative_binomial_pmf(n: int, shape: int, a: float) -> np.ndarray:

@@ -40,21 +40,21 @@ class OrderedStatisticLaw:
         check_integer("rank", self.rank, at_least=1, at_most=self.n_training)
         check_integer("n_summed", self.n_summed, at_least=1)
 
-    def log_probability(self, factor: float) -> float:
+    def log_false_alarm_probability(self, factor: float) -> float:
         """Return ln of the probability that noise exceeds factor times the statistic."""
         first, last = -60.0, math.log(self.n_summed + 1000.0)
         while True:  # the peak may be a thousand times narrower than the search range
             log_s = np.linspace(first, last, 65)
-            height = self._log_integrand(log_s, factor)
+            height = self._log_density_times_exceedance(log_s, factor)
             high = np.flatnonzero(height > height.max() + _LOG_CUTOFF)
             bounds = log_s[max(high[0] - 1, 0)], log_s[min(high[-1] + 1, 64)]
             if bounds[1] - bounds[0] > 0.5 * (last - first):
                 break
             first, last = bounds
         log_s, step = np.linspace(*bounds, _N_STEPS, retstep=True)
-        return float(logsumexp(self._log_integrand(log_s, factor)) + math.log(step))
+        return float(logsumexp(self._log_density_times_exceedance(log_s, factor)) + math.log(step))
 
-    def _log_integrand(self, log_s: np.ndarray, factor: float) -> np.ndarray:
+    def _log_density_times_exceedance(self, log_s: np.ndarray, factor: float) -> np.ndarray:
         """Return the logarithm of density times exceedance probability, over ln s."""
         n, k, shape = self.n_training, self.rank, self.n_summed
         choose = gammaln(n + 1) - gammaln(k) - gammaln(n - k + 1)
@@ -64,10 +64,15 @@ class OrderedStatisticLaw:
             # May be as small as s^K / K!, which underflows.
             log_below = np.where(below > 1e-280, np.log(below), shape * log_s - gammaln(shape + 1))
         density = shape * log_s - s - gammaln(shape)
-        log_beyond, exceeds = self._log_exceedance(s), self._log_exceedance(factor * s)
+        log_beyond, exceeds = (
+            self._log_noise_exceedance_probability(s),
+            self._log_noise_exceedance_probability(factor * s),
+        )
         return choose + (k - 1) * log_below + (n - k) * log_beyond + density + exceeds
 
-    def _log_exceedance(self, x: np.ndarray) -> np.ndarray:
+    def _log_noise_exceedance_probability(self, threshold: np.ndarray) -> np.ndarray:
         """Return ln of Q(K, x) = exp(-x) sum_{j<K} x^j / j!."""
         j = np.arange(self.n_summed)
-        return np.asarray(logsumexp(np.log(x)[:, None] * j - gammaln(j + 1), axis=1) - x)
+        return np.asarray(
+            logsumexp(np.log(threshold)[:, None] * j - gammaln(j + 1), axis=1) - threshold
+        )

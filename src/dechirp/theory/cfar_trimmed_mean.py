@@ -31,7 +31,7 @@ from dechirp.core.checks import (
     check_positive_ratios,
 )
 from dechirp.theory.cfar import find_decreasing_root
-from dechirp.theory.training_cells import order_step_rates
+from dechirp.theory.training_cells import order_statistic_step_rates
 
 __all__ = [
     "trimmed_mean_detection_probability",
@@ -45,7 +45,7 @@ def trimmed_mean_factor(
 ) -> float:
     """Return the ratio of threshold to the trimmed mean of the training cells."""
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
-    means = _mean_step_weights(n_training, n_smallest, n_largest)
+    means = _mean_contribution_of_order_steps(n_training, n_smallest, n_largest)
     log_pfa = math.log(false_alarm_probability)
     return find_decreasing_root(
         lambda factor: -float(np.sum(np.log1p(factor * means))) - log_pfa, start=1.0
@@ -56,7 +56,7 @@ def trimmed_mean_false_alarm_probability(
     factor: ArrayLike, *, n_training: int, n_smallest: int, n_largest: int
 ) -> np.ndarray:
     """Return the probability that noise exceeds factor times the trimmed mean."""
-    means = _mean_step_weights(n_training, n_smallest, n_largest)
+    means = _mean_contribution_of_order_steps(n_training, n_smallest, n_largest)
     factors = check_positive_ratios("factor", factor)
     logs = [np.sum(np.log1p(value * means)) for value in factors.flat]
     return np.exp(-np.reshape(logs, factors.shape))
@@ -77,7 +77,9 @@ def trimmed_mean_detection_probability(
     )
 
 
-def _mean_step_weights(n_training: int, n_smallest: int, n_largest: int) -> np.ndarray:
+def _mean_contribution_of_order_steps(
+    n_training: int, n_smallest: int, n_largest: int
+) -> np.ndarray:
     """Return the mean contribution of each step to the trimmed mean, (n_training - n_largest,)."""
     check_integer("n_training", n_training, at_least=1)
     check_integer("n_smallest", n_smallest, at_least=0, at_most=n_training - 1)
@@ -85,4 +87,4 @@ def _mean_step_weights(n_training: int, n_smallest: int, n_largest: int) -> np.n
     last = n_training - n_largest
     # A step raises all kept cells after it; the first steps raise all of them.
     n_raised = np.minimum(last - np.arange(last), last - n_smallest)
-    return n_raised / ((last - n_smallest) * order_step_rates(n_training, last))
+    return n_raised / ((last - n_smallest) * order_statistic_step_rates(n_training, last))

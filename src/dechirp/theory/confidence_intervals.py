@@ -36,8 +36,16 @@ def binomial_interval(hits: int, trials: int, *, confidence: float) -> tuple[flo
     check_integer("trials", trials, at_least=1, at_most=2**63 - 1)
     check_integer("hits", hits, at_least=0, at_most=trials)
     tail, misses = _tail_probability(confidence), trials - hits
-    low = _find_root(lambda p: float(betainc(hits, misses + 1, p)) - tail) if hits else 0.0
-    high = _find_root(lambda p: float(betaincc(hits + 1, misses, p)) - tail) if misses else 1.0
+    low = (
+        _find_probability_root(lambda p: float(betainc(hits, misses + 1, p)) - tail)
+        if hits
+        else 0.0
+    )
+    high = (
+        _find_probability_root(lambda p: float(betaincc(hits + 1, misses, p)) - tail)
+        if misses
+        else 1.0
+    )
     return low, high
 
 
@@ -47,7 +55,7 @@ def rms_interval(values: ArrayLike, *, confidence: float) -> tuple[float, float]
     The sum of squares over the variance is chi-square with n degrees of freedom (S. M. Kay,
     Fundamentals of Statistical Signal Processing II: Detection Theory, 1998, 2.2.2).
     """
-    errors, tail = _check_sample(values), _tail_probability(confidence)
+    errors, tail = _check_two_or_more_finite_values(values), _tail_probability(confidence)
     half_sum = np.sum(errors**2) / 2
     low = np.sqrt(half_sum / gammainccinv(errors.size / 2, tail))
     high = np.sqrt(half_sum / gammaincinv(errors.size / 2, tail))
@@ -60,7 +68,7 @@ def mean_interval(values: ArrayLike, *, confidence: float) -> tuple[float, float
     Mean -+ t s / sqrt(n), with s^2 the sample variance and t Student's quantile for n - 1
     degrees of freedom (Student, The probable error of a mean, Biometrika 6, 1908).
     """
-    sample = _check_sample(values)
+    sample = _check_two_or_more_finite_values(values)
     return _student_interval(sample, float(np.var(sample, ddof=1)), confidence)
 
 
@@ -87,7 +95,7 @@ def rate_interval(counts: ArrayLike, exposure: float, *, confidence: float) -> t
     confidence : float
         As for the others.
     """
-    events = _check_sample(counts)
+    events = _check_two_or_more_finite_values(counts)
     if np.any(events < 0):
         raise InvalidSetting(
             "counts",
@@ -115,7 +123,7 @@ def _student_interval(
     return float(centre - half_width), float(centre + half_width)
 
 
-def _find_root(excess: Callable[[float], float]) -> float:
+def _find_probability_root(excess: Callable[[float], float]) -> float:
     # SciPy's inverse betaincinv is inaccurate: 1.9e-6 instead of 0.94e-6 for 1,000 hits of 1e9.
     return float(brentq(excess, 0.0, 1.0, xtol=1e-300, maxiter=2000))
 
@@ -126,7 +134,7 @@ def _tail_probability(confidence: float) -> float:
     return (1 - confidence) / 2
 
 
-def _check_sample(values: ArrayLike) -> np.ndarray:
+def _check_two_or_more_finite_values(values: ArrayLike) -> np.ndarray:
     sample = np.asarray(values, dtype=float)
     if sample.ndim != 1 or sample.size < 2 or not np.all(np.isfinite(sample)):
         raise InvalidSetting(

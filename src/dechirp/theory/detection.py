@@ -36,7 +36,11 @@ from dechirp.core.checks import (
     check_non_negative_ratios,
     check_number,
 )
-from dechirp.theory.swerling import probability_at_least, probability_below, swerling_shape
+from dechirp.theory.swerling import (
+    probability_count_at_least,
+    probability_count_below,
+    swerling_shape,
+)
 
 __all__ = [
     "coherent_detection_probability",
@@ -139,7 +143,7 @@ def required_snr(
     def excess(log_snr: float) -> float:
         ratio = math.exp(log_snr)
         if gain < miss:
-            return math.log(law.probability_gain(ratio) + _TINY) - math.log(gain)
+            return math.log(law.exceedance_added_by_target(ratio) + _TINY) - math.log(gain)
         return math.log(miss) - math.log(law.miss_probability(ratio) + _TINY)
 
     # From 1e-26 to 1e26: beyond the SNR of any two distinct probabilities.
@@ -202,13 +206,17 @@ class _GammaMixture:
 
     def exceedance_probability(self, snr: float) -> float:
         """Return the probability that the sum exceeds the threshold."""
-        probability = self._noise + self.probability_gain(snr)
+        probability = self._noise + self.exceedance_added_by_target(snr)
         return probability if probability < 0.5 else 1 - self.miss_probability(snr)
 
-    def probability_gain(self, snr: float) -> float:
+    def exceedance_added_by_target(self, snr: float) -> float:
         """Return the excess of that probability over the one of noise alone."""
-        return float(self._p @ probability_at_least(self._i + 1, self._n_summed * snr, self._shape))
+        return float(
+            self._p @ probability_count_at_least(self._i + 1, self._n_summed * snr, self._shape)
+        )
 
     def miss_probability(self, snr: float) -> float:
         """Return the probability that the sum stays below the threshold."""
-        return float(self._p @ probability_below(self._i + 1, self._n_summed * snr, self._shape))
+        return float(
+            self._p @ probability_count_below(self._i + 1, self._n_summed * snr, self._shape)
+        )

@@ -30,7 +30,7 @@ def unit_vector_derivatives(azimuth_rad: ArrayLike, elevation_rad: ArrayLike = 0
     return np.stack([by_azimuth, by_elevation], axis=-2)
 
 
-def conditional_information(
+def conditional_fisher_information(
     steering: np.ndarray,
     derivatives: np.ndarray,
     amplitudes: np.ndarray,
@@ -114,7 +114,7 @@ def direction_std_rad(
 
     References
     ----------
-    See `conditional_information`; for one source on a line it is `bounds.angle_std_rad`.
+    See `conditional_fisher_information`; for one source on a line it is `bounds.angle_std_rad`.
     """
     element_positions = check_finite_array("positions", positions)
     if element_positions.ndim != 2 or element_positions.shape[1] != 3:
@@ -134,7 +134,7 @@ def direction_std_rad(
     phase_derivatives = np.moveaxis(
         unit_vector_derivatives(azimuth, elevation)[:, list(unknown)] @ element_positions.T, -1, 0
     )
-    information = conditional_information(
+    information = conditional_fisher_information(
         steering.T, -2j * np.pi * phase_derivatives * steering.T[..., None], snapshots, noise_power
     )
     out = np.zeros((len(azimuth), 2))

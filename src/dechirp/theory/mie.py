@@ -82,14 +82,14 @@ def sphere_rcs_m2(
             difference = coefficient(n / x) - psi[1:] / xi[1:]
         else:
             index = np.sqrt(complex(permittivity))
-            inner = _log_derivatives(index * x, n_terms)
+            inner = _riccati_bessel_log_derivatives(index * x, n_terms)
             difference = coefficient(inner / index + n / x) - coefficient(inner * index + n / x)
     terms = np.where(n <= needed, (-1.0) ** n * (2 * n + 1) * difference, 0)
     sums = abs(terms.sum(axis=0)) ** 2
     return np.asarray(wavelength_m**2 / (4 * np.pi) * sums).reshape(radii_m.shape)
 
 
-def _log_derivatives(z: np.ndarray, n_terms: int) -> np.ndarray:
+def _riccati_bessel_log_derivatives(z: np.ndarray, n_terms: int) -> np.ndarray:
     """Return psi_n'(z) / psi_n(z) for n = 1 to n_terms, (n_terms, n_spheres), from above."""
     derivatives = np.zeros((n_terms + 1, *z.shape), dtype=complex)
     derivative = np.zeros_like(z)

@@ -46,21 +46,21 @@ def swerling_shape(swerling: int, n_summed: int) -> float:
     return (math.inf, 1, n_summed, 2, 2 * n_summed)[swerling]
 
 
-def probability_at_least(j: np.ndarray, mean: float, shape: float) -> np.ndarray:
+def probability_count_at_least(j: np.ndarray, mean: float, shape: float) -> np.ndarray:
     """Return P(J >= j) for j > 0, any shape of array."""
     if math.isinf(shape):
         return np.asarray(gammainc(j, mean))
     return np.asarray(betainc(j, shape, mean / (shape + mean)))
 
 
-def probability_below(j: np.ndarray, mean: float, shape: float) -> np.ndarray:
+def probability_count_below(j: np.ndarray, mean: float, shape: float) -> np.ndarray:
     """Return P(J < j) for j > 0, any shape of array."""
     if math.isinf(shape):
         return np.asarray(gammaincc(j, mean))
     return np.asarray(betainc(shape, j, shape / (shape + mean)))
 
 
-def count_range(mean: float, shape: float) -> tuple[int, int]:
+def likely_count_range(mean: float, shape: float) -> tuple[int, int]:
     """Return the range of J, up to a probability of `NEGLIGIBLE` at each end."""
     low = high = mean
     if shape < math.inf:

@@ -10,14 +10,14 @@ from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
 
 
-def count_powers(n_training: int, n_summed: int) -> int:
+def count_training_powers(n_training: int, n_summed: int) -> int:
     """Return the number of powers in the training cells, N K; check that both are at least 1."""
     check_integer("n_training", n_training, at_least=1)
     check_integer("n_summed", n_summed, at_least=1)
     return n_training * n_summed
 
 
-def half_size(n_training: int) -> int:
+def n_training_per_half(n_training: int) -> int:
     """Return the training cells of one half; raise `InvalidSetting` if N is not even."""
     check_integer("n_training", n_training, at_least=2)
     if n_training % 2:
@@ -30,13 +30,13 @@ def half_size(n_training: int) -> int:
     return n_training // 2
 
 
-def half_sizes(n_training: int | tuple[int, int]) -> tuple[int, int]:
+def n_training_of_both_halves(n_training: int | tuple[int, int]) -> tuple[int, int]:
     """Return the training cells of each half, from a pair or an even total.
 
     Raises `InvalidSetting` if a half has no cell, or the number is not even.
     """
     if not isinstance(n_training, tuple):
-        half = half_size(n_training)
+        half = n_training_per_half(n_training)
         return half, half
     for count in n_training:
         check_integer("n_training", count, at_least=1)
@@ -44,7 +44,7 @@ def half_sizes(n_training: int | tuple[int, int]) -> tuple[int, int]:
     return first, second
 
 
-def order_step_rates(n_training: int, rank: int) -> np.ndarray:
+def order_statistic_step_rates(n_training: int, rank: int) -> np.ndarray:
     """Return the rate of each step between successive training cells in order of power, (rank,).
 
     The steps are independent and exponential. Raises `InvalidSetting` if the rank is not from
@@ -55,19 +55,21 @@ def order_step_rates(n_training: int, rank: int) -> np.ndarray:
     return n_training - np.arange(rank, dtype=float)
 
 
-def sum_exceeds_probability(
-    n: int | np.ndarray, a: float | np.ndarray, n_others: int
+def noise_sum_exceeds_probability(
+    n_powers: int | np.ndarray, ratio: float | np.ndarray, n_other_powers: int
 ) -> np.ndarray:
     """Return the probability that a sum of n noise powers exceeds a times a sum of n_others."""
-    fraction = a / (1 + np.asarray(a))
+    fraction = ratio / (1 + np.asarray(ratio))
     # The smaller fraction keeps all its digits.
     return np.where(
         fraction < 0.5,
-        betaincc(n, n_others, fraction),
-        betainc(n_others, n, 1 / (1 + np.asarray(a))),
+        betaincc(n_powers, n_other_powers, fraction),
+        betainc(n_other_powers, n_powers, 1 / (1 + np.asarray(ratio))),
     )
 
 
-def sum_below_probability(n: int | np.ndarray, a: float | np.ndarray, n_others: int) -> np.ndarray:
+def noise_sum_below_probability(
+    n_powers: int | np.ndarray, ratio: float | np.ndarray, n_other_powers: int
+) -> np.ndarray:
     """Return the probability that a sum of n noise powers is below a times a sum of n_others."""
-    return np.asarray(betainc(n, n_others, a / (1 + np.asarray(a))))
+    return np.asarray(betainc(n_powers, n_other_powers, ratio / (1 + np.asarray(ratio))))

@@ -22,8 +22,8 @@ __all__ = [
     "bin_correlation",
     "chebyshev_weights",
     "coherent_gain",
+    "half_main_lobe_bins",
     "kaiser_weights",
-    "main_lobe_bins",
     "noise_bandwidth_bins",
     "scalloping_loss",
     "taylor_weights",
@@ -60,15 +60,15 @@ _KAISER_BETA: dict[Window, float] = {"kaiser-6": 6.0}
 
 def window_weights(window: Window, n: int) -> np.ndarray:
     """Return the weights of a window, (n,), read-only; refuse unknown names."""
-    _check_window(window)
-    _check_point_count(n)
-    return _window_weights(window, n)
+    _check_window_name(window)
+    _check_at_least_one_point(n)
+    return _cached_window_weights(window, n)
 
 
 @lru_cache(maxsize=64)
-def _window_weights(window: Window, n: int) -> np.ndarray:
+def _cached_window_weights(window: Window, n: int) -> np.ndarray:
     if window in _COSINES:
-        weights = _cosine_sum(n, _COSINES[window])
+        weights = _cosine_sum_window(n, _COSINES[window])
     elif window in _CHEBYSHEV_DB:
         weights = chebyshev_weights(n, _CHEBYSHEV_DB[window])
     elif window in _TAYLOR_N_BAR_DB:
@@ -79,7 +79,7 @@ def _window_weights(window: Window, n: int) -> np.ndarray:
     return weights
 
 
-def _cosine_sum(n: int, coefficients: tuple[float, ...]) -> np.ndarray:
+def _cosine_sum_window(n: int, coefficients: tuple[float, ...]) -> np.ndarray:
     """Sum (-1)^k a_k cos(2 pi k i / n) over k, (n,), periodic.
 
     F. J. Harris, On the use of windows for harmonic analysis with the discrete Fourier
@@ -114,12 +114,12 @@ def chebyshev_weights(n: int, sidelobe_db: float) -> np.ndarray:
     C. L. Dolph, A current distribution for broadside arrays which optimizes the
     relationship between beam width and side-lobe level, Proc. IRE 34(6), 1946.
     """
-    _check_point_count(n)
+    _check_at_least_one_point(n)
     _check_sidelobe_level(sidelobe_db)
     if n == 1:
         return np.ones(1)
     order, k = n - 1, np.arange(n)
-    x = np.cosh(np.pi * _sidelobe_parameter(sidelobe_db) / order) * np.cos(np.pi * k / n)
+    x = np.cosh(np.pi * _dolph_taylor_parameter_a(sidelobe_db) / order) * np.cos(np.pi * k / n)
     # Beyond 1 the arc cosine is imaginary, and its cosine a hyperbolic one.
     polynomial = np.cos(order * np.arccos(x.astype(complex)))
     weights = np.fft.ifft(polynomial * np.exp(-1j * np.pi * k * order / n)).real
@@ -153,13 +153,13 @@ def taylor_weights(n: int, n_bar: int, sidelobe_db: float) -> np.ndarray:
     T. T. Taylor, Design of line-source antennas for narrow beamwidth and low side lobes,
     IRE Trans. Antennas and Propagation 3(1), 1955.
     """
-    _check_point_count(n)
+    _check_at_least_one_point(n)
     check_integer("n_bar", n_bar, at_least=1, at_most=100)
     _check_sidelobe_level(sidelobe_db)
     m = np.arange(1, n_bar)[:, None]
     j = np.arange(1, n_bar)
     nulls = _taylor_dilation(n_bar, sidelobe_db) ** 2 * (
-        _sidelobe_parameter(sidelobe_db) ** 2 + (j - 0.5) ** 2
+        _dolph_taylor_parameter_a(sidelobe_db) ** 2 + (j - 0.5) ** 2
     )
     others = np.where(j == m, 1.0, 1 - m**2 / j**2)
     f = (-1.0) ** (j + 1) * np.prod(1 - m**2 / nulls, axis=1) / (2 * np.prod(others, axis=1))
@@ -185,40 +185,41 @@ def kaiser_weights(n: int, beta: float) -> np.ndarray:
     J. F. Kaiser, Nonrecursive digital filter design using the I0-sinh window function,
     Proc. IEEE Int. Symp. Circuits and Systems, 1974.
     """
-    _check_point_count(n)
+    _check_at_least_one_point(n)
     return np.kaiser(n, check_number("beta", beta, at_least=0, at_most=700))
 
 
-def main_lobe_bins(window: Window) -> float:
+def half_main_lobe_bins(window: Window) -> float:
     """Return half the width of the main lobe in unpadded bins, from its peak to its first null.
 
     Exact for sums of cosines; for the others the limit for many points, exceeded by up to 4 %
     at 32 points. Raises `InvalidSetting` for another name.
     """
-    _check_window(window)
+    _check_window_name(window)
     if window in _COSINES:
         return float(len(_COSINES[window]))
     if window in _CHEBYSHEV_DB:
-        return float(np.hypot(_sidelobe_parameter(_CHEBYSHEV_DB[window]), 0.5))
+        return float(np.hypot(_dolph_taylor_parameter_a(_CHEBYSHEV_DB[window]), 0.5))
     if window in _TAYLOR_N_BAR_DB:
         n_bar, sidelobe_db = _TAYLOR_N_BAR_DB[window]
         return float(
-            _taylor_dilation(n_bar, sidelobe_db) * np.hypot(_sidelobe_parameter(sidelobe_db), 0.5)
+            _taylor_dilation(n_bar, sidelobe_db)
+            * np.hypot(_dolph_taylor_parameter_a(sidelobe_db), 0.5)
         )
     return float(np.hypot(_KAISER_BETA[window] / np.pi, 1.0))
 
 
-def _sidelobe_parameter(sidelobe_db: float) -> float:
+def _dolph_taylor_parameter_a(sidelobe_db: float) -> float:
     """Return A of Dolph and Taylor: cosh(pi A) is the amplitude ratio of main lobe to sidelobe."""
     return float(np.arccosh(10.0 ** (sidelobe_db / 20)) / np.pi)
 
 
 def _taylor_dilation(n_bar: int, sidelobe_db: float) -> float:
     """Return Taylor's dilation sigma of the nulls before n_bar."""
-    return float(n_bar / np.hypot(_sidelobe_parameter(sidelobe_db), n_bar - 0.5))
+    return float(n_bar / np.hypot(_dolph_taylor_parameter_a(sidelobe_db), n_bar - 0.5))
 
 
-def _check_window(window: Window) -> None:
+def _check_window_name(window: Window) -> None:
     # An array of names compares as an array, and a list has no hash.
     if not isinstance(window, str) or window not in get_args(Window):
         raise InvalidSetting(
@@ -226,7 +227,7 @@ def _check_window(window: Window) -> None:
         )
 
 
-def _check_point_count(n: int) -> None:
+def _check_at_least_one_point(n: int) -> None:
     check_integer("n", n, at_least=1)
 
 

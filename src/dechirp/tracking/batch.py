@@ -12,7 +12,7 @@ from dechirp.core.detection_columns import check_type
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.memory import check_free_memory
-from dechirp.tracking.measurements import Measurements, is_usable, row_axis
+from dechirp.tracking.measurements import Measurements, checked_row_axis_name, usable_row_mask
 from dechirp.tracking.online import LiveTracker, Track
 from dechirp.tracking.tracker import Tracker
 
@@ -101,53 +101,56 @@ def track(
     """
     tracker = Tracker() if tracker is None else tracker
     check_type("tracker", tracker, Tracker, fix="give Tracker(), its settings")
-    axis = row_axis(detections, "frame")
+    axis = checked_row_axis_name(detections, "frame")
     times = check_finite_array("times_s", times_s).reshape(-1)
     check_integer("first", first, at_least=0)
     tracker.check_confirmable_within(len(times))
     live_tracker = LiveTracker(tracker, velocity_span_m_per_s=velocity_span_m_per_s)
-    rows = is_usable(detections)
-    _warn_unusable(int(np.sum(~rows)), len(rows), axis)
-    measurements = live_tracker.to_measurements(detections)
-    frame_index = _frame_indices(detections, first, len(times))[rows]
+    rows = usable_row_mask(detections)
+    _warn_of_ignored_rows(int(np.sum(~rows)), len(rows), axis)
+    measurements = live_tracker.usable_rows_to_measurements(detections)
+    frame_index = _frame_index_per_row(detections, first, len(times))[rows]
     if len(frame_index):
-        tracker.check_false_alarm_density(_median_errors(measurements, tracker))
+        tracker.check_false_alarm_density(_median_measurement_errors(measurements, tracker))
     history: TrackHistory = {}
     for frame, time_s in enumerate(times):
-        tracks = live_tracker.advance(measurements.select(frame_index == frame), time_s)
+        tracks = live_tracker.step_with_measurements(
+            measurements.select_measurements(frame_index == frame), time_s
+        )
         for live_track in tracks:
             history.setdefault(live_track.number, []).append((frame, live_track))
-        _forget_unconfirmed(history, {live_track.number for live_track in tracks})
-    return _to_dataset(history, times, first)
+        _drop_ended_unconfirmed_tracks(history, {live_track.number for live_track in tracks})
+    return _confirmed_tracks_to_dataset(history, times, first)
 
 
-def _forget_unconfirmed(history: TrackHistory, alive: set[int]) -> None:
+def _drop_ended_unconfirmed_tracks(history: TrackHistory, live_track_numbers: set[int]) -> None:
     """Drop tracks that ended before they were confirmed: most of those from false alarms."""
-    for number in [number for number in history if number not in alive]:
-        if not _is_confirmed(history[number]):
+    for number in [number for number in history if number not in live_track_numbers]:
+        if not _is_track_confirmed(history[number]):
             del history[number]
 
 
-def _is_confirmed(steps: Sequence[tuple[int, Track]]) -> bool:
-    return steps[-1][1].status == "confirmed"
+def _is_track_confirmed(frames_and_states: Sequence[tuple[int, Track]]) -> bool:
+    return frames_and_states[-1][1].status == "confirmed"
 
 
-def _frame_indices(detections: xr.Dataset, first: int, n_frames: int) -> np.ndarray:
+def _frame_index_per_row(detections: xr.Dataset, first_frame: int, n_frames: int) -> np.ndarray:
     """Return the index of each row's frame in the list of times."""
     frame = detections["frame"].values
-    index = frame - first
+    index = frame - first_frame
     invalid = frame[~((index >= 0) & (index < n_frames) & (index == np.floor(index)))]
     if len(invalid):
         raise InvalidSetting(
             "detections.frame",
             value=invalid[0],
-            expected=f"a number from {first} to {first + n_frames - 1}, for which there are times",
+            expected=f"a number from {first_frame} to {first_frame + n_frames - 1}, for which there"
+            " are times",
             fix="pass the time of each frame, and the number of the first",
         )
     return index
 
 
-def _median_errors(measurements: Measurements, tracker: Tracker) -> np.ndarray:
+def _median_measurement_errors(measurements: Measurements, tracker: Tracker) -> np.ndarray:
     """Medians of the standard errors of azimuth, range and rate."""
     azimuth, range_m, rate = np.sqrt(measurements.variance).T
     known_rate = rate[np.isfinite(rate)]
@@ -162,21 +165,26 @@ def _median_errors(measurements: Measurements, tracker: Tracker) -> np.ndarray:
     )
 
 
-def _warn_unusable(n_unusable: int, n: int, axis: str) -> None:
-    if n_unusable:
+def _warn_of_ignored_rows(n_ignored: int, n_rows: int, row_axis: str) -> None:
+    if n_ignored:
         finding = Finding(
             level="warning",
             setting="tracker",
-            value=f"{n_unusable} of {n} {axis}s without range, azimuth or their errors, ignored",
+            value=f"{n_ignored} of {n_rows} {row_axis}s without range, azimuth or their errors,"
+            " ignored",
             expected="range and azimuth with standard errors",
             fix="choose a direction estimator in chain.angle, and an array that resolves azimuth",
         )
         warnings.warn(PhysicsWarning(finding), stacklevel=3)
 
 
-def _to_dataset(history: TrackHistory, times_s: np.ndarray, first: int) -> xr.Dataset:
+def _confirmed_tracks_to_dataset(
+    history: TrackHistory, times_s: np.ndarray, first_frame: int
+) -> xr.Dataset:
     """Convert confirmed tracks to a dataset over tracks and frames."""
-    confirmed = [history[number] for number in sorted(history) if _is_confirmed(history[number])]
+    confirmed = [
+        history[number] for number in sorted(history) if _is_track_confirmed(history[number])
+    ]
     shape = (len(confirmed), len(times_s))
     n_bytes = 200 * len(confirmed) * len(times_s)  # 20 floats and nine letters
     check_free_memory("the tracks", needed_bytes=n_bytes, fix="track fewer frames at once")
@@ -202,7 +210,7 @@ def _to_dataset(history: TrackHistory, times_s: np.ndarray, first: int) -> xr.Da
         },
         coords={
             "track": np.arange(len(confirmed)),
-            "frame": np.arange(first, first + len(times_s)),
+            "frame": np.arange(first_frame, first_frame + len(times_s)),
             "time": ("frame", times_s, {"units": "s"}),
             "state": list(STATE),
             "other_state": list(STATE),

@@ -21,11 +21,11 @@ class Sightings(NamedTuple):
     period_m_per_s: np.ndarray
     """Period with which the velocity repeats."""
 
-    def select(self, rows: np.ndarray) -> "Sightings":
+    def select_detections(self, rows: np.ndarray) -> "Sightings":
         """Return the sightings of a mask or of indices."""
         return Sightings(*(column[rows] for column in self))
 
-    def level_directions(self, azimuth_rad: np.ndarray) -> np.ndarray:
+    def horizontal_direction_components(self, azimuth_rad: np.ndarray) -> np.ndarray:
         """Return the horizontal part of the unit vectors at azimuths, (n, 2)."""
         directions = np.stack([np.cos(azimuth_rad), np.sin(azimuth_rad)], axis=-1)
         return np.asarray(np.cos(self.elevation_rad)[:, None] * directions)
@@ -42,13 +42,15 @@ class VelocityEstimate(NamedTuple):
     """Number of detections used."""
 
 
-def static_residuals(sightings: Sightings, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def static_velocity_residuals_and_variances(
+    sightings: Sightings, radar_velocity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Compute the excess velocity of detections over static targets, and its variance.
 
     (..., n) each, for a radar of velocities (..., 2), broadcast against (n, 2). Within half a
     period of zero; the variance is that of the errors of velocity, azimuth and elevation.
     """
-    vx, vy = velocity[..., 0], velocity[..., 1]
+    vx, vy = radar_velocity[..., 0], radar_velocity[..., 1]
     c, s = np.cos(sightings.azimuth_rad), np.sin(sightings.azimuth_rad)
     radial, tangential = vx * c + vy * s, vy * c - vx * s
     residual = sightings.velocity_m_per_s + radial * np.cos(sightings.elevation_rad)
@@ -61,7 +63,7 @@ def static_residuals(sightings: Sightings, velocity: np.ndarray) -> tuple[np.nda
     return residual, variance
 
 
-def fit_velocity(sightings: Sightings, start_velocity: np.ndarray) -> VelocityEstimate:
+def fit_radar_velocity(sightings: Sightings, start_velocity: np.ndarray) -> VelocityEstimate:
     r"""Fit the velocity by least squares with errors in velocities and in azimuths.
 
     The condition :math:`v_i + u(\phi_i) \cdot V = 0` holds for adjusted velocities and azimuths;
@@ -84,15 +86,15 @@ def fit_velocity(sightings: Sightings, start_velocity: np.ndarray) -> VelocityEs
     values and weighting factors, Journal of Research of the NBS 87(5), 1982.
     """
     n = sightings.azimuth_rad.size
-    start_residual, _ = static_residuals(sightings, start_velocity)
-    radial_part = sightings.level_directions(sightings.azimuth_rad) @ start_velocity
+    start_residual, _ = static_velocity_residuals_and_variances(sightings, start_velocity)
+    radial_part = sightings.horizontal_direction_components(sightings.azimuth_rad) @ start_velocity
     radial = start_residual - radial_part  # unambiguous
     azimuth, velocity, extra = sightings.azimuth_rad, start_velocity, 0.0
     for _ in range(_MAX_STEPS):
         adjusted = sightings._replace(azimuth_rad=azimuth)
-        towards = adjusted.level_directions(azimuth)
-        slope = adjusted.level_directions(azimuth + np.pi / 2) @ velocity
-        _, variance = static_residuals(adjusted, velocity)
+        towards = adjusted.horizontal_direction_components(azimuth)
+        slope = adjusted.horizontal_direction_components(azimuth + np.pi / 2) @ velocity
+        _, variance = static_velocity_residuals_and_variances(adjusted, velocity)
         weight = 1 / (variance + extra)
         corrected = radial + slope * (sightings.azimuth_rad - azimuth)
         normal = (towards.T * weight) @ towards

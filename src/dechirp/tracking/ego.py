@@ -31,7 +31,12 @@ from dechirp.radar.velocity_ambiguity import (
     n_spans_until_aliasing,
     unambiguous_velocity_span_m_per_s,
 )
-from dechirp.tracking.doppler_fit import Sightings, VelocityEstimate, fit_velocity, static_residuals
+from dechirp.tracking.doppler_fit import (
+    Sightings,
+    VelocityEstimate,
+    fit_radar_velocity,
+    static_velocity_residuals_and_variances,
+)
 
 EGO_UNITS = {
     "vx": "m/s",
@@ -87,7 +92,7 @@ class EgoMotion:
         check_integer("EgoMotion.seed", self.seed, at_least=0, at_most=2**63 - 1)
 
     @property
-    def gate_squares(self) -> float:
+    def max_normalised_squared_residual(self) -> float:
         """Largest squared residual over its variance that passes."""
         return float(chdtri(1, 1 - self.gate_probability))
 
@@ -142,7 +147,7 @@ def ego_motion(detections: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFA
     sample consensus, Communications of the ACM 24(6), 1981; votes are weighed as by P. Torr and
     A. Zisserman, MLESAC, Computer Vision and Image Understanding 78(1), 2000.
     """
-    columns = _check_inputs(detections, radar, settings)
+    columns = _checked_detection_columns(detections, radar, settings)
     numbers = np.unique(columns["frame"]).astype(np.int64)
     motion = np.full((5, numbers.size), np.nan)
     n_static, time_s = np.zeros(numbers.size, np.int64), np.full(numbers.size, np.nan)
@@ -151,10 +156,14 @@ def ego_motion(detections: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFA
             name: column[columns["frame"] == frame] for name, column in columns.items()
         }
         time_s[index] = frame_columns["time"][0]
-        sightings = _to_sightings(frame_columns, radar, frame)
+        sightings = _frame_columns_to_sightings(frame_columns, radar, frame)
         rng = np.random.default_rng([settings.seed, frame])
-        estimate = _estimate_velocity(
-            sightings.select(_has_vote(frame_columns, radar)), settings, rng
+        estimate = _estimate_radar_velocity_by_ransac(
+            sightings.select_detections(
+                _detections_with_direction_and_velocity(frame_columns, radar)
+            ),
+            settings,
+            rng,
         )
         if estimate is not None:
             (vx, vy), ((var_x, cov), (_, var_y)) = estimate.velocity, estimate.covariance
@@ -172,7 +181,7 @@ def ego_motion(detections: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFA
     )
 
 
-def label_motion(
+def label_static_and_moving(
     detections: xr.Dataset, ego: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFAULT
 ) -> xr.Dataset:
     """Label detections with `motion`: "static", "moving", or "" if unknown.
@@ -195,30 +204,34 @@ def label_motion(
     InvalidSetting
         If a column of either is missing or has invalid values.
     """
-    columns = _check_inputs(detections, radar, settings)
+    columns = _checked_detection_columns(detections, radar, settings)
     motion = np.full(detections.sizes["detection"], "", dtype="<U6")
-    motion_rows = ego_columns(ego).T
+    motion_rows = ego_velocity_columns(ego).T
     of_frame = dict(zip(ego["frame"].values.tolist(), motion_rows, strict=True))
     for frame in np.unique(columns["frame"]).astype(int).tolist():
         vx, vy, vx_std, vy_std, cov = of_frame.get(frame, np.full(len(EGO_UNITS), np.nan))
         rows = columns["frame"] == frame
         frame_columns = {name: column[rows] for name, column in columns.items()}
-        sightings = _to_sightings(frame_columns, radar, frame)
-        towards = sightings.level_directions(sightings.azimuth_rad)
-        residual, variance = static_residuals(sightings, np.array([vx, vy]))
+        sightings = _frame_columns_to_sightings(frame_columns, radar, frame)
+        towards = sightings.horizontal_direction_components(sightings.azimuth_rad)
+        residual, variance = static_velocity_residuals_and_variances(sightings, np.array([vx, vy]))
         of_motion = np.array([[vx_std**2, cov], [cov, vy_std**2]])
         variance = variance + np.einsum("ni,ij,nj->n", towards, of_motion, towards)
         squares = residual**2 / (variance + settings.tolerance_m_per_s**2)
-        moves = (squares > settings.gate_squares) & detections_with_known_direction(
+        moves = (
+            squares > settings.max_normalised_squared_residual
+        ) & detections_with_known_direction(
             frame_columns["ambiguity_number"], radar.frame
         )  # NaN is neither
         motion[rows] = np.where(
-            squares <= settings.gate_squares, "static", np.where(moves, "moving", "")
+            squares <= settings.max_normalised_squared_residual,
+            "static",
+            np.where(moves, "moving", ""),
         )
     return detections.assign(motion=("detection", motion))
 
 
-def ego_columns(ego: xr.Dataset) -> np.ndarray:
+def ego_velocity_columns(ego: xr.Dataset) -> np.ndarray:
     """Return the columns of `EGO_UNITS`, (5, n_frames); NaN where the motion is unknown.
 
     Raises `InvalidSetting` if a column is missing.
@@ -238,7 +251,7 @@ def ego_columns(ego: xr.Dataset) -> np.ndarray:
     return np.array([ego[name].values for name in EGO_UNITS], dtype=float)
 
 
-def _check_inputs(
+def _checked_detection_columns(
     detections: xr.Dataset, radar: Radar, settings: EgoMotion
 ) -> dict[str, np.ndarray]:
     """Return the columns of detections; raise `InvalidSetting` if one is invalid."""
@@ -265,7 +278,9 @@ def _check_inputs(
     return columns
 
 
-def _to_sightings(frame_columns: dict[str, np.ndarray], radar: Radar, frame: int) -> Sightings:
+def _frame_columns_to_sightings(
+    frame_columns: dict[str, np.ndarray], radar: Radar, frame: int
+) -> Sightings:
     """Convert the columns of one frame to sightings for the fit."""
     span = unambiguous_velocity_span_m_per_s(frame_columns["range"], radar.for_frame(frame).frame)
     # Velocities refer to the middle of the array: at 15 m, an offset of 3 mm is 0.013 deg.
@@ -289,7 +304,9 @@ def _to_sightings(frame_columns: dict[str, np.ndarray], radar: Radar, frame: int
     )
 
 
-def _has_vote(frame_columns: dict[str, np.ndarray], radar: Radar) -> np.ndarray:
+def _detections_with_direction_and_velocity(
+    frame_columns: dict[str, np.ndarray], radar: Radar
+) -> np.ndarray:
     """Return the mask of detections with known direction and velocity, (n,)."""
     names = ("velocity", "azimuth", "velocity_std", "azimuth_std")
     is_known = np.isfinite([frame_columns[name] for name in names]).all(axis=0)
@@ -298,7 +315,7 @@ def _has_vote(frame_columns: dict[str, np.ndarray], radar: Radar) -> np.ndarray:
     )
 
 
-def _estimate_velocity(
+def _estimate_radar_velocity_by_ransac(
     sightings: Sightings, settings: EgoMotion, rng: np.random.Generator
 ) -> VelocityEstimate | None:
     """Estimate the velocity from most detections of a frame; None if undetermined."""
@@ -306,14 +323,14 @@ def _estimate_velocity(
     min_votes = max(settings.min_static, math.ceil(settings.min_share * n))
     if n < settings.min_static:
         return None
-    hypotheses = _velocity_hypotheses(sightings, settings, rng)
+    hypotheses = _radar_velocity_hypotheses_from_pairs(sightings, settings, rng)
     if not len(hypotheses):
         return None
-    cost = _robust_costs(sightings, hypotheses, settings)
+    cost = _truncated_residual_costs(sightings, hypotheses, settings)
     velocity = hypotheses[cost.argmin()]
     static = np.zeros(n, bool)
     for _ in range(10):
-        is_static = _is_static(sightings, velocity, settings)
+        is_static = _static_detection_mask(sightings, velocity, settings)
         if (
             is_static.sum() < min_votes
             or sightings.azimuth_rad[is_static].std() < settings.min_spread_rad
@@ -322,15 +339,15 @@ def _estimate_velocity(
         if (is_static == static).all():
             break
         static = is_static
-        estimate = fit_velocity(sightings.select(static), velocity)
+        estimate = fit_radar_velocity(sightings.select_detections(static), velocity)
         velocity = estimate.velocity
-    is_sole = not _has_rival(
-        sightings, sightings.select(static), velocity, hypotheses, cost, settings
+    is_sole = not _has_rival_velocity_hypothesis(
+        sightings, sightings.select_detections(static), velocity, hypotheses, cost, settings
     )
     return estimate if is_sole else None
 
 
-def _velocity_hypotheses(
+def _radar_velocity_hypotheses_from_pairs(
     sightings: Sightings, settings: EgoMotion, rng: np.random.Generator
 ) -> np.ndarray:
     """Return velocities of the radar for which pairs of detections are static, (n, 2)."""
@@ -346,7 +363,7 @@ def _velocity_hypotheses(
         (abs(radial[0]) <= max_speed)[:, :, None] & (abs(radial[1]) <= max_speed)[:, None, :]
     )
     a, b = radial[0][draw, first_alias], radial[1][draw, second_alias]
-    towards = sightings.level_directions(sightings.azimuth_rad)
+    towards = sightings.horizontal_direction_components(sightings.azimuth_rad)
     (ax, ay), (bx, by) = towards[first[draw]].T, towards[second[draw]].T
     across = ax * by - ay * bx
     with np.errstate(divide="ignore", invalid="ignore"):  # both in one direction
@@ -354,27 +371,34 @@ def _velocity_hypotheses(
         return velocities[np.hypot(*velocities.T) <= max_speed]
 
 
-def _robust_costs(sightings: Sightings, velocities: np.ndarray, settings: EgoMotion) -> np.ndarray:
+def _truncated_residual_costs(
+    sightings: Sightings, radar_velocities: np.ndarray, settings: EgoMotion
+) -> np.ndarray:
     """Sum squared residuals over variances, each clipped at the gate, (n_velocities,)."""
     at_once = max(_RESIDUALS_PER_BLOCK // sightings.azimuth_rad.size, 1)
-    costs = np.empty(len(velocities))
-    for begin in range(0, len(velocities), at_once):
+    costs = np.empty(len(radar_velocities))
+    for begin in range(0, len(radar_velocities), at_once):
         block = slice(begin, begin + at_once)
-        residual, variance = static_residuals(sightings, velocities[block, None])
+        residual, variance = static_velocity_residuals_and_variances(
+            sightings, radar_velocities[block, None]
+        )
         squares = residual**2 / (variance + settings.tolerance_m_per_s**2)
-        costs[block] = np.minimum(squares, settings.gate_squares).sum(axis=-1)
+        costs[block] = np.minimum(squares, settings.max_normalised_squared_residual).sum(axis=-1)
     return costs
 
 
-def _is_static(sightings: Sightings, velocity: np.ndarray, settings: EgoMotion) -> np.ndarray:
+def _static_detection_mask(
+    sightings: Sightings, radar_velocity: np.ndarray, settings: EgoMotion
+) -> np.ndarray:
     """Return the mask of detections that are static for a velocity of the radar, (n,)."""
-    residual, variance = static_residuals(sightings, velocity)
+    residual, variance = static_velocity_residuals_and_variances(sightings, radar_velocity)
     return np.asarray(
-        residual**2 <= settings.gate_squares * (variance + settings.tolerance_m_per_s**2)
+        residual**2
+        <= settings.max_normalised_squared_residual * (variance + settings.tolerance_m_per_s**2)
     )
 
 
-def _has_rival(
+def _has_rival_velocity_hypothesis(
     sightings: Sightings,
     static: Sightings,
     velocity: np.ndarray,
@@ -386,10 +410,10 @@ def _has_rival(
 
     Near the velocity the cost grows by the square of the distance in standard errors.
     """
-    _, variance = static_residuals(static, velocity)
-    towards = static.level_directions(static.azimuth_rad)
+    _, variance = static_velocity_residuals_and_variances(static, velocity)
+    towards = static.horizontal_direction_components(static.azimuth_rad)
     weight = 1 / (variance + settings.tolerance_m_per_s**2)
     differences = hypotheses - velocity
     squares = np.einsum("hi,ij,hj->h", differences, (towards.T * weight) @ towards, differences)
-    best = _robust_costs(sightings, velocity[None], settings)[0]
+    best = _truncated_residual_costs(sightings, velocity[None], settings)[0]
     return bool(((squares > 2 * _RIVAL_COST) & (cost < best + _RIVAL_COST)).any())

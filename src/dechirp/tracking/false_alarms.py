@@ -43,7 +43,9 @@ class FalseAlarms:
     @property
     def density_per_m_rad_m_per_s(self) -> float:
         """Mean number per frame, metre, radian and metre per second."""
-        return self.per_frame / float(np.prod([high - low for low, high in self.bounds]))
+        return self.per_frame / float(
+            np.prod([high - low for low, high in self.range_azimuth_velocity_bounds])
+        )
 
     @property
     def velocity_span_m_per_s(self) -> float:
@@ -52,6 +54,6 @@ class FalseAlarms:
         return high - low
 
     @property
-    def bounds(self) -> Iterator[tuple[float, float]]:
+    def range_azimuth_velocity_bounds(self) -> Iterator[tuple[float, float]]:
         """Limits of range, azimuth and velocity."""
         return iter((self.range_m, self.azimuth_rad, self.velocity_m_per_s))

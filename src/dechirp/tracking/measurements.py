@@ -20,12 +20,12 @@ class Measurements(NamedTuple):
     span_m_per_s: np.ndarray
     """(n,): rates are known up to a multiple of it; infinite if unambiguous."""
 
-    def select(self, rows: np.ndarray) -> "Measurements":
+    def select_measurements(self, rows: np.ndarray) -> "Measurements":
         """Return the measurements of a mask or of indices."""
         return Measurements(*(column[rows] for column in self))
 
 
-def row_axis(detections: xr.Dataset, *extra: str) -> str:
+def checked_row_axis_name(detections: xr.Dataset, *extra_columns: str) -> str:
     """Return the name of the axis of a table of detections or clusters.
 
     Raises
@@ -34,9 +34,13 @@ def row_axis(detections: xr.Dataset, *extra: str) -> str:
         If the table is neither, lacks a required or an extra column, or one is not numeric.
     """
     columns = set(detections) if isinstance(detections, xr.Dataset) else set()
-    wanted = (*REQUIRED, *extra)
+    wanted = (*REQUIRED, *extra_columns)
     missing = [name for name in wanted if name not in columns]
-    invalid = [] if missing else [name for name in wanted if not _is_column(detections, name)]
+    invalid = (
+        []
+        if missing
+        else [name for name in wanted if not _is_numeric_column_over_rows(detections, name)]
+    )
     if missing or invalid:
         raise InvalidSetting(
             "detections",
@@ -49,12 +53,12 @@ def row_axis(detections: xr.Dataset, *extra: str) -> str:
     return str(detections["range"].dims[0])
 
 
-def _is_column(detections: xr.Dataset, name: str) -> bool:
+def _is_numeric_column_over_rows(detections: xr.Dataset, name: str) -> bool:
     column, axes = detections.variables[name], detections.variables["range"].dims
     return len(axes) == 1 and column.dims == axes and column.dtype.kind in "iuf"
 
 
-def is_usable(detections: xr.Dataset) -> np.ndarray:
+def usable_row_mask(detections: xr.Dataset) -> np.ndarray:
     """Return the mask of rows with range and azimuth and their errors, (n,)."""
     wanted = ("range", "azimuth", "range_std", "azimuth_std")
     values = [detections.variables[name].values for name in wanted]
@@ -62,7 +66,7 @@ def is_usable(detections: xr.Dataset) -> np.ndarray:
     return is_finite & (values[0] > 0) & (values[2] > 0) & (values[3] > 0)
 
 
-def to_measurements(
+def usable_rows_to_measurements(
     detections: xr.Dataset, *, target_size_m: float, velocity_span_m_per_s: float | None
 ) -> Measurements:
     """Convert usable detections to measurements in the plane.
@@ -71,7 +75,7 @@ def to_measurements(
     by cos e; without one, the target is assumed level with the radar. Rates whose
     `ambiguity_number` is NaN are known up to the unambiguous velocity span, if given.
     """
-    rows = is_usable(detections)
+    rows = usable_row_mask(detections)
     # Rows of arrays: selecting rows of a dataset with 16 columns takes 0.4 ms.
     columns = {
         name: detections.variables[name].values[rows]

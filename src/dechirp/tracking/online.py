@@ -10,23 +10,29 @@ from dechirp.core.checks import check_number
 from dechirp.core.detection_columns import check_type
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
-from dechirp.tracking.measurements import Measurements, row_axis, to_measurements
+from dechirp.tracking.measurements import (
+    Measurements,
+    checked_row_axis_name,
+    usable_rows_to_measurements,
+)
 from dechirp.tracking.tracker import Tracker
 
 if TYPE_CHECKING:
     from dechirp.tracking.stone_soup import StateEstimate, StoneSoup
 
 
-def initial_states(frame: Measurements, speed_std_m_per_s: float) -> tuple[np.ndarray, np.ndarray]:
+def initial_track_states(
+    measurements: Measurements, speed_std_m_per_s: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Compute means (n, 4) and covariances (n, 4, 4) of x, vx, y, vy.
 
     Along the line of sight from range and range rate; across it from the azimuth and an unknown
     velocity. A speed v across and an azimuth error d change the rate by v d, which adds to its
     error. An ambiguous rate is ignored if 4 standard deviations of speed exceed half a span.
     """
-    azimuth, range_m, rate = frame.z.T
-    azimuth_variance, range_variance, rate_variance = frame.variance.T
-    has_rate = np.isfinite(rate) & (4 * speed_std_m_per_s < frame.span_m_per_s / 2)
+    azimuth, range_m, rate = measurements.z.T
+    azimuth_variance, range_variance, rate_variance = measurements.variance.T
+    has_rate = np.isfinite(rate) & (4 * speed_std_m_per_s < measurements.span_m_per_s / 2)
     speed_variance = speed_std_m_per_s**2
     radial_speed = np.where(has_rate, rate, 0.0)
     radial_variance = np.where(
@@ -100,7 +106,7 @@ class LiveTracker:
             check_number("velocity_span_m_per_s", velocity_span_m_per_s, above=0)
         self._tracker = tracker
         self._span_m_per_s = velocity_span_m_per_s
-        self._filters = _load_stone_soup(tracker)
+        self._filters = _import_and_create_stone_soup(tracker)
         self._tracks: list[_LiveTrack] = []
         self._n_started = 0
         self._time_s: float | None = None
@@ -123,18 +129,20 @@ class LiveTracker:
         NotEnoughMemory
             If the pairs of tracks and detections would not fit.
         """
-        return self.advance(self.to_measurements(detections), time_s)
+        return self.step_with_measurements(self.usable_rows_to_measurements(detections), time_s)
 
-    def to_measurements(self, detections: xr.Dataset) -> Measurements:
+    def usable_rows_to_measurements(self, detections: xr.Dataset) -> Measurements:
         """Convert the usable rows of a table to measurements."""
-        row_axis(detections)  # raises if the table cannot be tracked
-        return to_measurements(
+        checked_row_axis_name(detections)  # raises if the table cannot be tracked
+        return usable_rows_to_measurements(
             detections,
             target_size_m=self._tracker.target_size_m,
             velocity_span_m_per_s=self._span_m_per_s,
         )
 
-    def advance(self, measurements: Measurements, time_s: float) -> tuple[Track, ...]:
+    def step_with_measurements(
+        self, measurements: Measurements, time_s: float
+    ) -> tuple[Track, ...]:
         """Update the tracks like `step`, with measurements."""
         now_s = check_number("time_s", time_s, at_least=-_MAX_TIME_S, at_most=_MAX_TIME_S)
         if self._time_s is not None and not now_s > self._time_s:
@@ -148,31 +156,35 @@ class LiveTracker:
         self._time_s = now_s
         for status in ("confirmed", "tentative"):
             tracks = [live_track for live_track in self._tracks if live_track.status == status]
-            measurements = self._update_tracks(tracks, passed_s, measurements)
+            measurements = self._update_tracks_and_select_unassociated(
+                tracks, passed_s, measurements
+            )
         self._tracks = [
             live_track for live_track in self._tracks if live_track.is_alive(self._tracker)
         ]
         self._start_tracks(measurements)
         return tuple(live_track.to_track() for live_track in self._tracks)
 
-    def _update_tracks(
+    def _update_tracks_and_select_unassociated(
         self, tracks: Sequence["_LiveTrack"], passed_s: float, measurements: Measurements
     ) -> Measurements:
         """Update some tracks, and return the measurements that belong to none of them."""
-        step = self._filters.update(
+        step = self._filters.predict_associate_and_update(
             [live_track.belief for live_track in tracks], passed_s, measurements
         )
         for live_track, belief, shares in zip(tracks, step.states, step.shares, strict=True):
-            live_track.update(belief, is_hit=shares.sum() >= _MIN_SHARE, tracker=self._tracker)
-        return measurements.select(step.shares.sum(axis=0) < _MIN_SHARE)
+            live_track.update_with_state_estimate(
+                belief, is_hit=shares.sum() >= _MIN_SHARE, tracker=self._tracker
+            )
+        return measurements.select_measurements(step.shares.sum(axis=0) < _MIN_SHARE)
 
     def _start_tracks(self, measurements: Measurements) -> None:
         from dechirp.tracking.stone_soup import StateEstimate
 
-        means, covariances = initial_states(measurements, self._tracker.speed_std_m_per_s)
+        means, covariances = initial_track_states(measurements, self._tracker.speed_std_m_per_s)
         for mean, covariance in zip(means, covariances, strict=True):
             live_track = _LiveTrack(self._n_started, StateEstimate(mean, covariance))
-            live_track.update_status(self._tracker)
+            live_track.confirm_if_enough_hits(self._tracker)
             self._tracks.append(live_track)
             self._n_started += 1
 
@@ -189,14 +201,16 @@ class _LiveTrack:
         self.misses = 0
         """Consecutive misses."""
 
-    def update(self, belief: "StateEstimate", *, is_hit: bool, tracker: Tracker) -> None:
+    def update_with_state_estimate(
+        self, belief: "StateEstimate", *, is_hit: bool, tracker: Tracker
+    ) -> None:
         self.belief = belief
         self.age += 1
         self.hits += is_hit
         self.misses = 0 if is_hit else self.misses + 1
-        self.update_status(tracker)
+        self.confirm_if_enough_hits(tracker)
 
-    def update_status(self, tracker: Tracker) -> None:
+    def confirm_if_enough_hits(self, tracker: Tracker) -> None:
         if self.hits >= tracker.confirm_after[0]:
             self.status = "confirmed"
 
@@ -216,7 +230,7 @@ class _LiveTrack:
         )
 
 
-def _load_stone_soup(tracker: Tracker) -> "StoneSoup":
+def _import_and_create_stone_soup(tracker: Tracker) -> "StoneSoup":
     try:
         from dechirp.tracking.stone_soup import StoneSoup
     except ImportError as error:

@@ -85,7 +85,7 @@ class StoneSoup:
         self._gate = chdtri(3, 1 - tracker.gate_probability)
         self._tracker = tracker
 
-    def update(
+    def predict_associate_and_update(
         self, states: Sequence[StateEstimate], interval_s: float, measurements: Measurements
     ) -> UpdateResult:
         """Predict states over an interval, associate the measurements, and update."""
@@ -95,14 +95,16 @@ class StoneSoup:
         passed = timedelta(seconds=interval_s)
         now = _EPOCH + passed
         priors = [GaussianState(*belief, timestamp=_EPOCH) for belief in states]
-        predictor = _predictor(self._tracker.process_noise_m2_per_s3, passed)
+        predictor = _cached_kalman_predictor(self._tracker.process_noise_m2_per_s3, passed)
         predictions = [predictor.predict(prior, timestamp=now) for prior in priors]
-        # An unknown rate has no residual, see `_innovations`: its value is arbitrary.
+        # An unknown rate has no residual, see `_innovations_and_covariances`: any value will do.
         vectors = np.nan_to_num(measurements.z)
         detections = [Detection(vector[:, None], timestamp=now) for vector in vectors]
-        hypotheses = self._gated_hypotheses(predictions, detections, measurements, now)
+        hypotheses = self._hypotheses_in_gate_by_track(predictions, detections, measurements, now)
         joint = self._tracker.association == "joint"
-        associate = _associate_jointly if joint else _associate_nearest
+        associate = (
+            _associate_by_joint_probabilities if joint else _associate_global_nearest_neighbour
+        )
         associations = associate(hypotheses, detections, now)
         index_of = {id(detection): track for track, detection in enumerate(detections)}
         updated = []
@@ -121,7 +123,7 @@ class StoneSoup:
             )
         return UpdateResult(updated, shares)
 
-    def _gated_hypotheses(
+    def _hypotheses_in_gate_by_track(
         self,
         predictions: Sequence[Any],
         detections: Sequence[Any],
@@ -144,7 +146,9 @@ class StoneSoup:
             self._measurement_updater.predict_measurement(prediction, measurement_noise=False)
             for prediction in predictions
         ]
-        residual, covariance, has_rate = _innovations(expected, measurements, tracker)
+        residual, covariance, has_rate = _innovations_and_covariances(
+            expected, measurements, tracker
+        )
         distance2 = np.einsum(
             "tni,tni->tn", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]
         )
@@ -184,7 +188,9 @@ class StoneSoup:
 
 
 @lru_cache(maxsize=16)
-def _predictor(process_noise_m2_per_s3: float, interval: timedelta) -> KalmanPredictor:
+def _cached_kalman_predictor(
+    process_noise_m2_per_s3: float, interval: timedelta
+) -> KalmanPredictor:
     """Return a predictor with cached matrices: Stone Soup takes 0.14 ms per track for them."""
     axis_model = ConstantVelocity(process_noise_m2_per_s3)
     motion = CombinedLinearGaussianTransitionModel([axis_model, axis_model])
@@ -206,7 +212,7 @@ class _FixedHypotheses:
         return self._hypotheses[track]
 
 
-def _associate_nearest(
+def _associate_global_nearest_neighbour(
     hypotheses: Hypotheses, detections: Sequence[Any], now: datetime
 ) -> dict[int, Any]:
     associations: dict[int, Any] = GNNWith2DAssignment(_FixedHypotheses(hypotheses)).associate(
@@ -215,14 +221,14 @@ def _associate_nearest(
     return associations
 
 
-def _associate_jointly(
+def _associate_by_joint_probabilities(
     hypotheses: Hypotheses, detections: Sequence[Any], now: datetime
 ) -> dict[int, Any]:
     """Compute joint probabilities of the hypotheses, in which no two tracks share a detection.
 
     Exact except where many tracks are linked by detections in several gates.
     """
-    group = _linked_track_groups(hypotheses, detections)
+    group = _group_tracks_sharing_detections(hypotheses, detections)
     is_crowded = (np.bincount(group) > _MAX_EXACT_TRACKS)[group]
     associations: dict[int, Any] = {}
     for associator, mask in ((JPDAwithEHM2, ~is_crowded), (JPDAwithLBP, is_crowded)):
@@ -235,23 +241,25 @@ def _associate_jointly(
     return associations
 
 
-def _linked_track_groups(offered_hypotheses: Hypotheses, detections: Sequence[Any]) -> np.ndarray:
+def _group_tracks_sharing_detections(
+    hypotheses_by_track: Hypotheses, detections: Sequence[Any]
+) -> np.ndarray:
     """Return the group of each track; tracks linked by detections share a group."""
     place_of = {id(detection): place for place, detection in enumerate(detections)}
     pairs = [
-        (track, len(offered_hypotheses) + place_of[id(hypothesis.measurement)])
-        for track, hypotheses in offered_hypotheses.items()
+        (track, len(hypotheses_by_track) + place_of[id(hypothesis.measurement)])
+        for track, hypotheses in hypotheses_by_track.items()
         for hypothesis in hypotheses
         if hypothesis
     ]
     rows, columns = np.array(pairs, int).reshape(-1, 2).T
-    n = len(offered_hypotheses) + len(detections)
+    n = len(hypotheses_by_track) + len(detections)
     links = coo_array((np.ones(len(pairs)), (rows, columns)), shape=(n, n))
-    return np.asarray(connected_components(links, directed=False)[1][: len(offered_hypotheses)])
+    return np.asarray(connected_components(links, directed=False)[1][: len(hypotheses_by_track)])
 
 
-def _innovations(
-    expected: Sequence[Any], measurements: Measurements, tracker: Tracker
+def _innovations_and_covariances(
+    predicted_measurements: Sequence[Any], measurements: Measurements, tracker: Tracker
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compute residuals (n_tracks, n, 3), their covariances, and the mask of usable rates.
 
@@ -260,13 +268,15 @@ def _innovations(
     """
     check_free_memory(
         "the pairs of tracks and detections",
-        needed_bytes=_PAIR_BYTES * len(expected) * len(measurements.z),
+        needed_bytes=_PAIR_BYTES * len(predicted_measurements) * len(measurements.z),
         fix="raise the threshold of the detector, or cluster its detections",
     )
     predicted = np.array(
-        [np.asarray(prediction.state_vector, float)[:, 0] for prediction in expected]
+        [np.asarray(prediction.state_vector, float)[:, 0] for prediction in predicted_measurements]
     )
-    spread = np.array([np.asarray(prediction.covar, float) for prediction in expected])
+    spread = np.array(
+        [np.asarray(prediction.covar, float) for prediction in predicted_measurements]
+    )
     residual = measurements.z - predicted[:, None]
     residual[..., 0] = np.mod(residual[..., 0] + np.pi, 2 * np.pi) - np.pi
     covariance = np.repeat(spread[:, None], len(measurements.z), axis=1)

@@ -80,9 +80,9 @@ class Tracker:
                 fix="write FalseAlarms(per_frame=10), or leave it out",
             )
         check_integer_fields(self, "drop_after", at_most=100_000)
-        self._check_confirmation()
+        self._check_confirm_after()
 
-    def _check_confirmation(self) -> None:
+    def _check_confirm_after(self) -> None:
         counts = as_tuple_or_none(self.confirm_after) or ()
         if len(counts) != 2:
             raise InvalidSetting(
@@ -130,15 +130,15 @@ class Tracker:
                 fix="process more frames, or require fewer detections",
             )
 
-    def check_false_alarm_density(self, errors: np.ndarray) -> None:
+    def check_false_alarm_density(self, measurement_errors: np.ndarray) -> None:
         """Raise `InvalidSetting` if false alarms are so dense that a miss is always likelier.
 
-        `errors` are the standard deviations of a typical detection: rad, m, m/s. Even if it is
-        predicted without error and has no residual, its likelihood is P_D / (density
+        `measurement_errors` are the standard deviations of a typical detection: rad, m, m/s. Even
+        if it is predicted without error and has no residual, its likelihood is P_D / (density
         (2 pi)^(3/2) product of errors) times that of a false alarm; below 1 - P_D P_G it never
         counts as detected.
         """
-        spread = (2 * np.pi) ** 1.5 * float(np.prod(errors))
+        spread = (2 * np.pi) ** 1.5 * float(np.prod(measurement_errors))
         density = self.false_alarms.density_per_m_rad_m_per_s
         if self.detection_probability / (density * spread) <= 1 - self.hit_probability:
             raise InvalidSetting(

@@ -1,7 +1,7 @@
-"""Samples behind one line of JSON: a file that any logger can write in two calls.
+"""Samples after one line of JSON: a file that any logger can write in two calls.
 
-The first line says `{"json_header": 1, "radar": ..., "step": ...}`: the radar as settings files
-have it, and the step of the converter in sqrt(W), null where nobody knows. Behind it are codes of
+The first line is `{"json_header": 1, "radar": ..., "step": ...}`: the radar as settings files
+have it, and the step of the converter in sqrt(W), null if unknown. It is followed by codes of
 16 bits, low byte first: frame, chirp, receiver, sample, and I before Q where sampling is complex.
 """
 
@@ -18,16 +18,16 @@ from dechirp.recordings.description import parse_radar
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 
 _MARK = b'{"json_header":'
-_LONGEST = 2**20  # bytes of a first line, so that no other file is read whole for one
+_LONGEST = 2**20  # largest first line in bytes; bounds the read of files in other formats
 _FULL_SCALE = 2**15
 
 
 @frozen_dataclass
 class JsonHeader(Format):
-    """Codes of 16 bits behind a line of JSON, which says the radar."""
+    """Codes of 16 bits after a line of JSON that describes the radar."""
 
     def recognise(self, path: Path) -> MatchQuality:
-        """Tell by the first bytes."""
+        """Match the first bytes of the file."""
         if not path.is_file():
             return MatchQuality.NO
         with path.open("rb") as file:
@@ -55,8 +55,8 @@ class JsonHeader(Format):
         scale = 1 / _FULL_SCALE if step is None else step
 
         def decode(index: int, out: np.ndarray) -> None:
-            begins = first + 2 * n_codes * index
-            codes = np.fromfile(path, "<i2", n_codes, offset=begins).astype(np.float32)
+            offset = first + 2 * n_codes * index
+            codes = np.fromfile(path, "<i2", n_codes, offset=offset).astype(np.float32)
             codes *= np.float32(scale)
             out[...] = codes.view(out.dtype).reshape(out.shape)
 
@@ -83,14 +83,14 @@ def _read_header(path: Path) -> tuple[dict[str, Any], int]:
     return header, len(line)
 
 
-def extra_bytes_finding(n_bytes: int, of_frame: int) -> tuple[Finding, ...]:
+def extra_bytes_finding(n_bytes: int, frame_bytes: int) -> tuple[Finding, ...]:
     """Return a note about an incomplete last frame."""
     if not n_bytes:
         return ()
-    got = f"{n_bytes} bytes after the last whole frame, which are left out"
-    need = f"whole frames of {of_frame} bytes"
+    value = f"{n_bytes} bytes after the last whole frame, which are left out"
+    expected = f"whole frames of {frame_bytes} bytes"
     fix = "Let the logger end a frame before it stops."
-    return (Finding(level="note", setting="recording", value=got, expected=need, fix=fix),)
+    return (Finding(level="note", setting="recording", value=value, expected=expected, fix=fix),)
 
 
 def _damaged(path: Path, value: str, expected: str) -> RecordingError:

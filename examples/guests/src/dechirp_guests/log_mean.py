@@ -1,9 +1,9 @@
-r"""Mean of logarithms (LOG/CFAR): other targets among the training cells hardly raise it.
+r"""Mean of logarithms (LOG/CFAR): robust against other targets among the training cells.
 
 The noise level is the geometric mean of N training cells z_i, the exponential of the mean of
 their logarithms. One cell at S times the noise raises it S^(1/N) times: 30 dB in one of 100 cells
-raise it by 0.3 dB, and their plain mean by 10.4 dB. In noise alone 1.65 N - 0.65 cells do what N do
-in a plain mean.
+raise it by 0.3 dB, and their plain mean by 10.4 dB. In noise alone 1.65 N - 0.65 cells have the
+detection performance of N in a plain mean.
 
 In independent cells, of K powers each, the false-alarm probability of a factor a over it is
 
@@ -28,7 +28,7 @@ from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
 from dechirp.processing.cfar.window_means import scaled_window_means
 from dechirp.theory.cfar import find_decreasing_root
 
-_LEAST = np.finfo(np.float32).tiny  # a cell without power has a logarithm as well
+_LEAST = np.finfo(np.float32).tiny  # keeps the logarithm of cells without power finite
 
 
 @frozen_dataclass
@@ -54,21 +54,21 @@ class LogMean(NoiseEstimator):
     def independent_cells_threshold_factor(
         self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int
     ) -> float:
-        """Root of the law above."""
-        asked = np.log(false_alarm_probability)
+        """Find the root of the false-alarm law above."""
+        log_target = np.log(false_alarm_probability)
 
         def excess(factor: float) -> float:
-            return _log_probability(factor, len(offsets), n_channels) - asked
+            return _log_probability(factor, len(offsets), n_channels) - log_target
 
         return find_decreasing_root(excess, start=1.0)
 
 
 def _log_probability(factor: float, n: int, k: int) -> float:
-    """Logarithm of the law, along the line through its saddle, where nothing cancels."""
+    """Logarithm of the law, integrated through the saddle point to avoid cancellation."""
 
     def log_law(s: np.ndarray) -> np.ndarray:
-        of_cells = n * (loggamma(k - s / n) - loggamma(k))
-        return loggamma(k + s) - np.log(s) - loggamma(k) + of_cells - s * np.log(factor)
+        cell_terms = n * (loggamma(k - s / n) - loggamma(k))
+        return loggamma(k + s) - np.log(s) - loggamma(k) + cell_terms - s * np.log(factor)
 
     real = np.linspace(0, n * k, 4000)[1:-1]
     saddle = real[np.argmin(log_law(real))]

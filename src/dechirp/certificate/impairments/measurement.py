@@ -44,7 +44,7 @@ class Measurement:
     def trial_job(self) -> Job:
         """Return the job that runs the trials."""
         return Job(
-            work=_run_trials,
+            work=_repeat_measurement,
             n_trials=self.n_trials,
             arguments={"measure": self.measure},
             block_size=16,
@@ -57,13 +57,13 @@ class Measurement:
             id=f"impairment_{self.kind.replace('-', '_')}",
             claim=self.claim,
             checks=tuple(
-                _quantity_check(quantity, values[:, index])
+                _measured_against_formula_check(quantity, values[:, index])
                 for index, quantity in enumerate(self.quantities)
             ),
         )
 
 
-def _run_trials(
+def _repeat_measurement(
     rng: np.random.Generator,
     n_trials: int,
     *,
@@ -73,7 +73,7 @@ def _run_trials(
     return np.array([measure(rng) for _ in range(n_trials)])
 
 
-def _quantity_check(quantity: Quantity, values: np.ndarray) -> Check:
+def _measured_against_formula_check(quantity: Quantity, values: np.ndarray) -> Check:
     measured, formula = values.mean(axis=0)
     is_random, low, high = len(values) > 1, None, None
     if is_random and np.isfinite(values).all():

@@ -13,12 +13,12 @@ from dechirp.certificate.impairments.reference_radar import (
     RATE_HZ,
     SLOPE_HZ_PER_S,
     beat_frequency_hz,
+    equal_power_stationary_scene,
     fit_phase_polynomial,
     impairment_radar,
-    round_trip_s,
+    round_trip_delay_s,
     sample_times_s,
     simulate_samples,
-    stationary_scene,
     tone_power_w,
 )
 from dechirp.core.units import from_decibels, to_decibels
@@ -36,20 +36,23 @@ _MASK_DB = (-90.0, -96.0, -110.0)
 _BANDS_HZ = ((4e5, 1.2e6), (1.4e6, 2.8e6), (3.2e6, 4.6e6))
 
 
-def _mask_per_hz(offset_hz: np.ndarray) -> np.ndarray:
+def _phase_noise_mask_per_hz(offset_hz: np.ndarray) -> np.ndarray:
     """Interpolate the mask linearly in dB over the logarithm of the offset."""
     return from_decibels(np.interp(np.log(offset_hz), np.log(_MASK_HZ), _MASK_DB))
 
 
-def _measure_phase_noise(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_phase_noise_density(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the noise density beside the carrier in each band, relative to it, in 1 Hz."""
     radar = impairment_radar(256)
     noise = PhaseNoise(
         offset_hz=_MASK_HZ, level_per_hz=tuple(float(from_decibels(level)) for level in _MASK_DB)
     )
-    echo = simulate_samples(stationary_scene(_RANGE_M), radar=radar)[0, :, 0]
+    echo = simulate_samples(equal_power_stationary_scene(_RANGE_M), radar=radar)[0, :, 0]
     relative_noise = (
-        simulate_samples(stationary_scene(_RANGE_M), noise, radar=radar, rng=rng)[0, :, 0] / echo
+        simulate_samples(equal_power_stationary_scene(_RANGE_M), noise, radar=radar, rng=rng)[
+            0, :, 0
+        ]
+        / echo
         - 1
     )
     weights = np.hanning(N_SAMPLES + 1)[:-1]
@@ -59,8 +62,8 @@ def _measure_phase_noise(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     results = []
     for low_hz, high_hz in _BANDS_HZ:
         band = (offset_hz >= low_hz) & (offset_hz < high_hz)
-        residual_factor = 4 * np.sin(np.pi * offset_hz[band] * round_trip_s(_RANGE_M)) ** 2
-        formula = np.mean(_mask_per_hz(offset_hz[band]) * residual_factor)
+        residual_factor = 4 * np.sin(np.pi * offset_hz[band] * round_trip_delay_s(_RANGE_M)) ** 2
+        formula = np.mean(_phase_noise_mask_per_hz(offset_hz[band]) * residual_factor)
         results.append((float(to_decibels(density[band].mean())), float(to_decibels(formula))))
     return results
 
@@ -68,14 +71,14 @@ def _measure_phase_noise(rng: np.random.Generator) -> Sequence[MeasuredPair]:
 _GAIN_CHANGE, _LOOP_HZ = -0.4, 0.5e6
 
 
-def _measure_pll(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_pll_frequency_error(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the frequency error of the settled loop from the phase error of an echo."""
     loop = Pll(natural_frequency_hz=_LOOP_HZ, gain_change=(_GAIN_CHANGE,))
-    scene = stationary_scene(_RANGE_M)
+    scene = equal_power_stationary_scene(_RANGE_M)
     ratio = (simulate_samples(scene, loop) / simulate_samples(scene))[
         0, :, 0, sample_times_s() > 20e-6
     ]
-    residual_hz = np.angle(np.mean(ratio)) / (2 * np.pi * round_trip_s(_RANGE_M))
+    residual_hz = np.angle(np.mean(ratio)) / (2 * np.pi * round_trip_delay_s(_RANGE_M))
     # The tuning curve is B (u + c u^2 / 2) / (1 + c / 2), u = t / T.
     curvature = SLOPE_HZ_PER_S / RAMP_S * _GAIN_CHANGE / (1 + _GAIN_CHANGE / 2)
     return ((float(residual_hz), curvature / (2 * np.pi * _LOOP_HZ) ** 2),)
@@ -84,9 +87,11 @@ def _measure_pll(rng: np.random.Generator) -> Sequence[MeasuredPair]:
 _ERROR_HZ = 400e3
 
 
-def _measure_polynomial_error(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_beat_shift_by_polynomial_ramp_error(
+    rng: np.random.Generator,
+) -> Sequence[MeasuredPair]:
     """Measure the beat-frequency shift by a slope error and the sweep by a quadratic error."""
-    scene = stationary_scene(_RANGE_M)
+    scene = equal_power_stationary_scene(_RANGE_M)
     clean = simulate_samples(scene)[0, 0, 0]
     results = []
     for order in (1, 2):
@@ -94,7 +99,7 @@ def _measure_polynomial_error(rng: np.random.Generator) -> Sequence[MeasuredPair
         leading_coefficient, *_ = fit_phase_polynomial(
             simulate_samples(scene, nonlinearity)[0, 0, 0] / clean, order
         )
-        formula = order * _ERROR_HZ / RAMP_S**order * round_trip_s(_RANGE_M)
+        formula = order * _ERROR_HZ / RAMP_S**order * round_trip_delay_s(_RANGE_M)
         results.append((leading_coefficient * order / (2 * np.pi), formula))
     return results
 
@@ -102,12 +107,14 @@ def _measure_polynomial_error(rng: np.random.Generator) -> Sequence[MeasuredPair
 _DEVIATION_HZ, _RIPPLE_BINS = 300e3, 40
 
 
-def _measure_sinusoidal_error(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_paired_echoes_by_sinusoidal_ramp_error(
+    rng: np.random.Generator,
+) -> Sequence[MeasuredPair]:
     """Measure the paired echoes relative to the echo."""
     rate_hz = _RIPPLE_BINS * RATE_HZ / N_SAMPLES
     ripple = SinusoidalNonlinearity(deviation_hz=_DEVIATION_HZ, rate_hz=rate_hz)
-    results = simulate_samples(stationary_scene(_RANGE_M), ripple)[0, 0, 0]
-    beta = 2 * _DEVIATION_HZ / rate_hz * np.sin(np.pi * rate_hz * round_trip_s(_RANGE_M))
+    results = simulate_samples(equal_power_stationary_scene(_RANGE_M), ripple)[0, 0, 0]
+    beta = 2 * _DEVIATION_HZ / rate_hz * np.sin(np.pi * rate_hz * round_trip_delay_s(_RANGE_M))
     formula_db = float(2 * to_decibels(abs(j1(beta) / j0(beta))))
     middle_hz = beat_frequency_hz(_RANGE_M)
     echo = tone_power_w(results, middle_hz)
@@ -120,12 +127,14 @@ def _measure_sinusoidal_error(rng: np.random.Generator) -> Sequence[MeasuredPair
 _DRIFT_PER_S = 8e-4
 
 
-def _measure_slope_drift(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_range_drift_by_slope_drift(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the range drift of an echo per second."""
     radar = replace(impairment_radar(8), frame=replace(impairment_radar(8).frame, period_s=1.0))
     drift = SlopeDrift(relative_drift=_DRIFT_PER_S)
-    results = simulate_samples(stationary_scene(_RANGE_M), drift, radar=radar, n_frames=4)[:, 0, 0]
-    clean = simulate_samples(stationary_scene(_RANGE_M), radar=radar)[0, 0, 0]
+    results = simulate_samples(
+        equal_power_stationary_scene(_RANGE_M), drift, radar=radar, n_frames=4
+    )[:, 0, 0]
+    clean = simulate_samples(equal_power_stationary_scene(_RANGE_M), radar=radar)[0, 0, 0]
     beats_hz = [fit_phase_polynomial(row / clean)[0] / (2 * np.pi) for row in results]
     range_m = radar.frame.chirp.range_m(1.0) * np.array(beats_hz)
     return ((float(np.mean(np.diff(range_m))), _RANGE_M * _DRIFT_PER_S),)
@@ -144,7 +153,7 @@ MEASUREMENTS = (
             )
             for low, high in _BANDS_HZ
         ),
-        measure=_measure_phase_noise,
+        measure=_measure_phase_noise_density,
         n_trials=32,
     ),
     Measurement(
@@ -152,7 +161,7 @@ MEASUREMENTS = (
         claim="The residual frequency error of a settled loop is the curvature of the tuning curve"
         " over the square of the natural angular frequency.",
         quantities=(Quantity(name="frequency error late in the ramp", unit="Hz", tolerance=300.0),),
-        measure=_measure_pll,
+        measure=_measure_pll_frequency_error,
     ),
     Measurement(
         kind="polynomial-nonlinearity",
@@ -163,7 +172,7 @@ MEASUREMENTS = (
                 name="quadratic error: sweep of the beat frequency", unit="Hz/s", tolerance=1e6
             ),
         ),
-        measure=_measure_polynomial_error,
+        measure=_measure_beat_shift_by_polynomial_ramp_error,
     ),
     Measurement(
         kind="sinusoidal-nonlinearity",
@@ -172,12 +181,12 @@ MEASUREMENTS = (
             Quantity(name="paired echo below the echo", unit="dB", tolerance=0.1),
             Quantity(name="paired echo above the echo", unit="dB", tolerance=0.1),
         ),
-        measure=_measure_sinusoidal_error,
+        measure=_measure_paired_echoes_by_sinusoidal_ramp_error,
     ),
     Measurement(
         kind="slope-drift",
         claim="A slope drift shifts the range of an echo by the range times the relative drift.",
         quantities=(Quantity(name="range drift in one second", unit="m", tolerance=1e-4),),
-        measure=_measure_slope_drift,
+        measure=_measure_range_drift_by_slope_drift,
     ),
 )

@@ -37,13 +37,13 @@ from dechirp.simulation.impairments.wall_multipath import WallMultipath
 _PATH_M = 3.0
 
 
-def _friis_gain(length_m: float) -> float:
+def _one_way_friis_gain(length_m: float) -> float:
     """Return the one-way Friis power ratio between two antennas of the radar's gain."""
     wavelength_m = impairment_radar().frame.chirp.wavelength_m
     return (ANTENNA_GAIN * wavelength_m / (4 * np.pi * length_m)) ** 2
 
 
-def _measure_leakage(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_leakage_power_and_beat_frequency(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the leakage power over the transmitted power, and the beat frequency of 3 m."""
     leakage_samples = simulate_samples(EMPTY_SCENE, Leakage(isolation=1e3, extra_length_m=_PATH_M))[
         0, 0, 0
@@ -55,15 +55,20 @@ def _measure_leakage(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     )
 
 
-def _measure_bumper(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_bumper_echo_power(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     samples = simulate_samples(EMPTY_SCENE, Bumper(distance_m=0.04, reflectivity=0.05))[0, 0, 0]
-    return ((to_dbm(mean_power_w(samples)), to_dbm(TRANSMIT_POWER_W * 0.05 * _friis_gain(0.08))),)
+    return (
+        (
+            to_dbm(mean_power_w(samples)),
+            to_dbm(TRANSMIT_POWER_W * 0.05 * _one_way_friis_gain(0.08)),
+        ),
+    )
 
 
 _OFF_BORESIGHT_SCENE = Scene(targets=(Target(position_m=(20.0, 12.0, 0.0)),))
 
 
-def _measure_mutual_coupling(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_mutual_coupling_level_and_phase(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the level and phase of the neighbour's signal in a receiver."""
     clean = simulate_samples(_OFF_BORESIGHT_SCENE)[0]
     coupled = simulate_samples(
@@ -76,7 +81,7 @@ def _measure_mutual_coupling(rng: np.random.Generator) -> Sequence[MeasuredPair]
 _POSITION_ERROR_M = 1e-4
 
 
-def _measure_position_error(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_phase_by_antenna_position_error(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the phase error of a receiver displaced to the left, for an echo from 31 degrees."""
     impairment = PositionErrors(rx_m=((0.0, 0.0, 0.0), (0.0, _POSITION_ERROR_M, 0.0)))
     ratio = (
@@ -91,7 +96,7 @@ def _measure_position_error(rng: np.random.Generator) -> Sequence[MeasuredPair]:
 _HEIGHT_M, _TARGET_HEIGHT_M = 0.5, 0.9
 
 
-def _measure_two_ray_ground(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_two_ray_maximum_and_minimum(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the strongest and weakest echo relative to free space between 45 m and 70 m."""
     radar = replace(impairment_radar(1), array=Array())
     road = TwoRayGround(height_m=_HEIGHT_M, permittivity=4.0)
@@ -121,7 +126,7 @@ def _measure_two_ray_ground(rng: np.random.Generator) -> Sequence[MeasuredPair]:
 _REFLECTIVITY = 0.25
 
 
-def _measure_wall_multipath(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_wall_ghost_levels(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the ghosts of a target beside a wall relative to its echo: one and two bounces."""
     radar = replace(impairment_radar(1), array=Array())
     scene = Scene(targets=(Target(position_m=(20.0, -3.0, 0.0)),))
@@ -148,7 +153,7 @@ def _measure_wall_multipath(rng: np.random.Generator) -> Sequence[MeasuredPair]:
 _INTERFERER_RANGE_M, _INTERFERER_POWER_W, _INTERFERER_GAIN = 40.0, 0.01, 4.0
 
 
-def _interferer(slope_hz_per_s: float, *, offset_s: float = 0.0) -> Interferer:
+def _interferer_crossing_at_mid_ramp(slope_hz_per_s: float, *, offset_s: float = 0.0) -> Interferer:
     """Return an interferer ahead whose ramps cross those of the radar in the middle."""
     return Interferer(
         start_frequency_hz=77e9 + (SLOPE_HZ_PER_S - slope_hz_per_s) * 15e-6,
@@ -163,18 +168,28 @@ def _interferer(slope_hz_per_s: float, *, offset_s: float = 0.0) -> Interferer:
     )
 
 
-def _measure_interference(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_interference_power_and_burst_duration(
+    rng: np.random.Generator,
+) -> Sequence[MeasuredPair]:
     """Measure the power of a parallel interferer, and the burst duration of a crossing one."""
     # The interferer transmits early, so that its beat frequency lies in the middle of the band.
     early_s = _INTERFERER_RANGE_M / SPEED_OF_LIGHT - 5e6 / SLOPE_HZ_PER_S
     ghost = simulate_samples(
-        EMPTY_SCENE, Interference(interferers=(_interferer(20e12, offset_s=-early_s),))
+        EMPTY_SCENE,
+        Interference(interferers=(_interferer_crossing_at_mid_ramp(20e12, offset_s=-early_s),)),
     )
     friis_w = (
-        _INTERFERER_POWER_W * _friis_gain(_INTERFERER_RANGE_M) * _INTERFERER_GAIN / ANTENNA_GAIN
+        _INTERFERER_POWER_W
+        * _one_way_friis_gain(_INTERFERER_RANGE_M)
+        * _INTERFERER_GAIN
+        / ANTENNA_GAIN
     )
     burst = (
-        abs(simulate_samples(EMPTY_SCENE, Interference(interferers=(_interferer(19e12),)))[0, :, 0])
+        abs(
+            simulate_samples(
+                EMPTY_SCENE, Interference(interferers=(_interferer_crossing_at_mid_ramp(19e12),))
+            )[0, :, 0]
+        )
         ** 2
     )
     is_on = burst > burst.max() / 2
@@ -194,14 +209,14 @@ MEASUREMENTS = (
             Quantity(name="power over the transmitted power", unit="dB", tolerance=0.01),
             Quantity(name="beat frequency of a 3 m path", unit="Hz", tolerance=1.0),
         ),
-        measure=_measure_leakage,
+        measure=_measure_leakage_power_and_beat_frequency,
     ),
     Measurement(
         kind="bumper",
         claim="The bumper echo follows the Friis equation over the distance to the antenna's mirror"
         " image.",
         quantities=(Quantity(name="received power", unit="dBm", tolerance=0.01),),
-        measure=_measure_bumper,
+        measure=_measure_bumper_echo_power,
     ),
     Measurement(
         kind="mutual-coupling",
@@ -211,7 +226,7 @@ MEASUREMENTS = (
             Quantity(name="level of the coupled signal", unit="dB", tolerance=0.01),
             Quantity(name="phase of the coupled signal", unit="rad", tolerance=0.001),
         ),
-        measure=_measure_mutual_coupling,
+        measure=_measure_mutual_coupling_level_and_phase,
     ),
     Measurement(
         kind="position-errors",
@@ -221,7 +236,7 @@ MEASUREMENTS = (
                 name="phase, 0.1 mm across, echo from 31 degrees", unit="rad", tolerance=0.001
             ),
         ),
-        measure=_measure_position_error,
+        measure=_measure_phase_by_antenna_position_error,
     ),
     Measurement(
         kind="two-ray-ground",
@@ -232,7 +247,7 @@ MEASUREMENTS = (
             Quantity(name="maximum over free space, 45 to 70 m", unit="dB", tolerance=0.05),
             Quantity(name="minimum over free space, 45 to 70 m", unit="dB", tolerance=0.3),
         ),
-        measure=_measure_two_ray_ground,
+        measure=_measure_two_ray_maximum_and_minimum,
     ),
     Measurement(
         kind="wall-multipath",
@@ -242,7 +257,7 @@ MEASUREMENTS = (
             Quantity(name="single bounce, over the echo", unit="dB", tolerance=0.02),
             Quantity(name="double bounce, over the echo", unit="dB", tolerance=0.02),
         ),
-        measure=_measure_wall_multipath,
+        measure=_measure_wall_ghost_levels,
     ),
     Measurement(
         kind="interference",
@@ -252,6 +267,6 @@ MEASUREMENTS = (
             Quantity(name="power, parallel ramps, 40 m ahead", unit="dBm", tolerance=0.05),
             Quantity(name="burst duration, crossing ramps", unit="s", tolerance=0.15e-6),
         ),
-        measure=_measure_interference,
+        measure=_measure_interference_power_and_burst_duration,
     ),
 )

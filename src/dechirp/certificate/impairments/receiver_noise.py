@@ -11,11 +11,11 @@ from dechirp.certificate.impairments.reference_radar import (
     RATE_HZ,
     THERMAL_W_PER_HZ,
     beat_frequency_hz,
+    equal_power_stationary_scene,
     impairment_radar,
     mean_power_w,
     power_ratio_db,
     simulate_samples,
-    stationary_scene,
     to_dbm,
 )
 from dechirp.core.units import to_decibels
@@ -29,13 +29,13 @@ from dechirp.theory.windows import window_weights
 _RANGE_M = 20.0
 
 
-def _measure_thermal_noise(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_thermal_noise_power(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     samples = simulate_samples(EMPTY_SCENE, ThermalNoise(), radar=impairment_radar(128), rng=rng)
     return ((to_dbm(mean_power_w(samples)), to_dbm(THERMAL_W_PER_HZ * RATE_HZ)),)
 
 
-def _measure_white_noise(rng: np.random.Generator) -> Sequence[MeasuredPair]:
-    scene, radar = stationary_scene(_RANGE_M), impairment_radar(128)
+def _measure_white_noise_snr(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+    scene, radar = equal_power_stationary_scene(_RANGE_M), impairment_radar(128)
     echo = simulate_samples(scene, radar=radar)
     noise = simulate_samples(scene, WhiteNoise(snr=0.1), radar=radar, rng=rng) - echo
     return ((power_ratio_db(echo, noise), -10.0),)
@@ -45,7 +45,7 @@ _CORNERS_HZ, _LEVEL_RATIO = (1e6, 4e6), 100.0
 _BANDS_HZ = ((0.3e6, 0.8e6), (2.3e6, 2.7e6), (4.5e6, 9.5e6))
 
 
-def _measure_coloured_noise(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_coloured_noise_density(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the noise density relative to thermal noise."""
     noise = ColouredNoise(beat_hz=_CORNERS_HZ, level=(1.0, _LEVEL_RATIO))
     weights = window_weights("hann", N_SAMPLES)
@@ -68,11 +68,11 @@ def _measure_coloured_noise(rng: np.random.Generator) -> Sequence[MeasuredPair]:
 _JITTER_RMS_S = 1e-12
 
 
-def _measure_aperture_jitter(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_aperture_jitter_snr(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the ratio of a low and of a high beat frequency to the jitter noise, dB."""
     results = []
     for range_m in (30.0, 65.0):
-        scene, radar = stationary_scene(range_m), impairment_radar(64)
+        scene, radar = equal_power_stationary_scene(range_m), impairment_radar(64)
         echo = simulate_samples(scene, radar=radar)
         noise = (
             simulate_samples(scene, ApertureJitter(rms_s=_JITTER_RMS_S), radar=radar, rng=rng)
@@ -86,7 +86,7 @@ def _measure_aperture_jitter(rng: np.random.Generator) -> Sequence[MeasuredPair]
 _BITS = (8, 12, 16)
 
 
-def _measure_quantisation(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_quantisation_snr(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the ratio of a full-scale echo to the quantisation noise of each converter."""
     # The target moves, so that the chirps differ.
     velocity = float(rng.uniform(3.0, 9.0))
@@ -117,14 +117,14 @@ MEASUREMENTS = (
         quantities=(
             Quantity(name="power, noise factor 12 dB, 10 MHz", unit="dBm", tolerance=0.02),
         ),
-        measure=_measure_thermal_noise,
+        measure=_measure_thermal_noise_power,
         n_trials=64,
     ),
     Measurement(
         kind="white-noise",
         claim="White noise gives the echo of its target the specified SNR.",
         quantities=(Quantity(name="SNR per sample", unit="dB", tolerance=0.02),),
-        measure=_measure_white_noise,
+        measure=_measure_white_noise_snr,
         n_trials=64,
     ),
     Measurement(
@@ -138,7 +138,7 @@ MEASUREMENTS = (
             )
             for low, high in _BANDS_HZ
         ),
-        measure=_measure_coloured_noise,
+        measure=_measure_coloured_noise_density,
         n_trials=64,
     ),
     Measurement(
@@ -148,14 +148,14 @@ MEASUREMENTS = (
             Quantity(name="1 ps, echo at 4.0 MHz", unit="dB", tolerance=0.1),
             Quantity(name="1 ps, echo at 8.7 MHz", unit="dB", tolerance=0.1),
         ),
-        measure=_measure_aperture_jitter,
+        measure=_measure_aperture_jitter_snr,
         n_trials=64,
     ),
     Measurement(
         kind="quantisation",
         claim="A full-scale echo lies 6.02 dB per bit plus 1.76 dB above the quantisation noise.",
         quantities=tuple(Quantity(name=f"{bits} bits", unit="dB", tolerance=0.2) for bits in _BITS),
-        measure=_measure_quantisation,
+        measure=_measure_quantisation_snr,
         n_trials=32,
     ),
 )

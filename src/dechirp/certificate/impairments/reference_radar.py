@@ -54,7 +54,7 @@ def impairment_radar(n_chirps: int = 16) -> Radar:
     )
 
 
-def stationary_scene(*ranges_m: float, rcs_m2: float = 1.0) -> Scene:
+def equal_power_stationary_scene(*ranges_m: float, rcs_m2: float = 1.0) -> Scene:
     """Return stationary targets straight ahead whose echoes have equal power."""
     return Scene(
         targets=tuple(
@@ -107,7 +107,7 @@ def to_dbm(watts: float) -> float:
     return float(to_decibels(watts * 1e3))
 
 
-def round_trip_s(range_m: float) -> float:
+def round_trip_delay_s(range_m: float) -> float:
     """Return the round-trip delay of a range."""
     return 2 * range_m / SPEED_OF_LIGHT
 
@@ -119,7 +119,7 @@ def sample_times_s() -> np.ndarray:
 
 def beat_frequency_hz(range_m: float) -> float:
     """Return the beat frequency of a stationary echo."""
-    return SLOPE_HZ_PER_S * round_trip_s(range_m)
+    return SLOPE_HZ_PER_S * round_trip_delay_s(range_m)
 
 
 def mid_window_frequency_hz() -> float:

@@ -11,11 +11,11 @@ from dechirp.certificate.impairments.reference_radar import (
     EMPTY_SCENE,
     N_SAMPLES,
     TRANSMIT_POWER_W,
+    equal_power_stationary_scene,
     impairment_radar,
     mid_window_frequency_hz,
     power_ratio_db,
     simulate_samples,
-    stationary_scene,
 )
 from dechirp.core.units import to_decibels
 from dechirp.simulation.impairments.base import Impairment
@@ -37,11 +37,11 @@ _FILM_THICKNESS_M, _FILM_TEMPERATURE_K = 0.1e-3, 283.15
 
 def _echo_loss_db(*impairments: Impairment) -> float:
     """Return the loss of an echo from 70 m by impairments."""
-    scene = stationary_scene(_RANGE_M)
+    scene = equal_power_stationary_scene(_RANGE_M)
     return -power_ratio_db(simulate_samples(scene, *impairments), simulate_samples(scene))
 
 
-def _measure_gas_attenuation(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_echo_loss_by_gas(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     return (
         (
             _echo_loss_db(GasAttenuation()),
@@ -50,7 +50,7 @@ def _measure_gas_attenuation(rng: np.random.Generator) -> Sequence[MeasuredPair]
     )
 
 
-def _measure_rain_attenuation(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_echo_loss_by_rain(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     formula = rain_db_per_km(mid_window_frequency_hz(), _RAIN_RATE_M_PER_S)
     return (
         (
@@ -60,7 +60,7 @@ def _measure_rain_attenuation(rng: np.random.Generator) -> Sequence[MeasuredPair
     )
 
 
-def _measure_fog_attenuation(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_echo_loss_by_fog(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     formula = fog_db_per_km(mid_window_frequency_hz(), _FOG_WATER_KG_PER_M3)
     return (
         (
@@ -70,7 +70,7 @@ def _measure_fog_attenuation(rng: np.random.Generator) -> Sequence[MeasuredPair]
     )
 
 
-def _measure_radome(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_echo_loss_by_radome(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     film_db = float(
         to_decibels(
             water_film_loss(mid_window_frequency_hz(), _FILM_THICKNESS_M, _FILM_TEMPERATURE_K)
@@ -88,7 +88,7 @@ def _measure_radome(rng: np.random.Generator) -> Sequence[MeasuredPair]:
 _RANGE_INTERVALS_M = ((8.0, 16.0), (16.0, 32.0), (32.0, 64.0))
 
 
-def _measure_rain_backscatter(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_rain_backscatter_power(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the power from range intervals over the radar equation for volume scattering."""
     radar = replace(impairment_radar(2), frame=replace(impairment_radar(2).frame, period_s=0.01))
     samples = simulate_samples(
@@ -117,19 +117,19 @@ MEASUREMENTS = (
         kind="gas-attenuation",
         claim="The two-way attenuation of an echo by air is that of ITU-R P.676-12.",
         quantities=(Quantity(name="standard air, 70 m", unit="dB", tolerance=1e-3),),
-        measure=_measure_gas_attenuation,
+        measure=_measure_echo_loss_by_gas,
     ),
     Measurement(
         kind="rain-attenuation",
         claim="The two-way attenuation of an echo by rain is that of ITU-R P.838-3.",
         quantities=(Quantity(name="25 mm/h, 70 m", unit="dB", tolerance=1e-3),),
-        measure=_measure_rain_attenuation,
+        measure=_measure_echo_loss_by_rain,
     ),
     Measurement(
         kind="fog-attenuation",
         claim="The two-way attenuation of an echo by fog is that of ITU-R P.840-8.",
         quantities=(Quantity(name="0.5 g/m³, 70 m", unit="dB", tolerance=1e-3),),
-        measure=_measure_fog_attenuation,
+        measure=_measure_echo_loss_by_fog,
     ),
     Measurement(
         kind="radome",
@@ -140,7 +140,7 @@ MEASUREMENTS = (
             Quantity(name="water film of 0.1 mm", unit="dB", tolerance=1e-3),
             Quantity(name="dry radome of 3 dB", unit="dB", tolerance=1e-3),
         ),
-        measure=_measure_radome,
+        measure=_measure_echo_loss_by_radome,
     ),
     Measurement(
         kind="rain-backscatter",
@@ -153,7 +153,7 @@ MEASUREMENTS = (
             )
             for low, high in _RANGE_INTERVALS_M
         ),
-        measure=_measure_rain_backscatter,
+        measure=_measure_rain_backscatter_power,
         n_trials=640,
     ),
 )

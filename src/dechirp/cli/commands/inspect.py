@@ -60,7 +60,7 @@ def inspect(
 
 
 def _render_first_frame_png(inspection: "Inspection") -> bytes | None:
-    from dechirp.report.figures.recording import draw_first_map, draw_points_from_above
+    from dechirp.report.figures.recording import draw_map_or_range_profile, draw_points_from_above
     from dechirp.report.figures.style import TALL_IN, render_png
 
     recording = inspection.recording
@@ -70,7 +70,7 @@ def _render_first_frame_png(inspection: "Inspection") -> bytes | None:
     power, points, units = inspection.power, recording.points, recording.contents.units
     if power is not None:
         return render_png(
-            lambda figure: draw_first_map(figure.subplots(), power, units=units),
+            lambda figure: draw_map_or_range_profile(figure.subplots(), power, units=units),
             title=f"{name}, frame {recording.frame_numbers.start}",
             height_in=TALL_IN,
         )
@@ -111,7 +111,7 @@ def _cube_dimensions_or_counts(inspection: "Inspection") -> dict[str, int]:
 
 def _print_inspection(inspection: "Inspection", picture: Path | None) -> None:
     from dechirp.cli.console import finding_paragraphs, new_table, open_stdout_console
-    from dechirp.report.settings_summary import summarise_waveform
+    from dechirp.report.settings_summary import format_waveform_and_limits
 
     screen = open_stdout_console()
     screen.print(str(inspection.path), soft_wrap=True)
@@ -122,7 +122,7 @@ def _print_inspection(inspection: "Inspection", picture: Path | None) -> None:
         sizes = _cube_dimensions_or_counts(inspection)
         rows.add_row(" x ".join(sizes), " x ".join(str(size) for size in sizes.values()))
         if inspection.recording.contents.radar is not None:
-            for name, text in summarise_waveform(inspection.recording.radar):
+            for name, text in format_waveform_and_limits(inspection.recording.radar):
                 rows.add_row(name, text)
     screen.print(rows)
     for paragraph in finding_paragraphs(inspection.findings):

@@ -56,12 +56,12 @@ def run(
     from dechirp.cli.stream import is_live_source, process_live_frames
     from dechirp.core.errors import DechirpError
     from dechirp.experiments.run import run as run_scenario
-    from dechirp.report.pdf import check_pdf
+    from dechirp.report.pdf import check_typst_installed
     from dechirp.results.results import check_results_folder_replaceable
 
     check_results_folder_replaceable(out)
     if pdf:
-        check_pdf()
+        check_typst_installed()
     _check_object_files_writable(objects or ())
     scenario = build_scenario(
         source,
@@ -157,7 +157,7 @@ def write_run_results(
         out,
         texts,
         frames=result.frames(),
-        n_frames=result.n_kept,
+        n_frames=result.n_frames_with_kept_samples,
         radar=result.radar,
         detections=result.detections,
         truth=result.truth,

@@ -17,8 +17,8 @@ def schema(kind: SettingsKind = "scenario", /) -> int:
     """
     from dechirp.config.schema import Schema, build_file_schema
     from dechirp.experiments.scenario import READERS, Scenario
-    from dechirp.experiments.study.schema import study_schema
-    from dechirp.experiments.tune.document import tune_schema
+    from dechirp.experiments.study.schema import study_file_schema
+    from dechirp.experiments.tune.document import tune_file_schema
     from dechirp.radar.calibration import Calibration
     from dechirp.radar.design.requirements import Requirements
     from dechirp.radar.radar import Radar
@@ -29,9 +29,9 @@ def schema(kind: SettingsKind = "scenario", /) -> int:
         case "scenario":
             document_schema = build_file_schema(Scenario, path_readable_types=READERS)
         case "study":
-            document_schema = study_schema()
+            document_schema = study_file_schema()
         case "tune":
-            document_schema = tune_schema()
+            document_schema = tune_file_schema()
         case "radar":
             document_schema = build_file_schema(Radar, path_readable_types=[Calibration])
         case "requirements":

@@ -60,15 +60,19 @@ def study(
     from dechirp.experiments.study.executors import workers_from_options
     from dechirp.experiments.study.parsing import load_study
     from dechirp.experiments.study.plan import Plan
-    from dechirp.experiments.study.run import conclude_study, open_ledger, run_trials
-    from dechirp.experiments.study.trial import study_layout
-    from dechirp.report.pdf import check_pdf
+    from dechirp.experiments.study.run import (
+        create_or_continue_ledger,
+        estimate_and_judge_study,
+        run_missing_trials,
+    )
+    from dechirp.experiments.study.trial import score_column_layout_of_study
+    from dechirp.report.pdf import check_typst_installed
 
     n_workers = None if workers is None else parse_integer_option("--workers", workers, 1, 10_000)
     first_seed = None if seed is None else parse_integer_option("--seed", seed, 0, 2**63 - 1)
     number = None if trial is None else parse_integer_option("--trial", trial, 0, 2**53)
     if pdf:
-        check_pdf()
+        check_typst_installed()
     settings = load_study(file, changes or [], seed=first_seed)
     if number is not None:
         folder = Path("dechirp-trial") if out == Path("dechirp-study") else out
@@ -77,12 +81,14 @@ def study(
     plan = Plan.from_study(settings)
     with ExitStack() as resources:
         with workers_from_options(workers=n_workers, scheduler=scheduler, cluster=cluster) as pool:
-            ledger = resources.enter_context(open_ledger(settings, out))
+            ledger = resources.enter_context(create_or_continue_ledger(settings, out))
             if settings.keep and not (quiet or as_json):
                 _print_max_data_set_size(plan)
-            with show_live_progress(plan, study_layout(plan), ledger, quiet=quiet) as on_progress:
-                run_trials(plan, ledger, pool, on_progress)
-        outcome = conclude_study(plan, ledger)
+            with show_live_progress(
+                plan, score_column_layout_of_study(plan), ledger, quiet=quiet
+            ) as on_progress:
+                run_missing_trials(plan, ledger, pool, on_progress)
+        outcome = estimate_and_judge_study(plan, ledger)
         text = _write_study_results(outcome, ledger, file, out, with_pdf=pdf)
     if as_json:
         print(text, end="")
@@ -114,12 +120,12 @@ _PDF_FILES = ("report.pdf", "datasheet.pdf")
 def _print_max_data_set_size(plan: "Plan") -> None:
     """Print the largest possible size of the data set before the trials start."""
     from dechirp.cli.console import open_stdout_console
-    from dechirp.experiments.study.data_set import data_bytes, format_bytes
+    from dechirp.experiments.study.data_set import format_bytes, uncompressed_data_set_bytes
 
     n_items = plan.n_points * plan.study.trials.at_most
     open_stdout_console().print(
-        f"Data set: at most {n_items} items, {format_bytes(data_bytes(plan))} of samples and maps"
-        " before compression."
+        f"Data set: at most {n_items} items, {format_bytes(uncompressed_data_set_bytes(plan))} of"
+        " samples and maps before compression."
     )
 
 
@@ -132,21 +138,28 @@ def _write_study_results(
     import dechirp
     from dechirp.cli.study_output import study_json_document
     from dechirp.core.atomic_files import write_text_atomically
-    from dechirp.experiments.study.dumping import dump_study
+    from dechirp.experiments.study.dumping import dump_study_as_yaml
     from dechirp.experiments.study.ledger_reader import LEDGER_NAME
-    from dechirp.experiments.study.results import iter_trial_sums, write_points, write_trials
-    from dechirp.report.pdf import write_pdf
+    from dechirp.experiments.study.results import (
+        iter_trial_numbers_and_sums,
+        write_points_parquet,
+        write_trials_parquet,
+    )
+    from dechirp.report.pdf import write_or_remove_pdf
     from dechirp.report.study.page import StudyOrigin, render_study_page
     from dechirp.results.text_files import to_json_text
 
     study = outcome.result.study
     data_set = _DATA_SET_FILES if study.keep else ()
     pdfs = _PDF_FILES[: 2 if study.keep else 1] if with_pdf else ()
-    yaml = dump_study(study)
+    yaml = dump_study_as_yaml(study)
     metadata = {"dechirp": dechirp.__version__, "study": yaml}
-    write_points(outcome.result, out / "points.parquet", metadata=metadata)
-    write_trials(
-        outcome.result.layout, iter_trial_sums(ledger), out / "trials.parquet", metadata=metadata
+    write_points_parquet(outcome.result, out / "points.parquet", metadata=metadata)
+    write_trials_parquet(
+        outcome.result.layout,
+        iter_trial_numbers_and_sums(ledger),
+        out / "trials.parquet",
+        metadata=metadata,
     )
     n_trials = int(outcome.result.trials.sum())
     text = to_json_text(
@@ -166,9 +179,9 @@ def _write_study_results(
         origin=StudyOrigin(
             date=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             source=str(source),
-            digests=tuple(_study_source_sha256(source, ledger.identity)),
-            environments=tuple(ledger.environments),
-            seconds=ledger.total_seconds(),
+            digests=tuple(_study_source_sha256(source, ledger.study_identity)),
+            environments=tuple(ledger.environments_of_all_runs),
+            seconds=ledger.total_computing_seconds(),
         ),
     )
     texts = {"study.yaml": yaml, "study.json": text, "report.html": page}
@@ -178,7 +191,7 @@ def _write_study_results(
         write_text_atomically(out / name, content)
     for name in _PDF_FILES:
         html = texts.get(name.replace(".pdf", ".html"))
-        write_pdf(out / name, html if with_pdf else None)
+        write_or_remove_pdf(out / name, html if with_pdf else None)
     return text
 
 
@@ -245,7 +258,7 @@ def _replay_trial(
 
     plan = Plan.from_study(study)
     if plan.n_points != 1:
-        varied_paths = [axis.path for axis in plan.axes if len(axis.texts) > 1]
+        varied_paths = [axis.path for axis in plan.swept_settings if len(axis.texts) > 1]
         raise InvalidSetting(
             "--trial",
             value=f"given for {plan.n_points} points",
@@ -268,13 +281,17 @@ def _replayed_trial_document(replay: "ReplayedTrial", plan: Any, text: str) -> d
     """Return the document of a run with the contribution of the trial to each score."""
     import json
 
-    from dechirp.experiments.study.trial import study_layout
+    from dechirp.experiments.study.trial import score_column_layout_of_study
 
-    layout = study_layout(plan)
+    layout = score_column_layout_of_study(plan)
     sums = {
         score.label(): {
-            name or "all": layout.score_sums(replay.sums[None], score.label(), name)[0].tolist()
-            for name in (layout.subjects[layout.score_index(score.label())] or (None,))
+            name or "all": layout.select_score_sums(replay.sums[None], score.label(), name)[
+                0
+            ].tolist()
+            for name in (
+                layout.scored_target_names[layout.index_of_score(score.label())] or (None,)
+            )
         }
         for score in layout.scores
     }

@@ -53,13 +53,13 @@ def tune(
     from dechirp.experiments.study.executors import workers_from_options
     from dechirp.experiments.tune.parsing import load_tune
     from dechirp.experiments.tune.run import run_search
-    from dechirp.report.pdf import check_pdf
+    from dechirp.report.pdf import check_typst_installed
     from dechirp.results.text_files import to_json_text
 
     n_workers = None if workers is None else parse_integer_option("--workers", workers, 1, 10_000)
     first_seed = None if seed is None else parse_integer_option("--seed", seed, 0, 2**63 - 1)
     if pdf:
-        check_pdf()
+        check_typst_installed()
     settings = load_tune(file, changes or [], seed=first_seed)
     _check_tune_folder(out)
     with (
@@ -77,15 +77,15 @@ def tune(
 
 def _print_tune_results(tuned: "TuneResult", document: Mapping[str, Any], out: Path) -> None:
     from dechirp.cli.console import finding_paragraphs, new_table, open_stdout_console
-    from dechirp.report.tune import compare_scores, format_verdict
+    from dechirp.report.tune import compare_initial_and_best_scores, describe_improvement_and_limits
 
     screen = open_stdout_console()
     rows = new_table("", left=["fresh trials"], right=["as they are", "best"])
-    for name, *values in compare_scores(document):
+    for name, *values in compare_initial_and_best_scores(document):
         rows.add_row(name, *(value for value, _ in values))
         rows.add_row("", *(interval for _, interval in values))
     screen.print(rows)
-    screen.print(format_verdict(document))
+    screen.print(describe_improvement_and_limits(document))
     if tuned.best is not None:
         for path, text in tuned.candidates[tuned.best.number].settings:
             screen.print(f"  --set '{path}={text}'", soft_wrap=True)
@@ -111,8 +111,8 @@ def _write_tune_results(tuned: "TuneResult", out: Path, *, with_pdf: bool) -> di
     import dechirp
     from dechirp.config.dumping import dump_yaml
     from dechirp.core.atomic_files import write_text_atomically
-    from dechirp.experiments.tune.document import tune_document
-    from dechirp.report.pdf import write_pdf
+    from dechirp.experiments.tune.document import tune_result_as_dict
+    from dechirp.report.pdf import write_or_remove_pdf
     from dechirp.report.tune import render_tune_page
     from dechirp.results.text_files import to_json_text
 
@@ -121,14 +121,14 @@ def _write_tune_results(tuned: "TuneResult", out: Path, *, with_pdf: bool) -> di
     pages = [_PDF_FILE] if with_pdf else []
     result = {
         "version": dechirp.__version__,
-        **tune_document(tuned),
+        **tune_result_as_dict(tuned),
         "files": {name: str(out / name) for name in [*names, *pages]},
     }
     page = render_tune_page(result, yaml=yamls[0] if yamls else "")
     texts = (to_json_text(result), page, *yamls)
     for name, text in zip(names, texts, strict=True):
         write_text_atomically(out / name, text)
-    write_pdf(out / _PDF_FILE, page if with_pdf else None)
+    write_or_remove_pdf(out / _PDF_FILE, page if with_pdf else None)
     for number in range(len(yamls), _MAX_SOURCES):
         (out / _best_scenario_file(number)).unlink(missing_ok=True)
     return result

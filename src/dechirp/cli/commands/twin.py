@@ -55,10 +55,10 @@ def twin(
     import dechirp
     from dechirp.cli.console import progress_bar
     from dechirp.config.dumping import dump_yaml
-    from dechirp.experiments.twin.document import twin_document
+    from dechirp.experiments.twin.document import twin_comparison_as_dict
     from dechirp.experiments.twin.twin import twin as twin_of
     from dechirp.recordings.recording import open as open_recording
-    from dechirp.report.pdf import check_pdf, html_to_pdf
+    from dechirp.report.pdf import check_typst_installed, html_to_pdf
     from dechirp.report.twin import render_twin_page
     from dechirp.results.text_files import (
         check_folder_replaceable,
@@ -70,7 +70,7 @@ def twin(
     number = 0 if seed is None else parse_integer_option("--seed", seed, 0, 2**63 - 1)
     check_folder_replaceable(out, (*_TWIN_FILES, "report.pdf"))
     if pdf:
-        check_pdf()
+        check_typst_installed()
     names = (*_TWIN_FILES, "report.pdf") if pdf else _TWIN_FILES
     recording = open_recording(source, **options.open_keyword_arguments())
     with progress_bar("rounds", quiet=quiet) as report:
@@ -79,7 +79,7 @@ def twin(
     json_document = {
         "version": dechirp.__version__,
         "source": str(source),
-        **twin_document(result, limits),
+        **twin_comparison_as_dict(result, limits),
         "scenario": str(out / "twin.yaml"),
         "files": {name: str(out / name) for name in names},
     }
@@ -124,7 +124,7 @@ def _print_twin_comparison(document: Mapping[str, Any], out: Path) -> None:
     from dechirp.cli.console import finding_paragraphs, new_table, open_stdout_console
     from dechirp.core.findings import Finding
     from dechirp.core.text import format_fixed
-    from dechirp.report.twin import format_headline, format_verdict
+    from dechirp.report.twin import describe_judged_peaks, format_headline
 
     screen = open_stdout_console()
     right = [
@@ -149,7 +149,7 @@ def _print_twin_comparison(document: Mapping[str, Any], out: Path) -> None:
     screen.print(rows)
     if len(differences) > _MAX_ROWS:
         screen.print(f"{len(differences) - _MAX_ROWS} more are in the report.")
-    screen.print(format_verdict(document))
+    screen.print(describe_judged_peaks(document))
     for paragraph in finding_paragraphs(
         Finding(**difference) for difference in document["findings"]
     ):

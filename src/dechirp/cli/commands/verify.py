@@ -40,10 +40,10 @@ def verify(
     """
     import dechirp
     from dechirp.certificate.certificate import verify as certify
-    from dechirp.certificate.document import build_document
+    from dechirp.certificate.document import certificate_as_json_data
     from dechirp.certificate.paper import render_paper
     from dechirp.cli.console import progress_bar
-    from dechirp.report.pdf import check_pdf, html_to_pdf
+    from dechirp.report.pdf import check_typst_installed, html_to_pdf
     from dechirp.results.text_files import (
         check_folder_replaceable,
         to_json_text,
@@ -54,13 +54,13 @@ def verify(
     first_seed = 1 if seed is None else parse_integer_option("--seed", seed, 0, 2**63 - 1)
     check_folder_replaceable(out, (*_CERTIFICATE_FILES, "report.pdf"))
     if pdf:
-        check_pdf()
+        check_typst_installed()
     names = (*_CERTIFICATE_FILES, "report.pdf") if pdf else _CERTIFICATE_FILES
     with progress_bar("trials", quiet=quiet) as report:
         certificate = certify(trials=n_trials, full=full, seed=first_seed, progress=report)
     result = {
         "version": dechirp.__version__,
-        **build_document(certificate),
+        **certificate_as_json_data(certificate),
         "files": {name: str(out / name) for name in names},
     }
     text = to_json_text(result)
@@ -79,7 +79,7 @@ _CERTIFICATE_FILES = ("verify.json", "report.html")
 
 def _print_claim_verdicts(document: dict[str, Any], out: Path) -> None:
     from dechirp.cli.console import new_table, open_stdout_console
-    from dechirp.report.check_values import format_check
+    from dechirp.report.check_values import format_check_row
 
     screen = open_stdout_console()
     claims = new_table("", left=["claim", ""], right=["published", "measured"])
@@ -90,12 +90,12 @@ def _print_claim_verdicts(document: dict[str, Any], out: Path) -> None:
         *(claim for part in document["parts"] for claim in part["claims"]),
     ]
     for claim in claim_list:
-        first = format_check(claim)
+        first = format_check_row(claim)
         verdict = "holds" if claim["passed"] else "FAILS"
         claims.add_row(claim["id"], verdict, first.published, first.measured)
     screen.print(claims)
     failed = [
-        (claim["id"], check["name"], format_check(check))
+        (claim["id"], check["name"], format_check_row(check))
         for claim in claim_list
         for check in claim["checks"]
         if not check["passed"]

@@ -8,7 +8,7 @@ from scipy.special import gammainccinv, gammaincinv, ndtri, stdtrit
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.case_bounds import rms_error_bounds
-from dechirp.evaluation.detected_targets import strongest_detection_rows
+from dechirp.evaluation.detected_targets import strongest_detection_rows_per_frame
 from dechirp.evaluation.preconditions import check_scene_has_targets
 from dechirp.evaluation.score.base import NO_ESTIMATE, Better, Estimate, Score
 from dechirp.evaluation.trial import TrialContext, TrialResult
@@ -75,7 +75,7 @@ class ErrorScore(Score):
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the sum of the errors to the power, for each target, and their number."""
-        strongest = strongest_detection_rows(result, context)
+        strongest = strongest_detection_rows_per_frame(result, context)
         units = {"range": "m", "velocity": "m_per_s"}
         errors = getattr(result.association, f"{self.axis}_error_{units.get(self.axis, 'rad')}")[
             strongest

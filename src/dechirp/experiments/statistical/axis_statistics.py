@@ -58,20 +58,25 @@ class AxisStatistics(NamedTuple):
     centre_covariance: np.ndarray
     """(N_SUMS + n_cells,), complex: covariance of each with the centre cell, for a tone in it."""
 
-    def lobe_energy(self, half: int) -> "LobeEnergy":
+    def tabulate_tone_power_in_window(self, half_width: int) -> "LobeEnergy":
         """Tabulate the share of a tone's power in 2 half + 1 cells at an offset."""
         offsets = (
-            np.arange(-_half_span(half, self), _half_span(half, self) + 1) / _ENERGY_POINTS_PER_BIN
+            np.arange(
+                -_half_length_of_power_table(half_width, self),
+                _half_length_of_power_table(half_width, self) + 1,
+            )
+            / _ENERGY_POINTS_PER_BIN
         )
-        cells = np.arange(-half, half + 1)
+        cells = np.arange(-half_width, half_width + 1)
         return LobeEnergy(
-            np.array([np.sum(self._lobe_power(offset - cells)) for offset in offsets]), offsets[-1]
+            np.array([np.sum(self._interpolated_lobe_power(offset - cells)) for offset in offsets]),
+            offsets[-1],
         )
 
-    def _lobe_power(self, offset: np.ndarray) -> np.ndarray:
-        offset = (offset + self.n_bins / 2) % self.n_bins - self.n_bins / 2
+    def _interpolated_lobe_power(self, offset_bins: np.ndarray) -> np.ndarray:
+        offset_bins = (offset_bins + self.n_bins / 2) % self.n_bins - self.n_bins / 2
         grid = np.linspace(-self.reach, self.reach, self.lobe.size)
-        return np.asarray(np.interp(abs(offset), grid, abs(self.lobe) ** 2, right=0.0))
+        return np.asarray(np.interp(abs(offset_bins), grid, abs(self.lobe) ** 2, right=0.0))
 
 
 class LobeEnergy(NamedTuple):
@@ -81,13 +86,13 @@ class LobeEnergy(NamedTuple):
     reach: float
 
 
-def _half_span(half: int, axis: AxisStatistics) -> int:
-    far = min(half + _LOBE_REACH_BINS / axis.unpadded_per_bin, axis.n_bins / 2)
+def _half_length_of_power_table(window_half_width: int, axis: AxisStatistics) -> int:
+    far = min(window_half_width + _LOBE_REACH_BINS / axis.unpadded_per_bin, axis.n_bins / 2)
     return int(far * _ENERGY_POINTS_PER_BIN)
 
 
 @lru_cache(maxsize=32)
-def axis_statistics(transform: Transform) -> AxisStatistics:
+def tabulate_lobe_and_noise_statistics(transform: Transform) -> AxisStatistics:
     """Compute the tables of a transform."""
     n, n_bins, weights = transform.n_points, transform.n_bins, transform.weights
     half = min(-(-n_bins // n), (n_bins - 1) // 2)
@@ -106,10 +111,10 @@ def axis_statistics(transform: Transform) -> AxisStatistics:
     cell_weights /= np.sqrt(np.sum(weights**2))
     factors = []
     for offset in np.linspace(-0.5, 0.5, N_OFFSETS + 1):
-        sums = _sum_weights(offset, p, spread, n_bins, cell_weights)
+        sums = _sample_weights_of_moments_and_cells(offset, p, spread, n_bins, cell_weights)
         gram = sums @ sums.conj().T
         factors.append(np.linalg.cholesky(gram + _JITTER * np.eye(len(gram))))
-    centre_weights = _sum_weights(0.0, p, spread, n_bins, cell_weights)
+    centre_weights = _sample_weights_of_moments_and_cells(0.0, p, spread, n_bins, cell_weights)
     return AxisStatistics(
         half_width=half,
         n_bins=n_bins,
@@ -124,38 +129,51 @@ def axis_statistics(transform: Transform) -> AxisStatistics:
     )
 
 
-def _sum_weights(
-    offset: float, p: np.ndarray, spread: float, n_bins: int, cell_weights: np.ndarray
+def _sample_weights_of_moments_and_cells(
+    tone_offset_bins: float,
+    centred_indices: np.ndarray,
+    rms_index: float,
+    n_bins: int,
+    cell_weights: np.ndarray,
 ) -> np.ndarray:
-    tone = np.exp(-2j * np.pi / n_bins * offset * p) / np.sqrt(p.size)
-    return np.array([tone, p / spread * tone, (p / spread) ** 2 * tone, *cell_weights])
+    tone = np.exp(-2j * np.pi / n_bins * tone_offset_bins * centred_indices) / np.sqrt(
+        centred_indices.size
+    )
+    return np.array(
+        [
+            tone,
+            centred_indices / rms_index * tone,
+            (centred_indices / rms_index) ** 2 * tone,
+            *cell_weights,
+        ]
+    )
 
 
-def drift_gain(weights: np.ndarray, spread_bins: np.ndarray) -> np.ndarray:
+def frequency_drift_gain(window: np.ndarray, drift_bins: np.ndarray) -> np.ndarray:
     """Return the amplitude gain of a tone whose frequency drifts by bins over the frame."""
-    positions = (np.arange(weights.size) - (weights.size - 1) / 2) / weights.size
+    positions = (np.arange(window.size) - (window.size - 1) / 2) / window.size
     max_drift = 64.0
     drifts = max_drift * np.linspace(0, 1, 257) ** 2
-    gains = abs(np.exp(1j * np.pi * np.outer(drifts, positions**2)) @ weights) / weights.sum()
-    drift = abs(np.asarray(spread_bins))
+    gains = abs(np.exp(1j * np.pi * np.outer(drifts, positions**2)) @ window) / window.sum()
+    drift = abs(np.asarray(drift_bins))
     beyond = np.sqrt(max_drift / np.maximum(drift, max_drift))
     return np.interp(drift, drifts, gains) * beyond
 
 
 def range_walk_gain(
-    over_velocity: np.ndarray, over_range: np.ndarray, cells: np.ndarray
+    doppler_window: np.ndarray, range_window: np.ndarray, walked_cells: np.ndarray
 ) -> np.ndarray:
     """Return the amplitude gain in the cell of a target that moves through cells in a frame."""
     slow, fast = (
         (np.arange(weights.size) - (weights.size - 1) / 2) / weights.size
-        for weights in (over_velocity, over_range)
+        for weights in (doppler_window, range_window)
     )
     max_walk = 64.0
     walks = max_walk * np.linspace(0, 1, 129) ** 2
-    weight = over_velocity / over_velocity.sum(), over_range / over_range.sum()
+    weight = doppler_window / doppler_window.sum(), range_window / range_window.sum()
     gains = [
         abs(weight[0] @ np.exp(2j * np.pi * walk * np.outer(slow, fast)) @ weight[1])
         for walk in walks
     ]
-    walk = abs(np.asarray(cells))
+    walk = abs(np.asarray(walked_cells))
     return np.interp(walk, walks, gains) * max_walk / np.maximum(walk, max_walk)

@@ -10,11 +10,13 @@ from dechirp.processing.velocity_ambiguity.resolve import resolve_velocity_ambig
 from dechirp.radar.radar import Radar
 
 
-def sampled_detections(peaks: SampledPeaks, radar: Radar, chain: Chain) -> dict[str, np.ndarray]:
+def detections_from_sampled_peaks(
+    peaks: SampledPeaks, radar: Radar, chain: Chain
+) -> dict[str, np.ndarray]:
     """Return columns as those of `processing.detect.detect` without time; `frame` as sampled."""
     energy = np.sum(np.abs(peaks.amplitude) ** 2, axis=1, dtype=float)
     tones = Tones(
-        slow=peaks.slow - 2 * np.pi * _zero_velocity_bin(chain, radar),
+        slow=peaks.slow - 2 * np.pi * _zero_velocity_bin_as_fraction(chain, radar),
         fast=peaks.fast,
         energy=energy,
         amplitude=peaks.amplitude,
@@ -29,7 +31,7 @@ def sampled_detections(peaks: SampledPeaks, radar: Radar, chain: Chain) -> dict[
     }
 
 
-def _zero_velocity_bin(chain: Chain, radar: Radar) -> float:
+def _zero_velocity_bin_as_fraction(chain: Chain, radar: Radar) -> float:
     """Return the bin of zero velocity over the number of bins."""
     n_bins = chain.doppler_transform(radar.frame).n_bins
     return (n_bins // 2) / n_bins

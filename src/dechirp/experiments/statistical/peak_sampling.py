@@ -97,25 +97,27 @@ class FrameEchoes(NamedTuple):
     """bool: whether it is strong enough to form a peak."""
 
 
-def count_normal_numbers(axes: tuple[AxisStatistics, AxisStatistics], n_channels: int) -> int:
+def max_normal_numbers_per_candidate(
+    axes: tuple[AxisStatistics, AxisStatistics], n_channels: int
+) -> int:
     """Return the maximum number of normal numbers that one candidate needs."""
     over_velocity, over_range = (axis.factors.shape[1] for axis in axes)
     return 2 * n_channels * over_velocity * over_range
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _circular_difference(a: float, b: float, n: float) -> float:
+def _circular_difference(a: float, b: float, n_bins: float) -> float:
     """Return the shorter signed difference a - b modulo n bins."""
     difference = a - b
-    if difference > n / 2:
-        difference -= n
-    elif difference < -n / 2:
-        difference += n
+    if difference > n_bins / 2:
+        difference -= n_bins
+    elif difference < -n_bins / 2:
+        difference += n_bins
     return difference
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _lobe_amplitude(axis: AxisStatistics, offset: float) -> complex:
+def _interpolated_lobe_amplitude(axis: AxisStatistics, offset: float) -> complex:
     position = (
         (offset + axis.reach) * ((axis.lobe.size - 1) / (2 * axis.reach)) if axis.reach else 0.0
     )
@@ -129,7 +131,7 @@ def _lobe_amplitude(axis: AxisStatistics, offset: float) -> complex:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _lobe_moment(axis: AxisStatistics, order: int, offset: float) -> float:
+def _interpolated_tone_moment(axis: AxisStatistics, order: int, offset: float) -> float:
     position = (offset + REFINEMENT_BINS) * POINTS_PER_BIN
     low = min(max(int(position), 0), axis.moments.shape[1] - 2)
     fraction = position - low
@@ -137,13 +139,15 @@ def _lobe_moment(axis: AxisStatistics, order: int, offset: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _lobe_energy(energy: LobeEnergy, offset: float) -> float:
-    if energy.table.size == 1:
-        return energy.table[0]
-    position = (offset + energy.reach) * ((energy.table.size - 1) / (2 * energy.reach))
-    if position < 0 or position > energy.table.size - 1:
+def _nearest_lobe_energy(energy_table: LobeEnergy, offset: float) -> float:
+    if energy_table.table.size == 1:
+        return energy_table.table[0]
+    position = (offset + energy_table.reach) * (
+        (energy_table.table.size - 1) / (2 * energy_table.reach)
+    )
+    if position < 0 or position > energy_table.table.size - 1:
         return 0.0
-    return energy.table[int(position + 0.5)]
+    return energy_table.table[int(position + 0.5)]
 
 
 class Workspace(NamedTuple):
@@ -209,23 +213,23 @@ def sample_peaks(
             if not echoes.has_peak[f, c]:
                 continue
             n_own += 1
-            if _is_masked(echoes, f, c, over_velocity, over_range):
+            if _is_merged_with_stronger_echo(echoes, f, c, over_velocity, over_range):
                 continue
             position = echoes.velocity[f, c], echoes.row[f, c]
-            n_out += _sample_detection(
+            n_out += _sample_detection_at_position(
                 echoes, f, position, 0.0, window_draws[n_own - 1], white[n_own - 1],
                 over_velocity, over_range, windows, searched, work, out[n_out], out_cell[n_out],
                 out_amplitude[n_out],
             )  # fmt: skip
         for c in range(alarms.first[f], alarms.first[f + 1]):
             position = float(alarms.cells[c, 0]), float(alarms.cells[c, 1])
-            n_out += _sample_detection(
+            n_out += _sample_detection_at_position(
                 echoes, f, position, alarms.power[c], alarms.window_draw[c],
                 white[len(window_draws) + c], over_velocity, over_range, windows, searched, work,
                 out[n_out], out_cell[n_out], out_amplitude[n_out],
             )  # fmt: skip
         frame_rows = slice(first_out, n_out)
-        accepted = first_out + _reject_sidelobes(
+        accepted = first_out + _indices_of_peaks_without_sidelobes(
             out[frame_rows, 3],
             out[frame_rows, 4],
             out_cell[frame_rows],
@@ -247,33 +251,39 @@ def sample_peaks(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _is_masked(
-    echoes: FrameEchoes, f: int, c: int, over_velocity: AxisStatistics, over_range: AxisStatistics
+def _is_merged_with_stronger_echo(
+    echoes: FrameEchoes,
+    frame: int,
+    scatterer: int,
+    over_velocity: AxisStatistics,
+    over_range: AxisStatistics,
 ) -> bool:
     """Return whether a stronger scatterer is in the same cell: both form one peak."""
     for j in range(echoes.powers.shape[1]):
         away_v = _circular_difference(
-            echoes.velocity[f, j], echoes.velocity[f, c], over_velocity.n_bins
+            echoes.velocity[frame, j], echoes.velocity[frame, scatterer], over_velocity.n_bins
         )
-        away_r = _circular_difference(echoes.row[f, j], echoes.row[f, c], over_range.n_bins)
+        away_r = _circular_difference(
+            echoes.row[frame, j], echoes.row[frame, scatterer], over_range.n_bins
+        )
         if (
             abs(away_v) * over_velocity.unpadded_per_bin < _MERGING_BINS
             and abs(away_r) * over_range.unpadded_per_bin < _MERGING_BINS
         ):
-            more = echoes.powers[f, j] - echoes.powers[f, c]
-            if more > 0 or (more == 0 and j < c):
+            more = echoes.powers[frame, j] - echoes.powers[frame, scatterer]
+            if more > 0 or (more == 0 and j < scatterer):
                 return True
     return False
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-def _sample_detection(
+def _sample_detection_at_position(
     echoes: FrameEchoes,
-    f: int,
+    frame: int,
     position: tuple[float, float],
-    alarm: float,
+    alarm_power: float,
     window_draw: int,
-    numbers: np.ndarray,
+    normal_numbers: np.ndarray,
     over_velocity: AxisStatistics,
     over_range: AxisStatistics,
     windows: TrainingWindows,
@@ -285,40 +295,40 @@ def _sample_detection(
 ) -> bool:
     """Sample the cells about a position in a frame; return whether they hold a detection.
 
-    `alarm`: the power of a noise cell over threshold; 0 about a scatterer. `out`: frequencies
+    `alarm_power`: the power of a noise cell over threshold; 0 about a scatterer. `out`: frequencies
     of both axes, measured noise, amplitudes of the peak in the map and of its threshold.
     """
     half_v, half_r = over_velocity.half_width, over_range.half_width
     cell_v, cell_r = int(np.floor(position[0] + 0.5)), int(np.floor(position[1] + 0.5))
-    window_power = _sum_echoes(
-        echoes, f, position, over_velocity, over_range, windows, work.cells, work.sums
+    window_power = _sum_echoes_in_cells_and_window(
+        echoes, frame, position, over_velocity, over_range, windows, work.cells, work.sums
     )
     echo_power, power = work.echo_power, work.power
-    _mean_power(work.cells, echo_power)
-    if alarm and echo_power[half_v + 1, half_r + 1] > _MIN_TARGET_POWER:
+    _fill_channel_mean_power(work.cells, echo_power)
+    if alarm_power and echo_power[half_v + 1, half_r + 1] > _MIN_TARGET_POWER:
         return False
     row = min(max(cell_r, 0), windows.factors.size - 1)
     power[:] = echo_power[1:-1, 1:-1] + _MEAN_NOISE
-    if not alarm and np.max(power) > _CERTAIN_RATIO * windows.factors[row]:
-        _add_noise_to_sums(numbers, work.sums)
+    if not alarm_power and np.max(power) > _CERTAIN_RATIO * windows.factors[row]:
+        _add_noise_to_estimator_sums(normal_numbers, work.sums)
     else:
         table_v = over_velocity.factors[int((position[0] - cell_v + 0.5) * N_OFFSETS + 0.5)]
         table_r = over_range.factors[int((position[1] - cell_r + 0.5) * N_OFFSETS + 0.5)]
-        _draw_noise(numbers, table_v, table_r, work.sums, work.cell_noise)
-        if alarm:
-            _scale_to_alarm(
-                alarm,
+        _draw_correlated_cell_noise(normal_numbers, table_v, table_r, work.sums, work.cell_noise)
+        if alarm_power:
+            _scale_noise_to_alarm_power(
+                alarm_power,
                 over_velocity.centre_covariance,
                 over_range.centre_covariance,
                 work.sums,
                 work.cell_noise,
             )
-        _mean_power_with_noise(work.cells, work.cell_noise, power)
+        _fill_channel_mean_power_with_noise(work.cells, work.cell_noise, power)
     top_v, top_r = divmod(np.argmax(power), power.shape[1])
     top = power[top_v, top_r]
-    if (alarm and (top_v != half_v or top_r != half_r)) or _has_higher_neighbour(
-        top, echo_power, top_v, top_r
-    ):
+    if (
+        alarm_power and (top_v != half_v or top_r != half_r)
+    ) or _has_higher_cell_beside_sampled_ones(top, echo_power, top_v, top_r):
         return False
     peak_v = (cell_v + top_v - half_v) % over_velocity.n_bins
     # Range bins of complex samples are cyclic.
@@ -332,7 +342,9 @@ def _sample_detection(
     threshold = windows.factors[peak_r] * level
     if not top > threshold:
         return False
-    step_v, step_r = _refine_peak(work.sums, over_velocity.n_bins == 1, out_amplitude)
+    step_v, step_r = _refine_peak_by_newton_step(
+        work.sums, over_velocity.n_bins == 1, out_amplitude
+    )
     out[0] = 2 * np.pi * position[0] / over_velocity.n_bins + step_v / over_velocity.rms_index
     out[1] = 2 * np.pi * position[1] / over_range.n_bins + step_r / over_range.rms_index
     out[2] = windows.corners[window_draw]
@@ -342,9 +354,9 @@ def _sample_detection(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-def _sum_echoes(
+def _sum_echoes_in_cells_and_window(
     echoes: FrameEchoes,
-    f: int,
+    frame: int,
     position: tuple[float, float],
     over_velocity: AxisStatistics,
     over_range: AxisStatistics,
@@ -362,46 +374,55 @@ def _sum_echoes(
     amplitude_scale = 1 / np.sqrt(over_velocity.noise_bandwidth * over_range.noise_bandwidth)
     _, n_rows, n_columns, n_channels = cells.shape
     lobes_v, lobes_r = np.empty(n_rows, np.complex128), np.empty(n_columns, np.complex128)
-    amplitude = echoes.amplitude[f].view(np.float32)
+    amplitude = echoes.amplitude[frame].view(np.float32)
     cells[:], sums[:] = 0, 0
     window_power = 0.0
     for j in range(len(amplitude)):
-        away_v = _circular_difference(echoes.velocity[f, j], cell_v, n_v)
-        away_r = _circular_difference(echoes.row[f, j], cell_r, n_r)
+        away_v = _circular_difference(echoes.velocity[frame, j], cell_v, n_v)
+        away_r = _circular_difference(echoes.row[frame, j], cell_r, n_r)
         if abs(away_v) <= windows.box[0].reach and abs(away_r) <= windows.box[1].reach + abs(shift):
-            box_energy = _lobe_energy(windows.box[0], away_v) * _lobe_energy(
+            box_energy = _nearest_lobe_energy(windows.box[0], away_v) * _nearest_lobe_energy(
                 windows.box[1], away_r - shift
             )
-            guard_energy = _lobe_energy(windows.guard[0], away_v) * _lobe_energy(
+            guard_energy = _nearest_lobe_energy(windows.guard[0], away_v) * _nearest_lobe_energy(
                 windows.guard[1], away_r
             )
-            window_power += echoes.powers[f, j] * max(box_energy - guard_energy, 0.0)
+            window_power += echoes.powers[frame, j] * max(box_energy - guard_energy, 0.0)
         if abs(away_v) > reach_v or abs(away_r) > reach_r:
             continue
         for a in range(n_rows):
-            lobes_v[a] = _lobe_amplitude(over_velocity, away_v - (a - n_rows // 2))
+            lobes_v[a] = _interpolated_lobe_amplitude(over_velocity, away_v - (a - n_rows // 2))
         for b in range(n_columns):
-            lobes_r[b] = _lobe_amplitude(over_range, away_r - (b - n_columns // 2))
+            lobes_r[b] = _interpolated_lobe_amplitude(over_range, away_r - (b - n_columns // 2))
         for a in range(n_rows):
             for b in range(n_columns):
-                both = echoes.in_cells[f, j] * amplitude_scale * lobes_v[a] * lobes_r[b]
+                both = echoes.in_cells[frame, j] * amplitude_scale * lobes_v[a] * lobes_r[b]
                 re, im = np.float32(both.real), np.float32(both.imag)
                 for k in range(n_channels):
                     x, y = amplitude[j, 2 * k], amplitude[j, 2 * k + 1]
                     cells[0, a, b, k] += re * x - im * y
                     cells[1, a, b, k] += re * y + im * x
-        near_v = (echoes.velocity[f, j] - position[0] + n_v / 2) % n_v - n_v / 2
-        near_r = (echoes.row[f, j] - position[1] + n_r / 2) % n_r - n_r / 2
+        near_v = (echoes.velocity[frame, j] - position[0] + n_v / 2) % n_v - n_v / 2
+        near_r = (echoes.row[frame, j] - position[1] + n_r / 2) % n_r - n_r / 2
         near_v, near_r = (
             near_v * over_velocity.unpadded_per_bin,
             near_r * over_range.unpadded_per_bin,
         )
         if abs(near_v) < REFINEMENT_BINS and abs(near_r) < REFINEMENT_BINS:
-            v0, v1 = _lobe_moment(over_velocity, 0, near_v), _lobe_moment(over_velocity, 1, near_v)
-            r0, r1 = _lobe_moment(over_range, 0, near_r), _lobe_moment(over_range, 1, near_r)
-            v2, r2 = _lobe_moment(over_velocity, 2, near_v), _lobe_moment(over_range, 2, near_r)
+            v0, v1 = (
+                _interpolated_tone_moment(over_velocity, 0, near_v),
+                _interpolated_tone_moment(over_velocity, 1, near_v),
+            )
+            r0, r1 = (
+                _interpolated_tone_moment(over_range, 0, near_r),
+                _interpolated_tone_moment(over_range, 1, near_r),
+            )
+            v2, r2 = (
+                _interpolated_tone_moment(over_velocity, 2, near_v),
+                _interpolated_tone_moment(over_range, 2, near_r),
+            )
             for k in range(n_channels):
-                z = echoes.amplitude[f, j, k]
+                z = echoes.amplitude[frame, j, k]
                 sums[0, k] += z * (v0 * r0)
                 sums[1, k] += z * (1j * v1 * r0)
                 sums[2, k] += z * (1j * v0 * r1)
@@ -412,36 +433,41 @@ def _sum_echoes(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-def _mean_power(cells: np.ndarray, power: np.ndarray) -> None:
+def _fill_channel_mean_power(cell_signals: np.ndarray, cell_power: np.ndarray) -> None:
     """Compute the mean power over channels in each cell."""
-    n_channels = cells.shape[3]
-    for a in range(power.shape[0]):
-        for b in range(power.shape[1]):
+    n_channels = cell_signals.shape[3]
+    for a in range(cell_power.shape[0]):
+        for b in range(cell_power.shape[1]):
             total = 0.0
             for k in range(n_channels):
-                total += cells[0, a, b, k] ** 2 + cells[1, a, b, k] ** 2
-            power[a, b] = total / n_channels
+                total += cell_signals[0, a, b, k] ** 2 + cell_signals[1, a, b, k] ** 2
+            cell_power[a, b] = total / n_channels
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-def _mean_power_with_noise(cells: np.ndarray, noise: np.ndarray, power: np.ndarray) -> None:
+def _fill_channel_mean_power_with_noise(
+    cell_signals: np.ndarray, cell_noise: np.ndarray, cell_power: np.ndarray
+) -> None:
     """Compute the mean power over channels in each cell, including noise."""
-    for a in range(power.shape[0]):
-        for b in range(power.shape[1]):
+    for a in range(cell_power.shape[0]):
+        for b in range(cell_power.shape[1]):
             total = 0.0
-            for k in range(len(noise)):
-                z = noise[k, a, b]
-                x, y = cells[0, a + 1, b + 1, k] + z.real, cells[1, a + 1, b + 1, k] + z.imag
+            for k in range(len(cell_noise)):
+                z = cell_noise[k, a, b]
+                x, y = (
+                    cell_signals[0, a + 1, b + 1, k] + z.real,
+                    cell_signals[1, a + 1, b + 1, k] + z.imag,
+                )
                 total += x * x + y * y
-            power[a, b] = total / len(noise)
+            cell_power[a, b] = total / len(cell_noise)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _add_noise_to_sums(numbers: np.ndarray, sums: np.ndarray) -> None:
+def _add_noise_to_estimator_sums(normal_numbers: np.ndarray, sums: np.ndarray) -> None:
     """Add noise to the sums alone; that of their second moments is neglected."""
     half = np.sqrt(0.5)
     for k in range(sums.shape[1]):
-        channel_numbers = numbers[6 * k : 6 * k + 6] * half
+        channel_numbers = normal_numbers[6 * k : 6 * k + 6] * half
         z = complex(channel_numbers[0], channel_numbers[1])
         sums[0, k] += z
         sums[3, k] += z
@@ -451,74 +477,80 @@ def _add_noise_to_sums(numbers: np.ndarray, sums: np.ndarray) -> None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-def _draw_noise(
-    numbers: np.ndarray,
-    table_v: np.ndarray,
-    table_r: np.ndarray,
+def _draw_correlated_cell_noise(
+    normal_numbers: np.ndarray,
+    velocity_factor: np.ndarray,
+    range_factor: np.ndarray,
     sums: np.ndarray,
     cell_noise: np.ndarray,
 ) -> None:
     """Draw the noise in cells, and add its part to the sums."""
-    n_v, n_r = len(table_v), len(table_r)
-    white = numbers.view(np.complex64).reshape(sums.shape[1], n_v, n_r)
+    n_v, n_r = len(velocity_factor), len(range_factor)
+    white = normal_numbers.view(np.complex64).reshape(sums.shape[1], n_v, n_r)
     half_way, noise = np.empty((n_v, n_r), np.complex128), np.empty((n_v, n_r), np.complex128)
     for k in range(sums.shape[1]):
         for m in range(n_v):
             for n in range(n_r):
                 z = 0j
                 for i in range(n + 1):
-                    z += white[k, m, i] * table_r[n, i]
+                    z += white[k, m, i] * range_factor[n, i]
                 half_way[m, n] = z * np.sqrt(0.5)
         for m in range(n_v):
             for n in range(n_r):
                 z = 0j
                 for i in range(m + 1):
-                    z += table_v[m, i] * half_way[i, n]
+                    z += velocity_factor[m, i] * half_way[i, n]
                 noise[m, n] = z
         cell_noise[k] = noise[N_SUMS:, N_SUMS:]
-        _add_channel_noise(sums, k, noise)
+        _add_noise_to_sums_of_channel(sums, k, noise)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _add_channel_noise(sums: np.ndarray, k: int, noise: np.ndarray) -> None:
-    sums[0, k] += noise[0, 0]
-    sums[1, k] += noise[1, 0]
-    sums[2, k] += noise[0, 1]
-    sums[3, k] += noise[2, 0]
-    sums[4, k] += noise[1, 1]
-    sums[5, k] += noise[0, 2]
+def _add_noise_to_sums_of_channel(sums: np.ndarray, channel: int, noise: np.ndarray) -> None:
+    sums[0, channel] += noise[0, 0]
+    sums[1, channel] += noise[1, 0]
+    sums[2, channel] += noise[0, 1]
+    sums[3, channel] += noise[2, 0]
+    sums[4, channel] += noise[1, 1]
+    sums[5, channel] += noise[0, 2]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _scale_to_alarm(
-    power: float, own_v: np.ndarray, own_r: np.ndarray, sums: np.ndarray, cell_noise: np.ndarray
+def _scale_noise_to_alarm_power(
+    alarm_power: float,
+    velocity_covariance: np.ndarray,
+    range_covariance: np.ndarray,
+    sums: np.ndarray,
+    cell_noise: np.ndarray,
 ) -> None:
     """Scale the noise of the centre cell to a power, and all correlated noise with it."""
     n_channels, size_v, size_r = cell_noise.shape
     middle = cell_noise[:, size_v // 2, size_r // 2].copy()
     sampled_power = np.sum(np.abs(middle) ** 2)
-    excess_gain = np.sqrt(n_channels * power / sampled_power) - 1
-    correlation = np.outer(own_v, own_r)
+    excess_gain = np.sqrt(n_channels * alarm_power / sampled_power) - 1
+    correlation = np.outer(velocity_covariance, range_covariance)
     for k in range(n_channels):
         more = excess_gain * middle[k] * correlation
         cell_noise[k] += more[N_SUMS:, N_SUMS:]
-        _add_channel_noise(sums, k, more)
+        _add_noise_to_sums_of_channel(sums, k, more)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _has_higher_neighbour(top: float, echo_power: np.ndarray, top_v: int, top_r: int) -> bool:
+def _has_higher_cell_beside_sampled_ones(
+    peak_power: float, echo_power: np.ndarray, peak_v: int, peak_r: int
+) -> bool:
     """Return whether a cell beside the sampled ones is higher: one of another target."""
-    for a in range(top_v, top_v + 3):
-        for b in range(top_r, top_r + 3):
+    for a in range(peak_v, peak_v + 3):
+        for b in range(peak_r, peak_r + 3):
             is_inside = 0 < a < echo_power.shape[0] - 1 and 0 < b < echo_power.shape[1] - 1
-            if not is_inside and echo_power[a, b] + _MEAN_NOISE > top:
+            if not is_inside and echo_power[a, b] + _MEAN_NOISE > peak_power:
                 return True
     return False
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _refine_peak(
-    sums: np.ndarray, has_one_chirp: bool, amplitude: np.ndarray
+def _refine_peak_by_newton_step(
+    sums: np.ndarray, has_one_chirp: bool, out_amplitude: np.ndarray
 ) -> tuple[float, float]:
     """Refine the offset of a peak, in units of 1 / spread; fill in the amplitudes there.
 
@@ -551,15 +583,15 @@ def _refine_peak(
         z = sums[0, k] - 1j * (step_v * sums[1, k] + step_r * sums[2, k])
         z -= (step_v**2 * sums[3, k] + step_r**2 * sums[5, k]) / 2 + step_v * step_r * sums[4, k]
         power += abs(z) ** 2
-        amplitude[k] = z
+        out_amplitude[k] = z
     # The logarithm is parabolic over a wider interval than the amplitudes.
-    amplitude *= np.sqrt(total * np.exp((up_v * step_v + up_r * step_r) / total) / power)
+    out_amplitude *= np.sqrt(total * np.exp((up_v * step_v + up_r * step_r) / total) / power)
     return step_v, step_r
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _reject_sidelobes(
-    peak: np.ndarray,
+def _indices_of_peaks_without_sidelobes(
+    peak_amplitude: np.ndarray,
     threshold: np.ndarray,
     cell: np.ndarray,
     windows: TrainingWindows,
@@ -567,15 +599,15 @@ def _reject_sidelobes(
     n_r: int,
 ) -> np.ndarray:
     """Return the indices of peaks, strongest first, without neighbours and sidelobes of others."""
-    accepted = np.empty(len(peak), np.int64)
+    accepted = np.empty(len(peak_amplitude), np.int64)
     n_accepted = 0
-    for i in np.argsort(-peak):
+    for i in np.argsort(-peak_amplitude):
         keep = True
         for k in accepted[:n_accepted]:
             dv, dr = abs(cell[i, 0] - cell[k, 0]), abs(cell[i, 1] - cell[k, 1])
             dv, dr = min(dv, n_v - dv), min(dr, n_r - dr)
-            lobe = peak[k] * windows.sidelobes[0][dv] * windows.sidelobes[1][dr]
-            if (dv <= 1 and dr <= 1) or peak[i] < lobe + threshold[i]:
+            lobe = peak_amplitude[k] * windows.sidelobes[0][dv] * windows.sidelobes[1][dr]
+            if (dv <= 1 and dr <= 1) or peak_amplitude[i] < lobe + threshold[i]:
                 keep = False
                 break
         if keep:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.experiments.statistical.axis_statistics import drift_gain, range_walk_gain
+from dechirp.experiments.statistical.axis_statistics import frequency_drift_gain, range_walk_gain
 from dechirp.processing.chain import Chain
 from dechirp.processing.mitigation.noise_loss import MIN_NOISE_GAIN
 from dechirp.processing.range_doppler_map import residual_noise_gain
@@ -53,11 +53,11 @@ def compute_received_echoes(
     scene: Scene,
     radar: Radar,
     chain: Chain,
-    paths: tuple[Propagation, ...],
+    attenuations: tuple[Propagation, ...],
     times_s: np.ndarray,
     noise_power_w: float,
 ) -> ReceivedEchoes:
-    """Compute the echoes at mid-frame of each time; `paths` must be in `ATTENUATIONS`."""
+    """Compute the echoes at mid-frame of each time; `attenuations` must be in `ATTENUATIONS`."""
     frame, chirp = radar.frame, radar.frame.chirp
     step_s = frame.duration_s / 4
     before_m, at_m, after_m = (
@@ -71,7 +71,7 @@ def compute_received_echoes(
 
     tone = echo_frequencies(RangeVelocity(range_m, velocity), radar)
     beat_hz, doppler_hz = tone.beat_hz % chirp.sample_rate_hz, tone.doppler_hz
-    amplitude = _channel_amplitudes(scene, radar, paths, times_s, at_m, doppler_hz)
+    amplitude = _echo_amplitudes_per_channel(scene, radar, attenuations, times_s, at_m, doppler_hz)
     amplitude *= np.sqrt(frame.n_chirps * chirp.n_samples / noise_power_w)
     if chirp.sampling == "real":
         # A real tone has half of its power at the negative frequency.
@@ -87,8 +87,10 @@ def compute_received_echoes(
     bins = (doppler_hz * frame.repetition_s * over_velocity.n_bins + middle) % over_velocity.n_bins
 
     drift = 2 * acceleration / chirp.wavelength_m * frame.duration_s**2
-    amplitude *= drift_gain(np.ones(frame.n_chirps), drift)[..., None]
-    in_cells = drift_gain(over_velocity.weights, drift) / drift_gain(np.ones(frame.n_chirps), drift)
+    amplitude *= frequency_drift_gain(np.ones(frame.n_chirps), drift)[..., None]
+    in_cells = frequency_drift_gain(over_velocity.weights, drift) / frequency_drift_gain(
+        np.ones(frame.n_chirps), drift
+    )
     if chain.range_walk is None:
         walk = velocity * frame.duration_s / chirp.range_resolution_m
         in_cells *= range_walk_gain(over_velocity.weights, over_range.weights, walk)
@@ -102,17 +104,17 @@ def compute_received_echoes(
     return ReceivedEchoes(bins, row, amplitude.astype(np.complex64), in_cells)
 
 
-def _channel_amplitudes(
+def _echo_amplitudes_per_channel(
     scene: Scene,
     radar: Radar,
-    paths: tuple[Propagation, ...],
+    attenuations: tuple[Propagation, ...],
     times_s: np.ndarray,
-    at_m: np.ndarray,
+    positions_m: np.ndarray,
     doppler_hz: np.ndarray,
 ) -> np.ndarray:
     """Compute the amplitudes of every channel, (n_frames, n_scatterers, n_channels), sqrt(W)."""
     frame, chirp, array = radar.frame, radar.frame.chirp, radar.array
-    shape = at_m.shape[:2]
+    shape = positions_m.shape[:2]
     wavelength_m = chirp.wavelength_m
     if scene.aspect_dependent_targets.size:
         rcs_m2 = np.array(
@@ -122,17 +124,17 @@ def _channel_amplitudes(
         rcs_m2 = np.broadcast_to(
             scatterer_cross_sections_m2(scene, times_s[0], wavelength_m), shape
         )
-    flat_m = at_m.reshape(-1, 3)
+    flat_m = positions_m.reshape(-1, 3)
     tx_gain, rx_gain = antenna_amplitude_gains(flat_m, radar)
     attenuation = np.ones(len(flat_m))
-    if paths:
+    if attenuations:
         scatterers = Scatterers(flat_m[None], attenuation, tx_gain, rx_gain)
         parts = list(
             echo_groups_per_ramp(
                 slice(0, frame.n_chirps_total), scatterers, frame.mid_frame_s, radar
             )
         )[:1]
-        for item in paths:
+        for item in attenuations:
             parts = item.transform_echoes(
                 parts, sample_window(radar, 0), scene, radar, np.random.default_rng(0)
             )

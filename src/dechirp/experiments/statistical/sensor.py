@@ -11,15 +11,18 @@ from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.gaussian_noise import add_white_noise
-from dechirp.experiments.link_budget import added_noise_w
+from dechirp.experiments.link_budget import added_noise_power_w
 from dechirp.experiments.scenario import Scenario
-from dechirp.experiments.statistical.axis_statistics import AxisStatistics, axis_statistics
-from dechirp.experiments.statistical.detections import sampled_detections
+from dechirp.experiments.statistical.axis_statistics import (
+    AxisStatistics,
+    tabulate_lobe_and_noise_statistics,
+)
+from dechirp.experiments.statistical.detections import detections_from_sampled_peaks
 from dechirp.experiments.statistical.peak_sampling import (
     FrameEchoes,
     NoiseAlarms,
     TrainingWindows,
-    count_normal_numbers,
+    max_normal_numbers_per_candidate,
     sample_peaks,
 )
 from dechirp.experiments.statistical.received_echoes import (
@@ -27,7 +30,7 @@ from dechirp.experiments.statistical.received_echoes import (
     ReceivedEchoes,
     compute_received_echoes,
 )
-from dechirp.experiments.statistical.training_statistics import training_statistics
+from dechirp.experiments.statistical.training_statistics import draw_training_window_statistics
 from dechirp.processing.cfar.base import MapNoise
 from dechirp.processing.mitigation.noise_loss import sufficient_noise_gain_mask
 from dechirp.processing.peaks import sidelobe_envelope
@@ -102,7 +105,7 @@ class StatisticalSensor:
                 fix="simulate samples instead, or leave it out",
             )
         stages = sort_into_stages(scenario.impairments, radar)
-        self._noise_w = added_noise_w(scenario, radar)
+        self._noise_w = added_noise_power_w(scenario, radar)
         if not 0 < self._noise_w < np.inf:
             raise InvalidSetting(
                 "scenario.impairments",
@@ -123,24 +126,30 @@ class StatisticalSensor:
         ]
         left_out += [m.kind() for m in self._chain.mitigation if not m.filters_slow_time]
         if left_out:
-            warnings.warn(PhysicsWarning(_not_modelled_finding(left_out)), stacklevel=2)
+            warnings.warn(PhysicsWarning(_effects_not_modelled_finding(left_out)), stacklevel=2)
         numbers = range(scenario.n_frames)
         self._times_s = np.array([frame.frame_start_s(i) + frame.mid_frame_s for i in numbers])
 
-    def detections(self, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    def draw_detections(self, rng: np.random.Generator) -> dict[str, np.ndarray]:
         """Draw one trial: columns of `processing.detect.detect`, (n_detections,) each."""
         blocks = [
-            self._sample_block(first, rng)
+            self._draw_detections_of_frame_block(first, rng)
             for first in range(0, len(self._times_s), _FRAMES_PER_BLOCK)
         ]
         return {name: np.concatenate([block[name] for block in blocks]) for name in UNITS}
 
-    def _sample_block(self, first: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
-        frames = slice(first, min(first + _FRAMES_PER_BLOCK, len(self._times_s)))
-        received = self._received_echoes(frames)
+    def _draw_detections_of_frame_block(
+        self, first_frame: int, rng: np.random.Generator
+    ) -> dict[str, np.ndarray]:
+        frames = slice(first_frame, min(first_frame + _FRAMES_PER_BLOCK, len(self._times_s)))
+        received = self._echoes_of_frames(frames)
         n_frames = frames.stop - frames.start
-        amplitude = self._apply_fluctuation(received.amplitude, rng)
-        axes, windows, noise = self._axis_statistics, self._training_windows, self._map_noise
+        amplitude = self._apply_rcs_fluctuation(received.amplitude, rng)
+        axes, windows, noise = (
+            self._velocity_and_range_statistics,
+            self._training_window_statistics,
+            self._map_noise_statistics,
+        )
         loss = (
             noise.range_transform.noise_bandwidth_bins
             * noise.doppler_transform.noise_bandwidth_bins
@@ -150,10 +159,13 @@ class StatisticalSensor:
         least = np.min(windows.factors)
         reached = 1 + powers + _MAX_SHORTFALL_STD * np.sqrt((1 + 2 * powers) / noise.n_channels)
         has_own_peak = (powers > _MIN_ECHO / np.sqrt(noise.n_channels)) & (reached > least)
-        alarms = self._draw_alarms(n_frames, rng)
+        alarms = self._draw_noise_alarms(n_frames, rng)
         n_candidates = np.count_nonzero(has_own_peak)
         white = np.zeros(
-            (n_candidates + len(alarms.window_draw), count_normal_numbers(axes, noise.n_channels)),
+            (
+                n_candidates + len(alarms.window_draw),
+                max_normal_numbers_per_candidate(axes, noise.n_channels),
+            ),
             np.float32,
         )
         add_white_noise(white, 1.0, rng)
@@ -162,14 +174,14 @@ class StatisticalSensor:
         )
         window_draws = rng.integers(len(windows.statistic), size=n_candidates)
         peaks = sample_peaks(
-            echoes, *axes, windows, alarms, self._searched_cells, window_draws, white
+            echoes, *axes, windows, alarms, self._searched_cell_mask, window_draws, white
         )
-        columns = sampled_detections(peaks, self._radar, self._chain)
-        columns["frame"] = columns["frame"] + first
+        columns = detections_from_sampled_peaks(peaks, self._radar, self._chain)
+        columns["frame"] = columns["frame"] + first_frame
         columns["time"] = self._times_s[columns["frame"]]
         return columns
 
-    def _apply_fluctuation(self, amplitude: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def _apply_rcs_fluctuation(self, amplitude: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         scene, n_sent = self._scene, self._radar.frame.n_chirps_total
         if not scene.fluctuating_scatterers_by_model:
             return amplitude
@@ -181,19 +193,26 @@ class StatisticalSensor:
                 factors[number] *= np.sqrt(per_chirp).mean(axis=0)
         return amplitude * factors[..., None]
 
-    def _draw_alarms(self, n_frames: int, rng: np.random.Generator) -> NoiseAlarms:
+    def _draw_noise_alarms(self, n_frames: int, rng: np.random.Generator) -> NoiseAlarms:
         """Draw the noise cells over threshold in each frame, a Poisson number."""
-        counts = rng.poisson(self._mean_n_alarms, n_frames)
+        counts = rng.poisson(self._mean_false_alarms_per_frame, n_frames)
         n = int(counts.sum())
         cells = (
-            self._searched_indices[rng.integers(len(self._searched_indices), size=n)]
+            self._flat_indices_of_searched_cells[
+                rng.integers(len(self._flat_indices_of_searched_cells), size=n)
+            ]
             if n
             else np.empty(0, int)
         )
-        positions = np.stack(np.divmod(cells, self._searched_cells.shape[1]), axis=1).reshape(-1, 2)
-        windows, n_channels = self._training_windows, self._map_noise.n_channels
+        positions = np.stack(np.divmod(cells, self._searched_cell_mask.shape[1]), axis=1).reshape(
+            -1, 2
+        )
+        windows, n_channels = (
+            self._training_window_statistics,
+            self._map_noise_statistics.n_channels,
+        )
         factors = windows.factors[positions[:, 1]]
-        window_draw = np.searchsorted(self._alarm_distribution, rng.random(n))
+        window_draw = np.searchsorted(self._cumulative_alarm_distribution_over_draws, rng.random(n))
         window_draw = np.minimum(window_draw, len(windows.statistic) - 1)
         tail_probability = gammaincc(
             n_channels, n_channels * factors * windows.statistic[window_draw]
@@ -202,49 +221,55 @@ class StatisticalSensor:
         first = np.concatenate([[0], np.cumsum(counts)])
         return NoiseAlarms(first, positions, power, window_draw)
 
-    def _received_echoes(self, frames: slice) -> ReceivedEchoes:
-        if self._cached_echoes is not None:
-            return ReceivedEchoes(*(column[frames] for column in self._cached_echoes))
-        return self._compute_echoes(self._times_s[frames])
+    def _echoes_of_frames(self, frames: slice) -> ReceivedEchoes:
+        if self._cached_echoes_of_all_frames is not None:
+            return ReceivedEchoes(*(column[frames] for column in self._cached_echoes_of_all_frames))
+        return self._compute_echoes_at_times(self._times_s[frames])
 
-    def _compute_echoes(self, times_s: np.ndarray) -> ReceivedEchoes:
+    def _compute_echoes_at_times(self, times_s: np.ndarray) -> ReceivedEchoes:
         return compute_received_echoes(
             self._scene, self._radar, self._chain, self._paths, times_s, self._noise_w
         )
 
     @cached_property
-    def _cached_echoes(self) -> ReceivedEchoes | None:
+    def _cached_echoes_of_all_frames(self) -> ReceivedEchoes | None:
         """Echoes of all frames, if they are few enough to cache."""
         n_values = len(self._times_s) * self._scene.n_scatterers * self._radar.n_summed_maps
-        return self._compute_echoes(self._times_s) if n_values <= _MAX_CACHED_VALUES else None
+        return (
+            self._compute_echoes_at_times(self._times_s) if n_values <= _MAX_CACHED_VALUES else None
+        )
 
     @cached_property
-    def _map_noise(self) -> MapNoise:
+    def _map_noise_statistics(self) -> MapNoise:
         return self._chain.map_noise_statistics(self._radar)
 
     @cached_property
-    def _axis_statistics(self) -> tuple[AxisStatistics, AxisStatistics]:
-        return axis_statistics(self._map_noise.doppler_transform), axis_statistics(
-            self._map_noise.range_transform
-        )
+    def _velocity_and_range_statistics(self) -> tuple[AxisStatistics, AxisStatistics]:
+        return tabulate_lobe_and_noise_statistics(
+            self._map_noise_statistics.doppler_transform
+        ), tabulate_lobe_and_noise_statistics(self._map_noise_statistics.range_transform)
 
     @cached_property
-    def _searched_cells(self) -> np.ndarray:
+    def _searched_cell_mask(self) -> np.ndarray:
         """Mask of the cells in which a peak may be, (n_velocity, n_rows)."""
         residual = residual_noise_gain(self._radar, self._chain)
         mask = np.zeros(
-            (self._map_noise.doppler_transform.n_bins, self._training_windows.factors.size), bool
+            (
+                self._map_noise_statistics.doppler_transform.n_bins,
+                self._training_window_statistics.factors.size,
+            ),
+            bool,
         )
-        mask[:, np.isfinite(self._training_windows.factors)] = True
+        mask[:, np.isfinite(self._training_window_statistics.factors)] = True
         return mask if residual is None else mask & sufficient_noise_gain_mask(residual)
 
     @cached_property
-    def _searched_indices(self) -> np.ndarray:
-        return np.flatnonzero(self._searched_cells)
+    def _flat_indices_of_searched_cells(self) -> np.ndarray:
+        return np.flatnonzero(self._searched_cell_mask)
 
     @cached_property
-    def _training_windows(self) -> TrainingWindows:
-        chirp, cfar, noise = self._radar.frame.chirp, self._chain.cfar, self._map_noise
+    def _training_window_statistics(self) -> TrainingWindows:
+        chirp, cfar, noise = self._radar.frame.chirp, self._chain.cfar, self._map_noise_statistics
         rows = rows_with_circular_noise(chirp, noise.range_transform)
         n_bins = noise.range_transform.n_bins
         n_rows = n_bins if chirp.sampling == "complex" else n_bins // 2 + 1
@@ -253,11 +278,14 @@ class StatisticalSensor:
         cells = np.stack([np.zeros(n_within, int), np.arange(n_within)], axis=1)
         factors = np.full(n_rows, np.inf)
         factors[rows] = cfar.threshold_at_cells(level, cells, noise)
-        ring, (over_velocity, over_range) = cfar.training_window, self._axis_statistics
+        ring, (over_velocity, over_range) = (
+            cfar.training_window,
+            self._velocity_and_range_statistics,
+        )
         n_training, shifts = np.ones(n_rows), np.zeros(n_rows)
         n_training[rows] = ring.n_training_cells_per_row(n_within)
-        shifts[rows] = ring.half_range - ring.box_row_of_map_rows(n_within)
-        law = training_statistics(cfar, noise)
+        shifts[rows] = ring.half_range - ring.tested_rows_in_training_box(n_within)
+        law = draw_training_window_statistics(cfar, noise)
         return TrainingWindows(
             statistic=law.statistic,
             corners=law.corners,
@@ -266,12 +294,12 @@ class StatisticalSensor:
             n_training=n_training,
             shifts=shifts,
             box=(
-                over_velocity.lobe_energy(ring.half_velocity),
-                over_range.lobe_energy(ring.half_range),
+                over_velocity.tabulate_tone_power_in_window(ring.half_velocity),
+                over_range.tabulate_tone_power_in_window(ring.half_range),
             ),
             guard=(
-                over_velocity.lobe_energy(ring.n_guard.velocity),
-                over_range.lobe_energy(ring.n_guard.range),
+                over_velocity.tabulate_tone_power_in_window(ring.n_guard.velocity),
+                over_range.tabulate_tone_power_in_window(ring.n_guard.range),
             ),
             sidelobes=(
                 sidelobe_envelope(noise.doppler_transform),
@@ -280,27 +308,35 @@ class StatisticalSensor:
         )
 
     @cached_property
-    def _alarm_probabilities(self) -> np.ndarray:
+    def _alarm_probability_per_window_draw(self) -> np.ndarray:
         """Probability that noise exceeds its threshold in each draw of the training window."""
-        n_channels, windows = self._map_noise.n_channels, self._training_windows
+        n_channels, windows = (
+            self._map_noise_statistics.n_channels,
+            self._training_window_statistics,
+        )
         factor = np.median(windows.factors[np.isfinite(windows.factors)])
         return np.asarray(gammaincc(n_channels, n_channels * factor * windows.statistic))
 
     @cached_property
-    def _alarm_distribution(self) -> np.ndarray:
+    def _cumulative_alarm_distribution_over_draws(self) -> np.ndarray:
         """Cumulative distribution of alarms over the draws of the training window."""
-        return np.asarray(np.cumsum(self._alarm_probabilities) / np.sum(self._alarm_probabilities))
+        return np.asarray(
+            np.cumsum(self._alarm_probability_per_window_draw)
+            / np.sum(self._alarm_probability_per_window_draw)
+        )
 
     @cached_property
-    def _mean_n_alarms(self) -> float:
+    def _mean_false_alarms_per_frame(self) -> float:
         """Mean number of cells over threshold in a frame of noise."""
         stated = self._chain.cfar.false_alarm_probability
-        return len(self._searched_indices) * (
-            float(np.mean(self._alarm_probabilities)) if stated is None else stated
+        return len(self._flat_indices_of_searched_cells) * (
+            float(np.mean(self._alarm_probability_per_window_draw)) if stated is None else stated
         )
 
 
-def sense(scenario: Scenario, *, seed: int | np.random.Generator | None = None) -> xr.Dataset:
+def draw_statistical_detections(
+    scenario: Scenario, *, seed: int | np.random.Generator | None = None
+) -> xr.Dataset:
     """Draw the detections of a scenario without samples: a table as of `processing.detect.detect`.
 
     `seed`: an int or a Generator; by default that of the scenario. See `StatisticalSensor` for the
@@ -309,11 +345,11 @@ def sense(scenario: Scenario, *, seed: int | np.random.Generator | None = None) 
     rng = seed if isinstance(seed, np.random.Generator) else None
     if rng is None:
         rng = np.random.default_rng(scenario.seed if seed is None else seed)
-    columns = StatisticalSensor(scenario).detections(rng)
+    columns = StatisticalSensor(scenario).draw_detections(rng)
     return detections_from_columns(columns)
 
 
-def _not_modelled_finding(kinds: list[str]) -> Finding:
+def _effects_not_modelled_finding(kinds: list[str]) -> Finding:
     return Finding(
         level="warning",
         setting="impairments",

@@ -36,13 +36,15 @@ class TrainingStatistics(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def training_statistics(cfar: Cfar, noise: MapNoise) -> TrainingStatistics:
+def draw_training_window_statistics(cfar: Cfar, noise: MapNoise) -> TrainingStatistics:
     """Draw statistic and measured noise jointly, from a fixed seed."""
     ring, n_channels = cfar.training_window, noise.n_channels
     offsets = ring.training_cell_offsets(ring.half_range)
     n_rows, n_columns = 2 * ring.half_range + 1, 2 * ring.half_velocity + 1
-    over_range = _matrix_root(noise.range_transform.noise_correlation_of_bins(n_rows))
-    over_velocity = _matrix_root(noise.doppler_transform.noise_correlation_of_bins(n_columns))
+    over_range = _hermitian_matrix_root(noise.range_transform.noise_correlation_of_bins(n_rows))
+    over_velocity = _hermitian_matrix_root(
+        noise.doppler_transform.noise_correlation_of_bins(n_columns)
+    )
     cell_index = (offsets[:, 0] + ring.half_velocity, offsets[:, 1] + ring.half_range)
     guard = ring.n_guard
     # As `processing.estimates.local_noise_power` has it: a one-dimensional window has no corners.
@@ -66,16 +68,16 @@ def training_statistics(cfar: Cfar, noise: MapNoise) -> TrainingStatistics:
         cells = np.mean(abs(amplitudes) ** 2, axis=1)[:, cell_index[0], cell_index[1]]
         statistic[rows] = cfar.estimator.statistic(cells, offsets)
         corners[rows] = np.median(cells[:, is_corner], axis=1) / median
-    return TrainingStatistics(statistic, corners, _sensitivity(cfar))
+    return TrainingStatistics(statistic, corners, _estimator_sensitivity_to_interferer(cfar))
 
 
-def _matrix_root(covariance: np.ndarray) -> np.ndarray:
+def _hermitian_matrix_root(covariance: np.ndarray) -> np.ndarray:
     """Compute the root of a Hermitian matrix that padding may leave singular."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0))).astype(np.complex64))
 
 
-def _sensitivity(cfar: Cfar) -> float:
+def _estimator_sensitivity_to_interferer(cfar: Cfar) -> float:
     offsets = cfar.training_window.training_cell_offsets(cfar.training_window.half_range)
     cells = np.ones(len(offsets))
     near = np.argsort(np.max(abs(offsets - offsets[0]), axis=1), kind="stable")[:9]

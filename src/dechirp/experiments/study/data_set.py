@@ -21,11 +21,11 @@ from dechirp.experiments.study.data_set_items import (
     TRUTH_COLUMNS,
     Item,
     ItemShapes,
-    item_coordinates,
-    item_shapes,
-    make_item,
-    pack_arrays,
-    truth_labels,
+    arrays_to_compressed_bytes,
+    item_axis_coordinates,
+    kept_item_shapes,
+    make_item_of_trial,
+    truth_per_frame_and_target,
 )
 from dechirp.experiments.study.ledger_reader import LedgerReader
 from dechirp.experiments.study.plan import Plan
@@ -46,19 +46,19 @@ class DataSetWriter:
     folder: Path
     """Folder of the data set; all workers write to it."""
     keep: tuple[str, ...]
-    form: ItemShapes
+    shapes: ItemShapes
     arrays: tuple[ShardedArray, ...]
 
     @classmethod
     def from_plan(cls, plan: Plan, out: Path) -> "DataSetWriter":
         """Create the writer of a study with results in a folder."""
-        form = item_shapes(_trial_context(plan, 0, 0), plan.study.keep)
+        form = kept_item_shapes(_trial_context(plan, 0, 0), plan.study.keep)
         folder = out.absolute() / DATA_SET_NAME
-        return cls(folder, plan.study.keep, form, tuple(_shard_arrays(plan, form)))
+        return cls(folder, plan.study.keep, form, tuple(_define_cube_and_map_arrays(plan, form)))
 
-    def begin_block(self, point: int, first: int) -> "BlockWriter":
-        """Begin to write the trials `first`, `first + 1`, ... of a point."""
-        return BlockWriter(self, point, first)
+    def create_block_writer(self, point: int, first_trial: int) -> "BlockWriter":
+        """Begin to write the trials `first_trial`, `first + 1`, ... of a point."""
+        return BlockWriter(self, point, first_trial)
 
 
 class BlockWriter:
@@ -71,16 +71,18 @@ class BlockWriter:
         self._items: list[tuple[Item, Mapping[str, np.ndarray]] | None] = []
         self._labels: tuple[TrialContext, Mapping[str, np.ndarray]] | None = None
 
-    def make_item(
-        self, case: TrialContext, cube: xr.DataArray | None, look: TrialResult
+    def make_item_and_truth(
+        self, context: TrialContext, cube: xr.DataArray | None, result: TrialResult
     ) -> tuple[Item, Mapping[str, np.ndarray]]:
         """Return the item of a trial and the truth of its targets; raise if its shapes differ."""
-        item = make_item(self._writer.form, self._writer.keep, cube, look)
-        if self._labels is None or self._labels[0] is not case:
-            self._labels = (case, truth_labels(case))
+        item = make_item_of_trial(self._writer.shapes, self._writer.keep, cube, result)
+        if self._labels is None or self._labels[0] is not context:
+            self._labels = (context, truth_per_frame_and_target(context))
         return item, self._labels[1]
 
-    def add_item(self, item_and_truth: tuple[Item, Mapping[str, np.ndarray]] | None) -> None:
+    def append_item_or_zeros(
+        self, item_and_truth: tuple[Item, Mapping[str, np.ndarray]] | None
+    ) -> None:
         """Add the next item; None, for a failed trial, adds zeros.
 
         Raises
@@ -94,7 +96,7 @@ class BlockWriter:
             waiting = self._waiting[array.name]
             waiting.append(np.zeros(array.shape, np.int16) if numbers is None else numbers)
             if len(waiting) == array.trials_per_shard:
-                self._write_shard(array)
+                self._write_buffered_shard(array)
         small = (
             None
             if item_and_truth is None
@@ -102,12 +104,15 @@ class BlockWriter:
         )
         self._items.append(small)
 
-    def finish(self, metadata: Mapping[str, np.ndarray]) -> bytes:
-        """Write the last shard, and return the small arrays, packed; raises as `add_item`."""
+    def write_last_shard_and_pack_arrays(self, point_metadata: Mapping[str, np.ndarray]) -> bytes:
+        """Write the last shard, and return the small arrays as compressed bytes.
+
+        Raises as `append_item_or_zeros`.
+        """
         for array in self._writer.arrays:
             if self._waiting[array.name]:
-                self._write_shard(array)
-        form, n = self._writer.form, len(self._items)
+                self._write_buffered_shard(array)
+        form, n = self._writer.shapes, len(self._items)
         valid_items = [item for item in self._items if item is not None]
         valid_indices = np.flatnonzero([item is not None for item in self._items])
         counts, scales = np.zeros(n, np.int64), np.full(n, np.nan)
@@ -120,38 +125,40 @@ class BlockWriter:
             "cube_scale": scales,
             "truth": truth,
             "count": counts,
-            **{f"about/{name}": values for name, values in metadata.items()},
+            **{f"about/{name}": values for name, values in point_metadata.items()},
         }
         for name in DETECTION_COLUMNS if valid_items and valid_items[0][0].detections else ():
             rows = [item.detections[name] for item, _ in valid_items]
             arrays[f"rows/{name}"] = np.concatenate(rows)
-        return pack_arrays(arrays)
+        return arrays_to_compressed_bytes(arrays)
 
-    def _write_shard(self, array: ShardedArray) -> None:
+    def _write_buffered_shard(self, array: ShardedArray) -> None:
         items = np.stack(self._waiting[array.name])
         array.write_shard(self._writer.folder, self._point, self._firsts[array.name], items)
         self._firsts[array.name] += len(items)
         self._waiting[array.name] = []
 
 
-def point_metadata(plan: Plan, point: int) -> dict[str, np.ndarray]:
+def point_scenario_and_coordinates(plan: Plan, point: int) -> dict[str, np.ndarray]:
     """Return scenario and coordinates of a point, stored with its first block; empty if invalid."""
     try:
-        text = dump_yaml(plan.scenario(point)).encode()
-        axes = item_coordinates(_trial_context(plan, point, 0))
+        text = dump_yaml(plan.scenario_of_point(point)).encode()
+        axes = item_axis_coordinates(_trial_context(plan, point, 0))
     except DechirpError:  # an invalid point: its trials report it
         return {}
     return {"scenario": np.frombuffer(text, np.uint8), **axes}
 
 
-def check_data_set(plan: Plan) -> None:
+def check_item_shapes_and_total_size(plan: Plan) -> None:
     """Raise `InvalidSetting` if items differ in shape, or a data set exceeds its size limit.
 
     The limit is `Study.at_most_bytes`.
     """
     study = plan.study
-    _check_equal_shapes(plan, item_shapes(_trial_context(plan, 0, 0), study.keep))
-    needed = data_bytes(plan)
+    _check_varied_settings_keep_item_shapes(
+        plan, kept_item_shapes(_trial_context(plan, 0, 0), study.keep)
+    )
+    needed = uncompressed_data_set_bytes(plan)
     if needed > study.at_most_bytes:
         raise InvalidSetting(
             "keep",
@@ -161,10 +168,10 @@ def check_data_set(plan: Plan) -> None:
         )
 
 
-def data_bytes(plan: Plan) -> int:
+def uncompressed_data_set_bytes(plan: Plan) -> int:
     """Return the size of samples and maps of all trials of a study, before compression."""
-    form = item_shapes(_trial_context(plan, 0, 0), plan.study.keep)
-    return plan.n_points * plan.study.trials.at_most * form.item_bytes
+    form = kept_item_shapes(_trial_context(plan, 0, 0), plan.study.keep)
+    return plan.n_points * plan.study.trials.at_most * form.uncompressed_item_bytes
 
 
 def format_bytes(n_bytes: float) -> str:
@@ -175,13 +182,13 @@ def format_bytes(n_bytes: float) -> str:
     return f"{n_bytes:.0f} B"
 
 
-def check_disk(plan: Plan, record: LedgerReader, out: Path) -> None:
+def check_saved_files_and_disk_space(plan: Plan, ledger: LedgerReader, out: Path) -> None:
     """Raise `DechirpError` if saved blocks do not match the data set, or the disk lacks space.
 
     Files of saved blocks may be missing, or the data set may belong to another study.
     """
     writer = DataSetWriter.from_plan(plan, out)
-    blocks = saved_blocks(plan, record)
+    blocks = trial_ranges_of_saved_blocks(plan, ledger)
     if store.is_data_set_complete(writer.folder) and not len(blocks):
         raise DechirpError(
             Mistake(
@@ -191,10 +198,10 @@ def check_disk(plan: Plan, record: LedgerReader, out: Path) -> None:
                 fix="name another folder with --out, or remove the data set",
             )
         )
-    check_files(writer, blocks)
+    check_shard_files_exist(writer, blocks)
     if not store.is_data_set_complete(writer.folder):
         n_missing = plan.n_points * plan.study.trials.at_most - int(blocks[:, 2].sum())
-        check_disk_space(n_missing * writer.form.item_bytes, out)
+        check_disk_space(n_missing * writer.shapes.uncompressed_item_bytes, out)
 
 
 def check_disk_space(needed_bytes: int, out: Path) -> None:
@@ -213,39 +220,43 @@ def check_disk_space(needed_bytes: int, out: Path) -> None:
 
 
 def _trial_context(plan: Plan, point: int, trial: int) -> TrialContext:
-    return build_trial_context(plan.scenario(point, plan.trial_settings(trial)))
+    return build_trial_context(
+        plan.scenario_of_point(point, plan.drawn_setting_texts_of_trial(trial))
+    )
 
 
-def _shard_arrays(plan: Plan, form: ItemShapes) -> Iterator[ShardedArray]:
+def _define_cube_and_map_arrays(plan: Plan, shapes: ItemShapes) -> Iterator[ShardedArray]:
     trials = plan.study.trials
     size = (plan.n_points, trials.at_most, trials.block)
-    if form.cube:
+    if shapes.cube:
         cube_attributes = {
             "units": "sqrt(W)",
             "long_name": "samples; times cube_scale of the item, in single precision",
             "convention": "beat = Tx x conj(Rx), receding positive",
         }
-        yield ShardedArray("cube", CUBE_AXES[: len(form.cube)], form.cube, *size, cube_attributes)
-    if form.power:
+        yield ShardedArray(
+            "cube", CUBE_AXES[: len(shapes.cube)], shapes.cube, *size, cube_attributes
+        )
+    if shapes.power:
         power_attributes = {
             "units": "dBW",
             "scale_factor": STEP_DB,
             "long_name": "power, 10 log10 of 1 W",
         }
-        yield ShardedArray("power", MAP_AXES, form.power, *size, power_attributes)
+        yield ShardedArray("power", MAP_AXES, shapes.power, *size, power_attributes)
 
 
-def saved_blocks(plan: Plan, record: LedgerReader) -> np.ndarray:
+def trial_ranges_of_saved_blocks(plan: Plan, ledger: LedgerReader) -> np.ndarray:
     """Return point, first trial and number of trials of each saved block, (n_blocks, 3)."""
     trials = plan.study.trials
-    points, numbers = record.finished_blocks().T
+    points, numbers = ledger.saved_point_and_block_numbers().T
     firsts = numbers * trials.block
     return np.stack([points, firsts, np.minimum(trials.block, trials.at_most - firsts)], axis=1)
 
 
-def check_files(writer: DataSetWriter, blocks: np.ndarray) -> None:
+def check_shard_files_exist(writer: DataSetWriter, saved_trial_ranges: np.ndarray) -> None:
     """Raise `DechirpError` if files of saved blocks are missing."""
-    gone = store.missing_shard_files(writer.folder, writer.arrays, blocks)
+    gone = store.missing_shard_files(writer.folder, writer.arrays, saved_trial_ranges)
     if gone:
         raise DechirpError(
             Mistake(
@@ -258,26 +269,27 @@ def check_files(writer: DataSetWriter, blocks: np.ndarray) -> None:
         )
 
 
-def _check_equal_shapes(plan: Plan, form: ItemShapes) -> None:
+def _check_varied_settings_keep_item_shapes(plan: Plan, expected_shapes: ItemShapes) -> None:
     """Raise unless each value of each setting, the others at their first, keeps the shapes."""
-    for axis_index, axis in enumerate(plan.axes):
+    for axis_index, axis in enumerate(plan.swept_settings):
         for place in range(1, min(len(axis.texts), _MAX_COMPARED_VALUES)):
-            index = np.zeros(len(plan.shape), dtype=int)
+            index = np.zeros(len(plan.grid_shape), dtype=int)
             index[axis_index] = place
-            point = int(np.ravel_multi_index(tuple(index), plan.shape))
+            point = int(np.ravel_multi_index(tuple(index), plan.grid_shape))
             try:
-                shapes = item_shapes(_trial_context(plan, point, 0), plan.study.keep)
+                shapes = kept_item_shapes(_trial_context(plan, point, 0), plan.study.keep)
             except DechirpError:  # an invalid point: its trials report it
                 continue
-            if shapes != form:
+            if shapes != expected_shapes:
                 raise InvalidSetting(
                     f"vary.{axis.path}",
-                    value=f"{axis.labels[place]}, with {_format_shapes(shapes)}",
-                    expected=f"such that all items are alike: {_format_shapes(form)}",
+                    value=f"{axis.labels[place]}, with {_item_shapes_as_text(shapes)}",
+                    expected="such that all items are alike:"
+                    f" {_item_shapes_as_text(expected_shapes)}",
                     fix="make a data set of each shape, or keep none of it",
                 )
-    if plan.has_trial_draws:
-        first, second = (item_coordinates(_trial_context(plan, 0, trial)) for trial in (0, 1))
+    if plan.has_settings_drawn_per_trial:
+        first, second = (item_axis_coordinates(_trial_context(plan, 0, trial)) for trial in (0, 1))
         changed = [name for name in first if not np.array_equal(first[name], second[name])]
         if changed:
             raise InvalidSetting(
@@ -288,7 +300,7 @@ def _check_equal_shapes(plan: Plan, form: ItemShapes) -> None:
             )
 
 
-def _format_shapes(form: ItemShapes) -> str:
-    array_shapes = {"samples": form.cube, "maps": form.power}
+def _item_shapes_as_text(shapes: ItemShapes) -> str:
+    array_shapes = {"samples": shapes.cube, "maps": shapes.power}
     texts = [f"{name} {shape}" for name, shape in array_shapes.items() if shape]
-    return ", ".join([*texts, f"{form.n_frames} frames", f"{len(form.targets)} targets"])
+    return ", ".join([*texts, f"{shapes.n_frames} frames", f"{len(shapes.targets)} targets"])

@@ -11,17 +11,17 @@ from dechirp.experiments.study.data_set import (
     CUBE_AXES,
     MAP_AXES,
     DataSetWriter,
-    check_files,
-    saved_blocks,
+    check_shard_files_exist,
+    trial_ranges_of_saved_blocks,
 )
 from dechirp.experiments.study.data_set_items import (
     DETECTION_COLUMNS,
     TRUTH_COLUMNS,
     ItemShapes,
-    target_classes,
-    unpack_arrays,
+    arrays_from_compressed_bytes,
+    target_class_names,
 )
-from dechirp.experiments.study.dumping import dump_study
+from dechirp.experiments.study.dumping import dump_study_as_yaml
 from dechirp.experiments.study.ledger_reader import LedgerReader
 from dechirp.experiments.study.plan import Plan
 from dechirp.results import data_set as store
@@ -37,7 +37,7 @@ COORDINATES: Mapping[str, tuple[tuple[str, ...], str, str]] = {
 """Dimensions, units and descriptions of the coordinates of items, of each point."""
 
 
-def assemble_data_set(plan: Plan, record: LedgerReader, out: Path) -> Path:
+def assemble_data_set(plan: Plan, ledger: LedgerReader, out: Path) -> Path:
     """Assemble the data set of all trials of a ledger unless it exists, and return its folder.
 
     Raises
@@ -48,28 +48,30 @@ def assemble_data_set(plan: Plan, record: LedgerReader, out: Path) -> Path:
     writer = DataSetWriter.from_plan(plan, out)
     if store.is_data_set_complete(writer.folder):
         return writer.folder
-    blocks = saved_blocks(plan, record)
-    check_files(writer, blocks)
+    blocks = trial_ranges_of_saved_blocks(plan, ledger)
+    check_shard_files_exist(writer, blocks)
 
     def fill(new_store: store.Store) -> None:
-        _write_columns(new_store, plan, writer.form, record)
+        _write_truth_and_detection_columns(new_store, plan, writer.shapes, ledger)
 
     store.finalise_data_set(
         writer.folder,
         writer.arrays,
         blocks,
-        tables=_metadata_tables(plan, writer.form, record),
+        tables=_metadata_datasets_by_group(plan, writer.shapes, ledger),
         add_columns=fill,
     )
     return writer.folder
 
 
-def _metadata_tables(plan: Plan, form: ItemShapes, record: LedgerReader) -> dict[str, xr.Dataset]:
+def _metadata_datasets_by_group(
+    plan: Plan, shapes: ItemShapes, ledger: LedgerReader
+) -> dict[str, xr.Dataset]:
     """Return the tables beside the items: coordinates, scenario, settings, targets."""
     study, n = plan.study, plan.n_points
     scenarios, axes = [""] * n, {name: np.empty(0) for name in COORDINATES}
-    for point, _, content in record.iter_items(number=0):
-        arrays = unpack_arrays(content)
+    for point, _, content in ledger.iter_packed_items(block_number=0):
+        arrays = arrays_from_compressed_bytes(content)
         if "about/scenario" not in arrays:
             continue
         scenarios[point] = arrays["about/scenario"].tobytes().decode()
@@ -81,7 +83,7 @@ def _metadata_tables(plan: Plan, form: ItemShapes, record: LedgerReader) -> dict
     coordinates = {
         name: xr.Variable(("point", *dims), axes[name], {"units": units, "long_name": words})
         for name, (dims, units, words) in COORDINATES.items()
-        if axes[name].size and set(dims) <= _item_dims(form)
+        if axes[name].size and set(dims) <= _item_dimension_names(shapes)
     }
     attributes = {
         "dechirp_data_set": store.FORMAT_VERSION,
@@ -89,30 +91,30 @@ def _metadata_tables(plan: Plan, form: ItemShapes, record: LedgerReader) -> dict
         "name": study.name,
         "seed": study.seed,
         "keep": list(study.keep),
-        "study": dump_study(study),
+        "study": dump_study_as_yaml(study),
     }
     scenario = xr.Variable("point", scenarios, {"long_name": "scenario of the point, YAML"})
     scene = study.scenario.scene
     assert scene is not None
-    targets = {"target": list(form.targets), "class": ("target", target_classes(scene))}
+    targets = {"target": list(shapes.targets), "class": ("target", target_class_names(scene))}
     return {
         "": xr.Dataset({**coordinates, "scenario": scenario}, attrs=attributes),
-        "settings": xr.Dataset(dict(_setting_variables(plan))),
+        "settings": xr.Dataset(dict(_iter_varied_setting_variables(plan))),
         "truth": xr.Dataset(coords=targets),
     }
 
 
-def _item_dims(form: ItemShapes) -> set[str]:
-    cube = set(CUBE_AXES[1:]) if form.cube else set()
-    return {"frame", *cube, *(MAP_AXES if form.power else ())}
+def _item_dimension_names(shapes: ItemShapes) -> set[str]:
+    cube = set(CUBE_AXES[1:]) if shapes.cube else set()
+    return {"frame", *cube, *(MAP_AXES if shapes.power else ())}
 
 
-def _setting_variables(plan: Plan) -> Iterator[tuple[str, xr.Variable]]:
+def _iter_varied_setting_variables(plan: Plan) -> Iterator[tuple[str, xr.Variable]]:
     """Yield the varied settings: over the points, or over the trials where drawn in each."""
     units = {axis.path: axis.unit for axis in plan.study.vary}
-    paths = [path for path, _ in plan.point_settings(0)]
-    labels = [plan.point_labels(point) for point in range(plan.n_points)]
-    numbers = [plan.point_numbers(point) for point in range(plan.n_points)]
+    paths = [path for path, _ in plan.setting_texts_of_point(0)]
+    labels = [plan.setting_labels_of_point(point) for point in range(plan.n_points)]
+    numbers = [plan.numeric_settings_of_point(point) for point in range(plan.n_points)]
     for column, path in enumerate(paths):
         column_numbers = [row[column] for row in numbers]
         values = (
@@ -120,27 +122,38 @@ def _setting_variables(plan: Plan) -> Iterator[tuple[str, xr.Variable]]:
             if None in column_numbers
             else np.array(column_numbers, dtype=float)
         )
-        yield _array_name(path), xr.Variable("point", values, {"units": units[path], "path": path})
-    if plan.has_trial_draws:
-        draws = np.array([plan.trial_draws(trial) for trial in range(plan.study.trials.at_most)])
+        yield (
+            _setting_path_as_array_name(path),
+            xr.Variable("point", values, {"units": units[path], "path": path}),
+        )
+    if plan.has_settings_drawn_per_trial:
+        draws = np.array(
+            [
+                plan.drawn_setting_numbers_of_trial(trial)
+                for trial in range(plan.study.trials.at_most)
+            ]
+        )
         for column, axis in enumerate(plan.random_settings):
             attributes = {"units": axis.unit, "path": axis.path}
-            yield _array_name(axis.path), xr.Variable("trial", draws[:, column], attributes)
+            yield (
+                _setting_path_as_array_name(axis.path),
+                xr.Variable("trial", draws[:, column], attributes),
+            )
 
 
-def _array_name(path: str) -> str:
+def _setting_path_as_array_name(setting_path: str) -> str:
     """Convert a path to the name of an array, which must not contain folders."""
-    return path.replace("/", "-")
+    return setting_path.replace("/", "-")
 
 
-def _write_columns(
-    new_store: store.Store, plan: Plan, form: ItemShapes, record: LedgerReader
+def _write_truth_and_detection_columns(
+    new_store: store.Store, plan: Plan, shapes: ItemShapes, ledger: LedgerReader
 ) -> None:
     """Write the small arrays of all items from the ledger, in order."""
     has_rows = "detections" in plan.study.keep
-    truth_dims, shape = ("frame", "target"), (form.n_frames, len(form.targets))
+    truth_dims, shape = ("frame", "target"), (shapes.n_frames, len(shapes.targets))
     columns = [TrialColumn("made", "bool", attributes={"long_name": "whether there is this item"})]
-    if form.cube:
+    if shapes.cube:
         attributes = {"units": "sqrt(W)", "long_name": "size of a step of the samples"}
         columns.append(
             TrialColumn("cube_scale", "float64", fill_value=np.nan, attributes=attributes)
@@ -155,11 +168,15 @@ def _write_columns(
             attributes = {"long_name": words}
             columns.append(TrialColumn(f"detections/{name}", "int64", attributes=attributes))
     table = store.TrialColumns(new_store, columns, plan.n_points, plan.study.trials.at_most)
-    rows = store.DetectionRows(new_store, "detections", _detection_columns()) if has_rows else None
-    for point, number, content in record.iter_items():
-        arrays = unpack_arrays(content)
+    rows = (
+        store.DetectionRows(new_store, "detections", _detection_column_definitions())
+        if has_rows
+        else None
+    )
+    for point, number, content in ledger.iter_packed_items():
+        arrays = arrays_from_compressed_bytes(content)
         values = {"made": arrays["made"]}
-        if form.cube:
+        if shapes.cube:
             values["cube_scale"] = arrays["cube_scale"]
         values |= {
             f"truth/{name}": truth
@@ -177,7 +194,7 @@ def _write_columns(
         rows.flush()
 
 
-def _detection_columns() -> dict[str, TrialColumn]:
+def _detection_column_definitions() -> dict[str, TrialColumn]:
     kinds = {"frame": "int64", "target": "int64"}
     return {
         name: TrialColumn(

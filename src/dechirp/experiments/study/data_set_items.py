@@ -56,12 +56,12 @@ class ItemShapes:
     """(frame, velocity, range); empty if not kept."""
 
     @property
-    def item_bytes(self) -> int:
+    def uncompressed_item_bytes(self) -> int:
         """Size of samples and maps of one item, before compression."""
         return sum(2 * prod(shape) for shape in (self.cube, self.power) if shape)
 
 
-def item_shapes(case: TrialContext, keep: tuple[str, ...]) -> ItemShapes:
+def kept_item_shapes(context: TrialContext, keep: tuple[str, ...]) -> ItemShapes:
     """Return the shapes of the items of a trial context.
 
     Raises
@@ -69,7 +69,7 @@ def item_shapes(case: TrialContext, keep: tuple[str, ...]) -> ItemShapes:
     InvalidSetting
         If maps of triangular frames are requested: these have two a frame.
     """
-    radar, n_frames = case.radar, len(case.times_s)
+    radar, n_frames = context.radar, len(context.times_s)
     frame, chirp = radar.frame, radar.frame.chirp
     if "maps" in keep and frame.has_falling_ramps:
         raise InvalidSetting(
@@ -80,24 +80,24 @@ def item_shapes(case: TrialContext, keep: tuple[str, ...]) -> ItemShapes:
         )
     iq = (2,) if chirp.sampling == "complex" else ()
     cube = (n_frames, frame.n_chirps_total, radar.array.n_rx, chirp.n_samples, *iq)
-    axes = item_coordinates(case)
+    axes = item_axis_coordinates(context)
     shape = (n_frames, axes["velocity_bins"].shape[1], len(axes["range_bins"]))
     return ItemShapes(
-        targets=case.target_names,
+        targets=context.target_names,
         n_frames=n_frames,
         cube=cube if "cubes" in keep else (),
         power=shape if "maps" in keep else (),
     )
 
 
-def item_coordinates(case: TrialContext) -> dict[str, np.ndarray]:
+def item_axis_coordinates(context: TrialContext) -> dict[str, np.ndarray]:
     """Return the coordinates of samples and maps: times in s, velocities in m/s, ranges in m."""
-    frame, chirp = case.radar.frame, case.radar.frame.chirp
-    noise = case.chain.map_noise_statistics(case.radar)
-    frames = [frame.for_frame(number) for number in range(len(case.times_s))]
+    frame, chirp = context.radar.frame, context.radar.frame.chirp
+    noise = context.chain.map_noise_statistics(context.radar)
+    frames = [frame.for_frame(number) for number in range(len(context.times_s))]
     bins = noise.doppler_transform.n_bins
     return {
-        "frame_time": np.array(case.times_s, dtype=float),
+        "frame_time": np.array(context.times_s, dtype=float),
         "chirp_time": np.array([frame_at.chirp_starts_s for frame_at in frames], dtype=float),
         "sample_time": chirp.adc_start_s + np.arange(chirp.n_samples) / chirp.sample_rate_hz,
         "velocity_bins": np.array([frame_at.velocity_bins_m_per_s(bins) for frame_at in frames]),
@@ -118,27 +118,27 @@ class Item(NamedTuple):
     """See `DETECTION_COLUMNS`; empty if not kept."""
 
 
-def make_item(
-    form: ItemShapes, keep: tuple[str, ...], cube: xr.DataArray | None, look: TrialResult
+def make_item_of_trial(
+    shapes: ItemShapes, keep: tuple[str, ...], cube: xr.DataArray | None, result: TrialResult
 ) -> Item:
     """Build the item of a trial; raise `InvalidSetting` if its shapes differ."""
     codes, scale, power_codes = None, np.nan, None
-    if form.cube:
+    if shapes.cube:
         assert cube is not None
-        codes, scale = quantise_samples(cube)
-        _check_shape(codes.shape, form.cube, "samples")
-    if form.power:
-        assert look.maps is not None
-        power_codes = np.stack([quantise_levels(power) for power in look.maps])
-        _check_shape(power_codes.shape, form.power, "maps")
+        codes, scale = quantise_samples_to_int16(cube)
+        _check_item_shape(codes.shape, shapes.cube, "samples")
+    if shapes.power:
+        assert result.maps is not None
+        power_codes = np.stack([quantise_power_to_int16_db(power) for power in result.maps])
+        _check_item_shape(power_codes.shape, shapes.power, "maps")
     rows: dict[str, np.ndarray] = {}
     if "detections" in keep:
-        rows = {name: np.asarray(look.detections[name]) for name in UNITS}
-        rows["target"] = look.association.target
+        rows = {name: np.asarray(result.detections[name]) for name in UNITS}
+        rows["target"] = result.association.target
     return Item(codes, scale, power_codes, rows)
 
 
-def quantise_samples(cube: xr.DataArray) -> tuple[np.ndarray, float]:
+def quantise_samples_to_int16(cube: xr.DataArray) -> tuple[np.ndarray, float]:
     """Quantise samples to int16, (frame, chirp, rx, sample[, iq]), and return the step size.
 
     ADC codes are kept where they exist; else the largest part of any sample is full scale.
@@ -153,55 +153,55 @@ def quantise_samples(cube: xr.DataArray) -> tuple[np.ndarray, float]:
     return np.rint(samples / samples.dtype.type(scale)).astype(np.int16), scale
 
 
-def quantise_levels(power: np.ndarray) -> np.ndarray:
+def quantise_power_to_int16_db(power: np.ndarray) -> np.ndarray:
     """Quantise powers to int16 in steps of `STEP_DB` over 1 W; zero power gives the minimum."""
     with np.errstate(divide="ignore"):
         steps = to_decibels(power) / STEP_DB
     return np.clip(np.rint(steps), -MAX_CODE - 1, MAX_CODE).astype(np.int16)
 
 
-def truth_labels(case: TrialContext) -> dict[str, np.ndarray]:
+def truth_per_frame_and_target(context: TrialContext) -> dict[str, np.ndarray]:
     """Return the truth of all targets in a trial, see `TRUTH_COLUMNS`, each (frame, target)."""
-    truth = case.truth.transpose("frame", "target")
+    truth = context.truth.transpose("frame", "target")
     labels = {
         name: np.asarray(truth[name].values, dtype=float)
         if name in truth
         else np.full((truth.sizes["frame"], truth.sizes["target"]), np.nan)
         for name in TRUTH_COLUMNS
     }
-    chirp = case.radar.frame.chirp
-    labels["rcs"] = target_cross_sections_m2(case.scene, case.times_s, chirp.wavelength_m)
-    for frame in range(len(case.times_s)):
-        radar = case.radar.for_frame(frame)
+    chirp = context.radar.frame.chirp
+    labels["rcs"] = target_cross_sections_m2(context.scene, context.times_s, chirp.wavelength_m)
+    for frame in range(len(context.times_s)):
+        radar = context.radar.for_frame(frame)
         place = RangeVelocity(labels["range"][frame], labels["velocity"][frame])
         positions = range_doppler_map_position(alias_range_velocity(place, radar), radar)
         labels["map_range"][frame], labels["map_velocity"][frame] = positions
     return labels
 
 
-def target_classes(scene: Scene) -> list[str]:
+def target_class_names(scene: Scene) -> list[str]:
     """Return the class of each target: the kind of its body, or `point`."""
     return ["point" if target.body is None else target.body.kind() for target in scene.targets]
 
 
-def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
+def arrays_to_compressed_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
     """Compress small arrays to bytes, identical for identical arrays."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **dict(arrays))
     return buffer.getvalue()
 
 
-def unpack_arrays(content: bytes) -> dict[str, np.ndarray]:
-    """Restore the arrays of `pack_arrays`."""
+def arrays_from_compressed_bytes(content: bytes) -> dict[str, np.ndarray]:
+    """Restore the arrays of `arrays_to_compressed_bytes`."""
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         return {name: archive[name] for name in archive.files}
 
 
-def _check_shape(value: tuple[int, ...], expected: tuple[int, ...], what: str) -> None:
-    if value != expected:
+def _check_item_shape(shape: tuple[int, ...], expected: tuple[int, ...], array_name: str) -> None:
+    if shape != expected:
         raise InvalidSetting(
             "keep",
-            value=f"{what} of shape {value}",
+            value=f"{array_name} of shape {shape}",
             expected=f"{expected}, as at the first point: a data set has items of one shape",
             fix="vary settings that leave it as it is; make a data set of each shape",
         )

@@ -20,7 +20,7 @@ def library_versions() -> dict[str, str]:
 
 
 @cache
-def describe_environment() -> dict[str, str]:
+def versions_system_and_processor() -> dict[str, str]:
     """Return versions, system and processor of this process, by name.
 
     The processor has the name that compilers use: code that the same libraries compile for the same
@@ -35,6 +35,6 @@ def describe_environment() -> dict[str, str]:
     }
 
 
-def differing_names(first: dict[str, str], second: dict[str, str]) -> list[str]:
+def keys_with_different_values(first: dict[str, str], second: dict[str, str]) -> list[str]:
     """Return the names whose values differ between two environments."""
     return [name for name in {**first, **second} if first.get(name) != second.get(name)]

@@ -14,9 +14,9 @@ from dechirp.core.checks import check_integer
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 from dechirp.core.findings import Finding
 from dechirp.experiments.study.environment import (
-    describe_environment,
-    differing_names,
+    keys_with_different_values,
     library_versions,
+    versions_system_and_processor,
 )
 from dechirp.experiments.study.processes import ONE_THREAD, RestartablePool, WorkerStopped
 
@@ -120,7 +120,12 @@ def local_workers(n_workers: int | None = None) -> Iterator[Workers]:
     pool = RestartablePool(n_workers or cpu_count())
     death_errors = (BrokenExecutor, WorkerStopped)
     try:
-        yield Workers(pool, lambda: pool.n_workers, death_errors=death_errors, renew=pool.renew)
+        yield Workers(
+            pool,
+            lambda: pool.n_workers,
+            death_errors=death_errors,
+            renew=pool.replace_all_processes,
+        )
     finally:
         pool.shutdown()
 
@@ -142,7 +147,7 @@ def dask_workers(address: str, *, timeout_s: float = ANSWER_TIMEOUT_S) -> Iterat
         If Dask is not installed, the scheduler does not answer or has no workers, or the workers
         have other versions of Python or of the libraries.
     """
-    distributed = _import_distributed("--scheduler", address)
+    distributed = _import_dask_distributed("--scheduler", address)
     host, _, port = address.rpartition("://")[2].rpartition(":")
     if not (host and port.isdecimal() and 0 < int(port) < 2**16):
         raise InvalidSetting(
@@ -157,7 +162,7 @@ def dask_workers(address: str, *, timeout_s: float = ANSWER_TIMEOUT_S) -> Iterat
         except (OSError, ValueError) as error:
             raise InvalidSetting(
                 "--scheduler",
-                value=f"{address}, which does not answer ({_first_line(error)})",
+                value=f"{address}, which does not answer ({_first_line_of_message(error)})",
                 expected=f"a Dask scheduler that answers within {timeout_s:g} s",
                 fix="start one with `dask scheduler`, or mend the address",
             ) from None
@@ -171,9 +176,9 @@ def dask_workers(address: str, *, timeout_s: float = ANSWER_TIMEOUT_S) -> Iterat
                     expected="one with workers",
                     fix=f"start some with `dask worker {address} --nthreads 1`",
                 ) from None
-            yield _client_workers(client, address)
+            yield _workers_of_dask_client(client, address)
         finally:
-            _close_client(client)
+            _close_dask_client(client)
 
 
 @contextmanager
@@ -189,12 +194,12 @@ def slurm_workers(n_workers: int) -> Iterator[Workers]:
     InvalidSetting
         If dask-jobqueue is not installed, or `sbatch` is missing on this machine.
     """
-    distributed = _import_distributed("--cluster", "slurm")
+    distributed = _import_dask_distributed("--cluster", "slurm")
     try:
         import dask.config
         from dask_jobqueue.slurm import SLURMCluster
     except ImportError:
-        raise _missing_dask_error("--cluster", "slurm") from None
+        raise _dask_not_installed_error("--cluster", "slurm") from None
     if shutil.which("sbatch") is None:
         raise InvalidSetting(
             "--cluster",
@@ -207,39 +212,42 @@ def slurm_workers(n_workers: int) -> Iterator[Workers]:
             # A concurrent study occupies the default port of the dashboard, which is not used.
             warnings.filterwarnings("ignore", r"\s*Port \d+ is already in use")
             cluster: Any = SLURMCluster(
-                **_slurm_job_settings(dask.config.get("jobqueue.slurm", {}))
+                **_complete_slurm_job_settings(dask.config.get("jobqueue.slurm", {}))
             )
         try:
             cluster.scale(n_workers)
             client = distributed.Client(cluster, set_as_default=False)
             try:
-                yield _client_workers(client, "the scheduler of --cluster slurm")
+                yield _workers_of_dask_client(client, "the scheduler of --cluster slurm")
             finally:
-                _close_client(client)
+                _close_dask_client(client)
         finally:
             cluster.close()
 
 
-def _slurm_job_settings(configured: dict[str, Any]) -> dict[str, Any]:
+def _complete_slurm_job_settings(user_settings: dict[str, Any]) -> dict[str, Any]:
     """Complete the user's Slurm job settings; each worker has one thread."""
-    cores = configured.get("cores") or 1
+    cores = user_settings.get("cores") or 1
     return {
         "cores": cores,
         "processes": cores,
-        "memory": configured.get("memory") or "2GB",
-        "walltime": configured.get("walltime") or "08:00:00",
-        "job_name": configured.get("name") or "dechirp",
+        "memory": user_settings.get("memory") or "2GB",
+        "walltime": user_settings.get("walltime") or "08:00:00",
+        "job_name": user_settings.get("name") or "dechirp",
         "job_script_prologue": [
-            *(configured.get("job-script-prologue") or ()),
+            *(user_settings.get("job-script-prologue") or ()),
             *(f"export {name}={number}" for name, number in ONE_THREAD.items()),
         ],
     }
 
 
-def _client_workers(client: Any, scheduler_text: str) -> Workers:
+def _workers_of_dask_client(client: Any, scheduler_text: str) -> Workers:
     from distributed.scheduler import KilledWorker
 
-    findings = (*_check_worker_environments(client), *_thread_findings(client))
+    findings = (
+        *_check_worker_versions_and_processors(client),
+        *_multithreaded_worker_findings(client),
+    )
 
     gone_error = DechirpError(
         Mistake(
@@ -271,26 +279,28 @@ def _client_workers(client: Any, scheduler_text: str) -> Workers:
     )
 
 
-def _check_worker_environments(client: Any) -> tuple[Finding, ...]:
+def _check_worker_versions_and_processors(dask_client: Any) -> tuple[Finding, ...]:
     """Raise if workers have other versions than this process; find other processors."""
-    own_environment = describe_environment()
-    environments = client.run(describe_environment, on_error="return")
+    own_environment = versions_system_and_processor()
+    environments = dask_client.run(versions_system_and_processor, on_error="return")
     mistakes: list[Mistake] = []
     other_processors: dict[str, str] = {}
     for worker, worker_environment in environments.items():
         if isinstance(worker_environment, Exception):
-            mistakes.append(_unlike_worker_mistake(worker, _first_line(worker_environment)))
+            mistakes.append(
+                _worker_versions_mistake(worker, _first_line_of_message(worker_environment))
+            )
             continue
         names = [
             name
-            for name in differing_names(own_environment, worker_environment)
+            for name in keys_with_different_values(own_environment, worker_environment)
             if name in library_versions()
         ]
         if names:
             texts = ", ".join(f"{name} {worker_environment.get(name, 'absent')}" for name in names)
             mistakes.append(
-                _unlike_worker_mistake(
-                    worker, texts, expected=_format_versions(own_environment, names)
+                _worker_versions_mistake(
+                    worker, texts, expected=_versions_as_text(own_environment, names)
                 )
             )
         elif worker_environment["processor"] != own_environment["processor"]:
@@ -311,9 +321,9 @@ def _check_worker_environments(client: Any) -> tuple[Finding, ...]:
     )
 
 
-def _thread_findings(client: Any) -> tuple[Finding, ...]:
+def _multithreaded_worker_findings(dask_client: Any) -> tuple[Finding, ...]:
     """Return a finding on workers with several threads: blocks of one process run in turn."""
-    several = {worker: n for worker, n in client.nthreads().items() if n > 1}
+    several = {worker: n for worker, n in dask_client.nthreads().items() if n > 1}
     if not several:
         return ()
     worker, n = next(iter(several.items()))
@@ -328,7 +338,7 @@ def _thread_findings(client: Any) -> tuple[Finding, ...]:
     )
 
 
-def _unlike_worker_mistake(worker: str, value: str, expected: str | None = None) -> Mistake:
+def _worker_versions_mistake(worker: str, value: str, expected: str | None = None) -> Mistake:
     return Mistake(
         setting=f"worker {worker}",
         value=value,
@@ -337,19 +347,19 @@ def _unlike_worker_mistake(worker: str, value: str, expected: str | None = None)
     )
 
 
-def _format_versions(environment: dict[str, str], names: list[str]) -> str:
+def _versions_as_text(environment: dict[str, str], names: list[str]) -> str:
     return ", ".join(f"{name} {environment.get(name, 'absent')}" for name in names)
 
 
-def _import_distributed(option: str, value: str) -> Any:
+def _import_dask_distributed(option: str, value: str) -> Any:
     try:
         import distributed
     except ImportError:
-        raise _missing_dask_error(option, value) from None
+        raise _dask_not_installed_error(option, value) from None
     return distributed
 
 
-def _missing_dask_error(option: str, value: str) -> InvalidSetting:
+def _dask_not_installed_error(option: str, value: str) -> InvalidSetting:
     return InvalidSetting(
         option,
         value=value,
@@ -358,7 +368,7 @@ def _missing_dask_error(option: str, value: str) -> InvalidSetting:
     )
 
 
-def _close_client(client: Any) -> None:
+def _close_dask_client(client: Any) -> None:
     """Close the client without waiting long for a scheduler that is gone."""
     client.close(timeout=2)
 
@@ -377,5 +387,5 @@ def _silence_dask_log() -> Iterator[None]:
         logger.setLevel(previous_level)
 
 
-def _first_line(error: BaseException) -> str:
+def _first_line_of_message(error: BaseException) -> str:
     return next(iter(str(error).splitlines()), type(error).__name__)

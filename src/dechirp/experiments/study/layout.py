@@ -1,4 +1,4 @@
-"""Column layout of score sums: the columns of each score and subject in a block."""
+"""Column layout of score sums: the columns of each score and target in a block."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,68 +11,74 @@ from dechirp.evaluation.trial import TrialContext
 
 
 @dataclass(frozen=True)
-class Layout:
-    """Columns of all scores side by side: by score, then subject, then sum."""
+class ScoreColumnLayout:
+    """Columns of all scores side by side: by score, then target, then sum."""
 
     scores: tuple[Score, ...]
-    subjects: tuple[tuple[str, ...], ...]
-    """Subjects of each score; empty where it has a total only."""
+    scored_target_names: tuple[tuple[str, ...], ...]
+    """Names of the targets of each score; empty where it has a total only."""
 
     @classmethod
-    def from_context(cls, scores: tuple[Score, ...], case: TrialContext) -> "Layout":
+    def from_context(cls, scores: tuple[Score, ...], context: TrialContext) -> "ScoreColumnLayout":
         """Build the layout of scores in a trial context; all points of a study share it."""
-        return cls(scores, tuple(score.scored_target_names(case) for score in scores))
+        return cls(scores, tuple(score.scored_target_names(context) for score in scores))
 
     @cached_property
-    def score_widths(self) -> tuple[int, ...]:
+    def n_columns_per_score(self) -> tuple[int, ...]:
         """Number of columns of each score."""
-        both = zip(self.scores, self.subjects, strict=True)
+        both = zip(self.scores, self.scored_target_names, strict=True)
         return tuple(score.n_sums * max(len(names), 1) for score, names in both)
 
     @property
     def n_columns(self) -> int:
         """Number of columns of a block."""
-        return sum(self.score_widths)
+        return sum(self.n_columns_per_score)
 
     @property
-    def n_theory_values(self) -> int:
-        """Number of theoretical values of a point, see `score_theory`."""
-        return sum(max(len(names), 1) for names in self.subjects)
+    def n_theoretical_values(self) -> int:
+        """Number of theoretical values of a point, see `theoretical_score_value`."""
+        return sum(max(len(names), 1) for names in self.scored_target_names)
 
-    def score_index(self, label: str) -> int:
+    def index_of_score(self, label: str) -> int:
         """Return the index of a score by its label; raise `ValueError` if it is missing."""
-        return self._labels.index(label)
+        return self._score_labels.index(label)
 
-    def score_sums(self, sums: np.ndarray, label: str, subject: str | None = None) -> np.ndarray:
-        """Return the columns of one score, (n_trials, n_sums): of a subject, or summed over all."""
-        index = self.score_index(label)
-        first = self._first_columns[index]
-        score_columns = sums[:, first : first + self.score_widths[index]]
-        by_subject = score_columns.reshape(len(sums), max(len(self.subjects[index]), 1), -1)
-        if subject is None:
+    def select_score_sums(
+        self, sums: np.ndarray, label: str, target: str | None = None
+    ) -> np.ndarray:
+        """Return the columns of one score, (n_trials, n_sums): of a target, or summed over all."""
+        index = self.index_of_score(label)
+        first = self._first_column_per_score[index]
+        score_columns = sums[:, first : first + self.n_columns_per_score[index]]
+        by_subject = score_columns.reshape(
+            len(sums), max(len(self.scored_target_names[index]), 1), -1
+        )
+        if target is None:
             return np.asarray(by_subject.sum(axis=1))
-        return np.asarray(by_subject[:, self.subjects[index].index(subject)])
+        return np.asarray(by_subject[:, self.scored_target_names[index].index(target)])
 
-    def score_theory(self, theory: np.ndarray, label: str, subject: str | None = None) -> float:
-        """Return the theoretical value of a score of a subject, or of all.
+    def theoretical_score_value(
+        self, theory: np.ndarray, label: str, target: str | None = None
+    ) -> float:
+        """Return the theoretical value of a score of a target, or of all.
 
         See `Score.combine_theoretical_values`.
 
-        `theory` has a value for each subject of each score, one where a score has a total only.
+        `theory` has a value for each target of each score, one where a score has a total only.
         """
-        index = self.score_index(label)
-        counts = [max(len(names), 1) for names in self.subjects]
+        index = self.index_of_score(label)
+        counts = [max(len(names), 1) for names in self.scored_target_names]
         first = sum(counts[:index])
         score_values = theory[first : first + counts[index]]
-        if subject is None:
+        if target is None:
             return self.scores[index].combine_theoretical_values(score_values)
-        return float(score_values[self.subjects[index].index(subject)])
+        return float(score_values[self.scored_target_names[index].index(target)])
 
     @cached_property
-    def _labels(self) -> tuple[str, ...]:
+    def _score_labels(self) -> tuple[str, ...]:
         return tuple(score.label() for score in self.scores)
 
     @cached_property
-    def _first_columns(self) -> tuple[int, ...]:
+    def _first_column_per_score(self) -> tuple[int, ...]:
         """First column of each score."""
-        return tuple(accumulate(self.score_widths, initial=0))
+        return tuple(accumulate(self.n_columns_per_score, initial=0))

@@ -18,16 +18,16 @@ import numpy as np
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.findings import Finding
 from dechirp.experiments.study.block import Block
-from dechirp.experiments.study.environment import differing_names
+from dechirp.experiments.study.environment import keys_with_different_values
 from dechirp.experiments.study.ledger_reader import (
     APPLICATION_ID,
     FORMAT_VERSION,
     LEDGER_NAME,
     LedgerReader,
-    connect_read_only,
-    folder_error,
-    is_ledger,
+    connect_sqlite_read_only,
+    is_ledger_initialised,
     translate_sqlite_errors,
+    unusable_path_error,
 )
 
 LOCK_NAME = "study.lock"
@@ -82,7 +82,7 @@ class Ledger(LedgerReader):
         """That it was begun with other libraries or on another processor."""
 
     @classmethod
-    def open(
+    def create_or_continue(
         cls, out: Path, *, identity: Mapping[str, str], environment: Mapping[str, str]
     ) -> Self:
         """Create the ledger of a study in a folder, or continue an existing one.
@@ -108,19 +108,21 @@ class Ledger(LedgerReader):
         try:
             out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise _unwritable_error(out, error.strerror or str(error)) from None
+            raise _unwritable_folder_error(out, error.strerror or str(error)) from None
         if path.exists():
             with (
                 translate_sqlite_errors(path, "Nothing was changed."),
-                closing(connect_read_only(path)) as connection,
+                closing(connect_sqlite_read_only(path)) as connection,
             ):
-                is_ledger(connection, path)  # a foreign file is left unchanged
-        lock = _acquire_lock(out)
+                is_ledger_initialised(connection, path)  # a foreign file is left unchanged
+        lock = _acquire_folder_lock(out)
         try:
             with translate_sqlite_errors(path, "Nothing was added."):
                 connection = sqlite3.connect(path, isolation_level=None, timeout=60)
                 try:
-                    return cls._initialise(out, connection, lock, dict(identity), dict(environment))
+                    return cls._initialise_or_check_database(
+                        out, connection, lock, dict(identity), dict(environment)
+                    )
                 except BaseException:
                     connection.close()
                     raise
@@ -129,7 +131,7 @@ class Ledger(LedgerReader):
             raise
 
     @classmethod
-    def _initialise(
+    def _initialise_or_check_database(
         cls,
         out: Path,
         connection: sqlite3.Connection,
@@ -139,7 +141,7 @@ class Ledger(LedgerReader):
     ) -> Self:
         (mode,) = connection.execute("PRAGMA journal_mode = WAL").fetchone()
         if mode != "wal":
-            raise folder_error(
+            raise unusable_path_error(
                 out / LEDGER_NAME,
                 value="on a file system that SQLite cannot keep a log on",
                 expected="on a local disk",
@@ -152,18 +154,20 @@ class Ledger(LedgerReader):
                 connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
                 for statement in _TABLES.split(";\n"):
                     connection.execute(statement)
-                ledger._set_meta("format_version", str(FORMAT_VERSION))
-                ledger._set_meta("identity", json.dumps(identity))
-                ledger._set_meta("environments", json.dumps([environment]))
-            _sync_folder(out)
-        _check_identity(ledger.path, ledger.identity, identity)
-        environments = ledger.environments
+                ledger._store_metadata_text("format_version", str(FORMAT_VERSION))
+                ledger._store_metadata_text("identity", json.dumps(identity))
+                ledger._store_metadata_text("environments", json.dumps([environment]))
+            _flush_folder_to_disk(out)
+        _check_same_study_identity(ledger.path, ledger.study_identity, identity)
+        environments = ledger.environments_of_all_runs
         if environment not in environments:
             with ledger._transaction():
-                ledger._set_meta("environments", json.dumps([*environments, environment]))
+                ledger._store_metadata_text(
+                    "environments", json.dumps([*environments, environment])
+                )
         if environment != environments[0]:
             ledger.environment_findings = (
-                _environment_finding(ledger.path, environments[0], environment),
+                _changed_environment_finding(ledger.path, environments[0], environment),
             )
         return ledger
 
@@ -181,11 +185,11 @@ class Ledger(LedgerReader):
             If the disk is full, or fails. Earlier blocks stay.
         """
         blocks = list(blocks)
-        with self._writing():
+        with self._durable_write_transaction():
             self._connection.executemany(
                 "INSERT OR IGNORE INTO blocks VALUES (?, ?, ?, ?, ?, ?)",
                 (
-                    (b.point, b.number, b.first, len(b.sums), b.seconds, _to_bytes(b.sums))
+                    (b.point, b.number, b.first, len(b.sums), b.seconds, _to_float64_bytes(b.sums))
                     for b in blocks
                 ),
             )
@@ -203,14 +207,14 @@ class Ledger(LedgerReader):
             )
             self._connection.executemany(
                 "INSERT OR IGNORE INTO theory VALUES (?, ?)",
-                ((b.point, _to_bytes(b.theory)) for b in blocks if b.theory is not None),
+                ((b.point, _to_float64_bytes(b.theory)) for b in blocks if b.theory is not None),
             )
             items = [(block.point, block.number, block.items) for block in blocks if block.items]
             if items:
                 self._connection.execute(_ITEMS)
                 self._connection.executemany("INSERT OR IGNORE INTO items VALUES (?, ?, ?)", items)
 
-    def end_point(self, point: int, n_blocks: int) -> None:
+    def mark_point_ended(self, point: int, n_blocks: int) -> None:
         """Mark a point as complete after this number of blocks, and delete later blocks.
 
         Raises
@@ -218,7 +222,7 @@ class Ledger(LedgerReader):
         DechirpError
             If the disk is full, or fails.
         """
-        with self._writing():
+        with self._durable_write_transaction():
             parameters = (point, n_blocks)
             self._connection.execute(
                 "DELETE FROM blocks WHERE point = ? AND number >= ?", parameters
@@ -226,23 +230,23 @@ class Ledger(LedgerReader):
             self._connection.execute(
                 "DELETE FROM failures WHERE point = ? AND number >= ?", parameters
             )
-            if self._has_items:
+            if self._has_items_table:
                 self._connection.execute(
                     "DELETE FROM items WHERE point = ? AND number >= ?", parameters
                 )
             self._connection.execute("INSERT OR REPLACE INTO ended VALUES (?, ?)", parameters)
 
-    def _set_meta(self, key: str, text: str) -> None:
+    def _store_metadata_text(self, key: str, text: str) -> None:
         self._connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, text))
 
     @contextmanager
-    def _writing(self) -> Iterator[None]:
+    def _durable_write_transaction(self) -> Iterator[None]:
         remainder = "What was done before is kept. Mend it, and call again to go on."
         with translate_sqlite_errors(self.path, remainder), self._transaction():
             yield
         # A deleted file would accept writes that are lost.
         if not self.path.exists() or self.path.stat().st_ino != self._file:
-            raise folder_error(
+            raise unusable_path_error(
                 self.path,
                 value="removed or replaced while the study ran",
                 expected="left alone until it ends",
@@ -261,11 +265,11 @@ class Ledger(LedgerReader):
             raise
 
 
-def _to_bytes(numbers: np.ndarray) -> bytes:
+def _to_float64_bytes(numbers: np.ndarray) -> bytes:
     return np.ascontiguousarray(numbers, "<f8").tobytes()
 
 
-def _acquire_lock(out: Path) -> sqlite3.Connection:
+def _acquire_folder_lock(out: Path) -> sqlite3.Connection:
     """Hold the lock of a folder while the returned connection is open.
 
     The lock is a SQLite transaction on an empty file: SQLite uses the file locks of every
@@ -275,14 +279,14 @@ def _acquire_lock(out: Path) -> sqlite3.Connection:
     try:
         lock = sqlite3.connect(path, isolation_level=None, timeout=0)
     except sqlite3.Error as error:
-        raise _unwritable_error(out, str(error)) from None
+        raise _unwritable_folder_error(out, str(error)) from None
     try:
         lock.execute("BEGIN EXCLUSIVE")
     except sqlite3.DatabaseError as error:
         lock.close()
         if "locked" not in str(error):
-            raise _unwritable_error(out, str(error)) from None
-        raise folder_error(
+            raise _unwritable_folder_error(out, str(error)) from None
+        raise unusable_path_error(
             out,
             value="in use by another study that runs now",
             expected="a folder that one process writes to",
@@ -291,13 +295,15 @@ def _acquire_lock(out: Path) -> sqlite3.Connection:
     return lock
 
 
-def _check_identity(path: Path, saved: dict[str, str], requested: dict[str, str]) -> None:
-    names = differing_names(saved, requested)
+def _check_same_study_identity(
+    path: Path, saved: dict[str, str], requested: dict[str, str]
+) -> None:
+    names = keys_with_different_values(saved, requested)
     if not names:
         return
     raise DechirpError(
         *(
-            _identity_mistake(
+            _mistake_in_ledger_file(
                 path,
                 setting=name,
                 value=requested_line,
@@ -333,8 +339,10 @@ def _truncate_line(line: str) -> str:
     return line if len(line) <= _MAX_LINE_LENGTH else f"{line[: _MAX_LINE_LENGTH - 3]}..."
 
 
-def _environment_finding(path: Path, first: dict[str, str], current: dict[str, str]) -> Finding:
-    changed = differing_names(first, current)
+def _changed_environment_finding(
+    path: Path, first: dict[str, str], current: dict[str, str]
+) -> Finding:
+    changed = keys_with_different_values(first, current)
 
     def format_changed(environment: dict[str, str]) -> str:
         return ", ".join(f"{name} {environment.get(name, 'unknown')}" for name in changed)
@@ -348,20 +356,22 @@ def _environment_finding(path: Path, first: dict[str, str], current: dict[str, s
     )
 
 
-def _unwritable_error(out: Path, why: str) -> DechirpError:
-    return folder_error(
+def _unwritable_folder_error(out: Path, reason: str) -> DechirpError:
+    return unusable_path_error(
         out,
-        value=f"not writable ({why})",
+        value=f"not writable ({reason})",
         expected="a folder that can be written",
         fix="name another with --out",
     )
 
 
-def _identity_mistake(path: Path, *, setting: str, value: str, expected: str, fix: str) -> Mistake:
+def _mistake_in_ledger_file(
+    path: Path, *, setting: str, value: str, expected: str, fix: str
+) -> Mistake:
     return Mistake(file=str(path), setting=setting, value=value, expected=expected, fix=fix)
 
 
-def _sync_folder(out: Path) -> None:
+def _flush_folder_to_disk(out: Path) -> None:
     """Flush the folder entry of a new file, so that its name survives a loss of power as well."""
     if os.name == "posix":
         folder = os.open(out, os.O_RDONLY)

@@ -43,17 +43,21 @@ from dechirp.core.errors import (
 )
 from dechirp.evaluation.score.base import Score
 from dechirp.experiments.scenario import READERS, Scenario
-from dechirp.experiments.study.dumping import score_unit
+from dechirp.experiments.study.dumping import score_limit_unit
 from dechirp.experiments.study.study import (
     RandomSetting,
     Requirement,
     Study,
     SweptSetting,
     TrialBudget,
-    points_mistake,
+    unknown_point_mistake,
 )
-from dechirp.experiments.study.variants import ABSOLUTE_CONTEXT, Variants, check_disjoint
-from dechirp.experiments.study.vary_values import parse_axis
+from dechirp.experiments.study.variants import (
+    ABSOLUTE_CONTEXT,
+    ScenarioVariants,
+    check_settings_do_not_overlap,
+)
+from dechirp.experiments.study.vary_values import parse_varied_setting
 
 _PLAIN_SETTINGS = (
     "name",
@@ -95,10 +99,10 @@ def load_study(path: str | Path, overrides: Iterable[str] = (), seed: int | None
     file = _StudyParser(
         str(path), ValidationContext(folder=path.absolute().parent, readers=READERS)
     )
-    file.open_text(read_settings_text(path), overrides)
-    file.read_plain_settings()
-    file.read_scenario()
-    file.read_vary()
+    file.parse_text_and_apply_overrides(read_settings_text(path), overrides)
+    file.read_independent_settings()
+    file.read_scenario_with_overrides()
+    file.read_and_try_varied_settings()
     file.read_scores()
     return file.build_study(seed)
 
@@ -117,11 +121,11 @@ class _StudyParser:
     resolved_paths: dict[str, SettingPath] = field(default_factory=dict)
 
     @property
-    def content(self) -> Mapping[str, YamlNode]:
+    def top_level_nodes(self) -> Mapping[str, YamlNode]:
         assert isinstance(self.tree.content, dict)
         return self.tree.content
 
-    def open_text(self, text: str, overrides: Iterable[str]) -> None:
+    def parse_text_and_apply_overrides(self, text: str, overrides: Iterable[str]) -> None:
         """Parse the text, and apply the options."""
         self.tree = parse_yaml(text, self.name)
         names = list_settings(Study)
@@ -139,8 +143,8 @@ class _StudyParser:
         self.mistakes += duplicate_key_mistakes(self.tree)
         for option in overrides:
             with self.collect_mistakes():
-                self._apply_option(option)
-        for name, node in self.content.items():
+                self._apply_override_to_study_or_scenario(option)
+        for name, node in self.top_level_nodes.items():
             if name not in names:
                 self.mistakes.append(
                     node.name_location.create_mistake(
@@ -154,43 +158,45 @@ class _StudyParser:
             ("scenario", "the path of a scenario file, or the scenario itself"),
             ("scores", "a list of scores"),
         ):
-            if name not in self.content:
+            if name not in self.top_level_nodes:
                 self.mistakes.append(
                     self.tree.location.create_mistake(
                         name, value="missing", expected=f"given: {what}", fix=f"add {name}"
                     )
                 )
 
-    def _apply_option(self, option: str) -> None:
-        path, node = parse_override(option)
+    def _apply_override_to_study_or_scenario(self, override: str) -> None:
+        path, node = parse_override(override)
         first, _, rest = path.partition(".")
-        vary = self.content.get("vary")
+        vary = self.top_level_nodes.get("vary")
         varied = vary.content if vary is not None and isinstance(vary.content, dict) else {}
         if path in varied:
             self.axis_options[path] = node
         elif first == "vary" and rest:
             place = vary.location if vary is not None else node.location
             whole = YamlNode({**varied, rest: node}, place, place)
-            self.tree = replace(self.tree, content={**self.content, "vary": whole})
+            self.tree = replace(self.tree, content={**self.top_level_nodes, "vary": whole})
         elif first == "scenario" and rest:
-            self.scenario_options.append(option.partition(".")[2])
+            self.scenario_options.append(override.partition(".")[2])
         elif first in list_settings(Study) and first not in ("name", "seed"):
             spot = SettingNode("", self.tree, ValueType(Study))
-            self.tree = apply_override(spot, option, self.context)
+            self.tree = apply_override(spot, override, self.context)
         else:
-            self.scenario_options.append(option)
+            self.scenario_options.append(override)
 
-    def read_plain_settings(self) -> None:
+    def read_independent_settings(self) -> None:
         """Read the settings that need no other."""
         for name in _PLAIN_SETTINGS:
-            if name in self.content:
-                spot = SettingNode(name, self.content[name], list_settings(Study)[name].value_type)
+            if name in self.top_level_nodes:
+                spot = SettingNode(
+                    name, self.top_level_nodes[name], list_settings(Study)[name].value_type
+                )
                 with self.collect_mistakes():
                     self.values[name] = validate_and_build_value(spot, self.context)
 
-    def read_scenario(self) -> None:
+    def read_scenario_with_overrides(self) -> None:
         """Read the scenario, with the options that apply to it."""
-        node = self.content.get("scenario")
+        node = self.top_level_nodes.get("scenario")
         if node is None:
             return
         expected = "the path of a scenario file, or the scenario itself"
@@ -198,7 +204,7 @@ class _StudyParser:
             if isinstance(node.content, str):
                 path = self.context.folder / node.content
                 if not path.is_file():
-                    raise _invalid_file(
+                    raise _invalid_file_error(
                         node.location,
                         "scenario",
                         f"{node.content_description}, which is no file",
@@ -213,7 +219,7 @@ class _StudyParser:
                     node, Scenario, self.context, overrides=self.scenario_options
                 )
             else:
-                raise _invalid_file(
+                raise _invalid_file_error(
                     node.location,
                     "scenario",
                     node.content_description,
@@ -221,7 +227,7 @@ class _StudyParser:
                     "Write scenario: scenario.yaml.",
                 )
             if scenario.scene is None:
-                raise _invalid_file(
+                raise _invalid_file_error(
                     node.name_location,
                     "scenario",
                     "of a recording",
@@ -230,9 +236,9 @@ class _StudyParser:
                 )
             self.values["scenario"] = scenario
 
-    def read_vary(self) -> None:
+    def read_and_try_varied_settings(self) -> None:
         """Read the varied settings, and try them on the scenario."""
-        node = self.content.get("vary")
+        node = self.top_level_nodes.get("vary")
         if node is None or node.content is None:
             self.values["vary"] = ()
             return
@@ -248,22 +254,22 @@ class _StudyParser:
                 )
             )
             return
-        variants = Variants(self.values["scenario"])
+        variants = ScenarioVariants(self.values["scenario"])
         at_most = self.values.get("at_most_points", Study.at_most_points)
         axes: list[SweptSetting | RandomSetting] = []
         for path, child in node.content.items():
             with self.collect_mistakes():
-                axes.append(self._parse_axis(path, child, variants, at_most))
+                axes.append(self._parse_and_try_varied_setting(path, child, variants, at_most))
         for option in self.scenario_options:
-            self._check_option(option, variants)
+            self._check_override_apart_from_varied_settings(option, variants)
         if len(axes) == len(node.content):
             self.values["vary"] = tuple(axes)
 
-    def _parse_axis(
-        self, path: str, node: YamlNode, variants: Variants, at_most: int
+    def _parse_and_try_varied_setting(
+        self, path: str, node: YamlNode, variants: ScenarioVariants, max_values: int
     ) -> SweptSetting | RandomSetting:
         if path == "seed":
-            raise _invalid_file(
+            raise _invalid_file_error(
                 node.name_location,
                 "vary.seed",
                 "varied",
@@ -271,31 +277,35 @@ class _StudyParser:
                 "Set more trials, or the seed of the study.",
             )
         try:
-            way = variants.resolve_path(path)
-            check_disjoint([*self.resolved_paths.values(), way])
+            way = variants.locate_setting(path)
+            check_settings_do_not_overlap([*self.resolved_paths.values(), way])
         except InvalidSetting as error:
             (mistake,) = error.mistakes
             setting = f"vary.{mistake.setting.removeprefix('vary.')}"
-            raise _invalid_file(
+            raise _invalid_file_error(
                 node.name_location, setting, mistake.value, mistake.expected, mistake.fix
             ) from None
         self.resolved_paths[path] = way
-        axis, probes = parse_axis(path, node, way.leaf_value_type, self.context, at_most=at_most)
+        axis, probes = parse_varied_setting(
+            path, node, way.leaf_value_type, self.context, max_values=max_values
+        )
         if path in self.axis_options:
-            override_node = self._override_value(axis, self.axis_options[path])
+            override_node = self._node_of_label_or_value(axis, self.axis_options[path])
             listed = YamlNode([override_node], override_node.location, override_node.location)
-            axis, probes = parse_axis(
-                path, listed, way.leaf_value_type, self.context, at_most=at_most
+            axis, probes = parse_varied_setting(
+                path, listed, way.leaf_value_type, self.context, max_values=max_values
             )
         wrong: list[Mistake] = []
         for value in probes:
             if len(wrong) < _MAX_MISTAKES:
-                wrong += _probe_mistakes(variants, path, value)
+                wrong += _mistakes_of_value_in_scenario(variants, path, value)
         if wrong:
             raise InvalidFile(*wrong)
         return axis
 
-    def _override_value(self, axis: SweptSetting | RandomSetting, node: YamlNode) -> YamlNode:
+    def _node_of_label_or_value(
+        self, axis: SweptSetting | RandomSetting, node: YamlNode
+    ) -> YamlNode:
         """Return the value of an option: the one that its label stands for, or itself."""
         if isinstance(axis, SweptSetting) and node.text in axis.labels:
             text = axis.texts[axis.labels.index(node.text)]
@@ -304,11 +314,13 @@ class _StudyParser:
             )
         return node
 
-    def _check_option(self, option: str, variants: Variants) -> None:
+    def _check_override_apart_from_varied_settings(
+        self, override: str, variants: ScenarioVariants
+    ) -> None:
         """Record a mistake for an option that a varied setting would override."""
-        path, _ = parse_override(option)
+        path, _ = parse_override(override)
         try:
-            way = variants.resolve_path(path)
+            way = variants.locate_setting(path)
         except InvalidSetting:
             return
         for other in self.resolved_paths.values():
@@ -324,7 +336,7 @@ class _StudyParser:
 
     def read_scores(self) -> None:
         """Read the scores, by their names in study files."""
-        node = self.content.get("scores")
+        node = self.top_level_nodes.get("scores")
         if node is None:
             return
         kinds = Score.members()
@@ -365,7 +377,7 @@ class _StudyParser:
 
     def build_study(self, seed: int | None) -> Study:
         """Read trials and requirements, which refer to scores and points, and build the study."""
-        self._read_trials()
+        self._read_trial_budget()
         self._read_requirements()
         fields = {**self.values, **({} if seed is None else {"seed": seed})}
         study = None
@@ -377,21 +389,25 @@ class _StudyParser:
                     error, SettingNode("", self.tree, ValueType(Study))
                 )
         if self.mistakes or study is None:
-            raise InvalidFile(*sort_and_deduplicate_mistakes(_drop_repeated(self.mistakes)))
+            raise InvalidFile(
+                *sort_and_deduplicate_mistakes(_drop_duplicate_mistakes(self.mistakes))
+            )
         return study
 
     @property
-    def _score_units(self) -> dict[str, str | None]:
-        return {score.label(): score_unit(score) for score in self.values.get("scores", ())}
+    def _limit_unit_by_score_label(self) -> dict[str, str | None]:
+        return {score.label(): score_limit_unit(score) for score in self.values.get("scores", ())}
 
-    def _read_trials(self) -> None:
-        node = self.content.get("trials")
+    def _read_trial_budget(self) -> None:
+        node = self.top_level_nodes.get("trials")
         if node is None:
             return
         if isinstance(node.content, dict):
             until = node.content.get("until")
             if until is not None and isinstance(until.content, dict):
-                inner = self._limits_to_si(until.content, "trials.until", ("width",), fallback=1.0)
+                inner = self._convert_score_limits_to_si(
+                    until.content, "trials.until", ("width",), fallback=1.0
+                )
                 until = replace(until, content=inner)
                 node = replace(node, content={**node.content, "until": until})
         with self.collect_mistakes():
@@ -400,7 +416,7 @@ class _StudyParser:
             )
 
     def _read_requirements(self) -> None:
-        node = self.content.get("require")
+        node = self.top_level_nodes.get("require")
         if node is None or node.content is None:
             return
         members: list[YamlNode] = []
@@ -408,10 +424,12 @@ class _StudyParser:
             inner = member.content
             if isinstance(inner, dict):
                 where = f"require.{index}"
-                inner = self._limits_to_si(inner, where, ("at_least", "at_most"), fallback=0.0)
+                inner = self._convert_score_limits_to_si(
+                    inner, where, ("at_least", "at_most"), fallback=0.0
+                )
                 points = inner.get("points")
                 if points is not None and isinstance(points.content, dict):
-                    pairs = self._parse_points(points, f"{where}.points")
+                    pairs = self._parse_points_of_requirement(points, f"{where}.points")
                     if pairs is None:
                         continue
                     inner = {**inner, "points": pairs}
@@ -434,15 +452,20 @@ class _StudyParser:
                 SettingNode("require", node, slot), self.context
             )
 
-    def _limits_to_si(
-        self, content: dict[str, YamlNode], where: str, names: Sequence[str], *, fallback: float
+    def _convert_score_limits_to_si(
+        self,
+        content: dict[str, YamlNode],
+        where: str,
+        limit_names: Sequence[str],
+        *,
+        fallback: float,
     ) -> dict[str, YamlNode]:
         """Convert limits of a score to SI; invalid ones are recorded and replaced by `beside`."""
         score = content.get("score")
         label = "" if score is None else score.text.replace("-", "_")
-        units = self._score_units
+        units = self._limit_unit_by_score_label
         converted = dict(content)
-        for name in names:
+        for name in limit_names:
             node = content.get(name)
             if node is None or node.content is None:
                 continue
@@ -456,7 +479,7 @@ class _StudyParser:
             converted["score"] = replace(score, content=label)
         return converted
 
-    def _parse_points(self, points: YamlNode, where: str) -> YamlNode | None:
+    def _parse_points_of_requirement(self, points: YamlNode, where: str) -> YamlNode | None:
         """Return pairs of path and text of the points that a requirement selects.
 
         None where an option has removed those points.
@@ -466,14 +489,18 @@ class _StudyParser:
         pairs: list[YamlNode] = []
         for path, node in points.content.items():
             axis = next((axis for axis in vary if axis.path == path), None)
-            text = self._axis_text(axis, node) if isinstance(axis, SweptSetting) else None
+            text = (
+                self._text_of_matching_swept_value(axis, node)
+                if isinstance(axis, SweptSetting)
+                else None
+            )
             if text is not None:
                 parts = [replace(node, content=part, text=part) for part in (path, text)]
                 pairs.append(replace(node, content=parts))
             elif path in self.axis_options:
                 return None
             elif "vary" in self.values:
-                (mistake,) = points_mistake(
+                (mistake,) = unknown_point_mistake(
                     f"{where}.{path}", path, node.text or node.content_description, vary
                 ).mistakes
                 place = node.location if isinstance(axis, SweptSetting) else node.name_location
@@ -487,7 +514,7 @@ class _StudyParser:
                 )
         return replace(points, content=pairs)
 
-    def _axis_text(self, axis: SweptSetting, node: YamlNode) -> str | None:
+    def _text_of_matching_swept_value(self, axis: SweptSetting, node: YamlNode) -> str | None:
         """Return the text of the axis value that a node means, by its label or by equality."""
         if node.text and node.text in axis.labels:
             return axis.texts[axis.labels.index(node.text)]
@@ -497,7 +524,7 @@ class _StudyParser:
         except InvalidFile:
             return None
         for text in axis.texts:
-            if _is_same_value(
+            if _is_equal_within_rounding(
                 meant,
                 validate_and_build_value(
                     SettingNode(axis.path, parse_yaml(text, ""), slot), ABSOLUTE_CONTEXT
@@ -515,10 +542,12 @@ class _StudyParser:
             self.mistakes += error.mistakes
 
 
-def _probe_mistakes(variants: Variants, path: str, node: YamlNode) -> Iterator[Mistake]:
+def _mistakes_of_value_in_scenario(
+    variants: ScenarioVariants, path: str, node: YamlNode
+) -> Iterator[Mistake]:
     """Yield the mistakes of a value in the scenario."""
     try:
-        variant = variants.with_settings({path: dump_node_on_one_line(node)})
+        variant = variants.scenario_with_settings({path: dump_node_on_one_line(node)})
     except DechirpError as error:
         value = quote_for_message(dump_node_on_one_line(node))
         for mistake in error.mistakes:
@@ -548,13 +577,13 @@ def _probe_mistakes(variants: Variants, path: str, node: YamlNode) -> Iterator[M
         )
 
 
-def _is_same_value(first: Any, second: Any) -> bool:
+def _is_equal_within_rounding(first: Any, second: Any) -> bool:
     if isinstance(first, float) and isinstance(second, float):
         return math.isclose(first, second, rel_tol=1e-9)
     return bool(first == second)
 
 
-def _drop_repeated(mistakes: Iterable[Mistake]) -> list[Mistake]:
+def _drop_duplicate_mistakes(mistakes: Iterable[Mistake]) -> list[Mistake]:
     """Drop repeated mistakes of the same position with a longer path."""
     first: dict[tuple[object, ...], Mistake] = {}
     for mistake in mistakes:
@@ -564,7 +593,7 @@ def _drop_repeated(mistakes: Iterable[Mistake]) -> list[Mistake]:
     return list(first.values())
 
 
-def _invalid_file(
+def _invalid_file_error(
     place: Location, setting: str, value: str, expected: str, fix: str
 ) -> InvalidFile:
     return InvalidFile(place.create_mistake(setting, value=value, expected=expected, fix=fix))

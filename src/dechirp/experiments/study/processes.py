@@ -46,16 +46,16 @@ class RestartablePool(Executor):
         # Nearly all of its blocks run at once: there is little to cancel.
         outer: Future[Any] = Future()
         if self._is_fresh:
-            with _ignore_interrupts():  # starts the processes
-                inner = self._pool.submit(_run_stoppable, fn, *args, **kwargs)
+            with _ignore_ctrl_c_in_block():  # starts the processes
+                inner = self._pool.submit(_call_stoppable_by_sigterm, fn, *args, **kwargs)
             self._is_fresh = False
         else:
-            inner = self._pool.submit(_run_stoppable, fn, *args, **kwargs)
+            inner = self._pool.submit(_call_stoppable_by_sigterm, fn, *args, **kwargs)
         self._submitted = {future for future in self._submitted if not future.done()} | {inner}
-        inner.add_done_callback(partial(_forward_result, outer))
+        inner.add_done_callback(partial(_copy_future_result, outer))
         return outer
 
-    def renew(self) -> None:
+    def replace_all_processes(self) -> None:
         """Replace all processes by new ones."""
         self.shutdown()
         self._start_pool()
@@ -66,22 +66,22 @@ class RestartablePool(Executor):
         # The signal is repeated, as a worker may have started only just now.
         give_up_s = time.monotonic() + _SHUTDOWN_TIMEOUT_S
         try:
-            while self._is_busy() and time.monotonic() < give_up_s:
-                self._terminate_workers()
+            while self._has_unfinished_calls() and time.monotonic() < give_up_s:
+                self._send_sigterm_to_workers()
                 time.sleep(_POLL_S)
         finally:
-            self._pool.shutdown(wait=wait, kill_workers=self._is_busy())
+            self._pool.shutdown(wait=wait, kill_workers=self._has_unfinished_calls())
 
-    def _is_busy(self) -> bool:
+    def _has_unfinished_calls(self) -> bool:
         return any(not future.done() for future in self._submitted)
 
-    def _terminate_workers(self) -> None:
+    def _send_sigterm_to_workers(self) -> None:
         for worker in list(self._pool._processes):
             with suppress(OSError):  # already exited
                 os.kill(worker, signal.SIGTERM)
 
 
-def _forward_result(outer: Future[Any], inner: Future[Any]) -> None:
+def _copy_future_result(outer: Future[Any], inner: Future[Any]) -> None:
     """Copy a result or an error to the outer future, unless that was cancelled."""
     if not outer.set_running_or_notify_cancel():
         return
@@ -93,7 +93,7 @@ def _forward_result(outer: Future[Any], inner: Future[Any]) -> None:
 
 
 @contextmanager
-def _ignore_interrupts() -> Iterator[None]:
+def _ignore_ctrl_c_in_block() -> Iterator[None]:
     """Start processes that ignore Ctrl-C from the beginning, as they inherit the signal handler."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -105,7 +105,7 @@ def _ignore_interrupts() -> Iterator[None]:
         signal.signal(signal.SIGINT, previous_handler)
 
 
-def _initialise_worker(parent: int) -> None:
+def _initialise_worker(parent_pid: int) -> None:
     """Ignore Ctrl-C, and exit after the parent: a killed parent cannot send a signal."""
     import psutil
 
@@ -113,7 +113,7 @@ def _initialise_worker(parent: int) -> None:
     signal.signal(signal.SIGTERM, _handle_sigterm)
 
     def watch_parent() -> None:
-        while os.getppid() == parent and psutil.pid_exists(parent):
+        while os.getppid() == parent_pid and psutil.pid_exists(parent_pid):
             time.sleep(0.5)
         os._exit(1)
 
@@ -127,7 +127,7 @@ class _WorkerState:
     is_stopped = False
 
 
-def _run_stoppable(fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:
+def _call_stoppable_by_sigterm(fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:
     """Run a function on a worker; SIGTERM ends it and all later calls, but not the worker."""
     try:
         _WorkerState.is_working = True

@@ -23,7 +23,7 @@ import numpy as np
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.score.base import NO_ESTIMATE, Estimate
-from dechirp.experiments.study.layout import Layout
+from dechirp.experiments.study.layout import ScoreColumnLayout
 from dechirp.experiments.study.results import StudyResult
 from dechirp.experiments.study.study import Requirement
 
@@ -82,9 +82,9 @@ def judge_requirements(result: StudyResult, sums: PointSums) -> tuple[Verdict, .
         or less.
     """
     return tuple(
-        _judge_limit(
+        _judge_limit_over_points(
             _LimitTest(requirement, side, result.layout, sums),
-            requirement_points(requirement, result),
+            point_numbers_of_requirement(requirement, result),
         )
         for requirement in result.study.require
         for side in _SIDES
@@ -97,7 +97,7 @@ def exit_status(verdicts: Sequence[Verdict]) -> int:
     return 0 if all(verdict.is_met for verdict in verdicts) else 1
 
 
-def requirement_points(requirement: Requirement, result: StudyResult) -> tuple[int, ...]:
+def point_numbers_of_requirement(requirement: Requirement, result: StudyResult) -> tuple[int, ...]:
     """Return the numbers of the points that a requirement covers; `Study` ensures one exists."""
     wanted = set(requirement.points)
     return tuple(
@@ -112,12 +112,12 @@ class _LimitTest:
     """Test of one limit of a requirement at single points."""
 
     def __init__(
-        self, requirement: Requirement, side: Side, layout: Layout, sums: PointSums
+        self, requirement: Requirement, side: Side, layout: ScoreColumnLayout, sums: PointSums
     ) -> None:
         self.requirement, self.side, self.layout, self._sums = requirement, side, layout, sums
         self.limit = float(getattr(requirement, side))
         self.tail = 1 - requirement.confidence
-        self._score = layout.scores[layout.score_index(requirement.score)]
+        self._score = layout.scores[layout.index_of_score(requirement.score)]
         if not 0 < self.tail < 0.5:
             raise InvalidSetting(
                 "require.confidence",
@@ -125,11 +125,11 @@ class _LimitTest:
                 expected="above 0.5 and below 1",
                 fix="give the confidence of one side, such as 0.95",
             )
-        self._check_target()
+        self._check_target_is_scored()
 
-    def _check_target(self) -> None:
+    def _check_target_is_scored(self) -> None:
         label, target = self.requirement.score, self.requirement.target
-        names = self.layout.subjects[self.layout.score_index(label)]
+        names = self.layout.scored_target_names[self.layout.index_of_score(label)]
         if target is not None and target not in names:
             raise InvalidSetting(
                 "require.target",
@@ -140,25 +140,27 @@ class _LimitTest:
                 fix="name a target that the score is of, or none for the whole",
             )
 
-    def valid_rows(self, point: int) -> np.ndarray:
+    def valid_trial_sums(self, point: int) -> np.ndarray:
         """Return the sums of the score in the valid trials of a point, (n_trials, n_sums)."""
         requirement, sums = self.requirement, self._sums(point)
         if not len(sums):  # no trials yet
             return np.empty((0, self._score.n_sums))
-        rows = self.layout.score_sums(sums, requirement.score, requirement.target)
+        rows = self.layout.select_score_sums(sums, requirement.score, requirement.target)
         return rows[~np.isnan(rows).any(axis=1)]
 
-    def estimate(self, rows: np.ndarray, tail: float) -> Estimate:
-        """Estimate the value with bounds that leave `tail` on each side."""
-        if not len(rows):
+    def estimate_with_tail_probability(
+        self, trial_sums: np.ndarray, tail_probability: float
+    ) -> Estimate:
+        """Estimate the value with bounds that leave `tail_probability` on each side."""
+        if not len(trial_sums):
             return NO_ESTIMATE
-        return self._score.estimate_with_interval(rows, confidence=1 - 2 * tail)
+        return self._score.estimate_with_interval(trial_sums, confidence=1 - 2 * tail_probability)
 
-    def is_met_by(self, number: float) -> bool:
+    def meets_limit(self, score_value: float) -> bool:
         """Return whether a number meets the limit; equality does."""
-        return number >= self.limit if self.side == "at_least" else number <= self.limit
+        return score_value >= self.limit if self.side == "at_least" else score_value <= self.limit
 
-    def worst_and_best(self, estimate: Estimate) -> tuple[float, float]:
+    def interval_ends_worst_first(self, estimate: Estimate) -> tuple[float, float]:
         """Return the ends of an interval, the worst for the requirement first."""
         return (
             (estimate.low, estimate.high)
@@ -166,73 +168,88 @@ class _LimitTest:
             else (estimate.high, estimate.low)
         )
 
-    def is_shown(self, rows: np.ndarray, tail: float, *, met: bool) -> bool:
-        """Return whether a point is shown to meet, or fail, the limit with error `tail`."""
-        worst, best = self.worst_and_best(self.estimate(rows, tail))
+    def is_limit_shown_met_or_failed(
+        self, trial_sums: np.ndarray, tail_probability: float, *, met: bool
+    ) -> bool:
+        """Return whether a point is shown to meet, or fail, the limit with this error."""
+        worst, best = self.interval_ends_worst_first(
+            self.estimate_with_tail_probability(trial_sums, tail_probability)
+        )
         return (
-            self.is_met_by(worst) if met else bool(np.isfinite(best)) and not self.is_met_by(best)
+            self.meets_limit(worst)
+            if met
+            else bool(np.isfinite(best)) and not self.meets_limit(best)
         )
 
-    def smallest_tail(self, rows: np.ndarray, *, met: bool) -> float:
+    def smallest_conclusive_tail_probability(self, trial_sums: np.ndarray, *, met: bool) -> float:
         """Return the smallest tail for which a point is shown to meet, or fail; 0.5 if none."""
-        if self.is_shown(rows, _SMALLEST_TAIL, met=met):
+        if self.is_limit_shown_met_or_failed(trial_sums, _SMALLEST_TAIL, met=met):
             return _SMALLEST_TAIL
         log_hidden, log_shown = np.log(_SMALLEST_TAIL), np.log(0.5)
         for _ in range(30):  # bisection: the tail to eight digits
             middle = (log_hidden + log_shown) / 2
-            if self.is_shown(rows, float(np.exp(middle)), met=met):
+            if self.is_limit_shown_met_or_failed(trial_sums, float(np.exp(middle)), met=met):
                 log_shown = middle
             else:
                 log_hidden = middle
         return float(np.exp(log_shown))
 
-    def more_trials(self, rows: np.ndarray, tail: float, *, met: bool) -> float:
+    def predict_additional_trials(
+        self, trial_sums: np.ndarray, tail_probability: float, *, met: bool
+    ) -> float:
         """Predict the number of additional trials with which the bound would reach the limit.
 
         The convergence rate is that of the same trials repeated four times: 1 / sqrt(n) mostly,
         1 / n where every trial or no trial is a hit. Infinite if the limit is never reached.
         """
         once, fourfold = (
-            self.estimate(np.tile(rows, (times, 1)), tail) if len(rows) else NO_ESTIMATE
+            self.estimate_with_tail_probability(np.tile(trial_sums, (times, 1)), tail_probability)
+            if len(trial_sums)
+            else NO_ESTIMATE
             for times in (1, 4)
         )
         reach, fourfold_reach = (
-            abs(estimate.value - self.worst_and_best(estimate)[0 if met else 1])
+            abs(estimate.value - self.interval_ends_worst_first(estimate)[0 if met else 1])
             for estimate in (once, fourfold)
         )
         margin = abs(once.value - self.limit)
         if not (margin > 0 and reach > fourfold_reach > 0 and np.isfinite(reach)):
             return np.inf
         power = np.log(reach / fourfold_reach) / np.log(4)
-        needed = len(rows) * (reach / margin) ** (1 / power)
-        return max(float(needed) - len(rows), 1.0)
+        needed = len(trial_sums) * (reach / margin) ** (1 / power)
+        return max(float(needed) - len(trial_sums), 1.0)
 
 
-def _judge_limit(limit: _LimitTest, points: tuple[int, ...]) -> Verdict:
-    tail_of_one = limit.tail / len(points)
+def _judge_limit_over_points(limit: _LimitTest, points: tuple[int, ...]) -> Verdict:
+    bonferroni_tail_probability = limit.tail / len(points)
     failed, undecided = [], []
     for point in points:
-        rows = limit.valid_rows(point)
-        if limit.is_shown(rows, limit.tail, met=True):
+        rows = limit.valid_trial_sums(point)
+        if limit.is_limit_shown_met_or_failed(rows, limit.tail, met=True):
             continue
-        if limit.is_shown(rows, tail_of_one, met=False):
+        if limit.is_limit_shown_met_or_failed(rows, bonferroni_tail_probability, met=False):
             failed.append(point)
         undecided.append(point)
     n_met = len(points) - len(undecided)
     more_trials: float | None = None
     if failed:
         decision: Decision = "not met"
-        deciding, tail = _most_certain_point(limit, failed)
+        deciding, tail = _most_certainly_failed_point(limit, failed)
         tail = min(tail * len(points), 1.0)
     elif undecided:
         decision = "undecided"
-        deciding, tail = _most_doubtful_point(limit, undecided, tail_of_one)
-        more_trials = max(_additional_trials(limit, point, tail_of_one) for point in undecided)
+        deciding, tail = _worst_undecided_point(limit, undecided, bonferroni_tail_probability)
+        more_trials = max(
+            _predict_trials_to_decide_point(limit, point, bonferroni_tail_probability)
+            for point in undecided
+        )
     else:
         decision = "met"
-        deciding, tail = _least_certain_point(limit, points)
-    sums = limit.valid_rows(deciding)
-    estimate = limit.estimate(sums, tail_of_one if failed else limit.tail)
+        deciding, tail = _least_certainly_met_point(limit, points)
+    sums = limit.valid_trial_sums(deciding)
+    estimate = limit.estimate_with_tail_probability(
+        sums, bonferroni_tail_probability if failed else limit.tail
+    )
     return Verdict(
         requirement=limit.requirement,
         side=limit.side,
@@ -243,59 +260,79 @@ def _judge_limit(limit: _LimitTest, points: tuple[int, ...]) -> Verdict:
         n_met=n_met,
         point=deciding,
         value=estimate.value,
-        bound=limit.worst_and_best(estimate)[1 if failed else 0],
+        bound=limit.interval_ends_worst_first(estimate)[1 if failed else 0],
         trials=len(sums),
-        more_trials=_round_up_trials(more_trials),
+        more_trials=_round_up_to_two_digits(more_trials),
     )
 
 
-def _least_certain_point(limit: _LimitTest, points: Sequence[int]) -> tuple[int, float]:
+def _least_certainly_met_point(limit: _LimitTest, points: Sequence[int]) -> tuple[int, float]:
     """Return the point shown to meet a limit with the largest tail, and that tail."""
-    deciding, tail = points[0], limit.smallest_tail(limit.valid_rows(points[0]), met=True)
+    deciding, tail = (
+        points[0],
+        limit.smallest_conclusive_tail_probability(limit.valid_trial_sums(points[0]), met=True),
+    )
     for point in points[1:]:
         if tail >= 0.5:  # no confidence is left for the other points
             break
-        rows = limit.valid_rows(point)
-        if not limit.is_shown(rows, tail, met=True):  # so few points are asked for more than that
-            deciding, tail = point, limit.smallest_tail(rows, met=True)
+        rows = limit.valid_trial_sums(point)
+        if not limit.is_limit_shown_met_or_failed(
+            rows, tail, met=True
+        ):  # so few points are asked for more than that
+            deciding, tail = point, limit.smallest_conclusive_tail_probability(rows, met=True)
     return deciding, tail
 
 
-def _most_certain_point(limit: _LimitTest, points: Sequence[int]) -> tuple[int, float]:
+def _most_certainly_failed_point(limit: _LimitTest, points: Sequence[int]) -> tuple[int, float]:
     """Return the point shown to fail a limit with the smallest tail, and that tail."""
-    deciding, tail = points[0], limit.smallest_tail(limit.valid_rows(points[0]), met=False)
+    deciding, tail = (
+        points[0],
+        limit.smallest_conclusive_tail_probability(limit.valid_trial_sums(points[0]), met=False),
+    )
     for point in points[1:]:
-        rows = limit.valid_rows(point)
-        if tail > _SMALLEST_TAIL and limit.is_shown(rows, 0.99 * tail, met=False):
-            deciding, tail = point, limit.smallest_tail(rows, met=False)
+        rows = limit.valid_trial_sums(point)
+        if tail > _SMALLEST_TAIL and limit.is_limit_shown_met_or_failed(
+            rows, 0.99 * tail, met=False
+        ):
+            deciding, tail = point, limit.smallest_conclusive_tail_probability(rows, met=False)
     return deciding, tail
 
 
-def _most_doubtful_point(
-    limit: _LimitTest, points: Sequence[int], tail_of_one: float
+def _worst_undecided_point(
+    limit: _LimitTest, points: Sequence[int], bonferroni_tail_probability: float
 ) -> tuple[int, float]:
     """Return the worst undecided point, and the tail at which the side of its value is shown."""
     wrong: list[int] = []
     right: list[int] = []
     empty: list[int] = []
     for point in points:
-        measured = limit.estimate(limit.valid_rows(point), tail_of_one).value
-        kind = empty if np.isnan(measured) else right if limit.is_met_by(measured) else wrong
+        measured = limit.estimate_with_tail_probability(
+            limit.valid_trial_sums(point), bonferroni_tail_probability
+        ).value
+        kind = empty if np.isnan(measured) else right if limit.meets_limit(measured) else wrong
         kind.append(point)
     if empty:
         return empty[0], np.nan
-    return _most_certain_point(limit, wrong) if wrong else _least_certain_point(limit, right)
+    return (
+        _most_certainly_failed_point(limit, wrong)
+        if wrong
+        else _least_certainly_met_point(limit, right)
+    )
 
 
-def _additional_trials(limit: _LimitTest, point: int, tail_of_one: float) -> float:
-    rows = limit.valid_rows(point)
-    met = limit.is_met_by(limit.estimate(rows, limit.tail).value)
-    return limit.more_trials(rows, limit.tail if met else tail_of_one, met=met)
+def _predict_trials_to_decide_point(
+    limit: _LimitTest, point: int, bonferroni_tail_probability: float
+) -> float:
+    rows = limit.valid_trial_sums(point)
+    met = limit.meets_limit(limit.estimate_with_tail_probability(rows, limit.tail).value)
+    return limit.predict_additional_trials(
+        rows, limit.tail if met else bonferroni_tail_probability, met=met
+    )
 
 
-def _round_up_trials(trials: float | None) -> int | None:
+def _round_up_to_two_digits(n_trials: float | None) -> int | None:
     """Round up to two digits, the precision of a forecast."""
-    if trials is None or trials > _MAX_FORECAST:
+    if n_trials is None or n_trials > _MAX_FORECAST:
         return None
-    unit = 10 ** max(int(np.floor(np.log10(trials))) - 1, 0)
-    return int(np.ceil(trials / unit)) * unit
+    unit = 10 ** max(int(np.floor(np.log10(n_trials))) - 1, 0)
+    return int(np.ceil(n_trials / unit)) * unit

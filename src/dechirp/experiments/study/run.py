@@ -18,27 +18,27 @@ from dechirp.experiments.run import Result, run
 from dechirp.experiments.study import data_set
 from dechirp.experiments.study.block_queue import StopCriterion
 from dechirp.experiments.study.data_set_assembly import assemble_data_set
-from dechirp.experiments.study.environment import describe_environment
+from dechirp.experiments.study.environment import versions_system_and_processor
 from dechirp.experiments.study.executors import Workers, workers_from_executor
-from dechirp.experiments.study.layout import Layout
+from dechirp.experiments.study.layout import ScoreColumnLayout
 from dechirp.experiments.study.ledger import Ledger
 from dechirp.experiments.study.ledger_reader import LEDGER_NAME as RECORD
 from dechirp.experiments.study.ledger_reader import LedgerReader
-from dechirp.experiments.study.plan import Plan, digest_differences
+from dechirp.experiments.study.plan import Plan, describe_identity_changes
 from dechirp.experiments.study.requirements import Verdict, judge_requirements
 from dechirp.experiments.study.results import (
     StudyResult,
-    estimate_points,
     estimate_score,
-    iter_point_data,
+    estimate_scores_of_points,
+    iter_point_data_from_ledger,
 )
-from dechirp.experiments.study.scheduler import Progress, run_blocks
+from dechirp.experiments.study.scheduler import Progress, run_missing_blocks
 from dechirp.experiments.study.study import Study
 from dechirp.experiments.study.trial import (
-    check_study,
-    prepare_trial,
-    run_block,
-    study_layout,
+    check_scores_and_targets_of_study,
+    create_trial_runner,
+    run_trial_block,
+    score_column_layout_of_study,
     trial_rng,
 )
 
@@ -61,7 +61,9 @@ class StudyOutcome(Displayable):
     def _display_tables(self) -> Iterable[Table]:
         study = self.result.study
         texts = (
-            text for requirement in study.require for text in study._requirement_texts(requirement)
+            text
+            for requirement in study.require
+            for text in study._requirement_limits_as_text(requirement)
         )
         decided = zip(texts, self.verdicts, strict=True)
         yield Table("Requirements", [(text, verdict.decision) for text, verdict in decided])
@@ -100,43 +102,47 @@ def run_study(
         trials failed or workers died. Finished blocks are kept.
     """
     plan = Plan.from_study(study)
-    with open_ledger(study, Path(out)) as ledger:
+    with create_or_continue_ledger(study, Path(out)) as ledger:
         with workers_from_executor(executor) as workers:
-            run_trials(plan, ledger, workers, progress)
-        return conclude_study(plan, ledger)
+            run_missing_trials(plan, ledger, workers, progress)
+        return estimate_and_judge_study(plan, ledger)
 
 
-def open_ledger(study: Study, out: Path) -> Ledger:
+def create_or_continue_ledger(study: Study, out: Path) -> Ledger:
     """Create or continue the ledger of a study in a folder; raises as `run_study` does."""
     plan = Plan.from_study(study)
-    check_study(plan)
-    identity = plan.digest()
-    _check_same_study(out, identity)
+    check_scores_and_targets_of_study(plan)
+    identity = plan.study_identity_texts()
+    _check_existing_results_of_same_study(out, identity)
     if study.keep:
-        data_set.check_data_set(plan)
+        data_set.check_item_shapes_and_total_size(plan)
         if not (out / RECORD).exists():  # a refused study leaves no folder
-            data_set.check_disk_space(data_set.data_bytes(plan), out)
-    ledger = Ledger.open(out, identity=identity, environment=describe_environment())
+            data_set.check_disk_space(data_set.uncompressed_data_set_bytes(plan), out)
+    ledger = Ledger.create_or_continue(
+        out, identity=identity, environment=versions_system_and_processor()
+    )
     try:
-        layout = study_layout(plan)
-        ledger.check_columns(n_columns=layout.n_columns, n_laws=layout.n_theory_values)
+        layout = score_column_layout_of_study(plan)
+        ledger.check_sum_and_theory_sizes(
+            n_columns=layout.n_columns, n_theoretical_values=layout.n_theoretical_values
+        )
     except BaseException:
         ledger.close()
         raise
     return ledger
 
 
-def _check_same_study(out: Path, identity: Mapping[str, str]) -> None:
+def _check_existing_results_of_same_study(out: Path, identity: Mapping[str, str]) -> None:
     """Raise `DechirpError` with each setting that differs from those of the existing results.
 
-    Unreadable or empty ledgers are left to `Ledger.open`.
+    Unreadable or empty ledgers are left to `Ledger.create_or_continue`.
     """
     try:
-        with LedgerReader.open_existing(out) as record:
-            saved = record.identity
+        with LedgerReader.open_read_only(out) as record:
+            saved = record.study_identity
     except DechirpError:
         return
-    changed = [change.partition(": ") for change in digest_differences(saved, identity)]
+    changed = [change.partition(": ") for change in describe_identity_changes(saved, identity)]
     renamed = [change for change in changed if change[0] == "name"]
     if changed:
         raise DechirpError(
@@ -155,7 +161,7 @@ def _check_same_study(out: Path, identity: Mapping[str, str]) -> None:
         )
 
 
-def run_trials(
+def run_missing_trials(
     plan: Plan,
     ledger: Ledger,
     workers: Workers,
@@ -163,18 +169,20 @@ def run_trials(
 ) -> None:
     """Run the trials that a ledger does not contain; raises as `run_study` does."""
     study = plan.study
-    work = run_block
+    work = run_trial_block
     if study.keep:
-        data_set.check_disk(plan, ledger, ledger.path.parent)
-        work = partial(run_block, writer=data_set.DataSetWriter.from_plan(plan, ledger.path.parent))
-    unneeded = run_blocks(
+        data_set.check_saved_files_and_disk_space(plan, ledger, ledger.path.parent)
+        work = partial(
+            run_trial_block, writer=data_set.DataSetWriter.from_plan(plan, ledger.path.parent)
+        )
+    unneeded = run_missing_blocks(
         work,
         plan,
         n_points=plan.n_points,
         trials=study.trials,
         ledger=ledger,
         workers=workers,
-        enough=_stop_criterion(study, study_layout(plan)),
+        enough=_interval_width_stop_criterion(study, score_column_layout_of_study(plan)),
         stop_after_failures=study.stop_after_failures,
         progress=progress,
     )
@@ -182,19 +190,21 @@ def run_trials(
         wait(unneeded)  # they would write while the data set is completed
 
 
-def conclude_study(plan: Plan, ledger: Ledger) -> StudyOutcome:
+def estimate_and_judge_study(plan: Plan, ledger: Ledger) -> StudyOutcome:
     """Estimate scores and judge requirements from a ledger; complete the data set, if any."""
     if plan.study.keep:
         assemble_data_set(plan, ledger, ledger.path.parent)
-    result = estimate_points(
-        plan.study, study_layout(plan), iter_point_data(plan, study_layout(plan), ledger)
+    result = estimate_scores_of_points(
+        plan.study,
+        score_column_layout_of_study(plan),
+        iter_point_data_from_ledger(plan, score_column_layout_of_study(plan), ledger),
     )
     return StudyOutcome(
-        result, judge_requirements(result, ledger.point_sums), ledger.environment_findings
+        result, judge_requirements(result, ledger.trial_sums_of_point), ledger.environment_findings
     )
 
 
-def _stop_criterion(study: Study, layout: Layout) -> StopCriterion | None:
+def _interval_width_stop_criterion(study: Study, layout: ScoreColumnLayout) -> StopCriterion | None:
     """Return the test of the study's stop rule on the interval width, or None without one."""
     until = study.trials.until
     if until is None:
@@ -216,7 +226,7 @@ class ReplayedTrial:
     trial: int
     trial_result: TrialResult
     sums: np.ndarray
-    """Sums as in the ledger, see `Layout`."""
+    """Sums as in the ledger, see `ScoreColumnLayout`."""
     result: Result
     """The same trial as a result of `run`."""
 
@@ -232,12 +242,12 @@ def replay_trial(study: Study, trial: int, *, point: int = 0) -> ReplayedTrial:
     check_integer("--trial", trial, at_least=0, at_most=study.trials.at_most - 1)
     plan = Plan.from_study(study)
     with single_numba_thread():  # as in the study
-        runner = prepare_trial(plan, point, trial)
-        look = runner.run(trial)
+        runner = create_trial_runner(plan, point, trial)
+        trial_result = runner.run_trial(trial)
         return ReplayedTrial(
             point=point,
             trial=trial,
-            trial_result=look,
-            sums=runner.score_sums(look),
+            trial_result=trial_result,
+            sums=runner.score_sums_of_result(trial_result),
             result=run(runner.scenario, rng=trial_rng(study.seed, trial)),
         )

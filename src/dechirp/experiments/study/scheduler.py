@@ -20,7 +20,7 @@ import numpy as np
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.experiments.study.block import Block
 from dechirp.experiments.study.block_queue import BlockQueue, StopCriterion
-from dechirp.experiments.study.environment import differing_names, library_versions
+from dechirp.experiments.study.environment import keys_with_different_values, library_versions
 from dechirp.experiments.study.executors import Workers
 from dechirp.experiments.study.ledger import Ledger
 
@@ -60,7 +60,7 @@ class Progress:
     n_failures: int
 
 
-def run_blocks(
+def run_missing_blocks(
     work: Callable[[P, int, int], Block],
     plan: P,
     *,
@@ -96,8 +96,8 @@ def run_blocks(
     enough : callable, optional
         Stop criterion: whether the sums (n_trials, n_columns) of the first blocks of a point are
         enough. It is evaluated for the first block, the first two and so on, in steps that grow to
-        3 % (see `block_queue.is_checkpoint`), regardless of what has already finished. The blocks
-        up to the first positive answer are kept, and no more.
+        3 % (see `block_queue.is_stop_criterion_tested`), regardless of what has already finished.
+        The blocks up to the first positive answer are kept, and no more.
     stop_after_failures : float
         Largest share of failed trials, of those done, or of 100 (`MIN_TRIALS_FOR_SHARE`) while
         there are fewer: 0.01 stops at the second failure in the first hundred.
@@ -120,19 +120,19 @@ def run_blocks(
     queue = BlockQueue(n_points, trials, ledger, enough)
     running = _Scheduler(work, plan, queue, ledger, workers, stop_after_failures, progress)
     try:
-        running.run()
+        running.run_until_all_blocks_saved()
         return [future for future in running.unneeded if not future.done()]
     except KeyboardInterrupt:
-        running.save_finished()
+        running.save_finished_blocks()
         raise KeyboardInterrupt(
             f"Interrupted; {queue.n_trials_done} of {queue.n_trials} trials are kept in"
             f" {ledger.path.parent}. The same call goes on."
         ) from None
     except BaseException:
-        running.save_finished()
+        running.save_finished_blocks()
         raise
     finally:
-        running.cancel_blocks()
+        running.cancel_unstarted_blocks()
 
 
 class _Scheduler:
@@ -154,22 +154,22 @@ class _Scheduler:
         self._in_flight: dict[Future[Block], tuple[int, int]] = {}
         self._finished: SimpleQueue[Future[Block]] = SimpleQueue()
         self.unneeded: list[Future[Block]] = []
-        self._n_failures = ledger.count_failures()
+        self._n_failures = ledger.count_failed_trials()
         self._n_renewals = 0
         self._start_time_s = monotonic()
         self._n_trials_before = queue.n_trials_done
         self._capacity, self._capacity_time_s = MIN_BLOCKS_IN_FLIGHT, -_CAPACITY_PERIOD_S
 
-    def run(self) -> None:
+    def run_until_all_blocks_saved(self) -> None:
         """Run until all blocks are done."""
-        self._check_failures()
-        while self._submit_blocks():
-            self._save_blocks(self._wait_for_finished(_WAIT_S))
+        self._check_share_of_failed_trials()
+        while self._submit_blocks_to_capacity():
+            self._save_finished_and_requeue_lost_blocks(self._wait_for_finished_futures(_WAIT_S))
             self._workers.check_alive()
             self._report_progress()
         self._report_progress()
 
-    def save_finished(self) -> None:
+    def save_finished_blocks(self) -> None:
         """Save blocks that have finished, before the run ends for another reason."""
         blocks = [
             future.result()
@@ -177,7 +177,7 @@ class _Scheduler:
             if future.done()
             and not future.cancelled()
             and future.exception() is None
-            and self._queue.is_needed(block)
+            and self._queue.is_block_needed(block)
         ]
         try:
             self._ledger.add_blocks(blocks)
@@ -185,16 +185,16 @@ class _Scheduler:
             return  # such as a full disk: the pending error or the next call reports it
         self._queue.n_trials_done += sum(len(block.sums) for block in blocks)
 
-    def cancel_blocks(self) -> None:
+    def cancel_unstarted_blocks(self) -> None:
         """Cancel the blocks that no worker has started."""
         out, self._in_flight = self._in_flight, {}
         for future in out:
             future.cancel()
 
-    def _submit_blocks(self) -> bool:
+    def _submit_blocks_to_capacity(self) -> bool:
         """Submit blocks until the workers are busy; return whether any block is in flight."""
-        while len(self._in_flight) < self._max_in_flight():
-            block = self._queue.next_block()
+        while len(self._in_flight) < self._max_blocks_in_flight():
+            block = self._queue.issue_next_block()
             if block is None:
                 break
             try:
@@ -202,64 +202,64 @@ class _Scheduler:
                     run_pickled_block, self._pickled_work, library_versions(), *block
                 )
             except self._workers.death_errors as error:
-                self._renew_workers([block], [error])
+                self._restart_workers_and_requeue_blocks([block], [error])
                 continue
             self._in_flight[future] = block
             future.add_done_callback(self._finished.put)
         return bool(self._in_flight)
 
-    def _max_in_flight(self) -> int:
+    def _max_blocks_in_flight(self) -> int:
         now = monotonic()
         if now - self._capacity_time_s > _CAPACITY_PERIOD_S:
             self._capacity = max(MIN_BLOCKS_IN_FLIGHT, BLOCKS_PER_WORKER * self._workers.capacity())
             self._capacity_time_s = now
         return self._capacity
 
-    def _wait_for_finished(self, patience_s: float) -> list[Future[Block]]:
+    def _wait_for_finished_futures(self, timeout_s: float) -> list[Future[Block]]:
         """Return the futures that have finished, or an empty list after the timeout."""
         try:
-            first = self._finished.get(timeout=patience_s)
+            first = self._finished.get(timeout=timeout_s)
         except Empty:
             return []
         return [first, *(self._finished.get() for _ in range(self._finished.qsize()))]
 
-    def _save_blocks(self, finished: list[Future[Block]]) -> None:
+    def _save_finished_and_requeue_lost_blocks(self, finished: list[Future[Block]]) -> None:
         """Save and count the valid blocks among the finished ones, then handle the failed ones."""
         wanted = [future for future in finished if future in self._in_flight]
-        errors = {future: _future_error(future) for future in wanted}
+        errors = {future: _error_of_finished_future(future) for future in wanted}
         blocks = [future.result() for future in wanted if errors[future] is None]
         if blocks:
             self._ledger.add_blocks(blocks)
         issued = {future: self._in_flight.pop(future) for future in wanted}
-        self._count_blocks(blocks)
+        self._count_saved_blocks(blocks)
         failed = [(future, error) for future, error in errors.items() if error is not None]
         death_errors = (*self._workers.death_errors, CancelledError)
         for _, error in failed:
             if not isinstance(error, death_errors):
                 raise error
         if failed:
-            self._renew_workers(
+            self._restart_workers_and_requeue_blocks(
                 [issued[future] for future, _ in failed], [error for _, error in failed]
             )
 
-    def _count_blocks(self, blocks: list[Block]) -> None:
+    def _count_saved_blocks(self, blocks: list[Block]) -> None:
         has_ended = False
         for block in blocks:
-            if not self._queue.is_needed((block.point, block.number)):
+            if not self._queue.is_block_needed((block.point, block.number)):
                 has_ended = True  # ended by an earlier block of this batch
                 continue
             self._n_failures += len(block.failures)
-            has_ended |= self._queue.count_block(block)
+            has_ended |= self._queue.count_saved_block(block)
         if has_ended:
-            self._n_failures = self._ledger.count_failures()
+            self._n_failures = self._ledger.count_failed_trials()
             for future, place in list(self._in_flight.items()):
-                if not self._queue.is_needed(place):
+                if not self._queue.is_block_needed(place):
                     del self._in_flight[future]
                     if not future.cancel():
                         self.unneeded.append(future)
-        self._check_failures()
+        self._check_share_of_failed_trials()
 
-    def _renew_workers(
+    def _restart_workers_and_requeue_blocks(
         self, lost_blocks: list[tuple[int, int]], errors: list[BaseException]
     ) -> None:
         """Replace dead workers, and queue the blocks in flight again."""
@@ -268,15 +268,15 @@ class _Scheduler:
         if self._workers.renew is None or self._n_renewals > MAX_RENEWALS:
             raise _dead_workers_error(lost_blocks, errors)
         self._workers.renew()
-        self._queue.requeue([*lost_blocks, *self._in_flight.values()])
+        self._queue.requeue_lost_blocks([*lost_blocks, *self._in_flight.values()])
         self._in_flight.clear()
 
-    def _check_failures(self) -> None:
+    def _check_share_of_failed_trials(self) -> None:
         n_done, total = self._queue.n_trials_done, self._queue.n_trials
         n_reference = max(n_done, min(MIN_TRIALS_FOR_SHARE, total))
         if self._n_failures <= self._max_failure_share * n_reference:
             return
-        point, first = self._ledger.failures()[0]
+        point, first = self._ledger.failed_trials_with_points()[0]
         raise DechirpError(
             Mistake(
                 setting="stop_after_failures",
@@ -307,7 +307,7 @@ class _Scheduler:
         )
 
 
-def _future_error(future: Future[Block]) -> BaseException | None:
+def _error_of_finished_future(future: Future[Block]) -> BaseException | None:
     return CancelledError() if future.cancelled() else future.exception()
 
 
@@ -328,24 +328,26 @@ def _dead_workers_error(
     )
 
 
-def run_pickled_block(packed: bytes, made_with: dict[str, str], point: int, number: int) -> Block:
+def run_pickled_block(
+    pickled_work: bytes, submitter_versions: dict[str, str], point: int, block_number: int
+) -> Block:
     """Compute one block on a worker."""
-    _check_versions(tuple(made_with.items()))
-    work, plan = _unpickle_work(packed)
-    return work(plan, point, number)
+    _check_worker_library_versions(tuple(submitter_versions.items()))
+    work, plan = _unpickle_work(pickled_work)
+    return work(plan, point, block_number)
 
 
 @lru_cache(maxsize=4)
-def _unpickle_work(packed: bytes) -> Any:
+def _unpickle_work(pickled_work: bytes) -> Any:
     """Unpickle and cache work and plan, which are far larger than a block number."""
-    return pickle.loads(packed)
+    return pickle.loads(pickled_work)
 
 
 @lru_cache(maxsize=4)
-def _check_versions(made_with: tuple[tuple[str, str], ...]) -> None:
+def _check_worker_library_versions(submitter_versions: tuple[tuple[str, str], ...]) -> None:
     """Raise if the worker has other versions: workers may join while a study runs."""
-    expected_versions = dict(made_with)
-    names = differing_names(expected_versions, library_versions())
+    expected_versions = dict(submitter_versions)
+    names = keys_with_different_values(expected_versions, library_versions())
     if names:
         raise DechirpError(
             Mistake(

@@ -12,7 +12,7 @@ from dechirp.config.schema import (
 )
 from dechirp.evaluation.score.base import Score
 from dechirp.experiments.scenario import READERS, Scenario
-from dechirp.experiments.study.dumping import score_unit
+from dechirp.experiments.study.dumping import score_limit_unit
 from dechirp.experiments.study.study import Requirement, StopRule, Study, TrialBudget
 from dechirp.experiments.study.vary_values import DISTRIBUTIONS, RANGE_KEYS
 
@@ -22,15 +22,15 @@ _LIMIT: Schema = {"type": ["string", "number", "null"]}
 _END: Schema = {"type": ["string", "number"]}
 
 
-def study_schema() -> Schema:
+def study_file_schema() -> Schema:
     """Build the schema of study files; varied settings and values are checked on reading."""
     schemas = SchemaBuilder(path_readable_types=READERS)
     stop_rule = schemas.schema_of_class(
-        StopRule, replacements={"score": score_label_schema(), "width": _END}
+        StopRule, replacements={"score": score_name_schema(), "width": _END}
     )
     point = {"type": "object", "additionalProperties": True}
     requirement_fields = {
-        "score": score_label_schema(),
+        "score": score_name_schema(),
         "points": point,
         "at_least": _LIMIT,
         "at_most": _LIMIT,
@@ -39,23 +39,23 @@ def study_schema() -> Schema:
         Study,
         replacements={
             "scenario": scenario_schema(schemas),
-            "vary": {"type": ["object", "null"], "additionalProperties": vary_schema()},
+            "vary": {"type": ["object", "null"], "additionalProperties": varied_values_schema()},
             "scores": list_schema(
-                any_of_schema([score_label_schema(), _configured_score_schema(schemas)]),
+                any_of_schema([score_name_schema(), _score_with_settings_schema(schemas)]),
                 min_length=1,
             ),
             "trials": schemas.schema_of_class(
                 TrialBudget,
                 replacements={
                     "until": any_of_schema(
-                        [_with_unit_rules(stop_rule, ("width",), schemas), _NULL]
+                        [_require_limit_unit_of_score(stop_rule, ("width",), schemas), _NULL]
                     )
                 },
             ),
             "require": any_of_schema(
                 [
                     list_schema(
-                        _with_unit_rules(
+                        _require_limit_unit_of_score(
                             schemas.schema_of_class(Requirement, replacements=requirement_fields),
                             ("at_least", "at_most"),
                             schemas,
@@ -74,21 +74,23 @@ def scenario_schema(schemas: SchemaBuilder) -> Schema:
     return any_of_schema([TEXT, schemas.reference_to_class_schema(Scenario)])
 
 
-def score_label_schema() -> Schema:
+def score_name_schema() -> Schema:
     """Build the schema of the name of a score."""
     return {"enum": [kind.replace("-", "_") for kind in Score.members()]}
 
 
-def vary_schema(*, with_distributions: bool = True) -> Schema:
+def varied_values_schema(*, with_distributions: bool = True) -> Schema:
     """Build the schema of varied values: list, range, distribution, or mapping of labels."""
     ends = {"from": _END, "to": _END}
     by_step = {**ends, "step": _END}
     by_number = {**ends, "n": {"type": "integer"}, "spacing": {"enum": ["linear", "log"]}}
     ranges = [
-        _object_schema(by_step | {"spacing": by_number["spacing"]}, required=by_step),
-        _object_schema(by_number, required=("from", "to", "n")),
+        _closed_object_schema(by_step | {"spacing": by_number["spacing"]}, required=by_step),
+        _closed_object_schema(by_number, required=("from", "to", "n")),
     ]
-    distributions = [_object_schema({name: _PAIR}, required=(name,)) for name in DISTRIBUTIONS]
+    distributions = [
+        _closed_object_schema({name: _PAIR}, required=(name,)) for name in DISTRIBUTIONS
+    ]
     labelled = {
         "type": "object",
         "minProperties": 1,
@@ -98,12 +100,12 @@ def vary_schema(*, with_distributions: bool = True) -> Schema:
     return any_of_schema([lists, *ranges, *(distributions if with_distributions else []), labelled])
 
 
-def limit_schema(member: type[Score], schemas: SchemaBuilder) -> Schema:
+def score_limit_schema(score_class: type[Score], schemas: SchemaBuilder) -> Schema:
     """Build the schema of a limit of a score, in its unit."""
-    return schemas.reference_to_quantity_schema(score_unit(member))
+    return schemas.reference_to_quantity_schema(score_limit_unit(score_class))
 
 
-def _object_schema(properties: Schema, *, required: Iterable[str]) -> Schema:
+def _closed_object_schema(properties: Schema, *, required: Iterable[str]) -> Schema:
     return {
         "type": "object",
         "properties": properties,
@@ -112,7 +114,7 @@ def _object_schema(properties: Schema, *, required: Iterable[str]) -> Schema:
     }
 
 
-def _configured_score_schema(schemas: SchemaBuilder) -> Schema:
+def _score_with_settings_schema(schemas: SchemaBuilder) -> Schema:
     """Build the schema of a score with settings, whose kind may be written as its label."""
     return schema_by_kind(
         {
@@ -123,7 +125,9 @@ def _configured_score_schema(schemas: SchemaBuilder) -> Schema:
     )
 
 
-def _with_unit_rules(mapping: Schema, names: Iterable[str], schemas: SchemaBuilder) -> Schema:
+def _require_limit_unit_of_score(
+    mapping_schema: Schema, limit_names: Iterable[str], schemas: SchemaBuilder
+) -> Schema:
     """Require that limits have the unit of the score beside them."""
     rules = [
         {
@@ -133,10 +137,11 @@ def _with_unit_rules(mapping: Schema, names: Iterable[str], schemas: SchemaBuild
             },
             "then": {
                 "properties": {
-                    name: any_of_schema([limit_schema(member, schemas), _NULL]) for name in names
+                    name: any_of_schema([score_limit_schema(member, schemas), _NULL])
+                    for name in limit_names
                 }
             },
         }
         for kind, member in Score.members().items()
     ]
-    return {**mapping, "allOf": rules}
+    return {**mapping_schema, "allOf": rules}

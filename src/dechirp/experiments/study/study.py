@@ -22,6 +22,11 @@ from dechirp.experiments.scenario import Scenario
 
 __all__ = ["RandomSetting", "Requirement", "Sampling", "StopRule", "SweptSetting", "TrialBudget"]
 
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 KeptData = Literal["cubes", "maps", "detections"]
 
 
@@ -214,7 +219,7 @@ class Study(Displayable):
             self, "scores", check_instances("Study.scores", self.scores, Score, fix=fix)
         )
         object.__setattr__(self, "keep", tuple(self.keep))
-        errors = list(self._mistakes())
+        errors = list(self._find_invalid_settings())
         if errors:
             # Reported all at once, like the mistakes of a file.
             DechirpError.__init__(
@@ -236,14 +241,14 @@ class Study(Displayable):
         return ", ".join(parts)
 
     def _display_tables(self) -> Iterable[Table]:
-        yield Table("Varied", [(entry.path, _format_values(entry)) for entry in self.vary])
+        yield Table("Varied", [(entry.path, _varied_values_as_text(entry)) for entry in self.vary])
         yield Table("Scores", [(score.label(),) for score in self.scores])
         yield Table(
             "Requirements",
-            [(text,) for entry in self.require for text in self._requirement_texts(entry)],
+            [(text,) for entry in self.require for text in self._requirement_limits_as_text(entry)],
         )
 
-    def _requirement_texts(self, requirement: Requirement) -> Iterator[str]:
+    def _requirement_limits_as_text(self, requirement: Requirement) -> Iterator[str]:
         """Yield each limit of a requirement as text, in the unit of its score."""
         units = {score.label(): score.unit for score in self.scores}
         owner = f" of {requirement.target}" if requirement.target else ""
@@ -259,7 +264,7 @@ class Study(Displayable):
                     f" at {where}" if where else ""
                 )
 
-    def _mistakes(self) -> Iterator[InvalidSetting]:
+    def _find_invalid_settings(self) -> Iterator[InvalidSetting]:
         checks: tuple[Callable[[], None], ...] = (
             lambda: check_integer_fields(self, "seed", at_least=0, at_most=2**63 - 1),
             lambda: check_integer_fields(self, "at_most_points", at_most=2**63 - 1),
@@ -280,9 +285,9 @@ class Study(Displayable):
                 expected="of a scene that can be simulated again and again",
                 fix="give a scene; `dechirp tune` takes recordings",
             )
-        yield from self._score_mistakes()
-        yield from self._grid_mistakes()
-        yield from self._keep_mistakes()
+        yield from self._missing_or_repeated_score_mistakes()
+        yield from self._varied_setting_and_size_mistakes()
+        yield from self._kept_data_mistakes()
         labels = tuple(score.label() for score in self.scores)
         conditions: list[tuple[str, Requirement | StopRule]] = [
             (f"Study.require.{index}", requirement)
@@ -291,19 +296,21 @@ class Study(Displayable):
         if self.trials.until is not None:
             conditions.append(("Study.trials.until", self.trials.until))
         for setting, condition in conditions:
-            yield from score_mistakes(f"{setting}.score", condition.score, labels)
+            yield from unknown_score_mistakes(f"{setting}.score", condition.score, labels)
             names = self.scenario.scene.names if self.scenario.scene is not None else ()
             if condition.target is not None:
-                yield from target_mistakes(f"{setting}.target", condition.target, names)
-            yield from _limit_mistakes(setting, condition)
+                yield from unknown_target_mistakes(f"{setting}.target", condition.target, names)
+            yield from _probability_limit_mistakes(setting, condition)
         by_path = {axis.path: axis for axis in self.vary}
         for index, requirement in enumerate(self.require):
             for path, text in requirement.points:
                 axis = by_path.get(path)
                 if not isinstance(axis, SweptSetting) or text not in axis.texts:
-                    yield points_mistake(f"Study.require.{index}.points", path, text, self.vary)
+                    yield unknown_point_mistake(
+                        f"Study.require.{index}.points", path, text, self.vary
+                    )
 
-    def _score_mistakes(self) -> Iterator[InvalidSetting]:
+    def _missing_or_repeated_score_mistakes(self) -> Iterator[InvalidSetting]:
         labels = [score.label() for score in self.scores]
         twice = [label for label in labels if labels.count(label) > 1]
         if twice or not labels:
@@ -314,7 +321,7 @@ class Study(Displayable):
                 fix="take one of them out" if twice else "write [detection_probability]",
             )
 
-    def _grid_mistakes(self) -> Iterator[InvalidSetting]:
+    def _varied_setting_and_size_mistakes(self) -> Iterator[InvalidSetting]:
         paths = [setting.path for setting in self.vary]
         for path in dict.fromkeys(path for path in paths if paths.count(path) > 1):
             yield InvalidSetting(
@@ -345,7 +352,7 @@ class Study(Displayable):
                 fix=f"take fewer, or confirm it: at_most_trials: {n_trials}",
             )
 
-    def _keep_mistakes(self) -> Iterator[InvalidSetting]:
+    def _kept_data_mistakes(self) -> Iterator[InvalidSetting]:
         kinds = get_args(KeptData)
         invalid = [kind for kind in self.keep if kind not in kinds or self.keep.count(kind) > 1]
         if invalid:
@@ -365,7 +372,7 @@ class Study(Displayable):
             )
 
 
-def _format_values(axis: SweptSetting | RandomSetting) -> str:
+def _varied_values_as_text(axis: SweptSetting | RandomSetting) -> str:
     if isinstance(axis, RandomSetting):
         return f"{axis.distribution}, {axis.first:g} and {axis.second:g} {axis.unit}".strip()
     labels = axis.labels
@@ -374,7 +381,9 @@ def _format_values(axis: SweptSetting | RandomSetting) -> str:
     return f"{labels[0]} to {labels[-1]}, {len(labels)} values"
 
 
-def _limit_mistakes(where: str, condition: Requirement | StopRule) -> Iterator[InvalidSetting]:
+def _probability_limit_mistakes(
+    where: str, condition: Requirement | StopRule
+) -> Iterator[InvalidSetting]:
     """Yield mistakes for limits that no probability can have."""
     if not condition.score.endswith("probability"):
         return
@@ -398,26 +407,36 @@ def _limit_mistakes(where: str, condition: Requirement | StopRule) -> Iterator[I
             )
 
 
-def score_mistakes(where: str, label: str, labels: tuple[str, ...]) -> Iterator[InvalidSetting]:
+def unknown_score_mistakes(
+    where: str, label: str, known_labels: tuple[str, ...]
+) -> Iterator[InvalidSetting]:
     """Yield a mistake if the study does not have a score."""
-    if label not in labels:
+    if label not in known_labels:
         yield InvalidSetting(
             where,
             value=label,
-            expected=f"one of the study's scores: {', '.join(labels)}",
-            fix=f"{did_you_mean_fix(label, labels).rstrip('.')}, or add it to scores",
+            expected=f"one of the study's scores: {', '.join(known_labels)}",
+            fix=f"{did_you_mean_fix(label, known_labels).rstrip('.')}, or add it to scores",
         )
 
 
-def target_mistakes(where: str, name: str, names: tuple[str, ...]) -> Iterator[InvalidSetting]:
+def unknown_target_mistakes(
+    where: str, name: str, known_names: tuple[str, ...]
+) -> Iterator[InvalidSetting]:
     """Yield a mistake if the scenario does not have a target."""
-    if name not in names:
-        need = f"one of the scenario's targets: {', '.join(names)}" if names else "left out"
-        yield InvalidSetting(where, value=name, expected=need, fix=did_you_mean_fix(name, names))
+    if name not in known_names:
+        need = (
+            f"one of the scenario's targets: {', '.join(known_names)}"
+            if known_names
+            else "left out"
+        )
+        yield InvalidSetting(
+            where, value=name, expected=need, fix=did_you_mean_fix(name, known_names)
+        )
 
 
-def points_mistake(
-    where: str, path: str, text: str, vary: tuple[SweptSetting | RandomSetting, ...]
+def unknown_point_mistake(
+    where: str, path: str, value_text: str, vary: tuple[SweptSetting | RandomSetting, ...]
 ) -> InvalidSetting:
     """Return the mistake for selected points that the study does not have."""
     swept_settings = {
@@ -436,7 +455,7 @@ def points_mistake(
     values = labels if len(labels) <= 20 else (*labels[:10], "...", *labels[-3:])
     return InvalidSetting(
         where,
-        value=f"{path}: {text}",
+        value=f"{path}: {value_text}",
         expected=f"one of the values of {path}: {', '.join(values)}",
-        fix=did_you_mean_fix(text, labels),
+        fix=did_you_mean_fix(value_text, labels),
     )

@@ -4,7 +4,7 @@ import numpy as np
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.evaluation.trial import TrialContext
-from dechirp.experiments.link_budget import added_noise_w
+from dechirp.experiments.link_budget import added_noise_power_w
 from dechirp.experiments.scenario import Scenario
 from dechirp.scene.truth import truth
 from dechirp.simulation.impairments.noise import ThermalNoise, WhiteNoise
@@ -25,7 +25,7 @@ def build_trial_context(scenario: Scenario) -> TrialContext:
             expected="a scene that can be simulated again and again",
             fix="give a scene, or take `dechirp tune`, which takes recordings",
         )
-    noise_w = added_noise_w(scenario, scenario.radar)
+    noise_w = added_noise_power_w(scenario, scenario.radar)
     scene_truth = truth(
         scenario.scene, scenario.radar, n_frames=scenario.n_frames, noise_power_w=noise_w
     )

@@ -26,18 +26,18 @@ _CACHE_SIZE = 10_000  # values, including those drawn in each trial
 
 
 @dataclass(frozen=True)
-class Variants:
+class ScenarioVariants:
     """Scenarios that differ from one scenario in some settings."""
 
     scenario: Scenario
 
-    def resolve_path(self, path: str) -> SettingPath:
+    def locate_setting(self, path: str) -> SettingPath:
         """Locate a setting by its path; raise `InvalidSetting` if it does not exist."""
-        if path not in self._resolved_paths:
-            self._resolved_paths[path] = find_setting(self.scenario, path)
-        return self._resolved_paths[path]
+        if path not in self._located_settings_by_path:
+            self._located_settings_by_path[path] = find_setting(self.scenario, path)
+        return self._located_settings_by_path[path]
 
-    def with_settings(self, texts: Mapping[str, str]) -> Scenario:
+    def scenario_with_settings(self, value_texts_by_path: Mapping[str, str]) -> Scenario:
         """Return the scenario with settings replaced by YAML texts, by path; equals `--set`.
 
         Raises
@@ -45,20 +45,23 @@ class Variants:
         DechirpError
             If a setting does not exist, or the settings are invalid together.
         """
-        if not texts:
+        if not value_texts_by_path:
             return self.scenario
         try:
-            ways = [self.resolve_path(path) for path in texts]
-            check_disjoint(ways)
-            values = {way.steps: self._read_value(way, texts[way.path]) for way in ways}
+            ways = [self.locate_setting(path) for path in value_texts_by_path]
+            check_settings_do_not_overlap(ways)
+            values = {
+                way.steps: self._parse_setting_value_cached(way, value_texts_by_path[way.path])
+                for way in ways
+            }
             if len(values) == len(ways):
                 return replace_settings(self.scenario, values)
         except DechirpError:
             pass  # repeated as text, for its error messages
-        options = [f"{path}={text}" for path, text in texts.items()]
+        options = [f"{path}={text}" for path, text in value_texts_by_path.items()]
         try:
             return loading.parse_settings(
-                self.text, Scenario, file="", overrides=options, readers=READERS
+                self.scenario_yaml, Scenario, file="", overrides=options, readers=READERS
             )
         except InvalidFile as error:
             # Positions in a file that does not exist are dropped.
@@ -72,35 +75,35 @@ class Variants:
             ) from None
 
     @cached_property
-    def text(self) -> str:
+    def scenario_yaml(self) -> str:
         """YAML text of the scenario."""
         return dump_yaml(self.scenario)
 
     @cached_property
-    def _resolved_paths(self) -> dict[str, SettingPath]:
+    def _located_settings_by_path(self) -> dict[str, SettingPath]:
         return {}
 
     @cached_property
-    def _value_cache(self) -> dict[tuple[str, str], Any]:
+    def _parsed_value_cache(self) -> dict[tuple[str, str], Any]:
         return {}
 
-    def _read_value(self, way: SettingPath, text: str) -> Any:
+    def _parse_setting_value_cached(self, setting: SettingPath, text: str) -> Any:
         """Read the value of a setting from its text, with a cache for repeated texts."""
-        key = (way.path, text)
-        if key in self._value_cache:
-            return self._value_cache[key]
+        key = (setting.path, text)
+        if key in self._parsed_value_cache:
+            return self._parsed_value_cache[key]
         value = build_value_with_replaced_setting(
-            self.scenario, way, parse_yaml(text, ""), ABSOLUTE_CONTEXT
+            self.scenario, setting, parse_yaml(text, ""), ABSOLUTE_CONTEXT
         )
-        if len(self._value_cache) < _CACHE_SIZE:
-            self._value_cache[key] = value
+        if len(self._parsed_value_cache) < _CACHE_SIZE:
+            self._parsed_value_cache[key] = value
         return value
 
 
-def check_disjoint(paths: Iterable[SettingPath]) -> None:
+def check_settings_do_not_overlap(settings: Iterable[SettingPath]) -> None:
     """Raise `InvalidSetting` if two settings are equal, or one lies within another."""
     previous: list[SettingPath] = []
-    for path in paths:
+    for path in settings:
         for other in previous:
             if path.overlaps(other):
                 raise InvalidSetting(

@@ -33,10 +33,10 @@ from dechirp.experiments.study.study import RandomSetting, SweptSetting
 from dechirp.experiments.study.vary_mapping import (
     LEVEL_UNITS,
     VaryMapping,
-    difference_unit,
-    is_integer,
-    is_numeric,
-    unit_suffix,
+    accepts_integers_only,
+    accepts_numbers,
+    unit_of_difference,
+    unit_suffix_of_setting,
     unknown_name_mistake,
 )
 
@@ -62,8 +62,8 @@ class ParsedAxis(NamedTuple):
     the ends of a distribution, 3 standard deviations on each side of a normal one."""
 
 
-def parse_axis(
-    path: str, node: YamlNode, slot: ValueType, context: ValidationContext, *, at_most: int
+def parse_varied_setting(
+    path: str, node: YamlNode, value_type: ValueType, context: ValidationContext, *, max_values: int
 ) -> ParsedAxis:
     """Parse the values of one varied setting.
 
@@ -73,11 +73,11 @@ def parse_axis(
         Path of the setting.
     node : Node
         Values in the file.
-    slot : ValueType
+    value_type : ValueType
         Type that the setting accepts.
     context : Context
         Context of the file.
-    at_most : int
+    max_values : int
         Largest number of values of a range.
 
     Raises
@@ -85,10 +85,10 @@ def parse_axis(
     InvalidFile
         With every mistake.
     """
-    spot = SettingNode(f"vary.{path}", node, slot)
+    spot = SettingNode(f"vary.{path}", node, value_type)
     content = node.content
     if isinstance(content, list) and content:
-        return _parse_list(path, spot, [(None, member) for member in content], context)
+        return _parse_listed_values(path, spot, [(None, member) for member in content], context)
     if isinstance(content, dict) and content:
         keys = (*RANGE_KEYS, *DISTRIBUTIONS)
         if any(name in keys for name in content):
@@ -96,15 +96,15 @@ def parse_axis(
             return (
                 _parse_distribution(path, spot)
                 if is_distribution
-                else _parse_range(path, spot, at_most)
+                else _parse_value_range(path, spot, max_values)
             )
         intended = nearest_name(next(iter(content)), keys) if len(content) == 1 else None
         if intended is not None:
             name, child = next(iter(content.items()))
             raise InvalidFile(unknown_name_mistake(spot, name, child, keys))
-        cls = slot.class_of_mapping(node)
+        cls = value_type.class_of_mapping(node)
         if not set(content) <= {"kind", *(list_settings(cls) if cls else ())}:
-            return _parse_list(path, spot, list(content.items()), context)
+            return _parse_listed_values(path, spot, list(content.items()), context)
     empty = content is None or content in ([], {})
     raise InvalidFile(
         spot.location.create_mistake(
@@ -149,28 +149,28 @@ def format_quantity(number: Decimal, unit: str) -> str:
     return f"{format_shortest_decimal(number)} {unit}".strip()
 
 
-def format_axis(axis: SweptSetting | RandomSetting) -> str:
-    """Format a varied setting as one line of YAML that `parse_axis` reads as an equal value."""
+def varied_setting_as_yaml(axis: SweptSetting | RandomSetting) -> str:
+    """Format a varied setting as a line of YAML; `parse_varied_setting` reads an equal value."""
     if isinstance(axis, RandomSetting):
         first, second = (format_quantity(Decimal(repr(n)), "") for n in (axis.first, axis.second))
-        apart = difference_unit(axis.unit) if axis.distribution == "normal" else axis.unit
+        apart = unit_of_difference(axis.unit) if axis.distribution == "normal" else axis.unit
         ends = f"{first} {axis.unit}".strip(), f"{second} {apart}".strip()
         return f"{{{axis.distribution}: [{ends[0]}, {ends[1]}]}}"
     labels = (
-        [_value_label(parse_yaml(text, "")) for text in axis.texts]
+        [_legend_label_of_value(parse_yaml(text, "")) for text in axis.texts]
         if len(axis.texts) <= _MAX_RANGE_PROBES
         else []
     )
-    ranged = _format_range(axis)
+    ranged = _values_as_range_yaml(axis)
     if ranged is not None:
         return ranged
-    if axis.labels in (axis.texts, _distinct_labels(labels, axis.texts)):
+    if axis.labels in (axis.texts, _shortest_unique_labels(labels, axis.texts)):
         return f"[{', '.join(axis.texts)}]"
     both = zip(axis.labels, axis.texts, strict=True)
     return f"{{{', '.join(f'{quote_yaml_if_needed(label)}: {text}' for label, text in both)}}}"
 
 
-def _format_range(axis: SweptSetting) -> str | None:
+def _values_as_range_yaml(axis: SweptSetting) -> str | None:
     """Format many values as the range that contains exactly them; None if there is none."""
     if axis.numbers is None or len(axis.texts) < _MAX_RANGE_PROBES or axis.labels != axis.texts:
         return None
@@ -180,7 +180,7 @@ def _format_range(axis: SweptSetting) -> str | None:
     if not low < high:
         return None
     step = numbers[1] - low
-    apart = format_quantity(step, difference_unit(axis.unit))
+    apart = format_quantity(step, unit_of_difference(axis.unit))
     if step > 0 and stepped_values(low, high, step) == numbers:
         return f"{{{ends}, step: {apart}}}"
     for spacing in ("linear", "log") if low > 0 else ("linear",):
@@ -189,7 +189,7 @@ def _format_range(axis: SweptSetting) -> str | None:
     return None
 
 
-def _parse_list(
+def _parse_listed_values(
     path: str,
     spot: SettingNode,
     members: Sequence[tuple[str | None, YamlNode]],
@@ -211,7 +211,7 @@ def _parse_list(
             mistakes.append(
                 node.location.create_mistake(
                     inner.path,
-                    value=f"{_value_label(node)}, the same once more",
+                    value=f"{_legend_label_of_value(node)}, the same once more",
                     expected="a value of its own",
                     fix="take it out",
                 )
@@ -224,75 +224,79 @@ def _parse_list(
     )
     texts = tuple(dump_node_on_one_line(node) for node in nodes)
     if members[0][0] is None:
-        labels = _distinct_labels([_value_label(node) for _, node in members], texts)
+        labels = _shortest_unique_labels(
+            [_legend_label_of_value(node) for _, node in members], texts
+        )
     else:
         labels = tuple(str(label) for label, _ in members)
-    unit, numbers = _parse_numbers(spot.value_type, [node for _, node in members])
+    unit, numbers = _unit_and_numbers_of_values(spot.value_type, [node for _, node in members])
     axis = SweptSetting(path=path, texts=texts, numbers=numbers, unit=unit, labels=labels)
-    return ParsedAxis(axis, tuple(nodes[k] for k in _probe_indices(len(nodes), _MAX_LIST_PROBES)))
+    return ParsedAxis(
+        axis, tuple(nodes[k] for k in _evenly_chosen_indices(len(nodes), _MAX_LIST_PROBES))
+    )
 
 
-def _parse_numbers(
-    slot: ValueType, nodes: Sequence[YamlNode]
+def _unit_and_numbers_of_values(
+    value_type: ValueType, nodes: Sequence[YamlNode]
 ) -> tuple[str, tuple[float, ...] | None]:
     """Return unit and numbers of a numeric setting, in the unit of the first value that has one."""
     scalar = all(isinstance(node.content, str | int | float) for node in nodes)
-    if not (scalar and is_numeric(slot)):
+    if not (scalar and accepts_numbers(value_type)):
         return "", None
-    unit = unit_suffix(slot)
+    unit = unit_suffix_of_setting(value_type)
     symbol = next(filter(None, (split_number_and_unit(node.text, unit)[1] for node in nodes)), "")
     numbers = [convert_quantity_to_unit(symbol, node.text, unit) for node in nodes]
     floats = tuple(float(number) for number in numbers if number is not None)
     return (symbol, floats) if len(floats) == len(numbers) else ("", None)
 
 
-def _parse_range(path: str, spot: SettingNode, at_most: int) -> ParsedAxis:
+def _parse_value_range(path: str, spot: SettingNode, max_values: int) -> ParsedAxis:
     mapping = VaryMapping(spot)
-    mapping.check_names(RANGE_KEYS)
-    mapping.check_numeric("a range")
+    mapping.record_unknown_names(RANGE_KEYS)
+    mapping.check_setting_takes_numbers("a range")
     for name in ("from", "to"):
-        mapping.check_present(name)
+        mapping.record_if_missing(name)
     content = mapping.content
     if ("step" in content) == ("n" in content):
-        mapping.add_mistake(
+        mapping.record_mistake(
             "step",
             value="given beside n" if "step" in content else "missing, and n as well",
             expected="given, or n: one of the two",
             fix="keep one of them" if "step" in content else "add step or n",
         )
-    unit = unit_suffix(spot.value_type)
-    symbol = mapping.find_unit(("from", "to"), unit)
-    mapping.raise_mistakes()
-    low, high = (mapping.read_number(name, symbol, unit) for name in ("from", "to"))
-    mapping.raise_mistakes()
+    unit = unit_suffix_of_setting(spot.value_type)
+    symbol = mapping.find_first_written_unit(("from", "to"), unit)
+    mapping.raise_recorded_mistakes()
+    low, high = (mapping.read_number_in_unit(name, symbol, unit) for name in ("from", "to"))
+    mapping.raise_recorded_mistakes()
     if not low < high:
-        mapping.add_mistake(
+        mapping.record_mistake(
             "from",
             value=f"{format_quantity(low, symbol)}, with to at {format_quantity(high, symbol)}",
             expected="below to",
             fix="swap them" if low > high else "write a list for one value",
         )
-        mapping.raise_mistakes()
+        mapping.raise_recorded_mistakes()
     numbers = (
-        _parse_stepped_range(mapping, low, high, symbol, at_most)
+        _parse_range_with_step(mapping, low, high, symbol, max_values)
         if "step" in content
-        else _parse_counted_range(mapping, low, high, symbol, at_most)
+        else _parse_range_with_number_of_values(mapping, low, high, symbol, max_values)
     )
-    if is_integer(spot.value_type):
+    if accepts_integers_only(spot.value_type):
         if "n" in content:
             numbers = [number.to_integral_value() for number in numbers]
             if len(set(numbers)) < len(numbers):
-                mapping.add_mistake(
+                mapping.record_mistake(
                     "n",
                     value=f"{len(numbers)}, more than there are whole numbers",
                     expected=f"at most {len(set(numbers))}",
                     fix="take fewer",
                 )
         elif any(number != number.to_integral_value() for number in (low, *numbers[1:2])):
-            mapping.add_mistake(
+            mapping.record_mistake(
                 "step", value="no whole number", expected="whole numbers", fix="take whole steps"
             )
-        mapping.raise_mistakes()
+        mapping.raise_recorded_mistakes()
     texts = tuple(format_quantity(number, symbol) for number in numbers)
     axis = SweptSetting(
         path=path, texts=texts, numbers=tuple(float(number) for number in numbers), unit=symbol
@@ -300,140 +304,141 @@ def _parse_range(path: str, spot: SettingNode, at_most: int) -> ParsedAxis:
     return ParsedAxis(
         axis,
         tuple(
-            _make_node(texts[k], spot.node.location)
-            for k in _probe_indices(len(texts), _MAX_RANGE_PROBES)
+            _scalar_node(texts[k], spot.node.location)
+            for k in _evenly_chosen_indices(len(texts), _MAX_RANGE_PROBES)
         ),
     )
 
 
-def _probe_indices(n: int, at_most: int) -> list[int]:
+def _evenly_chosen_indices(n: int, max_indices: int) -> list[int]:
     """Return at most this number of indices of n values, including the first and the last."""
-    if n <= at_most:
+    if n <= max_indices:
         return list(range(n))
-    return [k * (n - 1) // (at_most - 1) for k in range(at_most)]
+    return [k * (n - 1) // (max_indices - 1) for k in range(max_indices)]
 
 
-def _parse_stepped_range(
-    mapping: VaryMapping, low: Decimal, high: Decimal, symbol: str, at_most: int
+def _parse_range_with_step(
+    mapping: VaryMapping, low: Decimal, high: Decimal, unit_symbol: str, max_values: int
 ) -> list[Decimal]:
-    step = mapping.read_difference("step", symbol)
-    mapping.raise_mistakes()
+    step = mapping.read_difference_in_unit("step", unit_symbol)
+    mapping.raise_recorded_mistakes()
     if step <= 0:
-        mapping.add_mistake(
+        mapping.record_mistake(
             "step",
-            value=format_quantity(step, difference_unit(symbol)),
+            value=format_quantity(step, unit_of_difference(unit_symbol)),
             expected="above 0",
             fix="give its size alone",
         )
     elif step > high - low:
-        mapping.add_mistake(
+        mapping.record_mistake(
             "step",
-            value=f"{format_quantity(step, difference_unit(symbol))}, which leads past to at once",
-            expected=f"at most {format_quantity(high - low, difference_unit(symbol))}",
+            value=f"{format_quantity(step, unit_of_difference(unit_symbol))}, which leads past to"
+            " at once",
+            expected=f"at most {format_quantity(high - low, unit_of_difference(unit_symbol))}",
             fix="take a smaller one",
         )
     else:
-        mapping.check_n_values(float((high - low) / step) + 1, "step", at_most)
-    mapping.raise_mistakes()
+        mapping.record_if_too_many_values(float((high - low) / step) + 1, "step", max_values)
+    mapping.raise_recorded_mistakes()
     return stepped_values(low, high, step)
 
 
-def _parse_counted_range(
-    mapping: VaryMapping, low: Decimal, high: Decimal, symbol: str, at_most: int
+def _parse_range_with_number_of_values(
+    mapping: VaryMapping, low: Decimal, high: Decimal, unit_symbol: str, max_values: int
 ) -> list[Decimal]:
     n = mapping.content["n"].content
     spacing = mapping.content.get("spacing")
     if isinstance(n, bool) or not isinstance(n, int) or n < 2:
-        mapping.add_mistake(
+        mapping.record_mistake(
             "n",
             value=mapping.content["n"].content_description,
             expected="a whole number, at least 2: both ends",
             fix="write a list for one value",
         )
     else:
-        mapping.check_n_values(n, "n", at_most)
+        mapping.record_if_too_many_values(n, "n", max_values)
     if spacing is not None and spacing.content not in ("linear", "log"):
-        mapping.add_mistake(
+        mapping.record_mistake(
             "spacing",
             value=spacing.content_description,
             expected="one of linear, log",
             fix=did_you_mean_fix(spacing.text, ["linear", "log"]),
         )
     elif spacing is not None and spacing.content == "log":
-        if symbol in LEVEL_UNITS:
-            mapping.add_mistake(
+        if unit_symbol in LEVEL_UNITS:
+            mapping.record_mistake(
                 "spacing",
-                value=f"log, of {symbol}",
+                value=f"log, of {unit_symbol}",
                 expected="linear: equal steps in dB are equal ratios",
                 fix="leave it out",
             )
         elif low <= 0:
-            mapping.add_mistake(
+            mapping.record_mistake(
                 "from",
-                value=format_quantity(low, symbol),
+                value=format_quantity(low, unit_symbol),
                 expected="above 0, where spacing is log",
                 fix="start above 0, or take spacing: linear",
             )
-    mapping.raise_mistakes()
+    mapping.raise_recorded_mistakes()
     assert isinstance(n, int)
     return spaced_values(low, high, n, str(spacing.content) if spacing is not None else "linear")
 
 
 def _parse_distribution(path: str, spot: SettingNode) -> ParsedAxis:
     mapping = VaryMapping(spot)
-    mapping.check_names(DISTRIBUTIONS)
-    mapping.check_numeric("a distribution")
+    mapping.record_unknown_names(DISTRIBUTIONS)
+    mapping.check_setting_takes_numbers("a distribution")
     content = mapping.content
     name: Literal["uniform", "normal"] = "uniform" if "uniform" in content else "normal"
     if len(content) > 1 and not mapping.mistakes:
-        mapping.add_mistake(
+        mapping.record_mistake(
             name, value="given beside normal", expected="alone", fix="keep one of them"
         )
     pair = content[name].content
     expected = "two numbers, [LOW, HIGH]" if name == "uniform" else "two numbers, [MEAN, STD]"
     if not (isinstance(pair, list) and len(pair) == 2):
-        mapping.add_mistake(
+        mapping.record_mistake(
             name,
             value=content[name].content_description,
             expected=expected,
             fix="write both in brackets",
         )
-    elif is_integer(spot.value_type):
-        mapping.add_mistake(
+    elif accepts_integers_only(spot.value_type):
+        mapping.record_mistake(
             name, value="drawn, of whole numbers", expected="a list or a range", fix="list them"
         )
-    mapping.raise_mistakes()
+    mapping.raise_recorded_mistakes()
     assert isinstance(pair, list)
     mapping.content = {"0": pair[0], "1": pair[1]}
     mapping.path = f"{spot.path}.{name}"
-    unit = unit_suffix(spot.value_type)
-    symbol = mapping.find_unit(("0", "1") if name == "uniform" else ("0",), unit)
+    unit = unit_suffix_of_setting(spot.value_type)
+    symbol = mapping.find_first_written_unit(("0", "1") if name == "uniform" else ("0",), unit)
     if not symbol and name == "normal" and not mapping.mistakes and DIMENSIONS[unit].si_unit:
-        symbol = mapping.find_unit(("1",), unit)  # for a mean of 0 without unit
-    mapping.raise_mistakes()
-    first = mapping.read_number("0", symbol, unit)
+        symbol = mapping.find_first_written_unit(("1",), unit)  # for a mean of 0 without unit
+    mapping.raise_recorded_mistakes()
+    first = mapping.read_number_in_unit("0", symbol, unit)
     second = (
-        mapping.read_difference("1", symbol)
+        mapping.read_difference_in_unit("1", symbol)
         if name == "normal"
-        else mapping.read_number("1", symbol, unit)
+        else mapping.read_number_in_unit("1", symbol, unit)
     )
-    mapping.raise_mistakes()
+    mapping.raise_recorded_mistakes()
     if name == "normal" and second <= 0:
-        mapping.add_mistake(
+        mapping.record_mistake(
             "1",
-            value=format_quantity(second, difference_unit(symbol)),
+            value=format_quantity(second, unit_of_difference(symbol)),
             expected="a standard deviation above 0",
             fix="write a list for one value",
         )
     elif name == "uniform" and not first < second:
-        mapping.add_mistake(
+        mapping.record_mistake(
             "0",
             value=f"{format_quantity(first, symbol)}, with the upper end at"
             f" {format_quantity(second, symbol)}",
             expected="below the upper end",
             fix="swap them" if first > second else "write a list for one value",
         )
-    mapping.raise_mistakes()
+    mapping.raise_recorded_mistakes()
     if name == "normal":
         probes = [first - 3 * second, first + 3 * second]
     else:
@@ -445,36 +450,37 @@ def _parse_distribution(path: str, spot: SettingNode) -> ParsedAxis:
     return ParsedAxis(
         axis,
         tuple(
-            _make_node(format_quantity(number, symbol), content[name].location) for number in probes
+            _scalar_node(format_quantity(number, symbol), content[name].location)
+            for number in probes
         ),
     )
 
 
-def _make_node(text: str, place: Location) -> YamlNode:
+def _scalar_node(text: str, place: Location) -> YamlNode:
     return YamlNode(parse_unquoted_scalar(text), place, place, text)
 
 
-def _distinct_labels(labels: Sequence[str], texts: Sequence[str]) -> tuple[str, ...]:
+def _shortest_unique_labels(labels: Sequence[str], texts: Sequence[str]) -> tuple[str, ...]:
     """Return short labels where they are unique, else full ones, else the texts."""
     if len(set(labels)) == len(labels):
         return tuple(labels)
-    full_labels = tuple(_value_label(parse_yaml(text, ""), whole=True) for text in texts)
+    full_labels = tuple(_legend_label_of_value(parse_yaml(text, ""), whole=True) for text in texts)
     return full_labels if len(set(full_labels)) == len(full_labels) else tuple(texts)
 
 
-def _value_label(node: YamlNode, *, whole: bool = False) -> str:
+def _legend_label_of_value(node: YamlNode, *, whole: bool = False) -> str:
     """Return the legend label of a value: of a mapping its kind, or all of it."""
     content = node.content
     if isinstance(content, list):
         mappings = any(isinstance(member.content, dict) for member in content)
-        inner = (_value_label(member, whole=whole) for member in content)
+        inner = (_legend_label_of_value(member, whole=whole) for member in content)
         return (" + " if mappings else ", ").join(inner) or "none"
     if isinstance(content, dict):
         kind = content["kind"].text if "kind" in content else ""
         if kind and not whole:
             return kind
         rest = ", ".join(
-            f"{name} {_value_label(child, whole=whole)}"
+            f"{name} {_legend_label_of_value(child, whole=whole)}"
             for name, child in content.items()
             if name != "kind"
         )

@@ -10,12 +10,12 @@ from dechirp.config.schema import Schema, SchemaBuilder, list_schema
 from dechirp.core.dimensions import DIMENSIONS
 from dechirp.evaluation.score.base import Estimate, Score
 from dechirp.experiments.scenario import READERS
-from dechirp.experiments.study.dumping import score_unit
+from dechirp.experiments.study.dumping import score_limit_unit
 from dechirp.experiments.study.schema import (
-    limit_schema,
     scenario_schema,
-    score_label_schema,
-    vary_schema,
+    score_limit_schema,
+    score_name_schema,
+    varied_values_schema,
 )
 from dechirp.experiments.tune.parsing import SEARCHABLE_SECTIONS, PlainSettings
 from dechirp.experiments.tune.run import Candidate, ConfirmedCandidate, TuneResult
@@ -23,13 +23,13 @@ from dechirp.experiments.tune.tune import Tune
 from dechirp.scene.scene import Scene
 
 
-def tune_schema() -> Schema:
+def tune_file_schema() -> Schema:
     """Build the schema of the settings of a search."""
     schemas = SchemaBuilder(path_readable_types=READERS)
     limits = {
         "type": "object",
         "properties": {
-            kind.replace("-", "_"): limit_schema(member, schemas)
+            kind.replace("-", "_"): score_limit_schema(member, schemas)
             for kind, member in Score.members().items()
         },
         "additionalProperties": False,
@@ -37,8 +37,8 @@ def tune_schema() -> Schema:
     objective = {
         "type": "object",
         "properties": {
-            "maximise": score_label_schema(),
-            "minimise": score_label_schema(),
+            "maximise": score_name_schema(),
+            "minimise": score_name_schema(),
             "at_most": limits,
             "at_least": limits,
         },
@@ -62,7 +62,7 @@ def tune_schema() -> Schema:
             "type": "object",
             "minProperties": 1,
             "propertyNames": {"pattern": rf"^({'|'.join(SEARCHABLE_SECTIONS)})(\.|$)"},
-            "additionalProperties": vary_schema(with_distributions=False),
+            "additionalProperties": varied_values_schema(with_distributions=False),
         },
         "objective": objective,
     }
@@ -77,7 +77,7 @@ def tune_schema() -> Schema:
     return schemas.build_schema_document("Search of dechirp", root)
 
 
-def tune_document(tuned: TuneResult) -> dict[str, Any]:
+def tune_result_as_dict(tuned: TuneResult) -> dict[str, Any]:
     """Convert the numbers of a search to SI: settings as files write them, scores with intervals.
 
     `best` is null if every candidate was shown to exceed a limit; `default` are the unchanged
@@ -99,56 +99,61 @@ def tune_document(tuned: TuneResult) -> dict[str, Any]:
                     "unit": limit.score.unit,
                     "at_most": limit.at_most,
                     "at_least": limit.at_least,
-                    "text": format_limit(tuned, number),
+                    "text": objective_limit_as_text(tuned, number),
                 }
                 for number, limit in enumerate(tune.objective.limits)
             ],
         },
         "search": {item.path: list(item.texts) for item in tune.search},
-        "best": None if tuned.best is None else _confirmed_row(tuned, tuned.best),
-        "default": _confirmed_row(tuned, tuned.default),
+        "best": None if tuned.best is None else _confirmed_candidate_as_dict(tuned, tuned.best),
+        "default": _confirmed_candidate_as_dict(tuned, tuned.default),
         "gain": None if tuned.gain is None else tuned.gain._asdict(),
-        "refuted": [_confirmed_row(tuned, item) for item in tuned.refuted],
+        "refuted": [_confirmed_candidate_as_dict(tuned, item) for item in tuned.refuted],
         "importances": dict(tuned.importances),
-        "candidates": [_candidate_row(item) for item in tuned.candidates],
+        "candidates": [_searched_candidate_as_dict(item) for item in tuned.candidates],
         "findings": [to_json_data(item) for item in tuned.findings],
     }
 
 
-def format_limit(tuned: TuneResult, number: int) -> str:
+def objective_limit_as_text(tuned: TuneResult, limit_index: int) -> str:
     """Format a limit: `at most 1e-06`, `at most 10 cm`."""
-    limit = tuned.tune.objective.limits[number]
+    limit = tuned.tune.objective.limits[limit_index]
     bound = limit.at_most if limit.at_most is not None else limit.at_least
     assert bound is not None
     words = "at most" if limit.at_most is not None else "at least"
-    unit = score_unit(limit.score)
+    unit = score_limit_unit(limit.score)
     has_unit = unit in DIMENSIONS and DIMENSIONS[unit].si_unit
-    return f"{words} {format_exact_quantity(bound, unit) if has_unit else _format_number(bound)}"
+    number = format_exact_quantity(bound, unit) if has_unit else _number_as_short_text(bound)
+    return f"{words} {number}"
 
 
-def _format_number(number: float) -> str:
+def _number_as_short_text(number: float) -> str:
     return f"{number:g}".replace("e-0", "e-")
 
 
-def _confirmed_row(tuned: TuneResult, candidate: ConfirmedCandidate) -> dict[str, Any]:
+def _confirmed_candidate_as_dict(
+    tuned: TuneResult, candidate: ConfirmedCandidate
+) -> dict[str, Any]:
     return {
         "number": candidate.number,
         "settings": dict(tuned.candidates[candidate.number].settings),
-        "scores": _score_rows(candidate.scores),
-        "sources": {name: _score_rows(scores) for name, scores in candidate.by_source.items()},
+        "scores": _estimates_as_dicts(candidate.scores),
+        "sources": {
+            name: _estimates_as_dicts(scores) for name, scores in candidate.by_source.items()
+        },
         "limits": list(candidate.decisions),
     }
 
 
-def _candidate_row(candidate: Candidate) -> dict[str, Any]:
+def _searched_candidate_as_dict(candidate: Candidate) -> dict[str, Any]:
     return {
         "number": candidate.number,
         "settings": dict(candidate.settings),
-        "scores": _score_rows(candidate.scores),
+        "scores": _estimates_as_dicts(candidate.scores),
         "admitted": candidate.is_admitted,
         "failure": candidate.failure,
     }
 
 
-def _score_rows(scores: Mapping[str, Estimate]) -> dict[str, dict[str, float]]:
+def _estimates_as_dicts(scores: Mapping[str, Estimate]) -> dict[str, dict[str, float]]:
     return {label: estimate._asdict() for label, estimate in scores.items()}

@@ -22,10 +22,10 @@ class Gain(NamedTuple):
     """Certainty that the gain is above 0: one minus the one-sided p-value of no gain."""
 
 
-def paired_gain(
+def estimate_paired_gain(
     first: np.ndarray,
     second: np.ndarray,
-    value_of: Callable[[np.ndarray], float],
+    score_of_sums: Callable[[np.ndarray], float],
     *,
     confidence: float,
 ) -> Gain:
@@ -39,7 +39,7 @@ def paired_gain(
     first, second : array (n_trials, n_sums)
         Sums of a score, a row a trial, as `Score.trial_sums`; the same trials in the same order.
         Trials that failed in either, rows of NaN, are excluded from both.
-    value_of : function
+    score_of_sums : function
         Score of sums (n, n_sums).
     confidence : float
         Confidence of the two-sided interval.
@@ -73,33 +73,35 @@ def paired_gain(
         raise InvalidSetting(
             "before", value=f"{len(first)} trials", expected="two or more", fix="try more often"
         )
-    value = value_of(second) - value_of(first)
-    if _are_binary(first) and _are_binary(second):
+    value = score_of_sums(second) - score_of_sums(first)
+    if _are_trials_hit_or_miss(first) and _are_trials_hit_or_miss(second):
         better = int(np.sum(second[:, 0] > first[:, 0]))
         worse = int(np.sum(second[:, 0] < first[:, 0]))
-        return _binary_gain(value, better, worse, len(first), confidence)
-    return _jackknife_gain(value, first, second, value_of, confidence)
+        return _hit_or_miss_gain(value, better, worse, len(first), confidence)
+    return _jackknife_gain(value, first, second, score_of_sums, confidence)
 
 
-def _are_binary(sums: np.ndarray) -> bool:
+def _are_trials_hit_or_miss(trial_sums: np.ndarray) -> bool:
     """Return whether every trial is a hit or a miss of one target."""
-    return sums.shape[1] == 2 and bool(
-        np.all(sums[:, 1] == 1) and np.isin(sums[:, 0], (0, 1)).all()
+    return trial_sums.shape[1] == 2 and bool(
+        np.all(trial_sums[:, 1] == 1) and np.isin(trial_sums[:, 0], (0, 1)).all()
     )
 
 
-def _binary_gain(value: float, better: int, worse: int, n: int, confidence: float) -> Gain:
-    n_discordant = better + worse
+def _hit_or_miss_gain(
+    value: float, n_better: int, n_worse: int, n_trials: int, confidence: float
+) -> Gain:
+    n_discordant = n_better + n_worse
     part_confidence = 1 - (1 - confidence) / 2
-    least, most = binomial_interval(n_discordant, n, confidence=part_confidence)
+    least, most = binomial_interval(n_discordant, n_trials, confidence=part_confidence)
     share = (
-        binomial_interval(better, n_discordant, confidence=part_confidence)
+        binomial_interval(n_better, n_discordant, confidence=part_confidence)
         if n_discordant
         else (0.0, 1.0)
     )
     low, high = 2 * share[0] - 1, 2 * share[1] - 1
     # P(better or more | n, 1/2), under the null hypothesis.
-    by_chance = float(betainc(better, worse + 1, 0.5)) if better else 1.0
+    by_chance = float(betainc(n_better, n_worse + 1, 0.5)) if n_better else 1.0
     return Gain(
         value,
         low * (least if low > 0 else most),
@@ -112,13 +114,13 @@ def _jackknife_gain(
     value: float,
     first: np.ndarray,
     second: np.ndarray,
-    value_of: Callable[[np.ndarray], float],
+    score_of_sums: Callable[[np.ndarray], float],
     confidence: float,
 ) -> Gain:
     n_groups = min(len(first), _MOST_GROUPS)
     group = np.arange(len(first)) * n_groups // len(first)
     leave_one_out = [
-        value_of(second[group != index]) - value_of(first[group != index])
+        score_of_sums(second[group != index]) - score_of_sums(first[group != index])
         for index in range(n_groups)
     ]
     pseudo = n_groups * value - (n_groups - 1) * np.array(leave_one_out)

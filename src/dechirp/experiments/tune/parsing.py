@@ -44,10 +44,10 @@ from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting, Mista
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.score.base import Score
 from dechirp.experiments.scenario import READERS, Scenario, load
-from dechirp.experiments.study.dumping import score_unit
+from dechirp.experiments.study.dumping import score_limit_unit
 from dechirp.experiments.study.study import RandomSetting, SweptSetting
-from dechirp.experiments.study.variants import Variants, check_disjoint
-from dechirp.experiments.study.vary_values import parse_axis
+from dechirp.experiments.study.variants import ScenarioVariants, check_settings_do_not_overlap
+from dechirp.experiments.study.vary_values import parse_varied_setting
 from dechirp.experiments.tune.tune import LabelledRecording, Limit, Objective, Tune
 from dechirp.scene.scene import Scene
 
@@ -80,7 +80,7 @@ def load_tune(path: str | Path, overrides: Sequence[str] = (), *, seed: int | No
         With every mistake of the file, each with its line and column.
     """
     path = Path(path)
-    return _TuneParser(path, tuple(overrides), seed).parse()
+    return _TuneParser(path, tuple(overrides), seed).parse_file()
 
 
 class _TuneParser:
@@ -91,7 +91,7 @@ class _TuneParser:
         self.context = ValidationContext(folder=path.absolute().parent, readers=READERS)
         self.mistakes: list[Mistake] = []
 
-    def parse(self) -> Tune:
+    def parse_file(self) -> Tune:
         tree = parse_yaml(read_settings_text(self.path), str(self.path))
         self.mistakes += duplicate_key_mistakes(tree)
         if not isinstance(tree.content, dict):
@@ -105,11 +105,17 @@ class _TuneParser:
             )
         content = dict(tree.content)
         parts = {name: content.pop(name, None) for name in _PARSED_KEYS}
-        plain = self._parse_plain_settings(content, tree)
-        scenarios = self._parse_members(parts["scenarios"], "scenarios", self._parse_scenario)
-        recordings = self._parse_members(parts["recordings"], "recordings", self._parse_recording)
+        plain = self._parse_scalar_settings(content, tree)
+        scenarios = self._parse_list_members(parts["scenarios"], "scenarios", self._parse_scenario)
+        recordings = self._parse_list_members(
+            parts["recordings"], "recordings", self._parse_labelled_recording
+        )
         all_scenarios = [*scenarios, *(recording.scenario for recording in recordings)]
-        search = self._parse_search(parts["search"], tree, all_scenarios) if all_scenarios else ()
+        search = (
+            self._parse_searched_settings(parts["search"], tree, all_scenarios)
+            if all_scenarios
+            else ()
+        )
         objective = self._parse_objective(parts["objective"], tree)
         if self.mistakes or objective is None or plain is None:
             raise InvalidFile(*sort_and_deduplicate_mistakes(self.mistakes))
@@ -125,9 +131,9 @@ class _TuneParser:
                 **fields,
             )
         except InvalidSetting as error:
-            raise InvalidFile(*self._locate_mistakes(error, tree)) from None
+            raise InvalidFile(*self._mistakes_with_file_positions(error, tree)) from None
 
-    def _parse_plain_settings(
+    def _parse_scalar_settings(
         self, content: dict[str, YamlNode], tree: YamlNode
     ) -> PlainSettings | None:
         keys = (*PlainSettings.__dataclass_fields__, *_PARSED_KEYS)
@@ -143,37 +149,41 @@ class _TuneParser:
         spot = SettingNode(
             "", replace(tree, content=content, duplicate_keys=()), ValueType(PlainSettings)
         )
-        return self._collect_mistakes(lambda: validate_and_build_value(spot, self.context))
+        return self._value_or_recorded_mistakes(
+            lambda: validate_and_build_value(spot, self.context)
+        )
 
-    def _parse_members(
-        self, node: YamlNode | None, name: str, read: Callable[[str, YamlNode], T | None]
+    def _parse_list_members(
+        self, node: YamlNode | None, name: str, parse_member: Callable[[str, YamlNode], T | None]
     ) -> list[T]:
         if node is None:
             return []
         if not isinstance(node.content, list):
-            self._add_mistake(
+            self._record_mistake(
                 node, name, expected="a list", fix="write it in brackets, even one alone"
             )
             return []
-        members = (read(f"{name}.{index}", member) for index, member in enumerate(node.content))
+        members = (
+            parse_member(f"{name}.{index}", member) for index, member in enumerate(node.content)
+        )
         return [member for member in members if member is not None]
 
     def _parse_scenario(self, path: str, node: YamlNode) -> Scenario | None:
         if isinstance(node.content, str):
             file = self.context.folder / node.content
-            return self._collect_mistakes(lambda: load(file, self.overrides))
+            return self._value_or_recorded_mistakes(lambda: load(file, self.overrides))
         if not isinstance(node.content, dict):
-            self._add_mistake(
+            self._record_mistake(
                 node, path, expected="a scenario, or the name of its file", fix="name the file"
             )
             return None
-        return self._collect_mistakes(
+        return self._value_or_recorded_mistakes(
             lambda: build_value_from_tree(node, Scenario, self.context, overrides=self.overrides)
         )
 
-    def _parse_recording(self, path: str, node: YamlNode) -> LabelledRecording | None:
+    def _parse_labelled_recording(self, path: str, node: YamlNode) -> LabelledRecording | None:
         if not isinstance(node.content, dict) or "scenario" not in node.content:
-            self._add_mistake(
+            self._record_mistake(
                 node,
                 path,
                 expected="a mapping of scenario, and truth or empty_range or both",
@@ -198,13 +208,15 @@ class _TuneParser:
         if truth is not None:
             spot = SettingNode(f"{path}.truth", truth, ValueType(Scene))
             scene = (
-                self._collect_mistakes(lambda: validate_and_build_value(spot, self.context))
+                self._value_or_recorded_mistakes(
+                    lambda: validate_and_build_value(spot, self.context)
+                )
                 or scene
             )
         empty_range_m = None
         if empty_range is not None:
             slot = ValueType(tuple[float, float], "m", "empty_range")
-            empty_range_m = self._collect_mistakes(
+            empty_range_m = self._value_or_recorded_mistakes(
                 lambda: validate_and_build_value(
                     SettingNode(f"{path}.empty_range", empty_range, slot), self.context
                 )
@@ -214,10 +226,10 @@ class _TuneParser:
         try:
             return LabelledRecording(scenario=scenario, truth=scene, empty_range_m=empty_range_m)
         except InvalidSetting as error:
-            self.mistakes += self._locate_mistakes(error, node)
+            self.mistakes += self._mistakes_with_file_positions(error, node)
             return None
 
-    def _parse_search(
+    def _parse_searched_settings(
         self, node: YamlNode | None, tree: YamlNode, scenarios: Sequence[Scenario]
     ) -> tuple[SweptSetting, ...]:
         if node is None or not isinstance(node.content, dict) or not node.content:
@@ -231,29 +243,33 @@ class _TuneParser:
             )
             return ()
         settings: list[SweptSetting] = []
-        variants = [Variants(item) for item in scenarios]
+        variants = [ScenarioVariants(item) for item in scenarios]
         for path, values in node.content.items():
-            listed = self._collect_mistakes(partial(self._parse_setting, path, values, variants))
+            listed = self._value_or_recorded_mistakes(
+                partial(self._parse_values_of_searched_setting, path, values, variants)
+            )
             if listed is not None:
                 settings.append(listed)
         try:
-            check_disjoint([variants[0].resolve_path(item.path) for item in settings])
+            check_settings_do_not_overlap(
+                [variants[0].locate_setting(item.path) for item in settings]
+            )
         except InvalidSetting as error:
             self.mistakes += [
-                _relocate_mistake(item, node.name_location, "search") for item in error.mistakes
+                _mistake_at_position(item, node.name_location, "search") for item in error.mistakes
             ]
         return tuple(settings)
 
-    def _parse_setting(
-        self, path: str, node: YamlNode, all_variants: Sequence[Variants]
+    def _parse_values_of_searched_setting(
+        self, path: str, node: YamlNode, all_variants: Sequence[ScenarioVariants]
     ) -> SweptSetting:
         """Parse the values of one setting; each is tried alone on each scenario."""
         name = f"search.{path}"
         try:
-            leaf = all_variants[0].resolve_path(path).leaf_value_type
+            leaf = all_variants[0].locate_setting(path).leaf_value_type
         except InvalidSetting as error:
             raise InvalidFile(
-                *(_relocate_mistake(item, node.name_location, name) for item in error.mistakes)
+                *(_mistake_at_position(item, node.name_location, name) for item in error.mistakes)
             ) from None
         if path.partition(".")[0] not in SEARCHABLE_SECTIONS:
             raise InvalidFile(
@@ -265,7 +281,9 @@ class _TuneParser:
                 )
             )
         try:
-            axis, probes = parse_axis(path, node, leaf, self.context, at_most=_MAX_VALUES)
+            axis, probes = parse_varied_setting(
+                path, node, leaf, self.context, max_values=_MAX_VALUES
+            )
         except InvalidFile as error:
             mistakes = (
                 replace(item, setting=item.setting.replace(f"vary.{path}", name, 1))
@@ -282,10 +300,10 @@ class _TuneParser:
                 )
             )
         wrong = [
-            _relocate_mistake(mistake, item.location, name, dump_node_on_one_line(item))
+            _mistake_at_position(mistake, item.location, name, dump_node_on_one_line(item))
             for item in probes
             for variants in all_variants
-            for mistake in _setting_mistakes(variants, path, dump_node_on_one_line(item))
+            for mistake in _mistakes_of_setting_value(variants, path, dump_node_on_one_line(item))
         ]
         if wrong:
             raise InvalidFile(*list(dict.fromkeys(wrong))[:_MAX_MISTAKES])
@@ -329,12 +347,12 @@ class _TuneParser:
             )
             return None
         score_node = content[directions[0]]
-        score = self._parse_score(f"objective.{directions[0]}", score_node, score_node.text)
+        score = self._parse_score_label(f"objective.{directions[0]}", score_node, score_node.text)
         limits = [
             limit
             for side in ("at_most", "at_least")
             if side in content
-            for limit in self._parse_limits(side, content[side])
+            for limit in self._parse_limits_of_objective(side, content[side])
         ]
         if score is None:
             return None
@@ -352,9 +370,9 @@ class _TuneParser:
             ]
             return None
 
-    def _parse_limits(self, side: str, node: YamlNode) -> Iterator[Limit]:
+    def _parse_limits_of_objective(self, side: str, node: YamlNode) -> Iterator[Limit]:
         if not isinstance(node.content, dict):
-            self._add_mistake(
+            self._record_mistake(
                 node,
                 f"objective.{side}",
                 expected="a mapping of scores and their limits",
@@ -363,20 +381,21 @@ class _TuneParser:
             return
         for label, child in node.content.items():
             path = f"objective.{side}.{label}"
-            score = self._parse_score(path, child, label)
+            score = self._parse_score_label(path, child, label)
             if score is None:
                 continue
             try:
-                bound = parse_quantity(child.text, score_unit(score), setting=path)
+                bound = parse_quantity(child.text, score_limit_unit(score), setting=path)
                 limit = Limit(score=score, **{side: bound})
             except InvalidSetting as error:
                 self.mistakes += [
-                    _relocate_mistake(mistake, child.location, path) for mistake in error.mistakes
+                    _mistake_at_position(mistake, child.location, path)
+                    for mistake in error.mistakes
                 ]
                 continue
             yield limit
 
-    def _parse_score(self, path: str, node: YamlNode, label: str) -> Score | None:
+    def _parse_score_label(self, path: str, node: YamlNode, label: str) -> Score | None:
         members: Mapping[str, type] = Score.members()
         classes = {kind.replace("-", "_"): member for kind, member in members.items()}
         if label not in classes:
@@ -391,7 +410,7 @@ class _TuneParser:
             return None
         score: Score = classes[label]()
         if not score.is_repeatable:
-            self._add_mistake(
+            self._record_mistake(
                 node,
                 path,
                 expected="a score that is the same when the same trial is done again",
@@ -400,22 +419,24 @@ class _TuneParser:
             return None
         return score
 
-    def _add_mistake(self, node: YamlNode, path: str, *, expected: str, fix: str) -> None:
+    def _record_mistake(self, node: YamlNode, path: str, *, expected: str, fix: str) -> None:
         self.mistakes.append(
             node.location.create_mistake(
                 path, value=node.content_description, expected=expected, fix=fix
             )
         )
 
-    def _collect_mistakes(self, make: Callable[[], T]) -> T | None:
-        """Return the value that `make` returns; None, with its mistakes recorded, if it raises."""
+    def _value_or_recorded_mistakes(self, make_value: Callable[[], T]) -> T | None:
+        """Return the value of `make_value`; record the mistakes and return None if it raises."""
         try:
-            return make()
+            return make_value()
         except InvalidFile as error:
             self.mistakes += error.mistakes
         return None
 
-    def _locate_mistakes(self, error: DechirpError, node: YamlNode) -> Iterator[Mistake]:
+    def _mistakes_with_file_positions(
+        self, error: DechirpError, node: YamlNode
+    ) -> Iterator[Mistake]:
         """Yield the mistakes of a value with their positions in the file."""
         for mistake in error.mistakes:
             _, _, rest = mistake.setting.partition(".")
@@ -427,7 +448,7 @@ class _TuneParser:
             )
 
 
-def _relocate_mistake(mistake: Mistake, place: Any, name: str, text: str = "") -> Mistake:
+def _mistake_at_position(mistake: Mistake, place: Any, name: str, text: str = "") -> Mistake:
     """Return a mistake with its position in the file of the search."""
     reported_value = mistake.value
     if text:
@@ -442,9 +463,11 @@ def _relocate_mistake(mistake: Mistake, place: Any, name: str, text: str = "") -
     return relocated
 
 
-def _setting_mistakes(variants: Variants, path: str, text: str) -> tuple[Mistake, ...]:
+def _mistakes_of_setting_value(
+    variants: ScenarioVariants, path: str, value_text: str
+) -> tuple[Mistake, ...]:
     try:
-        variants.with_settings({path: text})
+        variants.scenario_with_settings({path: value_text})
     except DechirpError as error:
         return error.mistakes
     return ()

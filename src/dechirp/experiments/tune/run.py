@@ -17,17 +17,22 @@ from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 from dechirp.core.findings import Finding
 from dechirp.evaluation.score.base import Estimate, Score
 from dechirp.experiments.scenario import Scenario
-from dechirp.experiments.study.environment import describe_environment
+from dechirp.experiments.study.environment import versions_system_and_processor
 from dechirp.experiments.study.executors import Workers, workers_from_executor
 from dechirp.experiments.study.ledger import Ledger
-from dechirp.experiments.study.variants import Variants
-from dechirp.experiments.tune.gain import Gain, paired_gain
-from dechirp.experiments.tune.sampler import Choice, check_optuna, next_choice, setting_importances
+from dechirp.experiments.study.variants import ScenarioVariants
+from dechirp.experiments.tune.gain import Gain, estimate_paired_gain
+from dechirp.experiments.tune.sampler import (
+    Choice,
+    check_optuna_installed,
+    choose_next_untried_settings,
+    setting_importances,
+)
 from dechirp.experiments.tune.trial_sources import (
-    count_frames,
-    replace_scenario,
-    run_source_block,
-    source_scenario,
+    n_frames_of_recordings,
+    run_trial_block_of_source,
+    scenario_of_source,
+    source_with_scenario,
 )
 from dechirp.experiments.tune.tune import Decision, LabelledRecording, Limit, Tune
 
@@ -120,11 +125,11 @@ def run_search(
     DechirpError
         If optuna is missing, the unchanged settings fail, or the folder is another search's.
     """
-    check_optuna()
-    with Ledger.open(
-        out, identity=search_identity(tune), environment=describe_environment()
+    check_optuna_installed()
+    with Ledger.create_or_continue(
+        out, identity=search_identity_texts(tune), environment=versions_system_and_processor()
     ) as ledger:
-        return _Search(tune, ledger, workers, progress).result()
+        return _Search(tune, ledger, workers, progress).run_search_and_confirmation()
 
 
 def run_tune(
@@ -139,16 +144,16 @@ def run_tune(
         return run_search(tune, Path(out), workers=workers, progress=progress)
 
 
-def search_identity(tune: Tune) -> dict[str, str]:
+def search_identity_texts(tune: Tune) -> dict[str, str]:
     """Return the inputs of a search as text by name, except `candidates`, which may grow."""
     import optuna
 
-    named = zip(_source_names(tune), _trial_sources(tune), strict=True)
+    named = zip(_unique_source_names(tune), _scenarios_and_recordings(tune), strict=True)
     return {
-        "dechirp": _package_version(),
+        "dechirp": _dechirp_version(),
         "optuna": optuna.__version__,
-        **describe_environment(),  # other versions could choose other candidates
-        **{f"source {name}": _source_text(source) for name, source in named},
+        **versions_system_and_processor(),  # other versions could choose other candidates
+        **{f"source {name}": _source_as_yaml(source) for name, source in named},
         "search": "\n".join(
             f"{setting.path}: {', '.join(setting.texts)}" for setting in tune.search
         ),
@@ -166,28 +171,28 @@ def search_identity(tune: Tune) -> dict[str, str]:
     }
 
 
-def _package_version() -> str:
+def _dechirp_version() -> str:
     try:
         return version("dechirp")
     except PackageNotFoundError:  # imported from a folder, not installed
         return "not installed"
 
 
-def _trial_sources(tune: Tune) -> tuple[Scenario | LabelledRecording, ...]:
+def _scenarios_and_recordings(tune: Tune) -> tuple[Scenario | LabelledRecording, ...]:
     return (*tune.scenarios, *tune.recordings)
 
 
-def _source_names(tune: Tune) -> tuple[str, ...]:
+def _unique_source_names(tune: Tune) -> tuple[str, ...]:
     """Return unique names of the sources."""
-    names = [source_scenario(source).name for source in _trial_sources(tune)]
+    names = [scenario_of_source(source).name for source in _scenarios_and_recordings(tune)]
     return tuple(
         name if names.count(name) == 1 else f"{name} ({number})"
         for number, name in enumerate(names, 1)
     )
 
 
-def _source_text(source: Scenario | LabelledRecording) -> str:
-    text = dump_yaml(source_scenario(source))
+def _source_as_yaml(source: Scenario | LabelledRecording) -> str:
+    text = dump_yaml(scenario_of_source(source))
     if isinstance(source, LabelledRecording):
         text += f"{dump_yaml(source.truth)}empty_range: {source.empty_range_m}\n"
     return text
@@ -208,34 +213,40 @@ class _Search:
         progress: Callable[[int, int], None] | None,
     ) -> None:
         self.tune, self.ledger, self.workers, self.progress = tune, ledger, workers, progress
-        self.sources = _trial_sources(tune)
-        self.variants = [Variants(source_scenario(source)) for source in self.sources]
-        self.scores: tuple[Score, ...] = tuple(dict.fromkeys(tune.objective.scores))
-        ledger.check_columns(n_columns=sum(score.n_sums for score in self.scores))
-        self.saved = {(int(point), int(number)) for point, number in ledger.finished_blocks()}
+        self.sources = _scenarios_and_recordings(tune)
+        self.variants = [ScenarioVariants(scenario_of_source(source)) for source in self.sources]
+        self.scores: tuple[Score, ...] = tuple(
+            dict.fromkeys(tune.objective.objective_and_limit_scores)
+        )
+        ledger.check_sum_and_theory_sizes(n_columns=sum(score.n_sums for score in self.scores))
+        self.saved = {
+            (int(point), int(number)) for point, number in ledger.saved_point_and_block_numbers()
+        }
         # The search uses the first half of a recording, the confirmation the second.
         self.trial_ranges = tuple(
             (range(tune.trials), range(tune.trials, tune.trials + tune.confirmation_trials))
             if n_frames is None
             else (range(n_frames // 2), range(n_frames // 2, n_frames))
-            for n_frames in count_frames(self.sources)
+            for n_frames in n_frames_of_recordings(self.sources)
         )
         for index, (search_range, _) in enumerate(self.trial_ranges):
             if len(search_range) < 2:
                 raise InvalidSetting(
-                    f"recordings.{_source_names(tune)[index]}",
+                    f"recordings.{_unique_source_names(tune)[index]}",
                     value="a recording of fewer than four frames",
                     expected="two or more to search on, and as many to confirm on",
                     fix="give a longer recording, or more of its frames",
                 )
         per_candidate = sum(
-            len(_split_blocks(search_range)) for search_range, _ in self.trial_ranges
+            len(_split_trials_into_blocks(search_range)) for search_range, _ in self.trial_ranges
         )
-        n_fresh = sum(len(_split_blocks(fresh_range)) for _, fresh_range in self.trial_ranges)
-        n_candidates = min(tune.candidates, tune.n_combinations)
+        n_fresh = sum(
+            len(_split_trials_into_blocks(fresh_range)) for _, fresh_range in self.trial_ranges
+        )
+        n_candidates = min(tune.candidates, tune.n_setting_combinations)
         self.n_done, self.n_blocks = 0, (1 + n_candidates) * per_candidate + 2 * n_fresh
 
-    def result(self) -> TuneResult:
+    def run_search_and_confirmation(self) -> TuneResult:
         tune = self.tune
         default = self._evaluate_candidate(0, ())
         if default.failure is not None:
@@ -249,28 +260,30 @@ class _Search:
             )
         candidates, history = [default], list[tuple[Choice, Candidate]]()
         for number in range(1, tune.candidates + 1):
-            choice = next_choice(
+            choice = choose_next_untried_settings(
                 tune.search,
                 [
                     (previous, worth)
-                    for (previous, _), worth in zip(history, _ranks(tune, history), strict=True)
+                    for (previous, _), worth in zip(
+                        history, _rank_tried_candidates(tune, history), strict=True
+                    )
                 ],
                 seed=tune.seed,
             )
             if choice is None:
                 break
-            candidate = self._evaluate_candidate(number, _choice_settings(tune, choice))
+            candidate = self._evaluate_candidate(number, _settings_of_choice(tune, choice))
             candidates.append(candidate)
             history.append((choice, candidate))
-        return self._confirm_best(candidates, history)
+        return self._confirm_best_candidate(candidates, history)
 
-    def _confirm_best(
+    def _confirm_best_candidate(
         self, candidates: Sequence[Candidate], history: Sequence[tuple[Choice, Candidate]]
     ) -> TuneResult:
         tune = self.tune
         default, default_sums = self._confirm_candidate(candidates[0])
         best, gain, refuted, failures = None, None, list[ConfirmedCandidate](), list[Finding]()
-        for candidate in _admitted_candidates(tune, candidates)[:_MAX_CONFIRMATIONS]:
+        for candidate in _sort_admitted_candidates(tune, candidates)[:_MAX_CONFIRMATIONS]:
             try:
                 confirmed, sums = self._confirm_candidate(candidate)
             except _ConfirmationFailed as error:
@@ -281,12 +294,12 @@ class _Search:
             if "not met" in confirmed.decisions:
                 refuted.append(confirmed)
                 continue
-            best, gain = confirmed, self._paired_gain(default_sums, sums)
+            best, gain = confirmed, self._gain_of_best_over_default(default_sums, sums)
             break
         settings = () if best is None else candidates[best.number].settings
         label = tune.objective.score.label()
         measured = [(choice, item.scores[label].value) for choice, item in history if item.scores]
-        self._report_progress(self.n_blocks)
+        self._report_finished_blocks(self.n_blocks)
         return TuneResult(
             tune=tune,
             candidates=tuple(candidates),
@@ -294,7 +307,7 @@ class _Search:
             best=best,
             refuted=tuple(refuted),
             gain=gain,
-            scenarios=tuple(item.with_settings(dict(settings)) for item in self.variants),
+            scenarios=tuple(item.scenario_with_settings(dict(settings)) for item in self.variants),
             importances=setting_importances(
                 tune.search, [(choice, worth) for choice, worth in measured if np.isfinite(worth)]
             ),
@@ -304,30 +317,31 @@ class _Search:
             ),
             findings=(
                 *self.ledger.environment_findings,
-                *_coarse_limit_findings(tune, candidates[0]),
+                *_unresolvable_limit_findings(tune, candidates[0]),
                 *failures,
             ),
         )
 
     def _evaluate_candidate(self, number: int, settings: Settings) -> Candidate:
         try:
-            sums = self._trial_sums(settings, fresh=False)
+            sums = self._run_missing_and_load_trial_sums(settings, in_confirmation=False)
         except DechirpError as error:
             return Candidate(number, settings, {}, str(error), False)
-        failure = self._first_failure(settings, fresh=False)
+        failure = self._first_failure_message(settings, in_confirmation=False)
         if failure is not None:
             return Candidate(number, settings, {}, failure, False)
-        scores = self._estimate_scores(_add_sources(sums))
+        scores = self._estimate_scores_by_label(_add_trial_sums_of_sources(sums))
         objective_value = scores[self.tune.objective.score.label()].value
         admitted = np.isfinite(objective_value) and all(
-            limit.excess(scores[limit.score.label()]) == 0 for limit in self.tune.objective.limits
+            limit.relative_excess(scores[limit.score.label()]) == 0
+            for limit in self.tune.objective.limits
         )
         return Candidate(number, settings, scores, None, bool(admitted))
 
     def _confirm_candidate(self, candidate: Candidate) -> tuple[ConfirmedCandidate, np.ndarray]:
         """Return the scores of a candidate in confirmation trials, and their sums."""
-        sums = self._trial_sums(candidate.settings, fresh=True)
-        failure = self._first_failure(candidate.settings, fresh=True)
+        sums = self._run_missing_and_load_trial_sums(candidate.settings, in_confirmation=True)
+        failure = self._first_failure_message(candidate.settings, in_confirmation=True)
         if failure is not None:
             raise _ConfirmationFailed(
                 Mistake(
@@ -337,37 +351,39 @@ class _Search:
                     fix="take what leads there out of the search",
                 )
             )
-        together = _add_sources(sums)
-        scores = self._estimate_scores(together)
-        named = zip(_source_names(self.tune), sums, strict=True)
+        together = _add_trial_sums_of_sources(sums)
+        scores = self._estimate_scores_by_label(together)
+        named = zip(_unique_source_names(self.tune), sums, strict=True)
         confirmed = ConfirmedCandidate(
             number=candidate.number,
             scores=scores,
-            by_source={name: self._estimate_scores(source_sums) for name, source_sums in named},
+            by_source={
+                name: self._estimate_scores_by_label(source_sums) for name, source_sums in named
+            },
             decisions=tuple(
                 limit.decide(scores[limit.score.label()]) for limit in self.tune.objective.limits
             ),
         )
         return confirmed, together
 
-    def _paired_gain(self, default_sums: np.ndarray, best_sums: np.ndarray) -> Gain:
+    def _gain_of_best_over_default(self, default_sums: np.ndarray, best_sums: np.ndarray) -> Gain:
         objective, confidence = self.tune.objective, self.tune.confidence
         objective_columns = slice(0, objective.score.n_sums)  # its columns come first
 
         def value_of(sums: np.ndarray) -> float:
             return (
-                objective.sign
+                objective.direction_sign
                 * objective.score.estimate_with_interval(sums, confidence=confidence).value
             )
 
-        return paired_gain(
+        return estimate_paired_gain(
             default_sums[:, objective_columns],
             best_sums[:, objective_columns],
             value_of,
             confidence=confidence,
         )
 
-    def _estimate_scores(self, sums: np.ndarray) -> dict[str, Estimate]:
+    def _estimate_scores_by_label(self, sums: np.ndarray) -> dict[str, Estimate]:
         widths = [score.n_sums for score in self.scores]
         ends = list(itertools.accumulate(widths))
         return {
@@ -377,41 +393,48 @@ class _Search:
             for score, end in zip(self.scores, ends, strict=True)
         }
 
-    def _first_failure(self, settings: Settings, *, fresh: bool) -> str | None:
+    def _first_failure_message(self, settings: Settings, *, in_confirmation: bool) -> str | None:
         """Return the message of the first failed trial of the search, or of the confirmation."""
-        messages = {(point, key.trial): key.message for point, key in self.ledger.failures()}
+        messages = {
+            (point, key.trial): key.message
+            for point, key in self.ledger.failed_trials_with_points()
+        }
         keys = (
-            (_point_number(settings, source), trial)
+            (_ledger_point_number_by_hash(settings, source), trial)
             for source, part in enumerate(self.trial_ranges)
-            for trial in part[fresh]
+            for trial in part[in_confirmation]
         )
         return next((messages[key] for key in keys if key in messages), None) if messages else None
 
-    def _trial_sums(self, settings: Settings, *, fresh: bool) -> list[np.ndarray]:
+    def _run_missing_and_load_trial_sums(
+        self, settings: Settings, *, in_confirmation: bool
+    ) -> list[np.ndarray]:
         """Return the sums of the trials of each source; run the ones that are not saved yet."""
-        wanted = [part[fresh] for part in self.trial_ranges]
-        points = [_point_number(settings, source) for source in range(len(self.sources))]
+        wanted = [part[in_confirmation] for part in self.trial_ranges]
+        points = [
+            _ledger_point_number_by_hash(settings, source) for source in range(len(self.sources))
+        ]
         jobs = [
             (source, point, block)
             for source, point in enumerate(points)
-            for block in _split_blocks(wanted[source])
+            for block in _split_trials_into_blocks(wanted[source])
         ]
         missing = [job for job in jobs if (job[1], job[2].start) not in self.saved]
-        self._report_progress(len(jobs) - len(missing))
+        self._report_finished_blocks(len(jobs) - len(missing))
         if missing:
             sources = [
-                replace_scenario(source, variants.with_settings(dict(settings)))
+                source_with_scenario(source, variants.scenario_with_settings(dict(settings)))
                 for source, variants in zip(self.sources, self.variants, strict=True)
             ]
-            self._run_blocks(sources, missing)
+            self._run_blocks_despite_worker_deaths(sources, missing)
         sums = []
         for point, trials in zip(points, wanted, strict=True):
-            of_point = self.ledger.trial_numbers(point)
+            of_point = self.ledger.trial_numbers_of_point(point)
             is_wanted = (of_point >= trials.start) & (of_point < trials.stop)
-            sums.append(self.ledger.point_sums(point)[is_wanted])
+            sums.append(self.ledger.trial_sums_of_point(point)[is_wanted])
         return sums
 
-    def _run_blocks(
+    def _run_blocks_despite_worker_deaths(
         self,
         sources: Sequence[Scenario | LabelledRecording],
         jobs: Sequence[tuple[int, int, range]],
@@ -419,7 +442,7 @@ class _Search:
         """Run and save blocks; repeat those of dead workers on new ones."""
         for deaths in itertools.count(1):
             try:
-                self._submit_blocks(
+                self._submit_and_save_blocks(
                     sources, [job for job in jobs if (job[1], job[2].start) not in self.saved]
                 )
                 return
@@ -436,14 +459,14 @@ class _Search:
                     ) from None
                 self.workers.renew()
 
-    def _submit_blocks(
+    def _submit_and_save_blocks(
         self,
         sources: Sequence[Scenario | LabelledRecording],
         jobs: Sequence[tuple[int, int, range]],
     ) -> None:
         running = {
             self.workers.executor.submit(
-                run_source_block,
+                run_trial_block_of_source,
                 sources[source],
                 self.scores,
                 self.tune.seed,
@@ -459,84 +482,94 @@ class _Search:
                 blocks = [future.result() for future in finished]
                 self.ledger.add_blocks(blocks)
                 self.saved.update((block.point, block.number) for block in blocks)
-                self._report_progress(len(blocks))
+                self._report_finished_blocks(len(blocks))
         finally:
             for future in running:
                 future.cancel()
 
-    def _report_progress(self, n_blocks: int) -> None:
+    def _report_finished_blocks(self, n_blocks: int) -> None:
         self.n_done = min(self.n_done + n_blocks, self.n_blocks)
         if self.progress is not None:
             self.progress(self.n_done, self.n_blocks)
 
 
-def _split_blocks(trials: range) -> list[range]:
+def _split_trials_into_blocks(trials: range) -> list[range]:
     return [trials[first : first + BLOCK_SIZE] for first in range(0, len(trials), BLOCK_SIZE)]
 
 
-def _add_sources(sums: Sequence[np.ndarray]) -> np.ndarray:
+def _add_trial_sums_of_sources(sums_by_source: Sequence[np.ndarray]) -> np.ndarray:
     """Add the sums of all sources in each trial: they share its random numbers.
 
     Trials so stay independent. Sources with fewer trials, such as recordings of few frames,
     contribute to the first trials alone.
     """
-    added = np.zeros((max(map(len, sums)), sums[0].shape[1]))
-    for rows in sums:
+    added = np.zeros((max(map(len, sums_by_source)), sums_by_source[0].shape[1]))
+    for rows in sums_by_source:
         added[: len(rows)] += rows
     return added
 
 
-def _point_number(settings: Settings, source: int) -> int:
+def _ledger_point_number_by_hash(settings: Settings, source_index: int) -> int:
     """Return the number under which the ledger stores a choice on a source: a hash of 63 bits.
 
     It depends on the settings, not on the number of the candidate: one that failed for lack of
     memory or disk space may work in the next call, after which other choices follow.
     """
-    words = "\n".join([str(source), *(f"{path}={text}" for path, text in settings)])
+    words = "\n".join([str(source_index), *(f"{path}={text}" for path, text in settings)])
     return int.from_bytes(blake2b(words.encode(), digest_size=8).digest()) >> 1
 
 
-def _choice_settings(tune: Tune, choice: Choice) -> Settings:
+def _settings_of_choice(tune: Tune, choice: Choice) -> Settings:
     both = zip(tune.search, choice, strict=True)
     return tuple((setting.path, setting.texts[index]) for setting, index in both)
 
 
-def _ranks(tune: Tune, history: Sequence[tuple[Choice, Candidate]]) -> Iterator[float]:
+def _rank_tried_candidates(
+    tune: Tune, history: Sequence[tuple[Choice, Candidate]]
+) -> Iterator[float]:
     """Rank candidates, more is better: ones beyond limits below all others, by their excess."""
     label = tune.objective.score.label()
     keys = []
     for _, candidate in history:
         excess = sum(
-            limit.excess(candidate.scores[limit.score.label()]) if candidate.scores else math.inf
+            limit.relative_excess(candidate.scores[limit.score.label()])
+            if candidate.scores
+            else math.inf
             for limit in tune.objective.limits
         )
         rank_value = (
-            tune.objective.sign * candidate.scores[label].value if candidate.scores else -math.inf
+            tune.objective.direction_sign * candidate.scores[label].value
+            if candidate.scores
+            else -math.inf
         )
         keys.append((candidate.is_admitted, rank_value if candidate.is_admitted else -excess))
     ranks = {key: rank for rank, key in enumerate(sorted(set(keys)))}
     return (float(ranks[key]) for key in keys)
 
 
-def _admitted_candidates(tune: Tune, candidates: Sequence[Candidate]) -> list[Candidate]:
+def _sort_admitted_candidates(tune: Tune, candidates: Sequence[Candidate]) -> list[Candidate]:
     """Sort admitted candidates, best first; equal ones by the margin to their limits."""
     label = tune.objective.score.label()
 
     def key(candidate: Candidate) -> tuple[float, ...]:
         used = (
-            _limit_cost(limit, candidate.scores[limit.score.label()])
+            _value_signed_towards_limit(limit, candidate.scores[limit.score.label()])
             for limit in tune.objective.limits
         )
-        return (-tune.objective.sign * candidate.scores[label].value, *used, candidate.number)
+        return (
+            -tune.objective.direction_sign * candidate.scores[label].value,
+            *used,
+            candidate.number,
+        )
 
     return sorted((candidate for candidate in candidates if candidate.is_admitted), key=key)
 
 
-def _limit_cost(limit: Limit, estimate: Estimate) -> float:
+def _value_signed_towards_limit(limit: Limit, estimate: Estimate) -> float:
     return estimate.value if limit.at_most is not None else -estimate.value
 
 
-def _coarse_limit_findings(tune: Tune, default: Candidate) -> Iterator[Finding]:
+def _unresolvable_limit_findings(tune: Tune, default: Candidate) -> Iterator[Finding]:
     """Yield a finding if a limit is finer than this number of trials can resolve."""
     for limit in tune.objective.limits:
         if not limit.at_most:

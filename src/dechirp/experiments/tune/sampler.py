@@ -21,7 +21,7 @@ _N_SAMPLES = 8  # attempts to find an untried choice
 _MAX_ENUMERATED = 100_000
 
 
-def next_choice(
+def choose_next_untried_settings(
     search: Sequence[SweptSetting], history: Sequence[tuple[Choice, float]], *, seed: int
 ) -> Choice | None:
     """Return the next choice to try; None if all have been tried.
@@ -47,7 +47,7 @@ def next_choice(
         return None
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(len(history),)))
     if len(history) >= _N_RANDOM:
-        proposals = _sample_choices(
+        proposals = _sample_choices_by_tpe(
             search, history, [int(number) for number in rng.integers(2**31, size=_N_SAMPLES)]
         )
         fresh = next((choice for choice in proposals if choice not in evaluated), None)
@@ -73,21 +73,21 @@ def setting_importances(
     worths = [worth for _, worth in history]
     if len(history) < 2 * _N_RANDOM or not np.ptp(worths):
         return {}
-    with _import_optuna() as optuna:
-        study = _optuna_study(optuna, search, history)
+    with _import_optuna_with_silent_log() as optuna:
+        study = _optuna_study_with_history(optuna, search, history)
         evaluator = optuna.importance.FanovaImportanceEvaluator(seed=0)
         shares = optuna.importance.get_param_importances(study, evaluator=evaluator)
     return {path: float(share) for path, share in shares.items()}
 
 
-def check_optuna() -> None:
+def check_optuna_installed() -> None:
     """Raise `InvalidSetting` if optuna is not installed."""
-    with _import_optuna():
+    with _import_optuna_with_silent_log():
         pass
 
 
 @contextmanager
-def _import_optuna() -> Iterator[ModuleType]:
+def _import_optuna_with_silent_log() -> Iterator[ModuleType]:
     """Import optuna with its log silenced."""
     try:
         import optuna
@@ -106,12 +106,12 @@ def _import_optuna() -> Iterator[ModuleType]:
         optuna.logging.set_verbosity(level)
 
 
-def _sample_choices(
+def _sample_choices_by_tpe(
     search: Sequence[SweptSetting], history: Sequence[tuple[Choice, float]], seeds: Sequence[int]
 ) -> Iterator[Choice]:
-    with _import_optuna() as optuna:
-        study = _optuna_study(optuna, search, history)
-        distributions = _optuna_distributions(optuna, search)
+    with _import_optuna_with_silent_log() as optuna:
+        study = _optuna_study_with_history(optuna, search, history)
+        distributions = _optuna_index_distributions(optuna, search)
         for seed in seeds:
             study.sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=0)
             trial = study.ask(distributions)
@@ -121,11 +121,11 @@ def _sample_choices(
             yield tuple(int(trial.params[setting.path]) for setting in search)
 
 
-def _optuna_study(
+def _optuna_study_with_history(
     optuna: ModuleType, search: Sequence[SweptSetting], history: Sequence[tuple[Choice, float]]
 ) -> "Study":
     study: Study = optuna.create_study(direction="maximize")
-    distributions = _optuna_distributions(optuna, search)
+    distributions = _optuna_index_distributions(optuna, search)
     study.add_trials(
         [
             optuna.trial.create_trial(
@@ -139,7 +139,9 @@ def _optuna_study(
     return study
 
 
-def _optuna_distributions(optuna: ModuleType, search: Sequence[SweptSetting]) -> dict[str, Any]:
+def _optuna_index_distributions(
+    optuna: ModuleType, search: Sequence[SweptSetting]
+) -> dict[str, Any]:
     """Represent numbers by their index, which keeps their order; texts are categories."""
     return {
         setting.path: optuna.distributions.CategoricalDistribution(range(len(setting.texts)))

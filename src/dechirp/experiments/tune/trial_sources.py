@@ -16,11 +16,11 @@ from dechirp.core.threads import single_numba_thread
 from dechirp.evaluation.association import Associator
 from dechirp.evaluation.score.base import Score
 from dechirp.evaluation.trial import NoiseMap, TrialContext, TrialResult
-from dechirp.experiments.object_stage import run_object_stage
+from dechirp.experiments.object_stage import estimate_ego_motion_clusters_tracks
 from dechirp.experiments.run import frame_power_map, open_scenario_recording
 from dechirp.experiments.scenario import Scenario
 from dechirp.experiments.study.block import Block, Failure
-from dechirp.experiments.study.layout import Layout
+from dechirp.experiments.study.layout import ScoreColumnLayout
 from dechirp.experiments.study.trial import TrialRunner
 from dechirp.experiments.tune.tune import LabelledRecording
 from dechirp.processing.detect import process_cubes, warn_about_dropped_peaks
@@ -29,7 +29,7 @@ from dechirp.scene.truth import truth
 
 
 class _Runner(Protocol):
-    layout: Layout
+    layout: ScoreColumnLayout
 
     def run_and_score(self, trial: int) -> np.ndarray: ...
 
@@ -44,11 +44,11 @@ class RecordingTrialRunner:
         self.chain = recorded.scenario.chain.fit_to_radar(self.radar)
         last = self.recording.frame_numbers[-1]
         self._truth = truth(recorded.truth, self.radar, n_frames=last + 1, noise_power_w=np.nan)
-        first = self._trial_context(0)
+        first = self._context_of_frame_trial(0)
         for score in scores:
-            _check_single_frame_score(score)
+            _check_score_needs_single_frames(score)
             score.check_score_defined(first)
-        self.layout = Layout.from_context(scores, first)
+        self.layout = ScoreColumnLayout.from_context(scores, first)
         self._needs = frozenset().union(*(score.needs for score in scores))
         if "noise" in self._needs and recorded.empty_range_m is None:
             raise InvalidSetting(
@@ -59,11 +59,11 @@ class RecordingTrialRunner:
             )
 
     def run_and_score(self, trial: int) -> np.ndarray:
-        """Process one frame, and return the sums of all scores, (n_columns,), see `Layout`."""
-        look, case = self._run_trial(trial), self._trial_context(trial)
-        return np.concatenate([score.trial_sums(look, case).ravel() for score in self.scores])
+        """Process one frame, and return its score sums, (n_columns,), see `ScoreColumnLayout`."""
+        result, context = self._process_frame_as_trial(trial), self._context_of_frame_trial(trial)
+        return np.concatenate([score.trial_sums(result, context).ravel() for score in self.scores])
 
-    def _trial_context(self, trial: int) -> TrialContext:
+    def _context_of_frame_trial(self, trial: int) -> TrialContext:
         frame_truth = self._truth.isel(frame=[self.recording.frame_numbers[trial]])
         return TrialContext(
             scene=self.recorded.truth,
@@ -74,7 +74,7 @@ class RecordingTrialRunner:
             times_s=frame_truth.time.values,
         )
 
-    def _run_trial(self, trial: int) -> TrialResult:
+    def _process_frame_as_trial(self, trial: int) -> TrialResult:
         number = self.recording.frame_numbers[trial]
         (cube,) = self.recording.select_frames(number, number + 1).frames()
         started = perf_counter()
@@ -85,38 +85,38 @@ class RecordingTrialRunner:
         clusters = None
         if "clusters" in self._needs:
             untracked = replace(self.recorded.scenario, chain=self.chain, tracker=None)
-            times_s = [float(time_s) for time_s in self._trial_context(trial).times_s]
-            rows, _, clusters, _, _ = run_object_stage(
+            times_s = [float(time_s) for time_s in self._context_of_frame_trial(trial).times_s]
+            rows, _, clusters, _, _ = estimate_ego_motion_clusters_tracks(
                 rows, times_s, untracked, self.radar, first_frame=number
             )
         processing_s = perf_counter() - started
         columns = {str(name): column.values for name, column in rows.items()}
-        case = self._trial_context(trial)
+        context = self._context_of_frame_trial(trial)
         power = None
         if self._needs & {"maps", "noise"}:
             power = frame_power_map(frame.power, cube, number, self.radar, self.chain)
         return TrialResult(
             detections=columns,
-            association=Associator(case.truth, self.radar, self.recorded.truth)(columns),
+            association=Associator(context.truth, self.radar, self.recorded.truth)(columns),
             maps=None if power is None else (power.values,),
-            noise=self._empty_range_map(power, columns["range"], number)
+            noise=self._count_alarms_in_empty_range(power, columns["range"], number)
             if "noise" in self._needs
             else None,
             clusters=clusters,
             processing_s=processing_s,
         )
 
-    def _empty_range_map(
-        self, power: xr.DataArray | None, detected_m: np.ndarray, number: int
+    def _count_alarms_in_empty_range(
+        self, power: xr.DataArray | None, detected_ranges_m: np.ndarray, frame_number: int
     ) -> NoiseMap:
         """Count alarms in the part of a frame's map that is known to be empty."""
         assert power is not None and self.recorded.empty_range_m is not None
         nearest_m, furthest_m = self.recorded.empty_range_m
-        threshold = threshold_map(power, self.radar.for_frame(number), self.chain)
+        threshold = threshold_map(power, self.radar.for_frame(frame_number), self.chain)
         rows = (power.range.values >= nearest_m) & (power.range.values <= furthest_m)
         power_inside = power.transpose("velocity", "range").values[:, rows]
         threshold_inside = threshold.transpose("velocity", "range").values[:, rows]
-        inside = (detected_m >= nearest_m) & (detected_m <= furthest_m)
+        inside = (detected_ranges_m >= nearest_m) & (detected_ranges_m <= furthest_m)
         return NoiseMap(
             power=power_inside,
             n_tested=int(np.isfinite(threshold_inside).sum()),
@@ -125,7 +125,7 @@ class RecordingTrialRunner:
         )
 
 
-def _check_single_frame_score(score: Score) -> None:
+def _check_score_needs_single_frames(score: Score) -> None:
     """Raise `InvalidSetting` if a score cannot be computed from single frames of a recording."""
     if "tracks" in score.needs:
         requirement = "tracks"
@@ -141,25 +141,25 @@ def _check_single_frame_score(score: Score) -> None:
     )
 
 
-def source_scenario(source: Scenario | LabelledRecording) -> Scenario:
+def scenario_of_source(source: Scenario | LabelledRecording) -> Scenario:
     """Return the scenario of a source."""
     return source if isinstance(source, Scenario) else source.scenario
 
 
-def replace_scenario(
+def source_with_scenario(
     source: Scenario | LabelledRecording, scenario: Scenario
 ) -> Scenario | LabelledRecording:
     """Return the source with another scenario."""
     return scenario if isinstance(source, Scenario) else replace(source, scenario=scenario)
 
 
-def pool_subjects(layout: Layout, sums: np.ndarray) -> np.ndarray:
-    """Sum each score over all its subjects, side by side, (n_trials, n)."""
-    return np.hstack([layout.score_sums(sums, score.label()) for score in layout.scores])
+def sum_scores_over_targets(layout: ScoreColumnLayout, sums: np.ndarray) -> np.ndarray:
+    """Sum each score over all its targets, side by side, (n_trials, n)."""
+    return np.hstack([layout.select_score_sums(sums, score.label()) for score in layout.scores])
 
 
 @lru_cache(maxsize=4)
-def prepare_source(
+def create_runner_of_source(
     source: Scenario | LabelledRecording, scores: tuple[Score, ...], seed: int
 ) -> _Runner:
     """Prepare a source for trials; cached, as blocks of one source follow each other."""
@@ -168,16 +168,16 @@ def prepare_source(
     return RecordingTrialRunner(source, scores)
 
 
-def run_source_block(
+def run_trial_block_of_source(
     source: Scenario | LabelledRecording,
     scores: tuple[Score, ...],
     seed: int,
     *,
     point: int,
-    number: int,
+    block_number: int,
     trials: range,
 ) -> Block:
-    """Run a block of trials of a source on one thread; the sums pool all subjects.
+    """Run a block of trials of a source on one thread; the sums cover all targets together.
 
     A trial that raises ends the block: settings that fail once are rejected.
     """
@@ -188,16 +188,20 @@ def run_source_block(
     with single_numba_thread(), capture_warned_findings():
         for row, trial in enumerate(trials):
             try:
-                runner = prepare_source(source, scores, seed)
-                sums[row] = pool_subjects(runner.layout, runner.run_and_score(trial)[None])
+                runner = create_runner_of_source(source, scores, seed)
+                sums[row] = sum_scores_over_targets(
+                    runner.layout, runner.run_and_score(trial)[None]
+                )
             except Exception as error:  # any error rejects the settings
                 failures = (Failure(trial, f"{type(error).__name__}: {error}"),)
                 break
     seconds = perf_counter() - started
-    return Block(point, number, trials.start, sums, seconds, failures)
+    return Block(point, block_number, trials.start, sums, seconds, failures)
 
 
-def count_frames(sources: Sequence[Scenario | LabelledRecording]) -> tuple[int | None, ...]:
+def n_frames_of_recordings(
+    sources: Sequence[Scenario | LabelledRecording],
+) -> tuple[int | None, ...]:
     """Return the number of frames of each recording; None for scenes, which have no limit."""
     return tuple(
         None if isinstance(source, Scenario) else open_scenario_recording(source.scenario).n_frames

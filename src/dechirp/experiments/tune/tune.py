@@ -15,6 +15,11 @@ from dechirp.scene.scene import Scene
 
 __all__ = ["LabelledRecording", "Limit", "Objective"]
 
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 Decision = Literal["met", "not met", "undecided"]
 
 
@@ -48,7 +53,7 @@ class Limit:
             is_met, is_exceeded = estimate.low >= self.at_least, estimate.high < self.at_least
         return "met" if is_met else "not met" if is_exceeded else "undecided"
 
-    def excess(self, estimate: Estimate) -> float:
+    def relative_excess(self, estimate: Estimate) -> float:
         """Return the relative distance of the interval's near end beyond the limit; 0 within it.
 
         Infinite where there is no estimate.
@@ -87,12 +92,12 @@ class Objective:
             )
 
     @property
-    def sign(self) -> int:
+    def direction_sign(self) -> int:
         """1 to maximise, -1 to minimise."""
         return 1 if self.direction == "maximise" else -1
 
     @property
-    def scores(self) -> tuple[Score, ...]:
+    def objective_and_limit_scores(self) -> tuple[Score, ...]:
         """All measured scores: the objective, then those of the limits."""
         return (self.score, *(limit.score for limit in self.limits))
 
@@ -176,6 +181,6 @@ class Tune:
             )
 
     @property
-    def n_combinations(self) -> int:
+    def n_setting_combinations(self) -> int:
         """Number of combinations of values."""
         return math.prod(len(setting.texts) for setting in self.search)

@@ -6,17 +6,17 @@ import numpy as np
 import xarray as xr
 
 from dechirp.experiments.twin.echoes import PointEchoes
-from dechirp.experiments.twin.initial_points import nearest_detections
+from dechirp.experiments.twin.initial_points import detections_nearest_to_cells
 from dechirp.experiments.twin.measure import (
     FrameMap,
-    find_peaks,
-    is_noisy,
-    is_searched,
-    measure_peaks,
-    noise_floor,
-    noise_floor_at,
-    peak_position_spread,
-    range_segments,
+    cells_in_searched_rows,
+    find_peak_cells,
+    has_noise_in_all_segments,
+    measure_peaks_near_cells,
+    noise_floor_at_rows,
+    noise_floor_per_segment,
+    peak_position_spread_over_neighbours,
+    range_row_segments,
 )
 
 # Standard deviation of a peak position, in unpadded bins, times the root of its SNR:
@@ -26,7 +26,7 @@ _FREQUENCY_STD_BINS = 0.39
 
 
 def compare_peaks(
-    recorded: FrameMap, clean: FrameMap, twin: FrameMap, points: PointEchoes
+    recorded: FrameMap, noise_free_twin: FrameMap, twin: FrameMap, points: PointEchoes
 ) -> xr.Dataset:
     """Compare each peak of a recording with its twin's, over `peak`, strongest first, leakage last.
 
@@ -54,18 +54,20 @@ def compare_peaks(
         leaks, searched
             Whether it is leakage, and whether the chain detects at its range.
     """
-    echoes = points.select(*np.flatnonzero(points.is_peak).tolist())
+    echoes = points.select_points(*np.flatnonzero(points.is_peak).tolist())
     cells = echoes.map_cell
-    noise_w = noise_floor_at(recorded, cells[:, 1])
+    noise_w = noise_floor_at_rows(recorded, cells[:, 1])
     recorded_peaks, clean_peaks, twin_peaks = (
-        measure_peaks(item, cells) for item in (recorded, clean, twin)
+        measure_peaks_near_cells(item, cells) for item in (recorded, noise_free_twin, twin)
     )
     echo_w = np.maximum(recorded_peaks.power - noise_w, recorded_peaks.power / 2)
     snr = echo_w / noise_w
     n_channels = recorded.radar.n_summed_maps
     # |tone + noise|^2, averaged over the channels; the difference of two has three times that.
     power_std = np.sqrt((2 * snr + 1) / n_channels) / (snr + 1)
-    position_spread = peak_position_spread(recorded, cells, 3 * np.sqrt(2) * power_std)
+    position_spread = peak_position_spread_over_neighbours(
+        recorded, cells, 3 * np.sqrt(2) * power_std
+    )
     noise = recorded.chain.map_noise_statistics(recorded.radar)
     per_bin = max(
         item.n_bins / item.n_points for item in (noise.doppler_transform, noise.range_transform)
@@ -90,7 +92,7 @@ def compare_peaks(
         "power_std": (power_std, "1"),
         "cells_std": (np.maximum(cells_std, position_spread), "1"),
         "is_leakage": (echoes.is_leakage, "1"),
-        "is_searched": (is_searched(recorded, cells), "1"),
+        "is_searched": (cells_in_searched_rows(recorded, cells), "1"),
     }
     return xr.Dataset(
         {
@@ -100,7 +102,7 @@ def compare_peaks(
     )
 
 
-def compare_noise(recorded: FrameMap, twin: FrameMap) -> xr.Dataset:
+def compare_noise_floors(recorded: FrameMap, twin: FrameMap) -> xr.Dataset:
     """Compare the noise of a recording with its twin's, mean power in a cell of the map.
 
     Returns
@@ -116,13 +118,14 @@ def compare_noise(recorded: FrameMap, twin: FrameMap) -> xr.Dataset:
             the same in all.
     """
     levels = [
-        float(np.median(item.power.values)) / item.median_over_mean for item in (recorded, twin)
+        float(np.median(item.power.values)) / item.noise_median_over_mean
+        for item in (recorded, twin)
     ]
-    segment_levels = [noise_floor(item) for item in (recorded, twin)]
+    segment_levels = [noise_floor_per_segment(item) for item in (recorded, twin)]
     ranges_m = recorded.power.range.values
-    middles = [float(ranges_m[rows].mean()) for rows in range_segments(recorded)]
+    middles = [float(ranges_m[rows].mean()) for rows in range_row_segments(recorded)]
     with np.errstate(divide="ignore", invalid="ignore"):
-        of_noise = 1.0 if is_noisy(recorded) else np.nan
+        of_noise = 1.0 if has_noise_in_all_segments(recorded) else np.nan
         ratio, ratios = (
             np.float64(levels[1]) / levels[0] * of_noise,
             segment_levels[1] / segment_levels[0] * of_noise,
@@ -138,14 +141,14 @@ def compare_noise(recorded: FrameMap, twin: FrameMap) -> xr.Dataset:
             "ratio_over_range": ("segment", ratios, {"units": "1"}),
             "in_receiver": (
                 "rx",
-                _receiver_noise(recorded) / max(levels[0], 1e-300),
+                _noise_floor_per_receiver(recorded) / max(levels[0], 1e-300),
                 {"units": "1"},
             ),
         }
     )
 
 
-def _receiver_noise(recorded: FrameMap) -> np.ndarray:
+def _noise_floor_per_receiver(recorded: FrameMap) -> np.ndarray:
     """Estimate the mean noise power in a cell of the map of each receiver alone, (n_rx,)."""
     levels = []
     for place, rx_m in enumerate(recorded.radar.array.rx_m):
@@ -153,7 +156,9 @@ def _receiver_noise(recorded: FrameMap) -> np.ndarray:
         receiver_map = FrameMap(
             samples=recorded.samples.isel(rx=[place]), radar=radar, chain=recorded.chain
         )
-        levels.append(float(np.median(receiver_map.power.values)) / receiver_map.median_over_mean)
+        levels.append(
+            float(np.median(receiver_map.power.values)) / receiver_map.noise_median_over_mean
+        )
     return np.array(levels)
 
 
@@ -161,9 +166,9 @@ def _azimuth_differences(
     twin: FrameMap, echoes: PointEchoes, has_azimuth: np.ndarray
 ) -> np.ndarray:
     """Return the azimuths of the twin's detections less those of its points, (n,)."""
-    if not has_azimuth.any() or not len(find_peaks(twin)):
+    if not has_azimuth.any() or not len(find_peak_cells(twin)):
         return np.full(len(echoes), np.nan)
-    nearest = nearest_detections(twin, twin.radar, echoes.map_cell)
+    nearest = detections_nearest_to_cells(twin, twin.radar, echoes.map_cell)
     return np.where(
         has_azimuth & (nearest.distance_cells < 1), nearest.azimuth_rad - echoes.azimuth_rad, np.nan
     )

@@ -34,7 +34,7 @@ class PointEchoes:
     def __len__(self) -> int:
         return len(self.range_m)
 
-    def select(self, *indices: int) -> "PointEchoes":
+    def select_points(self, *indices: int) -> "PointEchoes":
         """Return the points with these indices."""
         return PointEchoes(
             **{name: values[np.array(indices, dtype=int)] for name, values in vars(self).items()}
@@ -49,7 +49,9 @@ class PointEchoes:
             }
         )
 
-    def shifted(self, *, range_m: np.ndarray, velocity_m_per_s: np.ndarray) -> "PointEchoes":
+    def shift_in_range_and_velocity(
+        self, *, range_m: np.ndarray, velocity_m_per_s: np.ndarray
+    ) -> "PointEchoes":
         """Return the points of equal power, farther away and faster; leakage stays at rest."""
         return replace(
             self,
@@ -57,7 +59,7 @@ class PointEchoes:
             velocity_m_per_s=self.velocity_m_per_s + np.where(self.is_leakage, 0, velocity_m_per_s),
         )
 
-    def scene(self, radar: Radar) -> Scene:
+    def targets_as_scene(self, radar: Radar) -> Scene:
         """Return the targets among them at time zero; strongest first, numbered."""
         unit_w = received_power_w(
             radar,
@@ -87,7 +89,7 @@ class PointEchoes:
         ]
         return Scene(targets=tuple(targets))
 
-    def leakage(self, radar: Radar) -> tuple[Leakage, ...]:
+    def leakage_impairments(self, radar: Radar) -> tuple[Leakage, ...]:
         """Return the leakage among them."""
         transmit_power_w = radar.require_hardware().transmit_power_w
         return tuple(

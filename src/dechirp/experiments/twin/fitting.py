@@ -19,10 +19,10 @@ from dechirp.experiments.twin.echoes import PointEchoes
 from dechirp.experiments.twin.measure import (
     FrameMap,
     Peaks,
-    is_searched,
-    measure_peaks,
-    noise_floor_at,
-    spectrum_at,
+    cells_in_searched_rows,
+    channel_spectra_at_cells,
+    measure_peaks_near_cells,
+    noise_floor_at_rows,
 )
 from dechirp.radar.radar import Radar
 from dechirp.simulation.impairments.base import Impairment
@@ -39,7 +39,7 @@ _RELATIVE_CONDITION = 1e-4
 _MAX_AMPLITUDE_STEP = 3.0
 
 
-def fit_points(
+def fit_points_to_recorded_peaks(
     recorded: FrameMap,
     start: PointEchoes,
     radar: Radar,
@@ -70,9 +70,9 @@ def fit_points(
     """
     points = start
     for turn in range(_N_TURNS):
-        report_round = progress and partial(_report_turn, progress, turn)
-        points = _run_rounds(recorded, points, radar, constants, report_round)
-        others = _second_points(recorded, points, radar, constants)
+        report_round = progress and partial(_report_rounds_over_all_turns, progress, turn)
+        points = _iterate_point_fit(recorded, points, radar, constants, report_round)
+        others = _second_points_beside_displaced_peaks(recorded, points, radar, constants)
         if not len(others) or turn == _N_TURNS - 1:
             break
         points = points.concatenate(others)
@@ -81,11 +81,13 @@ def fit_points(
     return points
 
 
-def _report_turn(progress: Callable[[int, int], None], turn: int, n_done: int) -> None:
-    progress(turn * _N_ROUNDS + n_done, _N_TURNS * _N_ROUNDS)
+def _report_rounds_over_all_turns(
+    progress: Callable[[int, int], None], turn: int, n_rounds_done: int
+) -> None:
+    progress(turn * _N_ROUNDS + n_rounds_done, _N_TURNS * _N_ROUNDS)
 
 
-def _run_rounds(
+def _iterate_point_fit(
     recorded: FrameMap,
     start: PointEchoes,
     radar: Radar,
@@ -93,91 +95,109 @@ def _run_rounds(
     progress: Callable[[int], None] | None,
 ) -> PointEchoes:
     """Return the points of the round with the smallest maximum error."""
-    cells, wanted_power_w = start.map_cell, _echo_power_w(recorded, start)
-    recorded_peaks, recorded_spectrum = measure_peaks(recorded, cells), spectrum_at(recorded, cells)
-    is_fitted = start.is_peak & is_searched(recorded, cells)
+    cells, wanted_power_w = start.map_cell, _recorded_echo_power_w(recorded, start)
+    recorded_peaks, recorded_spectrum = (
+        measure_peaks_near_cells(recorded, cells),
+        channel_spectra_at_cells(recorded, cells),
+    )
+    is_fitted = start.is_peak & cells_in_searched_rows(recorded, cells)
     points, best, least = start, start, np.inf
     twin_spectrum, last = None, 0
     for number in range(_N_ROUNDS):
         if progress is not None:
             progress(number)
-        points = _fit_amplitudes(
+        points = _fit_powers_and_phases(
             points, recorded, wanted_power_w, recorded_spectrum, twin_spectrum, radar, constants
         )
-        twin = simulate_points(points, radar, recorded, constants)
-        twin_peaks = measure_peaks(twin, cells)
-        twin_spectrum = spectrum_at(twin, cells)
-        worst = _relative_errors(twin_peaks, recorded_peaks, wanted_power_w)[is_fitted].max(
-            initial=0.0
-        )
+        twin = simulate_points_without_noise(points, radar, recorded, constants)
+        twin_peaks = measure_peaks_near_cells(twin, cells)
+        twin_spectrum = channel_spectra_at_cells(twin, cells)
+        worst = _peak_errors_relative_to_tolerance(twin_peaks, recorded_peaks, wanted_power_w)[
+            is_fitted
+        ].max(initial=0.0)
         if worst < least:
             best, least, last = points, worst, number
         if least < 1 or number - last >= _PATIENCE:
             break
-        points = _correct_positions(points, twin_peaks, recorded_peaks, radar, recorded, is_fitted)
+        points = _shift_points_towards_recorded_peaks(
+            points, twin_peaks, recorded_peaks, radar, recorded, is_fitted
+        )
     return best
 
 
-def _echo_power_w(recorded: FrameMap, echoes: PointEchoes) -> np.ndarray:
+def _recorded_echo_power_w(recorded: FrameMap, echoes: PointEchoes) -> np.ndarray:
     """Return the echo power in each cell, W: the recorded power less its noise."""
     power = recorded.power.values[echoes.map_cell[:, 0], echoes.map_cell[:, 1]].astype(float)
     # At least half of the power counts as echo.
-    return np.maximum(power - noise_floor_at(recorded, echoes.map_cell[:, 1]), power / 2)
+    return np.maximum(power - noise_floor_at_rows(recorded, echoes.map_cell[:, 1]), power / 2)
 
 
-def _second_points(
+def _second_points_beside_displaced_peaks(
     recorded: FrameMap, points: PointEchoes, radar: Radar, constants: Sequence[Impairment]
 ) -> PointEchoes:
     """Add a point beside each displaced peak, in the cell that lacks the most power."""
-    twin = simulate_points(points, radar, recorded, constants)
+    twin = simulate_points_without_noise(points, radar, recorded, constants)
     twin_peaks, recorded_peaks = (
-        measure_peaks(frame_map, points.map_cell) for frame_map in (twin, recorded)
+        measure_peaks_near_cells(frame_map, points.map_cell) for frame_map in (twin, recorded)
     )
-    is_displaced = _relative_errors(twin_peaks, recorded_peaks, _echo_power_w(recorded, points)) > 1
-    is_displaced &= points.is_peak & ~points.is_leakage & is_searched(recorded, points.map_cell)
+    is_displaced = (
+        _peak_errors_relative_to_tolerance(
+            twin_peaks, recorded_peaks, _recorded_echo_power_w(recorded, points)
+        )
+        > 1
+    )
+    is_displaced &= (
+        points.is_peak & ~points.is_leakage & cells_in_searched_rows(recorded, points.map_cell)
+    )
     peak_indices, (n_velocity, n_rows) = np.flatnonzero(is_displaced), recorded.power.shape
     steps = np.array([(0, 1), (0, -1), (1, 0), (-1, 0)])
     around = points.map_cell[peak_indices][:, None] + steps
     around[..., 0] %= n_velocity
     around[..., 1] = around[..., 1].clip(0, n_rows - 1)
     flat = around.reshape(-1, 2)
-    missing = abs(spectrum_at(recorded, flat) - spectrum_at(twin, flat)) ** 2
+    missing = (
+        abs(channel_spectra_at_cells(recorded, flat) - channel_spectra_at_cells(twin, flat)) ** 2
+    )
     best = missing.sum(axis=1).reshape(len(peak_indices), len(steps)).argmax(axis=1)
     cells = around[np.arange(len(peak_indices)), best]
     occupied = {tuple(cell) for cell in points.map_cell.tolist()}
     free = np.array([tuple(cell) not in occupied for cell in cells.tolist()], dtype=bool)
     cells, step = cells[free], steps[best[free]]
     others = replace(
-        points.select(*peak_indices[free].tolist()),
+        points.select_points(*peak_indices[free].tolist()),
         is_peak=np.zeros(len(cells), dtype=bool),
         map_cell=cells,
     )
-    per_slow, per_fast = _cell_steps(radar, recorded)
-    others = others.shifted(range_m=step[:, 1] * per_fast, velocity_m_per_s=step[:, 0] * per_slow)
-    return replace(others, power_w=_echo_power_w(recorded, others))
+    per_slow, per_fast = _velocity_and_range_per_cell(radar, recorded)
+    others = others.shift_in_range_and_velocity(
+        range_m=step[:, 1] * per_fast, velocity_m_per_s=step[:, 0] * per_slow
+    )
+    return replace(others, power_w=_recorded_echo_power_w(recorded, others))
 
 
-def simulate_points(
+def simulate_points_without_noise(
     echoes: PointEchoes, radar: Radar, recorded: FrameMap, constants: Sequence[Impairment]
 ) -> FrameMap:
     """Simulate one frame of points without noise, processed as the recording."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PhysicsWarning)  # reported for the final twin only
         cube = simulate(
-            echoes.scene(radar), radar, impairments=[*echoes.leakage(radar), *constants]
+            echoes.targets_as_scene(radar),
+            radar,
+            impairments=[*echoes.leakage_impairments(radar), *constants],
         )
     return FrameMap(samples=cube.isel(frame=0), radar=radar, chain=recorded.chain)
 
 
-def _simulate_point(point: PointEchoes, radar: Radar, recorded: FrameMap) -> FrameMap:
+def _simulate_single_point(point: PointEchoes, radar: Radar, recorded: FrameMap) -> FrameMap:
     """Simulate the frame of one point; these frames take most of the computing time."""
     if point.is_leakage.any():
-        return simulate_points(point, radar, recorded, ())
-    cube = simulate_ideal_echoes(point.scene(radar), radar, dtype=_SINGLE)
+        return simulate_points_without_noise(point, radar, recorded, ())
+    cube = simulate_ideal_echoes(point.targets_as_scene(radar), radar, dtype=_SINGLE)
     return FrameMap(samples=cube.isel(frame=0), radar=radar, chain=recorded.chain)
 
 
-def _fit_amplitudes(
+def _fit_powers_and_phases(
     echoes: PointEchoes,
     recorded: FrameMap,
     power_w: np.ndarray,
@@ -192,12 +212,17 @@ def _fit_amplitudes(
     """
     (n, n_channels), cells = recorded_spectrum.shape, echoes.map_cell
     point_spectra = np.stack(
-        [spectrum_at(_simulate_point(echoes.select(k), radar, recorded), cells) for k in range(n)]
+        [
+            channel_spectra_at_cells(
+                _simulate_single_point(echoes.select_points(k), radar, recorded), cells
+            )
+            for k in range(n)
+        ]
     )
     constant_spectrum = np.zeros_like(recorded_spectrum)
     if constants:
-        constant_spectrum = spectrum_at(
-            simulate_points(echoes.select(), radar, recorded, constants), cells
+        constant_spectrum = channel_spectra_at_cells(
+            simulate_points_without_noise(echoes.select_points(), radar, recorded, constants), cells
         )
     # Recorded channels deviate from those of ideal points. So each peak gets the recorded power,
     # distributed over the channels as in the twin, at the best phase.
@@ -217,10 +242,10 @@ def _fit_amplitudes(
     gain = np.clip(np.abs(factors), 1 / _MAX_AMPLITUDE_STEP, _MAX_AMPLITUDE_STEP)
     scaled = replace(echoes, power_w=echoes.power_w * gain**2)
     range_shift_m = np.angle(factors) * radar.frame.chirp.wavelength_m / (4 * np.pi)
-    return scaled.shifted(range_m=range_shift_m, velocity_m_per_s=np.zeros(n))
+    return scaled.shift_in_range_and_velocity(range_m=range_shift_m, velocity_m_per_s=np.zeros(n))
 
 
-def _correct_positions(
+def _shift_points_towards_recorded_peaks(
     echoes: PointEchoes,
     twin_peaks: Peaks,
     recorded_peaks: Peaks,
@@ -229,7 +254,7 @@ def _correct_positions(
     is_fitted: np.ndarray,
 ) -> PointEchoes:
     """Shift points so that their peaks approach the recorded ones."""
-    per_slow, per_fast = _cell_steps(radar, recorded)
+    per_slow, per_fast = _velocity_and_range_per_cell(radar, recorded)
     slow, fast = (
         _STEP_GAIN * np.clip(missing, -_MAX_STEP_CELLS, _MAX_STEP_CELLS) * is_fitted
         for missing in (
@@ -238,12 +263,12 @@ def _correct_positions(
         )
     )
     half_m = radar.frame.chirp.wavelength_m / 2
-    return echoes.shifted(
+    return echoes.shift_in_range_and_velocity(
         range_m=np.round(fast * per_fast / half_m) * half_m, velocity_m_per_s=slow * per_slow
     )
 
 
-def _cell_steps(radar: Radar, recorded: FrameMap) -> tuple[float, float]:
+def _velocity_and_range_per_cell(radar: Radar, recorded: FrameMap) -> tuple[float, float]:
     """Return the steps of the map in velocity, m/s, and range, m; 0 in velocity for one chirp."""
     frame, chirp, noise = radar.frame, radar.frame.chirp, recorded.chain.map_noise_statistics(radar)
     span = chirp.wavelength_m / 2 / frame.repetition_s if frame.can_measure_velocity else 0.0
@@ -251,9 +276,11 @@ def _cell_steps(radar: Radar, recorded: FrameMap) -> tuple[float, float]:
     return span / noise.doppler_transform.n_bins, span_m / noise.range_transform.n_bins
 
 
-def _relative_errors(twin_peaks: Peaks, recorded_peaks: Peaks, power_w: np.ndarray) -> np.ndarray:
+def _peak_errors_relative_to_tolerance(
+    twin_peaks: Peaks, recorded_peaks: Peaks, wanted_power_w: np.ndarray
+) -> np.ndarray:
     """Return the largest error of each peak, relative to its tolerance."""
-    level_error_db = abs(10 * np.log10(np.maximum(twin_peaks.power, 1e-300) / power_w))
+    level_error_db = abs(10 * np.log10(np.maximum(twin_peaks.power, 1e-300) / wanted_power_w))
     distance_cells = np.maximum(
         abs(twin_peaks.velocity_bin - recorded_peaks.velocity_bin),
         abs(twin_peaks.range_bin - recorded_peaks.range_bin),

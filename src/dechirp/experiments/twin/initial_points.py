@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dechirp.experiments.twin.echoes import PointEchoes
-from dechirp.experiments.twin.measure import FrameMap, measure_peaks, noise_floor_at
+from dechirp.experiments.twin.measure import FrameMap, measure_peaks_near_cells, noise_floor_at_rows
 from dechirp.processing.detect import detect
 from dechirp.processing.spectrum import rows_with_circular_noise
 from dechirp.radar.radar import Radar
@@ -15,7 +15,7 @@ _LEAKAGE_RANGE_CELLS = 2.5  # range cells: static echoes nearer than this are le
 _LEAKAGE_TO_NOISE = 30.0  # smallest ratio of leakage in a row that is not searched
 
 
-def leakage_cells(frame_map: FrameMap) -> np.ndarray:
+def find_leakage_cell_in_unsearched_rows(frame_map: FrameMap) -> np.ndarray:
     """Find the cell of the leakage outside the rows that detection searches, (1 or 0, 2).
 
     Real samples: at zero velocity, the strongest of the rows nearer than the searched ones.
@@ -27,14 +27,14 @@ def leakage_cells(frame_map: FrameMap) -> np.ndarray:
     if (
         not near_power.size
         or near_power.max()
-        < _LEAKAGE_TO_NOISE * noise_floor_at(frame_map, np.array([near_power.argmax()]))[0]
+        < _LEAKAGE_TO_NOISE * noise_floor_at_rows(frame_map, np.array([near_power.argmax()]))[0]
     ):
         return np.empty((0, 2), dtype=int)
     return np.array([[rest_row, int(near_power.argmax())]])
 
 
-def initial_points(
-    frame_map: FrameMap, radar: Radar, cells: np.ndarray, leakage: np.ndarray
+def estimate_initial_points(
+    frame_map: FrameMap, radar: Radar, peak_cells: np.ndarray, leakage_cells: np.ndarray
 ) -> PointEchoes:
     """Estimate a point for each peak, then for each cell of leakage.
 
@@ -44,18 +44,23 @@ def initial_points(
         Samples in sqrt(W).
     radar : Radar
         The recording's own radar: its calibration is needed for directions.
-    cells, leakage : arrays (n, 2)
+    peak_cells, leakage_cells : arrays (n, 2)
         Velocity and range.
     """
-    parameters = np.zeros((4, len(cells)))
-    if len(cells):
-        parameters = np.nan_to_num(np.stack(nearest_detections(frame_map, radar, cells)[:4]))
-    all_cells = np.concatenate([cells, leakage])
+    parameters = np.zeros((4, len(peak_cells)))
+    if len(peak_cells):
+        parameters = np.nan_to_num(
+            np.stack(detections_nearest_to_cells(frame_map, radar, peak_cells)[:4])
+        )
+    all_cells = np.concatenate([peak_cells, leakage_cells])
     bin_ranges_m = frame_map.radar.frame.chirp.range_bins_m(
         frame_map.chain.map_noise_statistics(frame_map.radar).range_transform.n_bins
     )
     leakage_parameters = np.stack(
-        [np.maximum(bin_ranges_m[leakage[:, 1]], bin_ranges_m[1]), *np.zeros((3, len(leakage)))]
+        [
+            np.maximum(bin_ranges_m[leakage_cells[:, 1]], bin_ranges_m[1]),
+            *np.zeros((3, len(leakage_cells))),
+        ]
     )
     parameters = np.concatenate([parameters, leakage_parameters], axis=1)
     resolution_m = frame_map.radar.frame.chirp.range_resolution_m
@@ -67,7 +72,7 @@ def initial_points(
         velocity_m_per_s=parameters[1],
         azimuth_rad=parameters[2],
         elevation_rad=parameters[3],
-        power_w=measure_peaks(frame_map, all_cells).power.astype(float),
+        power_w=measure_peaks_near_cells(frame_map, all_cells).power.astype(float),
         is_leakage=is_leakage,
         is_peak=np.ones(len(all_cells), dtype=bool),
         map_cell=all_cells,
@@ -85,7 +90,9 @@ class NearestDetections(NamedTuple):
     """Distance from the cell, in cells."""
 
 
-def nearest_detections(frame_map: FrameMap, radar: Radar, cells: np.ndarray) -> NearestDetections:
+def detections_nearest_to_cells(
+    frame_map: FrameMap, radar: Radar, cells: np.ndarray
+) -> NearestDetections:
     """Find the nearest detection to each cell, (n, 2); of several sources the strongest.
 
     The map must contain a detection.

@@ -40,7 +40,7 @@ class FrameMap:
         return power_map(self.samples, self.radar, self.chain).transpose("velocity", "range")
 
     @property
-    def median_over_mean(self) -> float:
+    def noise_median_over_mean(self) -> float:
         """Ratio of median to mean of the noise in a cell: of a mean of exponentials."""
         n_channels = self.radar.n_summed_maps
         return float(gammaincinv(n_channels, 0.5) / n_channels)
@@ -59,7 +59,7 @@ class Peaks:
     range_bin: np.ndarray
 
 
-def range_segments(frame_map: FrameMap) -> list[slice]:
+def range_row_segments(frame_map: FrameMap) -> list[slice]:
     """Split the rows of the map into segments of similar length, of assumed constant noise."""
     n_velocity, n_rows = frame_map.power.shape
     rows = max(-(-_MIN_SEGMENT_CELLS // n_velocity), -(-n_rows // _MAX_SEGMENTS))
@@ -68,28 +68,30 @@ def range_segments(frame_map: FrameMap) -> list[slice]:
     return [slice(first, stop) for first, stop in pairwise(edges.tolist())]
 
 
-def noise_floor(frame_map: FrameMap) -> np.ndarray:
-    """Estimate the mean noise power in a cell of each of the `range_segments`, (n,).
+def noise_floor_per_segment(frame_map: FrameMap) -> np.ndarray:
+    """Estimate the mean noise power in a cell of each of the `range_row_segments`, (n,).
 
     From the median of all their cells, on which targets in few of them have little effect.
     """
-    medians = [np.median(frame_map.power.values[:, rows]) for rows in range_segments(frame_map)]
-    return np.asarray(medians) / frame_map.median_over_mean
+    medians = [np.median(frame_map.power.values[:, rows]) for rows in range_row_segments(frame_map)]
+    return np.asarray(medians) / frame_map.noise_median_over_mean
 
 
-def is_noisy(frame_map: FrameMap) -> bool:
+def has_noise_in_all_segments(frame_map: FrameMap) -> bool:
     """Return whether all segments contain noise beyond rounding errors."""
-    return bool(np.all(noise_floor(frame_map) > _ROUNDING * frame_map.power.values.max()))
+    return bool(
+        np.all(noise_floor_per_segment(frame_map) > _ROUNDING * frame_map.power.values.max())
+    )
 
 
-def noise_floor_at(frame_map: FrameMap, rows: np.ndarray) -> np.ndarray:
+def noise_floor_at_rows(frame_map: FrameMap, rows: np.ndarray) -> np.ndarray:
     """Interpolate the noise floor at rows of the map, linearly in dB between segment centres."""
-    centres = [(segment.start + segment.stop - 1) / 2 for segment in range_segments(frame_map)]
-    level = np.maximum(noise_floor(frame_map), np.finfo(np.float32).tiny)
+    centres = [(segment.start + segment.stop - 1) / 2 for segment in range_row_segments(frame_map)]
+    level = np.maximum(noise_floor_per_segment(frame_map), np.finfo(np.float32).tiny)
     return np.asarray(np.exp(np.interp(rows, centres, np.log(level))))
 
 
-def find_peaks(frame_map: FrameMap) -> np.ndarray:
+def find_peak_cells(frame_map: FrameMap) -> np.ndarray:
     """Return the cells of the peaks that the chain detects, (n, 2), strongest first.
 
     Peaks at the level of rounding errors are excluded.
@@ -101,7 +103,7 @@ def find_peaks(frame_map: FrameMap) -> np.ndarray:
     return cells[power[cells[:, 0], cells[:, 1]] > _ROUNDING * power.max()]
 
 
-def is_searched(frame_map: FrameMap, cells: np.ndarray) -> np.ndarray:
+def cells_in_searched_rows(frame_map: FrameMap, cells: np.ndarray) -> np.ndarray:
     """Return whether detection searches the rows of cells, (n, 2)."""
     rows = rows_with_circular_noise(
         frame_map.radar.frame.chirp,
@@ -110,9 +112,9 @@ def is_searched(frame_map: FrameMap, cells: np.ndarray) -> np.ndarray:
     return np.asarray((rows.start <= cells[:, 1]) & (cells[:, 1] < rows.stop))
 
 
-def measure_peaks(frame_map: FrameMap, cells: np.ndarray) -> Peaks:
+def measure_peaks_near_cells(frame_map: FrameMap, cells: np.ndarray) -> Peaks:
     """Measure the highest cell within one of each given cell, (n, 2), and its peak position."""
-    neighbours, powers = _neighbouring_cells(frame_map, cells)
+    neighbours, powers = _neighbouring_cells_and_powers(frame_map, cells)
     best = powers.argmax(axis=1)
     rows = np.arange(len(cells))
     slow, fast = _interpolated_positions(frame_map, neighbours[rows, best], cells)
@@ -121,14 +123,16 @@ def measure_peaks(frame_map: FrameMap, cells: np.ndarray) -> Peaks:
     )
 
 
-def peak_position_spread(frame_map: FrameMap, cells: np.ndarray, share: np.ndarray) -> np.ndarray:
+def peak_position_spread_over_neighbours(
+    frame_map: FrameMap, cells: np.ndarray, relative_power_margin: np.ndarray
+) -> np.ndarray:
     """Return how far peaks may move if noise favours a neighbouring cell, (n,), in cells.
 
-    Neighbours are the cells whose power is less by at most a `share` of the peak's, (n,); their
-    peak positions are compared. For a tone between two bins they agree, for a peak on the flank of
-    another they differ.
+    Neighbours are the cells whose power is less by at most a `relative_power_margin` of the
+    peak's, (n,); their peak positions are compared. For a tone between two bins they agree, for
+    a peak on the flank of another they differ.
     """
-    neighbours, powers = _neighbouring_cells(frame_map, cells)
+    neighbours, powers = _neighbouring_cells_and_powers(frame_map, cells)
     own_positions = [
         position[:, None] for position in _interpolated_positions(frame_map, cells, cells)
     ]
@@ -139,11 +143,13 @@ def peak_position_spread(frame_map: FrameMap, cells: np.ndarray, share: np.ndarr
     distances = [
         abs(a.reshape(-1, n) - b) for a, b in zip(neighbour_positions, own_positions, strict=True)
     ]
-    is_rival = powers > powers[:, :1] * (1 - share[:, None])
+    is_rival = powers > powers[:, :1] * (1 - relative_power_margin[:, None])
     return np.asarray(np.where(is_rival, np.maximum(*distances), 0.0).max(axis=1, initial=0.0))
 
 
-def _neighbouring_cells(frame_map: FrameMap, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _neighbouring_cells_and_powers(
+    frame_map: FrameMap, cells: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the nine cells about each, (n, 9, 2), itself first, and their powers; -1 outside."""
     power = frame_map.power.values
     n_velocity, n_rows = power.shape
@@ -155,20 +161,20 @@ def _neighbouring_cells(frame_map: FrameMap, cells: np.ndarray) -> tuple[np.ndar
 
 
 def _interpolated_positions(
-    frame_map: FrameMap, tops: np.ndarray, near: np.ndarray
+    frame_map: FrameMap, peak_cells: np.ndarray, reference_cells: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate peak positions from the highest cells `tops`, unwrapped towards cells `near`."""
+    """Interpolate peak positions from the highest cells, unwrapped towards reference cells."""
     noise, n_velocity = (
         frame_map.chain.map_noise_statistics(frame_map.radar),
         frame_map.power.sizes["velocity"],
     )
-    slow, fast = interpolate_peak_frequencies(frame_map.power.values, tops, noise)
-    offset = slow / (2 * np.pi) * n_velocity + n_velocity // 2 - near[:, 0]
+    slow, fast = interpolate_peak_frequencies(frame_map.power.values, peak_cells, noise)
+    offset = slow / (2 * np.pi) * n_velocity + n_velocity // 2 - reference_cells[:, 0]
     offset = (offset + n_velocity / 2) % n_velocity - n_velocity / 2  # velocities wrap
-    return near[:, 0] + offset, fast / (2 * np.pi) * noise.range_transform.n_bins
+    return reference_cells[:, 0] + offset, fast / (2 * np.pi) * noise.range_transform.n_bins
 
 
-def spectrum_at(frame_map: FrameMap, cells: np.ndarray) -> np.ndarray:
+def channel_spectra_at_cells(frame_map: FrameMap, cells: np.ndarray) -> np.ndarray:
     """Compute the complex spectrum of each channel at cells of the map, (n, channel)."""
     noise, chirp = (
         frame_map.chain.map_noise_statistics(frame_map.radar),

@@ -3,7 +3,12 @@
 import numpy as np
 import xarray as xr
 
-from dechirp.experiments.twin.measure import FrameMap, is_noisy, noise_floor, range_segments
+from dechirp.experiments.twin.measure import (
+    FrameMap,
+    has_noise_in_all_segments,
+    noise_floor_per_segment,
+    range_row_segments,
+)
 from dechirp.processing.chain import Chain
 from dechirp.processing.spectrum import noise_gain
 from dechirp.radar.budget import noise_power_w
@@ -23,10 +28,10 @@ def estimate_watts_per_unit(frame: xr.DataArray, radar: Radar, chain: Chain) -> 
     if frame.attrs.get("units") == "sqrt(W)":
         return 1.0
     frame_map = FrameMap(samples=frame, radar=radar, chain=chain)
-    if not is_noisy(frame_map):
+    if not has_noise_in_all_segments(frame_map):
         transmit_power_w = radar.require_hardware().transmit_power_w
         return transmit_power_w / _ISOLATION / float(frame_map.power.max())
-    return _thermal_noise_per_cell(radar, chain) / float(noise_floor(frame_map).mean())
+    return _thermal_noise_per_cell(radar, chain) / float(noise_floor_per_segment(frame_map).mean())
 
 
 def _thermal_noise_per_cell(radar: Radar, chain: Chain) -> float:
@@ -38,15 +43,17 @@ def _thermal_noise_per_cell(radar: Radar, chain: Chain) -> float:
 
 def fit_coloured_noise(frame_map: FrameMap) -> tuple[ColouredNoise, ...]:
     """Fit noise over range to a recording; empty if it has no noise."""
-    if not is_noisy(frame_map):
+    if not has_noise_in_all_segments(frame_map):
         return ()
-    level = noise_floor(frame_map) / _thermal_noise_per_cell(frame_map.radar, frame_map.chain)
+    level = noise_floor_per_segment(frame_map) / _thermal_noise_per_cell(
+        frame_map.radar, frame_map.chain
+    )
     chirp, n_bins = (
         frame_map.radar.frame.chirp,
         frame_map.chain.map_noise_statistics(frame_map.radar).range_transform.n_bins,
     )
     middles = np.array(
-        [(number.start + number.stop - 1) / 2 for number in range_segments(frame_map)]
+        [(number.start + number.stop - 1) / 2 for number in range_row_segments(frame_map)]
     )
     beat_hz = middles * chirp.sample_rate_hz / n_bins
     # Six digits exceed the accuracy and keep the file readable.

@@ -12,10 +12,16 @@ from dechirp.core.findings import Finding, capture_warned_findings
 from dechirp.core.units import to_decibels
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.scenario import Scenario
-from dechirp.experiments.twin.compare import compare_noise, compare_peaks
-from dechirp.experiments.twin.fitting import fit_points, simulate_points
-from dechirp.experiments.twin.initial_points import initial_points, leakage_cells
-from dechirp.experiments.twin.measure import FrameMap, find_peaks
+from dechirp.experiments.twin.compare import compare_noise_floors, compare_peaks
+from dechirp.experiments.twin.fitting import (
+    fit_points_to_recorded_peaks,
+    simulate_points_without_noise,
+)
+from dechirp.experiments.twin.initial_points import (
+    estimate_initial_points,
+    find_leakage_cell_in_unsearched_rows,
+)
+from dechirp.experiments.twin.measure import FrameMap, find_peak_cells
 from dechirp.experiments.twin.receiver import (
     estimate_dc_offsets,
     estimate_watts_per_unit,
@@ -63,7 +69,7 @@ class Twin:
     differences: xr.Dataset
     """One row a peak, see `compare.compare_peaks`."""
     noise: xr.Dataset
-    """Noise floor: overall, and over `segment`, see `compare.compare_noise`."""
+    """Noise floor: overall, and over `segment`, see `compare.compare_noise_floors`."""
     recording_units: str
     """Units of its samples on disk."""
     watts_per_unit: float
@@ -71,7 +77,7 @@ class Twin:
     frame_number: int
     findings: tuple[Finding, ...]
 
-    def judged_peaks(self, tolerance: TwinTolerance) -> np.ndarray:
+    def peaks_precise_enough_to_judge(self, tolerance: TwinTolerance) -> np.ndarray:
         """Return the peaks that noise allows to be judged at a tolerance, (peak,).
 
         One standard deviation due to the twin's noise must be a third of the tolerance or less, and
@@ -84,33 +90,44 @@ class Twin:
         )
         return np.asarray(peaks.is_searched.values & (relative_std <= 1))
 
-    def peaks_within(self, tolerance: TwinTolerance) -> np.ndarray:
+    def peaks_within_tolerance(self, tolerance: TwinTolerance) -> np.ndarray:
         """Return the peaks within a tolerance, (peak,)."""
         peaks = self.differences
-        return _is_near(tolerance, peaks.power_ratio, peaks.range_cells, peaks.velocity_cells)
+        return _differences_within_tolerance(
+            tolerance, peaks.power_ratio, peaks.range_cells, peaks.velocity_cells
+        )
 
-    def peaks_within_clean(self, tolerance: TwinTolerance) -> np.ndarray:
+    def noise_free_peaks_within_tolerance(self, tolerance: TwinTolerance) -> np.ndarray:
         """Return the peaks within a tolerance without noise in the twin, (peak,): judged or not."""
         peaks = self.differences
-        return _is_near(
+        return _differences_within_tolerance(
             tolerance, peaks.power_ratio_clean, peaks.range_cells_clean, peaks.velocity_cells_clean
         )
 
-    def is_within(self, tolerance: TwinTolerance) -> bool:
+    def is_twin_within_tolerance(self, tolerance: TwinTolerance) -> bool:
         """Return whether the noise floor and all judged peaks are within a tolerance."""
         ratio = float(self.noise.ratio)
         is_level_near = np.isnan(ratio) or abs(np.log(ratio)) <= np.log(tolerance.power)
         return bool(
-            is_level_near and np.all(self.peaks_within(tolerance)[self.judged_peaks(tolerance)])
+            is_level_near
+            and np.all(
+                self.peaks_within_tolerance(tolerance)[
+                    self.peaks_precise_enough_to_judge(tolerance)
+                ]
+            )
         )
 
 
-def _is_near(
-    tolerance: TwinTolerance, ratio: xr.DataArray, fast: xr.DataArray, slow: xr.DataArray
+def _differences_within_tolerance(
+    tolerance: TwinTolerance,
+    power_ratio: xr.DataArray,
+    range_cells: xr.DataArray,
+    velocity_cells: xr.DataArray,
 ) -> np.ndarray:
-    distance_cells = np.maximum(abs(fast.values), abs(slow.values))
+    distance_cells = np.maximum(abs(range_cells.values), abs(velocity_cells.values))
     return np.asarray(
-        (abs(np.log(ratio.values)) <= np.log(tolerance.power)) & (distance_cells <= tolerance.cells)
+        (abs(np.log(power_ratio.values)) <= np.log(tolerance.power))
+        & (distance_cells <= tolerance.cells)
     )
 
 
@@ -162,22 +179,22 @@ def twin(
     recording.check_has_samples()
     number = recording.frame_numbers.start
     recorded_radar = recording.radar.for_frame(number)
-    _check_rising_ramps(recording, recorded_radar)
+    _check_no_falling_ramps(recording, recorded_radar)
     frame = next(recording.select_frames(number, number + 1).frames()).isel(frame=0)
-    _check_samples(recording, frame)
-    chain = (chain or twin_chain(recorded_radar)).fit_to_radar(recorded_radar)
+    _check_samples_finite_and_not_all_zero(recording, frame)
+    chain = (chain or default_twin_chain(recorded_radar)).fit_to_radar(recorded_radar)
     radar = replace(
         recorded_radar, hardware=recorded_radar.hardware or ASSUMED_HARDWARE, calibration=None
     )
     watts = estimate_watts_per_unit(frame, radar, chain)
     samples = frame.copy(data=frame.values * np.sqrt(watts).astype(np.float32))
     recorded_map = FrameMap(samples=samples.assign_attrs(units="sqrt(W)"), radar=radar, chain=chain)
-    peaks, leaks = find_peaks(recorded_map), leakage_cells(recorded_map)
+    peaks, leaks = find_peak_cells(recorded_map), find_leakage_cell_in_unsearched_rows(recorded_map)
     cells = peaks[:max_peaks]
     constants = estimate_dc_offsets(recorded_map) if len(leaks) else ()
-    points = first_points = initial_points(recorded_map, recorded_radar, cells, leaks)
+    points = first_points = estimate_initial_points(recorded_map, recorded_radar, cells, leaks)
     if len(first_points):
-        points = fit_points(
+        points = fit_points_to_recorded_peaks(
             recorded_map, first_points, radar, constants=constants, progress=progress
         )
     noise = fit_coloured_noise(recorded_map)
@@ -185,29 +202,29 @@ def twin(
         name=f"twin-of-{recording.path.stem}",
         seed=seed,
         radar=radar,
-        scene=points.scene(radar),
-        impairments=(*points.leakage(radar), *constants, *noise),
+        scene=points.targets_as_scene(radar),
+        impairments=(*points.leakage_impairments(radar), *constants, *noise),
         chain=chain,
     )
     assert scenario.scene is not None
     with capture_warned_findings() as simulation_findings:
         cube = simulate(scenario.scene, radar, impairments=scenario.impairments, seed=seed)
     twin_map = FrameMap(samples=cube.isel(frame=0), radar=radar, chain=chain)
-    clean_map = simulate_points(points, radar, recorded_map, constants)
+    clean_map = simulate_points_without_noise(points, radar, recorded_map, constants)
     return Twin(
         scenario=scenario,
         recorded=recorded_map.power,
         simulated=twin_map.power,
         differences=compare_peaks(recorded_map, clean_map, twin_map, points),
-        noise=compare_noise(recorded_map, twin_map),
+        noise=compare_noise_floors(recorded_map, twin_map),
         recording_units=recording.contents.units,
         watts_per_unit=watts,
         frame_number=number,
         findings=(
             *recording.findings,
-            *_quality_findings(frame, recorded_radar),
-            *_peak_limit_findings(len(peaks), max_peaks),
-            *_assumption_findings(recording, recorded_radar, watts),
+            *_frame_quality_warnings(frame, recorded_radar),
+            *_omitted_peak_findings(len(peaks), max_peaks),
+            *_assumption_and_omission_findings(recording, recorded_radar, watts),
             # Target positions are measured, so findings on them do not matter.
             *(
                 finding
@@ -218,7 +235,7 @@ def twin(
     )
 
 
-def twin_chain(radar: Radar) -> Chain:
+def default_twin_chain(radar: Radar) -> Chain:
     """Return the default chain, with the noise of a cell from up to 1000 velocities of its range.
 
     Static echoes at every range then mask nothing, unlike in a window about the cell.
@@ -236,7 +253,7 @@ def twin_chain(radar: Radar) -> Chain:
     )
 
 
-def _check_rising_ramps(recording: Recording, radar: Radar) -> None:
+def _check_no_falling_ramps(recording: Recording, radar: Radar) -> None:
     if radar.frame.has_falling_ramps:
         raise RecordingError(
             recording.path,
@@ -246,7 +263,7 @@ def _check_rising_ramps(recording: Recording, radar: Radar) -> None:
         )
 
 
-def _check_samples(recording: Recording, frame: xr.DataArray) -> None:
+def _check_samples_finite_and_not_all_zero(recording: Recording, frame: xr.DataArray) -> None:
     if not np.isfinite(frame.values).all():
         problem = "with samples that are not finite (NaN or infinite)"
     elif not frame.values.any():
@@ -261,7 +278,7 @@ def _check_samples(recording: Recording, frame: xr.DataArray) -> None:
     )
 
 
-def _quality_findings(frame: xr.DataArray, radar: Radar) -> Sequence[Finding]:
+def _frame_quality_warnings(frame: xr.DataArray, radar: Radar) -> Sequence[Finding]:
     """Return warnings on the frame's quality: defects would be mistaken for echoes or noise."""
     measures = measure_frame_quality(frame.expand_dims("frame"), radar)
     return [
@@ -269,21 +286,23 @@ def _quality_findings(frame: xr.DataArray, radar: Radar) -> Sequence[Finding]:
     ]
 
 
-def _peak_limit_findings(n_peaks: int, max_peaks: int) -> Sequence[Finding]:
-    if n_peaks <= max_peaks:
+def _omitted_peak_findings(n_peaks: int, max_simulated_peaks: int) -> Sequence[Finding]:
+    if n_peaks <= max_simulated_peaks:
         return []
     return [
         Finding(
             level="note",
             setting="max_peaks",
-            value=f"{n_peaks} peaks, of which the {max_peaks} strongest are simulated",
-            expected=f"at most {max_peaks}, for a twin that has them all",
+            value=f"{n_peaks} peaks, of which the {max_simulated_peaks} strongest are simulated",
+            expected=f"at most {max_simulated_peaks}, for a twin that has them all",
             fix=f"in Python: dc.twin(recording, max_peaks={min(n_peaks, MAX_PEAKS_LIMIT)})",
         )
     ]
 
 
-def _assumption_findings(recording: Recording, radar: Radar, watts: float) -> Sequence[Finding]:
+def _assumption_and_omission_findings(
+    recording: Recording, radar: Radar, watts_per_unit: float
+) -> Sequence[Finding]:
     """Return findings on assumptions, and on omissions of a twin of points."""
     assumptions = []
     if radar.hardware is None:
@@ -292,7 +311,7 @@ def _assumption_findings(recording: Recording, radar: Radar, watts: float) -> Se
                 level="note",
                 setting="radar.hardware",
                 value="not known; taken as 12 dBm, 10 dBi and a noise factor of 12 dB,"
-                f" so that full scale is {_format_db(watts * 1e3)} dBm",
+                f" so that full scale is {_ratio_as_decibel_text(watts_per_unit * 1e3)} dBm",
                 expected="its own for cross sections that hold; differences do not depend on it",
                 fix="give --radar with its hardware",
             )
@@ -321,5 +340,5 @@ def _assumption_findings(recording: Recording, radar: Radar, watts: float) -> Se
     return assumptions
 
 
-def _format_db(ratio: float) -> str:
+def _ratio_as_decibel_text(ratio: float) -> str:
     return f"{float(to_decibels(ratio)):.4g}"

@@ -54,7 +54,7 @@ def crlb_standard_errors(
     """Return Cramer-Rao bounds at estimated directions and amplitudes, in rad.
 
     (n, n_sources, n_angles) for the resolved angles, azimuth before elevation; see
-    `theory.direction_bounds.conditional_information`.
+    `theory.direction_bounds.conditional_fisher_information`.
     """
     _, information = _source_powers_and_fisher_information(
         *_arrays_for_kernels(snapshots, aperture, azimuth_rad, elevation_rad)

@@ -105,13 +105,13 @@ class TrainingWindow:
             cell_under_test=(box_row, self.half_velocity),
         )
 
-    def box_row_of_map_rows(self, n_range: int) -> np.ndarray:
+    def tested_rows_in_training_box(self, n_range: int) -> np.ndarray:
         """Return the box row in which each of n_range rows of a map is tested, (n_range,)."""
         return _box_row_of_map_rows(self.half_range, n_range)
 
     def n_training_cells_per_row(self, n_range: int) -> np.ndarray:
         """Return the training cells of each of n_range rows, (n_range,): most near the ends."""
-        box_row = self.box_row_of_map_rows(n_range)
+        box_row = self.tested_rows_in_training_box(n_range)
         width, guard = 2 * self.half_range + 1, self.n_guard.range
         n_rows = np.minimum(box_row + guard + 1, width) - np.maximum(box_row - guard, 0)
         n_guard = n_rows * (2 * self.n_guard.velocity + 1)
@@ -201,7 +201,7 @@ class NoiseEstimator(Family):
     ) -> np.ndarray:
         """Return the threshold at cells (n, 2), velocity and range: (n,)."""
         levels = np.empty(len(cells), np.float32)
-        box_rows = window.box_row_of_map_rows(power.shape[1])[cells[:, 1]]
+        box_rows = window.tested_rows_in_training_box(power.shape[1])[cells[:, 1]]
         for box_row in np.unique(box_rows):
             offsets = window.training_cell_offsets(int(box_row))
             indices = np.flatnonzero(box_rows == box_row)
@@ -238,7 +238,7 @@ class NoiseEstimator(Family):
         The closed form where cells are independent, if there is one, otherwise calibrated by
         simulation, see `theory.cfar_calibration`.
         """
-        offsets = box.offsets
+        offsets = box.training_offsets
         if box.is_white:
             closed_form = self.independent_cells_threshold_factor(
                 false_alarm_probability, offsets, n_channels=n_channels
@@ -250,7 +250,7 @@ class NoiseEstimator(Family):
             lambda cells: self.statistic(cells, offsets),
             box,
             n_summed=n_channels,
-            low=self.subsets_causing_false_alarms(offsets),
+            low_cell_masks=self.subsets_causing_false_alarms(offsets),
         )
 
 
@@ -367,7 +367,7 @@ class Cfar:
             return np.full(power.shape[1], self.offset, np.float32)
         return np.asarray(
             _threshold_factors_per_box_row_and_error(self, noise)[0][
-                self.training_window.box_row_of_map_rows(power.shape[1])
+                self.training_window.tested_rows_in_training_box(power.shape[1])
             ]
         )
 

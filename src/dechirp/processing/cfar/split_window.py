@@ -78,7 +78,7 @@ def half_window_mean_maps(
         first, second = _half_means_along_velocity(power, train_v, guard_r, guard_v)
         # At the ends of the range the box has rows beyond the guard, in few columns of the map.
         box_rows, velocity = (
-            window.box_row_of_map_rows(power.shape[1]),
+            window.tested_rows_in_training_box(power.shape[1]),
             np.arange(len(power))[:, None],
         )
         for j in np.flatnonzero(box_rows != window.half_range):

@@ -247,7 +247,7 @@ def _threshold_map(power: np.ndarray, plan: LookupTables) -> np.ndarray:
     out = np.full(power.shape, largest_word, np.int64)
     searched = power[:, plan.searched_rows]
     n_rows = searched.shape[1]
-    starts = np.arange(n_rows) - plan.training_window.box_row_of_map_rows(n_rows)
+    starts = np.arange(n_rows) - plan.training_window.tested_rows_in_training_box(n_rows)
     levels = cell_averaging_thresholds(
         searched,
         plan.factors,

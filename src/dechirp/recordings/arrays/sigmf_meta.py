@@ -162,11 +162,11 @@ def _check_conforming_dataset(meta: Path, data: Path, global_fields: dict[str, A
             raise _non_conforming_dataset_error(meta, name)
 
 
-def _non_conforming_dataset_error(meta: Path, name: str) -> RecordingError:
+def _non_conforming_dataset_error(meta: Path, field: str) -> RecordingError:
     """Return the error of a non-conforming data set."""
     return _metadata_error(
         meta,
-        f"{name}: numbers in another file, or with other data around them",
+        f"{field}: numbers in another file, or with other data around them",
         f"only the numbers, in the {DATA} of the same name",
         fix="convert it to a conforming SigMF recording",
     )

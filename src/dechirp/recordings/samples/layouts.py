@@ -135,7 +135,12 @@ class FourLanes(Layout):
 
     def decode(self, words: np.ndarray, out: np.ndarray, code: SampleCode) -> None:
         _decode_alternating_receivers(
-            words, out, code, np.array(self.receivers), n_present=N_LANES, is_lane_order=True
+            words,
+            out,
+            code,
+            np.array(self.receivers),
+            n_present_receivers=N_LANES,
+            is_lane_order=True,
         )
 
     def encode(self, codes: np.ndarray, code: SampleCode) -> np.ndarray:
@@ -162,7 +167,7 @@ class Pairs(Layout):
     def decode(self, words: np.ndarray, out: np.ndarray, code: SampleCode) -> None:
         places = np.array(self.receivers)
         _decode_alternating_receivers(
-            words, out, code, places, n_present=self.n_present, is_lane_order=False
+            words, out, code, places, n_present_receivers=self.n_present, is_lane_order=False
         )
 
     def encode(self, codes: np.ndarray, code: SampleCode) -> np.ndarray:
@@ -179,13 +184,13 @@ def _decode_alternating_receivers(
     code: SampleCode,
     receiver_positions: np.ndarray,
     *,
-    n_present: int,
+    n_present_receivers: int,
     is_lane_order: bool,
 ) -> None:
     """Decode receivers that alternate sample by sample."""
     if not np.iscomplexobj(out):
         _decode_alternating_real(
-            words, out, receiver_positions, n_present, code.unused_bits, code.sign_mask
+            words, out, receiver_positions, n_present_receivers, code.unused_bits, code.sign_mask
         )
         return
     numbers = out.view(np.float32)
@@ -195,7 +200,7 @@ def _decode_alternating_receivers(
         words.view(np.uint32),
         numbers,
         receiver_positions,
-        n_present,
+        n_present_receivers,
         q_first,
         code.unused_bits,
         code.sign_mask,

@@ -116,7 +116,7 @@ def find_complete_packets(serial_bytes: mmap.mmap) -> TlvPackets:
             continue
         n_bytes_lost, n_gaps = n_bytes_lost + offset - end, n_gaps + (offset > end)
         packets.extend(
-            (header.version, header.frame_number, *_point_count_and_offsets(header, items))
+            (header.version, header.frame_number, *_point_count_and_item_offsets(header, items))
         )
         packets_per_item_type.update(
             kind
@@ -136,7 +136,7 @@ def find_complete_packets(serial_bytes: mmap.mmap) -> TlvPackets:
     )
 
 
-def _point_count_and_offsets(header: _Header, items: Items) -> tuple[int, int, int]:
+def _point_count_and_item_offsets(header: _Header, items: Items) -> tuple[int, int, int]:
     """Return the number of points, and the first bytes of points and side information."""
     if not header.n_objects or POINTS not in items:
         return 0, -1, -1

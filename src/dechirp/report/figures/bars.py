@@ -45,7 +45,7 @@ def link_budget_bars(lines: Sequence[BudgetLine]) -> list[Bars]:
                 groups.append((line.unit, []))
             start_db, running_db = running_db, running_db + line.level_db
         groups[-1][1].append((line, start_db, running_db))
-    return [_bar_group(unit, rows) for unit, rows in groups]
+    return [_link_budget_bar_group(unit, rows) for unit, rows in groups]
 
 
 def timing_bars(timing_s: Mapping[str, float]) -> Bars:
@@ -64,15 +64,17 @@ def timing_bars(timing_s: Mapping[str, float]) -> Bars:
     return Bars(heading="", rows=rows)
 
 
-def _bar_group(unit: str, rows: list[tuple[BudgetLine, float, float]]) -> Bars:
-    levels = [end for _, *both in rows for end in both]
+def _link_budget_bar_group(
+    unit: str, lines_with_start_and_end_db: list[tuple[BudgetLine, float, float]]
+) -> Bars:
+    levels = [end for _, *both in lines_with_start_and_end_db for end in both]
     lowest = min(levels) if unit == "dBm" else min(*levels, 0.0)
     span = (max(levels) - lowest) or 1.0
     # Absolute levels have no zero, so the lowest level has a bar of 4 %.
     lowest -= 0.04 * span if lowest < 0 else 0.0
     span = max(levels) - lowest or 1.0
     bars = []
-    for line, start_db, end_db in rows:
+    for line, start_db, end_db in lines_with_start_and_end_db:
         level = line.kind == "level"
         left_db = lowest if level else min(start_db, end_db)
         right_db = max(start_db, end_db)

@@ -14,7 +14,7 @@ from dechirp.processing.chain import Chain
 from dechirp.processing.spectrum import range_profiles
 from dechirp.radar.chirp import Chirp
 from dechirp.report.figures.common import AXIS_LABELS, add_legend, create_panels
-from dechirp.report.figures.style import BLUE, INK, thin_line
+from dechirp.report.figures.style import BLUE, INK, reduce_line_to_extremes
 
 SignalPart = Literal["real", "imaginary"]
 
@@ -56,7 +56,7 @@ def draw_signal(
     exponent = engineering_exponent(float(abs(samples).max()))
     scaled = samples / 10.0**exponent
     axes.plot(
-        *thin_line(time_us, part_function(scaled)),
+        *reduce_line_to_extremes(time_us, part_function(scaled)),
         color=_COLORS[part] if is_complex else _REAL_SAMPLES_COLOR,
         linewidth=0.7,
     )
@@ -65,7 +65,9 @@ def draw_signal(
         phasors = np.exp(-2j * np.pi * doppler_frequency_hz * chirps["chirp"].values)
         echo = phasors @ chirps.values / phasors.size
         axes.plot(
-            *thin_line(time_us, part_function(echo) / 10.0**exponent), color=INK, linewidth=0.8
+            *reduce_line_to_extremes(time_us, part_function(echo) / 10.0**exponent),
+            color=INK,
+            linewidth=0.8,
         )
     reach = 1.1 * float(max(abs(scaled.real).max(), abs(scaled.imag).max())) or 1.0
     axes.set(ylim=(-reach, reach), xlim=(time_us[0], time_us[-1]))
@@ -144,13 +146,13 @@ def draw_spectrum(
     # Single noise cells can be arbitrarily low; the axis ends 12 dB below their median.
     lowest, highest = float(np.median(first)) - 12, float(max(first.max(), mean.max()))
     axes.plot(
-        *thin_line(range_m, np.maximum(first, lowest)),
+        *reduce_line_to_extremes(range_m, np.maximum(first, lowest)),
         color="#b4bec8",
         linewidth=0.6,
         label="first chirp",
     )
     axes.plot(
-        *thin_line(range_m, mean),
+        *reduce_line_to_extremes(range_m, mean),
         color=BLUE,
         linewidth=1.0,
         label=f"mean power of {pluralise(power.shape[0], 'chirp')}",

@@ -32,7 +32,7 @@ def draw_detections_from_above(axes: Axes, detections: GroundDetections) -> Axes
     axes.set_aspect("equal")
     axes.set(xlim=(side, -side), ylim=(-0.06 * reach_m, front))
     top_view.draw_range_rings(axes, math.hypot(front, side))
-    top_view.draw_detections(axes, detections)
+    top_view.draw_ground_detections(axes, detections)
     axes.set_xlabel(top_view.Y_LABEL)
     axes.set_ylabel(top_view.X_LABEL)
     add_legend(axes)

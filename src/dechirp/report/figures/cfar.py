@@ -10,7 +10,7 @@ from dechirp.report.figures.common import (
     AXIS_LABELS,
     MapAxis,
     add_legend,
-    cell_width,
+    even_cell_width,
     line_through_cell,
 )
 from dechirp.report.figures.style import BLUE, ORANGE
@@ -18,7 +18,7 @@ from dechirp.report.figures.style import BLUE, ORANGE
 _FEWEST_CELLS = 24  # minimum shown on each side
 
 
-def draw_cut(
+def draw_threshold_cut(
     axes: Axes,
     power: xr.DataArray,
     threshold: xr.DataArray,
@@ -55,8 +55,8 @@ def draw_cut(
     line = line_through_cell(power, cell, along=along)
     bins, power_w = line[along].values, line.values
     threshold_db = threshold_level_db(line_through_cell(threshold, cell, along=along).values, units)
-    training, guard = training_and_guard_cells(centre, bins.size, cfar, along=along)
-    n_shown = max(3 * _half_window(cfar, along), _FEWEST_CELLS)
+    training, guard = training_and_guard_masks(centre, bins.size, cfar, along=along)
+    n_shown = max(3 * _half_window_cells(cfar, along), _FEWEST_CELLS)
     shown_cells = slice(max(centre - n_shown, 0), centre + n_shown + 1)
     power_level_db = power_to_dbm_or_dbfs(power_w, units)
     lowest = float(np.median(power_level_db)) - 15
@@ -64,7 +64,9 @@ def draw_cut(
         max(power_level_db[shown_cells].max(), np.nanmax(threshold_db, initial=-np.inf))
     )
     for name, cells, color in (("training", training, "#e0ecf5"), ("guard", guard, "#eef0f2")):
-        for number, (lower, upper) in enumerate(run_edges(bins[shown_cells], cells[shown_cells])):
+        for number, (lower, upper) in enumerate(
+            edges_of_marked_runs(bins[shown_cells], cells[shown_cells])
+        ):
             label = f"{name} cells" if number == 0 else None
             axes.axvspan(lower, upper, color=color, linewidth=0, label=label)
     axes.plot(
@@ -108,11 +110,11 @@ def threshold_level_db(threshold: np.ndarray, units: str) -> np.ndarray:
     )
 
 
-def training_and_guard_cells(
+def training_and_guard_masks(
     centre: int, n_bins: int, cfar: Cfar, *, along: MapAxis
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the masks of training and guard cells on a line through a cell, (n_bins,) each."""
-    n_guard, reach = getattr(cfar.n_guard, along), _half_window(cfar, along)
+    n_guard, reach = getattr(cfar.n_guard, along), _half_window_cells(cfar, along)
     index = np.arange(n_bins)
     offset = index - centre
     if along == "velocity":  # circular axis
@@ -124,13 +126,13 @@ def training_and_guard_cells(
     return inside & (abs(offset) > n_guard), inside & (abs(offset) <= n_guard)
 
 
-def _half_window(cfar: Cfar, along: MapAxis) -> int:
+def _half_window_cells(cfar: Cfar, along: MapAxis) -> int:
     return int(getattr(cfar.n_guard, along) + getattr(cfar.n_training, along))
 
 
-def run_edges(bins: np.ndarray, cells: np.ndarray) -> list[tuple[float, float]]:
+def edges_of_marked_runs(bins: np.ndarray, is_marked: np.ndarray) -> list[tuple[float, float]]:
     """Return both edges of each run of marked cells, in the unit of the bins (n_bins,)."""
-    half = cell_width(bins) / 2
-    steps = np.diff(np.concatenate([[0], cells.astype(int), [0]]))
+    half = even_cell_width(bins) / 2
+    steps = np.diff(np.concatenate([[0], is_marked.astype(int), [0]]))
     first, last = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1) - 1
     return list(zip(bins[first] - half, bins[last] + half, strict=True))

@@ -125,13 +125,13 @@ def draw_crosses(
         )
 
 
-def axis_edges(centres: np.ndarray) -> tuple[float, float]:
+def outer_cell_edges(centres: np.ndarray) -> tuple[float, float]:
     """Return the outer edges of a line of cells; a single cell is one wide."""
-    half = cell_width(centres) / 2
+    half = even_cell_width(centres) / 2
     return float(centres[0]) - half, float(centres[-1]) + half
 
 
-def cell_width(centres: np.ndarray) -> float:
+def even_cell_width(centres: np.ndarray) -> float:
     """Return the step of an even axis; 1 for a single cell."""
     return float(centres[-1] - centres[0]) / max(centres.size - 1, 1) or 1.0
 
@@ -144,15 +144,15 @@ def line_through_cell(
     return power.isel(velocity=row) if along == "range" else power.isel(range=column)
 
 
-def set_decade_ticks(ruler: Ruler) -> None:
+def set_decade_ticks(axis: Ruler) -> None:
     """Label the powers of ten, and with fewer than two of them, intermediate values."""
-    low, high = sorted(ruler.get_view_interval())
-    ruler.set_major_formatter(FuncFormatter(lambda position, _: _format_tick(position)))
+    low, high = sorted(axis.get_view_interval())
+    axis.set_major_formatter(FuncFormatter(lambda position, _: _format_tick(position)))
     n_decades = np.floor(np.log10(high)) - np.ceil(np.log10(low)) + 1
     minor_formatter = FuncFormatter(
         lambda position, _: _format_tick(position) if f"{position:.0e}"[0] in "235" else ""
     )
-    ruler.set_minor_formatter(minor_formatter if n_decades < 2 else NullFormatter())
+    axis.set_minor_formatter(minor_formatter if n_decades < 2 else NullFormatter())
 
 
 def _format_tick(position: float) -> str:

@@ -48,7 +48,7 @@ def draw_detection_curves(
     Axes
         The given axes.
     """
-    _draw_proportions(axes, curves, confidence=confidence)
+    _draw_hit_proportions(axes, curves, confidence=confidence)
     axes.set_ylabel("Detection probability")
     axes.plot([], [], color=INK, linewidth=1.2, label="theory")
     add_legend(axes)
@@ -94,7 +94,7 @@ def draw_resolution_curves(
     Axes
         The given axes.
     """
-    _draw_proportions(axes, curves, confidence=confidence)
+    _draw_hit_proportions(axes, curves, confidence=confidence)
     axes.set_ylabel("Proportion of trials with both detected")
     if required is not None:
         axes.axhline(required, color=MUTED, linewidth=0.8, linestyle=":", label="required")
@@ -103,7 +103,7 @@ def draw_resolution_curves(
     return axes
 
 
-def _draw_proportions(
+def _draw_hit_proportions(
     axes: Axes, curves: Sequence[Mapping[str, Any]], *, confidence: float
 ) -> None:
     for curve, color, marker in zip(curves, _COLORS, _MARKERS, strict=False):

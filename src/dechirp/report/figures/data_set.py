@@ -35,14 +35,14 @@ def draw_targets(axes: Axes, targets_by_class: Mapping[str, tuple[np.ndarray, np
         axes.plot(x, y, mark, color=color, markersize=2.6, alpha=0.55, mew=0, label=name)
     axes.set_xlabel(AXIS_LABELS["range"])
     axes.set_ylabel(AXIS_LABELS["velocity"])
-    _add_class_legend(axes, n=len(targets_by_class))
+    _add_class_legend(axes, n_classes=len(targets_by_class))
     axes.set_label("Velocity over range of the targets")
     return axes
 
 
 def draw_histogram(
     axes: Axes,
-    classes: Mapping[str, np.ndarray],
+    values_by_class: Mapping[str, np.ndarray],
     *,
     label: str,
     counted_things: str,
@@ -54,7 +54,7 @@ def draw_histogram(
     ----------
     axes : Axes
         Axes to draw on.
-    classes : mapping
+    values_by_class : mapping
         Values of each class, (n,); at most `MAX_CLASSES`.
     label : str
         Label of the values, with their unit.
@@ -68,7 +68,7 @@ def draw_histogram(
     Axes
         The given axes.
     """
-    everything = np.concatenate([[], *classes.values()])
+    everything = np.concatenate([[], *values_by_class.values()])
     finite_values = everything[np.isfinite(everything)]
     low, high = (
         (float(finite_values.min()), float(finite_values.max()))
@@ -81,7 +81,7 @@ def draw_histogram(
     else:
         n_bins = int(np.clip(np.sqrt(finite_values.size), 5, _MAX_BINS))
         edges = np.linspace(low, high if high > low else low + 1.0, n_bins + 1)
-    for (name, values), color in zip(classes.items(), _COLORS, strict=False):
+    for (name, values), color in zip(values_by_class.items(), _COLORS, strict=False):
         heights, _ = np.histogram(values[np.isfinite(values)], edges)
         axes.stairs(heights, edges, fill=True, color=color, alpha=0.22)
         axes.stairs(heights, edges, color=color, label=name)
@@ -90,13 +90,13 @@ def draw_histogram(
     axes.set_ylim(bottom=0)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(axis="x", visible=False)
-    _add_class_legend(axes, n=len(classes))
+    _add_class_legend(axes, n_classes=len(values_by_class))
     axes.set_label(f"Histogram: {label}")
     return axes
 
 
-def _add_class_legend(axes: Axes, *, n: int) -> None:
-    class_legend = add_legend(axes) if n > 1 else None
+def _add_class_legend(axes: Axes, *, n_classes: int) -> None:
+    class_legend = add_legend(axes) if n_classes > 1 else None
     for handle in class_legend.legend_handles if class_legend is not None else ():
         if handle is not None:
             handle.set_alpha(1.0)

@@ -9,7 +9,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import FigureBase
 
 from dechirp.core.values import frozen_dataclass
-from dechirp.report.figures.common import AXIS_LABELS, axis_edges, create_panels, draw_circles
+from dechirp.report.figures.common import AXIS_LABELS, create_panels, draw_circles, outer_cell_edges
 from dechirp.report.figures.style import BLUE, ORANGE
 from dechirp.scene.aliasing import RangeVelocity
 
@@ -30,7 +30,7 @@ def draw_detection_maps(
     masks: Sequence[Sequence[DetectionMask]],
     *,
     target: RangeVelocity,
-    reach: tuple[float, float],
+    half_widths: tuple[float, float],
 ) -> list[Axes]:
     """Draw the detected cells around the target, a row per frame and a column per rule.
 
@@ -42,7 +42,7 @@ def draw_detection_maps(
         Masks of all rules for each frame.
     target : RangeVelocity
         Position in the middle, marked by a circle.
-    reach : tuple of float
+    half_widths : tuple of float
         Largest distance from the target, in m and m/s.
 
     Returns
@@ -57,15 +57,15 @@ def draw_detection_maps(
         axes.imshow(
             np.where(mask.is_detected, 1.0, np.nan),
             cmap=ListedColormap([BLUE]),
-            extent=(*axis_edges(mask.range_m), *axis_edges(mask.velocity_m_per_s)),
+            extent=(*outer_cell_edges(mask.range_m), *outer_cell_edges(mask.velocity_m_per_s)),
             origin="lower",
             aspect="auto",
             interpolation="none",
         )
         draw_circles(axes, np.array([at_m]), np.array([at_m_per_s]), size=26, width=0.9)
         axes.set(
-            xlim=(max(at_m - reach[0], 0.0), at_m + reach[0]),
-            ylim=(at_m_per_s - reach[1], at_m_per_s + reach[1]),
+            xlim=(max(at_m - half_widths[0], 0.0), at_m + half_widths[0]),
+            ylim=(at_m_per_s - half_widths[1], at_m_per_s + half_widths[1]),
         )
         axes.set_title(mask.title, loc="left")
         axes.set_label(f"Cells over threshold: {mask.title}")
@@ -85,7 +85,7 @@ class ThresholdLine:
     threshold_db: np.ndarray
 
 
-def draw_thresholds(
+def draw_threshold_lines(
     figure: FigureBase, lines: Sequence[ThresholdLine], *, around_m: float, reach_m: float
 ) -> list[Axes]:
     """Draw power and threshold of each rule along range, side by side, over the mean noise.

@@ -26,7 +26,7 @@ def draw_detector_comparison(figure: FigureBase) -> list[Axes]:
     Parameters
     ----------
     figure : Figure or SubFigure
-        Figure to fill; see `height_in` for its height.
+        Figure to fill; see `figure_height_in` for its height.
 
     Returns
     -------
@@ -35,9 +35,9 @@ def draw_detector_comparison(figure: FigureBase) -> list[Axes]:
     """
     situation = make_example_map()
     thresholds = compare_thresholds(situation.power, situation.row)
-    grid = create_panels(figure, _n_rows(len(thresholds)), _COLUMNS, sharex=True, sharey=True)
+    grid = create_panels(figure, _n_panel_rows(len(thresholds)), _COLUMNS, sharex=True, sharey=True)
     for axes, (kind, threshold) in zip(grid.flat, thresholds.items(), strict=False):
-        _draw_detector(axes, situation, kind, threshold)
+        _draw_detector_threshold(axes, situation, kind, threshold)
     for axes in grid.flat[len(thresholds) :]:
         axes.set_axis_off()
     color = mpl.rcParams["axes.labelcolor"]
@@ -54,22 +54,24 @@ def draw_detector_comparison(figure: FigureBase) -> list[Axes]:
     return list(grid.flat[: len(thresholds)])
 
 
-def height_in() -> float:
+def figure_height_in() -> float:
     """Return the figure height (in) that all detectors need."""
-    return _ROW_IN * _n_rows(len(NoiseEstimator.members())) + 0.9
+    return _ROW_IN * _n_panel_rows(len(NoiseEstimator.members())) + 0.9
 
 
-def _n_rows(n_members: int) -> int:
-    return -(-n_members // _COLUMNS)
+def _n_panel_rows(n_detectors: int) -> int:
+    return -(-n_detectors // _COLUMNS)
 
 
-def _draw_detector(axes: Axes, situation: ExampleMap, kind: str, threshold: np.ndarray) -> None:
-    profile = situation.power[situation.row]
+def _draw_detector_threshold(
+    axes: Axes, example: ExampleMap, detector_kind: str, threshold: np.ndarray
+) -> None:
+    profile = example.power[example.row]
     cells = np.arange(profile.size)
     exceeds = profile > threshold
-    strong, weak = situation.targets
+    strong, weak = example.targets
     axes.axvspan(
-        situation.clutter_start - 0.5, cells[-1], color="#eef0f2", linewidth=0, label="clutter"
+        example.clutter_start - 0.5, cells[-1], color="#eef0f2", linewidth=0, label="clutter"
     )
     axes.plot(
         cells,
@@ -92,6 +94,6 @@ def _draw_detector(axes: Axes, situation: ExampleMap, kind: str, threshold: np.n
     n_false = int(exceeds.sum()) - int(exceeds[strong]) - int(exceeds[weak])
     outcome = "both detected" if exceeds[weak] and exceeds[strong] else "one masked"
     outcome += f", {n_false} false" if n_false else ""
-    axes.set_title(f"{kind.replace('-', ' ')}: {outcome}", loc="left")
-    axes.set_label(f"Threshold of {kind.replace('-', ' ')} on one profile: {outcome}")
+    axes.set_title(f"{detector_kind.replace('-', ' ')}: {outcome}", loc="left")
+    axes.set_label(f"Threshold of {detector_kind.replace('-', ' ')} on one profile: {outcome}")
     axes.set(xlim=(30, 170), ylim=(_LOWEST_DB, 42))

@@ -51,14 +51,14 @@ def draw_data_flow(axes: Axes) -> Axes:
     for x, y, text, color in boxes:
         _draw_box(axes, x, y, text, width=2 * half_width, height=2 * half_height, color=color)
     for start_x, end_x in pairwise(columns):
-        _draw_arrow(
+        _draw_polyline_arrow(
             axes, [(start_x + half_width, simulation_y), (end_x - half_width, simulation_y)]
         )
-        _draw_arrow(
+        _draw_polyline_arrow(
             axes, [(end_x - half_width, processing_y), (start_x + half_width, processing_y)]
         )
     for start_x, end_x in pairwise(columns[:3]):
-        _draw_arrow(
+        _draw_polyline_arrow(
             axes, [(start_x + half_width, evaluation_y), (end_x - half_width, evaluation_y)]
         )
     for x, upper_y, lower_y in (
@@ -66,15 +66,15 @@ def draw_data_flow(axes: Axes) -> Axes:
         (columns[0], processing_y, evaluation_y),
         (columns[2], simulation_y + 13.0, simulation_y),
     ):
-        _draw_arrow(axes, [(x, upper_y - half_height), (x, lower_y + half_height)])
+        _draw_polyline_arrow(axes, [(x, upper_y - half_height), (x, lower_y + half_height)])
     truth = [
         (columns[2] - half_width, simulation_y + 13.0),
         (columns[0] - half_width - 4.0, simulation_y + 13.0),
         (columns[0] - half_width - 4.0, evaluation_y),
         (columns[0] - half_width, evaluation_y),
     ]
-    _draw_arrow(axes, truth, color=ORANGE, dashed=True)
-    _draw_text(axes, columns[0], simulation_y + 15.0, "truth", color=ORANGE)
+    _draw_polyline_arrow(axes, truth, color=ORANGE, dashed=True)
+    _draw_centred_text(axes, columns[0], simulation_y + 15.0, "truth", color=ORANGE)
     axes.set_label(
         "Data flow: requirements, radar and scene give echoes and noise; the samples pass range"
         " and Doppler transform, threshold, peaks and refinement; estimates minus truth decide"
@@ -98,7 +98,7 @@ def draw_demodulator(axes: Axes) -> Axes:
     """
     upper, middle, lower = 38.0, 22.0, 6.0
     _set_up_canvas(axes, height=46.0, bottom=-1.0)
-    _draw_antenna(axes, 3.0, middle)
+    _draw_antenna_symbol(axes, 3.0, middle)
     _draw_box(
         axes, 13.0, middle, "low-noise\namplifier", width=13.0, height=8.0, color=_PROCESSING_COLOR
     )
@@ -108,25 +108,25 @@ def draw_demodulator(axes: Axes) -> Axes:
     _draw_box(axes, 33.0, middle, " 0°\n90°", width=8.0, height=9.0, color=_SIMULATION_COLOR)
     for y, name in ((upper, "I"), (lower, "Q")):
         toward = 1.0 if y > middle else -1.0
-        _draw_arrow(axes, [(23.0, middle), (23.0, y), (30.2, y)])
-        _draw_arrow(axes, [(33.0, middle + 4.5 * toward), (33.0, y - 2.8 * toward)])
-        _draw_mixer(axes, 33.0, y)
-        _draw_arrow(axes, [(35.8, y), (46.0, y)])
+        _draw_polyline_arrow(axes, [(23.0, middle), (23.0, y), (30.2, y)])
+        _draw_polyline_arrow(axes, [(33.0, middle + 4.5 * toward), (33.0, y - 2.8 * toward)])
+        _draw_mixer_symbol(axes, 33.0, y)
+        _draw_polyline_arrow(axes, [(35.8, y), (46.0, y)])
         _draw_box(axes, 52.5, y, "low-pass", width=13.0, height=7.0, color=_PROCESSING_COLOR)
-        _draw_arrow(axes, [(59.0, y), (65.5, y)])
+        _draw_polyline_arrow(axes, [(59.0, y), (65.5, y)])
         _draw_box(axes, 72.0, y, "ADC", width=13.0, height=7.0, color=_PROCESSING_COLOR)
-        _draw_arrow(axes, [(78.5, y), (92.0, y), (92.0, middle + 5.0 * toward)])
-        _draw_text(axes, 85.0, y + 2.2, name)
+        _draw_polyline_arrow(axes, [(78.5, y), (92.0, y), (92.0, middle + 5.0 * toward)])
+        _draw_centred_text(axes, 85.0, y + 2.2, name)
     _draw_box(
         axes, 52.5, middle, "ramp\ngenerator", width=13.0, height=8.0, color=_SIMULATION_COLOR
     )
-    _draw_arrow(axes, [(46.0, middle), (37.0, middle)])
-    _draw_arrow(axes, [(59.0, middle), (63.5, middle)])
+    _draw_polyline_arrow(axes, [(46.0, middle), (37.0, middle)])
+    _draw_polyline_arrow(axes, [(59.0, middle), (63.5, middle)])
     _draw_box(
         axes, 69.5, middle, "power\namplifier", width=12.0, height=8.0, color=_SIMULATION_COLOR
     )
     _draw_line(axes, [(75.5, middle), (80.0, middle)])
-    _draw_antenna(axes, 80.0, middle)
+    _draw_antenna_symbol(axes, 80.0, middle)
     _draw_box(axes, 92.0, middle, "x = I + jQ", width=13.0, height=9.0, color=_EVALUATION_COLOR)
     axes.set_label(
         "I/Q demodulator: the echo is mixed with the transmitted ramp and with its quadrature;"
@@ -154,10 +154,10 @@ def _draw_box(
             linewidth=0.7,
         )
     )
-    _draw_text(axes, x, y, text)
+    _draw_centred_text(axes, x, y, text)
 
 
-def _draw_text(axes: Axes, x: float, y: float, text: str, *, color: str = INK) -> None:
+def _draw_centred_text(axes: Axes, x: float, y: float, text: str, *, color: str = INK) -> None:
     # One call per line, because line spacing within one call depends on the font.
     lines = text.split("\n")
     for index, line in enumerate(lines):
@@ -171,7 +171,7 @@ def _draw_line(axes: Axes, points: Sequence[Point]) -> None:
     axes.plot(*zip(*points, strict=True), color=INK, linewidth=0.9)
 
 
-def _draw_arrow(
+def _draw_polyline_arrow(
     axes: Axes, points: Sequence[Point], *, color: str = INK, dashed: bool = False
 ) -> None:
     axes.plot(
@@ -196,14 +196,14 @@ def _draw_dot(axes: Axes, x: float, y: float) -> None:
     axes.add_patch(Circle((x, y), 0.6, color=INK))
 
 
-def _draw_mixer(axes: Axes, x: float, y: float) -> None:
+def _draw_mixer_symbol(axes: Axes, x: float, y: float) -> None:
     radius, arm = 2.8, 2.0
     axes.add_patch(Circle((x, y), radius, facecolor="#ffffff", edgecolor=BLUE, linewidth=1.2))
     for slant in (1.0, -1.0):
         axes.plot([x - arm, x + arm], [y - slant * arm, y + slant * arm], color=BLUE, linewidth=1.2)
 
 
-def _draw_antenna(axes: Axes, x: float, y: float) -> None:
+def _draw_antenna_symbol(axes: Axes, x: float, y: float) -> None:
     _draw_line(axes, [(x, y), (x, y + 5.0)])
     axes.add_patch(
         Polygon(

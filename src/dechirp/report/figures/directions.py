@@ -14,9 +14,9 @@ from dechirp.report.figures.common import (
     AXIS_LABELS,
     add_colour_bar,
     add_legend,
-    axis_edges,
     draw_circles,
     draw_crosses,
+    outer_cell_edges,
 )
 from dechirp.report.figures.range_doppler import block_maxima
 from dechirp.report.figures.style import BLUE, COLORS, INK, ORANGE
@@ -51,7 +51,7 @@ class RangeAzimuthMap:
     truth: tuple[np.ndarray, np.ndarray] | None = None
 
 
-def draw_range_azimuth(axes: Axes, marked: RangeAzimuthMap) -> Axes:
+def draw_range_azimuth_map(axes: Axes, marked: RangeAzimuthMap) -> Axes:
     """Draw the map over the sine of the azimuth, in which the beamwidth is constant.
 
     Parameters
@@ -76,10 +76,10 @@ def draw_range_azimuth(axes: Axes, marked: RangeAzimuthMap) -> Axes:
         for marks in (marked.detections, marked.truth)
         if marks is not None
     ]
-    nearest, farthest = axis_edges(range_m)
+    nearest, farthest = outer_cell_edges(range_m)
     # Only noise lies beyond the marked ranges.
     max_shown_m = min(farthest, 1.3 * max(ends_m)) if max(ends_m, default=0.0) > 0 else farthest
-    min_sine, max_sine = axis_edges(sines)
+    min_sine, max_sine = outer_cell_edges(sines)
     image = axes.imshow(
         level_db,
         cmap=COLORS,
@@ -91,7 +91,7 @@ def draw_range_azimuth(axes: Axes, marked: RangeAzimuthMap) -> Axes:
         interpolation="bilinear",
     )
     add_colour_bar(axes, image, f"Power ({power_level_unit(marked.units)})")
-    _set_sine_axis(axes.xaxis, sines)
+    _set_degree_ticks_on_sine_axis(axes.xaxis, sines)
     axes.grid(False)
     axes.set(xlim=(max_sine, min_sine), ylim=(0, max_shown_m), autoscale_on=False)
     axes.set_xlabel(_AZIMUTH)
@@ -132,16 +132,16 @@ def draw_angle_spectrum(
     level_db = np.maximum(to_decibels(np.maximum(level / level.max(), 1e-30)), _FLOOR_DB)
     azimuth, elevation = power.azimuth.values, power.elevation.values
     if len(azimuth) > 1 and len(elevation) > 1:
-        _draw_map_spectrum(axes, power, level_db, estimates, truth)
+        _draw_spectrum_over_both_angles(axes, power, level_db, estimates, truth)
     elif len(azimuth) > 1:
-        _draw_line_spectrum(
+        _draw_spectrum_over_one_angle(
             axes, azimuth, level_db[0], estimates.azimuth_rad, truth and truth.azimuth_rad
         )
         axes.invert_xaxis()
         axes.set_xlabel(_AZIMUTH)
     else:
         true_elevation_rad = truth and truth.elevation_rad
-        _draw_line_spectrum(
+        _draw_spectrum_over_one_angle(
             axes, elevation, level_db[:, 0], estimates.elevation_rad, true_elevation_rad
         )
         axes.set_xlabel(_ELEVATION)
@@ -150,16 +150,16 @@ def draw_angle_spectrum(
     return axes
 
 
-def _draw_line_spectrum(
+def _draw_spectrum_over_one_angle(
     axes: Axes,
     angle_rad: np.ndarray,
     level_db: np.ndarray,
-    found_rad: np.ndarray,
+    estimated_rad: np.ndarray,
     truth_rad: np.ndarray | None,
 ) -> None:
     sines = np.sin(angle_rad)
     axes.plot(sines, level_db, color=BLUE, linewidth=1.2)
-    for number, angle in enumerate(found_rad):
+    for number, angle in enumerate(estimated_rad):
         label = "estimate" if number == 0 else None
         axes.axvline(np.sin(angle), color=ORANGE, linewidth=1.3, label=label)
         if number < _MOST_NAMED:
@@ -174,13 +174,13 @@ def _draw_line_spectrum(
     for number, angle in enumerate(() if truth_rad is None else truth_rad):
         label = "truth" if number == 0 else None
         axes.axvline(np.sin(angle), color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label=label)
-    _set_sine_axis(axes.xaxis, sines)
+    _set_degree_ticks_on_sine_axis(axes.xaxis, sines)
     margin = 0.0 if len(sines) > 1 else 0.01  # a field of view narrower than a beam is one point
     axes.set(xlim=(sines[0] - margin, sines[-1] + margin), ylim=(_FLOOR_DB, 3))
     axes.set_ylabel("Power relative to the peak (dB)")
 
 
-def _draw_map_spectrum(
+def _draw_spectrum_over_both_angles(
     axes: Axes,
     power: xr.DataArray,
     level_db: np.ndarray,
@@ -193,17 +193,19 @@ def _draw_map_spectrum(
         cmap=COLORS,
         vmin=_FLOOR_DB / 2,
         vmax=0,
-        extent=(*axis_edges(azimuth_sines), *axis_edges(elevation_sines)),
+        extent=(*outer_cell_edges(azimuth_sines), *outer_cell_edges(elevation_sines)),
         origin="lower",
         aspect="auto",
         interpolation="bilinear",
     )
     add_colour_bar(axes, image, "Power relative to the peak (dB)")
-    _set_sine_axis(axes.xaxis, azimuth_sines)
-    _set_sine_axis(axes.yaxis, elevation_sines)
+    _set_degree_ticks_on_sine_axis(axes.xaxis, azimuth_sines)
+    _set_degree_ticks_on_sine_axis(axes.yaxis, elevation_sines)
     axes.grid(False)
     axes.set(
-        xlim=axis_edges(azimuth_sines)[::-1], ylim=axis_edges(elevation_sines), autoscale_on=False
+        xlim=outer_cell_edges(azimuth_sines)[::-1],
+        ylim=outer_cell_edges(elevation_sines),
+        autoscale_on=False,
     )
     axes.set_xlabel(_AZIMUTH)
     axes.set_ylabel(_ELEVATION)
@@ -212,7 +214,7 @@ def _draw_map_spectrum(
     draw_circles(axes, *np.sin(estimates), size=9)
 
 
-def _set_sine_axis(axis: Axis, sines: np.ndarray) -> None:
+def _set_degree_ticks_on_sine_axis(axis: Axis, sines: np.ndarray) -> None:
     """Set ticks in degrees on an axis of sines."""
     largest_sine = abs(sines).max()
     degrees = _DEGREES if largest_sine > np.sin(np.radians(31)) else _FINE_DEGREES

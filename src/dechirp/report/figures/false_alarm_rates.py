@@ -23,12 +23,12 @@ class DetectorRates:
     """Checks with the same names for all detectors."""
 
 
-def height_in(detectors: Sequence[DetectorRates]) -> float:
+def figure_height_in(detectors: Sequence[DetectorRates]) -> float:
     """Return the figure height (in) that all rows need."""
     return 1.2 + _ROW_IN * len(detectors[0].checks)
 
 
-def draw_alarm_ratios(axes: Axes, detectors: Sequence[DetectorRates]) -> Axes:
+def draw_false_alarm_ratios(axes: Axes, detectors: Sequence[DetectorRates]) -> Axes:
     """Draw the ratios with intervals, a row per kind of map, and the requirement.
 
     Parameters

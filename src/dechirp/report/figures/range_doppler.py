@@ -11,9 +11,9 @@ from dechirp.report.figures.common import (
     AXIS_LABELS,
     add_colour_bar,
     add_legend,
-    axis_edges,
     draw_circles,
     draw_crosses,
+    outer_cell_edges,
 )
 from dechirp.report.figures.style import COLORS
 from dechirp.scene.aliasing import RangeVelocity
@@ -69,7 +69,7 @@ def draw_map(axes: Axes, marked: MarkedMap, *, colour_reference: MarkedMap | Non
     Axes
         The given axes.
     """
-    scale = _absolute_scale(marked if colour_reference is None else colour_reference)
+    scale = _absolute_power_colour_scale(marked if colour_reference is None else colour_reference)
     return _draw_marked_map(
         axes, marked, marked.power, scale, name="Range-Doppler map", circle_points=11
     )
@@ -95,7 +95,7 @@ def draw_map_over_noise(axes: Axes, marked: MarkedMap, *, highest_db: float) -> 
     scale = _ColourScale(
         lowest_db=-6.0,
         highest_db=highest_db,
-        zero_db=_noise_db(marked),
+        zero_db=_noise_level_db(marked),
         label="Power over mean noise (dB)",
     )
     name = "Range-Doppler map over the mean noise"
@@ -124,11 +124,11 @@ def draw_close_up(axes: Axes, marked: MarkedMap, *, cell: tuple[int, int]) -> Ax
     )
     name = "Range-Doppler map, close-up"
     return _draw_marked_map(
-        axes, marked, around, _absolute_scale(marked), name=name, circle_points=26
+        axes, marked, around, _absolute_power_colour_scale(marked), name=name, circle_points=26
     )
 
 
-def noise_power(power: np.ndarray) -> float:
+def noise_power_from_median(power: np.ndarray) -> float:
     """Estimate the mean noise power of a map that is mostly noise."""
     # The median of exponentially distributed noise is ln 2 of its mean.
     return float(np.median(power) / np.log(2))
@@ -144,14 +144,16 @@ def block_maxima(power: np.ndarray, max_shape: tuple[int, int] = _MAX_PIXELS) ->
     return power
 
 
-def _noise_db(marked: MarkedMap) -> float:
-    return float(power_to_dbm_or_dbfs(np.asarray(noise_power(marked.power.values)), marked.units))
+def _noise_level_db(marked: MarkedMap) -> float:
+    return float(
+        power_to_dbm_or_dbfs(np.asarray(noise_power_from_median(marked.power.values)), marked.units)
+    )
 
 
-def _absolute_scale(marked: MarkedMap) -> _ColourScale:
+def _absolute_power_colour_scale(marked: MarkedMap) -> _ColourScale:
     """Return the colour scale from 6 dB below the noise to the peak, spanning 20 to 80 dB."""
     highest = float(power_to_dbm_or_dbfs(marked.power.values.max(), marked.units))
-    lowest = max(_noise_db(marked) - 6, highest - _LARGEST_SPAN_DB)
+    lowest = max(_noise_level_db(marked) - 6, highest - _LARGEST_SPAN_DB)
     return _ColourScale(
         lowest_db=lowest,
         highest_db=max(highest, lowest + 20),
@@ -175,8 +177,8 @@ def _draw_marked_map(
     circle_points: float,
 ) -> Axes:
     part = part.transpose("velocity", "range")
-    min_range, max_range = axis_edges(part.range.values)
-    bottom, top = axis_edges(part.velocity.values)
+    min_range, max_range = outer_cell_edges(part.range.values)
+    bottom, top = outer_cell_edges(part.velocity.values)
     axes.grid(False)
     image = axes.imshow(
         power_to_dbm_or_dbfs(block_maxima(part.values), marked.units) - scale.zero_db,
@@ -192,7 +194,7 @@ def _draw_marked_map(
     axes.set_xlabel(AXIS_LABELS["range"])
     axes.set_ylabel(AXIS_LABELS["velocity"])
     axes.set(xlim=(min_range, max_range), ylim=(bottom, top), autoscale_on=False)
-    _draw_marks(axes, marked, circle_points)
+    _draw_truth_and_detection_marks(axes, marked, circle_points)
     map_legend = add_legend(axes, handletextpad=0.2)
     for handle in map_legend.legend_handles if map_legend is not None else ():
         assert isinstance(handle, Line2D)
@@ -201,20 +203,23 @@ def _draw_marked_map(
     return axes
 
 
-def _draw_marks(axes: Axes, marked: MarkedMap, circle_points: float) -> None:
-    truth, scatterers = _points_inside(axes, marked.truth), _points_inside(axes, marked.scatterers)
+def _draw_truth_and_detection_marks(axes: Axes, marked: MarkedMap, circle_points: float) -> None:
+    truth, scatterers = (
+        _points_within_axes(axes, marked.truth),
+        _points_within_axes(axes, marked.scatterers),
+    )
     if truth.size:
         draw_crosses(axes, *truth)
     if scatterers.size:
         draw_crosses(axes, *scatterers, marker=".", size=3, name="truth, scatterers of bodies")
-    detections = _points_inside(axes, marked.detections)[:, :_MAX_CIRCLES]
+    detections = _points_within_axes(axes, marked.detections)[:, :_MAX_CIRCLES]
     if detections.size:
         crowded = detections.shape[1] > _FEW_CIRCLES
         size, width = (circle_points / 2, 1.0) if crowded else (circle_points, 1.4)
         draw_circles(axes, *detections, size=size, width=width)
 
 
-def _points_inside(axes: Axes, points: RangeVelocity | None) -> np.ndarray:
+def _points_within_axes(axes: Axes, points: RangeVelocity | None) -> np.ndarray:
     """Return the coordinates (2, n) of the points within the axes."""
     if points is None:
         return np.empty((2, 0))

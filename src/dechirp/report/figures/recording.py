@@ -7,11 +7,11 @@ from matplotlib.axes import Axes
 from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
 from dechirp.report.figures import top_view
 from dechirp.report.figures.common import AXIS_LABELS, add_legend
-from dechirp.report.figures.range_doppler import MarkedMap, draw_map, noise_power
-from dechirp.report.figures.style import BLUE, ORANGE, thin_line
+from dechirp.report.figures.range_doppler import MarkedMap, draw_map, noise_power_from_median
+from dechirp.report.figures.style import BLUE, ORANGE, reduce_line_to_extremes
 
 
-def draw_first_map(axes: Axes, power: xr.DataArray, *, units: str) -> Axes:
+def draw_map_or_range_profile(axes: Axes, power: xr.DataArray, *, units: str) -> Axes:
     """Draw the map of a frame, or its range profile if it has one chirp.
 
     Parameters
@@ -32,8 +32,10 @@ def draw_first_map(axes: Axes, power: xr.DataArray, *, units: str) -> Axes:
         return draw_map(axes, MarkedMap(power=power, units=units))
     profile = power.isel(velocity=0)
     level_db = power_to_dbm_or_dbfs(profile.values, units)
-    lowest_db = float(power_to_dbm_or_dbfs(np.asarray(noise_power(profile.values)), units)) - 12
-    axes.plot(*thin_line(profile.range.values, level_db), color=BLUE, linewidth=1.0)
+    lowest_db = (
+        float(power_to_dbm_or_dbfs(np.asarray(noise_power_from_median(profile.values)), units)) - 12
+    )
+    axes.plot(*reduce_line_to_extremes(profile.range.values, level_db), color=BLUE, linewidth=1.0)
     axes.set_xlabel(AXIS_LABELS["range"])
     axes.set_ylabel(f"Power ({power_level_unit(units)})")
     axes.set_ylim(bottom=max(lowest_db, float(level_db.max()) - 100))

@@ -73,8 +73,8 @@ def draw_scene(
         The given axes.
     """
     arrow_s = _arrow_duration_s(scene, time_s)
-    geometry = _scene_geometry(scene, time_s, arrow_s)
-    reach_m = _largest_distance_m(geometry)
+    geometry = _scene_geometry_from_above(scene, time_s, arrow_s)
+    reach_m = _largest_target_distance_m(geometry)
     ends_m = np.vstack(
         [
             geometry.target_positions_m,
@@ -94,10 +94,10 @@ def draw_scene(
     axes.set(xlim=(side, -side), ylim=(back, front))
     top_view.draw_range_rings(axes, math.hypot(max(front, -back), side))
     _draw_range_arcs(axes, detected_m)
-    _draw_paths(axes, geometry)
-    _draw_targets(axes, geometry, 0.05 * reach_m, arrow_s)
+    _draw_waypoint_and_radar_paths(axes, geometry)
+    _draw_targets_with_motion(axes, geometry, 0.05 * reach_m, arrow_s)
     if detections is not None:
-        top_view.draw_detections(axes, detections)
+        top_view.draw_ground_detections(axes, detections)
     small = 1.0 if len(scene.names) <= _FEW_NAMES else 0.8
     for name, place in list(zip(scene.names, geometry.target_positions_m, strict=True))[
         :_MAX_NAMES
@@ -120,12 +120,12 @@ def draw_scene(
     return axes
 
 
-def height_in(scene: Scene) -> float:
+def figure_height_in(scene: Scene) -> float:
     """Return a figure height (in) that has room for the names."""
     return _HIGH_IN if len(scene.targets) > _FEW_NAMES else TALL_IN
 
 
-def _scene_geometry(scene: Scene, time_s: float, arrow_s: float) -> _SceneGeometry:
+def _scene_geometry_from_above(scene: Scene, time_s: float, arrow_s: float) -> _SceneGeometry:
     at_s = np.array([time_s])
     here_m = np.array(scene.ego.position_m) + scene.ego.displacements_m(at_s)
     axes = scene.ego.axes(at_s)
@@ -159,7 +159,7 @@ def _scene_geometry(scene: Scene, time_s: float, arrow_s: float) -> _SceneGeomet
     )
 
 
-def _largest_distance_m(geometry: _SceneGeometry) -> float:
+def _largest_target_distance_m(geometry: _SceneGeometry) -> float:
     points_m = np.vstack([geometry.target_positions_m, geometry.scatterers_m])
     return max(1.0, float(np.hypot(*points_m.T).max(initial=0.0)))
 
@@ -177,7 +177,7 @@ def _draw_range_arcs(axes: Axes, detected_m: Sequence[float]) -> None:
         )
 
 
-def _draw_paths(axes: Axes, geometry: _SceneGeometry) -> None:
+def _draw_waypoint_and_radar_paths(axes: Axes, geometry: _SceneGeometry) -> None:
     """Draw the paths through waypoints, and the path of the radar."""
     for course_m in geometry.waypoint_paths_m:
         axes.plot(*course_m.T[::-1], color=BLUE, linewidth=0.8, label="path through waypoints")
@@ -186,8 +186,10 @@ def _draw_paths(axes: Axes, geometry: _SceneGeometry) -> None:
     top_view.draw_arrow(axes, geometry.ego_m[-2], geometry.ego_m[-1], INK)
 
 
-def _draw_targets(axes: Axes, geometry: _SceneGeometry, stroke_m: float, arrow_s: float) -> None:
-    ends_m = geometry.target_positions_m + stroke_m * geometry.headings
+def _draw_targets_with_motion(
+    axes: Axes, geometry: _SceneGeometry, heading_line_m: float, arrow_s: float
+) -> None:
+    ends_m = geometry.target_positions_m + heading_line_m * geometry.headings
     for place, end in list(zip(geometry.target_positions_m, ends_m, strict=True))[:_MAX_ARROWS]:
         axes.plot(*np.array([place, end]).T[::-1], color=BLUE, linewidth=2.2, alpha=0.5)
     tips_m = geometry.target_positions_m + geometry.arrows_m

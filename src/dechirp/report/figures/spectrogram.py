@@ -5,8 +5,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
-from dechirp.report.figures.common import AXIS_LABELS, add_colour_bar, axis_edges
-from dechirp.report.figures.range_doppler import block_maxima, noise_power
+from dechirp.report.figures.common import AXIS_LABELS, add_colour_bar, outer_cell_edges
+from dechirp.report.figures.range_doppler import block_maxima, noise_power_from_median
 from dechirp.report.figures.style import COLORS
 
 _MAX_PIXELS = (220, 420)  # velocity, time: the resolution of a figure of 500 pixels
@@ -40,11 +40,11 @@ def draw_spectrogram(
         power = power.isel(velocity=abs(power.velocity.values) <= fastest_m_per_s)
     units = "sqrt(W)" if power.attrs.get("units") == "W" else "full scale"
     highest_db = float(power_to_dbm_or_dbfs(power.values.max(), units))
-    noise_db = float(power_to_dbm_or_dbfs(np.asarray(noise_power(power.values)), units))
+    noise_db = float(power_to_dbm_or_dbfs(np.asarray(noise_power_from_median(power.values)), units))
     lowest_db = max(noise_db - 6, highest_db - _LARGEST_SPAN_DB)
     time_s = power.time.values
     step_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else 1.0
-    bottom, top = axis_edges(power.velocity.values)
+    bottom, top = outer_cell_edges(power.velocity.values)
     cuts = np.flatnonzero(np.diff(time_s) > 1.5 * step_s) + 1
     axes.grid(False)
     for columns in np.split(np.arange(time_s.size), cuts):

@@ -61,16 +61,16 @@ def choose_axis_scale(values: np.ndarray, *, is_ratio: bool) -> Literal["shares"
     return "log" if spans and smallest >= 0 else "linear"
 
 
-def is_evenly_spaced_in_ratio(x: Sequence[float]) -> bool:
+def is_suited_to_log_axis(setting_values: Sequence[float]) -> bool:
     """Return whether the steps of setting values grow with them, as on a logarithmic axis."""
-    ordered = np.unique(np.asarray(x, dtype=float))
+    ordered = np.unique(np.asarray(setting_values, dtype=float))
     if ordered.size < 3 or ordered[0] <= 0:
         return False
     steps = np.diff(ordered)
     return bool(steps.max() > 5 * steps.min() and ordered[-1] > 8 * ordered[0])
 
 
-def draw_lines(
+def draw_score_lines(
     axes: Axes,
     lines: Sequence[ScoreLine],
     *,
@@ -104,19 +104,19 @@ def draw_lines(
     """
     _set_value_axis(axes, lines, is_ratio=is_ratio, y_label=y.text)
     for line, color, mark in zip(lines, LINE_COLORS, LINE_MARKS, strict=False):
-        _draw_line(axes, line, color=color, mark=mark)
-    _draw_limits(axes, limits)
+        _draw_score_line(axes, line, color=color, mark=mark)
+    _draw_required_limits(axes, limits)
     axes.set_xlabel(x.text)
     if x.logarithmic:
         axes.set_xscale("log")
         set_decade_ticks(axes.xaxis)
-        _tick_at_settings(axes, lines)
-    _add_legend(axes, lines, title=legend)
+        _set_ticks_at_settings(axes, lines)
+    _add_legend_with_theory(axes, lines, title=legend)
     axes.set_label(f"{y.text} over {x.text}")
     return axes
 
 
-def draw_scatter(
+def draw_score_scatter(
     axes: Axes, lines: Sequence[ScoreLine], *, x: AxisLabel, y: AxisLabel, is_ratio: bool
 ) -> Axes:
     """Draw a score over a random setting, with a mark and interval for each point.
@@ -124,7 +124,7 @@ def draw_scatter(
     Parameters
     ----------
     axes, lines, x, y, is_ratio
-        See `draw_lines`.
+        See `draw_score_lines`.
 
     Returns
     -------
@@ -153,12 +153,12 @@ def draw_scatter(
             color=INK,
         )
     axes.set_xlabel(x.text)
-    _add_legend(axes, lines, title="", theory_mark="_")
+    _add_legend_with_theory(axes, lines, title="", theory_mark="_")
     axes.set_label(f"{y.text} over {x.text}, drawn")
     return axes
 
 
-def draw_bars(
+def draw_score_bars(
     axes: Axes,
     lines: Sequence[ScoreLine],
     names: Sequence[str],
@@ -175,7 +175,7 @@ def draw_bars(
     Parameters
     ----------
     axes, y, is_ratio, legend
-        See `draw_lines`.
+        See `draw_score_lines`.
     lines : sequence of ScoreLine
         Lines whose `x` are indices of the names.
     names : sequence of str
@@ -220,7 +220,7 @@ def draw_bars(
         for tick_label in axes.get_xticklabels():
             tick_label.set(rotation=25, ha="right", rotation_mode="anchor")
     axes.set_xlabel(x.text)
-    _add_legend(axes, lines, title=legend)
+    _add_legend_with_theory(axes, lines, title=legend)
     axes.set_label(f"{y.text} by {x.text}")
     return axes
 
@@ -253,7 +253,7 @@ def _log_axis_limits(lines: Sequence[ScoreLine]) -> tuple[float, float]:
     )
 
 
-def _draw_line(axes: Axes, line: ScoreLine, *, color: str, mark: str) -> None:
+def _draw_score_line(axes: Axes, line: ScoreLine, *, color: str, mark: str) -> None:
     order = np.argsort(line.x, kind="stable")
     x, middle, low, high = (array[order] for array in (line.x, line.value, line.low, line.high))
     axes.fill_between(x, low, high, color=color, alpha=0.16, linewidth=0)
@@ -296,14 +296,14 @@ def _draw_error_bars(
     )
 
 
-def _draw_limits(axes: Axes, limits: Sequence[float]) -> None:
+def _draw_required_limits(axes: Axes, limits: Sequence[float]) -> None:
     for limit in limits:
         axes.axhline(limit, color=MUTED, linewidth=0.8, linestyle=":")
     if limits:
         axes.plot([], [], color=MUTED, linewidth=0.8, linestyle=":", label="required")
 
 
-def _add_legend(
+def _add_legend_with_theory(
     axes: Axes, lines: Sequence[ScoreLine], *, title: str, theory_mark: str = ""
 ) -> None:
     if any(np.isfinite(line.theory).any() for line in lines):
@@ -312,7 +312,7 @@ def _add_legend(
     common.add_legend(axes, title=title)
 
 
-def _tick_at_settings(axes: Axes, lines: Sequence[ScoreLine]) -> None:
+def _set_ticks_at_settings(axes: Axes, lines: Sequence[ScoreLine]) -> None:
     """Set the ticks of a logarithmic axis to the settings if there are at most eight."""
     settings = np.unique(np.concatenate([line.x for line in lines]))
     if settings.size <= 8:

@@ -87,7 +87,7 @@ def render_svg(paint: Paint, *, height_in: float = HEIGHT_IN) -> Markup:
     """
     text = io.StringIO()
     with mpl.rc_context(_STYLE):
-        figure, label = _paint_figure(paint, height_in)
+        figure, label = _paint_figure_with_description(paint, height_in)
         figure.savefig(text, format="svg", transparent=True, metadata={"Date": None})
     markup = text.getvalue()
     markup = markup[markup.index("<svg") :]
@@ -105,7 +105,7 @@ def render_png(paint: Paint, *, title: str = "", height_in: float = HEIGHT_IN) -
     """Return a PNG of a figure on white ground, 1560 pixels wide."""
     picture = io.BytesIO()
     with mpl.rc_context(_STYLE):
-        figure, label = _paint_figure(paint, height_in)
+        figure, label = _paint_figure_with_description(paint, height_in)
         if title:
             figure.suptitle(title)
         metadata = {"Software": None, "Description": label}
@@ -113,7 +113,7 @@ def render_png(paint: Paint, *, title: str = "", height_in: float = HEIGHT_IN) -
     return picture.getvalue()
 
 
-def _paint_figure(paint: Paint, height_in: float) -> tuple[Figure, str]:
+def _paint_figure_with_description(paint: Paint, height_in: float) -> tuple[Figure, str]:
     """Create a figure and return it with the labels of its axes."""
     figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     painted = paint(figure)
@@ -131,7 +131,9 @@ def _legend_height_in(axes: Axes) -> float:
     return float(legend.get_window_extent().y1 - axes.bbox.y1) / axes.figure.dpi
 
 
-def thin_line(x: np.ndarray, y: np.ndarray, n_blocks: int = 600) -> tuple[np.ndarray, np.ndarray]:
+def reduce_line_to_extremes(
+    x: np.ndarray, y: np.ndarray, n_blocks: int = 600
+) -> tuple[np.ndarray, np.ndarray]:
     """Reduce a line to two points per pixel, the minimum and maximum of each block."""
     if y.size <= 2 * n_blocks:
         return x, y
@@ -140,12 +142,16 @@ def thin_line(x: np.ndarray, y: np.ndarray, n_blocks: int = 600) -> tuple[np.nda
     blocks = zip(starts, ends, strict=True)
     keep = np.array(
         sorted(
-            {start + offset for start, end in blocks for offset in _extreme_indices(y[start:end])}
+            {
+                start + offset
+                for start, end in blocks
+                for offset in _indices_of_minimum_and_maximum(y[start:end])
+            }
         ),
         dtype=int,
     )
     return x[keep], y[keep]
 
 
-def _extreme_indices(block: np.ndarray) -> tuple[int, int]:
+def _indices_of_minimum_and_maximum(block: np.ndarray) -> tuple[int, int]:
     return int(block.argmin()), int(block.argmax())

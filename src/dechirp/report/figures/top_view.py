@@ -68,7 +68,7 @@ def draw_range_rings(axes: Axes, reach_m: float) -> None:
     axes.plot(0, 0, marker="^", markersize=9, color=INK, linestyle="", label="radar", zorder=4)
 
 
-def draw_detections(axes: Axes, detections: GroundDetections) -> None:
+def draw_ground_detections(axes: Axes, detections: GroundDetections) -> None:
     """Draw detections with error ellipses, and the field of view, within the axes."""
     width_m, height_m = (
         abs(float(np.diff(limits)[0])) for limits in (axes.get_xlim(), axes.get_ylim())
@@ -112,11 +112,11 @@ def round_down_to_1_2_5(amount: float) -> float:
     return max(step for step in (1.0, 2.0, 5.0) if step * decade <= amount * (1 + 1e-9)) * decade
 
 
-def ellipse_magnification(usual_m: float, width_m: float) -> float:
+def ellipse_magnification(typical_ellipse_m: float, view_width_m: float) -> float:
     """Return a round factor that makes a typical ellipse visible; 1 if it is visible."""
     return (
-        round_down_to_1_2_5(_VISIBLE_FRACTION * width_m / usual_m)
-        if 0 < usual_m < _VISIBLE_FRACTION * width_m
+        round_down_to_1_2_5(_VISIBLE_FRACTION * view_width_m / typical_ellipse_m)
+        if 0 < typical_ellipse_m < _VISIBLE_FRACTION * view_width_m
         else 1.0
     )
 
@@ -133,13 +133,13 @@ def draw_arrow(axes: Axes, start: np.ndarray, end: np.ndarray, color: str) -> No
     )
 
 
-def _draw_field_of_view(axes: Axes, half_rad: float, reach_m: float) -> None:
-    if half_rad > np.radians(89.9):
+def _draw_field_of_view(axes: Axes, half_angle_rad: float, reach_m: float) -> None:
+    if half_angle_rad > np.radians(89.9):
         return
     for side in (-1, 1):
         axes.plot(
-            [0, side * reach_m * np.sin(half_rad)],
-            [0, reach_m * np.cos(half_rad)],
+            [0, side * reach_m * np.sin(half_angle_rad)],
+            [0, reach_m * np.cos(half_angle_rad)],
             color=MUTED,
             linewidth=0.8,
             linestyle=(0, (4, 4)),

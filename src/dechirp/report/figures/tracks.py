@@ -38,7 +38,7 @@ class TrackLine:
     """Covariance of x and y in the last confirmed frame, (2, 2)."""
 
     @property
-    def last_position_m(self) -> np.ndarray:
+    def last_confirmed_position_m(self) -> np.ndarray:
         """Position in the last confirmed frame, (2,)."""
         return np.asarray(self.positions_m[np.flatnonzero(self.is_confirmed)[-1]])
 
@@ -80,13 +80,13 @@ def draw_tracks(axes: Axes, lines: Sequence[TrackLine], background: TrackBackgro
         The given axes.
     """
     arrow_s = _arrow_duration_s(lines)
-    front, back, side = _view_limits_m(lines, arrow_s)
+    front, back, side = _view_front_back_and_side_m(lines, arrow_s)
     # Widened to the aspect ratio of the axes.
     side = max(side, (front - back) * axes.bbox.width / axes.bbox.height / 2)
     axes.set_aspect("equal")
     axes.set(xlim=(side, -side), ylim=(back, front))
     top_view.draw_range_rings(axes, math.hypot(max(front, -back), side))
-    _draw_background(axes, background)
+    _draw_detections_and_true_paths(axes, background)
     magnification = top_view.ellipse_magnification(
         float(np.median([abs(line.error_ellipse_m()).max() for line in lines])), 2 * side
     )
@@ -99,20 +99,22 @@ def draw_tracks(axes: Axes, lines: Sequence[TrackLine], background: TrackBackgro
     return axes
 
 
-def height_in(lines: Sequence[TrackLine]) -> float:
+def figure_height_in(lines: Sequence[TrackLine]) -> float:
     """Return the figure height (in) for the extent of the tracks."""
-    front, back, side = _view_limits_m(lines, _arrow_duration_s(lines))
+    front, back, side = _view_front_back_and_side_m(lines, _arrow_duration_s(lines))
     highest_in = _HIGH_IN if len(lines) <= _FEW else _HIGHEST_IN
     inside_in = (WIDTH_IN - _AROUND_IN) * (front - back) / (2 * side)
     return min(max(inside_in, _LOW_IN), highest_in) + _AROUND_IN
 
 
-def _view_limits_m(lines: Sequence[TrackLine], arrow_s: float) -> tuple[float, float, float]:
+def _view_front_back_and_side_m(
+    lines: Sequence[TrackLine], arrow_s: float
+) -> tuple[float, float, float]:
     """Return the limits of the view: front, back, and to each side."""
     shown_m = np.vstack(
         [
             *(line.positions_m for line in lines),
-            *(line.last_position_m + arrow_s * line.velocity_m_per_s for line in lines),
+            *(line.last_confirmed_position_m + arrow_s * line.velocity_m_per_s for line in lines),
             [[0, 0]],
         ]
     )
@@ -121,7 +123,7 @@ def _view_limits_m(lines: Sequence[TrackLine], arrow_s: float) -> tuple[float, f
     return front, back, 1.15 * max(abs(shown_m[:, 1]).max(), 0.05 * reach_m)
 
 
-def _draw_background(axes: Axes, background: TrackBackground) -> None:
+def _draw_detections_and_true_paths(axes: Axes, background: TrackBackground) -> None:
     for is_chosen, color, name in (
         (background.is_static, PALE, "static detection"),
         (~background.is_static, ORANGE, "detection"),
@@ -152,9 +154,9 @@ def _draw_track(
     axes.plot(*line.positions_m.T[::-1], color=INK, linewidth=0.5, zorder=3)
     confirmed_m = np.where(line.is_confirmed[:, None], line.positions_m, np.nan)
     axes.plot(*confirmed_m.T[::-1], color=INK, linewidth=1.3, label=label("track"), zorder=3)
-    x, y = line.last_position_m.tolist()
+    x, y = line.last_confirmed_position_m.tolist()
     axes.plot(y, x, marker="o", markersize=3.2, color=INK, zorder=4)
-    ellipse_m = line.last_position_m[:, None] + magnification * line.error_ellipse_m()
+    ellipse_m = line.last_confirmed_position_m[:, None] + magnification * line.error_ellipse_m()
     axes.plot(
         *ellipse_m[::-1],
         color=INK,
@@ -165,21 +167,21 @@ def _draw_track(
         ),
         zorder=3,
     )
-    tip = line.last_position_m + arrow_s * line.velocity_m_per_s
+    tip = line.last_confirmed_position_m + arrow_s * line.velocity_m_per_s
     axes.plot(
-        *np.array([line.last_position_m, tip]).T[::-1],
+        *np.array([line.last_confirmed_position_m, tip]).T[::-1],
         color=GREEN,
         linewidth=1.1,
         label=label(f"motion in {format_number(arrow_s)} s") if arrow_s else None,
         zorder=3.5,
     )
     width_m = abs(float(np.diff(axes.get_xlim())[0]))
-    if np.hypot(*(tip - line.last_position_m)) > _HEAD * width_m:
-        top_view.draw_arrow(axes, line.last_position_m, tip, GREEN)
+    if np.hypot(*(tip - line.last_confirmed_position_m)) > _HEAD * width_m:
+        top_view.draw_arrow(axes, line.last_confirmed_position_m, tip, GREEN)
     axes.annotate(
         str(line.number),
         (y, x),
-        _label_offset(line),
+        _track_number_offset_points(line),
         textcoords="offset points",
         ha="center",
         va="center",
@@ -190,10 +192,10 @@ def _draw_track(
     )
 
 
-def _label_offset(line: TrackLine) -> tuple[float, float]:
+def _track_number_offset_points(line: TrackLine) -> tuple[float, float]:
     """Return the offset of the track number in points: beside the path, away from x."""
     speed = float(np.hypot(*line.velocity_m_per_s))
-    outward = np.array([-1.0 if line.last_position_m[1] > 0 else 1.0, 0.0])
+    outward = np.array([-1.0 if line.last_confirmed_position_m[1] > 0 else 1.0, 0.0])
     if speed > 0:
         # Up is x and right is -y, so the components of the velocity are those of its normal.
         across = line.velocity_m_per_s / speed

@@ -12,14 +12,14 @@ from dechirp.report.figures.style import ORANGE
 _TRAINING, _GUARD = "#bcd6ea", "#e6e9ec"
 
 
-def draw_training_window(axes: Axes, ring: TrainingWindow, *, n_training: int) -> Axes:
+def draw_training_window(axes: Axes, training_window: TrainingWindow, *, n_training: int) -> Axes:
     """Draw the cell under test with its guard and training cells.
 
     Parameters
     ----------
     axes : Axes
         Axes to draw on, with square cells.
-    ring : TrainingWindow
+    training_window : TrainingWindow
         Training window.
     n_training : int
         Number of training cells.
@@ -29,10 +29,12 @@ def draw_training_window(axes: Axes, ring: TrainingWindow, *, n_training: int) -
     Axes
         The given axes.
     """
-    reach_range, reach_velocity = ring.half_range, ring.half_velocity
+    reach_range, reach_velocity = training_window.half_range, training_window.half_velocity
     range_cells = abs(np.arange(-reach_range, reach_range + 1))
     velocity_cells = abs(np.arange(-reach_velocity, reach_velocity + 1))[:, None]
-    guard = (range_cells <= ring.n_guard.range) & (velocity_cells <= ring.n_guard.velocity)
+    guard = (range_cells <= training_window.n_guard.range) & (
+        velocity_cells <= training_window.n_guard.velocity
+    )
     tested = (range_cells == 0) & (velocity_cells == 0)
     kinds = guard.astype(int) + tested
     n_guard = int(np.count_nonzero(kinds == 1))
@@ -57,7 +59,10 @@ def draw_training_window(axes: Axes, ring: TrainingWindow, *, n_training: int) -
         axes.axhline(y, color="#ffffff", linewidth=0.7)
     axes.set_xlabel("Range offset (cells)")
     axes.set_ylabel("Velocity offset (cells)")
-    ends = (reach_range, reach_velocity), (ring.n_guard.range, ring.n_guard.velocity)
+    ends = (
+        (reach_range, reach_velocity),
+        (training_window.n_guard.range, training_window.n_guard.velocity),
+    )
     axes.set_xticks(sorted({0, *(sign * end[0] for end in ends for sign in (-1, 1))}))
     axes.set_yticks(sorted({0, *(sign * end[1] for end in ends for sign in (-1, 1))}))
     add_legend(

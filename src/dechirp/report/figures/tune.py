@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from dechirp.core.values import frozen_dataclass
 from dechirp.report.figures.common import add_legend, set_decade_ticks
 from dechirp.report.figures.style import BLUE, GREEN, INK, MUTED, ORANGE, PALE
-from dechirp.report.labels import DisplayScale, axis_label, display_scale, score_label
+from dechirp.report.labels import DisplayScale, axis_label, choose_display_scale, score_label
 
 _MAX_BARS = 80  # intervals of more candidates overlap
 _MAX_LOG_LIMIT = 0.1  # probabilities with lower limits have a logarithmic axis
@@ -25,16 +25,16 @@ class _ScoreAxis:
     """Position of 0 on a logarithmic axis; None for a linear axis."""
 
     @property
-    def axis_text(self) -> str:
+    def label_text(self) -> str:
         return axis_label(score_label(self.score), self.scale.unit)
 
-    def displayed_intervals(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
+    def displayed_values_and_intervals(self, candidates: Sequence[Mapping[str, Any]]) -> np.ndarray:
         """Return value, low and high of each candidate in display units, (n, 3)."""
-        intervals = _score_intervals(rows, self.score) * self.scale.factor
+        intervals = _score_values_and_intervals(candidates, self.score) * self.scale.factor
         return intervals if self.floor is None else np.maximum(intervals, self.floor)
 
 
-def draw_tradeoff(axes: Axes, document: Mapping[str, Any]) -> Axes:
+def draw_candidate_scores_over_limited_score(axes: Axes, document: Mapping[str, Any]) -> Axes:
     """Draw the optimised score of all candidates over the score of the first limit.
 
     Small marks are results of the search; large marks are results of the initial and the best
@@ -55,27 +55,30 @@ def draw_tradeoff(axes: Axes, document: Mapping[str, Any]) -> Axes:
     aim = document["objective"]
     limit = aim["limits"][0] if aim["limits"] else None
     labels = [aim["score"], *([] if limit is None else [limit["score"]])]
-    rows = [candidate for candidate in document["candidates"] if _has_scores(candidate, labels)]
+    rows = [
+        candidate for candidate in document["candidates"] if _has_finite_scores(candidate, labels)
+    ]
     y_axis = _ScoreAxis(
-        score=labels[0], scale=display_scale(aim["unit"], _score_intervals(rows, labels[0]))
+        score=labels[0],
+        scale=choose_display_scale(aim["unit"], _score_values_and_intervals(rows, labels[0])),
     )
-    x_axis = None if limit is None else _limit_axis(limit, rows)
+    x_axis = None if limit is None else _axis_of_limited_score(limit, rows)
     admitted = np.array([candidate["admitted"] for candidate in rows], dtype=bool)
-    x, y = _x_intervals(x_axis, rows), y_axis.displayed_intervals(rows)
+    x, y = _x_values_and_intervals(x_axis, rows), y_axis.displayed_values_and_intervals(rows)
     for is_chosen, color, label in (
         (~admitted, "#b4bec8", "violates a limit"),
         (admitted, BLUE, "within the limits"),
     ):
         if is_chosen.any():
             bars = len(rows) <= _MAX_BARS
-            _draw_marks(axes, x[is_chosen], y[is_chosen], color, label, bars=bars)
+            _draw_candidate_marks(axes, x[is_chosen], y[is_chosen], color, label, bars=bars)
     if limit is not None and x_axis is not None:
         bound = limit["at_most"] if limit["at_most"] is not None else limit["at_least"]
         best_x = bound * x_axis.scale.factor
         axes.axvline(best_x, color=MUTED, linewidth=0.9, linestyle=":", label="limit")
         side = 1 if limit["at_most"] is not None else -1
         way = 1 if aim["direction"] == "maximise" else -1
-        front = _pareto_front(side * x[:, 0], way * y[:, 0])
+        front = _pareto_front_indices(side * x[:, 0], way * y[:, 0])
         axes.plot(
             x[front, 0], y[front, 0], color=GREEN, linewidth=1.1, label="Pareto front", zorder=1
         )
@@ -84,12 +87,12 @@ def draw_tradeoff(axes: Axes, document: Mapping[str, Any]) -> Axes:
         ("best", ORANGE, "o", "best settings, confirmation trials"),
     ):
         candidate = document[name]
-        if candidate is not None and _has_scores(candidate, labels):
-            best_x = _x_intervals(x_axis, [candidate])
-            _draw_marks(
+        if candidate is not None and _has_finite_scores(candidate, labels):
+            best_x = _x_values_and_intervals(x_axis, [candidate])
+            _draw_candidate_marks(
                 axes,
                 best_x,
-                y_axis.displayed_intervals([candidate]),
+                y_axis.displayed_values_and_intervals([candidate]),
                 color,
                 label,
                 bars=True,
@@ -99,41 +102,50 @@ def draw_tradeoff(axes: Axes, document: Mapping[str, Any]) -> Axes:
     if x_axis is not None and x_axis.floor is not None:
         axes.set_xscale("log")
         set_decade_ticks(axes.xaxis)
-    axes.set_xlabel("Candidate" if x_axis is None else x_axis.axis_text)
-    axes.set_ylabel(y_axis.axis_text)
+    axes.set_xlabel("Candidate" if x_axis is None else x_axis.label_text)
+    axes.set_ylabel(y_axis.label_text)
     add_legend(axes)
-    axes.set_label(f"{y_axis.axis_text} of all candidates")
+    axes.set_label(f"{y_axis.label_text} of all candidates")
     return axes
 
 
-def _has_scores(candidate: Mapping[str, Any], labels: Sequence[str]) -> bool:
+def _has_finite_scores(candidate: Mapping[str, Any], labels: Sequence[str]) -> bool:
     return all(
         np.isfinite(candidate["scores"].get(label, {}).get("value", np.nan)) for label in labels
     )
 
 
-def _score_intervals(rows: Sequence[Mapping[str, Any]], label: str) -> np.ndarray:
+def _score_values_and_intervals(candidates: Sequence[Mapping[str, Any]], label: str) -> np.ndarray:
     intervals = [
-        [candidate["scores"][label][end] for end in ("value", "low", "high")] for candidate in rows
+        [candidate["scores"][label][end] for end in ("value", "low", "high")]
+        for candidate in candidates
     ]
     return np.array(intervals, dtype=float).reshape(-1, 3)
 
 
-def _limit_axis(limit: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> _ScoreAxis:
-    ends = _score_intervals(rows, limit["score"])
+def _axis_of_limited_score(
+    limit: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]
+) -> _ScoreAxis:
+    ends = _score_values_and_intervals(candidates, limit["score"])
     floor = None
     if limit["unit"] is None and 0 < (limit["at_most"] or 1.0) <= _MAX_LOG_LIMIT:
         floor = min([limit["at_most"], *ends[ends[:, 0] > 0, 0]]) / 3
-    return _ScoreAxis(score=limit["score"], scale=display_scale(limit["unit"], ends), floor=floor)
+    return _ScoreAxis(
+        score=limit["score"], scale=choose_display_scale(limit["unit"], ends), floor=floor
+    )
 
 
-def _x_intervals(x_axis: _ScoreAxis | None, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
+def _x_values_and_intervals(
+    x_axis: _ScoreAxis | None, candidates: Sequence[Mapping[str, Any]]
+) -> np.ndarray:
     if x_axis is None:
-        return np.array([[float(candidate["number"])] * 3 for candidate in rows]).reshape(-1, 3)
-    return x_axis.displayed_intervals(rows)
+        return np.array([[float(candidate["number"])] * 3 for candidate in candidates]).reshape(
+            -1, 3
+        )
+    return x_axis.displayed_values_and_intervals(candidates)
 
 
-def _draw_marks(
+def _draw_candidate_marks(
     axes: Axes,
     x: np.ndarray,
     y: np.ndarray,
@@ -167,7 +179,7 @@ def _draw_marks(
     )
 
 
-def _pareto_front(cost: np.ndarray, worth: np.ndarray) -> np.ndarray:
+def _pareto_front_indices(cost: np.ndarray, worth: np.ndarray) -> np.ndarray:
     """Return the indices of the Pareto-optimal candidates, in order of cost."""
     order = np.lexsort((-worth, cost))
     best = np.maximum.accumulate(worth[order])

@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 
 from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
 from dechirp.report.figures.common import AXIS_LABELS, MapAxis, add_legend, line_through_cell
-from dechirp.report.figures.style import BLUE, MUTED, ORANGE, thin_line
+from dechirp.report.figures.style import BLUE, MUTED, ORANGE, reduce_line_to_extremes
 
 
-def draw_cut(
+def draw_recorded_and_twin_cut(
     axes: Axes,
     recorded: xr.DataArray,
     twin: xr.DataArray,
@@ -30,7 +30,7 @@ def draw_cut(
     recorded, twin : DataArray (velocity, range)
         Power map, W or full scale squared.
     along, cell, units
-        See `cfar.draw_cut`.
+        See `cfar.draw_recorded_and_twin_cut`.
 
     Returns
     -------
@@ -46,7 +46,9 @@ def draw_cut(
         float(power_to_dbm_or_dbfs(np.median(line.values), units)) for _, line, _, _ in lines
     )
     for name, line, color, width in lines:
-        thinned = thin_line(line[along].values, power_to_dbm_or_dbfs(line.values, units))
+        thinned = reduce_line_to_extremes(
+            line[along].values, power_to_dbm_or_dbfs(line.values, units)
+        )
         axes.plot(*thinned, color=color, linewidth=width, label=name)
     axes.set_ylim(lowest - 20, highest + 4)
     axes.margins(x=0)
@@ -57,14 +59,16 @@ def draw_cut(
     return axes
 
 
-def draw_noise(axes: Axes, over_range: Sequence[Mapping[str, Any]], *, unit: str) -> Axes:
+def draw_noise_levels_over_range(
+    axes: Axes, noise_by_range: Sequence[Mapping[str, Any]], *, unit: str
+) -> Axes:
     """Draw the noise levels of both over range.
 
     Parameters
     ----------
     axes : Axes
         Axes to draw on.
-    over_range : sequence of mapping
+    noise_by_range : sequence of mapping
         Each with `range_m`, `recorded_db` and `twin_db`.
     unit : str
         Unit of the levels: dBm or dBFS.
@@ -74,12 +78,14 @@ def draw_noise(axes: Axes, over_range: Sequence[Mapping[str, Any]], *, unit: str
     Axes
         The given axes.
     """
-    range_m = [interval["range_m"] for interval in over_range]
+    range_m = [interval["range_m"] for interval in noise_by_range]
     for name, key, color, width in (
         ("recording", "recorded_db", BLUE, 2.4),
         ("twin", "twin_db", ORANGE, 1.1),
     ):
-        level_db = [np.nan if interval[key] is None else interval[key] for interval in over_range]
+        level_db = [
+            np.nan if interval[key] is None else interval[key] for interval in noise_by_range
+        ]
         axes.plot(range_m, level_db, color=color, linewidth=width, marker=".", label=name)
     axes.set_xlabel(AXIS_LABELS["range"])
     axes.set_ylabel(f"Noise per cell ({unit})")
@@ -88,16 +94,18 @@ def draw_noise(axes: Axes, over_range: Sequence[Mapping[str, Any]], *, unit: str
     return axes
 
 
-def draw_differences(axes: Axes, rows: Sequence[Mapping[str, Any]], *, within_db: float) -> Axes:
+def draw_peak_power_differences(
+    axes: Axes, peaks: Sequence[Mapping[str, Any]], *, tolerance_db: float
+) -> Axes:
     """Draw the power differences of the peaks over their SNR, with the spread by noise.
 
     Parameters
     ----------
     axes : Axes
         Axes to draw on.
-    rows : sequence of mapping
+    peaks : sequence of mapping
         Each with `snr_db`, `power_difference_db`, `power_std_db` and whether it was `judged`.
-    within_db : float
+    tolerance_db : float
         Tolerated difference, drawn as lines.
 
     Returns
@@ -106,10 +114,10 @@ def draw_differences(axes: Axes, rows: Sequence[Mapping[str, Any]], *, within_db
         The given axes.
     """
     groups = (
-        ("judged", [row for row in rows if row["judged"]], BLUE),
-        ("not judged", [row for row in rows if not row["judged"]], "#a9b6c2"),
+        ("judged", [row for row in peaks if row["judged"]], BLUE),
+        ("not judged", [row for row in peaks if not row["judged"]], "#a9b6c2"),
     )
-    for side, label in ((-within_db, None), (within_db, "allowed")):
+    for side, label in ((-tolerance_db, None), (tolerance_db, "allowed")):
         axes.axhline(side, color=MUTED, linewidth=0.9, linestyle=":", label=label)
     for name, group_rows, color in groups:
         if group_rows:

@@ -6,13 +6,13 @@ from matplotlib.figure import FigureBase
 
 from dechirp.core.text import format_with_si_prefix
 from dechirp.core.units import to_decibels
-from dechirp.report.figures.common import add_colour_bar, axis_edges, create_panels
+from dechirp.report.figures.common import add_colour_bar, create_panels, outer_cell_edges
 from dechirp.report.figures.style import BLUE, COLORS, INK, MUTED, ORANGE
 
 _SPAN_DB = 30.0
 
 
-def draw_frequencies(
+def draw_ramp_frequencies(
     figure: FigureBase,
     *,
     start_frequency_hz: float,
@@ -98,7 +98,7 @@ def draw_frequencies(
     return [few, close]
 
 
-def draw_spectrograms(
+def draw_ramp_and_beat_spectrograms(
     figure: FigureBase,
     ramp: np.ndarray,
     beat: np.ndarray,
@@ -134,7 +134,7 @@ def draw_spectrograms(
     )
     both: list[Axes] = create_panels(figure, 1, 2)[0].tolist()
     for axes, (title, samples, n_window, over_hz) in zip(both, parts, strict=True):
-        power, time_s, frequency_hz = _short_time_power(samples, sample_rate_hz, n_window)
+        power, time_s, frequency_hz = _short_time_power_spectra(samples, sample_rate_hz, n_window)
         is_shown = (frequency_hz >= over_hz[0]) & (frequency_hz <= over_hz[1])
         axes.grid(False)
         image = axes.imshow(
@@ -142,7 +142,10 @@ def draw_spectrograms(
             cmap=COLORS,
             vmin=-_SPAN_DB,
             vmax=0.0,
-            extent=(*axis_edges(time_s * 1e6), *axis_edges(frequency_hz[is_shown] / 1e6)),
+            extent=(
+                *outer_cell_edges(time_s * 1e6),
+                *outer_cell_edges(frequency_hz[is_shown] / 1e6),
+            ),
             origin="lower",
             aspect="auto",
             interpolation="none",
@@ -155,7 +158,7 @@ def draw_spectrograms(
     return both
 
 
-def _short_time_power(
+def _short_time_power_spectra(
     samples: np.ndarray, sample_rate_hz: float, n_window: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return power (frequency, time) with a Hann window, times (s) and frequencies (Hz)."""

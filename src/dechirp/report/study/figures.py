@@ -21,7 +21,7 @@ from dechirp.report.figures.style import FigureWithCaption, render_svg
 from dechirp.report.labels import (
     DisplayScale,
     axis_label,
-    display_scale,
+    choose_display_scale,
     score_label,
     setting_label,
     value_label,
@@ -55,7 +55,7 @@ def draw_score_figures(result: StudyResult) -> list[ScoreFigures]:
     figures_by_score = []
     for label in result.estimates:
         data = _ScoreData(result, label)
-        wanted = [*data.plan_figures(), *_plan_roc_figures(data)]
+        wanted = [*data.plan_figures_over_settings(), *_plan_roc_figures(data)]
         drawn_figures = tuple(wanted[:_MAX_FIGURES])
         if drawn_figures:
             figures_by_score.append(
@@ -74,11 +74,11 @@ class _ScoreData:
     def __init__(self, result: StudyResult, label: str) -> None:
         self.result, self.label = result, label
         self._theory_curves: dict[int, np.ndarray] = {}
-        unit = result.score(label).unit
+        unit = result.score_by_label(label).unit
         self.is_ratio = unit is None
-        self.scale: DisplayScale = display_scale(unit, result.estimates[label][..., (0, 3)])
+        self.scale: DisplayScale = choose_display_scale(unit, result.estimates[label][..., (0, 3)])
         self.axis = AxisLabel(text=axis_label(score_label(label), self.scale.unit))
-        names = result.subjects(label)
+        names = result.scored_target_names(label)
         self.subjects: tuple[str, ...] = names if len(names) > 1 else ()
         varied = result.study.vary
         self.swept_settings = [
@@ -93,7 +93,7 @@ class _ScoreData:
             if isinstance(setting, RandomSetting) and setting.path in paths
         ]
 
-    def plan_figures(self) -> Iterator["_PlannedFigure"]:
+    def plan_figures_over_settings(self) -> Iterator["_PlannedFigure"]:
         if self.random_settings:
             yield from (_ScatterFigure(self, axis) for axis in self.random_settings)
             return
@@ -109,21 +109,21 @@ class _ScoreData:
         owners: Sequence[str | None] = (
             self.subjects if line_setting is not None and self.subjects else [None]
         )
-        for fixed in self.fixed_values(remaining):
+        for fixed in self.combinations_of_fixed_values(remaining):
             for target in owners:
                 yield _LineFigure(self, first, line_setting, target, fixed)
         x, y = (*numeric, None, None)[:2]
         if x is not None and y is not None and len(y.texts) >= _MIN_CELLS:
-            for fixed in self.fixed_values(
+            for fixed in self.combinations_of_fixed_values(
                 [setting for setting in self.swept_settings if setting not in (x, y)]
             ):
                 for target in self.subjects or [None]:
                     yield _HeatmapFigure(self, x, y, target, fixed)
 
-    def theory_curves(self, roc: Roc, point: int) -> np.ndarray:
+    def theoretical_roc_curves(self, roc: Roc, point: int) -> np.ndarray:
         """Return the theoretical curves of a point, (n_targets, n_thresholds), from a cache."""
         if point not in self._theory_curves:
-            case = build_trial_context(Plan.from_study(self.result.study).scenario(point))
+            case = build_trial_context(Plan.from_study(self.result.study).scenario_of_point(point))
             self._theory_curves[point] = roc.theoretical_roc_probabilities(case)
         return self._theory_curves[point]
 
@@ -143,12 +143,14 @@ class _ScoreData:
         )
         return (ordered[0] if ordered else None), ordered[1:]
 
-    def fixed_values(self, remaining: Sequence[SweptSetting]) -> Iterator[dict[SweptSetting, int]]:
+    def combinations_of_fixed_values(
+        self, remaining: Sequence[SweptSetting]
+    ) -> Iterator[dict[SweptSetting, int]]:
         """Iterate over all combinations of values of the settings without an axis."""
         for indices in product(*(range(len(setting.texts)) for setting in remaining)):
             yield dict(zip(remaining, indices, strict=True))
 
-    def value_arrays(
+    def value_interval_and_theory(
         self, target: str | None, fixed: dict[SweptSetting, int]
     ) -> list[xr.DataArray]:
         """Return value, low, high and theory in display units, over the remaining settings."""
@@ -164,7 +166,7 @@ class _ScoreData:
         ]
         return [setting.isel(selection) * self.scale.factor for setting in selected_arrays]
 
-    def limits(self, target: str | None) -> list[float]:
+    def required_limits(self, target: str | None) -> list[float]:
         """Return the required limits of the score in display units."""
         limit_pairs = [
             (setting.at_least, setting.at_most)
@@ -203,12 +205,12 @@ class _LineFigure(_PlannedFigure):
 
     def draw(self) -> FigureWithCaption:
         data, x_setting, line_setting = self.data, self.x_setting, self.line_setting
-        lines = list(self._lines())
-        x = _setting_axis(x_setting)
-        legend = "" if line_setting is None else _setting_axis_label(line_setting)
+        lines = list(self._score_lines())
+        x = _setting_axis_label_and_scale(x_setting)
+        legend = "" if line_setting is None else _setting_axis_label_text(line_setting)
         if x_setting.numbers is None:
             figure = render_svg(
-                lambda figure: figures.draw_bars(
+                lambda figure: figures.draw_score_bars(
                     figure.subplots(),
                     lines,
                     [value_label(label) for label in x_setting.labels],
@@ -220,14 +222,14 @@ class _LineFigure(_PlannedFigure):
             )
         else:
             figure = render_svg(
-                lambda figure: figures.draw_lines(
+                lambda figure: figures.draw_score_lines(
                     figure.subplots(),
                     lines,
                     x=x,
                     y=data.axis,
                     is_ratio=data.is_ratio,
                     legend=legend,
-                    limits=data.limits(self.target),
+                    limits=data.required_limits(self.target),
                 )
             )
         subtitle = [f"over {setting_label(x_setting.path)}"]
@@ -245,18 +247,22 @@ class _LineFigure(_PlannedFigure):
             if has_theory
             else "Values whose intervals lie apart differ."
         )
-        return _with_caption(
+        return _add_title_and_caption(
             data, self.target, self.fixed, ", ".join(subtitle), figure, reading_hint=reading_hint
         )
 
-    def _lines(self) -> Iterator[ScoreLine]:
+    def _score_lines(self) -> Iterator[ScoreLine]:
         data, x_setting, line_setting = self.data, self.x_setting, self.line_setting
         if line_setting is None:
             for name in data.subjects[: figures.MAX_LINES] or (None,):
-                yield _score_line(data.value_arrays(name, self.fixed), x_setting, name or "")
+                yield _score_line(
+                    data.value_interval_and_theory(name, self.fixed), x_setting, name or ""
+                )
             return
-        for selection in _evenly_spaced_values(line_setting):
-            parts = data.value_arrays(self.target, {**self.fixed, line_setting: selection})
+        for selection in _evenly_spaced_value_indices(line_setting):
+            parts = data.value_interval_and_theory(
+                self.target, {**self.fixed, line_setting: selection}
+            )
             yield _score_line(parts, x_setting, value_label(line_setting.labels[selection]))
 
 
@@ -275,7 +281,9 @@ class _HeatmapFigure(_PlannedFigure):
 
     def draw(self) -> FigureWithCaption:
         data = self.data
-        measured = data.value_arrays(self.target, self.fixed)[0].transpose(self.y.path, self.x.path)
+        measured = data.value_interval_and_theory(self.target, self.fixed)[0].transpose(
+            self.y.path, self.x.path
+        )
         ordered = measured.sortby([self.y.path, self.x.path])
         figure = render_svg(
             lambda figure: draw_heatmap(
@@ -283,14 +291,17 @@ class _HeatmapFigure(_PlannedFigure):
                 ordered[self.x.path].values,
                 ordered[self.y.path].values,
                 ordered.values,
-                axis_labels=(_setting_axis(self.x), _setting_axis(self.y)),
+                axis_labels=(
+                    _setting_axis_label_and_scale(self.x),
+                    _setting_axis_label_and_scale(self.y),
+                ),
                 label=data.axis.text,
                 is_ratio=data.is_ratio,
             )
         )
         subtitle = f"over {setting_label(self.x.path)} and {setting_label(self.y.path)}"
         reading_hint = "Along one colour a change of one setting makes up for that of the other."
-        return _with_caption(
+        return _add_title_and_caption(
             data, self.target, self.fixed, subtitle, figure, reading_hint=reading_hint
         )
 
@@ -304,10 +315,10 @@ class _ScatterFigure(_PlannedFigure):
     def draw(self) -> FigureWithCaption:
         data = self.data
         names = data.subjects[: figures.MAX_LINES] or (None,)
-        lines = [self._line(name) for name in names]
+        lines = [self._score_line_of_target(name) for name in names]
         subtitle = axis_label(setting_label(self.x_setting.path), self.x_setting.unit)
         figure = render_svg(
-            lambda figure: figures.draw_scatter(
+            lambda figure: figures.draw_score_scatter(
                 figure.subplots(),
                 lines,
                 x=AxisLabel(text=subtitle),
@@ -317,15 +328,15 @@ class _ScatterFigure(_PlannedFigure):
         )
         subtitle = f"over {setting_label(self.x_setting.path)}, which was drawn"
         reading_hint = "A slope says that the setting matters, a level cloud that it does not."
-        return _with_caption(data, None, {}, subtitle, figure, reading_hint=reading_hint)
+        return _add_title_and_caption(data, None, {}, subtitle, figure, reading_hint=reading_hint)
 
-    def _line(self, name: str | None) -> ScoreLine:
-        parts = self.data.value_arrays(name, {})
+    def _score_line_of_target(self, target: str | None) -> ScoreLine:
+        parts = self.data.value_interval_and_theory(target, {})
         x, *_ = xr.broadcast(self.data.result.dataset[self.x_setting.path], parts[0])
         arrays = [part.transpose(*x.dims).values.ravel() for part in parts]
         measured, low, high, theory = arrays
         return ScoreLine(
-            name=name or "", x=x.values.ravel(), value=measured, low=low, high=high, theory=theory
+            name=target or "", x=x.values.ravel(), value=measured, low=low, high=high, theory=theory
         )
 
 
@@ -335,7 +346,7 @@ def _plan_roc_figures(data: _ScoreData) -> Iterator["_PlannedFigure"]:
         return
     if data.label in data.result.curves:
         line_setting, remaining = data.choose_line_setting(data.swept_settings)
-        for fixed in data.fixed_values(remaining):
+        for fixed in data.combinations_of_fixed_values(remaining):
             for target in data.subjects or [None]:
                 yield _RocFigure(data, line_setting, target, fixed)
         return
@@ -348,7 +359,7 @@ def _plan_roc_figures(data: _ScoreData) -> Iterator["_PlannedFigure"]:
         line_setting, remaining = data.choose_line_setting(
             [setting for setting in data.swept_settings if setting is not x_setting]
         )
-        for fixed in data.fixed_values(remaining):
+        for fixed in data.combinations_of_fixed_values(remaining):
             for target in data.subjects or [None]:
                 yield _RocFigure(data, line_setting, target, fixed, x_setting=x_setting)
 
@@ -374,7 +385,7 @@ class _RocFigure(_PlannedFigure):
             if line_setting is None
             else [
                 {**self.fixed, line_setting: selection}
-                for selection in _evenly_spaced_values(line_setting)
+                for selection in _evenly_spaced_value_indices(line_setting)
             ]
         )
         names = [
@@ -384,7 +395,9 @@ class _RocFigure(_PlannedFigure):
             for selection in selections
         ]
         curve = (
-            self._curve_over_points if self.x_setting is not None else self._curve_over_thresholds
+            self._roc_curve_over_points
+            if self.x_setting is not None
+            else self._roc_curve_over_thresholds
         )
         figure = render_svg(
             lambda figure: draw_roc(
@@ -392,14 +405,14 @@ class _RocFigure(_PlannedFigure):
                 [curve(name, selection) for name, selection in zip(names, selections, strict=True)],
                 x=score_label(ALARMS),
                 y=score_label(DETECTIONS),
-                legend="" if line_setting is None else _setting_axis_label(line_setting),
+                legend="" if line_setting is None else _setting_axis_label_text(line_setting),
             )
         )
         subtitle = "detections over false alarms as the threshold moves, both measured"
         subtitle += "" if line_setting is None else f", by {setting_label(line_setting.path)}"
         heading = "receiver operating characteristic"
         reading_hint = "The nearer to the upper left corner, the better the detector."
-        return _with_caption(
+        return _add_title_and_caption(
             self.data,
             self.target,
             self.fixed,
@@ -409,13 +422,13 @@ class _RocFigure(_PlannedFigure):
             heading=heading,
         )
 
-    def _curve_over_points(self, name: str, selection: dict[SweptSetting, int]) -> RocCurve:
+    def _roc_curve_over_points(self, name: str, selection: dict[SweptSetting, int]) -> RocCurve:
         """Return the curve of points with different designed false-alarm probabilities."""
         assert self.x_setting is not None
         assert self.x_setting.numbers is not None
-        alarms = _ScoreData(self.data.result, ALARMS).value_arrays(None, selection)
+        alarms = _ScoreData(self.data.result, ALARMS).value_interval_and_theory(None, selection)
         measured, low, high, theory = (
-            part.values for part in self.data.value_arrays(self.target, selection)
+            part.values for part in self.data.value_interval_and_theory(self.target, selection)
         )
         order = np.argsort(self.x_setting.numbers)
         return RocCurve(
@@ -428,17 +441,17 @@ class _RocFigure(_PlannedFigure):
             theory=theory[order],
         )
 
-    def _curve_over_thresholds(self, name: str, selection: dict[SweptSetting, int]) -> RocCurve:
+    def _roc_curve_over_thresholds(self, name: str, selection: dict[SweptSetting, int]) -> RocCurve:
         """Return the curve of the maps of one point at several thresholds."""
         result, label = self.data.result, self.data.label
         wanted = {(setting.path, setting.texts[index]) for setting, index in selection.items()}
         point = next(p for p, settings in enumerate(result.settings) if wanted.issubset(settings))
-        names = result.subjects(label)
+        names = result.scored_target_names(label)
         fixed = names.index(self.target) if self.target else 0
         curve = result.curves[label][point][1 + fixed if self.target else 0]
-        roc = result.score(label)
+        roc = result.score_by_label(label)
         assert isinstance(roc, Roc)
-        laws = self.data.theory_curves(roc, point)
+        laws = self.data.theoretical_roc_curves(roc, point)
         return RocCurve(
             name=name,
             false_alarm=curve.false_alarm_probability,
@@ -450,14 +463,16 @@ class _RocFigure(_PlannedFigure):
         )
 
 
-def _evenly_spaced_values(setting: SweptSetting) -> list[int]:
+def _evenly_spaced_value_indices(setting: SweptSetting) -> list[int]:
     """Return the indices of as many values of a setting as a figure has lines."""
     n = min(len(setting.texts), figures.MAX_LINES)
     return [int(position) for position in np.linspace(0, len(setting.texts) - 1, n)]
 
 
-def _score_line(parts: Sequence[xr.DataArray], x_setting: SweptSetting, name: str) -> ScoreLine:
-    measured, low, high, theory = (part.values for part in parts)
+def _score_line(
+    value_interval_and_theory: Sequence[xr.DataArray], x_setting: SweptSetting, name: str
+) -> ScoreLine:
+    measured, low, high, theory = (part.values for part in value_interval_and_theory)
     x = np.arange(len(x_setting.texts)) if x_setting.numbers is None else x_setting.numbers
     return ScoreLine(
         name=name,
@@ -469,20 +484,22 @@ def _score_line(parts: Sequence[xr.DataArray], x_setting: SweptSetting, name: st
     )
 
 
-def _setting_axis(axis: SweptSetting) -> AxisLabel:
-    in_db = axis.unit.startswith("dB")
+def _setting_axis_label_and_scale(setting: SweptSetting) -> AxisLabel:
+    in_db = setting.unit.startswith("dB")
     return AxisLabel(
-        text=_setting_axis_label(axis),
-        logarithmic=not in_db and figures.is_evenly_spaced_in_ratio(axis.numbers or ()),
+        text=_setting_axis_label_text(setting),
+        logarithmic=not in_db and figures.is_suited_to_log_axis(setting.numbers or ()),
     )
 
 
-def _setting_axis_label(axis: SweptSetting) -> str:
+def _setting_axis_label_text(setting: SweptSetting) -> str:
     # Categorical values contain their units.
-    return axis_label(setting_label(axis.path), axis.unit if axis.numbers is not None else "")
+    return axis_label(
+        setting_label(setting.path), setting.unit if setting.numbers is not None else ""
+    )
 
 
-def _with_caption(
+def _add_title_and_caption(
     data: _ScoreData,
     target: str | None,
     fixed: dict[SweptSetting, int],

@@ -15,15 +15,19 @@ from dechirp.experiments.study.study import Study
 from dechirp.report.check_values import format_count
 from dechirp.report.labels import score_label
 from dechirp.report.study.figures import draw_score_figures
-from dechirp.report.study.requirements import explain_decisions, format_point, format_requirement
+from dechirp.report.study.requirements import (
+    explain_decisions,
+    format_point,
+    format_requirement_row,
+)
 from dechirp.report.study.settings import (
-    format_grid,
-    format_percent,
-    trial_rows,
-    varied_setting_rows,
+    format_confidence_percent,
+    format_grid_size,
+    format_trial_settings,
+    format_varied_settings,
 )
 from dechirp.report.study.table import build_point_table
-from dechirp.report.template import format_date, library_versions, load_template
+from dechirp.report.template import format_date_and_time, library_versions, load_template
 
 _MAX_MESSAGES = 20
 _MAX_FINDINGS = 30
@@ -67,18 +71,18 @@ def render_study_page(
         Self-contained HTML page.
     """
     study = result.study
-    grouped = _failure_rows(result, origin.source)
-    rows = _finding_rows(result)
+    grouped = _failure_rows_by_message(result, origin.source)
+    rows = _finding_rows_with_point_counts(result)
     return load_template("study/study.html").render(
         study=study,
         headline=format_headline(result, judged),
-        lead=_format_lead(result),
-        cards=_build_cards(result, origin),
-        requirements=[format_requirement(verdict, result) for verdict in judged],
+        lead=_describe_scores_and_sensor(result),
+        cards=_build_point_and_trial_cards(result, origin),
+        requirements=[format_requirement_row(verdict, result) for verdict in judged],
         how_judged=explain_decisions(result, judged),
         provenance=_provenance_rows(result, origin),
-        trials=trial_rows(study),
-        varied=varied_setting_rows(study),
+        trials=format_trial_settings(study),
+        varied=format_varied_settings(study),
         score_figures=draw_score_figures(result),
         about_figures=_confidence_note(study, "Bands and bars are intervals that contain")
         + " Solid lines and short strokes are theory.",
@@ -126,12 +130,13 @@ def replay_command(source: str, trial: int, settings: Sequence[tuple[str, str]])
 def _provenance_rows(result: StudyResult, origin: StudyOrigin) -> list[tuple[str, str]]:
     versions_by_name = dict(library_versions())
     rows = [
-        ("created", format_date(origin.date)),
+        ("created", format_date_and_time(origin.date)),
         ("dechirp", versions_by_name.get("dechirp", "not installed, run from a folder")),
         ("seed", str(result.study.seed)),
         (
             "trials",
-            f"{format_count(_count_trials(result))}, {format_count(int(result.n_failures.sum()))}"
+            f"{format_count(_count_trials(result))},"
+            f" {format_count(int(result.n_failed_trials_per_point.sum()))}"
             " failed",
         ),
         *((f"SHA-256 of {name}", digest) for name, digest in origin.digests),
@@ -143,7 +148,7 @@ def _provenance_rows(result: StudyResult, origin: StudyOrigin) -> list[tuple[str
     return rows
 
 
-def _format_lead(result: StudyResult) -> str:
+def _describe_scores_and_sensor(result: StudyResult) -> str:
     study = result.study
     scores = ", ".join(score_label(label) for label in result.estimates)
     sensor = (
@@ -152,8 +157,10 @@ def _format_lead(result: StudyResult) -> str:
     return f"{study.scenario.name}: {scores}. {sensor}, seed {study.seed}."
 
 
-def _build_cards(result: StudyResult, origin: StudyOrigin) -> Sequence[Mapping[str, str]]:
-    n_trials, n_failed = _count_trials(result), int(result.n_failures.sum())
+def _build_point_and_trial_cards(
+    result: StudyResult, origin: StudyOrigin
+) -> Sequence[Mapping[str, str]]:
+    n_trials, n_failed = _count_trials(result), int(result.n_failed_trials_per_point.sum())
     most, least = int(result.trials.max(initial=0)), int(result.trials.min(initial=2**62))
     trials_per_point = (
         format_count(most) if most == least else f"{format_count(least)} to {format_count(most)}"
@@ -163,7 +170,7 @@ def _build_cards(result: StudyResult, origin: StudyOrigin) -> Sequence[Mapping[s
             "name": "points",
             "number": format_count(result.n_points),
             "unit": "",
-            "small_print": format_grid(result.study),
+            "small_print": format_grid_size(result.study),
         },
         {
             "name": "trials",
@@ -194,11 +201,12 @@ def _build_cards(result: StudyResult, origin: StudyOrigin) -> Sequence[Mapping[s
     return cards
 
 
-def _confidence_note(study: Study, what: str) -> str:
-    return f"{what} the true value with a confidence of {format_percent(study.confidence)}."
+def _confidence_note(study: Study, sentence_start: str) -> str:
+    confidence = format_confidence_percent(study.confidence)
+    return f"{sentence_start} the true value with a confidence of {confidence}."
 
 
-def _failure_rows(result: StudyResult, source: str) -> Sequence[Mapping[str, str]]:
+def _failure_rows_by_message(result: StudyResult, source: str) -> Sequence[Mapping[str, str]]:
     """Return failures by message, the most frequent first, with a command to replay each."""
     by_message: dict[str, list[tuple[int, int]]] = {}
     for point, failure in result.failures:
@@ -220,7 +228,7 @@ def _failure_rows(result: StudyResult, source: str) -> Sequence[Mapping[str, str
     return rows
 
 
-def _finding_rows(result: StudyResult) -> list[Mapping[str, Any]]:
+def _finding_rows_with_point_counts(result: StudyResult) -> list[Mapping[str, Any]]:
     """Return each finding once, with its number of points."""
     points: dict[Finding, int] = {}
     for _, finding in result.findings:

@@ -9,8 +9,13 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.study.requirements import Verdict
 from dechirp.experiments.study.results import StudyResult
 from dechirp.report.check_values import format_count
-from dechirp.report.labels import DisplayScale, display_scale, format_with_interval, score_label
-from dechirp.report.study.settings import format_percent, format_settings
+from dechirp.report.labels import (
+    DisplayScale,
+    choose_display_scale,
+    format_with_interval,
+    score_label,
+)
+from dechirp.report.study.settings import format_confidence_percent, format_settings
 
 
 @frozen_dataclass
@@ -32,15 +37,15 @@ class RequirementRow:
     certainty: str
 
 
-def format_requirement(verdict: Verdict, result: StudyResult) -> RequirementRow:
+def format_requirement_row(verdict: Verdict, result: StudyResult) -> RequirementRow:
     """Format a requirement and its decision."""
     requirement = verdict.requirement
-    unit = result.score(requirement.score).unit
-    scale = display_scale(unit, np.array([verdict.limit, verdict.value]))
+    unit = result.score_by_label(requirement.score).unit
+    scale = choose_display_scale(unit, np.array([verdict.limit, verdict.value]))
     unit_text = f" {scale.unit}" if scale.unit else ""
     sign = "≥" if verdict.side == "at_least" else "≤"
     owner = f" of {requirement.target}" if requirement.target else ""
-    measured, bound = _value_and_bound(verdict, scale)
+    measured, bound = _format_value_and_bound(verdict, scale)
     where = format_settings(result.study, requirement.points)
     several = len(verdict.points) > 1
     confidence = requirement.confidence
@@ -50,12 +55,13 @@ def format_requirement(verdict: Verdict, result: StudyResult) -> RequirementRow:
     limit = format_number(verdict.limit * scale.factor)
     return RequirementRow(
         required=f"{score_label(requirement.score)}{owner} {sign} {limit}{unit_text}",
-        where=_points_met(where, verdict) if several else where,
+        where=_format_number_of_points_met(where, verdict) if several else where,
         decision=verdict.decision,
         measured=measured + (unit_text if measured != EN_DASH else ""),
         deciding=format_point(result, verdict.point) if several else "",
         bound=bound + (unit_text if bound != EN_DASH else ""),
-        bound_note=f"{'at least' if bound_is_low else 'at most'}, {format_percent(confidence)}",
+        bound_note=f"{'at least' if bound_is_low else 'at most'},"
+        f" {format_confidence_percent(confidence)}",
         trials=format_count(verdict.trials),
         more=""
         if verdict.more_trials is None
@@ -66,7 +72,7 @@ def format_requirement(verdict: Verdict, result: StudyResult) -> RequirementRow:
 
 def format_certainty(verdict: Verdict) -> str:
     """Format the certainty of a decision; for undecided ones, the side that it supports."""
-    percentage = format_percent(verdict.certainty)
+    percentage = format_confidence_percent(verdict.certainty)
     if verdict.decision != "undecided" or percentage == EN_DASH:
         return percentage
     holds = (
@@ -77,7 +83,7 @@ def format_certainty(verdict: Verdict) -> str:
     return f"{percentage} {'for' if holds else 'against'}"
 
 
-def _points_met(where: str, verdict: Verdict) -> str:
+def _format_number_of_points_met(where: str, verdict: Verdict) -> str:
     points_met = f"met at {verdict.n_met} of {len(verdict.points)} points"
     return f"{where}, {points_met}" if where else f"at every point, {points_met}"
 
@@ -119,7 +125,7 @@ def explain_decisions(result: StudyResult, judged: Sequence[Verdict]) -> str:
     return explanation
 
 
-def _value_and_bound(verdict: Verdict, scale: DisplayScale) -> tuple[str, str]:
+def _format_value_and_bound(verdict: Verdict, scale: DisplayScale) -> tuple[str, str]:
     """Format value and bound with two digits of their difference."""
     if not np.isfinite(verdict.value):
         return EN_DASH, EN_DASH

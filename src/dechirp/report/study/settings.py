@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dechirp.core.text import EN_DASH, TIMES_SIGN, format_number
-from dechirp.experiments.study.results import axis_value_label
+from dechirp.experiments.study.results import label_of_swept_value
 from dechirp.experiments.study.study import RandomSetting, Study, SweptSetting
 from dechirp.report.check_values import format_count
 from dechirp.report.labels import score_label, setting_label, value_label
@@ -14,12 +14,12 @@ from dechirp.report.labels import score_label, setting_label, value_label
 def format_settings(study: Study, settings: Sequence[tuple[str, str]]) -> str:
     """Format settings with their values."""
     return ", ".join(
-        f"{setting_label(path)} {value_label(axis_value_label(study, path, text))}"
+        f"{setting_label(path)} {value_label(label_of_swept_value(study, path, text))}"
         for path, text in settings
     )
 
 
-def format_grid(study: Study) -> str:
+def format_grid_size(study: Study) -> str:
     """Format the size of the grid of swept settings and the number of draws."""
     sizes = [str(len(setting.texts)) for setting in study.vary if isinstance(setting, SweptSetting)]
     if study.draw is not None:
@@ -27,7 +27,7 @@ def format_grid(study: Study) -> str:
     return f" {TIMES_SIGN} ".join(sizes) if len(sizes) > 1 or study.draw is not None else ""
 
 
-def trial_rows(study: Study) -> list[tuple[str, str]]:
+def format_trial_settings(study: Study) -> list[tuple[str, str]]:
     """Return the number of trials, the confidence and the seed rule."""
     rows = [("trials per point", f"at most {format_count(study.trials.at_most)}")]
     until = study.trials.until
@@ -41,14 +41,14 @@ def trial_rows(study: Study) -> list[tuple[str, str]]:
             )
         )
     rows += [
-        ("confidence of intervals", format_percent(study.confidence)),
+        ("confidence of intervals", format_confidence_percent(study.confidence)),
         ("random numbers of trial t", f"seed ({study.seed}, t), the same at every point"),
         ("frames per trial", format_count(study.scenario.n_frames)),
     ]
     return rows
 
 
-def varied_setting_rows(study: Study) -> list[tuple[str, str]]:
+def format_varied_settings(study: Study) -> list[tuple[str, str]]:
     """Return each varied setting with its values or its distribution."""
     rows = []
     for setting in study.vary:
@@ -78,15 +78,15 @@ def _format_sampling(study: Study) -> str:
     return f", {format_count(study.draw.n)} {method}"
 
 
-def format_percent(share: float) -> str:
+def format_confidence_percent(confidence: float) -> str:
     """Format a confidence as 95 % or 99.97 %, rounded down."""
-    if not np.isfinite(share):
+    if not np.isfinite(confidence):
         return EN_DASH
-    tail = 100 * (1 - share)
+    tail = 100 * (1 - confidence)
     if tail < 1e-4:
         return "over 99.9999\N{NO-BREAK SPACE}%"
     # Rounded down, so that the certainty is not overstated.
     decimals = 0 if tail >= 1 else min(max(1 - int(np.floor(np.log10(max(tail, 1e-9)))), 1), 7)
-    down = np.floor(100 * share * 10**decimals + 1e-6) / 10**decimals
+    down = np.floor(100 * confidence * 10**decimals + 1e-6) / 10**decimals
     text = f"{down:.{decimals}f}"
     return (text.rstrip("0").rstrip(".") if "." in text else text) + "\N{NO-BREAK SPACE}%"

@@ -5,10 +5,10 @@ from typing import Literal
 import numpy as np
 
 from dechirp.core.values import frozen_dataclass
-from dechirp.experiments.study.results import StudyResult, axis_value_label
+from dechirp.experiments.study.results import StudyResult, label_of_swept_value
 from dechirp.report.check_values import format_count
 from dechirp.report.labels import (
-    display_scale,
+    choose_display_scale,
     format_with_interval,
     label_with_unit,
     score_label,
@@ -48,15 +48,15 @@ def build_point_table(result: StudyResult, *, max_rows: int = _MAX_ROWS) -> Poin
     for index, (path, _) in enumerate(result.settings[0] if result.settings else ()):
         columns.append(TableColumn(label=setting_label(path), kind="label"))
         texts = [result.settings[point][index] for point in range(n)]
-        cells.append([value_label(axis_value_label(result.study, *value)) for value in texts])
+        cells.append([value_label(label_of_swept_value(result.study, *value)) for value in texts])
     columns.append(TableColumn(label="trials", kind="count"))
     cells.append([format_count(int(trials)) for trials in result.trials[:n]])
     if result.failures:
         columns.append(TableColumn(label="failed", kind="count"))
-        cells.append([format_count(int(failed)) for failed in result.n_failures[:n]])
+        cells.append([format_count(int(failed)) for failed in result.n_failed_trials_per_point[:n]])
     for label, values in result.estimates.items():
-        scale = display_scale(result.score(label).unit, values[..., (0, 3)])
-        names = result.subjects(label)
+        scale = choose_display_scale(result.score_by_label(label).unit, values[..., (0, 3)])
+        names = result.scored_target_names(label)
         owners = [("", 0)]
         if len(names) > 1:
             owners = [(f" of {name}", 1 + index) for index, name in enumerate(names)][
@@ -78,9 +78,9 @@ def build_point_table(result: StudyResult, *, max_rows: int = _MAX_ROWS) -> Poin
     )
 
 
-def _format_theory(row: np.ndarray) -> str:
+def _format_theory(value_low_high_theory: np.ndarray) -> str:
     """Format theory with as many digits as the measured value."""
-    measured, low, high, law = (float(value) for value in row)
+    measured, low, high, law = (float(value) for value in value_low_high_theory)
     half_interval = (high - low) / 2 if np.isfinite(low) and np.isfinite(high) else np.nan
     return (
         format_with_interval(law, law - half_interval, law + half_interval)[0]

@@ -79,7 +79,7 @@ def read_can_log(path: str | Path, *, dbc: str | Path | None = None) -> xr.Datas
     reader = _python_can_log_class(path, "Reader")
     try:
         # Readers that fail on their first bytes do not close files that they opened themselves.
-        with _open_log(path) as file, reader(file) as log:
+        with _open_log_file(path) as file, reader(file) as log:
             n_frames, received = _select_object_frames(log, dbc_layout)
             is_invalid = n_frames == 0 and not _is_valid_empty_log(log, path)
     except OSError as error:
@@ -219,7 +219,7 @@ def _bus_error(value: str) -> InvalidSetting:
     return InvalidSetting("bus", value=value, expected=need, fix=fix)
 
 
-def _open_log(path: Path) -> IO[Any]:
+def _open_log_file(path: Path) -> IO[Any]:
     if path.suffix.lower() == ".blf":
         return path.open("rb")
     return path.open(encoding="utf-8", errors="replace")

@@ -158,7 +158,7 @@ def _survey_tone_blocks(
     low_hz, high_hz, fastest_hz, power = np.inf, -np.inf, 0.0, 0.0
     for b in range(first_block, stop_block):
         fill_tone_block(view, shifts, b * LANES, work, block)
-        _fill_block_truncation_powers(block, truncation_remainders, line)
+        _fill_block_truncation_error_powers(block, truncation_remainders, line)
         for i in range(LANES):
             low_hz, high_hz = min(low_hz, block[RANGE + i]), max(high_hz, block[RANGE + i])
             fastest_hz = max(fastest_hz, abs(block[DOPPLER + i]))
@@ -220,7 +220,7 @@ def _largest_error_to_keep(errors: np.ndarray, allowed_sum: float) -> float:
 
 
 @_compiled
-def _fill_block_truncation_powers(
+def _fill_block_truncation_error_powers(
     block: np.ndarray, truncation_remainders: np.ndarray, errors: np.ndarray
 ) -> None:
     for i in range(LANES):
@@ -242,4 +242,4 @@ def _fill_truncation_powers(
     blocks: np.ndarray, truncation_remainders: np.ndarray, errors: np.ndarray
 ) -> None:
     for b in range(len(blocks)):
-        _fill_block_truncation_powers(blocks[b], truncation_remainders, errors[b])
+        _fill_block_truncation_error_powers(blocks[b], truncation_remainders, errors[b])

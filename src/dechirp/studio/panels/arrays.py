@@ -36,7 +36,7 @@ def replace_array_elements(
     Raises
     ------
     DechirpError
-        As `settings.apply_overrides`.
+        As `scenario_edits.apply_overrides`.
     """
     option = f"{path}={text}"
     try:
@@ -57,7 +57,7 @@ def apply_array_overrides(
     Raises
     ------
     DechirpError
-        As `settings.apply_overrides`.
+        As `scenario_edits.apply_overrides`.
     """
     radar = apply_overrides(_without_direction_processing(scenario), overrides, limits).radar
     assert radar is not None

@@ -15,7 +15,7 @@ from dechirp.core.text import EN_DASH, MINUS_SIGN, format_number, format_probabi
 from dechirp.experiments.scenario import Scenario
 from dechirp.report.labels import (
     DisplayScale,
-    display_scale,
+    choose_display_scale,
     format_with_interval,
     label_with_unit,
     score_label,
@@ -213,7 +213,7 @@ def _comparison_row_html(row: compare.ComparisonRow) -> str:
     numbers = [
         n for estimate in (row.a, row.b) if estimate for n in (estimate.value, estimate.theory)
     ]
-    scale = display_scale(row.score.unit, np.array(numbers))
+    scale = choose_display_scale(row.score.unit, np.array(numbers))
     score_text = label_with_unit(score_label(row.score.label()), scale.unit)
     score_text = score_text.replace(
         "probability", "prob."

@@ -10,7 +10,7 @@ from dechirp.core.text import format_number, format_with_si_prefix, ratio_db
 from dechirp.experiments.scenario import Scenario
 from dechirp.processing.direction_finding import can_resolve_directions
 from dechirp.radar.budget import noise_power_w
-from dechirp.radar.radar import Radar as Settings
+from dechirp.radar.radar import Radar as RadarSettings
 from dechirp.studio.panels.arrays import (
     apply_array_overrides,
     linear_array_tdm_overrides,
@@ -41,7 +41,7 @@ class Radar(Panel):
             title="Array in a row",
             options=[
                 ("", "as below"),
-                *((_array_choice_value(*row), _array_choice_label(*row)) for row in _ROWS),
+                *((_element_counts_as_text(*row), _array_choice_label(*row)) for row in _ROWS),
             ],
             value="",
             sizing_mode="stretch_width",
@@ -96,7 +96,7 @@ class Radar(Panel):
     def _apply_array_choice(self, text: str) -> None:
         radar = self.session.scenario.radar
         is_listed = text in (
-            _array_choice_value(*row) for row in _ROWS
+            _element_counts_as_text(*row) for row in _ROWS
         )  # a browser may send anything
         if not is_listed or radar is None or text == _choice_matching_array(radar):
             return
@@ -113,7 +113,7 @@ class Radar(Panel):
         )
 
 
-def _choice_matching_array(radar: Settings | None) -> str:
+def _choice_matching_array(radar: RadarSettings | None) -> str:
     """Return the choice that equals the array; empty if none does."""
     if radar is None:
         return ""
@@ -122,11 +122,13 @@ def _choice_matching_array(radar: Settings | None) -> str:
         return ""
     array_text = linear_array_tdm_overrides(radar, n_tx, n_rx)[0].partition("=")[2]
     return (
-        _array_choice_value(n_tx, n_rx) if array_text == format_setting_inline(radar.array) else ""
+        _element_counts_as_text(n_tx, n_rx)
+        if array_text == format_setting_inline(radar.array)
+        else ""
     )
 
 
-def _array_choice_value(n_tx: int, n_rx: int) -> str:
+def _element_counts_as_text(n_tx: int, n_rx: int) -> str:
     return f"{n_tx} {n_rx}"
 
 
@@ -134,7 +136,7 @@ def _array_choice_label(n_tx: int, n_rx: int) -> str:
     return f"{n_tx} transmitter{'s' * (n_tx > 1)}, {n_rx} receiver{'s' * (n_rx > 1)}"
 
 
-def _derived_values_html(radar: Settings | None) -> str:
+def _derived_values_html(radar: RadarSettings | None) -> str:
     """Return the derived values of a radar as an HTML table."""
     if radar is None:
         return "The radar is defined by the recording."

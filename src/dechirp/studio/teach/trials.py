@@ -8,12 +8,12 @@ import numpy as np
 import xarray as xr
 
 from dechirp.certificate import published, sensitivity
-from dechirp.certificate.detection import run_report_trials
+from dechirp.certificate.detection import run_report_rule_trials
 from dechirp.certificate.reference_trials import (
     REFERENCE_TARGET,
     TrialCondition,
     complex_white_noise,
-    echo_after_arrival,
+    reference_echo_zero_before_arrival,
     reference_radar,
     run_target_trials,
     trial_column,
@@ -81,7 +81,7 @@ def _noise_generator(block_number: int) -> np.random.Generator:
 def simulate_hits_of_both_detectors(
     snr_db: float, window: Window, block_number: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the hits (N_FRAMES,) of cell averaging and of the report's rule in a block of trials."""
+    """Return the hits (N_FRAMES,) of cell averaging and of the report's rule in a block."""
     conditions = (TrialCondition(window=window, snr_db=(snr_db,)),)
     chain_trials = run_target_trials(
         _noise_generator(block_number),
@@ -89,7 +89,9 @@ def simulate_hits_of_both_detectors(
         **REFERENCE_TARGET._asdict(),
         conditions=conditions,
     )
-    report_trials = run_report_trials(_noise_generator(block_number), N_FRAMES, snr_db=(snr_db,))
+    report_trials = run_report_rule_trials(
+        _noise_generator(block_number), N_FRAMES, snr_db=(snr_db,)
+    )
     return trial_column(chain_trials, "hit")[:, 0] > 0, report_trials[:, 1] > 0
 
 
@@ -114,11 +116,11 @@ def cell_averaging_range_cut(snr_db: float, window: Window, block_number: int) -
 def report_rule_range_cut(snr_db: float, block_number: int) -> RangeCut:
     """Return squared amplitude and threshold of the report's rule for the same frame."""
     amplitude, threshold, _ = published.apply_report_rule(
-        _add_block_noise(echo_after_arrival(), snr_db, block_number)
+        _add_block_noise(reference_echo_zero_before_arrival(), snr_db, block_number)
     )
     over_range, over_velocity = published.OVER_RANGE, published.OVER_VELOCITY
     mean = noise_gain(over_range, over_velocity, reference_radar().frame.chirp)
-    range_m, velocity = published.report_axes()
+    range_m, velocity = published.report_range_and_velocity_axes()
     row = int(np.argmin(abs(velocity - REFERENCE_TARGET.velocity_m_per_s)))
     return RangeCut(
         range_m=range_m, power=amplitude[row] ** 2 / mean, threshold=threshold[row] ** 2 / mean

@@ -11,7 +11,7 @@ from dechirp.core.text import (
     power_to_dbm_or_dbfs,
 )
 from dechirp.report.figures.beat import engineering_exponent
-from dechirp.report.figures.style import thin_line
+from dechirp.report.figures.style import reduce_line_to_extremes
 from dechirp.studio.browser_events import register_position_callback
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
@@ -105,7 +105,7 @@ class BeatView(View):
         top = round_up_to_1_2_5(max(float(abs(part).max()) for part in parts.values()))
         exponent = engineering_exponent(top)
         for name, part in parts.items():
-            x, y = thin_line(time_us, part / 10.0**exponent, _MAX_BLOCKS)
+            x, y = reduce_line_to_extremes(time_us, part / 10.0**exponent, _MAX_BLOCKS)
             self.signal.set_data(name, x=x, y=y)
         limit = top / 10.0**exponent
         self.signal.set_axis_limits(x=(float(time_us[0]), float(time_us[-1])), y=(-limit, limit))
@@ -130,7 +130,7 @@ class BeatView(View):
             "mean": power_to_dbm_or_dbfs(beat.profile, units),
         }
         for name, level_db in lines.items():
-            x, y = thin_line(frequency_mhz, level_db, _MAX_BLOCKS)
+            x, y = reduce_line_to_extremes(frequency_mhz, level_db, _MAX_BLOCKS)
             self.spectrum.set_data(name, x=x, y=y)
         strongest = int(np.argmax(beat.profile))
         highest_db = max(float(level_db.max()) for level_db in lines.values())

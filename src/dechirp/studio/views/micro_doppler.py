@@ -5,7 +5,7 @@ from bokeh.models import BasicTickFormatter
 
 from dechirp.core.display import pluralise
 from dechirp.core.text import format_number
-from dechirp.report.figures.common import axis_edges
+from dechirp.report.figures.common import outer_cell_edges
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
@@ -30,7 +30,7 @@ class MicroDopplerView(MapView):
         power = frame_state.micro_doppler.transpose("velocity", "time")
         time_s, velocity_m_per_s = power.time.values, power.velocity.values
         self.set_image_extent(
-            _time_axis_limits_s(time_s, frame_state), axis_edges(velocity_m_per_s)
+            _time_axis_limits_s(time_s, frame_state), outer_cell_edges(velocity_m_per_s)
         )
         self.draw_power(power.values, units=str(frame_state.samples.attrs.get("units", "")))
         self.draw_cursor(None, frame_state.cursor.velocity_m_per_s)
@@ -54,6 +54,6 @@ class MicroDopplerView(MapView):
 def _time_axis_limits_s(time_s: np.ndarray, frame_state: FrameState) -> tuple[float, float]:
     """Return the time limits of the columns; a single column has the width of its frame."""
     if time_s.size > 1:
-        return axis_edges(time_s)
+        return outer_cell_edges(time_s)
     half_s = frame_state.radar.frame.duration_s / 2
     return float(time_s[0] - half_s), float(time_s[0] + half_s)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dechirp.core.text import format_number
-from dechirp.report.figures.common import axis_edges
+from dechirp.report.figures.common import outer_cell_edges
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
@@ -30,8 +30,8 @@ class RangeAzimuthView(MapView):
         self._bar.visible = True
         azimuth_deg = np.degrees(power.azimuth.values)
         shown_deg = np.linspace(azimuth_deg[0], azimuth_deg[-1], _STEPS)
-        right, left = axis_edges(shown_deg)
-        self.set_image_extent((left, right), axis_edges(power.range.values))
+        right, left = outer_cell_edges(shown_deg)
+        self.set_image_extent((left, right), outer_cell_edges(power.range.values))
         nearest = abs(azimuth_deg - shown_deg[:, None]).argmin(axis=1)
         self.draw_power(
             power.transpose("range", "azimuth").values[:, nearest],
@@ -59,7 +59,7 @@ class RangeAzimuthView(MapView):
         return Cursor(y, 0.0 if frame_state is None else frame_state.cursor.velocity_m_per_s)
 
     def _clear_map(self, frame_state: FrameState) -> None:
-        self.set_image_extent((90.0, -90.0), axis_edges(frame_state.power.range.values))
+        self.set_image_extent((90.0, -90.0), outer_cell_edges(frame_state.power.range.values))
         self._bar.visible = False
         self.image.data = {"image": [np.zeros((1, 1), np.uint8)]}
         for marks in (self.detections, self.truth):

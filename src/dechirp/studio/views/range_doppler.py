@@ -2,7 +2,7 @@
 
 from dechirp.core.display import pluralise
 from dechirp.core.text import TIMES_SIGN, format_number
-from dechirp.report.figures.common import axis_edges, cell_width
+from dechirp.report.figures.common import even_cell_width, outer_cell_edges
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
@@ -25,7 +25,7 @@ class RangeDopplerView(MapView):
             frame_state.power.range.values,
             frame_state.power.velocity.values,
         )
-        self.set_image_extent(axis_edges(range_m), axis_edges(velocity_m_per_s))
+        self.set_image_extent(outer_cell_edges(range_m), outer_cell_edges(velocity_m_per_s))
         self.draw_power(
             frame_state.power.values, units=str(frame_state.samples.attrs.get("units", ""))
         )
@@ -42,7 +42,7 @@ class RangeDopplerView(MapView):
         )
         n_detections = frame_state.detections.sizes["detection"]
         self.figure.title.text = f"Range-Doppler map: {pluralise(n_detections, 'detection')}"
-        width_m, width_m_per_s = cell_width(range_m), cell_width(velocity_m_per_s)
+        width_m, width_m_per_s = even_cell_width(range_m), even_cell_width(velocity_m_per_s)
         cell = f"{format_number(width_m, 2)} m {TIMES_SIGN} {format_number(width_m_per_s, 2)} m/s"
         self.note.text = f"a cell: {cell}   {self.legend_text}"
 

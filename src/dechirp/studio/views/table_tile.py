@@ -18,7 +18,7 @@ from bokeh.models import (
 )
 
 from dechirp.core.text import EN_DASH
-from dechirp.report.figures.common import cell_width
+from dechirp.report.figures.common import even_cell_width
 from dechirp.scene.aliasing import RangeVelocity
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
@@ -107,7 +107,7 @@ class TableTile:
 def row_at_cursor(positions: RangeVelocity, frame_state: FrameState) -> int | None:
     """Return the index of the position nearest to the cursor within a cell, else None."""
     distances = [
-        abs(position - cursor_position) / cell_width(cells)
+        abs(position - cursor_position) / even_cell_width(cells)
         for cells, position, cursor_position in zip(
             (frame_state.power.range.values, frame_state.power.velocity.values),
             positions,

@@ -6,9 +6,13 @@ from bokeh.models import UIElement
 
 from dechirp.core.text import format_fixed, format_number, power_level_unit, power_to_dbm_or_dbfs
 from dechirp.core.units import to_decibels
-from dechirp.report.figures.cfar import run_edges, threshold_level_db, training_and_guard_cells
-from dechirp.report.figures.common import MapAxis, axis_edges
-from dechirp.report.figures.style import thin_line
+from dechirp.report.figures.cfar import (
+    edges_of_marked_runs,
+    threshold_level_db,
+    training_and_guard_masks,
+)
+from dechirp.report.figures.common import MapAxis, outer_cell_edges
+from dechirp.report.figures.style import reduce_line_to_extremes
 from dechirp.studio.browser_events import register_position_callback
 from dechirp.studio.cursor import MapCut as Line
 from dechirp.studio.cursor import nearest_cell_indices
@@ -57,15 +61,15 @@ class ThresholdCutView(View):
         drawing.set_data("power", **_thinned_line_columns(line.positions, level_db))
         drawing.set_data("threshold", **_thinned_line_columns(line.positions, threshold_db))
         drawing.set_data("cell", x=line.positions[[index]], y=level_db[[index]])
-        training, guard = training_and_guard_cells(
+        training, guard = training_and_guard_masks(
             index, line.positions.size, frame_state.chain.cfar, along=axis
         )
         for name, cells in (("training", training), ("guard", guard)):
-            ends = np.reshape(run_edges(line.positions, cells), (-1, 2))
+            ends = np.reshape(edges_of_marked_runs(line.positions, cells), (-1, 2))
             drawing.set_data(name, left=ends[:, 0], right=ends[:, 1])
         highest_db = max(float(level_db.max()), float(np.nanmax(threshold_db, initial=-np.inf)))
         drawing.set_axis_limits(
-            x=axis_edges(line.positions),
+            x=outer_cell_edges(line.positions),
             y=limits_rounded_to_10_db(level_12_db_below_median(level_db), highest_db),
         )
         drawing.figure.yaxis.axis_label = f"power, {power_level_unit(units)}"
@@ -122,7 +126,7 @@ def _cut_and_cursor_index(frame_state: FrameState, axis: MapAxis) -> tuple[Line,
 
 
 def _thinned_line_columns(positions: np.ndarray, level_db: np.ndarray) -> dict[str, np.ndarray]:
-    x, y = thin_line(positions, level_db, _MAX_BLOCKS)
+    x, y = reduce_line_to_extremes(positions, level_db, _MAX_BLOCKS)
     return {"x": x, "y": y}
 
 
