@@ -21,7 +21,6 @@ from dechirp.results.object_lists.files import (
     check_object_list_path_writable,
     read_objects,
     write_objects,
-    write_table,
 )
 from dechirp.results.object_lists.list_columns import COLUMNS, build_object_list
 from dechirp.results.object_lists.osi import osi_messages, read_osi, write_osi
@@ -359,7 +358,7 @@ def test_rejects_unknown_encoding(tmp_path, encoding):
         write_points(single_object_list(), tmp_path / "objects.pcd", encoding=encoding)
 
 
-@pytest.mark.parametrize("call", [write_can_log, write_osi, write_points, write_table])
+@pytest.mark.parametrize("call", [write_can_log, write_osi, write_points, write_object_table])
 @pytest.mark.parametrize("path", ["objects.txt", None, "null\0.osi", "null\0.csv"])
 def test_writers_reject_foreign_suffixes(call, path):
     with pytest.raises(InvalidSetting, match=r"path: .*; expected"):

@@ -164,11 +164,11 @@ def _draw_false_alarm_ratios(document: Mapping[str, Any]) -> dict[str, Markup]:
 
 
 def _draw_training_window(axes: Axes, numbers: Mapping[str, Any]) -> Axes:
-    ring = TrainingWindow(
+    window = TrainingWindow(
         n_training=Cells(range=numbers["training_range"], velocity=numbers["training_velocity"]),
         n_guard=Cells(range=numbers["guard_range"], velocity=numbers["guard_velocity"]),
     )
-    return cfar_window.draw_training_window(axes, ring, n_training=numbers["n_training"])
+    return cfar_window.draw_training_window(axes, window, n_training=numbers["n_training"])
 
 
 def _run_reference_scenario(seed: int, snr_db: float) -> Result:

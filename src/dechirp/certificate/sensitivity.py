@@ -17,8 +17,7 @@ from dechirp.certificate.shared_trials import LIMIT_SNRS_DB
 from dechirp.certificate.trials import Z_SCORE
 from dechirp.core.units import from_decibels
 from dechirp.core.values import frozen_dataclass
-from dechirp.evaluation.detector_law import DetectorLaw
-from dechirp.evaluation.detector_law import find_detector_law as detector_of
+from dechirp.evaluation.detector_law import DetectorLaw, find_detector_law
 from dechirp.evaluation.predicted_detection import nearest_cell_snr_fraction
 from dechirp.processing.chain import Chain
 from dechirp.processing.spectrum import Transform
@@ -123,7 +122,7 @@ def chain_detector_law(window: Window) -> DetectorLaw:
     The training window counts as 644 independent cells with rectangular windows, 181 with Hann.
     """
     chain = Chain(range_window=window, doppler_window=window)
-    law = detector_of(chain.cfar, chain.map_noise_statistics(reference_radar()))
+    law = find_detector_law(chain.cfar, chain.map_noise_statistics(reference_radar()))
     assert law is not None
     return law
 

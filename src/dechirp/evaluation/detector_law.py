@@ -64,21 +64,24 @@ def find_detector_law(
     and of an ordered statistic in one channel. `training_row`: row of the training window of the
     cell under test; default: the middle.
     """
-    ring, n_summed = cfar.training_window, noise.n_channels
-    box = ring.noise_covariance_in_box(
-        noise, ring.half_range if training_row is None else training_row
+    window, n_summed = cfar.training_window, noise.n_channels
+    correlated_window = window.noise_covariance_in_box(
+        noise, window.half_range if training_row is None else training_row
     )
-    n_training = max(round(box.n_independent), 1)
+    n_training = max(round(correlated_window.n_independent), 1)
     pfa, factor, rank = cfar.false_alarm_probability, cfar.offset, None
     if isinstance(cfar.estimator, CellAveraging):
         if pfa is not None:
             factor = cell_averaging_factor(pfa, n_training=n_training, n_summed=n_summed)
     elif isinstance(cfar.estimator, OrderedStatistic) and n_summed == 1:
         rank_share = (
-            cell_count_from_setting(np.array(box.n_training), cfar.estimator.rank) / box.n_training
+            cell_count_from_setting(np.array(correlated_window.n_training), cfar.estimator.rank)
+            / correlated_window.n_training
         )
         if rank_share < 1:  # the largest has no variable number of cells above it
-            n_training = max(round(box.n_independent_for_quantile(float(rank_share))), 1)
+            n_training = max(
+                round(correlated_window.n_independent_for_quantile(float(rank_share))), 1
+            )
         rank = int(np.clip(round(float(rank_share) * n_training), 1, n_training))
         if pfa is not None:
             factor = ordered_statistic_factor(pfa, n_training=n_training, rank=rank)

@@ -92,18 +92,18 @@ def threshold_cuts_through_cell(
     the time of `threshold_map`.
     """
     row, column = cell
-    noise, ring = chain.map_noise_statistics(radar), chain.cfar.training_window
+    noise, window = chain.map_noise_statistics(radar), chain.cfar.training_window
     rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
     values = power.variable.transpose("velocity", "range").values
     level = equalised_power(values, radar, chain)[:, rows]
-    window_rows = np.arange(row - ring.half_velocity, row + ring.half_velocity + 1) % len(level)
+    window_rows = np.arange(row - window.half_velocity, row + window.half_velocity + 1) % len(level)
     over_range = np.full(values.shape[1], np.inf, np.float32)
-    over_range[rows] = chain.cfar.threshold(level[window_rows], noise)[ring.half_velocity]
+    over_range[rows] = chain.cfar.threshold(level[window_rows], noise)[window.half_velocity]
     over_velocity = np.full(values.shape[0], np.inf, np.float32)
     if rows.start <= column < rows.stop:
-        box_row = int(ring.tested_rows_in_training_box(level.shape[1])[column - rows.start])
+        box_row = int(window.tested_rows_in_training_box(level.shape[1])[column - rows.start])
         first = column - rows.start - box_row
-        box = np.ascontiguousarray(level[:, first : first + 2 * ring.half_range + 1])
+        box = np.ascontiguousarray(level[:, first : first + 2 * window.half_range + 1])
         over_velocity = chain.cfar.threshold(box, noise)[:, box_row]
     if (residual := residual_noise_gain(radar, chain)) is not None:
         is_usable = sufficient_noise_gain_mask(residual)

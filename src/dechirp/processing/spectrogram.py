@@ -95,7 +95,7 @@ def spectrogram(
     n_bins = n_window if n_velocity_bins is None else n_velocity_bins
     check_integer("n_velocity_bins", n_bins, at_least=n_window)
     doppler_transform = Transform(window=window, n_points=n_window, n_bins=n_bins)
-    rows = _rows_within_range_interval(cube, radar, range_transform, range_m)
+    rows = _rows_around_range_or_strongest_echo(cube, radar, range_transform, range_m)
     n_channels = radar.array.n_rx * frame.n_slots
     check_free_memory(
         "spectrogram",
@@ -150,7 +150,7 @@ def _frame_range_profiles(
     return split_chirps_into_slots(profiles, radar.frame)
 
 
-def _rows_within_range_interval(
+def _rows_around_range_or_strongest_echo(
     cube: xr.DataArray,
     radar: Radar,
     range_transform: Transform,

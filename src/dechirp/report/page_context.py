@@ -127,19 +127,19 @@ def _truth_aliased_unless_resolved(
     truth: xr.Dataset, radar: Radar, ambiguity_numbers: np.ndarray, matched: Association
 ) -> RangeVelocity:
     """Return the truth as reported: unaliased if most detections resolve the ambiguity."""
-    folds = radar.frame.n_resolvable_ambiguities if radar.frame.n_intervals == 1 else None
+    n_ambiguities = radar.frame.n_resolvable_ambiguities if radar.frame.n_intervals == 1 else None
     is_matched, n_targets = matched.target >= 0, truth.sizes["target"]
     n_detections = np.bincount(matched.target[is_matched], minlength=n_targets)
     n_resolved = np.bincount(
         matched.target[is_matched], np.isfinite(ambiguity_numbers[is_matched]), minlength=n_targets
     )
     is_resolved = (2 * n_resolved > n_detections)[:, None]
-    folded, unfolded = (
+    aliased, resolved = (
         aliasing.apparent_range_and_velocity(truth, radar),
-        aliasing.apparent_range_and_velocity(truth, radar, n_resolved_spans=folds),
+        aliasing.apparent_range_and_velocity(truth, radar, n_resolved_spans=n_ambiguities),
     )
     return RangeVelocity(
-        *(np.where(is_resolved, *both) for both in zip(unfolded, folded, strict=True))
+        *(np.where(is_resolved, *both) for both in zip(resolved, aliased, strict=True))
     )
 
 

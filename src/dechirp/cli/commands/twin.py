@@ -56,7 +56,7 @@ def twin(
     from dechirp.cli.console import progress_bar
     from dechirp.config.dumping import dump_yaml
     from dechirp.experiments.twin.document import twin_comparison_as_dict
-    from dechirp.experiments.twin.twin import twin as twin_of
+    from dechirp.experiments.twin.twin import twin as fit_twin
     from dechirp.recordings.recording import open as open_recording
     from dechirp.report.pdf import check_typst_installed, html_to_pdf
     from dechirp.report.twin import render_twin_page
@@ -74,7 +74,7 @@ def twin(
     names = (*_TWIN_FILES, "report.pdf") if pdf else _TWIN_FILES
     recording = open_recording(source, **options.open_keyword_arguments())
     with progress_bar("rounds", quiet=quiet) as report:
-        result = twin_of(recording, seed=number, progress=report)
+        result = fit_twin(recording, seed=number, progress=report)
     yaml = dump_yaml(result.scenario)
     json_document = {
         "version": dechirp.__version__,

@@ -278,13 +278,13 @@ class StatisticalSensor:
         cells = np.stack([np.zeros(n_within, int), np.arange(n_within)], axis=1)
         factors = np.full(n_rows, np.inf)
         factors[rows] = cfar.threshold_at_cells(level, cells, noise)
-        ring, (over_velocity, over_range) = (
+        window, (over_velocity, over_range) = (
             cfar.training_window,
             self._velocity_and_range_statistics,
         )
         n_training, shifts = np.ones(n_rows), np.zeros(n_rows)
-        n_training[rows] = ring.n_training_cells_per_row(n_within)
-        shifts[rows] = ring.half_range - ring.tested_rows_in_training_box(n_within)
+        n_training[rows] = window.n_training_cells_per_row(n_within)
+        shifts[rows] = window.half_range - window.tested_rows_in_training_box(n_within)
         law = draw_training_window_statistics(cfar, noise)
         return TrainingWindows(
             statistic=law.statistic,
@@ -294,12 +294,12 @@ class StatisticalSensor:
             n_training=n_training,
             shifts=shifts,
             box=(
-                over_velocity.tabulate_tone_power_in_window(ring.half_velocity),
-                over_range.tabulate_tone_power_in_window(ring.half_range),
+                over_velocity.tabulate_tone_power_in_window(window.half_velocity),
+                over_range.tabulate_tone_power_in_window(window.half_range),
             ),
             guard=(
-                over_velocity.tabulate_tone_power_in_window(ring.n_guard.velocity),
-                over_range.tabulate_tone_power_in_window(ring.n_guard.range),
+                over_velocity.tabulate_tone_power_in_window(window.n_guard.velocity),
+                over_range.tabulate_tone_power_in_window(window.n_guard.range),
             ),
             sidelobes=(
                 sidelobe_envelope(noise.doppler_transform),

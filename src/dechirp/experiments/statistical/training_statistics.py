@@ -38,20 +38,20 @@ class TrainingStatistics(NamedTuple):
 @lru_cache(maxsize=16)
 def draw_training_window_statistics(cfar: Cfar, noise: MapNoise) -> TrainingStatistics:
     """Draw statistic and measured noise jointly, from a fixed seed."""
-    ring, n_channels = cfar.training_window, noise.n_channels
-    offsets = ring.training_cell_offsets(ring.half_range)
-    n_rows, n_columns = 2 * ring.half_range + 1, 2 * ring.half_velocity + 1
+    window, n_channels = cfar.training_window, noise.n_channels
+    offsets = window.training_cell_offsets(window.half_range)
+    n_rows, n_columns = 2 * window.half_range + 1, 2 * window.half_velocity + 1
     over_range = _hermitian_matrix_root(noise.range_transform.noise_correlation_of_bins(n_rows))
     over_velocity = _hermitian_matrix_root(
         noise.doppler_transform.noise_correlation_of_bins(n_columns)
     )
-    cell_index = (offsets[:, 0] + ring.half_velocity, offsets[:, 1] + ring.half_range)
-    guard = ring.n_guard
+    cell_index = (offsets[:, 0] + window.half_velocity, offsets[:, 1] + window.half_range)
+    guard = window.n_guard
     # As `processing.estimates.local_noise_power` has it: a one-dimensional window has no corners.
     is_corner = np.ones(len(offsets), bool)
     for dimension, guarded, half in (
-        (0, guard.velocity, ring.half_velocity),
-        (1, guard.range, ring.half_range),
+        (0, guard.velocity, window.half_velocity),
+        (1, guard.range, window.half_range),
     ):
         if half > guarded:
             is_corner &= abs(offsets[:, dimension]) > guarded

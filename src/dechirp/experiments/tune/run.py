@@ -471,7 +471,7 @@ class _Search:
                 self.scores,
                 self.tune.seed,
                 point=point,
-                number=trials.start,
+                block_number=trials.start,
                 trials=trials,
             )
             for source, point, trials in jobs

@@ -192,8 +192,8 @@ def _image_to_echo_ratio(
     """
     n_bins = power.size
     lobe = strongest + np.arange(-1, 2)
-    folded = np.minimum(lobe, n_bins - lobe)
-    product = abs(mirror[folded - 1].sum())
+    aliased = np.minimum(lobe, n_bins - lobe)
+    product = abs(mirror[aliased - 1].sum())
     echo, mirrored = power[lobe].sum(), power[-lobe].sum()
     distances = np.concatenate([np.arange(-9, -3), np.arange(4, 10)])
     neighbours = (-strongest + distances) % n_bins

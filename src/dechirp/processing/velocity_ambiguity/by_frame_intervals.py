@@ -171,14 +171,14 @@ def _log_evidence_from_other_frame(
                     + estimates[4, i] * late_s**2
                 )
                 dv = other_estimates[2, j] - velocity[i, h]
-                folds = np.round(dv / span[j])  # by which the other one is out
-                dv -= folds * span[j]
+                ambiguities = np.round(dv / span[j])  # by which the other one is out
+                dv -= ambiguities * span[j]
                 z = dv * dv / var_v
                 if z > 50.0:
                     continue
                 dr = (
                     other_estimates[1, j]
-                    + folds * coupling_m
+                    + ambiguities * coupling_m
                     - range_m[i, h]
                     - velocity[i, h] * late_s
                 )

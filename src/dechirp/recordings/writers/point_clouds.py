@@ -88,7 +88,9 @@ def iter_ros2_messages(recording: Recording, progress: Progress | None = None) -
         fields = {} if frame_rows is None else _xyz_intensity_fields(table)
         for column, values in columns[name].items():
             structures[name]["variables"][column]["dtype"] = values.dtype.str
-            field = None if frame_rows is None else _column_to_point_field(table, column, values)
+            field = (
+                None if frame_rows is None else _cast_to_point_field_dtype(table, column, values)
+            )
             if field is None:
                 arrays[f"{ROOT}/{name}/{column}"] = values
             else:
@@ -131,7 +133,9 @@ def _row_indices_by_frame(table: xr.Dataset, n_frames: int) -> list[Any] | None:
     return [slice(*bounds) for bounds in pairwise(ends)]
 
 
-def _column_to_point_field(table: xr.Dataset, column: str, values: np.ndarray) -> np.ndarray | None:
+def _cast_to_point_field_dtype(
+    table: xr.Dataset, column: str, values: np.ndarray
+) -> np.ndarray | None:
     """Convert a column to a type that point fields have; return None if impossible."""
     axes = table["range"].dims
     if table.variables[column].dims != axes or 0 in values.shape[len(axes) :]:
