@@ -26,6 +26,7 @@ from dechirp.results.object_lists.list_columns import COLUMNS, build_object_list
 from dechirp.results.object_lists.osi import osi_messages, read_osi, write_osi
 from dechirp.results.object_lists.point_cloud_files import write_points
 from dechirp.results.object_lists.priority import sort_by_priority
+from dechirp.results.object_lists.tables import write_object_table
 from sample_object_lists import check_object_lists_agree, random_object_list, single_object_list
 
 SINGLE_PRECISION = {"relative": 2.0**-24, "snr": 1e-6}
