@@ -43,9 +43,9 @@ def register_position_callback(
 ) -> None:
     """Call a function with x and y of events in a figure, if they are numbers."""
 
-    def handle_event(told: PointEvent) -> None:
-        if is_bounded_number(told.x) and is_bounded_number(told.y):
-            callback(float(told.x), float(told.y))
+    def handle_event(point_event: PointEvent) -> None:
+        if is_bounded_number(point_event.x) and is_bounded_number(point_event.y):
+            callback(float(point_event.x), float(point_event.y))
 
     target_figure.on_event(event, handle_event)
 
