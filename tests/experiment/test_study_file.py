@@ -542,7 +542,7 @@ def test_set_option_fixes_varied_setting(load_text):
         ("radar.frame.n_chips=3", "radar.frame.n_chips", "not a known name"),
         ("trials.atmost=3", "trials.atmost", "not a known name"),
         ("vary.chain.rng=[3]", "vary.chain.rng", "not a known name"),
-        ("n_frames", "n_frames", "without a path"),
+        ("n_frames", "--set", "n_frames"),
     ],
 )
 def test_invalid_set_option_is_reported_as_option(load_text, option, setting, value):

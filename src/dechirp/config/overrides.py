@@ -39,8 +39,8 @@ def parse_override(override: str) -> tuple[str, YamlNode]:
     if not (path.strip() and equals):
         raise InvalidFile(
             _OPTION_LOCATION.create_mistake(
-                quote_for_message(override) if override else "empty text",
-                value="without a path and a value",
+                "--set",
+                value=quote_for_message(override) if override else "empty",
                 expected="PATH=VALUE",
                 fix="write --set radar.frame.n_chirps=64, for instance",
             )

@@ -82,7 +82,7 @@ class CorrelatedWindow:
             if guard.step is not None:
                 check_integer(f"{where}.step", guard.step, at_least=1, at_most=1)
             check_integer(
-                f"CorrelatedWindow.under_test of {axis}",
+                f"CorrelatedWindow.cell_under_test of {axis}",
                 under_test,
                 at_least=guard.start,
                 at_most=guard.stop - 1,
