@@ -102,7 +102,7 @@ def test_same_result_gives_same_page():
 
 
 def test_page_starts_with_requirements_and_their_evidence():
-    close_m = 1.001 * make_result(RCS)[0].rows[3]["range_rmse"]["value"]
+    close_m = 1.001 * make_result(RCS)[0].points_as_dicts[3]["range_rmse"]["value"]
     study_result, sums = make_result(
         RCS,
         require=(
