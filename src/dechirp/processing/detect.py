@@ -11,7 +11,12 @@ from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.processing.chain import Chain
-from dechirp.processing.frame import FrameResult, frame_detection_columns, process_frame
+from dechirp.processing.frame import (
+    FrameResult,
+    find_directions,
+    frame_detection_columns,
+    process_frame,
+)
 from dechirp.processing.peaks import MAX_PEAKS
 from dechirp.processing.velocity_ambiguity.hypotheses import FramePeaks
 from dechirp.processing.velocity_ambiguity.resolve import resolve_across_frames
@@ -147,7 +152,12 @@ class FrameProcessor:
             frames: Iterable[FramePeaks] = self._peaks
             if len(self._peaks) > 1:
                 frames = resolve_across_frames(self._peaks, self._radar.frame)
-            columns = [frame_detection_columns(frame, self._chain) for frame in frames]
+            columns = [
+                frame_detection_columns(
+                    frame, find_directions(frame.resolved, frame.radar, self._chain)
+                )
+                for frame in frames
+            ]
         if len(columns) == 1:
             return columns[0]
         return {

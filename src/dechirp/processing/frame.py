@@ -1,7 +1,6 @@
 """One frame through the processing chain: from samples to detections.
 
-`process_frame` has one line for each step of the chain, and `_find_and_refine_peaks` those of one
-map.
+The lines of `process_frame` are the steps of the chain.
 """
 
 from collections.abc import Iterator
@@ -65,6 +64,13 @@ class FrameResult(NamedTuple):
     """Peaks beyond the 2,000 strongest of a map."""
 
 
+class _MapPeaks(NamedTuple):
+    power: np.ndarray
+    equalised_power: np.ndarray
+    peaks: RefinedPeaks
+    n_dropped_peaks: int
+
+
 def process_frame(
     samples: np.ndarray,
     radar: Radar,
@@ -101,23 +107,28 @@ def process_frame(
     """
     start_s = radar.frame.frame_start_s(number) if start_s is None else start_s
     radar = radar.for_frame(number)
-    samples, removed = _mitigate(_to_single_precision(samples, radar.frame), radar.frame, chain)
-    exponent = binary_scaling_exponent(samples)
-    channels = split_chirps_into_slots(divide_by_power_of_two(samples, exponent), radar.frame)
-    maps = [
-        _find_and_refine_peaks(part, part_radar, chain)
-        for part, part_radar in _split_by_ramp_direction(channels, radar)
-    ]
+    clean, removed = _mitigate(_to_single_precision(samples, radar.frame), radar.frame, chain)
+    exponent = binary_scaling_exponent(clean)
+    channels = split_chirps_into_slots(divide_by_power_of_two(clean, exponent), radar.frame)
+    maps = []
+    for map_channels, map_radar in _split_by_ramp_direction(channels, radar):
+        power = range_doppler_power(map_channels, map_radar, chain)
+        equalised = equalised_power(power, map_radar, chain)
+        _check_power_finite(equalised)
+        cells, n_dropped = detect_peaks_and_count_dropped(equalised, map_radar, chain)
+        refined = _refine_peaks(map_channels, equalised, cells, map_radar, chain)
+        maps.append(_MapPeaks(power, equalised, refined, n_dropped))
     resolved = resolve_velocity_ambiguity(
         [map_peaks.peaks for map_peaks in maps], radar, chain.field_of_view
     )
     peaks = FramePeaks(number, start_s + radar.frame.mid_frame_s, radar, resolved)
+    sources = find_directions(
+        resolved, radar, chain if with_directions else replace(chain, angle=None)
+    )
     return FrameResult(
         number=number,
         time_s=peaks.time_s,
-        detections=frame_detection_columns(
-            peaks, chain if with_directions else replace(chain, angle=None)
-        ),
+        detections=frame_detection_columns(peaks, sources),
         peaks=peaks,
         power=tuple(divide_by_power_of_two(map_peaks.power, -2 * exponent) for map_peaks in maps),
         equalised_power=tuple(
@@ -128,9 +139,8 @@ def process_frame(
     )
 
 
-def frame_detection_columns(frame_peaks: FramePeaks, chain: Chain) -> dict[str, np.ndarray]:
+def frame_detection_columns(frame_peaks: FramePeaks, sources: Sources) -> dict[str, np.ndarray]:
     """Return the columns of the detections of one frame, a row for each source of its peaks."""
-    sources = find_directions(frame_peaks.resolved, frame_peaks.radar, chain)
     n_rows = len(sources.detection)
     return {
         "frame": np.full(n_rows, frame_peaks.number),
@@ -183,20 +193,11 @@ def detection_columns(
     return columns
 
 
-class _MapPeaks(NamedTuple):
-    power: np.ndarray
-    equalised_power: np.ndarray
-    peaks: RefinedPeaks
-    n_dropped_peaks: int
-
-
-def _find_and_refine_peaks(samples: np.ndarray, radar: Radar, chain: Chain) -> _MapPeaks:
-    """Detect the peaks in the map of samples (chirp, channel, sample), and refine them."""
+def _refine_peaks(
+    samples: np.ndarray, equalised: np.ndarray, cells: np.ndarray, radar: Radar, chain: Chain
+) -> RefinedPeaks:
+    """Refine the peaks at cells of the map of samples (chirp, channel, sample)."""
     frame, noise = radar.frame, chain.map_noise_statistics(radar)
-    power = range_doppler_power(samples, radar, chain)
-    equalised = equalised_power(power, radar, chain)
-    _check_power_finite(equalised)
-    cells, n_dropped = detect_peaks_and_count_dropped(equalised, radar, chain)
     slow, fast = interpolate_peak_frequencies(equalised, cells, noise)
     cell_noise = local_noise_power(equalised, cells, chain.cfar.training_window, noise.n_channels)
     sample_noise = cell_noise / noise_gain(
@@ -207,12 +208,11 @@ def _find_and_refine_peaks(samples: np.ndarray, radar: Radar, chain: Chain) -> _
         samples, slow, fast, sample_noise, growth=slow_time_frequency_growth(frame.chirp)
     )
     tones = _undo_mitigation_gain(tones, frame, chain)
-    peaks = RefinedPeaks(
+    return RefinedPeaks(
         tones=tones,
         snr=np.maximum(tones.energy / sample_noise - noise.n_channels, 1e-3),
         amplitude_noise=sample_noise / (frame.n_chirps * frame.chirp.n_samples),
     )
-    return _MapPeaks(power, equalised, peaks, n_dropped)
 
 
 def _to_single_precision(samples: np.ndarray, frame: Frame) -> np.ndarray:
