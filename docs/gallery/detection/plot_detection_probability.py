@@ -54,6 +54,6 @@ for index, model in enumerate(models):
     error = (probability - low, high - probability)
     axes.errorbar(levels_db, probability, error, fmt="o", color=f"C{index}", capsize=3, label=model)
     print(f"{model}: largest difference {abs(probability - theory).max():.2f}")
-axes.set(xlabel="Signal-to-noise ratio in a sample (dB)", ylabel="Detection probability")
+axes.set(xlabel="SNR per sample (dB)", ylabel="Detection probability")
 axes.set_title("Trials with 95 % intervals, and theory")
 axes.legend(loc="lower right")

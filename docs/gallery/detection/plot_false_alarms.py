@@ -1,11 +1,11 @@
-r"""
+"""
 Specified and measured false alarms
 ===================================
 
-The factor between noise level and threshold follows from the false-alarm probability and the
-number of training cells, :math:`\alpha = N (P^{-1/N} - 1)` (Finn and Johnson, RCA Review 29,
-1968). Windows correlate neighbouring cells and change the factor. In maps of noise, the measured
-probabilities agree with the specified ones within the 95 % intervals.
+The factor between noise level and threshold follows from the false-alarm probability and the number
+of training cells, :math:`\alpha = N (P^{-1/N} - 1)` (Finn and Johnson, RCA Review 29, 1968).
+Windows correlate neighbouring cells and change the factor. The figure shows the probabilities
+measured in maps of noise; they agree with the specified ones within the 95 % intervals.
 """
 
 import tempfile
@@ -52,7 +52,7 @@ figure, axes = plt.subplots()
 axes.errorbar(specified_probabilities, ratio, yerr=(ratio - low, high - ratio), fmt="o", capsize=4)
 axes.axhline(1, color="0.5", linestyle=":")
 axes.set(xscale="log", ylim=(0, 3), xlabel="Specified false-alarm probability")
-axes.set_ylabel("Measured / specified probability")
+axes.set_ylabel("Measured over specified false-alarm probability")
 axes.set_title("False alarms of cell averaging under Hann windows, 95 % intervals")
 for specified, value in zip(
     specified_probabilities, scores.false_alarm_probability.values, strict=True

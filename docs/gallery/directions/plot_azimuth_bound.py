@@ -52,6 +52,6 @@ for index, kind in enumerate(scores["chain.angle.kind"].values):
     axes.errorbar(levels_db, error, spread, fmt="o", color=f"C{index}", capsize=3, label=kind)
     print(f"{kind}: {(error / bound).mean().item():.2f} of the bound")
 axes.semilogy(levels_db, bound, color="0.5", label="Cramér-Rao bound")
-axes.set(xlabel="Signal-to-noise ratio in a sample (dB)", ylabel="RMS azimuth error (°)")
+axes.set(xlabel="SNR per sample (dB)", ylabel="Azimuth RMSE (°)")
 axes.set_title("Six elements, trials with 95 % intervals")
 axes.legend()

@@ -39,6 +39,6 @@ for estimator in (dc.angle.Fft(), dc.angle.Capon(n_sources=2), dc.angle.Music(n_
 for azimuth in azimuths_deg:
     axes.axvline(azimuth, color="0.6", linestyle=":")
 axes.set(xlim=(-40, 40), ylim=(-50, 2), xlabel="Azimuth (°, left positive)")
-axes.set_ylabel("Spectrum relative to its peak (dB)")
+axes.set_ylabel("Spectrum relative to the peak (dB)")
 axes.set_title("Two targets (dotted) 9° apart before eight elements")
 axes.legend()

@@ -27,7 +27,7 @@ print(f"line at {beat_hz[abs(spectrum).argmax()] / 1e3:.1f} kHz, 2 S R / c {expe
 figure, (time_axes, spectrum_axes) = plt.subplots(1, 2)
 time_axes.plot(chirp.sample * 1e6, chirp.real * 1e6, label="I")
 time_axes.plot(chirp.sample * 1e6, chirp.imag * 1e6, label="Q")
-time_axes.set(xlabel="Time since ramp start (µs)", ylabel="Beat signal (sqrt(pW))")
+time_axes.set(xlabel="Time since ramp start (µs)", ylabel="Beat signal (√pW)")
 time_axes.set(xlim=(2, 14), ylim=(-3.3, 4))
 time_axes.legend(loc="upper right", ncols=2)
 spectrum_axes.plot(beat_hz / 1e6, 20 * np.log10(abs(spectrum)) + 30)

@@ -2,11 +2,10 @@
 The link budget over range
 ==========================
 
-Doubling the range reduces the echo by 12 dB: the radar equation contains :math:`R^{-4}`
-(Richards, Fundamentals of Radar Signal Processing, 2.2). The measured signal-to-noise ratios
-follow it down to the detection limit: 13.2 dB for a detection probability of 0.9 at a false-alarm
-probability of 1e-6, plus 3.5 dB of window loss (two Hann windows).
-The figure contains the SNR over range.
+Doubling the range reduces the echo by 12 dB: the radar equation contains :math:`R^{-4}` (Richards,
+Fundamentals of Radar Signal Processing, 2.2). The measured signal-to-noise ratios follow it down to
+the detection limit: 13.2 dB for a detection probability of 0.9 at a false-alarm probability of
+1e-6, plus 3.5 dB of window loss (two Hann windows). The figure shows the SNR over range.
 """
 
 import matplotlib.pyplot as plt
@@ -30,7 +29,7 @@ figure, axes = plt.subplots()
 axes.semilogx(truth.range, 10 * np.log10(truth.snr), "-", label="radar equation")
 axes.semilogx(detections.range, 10 * np.log10(detections.snr), "o", label="measured by detections")
 axes.axhline(13.2 + 3.5, color="0.5", linestyle=":", label="detection probability 0.9")
-axes.set(xlabel="Range (m)", ylabel="Signal-to-noise ratio (dB)")
+axes.set(xlabel="Range (m)", ylabel="SNR (dB)")
 axes.set_xticks([20, 50, 100, 200], ["20", "50", "100", "200"])
 axes.minorticks_off()
 axes.set_title("A car of 10 m² at 15 to 240 m, after integration")

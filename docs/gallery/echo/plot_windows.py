@@ -4,8 +4,8 @@ Windows and range sidelobes
 
 A pedestrian 5 m behind a truck, 30 dB weaker, lies below the sidelobes of the truck under a
 rectangular window, which fall by only 6 dB per octave. Other windows lower the sidelobes and widen
-the main lobe (Harris, Proceedings of the IEEE 66, 1978). The figure, without noise, shows the
-pedestrian emerge.
+the main lobe (Harris, Proceedings of the IEEE 66, 1978). The figure shows the pedestrian emerge,
+without noise.
 """
 
 import matplotlib.pyplot as plt

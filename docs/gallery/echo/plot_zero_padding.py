@@ -4,8 +4,8 @@ Zero padding interpolates, it does not resolve
 
 Two equal targets 0.7 resolution cells :math:`c / 2B` apart remain one peak, however finely the
 spectrum is sampled; twice the bandwidth separates them. (The depth of the dip also depends on the
-phase between the echoes.) The left panel shows one peak, with 134 as with 4096 bins; the right
-panel shows two.
+phase between the echoes.) The figure shows one peak on the left, with 134 as with 4096 bins, and
+two on the right.
 """
 
 import dataclasses

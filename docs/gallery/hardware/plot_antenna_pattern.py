@@ -2,10 +2,10 @@
 Two-way antenna pattern
 =======================
 
-The antenna pattern acts on an echo twice, on transmission and on reception: where one gain is
-3 dB down, the echo is 6 dB down (Richards, Fundamentals of Radar Signal Processing, 2.2).
-Detections of equal targets, normalised by :math:`R^4`, lie on the product of both gains.
-The figure contains the echo over azimuth.
+The antenna pattern acts on an echo twice, on transmission and on reception: where one gain is 3 dB
+down, the echo is 6 dB down (Richards, Fundamentals of Radar Signal Processing, 2.2). Detections of
+equal targets, normalised by :math:`R^4`, lie on the product of both gains. The figure shows the
+echo over azimuth.
 """
 
 import dataclasses

@@ -32,7 +32,7 @@ cube = dc.simulate(scene, radar, impairments=impairments, seed=1).isel(frame=0)
 figure, (time_axes, profile_axes) = plt.subplots(1, 2)
 chirp = cube.isel(chirp=10, rx=0)
 time_axes.plot(chirp.sample * 1e6, chirp.real * 1e6)
-time_axes.set(xlabel="Time since ramp start (µs)", ylabel="Beat signal, I (sqrt(pW))")
+time_axes.set(xlabel="Time since ramp start (µs)", ylabel="Beat signal, real part (√pW)")
 time_axes.set_title("One chirp")
 for name, repair in (("received", ()), ("repaired", (dc.mitigation.InterferenceAutoregression(),))):
     power = dc.power_map(cube, radar, dc.Chain(mitigation=repair))

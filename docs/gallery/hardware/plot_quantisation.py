@@ -3,9 +3,9 @@ The noise floor of a converter
 ==============================
 
 Quantisation noise of b bits is :math:`6.02 b + 1.76` dB below a full-scale tone (Bennett, Bell
-System Technical Journal 27, 1948); two transforms spread it over all cells. The floor falls with
-the number of bits until receiver noise dominates. At 4 and 6 bits the noise is far below one
-step, and rounding gives spectral lines instead of a floor.
+System Technical Journal 27, 1948); two transforms spread it over all cells. The figure shows the
+floor, which falls with the number of bits until receiver noise dominates. At 4 and 6 bits the noise
+is far below one step, and rounding gives spectral lines instead of a floor.
 """
 
 import matplotlib.pyplot as plt

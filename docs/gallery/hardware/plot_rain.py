@@ -31,14 +31,10 @@ corners = [
 ]
 scene = dc.Scene(targets=corners)
 rate = 0.1 / 3600  # m/s: 100 mm/h
-weather = {
-    "clear": (dc.impairments.ThermalNoise(),),
-    "100 mm/h": (
-        dc.impairments.ThermalNoise(),
-        dc.impairments.RainBackscatter(rate_m_per_s=rate),
-        dc.impairments.RainAttenuation(rate_m_per_s=rate),
-    ),
-}
+noise = dc.impairments.ThermalNoise()
+backscatter = dc.impairments.RainBackscatter(rate_m_per_s=rate)
+attenuation = dc.impairments.RainAttenuation(rate_m_per_s=rate)
+weather = {"clear": (noise,), "100 mm/h": (noise, backscatter, attenuation)}
 figure, axes = plt.subplots()
 peaks_db = {}
 for name, impairments in weather.items():
@@ -53,9 +49,9 @@ axes.set(xlim=(0, 200), xlabel="Range (m)", ylabel="Largest power from -10 to 10
 axes.set_title("Four corner reflectors, in clear air and in a cloudburst")
 axes.legend()
 losses_db = np.subtract(peaks_db["clear"], peaks_db["100 mm/h"])
-first, rain = dc.Scene(targets=corners[:1]), (dc.impairments.RainAttenuation(rate_m_per_s=rate),)
 amplitudes = [
-    abs(dc.simulate(first, radar, impairments=model, seed=1)).mean().item() for model in ((), rain)
+    abs(dc.simulate(dc.Scene(targets=corners[:1]), radar, impairments=model, seed=1)).mean().item()
+    for model in ((), (attenuation,))
 ]
 attenuation_db_per_km = 20 * np.log10(amplitudes[0] / amplitudes[1]) / (2 * ranges_m[0] / 1000)
 print(f"Attenuation of rain: {attenuation_db_per_km:.1f} dB/km, one way")

@@ -21,7 +21,7 @@ for index, signal in enumerate(ratios.signal.values):
     curve = ratios.sel(signal=signal)
     axes.plot(curve.bits, 10 * np.log10(curve.predicted), color=f"C{index}")
     axes.plot(curve.bits, 10 * np.log10(curve.measured), "o", color=f"C{index}", label=str(signal))
-axes.set(xlabel="Bits per real or imaginary part", ylabel="Signal-to-quantisation-noise ratio (dB)")
+axes.set(xlabel="Word length (bits per part)", ylabel="SQNR (dB)")
 axes.set_title("A transform of 256 points with block scaling; lines: theory")
 axes.legend()
 step_db = 10 * np.log10(ratios.measured.sel(bits=24) / ratios.measured.sel(bits=12)) / 12

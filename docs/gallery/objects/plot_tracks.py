@@ -46,6 +46,6 @@ for number in tracks.track.values:
 for speed in (12, 3):
     velocity_axes.axhline(speed, color="0.6", linestyle=":")
 position_axes.set(xlabel="y (m, left positive)", ylabel="x (m, forward)", xlim=(12, -12))
-velocity_axes.set(xlabel="Time (s)", ylabel="Velocity ahead (m/s)")
+velocity_axes.set(xlabel="Time (s)", ylabel="Velocity along x (m/s)")
 position_axes.legend()
 figure.suptitle("A car at 12 m/s overtakes a truck at 3 m/s")
