@@ -1,13 +1,14 @@
 """Processing chain in the array-API standard: agreement and time relative to dechirp kernels.
 
-Windows, transforms, power, cell averaging and peaks of a frame of the reference scene (2200 x 128)
-and of eight channels (256 x 128 x 8), as code that any library of the standard runs: here NumPy,
-and PyTorch where it is installed. Running sums take away what they added, so that the way
-of the standard to the mean of a ring needs float64 for a strong target beside noise; both are
-measured.
+The chain consists of windows, transforms, power, cell averaging and peaks. It processes a frame of
+the reference scene (2200 x 128) and one of eight channels (256 x 128 x 8), with code that runs on
+any library of the standard: here NumPy, and PyTorch if installed. The mean of the training cells
+is a difference of cumulative sums, which loses the noise next to a strong target in float32; sums
+in float32 and float64 are measured.
 
-Printed, each the median over turns of the fastest of a few calls: ms, ratio to ours, cells whose
-power is off by more than 1e-4 of the map's mean, and cells over threshold on one side only.
+The script prints the time in ms, the ratio to dechirp, the number of cells whose power deviates by
+more than 1e-4 of the mean of the map, and the number of cells with different decisions. Times are
+medians of nine pairs, each the fastest of five calls.
 
     pip install torch array-api-compat
     python benchmarks/array_standard.py
@@ -36,16 +37,16 @@ from dechirp.processing.range_doppler_map import range_doppler_power
 
 
 def standard_chain(
-    xp: Any, samples: Any, tapers: tuple[Any, Any], ring: tuple[int, ...], factor: float, real: Any
+    xp: Any, samples: Any, tapers: tuple[Any, Any], cells: tuple[int, ...], factor: float, real: Any
 ) -> tuple[Any, Any, Any]:
-    """Power, cells over threshold and which of them are peaks; samples (chirp, channel, sample)."""
+    """Compute power, cells above the threshold, and peaks of samples (chirp, channel, sample)."""
     slow, fast = tapers
     n_v = samples.shape[0]
     spectrum = xp.fft.fft(samples * fast, axis=2)
     spectrum = xp.fft.fft(spectrum * slow[:, None, None], axis=0)
     power = xp.mean(xp.real(spectrum) ** 2 + xp.imag(spectrum) ** 2, axis=1)
     power = xp.roll(power, n_v // 2, axis=0)
-    train_r, train_v, guard_r, guard_v = ring
+    train_r, train_v, guard_r, guard_v = cells
     window_half, guard_half = (train_v + guard_v, train_r + guard_r), (guard_v, guard_r)
     outer_sum, outer_n = box_sums(xp, power, *window_half, real)
     inner_sum, inner_n = box_sums(xp, power, *guard_half, real)
@@ -58,21 +59,21 @@ def standard_chain(
 
 
 def box_sums(xp: Any, power: Any, half_v: int, half_r: int, real: Any) -> tuple[Any, Any]:
-    """Sums of boxes about each cell: velocity wraps round, range ends; and cells in each."""
+    """Sum boxes around each cell, periodic in velocity and cut in range; return sums and counts."""
     n_v, n_r = power.shape
-    round_ = xp.concat([power[n_v - half_v :, :], power, power[:half_v, :]], axis=0)
-    sums = xp.cumulative_sum(round_, axis=0, dtype=real, include_initial=True)
+    periodic = xp.concat([power[n_v - half_v :, :], power, power[:half_v, :]], axis=0)
+    sums = xp.cumulative_sum(periodic, axis=0, dtype=real, include_initial=True)
     sums = sums[2 * half_v + 1 :, :] - sums[:n_v, :]
     sums = xp.cumulative_sum(sums, axis=1, dtype=real, include_initial=True)
     cells = np.arange(n_r)
     first, last = np.maximum(cells - half_r, 0), np.minimum(cells + half_r + 1, n_r)
-    first_of, last_of = (xp.asarray(indices) for indices in (first, last))
+    first_indices, last_indices = (xp.asarray(indices) for indices in (first, last))
     counts = xp.asarray((last - first) * (2 * half_v + 1.0), dtype=real)
-    return xp.take(sums, last_of, axis=1) - xp.take(sums, first_of, axis=1), counts
+    return xp.take(sums, last_indices, axis=1) - xp.take(sums, first_indices, axis=1), counts
 
 
 def fastest(work: Callable[[], object]) -> float:
-    """Shortest of several calls, s."""
+    """Return the shortest time of five calls, s."""
     times = []
     for _ in range(5):
         start = perf_counter()
@@ -82,7 +83,7 @@ def fastest(work: Callable[[], object]) -> float:
 
 
 def import_libraries() -> dict[str, Any]:
-    """Import the installed libraries of the standard."""
+    """Import the installed libraries in their array-API versions."""
     modules = {}
     for name in ("numpy", "torch"):
         try:
@@ -95,16 +96,16 @@ def import_libraries() -> dict[str, Any]:
 
 
 def compare(name: str, radar: dc.Radar, scene: dc.Scene) -> dict[str, Any]:
-    """One frame through ours and through each library."""
+    """Process one frame with dechirp and with each library."""
     chain = dc.Chain(range_window="hann", doppler_window="hann").fit_to_radar(radar)
     law = chain.map_noise_statistics(radar)
     samples = np.ascontiguousarray(dc.simulate(scene, radar, seed=1).values[0])
-    ring = chain.cfar.training_window
+    window = chain.cfar.training_window
     sizes = (
-        ring.n_training.range,
-        ring.n_training.velocity,
-        ring.n_guard.range,
-        ring.n_guard.velocity,
+        window.n_training.range,
+        window.n_training.velocity,
+        window.n_guard.range,
+        window.n_guard.velocity,
     )
     factor = float(
         np.median(
@@ -134,10 +135,12 @@ def compare(name: str, radar: dc.Radar, scene: dc.Scene) -> dict[str, Any]:
             real = getattr(xp, precision)
 
             standard = partial(standard_chain, xp, library_samples, tapers, sizes, factor, real)
-            theirs = [np.asarray(array) for array in standard()]
-            scale = float(power.mean() / theirs[0].mean())
-            off = int(np.count_nonzero(np.abs(theirs[0] * scale - power) > 1e-4 * power.mean()))
-            other = int(np.count_nonzero((theirs[1] != exceeds)[:, inside]))
+            arrays = [np.asarray(array) for array in standard()]
+            scale = float(power.mean() / arrays[0].mean())
+            n_deviating = int(
+                np.count_nonzero(np.abs(arrays[0] * scale - power) > 1e-4 * power.mean())
+            )
+            n_different = int(np.count_nonzero((arrays[1] != exceeds)[:, inside]))
             pairs = [(fastest(standard), fastest(ours)) for _ in range(9)]
             ms, dechirp_ms = median(a for a, _ in pairs) * 1e3, median(b for _, b in pairs) * 1e3
             ratio = median(a / b for a, b in pairs)
@@ -145,14 +148,15 @@ def compare(name: str, radar: dc.Radar, scene: dc.Scene) -> dict[str, Any]:
                 "ms": ms,
                 "ours_ms": dechirp_ms,
                 "ratio": ratio,
-                "powers_off": off,
-                "decided_otherwise": other,
+                "powers_off": n_deviating,
+                "decided_otherwise": n_different,
             }
             print(
                 f"{name:10s} {library:6s} sums in {precision}: {ms:7.2f} ms,"
                 f" dechirp {dechirp_ms:6.2f},"
-                f" {ratio:5.2f} times; {off} powers off, {other} cells decided otherwise,"
-                f" {int(theirs[2].sum())} peaks of {len(peaks)}",
+                f" ratio {ratio:5.2f}; {n_deviating} cells with deviating power,"
+                f" {n_different} cells with a different decision,"
+                f" {int(arrays[2].sum())} peaks (dechirp {len(peaks)})",
                 file=sys.stderr,
             )
     return results

@@ -1,12 +1,13 @@
 """Speed of the echo kernels relative to a direct sum with `numpy.exp` in the same run.
 
-Radars and scenes are those of `sides/scenes.py`, drawn anew for each seed.
+`sides/scenes.py` defines radars and scenes; scatterers are drawn from the seed. Each line gives:
 
-Each line: time of the kernel that `auto` chooses, tolerance 1e-5, sum added to a cube in memory,
-warm; the first call, when compiled code is at hand; the direct sum with `numpy.exp` in double
-precision on some of the chirps, scaled; and the error against that, root mean square over root
-mean square. Baselines beside it: a low-rank product with NumPy, and FINUFFT, where it is
-installed, with five Taylor orders of range migration. Both leave out how echoes bend.
+* the time of the kernel that `auto` selects, with a tolerance of 1e-5, to add echoes to a cube
+* the time of the first call, with cached compiled code
+* the time of the direct sum with `numpy.exp` in double precision, extrapolated from some chirps
+* the relative RMSE against this direct sum
+* times and errors of baselines: a low-rank product with NumPy, and FINUFFT, if installed, with five
+  Taylor orders of range migration. Both neglect the curvature of paths.
 
     python benchmarks/echoes.py [--threads 2] [--seed 1] [--case A]
 """
@@ -22,9 +23,9 @@ from statistics import median
 from time import perf_counter
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-parser.add_argument("--threads", type=int, default=2)
-parser.add_argument("--seed", type=int, default=1)
-parser.add_argument("--case", default="")
+parser.add_argument("--threads", type=int, default=2, help="threads of the kernels")
+parser.add_argument("--seed", type=int, default=1, help="seed of the scatterers")
+parser.add_argument("--case", default="", help="only cases whose name starts with this text")
 options = parser.parse_args()
 for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[pool] = "1"
@@ -58,7 +59,7 @@ def time_calls(work: Callable[[], object], turns: int) -> list[float]:
 
 
 def measure_case(
-    name: str, case: Case, most_ms: float, rng: np.random.Generator
+    name: str, case: Case, bar_ms: float, rng: np.random.Generator
 ) -> dict[str, object]:
     scatterers, transmission, shape = case
     n = len(scatterers.amplitudes)
@@ -72,14 +73,14 @@ def measure_case(
     (plain_s,) = time_calls(lambda: direct_sum(scatterers, transmission, shape[2], chirps), 1)
     exact = direct_sum(scatterers, transmission, shape[2], chirps)
     error = np.linalg.norm(out[chirps] - exact) / np.linalg.norm(exact)
-    others = {}
+    baselines = {}
     if name.startswith("A "):
         if n <= 100:
-            others["low-rank product, NumPy"] = measure_baseline(
+            baselines["low-rank product, NumPy"] = measure_baseline(
                 low_rank_product, case, exact, chirps
             )
         if n >= 100 and HAS_FINUFFT:
-            others["finufft"] = measure_baseline(with_finufft, case, exact, chirps)
+            baselines["finufft"] = measure_baseline(with_finufft, case, exact, chirps)
     turns = int(np.clip(0.5 / max(first_s, 1e-4), 5, 200))
     times_s = time_calls(
         lambda: selection.add_echoes(out, scatterers, transmission, engine=engine), turns
@@ -89,24 +90,26 @@ def measure_case(
         "kernel": predicted.cheapest_kernel,
         "ms": 1e3 * median(times_s),
         "fastest_ms": 1e3 * min(times_s),
-        "not_above_ms": most_ms,
+        "not_above_ms": bar_ms,
         "first_ms": 1e3 * first_s,
         "numpy_exp_over_ours": plain_s / len(chirps) * shape[0] / median(times_s),
         "error": float(error),
-        "others": others,
+        "others": baselines,
     }
 
 
 def measure_memory_mb() -> float:
-    """Growth of resident memory while 100,000 scatterers are simulated, cube A included."""
+    """Measure the growth of resident memory in the simulation of 100,000 scatterers, in cube A."""
     import dechirp as dc
 
     radar = dc.reference().radar
     dc.simulate(dc.Scene(), radar)  # imports
     initial_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     rng = np.random.default_rng(options.seed)
-    at_m = rng.uniform([3, -50, -1], [200, 50, 3], (100_000, 3))
-    cloud = dc.bodies.PointCloud(positions_m=at_m, rcs_m2=rng.exponential(size=100_000) + 1e-6)
+    positions_m = rng.uniform([3, -50, -1], [200, 50, 3], (100_000, 3))
+    cloud = dc.bodies.PointCloud(
+        positions_m=positions_m, rcs_m2=rng.exponential(size=100_000) + 1e-6
+    )
     scene = dc.Scene(
         targets=[dc.Target(position_m=(0, 0, 0), velocity_m_per_s=(9, 0, 0), body=cloud)]
     )
@@ -117,9 +120,10 @@ def measure_memory_mb() -> float:
 
 
 def main() -> None:
-    # First, in a process that has summed nothing yet.
-    grown_mb = measure_memory_mb() if "memory".startswith(options.context) else None
-    print(f"100,000 scatterers: {grown_mb} MB", file=sys.stderr)
+    # Memory comes first, before other cases raise the peak of the process.
+    grown_mb = measure_memory_mb() if "memory".startswith(options.case) else None
+    if grown_mb is not None:
+        print(f"100,000 scatterers: {grown_mb:.0f} MB", file=sys.stderr)
     rng = np.random.default_rng(options.seed)
     cases: list[tuple[str, Callable[[], Case], float]] = [
         *((f"A {n}", lambda n=n: cube_a(n, 200.0, rng), ms) for n, ms in NEAR.items()),
@@ -129,10 +133,10 @@ def main() -> None:
         ("long 1000", lambda: long_chirp(1000, rng), 36.0),
     ]
     rows = []
-    for name, make, most_ms in cases:
-        if not name.startswith(options.context):
+    for name, make, bar_ms in cases:
+        if not name.startswith(options.case):
             continue
-        rows.append(measure_case(name, make(), most_ms, rng))
+        rows.append(measure_case(name, make(), bar_ms, rng))
         print(
             "{case:>14} {kernel:>10} {ms:8.2f} ms (fastest {fastest_ms:.2f}, bar {not_above_ms:g}),"
             " first {first_ms:.0f} ms, numpy.exp {numpy_exp_over_ours:6.0f} x,"
@@ -147,7 +151,7 @@ def main() -> None:
         "memory_mb": grown_mb,
     }
     if len(growth) == len(FULL):
-        # Least squares of t = a + b n: what a scatterer adds.
+        # The slope of the fit t = a + b n is the additional time per scatterer.
         n = np.array(list(FULL))
         slope, constant = np.polyfit(n, np.array(growth, float), 1)
         results["growth"] = {"constant_ms": constant, "ns_per_scatterer": slope * 1e6}

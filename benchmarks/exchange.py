@@ -1,18 +1,19 @@
 """Speed of writing and reading int16 codes in a Zarr store relative to a plain file.
 
-Frames of 1 MiB: 128 chirps, 8 receivers, 256 complex samples, noise of 12 bits; 20 of them, and
-256. All in the file cache, in one folder of the disk that the argument names (a temporary one
-without it), files new each time. Ratios of the fastest of turns A B A B:
+A frame has 1 MiB: 128 chirps, 8 receivers and 256 complex samples of 12-bit noise. The recordings
+have 20 and 256 frames. New files are written in each repetition, below FOLDER or the temporary
+folder, and stay in the file cache. dechirp and reference run alternately (A B A B); a ratio
+divides their shortest times:
 
-write    `write_cube_store` of int16 codes over `ndarray.tofile` of the same codes; at most 2.
-encode   the same of the complex64 cube, whose codes are made and checked bit by bit, over its
-         codes made by NumPy, cube / scale, rint and astype, and `tofile` of those.
-read     all codes by `zarr.open_array(...)[:]` over `numpy.fromfile`; at most 2.
-decode   the complex64 cube by `dechirp.open(...).cube` over `fromfile` and codes * scale.
-frames   the same frame by frame, `dechirp.open(...).frames()`: one is held at a time.
+write    `write_cube_store` with int16 codes, over `ndarray.tofile` with the same codes; at most 2.
+encode   `write_cube_store` with the complex64 cube, including encoding and an exact check, over
+         encoding with NumPy (cube / scale, rint, astype) and `tofile`.
+read     `zarr.open_array(...)[:]` for all codes, over `numpy.fromfile`; at most 2.
+decode   `dechirp.open(...).cube`, a complex64 cube, over `fromfile` and codes * scale.
+frames   `dechirp.open(...).frames()`, with one frame in memory, over the same.
 
-Radar, coordinates and metadata take the same time whatever the number of frames: that of a store
-of one frame is given in ms, and is part of `write` and `encode`.
+The time to write radar, coordinates and metadata does not depend on the number of frames. It is
+part of `write` and `encode`; the time for a store of one frame, ms, is printed for comparison.
 
     python benchmarks/exchange.py [FOLDER]
 """
@@ -69,40 +70,40 @@ class Case:
             [cube[index : index + 1] for index in range(n_frames)]
             for cube in (self.codes, self.cube)
         )
-        self.store, self.bare = folder / "x.zarr", folder / "x.bin"
+        self.store, self.plain_file = folder / "x.zarr", folder / "x.bin"
 
     def delete_files(self) -> None:
         """Delete the store and the plain file."""
         shutil.rmtree(self.store, ignore_errors=True)
-        self.bare.unlink(missing_ok=True)
+        self.plain_file.unlink(missing_ok=True)
 
     def tofile(self) -> None:
-        """Write the codes to a bare file."""
-        self.numbers.tofile(self.bare)
+        """Write the codes to a plain file."""
+        self.numbers.tofile(self.plain_file)
 
     def write(self, frames: list[xr.DataArray]) -> None:
         """Write frames to a store."""
         write_cube_store(self.store, frames, n_frames=len(frames), radar=RADAR, groups={})
 
     def encode_with_numpy(self) -> None:
-        """Make codes of the samples with NumPy and write them to a bare file."""
+        """Encode the samples with NumPy and write them to a plain file."""
         parts = self.cube.values.view(np.float32)
-        np.rint(parts / np.float32(SCALE)).astype(np.int16).tofile(self.bare)
+        np.rint(parts / np.float32(SCALE)).astype(np.int16).tofile(self.plain_file)
 
     def fromfile(self) -> np.ndarray:
-        """Read the bare file."""
-        return np.fromfile(self.bare, np.int16)
+        """Read the codes of the plain file."""
+        return np.fromfile(self.plain_file, np.int16)
 
     def read(self) -> np.ndarray:
-        """Read the codes of the store with Zarr alone."""
+        """Read the codes of the store with Zarr only."""
         return np.asarray(zarr.open_array(self.store / "cube", mode="r")[:])
 
     def decode_with_numpy(self) -> np.ndarray:
-        """Read the bare file and make samples of it with NumPy."""
+        """Read the plain file and decode its samples with NumPy."""
         return (self.fromfile() * np.float32(SCALE)).view(np.complex64)
 
     def decode(self) -> np.ndarray:
-        """Read the samples of the store at once."""
+        """Read all samples of the store into one cube."""
         return dc.open(self.store).cube.values
 
     def frames(self) -> None:
@@ -121,22 +122,22 @@ def time_call(call: Callable[[], object], prepare: Callable[[], object]) -> floa
 
 
 def measure_ratio(
-    ours: Callable[[], object], theirs: Callable[[], object], prepare: Callable[[], object]
+    ours: Callable[[], object], reference: Callable[[], object], prepare: Callable[[], object]
 ) -> dict[str, float]:
-    """Fastest of each, in turns, in ms, and their ratio."""
-    pairs = [(time_call(ours, prepare), time_call(theirs, prepare)) for _ in range(TURNS)]
-    dechirp_s, plain_s = (min(times) for times in zip(*pairs, strict=True))
+    """Time both calls alternately; return their shortest times, ms, and the ratio."""
+    pairs = [(time_call(ours, prepare), time_call(reference, prepare)) for _ in range(TURNS)]
+    dechirp_s, reference_s = (min(times) for times in zip(*pairs, strict=True))
     return {
-        "ratio": round(dechirp_s / plain_s, 2),
+        "ratio": round(dechirp_s / reference_s, 2),
         "ms": round(1e3 * dechirp_s, 1),
-        "of_ms": round(1e3 * plain_s, 1),
+        "of_ms": round(1e3 * reference_s, 1),
     }
 
 
 def measure_store(folder: Path, n_frames: int) -> dict[str, object]:
     case = Case(folder, n_frames)
     code_frames, sample_frames = case.frames_of_codes, case.frames_of_cube
-    case.write(sample_frames[:1])  # compiles, imports
+    case.write(sample_frames[:1])  # imports and compiles
     one_frame_s = [
         time_call(lambda: case.write(code_frames[:1]), case.delete_files) for _ in range(TURNS)
     ]
@@ -152,19 +153,19 @@ def measure_store(folder: Path, n_frames: int) -> dict[str, object]:
     case.write(code_frames)
     case.tofile()
     case.decode()
-    for name, ours, theirs in (
+    for name, ours, reference in (
         ("read", case.read, case.fromfile),
         ("decode", case.decode, case.decode_with_numpy),
         ("frames", case.frames, case.decode_with_numpy),
     ):
-        results[name] = measure_ratio(ours, theirs, lambda: None)
+        results[name] = measure_ratio(ours, reference, lambda: None)
     case.delete_files()
     return results
 
 
 def main() -> None:
-    place = sys.argv[1] if len(sys.argv) > 1 else None
-    with tempfile.TemporaryDirectory(dir=place) as folder:
+    parent = sys.argv[1] if len(sys.argv) > 1 else None
+    with tempfile.TemporaryDirectory(dir=parent) as folder:
         print(json.dumps([measure_store(Path(folder), n) for n in (20, 256)], indent=2))
 
 

@@ -1,7 +1,7 @@
 """Jobs of growing size for `growth.py`, with their complexity laws.
 
-A law is what a count of operations gives. It is the growth of the largest sizes: constant parts
-flatten the small ones, and so does a kernel that is bound by memory there.
+A law follows from the number of operations and applies to large sizes. Constant parts and kernels
+that are limited by memory bandwidth give smaller exponents at small sizes.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,7 +29,7 @@ from dechirp.theory.cfar_correlated_cells import correlated_factor
 
 Work = Callable[[], object]
 
-FACTOR = 13.965  # 1e-6 by 644 training cells
+FACTOR = 13.965  # false-alarm probability 1e-6 with 644 training cells
 
 LAWS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "1": lambda n: n**0,
@@ -44,8 +44,8 @@ class Job(NamedTuple):
     """Job of variable size with its complexity law."""
 
     name: str
-    along: str
-    """Quantity that grows."""
+    growing_quantity: str
+    """Quantity that is varied."""
     law: str
     sizes: tuple[int, ...]
     make: Callable[[int], Work]
@@ -58,11 +58,9 @@ def jobs() -> Iterator[Job]:
     yield from _detectors()
     yield from _estimates()
     yield Job(
-        "clusters, of one density", "detections", "n log n", doubled_sizes(1000, 5), _clusters
+        "clusters, constant density", "detections", "n log n", doubled_sizes(1000, 5), _clusters
     )
-    yield Job(
-        "study, its ledger", "trials", "n", tuple(50 * n for n in doubled_sizes(25, 4)), _study
-    )
+    yield Job("study, ledger", "trials", "n", tuple(50 * n for n in doubled_sizes(25, 4)), _study)
 
 
 def doubled_sizes(first: int, count: int) -> tuple[int, ...]:
@@ -87,8 +85,8 @@ def _echoes() -> Iterator[Job]:
         return lambda: selection.add_echoes(out, scatterers, transmission, engine=engine)
 
     for kernel, first in (("direct", 2), ("low-rank", 8), ("nufft", 8000)):
-        named = partial(work, kernel)
-        yield Job(f"echoes, {kernel}", "scatterers", "n", doubled_sizes(first, 5), named)
+        make = partial(work, kernel)
+        yield Job(f"echoes, {kernel}", "scatterers", "n", doubled_sizes(first, 5), make)
     for kernel in ("direct", "low-rank"):
         yield Job(
             f"echoes, {kernel}", "chirps", "n", doubled_sizes(32, 5),
@@ -133,41 +131,44 @@ def _detectors() -> Iterator[Job]:
     ) -> Work:
         shape = (n_velocity, n_cells // n_velocity)
         power = rng.exponential(size=shape).astype(np.float32)
-        ring = TrainingWindow(
+        training_window = TrainingWindow(
             n_training=dc.Cells(range=n_training, velocity=n_training),
             n_guard=dc.Cells(range=4, velocity=4),
         )
         factors = np.full(power.shape[1], FACTOR, np.float32)
-        return lambda: estimator.exceeds_threshold(power, ring, factors)
+        return lambda: estimator.exceeds_threshold(power, training_window, factors)
 
-    def of_ring(estimator: NoiseEstimator, n: int) -> Work:
-        # So many cells on each side that the ring less its guard of 9 x 9 holds about n.
+    def work_for_window(estimator: NoiseEstimator, n: int) -> Work:
+        # Half width of a training window that has about n cells outside its guard of 9 x 9 cells.
         half = round((np.sqrt(n + 81) - 1) / 2)
-        # A large map: cells at the ends of range, as many as the ring is wide, take longer.
+        # Cells at both ends of the range axis take longer, and a wide window has more of them.
+        # A large map keeps their fraction small.
         return work(estimator, 2**20, n_velocity=512, n_training=half - 4)
 
     for kind, member in NoiseEstimator.members().items():
         estimator = member()
         yield Job(f"CFAR, {kind}", "cells", "n", doubled_sizes(2**16, 4), partial(work, estimator))
         yield Job(
-            f"CFAR, {kind}", "training cells", RING_LAWS.get(kind, "n"), doubled_sizes(256, 4),
-            partial(of_ring, estimator),
+            f"CFAR, {kind}", "training cells", TRAINING_CELL_LAWS.get(kind, "n"),
+            doubled_sizes(256, 4),
+            partial(work_for_window, estimator),
         )  # fmt: skip
 
     def exact(n: int) -> Work:
         noise = dc.Chain().map_noise_statistics(dc.reference().radar)
-        ring = TrainingWindow(
+        training_window = TrainingWindow(
             n_training=dc.Cells(range=10, velocity=8),
             n_guard=dc.Cells(range=n // 9 // 2, velocity=4),
         )
-        box = ring.noise_covariance_in_box(noise, ring.half_range)
+        box = training_window.noise_covariance_in_box(noise, training_window.half_range)
         return lambda: correlated_factor(1e-6, box)
 
     yield Job("CFAR factor, exact", "guard cells", "n^3", (81, 171, 351, 711), exact)
 
 
-# Running sums and halves forget how wide the ring is; the others look at its cells.
-RING_LAWS = dict.fromkeys(("cell-averaging", "greatest-of", "smallest-of"), "1")
+# Detectors with running sums, over the whole window or its halves, take a time that does not depend
+# on the number of training cells. The other detectors read each cell.
+TRAINING_CELL_LAWS = dict.fromkeys(("cell-averaging", "greatest-of", "smallest-of"), "1")
 
 
 def _estimates() -> Iterator[Job]:
@@ -180,14 +181,15 @@ def _estimates() -> Iterator[Job]:
     yield Job("refinement", "detections", "n", doubled_sizes(32, 5), tones)
 
     def directions(kind: str, n: int) -> Work:
-        aperture = Aperture(angles.uniform_line(n))
+        aperture = Aperture(angles.linear_positions(n))
         estimator, x = (
             DirectionEstimator.members()[kind](),
             angles.simulate_one_source(aperture, 100),
         )
         return lambda: estimator.find_directions(x, aperture, np.ones(100))
 
-    # A grid as fine as the beam times a product for each of its points; or eigenvectors.
+    # Bartlett: grid points grow as n, and each takes a product of n terms. Capon and MUSIC: matrix
+    # factorisation or eigenvectors, n^3.
     for kind, law in (("bartlett", "n^2"), ("capon", "n^3"), ("music", "n^3")):
         yield Job(
             f"directions, {kind}", "channels", law, doubled_sizes(16, 4), partial(directions, kind)
@@ -195,7 +197,7 @@ def _estimates() -> Iterator[Job]:
 
 
 def _clusters(n: int) -> Work:
-    """Build a clustering job of n detections in frames of 100."""
+    """Build a clustering job of n detections, 100 per frame."""
     rng = np.random.default_rng(1)
     columns = {
         "frame": np.arange(n) // 100,
@@ -214,6 +216,6 @@ def _study(n: int) -> Work:
             ThreadPoolExecutor(1) as executor,
             study_machinery.workers_from_executor(executor) as workers,
         ):
-            study_machinery.study(workers, n // study_machinery.BLOCK, 0)
+            study_machinery.run_study(workers, n // study_machinery.BLOCK, 0)
 
     return work

@@ -1,13 +1,14 @@
 """Regression guard: time relative to plain code, compared with the last release.
 
-Jobs of `side_by_side.py` that plain code does too, ours and plain in turns: their ratio moves
-little with the load and the clock of a machine. They are measured three times. A job fails whose
-ratio is more than 25 % above that of the release in two of the three. Echoes are those of ten
-targets: for more of them plain code is what is installed, FINUFFT or not.
+The guard measures the jobs of `side_by_side.py` that plain code also implements. dechirp and plain
+code run alternately, so their ratio depends little on the load and the clock of the machine. Each
+ratio is measured three times. A job fails if its ratio is more than 25 % above the ratio of the
+release in two of the three measurements. Echoes are measured with ten targets only, because the
+plain code for more targets depends on whether FINUFFT is installed.
 
-`release/VERSION.json` holds the ratios of a release, with versions and processor; another kind of
-processor may have others, and then that is told. `--write` measures them for this version; do it
-on a machine where nothing else runs.
+`release/VERSION.json` contains the ratios of a release, with its versions and processor. Ratios
+depend on the kind of processor; if it differs, the guard reports the difference. `--write`
+measures the ratios of this version and stores them; run it on an idle machine.
 
     python benchmarks/guard.py [--write]
 """
@@ -26,9 +27,9 @@ if TYPE_CHECKING:
     from sides.jobs import Job
 
 RELEASES = Path(__file__).with_name("release")
-SLOWER = 1.25
-"""Of the ratio of the release; busy machines move medians by a tenth."""
-REPEATS, ENOUGH = 3, 2
+MAX_SLOWDOWN = 1.25
+"""Largest accepted ratio relative to the release. Load changes medians by up to 10 %."""
+REPEATS, MIN_SLOW_REPEATS = 3, 2
 TURNS, TURN_S = 9, 0.05
 
 Ratios = dict[str, float]
@@ -42,7 +43,8 @@ def find_slower_jobs(release: Ratios, repeats: list[Ratios]) -> list[str]:
             lines.append(f"{job}: not measured; it was {release_ratio:.3g}")
             continue
         current_ratios = [ratios[job] for ratios in repeats]
-        if sum(ratio > SLOWER * release_ratio for ratio in current_ratios) >= ENOUGH:
+        n_slow = sum(ratio > MAX_SLOWDOWN * release_ratio for ratio in current_ratios)
+        if n_slow >= MIN_SLOW_REPEATS:
             ratios_text = ", ".join(f"{ratio:.3g}" for ratio in current_ratios)
             lines.append(
                 f"{job}: {ratios_text} of the time of plain code; it was {release_ratio:.3g}"
@@ -57,7 +59,7 @@ def load_last_release(folder: Path = RELEASES) -> dict[str, Any]:
 
 
 def iter_guarded_jobs() -> Iterator["Job"]:
-    """Iterate over the jobs that are measured."""
+    """Iterate over the measured jobs."""
     from sides import plain
     from sides.jobs import echoes, jobs
 
@@ -91,7 +93,7 @@ def measure_ratios() -> Ratios:
 
 
 def write_ratios(repeats: list[Ratios]) -> Path:
-    """Write the ratios as those of this version."""
+    """Write the median ratios to the release file of this version; return its path."""
     import dechirp
     from dechirp.experiments.study.environment import versions_system_and_processor
 
@@ -110,7 +112,9 @@ def write_ratios(repeats: list[Ratios]) -> Path:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="keep them as those of a release")
+    parser.add_argument(
+        "--write", action="store_true", help="store the ratios as those of this release"
+    )
     options = parser.parse_args()
     repeats = [measure_ratios() for _ in range(REPEATS)]
     if options.write:
@@ -119,7 +123,7 @@ def main() -> int:
     from dechirp.experiments.study.environment import versions_system_and_processor
 
     release = load_last_release()
-    print(f"{'ours over plain':48} {release['version']:>8}   now")
+    print(f"{'dechirp / plain code':48} {release['version']:>8}   now")
     for job in release["ratios"] | repeats[0]:
         release_ratio = release["ratios"].get(job)
         current_ratios = [f"{ratios[job]:8.3f}" for ratios in repeats if job in ratios]
@@ -137,7 +141,7 @@ def main() -> int:
             f"The release was measured on another processor, {release_processor};"
             f" this one is {processor}."
         )
-    print("\n".join(lines) or "Nothing is more than 25 % above.")
+    print("\n".join(lines) or "No job is more than 25 % above the ratio of the release.")
     return 1 if lines else 0
 
 

@@ -1,10 +1,12 @@
 """Simulated frames per second of a highway scene, with hardware impairments.
 
-Twenty cars, vans and trucks of some 3,000 scatterers, wheels turning, before a radar of three
-transmitters in turns and four receivers, 128 chirps of each and 256 samples; `automotive-chip`; 20
-frames. Beside it what each stage adds: echoes alone, and each impairment alone, over echoes
-alone in the same run; and the oscillator's stage for all scatterers against that for two as far
-apart.
+The scene has twenty cars, vans and trucks with turning wheels, about 3,000 scatterers in total. The
+TDM radar has three transmitters and four receivers, 128 chirps per transmitter and 256 samples.
+Impairments are those of `automotive-chip`; 20 frames are simulated.
+
+The table gives the time per frame without impairments, with all, and with each impairment alone,
+relative to the time without impairments. The last line compares the phase-noise stage for all
+scatterers with the stage for two scatterers at the smallest and largest range.
 
     python benchmarks/highway.py [--threads 2] [--frames 20]
 """
@@ -18,8 +20,8 @@ from statistics import median
 from time import perf_counter
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-parser.add_argument("--threads", type=int, default=2)
-parser.add_argument("--frames", type=int, default=20)
+parser.add_argument("--threads", type=int, default=2, help="threads of the simulation")
+parser.add_argument("--frames", type=int, default=20, help="number of simulated frames")
 options = parser.parse_args()
 for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[pool] = "1"
@@ -36,7 +38,7 @@ warnings.simplefilter("ignore", dc.PhysicsWarning)
 WAVELENGTH_M = 299_792_458.0 / 77e9
 
 
-def highway_radar() -> dc.Radar:
+def build_highway_radar() -> dc.Radar:
     chirp = dc.Chirp(
         start_frequency_hz=76.5e9,
         slope_hz_per_s=15e12,
@@ -61,12 +63,12 @@ def highway_radar() -> dc.Radar:
     return dc.Radar(frame=frame, array=array, hardware=hardware)
 
 
-def highway_scene() -> dc.Scene:
-    """Three lanes each way, one vehicle every few tens of metres."""
+def build_highway_scene() -> dc.Scene:
+    """Build a road with 20 vehicles, in lanes of both directions."""
     rng = np.random.default_rng(7)
     targets = []
     for number in range(20):
-        ahead = number % 2 == 0
+        is_same_direction = number % 2 == 0
         speed = float(rng.uniform(22, 38))
         kind = dc.bodies.Truck if number % 5 < 3 else (dc.bodies.Car, dc.bodies.Van)[number % 2]
         targets.append(
@@ -74,10 +76,10 @@ def highway_scene() -> dc.Scene:
                 name=f"vehicle-{number}",
                 position_m=(
                     12.0 + 9.0 * number,
-                    (-3.5 if ahead else 7.0) + 3.5 * (number % 3),
+                    (-3.5 if is_same_direction else 7.0) + 3.5 * (number % 3),
                     -0.5,
                 ),
-                velocity_m_per_s=(speed if ahead else -speed, 0, 0),
+                velocity_m_per_s=(speed if is_same_direction else -speed, 0, 0),
                 body=kind(speed_m_per_s=speed),
             )
         )
@@ -86,22 +88,22 @@ def highway_scene() -> dc.Scene:
 
 def time_calls(work: Callable[[], object], n_times: int = 3) -> float:
     work()
-    took = []
+    times_s = []
     for _ in range(n_times):
-        began = perf_counter()
+        start = perf_counter()
         work()
-        took.append(perf_counter() - began)
-    return median(took)
+        times_s.append(perf_counter() - start)
+    return median(times_s)
 
 
-def nearest_and_farthest(scene: dc.Scene) -> tuple[int, int]:
+def nearest_and_farthest_scatterer(scene: dc.Scene) -> tuple[int, int]:
     """Return the indices of the nearest and the farthest scatterer."""
     range_m = np.linalg.norm(scene.scatterer_positions_m([0.0])[0], axis=-1)
     return int(range_m.argmin()), int(range_m.argmax())
 
 
 def build_phase_noise_stage(scene: dc.Scene, radar: dc.Radar) -> Callable[[], None]:
-    """Build the phase-noise stage of one frame, without the sum of echoes."""
+    """Build the call of the phase-noise stage for one frame, without the sum of echoes."""
     (noise,) = (
         i for i in dc.impairments.AutomotiveChip().impairments(radar) if i.kind() == "phase-noise"
     )
@@ -109,10 +111,10 @@ def build_phase_noise_stage(scene: dc.Scene, radar: dc.Radar) -> Callable[[], No
     parts = list(direct_echo_groups(scene, radar, 0, rng))
 
     def stage() -> None:
-        reach = phase_error.find_delay_spread(parts, window, radar)
-        wide = window.widen(reach.n_before, reach.n_after)
-        phase_rad = noise.phase_error_rad(reach.phase_sample_window(wide), radar, rng)
-        phase_error.apply_phase_error(echo[..., : wide.n_times], phase_rad, reach, radar)
+        delay_spread = phase_error.find_delay_spread(parts, window, radar)
+        wide = window.widen(delay_spread.n_before, delay_spread.n_after)
+        phase_rad = noise.phase_error_rad(delay_spread.phase_sample_window(wide), radar, rng)
+        phase_error.apply_phase_error(echo[..., : wide.n_times], phase_rad, delay_spread, radar)
 
     echo = np.zeros((radar.frame.n_chirps_total, radar.array.n_rx, 512), np.complex64)
     return stage
@@ -121,13 +123,13 @@ def build_phase_noise_stage(scene: dc.Scene, radar: dc.Radar) -> Callable[[], No
 def time_alternately(first: Callable[[], None], second: Callable[[], None]) -> tuple[float, float]:
     """Measure the median times of two jobs alternately, so that drift affects both."""
     times_s = [(time_calls(first, 1), time_calls(second, 1)) for _ in range(41)]
-    return median(of_one for of_one, _ in times_s), median(of_other for _, of_other in times_s)
+    return median(first_s for first_s, _ in times_s), median(second_s for _, second_s in times_s)
 
 
 def main() -> None:
-    radar, scene = highway_radar(), highway_scene()
+    radar, scene = build_highway_radar(), build_highway_scene()
 
-    def frames_s(impairments: list[Impairment]) -> float:
+    def measure_frame_s(impairments: list[Impairment]) -> float:
         return (
             time_calls(
                 lambda: dc.simulate(
@@ -137,31 +139,37 @@ def main() -> None:
             / options.frames
         )
 
-    alone_s = frames_s([])
+    echoes_s = measure_frame_s([])
     times = {
-        "echoes alone": alone_s,
-        "automotive-chip": frames_s([dc.impairments.AutomotiveChip()]),
+        "echoes alone": echoes_s,
+        "automotive-chip": measure_frame_s([dc.impairments.AutomotiveChip()]),
     }
     for impairment in dc.impairments.AutomotiveChip().impairments(radar):
-        times[f"echoes and {impairment.kind()}"] = frames_s([impairment])
-    for name, took_s in times.items():
-        print(f"{name:>32} {1e3 * took_s:7.1f} ms a frame, {took_s / alone_s:5.2f} x echoes alone")
+        times[f"echoes and {impairment.kind()}"] = measure_frame_s([impairment])
+    for name, frame_s in times.items():
+        print(
+            f"{name:>32} {1e3 * frame_s:7.1f} ms per frame,"
+            f" {frame_s / echoes_s:5.2f} x echoes alone"
+        )
     print(f"{scene.n_scatterers} scatterers, {1 / times['automotive-chip']:.1f} frames/s")
-    ends = [scene.scatterer_positions_m([0.0])[0, place] for place in nearest_and_farthest(scene)]
-    two = dc.Scene(
+    ends = [
+        scene.scatterer_positions_m([0.0])[0, index]
+        for index in nearest_and_farthest_scatterer(scene)
+    ]
+    two_scatterers = dc.Scene(
         targets=[
-            dc.Target(position_m=tuple(at_m), velocity_m_per_s=(38 * way, 0, 0), rcs_m2=10)
-            for at_m, way in zip(ends, (-1.8, 0.2), strict=True)
+            dc.Target(position_m=tuple(position_m), velocity_m_per_s=(speed, 0, 0), rcs_m2=10)
+            for position_m, speed in zip(ends, (38 * -1.8, 38 * 0.2), strict=True)
         ]
     )
-    of_all_s, of_two_s = time_alternately(
-        build_phase_noise_stage(scene, radar), build_phase_noise_stage(two, radar)
+    all_s, two_s = time_alternately(
+        build_phase_noise_stage(scene, radar), build_phase_noise_stage(two_scatterers, radar)
     )
     print(
-        f"phase noise: {1e3 * of_all_s:.1f} ms a frame of all scatterers, {1e3 * of_two_s:.1f} of"
-        f" two as far apart: {of_all_s / of_two_s:.3f}"
+        f"phase noise: {1e3 * all_s:.1f} ms per frame for all scatterers,"
+        f" {1e3 * two_s:.1f} ms for two at the same delay spread, ratio {all_s / two_s:.3f}"
     )
-    times |= {"phase noise of all": of_all_s, "phase noise of two": of_two_s}
+    times |= {"phase noise of all": all_s, "phase noise of two": two_s}
     print(json.dumps({"threads": options.threads, "ms": {k: 1e3 * v for k, v in times.items()}}))
 
 

@@ -1,15 +1,14 @@
 """Opening time, decoding speed and memory of recordings.
 
-decode   complex64 cube, fresh, of a DCA1000 capture of 128 MiB in the file cache, two lanes
-         and four, over `numpy.fromfile` of the same file; at most 4. Beside it, the same with
-         NumPy's strides alone.
-open     opening a capture of 4 GB and decoding one frame of it, s; at most 0.3. A second
-         figure is for a network capture (pcap) of 1 GB, every packet of which is examined.
-memory   growth of the resident memory of a process that reads a capture of 1 GB frame by
-         frame, as large an .npy, or as large a network capture, in MB over three frames; at
-         most 200.
+decode   Time to decode a DCA1000 capture of 128 MiB in the file cache, with two and four lanes, to
+         a new complex64 cube, over `numpy.fromfile` of the same file; at most 4. A further ratio
+         is for decoding with strided NumPy assignments.
+open     Time to open a capture of 4 GB and decode one frame, s; at most 0.3. A second figure is for
+         a network capture (pcap) of 1 GB, which requires reading each packet.
+memory   Growth of the resident memory of a process that reads a capture, an .npy file or a network
+         capture of 1 GB each, frame by frame; MB in addition to three frames, at most 200.
 
-Compiled code is cached; ratios are medians of nine pairs of turns A B A B.
+Compiled code is cached. Ratios are medians of nine pairs, measured alternately (A B A B).
 
     python benchmarks/recordings.py
 """
@@ -51,27 +50,27 @@ import sys, psutil, threading, time
 import dechirp as dc
 sys.path.insert(0, {here!r})
 from recordings import RADAR
-for _ in dc.open({small!r}, radar=RADAR, **{options!r}).frames():  # compiles, imports
+for _ in dc.open({small!r}, radar=RADAR, **{options!r}).frames():  # imports and compiles
     pass
-me, most, done = psutil.Process(), 0, False
+process, peak, finished = psutil.Process(), 0, False
 def watch():
-    global most
-    while not done:
-        most = max(most, me.memory_info().rss)
+    global peak
+    while not finished:
+        peak = max(peak, process.memory_info().rss)
         time.sleep(0.002)
-before = me.memory_info().rss
+initial = process.memory_info().rss
 watcher = threading.Thread(target=watch)
 watcher.start()
 for _ in dc.open({large!r}, radar=RADAR, **{options!r}).frames():
     pass
-done = True
+finished = True
 watcher.join()
-print(most - before)
+print(peak - initial)
 """
 
 
 def time_call(call: Callable[[], object]) -> float:
-    """Time of one call; what it returns is freed after the clock has stopped."""
+    """Measure the time of one call, without the release of its result."""
     start = perf_counter()
     result = call()
     elapsed_s = perf_counter() - start
@@ -79,14 +78,14 @@ def time_call(call: Callable[[], object]) -> float:
     return elapsed_s
 
 
-def measure_ratio(ours: Callable[[], object], other: Callable[[], object]) -> float:
-    """Median of the ratios of nine pairs of turns, after one that is not counted."""
-    ours(), other()
-    return median(time_call(ours) / time_call(other) for _ in range(9))
+def measure_ratio(ours: Callable[[], object], reference: Callable[[], object]) -> float:
+    """Measure the median ratio of nine alternate pairs of calls, after one warm-up pair."""
+    ours(), reference()
+    return median(time_call(ours) / time_call(reference) for _ in range(9))
 
 
 def decode_with_strides(file: Path) -> np.ndarray:
-    """De-interleave two lanes as one writes it with NumPy."""
+    """De-interleave two lanes with strided NumPy assignments."""
     groups = np.memmap(file, "<i2", "r").reshape(-1, 2, 2)
     samples = np.empty((len(groups), 2), np.complex64)
     samples.real, samples.imag = groups[:, 0], groups[:, 1]
@@ -95,7 +94,7 @@ def decode_with_strides(file: Path) -> np.ndarray:
 
 
 def write_network_capture(file: Path, n_bytes: int) -> None:
-    """Write packets of zeros, as a DCA1000 sends them."""
+    """Write a pcap file of DCA1000 packets with zeros."""
     with file.open("wb") as out:
         out.write(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1))
         for number, start in enumerate(range(0, n_bytes, 1456), start=1):
@@ -108,7 +107,7 @@ def write_network_capture(file: Path, n_bytes: int) -> None:
 
 
 def measure_memory_mb(folder: Path, small: Path, large: Path, options: dict[str, object]) -> float:
-    """Peak resident memory over what the import and a small file took, less three frames."""
+    """Measure the growth of resident memory after a small file was read, minus three frames."""
     script = MEMORY.format(
         here=str(Path(__file__).parent), small=str(small), large=str(large), options=options
     )
@@ -137,13 +136,13 @@ def main() -> None:
         )
         options = {"device": "xwr1642", "iq": "iq", "format": "dca1000"}
         with large.open("wb") as out:
-            out.truncate(4000 * FRAME_BYTES * 2)  # 4.2 GB, without taking the disk
+            out.truncate(4000 * FRAME_BYTES * 2)  # 4.2 GB, sparse
 
-        def one_frame() -> object:
+        def decode_one_frame() -> object:
             return dc.open(large, radar=RADAR, frames=(3999, 4000), **options).cube
 
-        one_frame()
-        results["open_4_gb_s"] = median(time_call(one_frame) for _ in range(5))
+        decode_one_frame()
+        results["open_4_gb_s"] = median(time_call(decode_one_frame) for _ in range(5))
         with large.open("wb") as out:
             out.truncate(2048 * FRAME_BYTES)
         results["memory_dca1000_mb"] = measure_memory_mb(folder, small, large, options)
@@ -168,7 +167,7 @@ def main() -> None:
     bars = {"decode_two_lanes": 4, "decode_four_lanes": 4, "open_4_gb_s": 0.3}
     bars |= {"memory_dca1000_mb": 200, "memory_npy_mb": 200, "memory_pcap_mb": 200}
     print(json.dumps({"measured": results, "at_most": bars}, indent=2))
-    raise SystemExit(1 if any(results[name] > most for name, most in bars.items()) else 0)
+    raise SystemExit(1 if any(results[name] > bar for name, bar in bars.items()) else 0)
 
 
 if __name__ == "__main__":

@@ -1,22 +1,25 @@
 """Speed of the processing chain relative to plain NumPy, SciPy and numba code.
 
-Measured, on one thread, warm (compiled, factors known), arrays in memory:
+All jobs run on one thread with arrays in memory, after compilation and with cached threshold
+factors:
 
-map     power of 2200 x 128 samples padded to 4096 range bins; the kernel, and `power_map`; against
-        SciPy, velocity first, then the padded range.
-ca      cells of a 2048 x 128 map over the threshold of `CellAveraging`, edges right; against plain
-        numba running sums, edges left out.
-os      the same of `OrderedStatistic`, exact, on noise and with a step of 20 dB in the middle;
-        against a numba count of training cells that stops when it is decided, edges left out.
-frame   `detect`: window, transforms, power, threshold, peaks, refinement, ambiguity, labelled
-        detections, without and with directions, of 3 targets; below it what each further
-        detection takes, from 10; samples x chirps x channels, the channels as three or four
-        transmitters in turn; against NumPy and SciPy from the window to the mask of
-        a cell-averaging CFAR alone, edges wrong.
+map     Power map of 2200 x 128 samples, padded to 4096 range bins, computed by the kernel and by
+        `power_map`. Reference: SciPy, velocity transform before the padded range transform.
+ca      Cells of a 2048 x 128 map above the threshold of `CellAveraging`, including the edges.
+        Reference: running sums with numba, without the edges.
+os      Cells above the exact threshold of `OrderedStatistic`, including the edges, in noise and
+        with a step of 20 dB in the middle. Reference: a count of training cells with numba that
+        stops as soon as the decision is certain, without the edges.
+frame   `detect`: window, transforms, power, threshold, peaks, refinement, ambiguity and labelled
+        detections of 3 targets, without and with directions. Sizes are samples x chirps x
+        channels; several channels are a TDM array with three or four transmitters. A second
+        line gives the time of each additional detection, measured with 10 targets. Reference:
+        NumPy and SciPy from the window to the mask of a cell-averaging CFAR, which is wrong at
+        the edges.
 
-Not measured: simulation, files, the first call. Each figure is the median of 15 pairs of
-turns A B A B, each turn the fastest of a few calls, so that it holds on a busy machine. The bar
-is the largest ratio that is asked for.
+Simulation, files and the first call are not measured. dechirp and reference run alternately
+(A B A B). Each figure is the median of 15 pairs, and each value of a pair is the fastest of seven
+calls, so the ratios also hold on a busy machine. The bar is the largest accepted ratio.
 
     python benchmarks/speed.py
 """
@@ -51,14 +54,15 @@ from dechirp.processing.cfar.base import TrainingWindow
 from dechirp.processing.spectrum import Transform, mean_range_doppler_power
 
 FACTOR = 13.965
-# Rank 3 / 4 of 644 cells at 1e-6: log 4 = 1.386 times the mean, within 1 %.
+# The 3/4 quantile of exponential noise is log 4 = 1.386 times its mean: 13.965 / 1.386 = 10.08,
+# within 1 % of the factor for rank 3/4 of 644 cells at a false-alarm probability of 1e-6.
 RANK, RANK_FACTOR = 3 * N_TRAINING_CELLS // 4, 10.13
 
 
 def compare(
     name: str, ours: Callable[[], object], plain: Callable[[], object], bar: float
 ) -> dict[str, float]:
-    """Median over pairs of turns of the ratio of the fastest calls, and both times."""
+    """Measure both times alternately; return their medians and the median ratio."""
     ours(), plain()
     pairs = [(fastest(ours), fastest(plain)) for _ in range(15)]
     result = {
@@ -76,7 +80,7 @@ def compare(
 
 
 def fastest(work: Callable[[], object]) -> float:
-    """Shortest of several calls, s."""
+    """Return the shortest time of seven calls, s."""
     times = []
     for _ in range(7):
         start = perf_counter()
@@ -107,17 +111,17 @@ def measure_detectors() -> dict[str, dict[str, float]]:
     noise = np.random.default_rng(1).exponential(size=(128, 2048)).astype(np.float32)
     step = noise.copy()
     step[:, 1024:] *= 100
-    ring = TrainingWindow(
+    training_window = TrainingWindow(
         n_training=dc.Cells(range=TRAINING[1], velocity=TRAINING[0]),
         n_guard=dc.Cells(range=GUARD[1], velocity=GUARD[0]),
     )
-    mean, ranked = dc.cfar.CellAveraging(), dc.cfar.OrderedStatistic(rank=RANK)
-    of_mean = np.full(2048, FACTOR, np.float32)
-    of_rank = np.full(2048, RANK_FACTOR, np.float32)
+    cell_averaging, ordered_statistic = dc.cfar.CellAveraging(), dc.cfar.OrderedStatistic(rank=RANK)
+    mean_factors = np.full(2048, FACTOR, np.float32)
+    rank_factors = np.full(2048, RANK_FACTOR, np.float32)
     results = {
         "ca, noise": compare(
             "ca, noise",
-            lambda: mean.exceeds_threshold(noise, ring, of_mean),
+            lambda: cell_averaging.exceeds_threshold(noise, training_window, mean_factors),
             lambda: plain_cell_averaging(noise, FACTOR),
             0.5 / 0.95,
         )
@@ -125,7 +129,7 @@ def measure_detectors() -> dict[str, dict[str, float]]:
     for name, power, bar in (("os, noise", noise, 1.5 / 32), ("os, step", step, 3 / 32)):
         results[name] = compare(
             name,
-            partial(ranked.exceeds_threshold, power, ring, of_rank),
+            partial(ordered_statistic.exceeds_threshold, power, training_window, rank_factors),
             partial(plain_ordered_statistic, power, RANK_FACTOR, RANK),
             bar,
         )

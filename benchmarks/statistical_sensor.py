@@ -1,10 +1,16 @@
 """Agreement and speed of detections drawn from theory, relative to simulated samples.
 
-Six targets of one ratio, at six places between the bins, before a radar of one receiver and one of
-eight virtual elements, steady and Swerling 1; and the reference radar. Of each ratio: the
-probability of detection of both and the standard error of their difference; root-mean-square
-errors of the sensor over those of samples, each with its standard error; peaks of noise in a frame
-of both. Then frames drawn in a second, of one thread, processor time.
+The scenes have six targets with the same SNR at different positions within a cell. Radars have one
+receiver or eight virtual elements; targets are steady or Swerling 1. A further scene is that of the
+reference radar. For each SNR the table gives:
+
+* the detection probabilities from samples and from the statistical sensor, their difference, and
+  its standard error
+* the RMSE of the sensor divided by the RMSE from samples, with the standard error of this ratio
+* the ratio of the mean estimated SNRs
+* the false alarms per frame from samples and from the sensor
+
+The last lines give the frames per second of the sensor, by processor time of one thread.
 
     python benchmarks/statistical_sensor.py [--trials 2000] [--snr 10 12 14]
 """
@@ -48,7 +54,7 @@ ERRORS = ("range_error_m", "velocity_error_m_per_s", "azimuth_error_rad")
 
 
 def build_small_scenario(n_elements: int) -> Scenario:
-    """Six targets in a small map, of one receiver, or of two transmitters in turns and more."""
+    """Build a small radar, with TDM for several elements, and six targets."""
     half_m = 3.9e-3 / 2
     n_tx = 2 if n_elements > 1 else 1
     n_rx = n_elements // n_tx
@@ -67,9 +73,9 @@ def build_small_scenario(n_elements: int) -> Scenario:
     )
     hardware = Hardware(transmit_power_w=0.01, antenna_gain=10.0, noise_factor=10.0, loss=1.0)
     radar = Radar(frame=frame, array=array, hardware=hardware)
-    # Cells are 0.86 m and 1 or 2 m/s: at quarters and thirds of them, far from each other.
+    # Cells are 0.86 m and 1 or 2 m/s. Positions have different fractions of a cell, far apart.
     cell_m, cell_m_per_s = frame.chirp.range_resolution_m, frame.velocity_resolution_m_per_s
-    places = [
+    positions_cells = [
         (18.0, -20.0),
         (18.5, 12.25),
         (50.25, -20.5),
@@ -78,15 +84,15 @@ def build_small_scenario(n_elements: int) -> Scenario:
         (83.75, 12.0),
     ]
     targets = []
-    for row, (in_range, in_velocity) in enumerate(places):
+    for row, (range_cells, velocity_cells) in enumerate(positions_cells):
         azimuth = np.radians(8.0 * row - 20)
-        towards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-        range_m, velocity = in_range * cell_m, in_velocity * cell_m_per_s
+        direction = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        range_m, velocity = range_cells * cell_m, velocity_cells * cell_m_per_s
         range_m -= frame.chirp.range_doppler_coupling_m(velocity)
         targets.append(
             dc.Target(
-                position_m=tuple(range_m * towards),
-                velocity_m_per_s=tuple(velocity * towards),
+                position_m=tuple(range_m * direction),
+                velocity_m_per_s=tuple(velocity * direction),
                 rcs_m2=1e-5 * range_m**4 / 1e3,
             )
         )
@@ -103,13 +109,13 @@ def build_small_scenario(n_elements: int) -> Scenario:
 
 
 def set_snr(scenario: Scenario, snr_db: float, fluctuation: str) -> Scenario:
-    """Set the SNR of all targets under thermal noise."""
+    """Set the same SNR in thermal noise for all targets."""
     truth = dc.truth(scenario.scene, scenario.radar)
-    now = float(truth.snr[0, 0])
+    first_snr = float(truth.snr[0, 0])
     targets = tuple(
         replace(
             target,
-            rcs_m2=target.rcs_m2 * 10 ** (snr_db / 10) / now * now / float(snr),
+            rcs_m2=target.rcs_m2 * 10 ** (snr_db / 10) / first_snr * first_snr / float(snr),
             fluctuation=fluctuation,
         )
         for target, snr in zip(scenario.scene.targets, truth.snr[:, 0], strict=True)
@@ -119,19 +125,19 @@ def set_snr(scenario: Scenario, snr_db: float, fluctuation: str) -> Scenario:
 
 
 class Score(NamedTuple):
-    """Statistics of many trials."""
+    """Statistics of all trials."""
 
     probability: float
     n: int
     rmse: np.ndarray
     rmse_error: np.ndarray
-    """Relative."""
+    """Relative standard error of the RMSE."""
     false_alarms: float
     columns: dict[str, np.ndarray]
 
 
 def score_trials(scenario: Scenario, frames: Frames, n_trials: int) -> Score:
-    """Detections of one frame each, against the truth."""
+    """Score the detections of single frames against the truth."""
     noise_w = added_noise_power_w(scenario, scenario.radar)
     truth = dc.truth(scenario.scene, scenario.radar, noise_power_w=noise_w)
     associator = Associator(truth, scenario.radar)
@@ -141,15 +147,16 @@ def score_trials(scenario: Scenario, frames: Frames, n_trials: int) -> Score:
         match = associator(columns)
         n_found += len(np.unique(match.target[match.target >= 0]))
         n_false += int(np.sum(match.target < 0))
-        # A false alarm within two cells of a target counts as its detection; the laws exclude it.
-        near = match.target >= 0
+        # A false alarm within two cells of a target counts as its detection. Errors above six
+        # standard deviations are therefore excluded, as the theory does not describe them.
+        is_near = match.target >= 0
         for name, std in zip(ERRORS, STDS, strict=True):
-            near &= ~(abs(getattr(match, name)) > 6 * columns[std])
-        errors.append(np.array([getattr(match, name) for name in ERRORS])[:, near])
+            is_near &= ~(abs(getattr(match, name)) > 6 * columns[std])
+        errors.append(np.array([getattr(match, name) for name in ERRORS])[:, is_near])
         detected_snr.append(columns["snr"][match.target >= 0])
     squared = np.concatenate(errors, axis=1) ** 2
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of angles that are not estimated
+        warnings.simplefilter("ignore", RuntimeWarning)  # columns of NaN for angles not estimated
         mean = np.nanmean(squared, axis=1)
         spread = np.nanstd(squared, axis=1) / np.sqrt(squared.shape[1]) / mean / 2
     n = n_trials * len(scenario.scene.targets)
@@ -164,20 +171,20 @@ def score_trials(scenario: Scenario, frames: Frames, n_trials: int) -> Score:
 
 
 def compare(scenario: Scenario, n_trials: int) -> tuple[Score, Score]:
-    """Score detections from samples and from the statistical sensor."""
+    """Score the detections from samples and those of the statistical sensor."""
     rng = np.random.default_rng(1)
     chain = scenario.chain.fit_to_radar(scenario.radar)
 
-    def of_samples() -> dict[str, np.ndarray]:
+    def detect_from_samples() -> dict[str, np.ndarray]:
         cube = dc.simulate(
             scenario.scene, scenario.radar, seed=rng, impairments=scenario.impairments
         )
         return detect_columns([cube], scenario.radar, chain)
 
-    sensor, other = StatisticalSensor(scenario), np.random.default_rng(2)
+    sensor, sensor_rng = StatisticalSensor(scenario), np.random.default_rng(2)
     return (
-        score_trials(scenario, of_samples, n_trials),
-        score_trials(scenario, lambda: sensor.draw_detections(other), n_trials),
+        score_trials(scenario, detect_from_samples, n_trials),
+        score_trials(scenario, lambda: sensor.draw_detections(sensor_rng), n_trials),
     )
 
 
@@ -186,8 +193,8 @@ def print_comparison(
 ) -> None:
     print(f"{scenario.name}, {fluctuation}")
     print(
-        "  snr   samples  drawn   diff    s.e.   rmse drawn / samples: range, velocity, azimuth"
-        "        snr    false"
+        "  snr   samples  sensor  diff    s.e.   rmse sensor / samples: range, velocity, azimuth"
+        "       snr    false alarms"
     )
     for snr_db in snrs_db:
         sampled, drawn_score = compare(set_snr(scenario, snr_db, fluctuation), n_trials)
@@ -209,22 +216,24 @@ def print_comparison(
 def measure_speed(scenario: Scenario) -> None:
     sensor, rng = StatisticalSensor(scenario), np.random.default_rng(1)
     sensor.draw_detections(rng)
-    started, n = process_time(), 0
-    while process_time() - started < 2.0:
+    start, n = process_time(), 0
+    while process_time() - start < 2.0:
         sensor.draw_detections(rng)
         n += scenario.n_frames
-    print(f"{scenario.name}: {n / (process_time() - started):.0f} frames/s")
+    print(f"{scenario.name}: {n / (process_time() - start):.0f} frames/s")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--trials", type=int, default=2000)
-    parser.add_argument("--snr", type=float, nargs="*", default=[12, 14, 15, 16, 17, 19, 24])
+    parser.add_argument("--trials", type=int, default=2000, help="trials per SNR")
+    parser.add_argument(
+        "--snr", type=float, nargs="*", default=[12, 14, 15, 16, 17, 19, 24], help="SNRs in dB"
+    )
     options = parser.parse_args()
     warnings.simplefilter("ignore", PhysicsWarning)
-    for n_elements, more_db in ((1, 0.0), (8, 4.0)):
+    for n_elements, offset_db in ((1, 0.0), (8, 4.0)):
         for fluctuation in ("steady", "swerling-1"):
-            snrs_db = [snr_db + more_db for snr_db in options.snr]
+            snrs_db = [snr_db + offset_db for snr_db in options.snr]
             print_comparison(build_small_scenario(n_elements), snrs_db, fluctuation, options.trials)
     print_comparison(reference(), [15, 16, 17, 18], "steady", options.trials)
     for name in ("highway", "corner-radar", "mimo"):

@@ -1,16 +1,16 @@
 """Packet loss and processor load of a DCA1000 stream at full rate on loopback.
 
-20 frames/s of 128 chirps x 8 channels x 256 complex samples of int16: 1 MiB a frame, 21 MB/s,
-14,400 packets/s. The channels are two transmitters that take turns with four receivers each, as a
-DCA1000 has four lanes: 256 chirps are sent a frame. Another process sends, in steps of 16 packets,
-which takes one core most of its time; both share this machine.
+The stream has 20 frames/s of 128 chirps x 8 channels x 256 complex int16 samples: 1 MiB per frame,
+21 MB/s, 14,400 packets/s. The channels are a TDM array of two transmitters and four receivers, so a
+frame has 256 chirps. Another process on the same machine sends groups of 16 packets and uses most
+of one core. The cases are:
 
-taken      frames are taken, and nothing is done with them
-detected   each goes through `detect`: maps, detections, directions
-held       after every 15th, Python code runs for 0.5 s and does not let go of the interpreter
+taken      Frames are received and discarded.
+detected   Each frame is processed by `detect`: maps, detections, directions.
+held       At every 15th frame, Python code holds the interpreter lock for 0.5 s.
 
-For each: frames a second; packets lost; frames with gaps; share of a core that this process takes
-(receiving, placing, decoding, and what is done with the frames).
+For each case the script prints the frames per second, the lost packets, the frames with gaps, and
+the load of this process as a fraction of one core (receiving, decoding and processing).
 
     python benchmarks/streams.py [SECONDS]
 """
@@ -62,13 +62,13 @@ print(dc.replay(sys.argv[1], sys.argv[2], bytes_per_s=float(sys.argv[3])))
 
 
 def measure_stream(capture: Path, use: Callable[[int, xr.DataArray], object]) -> dict[str, float]:
-    """Send the capture, take its frames, and do something with each."""
+    """Replay a capture to a listener and call `use` with the number of each frame and the frame."""
     options = {"radar": RADAR, "device": "xwr1843", "iq": "iq"}
     first = next(iter(dc.open(capture, **options, frames=(0, 1)).frames()))
     use(1, first)  # compiles
-    pace = str(FRAMES_PER_S * FRAME_BYTES)
+    bytes_per_s = str(FRAMES_PER_S * FRAME_BYTES)
     with dc.listen("127.0.0.1:0", **options, idle_s=5) as stream:
-        arguments = [sys.executable, "-c", SENDER, str(capture), stream.address, pace]
+        arguments = [sys.executable, "-c", SENDER, str(capture), stream.address, bytes_per_s]
         with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as sender:
             times_s, n_gaps, busy_s = [], 0, 0.0
             for frame in stream:
@@ -81,19 +81,19 @@ def measure_stream(capture: Path, use: Callable[[int, xr.DataArray], object]) ->
                     break
             busy_s += time.process_time()
             n_sent = int(sender.communicate()[0])
-    took_s = times_s[-1] - times_s[0]
+    elapsed_s = times_s[-1] - times_s[0]
     return {
         "frames": len(times_s),
-        "frames_per_s": (len(times_s) - 1) / took_s,
+        "frames_per_s": (len(times_s) - 1) / elapsed_s,
         "packets_sent": n_sent,
         "packets_lost": -(-stream._window.lost_bytes // 1456),
         "frames_with_gaps": n_gaps,
-        "share_of_a_core": busy_s / took_s,
+        "share_of_a_core": busy_s / elapsed_s,
     }
 
 
 def hold_interpreter(n: int, frame: xr.DataArray) -> None:
-    """Hold the interpreter lock for 0.5 s in every 15th frame."""
+    """Hold the interpreter lock for 0.5 s at every 15th frame."""
     end_s = time.perf_counter() + (0 if n % 15 else 0.5)
     while time.perf_counter() < end_s:
         sum(range(100))
@@ -105,10 +105,10 @@ def main() -> None:
     rng = np.random.default_rng(0)
     with tempfile.TemporaryDirectory() as folder:
         capture = Path(folder) / "capture.bin"
-        part = rng.integers(-2000, 2000, FRAME_BYTES // 2, dtype=np.int16).tobytes()
+        frame_bytes = rng.integers(-2000, 2000, FRAME_BYTES // 2, dtype=np.int16).tobytes()
         with capture.open("wb") as out:
             for _ in range(n_frames):
-                out.write(part)
+                out.write(frame_bytes)
         measured = {
             "taken": measure_stream(capture, lambda n, frame: None),
             "detected": measure_stream(capture, lambda n, frame: dc.detect(frame, RADAR)),

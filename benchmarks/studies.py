@@ -1,19 +1,20 @@
 """Trials per second of the reference scene, from noise generation to detections.
 
-Measured, on one thread, warm (compiled, factors known), in memory that is used again, of 2200 x 128
-samples of one receiver:
+All stages run on one thread with 2200 x 128 samples of one receiver, after compilation, with cached
+threshold factors and in reused memory:
 
-noise     circular Gaussian noise added to a cube; against NumPy's ziggurat.
-cube      a trial of `MonteCarloSimulator`: kept echo and noise; against `simulate`.
-map       power of each cell, `range_doppler_power`; against SciPy's transforms.
-cfar      cells over the threshold of `CellAveraging`.
-columns   `detect_columns`, from samples to columns.
-trial     cube and columns: samples to detections.
-cells     noise, map and threshold, without a scene: what a study of false alarms takes.
+noise     Circular Gaussian noise added to a cube. Reference: the ziggurat generator of NumPy.
+cube      A trial of `MonteCarloSimulator`: the stored echo and new noise. Reference: `simulate`.
+map       Power of each cell with `range_doppler_power`. Reference: the transforms of SciPy.
+cfar      Cells above the threshold of `CellAveraging`.
+columns   Samples to detections with `detect_columns`.
+trial     `cube` followed by `columns`.
+cells     Noise, map and threshold without a scene, as in a study of false alarms.
 
-Then trial and cells in two processes at once, each on one thread: trials/s and cells/s of both.
-Not measured: scores, the ledger, what hands out blocks. Each figure is the median over turns of
-the fastest of a few calls; where other work shares the machine, the fastest of all says more.
+Then `trial` and `cells` run in two parallel processes with one thread each, to measure their
+combined rate in trials/s and cells/s. Scoring, the ledger and the scheduler of blocks are not
+measured. Each figure is the median of 15 measurements, each of which is the fastest of seven calls.
+On a machine with other load, the shortest time is more meaningful.
 
     python benchmarks/studies.py
 """
@@ -43,13 +44,13 @@ from dechirp.processing.range_doppler_map import range_doppler_power
 from dechirp.simulation.monte_carlo import MonteCarloSimulator
 
 TRIALS_PER_S, CELLS_PER_S = 600.0, 1e8
-"""Asked for on two cores."""
-SECONDS = 3.0
-"""That two processes run side by side."""
+"""Required rates on two cores."""
+PARALLEL_S = 3.0
+"""Duration of the measurement with two processes."""
 
 
 class Works(NamedTuple):
-    """Measured functions and their plain references, by name."""
+    """Timed functions and their references in plain code, by name."""
 
     ours: dict[str, Callable[[], object]]
     plain: dict[str, Callable[[], object]]
@@ -58,7 +59,7 @@ class Works(NamedTuple):
 
 @cache
 def build_works() -> Works:
-    """All of the reference scene, in memory that is used again."""
+    """Build the functions for the reference scene; they reuse their memory."""
     warnings.simplefilter("ignore", dc.PhysicsWarning)
     scenario = dc.reference()
     scene, radar = scenario.scene, scenario.radar
@@ -110,7 +111,7 @@ def build_works() -> Works:
 
 
 def fastest(work: Callable[[], object]) -> float:
-    """Shortest of several calls, s."""
+    """Return the shortest time of seven calls, s."""
     times = []
     for _ in range(7):
         start = perf_counter()
@@ -120,7 +121,7 @@ def fastest(work: Callable[[], object]) -> float:
 
 
 def measure(name: str) -> dict[str, float]:
-    """Median and shortest time of a work, and its ratio to plain code if there is some."""
+    """Measure the median and shortest time of a stage, and its ratio to plain code if available."""
     ours, plain = build_works().ours[name], build_works().plain.get(name)
     ours()
     pairs = [(fastest(ours), fastest(plain) if plain else np.nan) for _ in range(15)]
@@ -136,24 +137,24 @@ def measure(name: str) -> dict[str, float]:
 
 
 def measure_rate(name: str, start: float) -> float:
-    """Calls a second in a process of its own, all of which begin at one time."""
+    """Measure the calls per second in this process from a common start time on."""
     work = build_works().ours[name]
     for _ in range(5):
         work()
     while perf_counter() < start:
         pass
     n = 0
-    while perf_counter() < start + SECONDS:
+    while perf_counter() < start + PARALLEL_S:
         work()
         n += 1
     return n / (perf_counter() - start)
 
 
 def measure_in_parallel(n_processes: int) -> dict[str, float]:
-    """Sum of the rates of so many processes at once; the clock is one for the whole machine."""
+    """Sum the rates of parallel processes; `perf_counter` is common to all processes (Linux)."""
     rates = {}
     with ProcessPoolExecutor(n_processes, mp_context=get_context("spawn")) as pool:
-        # Compiled and loaded in each before the first turn is timed.
+        # Each process imports and compiles before the timed measurement.
         list(pool.map(partial(measure_rate, "trial"), [perf_counter() + 20.0] * n_processes))
         for name in ("trial", "cells"):
             begin = perf_counter() + 1.0

@@ -1,21 +1,21 @@
 """Overhead of running and storing trials, and limits of many workers.
 
-Measured, warm, on this machine:
+All parts run after imports and compilation:
 
-overhead    of the machinery, ms a trial: blocks of 50 trials of no work through one process, less
-            nothing; the ledger alone, and the file system's fsync, below it. The bar is 0.2 ms.
-two         trials/s of two workers over those of two processes that only work, with blocks of
-            50 trials that compute for 5 ms each. The bar is 0.9.
-dask        time of the same blocks by a scheduler and two workers on loopback over that of two
-            local processes. The bar is 1.15.
-tasks       blocks/s that the scheduler hands out and takes back, empty ones, by workers: what
-            1,000 workers share.
-bytes       of a block's result on the wire, by trials and columns.
-million     1,000,000 finished trials in blocks of 50 and of 1, ten columns: seconds to open,
-            list and add up; memory of the process.
-start       s until the first block of a new pool is done.
+overhead    Overhead per trial, ms: blocks of 50 empty trials in one worker process. The lines below
+            it give the same for a thread, and the time of the ledger and of `fsync`. Bar: 0.2 ms.
+two         Trials per second of two workers, divided by the rate of two independent processes, with
+            blocks of 50 trials that compute for 5 ms each. Bar: 0.9.
+dask        Time of the same blocks with a Dask scheduler and two workers on loopback, divided by
+            the time of two local processes. Bar: 1.15.
+tasks       Empty blocks per second that the Dask scheduler distributes and collects, with one and
+            two workers. This rate limits large clusters, for example 1,000 workers.
+bytes       Size of the serialised result of a block, by numbers of trials and columns.
+million     1,000,000 finished trials in blocks of 50 and of 1, with ten columns: time to open, list
+            and sum the ledger, and memory of the process. Bars: 5 s and 1 GiB.
+start       Time until a new pool has finished its first block, s.
 
-Figures of pairs are medians of turns A B A B, so that they hold on a busy machine.
+Ratios are medians of pairs that run alternately (A B A B), so they also hold on a busy machine.
 
     python benchmarks/study_machinery.py [overhead two dask tasks bytes million start]
 """
@@ -53,7 +53,7 @@ BLOCK, COLUMNS = 50, 10
 
 
 def compute_block(n_steps: int, point: int, number: int) -> Block:
-    """Trials of so many steps of work each: transforms that fill a core."""
+    """Compute a block of trials with n_steps transforms each, which use one core fully."""
     rng = np.random.default_rng(number)
     x = np.ones(16384, np.complex128)
     for _ in range(BLOCK * n_steps):
@@ -63,15 +63,15 @@ def compute_block(n_steps: int, point: int, number: int) -> Block:
 
 
 def count_steps(seconds: float) -> int:
-    """Estimate the number of steps that take the given time."""
+    """Estimate the number of steps per trial for a given time."""
     start = perf_counter()
     compute_block(10, 0, 0)
     return max(1, round(seconds / ((perf_counter() - start) / (10 * BLOCK))))
 
 
-def study(workers: Workers, n_blocks: int, n_steps: int, n_points: int = 1) -> float:
-    """Seconds that a study takes."""
-    trials = TrialBudget(at_most=n_blocks // n_points * BLOCK, block=BLOCK)
+def run_study(workers: Workers, n_blocks: int, n_steps: int, n_points: int = 1) -> float:
+    """Run a study; return its duration, s."""
+    trial_budget = TrialBudget(at_most=n_blocks // n_points * BLOCK, block=BLOCK)
     with tempfile.TemporaryDirectory() as folder:
         start = perf_counter()
         with Ledger.create_or_continue(Path(folder), identity={}, environment={}) as ledger:
@@ -79,25 +79,27 @@ def study(workers: Workers, n_blocks: int, n_steps: int, n_points: int = 1) -> f
                 compute_block,
                 n_steps,
                 n_points=n_points,
-                trials=trials,
+                trials=trial_budget,
                 ledger=ledger,
                 workers=workers,
             )
         return perf_counter() - start
 
 
-def overhead() -> None:
+def measure_overhead() -> None:
     n = 1000
     with local_workers(1) as workers:
-        study(workers, 10, 0)
-        process_times_s = [study(workers, n, 0) for _ in range(3)]
+        run_study(workers, 10, 0)
+        process_times_s = [run_study(workers, n, 0) for _ in range(3)]
     with ThreadPoolExecutor(1) as executor, workers_from_executor(executor) as workers:
-        in_thread = [study(workers, n, 0) for _ in range(3)]
+        thread_times_s = [run_study(workers, n, 0) for _ in range(3)]
     print(
-        f"overhead: {1e3 * median(process_times_s) / n / BLOCK:.4f} ms a trial"
-        " by a process (bar 0.2),"
+        f"overhead: {1e3 * median(process_times_s) / n / BLOCK:.4f} ms per trial"
+        " in a worker process (bar 0.2),"
     )
-    print(f"          {1e3 * median(in_thread) / n / BLOCK:.4f} ms by a thread of this process")
+    print(
+        f"          {1e3 * median(thread_times_s) / n / BLOCK:.4f} ms in a thread of this process"
+    )
     with tempfile.TemporaryDirectory() as folder:
         blocks = [compute_block(0, 0, number) for number in range(500)]
         with Ledger.create_or_continue(Path(folder), identity={}, environment={}) as ledger:
@@ -111,13 +113,13 @@ def overhead() -> None:
                 file.write(bytes(4096))
                 file.flush()
                 os.fsync(file.fileno())
-            sync = (perf_counter() - start) / 200
+            sync_s = (perf_counter() - start) / 200
     print(
-        f"          {1e3 * ledger_s:.2f} ms a block of it for the ledger; fsync {1e3 * sync:.2f} ms"
+        f"          {1e3 * ledger_s:.2f} ms per block for the ledger; fsync {1e3 * sync_s:.2f} ms"
     )
 
 
-def two() -> None:
+def measure_two_workers() -> None:
     n_steps, n = count_steps(0.005), 24
     call = (
         f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
@@ -136,7 +138,7 @@ def two() -> None:
             )
             for _ in range(2)
         ]
-        for process in pair:  # past imports
+        for process in pair:  # waits for the imports
             assert process.stdout is not None
             process.stdout.readline()
         start = perf_counter()
@@ -149,14 +151,17 @@ def two() -> None:
         return perf_counter() - start
 
     with local_workers(2) as workers:
-        study(workers, 4, 0)
-        ratios = [independent() / study(workers, n, n_steps) for _ in range(3)]
-    print(f"two: {median(ratios):.3f} of two independent processes (bar 0.9), {sorted(ratios)}")
+        run_study(workers, 4, 0)
+        ratios = [independent() / run_study(workers, n, n_steps) for _ in range(3)]
+    print(
+        f"two: {median(ratios):.3f} times the rate of two independent processes (bar 0.9),"
+        f" {sorted(ratios)}"
+    )
 
 
 @contextmanager
 def start_cluster(n_workers: int) -> Iterator[str]:
-    """Address of a scheduler on loopback with so many workers."""
+    """Start a Dask scheduler with workers on loopback; yield its address."""
     with socket.socket() as port_socket:
         port_socket.bind(("127.0.0.1", 0))
         port = port_socket.getsockname()[1]
@@ -178,7 +183,7 @@ def start_cluster(n_workers: int) -> Iterator[str]:
             process.wait()
 
 
-def loopback() -> None:
+def measure_dask_loopback() -> None:
     n_steps, n = count_steps(0.005), 24
     with (
         start_cluster(2) as address,
@@ -188,35 +193,41 @@ def loopback() -> None:
         while dask_pool.capacity() < 2:
             pass
         for workers in (dask_pool, local_pool):
-            study(workers, 8, 0)
-        ratios = [study(dask_pool, n, n_steps) / study(local_pool, n, n_steps) for _ in range(3)]
-        print(f"dask: {median(ratios):.3f} of the time of local (bar 1.15), {sorted(ratios)}")
+            run_study(workers, 8, 0)
+        ratios = [
+            run_study(dask_pool, n, n_steps) / run_study(local_pool, n, n_steps) for _ in range(3)
+        ]
+        print(
+            f"dask: {median(ratios):.3f} times the time of local processes (bar 1.15),"
+            f" {sorted(ratios)}"
+        )
 
 
-def tasks() -> None:
+def measure_task_rate() -> None:
     for n_workers in (1, 2):
         with start_cluster(n_workers) as address, dask_workers(address, timeout_s=60) as dask_pool:
             while dask_pool.capacity() < n_workers:
                 pass
-            study(dask_pool, 20, 0)
+            run_study(dask_pool, 20, 0)
             n = 300
-            seconds = median(study(dask_pool, n, 0) for _ in range(3))
-            # As many out at once as 300 workers have: the scheduler is what is busy.
+            seconds = median(run_study(dask_pool, n, 0) for _ in range(3))
+            # A pool that claims 300 workers has 900 blocks in flight: the scheduler is the limit.
             oversized_pool = Workers(dask_pool.executor, lambda: 300)
-            flooded = median(study(oversized_pool, n, 0) for _ in range(3))
+            flooded_s = median(run_study(oversized_pool, n, 0) for _ in range(3))
             print(
-                f"tasks: {n / seconds:.0f} blocks/s by {n_workers}, {n / flooded:.0f} with 900 out"
+                f"tasks: {n / seconds:.0f} blocks/s with a pool of {n_workers},"
+                f" {n / flooded_s:.0f} with 900 blocks in flight"
             )
 
 
-def result_bytes() -> None:
+def measure_result_size() -> None:
     for trials, columns in ((1, 10), (50, 10), (50, 40), (500, 10)):
         block = Block(0, 0, 0, np.zeros((trials, columns)), 0.0)
         size = len(pickle.dumps(block, protocol=5))
-        print(f"bytes: {size} of {trials} trials of {columns} columns")
+        print(f"bytes: {size} for {trials} trials with {columns} columns")
 
 
-def million() -> None:
+def measure_million_trials() -> None:
     script = """
 import resource, sys
 from pathlib import Path
@@ -224,12 +235,12 @@ from time import perf_counter
 from dechirp.experiments.study.ledger import Ledger
 start = perf_counter()
 with Ledger.open(Path(sys.argv[1]), identity={}, environment={}) as ledger:
-    done = ledger.finished_blocks()
+    finished = ledger.finished_blocks()
     total = sum(sums.sum(axis=0) for _, sums in ledger.iter_point_sums())
     ledger.count_failures()
-used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+used_gib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
 seconds = perf_counter() - start
-print(f"million: {len(done)} blocks: {seconds:.2f} s (bar 5), {used:.2f} GiB (bar 1)")
+print(f"million: {len(finished)} blocks: {seconds:.2f} s (bar 5), {used_gib:.2f} GiB (bar 1)")
 """
     n, n_points = 1_000_000, 100
     for size in (50, 1):
@@ -244,27 +255,29 @@ print(f"million: {len(done)} blocks: {seconds:.2f} s (bar 5), {used:.2f} GiB (ba
             subprocess.run([sys.executable, "-c", script, folder], check=True)
 
 
-def start() -> None:
+def measure_start() -> None:
     for n_workers in (1, 2):
         begin = perf_counter()
         with local_workers(n_workers) as workers:
-            study(workers, n_workers, 0)
-            print(f"start: {perf_counter() - begin:.2f} s to the first blocks of {n_workers}")
+            run_study(workers, n_workers, 0)
+            elapsed_s = perf_counter() - begin
+            print(f"start: {elapsed_s:.2f} s to the first blocks of a pool of {n_workers}")
 
 
 PARTS: dict[str, Callable[[], None]] = {
-    "overhead": overhead,
-    "two": two,
-    "dask": loopback,
-    "tasks": tasks,
-    "bytes": result_bytes,
-    "million": million,
-    "start": start,
+    "overhead": measure_overhead,
+    "two": measure_two_workers,
+    "dask": measure_dask_loopback,
+    "tasks": measure_task_rate,
+    "bytes": measure_result_size,
+    "million": measure_million_trials,
+    "start": measure_start,
 }
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parent))
-    import study_machinery  # by its name, so that workers find what they are sent
+    # Workers unpickle functions by module name, which must not be __main__.
+    import study_machinery
 
     compute_block = study_machinery.compute_block
     for name in sys.argv[1:] or PARTS:

@@ -1,9 +1,10 @@
 """Completeness, consistency and speed of tracks of ten crossing targets.
 
-Trials of `examples/crossing-tracks.yaml`. Whole: every target acquired in time, and then held by
-one track to the end. NEES: mean over targets and whole trials in each frame, of four states,
-from the frame on in which tracks must be confirmed; beside it the interval in which all of a
-consistent filter's would be but once in a million. Frames/s: of one thread, processor time.
+The script runs trials of `examples/crossing-tracks.yaml`. In a complete trial, every target is
+acquired in time and then kept by one track to the end. NEES is the mean over the four states of all
+targets and complete trials, in each frame after the time limit for confirmation. The interval after
+it contains the values of all frames with a probability of 1 - 1e-6 if the filter is consistent.
+Frames/s are measured in processor time of one thread.
 
     python benchmarks/tracks.py [--trials 50] [--association joint] [--filter unscented]
 """
@@ -16,9 +17,9 @@ from time import process_time
 from typing import get_args
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-parser.add_argument("--trials", type=int, default=50)
-parser.add_argument("--association", default="")
-parser.add_argument("--filter", default="")
+parser.add_argument("--trials", type=int, default=50, help="trials per tracker")
+parser.add_argument("--association", default="", help="only this association")
+parser.add_argument("--filter", default="", help="only this filter")
 options = parser.parse_args()
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
@@ -46,7 +47,7 @@ def stack_states(dataset: xr.Dataset) -> np.ndarray:
 
 
 def compute_nees(outcome: TrackingOutcome) -> np.ndarray:
-    """NEES of each target, (n_targets, n_frames), NaN while no track holds it."""
+    """Compute the NEES of each target, (n_targets, n_frames), NaN for targets without a track."""
     holder = outcome.identities.holder.values
     target, frame = np.nonzero(holder >= 0)
     row = holder[target, frame]
@@ -59,7 +60,7 @@ def compute_nees(outcome: TrackingOutcome) -> np.ndarray:
 
 
 def compute_distances(outcome: TrackingOutcome, cutoff_m: float) -> np.ndarray:
-    """OSPA and GOSPA of each frame, (n_frames, 2)."""
+    """Compute the OSPA and GOSPA of each frame, (n_frames, 2)."""
     confirmed = outcome.tracks.status.values == "confirmed"
     estimates, truth = (
         stack_states(dataset)[..., [0, 2]] for dataset in (outcome.tracks, outcome.data.truth)
@@ -76,36 +77,36 @@ def compute_distances(outcome: TrackingOutcome, cutoff_m: float) -> np.ndarray:
 
 
 def measure(trial: TrackTrial) -> None:
-    outcomes, took_s = [], 0.0
+    outcomes, elapsed_s = [], 0.0
     for number in range(options.trials):
         trial_data = draw_truth_and_detections(trial, number)
-        begun_s = process_time()
+        start_s = process_time()
         tracks = track(trial_data.detections, trial.times_s, trial.tracker)
-        took_s += process_time() - begun_s
+        elapsed_s += process_time() - start_s
         outcomes.append(assess_track_completeness(trial, trial_data, tracks))
     n_targets = len(trial.scene.targets)
-    settled = trial.tracker.confirm_after[1]
+    first_frame = trial.tracker.confirm_after[1]
     complete = [outcome for outcome in outcomes if outcome.is_complete]
-    sure = np.nanmean(
-        np.concatenate([compute_nees(outcome) for outcome in complete])[:, settled:], axis=0
+    mean_nees = np.nanmean(
+        np.concatenate([compute_nees(outcome) for outcome in complete])[:, first_frame:], axis=0
     )
     low, high = mean_nees_interval(
-        4, len(complete) * n_targets, outside_probability=1e-6 / len(sure)
+        4, len(complete) * n_targets, outside_probability=1e-6 / len(mean_nees)
     )
-    apart = np.mean([compute_distances(outcome, trial.cutoff_m) for outcome in outcomes], axis=0)[
-        settled:
-    ]
+    distances_m = np.mean(
+        [compute_distances(outcome, trial.cutoff_m) for outcome in outcomes], axis=0
+    )[first_frame:]
     print(
         f"{trial.tracker.association:>8} {trial.tracker.filter:>10}:"
-        f" {len(complete)} of {options.trials} whole;"
+        f" {len(complete)} of {options.trials} complete;"
         f" {sum(int((outcome.identities.n_lost > 0).sum()) for outcome in outcomes)} targets lost,"
         f" {sum(int((outcome.identities.n_swaps > 0).sum()) for outcome in outcomes)} swapped,"
         f" {sum(int(outcome.identities.n_false.sum()) for outcome in outcomes)}"
         " frames of false tracks;"
-        f" NEES {sure.mean():.2f}, {sure.min():.2f} to {sure.max():.2f} in frames"
-        f" ({low:.2f} to {high:.2f}); OSPA {apart[:, 0].mean():.2f} m,"
-        f" GOSPA {apart[:, 1].mean():.2f} m;"
-        f" {options.trials * trial.n_frames / took_s:.1f} frames/s",
+        f" NEES {mean_nees.mean():.2f}, {mean_nees.min():.2f} to {mean_nees.max():.2f} in frames"
+        f" ({low:.2f} to {high:.2f}); OSPA {distances_m[:, 0].mean():.2f} m,"
+        f" GOSPA {distances_m[:, 1].mean():.2f} m;"
+        f" {options.trials * trial.n_frames / elapsed_s:.1f} frames/s",
         flush=True,
     )
 

@@ -1,18 +1,19 @@
 """Start-up time, run time and memory of the commands.
 
-Whole processes. Times are medians of five after one that is not counted, compiled code cached,
-each beside the import of the libraries it cannot do without, in the same minute.
+Each command runs in a new process. Compiled code is cached. A time is the median of five runs after
+one warm-up run. Times are divided by the import time of the required libraries, measured in the
+same minute.
 
-times     `--help` over `python -c "import numpy"`, at most 3; `run` less 2 s over the import of its
-          libraries, at most 4; `design`, `list` and a small `verify`; peak memory of each.
-memory    peak of `dechirp run` on a cube of 288 MB over that on one of 2 MB, in cubes of the
-          larger; at most 3.
-imports   where the time of imports goes, by package and by module of ours, from
-          `python -X importtime`.
-first     `dechirp run` where nothing is compiled yet: its time, and the functions that take most
-          of it, with what they call, by processor time.
-factors   seconds for the false-alarm factor of each detector when its settings are new:
-          complex samples of the reference radar, and a second receiver.
+times     Time of `--help` divided by `python -c "import numpy"`, at most 3. Time of `run` minus
+          2 s, divided by the import of its libraries, at most 4. Times of `design`, `list` and a
+          short `verify`. Peak memory of each.
+memory    Additional peak memory of `dechirp run` with a cube of 288 MB, compared with a cube of
+          2 MB, in multiples of the larger cube; at most 3.
+imports   Import times by package, and by module of dechirp, from `python -X importtime`.
+first     Time of the first `dechirp run` without compiled code, and the functions that take the
+          most processor time to compile, including the functions that they call.
+factors   Time to compute the false-alarm factor of each detector for new settings: complex samples
+          of the reference radar with one and with two receivers.
 
     python benchmarks/whole_process.py [times memory imports first factors] [--json]
 """
@@ -45,13 +46,13 @@ COMMANDS = {
 LARGE = ("--set", "radar.frame.n_chirps=16384", "--out", "large")
 LARGE_BYTES = 2200 * 16384 * 8
 MAX_ROWS = 12
-"""Rows of each table of imports and functions."""
+"""Largest number of rows in the tables of imports and functions."""
 
 Measurement = dict[str, object]
 
 
 class ProcessRun(NamedTuple):
-    """Time, peak memory and error output of one process."""
+    """Time, peak memory and standard error of one process."""
 
     seconds: float
     peak_bytes: float
@@ -60,7 +61,7 @@ class ProcessRun(NamedTuple):
 
 
 def run_process(*command: str, folder: str, **environment: str) -> ProcessRun:
-    """Run one, quietly; ends the script where it fails by more than a claim."""
+    """Run a command; exit the script if it fails, except for a failed claim (status 1)."""
     start = perf_counter()
     with (
         tempfile.TemporaryFile("w+") as error_file,
@@ -77,30 +78,30 @@ def run_process(*command: str, folder: str, **environment: str) -> ProcessRun:
         running.returncode = os.waitstatus_to_exitcode(status)
         error_file.seek(0)
         text = error_file.read()
-    if running.returncode not in (0, 1):  # 1: a claim of `verify` is not shown by few trials
+    if running.returncode not in (0, 1):  # 1: too few trials to confirm a claim of `verify`
         raise SystemExit(f"{' '.join(command)} failed:\n{text}")
     return ProcessRun(seconds, usage.ru_maxrss * 1024.0, text)
 
 
 def run_repeatedly(*command: str, folder: str) -> ProcessRun:
-    """The median of five, after one that is not counted."""
+    """Return the median time and peak memory of five runs, after one warm-up run."""
     run_process(*command, folder=folder)
     runs = [run_process(*command, folder=folder) for _ in range(5)]
     return ProcessRun(median(run.seconds for run in runs), max(run.peak_bytes for run in runs), "")
 
 
-def times(folder: str) -> Measurement:
+def measure_commands(folder: str) -> Measurement:
     """Measure the commands and the import of their libraries."""
-    works = {
+    commands = {
         "import numpy": (sys.executable, "-c", "import numpy"),
         "import libraries": (sys.executable, "-c", LIBRARIES),
         **{name: (*DECHIRP, *words) for name, words in COMMANDS.items()},
     }
-    runs = {name: run_repeatedly(*command, folder=folder) for name, command in works.items()}
+    runs = {name: run_repeatedly(*command, folder=folder) for name, command in commands.items()}
     print(f"{'':20} {'s':>8} {'peak MB':>9}", file=sys.stderr)
-    for name, ran in runs.items():
-        print(f"{name:20} {ran.seconds:8.3f} {ran.peak_bytes / 1e6:9.0f}", file=sys.stderr)
-    seconds = {name: ran.seconds for name, ran in runs.items()}
+    for name, run in runs.items():
+        print(f"{name:20} {run.seconds:8.3f} {run.peak_bytes / 1e6:9.0f}", file=sys.stderr)
+    seconds = {name: run.seconds for name, run in runs.items()}
     ratios = {
         "help_over_numpy": seconds["--help"] / seconds["import numpy"],
         "run_less_2_s_over_libraries": (seconds["run"] - 2) / seconds["import libraries"],
@@ -110,11 +111,11 @@ def times(folder: str) -> Measurement:
     return {
         **ratios,
         "s": seconds,
-        "peak_mb": {name: ran.peak_bytes / 1e6 for name, ran in runs.items()},
+        "peak_mb": {name: run.peak_bytes / 1e6 for name, run in runs.items()},
     }
 
 
-def memory(folder: str) -> Measurement:
+def measure_memory(folder: str) -> Measurement:
     """Measure the additional peak memory of a large cube."""
     small = run_process(*DECHIRP, "run", "--quiet", folder=folder).peak_bytes
     large = run_process(*DECHIRP, "run", "--quiet", *LARGE, folder=folder).peak_bytes
@@ -125,7 +126,7 @@ def memory(folder: str) -> Measurement:
 
 
 class Import(NamedTuple):
-    """A module, the time of its own lines, and with what it imports, s."""
+    """Import times of a module: its own, and including the modules that it imports."""
 
     module: str
     own_s: float
@@ -133,7 +134,7 @@ class Import(NamedTuple):
 
 
 def parse_import_times(text: str) -> list[Import]:
-    """Lines of `-X importtime`: microseconds of its own, of all, and the module."""
+    """Parse the lines of `-X importtime`: own and cumulative microseconds, and module name."""
     rows = []
     for line in text.splitlines():
         label, _, rest = line.partition(":")
@@ -144,7 +145,7 @@ def parse_import_times(text: str) -> list[Import]:
 
 
 def sum_by_package(rows: list[Import]) -> dict[str, float]:
-    """Seconds of the lines of each package's modules, most first."""
+    """Sum the own import times by package, in seconds, in descending order."""
     seconds_by_package: dict[str, float] = {}
     for row in rows:
         package = row.module.partition(".")[0]
@@ -152,21 +153,23 @@ def sum_by_package(rows: list[Import]) -> dict[str, float]:
     return dict(sorted(seconds_by_package.items(), key=lambda pair: -pair[1]))
 
 
-def imports(folder: str) -> Measurement:
-    """Measure import times by package and module, including late imports."""
+def measure_imports(folder: str) -> Measurement:
+    """Measure import times by package and module, including imports during the run."""
     import_times: Measurement = {}
     for name, words in COMMANDS.items():
         command = (sys.executable, "-X", "importtime", "-m", "dechirp", *words)
         run_process(*command, folder=folder)
         rows = parse_import_times(run_process(*command, folder=folder).text)
         packages = dict(list(sum_by_package(rows).items())[:MAX_ROWS])
-        ours = sorted((r for r in rows if r.module.startswith("dechirp")), key=lambda r: -r.own_s)
+        dechirp_rows = sorted(
+            (r for r in rows if r.module.startswith("dechirp")), key=lambda r: -r.own_s
+        )
         total = sum(row.own_s for row in rows)
         print(f"\n{name}: {len(rows)} modules, {total:.3f} s", file=sys.stderr)
         for package, seconds in packages.items():
             print(f"    {package:24} {1e3 * seconds:8.1f} ms", file=sys.stderr)
-        print("  of ours, own lines and with what they import", file=sys.stderr)
-        for row in ours[:MAX_ROWS]:
+        print("  modules of dechirp: own time, cumulative time", file=sys.stderr)
+        for row in dechirp_rows[:MAX_ROWS]:
             print(
                 f"    {row.module:40} {1e3 * row.own_s:8.1f} {1e3 * row.all_s:8.1f} ms",
                 file=sys.stderr,
@@ -175,64 +178,66 @@ def imports(folder: str) -> Measurement:
             "modules": len(rows),
             "s": total,
             "packages_s": packages,
-            "ours": {row.module: [row.own_s, row.all_s] for row in ours[:MAX_ROWS]},
+            "ours": {row.module: [row.own_s, row.all_s] for row in dechirp_rows[:MAX_ROWS]},
         }
     return import_times
 
 
-# Numba tells when it begins and ends to compile a function; functions that it calls come within.
+# numba emits an event at the start and the end of each compilation. Events of called functions
+# are nested.
 COMPILING = """
 import json, sys
 from time import thread_time
 from numba.core import event
 
 class Listener(event.Listener):
-    open, done = [], []
-    def on_start(self, told):
-        function = told.data["dispatcher"].py_func
-        self.open.append((f"{function.__module__}.{function.__qualname__}", thread_time()))
-    def on_end(self, told):
-        name, start = self.open.pop()
-        self.done.append((name, thread_time() - start, len(self.open)))
+    running, finished = [], []
+    def on_start(self, event):
+        function = event.data["dispatcher"].py_func
+        self.running.append((f"{function.__module__}.{function.__qualname__}", thread_time()))
+    def on_end(self, event):
+        name, start = self.running.pop()
+        self.finished.append((name, thread_time() - start, len(self.running)))
 
 event.register("numba:compile", Listener())
 from dechirp.cli.main import main
 try:
     main(["run", "--quiet", "--out", "first"])
 finally:
-    print(json.dumps(Listener.done), file=sys.stderr)
+    print(json.dumps(Listener.finished), file=sys.stderr)
 """
 
 
-def first(folder: str) -> Measurement:
-    """The first run on a machine, and the second."""
-    with tempfile.TemporaryDirectory() as empty:
+def measure_first_run(folder: str) -> Measurement:
+    """Measure the first run without compiled code, and the second run."""
+    with tempfile.TemporaryDirectory() as cache_folder:
         command = (sys.executable, "-c", COMPILING)
-        cold = run_process(*command, folder=folder, NUMBA_CACHE_DIR=empty)
-        warm = run_process(*command, folder=folder, NUMBA_CACHE_DIR=empty)
-    compiled = json.loads(cold.text.splitlines()[-1])
-    spent: dict[str, float] = {}
+        first_run = run_process(*command, folder=folder, NUMBA_CACHE_DIR=cache_folder)
+        second_run = run_process(*command, folder=folder, NUMBA_CACHE_DIR=cache_folder)
+    compiled = json.loads(first_run.text.splitlines()[-1])
+    compile_times: dict[str, float] = {}
     for name, seconds, depth in compiled:
         if depth == 0:
-            spent[name] = spent.get(name, 0.0) + seconds
-    spent = dict(sorted(spent.items(), key=lambda pair: -pair[1]))
+            compile_times[name] = compile_times.get(name, 0.0) + seconds
+    compile_times = dict(sorted(compile_times.items(), key=lambda pair: -pair[1]))
     print(
-        f"first run {cold.seconds:.1f} s, next {warm.seconds:.1f} s;"
-        f" {len(compiled)} functions compiled in {sum(spent.values()):.1f} s of processor time",
+        f"first run {first_run.seconds:.1f} s, second run {second_run.seconds:.1f} s;"
+        f" {len(compiled)} functions compiled in {sum(compile_times.values()):.1f} s"
+        " of processor time",
         file=sys.stderr,
     )
-    for name, seconds in list(spent.items())[:MAX_ROWS]:
+    for name, seconds in list(compile_times.items())[:MAX_ROWS]:
         print(f"    {name:56} {seconds:6.2f} s", file=sys.stderr)
     return {
-        "first_s": cold.seconds,
-        "next_s": warm.seconds,
+        "first_s": first_run.seconds,
+        "next_s": second_run.seconds,
         "n_functions": len(compiled),
-        "compile_s": spent,
+        "compile_s": compile_times,
     }
 
 
-def factors(_folder: str) -> Measurement:
-    """Measure the false-alarm factor of each detector with compiled kernels, uncached."""
+def measure_factors(_folder: str) -> Measurement:
+    """Measure the time to compute the false-alarm factor of each detector, after compilation."""
     from dataclasses import replace
 
     import numpy as np
@@ -242,11 +247,11 @@ def factors(_folder: str) -> Measurement:
 
     noise = dc.Chain().map_noise_statistics(dc.reference().radar)
     factor_times: Measurement = {}
-    print(f"{'':20} {'one':>8} {'two receivers':>15} {'error':>8}", file=sys.stderr)
+    print(f"{'':20} {'1 rx, s':>8} {'2 rx, s':>15} {'error':>8}", file=sys.stderr)
     for kind, member in NoiseEstimator.members().items():
         cfar = dc.Cfar(estimator=member(), false_alarm_probability=1e-6)
         power = np.ones((128, 2200), np.float32)
-        replace(cfar, false_alarm_probability=None, offset=10.0).threshold(power, noise)  # compiled
+        replace(cfar, false_alarm_probability=None, offset=10.0).threshold(power, noise)  # compiles
         seconds = []
         for n_channels in (1, 2):
             law = replace(noise, n_channels=n_channels)
@@ -267,17 +272,21 @@ def factors(_folder: str) -> Measurement:
 
 
 PARTS: dict[str, Callable[[str], Measurement]] = {
-    part.__name__: part for part in (times, memory, imports, first, factors)
+    "times": measure_commands,
+    "memory": measure_memory,
+    "imports": measure_imports,
+    "first": measure_first_run,
+    "factors": measure_factors,
 }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("parts", nargs="*", metavar="part", help=", ".join(PARTS))
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--json", action="store_true", help="also print the results as JSON")
     options = parser.parse_args()
     if unknown := set(options.parts) - set(PARTS):
-        parser.error(f"no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
+        parser.error(f"unknown part: {', '.join(unknown)}; expected: {', '.join(PARTS)}")
     results = {}
     for name in options.parts or PARTS:
         with tempfile.TemporaryDirectory() as folder:

@@ -1,9 +1,9 @@
-"""Every fuzzer, one after the other: readers of files, every entry point, and the studio.
+"""All fuzzers, one after the other: file readers, entry points and the studio.
 
-    python fuzz/all.py                   60 s for each of some thirty kinds
+    python fuzz/all.py                   60 s for each of about thirty kinds of input
     python fuzz/all.py --seconds 600
 
-The readers need atheris (`pip install -e ".[fuzz]"`, Linux), and are passed over without it.
+The file readers need atheris (`pip install -e ".[fuzz]"`, Linux) and are skipped without it.
 """
 
 import argparse
@@ -15,11 +15,11 @@ from pathlib import Path
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--seconds", type=int, default=60)
+    parser.add_argument("--seconds", type=int, default=60, help="time per kind of input")
     options = parser.parse_args()
     scripts = ["readers.py", "entries.py", "studio.py"]
     if importlib.util.find_spec("atheris") is None:
-        print("readers: passed over, atheris is not installed")
+        print("readers: skipped, because atheris is not installed")
         scripts.remove("readers.py")
     folder, seconds = Path(__file__).parent, ["--seconds", str(options.seconds)]
     statuses = [

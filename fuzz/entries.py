@@ -1,14 +1,16 @@
-"""Fuzzing of every entry point, from the corpora of `tests/bad_input`, each in its own process.
+"""Fuzzer of every entry point; each runs in its own process.
 
-Any bytes must give a value, or one of our errors that says where, what was got, what is needed and
-how to mend it; another exception, 20 s for one input or 2 GiB of memory beside the libraries
-ends with status 1, and leaves the input in `fuzz-found/`. What is mended goes to the corpus.
+The fuzzer mutates the corpora of `tests/bad_input`. Every input must give a value, or an error of
+dechirp with the setting, its value, the accepted values and a fix. Any other exception, more than
+20 s for one input, or more than 2 GiB of memory in addition to the libraries is a failure: the
+fuzzer stores the input in `fuzz-found/` and exits with status 1. After a fix, add the input to the
+corpus.
 
     python fuzz/entries.py                           every entry point, 60 s each
-    python fuzz/entries.py --seconds 600 dbc udp     some, longer
-    python fuzz/entries.py --seed 7 --seconds 60     other mutations
+    python fuzz/entries.py --seconds 600 dbc udp     two entry points, 600 s each
+    python fuzz/entries.py --seed 7 --seconds 60     another sequence of mutations
 
-Coverage guides it where atheris is installed (Linux); elsewhere it mutates by chance of the seed.
+With atheris (Linux) the fuzzer is guided by code coverage; without it, mutations are random.
 """
 
 import argparse
@@ -32,32 +34,32 @@ from mutate import mutate
 
 ROOT = Path(__file__).resolve().parents[1]
 ARTIFACTS = Path("fuzz-found").absolute()
-SECONDS_EACH, MORE_BYTES = 20, 2 * 2**30
+INPUT_TIMEOUT_S, EXTRA_MEMORY_BYTES = 20, 2 * 2**30
 sys.path.insert(0, str(ROOT / "tests"))
 
 
 def build_input_function(entry: str, folder: Path) -> Callable[[bytes, str], None]:
-    """Build the function that replays bytes with a suffix."""
+    """Build the function that replays the content of a file with a suffix."""
     from bad_input.entries import replay_input
 
     count = iter(range(10**12))
 
     def run_input(content: bytes, suffix: str) -> None:
-        place = folder / str(next(count))
-        scratch = place / "scratch"
+        input_folder = folder / str(next(count))
+        scratch = input_folder / "scratch"
         scratch.mkdir(parents=True)
-        file = place / f"input{suffix}"
+        file = input_folder / f"input{suffix}"
         file.write_bytes(content)
         replay_input(entry, file, scratch)
-        for path in sorted(place.rglob("*"), reverse=True):
+        for path in sorted(input_folder.rglob("*"), reverse=True):
             path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()
-        place.rmdir()
+        input_folder.rmdir()
 
     return run_input
 
 
 def fuzz_entry(entry: str, seconds: int, seed: int) -> None:
-    """Fuzz one entry point; ends the process."""
+    """Fuzz one entry point and exit the process."""
     from bad_input.entries import CORPUS
 
     files = sorted((CORPUS / entry).iterdir())
@@ -77,8 +79,9 @@ def fuzz_entry(entry: str, seconds: int, seed: int) -> None:
 
 
 def _limit_memory() -> None:
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGESIZE")
-    resource.setrlimit(resource.RLIMIT_AS, (used + MORE_BYTES, resource.RLIM_INFINITY))
+    n_pages = int(Path("/proc/self/statm").read_text().split()[0])
+    limit_bytes = n_pages * os.sysconf("SC_PAGESIZE") + EXTRA_MEMORY_BYTES
+    resource.setrlimit(resource.RLIMIT_AS, (limit_bytes, resource.RLIM_INFINITY))
 
 
 def _fuzz_randomly(
@@ -88,20 +91,20 @@ def _fuzz_randomly(
     seconds: int,
     seed: int,
 ) -> None:
-    """Mutate until the time is over; each way to fail, by its last lines of code, is kept once."""
+    """Mutate inputs until the time is over; store one input per failure signature."""
     rng = random.Random(f"{seed} {entry}")
     signal.signal(signal.SIGALRM, _raise_timeout)
-    end, n, ways = time.monotonic() + seconds, 0, set()
-    while time.monotonic() < end:
+    end_s, n, signatures = time.monotonic() + seconds, 0, set()
+    while time.monotonic() < end_s:
         suffix = rng.choice(list(by_suffix))
         content = mutate(rng, by_suffix[suffix])
-        signal.alarm(SECONDS_EACH)
+        signal.alarm(INPUT_TIMEOUT_S)
         try:
             run_input(content, suffix)
         except (Exception, SystemExit) as error:
-            way = _failure_signature(error)
-            if way not in ways:
-                ways.add(way)
+            signature = _failure_signature(error)
+            if signature not in signatures:
+                signatures.add(signature)
                 digest = hashlib.sha256(content).hexdigest()[:8]
                 (ARTIFACTS / f"{entry}-{digest}{suffix}").write_bytes(content)
                 print(f"-- {entry}-{digest}{suffix}", file=sys.stderr)
@@ -109,18 +112,18 @@ def _fuzz_randomly(
         signal.alarm(0)
         n += 1
     print(f"executed_units: {n}", file=sys.stderr)
-    raise SystemExit(1 if ways else 0)
+    raise SystemExit(1 if signatures else 0)
 
 
 def _failure_signature(error: BaseException) -> str:
-    """Return the signature of a failure: type, message and last two code lines."""
+    """Return the signature of a failure: type, message and the last two lines of the traceback."""
     code = traceback.extract_tb(error.__traceback__)[-2:]
     message = re.sub(r"[\W\d_]+", " ", str(error))[:20]
     return f"{type(error).__name__} {message} {[(frame.filename, frame.lineno) for frame in code]}"
 
 
 def _raise_timeout(_number: int, _frame: object) -> NoReturn:
-    raise TimeoutError(f"more than {SECONDS_EACH} s")
+    raise TimeoutError(f"input took more than {INPUT_TIMEOUT_S} s")
 
 
 def _fuzz_with_coverage(
@@ -130,23 +133,24 @@ def _fuzz_with_coverage(
     folder: Path,
     seconds: int,
 ) -> None:
-    """Let atheris mutate; the first byte chooses the suffix."""
+    """Fuzz with atheris; the first byte of an input selects the suffix."""
     import atheris
 
     corpus, suffixes = folder / "corpus", list(by_suffix)
     corpus.mkdir()
-    for which, contents in enumerate(by_suffix.values()):
+    for suffix_index, contents in enumerate(by_suffix.values()):
         for index, content in enumerate(contents):
-            (corpus / f"{which}-{index}").write_bytes(bytes([which]) + content)
+            (corpus / f"{suffix_index}-{index}").write_bytes(bytes([suffix_index]) + content)
     atheris.instrument_all()
 
     def run_content(content: bytes) -> None:
         run_input(content[1:], suffixes[content[0] % len(suffixes)] if content else suffixes[0])
 
-    limits = [f"-timeout={SECONDS_EACH}", "-rss_limit_mb=3000", "-max_len=65536"]
-    artifact_option, runs = f"-artifact_prefix={ARTIFACTS}/{entry}-", f"-max_total_time={seconds}"
+    limits = [f"-timeout={INPUT_TIMEOUT_S}", "-rss_limit_mb=3000", "-max_len=65536"]
+    artifact_option = f"-artifact_prefix={ARTIFACTS}/{entry}-"
+    time_option = f"-max_total_time={seconds}"
     atheris.Setup(
-        [sys.argv[0], *limits, "-print_final_stats=1", artifact_option, runs, str(corpus)],
+        [sys.argv[0], *limits, "-print_final_stats=1", artifact_option, time_option, str(corpus)],
         run_content,
     )
     atheris.Fuzz()
@@ -156,19 +160,21 @@ def main() -> None:
     from bad_input.entries import ENTRIES
 
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("entries", nargs="*", default=list(ENTRIES))
-    parser.add_argument("--seconds", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "entries", nargs="*", metavar="entry", default=list(ENTRIES), help=", ".join(ENTRIES)
+    )
+    parser.add_argument("--seconds", type=int, default=60, help="time per entry point")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the mutations without atheris")
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
-    asked = parser.parse_args()
-    if asked.child:
-        fuzz_entry(asked.entries[0], asked.seconds, asked.seed)
+    options = parser.parse_args()
+    if options.child:
+        fuzz_entry(options.entries[0], options.seconds, options.seed)
         return
     ARTIFACTS.mkdir(exist_ok=True)
     failed = False
-    for entry in asked.entries:
-        options = ["--seconds", str(asked.seconds), "--seed", str(asked.seed)]
-        command = [sys.executable, __file__, "--child", entry, *options]
+    for entry in options.entries:
+        child_options = ["--seconds", str(options.seconds), "--seed", str(options.seed)]
+        command = [sys.executable, __file__, "--child", entry, *child_options]
         process = subprocess.run(command, check=False, capture_output=True, text=True)
         input_counts = re.findall(r"executed_units: *(\d+)", process.stderr)
         verdict = "failed" if process.returncode else "passed"

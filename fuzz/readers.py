@@ -1,12 +1,12 @@
-"""Coverage-guided fuzzing of every reader of files: for the nightly set, with atheris.
+"""Coverage-guided fuzzer of every file reader, based on atheris.
 
-Each kind starts from a small good file and is mutated for a while in a process of its own. Any
-bytes must give a cube of the shape it says, or one `RecordingError` or `InvalidFile`; a crash,
-another exception, 20 s for one file or 700 MB of memory (libraries included) ends with status 1,
-and leaves the bytes in `fuzz-found/`.
+Each kind of file runs in its own process and starts from a small valid file. Every input must give
+a cube of the declared shape, or one `RecordingError` or `InvalidFile`. A crash, another exception,
+more than 20 s for one file, or more than 700 MB of memory including the libraries is a failure: the
+fuzzer stores the input in `fuzz-found/` and exits with status 1.
 
-    python fuzz/readers.py                  every kind, 60 s each
-    python fuzz/readers.py --seconds 600 pcap matlab
+    python fuzz/readers.py                             every kind, 60 s each
+    python fuzz/readers.py --seconds 600 pcap matlab   two kinds, 600 s each
 """
 
 import argparse
@@ -55,19 +55,19 @@ sensorStart
 """
 
 
-def numbers() -> np.ndarray:
-    """A cube (frame, chirp, rx, sample) of two frames, whole numbers."""
+def draw_cube() -> np.ndarray:
+    """Draw an integer-valued cube (frame, chirp, rx, sample) of two frames."""
     rng = np.random.default_rng(1)
     parts = rng.integers(-9000, 9000, (2, 2, 2, 1, 8))
     return parts[0] + 1j * parts[1]
 
 
-def bare() -> bytes:
-    return np.stack([numbers().real, numbers().imag], axis=-1).astype("<i2").tobytes() * 32
+def dca1000() -> bytes:
+    return np.stack([draw_cube().real, draw_cube().imag], axis=-1).astype("<i2").tobytes() * 32
 
 
-def packets() -> list[bytes]:
-    content = bare()
+def dca1000_packets() -> list[bytes]:
+    content = dca1000()
     return [
         struct.pack("<I", number) + start.to_bytes(6, "little") + content[start : start + 1456]
         for number, start in enumerate(range(0, len(content), 1456), start=1)
@@ -76,7 +76,7 @@ def packets() -> list[bytes]:
 
 def pcap() -> bytes:
     content = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
-    for packet in packets():
+    for packet in dca1000_packets():
         udp = struct.pack(">HHHH", 4096, 4098, 8 + len(packet), 0) + packet
         frame = bytes(12) + b"\x08\x00" + b"\x45\0" + struct.pack(">H", 20 + len(udp))
         frame += bytes(4) + b"\x40\x11" + bytes(10) + udp
@@ -84,19 +84,19 @@ def pcap() -> bytes:
     return content
 
 
-def headers() -> bytes:
-    return b"".join(p[:4] + struct.pack("<I", len(p) - 10) + p[4:] for p in packets())
+def packets_with_lengths() -> bytes:
+    return b"".join(p[:4] + struct.pack("<I", len(p) - 10) + p[4:] for p in dca1000_packets())
 
 
 def npz() -> bytes:
     out = io.BytesIO()
-    np.savez_compressed(out, cube=numbers(), other=np.arange(3))
+    np.savez_compressed(out, cube=draw_cube(), other=np.arange(3))
     return out.getvalue()
 
 
 def npy() -> bytes:
     out = io.BytesIO()
-    np.save(out, numbers())
+    np.save(out, draw_cube())
     return out.getvalue()
 
 
@@ -104,7 +104,7 @@ def matlab() -> bytes:
     import scipy.io
 
     out = io.BytesIO()
-    scipy.io.savemat(out, {"cube": numbers()}, do_compression=True)
+    scipy.io.savemat(out, {"cube": draw_cube()}, do_compression=True)
     return out.getvalue()
 
 
@@ -113,12 +113,12 @@ def hdf5() -> bytes:
 
     out = io.BytesIO()
     with h5py.File(out, "w") as file:
-        file.create_dataset("cube", data=numbers(), chunks=(1, 2, 1, 8), compression="gzip")
+        file.create_dataset("cube", data=draw_cube(), chunks=(1, 2, 1, 8), compression="gzip")
     return out.getvalue()
 
 
-def text() -> bytes:
-    rows = np.stack([numbers().real, numbers().imag], axis=-1).reshape(-1, 16)
+def text_columns() -> bytes:
+    rows = np.stack([draw_cube().real, draw_cube().imag], axis=-1).reshape(-1, 16)
     return "\n".join(";".join(f"{n:.0f}" for n in row) for row in rows).encode()
 
 
@@ -126,7 +126,7 @@ def urad() -> bytes:
     return "\n".join(" ".join(str(1900 + n) for n in range(16)) for _ in range(4)).encode()
 
 
-def sound() -> bytes:
+def sync_wav() -> bytes:
     out = io.BytesIO()
     with wave.open(out, "wb") as file:
         file.setnchannels(2)
@@ -142,7 +142,7 @@ def sirad() -> bytes:
     return json.dumps({**head, "Gain": 8, "data": [list(range(16))] * 4}).encode()
 
 
-def serial() -> bytes:
+def ti_uart() -> bytes:
     items = struct.pack("<II4f", 1, 16, 0.5, 2, 0, 0.1) + struct.pack("<II2h", 7, 4, 200, 30)
     words = struct.pack("<8I", 0x03060000, 40 + len(items), 0xA1843, 7, 0, 1, 2, 0)
     return (b"\x02\x01\x04\x03\x06\x05\x08\x07" + words + items) * 3
@@ -179,32 +179,32 @@ def mmwave() -> bytes:
 
 
 def corpus_reader(name: str) -> Callable[[], bytes]:
-    """Give a recording of the corpus."""
+    """Return a function that reads a recording of the corpus."""
     return (ROOT / "tests" / "bad_input" / "corpus" / "recording" / name).read_bytes
 
 
-FREE = {"axes": "frame,chirp,rx,sample", "encoding": "full-scale"}
+GENERIC_OPTIONS = {"axes": "frame,chirp,rx,sample", "encoding": "full-scale"}
 RECORDINGS: dict[str, tuple[Callable[[], bytes], dict[str, object]]] = {
-    "dca1000": (bare, {}),
-    "headers": (headers, {}),
+    "dca1000": (dca1000, {}),
+    "headers": (packets_with_lengths, {}),
     "pcap": (pcap, {}),
-    "npy": (npy, FREE),
-    "npz": (npz, FREE),
-    "matlab": (matlab, FREE),
-    "hdf5": (hdf5, FREE),
+    "npy": (npy, GENERIC_OPTIONS),
+    "npz": (npz, GENERIC_OPTIONS),
+    "matlab": (matlab, GENERIC_OPTIONS),
+    "hdf5": (hdf5, GENERIC_OPTIONS),
     "kept": (corpus_reader("kept.h5"), {}),
     "mcap": (corpus_reader("mcap.mcap"), {}),
     "text": (
-        text,
+        text_columns,
         {"format": "text-columns", "axes": "frame,chirp,sample,iq", "encoding": "int16"},
     ),
     "urad": (urad, {"format": "urad"}),
-    "sync-wav": (sound, {"format": "sync-wav"}),
+    "sync-wav": (sync_wav, {"format": "sync-wav"}),
     "sirad": (sirad, {}),
-    "ti-uart": (serial, {}),
+    "ti-uart": (ti_uart, {}),
 }
 SELF_DESCRIBING = {"kept", "mcap", "sirad", "ti-uart"}
-"""Recordings that contain their radar settings."""
+"""Kinds of recordings that contain their radar settings."""
 SETTINGS: dict[str, tuple[Callable[[], bytes], str]] = {
     "cfg": (CFG.encode, "x.cfg"),
     "log": (LOG.encode, "x_LogFile.txt"),
@@ -214,7 +214,7 @@ SETTINGS: dict[str, tuple[Callable[[], bytes], str]] = {
 
 
 def write_radar(kind: str, folder: Path) -> object:
-    """Radar of a recording of a kind; leaves its settings in a folder."""
+    """Write the radar settings of a kind of recording to a folder; return the radar."""
     from dechirp.recordings.settings.read import read_settings
 
     file = folder / "radar.yaml"
@@ -223,7 +223,7 @@ def write_radar(kind: str, folder: Path) -> object:
 
 
 def build_input_function(kind: str, folder: Path) -> Callable[[bytes], None]:
-    """Build the function that reads mutated bytes."""
+    """Build the function that reads one input."""
     from dechirp.core.errors import InvalidFile, RecordingError
     from dechirp.recordings.settings.read import read_settings
     from formats.corruption import assert_cube_or_error
@@ -231,26 +231,26 @@ def build_input_function(kind: str, folder: Path) -> Callable[[bytes], None]:
     if kind in SETTINGS:
         file = folder / SETTINGS[kind][1]
 
-        def settings(content: bytes) -> None:
+        def run_settings(content: bytes) -> None:
             file.write_bytes(content)
             try:
                 read_settings(file)
             except (RecordingError, InvalidFile) as error:
                 assert all(m.value and m.expected and m.fix for m in error.mistakes)
 
-        return settings
+        return run_settings
     options = RECORDINGS[kind][1]
     radar_options = {} if kind in SELF_DESCRIBING else {"radar": write_radar(kind, folder)}
 
-    def recording(content: bytes) -> None:
+    def run_recording(content: bytes) -> None:
         (folder / "capture").write_bytes(content)
         assert_cube_or_error(folder / "capture", **radar_options, **options)
 
-    return recording
+    return run_recording
 
 
 def fuzz_kind(kind: str, seconds: int) -> None:
-    """Fuzz one kind; ends the process."""
+    """Fuzz one kind of file and exit the process."""
     import atheris
 
     sys.path.insert(0, str(ROOT / "tests"))
@@ -259,20 +259,26 @@ def fuzz_kind(kind: str, seconds: int) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder, corpus = Path(name), Path(name) / "corpus"
         corpus.mkdir()
-        (corpus / "good").write_bytes((RECORDINGS | SETTINGS)[kind][0]())
+        (corpus / "valid").write_bytes((RECORDINGS | SETTINGS)[kind][0]())
         run_input = build_input_function(kind, folder)
-        run_input((corpus / "good").read_bytes())
+        run_input((corpus / "valid").read_bytes())
         limits = ["-timeout=20", "-rss_limit_mb=700", "-max_len=65536", "-print_final_stats=1"]
         artifact_option = f"-artifact_prefix={ARTIFACTS}/{kind}-"
-        time = f"-max_total_time={seconds}"
-        atheris.Setup([sys.argv[0], *limits, artifact_option, time, str(corpus)], run_input)
+        time_option = f"-max_total_time={seconds}"
+        atheris.Setup([sys.argv[0], *limits, artifact_option, time_option, str(corpus)], run_input)
         atheris.Fuzz()
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("kinds", nargs="*", default=[*RECORDINGS, *SETTINGS])
-    parser.add_argument("--seconds", type=int, default=60)
+    parser.add_argument(
+        "kinds",
+        nargs="*",
+        metavar="kind",
+        default=[*RECORDINGS, *SETTINGS],
+        help=", ".join([*RECORDINGS, *SETTINGS]),
+    )
+    parser.add_argument("--seconds", type=int, default=60, help="time per kind of file")
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:

@@ -1,8 +1,8 @@
-"""Floods of messages to a page of the studio: it must say what is wrong with them, and live on.
+"""Fuzzer of the messages to a studio page, which must report invalid ones and stay usable.
 
     python fuzz/studio.py --seconds 60
 
-Each flood is of 400 messages, some at once, by chance of its seed. A failure names the seed.
+Each seed gives 400 random messages, some of them sent simultaneously. A failure prints the seed.
 """
 
 import argparse
@@ -20,8 +20,8 @@ def main() -> None:
     from bad_input.studio_page import send_random_messages
 
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--seconds", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seconds", type=int, default=60, help="time limit")
+    parser.add_argument("--seed", type=int, default=1, help="first seed")
     options = parser.parse_args()
     logging.basicConfig(level=logging.ERROR)
     warnings.simplefilter("ignore")

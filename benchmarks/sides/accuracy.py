@@ -1,4 +1,4 @@
-"""Accuracy of the result of a side, by kind of job."""
+"""Accuracy measures of the results, by kind of job."""
 
 from collections.abc import Callable
 
@@ -14,14 +14,14 @@ Numbers = dict[str, float]
 
 
 def echoes(x: Inputs, result: np.ndarray) -> Numbers:
-    """Compare with the sum with `numpy.exp` in double precision, on some of the chirps.
+    """Compute the relative RMSE of some chirps against the direct sum in double precision.
 
-    Scale and phase of a package are arbitrary; the best fit is removed.
+    Scale and phase of a package are arbitrary, so the best-fit complex scale is removed.
     """
     scatterers, transmission = unpack_case(x)
     n_chirps = len(transmission.starts_s)
-    few = max(1, min(4, 1000 // len(scatterers.amplitudes)))
-    chirps = np.unique(np.linspace(0, n_chirps - 1, few).astype(int))
+    n_evaluated = max(1, min(4, 1000 // len(scatterers.amplitudes)))
+    chirps = np.unique(np.linspace(0, n_chirps - 1, n_evaluated).astype(int))
     exact = direct_sum(scatterers, transmission, int(x["n_samples"]), chirps)
     scaled = result[chirps].astype(complex)
     scale = np.vdot(scaled, exact) / np.vdot(scaled, scaled).real
@@ -29,20 +29,20 @@ def echoes(x: Inputs, result: np.ndarray) -> Numbers:
 
 
 def power_map(x: Inputs, result: np.ndarray) -> Numbers:
-    """Root mean square over cells of the relative deviation from double precision."""
+    """Compute the RMS over cells of the relative deviation from double precision."""
     samples, n_bins = x["samples"].astype(complex), int(x["n_bins"])
     hann = [0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n) / n) for n in samples.shape]
     spectrum = np.fft.fft(np.fft.fft(samples * np.outer(*hann), axis=0), n_bins, axis=1)
     exact = np.fft.fftshift(abs(spectrum) ** 2, axes=0)
     scaled = result if result.shape == exact.shape else result.T
     scale = np.median(exact / scaled)
-    # Cells far below the noise are rounding alone.
-    counts = exact > 1e-2 * np.median(exact)
-    return {"deviation": float(np.sqrt(np.mean((scale * scaled / exact - 1)[counts] ** 2)))}
+    # Cells far below the noise contain only rounding errors.
+    is_evaluated = exact > 1e-2 * np.median(exact)
+    return {"deviation": float(np.sqrt(np.mean((scale * scaled / exact - 1)[is_evaluated] ** 2)))}
 
 
 def false_alarms(x: Inputs, result: np.ndarray) -> Numbers:
-    """Rate over design: where the whole window fits, and at the edges, with standard errors."""
+    """Compute the false-alarm rate over its design value, in the middle and at the edges."""
     rows, columns = (int(t + g) for t, g in zip(x["n_training"], x["n_guard"], strict=True))
     middle = np.zeros(result.shape[1:], bool)
     middle[rows:-rows, columns:-columns] = True
@@ -66,13 +66,13 @@ def frame(x: Inputs, result: np.ndarray) -> Numbers:
 
 
 def bartlett(x: Inputs, result: np.ndarray) -> Numbers:
-    exact = abs(x["snapshots"].astype(complex) @ x["towards"].conj().T) ** 2
-    scale = exact.max() / result.max()  # some divide by the number of elements
+    exact = abs(x["snapshots"].astype(complex) @ x["steering"].conj().T) ** 2
+    scale = exact.max() / result.max()  # some packages divide by the number of elements
     return {"deviation": float(abs(scale * result - exact).max() / exact.max())}
 
 
 def directions(x: Inputs, result: np.ndarray) -> Numbers:
-    """Root mean square error over the Cramer-Rao bound, and of the middle nine tenths."""
+    """Compute RMSE / Cramer-Rao bound, of all errors and of the smallest 95 %."""
     error_over_bound = np.sort(abs(result - x["azimuth_rad"]) / x["bound_rad"])
     smallest_errors = error_over_bound[: int(0.95 * len(error_over_bound))]
     return {
@@ -91,24 +91,25 @@ def dbscan(x: Inputs, result: np.ndarray) -> Numbers:
     If only centres are returned, each point belongs to the cluster with the nearest centre.
     """
     if result.ndim == 2:
-        result = KDTree(result).query(x["places"])[1]
+        result = KDTree(result).query(x["points"])[1]
 
-    def pairs(counts: np.ndarray) -> float:
+    def count_pairs(counts: np.ndarray) -> float:
         return float(np.sum(counts * (counts - 1.0) / 2))
 
     both = np.unique(np.column_stack([result, x["owner"]]), axis=0, return_counts=True)[1]
-    ours, theirs = (
-        pairs(np.unique(labels, return_counts=True)[1]) for labels in (result, x["owner"])
+    n_estimated_pairs, n_true_pairs = (
+        count_pairs(np.unique(labels, return_counts=True)[1]) for labels in (result, x["owner"])
     )
-    chance = ours * theirs / (len(result) * (len(result) - 1) / 2)
-    return {"agreement": (pairs(both) - chance) / ((ours + theirs) / 2 - chance)}
+    chance = n_estimated_pairs * n_true_pairs / (len(result) * (len(result) - 1) / 2)
+    mean_pairs = (n_estimated_pairs + n_true_pairs) / 2
+    return {"agreement": (count_pairs(both) - chance) / (mean_pairs - chance)}
 
 
 def tracking(x: Inputs, result: np.ndarray) -> Numbers:
-    """Mean GOSPA of confirmed tracks from the tenth frame on, cut off at 3 m."""
+    """Compute the mean GOSPA of confirmed tracks from the tenth frame on, with a cut-off of 3 m."""
     errors_m = [
-        gospa(now[np.isfinite(now[:, 0])], true, cutoff_m=3.0).error_m
-        for now, true in zip(result[10:], x["truth_m"][10:], strict=True)
+        gospa(tracks[np.isfinite(tracks[:, 0])], truth, cutoff_m=3.0).error_m
+        for tracks, truth in zip(result[10:], x["truth_m"][10:], strict=True)
     ]
     return {"gospa_m": float(np.mean(errors_m))}
 

@@ -36,15 +36,15 @@ def create_sides(
             versions[name] = environments.installed_versions(
                 python, environments.required_packages(name)
             )
-        except Absent as why:
-            absent[name] = str(why)
+        except Absent as error:
+            absent[name] = str(error)
     return sides, absent, versions
 
 
 def create_octave_side(threads: int, patience_s: float) -> Side:
     program = shutil.which("octave-cli")
     if program is None:
-        raise Absent("no octave-cli on the path")
+        raise Absent("octave-cli is not on the PATH")
     command = [program, "--quiet", "--no-init-file", str(OCTAVE)]
     return Side("octave", command, build_environment(threads), patience_s)
 

@@ -19,26 +19,26 @@ def peer_names() -> list[str]:
 
 
 def prepare_interpreter(name: str, folder: Path) -> str:
-    """Return the interpreter of a package; raise `Absent` if its environment fails."""
+    """Return the interpreter of a package; raise `Absent` if its environment cannot be created."""
     peer = importlib.import_module(f"sides.peers.{name}")
-    place = folder / name
-    python, marker = place / "bin" / "python", place / "installed.json"
-    wanted = list(required_packages(name))
-    if marker.exists() and json.loads(marker.read_text()) == wanted:
+    environment = folder / name
+    python, marker = environment / "bin" / "python", environment / "installed.json"
+    requirements = list(required_packages(name))
+    if marker.exists() and json.loads(marker.read_text()) == requirements:
         return str(python)
-    print_progress(f"making an environment for {', '.join(wanted)}")
-    create_environment(find_interpreter(getattr(peer, "PYTHON", "")), place)
-    install = [str(python), "-m", "pip", "install", "--quiet", *wanted]
+    print_progress(f"creating an environment for {', '.join(requirements)}")
+    create_environment(find_interpreter(getattr(peer, "PYTHON", "")), environment)
+    install = [str(python), "-m", "pip", "install", "--quiet", *requirements]
     try:
         process = subprocess.run(
             install, capture_output=True, text=True, timeout=_INSTALL_S, check=False
         )
     except subprocess.TimeoutExpired:
-        raise Absent(f"pip took above {_INSTALL_S:g} s") from None
+        raise Absent(f"pip took more than {_INSTALL_S:g} s") from None
     if process.returncode:
         errors = [line for line in process.stderr.splitlines() if line.startswith("ERROR")]
         raise Absent("pip: " + (errors[-1].removeprefix("ERROR: ") if errors else "failed"))
-    marker.write_text(json.dumps(wanted))
+    marker.write_text(json.dumps(requirements))
     return str(python)
 
 
@@ -54,12 +54,12 @@ def find_interpreter(version: str) -> str:
             )
             if not process.returncode:
                 return str(python)
-    raise Absent(f"it needs Python {version}, and none on the path runs")
+    raise Absent(f"requires Python {version}, which is not on the PATH or does not run")
 
 
-def create_environment(python: str, place: Path) -> None:
+def create_environment(python: str, folder: Path) -> None:
     process = subprocess.run(
-        [python, "-m", "venv", "--clear", str(place)], capture_output=True, text=True, check=False
+        [python, "-m", "venv", "--clear", str(folder)], capture_output=True, text=True, check=False
     )
     if process.returncode:
         raise Absent("python -m venv: " + process.stderr.strip().rpartition("\n")[2])

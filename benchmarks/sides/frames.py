@@ -1,4 +1,4 @@
-"""Radars with one transmitter or several in turn, and frames of a few targets in noise."""
+"""Radars with one transmitter or a TDM array, and frames of a few targets in noise."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ CROSSING = Path(__file__).parents[2] / "examples" / "crossing-tracks.yaml"
 
 
 def build_radar(n_samples: int, n_chirps: int, n_tx: int, n_rx: int) -> dc.Radar:
-    """Transmitters that take turns, a line of elements half a wavelength apart."""
+    """Build a TDM radar with a uniform linear virtual array of half-wavelength spacing."""
     chirp = dc.Chirp(
         start_frequency_hz=77e9,
         slope_hz_per_s=10e12,
@@ -21,13 +21,13 @@ def build_radar(n_samples: int, n_chirps: int, n_tx: int, n_rx: int) -> dc.Radar
         sampling="complex",
     )
     spacing_m = chirp.wavelength_m / 2
-    turns = dc.multiplexing.Tdm(order=tuple(range(n_tx))) if n_tx > 1 else None
+    multiplexing = dc.multiplexing.Tdm(order=tuple(range(n_tx))) if n_tx > 1 else None
     return dc.Radar(
         frame=dc.Frame(
             chirp=chirp,
             n_chirps=n_chirps,
             interval_s=chirp.ramp_duration_s + 2e-6,
-            multiplexing=turns,
+            multiplexing=multiplexing,
         ),
         array=dc.Array(
             tx_m=[(0, n_rx * spacing_m * k, 0) for k in range(n_tx)],
@@ -40,7 +40,7 @@ def build_radar(n_samples: int, n_chirps: int, n_tx: int, n_rx: int) -> dc.Radar
 def simulate_frame(
     n_samples: int, n_chirps: int, n_tx: int, n_rx: int, *, n_targets: int
 ) -> tuple[xr.DataArray, dc.Radar]:
-    """Targets in noise."""
+    """Simulate a frame of targets in noise."""
     radar = build_radar(n_samples, n_chirps, n_tx, n_rx)
     return dc.simulate(dc.Scene(targets=build_targets(n_targets)), radar, seed=1), radar
 

@@ -1,4 +1,4 @@
-"""Inputs of each job as plain arrays, which every package can read."""
+"""Inputs of each job as plain arrays, readable by every package."""
 
 import numpy as np
 
@@ -27,7 +27,7 @@ def echoes(case: scenes.Case) -> Inputs:
 
 
 def unpack_case(x: Inputs) -> tuple[Scatterers, Transmission]:
-    """Back to scatterers, and what is sent at them."""
+    """Convert the inputs back to scatterers and transmission."""
     numbers = ("start_frequency_hz", "slope_hz_per_s", "adc_start_s", "sample_rate_hz")
     return (
         Scatterers(x["path_m"], x["amplitudes"], x["tx_gains"], x["rx_gains"]),
@@ -47,23 +47,25 @@ def power_map(n_chirps: int, n_samples: int, n_bins: int) -> Inputs:
 
 
 def scale_to_noise(samples: np.ndarray) -> np.ndarray:
-    """Scale to the noise level; large enough for packages that add 1 to a power."""
+    """Scale to a median amplitude of 1,000, because some packages add 1 to each power."""
     return np.ascontiguousarray(samples * np.float32(1e3 / np.median(abs(samples))))
 
 
-def noise_maps(n_maps: int, n_velocity: int, n_range: int, pfa: float, step: float = 1) -> Inputs:
+def noise_maps(
+    n_maps: int, n_velocity: int, n_range: int, pfa: float, power_step: float = 1
+) -> Inputs:
     """Draw exponential power maps and compute the threshold factors for plain code."""
     rng = np.random.default_rng(1)
     power = rng.exponential(size=(n_maps, n_velocity, n_range)).astype(np.float32)
-    power[..., n_range // 2 :] *= step
+    power[..., n_range // 2 :] *= power_step
     window = TrainingWindow(
         n_training=dc.Cells(velocity=TRAINING[0], range=TRAINING[1]),
         n_guard=dc.Cells(velocity=GUARD[0], range=GUARD[1]),
     )
     rank = 3 * N_TRAINING_CELLS // 4
-    middle = window.training_cell_offsets(window.half_range)
+    training_cells = window.training_cell_offsets(window.half_range)
     factors = [
-        estimator.independent_cells_threshold_factor(pfa, middle, n_channels=1)
+        estimator.independent_cells_threshold_factor(pfa, training_cells, n_channels=1)
         for estimator in (dc.cfar.CellAveraging(), dc.cfar.OrderedStatistic(rank=rank))
     ]
     return {
@@ -78,19 +80,19 @@ def noise_maps(n_maps: int, n_velocity: int, n_range: int, pfa: float, step: flo
 
 
 def frame(n_samples: int, n_chirps: int, n_tx: int, n_rx: int) -> Inputs:
-    """Three targets in noise, channels side by side, (chirp, channel, sample)."""
+    """Simulate three targets in noise, with samples (chirp, channel, sample)."""
     cube, radar = simulate_frame(n_samples, n_chirps, n_tx, n_rx, n_targets=3)
     positions_m = np.array([target.position_m for target in build_targets(3)], float)
     speed = np.array([target.velocity_m_per_s for target in build_targets(3)], float)
     range_m = np.linalg.norm(positions_m, axis=1)
     pfa = dc.Chain().cfar.false_alarm_probability
-    middle = noise_maps(1, 2, 2, pfa)
+    factors = noise_maps(1, 2, 2, pfa)
     return {
         "samples": scale_to_noise(cube.values).reshape(n_chirps, n_tx * n_rx, n_samples),
         "sizes": np.array([n_tx, n_rx, n_chirps, n_samples]),
-        "mean_factor": middle["mean_factor"],
-        "n_training": middle["n_training"],
-        "n_guard": middle["n_guard"],
+        "mean_factor": factors["mean_factor"],
+        "n_training": factors["n_training"],
+        "n_guard": factors["n_guard"],
         "target_range_m": range_m,
         "target_velocity": np.sum(positions_m * speed, axis=1) / range_m,
         "range_step_m": np.array(radar.frame.chirp.range_resolution_m),
@@ -99,7 +101,7 @@ def frame(n_samples: int, n_chirps: int, n_tx: int, n_rx: int) -> Inputs:
 
 
 def snapshots(n: int, n_elements: int) -> Inputs:
-    """A source in each snapshot of a line half a wavelength apart, 20 dB above the noise."""
+    """Draw snapshots of one source each, with 20 dB SNR, for half-wavelength spacing."""
     rng = np.random.default_rng(3)
     aperture = Aperture(np.array([(0, i / 2, 0) for i in range(n_elements)]))
     azimuth = rng.uniform(-1, 1, n)
@@ -116,7 +118,7 @@ def snapshots(n: int, n_elements: int) -> Inputs:
     )[0, 0]
     return {
         "snapshots": x.astype(np.complex64),
-        "towards": aperture.steering_vectors(np.arcsin(sines)).astype(np.complex64),
+        "steering": aperture.steering_vectors(np.arcsin(sines)).astype(np.complex64),
         "sines": sines,
         "load": np.array(1.0),
         "azimuth_rad": azimuth,
@@ -124,15 +126,16 @@ def snapshots(n: int, n_elements: int) -> Inputs:
     }
 
 
-def points(n: int) -> Inputs:
-    """Detections, ten of an object; places are scaled so that neighbours are within 1 on each axis.
+def clustered_detections(n: int) -> Inputs:
+    """Draw detections of objects with ten detections each, and their scaled coordinates.
 
-    Objects are more than twice the reach apart, and smaller than it.
+    Coordinates are scaled so that the clustering distance is 1 on each axis. Objects are smaller
+    than the clustering distance, and more than twice this distance apart.
     """
     rng = np.random.default_rng(5)
     radar = build_radar(256, 128, 3, 4)
     cell_m_per_s = radar.frame.velocity_resolution_m_per_s
-    middle = np.array(
+    object_centres = np.array(
         [
             (r, v * cell_m_per_s, s)
             for r in range(20, 290, 15)
@@ -141,7 +144,7 @@ def points(n: int) -> Inputs:
         ]
     )
     owner = np.arange(n) % (n // 10)
-    range_m, velocity, sine = middle[owner].T
+    range_m, velocity, sine = object_centres[owner].T
     columns = {
         "frame": np.zeros(n, int),
         "range": range_m + 0.8 * rng.normal(size=n),
@@ -154,13 +157,13 @@ def points(n: int) -> Inputs:
         detections_to_resolution_cells(columns | unknown, radar).cells / Reach().as_array_by_axis
     )
     return {f"detections_{name}": values for name, values in columns.items()} | {
-        "places": cells[:, :3],
+        "points": cells[:, :3],
         "owner": owner,
     }
 
 
 def tracking(n_frames: int) -> Inputs:
-    """The first frames of the example in which ten targets cross."""
+    """Draw the detections of the first frames of the example with ten crossing targets."""
     trial = loading.read_settings(CROSSING, TrackTrial)
     trial_data = draw_truth_and_detections(trial, 0)
     detections = trial_data.detections.isel(detection=trial_data.detections.frame.values < n_frames)
@@ -181,14 +184,14 @@ def tracking(n_frames: int) -> Inputs:
     }
 
 
-def words(n_chirps: int, n_rx: int, n_samples: int) -> Inputs:
-    """A frame as a DCA1000 writes two lanes: I I Q Q, one receiver after the other."""
+def dca1000_codes(n_chirps: int, n_rx: int, n_samples: int) -> Inputs:
+    """Draw a frame in the two-lane format of a DCA1000: I I Q Q, one receiver after the other."""
     rng = np.random.default_rng(7)
     shape = (n_chirps, n_rx, n_samples)
     codes = rng.integers(-(2**15), 2**15, (*shape, 2), dtype=np.int16)
     groups = codes.reshape(-1, 2, 2).swapaxes(1, 2)
     return {
-        "words": np.ascontiguousarray(groups).reshape(-1),
+        "codes": np.ascontiguousarray(groups).reshape(-1),
         "shape": np.array(shape),
         "samples": (codes[..., 0] + 1j * codes[..., 1]).astype(np.complex64) / 32768,
     }

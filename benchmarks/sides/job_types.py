@@ -7,4 +7,4 @@ import numpy as np
 
 Inputs = dict[str, np.ndarray]
 Timed = Callable[[], Any]
-"""Timed call; its return value is evaluated."""
+"""Timed call; its return value is used to measure the accuracy."""

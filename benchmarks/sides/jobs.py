@@ -14,26 +14,26 @@ class MinimumWork(NamedTuple):
     """Minimum work of a job, independent of the method."""
 
     n_bytes: float
-    """Read once and written once."""
+    """Bytes of the inputs and results, each read or written once."""
     n_operations: float = 0.0
-    """Of the transforms or products in it, as they are usually counted."""
+    """Operations of its transforms or products, by the usual count."""
     operation: str = "transforms"
 
 
 class Job(NamedTuple):
-    """One line of the table."""
+    """Benchmark job; one section of the table."""
 
     name: str
     kind: str
-    """The function that a side has for it."""
+    """Name of the function that implements the job in each side."""
     make: Callable[[], Inputs]
-    needs: MinimumWork
+    minimum_work: MinimumWork
     n_items: int = 1
-    """Detections, spectra or maps in a call: times are of one."""
+    """Number of detections, spectra or maps in a call; reported times are per item."""
     additional_work: str = ""
     """Additional work of dechirp that other sides omit."""
-    judged_by: Callable[[], Inputs] | None = None
-    """Other inputs of the same kind, by which a result is judged."""
+    make_accuracy_inputs: Callable[[], Inputs] | None = None
+    """Function that makes other inputs of the same kind, with which the accuracy is measured."""
 
 
 def jobs() -> list[Job]:
@@ -54,7 +54,7 @@ def jobs() -> list[Job]:
         Job(
             "DBSCAN, 5,000 points",
             "dbscan",
-            partial(inputs.points, 5000),
+            partial(inputs.clustered_detections, 5000),
             MinimumWork(8.0 * 5000 * 4),
             additional_work="ambiguous velocities, centroids with errors, labelled tables",
         ),
@@ -68,7 +68,7 @@ def jobs() -> list[Job]:
         Job(
             "decode 256 x 4 x 256",
             "decode",
-            partial(inputs.words, 256, 4, 256),
+            partial(inputs.dca1000_codes, 256, 4, 256),
             MinimumWork((4.0 + 8) * 256 * 4 * 256),
         ),
     ]
@@ -88,8 +88,8 @@ def tiny_jobs() -> list[Job]:
         *detectors(1, 40, 48),
         *frames((64, 32, 1, 1), (64, 32, 2, 2)),
         *angles((12, 20)),
-        Job("DBSCAN", "dbscan", partial(inputs.points, 500), MinimumWork(0.0)),
-        Job("decode", "decode", partial(inputs.words, 4, 2, 16), MinimumWork(0.0)),
+        Job("DBSCAN", "dbscan", partial(inputs.clustered_detections, 500), MinimumWork(0.0)),
+        Job("decode", "decode", partial(inputs.dca1000_codes, 4, 2, 16), MinimumWork(0.0)),
     ]
 
 
@@ -99,7 +99,7 @@ def echoes(n: int) -> Job:
         "echoes",
         lambda: inputs.echoes(scenes.cube_a(n, 200.0, np.random.default_rng(n))),
         MinimumWork(8.0 * 128 * 2200),
-        additional_work="zeros, written first to add to; curved paths; input checks",
+        additional_work="initial zeros, curved paths, input checks",
     )
 
 
@@ -116,33 +116,33 @@ def power_map(n_chirps: int, n_samples: int, n_bins: int) -> Job:
 
 
 def count_transform_operations(n_times: int, n: int) -> float:
-    """Operations of n_times transforms of n complex numbers."""
+    """Count the operations of n_times transforms of n complex numbers."""
     return 5.0 * n_times * n * float(np.log2(n))
 
 
 def detectors(n_maps: int, n_velocity: int, n_range: int) -> list[Job]:
-    """Timed at one alarm in a million cells; rates are counted where alarms are common."""
+    """Build the detector jobs: timed at a false-alarm probability of 1e-6, counted at 1e-2."""
     noise = partial(inputs.noise_maps, n_maps, n_velocity, n_range, 1e-6)
     few, small = min(n_range, 512), min(n_range, 256)
-    needs = MinimumWork(5.0 * n_maps * n_velocity * n_range)
+    minimum_work = MinimumWork(5.0 * n_maps * n_velocity * n_range)
     return [
         Job(
             f"cell averaging, {n_range} x {n_velocity}",
             "cell_averaging",
             noise,
-            needs,
-            additional_work="edges; sums in double precision: targets 120 dB up hide no noise",
-            judged_by=partial(inputs.noise_maps, 20, n_velocity, few, 1e-2),
+            minimum_work,
+            additional_work="edges; sums in double precision, exact with targets of 120 dB",
+            make_accuracy_inputs=partial(inputs.noise_maps, 20, n_velocity, few, 1e-2),
         ),
         *(
             Job(
-                f"ordered statistic, {n_range} x {n_velocity}, {what}",
+                f"ordered statistic, {n_range} x {n_velocity}, {background}",
                 "ordered_statistic",
                 partial(noise, step),
-                needs,
-                judged_by=partial(inputs.noise_maps, 2, n_velocity, small, 1e-2),
+                minimum_work,
+                make_accuracy_inputs=partial(inputs.noise_maps, 2, n_velocity, small, 1e-2),
             )
-            for what, step in (("noise", 1.0), ("a step of 20 dB", 100.0))
+            for background, step in (("noise", 1.0), ("a step of 20 dB", 100.0))
         ),
     ]
 
@@ -165,7 +165,7 @@ def frames(*sizes: tuple[int, int, int, int]) -> list[Job]:
 
 
 def angles(*sizes: tuple[int, int]) -> list[Job]:
-    """Beams of 1,000 snapshots, and directions of single detections."""
+    """Build the jobs of beams of 1,000 snapshots and directions of single detections."""
     angle_jobs = []
     for n_elements, n in sizes:
         angle_jobs.append(

@@ -40,20 +40,20 @@ def read_cpu_name() -> str:
 
 
 def read_cache_sizes() -> dict[str, str]:
-    """Data and shared caches of the first core, by level."""
+    """Read the sizes of the data and unified caches of the first core, by level."""
     sizes = {}
-    for place in sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*")):
-        kind = (place / "type").read_text().strip()
+    for folder in sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*")):
+        kind = (folder / "type").read_text().strip()
         if kind != "Instruction":
-            level = (place / "level").read_text().strip()
-            sizes[f"L{level}"] = (place / "size").read_text().strip()
+            level = (folder / "level").read_text().strip()
+            sizes[f"L{level}"] = (folder / "size").read_text().strip()
     return sizes
 
 
-def fastest(work: Callable[[], object], goes: int = 7) -> float:
+def fastest(work: Callable[[], object], repeats: int = 7) -> float:
     work()
     times = []
-    for _ in range(goes):
+    for _ in range(repeats):
         start = perf_counter()
         work()
         times.append(perf_counter() - start)
@@ -61,40 +61,40 @@ def fastest(work: Callable[[], object], goes: int = 7) -> float:
 
 
 def measure_copy_rate(n: int) -> float:
-    """Bytes read and written in a second, copying n float32."""
-    source, to = np.ones(n, np.float32), np.empty(n, np.float32)
+    """Measure the bytes per second, read plus written, of a copy of n float32 values."""
+    source, destination = np.ones(n, np.float32), np.empty(n, np.float32)
     repeats = max(1, 2**24 // n)
 
     def work() -> None:
         for _ in range(repeats):
-            np.copyto(to, source)
+            np.copyto(destination, source)
 
     return 8.0 * n * repeats / fastest(work)
 
 
 def measure_product_rate() -> float:
-    """Operations a second of a matrix product in single precision."""
+    """Measure the operations per second of a matrix product in single precision."""
     n = 768
     a = np.ones((n, n), np.float32)
     return 2.0 * n**3 / fastest(lambda: a @ a)
 
 
 def measure_transform_rate() -> float:
-    """Operations a second of transforms of 2,048 in single precision, 5 n log2 n of each."""
+    """Measure the operations per second of FFTs of length 2,048 in single precision: 5 n log2 n."""
     x = np.ones((64, 2048), np.complex64)
     return 64 * 5 * 2048 * 11 / fastest(lambda: scipy.fft.fft(x, axis=1))
 
 
-def limit_s(needs: MinimumWork, machine: Machine) -> tuple[float, str]:
-    """Return the minimum time at the measured rates and the limiting quantity."""
-    # What fits into the caches twice over need not come from memory.
-    of_bytes = needs.n_bytes / machine["cache_bytes_per_s"]
+def limit_s(work: MinimumWork, machine: Machine) -> tuple[float, str]:
+    """Return the minimum time of a job at the measured rates, and the limiting quantity."""
+    # Data may already be in the caches, so the cache rate gives the minimum.
+    transfer_s = work.n_bytes / machine["cache_bytes_per_s"]
     rate = (
         machine["transform_operations_per_s"]
-        if needs.operation == "transforms"
+        if work.operation == "transforms"
         else machine["product_operations_per_s"]
     )
-    of_operations = needs.n_operations / rate
-    if of_bytes >= of_operations:
-        return of_bytes, f"{needs.n_bytes / 1e6:.3g} MB moved in cache"
-    return of_operations, f"{needs.n_operations / 1e6:.3g} M operations of {needs.operation}"
+    arithmetic_s = work.n_operations / rate
+    if transfer_s >= arithmetic_s:
+        return transfer_s, f"{work.n_bytes / 1e6:.3g} MB moved in cache"
+    return arithmetic_s, f"{work.n_operations / 1e6:.3g} M operations of {work.operation}"

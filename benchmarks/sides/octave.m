@@ -1,10 +1,10 @@
-% The processing of the report, as it was written: transforms, then a loop over cells.
+% Processing of the report, in its original form: transforms, then a loop over cells.
 %
-% Lines come in and go out as in worker.py; inputs are a file of MATLAB's fifth format.
+% Requests and answers have the format of worker.py. Inputs are a MATLAB file of version 5.
 1;
 
 function mask = chain(x)
-  if size(x.samples, 2) > 1, error("one channel alone"), end
+  if size(x.samples, 2) > 1, error("supports one channel only"), end
   cube = squeeze(x.samples);
   [n_chirps, n_samples] = size(cube);
   tr = double(x.n_training(2)); td = double(x.n_training(1));
@@ -33,10 +33,10 @@ while ischar(line = fgetl(stdin))
         x = load(words{3});
         start = tic; mask = chain(x); spent = toc(start);
       case "turn"
-        spent = Inf; begun = tic;
+        spent = Inf; turn_start = tic;
         do
           start = tic; mask = chain(x); spent = min(spent, toc(start));
-        until toc(begun) > str2double(words{2})
+        until toc(turn_start) > str2double(words{2})
       case "save"
         save("-v6", words{2}, "mask"); spent = 0;
     end

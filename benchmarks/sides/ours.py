@@ -53,56 +53,58 @@ def power_map(x: Inputs) -> Timed:
 
 
 def cell_averaging(x: Inputs) -> Timed:
-    return masks(dc.cfar.CellAveraging(), x)
+    return build_mask_call(dc.cfar.CellAveraging(), x)
 
 
 def ordered_statistic(x: Inputs) -> Timed:
-    return masks(dc.cfar.OrderedStatistic(rank=int(x["rank"])), x)
+    return build_mask_call(dc.cfar.OrderedStatistic(rank=int(x["rank"])), x)
 
 
-def masks(estimator: NoiseEstimator, x: Inputs) -> Timed:
-    """Edges with factors of their own: fewer guard cells fit into a box at the end of the map."""
+def build_mask_call(estimator: NoiseEstimator, x: Inputs) -> Timed:
+    """Build the detector call, with the factors for the shifted windows at the ends of range."""
     training, guard = (dc.Cells(velocity=n[0], range=n[1]) for n in (TRAINING, GUARD))
     window = TrainingWindow(n_training=training, n_guard=guard)
-    places = window.tested_rows_in_training_box(x["power"].shape[2])
+    row_positions = window.tested_rows_in_training_box(x["power"].shape[2])
     factors = {
-        place: estimator.independent_cells_threshold_factor(
-            float(x["false_alarm_probability"]), window.training_cell_offsets(place), n_channels=1
+        position: estimator.independent_cells_threshold_factor(
+            float(x["false_alarm_probability"]),
+            window.training_cell_offsets(position),
+            n_channels=1,
         )
-        for place in np.unique(places).tolist()
+        for position in np.unique(row_positions).tolist()
     }
-    of_rows = np.array([factors[place] for place in places.tolist()], np.float32)
-    return lambda: [estimator.exceeds_threshold(power, window, of_rows) for power in x["power"]]
+    row_factors = np.array([factors[position] for position in row_positions.tolist()], np.float32)
+    return lambda: [estimator.exceeds_threshold(power, window, row_factors) for power in x["power"]]
 
 
 def frame(x: Inputs) -> Timed:
-    """All of `detect`: peaks, refinement and labels too, directions where there is an array."""
+    """Build the call of `detect`, which includes peaks, refinement, labels and directions."""
     n_tx, n_rx, n_chirps, n_samples = x["sizes"].tolist()
     radar = build_radar(n_samples, n_chirps, n_tx, n_rx)
     samples = x["samples"].reshape(1, n_chirps * n_tx, n_rx, n_samples)
     cube = label_cube(samples, radar, units="sqrt(W)")
 
-    def places() -> np.ndarray:
+    def detected_positions() -> np.ndarray:
         dataset = dc.detect(cube, radar)
         return np.column_stack([dataset.range.values, dataset.velocity.values])
 
-    return places
+    return detected_positions
 
 
 def bartlett(x: Inputs) -> Timed:
-    return partial(beam_power, x["snapshots"][:, None], x["towards"])
+    return partial(beam_power, x["snapshots"][:, None], x["steering"])
 
 
 def capon(x: Inputs) -> Timed:
-    return azimuths(Capon(), x)
+    return build_azimuth_call(Capon(), x)
 
 
 def music(x: Inputs) -> Timed:
-    return azimuths(Music(), x)
+    return build_azimuth_call(Music(), x)
 
 
-def azimuths(estimator: Capon | Music, x: Inputs) -> Timed:
-    """Directions with their standard errors."""
+def build_azimuth_call(estimator: Capon | Music, x: Inputs) -> Timed:
+    """Build the call that estimates directions with their standard errors."""
     n, n_elements = x["snapshots"].shape
     aperture = Aperture(np.array([(0, i / 2, 0) for i in range(n_elements)]))
     snapshots, noise = x["snapshots"][:, None], np.ones(n)
@@ -110,15 +112,15 @@ def azimuths(estimator: Capon | Music, x: Inputs) -> Timed:
 
 
 def dbscan(x: Inputs) -> Timed:
-    """Clusters, and their centroids."""
-    detections = table(x, "detections_")
+    """Build the call that computes clusters and their centroids."""
+    detections = build_detections(x, "detections_")
     radar = build_radar(256, 128, 3, 4)
     return lambda: cluster(detections, radar, Dbscan())[0].cluster.values
 
 
 def tracking(x: Inputs) -> Timed:
-    """Positions of confirmed tracks in each frame, NaN where there is none."""
-    detections, times_s = table(x, "detections_"), x["times_s"]
+    """Build the call that returns the positions of confirmed tracks by frame, NaN for no track."""
+    detections, times_s = build_detections(x, "detections_"), x["times_s"]
     tracker = replace(loading.read_settings(CROSSING, TrackTrial).tracker, association="nearest")
 
     def positions() -> np.ndarray:
@@ -130,7 +132,7 @@ def tracking(x: Inputs) -> Timed:
     return positions
 
 
-def table(x: Inputs, prefix: str) -> xr.Dataset:
+def build_detections(x: Inputs, prefix: str) -> xr.Dataset:
     return xr.Dataset(
         {
             name.removeprefix(prefix): ("detection", values)
@@ -141,11 +143,11 @@ def table(x: Inputs, prefix: str) -> xr.Dataset:
 
 
 def decode(x: Inputs) -> Timed:
-    words, out = x["words"], np.empty(tuple(x["shape"]), np.complex64)
+    codes, out = x["codes"], np.empty(tuple(x["shape"]), np.complex64)
 
     def samples() -> np.ndarray:
-        # Words are sorted in place: a reader hands over the bytes that it has read.
-        TwoLanes().decode(words.copy().reshape(len(out), -1), out, SampleCode())
+        # The decoder reorders codes in place, so each call needs a copy.
+        TwoLanes().decode(codes.copy().reshape(len(out), -1), out, SampleCode())
         return out
 
     return samples

@@ -43,33 +43,33 @@ def frame(x: Inputs) -> Timed:
 
 
 def bartlett(x: Inputs) -> Timed:
-    return partial(plain_angles.beams, x["snapshots"], x["towards"])
+    return partial(plain_angles.beam_power, x["snapshots"], x["steering"])
 
 
 def capon(x: Inputs) -> Timed:
-    return partial(plain_angles.capon, x["snapshots"], x["towards"], x["sines"], float(x["load"]))
+    return partial(plain_angles.capon, x["snapshots"], x["steering"], x["sines"], float(x["load"]))
 
 
 def music(x: Inputs) -> Timed:
-    return partial(plain_angles.music, x["snapshots"], x["towards"], x["sines"])
+    return partial(plain_angles.music, x["snapshots"], x["steering"], x["sines"])
 
 
 def dbscan(x: Inputs) -> Timed:
-    places = x["places"]
+    points = x["points"]
 
     def labels() -> np.ndarray:
-        first, second = KDTree(places).query_pairs(1.0, p=np.inf, output_type="ndarray").T
-        links = coo_array((np.ones(len(first)), (first, second)), shape=(len(places),) * 2)
+        first, second = KDTree(points).query_pairs(1.0, p=np.inf, output_type="ndarray").T
+        links = coo_array((np.ones(len(first)), (first, second)), shape=(len(points),) * 2)
         return connected_components(links, directed=False)[1]
 
     return labels
 
 
 def decode(x: Inputs) -> Timed:
-    words, shape = x["words"], tuple(x["shape"])
+    codes, shape = x["codes"], tuple(x["shape"])
 
     def samples() -> np.ndarray:
-        groups = words.reshape(-1, 2, 2)
+        groups = codes.reshape(-1, 2, 2)
         out = np.empty((len(groups), 2), np.complex64)
         out.real, out.imag = groups[:, 0], groups[:, 1]
         out *= np.float32(1 / 32768)

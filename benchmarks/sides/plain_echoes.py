@@ -1,4 +1,4 @@
-"""Plain echo simulation with NumPy, numba and FINUFFT, the reference for timing."""
+"""Plain echo simulation with NumPy, numba and FINUFFT, as reference for timing and accuracy."""
 
 import importlib.util
 import math
@@ -18,7 +18,7 @@ HAS_FINUFFT = importlib.util.find_spec("finufft") is not None
 def direct_sum(
     scatterers: Scatterers, transmission: Transmission, n_samples: int, chirps: np.ndarray
 ) -> np.ndarray:
-    """The law as one writes it with NumPy, some of the chirps, (chirp, rx, sample)."""
+    """Sum the echoes of some chirps directly in double precision, (chirp, rx, sample)."""
     late_s = transmission.adc_start_s + np.arange(n_samples) / transmission.sample_rate_hz
     out = np.zeros((len(chirps), len(transmission.rx_m), n_samples), complex)
     for row, m in zip(out, chirps, strict=True):
@@ -44,7 +44,7 @@ def direct_sum(
 def low_rank_product(
     scatterers: Scatterers, transmission: Transmission, n_samples: int
 ) -> np.ndarray:
-    """One matrix product with three Taylor orders of range migration, complex64; cube A alone."""
+    """Sum by one complex64 matrix product, three Taylor orders of migration; cube A only."""
     tone, time_s, late_s = compute_tones(scatterers, transmission, n_samples)
     slow = tone.strength[:, None] * np.exp(2j * np.pi * tone.doppler_hz[:, None] * time_s)
     fast = np.exp(2j * np.pi * tone.range_hz[:, None] * late_s)
@@ -57,13 +57,13 @@ def low_rank_product(
 
 
 def with_finufft(scatterers: Scatterers, transmission: Transmission, n_samples: int) -> np.ndarray:
-    """Two-dimensional transforms, five Taylor orders of range migration, double; cube A alone."""
-    import finufft  # not everywhere installed
+    """Sum by non-uniform FFTs in double precision, five Taylor orders; cube A only."""
+    import finufft  # optional dependency
 
     tone, time_s, late_s = compute_tones(scatterers, transmission, n_samples)
     step_s, interval_s = late_s[1] - late_s[0], time_s[1] - time_s[0]
     shape = (len(time_s), n_samples)
-    # Modes count from -n / 2: half an interval from the middle of an even number of chirps.
+    # Modes start at -n / 2, half an interval from the middle of an even number of chirps.
     shift = np.exp(2j * np.pi * tone.doppler_hz * interval_s / 2)
     cross = 2j * np.pi * tone.migration_hz_per_s
     strengths = np.array([tone.strength * shift * cross**k / math.factorial(k) for k in range(5)])
@@ -84,7 +84,7 @@ def with_finufft(scatterers: Scatterers, transmission: Transmission, n_samples: 
 
 
 class Tones(NamedTuple):
-    """Echoes at the middle of the frame, both ways equal, straight paths."""
+    """Linearised echoes at the middle of the frame, for a monostatic radar and straight paths."""
 
     strength: np.ndarray
     range_hz: np.ndarray
@@ -95,7 +95,7 @@ class Tones(NamedTuple):
 def compute_tones(
     scatterers: Scatterers, transmission: Transmission, n_samples: int
 ) -> tuple[Tones, np.ndarray, np.ndarray]:
-    """Tones, times of chirps and of samples, both from the middle of the window and frame."""
+    """Compute the tones, and times of chirps and samples relative to the middle of the frame."""
     late_s = (np.arange(n_samples) - n_samples // 2) / transmission.sample_rate_hz
     middle_s = transmission.adc_start_s - late_s[0]
     frequency_hz = transmission.start_frequency_hz + transmission.slope_hz_per_s * middle_s
@@ -121,7 +121,7 @@ def compute_tones(
 
 
 def recurrence(scatterers: Scatterers, transmission: Transmission, n_samples: int) -> np.ndarray:
-    """A phasor turned from sample to sample, its turn too: phases to second order in a chirp."""
+    """Sum by phasor recurrence over the samples, with phases to second order in a chirp."""
     middle_s = transmission.adc_start_s + n_samples / 2 / transmission.sample_rate_hz
     out = np.zeros((len(transmission.starts_s), len(transmission.rx_m), n_samples), np.complex64)
     at_s = transmission.starts_s + middle_s
@@ -152,7 +152,7 @@ def recurrence(scatterers: Scatterers, transmission: Transmission, n_samples: in
 def compute_path_lengths(
     position_m: np.ndarray, velocity: np.ndarray, antenna_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """From an antenna to scatterers, and how fast it grows."""
+    """Compute the distances from an antenna to scatterers, and their rates of change."""
     away = position_m - antenna_m
     range_m = np.linalg.norm(away, axis=-1)
     return range_m, np.sum(away * velocity, axis=-1) / range_m
@@ -189,7 +189,7 @@ def add_phasors(
 
 
 def select_fastest(scatterers: Scatterers, n_rx: int) -> Callable[..., np.ndarray]:
-    """Select the fastest function for the number of scatterers (cube A); else `recurrence`."""
+    """Select the fastest function for the numbers of scatterers and receivers."""
     if n_rx > 1:
         return recurrence
     if len(scatterers.amplitudes) <= 10:

@@ -5,7 +5,7 @@ import numpy as np
 import scipy.fft
 from scipy.ndimage import uniform_filter
 
-TRAINING, GUARD = (8, 10), (4, 4)  # velocity, range: each side
+TRAINING, GUARD = (8, 10), (4, 4)  # velocity, range; cells on each side
 WIDTH = tuple(2 * (t + g) + 1 for t, g in zip(TRAINING, GUARD, strict=True))
 INNER = tuple(2 * g + 1 for g in GUARD)
 N_TRAINING_CELLS = WIDTH[0] * WIDTH[1] - INNER[0] * INNER[1]
@@ -17,14 +17,14 @@ def window_weights(shape: tuple[int, int]) -> np.ndarray:
 
 
 def plain_map(samples: np.ndarray, taper: np.ndarray, n_bins: int) -> np.ndarray:
-    """Power map as one writes it with SciPy, velocity first, (chirp, sample)."""
+    """Compute the power map of (chirp, sample) with SciPy, velocity transform first."""
     spectrum = scipy.fft.fft(samples * taper, axis=0, overwrite_x=True)
     spectrum = scipy.fft.fft(spectrum, n_bins, axis=1, overwrite_x=True)
     return np.asarray(scipy.fft.fftshift(spectrum.real**2 + spectrum.imag**2, axes=0))
 
 
 def plain_chain(samples: np.ndarray, taper: np.ndarray, factor: float) -> np.ndarray:
-    """Window to CFAR mask as one writes it with NumPy and SciPy, (chirp, channel, sample)."""
+    """Compute a CFAR mask from samples (chirp, channel, sample) with NumPy and SciPy."""
     spectrum = scipy.fft.fft(samples * taper[:, None], axis=2)
     spectrum = scipy.fft.fftshift(scipy.fft.fft(spectrum, axis=0), axes=0)
     power = (spectrum.real**2 + spectrum.imag**2).sum(axis=1)
@@ -35,7 +35,7 @@ def plain_chain(samples: np.ndarray, taper: np.ndarray, factor: float) -> np.nda
 
 @numba.njit
 def box_sums(power: np.ndarray, n_v: int, n_r: int) -> np.ndarray:
-    """Sums over boxes by running sums along each axis; boxes that do not fit are left out."""
+    """Sum over boxes with running sums along each axis; zero for boxes that exceed the map."""
     rows, columns = power.shape
     row_sums = np.zeros((rows, columns), np.float32)
     for v in range(rows):
@@ -62,7 +62,7 @@ def box_sums(power: np.ndarray, n_v: int, n_r: int) -> np.ndarray:
 
 @numba.njit
 def plain_cell_averaging(power: np.ndarray, factor: float) -> np.ndarray:
-    """Mask of a cell-averaging CFAR by plain running sums, edges left out."""
+    """Compute the mask of a cell-averaging CFAR with running sums, without the edges."""
     n_v, n_r, g_v, g_r = 25, 29, 9, 9
     scale = np.float32(factor / (n_v * n_r - g_v * g_r))
     box, guard = box_sums(power, n_v, n_r), box_sums(power, g_v, g_r)
@@ -75,9 +75,9 @@ def plain_cell_averaging(power: np.ndarray, factor: float) -> np.ndarray:
 
 @numba.njit
 def plain_ordered_statistic(power: np.ndarray, factor: float, rank: int) -> np.ndarray:
-    """Mask of an ordered-statistic CFAR by counting until it is decided, edges left out."""
+    """Compute the mask of an ordered-statistic CFAR by counting cells, without the edges."""
     half_v, half_r, g_v, g_r = 12, 14, 4, 4
-    n_ring = 25 * 29 - 81
+    n_training_cells = 25 * 29 - 81
     mask = np.zeros(power.shape, np.bool_)
     for v in range(half_v, power.shape[0] - half_v):
         for j in range(half_r, power.shape[1] - half_r):
@@ -91,7 +91,7 @@ def plain_ordered_statistic(power: np.ndarray, factor: float, rank: int) -> np.n
                         n_under += 1
                     else:
                         n_over += 1
-                if n_under >= rank or n_over > n_ring - rank:
+                if n_under >= rank or n_over > n_training_cells - rank:
                     break
             mask[v, j] = n_under >= rank
     return mask

@@ -1,9 +1,11 @@
-"""Scatterers and radars that echoes are timed with.
+"""Scatterers and radars for the timing of echoes.
 
-Cube A is 77 GHz, 150 MHz, 300 MS/s complex, 128 chirps x 2200 samples; `mimo` three transmitters
-in turn, four receivers, 128 chirps of each x 256 samples, lengths exact for each pair;
-`long_chirp` 4 GHz in 50 us, 512 chirps x 256 samples. Targets fly at up to 40 m/s (20 m/s before
-the MIMO radar).
+`cube_a`       77 GHz, 150 MHz bandwidth, 300 MS/s complex, 128 chirps x 2200 samples
+`mimo`         three TDM transmitters, four receivers, 128 chirps per transmitter x 256 samples,
+               exact path length for each pair of antennas
+`long_chirp`   4 GHz in 50 us, 512 chirps x 256 samples
+
+The speed of targets is at most 40 m/s, with `mimo` 20 m/s.
 """
 
 import numpy as np
@@ -76,7 +78,7 @@ def draw_scatterers(
     transmission: Transmission,
     rng: np.random.Generator,
 ) -> Scatterers:
-    """Scatterers ahead, evenly spread over range and azimuth, of exponential cross section."""
+    """Draw scatterers uniformly in range and azimuth, with exponential cross sections."""
     range_m, azimuth = rng.uniform(nearest_m, farthest_m, n), rng.uniform(-1, 1, n)
     at_m = np.stack([range_m * np.cos(azimuth), range_m * np.sin(azimuth), rng.uniform(-1, 2, n)])
     velocity = rng.uniform(-fastest, fastest, (3, n)) * [[1.0], [0.5], [0.02]]

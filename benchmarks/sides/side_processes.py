@@ -12,21 +12,21 @@ from typing import NamedTuple
 
 BENCHMARKS = Path(__file__).parents[1]
 POOLS = ("OMP", "OPENBLAS", "MKL", "NUMBA")
-# Large arrays are kept for the next: whether glibc hands them back to the system turns on what a
-# process did before, and the plain frame of 12 channels took 3.9 ms in one and 6.1 in another.
-KEEPS_MEMORY = {"MALLOC_MMAP_THRESHOLD_": "1073741824", "MALLOC_TRIM_THRESHOLD_": "4294967296"}
+# glibc keeps large arrays instead of returning them to the system. Otherwise this depends on the
+# earlier allocations of a process: the plain frame of 12 channels took 3.9 ms or 6.1 ms.
+MEMORY_SETTINGS = {"MALLOC_MMAP_THRESHOLD_": "1073741824", "MALLOC_TRIM_THRESHOLD_": "4294967296"}
 
 
 class Absent(Exception):
-    """A side does not do this job; the message is why, in one line."""
+    """A side cannot run a job; the message is the reason, in one line."""
 
 
 class NoAnswer(Absent):
-    """It may do it, but takes too long."""
+    """A side exceeded the time limit."""
 
 
 class Side:
-    """A process that answers line by line; started when first asked, again after it was ended."""
+    """Process of a side that answers requests line by line; starts and restarts on demand."""
 
     def __init__(
         self, name: str, command: list[str], environment: dict[str, str], patience_s: float
@@ -35,33 +35,33 @@ class Side:
         self.environment = environment
         self.process: Process | None = None
 
-    def ask(self, *words: str, patience_s: float | None = None) -> float:
-        """The number that the process answers; `Absent` where it cannot, or takes too long."""
+    def ask(self, *fields: str, patience_s: float | None = None) -> float:
+        """Send a request and return the answered number; raise `Absent` on failure or time-out."""
         patience_s = patience_s or self.patience_s
         self.process = self.process or Process(self.command, self.environment)
         try:
-            answer = self.process.answer("\t".join(words), patience_s)
+            answer = self.process.answer("\t".join(fields), patience_s)
         except queue.Empty:
             self.end()
-            raise NoAnswer(f"no answer in {patience_s:g} s") from None
+            raise NoAnswer(f"no answer within {patience_s:g} s") from None
         if not answer:
-            why = self.process.last_words()
+            reason = self.process.error_message()
             self.end()
-            raise Absent(why)
-        verdict, word = answer.rstrip("\n").split("\t", 1)
-        if verdict != "ok":
-            raise Absent(word)
-        return float(word)
+            raise Absent(reason)
+        status, value = answer.rstrip("\n").split("\t", 1)
+        if status != "ok":
+            raise Absent(value)
+        return float(value)
 
     def end(self) -> None:
-        """Kill the process; the next question starts another."""
+        """Kill the process; the next request starts a new one."""
         if self.process is not None:
             self.process.end()
             self.process = None
 
 
 class Process:
-    """A child, its answers in a queue that a thread fills: a pipe has no time-out."""
+    """Child process; a thread reads its answers into a queue, because pipes have no time-out."""
 
     def __init__(self, command: list[str], environment: dict[str, str]) -> None:
         self.errors = tempfile.TemporaryFile("w+")  # noqa: SIM115
@@ -85,22 +85,24 @@ class Process:
         self.lines.put("")
 
     def answer(self, line: str, patience_s: float) -> str:
-        """Its line, "" where it has ended; `queue.Empty` where it takes longer."""
+        """Return the answer to a line, "" if the process has ended; `queue.Empty` on time-out."""
         assert self.child.stdin is not None
         with contextlib.suppress(BrokenPipeError):
-            # An empty line too: Octave hands over a line once it has seen what comes next.
+            # Octave returns a line only after it has received the next one, here an empty line.
             self.child.stdin.write(line + "\n\n")
             self.child.stdin.flush()
         return self.lines.get(timeout=patience_s)
 
-    def last_words(self) -> str:
-        """The last line that it complained with, or its status."""
+    def error_message(self) -> str:
+        """Wait for the end of the process; return its last line of errors, or its status."""
         status = self.child.wait()
         self.errors.seek(0)
-        return self.errors.read().strip().rpartition("\n")[2] or f"it ended with status {status}"
+        return (
+            self.errors.read().strip().rpartition("\n")[2] or f"process ended with status {status}"
+        )
 
     def end(self) -> None:
-        """Kill it, and close what leads to it."""
+        """Kill the process, and close its pipes and files."""
         self.child.kill()
         self.child.wait()
         self.reader.join()
@@ -110,15 +112,15 @@ class Process:
 
 
 def build_environment(threads: int) -> dict[str, str]:
-    """Variables of a side's process: so many threads, and memory as all others have it."""
+    """Build the environment variables of a side: number of threads and memory settings."""
     pools = {f"{pool}_NUM_THREADS": str(threads) for pool in POOLS}
-    return dict(os.environ) | pools | KEEPS_MEMORY
+    return dict(os.environ) | pools | MEMORY_SETTINGS
 
 
 def python_side(
     name: str, module: str, python: str, *, threads: int, patience_s: float, ours: bool = False
 ) -> Side:
-    """A module of this folder in an interpreter; only ours sees where this package is."""
+    """Create a side from a module; only dechirp and plain code inherit `PYTHONPATH`."""
     environment = build_environment(threads) | {"PYTHONWARNINGS": "ignore"}
     path = os.environ.get("PYTHONPATH", "") if ours else ""
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, (str(BENCHMARKS), path)))
@@ -126,7 +128,7 @@ def python_side(
 
 
 class SideTimes(NamedTuple):
-    """Times of one side: first call, and fastest call of each turn, s."""
+    """Time of the first call of a side, and shortest time of each turn."""
 
     first_s: float
     turns_s: list[float]
@@ -135,26 +137,26 @@ class SideTimes(NamedTuple):
 def time_alternately(
     sides: list[Side], kind: str, inputs: dict[str, Path], n_turns: int, turn_s: float
 ) -> tuple[dict[str, SideTimes], dict[str, Absent]]:
-    """Times of the sides that do a job, and why others do not.
+    """Time all sides alternately; return times, and errors of sides that cannot run the job.
 
-    A side whose call takes above a second has three turns at most, above five seconds one.
+    A side runs at most three turns if its call takes more than 1 s, and one turn above 5 s.
     """
     times: dict[str, SideTimes] = {}
     absent: dict[str, Absent] = {}
     for side in sides:
         try:
             times[side.name] = SideTimes(side.ask("load", kind, str(inputs[side.name])), [])
-        except Absent as why:
-            absent[side.name] = why
+        except Absent as error:
+            absent[side.name] = error
     for turn in range(n_turns):
         for side in sides:
             if side.name not in times or turn >= max_turns(times[side.name].turns_s):
                 continue
             try:
                 times[side.name].turns_s.append(side.ask("turn", str(turn_s)))
-            except Absent as why:
+            except Absent as error:
                 del times[side.name]
-                absent[side.name] = why
+                absent[side.name] = error
     return times, absent
 
 

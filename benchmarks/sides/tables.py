@@ -6,18 +6,20 @@ from typing import Any
 Row = dict[str, Any]
 
 
-def build_row(job: str, side: str, ours: list[float], theirs: list[float], n_items: int) -> Row:
-    """Times of one side of a job, and the ratio of ours to it turn by turn."""
-    ratios = [a / b for a, b in zip(ours, theirs, strict=False)]
+def build_row(
+    job: str, side: str, dechirp_s: list[float], side_s: list[float], n_items: int
+) -> Row:
+    """Build the table row of one side: its median time and the ratios of dechirp to it per turn."""
+    ratios = [a / b for a, b in zip(dechirp_s, side_s, strict=False)]
     low, _, high = quantiles(ratios, n=4) if len(ratios) > 3 else (min(ratios), 0, max(ratios))
     return {
         "job": job,
         "side": side,
-        "ms": 1e3 * median(theirs) / n_items,
+        "ms": 1e3 * median(side_s) / n_items,
         "ratio": median(ratios),
         "ratio_low": low,
         "ratio_high": high,
-        "turns": len(theirs),
+        "turns": len(side_s),
     }
 
 
@@ -26,12 +28,12 @@ def format_cells(row: Row) -> list[str]:
         return [row["job"], row["side"], "-", "-", row["absent"]]
     spread = "" if row["side"] == "ours" else f"{row['ratio_low']:.3g} to {row['ratio_high']:.3g}"
     ratio = "1" if row["side"] == "ours" else f"{row['ratio']:.3g} ({spread})"
-    right = ", ".join(
+    accuracy = ", ".join(
         f"{name} {value:.3g}" + format_spread(row["accuracy"], name)
         for name, value in row["accuracy"].items()
         if not name.endswith("_std")
     )
-    return [row["job"], row["side"], f"{row['ms']:.3g}", ratio, right]
+    return [row["job"], row["side"], f"{row['ms']:.3g}", ratio, accuracy]
 
 
 def format_spread(accuracy: dict[str, float], name: str) -> str:
@@ -39,25 +41,25 @@ def format_spread(accuracy: dict[str, float], name: str) -> str:
     return "" if std is None else f" +- {std:.2g}"
 
 
-HEAD = ["job", "side", "ms", "ours / it (quartiles)", "accuracy"]
+COLUMN_HEADINGS = ["job", "side", "ms", "dechirp / side (quartiles)", "accuracy"]
 
 
-def plain_text(rows: list[Row]) -> str:
-    """Columns side by side; a job's name stands once."""
-    table = [HEAD, *(format_cells(row) for row in rows)]
+def format_text(rows: list[Row]) -> str:
+    """Format the rows in aligned columns; repeated job names are blank."""
+    table = [COLUMN_HEADINGS, *(format_cells(row) for row in rows)]
     widths = [max(len(line[k]) for line in table if k < 4) for k in range(4)]
-    lines, last = [], ""
+    lines, previous_job = [], ""
     for line in table:
-        name = "" if line[0] == last else line[0]
-        last = line[0]
+        name = "" if line[0] == previous_job else line[0]
+        previous_job = line[0]
         padded = [
-            f"{word:<{width}}" for word, width in zip([name, *line[1:4]], widths, strict=True)
+            f"{cell:<{width}}" for cell, width in zip([name, *line[1:4]], widths, strict=True)
         ]
         lines.append("  ".join([*padded, line[4]]).rstrip())
     return "\n".join(lines)
 
 
-def machine_lines(machine: dict[str, Any]) -> list[str]:
+def format_machine(machine: dict[str, Any]) -> list[str]:
     rates = ", ".join(
         f"{name.removesuffix('_per_s').replace('_', ' ')} {machine[name] / 1e9:.3g} G/s"
         for name in machine
@@ -66,16 +68,16 @@ def machine_lines(machine: dict[str, Any]) -> list[str]:
     caches = ", ".join(f"{level} {size}" for level, size in machine["caches"].items())
     return [
         f"{machine['cpu']}, {machine['cores']} cores, {caches}, {machine['system']}",
-        f"one core, measured in this run: {rates}; load when begun {machine['load']:.2f}",
+        f"rates of one core in this run: {rates}; load at the start {machine['load']:.2f}",
     ]
 
 
-def markdown(result: dict[str, Any]) -> str:
-    """The table, the machine, and what is slower with what stops it."""
-    lines = ["| " + " | ".join(HEAD) + " |", "|---|---|---|---|---|"]
-    lines += ["| " + " | ".join(format_cells(version)) + " |" for version in result["rows"]]
+def format_markdown(result: dict[str, Any]) -> str:
+    """Format the table, the slower jobs with their limits, and the machine as Markdown."""
+    lines = ["| " + " | ".join(COLUMN_HEADINGS) + " |", "|---|---|---|---|---|"]
+    lines += ["| " + " | ".join(format_cells(row)) + " |" for row in result["rows"]]
     lines += ["", *(f"- {line}" for line in result["slower"]), ""]
-    lines += machine_lines(result["machine"])
+    lines += format_machine(result["machine"])
     for side, side_versions in result["versions"].items():
         lines.append(
             f"- {side}: "

@@ -1,13 +1,14 @@
-"""One side in a process of its own: it loads a job, then runs it whenever it is told.
+"""Worker process of one side: loads a job and times it on request.
 
     python -m sides.worker sides.peers.xwr
 
-Lines come in, tabs between words, empty ones between them. A line goes out for each: "ok" and
-a number, or "no" and why:
+The worker reads requests from standard input, one per line, with fields separated by tabs; it
+ignores empty lines. It answers each request with one line, "ok" and a number or "no" and a reason:
 
-load KIND FILE    arrays of FILE (.npz) to the module's function KIND; seconds of the first call
-turn SECONDS      calls until so long is spent, one at least; seconds of the fastest
-save FILE         what the last call returned, as .npy
+load KIND FILE    Pass the arrays of FILE (.npz) to function KIND of the module, and call the
+                  result once; returns the time of this call, s.
+turn SECONDS      Repeat the call for this duration, at least once; returns the shortest time, s.
+save FILE         Save the result of the last call as .npy; returns 0.
 """
 
 import importlib
@@ -21,7 +22,7 @@ import numpy as np
 
 
 class Work:
-    """The job that is loaded."""
+    """Loaded job of a module."""
 
     def __init__(self, module: ModuleType) -> None:
         self.module = module
@@ -29,48 +30,48 @@ class Work:
         self.result: object = None
 
     def load(self, kind: str, file: str) -> float:
-        """See `load` above."""
+        """Load a job; return the time of its first call, s."""
         make = getattr(self.module, kind)
-        self.call = self.result = None  # not in memory beside the next
+        self.call = self.result = None  # frees the memory of the previous job
         with np.load(file) as stored:
             inputs = {name: stored[name] for name in stored.files}
         self.call = make(inputs)
-        return self.once()
+        return self.time_call()
 
-    def once(self) -> float:
-        """Seconds of a call."""
+    def time_call(self) -> float:
+        """Return the time of one call, s."""
         start = perf_counter()
         self.result = self.call()
         return perf_counter() - start
 
     def turn(self, seconds: str) -> float:
-        """See `turn` above."""
-        times = [self.once()]
+        """Return the shortest time of calls that take a duration in total, s."""
+        times = [self.time_call()]
         while sum(times) < float(seconds):
-            times.append(self.once())
+            times.append(self.time_call())
         return min(times)
 
     def save(self, file: str) -> float:
-        """See `save` above."""
+        """Save the result of the last call."""
         np.save(file, np.asarray(self.result))
         return 0.0
 
 
 def main() -> None:
-    # Packages print: their lines go to the standard error.
+    # Some packages print to standard output; redirect it, so that answers stay separate.
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)
     work = None
     for line in sys.stdin:
-        verb, *words = line.rstrip("\n").split("\t")
-        if not verb:
+        command, *arguments = line.rstrip("\n").split("\t")
+        if not command:
             continue
         try:
             work = work or Work(importlib.import_module(sys.argv[1]))
-            print("ok", repr(getattr(work, verb)(*words)), sep="\t", file=answers)
+            print("ok", repr(getattr(work, command)(*arguments)), sep="\t", file=answers)
         except Exception as error:
-            why = " ".join(f"{type(error).__name__}: {error}".split())
-            print("no", why, sep="\t", file=answers)
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            print("no", reason, sep="\t", file=answers)
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ def test_growth_exponent_of_power_law_is_its_power(monkeypatch):
     import growth
 
     sizes = np.array([10.0, 20.0, 40.0])
-    assert growth.exponent(sizes, 3e-9 * sizes**1.5) == pytest.approx(1.5, abs=1e-12)
+    assert growth.fit_exponent(sizes, 3e-9 * sizes**1.5) == pytest.approx(1.5, abs=1e-12)
 
 
 def test_import_times_are_parsed_by_module_and_summed_by_package(monkeypatch):

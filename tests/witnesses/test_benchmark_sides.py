@@ -39,7 +39,7 @@ def compute_result(side: object, kind: str, inputs: Inputs) -> np.ndarray:
 @pytest.mark.usefixtures("uncompiled_loops")
 @pytest.mark.parametrize("job", tiny_jobs(), ids=lambda job: job.name)
 def test_dechirp_and_plain_code_give_same_accurate_result(job) -> None:
-    inputs = job.judged_by() if job.judged_by else job.make()
+    inputs = job.make_accuracy_inputs() if job.make_accuracy_inputs else job.make()
     results = [compute_result(side, job.kind, inputs) for side in (ours, plain)]
     for result in results:
         accuracies = accuracy.ACCURACY_BY_KIND[job.kind](inputs, result)

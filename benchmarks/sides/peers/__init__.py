@@ -1,5 +1,5 @@
-"""Other packages: their requirements, and a function for each supported kind of job.
+"""Other packages: requirements, and one function per supported kind of job.
 
-A function takes the inputs of a job and returns what is timed. Nothing is imported outside of
-them, so that the files can be read where a package is not installed.
+A function takes the inputs of a job and returns the timed call. Packages are imported inside the
+functions, so that these modules can be imported without them.
 """

@@ -24,11 +24,11 @@ def power_map(x: Inputs) -> Timed:
 
 
 def dbscan(x: Inputs) -> Timed:
-    """It returns centres alone."""
+    """Build the clustering call; mmwcore returns only the cluster centres."""
     from mmwcore.core import DBSCANSpec, PointCloudFrame
     from mmwcore.dsp import cluster_point_cloud
 
-    points = PointCloudFrame(x["places"].astype(np.float32))
+    points = PointCloudFrame(x["points"].astype(np.float32))
     spec = DBSCANSpec(eps_m=1.0, min_samples=1, velocity_scale_s=0.0, use_z=True)
     return lambda: cluster_point_cloud(points, spec).centers
 
@@ -38,4 +38,4 @@ def decode(x: Inputs) -> Timed:
     from mmwcore.dsp import organize_adc_samples
 
     spec = ADCFrameSpec(*x["shape"].tolist(), layout=ADCComplexLayout.GROUP2_I_THEN_Q)
-    return lambda: organize_adc_samples(x["words"], spec).data[0]
+    return lambda: organize_adc_samples(x["codes"], spec).data[0]

@@ -14,7 +14,7 @@ def echoes(x: Inputs) -> Timed:
     from mmWrt.Scene import Radar, Receiver, Scatterer, Transmitter
 
     if len(x["tx_m"]) > 1:
-        raise NotImplementedError("its antennas are not placed here")
+        raise NotImplementedError("this adapter supports one antenna only")
     n_samples, rate_hz = int(x["n_samples"]), float(x["sample_rate_hz"])
     interval_s = float(x["starts_s"][1] - x["starts_s"][0])
     radar = Radar(
@@ -33,12 +33,12 @@ def echoes(x: Inputs) -> Timed:
         ),
     )
     first_s = float(x["starts_s"][0])
-    # Its light goes 3e8 m/s: farther places give the same delays.
+    # mmWrt uses c = 3e8 m/s; scaled positions give the same delays.
     paths = np.swapaxes(x["path_m"], 0, 1) * (3e8 / 299_792_458.0)
     scatterers = [
         Scatterer(
             **{
-                f"{axis}t": straight(p + first_s * v, v)
+                f"{axis}t": build_linear_path(p + first_s * v, v)
                 for axis, p, v in zip("xyz", *path, strict=True)
             }
         )
@@ -52,5 +52,5 @@ def echoes(x: Inputs) -> Timed:
     return samples
 
 
-def straight(place_m: float, velocity: float) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda t: place_m + velocity * t
+def build_linear_path(start_m: float, velocity: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda t: start_m + velocity * t

@@ -1,4 +1,4 @@
-"""OpenRadar (mmwave): maps, beams, Capon, and samples of a DCA1000; it names no requirements."""
+"""OpenRadar (mmwave): maps, beams, Capon and DCA1000 samples; it declares no requirements."""
 
 import numpy as np
 
@@ -13,12 +13,12 @@ def power_map(x: Inputs) -> Timed:
     from mmwave.dsp.utils import Window
 
     samples = x["samples"]
-    n_more = int(x["n_bins"]) - samples.shape[1]
+    n_zeros = int(x["n_bins"]) - samples.shape[1]
 
     def power() -> np.ndarray:
-        # It windows what it transforms: zeros come after the window, as a user would do it.
+        # OpenRadar applies a window to the whole input, so window and zero padding come first.
         tapered = samples * np.hanning(samples.shape[1]).astype(np.float32)
-        padded = np.pad(tapered, ((0, 0), (0, n_more)))[:, None]
+        padded = np.pad(tapered, ((0, 0), (0, n_zeros)))[:, None]
         ranges = range_processing(padded)
         logarithm, _ = doppler_processing(
             ranges, num_tx_antennas=1, interleaved=False, window_type_2d=Window.HANNING
@@ -31,11 +31,11 @@ def power_map(x: Inputs) -> Timed:
 def bartlett(x: Inputs) -> Timed:
     from mmwave.dsp import aoa_bartlett
 
-    return lambda: aoa_bartlett(x["towards"], x["snapshots"].T, axis=0).T
+    return lambda: aoa_bartlett(x["steering"], x["snapshots"].T, axis=0).T
 
 
 def capon(x: Inputs) -> Timed:
-    """Each covariance is of the snapshot and a unit matrix: a snapshot by itself has no inverse."""
+    """Build the Capon call with diagonal loading; the covariance of one snapshot is singular."""
     from mmwave.dsp import aoa_capon
 
     n_elements = x["snapshots"].shape[1]
@@ -43,7 +43,7 @@ def capon(x: Inputs) -> Timed:
 
     def azimuths() -> np.ndarray:
         spectra = [
-            aoa_capon(np.column_stack([snapshot, load]), x["towards"], magnitude=True)[0]
+            aoa_capon(np.column_stack([snapshot, load]), x["steering"], magnitude=True)[0]
             for snapshot in x["snapshots"]
         ]
         return directions(np.array(spectra), x["sines"])
@@ -54,4 +54,4 @@ def capon(x: Inputs) -> Timed:
 def decode(x: Inputs) -> Timed:
     from mmwave.dataloader import DCA1000
 
-    return lambda: DCA1000.organize(x["words"], *x["shape"].tolist())
+    return lambda: DCA1000.organize(x["codes"], *x["shape"].tolist())

@@ -1,3 +1,3 @@
-"""radarsimpy: compiled, handed out by its makers alone; no job is written for it."""
+"""radarsimpy: compiled package, not on PyPI; no job is implemented."""
 
 REQUIRES = ("radarsimpy",)

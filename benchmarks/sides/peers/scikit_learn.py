@@ -9,4 +9,4 @@ def dbscan(x: Inputs) -> Timed:
     from sklearn.cluster import DBSCAN
 
     estimator = DBSCAN(eps=1.0, min_samples=1, metric="chebyshev")
-    return lambda: estimator.fit(x["places"]).labels_
+    return lambda: estimator.fit(x["points"]).labels_

@@ -1,4 +1,4 @@
-"""scikit-radar: echoes, range frozen within a chirp; its transmitters send at the same time."""
+"""scikit-radar: echoes with constant range within a chirp and simultaneous transmitters."""
 
 import numpy as np
 
@@ -28,12 +28,12 @@ def echoes(x: Inputs) -> Timed:
         name="radar",
         pos=np.zeros((3, 1)),
     )
-    place, velocity = x["path_m"][0] + first_s * x["path_m"][1], x["path_m"][1]
+    position, velocity = x["path_m"][0] + first_s * x["path_m"][1], x["path_m"][1]
     targets = [
         Target(
             rcs=float(amplitude) ** 2,
             name=f"target {i}",
-            pos=place[i][:, None],
+            pos=position[i][:, None],
             vel=velocity[i][:, None],
         )
         for i, amplitude in enumerate(x["amplitudes"])
@@ -42,7 +42,7 @@ def echoes(x: Inputs) -> Timed:
 
     def samples() -> np.ndarray:
         radar.sim_chirps()
-        # (tx, rx, chirp, sample) to chirps of transmitters in turn.
+        # From (tx, rx, chirp, sample) to TDM order.
         by_chirp = np.moveaxis(radar.s_if, 2, 0)
         return by_chirp.reshape(n_chirps * n_tx, len(x["rx_m"]), n_samples)
 

@@ -1,4 +1,4 @@
-"""Stone Soup: its tracker of several targets, as its tutorials put it together."""
+"""Stone Soup: multi-target tracker, assembled as in its tutorials."""
 
 from datetime import datetime, timedelta
 from typing import Any
@@ -36,11 +36,11 @@ def tracking(x: Inputs) -> Timed:
     prior = GaussianState(
         np.zeros(4), np.diag([0.0, 1.0, 0.0, 1.0]) * float(x["speed_std_m_per_s"]) ** 2
     )
-    # The gate of three measurements that holds 0.999: 4.03 standard deviations.
+    # Gate probability 0.999 for three measured values: 4.03 standard deviations.
     hypothesiser = DistanceHypothesiser(predictor, updater, Mahalanobis(), missed_distance=4.03)
     associator = GNNWith2DAssignment(hypothesiser)
     hits, frames = x["confirm_after"].tolist()
-    every = group_detections(x, model)
+    detections_by_frame = group_detections(x, model)
 
     def positions() -> np.ndarray:
         tracker = MultiTargetTracker(
@@ -53,13 +53,13 @@ def tracking(x: Inputs) -> Timed:
                 min_points=hits,
             ),
             deleter=UpdateTimeStepsDeleter(int(x["drop_after"])),
-            detector=every,
+            detector=detections_by_frame,
             data_associator=associator,
             updater=updater,
         )
-        time = [[t.state_vector[[0, 2], 0] for t in tracks] for _, tracks in tracker]
-        positions_m = np.full((len(every), max(map(len, time)), 2), np.nan)
-        for frame, tracks in enumerate(time):
+        tracks_by_frame = [[t.state_vector[[0, 2], 0] for t in tracks] for _, tracks in tracker]
+        positions_m = np.full((len(detections_by_frame), max(map(len, tracks_by_frame)), 2), np.nan)
+        for frame, tracks in enumerate(tracks_by_frame):
             positions_m[frame, : len(tracks)] = np.reshape(tracks, (-1, 2)).astype(float)
         return positions_m
 
@@ -67,19 +67,19 @@ def tracking(x: Inputs) -> Timed:
 
 
 def build_measurement_model() -> Any:
-    """Azimuth, range and velocity as it has them, and back, for the first state of a track."""
+    """Build the model of azimuth, range and velocity, with the inverse that starts a track."""
     from stonesoup.models.base import ReversibleModel
     from stonesoup.models.measurement.nonlinear import CartesianToBearingRangeRate2D
     from stonesoup.types.array import StateVector
 
-    class Seen(CartesianToBearingRangeRate2D, ReversibleModel):
+    class ReversibleMeasurementModel(CartesianToBearingRangeRate2D, ReversibleModel):
         def inverse_function(self, detection: Any, **kwargs: Any) -> Any:
-            azimuth, range_m, velocity = (float(one) for one in detection.state_vector[:, 0])
-            towards = np.array([np.cos(azimuth), np.sin(azimuth)])
-            place, speed = range_m * towards, velocity * towards
-            return StateVector([place[0], speed[0], place[1], speed[1]])
+            azimuth, range_m, velocity = (float(value) for value in detection.state_vector[:, 0])
+            direction = np.array([np.cos(azimuth), np.sin(azimuth)])
+            position, speed = range_m * direction, velocity * direction
+            return StateVector([position[0], speed[0], position[1], speed[1]])
 
-    return Seen
+    return ReversibleMeasurementModel
 
 
 def group_detections(x: Inputs, model: Any) -> list[tuple[datetime, set[Any]]]:
@@ -91,7 +91,7 @@ def group_detections(x: Inputs, model: Any) -> list[tuple[datetime, set[Any]]]:
     for frame, time_s in enumerate(x["times_s"]):
         rows = np.flatnonzero(x["detections_frame"] == frame)
         time = BEGIN + timedelta(seconds=float(time_s))
-        positions_m = {
+        frame_detections = {
             Detection(
                 np.array(
                     [
@@ -106,5 +106,5 @@ def group_detections(x: Inputs, model: Any) -> list[tuple[datetime, set[Any]]]:
             )
             for i in rows
         }
-        frames.append((time, positions_m))
+        frames.append((time, frame_detections))
     return frames

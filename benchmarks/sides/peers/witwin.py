@@ -14,16 +14,16 @@ REQUIRES = ("witwin-radar==0.4.1",)
 def cell_averaging(x: Inputs) -> Timed:
     from witwin.radar.processing.detection import ca_cfar
 
-    return masks(ca_cfar, x)
+    return build_mask_call(ca_cfar, x)
 
 
 def ordered_statistic(x: Inputs) -> Timed:
     from witwin.radar.processing.detection import os_cfar
 
-    return masks(os_cfar, x)
+    return build_mask_call(os_cfar, x)
 
 
-def masks(detector: Callable[..., Any], x: Inputs) -> Timed:
+def build_mask_call(detector: Callable[..., Any], x: Inputs) -> Timed:
     import torch
 
     settings = {
@@ -32,7 +32,9 @@ def masks(detector: Callable[..., Any], x: Inputs) -> Timed:
         "pfa": float(x["false_alarm_probability"]),
     }
     maps = torch.from_numpy(x["power"])
-    return lambda: np.concatenate([detector(one[None], **settings).mask.numpy() for one in maps])
+    return lambda: np.concatenate(
+        [detector(power[None], **settings).mask.numpy() for power in maps]
+    )
 
 
 def capon(x: Inputs) -> Timed:
@@ -40,12 +42,13 @@ def capon(x: Inputs) -> Timed:
     from witwin.radar.processing.angle import mvdr_weights
 
     n_elements = x["snapshots"].shape[1]
-    looks, towards = torch.from_numpy(x["snapshots"]), torch.from_numpy(x["towards"].T.copy())
+    snapshots = torch.from_numpy(x["snapshots"])
+    steering = torch.from_numpy(x["steering"].T.copy())
     load = float(x["load"]) * torch.eye(n_elements)
 
     def azimuths() -> np.ndarray:
-        covariance = looks[:, :, None] * looks.conj()[:, None, :] + load
-        weights = mvdr_weights(covariance, towards, diagonal_loading=0.0)
+        covariance = snapshots[:, :, None] * snapshots.conj()[:, None, :] + load
+        weights = mvdr_weights(covariance, steering, diagonal_loading=0.0)
         spectra = (weights.conj() * (covariance @ weights)).sum(dim=1).real
         return directions(spectra.numpy(), x["sines"])
 
@@ -65,13 +68,13 @@ def music(x: Inputs) -> Timed:
         phase_sign=1,
         device="cpu",
     )
-    # Its phases grow the other way along the array.
-    looks = torch.from_numpy(x["snapshots"].conj())[:, None, :, None]
+    # witwin uses the opposite sign of the phase along the array.
+    snapshots = torch.from_numpy(x["snapshots"].conj())[:, None, :, None]
     azimuth_rad = torch.arcsin(torch.from_numpy(x["sines"].astype(np.float32)))
 
     def azimuths() -> np.ndarray:
         spectra = music_spectrum(
-            looks,
+            snapshots,
             array,
             elevation_rad=torch.zeros(1),
             azimuth_rad=azimuth_rad,

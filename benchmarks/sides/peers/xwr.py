@@ -1,4 +1,4 @@
-"""xwr: range-Doppler maps by FFTW, a cell-averaging CFAR by convolution."""
+"""xwr: range-Doppler maps with FFTW, cell-averaging CFAR by convolution."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ def power_map(x: Inputs) -> Timed:
     return power
 
 
-def detector(x: Inputs, factor: np.ndarray) -> Any:
+def build_detector(x: Inputs, factor: np.ndarray) -> Any:
     from xwr.rsp.numpy import CACFAR
 
     (train_v, train_r), (guard_v, guard_r) = x["n_training"].tolist(), x["n_guard"].tolist()
@@ -35,9 +35,9 @@ def detector(x: Inputs, factor: np.ndarray) -> Any:
 
 
 def cell_averaging(x: Inputs) -> Timed:
-    # It adds 1 to every power: noise is a million times that. Amplitudes are what it takes.
+    # xwr expects amplitudes and adds 1 to each power; a noise power of 1e6 makes this negligible.
     amplitudes = 1e3 * np.sqrt(x["power"])[:, :, None, None, :]
-    cfar = detector(x, x["mean_factor"])
+    cfar = build_detector(x, x["mean_factor"])
     return lambda: np.swapaxes(cfar(amplitudes).mask, 1, 2)
 
 
@@ -46,7 +46,7 @@ def frame(x: Inputs) -> Timed:
 
     n_tx, n_rx, n_chirps, n_samples = x["sizes"].tolist()
     samples = x["samples"].reshape(1, n_chirps, n_tx, n_rx, n_samples)
-    rsp, cfar = AWR1843Boost(window=True), detector(x, x["mean_factor"])
+    rsp, cfar = AWR1843Boost(window=True), build_detector(x, x["mean_factor"])
 
     def mask() -> np.ndarray:
         return cfar(abs(rsp.doppler_range(samples))).mask[0].T
