@@ -131,7 +131,7 @@ def draw_figure(rows: list[Measurement], file: Path) -> None:
     n_rows = -(-len(axes) // 3)
     figure = Figure(figsize=(13, 3.4 * n_rows), layout="constrained")
     panels = figure.subplots(n_rows, 3, squeeze=False).flat
-    for panel, axis in zip(panels, axes, strict=False):
+    for axis, panel in zip(axes, panels, strict=False):
         for row in (row for row in rows if row["along"] == axis):
             sizes = np.array(row["sizes"], float)
             time_over_law = np.array(row["ms"]) / LAWS[row["law"]](sizes)
