@@ -28,7 +28,7 @@ class HitProbability(Score):
     n_sums = 2
 
     @classmethod
-    def label(cls):
+    def kind(cls):
         return "detection_probability"
 
     def trial_sums(self, result, context):
@@ -52,7 +52,7 @@ class RmsError(HitProbability):
     n_sums = 1
 
     @classmethod
-    def label(cls):
+    def kind(cls):
         return "range_rmse"
 
     def estimate_with_interval(self, sums, *, confidence):
@@ -66,7 +66,7 @@ class AlarmProbability(HitProbability):
     """False alarms per cell, one value for the whole scene."""
 
     @classmethod
-    def label(cls):
+    def kind(cls):
         return "false_alarm_probability"
 
 

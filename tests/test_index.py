@@ -6,7 +6,7 @@ python tests/test_index.py        writes it anew
 import ast
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -22,7 +22,7 @@ INDEX = TESTS / "index.txt"
 MAX_LISTED = 6  # of 40 and more for widely used files: those with the most references
 HEADER = """\
 # Test files of each source file: those that refer to it most often, at most six.
-# "through x": no test refers to the file itself; the tests of its importer x cover it.
+# "through x": no test refers to the file itself; the tests of x, which imports it, follow.
 # Written by: python tests/test_index.py
 """
 
@@ -40,12 +40,22 @@ def package_files(name: str) -> set[Path]:
 
 
 @cache
-def files_by_word() -> dict[str, list[Path]]:
-    """Return the files of commands and family members by the words that select them."""
+def command_files() -> dict[str, Path]:
+    """Return the file of each command by its name."""
+    return {path.stem.replace("_", "-"): path for path in FILES if path.parent.name == "commands"}
+
+
+def command_of_arguments(items: Sequence[ast.expr]) -> Path | None:
+    """Return the file of a command that starts a list of arguments, after `dechirp` if it does."""
+    words = [item.value if isinstance(item, ast.Constant) else None for item in items[:2]]
+    name = words[-1] if words[:1] == ["dechirp"] else words[0] if words else None
+    return command_files().get(name) if isinstance(name, str) else None
+
+
+@cache
+def files_by_kind() -> dict[str, list[Path]]:
+    """Return the files of family members by their kinds and suffixes."""
     files: dict[str, list[Path]] = {}
-    for path in FILES:
-        if path.parent.name == "commands":
-            files.setdefault(path.stem.replace("_", "-"), []).append(path)
     for base in [*FAMILIES, Device, Writer]:
         for kind, member in base.members().items():
             for word in (kind, *getattr(member, "suffixes", ())):
@@ -91,7 +101,11 @@ def iter_references(test_file: Path) -> Iterator[Path]:
             owners = [public_owner(*names), public_owner(*names[:1])]
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             words = [node.value, *re.findall(r"\bkind: ([a-z0-9-]+)", node.value)]
-            owners = [file for word in words for file in files_by_word().get(word, ())]
+            owners = [file for word in words for file in files_by_kind().get(word, ())]
+        elif isinstance(node, ast.Call):
+            owners = [command_of_arguments(node.args)]
+        elif isinstance(node, ast.List | ast.Tuple):
+            owners = [command_of_arguments(node.elts)]
         yield from filter(None, owners)
 
 
@@ -117,25 +131,25 @@ def index_lines() -> list[str]:
     for source in FILES:
         if source.name == "__init__.py":
             continue
-        listed = [str(test.relative_to(TESTS)) for test in tests[source][:MAX_LISTED]]
-        if not listed:
-            listed = ["through", nearest_tested_importer(source, importers, tests)]
-        lines.append(f"{source.relative_to(ROOT)}: {' '.join(listed)}")
+        tested = nearest_tested_file(source, importers, tests)
+        through = "" if tested == source else f"through {tested.relative_to(ROOT)}: "
+        listed = " ".join(str(test.relative_to(TESTS)) for test in tests[tested][:MAX_LISTED])
+        lines.append(f"{source.relative_to(ROOT)}: {through}{listed or 'NO TEST'}")
     return lines
 
 
-def nearest_tested_importer(
+def nearest_tested_file(
     source: Path, importers: dict[Path, list[Path]], tests: dict[Path, list[Path]]
-) -> str:
-    """Return the nearest file that imports a source file, also through others, and has tests."""
+) -> Path:
+    """Return the file itself if it has tests, or else the nearest file that imports it and has."""
     level, seen = [source], {source}
     while level:
         for path in level:
             if tests[path]:
-                return str(path.relative_to(ROOT))
+                return path
         level = [up for path in level for up in importers[path] if up not in seen]
         seen.update(level)
-    return "NO TEST"
+    return source
 
 
 def test_index_lists_tests_of_every_source_file():

@@ -92,7 +92,7 @@ _NAMESPACES = {
     "tuning": "experiments.tune.tune",
     # Functions
     "fixed_point": "processing.fixed_point",
-    "object_lists": "results.object_lists.files",
+    "object_lists": "results.object_lists",
     "slow_time": "processing.slow_time",
     "theory": "theory",
     "track_metrics": "evaluation.track_metrics",

@@ -65,7 +65,7 @@ from dechirp.recordings.live.replay import replay as replay
 from dechirp.recordings.live.udp import listen as listen
 from dechirp.recordings.recording import Recording as Recording
 from dechirp.recordings.recording import open as open
-from dechirp.results.object_lists import files as _object_lists
+from dechirp.results import object_lists as object_lists
 from dechirp.results.object_lists.object_list import object_list as object_list
 from dechirp.scene import bodies as bodies
 from dechirp.scene.ego import Ego as Ego
@@ -82,7 +82,6 @@ from dechirp.tracking.ego import ego_motion as ego_motion
 from dechirp.tracking.online import LiveTracker as LiveTracker
 from dechirp.tracking.tracker import Tracker as Tracker
 
-object_lists = _object_lists
 scores = _scores
 studies = _studies
 tuning = _tuning

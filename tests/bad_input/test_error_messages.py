@@ -75,7 +75,7 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
         "InvalidFile",
         lambda folder: dc.load(_write_text(folder, "sed: 1\n")),
         "scenario.yaml:1:1: sed: ",
-        "not a known name",
+        "unknown setting",
         "one of name, seed, n_frames",
         "did you mean seed?",
     ),
@@ -118,7 +118,7 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
         _open_foreign_study,
         "study.sqlite",
         "no database",
-        "the record of a study, or absent",
+        "the record of a study, or no file",
         "name another folder with --out",
     ),
     (

@@ -81,7 +81,7 @@ def test_rejects_vector_files_outside_folder(tmp_path):
     for name in ("../secret.hex", str(secret), "/dev/zero"):
         description = {"format_version": 1, "vectors": [{**entry, "files": [name]}]}
         (folder / "vectors.json").write_text(json.dumps(description))
-        with pytest.raises(dc.RecordingError, match="names of files beside it"):
+        with pytest.raises(dc.RecordingError, match="names of files in the same folder"):
             read_vectors(folder)
 
 

@@ -107,8 +107,8 @@ def test_changed_detector_changes_threshold_and_saved_settings(live_page, tmp_pa
 @pytest.mark.parametrize(
     ("path", "text", "fragment"),
     [
-        ("radar.hardware.noise_factor", "loud", "loud; expected a ratio, as 4 or 6 dB"),
-        ("scene.targets.car.position", "[48, -3.5, 0]", "48; expected a length, as 50 m"),
+        ("radar.hardware.noise_factor", "loud", "expected a number or a ratio, such as 4 or 6 dB"),
+        ("scene.targets.car.position", "[48, -3.5, 0]", "48; expected a length, such as 50 m"),
         ("scene.targets.car.rcs", "__import__('os').getpid()", "expected a radar cross section"),
     ],
 )

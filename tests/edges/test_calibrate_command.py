@@ -200,7 +200,7 @@ VALID_CALIBRATION = {"elements": [[0, 0], [0, 1]], "gain": [[1.0, 0.0], [0.5, 0.
         ("\xff", "the file: not JSON"),
         ("[" * 100_000, "the file: not JSON"),
         (json.dumps({**VALID_CALIBRATION, "gains": []}), "gains: an unknown key"),
-        (json.dumps({"gain": VALID_CALIBRATION["gain"]}), "elements: absent"),
+        (json.dumps({"gain": VALID_CALIBRATION["gain"]}), "elements: missing"),
         (json.dumps({**VALID_CALIBRATION, "gain": [[1.0, 0.0]]}), "gain: a list of 1"),
         (json.dumps({**VALID_CALIBRATION, "gain": [[1.0, 0.0], ["a", 0]]}), "gain.1: 'a'"),
         (json.dumps({**VALID_CALIBRATION, "gain": None}), "gain: None"),
@@ -238,14 +238,14 @@ def test_rejects_damaged_calibration_file_with_name_and_key(folder, capsys, cont
 
 
 INVALID_CALLS = {
-    "--azimuth: absent": ("left.npy",),
+    "--azimuth: missing": ("left.npy",),
     "left.npy, given twice": ("left.npy", "left.npy", "--azimuth", "0", "--azimuth", "0"),
     "--range: -3.0": ("left.npy", "--azimuth", "0", "--range", "-3 m"),
     "--azimuth: nan deg": ("left.npy", "--azimuth", "nan deg"),
-    "gone.json: the file: not there": (
+    "gone.json: the file: missing": (
         *("left.npy", "--azimuth", "0", "--calibration", "gone.json"),
     ),
-    "RECORDING: absent": ("--azimuth", "25 deg"),
+    "RECORDING: missing": ("--azimuth", "25 deg"),
     "one azimuth for each of the 2": ("left.npy", "right.npy", "--azimuth", "25 deg"),
     "--azimuth: 25; expected an angle": ("left.npy", "--azimuth", "25"),
     "--azimuth: 2.09": ("left.npy", "--azimuth", "120 deg"),
@@ -323,13 +323,13 @@ def test_calibration_with_default_array_warns(folder, capsys):
         ("chain.angle=[]", "an empty list; expected a mapping with kind"),
         ("chain.angle={kind: mus}", "did you mean music?"),
         ("chain.angle={kind: music, n_sources: 99}", "fewer than the 8 elements"),
-        ("chain.angle={kind: capon, loading: .nan}", "expected a ratio"),
+        ("chain.angle={kind: capon, loading: .nan}", "such as 4"),
         ("chain.angle={kind: monopulse, n_sources: 2}", "expected 1, since"),
         ("chain.field_of_view={azimuth: 100 deg}", "(90 deg)"),
         ("chain.field_of_view={azimuth: [-30 deg, 30 deg]}", "write one number"),
         ("radar.calibration={elements: [], gain: []}", "a list of pairs"),
         ("radar.calibration={gain: 3}", "elements: missing"),
-        ("radar.calibration=gone.json", "the file: not there"),
+        ("radar.calibration=gone.json", "the file: missing"),
     ],
 )
 def test_rejects_invalid_angle_and_calibration_settings_with_name(folder, capsys, setting, message):

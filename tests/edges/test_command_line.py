@@ -82,7 +82,7 @@ def collect_errors(run_cli):
         assert [list(error) for error in errors] == [ERROR_KEYS] * len(errors)
         for line, error in zip(err.splitlines(), errors, strict=True):
             location = ":".join(str(error[key]) for key in ERROR_KEYS[:3] if error[key] is not None)
-            prefix = f"{location}: {error['setting']}" if location else error["setting"]
+            prefix = ": ".join(dict.fromkeys(filter(None, (location, error["setting"]))))
             assert (
                 line == f"{prefix}: {error['value']}; expected {error['expected']}; {error['fix']}"
             )
@@ -480,7 +480,7 @@ def test_rejects_frames_beyond_end_of_recording(collect_errors, recording_argume
         (
             ["design", *ALL_REQUIREMENTS, "--set", "limts.idle=1us"],
             "limts",
-            "not a known",
+            "unknown setting",
             "did you mean lim",
         ),
         (
@@ -557,7 +557,14 @@ def test_all_invalid_options_are_reported_at_once(collect_errors):
 @pytest.mark.parametrize(
     ("old", "new", "line", "setting", "value", "fix"),
     [
-        ("n_chirps", "n_chrips", 7, "radar.frame.n_chrips", "not a known", "did you mean n_chirps"),
+        (
+            "n_chirps",
+            "n_chrips",
+            7,
+            "radar.frame.n_chrips",
+            "unknown setting",
+            "did you mean n_chirps",
+        ),
         ("35 us", "35 ms/s", 8, "radar.frame.interval", "35 ms/s", "did you mean ms?"),
         ("35 us", "35", 8, "radar.frame.interval", "35", "units that fit: s, ms"),
         ("n_chirps: 32", "n_chirps: '32'", 7, "radar.frame.n_chirps", "the text '32'", "write"),
@@ -824,7 +831,7 @@ def test_list_shows_members_of_every_family_with_settings(run_cli):
     snr = families["impairment"]["white-noise"]["settings"]["snr"]
     assert snr["required"]
     assert snr["default"] is None
-    assert snr["expected"] == "a ratio, as 4 or 6 dB"
+    assert snr["expected"] == "a number or a ratio, such as 4 or 6 dB"
     assert "Echo power over noise power" in snr["help"]
     assert all(member["help"] for members in families.values() for member in members.values())
 

@@ -43,7 +43,7 @@ def test_words_option_reads_file_and_overflows_are_reported(tmp_path, capsys):
     ("arguments", "message"),
     [
         (["--frame", "3"], "--frame: 3; expected a frame from 0 to 0"),
-        (["--frame", "3"], "n_frames says how many"),
+        (["--frame", "3"], "n_frames is the number"),
         (["--set", "chain.cfar.estimator.kind=ordered-statistic"], "chain.cfar.estimator"),
         (["--set", "chain.n_range_bins=3000"], "set n_range_bins to 4096"),
         (["--words", "nowhere.yaml"], "nowhere.yaml: the file: not found"),

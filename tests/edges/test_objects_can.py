@@ -177,7 +177,7 @@ def test_dbc_alone_decodes_frames():
     object_signals = database.decode_message(part.identifier, part.data)
     assert object_signals["X_0"] == pytest.approx(123.46)
     assert object_signals["VY_0"] == pytest.approx(-7.0)
-    assert str(object_signals["Y_0"]) == "NotTold"
+    assert str(object_signals["Y_0"]) == "NotAvailable"
     assert (object_signals["Number_0"], str(object_signals["Status_0"])) == (42, "Confirmed")
     assert object_signals["Snr_0"] == pytest.approx(30.0)
     list_signals = database.decode_message(header.identifier, header.data)
@@ -350,9 +350,8 @@ LOSSES = {
     ("lost_frames", "message", "remaining_frames"), LOSSES.values(), ids=LOSSES
 )
 def test_lost_frames_are_reported_and_their_lists_dropped(lost_frames, message, remaining_frames):
-    frames = encode_can_frames(
-        random_object_list(4, 4, 4), LAYOUT, BUS, first=65535
-    )  # the counter wraps
+    # The counter wraps.
+    frames = encode_can_frames(random_object_list(4, 4, 4), LAYOUT, BUS, first=65535)
     del frames[lost_frames]
 
     with pytest.warns(dc.PhysicsWarning, match=message):

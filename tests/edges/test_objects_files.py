@@ -81,9 +81,8 @@ def test_osi_inverts_signs_of_radial_velocity_and_elevation():
     assert detection.radial_velocity == pytest.approx(3.0)  # towards the sensor
     assert detection.position.distance == pytest.approx(15.0)
     assert detection.position.azimuth == pytest.approx(np.pi / 4)  # left
-    assert detection.position.elevation == pytest.approx(
-        -np.arcsin(5 / 15)
-    )  # nose down is positive
+    # Nose down is positive.
+    assert detection.position.elevation == pytest.approx(-np.arcsin(5 / 15))
     assert detection.snr == pytest.approx(20.0)
     # Rotation about z, then about the new y, both right-handed, points the x-axis there.
     angles = [detection.position.azimuth, detection.position.elevation]

@@ -43,16 +43,15 @@ def page() -> str:
 def test_markup_in_names_is_escaped(page):
     check_captions(page)
     text = extract_pdf_text(check_pdf_contains_page_text(page))
-    assert (
-        text.count(remove_spaces_and_dashes(MARKUP)) >= 3
-    )  # headline's name, a table, the settings
+    # Headline's name, a table, the settings.
+    assert text.count(remove_spaces_and_dashes(MARKUP)) >= 3
 
 
 def test_pdf_contains_figures_with_text_labels(page):
     text = extract_pdf_text(html_to_pdf(page))
 
     assert page.count("<figure") > 8
-    for label in ("Velocity (m/s)", "training cells", "Power (dBm)"):
+    for label in ("Velocity (m/s, receding positive)", "training cells", "Power (dBm)"):
         assert remove_spaces_and_dashes(label) in text
 
 

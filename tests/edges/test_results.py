@@ -181,9 +181,8 @@ def test_csv_and_json_contain_same_rows():
 
 
 def test_json_contains_no_nan_or_infinity():
-    noiseless = make_detections().assign(
-        snr=("detection", [math.inf, 0.0])
-    )  # infinite, and no decibels
+    # Infinite, and no decibels.
+    noiseless = make_detections().assign(snr=("detection", [math.inf, 0.0]))
 
     text = to_json_text(
         {"rows": dataset_to_records(noiseless), "rest": [math.nan, (-math.inf, 1.5)]}
@@ -268,9 +267,8 @@ def test_symbolic_links_in_output_path_are_resolved(tmp_path, link):
 
 def test_rejects_name_too_long_for_temporary_folder_before_run(tmp_path):
     with pytest.raises(DechirpError, match="File name too long"):
-        check_results_folder_replaceable(
-            tmp_path / ("o" * 250)
-        )  # names have at most 255 characters
+        # Names have at most 255 characters.
+        check_results_folder_replaceable(tmp_path / ("o" * 250))
 
 
 def test_output_check_leaves_no_files(tmp_path, radar):

@@ -127,9 +127,8 @@ def test_schema_accepts_same_quantities_as_reader(text):
     try:
         parse_settings(settings_text, dc.Requirements)
     except DechirpError as error:
-        unit_errors = [
-            mistake for mistake in error.mistakes if "a frequency" in mistake.expected
-        ]  # size limits are not in the schema
+        # Size limits are not in the schema.
+        unit_errors = [mistake for mistake in error.mistakes if "a frequency" in mistake.expected]
     # The schema does not check chains of three units; the reader does.
     assert (
         bool(find_schema_error("requirements", parse_plain(settings_text))) == bool(unit_errors)

@@ -147,14 +147,14 @@ def test_simultaneous_multiplexing_settings_are_read_and_written(text, code):
         (
             "null",
             "",
-            "none, with 2 transmitters in the array",
+            "missing, with 2 transmitters in the array",
             "a multiplexing scheme, since several transmitters share the chirps",
         ),
         ("tdm", "", "tdm", "a mapping with kind: bpm, ddma, phase-code, tdm or null"),
         ("{order: [0, 1]}", ".kind", "missing", "one of bpm, ddma, phase-code, tdm"),
         ("{kind: tdmm, order: [0, 1]}", ".kind", "tdmm", "one of bpm, ddma, phase-code, tdm"),
         ("{kind: tdm}", ".order", "missing", "a list, each a whole number"),
-        ("{kind: tdm, ordr: [0, 1]}", ".ordr", "not a known name", "one of order"),
+        ("{kind: tdm, ordr: [0, 1]}", ".ordr", "unknown setting", "one of order"),
         ("{kind: tdm, order: [0, 1.5]}", ".order.1", "1.5", "a whole number"),
         ("{kind: tdm, order: 1}", ".order", "1", "a list, each a whole number"),
         ("{kind: tdm, order: []}", ".order", "()", "at least one transmitter"),
@@ -164,7 +164,7 @@ def test_simultaneous_multiplexing_settings_are_read_and_written(text, code):
         ("{kind: bpm, order: [0]}", "", "1 transmitter: 0", "the 2 in array.tx: 0, 1"),
         ("{kind: ddma, order: [0, 1], n_sub_bands: 1}", ".n_sub_bands", "1", "at least 2"),
         ("{kind: ddma, order: [0, 1]}", ".n_sub_bands", "missing", "a whole number"),
-        ("{kind: phase-code, phases: [[0, 90]]}", ".phases.0.1", "90", "an angle, as 30 deg"),
+        ("{kind: phase-code, phases: [[0, 90]]}", ".phases.0.1", "90", "an angle, such as 30 deg"),
         ("{kind: phase-code, phases: [[0, 0], [0]]}", ".phases.1", "a row of 1 phases", "of 2"),
         ("{kind: phase-code, phases: [[0]]}", "", "1 transmitter: 0", "the 2 in array.tx: 0"),
     ],
@@ -254,13 +254,13 @@ def test_all_mistakes_in_file_are_reported_in_order():
         parse_settings(text, Radar, file="radar.yaml")
 
     assert str(error.value).splitlines() == [
-        "radar.yaml:2:28: frame.chirp.start_frequency: 7 apples; expected a frequency, as"
+        "radar.yaml:2:28: frame.chirp.start_frequency: 7 apples; expected a frequency, such as"
         " 77 GHz; units that fit: GHz, MHz, kHz, Hz, MS/s, kS/s",
-        "radar.yaml:4:3: frame.n_chrips: not a known name; expected one of chirp, n_chirps,"
+        "radar.yaml:4:3: frame.n_chrips: unknown setting; expected one of chirp, n_chirps,"
         " interval, period, multiplexing, modulation; did you mean n_chirps?",
-        "radar.yaml:6:11: frame.period: 50 m; expected a time, as 35 us;"
+        "radar.yaml:6:11: frame.period: 50 m; expected a time, such as 35 us;"
         " did you mean ms? units that fit: s, ms, us, ns, min, h",
-        "radar.yaml:9:1: hardware.transmit_power: missing; expected a power, as"
+        "radar.yaml:9:1: hardware.transmit_power: missing; expected a power, such as"
         " 12 dBm; add transmit_power",
     ]
 
@@ -485,7 +485,6 @@ def test_rejects_cfar_offset_with_probability_until_one_is_null():
         ("targets.car.rcs=1 m", "targets.car.rcs", "units that fit: dBsm, m^2"),
         ("targets.car.rcs=-1 m^2", "targets.car.rcs", "give a positive value"),
         ("targets.car.rcs.db=1", "targets.car.rcs.db", "set targets.car.rcs itself"),
-        ("targets.car.rcs", "--set", "write --set radar.frame.n_chirps=64, for instance"),
         (
             "targets=[{name: car, position: [0, 0, 0], name: van}]",
             "targets.car.name",
@@ -502,6 +501,15 @@ def test_mistake_in_override_is_attributed_to_set_option(option, setting, fix):
 
     assert (mistake.file, mistake.line, mistake.column) == ("--set", None, None)
     assert (mistake.setting, mistake.fix) == (setting, fix)
+
+
+def test_override_without_value_is_reported_by_option_only():
+    mistake = expect_mistake(SCENE, Scene, overrides=["targets.car.rcs"])
+
+    assert str(mistake) == (
+        "--set: targets.car.rcs; expected PATH=VALUE;"
+        " write --set PATH=VALUE, such as --set radar.frame.n_chirps=64"
+    )
 
 
 def test_error_in_nested_value_has_line_of_file():

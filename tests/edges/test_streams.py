@@ -145,9 +145,8 @@ def test_stream_joins_running_radar_at_current_frame(capture, sensor, recorded_f
 
 def test_completely_lost_frames_are_omitted_and_counted(capture, sensor):
     packets = list(iter_file_as_packets(capture))
-    frames, stream = receive_packets(
-        packets[:12] + packets[48:], sensor, **RECORDING_OPTIONS
-    )  # none of frames 2 and 3
+    # None of frames 2 and 3.
+    frames, stream = receive_packets(packets[:12] + packets[48:], sensor, **RECORDING_OPTIONS)
 
     starts = [round(frame.frame.item() / sensor.frame.period_s) for frame in frames]
 
@@ -183,9 +182,8 @@ def test_packets_of_other_sender_are_ignored(capture, sensor, recorded_frames):
     packets = list(iter_file_as_packets(capture))
     with stream:
         send_packets(stream, packets[:30])
-        send_packets(
-            stream, [build_dca1000_packet(n, bytes(1456)) for n in range(20, 60)]
-        )  # from another port
+        # From another port.
+        send_packets(stream, [build_dca1000_packet(n, bytes(1456)) for n in range(20, 60)])
         wait_for_packets(stream, 70)
         frames = list(stream)
 
@@ -354,9 +352,8 @@ def test_jump_of_packet_number_yields_no_frames_in_between():
 
 def test_packet_more_than_60_s_ahead_is_rejected(capture, sensor, recorded_frames):
     packets = list(iter_file_as_packets(capture))
-    distant_packet = build_dca1000_packet(
-        15_000, bytes(1456)
-    )  # 1200 frames of 11.3 packets: 13,500
+    # 1200 frames of 11.3 packets: 13,500.
+    distant_packet = build_dca1000_packet(15_000, bytes(1456))
     frames, stream = receive_packets(
         [*packets[:20], distant_packet, *packets[20:]], sensor, **RECORDING_OPTIONS
     )
@@ -607,7 +604,7 @@ def _find_free_port() -> int:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--follow"], "given for a scene that is simulated"),
+        (["--follow"], "given for a simulated scene"),
         (["--idle", "3s"], "given without --follow"),
         (["capture.bin", "--follow", "--idle", "3"], "--idle: 3"),
         (["capture.bin", "--follow", "--idle", "0s"], "idle_s"),

@@ -284,7 +284,7 @@ def test_rejects_port_in_use(studio, capsys):
     assert exit_info.value.code == 2
     assert capsys.readouterr().err == (
         f"--port: {port}, which another program uses; expected a free port;"
-        f" choose another one, as --port {port + 1}, or 0 for a free one\n"
+        f" choose another one, such as --port {port + 1}, or 0 for a free one\n"
     )
 
 

@@ -183,7 +183,7 @@ def test_point_table_has_columns_per_target_and_counts_omitted_points():
     [
         ("scene.targets.car.rcs", "RCS of car"),
         ("scene.targets.my_car.position.0", "position x of my_car"),
-        ("chain.cfar.false_alarm_probability", "false alarm probability of CFAR"),
+        ("chain.cfar.false_alarm_probability", "false-alarm probability of CFAR"),
         ("chain.range_window", "range window"),
         ("impairments.white-noise.snr", "SNR of white noise"),
         ("radar.frame.chirp.slope", "slope of chirp"),
@@ -276,7 +276,7 @@ def test_terminal_table_fits_width():
     assert max(map(len, render_table(80).splitlines())) <= 80
     assert "truck" in render_table(80)
     assert "RMSE" not in render_table(70)
-    assert "false alarm" in re.sub(r"\s+", " ", render_table(160))
+    assert "false-alarm" in re.sub(r"\s+", " ", render_table(160))
     # No cell is truncated.
     assert "…" not in render_table(80)
 

@@ -139,7 +139,7 @@ def test_few_blocks_are_queued_at_a_time(tmp_path):
 def test_too_many_failures_stop_study_and_keep_finished_trials(tmp_path):
     failing_study = TinyPlan(fails=tuple(range(403)))
     with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
-        with pytest.raises(DechirpError, match="of point 1 said ValueError: 0") as error:
+        with pytest.raises(DechirpError, match="of point 1: ValueError: 0") as error:
             run_tiny_study(tmp_path, workers, failing_study, stop_after_failures=0.01)
         assert "stop_after_failures: 0.01" in str(error.value)
         with LedgerReader.open_read_only(tmp_path) as record:
@@ -336,7 +336,7 @@ def test_stopped_workers_leave_nothing_behind(tmp_path):
     [
         ({"workers": 0}, "--workers"),
         ({"workers": 1.5}, "--workers"),
-        ({"scheduler": "tcp://a:1", "workers": 2}, "given with --workers"),
+        ({"scheduler": "tcp://a:1", "workers": 2}, "cannot be combined with --workers"),
         ({"cluster": "pbs"}, "slurm"),
     ],
 )

@@ -107,9 +107,9 @@ def test_second_process_on_folder_is_refused_and_first_continues(tmp_path):
             {"study": "seed: 1\ntrials: 500"},
             r"study: trials: 500 \(line 2\); expected trials: 400 \(line 2\)",
         ),
-        ({"study": "seed: 1"}, r"study: absent; expected trials: 400 \(line 2\)"),
+        ({"study": "seed: 1"}, r"study: missing; expected trials: 400 \(line 2\)"),
         ({"dechirp": "0.2.0"}, r"dechirp: 0.2.0; expected 0.1.0.*--out.*remove"),
-        ({"scenario": "car"}, r"scenario: car; expected absent"),
+        ({"scenario": "car"}, r"scenario: car; expected missing"),
     ],
 )
 def test_different_study_is_refused_with_its_differences(tmp_path, changes, message):
@@ -155,7 +155,7 @@ def test_foreign_file_is_refused_and_left_unchanged(tmp_path):
             with pytest.raises(DechirpError, match=message):
                 opener(folder)
         assert (folder / LEDGER_NAME).read_bytes() == content
-    with pytest.raises(DechirpError, match="not there"):
+    with pytest.raises(DechirpError, match="missing"):
         LedgerReader.open_read_only(empty)
 
 
@@ -226,7 +226,7 @@ def test_ledger_of_later_format_is_refused(tmp_path):
     with closing(sqlite3.connect(tmp_path / LEDGER_NAME)) as connection, connection:
         connection.execute("UPDATE meta SET said = '2' WHERE key = 'format_version'")
     connection.close()
-    with pytest.raises(DechirpError, match="in format 2"):
+    with pytest.raises(DechirpError, match="format 2"):
         open_ledger(tmp_path)
 
 

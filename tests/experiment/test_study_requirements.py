@@ -209,7 +209,7 @@ def test_rejects_target_of_score_without_targets():
         require=(Requirement(score="false_alarm_probability", target="car", at_most=1e-2),)
     )
 
-    with pytest.raises(InvalidSetting, match="left out"):
+    with pytest.raises(InvalidSetting, match="not scored by target"):
         judge_requirements(study_result, lambda point: point_sums[point])
 
 

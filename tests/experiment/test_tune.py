@@ -164,9 +164,8 @@ def test_stopped_search_continues_to_same_result(folder, reference_result, tmp_p
     run_search(short_tune, tmp_path / "out", workers=immediate_workers())
     tune = load_tune(folder / "tune.yaml")
     with pytest.raises(KeyboardInterrupt):
-        run_search(
-            tune, tmp_path / "out", workers=immediate_workers(at_most=6)
-        )  # 11 of 12, the earlier candidates restored
+        # 11 of 12, the earlier candidates restored.
+        run_search(tune, tmp_path / "out", workers=immediate_workers(at_most=6))
     continued_result = run_search(tune, tmp_path / "out", workers=immediate_workers())
 
     assert tune_result_as_dict(continued_result) == tune_result_as_dict(reference_result)
@@ -427,7 +426,7 @@ INVALID_CHANGES = {
     ),
     ("trials: 40", "trials: 1"): ("trials", "from 2"),
     ("candidates: 12", "candidate: 12"): ("candidate", "candidates?"),
-    ("objective: {", "# {"): ("objective", "absent"),
+    ("objective: {", "# {"): ("objective", "missing"),
     ("maximise: detection_probability", "maximise: processing_time"): (
         "objective.maximise",
         "the same trial",

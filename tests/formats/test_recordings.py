@@ -127,9 +127,8 @@ def test_decodes_requested_frames_only(tmp_path, monkeypatch):
 
     assert frame_indices == [2, 3]
     assert (partial_recording.n_frames, len(frames)) == (2, 2)
-    assert partial_recording.cube.identical(
-        full_recording.cube.isel(frame=slice(2, 4))
-    )  # including the times of these frames
+    # Including the times of these frames.
+    assert partial_recording.cube.identical(full_recording.cube.isel(frame=slice(2, 4)))
     assert frames[1].identical(full_recording.cube.isel(frame=[3]))
 
 

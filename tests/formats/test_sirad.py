@@ -73,7 +73,7 @@ def test_target_range_is_independent_of_iq_order(tmp_path, order):
     assert find_peak_m(contents, frames[0]) == pytest.approx(0.7, abs=2e-3)
     assert contents.iq == order
     (finding_iq,) = [finding for finding in contents.findings if finding.setting == "iq"]
-    assert f"taken as {order}" in finding_iq.value
+    assert f"assumed to be {order}" in finding_iq.value
 
 
 @pytest.mark.parametrize("order", ["iq", "qi"])

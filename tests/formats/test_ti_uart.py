@@ -157,9 +157,8 @@ def test_lost_bytes_damage_no_later_packet(tmp_path, offset, n_bytes):
 
 def test_finds_packet_within_damaged_packet(tmp_path):
     damaged_packet = bytearray(encode_scene(2))
-    struct.pack_into(
-        "<I", damaged_packet, 12, 4 * len(damaged_packet)
-    )  # declared length: four times the true one
+    # Declared length: four times the true one.
+    struct.pack_into("<I", damaged_packet, 12, 4 * len(damaged_packet))
 
     contents = read_contents(
         tmp_path,

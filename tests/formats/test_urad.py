@@ -136,9 +136,8 @@ def test_file_times_are_compared_with_chirp_interval(tmp_path, interval_s, n_fin
     assert frames.shape == (8, 8, 1, N)
     findings = [f for f in contents.findings if f.setting == "radar.frame.interval"]
     assert len(findings) == n_findings
-    assert all(
-        "true velocities 2" in finding.fix for finding in findings
-    )  # displayed velocities are half of the true ones
+    # Displayed velocities are half of the true ones.
+    assert all("true velocities 2" in finding.fix for finding in findings)
 
 
 def test_truncated_line_and_incomplete_frame_are_dropped(tmp_path):

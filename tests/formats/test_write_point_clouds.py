@@ -546,9 +546,8 @@ def test_mcap_chunk_beyond_declared_size_is_not_decompressed(tmp_path):
     offset = content.index(b"zstd")
     for declared_size in (2**40, 2**20):
         chunk = bytearray(content[: offset + 4] + struct.pack("<Q", len(packed)) + packed)
-        struct.pack_into(
-            "<Q", chunk, offset - 16, declared_size
-        )  # position before the checksum and the word zstd
+        # Position before the checksum and the word zstd.
+        struct.pack_into("<Q", chunk, offset - 16, declared_size)
         (tmp_path / "bomb.mcap").write_bytes(chunk)
 
         tracemalloc.start()

@@ -339,7 +339,7 @@ def test_missing_data_file_and_archive_errors_give_fix(tmp_path):
     with pytest.raises(RecordingError, match="tar -xf"):
         dc.open(tmp_path / "x.sigmf", radar=make_radar())
     (tmp_path / DATA).unlink()
-    with pytest.raises(RecordingError, match=f"no {DATA} beside it"):
+    with pytest.raises(RecordingError, match=f"no {DATA} next to it"):
         dc.open(file, radar=make_radar())
 
 

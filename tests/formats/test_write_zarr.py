@@ -103,9 +103,8 @@ def test_chunk_and_file_sizes_do_not_change_samples(
 
     n_chunks_per_frame = 2 if chirps_at_once == 4 else 1
     files = [file.name for file in (tmp_path / "x.zarr" / "cube").glob("c.*")]
-    assert len(files) == (
-        3 * n_chunks_per_frame if n_chunks_per_frame == 2 else 2
-    )  # the last file holds fewer frames
+    # The last file holds fewer frames.
+    assert len(files) == (3 * n_chunks_per_frame if n_chunks_per_frame == 2 else 2)
     assert_recordings_equal(dc.open(tmp_path / "x.zarr"), recording)
     last_frame = next(dc.open(tmp_path / "x.zarr", frames=(2, 3)).frames())
     assert np.array_equal(last_frame.values[0], recording.cube.values[2])

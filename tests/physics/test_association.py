@@ -169,10 +169,11 @@ def match_pair_by_pair(ground_truth: xr.Dataset, columns: dict, radar: dc.Radar)
         frame_radar = radar.for_frame(int(number))
         angles = [columns["azimuth"][i], columns["elevation"][i]]
         nearest = (np.inf, -1)
+        # A second pass without angles, which depend on the velocity ambiguity under TDM.
         for ignores_angles in (
             False,
             True,
-        ):  # a second pass without angles, which depend on the velocity ambiguity under TDM
+        ):
             if ignores_angles and (nearest[0] <= GATE_CELLS or len(radar.array.tx_m) == 1):
                 continue
             if ignores_angles and np.isfinite(columns["ambiguity_number"][i]):

@@ -325,14 +325,14 @@ def test_rejects_invalid_scatterer(make, message):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"rcs_m2": 5, "rcs_table": ASPECT_TABLE}, "rcs_table: given in addition to rcs_m2"),
+        ({"rcs_m2": 5, "rcs_table": ASPECT_TABLE}, "rcs_table: cannot be combined with rcs_m2"),
         (
             {"rcs_m2": 5, "body": PointCloud(positions_m=POSITIONS_M, rcs_m2=(1, 1))},
-            "body: given in addition to",
+            "body: cannot be combined with",
         ),
         (
             {"rcs_table": ASPECT_TABLE, "body": PointCloud(positions_m=POSITIONS_M, rcs_m2=(1, 1))},
-            "rcs_table: given in addition to body",
+            "rcs_table: cannot be combined with body",
         ),
     ],
 )

@@ -427,7 +427,7 @@ def test_rejects_interferer_at_radar_position(radar):
         ({"ramp_duration_s": 0.0}, "ramp_duration_s"),
         ({"interval_s": 20e-6}, "interval_s"),
         ({"n_chirps": 0}, "n_chirps"),
-        ({"period_s": 1e-3}, "n_chirps: none, with a period"),
+        ({"period_s": 1e-3}, "n_chirps: missing, with a period"),
         ({"period_s": 1e-3, "n_chirps": 128}, "period_s"),
         ({"offset_s": math.inf}, "offset_s"),
         ({"coherent": "no"}, "coherent"),

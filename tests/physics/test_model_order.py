@@ -23,11 +23,13 @@ N_TRIALS = 2000
 NOISE = 0.01
 
 
-def simulate_sources(array, count, n, rng, n_looks=1, noise=NOISE):
+def simulate_sources(array, count, n, rng, n_snapshots=1, noise=NOISE):
     """Simulate one source, or two a beamwidth apart, of random phase."""
     length = np.ptp(array.positions[:, 1]) + 0.5
     azimuth = random_azimuth_pairs(array, HALF_POWER_WIDTH / length, n, rng)[:, :count]
-    return simulate_snapshots(array, random_phasors((n, count, n_looks), rng), noise, rng, azimuth)
+    return simulate_snapshots(
+        array, random_phasors((n, count, n_snapshots), rng), noise, rng, azimuth
+    )
 
 
 @pytest.mark.parametrize("criterion", ["mdl", "aic"])
@@ -60,10 +62,9 @@ def test_overlapping_windows_have_stated_number_of_independent_snapshots():
     x = simulate_snapshots(array, np.zeros((20_000, 1, 1)), 1.0, rng, np.zeros((20_000, 1)))
     power = np.mean(np.abs(windows.window_data_matrices(x)) ** 2, axis=(1, 2))
     # The variance of 20,000 powers has a standard error of 1.2 %.
-    assert 1 / np.var(power) == pytest.approx(windows.n_independent_values_per_look, rel=0.08)
-    assert windows.n_independent_values_per_look == pytest.approx(
-        10
-    )  # 1 2 3 4 5 5 5 5 4 3 2 1: 40^2 / 160
+    assert 1 / np.var(power) == pytest.approx(windows.n_independent_values_per_snapshot, rel=0.08)
+    # 1 2 3 4 5 5 5 5 4 3 2 1: 40^2 / 160.
+    assert windows.n_independent_values_per_snapshot == pytest.approx(10)
 
 
 def test_noise_and_single_uneven_snapshot_give_order_one():
@@ -106,9 +107,8 @@ def test_false_second_source_rate_is_below_beam_bound():
     directions = MaximumLikelihood(n_sources="aic").find_directions(
         x, array, np.full(N_TRIALS, NOISE)
     )
-    assert (
-        np.mean(np.isfinite(directions.azimuth_rad[:, 1])) > 0.3
-    )  # AIC: a penalty of 3 for 2 n beams
+    # AIC: a penalty of 3 for 2 n beams.
+    assert np.mean(np.isfinite(directions.azimuth_rad[:, 1])) > 0.3
 
 
 def test_rounding_without_noise_adds_no_source():

@@ -296,8 +296,8 @@ def test_rejects_invalid_number_of_sub_bands(n_sub_bands):
 @pytest.mark.parametrize(
     ("phases", "row", "message"),
     [
-        ([[0, 0], [0], [0, 0]], ".1", "a row of 1 phases; expected of 2 as the first row"),
-        ([[0, 0], [0, 0, 0]], ".1", "a row of 3 phases; expected of 2"),
+        ([[0, 0], [0], [0, 0]], ".1", "a row of 1 phases; expected 2 phases, one for each"),
+        ([[0, 0], [0, 0, 0]], ".1", "a row of 3 phases; expected 2"),
         ([[0, 0], [0, float("nan")]], ".1", "nan; expected one finite number"),
         ([[0, 1j]], ".0", "expected one finite number"),
         ([["0", 0]], ".0", "expected one finite number"),

@@ -171,9 +171,8 @@ def test_noise_power_is_right_for_any_dtype_and_shape(dtype, monkeypatch):
         noise_of_threads.append(samples)
     assert (noise_of_threads[0] == noise_of_threads[1]).all()
     noise = noise_of_threads[0].ravel() - 1
-    power_variance = (
-        1 if np.iscomplexobj(noise) else 2
-    )  # variance of the power over its squared mean
+    # Variance of the power over its squared mean.
+    power_variance = 1 if np.iscomplexobj(noise) else 2
     limit = stats.norm.isf(CHANCE)
     relative_error = np.mean(abs(noise.astype(complex)) ** 2) / 0.25 - 1
     assert abs(relative_error) < limit * np.sqrt(power_variance / noise.size)

@@ -335,8 +335,8 @@ def test_hardware_mixes_pattern_and_gain():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"tx_pattern": None}, r"Hardware.antenna_gain: none, and no tx_pattern"),
-        ({"rx_pattern": None}, r"Hardware.antenna_gain: none, and no rx_pattern"),
+        ({"tx_pattern": None}, r"Hardware.antenna_gain: missing, and tx_pattern"),
+        ({"rx_pattern": None}, r"Hardware.antenna_gain: missing, and rx_pattern"),
         ({"rx_pattern": 10.0}, r"Hardware.rx_pattern: 10.0.*cosine, patch-array, table"),
     ],
 )

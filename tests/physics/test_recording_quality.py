@@ -437,10 +437,11 @@ def add_bursts(cube, places, *, over_noise_db, length, rng):
 @pytest.mark.parametrize("over_noise_db", [15, 60])
 def test_locates_bursts_in_exact_chirps(sampling, n_tx, over_noise_db):
     radar = make_radar(2, n_tx=n_tx, sampling=sampling)
+    # Static, so that only noise changes.
     echoes = [
         make_target(9.1),
         make_target(21, rcs_m2=0.1),
-    ]  # static, so that only noise changes
+    ]
     cube = dc.simulate(dc.Scene(targets=echoes), radar, n_frames=3, seed=2)
     places = [(0, 0), (0, 17), (0, 18), (0, 19), (2, 5), (2, 63)]
     rng = np.random.default_rng(8)

@@ -47,7 +47,7 @@ def test_errors_reach_bound_without_bias_on_all_axes():
 
         (theory,) = score.theoretical_values(case)
         assert np.isfinite(theory)
-        assert estimate.low < theory < estimate.high, score.label()
+        assert estimate.low < theory < estimate.high, score.kind()
         assert estimate.high - estimate.low < 0.5 * rms_error_bounds(case)[score.axis][0] * (
             2 if score in biases else 1.5
         )
@@ -159,5 +159,5 @@ def test_rejects_cases_without_score_and_suggests_fix():
         with pytest.raises(dc.InvalidSetting, match=message) as error:
             score.check_score_defined(case)
         (mistake,) = error.value.mistakes
-        assert score.label() in mistake.value
-        assert mistake.fix.endswith(f"or leave out {score.label()}")
+        assert score.kind() in mistake.value
+        assert mistake.fix.endswith(f"or leave out {score.kind()}")

@@ -259,7 +259,7 @@ def test_figure_has_units_and_leaves_gaps_empty(slow_radar):
         power = spectrogram(cube, radar, n_window=64)
         axes = draw_spectrogram(Figure().subplots(), power, fastest_m_per_s=3.0)
         assert axes.get_xlabel() == "Time (s)"
-        assert axes.get_ylabel() == "Velocity (m/s)"
+        assert axes.get_ylabel() == "Velocity (m/s, receding positive)"
         assert axes.figure.axes[1].get_ylabel() == "Power (dBm)"
         assert len(axes.images) == n_images
     uncalibrated = spectrogram(cube.assign_attrs(units="full scale"), radar)

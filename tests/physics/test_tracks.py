@@ -16,7 +16,11 @@ from dechirp.config import loading
 from dechirp.core.errors import InvalidSetting, NotEnoughMemory
 from dechirp.core.findings import PhysicsWarning
 from dechirp.evaluation.nees import mean_nees_interval, nees
-from dechirp.evaluation.track_trial import TrackTrial, draw_truth_and_detections, run_tracking_trial
+from dechirp.evaluation.track_trial import (
+    TrackTrial,
+    assess_track_completeness,
+    draw_truth_and_detections,
+)
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
 from dechirp.tracking import stone_soup
@@ -93,6 +97,13 @@ def test_track_follows_its_target(filter, association):
     [error] = stack_states(tracks)[:, -1] - truth[-1]
     spread = np.sqrt(np.diagonal(tracks.covariance.values[0, -1]))
     assert np.all(abs(error) < 0.25 * spread)
+
+
+def run_tracking_trial(trial: TrackTrial, number: int):
+    """Draw the trial of that number, track it, and assess the tracks."""
+    data = draw_truth_and_detections(trial, number)
+    tracks = track(data.detections, trial.times_s, trial.tracker)
+    return assess_track_completeness(trial, data, tracks)
 
 
 def measure_mean_nees(trial: TrackTrial, n_trials: int) -> np.ndarray:

@@ -156,7 +156,7 @@ def test_rejects_multiplexing_of_wrong_type(value):
 @pytest.mark.parametrize(
     ("order", "n_tx", "message"),
     [
-        (None, 2, r"none, with 2 transmitters.*kind tdm with order \[0, 1\], or keep one"),
+        (None, 2, r"missing, with 2 transmitters.*kind tdm with order \[0, 1\], or keep one"),
         ((0, 1), 1, r"2 transmitters: 0, 1; .* the 1 in array.tx: 0;"),
         ((0, 1), 3, r"2 transmitters: 0, 1; .* the 3 in array.tx: 0, 1, 2;"),
         ((0, 2), 2, r"2 transmitters: 0, 2; .* the 2 in array.tx: 0, 1;"),

@@ -106,9 +106,8 @@ def open_real_recording(folder: Path, name: str) -> Recording:
         case "xwr1443_known_angles":
             settings = "radar_1GHz.cfg" if "1GHz" in name else "radar_full_band.cfg"
             options = {"radar": folder / settings, "device": "xwr1443"}
-    return open_recording(
-        folder / name, **options
-    )  # other recordings have settings in the file or folder
+    # Other recordings have settings in the file or folder.
+    return open_recording(folder / name, **options)
 
 
 RECORDINGS = {

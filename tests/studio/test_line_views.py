@@ -117,7 +117,7 @@ def test_beat_signal_shows_samples_of_first_receiver_and_chirp():
 
     chirp_samples = frame_state.samples.isel(chirp=0, rx=0)
     unit = view.signal.figure.yaxis[0].axis_label
-    assert unit == "amplitude, 10⁻⁶ √W"
+    assert unit == "Amplitude (10⁻⁶ √W)"
     np.testing.assert_allclose(
         real["y"] + 1j * imaginary["y"], chirp_samples.values * 1e6, rtol=1e-5
     )
@@ -329,9 +329,8 @@ def test_detection_table_of_recording_has_no_target_column():
 
 
 def test_selected_row_moves_cursor_to_its_peak_on_map():
-    view = DetectionsView(
-        build_session("scene.targets.1.velocity.0=-32 m/s")
-    )  # beyond 19 m/s: aliased
+    # Beyond 19 m/s: aliased.
+    view = DetectionsView(build_session("scene.targets.1.velocity.0=-32 m/s"))
     frame_state = show_step(view)
     row = view.table.source.data["target"].tolist().index("car")
 

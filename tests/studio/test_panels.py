@@ -284,9 +284,8 @@ def test_targets_and_their_knobs_can_be_added_and_removed() -> None:
     page.press_button("Add a target")
     assert page.scenario.scene.names == (*names, "target-1")
     page.type_setting("scene.targets.target-1.rcs", "3 dBsm")
-    page.type_setting(
-        "scene.targets.target-1.body", "{kind: car}"
-    )  # defines its own cross sections
+    # Defines its own cross sections.
+    page.type_setting("scene.targets.target-1.body", "{kind: car}")
     assert page.scenario.scene.targets[-1].body is not None
     page.press_button("Remove", "Remove target 1")
     assert page.scenario.scene.names == (*names[1:], "target-1")
@@ -327,9 +326,8 @@ def test_design_rounded_to_six_digits_meets_requirements(rule: Any) -> None:
         assert frame.max_velocity_m_per_s >= max_velocity_m_per_s
         scenario = apply_design(parse_scenario(SETTINGS, LIMITS), design)
         texts = [knob.text for knob in setting_knobs(scenario, "radar.frame")]
-        assert max(sum(map(str.isdigit, text)) for text in texts) <= 7, (
-            texts
-        )  # a leading zero and six digits
+        # A leading zero and six digits.
+        assert max(sum(map(str.isdigit, text)) for text in texts) <= 7, texts
 
 
 def test_infeasible_requirements_give_nearest_design() -> None:

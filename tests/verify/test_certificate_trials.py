@@ -95,7 +95,7 @@ def test_number_of_trials_shows_rms(expected, at_most):
 
 
 def test_number_of_trials_shows_mean():
-    n = count_trials_to_prove_mean(2.0, within=0.3)
+    n = count_trials_to_prove_mean(2.0, tolerance=0.3)
     half_width = norm.isf(TAIL) * 2.0 / np.sqrt(n)
     assert half_width == pytest.approx(0.15, rel=1e-3)  # half for the interval, half for the spread
 

@@ -138,7 +138,7 @@ def test_echo_lasts_as_long_as_its_ramp():
     np.testing.assert_array_equal(
         echoes[1, 0] != 0, (t < delay_s + ramp_s - gap_s) | (t >= delay_s)
     )
-    with pytest.raises(InvalidSetting, match="^previous: none"):
+    with pytest.raises(InvalidSetting, match="^previous: missing"):
         simulate_echoes(scatterers, transmission, n_samples, late="tail")
 
 

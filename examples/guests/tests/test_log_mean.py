@@ -60,5 +60,5 @@ def test_strong_cell_raises_threshold_by_its_nth_root():
 def test_settings_select_estimator_by_kind():
     scenario = dc.reference(["chain.cfar.estimator={kind: log-mean}"])
     assert scenario.chain.cfar.estimator == LogMean()
-    with pytest.raises(dc.InvalidFile, match="not a known name"):
+    with pytest.raises(dc.InvalidFile, match="unknown setting"):
         dc.reference(["chain.cfar.estimator={kind: log-mean, rank: 3}"])

@@ -8,6 +8,7 @@ from dechirp.certificate import published, resolution, sensitivity
 from dechirp.certificate.reference_trials import window_label
 from dechirp.certificate.shared_trials import snr_limit_trials_by_window
 from dechirp.core.values import frozen_dataclass
+from dechirp.report.labels import SNR_PER_SAMPLE_LABEL
 
 
 @frozen_dataclass
@@ -25,7 +26,6 @@ class MeasuredCurve:
     """Theoretical probability at `theory_x`; empty without a theory."""
 
 
-_SNR_LABEL = "SNR per sample (dB)"
 _SEPARATION_LABEL = "Separation (range bins)"
 _THEORY_MARGIN_DB = 2.5  # of the theoretical curve beyond the measured points on either side
 
@@ -70,13 +70,13 @@ def count_hits_per_value(name: str, x_label: str, trials: np.ndarray) -> Measure
 def _detection_curve_with_theory(
     name: str, trials: np.ndarray, theory: sensitivity.DetectionCurve
 ) -> MeasuredCurve:
-    measured = count_hits_per_value(name, _SNR_LABEL, trials)
+    measured = count_hits_per_value(name, SNR_PER_SAMPLE_LABEL, trials)
     theory_x = np.linspace(
         measured.x[0] - _THEORY_MARGIN_DB, measured.x[-1] + _THEORY_MARGIN_DB, 61
     )
     return MeasuredCurve(
         name=name,
-        x_label=_SNR_LABEL,
+        x_label=SNR_PER_SAMPLE_LABEL,
         x=measured.x,
         hits=measured.hits,
         trials=measured.trials,

@@ -109,9 +109,8 @@ def run_two_source_resolution_trials(
         estimates = estimator.find_directions(
             clean + np.sqrt(power) * unit_noise, array, np.full(n_trials, power)
         )
-        estimated_sines = np.sort(np.sin(estimates.azimuth_rad), axis=1)[
-            :, :2
-        ]  # NaN sorts last and counts as unresolved
+        # NaN sorts last and counts as unresolved.
+        estimated_sines = np.sort(np.sin(estimates.azimuth_rad), axis=1)[:, :2]
         resolved[:, column] = np.all(abs(estimated_sines - sines) < separation / 2, axis=1)
     return resolved
 
@@ -138,9 +137,8 @@ def azimuth_bounds_rad(
 ) -> np.ndarray:
     """Return the Cramér-Rao bound of the azimuth of one source per snapshot, (n, 1)."""
     steering = np.swapaxes(array.steering_vectors(azimuth, np.zeros_like(azimuth)), 1, 2)
-    phase_slopes = (
-        unit_vector_derivatives(azimuth, 0.0)[..., 0, :] @ array.positions.T
-    )  # (n, 1, n_elements)
+    # Shape (n, 1, n_elements).
+    phase_slopes = unit_vector_derivatives(azimuth, 0.0)[..., 0, :] @ array.positions.T
     derivatives = -2j * np.pi * np.swapaxes(phase_slopes, 1, 2) * steering
     information = conditional_fisher_information(
         steering, derivatives[..., None], amplitudes[..., None], noise_power

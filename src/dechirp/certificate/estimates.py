@@ -55,7 +55,7 @@ _MOTIONS = {
 
 def target_motion_trial_jobs(min_trials: int) -> dict[str, Job]:
     """Return the jobs of targets at other ranges and velocities, with `min_trials` or more each."""
-    n_bias_trials = count_trials_to_prove_mean(EXPECTED_RMSE_RATIO, within=MAX_BIAS_RATIO)
+    n_bias_trials = count_trials_to_prove_mean(EXPECTED_RMSE_RATIO, tolerance=MAX_BIAS_RATIO)
     n_sign_trials = count_trials_to_prove_probability(1.0, at_least=MIN_SIGN_PROPORTION)
     n_corner_trials = count_trials_to_prove_probability(0.998, at_least=MIN_CORNER_PROPORTION)
     counts = {"at rest": n_bias_trials, "receding": n_sign_trials, "approaching": n_sign_trials}

@@ -185,9 +185,7 @@ def _draw_range_doppler_maps(
     results: Mapping[str, Result], max_range_m: float
 ) -> dict[str, Markup]:
     """Draw maps relative to their mean noise with a common colour scale."""
-    marked_maps = {
-        name: _map_with_marked_detections(result, max_range_m) for name, result in results.items()
-    }
+    marked_maps = {name: _build_marked_map(result, max_range_m) for name, result in results.items()}
     powers = [marked_map.power.values for marked_map in marked_maps.values()]
     highest_db = max(
         float(to_decibels(power.max() / range_doppler.noise_power_from_median(power)))
@@ -205,7 +203,7 @@ def _draw_range_doppler_maps(
     return {name: over_noise(marked_map) for name, marked_map in marked_maps.items()}
 
 
-def _map_with_marked_detections(result: Result, max_range_m: float) -> range_doppler.MarkedMap:
+def _build_marked_map(result: Result, max_range_m: float) -> range_doppler.MarkedMap:
     context = sort_match_and_map_detections(result)
     return range_doppler.MarkedMap(
         power=result.power.sel(range=slice(0, max_range_m)),

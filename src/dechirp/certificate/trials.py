@@ -58,7 +58,7 @@ def run_jobs(
     The random generator of a block depends only on the seed, the name of the job and the number of
     the block, so a job must keep its name to keep its numbers. `progress` is called with the
     number of finished blocks and the total number.
-    `worker_errors` are errors that say that a worker died; `restart_workers` starts others, which
+    `worker_errors` are the errors raised when a worker died; `restart_workers` starts others, which
     take its blocks.
 
     Raises
@@ -153,6 +153,6 @@ def count_trials_to_prove_rms(expected: float, *, at_most: float) -> int:
     return int(np.ceil((2 * Z_SCORE / np.log(at_most / expected)) ** 2 / 2))
 
 
-def count_trials_to_prove_mean(std: float, *, within: float) -> int:
-    """Return the number of trials that prove a mean `within` a distance of its true value."""
-    return int(np.ceil((2 * Z_SCORE * std / within) ** 2))
+def count_trials_to_prove_mean(std: float, *, tolerance: float) -> int:
+    """Return the number of trials that prove a mean `tolerance` a distance of its true value."""
+    return int(np.ceil((2 * Z_SCORE * std / tolerance) ** 2))

@@ -27,7 +27,9 @@ def open_stdout_console() -> Console:
     return _Console(highlight=False, markup=False, emoji=False)
 
 
-def new_table(title: str, *, left: Iterable[str] = (), right: Iterable[str] = ()) -> Table:
+def new_table(
+    title: str, *, text_columns: Iterable[str] = (), number_columns: Iterable[str] = ()
+) -> Table:
     """Create a table with left-aligned columns of text, then right-aligned columns of numbers."""
     table = Table(
         title=title,
@@ -36,9 +38,9 @@ def new_table(title: str, *, left: Iterable[str] = (), right: Iterable[str] = ()
         padding=(0, 1, 0, 0),  # seven columns of numbers in 80 characters
         pad_edge=False,
     )
-    for name in left:
+    for name in text_columns:
         table.add_column(name)
-    for name in right:
+    for name in number_columns:
         table.add_column(name, justify="right", no_wrap=True)
     return table
 

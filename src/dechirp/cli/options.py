@@ -42,16 +42,18 @@ class RecordingOptions:
         str | None,
         Parameter(help="Frames to read: N for the first N, or A:B (zero-based, B excluded)."),
     ] = None
-    device: Annotated[str | None, Parameter(help="Chip or board of the radar, as xwr1843.")] = None
+    device: Annotated[
+        str | None, Parameter(help="Chip or board of the radar, such as xwr1843.")
+    ] = None
     format: Annotated[
         str | None, Parameter(help="Format of the recording, if it cannot be recognised.")
     ] = None
     axes: Annotated[
-        str | None, Parameter(help="Axes of a bare array in order, as chirp,rx,sample.")
+        str | None, Parameter(help="Axes of a bare array in order, such as chirp,rx,sample.")
     ] = None
     encoding: Annotated[
         str | None,
-        Parameter(help="Number encoding of a bare array, as uint16-wrapped."),
+        Parameter(help="Number encoding of a bare array, such as uint16-wrapped."),
     ] = None
     iq: Annotated[
         Literal["iq", "qi"] | None, Parameter(help="Order of I and Q in a complex sample.")

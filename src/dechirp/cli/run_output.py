@@ -38,7 +38,7 @@ def strongest_detections_table(result: Result, *, at_most: int, width: int) -> T
     for name in _FIRST_DROPPED:
         if _table_width(columns) > width:
             columns.pop(name, None)
-    table = new_table(title, right=[_shown_column_heading(name) for name in columns])
+    table = new_table(title, number_columns=[_shown_column_heading(name) for name in columns])
     for cells in zip(*columns.values(), strict=True):
         table.add_row(*cells)
     return table
@@ -67,14 +67,14 @@ def _detection_table_cells(result: Result, detections: xr.Dataset) -> dict[str, 
         std = standard_error_column(column)
         if std is None:
             columns[column.heading] = [
-                format_fixed(one, column.decimals) for one in values.tolist()
+                format_fixed(value, column.decimals) for value in values.tolist()
             ]
             continue
         if column.shown_unit == "deg" and not np.isfinite(values).any():
             continue
         # Millimetres and hundredths of a degree: more digits are in detections.csv.
         stds = std.to_shown_unit(detections[std.name].values)
-        decimals = [min(decimals_for_std(one), column.decimals) for one in stds.tolist()]
+        decimals = [min(decimals_for_std(error), column.decimals) for error in stds.tolist()]
         columns[column.heading] = [
             f"{format_fixed(value, n)} ± {format_fixed(error, n)}"
             if np.isfinite(value)
@@ -85,8 +85,8 @@ def _detection_table_cells(result: Result, detections: xr.Dataset) -> dict[str, 
             frame = detections.frame.values
             true = _true_values_of_detections(result.truth[column.name], target, frame)
             columns[f"true {column.heading}"] = [
-                format_fixed(one, n)
-                for one, n in zip(column.to_shown_unit(true).tolist(), decimals, strict=True)
+                format_fixed(value, n)
+                for value, n in zip(column.to_shown_unit(true).tolist(), decimals, strict=True)
             ]
     if result.truth is not None and target is not None:
         names = result.truth.target.values
@@ -134,7 +134,7 @@ def track_table_and_object_sentences(
         for name in ("frames", "target"):
             if _table_width(columns) > width:
                 columns.pop(name, None)
-        table = new_table(title, right=columns)
+        table = new_table(title, number_columns=columns)
         for cells in zip(*columns.values(), strict=True):
             table.add_row(*cells)
         yield table

@@ -152,17 +152,17 @@ def _has_radar_changes(changes: Sequence[str]) -> bool:
 
 
 def _limit_simulated_frames(
-    scenario: Scenario, frames: str | None, metadata: Mapping[str, Any]
+    scenario: Scenario, frames: str | None, recording_options: Mapping[str, Any]
 ) -> Scenario:
     """Set the number of simulated frames; refuse options that belong to recordings."""
     mistakes = [
         Mistake(
             setting=f"--{name}",
             value="given for a simulated scene",
-            expected="no such option: it applies to recordings",
+            expected="a recording",
             fix="remove it, or name the recording",
         )
-        for name in metadata
+        for name in recording_options
     ]
     if mistakes:
         raise InvalidFile(*mistakes)
@@ -179,7 +179,7 @@ def parse_frame_range(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(?:(\d{1,9}):)?(\d{1,9})", text.strip(), re.ASCII)
     if match is None:
         raise _invalid_frames_error(
-            text, expected="a number of frames, as 10, or a range, as 20:30"
+            text, expected="a number of frames, such as 10, or a range, such as 20:30"
         )
     return int(match[1] or 0), int(match[2])
 

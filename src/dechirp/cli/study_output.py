@@ -51,13 +51,13 @@ def show_live_progress(
     with Live(console=screen, transient=True, auto_refresh=False) as display:
         latest = _LatestPoints(plan, layout, record)
 
-        def tell(progress: "Progress") -> None:
+        def show_progress(progress: "Progress") -> None:
             display.update(
                 Group(study_progress_bar(progress), *latest.current_points_table(screen.width)),
                 refresh=True,
             )
 
-        yield tell
+        yield show_progress
 
 
 def study_progress_bar(progress: "Progress") -> Table:
@@ -239,7 +239,7 @@ def _score_label_and_target_columns(layout: "ScoreColumnLayout") -> Iterator[_Co
     """Yield label and target of each score; the target is None if there is only one."""
     for score, names in zip(layout.scores, layout.scored_target_names, strict=True):
         for name in names if len(names) > 1 else (None,):
-            yield score.label(), name
+            yield score.kind(), name
 
 
 def _score_target_index(layout: "ScoreColumnLayout", label: str, target: str | None) -> int:
@@ -269,7 +269,7 @@ def _estimates_table(
 
     paths = [setting_label(path) for path, _ in rows[0][0]] if rows else []
     settings = [[value_label(text) for _, text in estimates] for estimates, _ in rows]
-    table_of_points = new_table("", left=paths, right=["trials"])
+    table_of_points = new_table("", text_columns=paths, number_columns=["trials"])
     used_width = 8 + sum(
         max(map(len, (path, *column))) + 1
         for path, column in zip(paths, zip(*settings, strict=True), strict=False)

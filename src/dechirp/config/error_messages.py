@@ -150,7 +150,7 @@ def _unknown_setting_mistake(setting: SettingNode, parent: SettingNode) -> Mista
     names = parent.accepted_settings()
     return setting.node.name_location.create_mistake(
         setting.name_in_messages,
-        value="not a known name",
+        value="unknown setting",
         expected=f"one of {', '.join(names)}" if names else "no settings here",
         fix=did_you_mean_fix(setting.path.rpartition(".")[2], names, CHOOSE_OR_OMIT),
     )
@@ -216,7 +216,7 @@ def _suggest_fix(setting: SettingNode) -> str:
         int: "write digits only, such as 128, without quotes, point or unit",
         float: "write one number",
         bool: "write true or false, without quotes",
-        str: "write a text",
+        str: "write text",
     }
     return fixes.get(hint, "write its settings below it, indented, as NAME: VALUE")
 

@@ -15,7 +15,7 @@ from dechirp.core.families import Family
 
 _SIMPLE_TYPES: dict[Any, str] = {
     int: "a whole number",
-    str: "a text",
+    str: "text",
     bool: "true or false",
 }
 
@@ -124,9 +124,8 @@ def is_family_type(type_hint: Any) -> bool:
     """Check whether a type is a family, whose members `kind` selects."""
     if not (inspect.isclass(type_hint) and issubclass(type_hint, Family)):
         return False
-    return not is_dataclass(type_hint) or inspect.isabstract(
-        type_hint
-    )  # a base class may have settings
+    # A base class may have settings.
+    return not is_dataclass(type_hint) or inspect.isabstract(type_hint)
 
 
 def describe_accepted_values(

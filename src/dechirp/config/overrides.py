@@ -21,7 +21,7 @@ def apply_override(root: SettingNode, override: str, context: ValidationContext)
     Raises
     ------
     InvalidFile
-        If the text has another form or the path does not exist; its `file` is `--set`.
+        If the text has another form, or the path does not exist.
     """
     path, node = parse_override(override)
     return replace_node(root, path.split("."), node, context)
@@ -42,7 +42,7 @@ def parse_override(override: str) -> tuple[str, YamlNode]:
                 "--set",
                 value=quote_for_message(override) if override else "empty",
                 expected="PATH=VALUE",
-                fix="write --set radar.frame.n_chirps=64, for instance",
+                fix="write --set PATH=VALUE, such as --set radar.frame.n_chirps=64",
             )
         )
     path = path.strip()

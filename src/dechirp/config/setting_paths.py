@@ -171,7 +171,7 @@ def _lookup_setting(known_settings: Mapping[str, Setting], name: str, parent_pat
     if name not in known_settings:
         raise InvalidSetting(
             join_setting_path(parent_path, name),
-            value="not a known name",
+            value="unknown setting",
             expected=f"one of {', '.join(known_settings)}"
             if known_settings
             else "no settings here",

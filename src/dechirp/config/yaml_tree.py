@@ -150,7 +150,7 @@ def duplicate_key_mistakes(node: YamlNode, path: str = "") -> Iterator[Mistake]:
         yield location.create_mistake(
             join_setting_path(path, name),
             value=f"given twice, first on line {first.line}" if first.line else "given twice",
-            expected="given once",
+            expected="one value",
             fix="keep one of them",
         )
     for label, child in node.iter_children():
@@ -193,7 +193,7 @@ class _TreeBuilder:
                 event,
                 "an anchor or an alias (& or *)",
                 "settings without anchors",
-                "repeat the setting, or quote a text that begins with & or *",
+                "repeat the setting, or quote text that begins with & or *",
             )
         if getattr(event, "tag", None) is not None:
             raise self.error_at_event(event, "a tag (!)", "settings without tags", "remove the tag")
@@ -226,7 +226,7 @@ class _TreeBuilder:
                 raise self.error_at_event(
                     event,
                     f"{key.content_description} for a name",
-                    "a text as name",
+                    "text as a name",
                     "write NAME: VALUE",
                 )
             child = self.build_node(next(self.events), key.location, depth + 1)

@@ -186,7 +186,7 @@ def encode_utf8_with_escapes(text: str) -> bytes:
 def check_file_suffix(path: object, suffixes: Collection[str]) -> Path:
     """Return a path that ends in one of the suffixes, or raise `InvalidSetting`."""
     if not isinstance(path, str | Path):
-        raise InvalidSetting("path", value=repr(path), expected="a path", fix="give it as a text")
+        raise InvalidSetting("path", value=repr(path), expected="a path", fix="pass it as a string")
     suffix = Path(path).suffix
     if "\0" in str(path) or suffix.lower() not in suffixes:
         raise InvalidSetting(
@@ -243,9 +243,8 @@ def _check_folder_creatable(out: Path) -> None:
     existing_parent = next(
         parent for parent in target.parents if parent.exists() or parent.is_symlink()
     )
-    trial = (
-        existing_parent / f"{_unique_hidden_sibling(target).name}.trying"
-    )  # as long as the longest name of a result
+    # As long as the longest name of a result.
+    trial = existing_parent / f"{_unique_hidden_sibling(target).name}.trying"
     try:
         trial.mkdir()
     except OSError as error:

@@ -1,7 +1,7 @@
 """Columns of detections: the one table that every reader and writer of detections uses.
 
-A new column takes one row in `TABLE` and the line of `processing.frame.detection_columns` that
-computes it: files, tables, reports, the studio, data sets and object lists follow the table.
+A new column takes one row in `TABLE` and the line of `processing.frame.build_detection_columns`
+that computes it: files, tables, reports, the studio, data sets and object lists follow the table.
 """
 
 from collections.abc import Mapping, Sequence

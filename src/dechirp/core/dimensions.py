@@ -28,29 +28,39 @@ class Dimension:
 
 
 DIMENSIONS = {
-    "hz": Dimension("a frequency, as 77 GHz", "Hz", ("GHz", "MHz", "kHz", "Hz"), ("MS/s", "kS/s")),
+    "hz": Dimension(
+        "a frequency, such as 77 GHz", "Hz", ("GHz", "MHz", "kHz", "Hz"), ("MS/s", "kS/s")
+    ),
     "hz_per_s": Dimension(
-        "a slope, as 20 MHz/us", "Hz/s", ("MHz/us", "kHz/us", "Hz/s"), ("GHz/ms", "GHz/s")
+        "a slope, such as 20 MHz/us", "Hz/s", ("MHz/us", "kHz/us", "Hz/s"), ("GHz/ms", "GHz/s")
     ),
-    "s": Dimension("a time, as 35 us", "s", ("s", "ms", "us", "ns"), ("min", "h")),
-    "m": Dimension("a length, as 50 m", "m", ("m", "mm", "um"), ("km", "cm")),
-    "m_per_s": Dimension("a velocity, as 10 m/s", "m/s", ("m/s",), ("km/h", "mph", "mm/s", "mm/h")),
-    "m2_per_s3": Dimension("an acceleration density, as 1 m^2/s^3", "m^2/s^3", ("m^2/s^3",)),
-    "m_per_s2": Dimension("an acceleration, as 3 m/s^2", "m/s^2", ("m/s^2",), ("mm/s^2",)),
-    "m2": Dimension("a radar cross section, as 10 dBsm", "m^2", ("m^2",), (), (("dBsm", 0),)),
+    "s": Dimension("a time, such as 35 us", "s", ("s", "ms", "us", "ns"), ("min", "h")),
+    "m": Dimension("a length, such as 50 m", "m", ("m", "mm", "um"), ("km", "cm")),
+    "m_per_s": Dimension(
+        "a velocity, such as 10 m/s", "m/s", ("m/s",), ("km/h", "mph", "mm/s", "mm/h")
+    ),
+    "m2_per_s3": Dimension("an acceleration density, such as 1 m^2/s^3", "m^2/s^3", ("m^2/s^3",)),
+    "m_per_s2": Dimension("an acceleration, such as 3 m/s^2", "m/s^2", ("m/s^2",), ("mm/s^2",)),
+    "m2": Dimension("a radar cross section, such as 10 dBsm", "m^2", ("m^2",), (), (("dBsm", 0),)),
     "w": Dimension(
-        "a power, as 12 dBm", "W", ("W", "mW", "uW", "nW"), (), (("dBm", -30), ("dBW", 0))
+        "a power, such as 12 dBm", "W", ("W", "mW", "uW", "nW"), (), (("dBm", -30), ("dBW", 0))
     ),
-    "rad": Dimension("an angle, as 30 deg", "rad", ("rad",), ("deg", "mrad")),
-    "rad_per_s": Dimension("a rate of turn, as 20 deg/s", "rad/s", ("rad/s",), ("deg/s",)),
-    "k": Dimension("a temperature, as 15 degC", "K", ("K",), offset_units=(("degC", "273.15"),)),
-    "pa": Dimension("a pressure, as 1013 hPa", "Pa", ("hPa", "Pa"), ("kPa",)),
-    "kg_per_m3": Dimension("a density, as 7.5 g/m^3", "kg/m^3", ("kg/m^3", "g/m^3")),
-    "per_hz": Dimension("a spectral density, as -90 dBc/Hz", db_units=(("dBc/Hz", 0),)),
-    "bits_per_s": Dimension("a data rate, as 1 Gbit/s", "bit/s", ("Gbit/s", "Mbit/s", "bit/s")),
-    "bytes": Dimension("a size, as 4 MiB", "B", ("B",), ("KiB", "MiB", "GiB", "kB", "MB", "GB")),
-    "probability": Dimension("a bare number, as 1e-6"),
-    None: Dimension("a ratio, as 4 or 6 dB", db_units=(("dB", 0), ("dBi", 0))),
+    "rad": Dimension("an angle, such as 30 deg", "rad", ("rad",), ("deg", "mrad")),
+    "rad_per_s": Dimension("a rate of turn, such as 20 deg/s", "rad/s", ("rad/s",), ("deg/s",)),
+    "k": Dimension(
+        "a temperature, such as 15 degC", "K", ("K",), offset_units=(("degC", "273.15"),)
+    ),
+    "pa": Dimension("a pressure, such as 1013 hPa", "Pa", ("hPa", "Pa"), ("kPa",)),
+    "kg_per_m3": Dimension("a density, such as 7.5 g/m^3", "kg/m^3", ("kg/m^3", "g/m^3")),
+    "per_hz": Dimension("a spectral density, such as -90 dBc/Hz", db_units=(("dBc/Hz", 0),)),
+    "bits_per_s": Dimension(
+        "a data rate, such as 1 Gbit/s", "bit/s", ("Gbit/s", "Mbit/s", "bit/s")
+    ),
+    "bytes": Dimension(
+        "a size, such as 4 MiB", "B", ("B",), ("KiB", "MiB", "GiB", "kB", "MB", "GB")
+    ),
+    "probability": Dimension("a bare number, such as 1e-6"),
+    None: Dimension("a number or a ratio, such as 4 or 6 dB", db_units=(("dB", 0), ("dBi", 0))),
 }
 """Dimensions by the suffix of a field's name; None is a ratio."""
 

@@ -3,6 +3,7 @@
 The HTML has no colours, scripts or links, so it suits light and dark notebooks and static copies.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, is_dataclass
 from html import escape
@@ -31,12 +32,12 @@ class Table(NamedTuple):
     """Number of further rows that are not shown."""
 
 
-class Displayable:
+class Displayable(ABC):
     """Value with its own summary line and tables, in everyday units."""
 
+    @abstractmethod
     def _display_line(self) -> str:
         """Return the text between the parentheses of the `repr`."""
-        raise NotImplementedError
 
     def _display_tables(self) -> Iterable[Table]:
         """Return the tables that a notebook shows below the summary line."""

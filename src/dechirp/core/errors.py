@@ -26,7 +26,8 @@ class Mistake:
 
     def __str__(self) -> str:
         place = ":".join(str(part) for part in (self.file, self.line, self.column) if part)
-        where = f"{place}: {self.setting}" if place else self.setting
+        # An invalid option --set is its own place.
+        where = f"{place}: {self.setting}" if place not in ("", self.setting) else self.setting
         text = f"{where}: {self.value}; expected {self.expected}; {self.fix}"
         if text.isprintable():
             return text

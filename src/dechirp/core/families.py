@@ -73,9 +73,8 @@ class Family(ABC):
             elif (registered := members.setdefault(loaded.kind(), loaded)) is not loaded:
                 other = f"{registered.__module__}:{registered.__qualname__}"
                 reasons[plugin.name] = f"{plugin.value} has the kind {loaded.kind()} of {other}"
-        for member in _iter_classes_without_subclasses(
-            cls
-        ):  # classes of a notebook have no entry point
+        # Classes of a notebook have no entry point.
+        for member in _iter_classes_without_subclasses(cls):
             members.setdefault(member.kind(), member)
         return members, reasons
 

@@ -113,32 +113,32 @@ def add_box_muller_pairs(
     an angle within a quarter turn about an axis, from 22 bits of the phase word, and the axis and
     sign from the other bits.
     """
-    one = np.float32
+    f32 = np.float32
     for i in range(np.uint64(amplitude_words.size)):
-        low = one(np.int32(phase_words[i] & np.uint32(255)))
-        up = one(amplitude_words[i]) + (low + one(0.5)) * one(2.0**-8)
-        down = one(np.uint32(~amplitude_words[i])) + (one(255.5) - low) * one(2.0**-8)
+        low = f32(np.int32(phase_words[i] & np.uint32(255)))
+        up = f32(amplitude_words[i]) + (low + f32(0.5)) * f32(2.0**-8)
+        down = f32(np.uint32(~amplitude_words[i])) + (f32(255.5) - low) * f32(2.0**-8)
         # Exponent and mantissa of u 2^32 from its bits; those of sqrt 1/2 are 0x3F3504F3.
-        bits = one(up).view(np.int32)
+        bits = f32(up).view(np.int32)
         e = np.int32(np.int32(bits - np.int32(0x3F3504F3)) >> np.int32(23))
         m = np.int32(bits - np.int32(e << np.int32(23))).view(np.float32)
-        z = one(-(2.0**-32)) * down if e == 32 else m - one(1)
-        exponent = one(np.int32(e - np.int32(32)))
-        log = one(1.1676998740e-1) + z * (one(-1.1514610310e-1) + z * one(7.0376836292e-2))
-        log = one(1.4249322787e-1) + z * (one(-1.2420140846e-1) + z * log)
-        log = one(2.0000714765e-1) + z * (one(-1.6668057665e-1) + z * log)
-        log = one(3.3333331174e-1) + z * (one(-2.4999993993e-1) + z * log)
+        z = f32(-(2.0**-32)) * down if e == 32 else m - f32(1)
+        exponent = f32(np.int32(e - np.int32(32)))
+        log = f32(1.1676998740e-1) + z * (f32(-1.1514610310e-1) + z * f32(7.0376836292e-2))
+        log = f32(1.4249322787e-1) + z * (f32(-1.2420140846e-1) + z * log)
+        log = f32(2.0000714765e-1) + z * (f32(-1.6668057665e-1) + z * log)
+        log = f32(3.3333331174e-1) + z * (f32(-2.4999993993e-1) + z * log)
         # ln 2 in two parts: the product of the first with an integer is exact.
-        log = z * z * (z * log - one(0.5)) + exponent * one(-2.12194440e-4)
-        log = exponent * one(0.693359375) + (z + log)
-        size = std * np.sqrt(one(-2) * log)
+        log = z * z * (z * log - f32(0.5)) + exponent * f32(-2.12194440e-4)
+        log = exponent * f32(0.693359375) + (z + log)
+        size = std * np.sqrt(f32(-2) * log)
         turn = np.int32((phase_words[i] >> np.uint32(8)) & np.uint32(2**22 - 1))
-        angle = (one(np.int32(turn - np.int32(2**21))) + one(0.5)) * one(np.pi * 2.0**-23)
+        angle = (f32(np.int32(turn - np.int32(2**21))) + f32(0.5)) * f32(np.pi * 2.0**-23)
         q = angle * angle
-        sine = one(-1.6666654611e-1) + q * (one(8.3321608736e-3) + q * one(-1.9515295891e-4))
+        sine = f32(-1.6666654611e-1) + q * (f32(8.3321608736e-3) + q * f32(-1.9515295891e-4))
         sine = angle + angle * q * sine
-        cosine = one(4.166664568e-2) + q * (one(-1.388731625e-3) + q * one(2.443315712e-5))
-        cosine = one(1) + q * (q * cosine - one(0.5))
+        cosine = f32(4.166664568e-2) + q * (f32(-1.388731625e-3) + q * f32(2.443315712e-5))
+        cosine = f32(1) + q * (q * cosine - f32(0.5))
         is_across = phase_words[i] & np.uint32(2**30) != 0
         size = -size if phase_words[i] & np.uint32(2**31) else size
         numbers[np.uint64(2) * i] += size * (sine if is_across else cosine)

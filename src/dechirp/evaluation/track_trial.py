@@ -15,7 +15,6 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.identity import track_identities
 from dechirp.scene.scene import Scene
-from dechirp.tracking.batch import track
 from dechirp.tracking.false_alarms import FalseAlarms
 from dechirp.tracking.tracker import Tracker
 
@@ -129,22 +128,13 @@ def assess_track_completeness(
     return TrackingOutcome(data, tracks, identities, is_whole)
 
 
-def run_tracking_trial(trial: TrackTrial, trial_number: int) -> TrackingOutcome:
-    """Draw the trial of that number, track it, and assess the tracks."""
-    data = draw_truth_and_detections(trial, trial_number)
-    return assess_track_completeness(
-        trial, data, track(data.detections, trial.times_s, trial.tracker)
-    )
-
-
 def _draw_target_states(trial: TrackTrial, rng: np.random.Generator) -> np.ndarray:
     """Draw x, vx, y, vy of each target in each frame, (n_targets, n_frames, 4)."""
     scene, times_s = trial.scene, trial.times_s
     position_m = np.swapaxes(scene.target_positions_m(times_s), 0, 1)[..., :2]
     velocity = np.swapaxes(scene.target_velocities_m_per_s(times_s), 0, 1)[..., :2]
-    state = np.stack(
-        [position_m, velocity], axis=-1
-    )  # (target, frame, x or y, position or velocity)
+    # Axes: target, frame, x or y, position or velocity.
+    state = np.stack([position_m, velocity], axis=-1)
     # White acceleration over a period, exactly: Bar-Shalom 2001, 6.2.2.
     t = trial.period_s
     covariance = trial.wander_m2_per_s3 * np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]])
@@ -172,9 +162,8 @@ def _draw_detections(trial: TrackTrial, state: np.ndarray, rng: np.random.Genera
     false_alarms = rng.uniform(lower, upper, (n_false.sum(), 3))
     frames = np.concatenate([frame, np.repeat(np.arange(trial.n_frames), n_false)])
     owners = np.concatenate([target, np.full(len(false_alarms), -1)])
-    order = np.lexsort(
-        (rng.random(len(frames)), frames)
-    )  # random order, so that no tracker benefits from it
+    # Random order, so that no tracker benefits from it.
+    order = np.lexsort((rng.random(len(frames)), frames))
     rows = np.concatenate([measured, false_alarms])[order]
     columns = {
         "frame": frames[order],

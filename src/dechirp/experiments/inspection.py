@@ -75,7 +75,7 @@ def inspect(
     path = Path(path)
     options = {"axes": axes, "encoding": encoding, "iq": iq}
     kinds = recognise_formats(
-        path, format, given=[name for name, option in options.items() if option is not None]
+        path, format, given_options=[name for name, option in options.items() if option is not None]
     )
     # Mistakes in given names or files are errors, not findings on the recording.
     chip = None if device is None else known_device(device)

@@ -312,7 +312,7 @@ def load_frame(scenario: Scenario, number: int = 0) -> tuple[xr.DataArray, Radar
             "frame",
             value=number,
             expected=f"a frame from {numbers.start} to {numbers.stop - 1}",
-            fix="frames count from 0; n_frames says how many are simulated",
+            fix="count frames from 0; n_frames is the number of simulated frames",
         )
     frames = _iter_frame_cubes(source)
     cube = next(

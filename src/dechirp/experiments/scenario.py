@@ -102,18 +102,18 @@ class Scenario:
         if (self.scene is None) == (self.recording is None):
             raise InvalidSetting(
                 "Scenario.scene",
-                value="absent, and no recording either"
+                value="missing, and recording as well"
                 if self.scene is None
-                else "beside a recording",
-                expected="a scene to simulate, or a recording: one of the two",
-                fix="take one out, or give one",
+                else "cannot be combined with a recording",
+                expected="a scene to simulate, or a recording",
+                fix="add a scene or a recording" if self.scene is None else "remove one of them",
             )
         if self.scene is not None and self.radar is None:
             raise InvalidSetting(
                 "Scenario.radar",
-                value="absent",
-                expected="given, to simulate a scene",
-                fix="describe it, or name a file that does",
+                value="missing",
+                expected="the radar that observes the scene",
+                fix="add radar: its settings, or the name of their file",
             )
         if self.scene is not None and self.radar is not None:
             self._check_scene_and_impairments(self.scene, self.radar)
@@ -196,7 +196,7 @@ def check_tracks_and_ego_motion_possible(
             raise InvalidSetting(
                 name,
                 value="enabled for detections without directions",
-                expected="an array that tells azimuth, and a direction estimator",
+                expected="an array that resolves azimuth, and a direction estimator",
                 fix=f"set chain.angle and give the radar more elements, or set {name} to null",
             )
 

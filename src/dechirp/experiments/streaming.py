@@ -157,9 +157,9 @@ def _checked_stream_source(scenario: Scenario) -> RecordingSource:
     if source is None:
         raise InvalidSetting(
             "--follow",
-            value="given for a scene that is simulated",
-            expected="left out: it is for recordings",
-            fix="leave it out, or name the recording",
+            value="given for a simulated scene",
+            expected="a scenario with a recording to follow",
+            fix="remove --follow, or name the recording",
         )
     for name, accepted in (("format", "dca1000"), ("axes", None), ("encoding", None)):
         setting = getattr(source, name)
@@ -167,8 +167,8 @@ def _checked_stream_source(scenario: Scenario) -> RecordingSource:
             raise InvalidSetting(
                 f"--{name}",
                 value=f"{setting}, of a stream",
-                expected="no value: only raw samples of a DCA1000 can be followed",
-                fix="leave it out, or read the complete file without --follow",
+                expected="the raw samples of a DCA1000, the only ones that can be followed",
+                fix=f"remove --{name}, or read the complete file without --follow",
             )
     return source
 

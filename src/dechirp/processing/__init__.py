@@ -24,7 +24,7 @@ at range R with radial velocity v in chirp m, sample n, slot l (one transmitter 
    2 pi f_D t_l between slots, by the two beats of triangles, or by frames with other intervals.
 7. `direction_finding`, `angle/`: phases between slots compensated, transmitters decoded,
    a_k = a exp 2 pi j u . p_k / lambda over the elements p_k; direction u of each source.
-8. `frame.detection_columns`: rows of `core.detection_columns`, referred to the origin.
+8. `frame.build_detection_columns`: rows of `core.detection_columns`, referred to the origin.
 
 `cluster` groups detections into objects (`centroids` averages them). Beside the chain:
 `angle_maps` (power over azimuth and range), `spectrogram` and `slow_time` (micro-Doppler,

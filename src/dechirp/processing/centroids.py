@@ -64,7 +64,7 @@ def cluster_centroids(
     label: np.ndarray,
     n_chirps: int,
 ) -> xr.Dataset:
-    """Average the detections of each label except -1, as `core.detection_columns` says.
+    """Average the detections of each label except -1 by the rules of `core.detection_columns`.
 
     See `cluster` for the columns.
     """

@@ -174,7 +174,7 @@ def process_cubes(
     first_frame_number: int = 0,
     with_directions: bool = True,
 ) -> Iterator[FrameResult]:
-    """Process the frames of cubes one by one, each by itself, see `process_frame`.
+    """Process the frames of cubes one by one and independently, see `process_frame`.
 
     Raises `InvalidSetting` if a cube does not fit the radar, and as `process_frame`.
     """

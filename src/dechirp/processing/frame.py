@@ -50,7 +50,7 @@ class FrameResult(NamedTuple):
     time_s: float
     """Mid-frame, mid-window: the instant to which the estimates refer."""
     detections: dict[str, np.ndarray]
-    """Columns of `core.detection_columns`, (n_detections,) each."""
+    """Columns of `core.build_detection_columns`, (n_detections,) each."""
     peaks: FramePeaks
     """Peaks that the detections are from."""
     power: tuple[np.ndarray, ...]
@@ -80,7 +80,7 @@ def process_frame(
     start_s: float | None = None,
     with_directions: bool = True,
 ) -> FrameResult:
-    """Process the samples of one frame, by itself.
+    """Process the samples of one frame independently of other frames.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def frame_detection_columns(frame_peaks: FramePeaks, sources: Sources) -> dict[s
     return {
         "frame": np.full(n_rows, frame_peaks.number),
         "time": np.full(n_rows, frame_peaks.time_s),
-        **detection_columns(frame_peaks.resolved, sources, frame_peaks.radar),
+        **build_detection_columns(frame_peaks.resolved, sources, frame_peaks.radar),
     }
 
 
@@ -166,7 +166,7 @@ def find_directions(resolved: ResolvedPeaks, radar: Radar, chain: Chain) -> Sour
     )
 
 
-def detection_columns(
+def build_detection_columns(
     resolved: ResolvedPeaks, sources: Sources, radar: Radar
 ) -> dict[str, np.ndarray]:
     """Return the columns of detections except frame and time, a row for each source."""

@@ -332,7 +332,7 @@ def _pointers_to_sixteen_points(
 
 def _build_windowed_point_loader() -> Callable[..., None]:
     @intrinsic
-    def run(context, work, place, numbers, at, window, first, weight):  # type: ignore[no-untyped-def] # noqa: ANN001
+    def run(context, work, place, numbers, start, window, first, weight):  # type: ignore[no-untyped-def] # noqa: ANN001
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
             kinds, sums = signature.args, _ComplexBuilder(builder)
             source = _element_pointer(context, builder, kinds[2], values[2], values[3])
@@ -345,10 +345,10 @@ def _build_windowed_point_loader() -> Callable[..., None]:
             taper = sums.multiply_real(taper, _broadcast_to_vector(builder, values[6]))
             target = _element_pointer(context, builder, kinds[0], values[0], values[1])
             for part in (0, 1):
-                own = _shuffle_vectors(builder, lower, upper, range(part, POINT, 2))
+                part_values = _shuffle_vectors(builder, lower, upper, range(part, POINT, 2))
                 _store_vector(
                     builder,
-                    sums.multiply_real(own, taper),
+                    sums.multiply_real(part_values, taper),
                     builder.gep(target, [_int64_constant(part * WIDTH)]),
                 )
             return context.get_dummy_value()
@@ -363,7 +363,7 @@ def _build_windowed_point_loader() -> Callable[..., None]:
 load_windowed = _build_windowed_point_loader()
 """Set one point to sixteen complex numbers in a row, times a window and one weight.
 
-The numbers lie in `numbers` from `at` on, the window in `window` from `first` on."""
+The numbers lie in `numbers` from `start` on, the window in `window` from `first` on."""
 
 
 def _build_transposed_point_store() -> Callable[..., None]:
@@ -432,4 +432,4 @@ set_powers, add_powers = (
 """Set sixteen rows of `out`, one for each series, to a share of the powers of sixteen points; or
 add it to them.
 
-Points as in `recordings`; rows lie so many floats apart."""
+Points as in `recordings`; the row stride is in floats."""

@@ -99,8 +99,8 @@ class Calibration:
         raise InvalidSetting(
             "Radar.calibration",
             value=", ".join(problems),
-            expected=f"of this array of {len(array.tx_m)} transmitters and {array.n_rx} receivers,"
-            " each pair [tx, rx] once, counted from 0",
+            expected=f"an element for each pair [tx, rx] of {len(array.tx_m)} transmitters and"
+            f" {array.n_rx} receivers, counted from 0",
             fix="give the calibration of these antennas, or remove it",
         )
 

@@ -80,9 +80,8 @@ class Frame(Displayable):
     def _check_intervals(self) -> None:
         intervals_s = as_tuple_or_none(self.interval_s)
         if intervals_s is None:
-            check_positive_fields(
-                self, "interval_s", at_least=1e-12, at_most=1e6
-            )  # the bounds of a ramp
+            # The bounds of a ramp.
+            check_positive_fields(self, "interval_s", at_least=1e-12, at_most=1e6)
             named_intervals = [
                 ("Frame.interval_s", check_number("Frame.interval_s", self.interval_s))
             ]

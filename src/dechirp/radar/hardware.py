@@ -41,7 +41,8 @@ class Hardware:
                     f"Hardware.{name}",
                     value=f"{getattr(self, name):.4g}",
                     expected="a ratio of at least 1 (0 dB)",
-                    fix="write a loss of 3 dB as 3 dB, not -3 dB",
+                    fix=f"give a {name.replace('_', ' ')} of 3 dB as a ratio of 2, in files as"
+                    " 3 dB; not as 0.5 or -3 dB",
                 )
         check_positive_fields(self, "noise_factor", "loss", at_least=1.0, at_most=1e12)
 
@@ -50,8 +51,8 @@ class Hardware:
         if pattern is None and self.antenna_gain is None:
             raise InvalidSetting(
                 "Hardware.antenna_gain",
-                value=f"none, and no {pattern_field}",
-                expected="given for antennas without a pattern",
+                value=f"missing, and {pattern_field} as well",
+                expected="a gain for antennas without a pattern",
                 fix=f"give antenna_gain, or {pattern_field}",
             )
         if not (pattern is None or isinstance(pattern, Pattern)):

@@ -41,7 +41,7 @@ class Radar(Displayable):
         if self.frame.multiplexing is None:
             raise InvalidSetting(
                 "Radar.frame.multiplexing",
-                value=f"none, with {n_tx} transmitters in the array",
+                value=f"missing, with {n_tx} transmitters in the array",
                 expected="a multiplexing scheme, since several transmitters share the chirps",
                 fix=f"give multiplexing of kind tdm with order [{expected_order}], or keep one"
                 " of array.tx",
@@ -113,8 +113,8 @@ class Radar(Displayable):
         if self.hardware is None:
             raise InvalidSetting(
                 "Radar.hardware",
-                value="none",
-                expected="given: echo and noise powers follow from it",
+                value="missing",
+                expected="the hardware, from which echo and noise powers follow",
                 fix="give transmit_power, antenna_gain and noise_factor",
             )
         return self.hardware

@@ -65,9 +65,8 @@ def write_cube_store(
     frame_coordinates: dict[str, list[np.ndarray]] = {"chirp_time": [], "gap": []}
     array, is_quantised = None, False
     for index, frame in enumerate(frames):
-        in_order = (
-            frame.dims[: len(CUBE_AXES)] == CUBE_AXES
-        )  # transposing with xarray takes as long as the disk
+        # Transposing with xarray takes as long as the disk.
+        in_order = frame.dims[: len(CUBE_AXES)] == CUBE_AXES
         labelled = frame if in_order else frame.transpose(*CUBE_AXES, ...)
         if array is None:
             is_quantised = labelled.dtype != np.int16 and has_adc_codes(labelled)

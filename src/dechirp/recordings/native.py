@@ -25,7 +25,7 @@ MAX_SCALE = 1e30  # times the largest code it is still a single-precision number
 
 
 def is_native_without_array_hints(description_text: str | None, hints: RecordingHints) -> bool:
-    """Return True if a text is a native description and no hint says how to read the array."""
+    """Return True if a text is a native description and no hint describes the array."""
     has_array_hints = hints.inner_name or hints.axes or hints.encoding
     return (
         description_text is not None
@@ -47,9 +47,9 @@ def check_device_and_iq_hints(
             raise RecordingError(
                 path,
                 value=f"written by dechirp, with --{name} {hint}",
-                expected=f"read with its own order and device"
-                f" ({name}: {actual or 'none'}), since --{name} is for raw samples",
-                fix=f"leave out --{name} ({name}=... in Python)",
+                expected=f"no --{name} ({actual or 'none'} in the recording), since --{name} is for"
+                " raw samples",
+                fix=f"remove --{name} ({name}=... in Python)",
             )
 
 
@@ -150,7 +150,7 @@ def lost_chirp_mask(path: Path, gaps: np.ndarray | None, contents: Contents) -> 
         raise RecordingError(
             path,
             value=f"a file with an array gap of {format_shape(gaps.shape)}",
-            expected=f"of {format_shape(expected_shape)}, frames and chirps of its samples",
+            expected=f"the shape {format_shape(expected_shape)}, frames and chirps of its samples",
             fix="copy the file again from its source",
         )
     is_lost = gaps != 0

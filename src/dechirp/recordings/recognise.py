@@ -19,7 +19,7 @@ from dechirp.recordings.settings.read import holds_settings
 
 
 def recognise_formats(
-    path: str | Path, format: str | None = None, *, given: Collection[str] = ()
+    path: str | Path, format: str | None = None, *, given_options: Collection[str] = ()
 ) -> tuple[str, ...]:
     """Return the kinds of the formats that fit a path: one, or several for raw samples.
 
@@ -27,8 +27,8 @@ def recognise_formats(
     ----------
     path, format
         As for `open`.
-    given : collection of str
-        The given ones of axes, encoding and iq.
+    given_options : collection of str
+        Names of the specified options: of axes, encoding and iq.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def recognise_formats(
     members = _load_formats(path, format)
     try:
         file, inner_name = split_file_and_inner_path(path)
-        options = [*given, "inner_name"] if inner_name is not None else given
+        options = [*given_options, "inner_name"] if inner_name is not None else given_options
         return tuple(_best_fitting_format_names(file, format, members, options))
     except OSError as error:
         raise unreadable_path_error(path, error) from None
@@ -88,8 +88,8 @@ def _load_formats(path: Path, wanted_format: str | None) -> dict[str, Format]:
     if reason:
         raise RecordingError(
             path,
-            value=f"given with format {wanted_format!r}, which cannot be loaded ({reason})",
-            expected="given with a format that can be loaded",
+            value=f"format {wanted_format!r}, which cannot be loaded ({reason})",
+            expected="a format that can be loaded",
             fix="repair or remove the package that provides it",
         )
     formats: dict[str, Format] = {
@@ -132,13 +132,14 @@ def _best_fitting_format_names(
             else [kind for kind, quality in qualities.items() if quality == best]
         )
         return _format_names_accepting_options(path, kinds, formats, given_options)
-    fix = "copy it again from its source, or give its format: --format (format=...)"
+    wanted_or_its_format = "another format" if wanted_format else "its format"
+    fix = f"copy it again from its source, or give {wanted_or_its_format}: --format (format=...)"
     if path.is_file() and holds_settings(path):
         fix = "give the recording, and this file with --radar (radar=...)"
     raise RecordingError(
         path,
         value=content,
-        expected=f"a recording of the format {wanted_format}, as specified"
+        expected=f"a recording of the format {wanted_format}"
         if wanted_format
         else f"a recording of one of the formats {', '.join(formats)}",
         fix=fix,
@@ -157,15 +158,15 @@ def _format_names_accepting_options(
     if name == "inner_name":
         raise RecordingError(
             path,
-            value=f"of the format {kind}, with an array named inside",
-            expected="of a format that holds several",
-            fix=f"name {path.name} itself",
+            value=f"format {kind}, with the name of an array inside it",
+            expected="a format that contains several arrays",
+            fix=f"give {path.name} itself",
         )
     raise RecordingError(
         path,
-        value=f"in the format {kind}, with {name} given",
-        expected=f"given without {name}, which the format defines",
-        fix=f"leave out {name}, or give the format that has it",
+        value=f"format {kind}, with {name}",
+        expected=f"no {name}, which this format defines itself",
+        fix=f"remove {name}, or give a format that accepts it",
     )
 
 
@@ -203,8 +204,8 @@ def check_choice(path: Path, name: str, value: str | None, choices: tuple[str, .
     if value is not None and value not in choices:
         raise RecordingError(
             path,
-            value=f"given with {name} {value!r}",
-            expected=f"given with {name} one of {', '.join(choices)}",
+            value=f"{name} {value!r}",
+            expected=f"one of {', '.join(choices)}",
             fix="choose one of them",
         )
 

@@ -31,7 +31,7 @@ def assumed_single_receiver_findings(settings: RecordingSettings) -> tuple[Findi
         Finding(
             level="warning",
             setting="radar.array.rx",
-            value="not given, assumed to be one receiver",
+            value="missing, assumed to be one receiver",
             expected="the recorded receivers, since samples of more would be read as more frames",
             fix="give radar.array.rx, or the vendor's settings file",
         ),

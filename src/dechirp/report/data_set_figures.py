@@ -107,12 +107,10 @@ class DataSetFigures:
                 title=f"Point {point}, trial {trial}.",
                 caption=(f"{settings}. " if settings else "")
                 + "First frame. A truth mark without a peak is a target below the noise.",
-                figure=_draw_map(self._map_with_marked_detections(plan, point, trial)),
+                figure=_draw_map(self._build_marked_map(plan, point, trial)),
             )
 
-    def _map_with_marked_detections(
-        self, plan: Plan, point: int, trial: int
-    ) -> range_doppler.MarkedMap:
+    def _build_marked_map(self, plan: Plan, point: int, trial: int) -> range_doppler.MarkedMap:
         top, truth = self.data[""], self.data["truth"]
         level_db = top.power[point, trial, 0].values
         power = xr.DataArray(

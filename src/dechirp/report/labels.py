@@ -8,6 +8,20 @@ import numpy as np
 from dechirp.core.text import EN_DASH, MINUS_SIGN, TIMES_SIGN, format_number, format_power_of_ten
 from dechirp.core.values import frozen_dataclass
 
+RANGE_LABEL = "Range (m)"
+VELOCITY_LABEL = "Velocity (m/s, receding positive)"
+AZIMUTH_LABEL = "Azimuth (°, left positive)"
+ELEVATION_LABEL = "Elevation (°, up positive)"
+X_LABEL = "x (m, forward)"
+Y_LABEL = "y (m, left positive)"
+TIME_LABEL = "Time (s)"
+TIME_SINCE_RAMP_START_LABEL = "Time since ramp start (µs)"
+BEAT_FREQUENCY_LABEL = "Beat frequency (MHz)"
+POWER_OVER_NOISE_LABEL = "Power over mean noise (dB)"
+POWER_RELATIVE_TO_PEAK_LABEL = "Power relative to the peak (dB)"
+SNR_PER_SAMPLE_LABEL = "SNR per sample (dB)"
+DETECTION_PROBABILITY_LABEL = "Detection probability"
+
 _CONTAINERS = {"scene", "targets", "radar", "frame", "chain", "impairments", "scenario", "hardware"}
 _SHORT = {
     name: name.upper()
@@ -59,6 +73,11 @@ def label_with_unit(label: str, unit: str) -> str:
 def axis_label(label: str, unit: str) -> str:
     """Return a label with its unit, capitalised: "Range RMSE (m)"."""
     return label_with_unit(label[:1].upper() + label[1:], unit)
+
+
+def power_label(unit: str) -> str:
+    """Return the axis label of powers in a unit: "Power (dBm)"."""
+    return axis_label("Power", unit)
 
 
 @frozen_dataclass
@@ -113,4 +132,5 @@ def _format_fixed(value: float, decimals: int) -> str:
 
 def _identifier_as_words(name: str) -> str:
     parts = re.split(r"[_\s-]+", name)
-    return " ".join(_SHORT.get(part, part) for part in parts if part)
+    words = " ".join(_SHORT.get(part, part) for part in parts if part)
+    return words.replace("false alarm ", "false-alarm ")

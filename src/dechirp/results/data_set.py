@@ -255,9 +255,8 @@ def _write_zarr_group(staging: Path, group: str, table: xr.Dataset) -> None:
 def _consolidate_zarr_metadata(staging: Path) -> None:
     """Copy the metadata of all arrays into their groups, so that opening needs one read."""
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", UserWarning
-        )  # other readers may ignore consolidated metadata
+        # Other readers may ignore consolidated metadata.
+        warnings.simplefilter("ignore", UserWarning)
         for group in (*GROUPS, None):
             if group is None or (staging / group).is_dir():
                 zarr.consolidate_metadata(staging, path=group)

@@ -39,7 +39,7 @@ _BLOCK_DESCRIPTIONS = {
     "factors": "table: threshold over sum of the training cells, for each searched row, x 2^factor",
     "samples": "input",
     "range_window": "samples x range_weights, shifted right by `range`, zeros behind",
-    "range_fft": "transform of range_window, each chirp of each channel by itself",
+    "range_fft": "transform of range_window along each chirp of each channel",
     "range_shifts": "bits that range_fft shifted right at each stage",
     "doppler_window": "range_fft x doppler_weights, shifted right by `doppler` and by what the"
     " range_shifts of its chirp add up to less than those of the chirp with most",
@@ -136,8 +136,8 @@ def read_vectors(folder: str | Path) -> dict[str, np.ndarray]:
     if version != FORMAT_VERSION:
         raise RecordingError(
             description,
-            value=f"of version {version}",
-            expected=f"of version {FORMAT_VERSION}",
+            value=f"version {version}",
+            expected=f"version {FORMAT_VERSION}",
             fix="write the vectors again",
         )
     try:
@@ -287,7 +287,7 @@ def _read_vector(folder: Path, entry: dict[str, Any]) -> np.ndarray:
             raise RecordingError(
                 folder / DESCRIPTION,
                 value=f"naming {quote_for_message(name)} for a file",
-                expected="plain names of files beside it",
+                expected="plain names of files in the same folder",
                 fix="write the vectors again",
             )
         parts.append(read_words(path, bits=entry["bits"], signed=entry["signed"]))

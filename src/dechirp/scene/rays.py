@@ -15,9 +15,8 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_finite_array, check_integer_fields, check_positive_fields
+from dechirp.core.checks import check_integer_fields, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 
@@ -159,42 +158,6 @@ def import_ray_tracer() -> tuple[Any, Any]:
             fix="run pip install 'dechirp[mesh]'",
         ) from None
     return trimesh, ray_pyembree
-
-
-def compute_rcs_m2(
-    surface: Surface, towards: ArrayLike, wavelength_m: float, rays: Rays | None = None
-) -> np.ndarray:
-    """Compute the monostatic radar cross section of a perfectly conducting surface.
-
-    Parameters
-    ----------
-    surface : Surface
-    towards : array (..., 3)
-        Directions from it to the radar, of any length. The radar is in the far field.
-    wavelength_m : float
-    rays : Rays, optional
-
-    Returns
-    -------
-    array (...), m^2
-        Co-polar, from the coherent sum over all tubes. Edge diffraction and creeping waves are
-        neglected: it is accurate near speculars and returns of corners, not in nulls.
-
-    Raises
-    ------
-    InvalidSetting
-        If a direction has no length, or more than 1e8 rays would be needed.
-    """
-    directions = check_finite_array("towards", towards)
-    flat = directions.reshape(-1, 3)
-    sums = [
-        sum(
-            complex(part.field_m.sum())
-            for part in trace_bounce_echoes(surface, direction, wavelength_m, rays)
-        )
-        for direction in flat
-    ]
-    return abs(np.array(sums)).reshape(directions.shape[:-1]) ** 2
 
 
 def trace_bounce_echoes(

@@ -87,7 +87,7 @@ class Scene(Displayable):
         if name not in self.names:
             raise InvalidSetting(
                 "target",
-                value=name or "none",
+                value=name or "missing",
                 expected=f"one of {', '.join(self.names) or 'no targets: the scene is empty'}",
                 fix="give the name of a target",
             )

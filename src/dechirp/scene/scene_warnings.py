@@ -253,9 +253,9 @@ def _scatterer_range_velocity(snapshot: _SceneSnapshot, i: int) -> RangeVelocity
     )
 
 
-def _format_aliased_range_velocity(snapshot: _SceneSnapshot, i: int, n_spans: int) -> str:
+def _format_aliased_range_velocity(snapshot: _SceneSnapshot, i: int, n_resolved_spans: int) -> str:
     true = _scatterer_range_velocity(snapshot, i)
-    aliased = alias_range_velocity(true, snapshot.radar, n_resolved_spans=n_spans)
+    aliased = alias_range_velocity(true, snapshot.radar, n_resolved_spans=n_resolved_spans)
     return (
         f"{_format_range_velocity(true)}{snapshot.frame_text} is aliased to"
         f" {_format_range_velocity(aliased)}"

@@ -75,9 +75,8 @@ class Target(Displayable):
         check_positive_fields(self, "rcs_m2", at_least=1e-12, at_most=1e12)
         normalise_velocity_field(self, "velocity_m_per_s")
         if self.acceleration_m_per_s2 is not _AT_REST:
-            normalise_vector_field(
-                self, "acceleration_m_per_s2", max_magnitude=1e9
-            )  # a bullet's is 1e6 m/s^2
+            # A bullet's is 1e6 m/s^2.
+            normalise_vector_field(self, "acceleration_m_per_s2", max_magnitude=1e9)
         self._check_waypoints()
         if self.heading_rad is not None:
             full_circle = 2 * math.pi
@@ -120,7 +119,7 @@ class Target(Displayable):
         if len(settings) > 1:
             raise InvalidSetting(
                 f"Target.{settings[0]}",
-                value=f"given in addition to {settings[1]}",
+                value=f"cannot be combined with {settings[1]}",
                 expected="only one of rcs_m2, rcs_table and body: each defines the cross section",
                 fix="remove one of them",
             )

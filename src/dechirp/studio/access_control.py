@@ -92,11 +92,11 @@ class AccessControl:
             return Refusal(403, "Forbidden: unknown host name.")
         origin = headers.get("Origin")
         if origin is not None and _host_of_origin(origin) not in self.allowed_hosts:
-            return Refusal(403, "Forbidden: asked for by the page of another site.")
+            return Refusal(403, "Forbidden: request from a page of another site.")
         # Other sites may link here, but not embed the page in a frame, a picture or a script.
         foreign = headers.get("Sec-Fetch-Site", "none") in ("cross-site", "same-site")
         if foreign and headers.get("Sec-Fetch-Dest") != "document":
-            return Refusal(403, "Forbidden: asked for by the page of another site.")
+            return Refusal(403, "Forbidden: request from a page of another site.")
         if self._token is not None and not self._matches_token(
             self._token_from_cookie_or_header(request)
         ):

@@ -223,16 +223,18 @@ class _Variant:
 
     def per_trial_score_sums(self, score: Score, target: str | None, n_trials: int) -> np.ndarray:
         """Return the sums of one score, (n_trials, n_sums)."""
-        return self._layout.select_score_sums(self._sums[:n_trials], score.label(), target)
+        return self._layout.select_score_sums(self._sums[:n_trials], score.kind(), target)
 
     def estimate_score_with_theory(
         self, score: Score, target: str | None, n_trials: int, confidence: float
     ) -> ScoreEstimate:
         """Estimate a score from the trials so far, with its theory."""
-        layout, label = self._layout, score.label()
-        found = estimate_score(layout, label, target, self._sums[:n_trials], confidence=confidence)
+        layout, label = self._layout, score.kind()
+        estimate = estimate_score(
+            layout, label, target, self._sums[:n_trials], confidence=confidence
+        )
         laws = np.concatenate(list(self._theory.values()))
-        return ScoreEstimate(*found, layout.theoretical_score_value(laws, label, target))
+        return ScoreEstimate(*estimate, layout.theoretical_score_value(laws, label, target))
 
 
 def _is_score_applicable(score: Score, trial_context: TrialContext) -> bool:

@@ -60,10 +60,11 @@ class FramePlayer:
         prepared = self._prepared
         processed = next((recent for recent in self._recent_steps if recent.step == step), None)
         if processed is None:
+            # No history continues after a failure.
             previous, self._recent_steps = (
                 self._recent_steps[-1:],
                 [],
-            )  # no history continues after a failure
+            )
             continues = bool(previous) and step == previous[0].step + 1
             processed = prepared.process_step(step, follows_previous_step=continues)
             # Keep two: a paused page may already have requested the next one.

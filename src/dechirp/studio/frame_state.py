@@ -46,7 +46,7 @@ class FrameState:
     samples: xr.DataArray
     """(chirp, rx, sample)"""
     power: xr.DataArray
-    """Range-Doppler map, (velocity, range), as the detector sees it."""
+    """Range-Doppler map, (velocity, range), as the detector reads it."""
     azimuth_power: xr.DataArray | None
     """Range-azimuth map, (azimuth, range); None if the array has no azimuth resolution."""
     history: tuple[HistoryEntry, ...]

@@ -1,4 +1,4 @@
-// What the page does by itself: tabs, keys, light and dark, and telling what was drawn.
+// Behaviour of the page: tabs, keys, light and dark theme, and acknowledgement of drawn frames.
 "use strict";
 
 // Frames drawn since the page began; benchmarks and tests read it.
@@ -51,15 +51,15 @@ function begin(browser) {
   });
 
   // Drawing waits for the next frame of the screen; the one after it shows what was drawn.
-  const tell = () => {
+  const reportDrawn = () => {
     const shown = browser.n_frames_sent;
     requestAnimationFrame(() => requestAnimationFrame(() => {
       window.dechirp.frames += 1;
       if (shown % 2 === 0) browser.n_frames_drawn = shown;  // an answer takes the server 1 ms
     }));
   };
-  browser.properties.n_frames_sent.change.connect(tell);
-  if (browser.n_frames_sent) tell();  // the first came with the page
+  browser.properties.n_frames_sent.change.connect(reportDrawn);
+  if (browser.n_frames_sent) reportDrawn();  // the first came with the page
 
   const place = document.getElementById("place");
   const tellPlace = () => { if (place) place.textContent = browser.frame_status; };  // no lesson has one

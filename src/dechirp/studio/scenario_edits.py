@@ -154,7 +154,7 @@ def _check_text_length(setting: str, text: str, limits: PageLimits) -> None:
     if len(text) > limits.max_text_length:
         raise InvalidSetting(
             setting,
-            value=f"a text of {len(text):,} characters",
+            value=f"text of {len(text):,} characters",
             expected=f"at most {limits.max_text_length:,}",
             fix="run larger settings on the command line",
         )

@@ -170,7 +170,7 @@ def _open_listening_socket(host: str, port: int) -> socket.socket:
                 "--port",
                 value=f"{port}, which another program uses",
                 expected="a free port",
-                fix=f"choose another one, as --port {port + 1}, or 0 for a free one",
+                fix=f"choose another one, such as --port {port + 1}, or 0 for a free one",
             ) from None
         reason, _, _ = (getattr(error, "strerror", None) or str(error)).partition(" (")
         raise InvalidSetting(

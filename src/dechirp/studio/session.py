@@ -156,7 +156,7 @@ class Session:
             )
             if scenario is not self.scenario:
                 self.scenario, self._player = scenario, FramePlayer(scenario, self.limits)
-                await self.run_in_document(lambda: [tell(scenario) for tell in self.on_settings])
+                await self.run_in_document(self._notify_settings_listeners)
             self.playing = self.playing and not wrong
         frame_state = await self._frame_of_step(self.step)
         if self.playing:  # the next one is made while the browser draws this one
@@ -209,9 +209,13 @@ class Session:
         for show in self.on_frame:
             show(frame_state)
 
+    def _notify_settings_listeners(self) -> None:
+        for listener in self.on_settings:
+            listener(self.scenario)
+
     def _notify_mistake_listeners(self, mistakes: tuple[Mistake, ...]) -> None:
-        for tell in self.on_mistakes:
-            tell(mistakes)
+        for listener in self.on_mistakes:
+            listener(mistakes)
 
     def run_on_worker(self, job: Callable[[], T]) -> asyncio.Future[T]:
         """Run a job on the worker; long jobs must be split into parts of a few milliseconds."""

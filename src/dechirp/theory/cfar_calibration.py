@@ -12,11 +12,11 @@ and the false-alarm probability is the mean of Q(K, r*) over the rest. (Channels
 be rotated so that z_0 is real and in one channel; sums of powers are unchanged.)
 
 Alarms at 1e-6 occur when the training cells happen to be low. They are drawn low, with the
-covariance (R^-1 + T)^-1 instead of R, for a diagonal T, and with the weight
-exp(z^H T z) / det(I + R T). Were the statistic the mean and T = alpha / N, each draw would have
-the same product of weight and probability: the exact law. For other statistics it varies by
-half of itself in rings of hundreds of cells. Draws with several T are mixed, so that no weight
-is far above the others.
+covariance (R^-1 + T)^-1 instead of R, for a diagonal T, and with the weight exp(z^H T z) / det(I +
+R T). Were the statistic the mean and T = alpha / N, each draw would have the same product of weight
+and probability: the exact law. For other statistics it varies by half of its value in training
+windows of hundreds of cells. Draws with several T are mixed, so that no weight is far above the
+others.
 
 References
 ----------

@@ -151,7 +151,7 @@ def required_snr(
 
 
 def coherent_detection_probability(snr: ArrayLike, false_alarm_probability: float) -> np.ndarray:
-    r"""Return the detection probability of a coherent detector, which knows the target's phase.
+    r"""Return the detection probability of a coherent detector, with known target phase.
 
     .. math:: P_d = \tfrac12 \operatorname{erfc}(\operatorname{erfc}^{-1}(2 P_{fa}) - \sqrt\chi)
 

@@ -51,8 +51,8 @@ def conditional_fisher_information(
         A, a column for each source.
     derivatives : array (..., n_elements, n_sources, n_parameters), complex
         D, of each column by each parameter of its source, such as azimuth and elevation.
-    amplitudes : array (..., n_sources, n_looks), complex
-        Amplitude of each source in each look in one element.
+    amplitudes : array (..., n_sources, n_snapshots), complex
+        Amplitude of each source in each snapshot in one element.
     noise_power : array (...)
         Sigma squared, E|w|^2 in one element.
 
@@ -94,8 +94,8 @@ def direction_std_rad(
         Positions in wavelengths; in a virtual array, transmitter plus receiver.
     azimuth_rad, elevation_rad : arrays (n_sources,)
         Directions of the sources; one number if they share it.
-    amplitudes : array (n_sources,) or (n_sources, n_looks), complex
-        In one element; looks are snapshots of the same directions.
+    amplitudes : array (n_sources,) or (n_sources, n_snapshots), complex
+        Of each source in one element, for each snapshot.
     noise_power : float
         E|w|^2 in one element.
     unknown : (bool, bool)

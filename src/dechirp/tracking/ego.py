@@ -107,10 +107,10 @@ def ego_motion(detections: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFA
 
     .. math:: v_i = -(v_x \cos\phi_i + v_y \sin\phi_i) \cos\theta_i
 
-    with (v_x, v_y) the velocity of the radar itself along its own axes, x where it looks: not
-    that of the car's axle, from which it differs by the yaw rate times the way between them.
-    So :math:`\sqrt{v_x^2 + v_y^2}` is its speed, and the direction that it moves in tells
-    the angle at which it is mounted, see `mounting`. Vertical motion is left out.
+    with (v_x, v_y) the velocity of the radar itself along its own axes, x its boresight: not that
+    of the car's axle, from which it differs by the yaw rate times the distance between them.
+    So :math:`\sqrt{v_x^2 + v_y^2}` is its speed, and the direction of motion determines the
+    mounting angle, see `mounting`. Vertical motion is left out.
 
     Pairs of detections give hypotheses, all detections vote; those that agree with the best are
     fitted by least squares with the errors of both velocities and azimuths, see
@@ -218,11 +218,10 @@ def label_static_and_moving(
         of_motion = np.array([[vx_std**2, cov], [cov, vy_std**2]])
         variance = variance + np.einsum("ni,ij,nj->n", towards, of_motion, towards)
         squares = residual**2 / (variance + settings.tolerance_m_per_s**2)
+        # NaN is neither.
         moves = (
             squares > settings.max_normalised_squared_residual
-        ) & detections_with_known_direction(
-            frame_columns["ambiguity_number"], radar.frame
-        )  # NaN is neither
+        ) & detections_with_known_direction(frame_columns["ambiguity_number"], radar.frame)
         motion[rows] = np.where(
             squares <= settings.max_normalised_squared_residual,
             "static",

@@ -11,9 +11,8 @@ from dechirp.core.checks import check_number
 from dechirp.core.errors import InvalidSetting
 from dechirp.tracking.ego import ego_velocity_columns
 
-_SCATTER_PROBABILITY = (
-    0.95  # increasing errors for less would make them 9 % too large on average for ten frames
-)
+# Increasing errors for less would make them 9 % too large on average for ten frames.
+_SCATTER_PROBABILITY = 0.95
 _N_STEPS = 20  # 4 converge to 1e-12
 
 

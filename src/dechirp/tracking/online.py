@@ -39,9 +39,8 @@ def initial_track_states(
         has_rate, rate_variance + speed_variance * azimuth_variance, speed_variance
     )
     cos, sin = np.cos(azimuth), np.sin(azimuth)
-    rotation = np.zeros(
-        (len(range_m), 4, 4)
-    )  # x vx y vy from radial and tangential position and speed
+    # x vx y vy from radial and tangential position and speed.
+    rotation = np.zeros((len(range_m), 4, 4))
     rotation[:, [0, 1, 2, 3], [0, 1, 2, 3]] = cos[:, None]
     rotation[:, [0, 1], [2, 3]], rotation[:, [2, 3], [0, 1]] = -sin[:, None], sin[:, None]
     zeros = np.zeros_like(range_m)

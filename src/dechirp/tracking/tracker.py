@@ -49,7 +49,7 @@ class Tracker:
     gate_probability: float = 0.999
     """Probability that a detection of a target is within the gate of its track."""
     detection_probability: float = 0.9
-    """Probability of detection of a target, per frame."""
+    """Detection probability of a target, per frame."""
     false_alarms: FalseAlarms = FalseAlarms()
     confirm_after: tuple[int, int] = (3, 5)
     """Detections that confirm a track, and the number of frames from its first within which they

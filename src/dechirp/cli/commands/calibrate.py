@@ -38,12 +38,12 @@ def calibrate(
     recordings
         Recordings of the reflector: files or folders, of the same radar.
     azimuth
-        Azimuth of the reflector, as "30 deg", positive to the left; once for each recording.
+        Azimuth of the reflector, such as "30 deg", positive to the left; once for each recording.
     elevation
         Elevation of the reflector, positive upwards; 0 by default. Once, or once for each
         recording.
     range
-        Range of the reflector, as 2.05m: selects its echo and gives the range offset. Once, or
+        Range of the reflector, such as 2.05m: selects its echo and gives the range offset. Once, or
         once for each recording; by default the strongest static echo is used.
     out
         File for the calibration (JSON) for --calibration. An existing calibration is replaced.
@@ -130,9 +130,8 @@ def _calibration_findings(result: "CalibrationResult") -> "list[Finding]":
 
 def _assumed_array_findings(recordings: "list[Recording]") -> "list[Finding]":
     """Return the findings on an assumed array, which the calibration takes as true."""
-    findings = {
-        finding: None for recording in recordings for finding in recording.findings
-    }  # once each, in order
+    # Once each, in order.
+    findings = {finding: None for recording in recordings for finding in recording.findings}
     return [
         replace(
             finding,
@@ -154,7 +153,7 @@ def _check_one_azimuth_per_recording(recordings: Sequence[Path], azimuths: list[
         mistakes.append(
             Mistake(
                 setting="RECORDING",
-                value="absent",
+                value="missing",
                 expected="a recording of a reflector",
                 fix='write dechirp calibrate RECORDING --azimuth "30 deg"',
             )
@@ -173,9 +172,7 @@ def _check_one_azimuth_per_recording(recordings: Sequence[Path], azimuths: list[
         mistakes.append(
             Mistake(
                 setting="--azimuth",
-                value=f"given for {pluralise(len(azimuths), 'recording')}"
-                if azimuths
-                else "absent",
+                value=pluralise(len(azimuths), "value") if azimuths else "missing",
                 expected=f"one azimuth for each of the {len(recordings)} recordings, in their order"
                 if len(recordings) > 1
                 else "one azimuth of the reflector, positive to the left",
@@ -276,7 +273,7 @@ def _print_calibration(
         "y (mm)",
         "z (mm)",
     ] * has_positions
-    rows = new_table(f"{len(calibration.elements)} elements", right=columns)
+    rows = new_table(f"{len(calibration.elements)} elements", number_columns=columns)
     for row in _element_measurement_rows(result):
         cells = [
             str(row["tx"]),

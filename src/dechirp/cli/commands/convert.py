@@ -62,7 +62,8 @@ def convert(
             paths = write(recording, out, format=to, progress=report)
     except DechirpError as error:
         raise replace_settings_by_options(error, _OPTION_BY_SETTING) from None
-    if writer.is_readable:  # what it says of itself, as what was rounded
+    if writer.is_readable:
+        # The written file may have findings of its own, such as rounding.
         findings = (
             *findings,
             *(finding for finding in open_recording(paths[0]).findings if finding not in findings),

@@ -58,11 +58,11 @@ def design(
     requirements
         File of requirements (YAML); options replace its values.
     max_range
-        Largest unambiguous range, as 200m.
+        Largest unambiguous range, such as 200m.
     range_resolution
-        Largest allowed width of a range bin, as 1m.
+        Largest allowed width of a range bin, such as 1m.
     max_velocity
-        Largest unambiguous velocity, as "100 m/s".
+        Largest unambiguous velocity, such as "100 m/s".
     velocity_resolution
         Largest allowed width of a velocity bin; 128 chirps by default.
     carrier
@@ -72,7 +72,7 @@ def design(
     band
         Band that must contain the whole ramp: "76-77 GHz" or "77-81 GHz".
     rcs
-        Cross section of the target to detect at the largest range, as 10dBsm; adds the link
+        Cross section of the target to detect at the largest range, such as 10dBsm; adds the link
         budget to the checks.
     detection_probability
         Probability of detecting that target in one frame; 0.9 by default.
@@ -82,7 +82,7 @@ def design(
         round-trips: chirps of 5.5 round trips. constraints: the limits of timing, hardware and
         regulation.
     changes
-        PATH=VALUE changes a limit, the hardware or a requirement, as limits.idle=1us or
+        PATH=VALUE changes a limit, the hardware or a requirement, such as limits.idle=1us or
         hardware.transmit_power=20dBm; may be repeated. Limits apply to the rule constraints.
     out
         File for the radar (YAML), readable by `run --radar`.
@@ -199,7 +199,7 @@ def _print_design(design: "Design", out: Path | None) -> None:
 
     screen = open_stdout_console()
     numbers = new_table(
-        "Design" if design.is_met else "Nearest design", left=["", "value", "formula"]
+        "Design" if design.is_met else "Nearest design", text_columns=["", "value", "formula"]
     )
     for row in design.derived:
         formula = f"{row.formula}  ({row.symbols})" if row.symbols else row.formula

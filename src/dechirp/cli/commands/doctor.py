@@ -54,9 +54,8 @@ def _installed_versions() -> tuple[dict[str, str | None], dict[str, dict[str, st
 
     needed: dict[str, str | None] = {}
     extras: dict[str, dict[str, str | None]] = {}
-    lines = (
-        (requires("dechirp") or []) if installed_version("dechirp") else []
-    )  # none in a bare checkout
+    # None in a bare checkout.
+    lines = (requires("dechirp") or []) if installed_version("dechirp") else []
     for line in lines:
         name = re.split(r"[^\w.-]", line, maxsplit=1)[0]
         extra = re.search(r"extra == ['\"]([^'\"]+)", line)
@@ -91,7 +90,7 @@ def _print_installation_check(document: dict[str, Any]) -> None:
     from dechirp.cli.console import new_table, open_stdout_console
 
     screen = open_stdout_console()
-    rows = new_table(f"dechirp {document['version']}", left=["", ""])
+    rows = new_table(f"dechirp {document['version']}", text_columns=["", ""])
     rows.show_header = False
     rows.add_row("Python", document["python"])
     for name, version in document["dependencies"].items():

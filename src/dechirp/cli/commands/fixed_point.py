@@ -36,7 +36,7 @@ def fixed_point(
     source
         Scenario (YAML) or recording (file or folder); the reference scenario by default.
     words
-        Word lengths (YAML), as `range_bits: 18`; 16 bits in both transforms by default.
+        Word lengths (YAML), such as `range_bits: 18`; 16 bits in both transforms by default.
     frame
         Frame number, counted from 0.
     out
@@ -44,7 +44,7 @@ def fixed_point(
     seed
         Seed of the noise; replaces the seed of the scenario.
     changes
-        PATH=VALUE changes a setting, as chain.n_range_bins=4096; may be repeated.
+        PATH=VALUE changes a setting, such as chain.n_range_bins=4096; may be repeated.
     """
     from dechirp.cli.errors import replace_settings_by_options
     from dechirp.cli.scenario_source import build_scenario
@@ -119,7 +119,9 @@ def _print_fixed_point_comparison(
     from dechirp.cli.console import new_table, open_stdout_console
 
     screen = open_stdout_console()
-    rows = new_table("cells over threshold", right=["fixed point", "floating point", "only one"])
+    rows = new_table(
+        "cells over threshold", number_columns=["fixed point", "floating point", "only one"]
+    )
     rows.add_row(*(str(n) for n in compared[:3]))
     screen.print(rows)
     if compared.n_only_one:

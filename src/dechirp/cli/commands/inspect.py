@@ -115,7 +115,7 @@ def _print_inspection(inspection: "Inspection", picture: Path | None) -> None:
 
     screen = open_stdout_console()
     screen.print(str(inspection.path), soft_wrap=True)
-    rows = new_table("", left=["", ""])
+    rows = new_table("", text_columns=["", ""])
     rows.show_header, rows.title = False, None
     rows.add_row("format", " or ".join(inspection.formats))
     if inspection.recording is not None:

@@ -123,7 +123,18 @@ def _print_members(families: dict[str, Any]) -> None:
                 Padding(Text.assemble((kind, "bold"), f"{mark}  {member['help']}"), (0, 2))
             )
             for name, setting in member["settings"].items():
-                default = "null" if setting["default"] is None else setting["default"]
-                requirement = "required" if setting["required"] else f"default {default}"
+                default = f"default {_write_as_yaml(setting['default'])}"
+                requirement = "required" if setting["required"] else default
                 line = f"{name}: {setting['expected']} ({requirement}). {setting['help']}"
                 screen.print(Padding(line, (0, 6)))
+
+
+def _write_as_yaml(value: Any) -> str:
+    """Write a value on one line, as a settings file accepts it."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{name}: {_write_as_yaml(item)}' for name, item in value.items())}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_write_as_yaml, value))}]"
+    if value is None:
+        return "null"
+    return str(value).lower() if isinstance(value, bool) else str(value)

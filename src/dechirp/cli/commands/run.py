@@ -35,7 +35,7 @@ def run(
     ----------
     source
         Scenario (YAML), recording (file or folder), or UDP address that receives the packets of a
-        DCA1000, as udp://127.0.0.1:4098; the reference scenario by default.
+        DCA1000, such as udp://127.0.0.1:4098; the reference scenario by default.
     out
         Folder for the results. Existing results in it are replaced as a whole.
     objects
@@ -45,11 +45,11 @@ def run(
         Continue with new frames while the recording, a DCA1000 .bin, is being written, until
         Ctrl-C, SIGTERM or the time --idle without data.
     idle
-        Time without new data after which a file or address ends, as 5s; 10 s by default.
+        Time without new data after which a file or address ends, such as 5s; 10 s by default.
     seed
         Seed of the noise; replaces the seed of the scenario.
     changes
-        PATH=VALUE changes a setting, as radar.frame.n_chirps=64; may be repeated.
+        PATH=VALUE changes a setting, such as radar.frame.n_chirps=64; may be repeated.
     """
     from dechirp.cli.console import progress_bar
     from dechirp.cli.scenario_source import build_scenario

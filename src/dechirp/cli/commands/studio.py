@@ -32,7 +32,7 @@ def studio(
     scenario
         Initial scenario of each page (YAML); a scene with a car and a person by default.
     changes
-        PATH=VALUE changes a setting of the scenario, as seed=7; may be repeated.
+        PATH=VALUE changes a setting of the scenario, such as seed=7; may be repeated.
     host
         Address to listen on. Any address but this machine's own requires a token in every request.
     port

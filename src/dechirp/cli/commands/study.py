@@ -43,7 +43,7 @@ def study(
     workers
         Number of processes on this machine, one per core by default; or workers of the cluster.
     scheduler
-        Address of a running Dask scheduler, as tcp://host:8786.
+        Address of a running Dask scheduler, such as tcp://host:8786.
     cluster
         slurm: start workers as jobs of this cluster.
     trial
@@ -261,7 +261,7 @@ def _replay_trial(
         varied_paths = [axis.path for axis in plan.swept_settings if len(axis.texts) > 1]
         raise InvalidSetting(
             "--trial",
-            value=f"given for {plan.n_points} points",
+            value=f"used with {plan.n_points} points",
             expected="one point",
             fix="select it with " + " ".join(f"--set {path}=VALUE" for path in varied_paths),
         )
@@ -285,13 +285,11 @@ def _replayed_trial_document(replay: "ReplayedTrial", plan: Any, text: str) -> d
 
     layout = score_column_layout_of_study(plan)
     sums = {
-        score.label(): {
-            name or "all": layout.select_score_sums(replay.sums[None], score.label(), name)[
+        score.kind(): {
+            name or "all": layout.select_score_sums(replay.sums[None], score.kind(), name)[
                 0
             ].tolist()
-            for name in (
-                layout.scored_target_names[layout.index_of_score(score.label())] or (None,)
-            )
+            for name in (layout.scored_target_names[layout.index_of_score(score.kind())] or (None,))
         }
         for score in layout.scores
     }

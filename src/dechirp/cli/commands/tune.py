@@ -38,7 +38,7 @@ def tune(
     workers
         Number of processes on this machine, one per core by default; or workers of the cluster.
     scheduler
-        Address of a running Dask scheduler, as tcp://host:8786.
+        Address of a running Dask scheduler, such as tcp://host:8786.
     cluster
         slurm: start workers as jobs of this cluster.
     out
@@ -80,7 +80,7 @@ def _print_tune_results(tuned: "TuneResult", document: Mapping[str, Any], out: P
     from dechirp.report.tune import compare_initial_and_best_scores, describe_improvement_and_limits
 
     screen = open_stdout_console()
-    rows = new_table("", left=["fresh trials"], right=["as they are", "best"])
+    rows = new_table("", text_columns=["fresh trials"], number_columns=["as they are", "best"])
     for name, *values in compare_initial_and_best_scores(document):
         rows.add_row(name, *(value for value, _ in values))
         rows.add_row("", *(interval for _, interval in values))

@@ -135,7 +135,7 @@ def _print_twin_comparison(document: Mapping[str, Any], out: Path) -> None:
         "Range (bins)",
         "Vel. (bins)",
     ]
-    rows = new_table(format_headline(document), right=right, left=[])
+    rows = new_table(format_headline(document), number_columns=right, text_columns=[])
     differences = [difference for difference in document["differences"] if difference["judged"]]
     for difference in differences[:_MAX_ROWS]:
         rows.add_row(

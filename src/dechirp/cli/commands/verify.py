@@ -1,5 +1,6 @@
 """`dechirp verify`: test of every claim of the reference report, with a paper."""
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -56,6 +57,8 @@ def verify(
     if pdf:
         check_typst_installed()
     names = (*_CERTIFICATE_FILES, "report.pdf") if pdf else _CERTIFICATE_FILES
+    if not (quiet or as_json):
+        print(_DURATION_NOTES[full], file=sys.stderr, flush=True)
     with progress_bar("trials", quiet=quiet) as report:
         certificate = certify(trials=n_trials, full=full, seed=first_seed, progress=report)
     result = {
@@ -75,6 +78,12 @@ def verify(
 
 
 _CERTIFICATE_FILES = ("verify.json", "report.html")
+_DURATION_NOTES = {
+    False: "Testing the claims of the reference report: less than two minutes on two cores,"
+    " longer if --trials is large.",
+    True: "Testing the claims and all parts: a quarter of an hour on two cores even if --trials is"
+    " small, longer if it is large.",
+}
 
 
 def _print_claim_verdicts(document: dict[str, Any], out: Path) -> None:
@@ -82,7 +91,7 @@ def _print_claim_verdicts(document: dict[str, Any], out: Path) -> None:
     from dechirp.report.check_values import format_check_row
 
     screen = open_stdout_console()
-    claims = new_table("", left=["claim", ""], right=["published", "measured"])
+    claims = new_table("", text_columns=["claim", ""], number_columns=["published", "measured"])
     for column, width in zip(claims.columns, (None, len("holds")), strict=False):
         column.no_wrap, column.min_width = True, width
     claim_list = [

@@ -45,9 +45,9 @@ class Score(Family):
     """Number of sums that a trial gives for each subject."""
 
     @classmethod
-    def label(cls) -> str:
-        """Name in study files and results, as `detection_probability`."""
-        return cls.kind().replace("-", "_")
+    def kind(cls) -> str:
+        """Return the name in study files and results, where it names a variable: `range_rmse`."""
+        return super().kind().replace("-", "_")
 
     def scored_target_names(self, context: TrialContext) -> tuple[str, ...]:
         """Names of the subjects with a value: the targets; empty for a score of the whole scene."""

@@ -21,8 +21,8 @@ class ClustersPerTarget(Score):
     n_sums: ClassVar[int] = 2
 
     def check_score_defined(self, context: TrialContext) -> None:
-        check_scene_has_targets(context, self.label())
-        check_chain_computes_clusters(context, self.label())
+        check_scene_has_targets(context, self.kind())
+        check_chain_computes_clusters(context, self.kind())
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the clusters of each target, and the frames with any."""
@@ -46,8 +46,8 @@ class OneClusterProbability(Score):
     n_sums: ClassVar[int] = 2
 
     def check_score_defined(self, context: TrialContext) -> None:
-        check_scene_has_targets(context, self.label())
-        check_chain_computes_clusters(context, self.label())
+        check_scene_has_targets(context, self.kind())
+        check_chain_computes_clusters(context, self.kind())
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return frames with one cluster, and frames."""

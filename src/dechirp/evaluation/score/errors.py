@@ -32,7 +32,7 @@ class ErrorScore(Score):
     n_sums: ClassVar[int] = 2
 
     def check_score_defined(self, context: TrialContext) -> None:
-        check_scene_has_targets(context, self.label())
+        check_scene_has_targets(context, self.kind())
         if all(target.body is not None for target in context.scene.targets):
             self._raise_score_undefined(
                 "in a scene of bodies alone",
@@ -54,10 +54,10 @@ class ErrorScore(Score):
                 "a direction estimator, and an array that resolves directions",
                 "set chain.angle to {kind: fft}, with two virtual elements or more",
             )
-        tells = checked_direction_aperture(
+        resolves_angle = checked_direction_aperture(
             context.radar, chain.field_of_view
         ).resolves_azimuth_and_elevation
-        if not tells[("azimuth", "elevation").index(self.axis)]:
+        if not resolves_angle[("azimuth", "elevation").index(self.axis)]:
             way = "horizontally" if self.axis == "azimuth" else "vertically"
             self._raise_score_undefined(
                 f"with an array that resolves no {self.axis}",
@@ -68,9 +68,9 @@ class ErrorScore(Score):
     def _raise_score_undefined(self, value: str, expected: str, fix: str) -> None:
         raise InvalidSetting(
             "scores",
-            value=f"{self.label()}, {value}",
+            value=f"{self.kind()}, {value}",
             expected=expected,
-            fix=f"{fix}, or leave out {self.label()}",
+            fix=f"{fix}, or leave out {self.kind()}",
         )
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:

@@ -24,7 +24,7 @@ class DetectionProbability(Score):
     n_sums: ClassVar[int] = 2
 
     def check_score_defined(self, context: TrialContext) -> None:
-        check_scene_has_targets(context, self.label())
+        check_scene_has_targets(context, self.kind())
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the frames in which each target is detected, and all frames."""
@@ -55,9 +55,9 @@ class ResolutionProbability(Score):
         if len(context.target_names) < 2:
             raise InvalidSetting(
                 "scores",
-                value=f"{self.label()}, in a scene of {len(context.target_names)} targets",
+                value=f"{self.kind()}, in a scene of {len(context.target_names)} targets",
                 expected="two or more targets to be resolved",
-                fix=f"add a target to the scene, or leave out {self.label()}",
+                fix=f"add a target to the scene, or leave out {self.kind()}",
             )
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
@@ -112,7 +112,7 @@ class FrameFalseAlarmProbability(Score):
         return ()
 
     def check_score_defined(self, context: TrialContext) -> None:
-        check_no_triangular_ramps(context, self.label())
+        check_no_triangular_ramps(context, self.kind())
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return 1 for a frame with a detection, and the number of frames, 1."""

@@ -74,8 +74,8 @@ class Roc(Score):
         return 2 * len(self.false_alarm_probabilities) + 2
 
     def check_score_defined(self, context: TrialContext) -> None:
-        check_scene_has_targets(context, self.label())
-        check_no_triangular_ramps(context, self.label())
+        check_scene_has_targets(context, self.kind())
+        check_no_triangular_ramps(context, self.kind())
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the sums of each target; false alarms are common to all."""

@@ -36,7 +36,7 @@ class TrackScore(Score):
         check_positive_fields(self, "cutoff_m")
 
     def check_score_defined(self, context: TrialContext) -> None:
-        check_scene_has_targets(context, self.label())
+        check_scene_has_targets(context, self.kind())
 
 
 @frozen_dataclass

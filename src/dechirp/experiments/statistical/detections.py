@@ -4,7 +4,7 @@ import numpy as np
 
 from dechirp.experiments.statistical.peak_sampling import SampledPeaks
 from dechirp.processing.chain import Chain
-from dechirp.processing.frame import detection_columns, find_directions
+from dechirp.processing.frame import build_detection_columns, find_directions
 from dechirp.processing.refine import RefinedPeaks, Tones
 from dechirp.processing.velocity_ambiguity.resolve import resolve_velocity_ambiguity
 from dechirp.radar.radar import Radar
@@ -27,7 +27,7 @@ def detections_from_sampled_peaks(
     sources = find_directions(resolved, radar, chain)
     return {
         "frame": peaks.frame[sources.detection],
-        **detection_columns(resolved, sources, radar),
+        **build_detection_columns(resolved, sources, radar),
     }
 
 

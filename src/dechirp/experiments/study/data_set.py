@@ -263,7 +263,7 @@ def check_shard_files_exist(writer: DataSetWriter, saved_trial_ranges: np.ndarra
                 setting="--out",
                 value=f"{writer.folder} without {gone[0]}"
                 + (f" and {len(gone) - 1} more files" if gone[1:] else ""),
-                expected="with every file of the trials that are counted",
+                expected="a folder with every file of the saved trials",
                 fix="bring them back, or name another folder with --out to begin anew",
             )
         )
@@ -284,7 +284,7 @@ def _check_varied_settings_keep_item_shapes(plan: Plan, expected_shapes: ItemSha
                 raise InvalidSetting(
                     f"vary.{axis.path}",
                     value=f"{axis.labels[place]}, with {_item_shapes_as_text(shapes)}",
-                    expected="such that all items are alike:"
+                    expected="the same shapes as at the first point:"
                     f" {_item_shapes_as_text(expected_shapes)}",
                     fix="make a data set of each shape, or keep none of it",
                 )

@@ -22,7 +22,7 @@ def dump_study_as_yaml(study: Study, *, with_scenario: bool = True) -> str:
 
 def score_limit_unit(score: Score | type[Score]) -> str | None:
     """Return the suffix of the unit in which limits of a score are written."""
-    return "probability" if score.label().endswith("probability") else score.unit
+    return "probability" if score.kind().endswith("probability") else score.unit
 
 
 def _study_yaml_lines(study: Study, with_scenario: bool) -> Iterator[str]:
@@ -36,7 +36,7 @@ def _study_yaml_lines(study: Study, with_scenario: bool) -> Iterator[str]:
         yield f"  {quote_yaml_if_needed(axis.path)}: {varied_setting_as_yaml(axis)}"
     if study.draw is not None:
         yield f"draw: {{method: {study.draw.method}, n: {study.draw.n}}}"
-    units = {score.label(): score_limit_unit(score) for score in study.scores}
+    units = {score.kind(): score_limit_unit(score) for score in study.scores}
     trials = [f"at_most: {study.trials.at_most}", f"block: {study.trials.block}"]
     until = study.trials.until
     if until is not None:
@@ -97,4 +97,4 @@ def _score_as_yaml(score: Score) -> str:
     """Format a score, by its name alone where it has no settings."""
     tree = parse_yaml(dump_yaml(score), "")
     has_no_settings = isinstance(tree.content, dict) and len(tree.content) == 1
-    return quote_yaml_if_needed(score.label()) if has_no_settings else dump_node_on_one_line(tree)
+    return quote_yaml_if_needed(score.kind()) if has_no_settings else dump_node_on_one_line(tree)

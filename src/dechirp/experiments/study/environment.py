@@ -1,4 +1,4 @@
-"""Environment on which bitwise results depend beside the study: versions and processor."""
+"""Environment on which bitwise results depend in addition to the study: versions and processor."""
 
 import platform
 from functools import cache

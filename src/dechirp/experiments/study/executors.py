@@ -69,9 +69,9 @@ def workers_from_options(
     if scheduler is not None and (workers is not None or cluster is not None):
         raise InvalidSetting(
             "--scheduler",
-            value="given with --workers or --cluster",
-            expected="alone: its workers are those that were started with it",
-            fix="leave one of them out",
+            value=f"cannot be combined with --{'cluster' if workers is None else 'workers'}",
+            expected="a running scheduler, which has its own workers",
+            fix="remove one of them",
         )
     if scheduler is not None:
         return dask_workers(scheduler)
@@ -173,7 +173,7 @@ def dask_workers(address: str, *, timeout_s: float = ANSWER_TIMEOUT_S) -> Iterat
                 raise InvalidSetting(
                     "--scheduler",
                     value=f"{address}, which has no workers",
-                    expected="one with workers",
+                    expected="a scheduler with workers",
                     fix=f"start some with `dask worker {address} --nthreads 1`",
                 ) from None
             yield _workers_of_dask_client(client, address)
@@ -204,8 +204,8 @@ def slurm_workers(n_workers: int) -> Iterator[Workers]:
         raise InvalidSetting(
             "--cluster",
             value="slurm, on a machine that has no `sbatch`",
-            expected="given where jobs are submitted to Slurm",
-            fix="run this on the cluster's login node, or leave --cluster out",
+            expected="a machine from which jobs can be submitted to Slurm",
+            fix="run this on the cluster's login node, or remove --cluster",
         )
     with _silence_dask_log():
         with warnings.catch_warnings():
@@ -253,7 +253,7 @@ def _workers_of_dask_client(client: Any, scheduler_text: str) -> Workers:
         Mistake(
             setting="--scheduler",
             value=f"{scheduler_text}, which is gone",
-            expected="one that runs until the study has ended",
+            expected="a scheduler that runs until the study has ended",
             fix="start it again, and call again to go on: what was done is kept",
         )
     )
@@ -297,7 +297,7 @@ def _check_worker_versions_and_processors(dask_client: Any) -> tuple[Finding, ..
             if name in library_versions()
         ]
         if names:
-            texts = ", ".join(f"{name} {worker_environment.get(name, 'absent')}" for name in names)
+            texts = ", ".join(f"{name} {worker_environment.get(name, 'missing')}" for name in names)
             mistakes.append(
                 _worker_versions_mistake(
                     worker, texts, expected=_versions_as_text(own_environment, names)
@@ -348,7 +348,7 @@ def _worker_versions_mistake(worker: str, value: str, expected: str | None = Non
 
 
 def _versions_as_text(environment: dict[str, str], names: list[str]) -> str:
-    return ", ".join(f"{name} {environment.get(name, 'absent')}" for name in names)
+    return ", ".join(f"{name} {environment.get(name, 'missing')}" for name in names)
 
 
 def _import_dask_distributed(option: str, value: str) -> Any:
@@ -362,9 +362,9 @@ def _import_dask_distributed(option: str, value: str) -> Any:
 def _dask_not_installed_error(option: str, value: str) -> InvalidSetting:
     return InvalidSetting(
         option,
-        value=value,
-        expected="left out, as Dask is not installed",
-        fix="install it with: pip install 'dechirp[dask]'",
+        value=f"{value}, without Dask installed",
+        expected="Dask, which runs the workers",
+        fix="run pip install 'dechirp[dask]'",
     )
 
 

@@ -76,7 +76,7 @@ class ScoreColumnLayout:
 
     @cached_property
     def _score_labels(self) -> tuple[str, ...]:
-        return tuple(score.label() for score in self.scores)
+        return tuple(score.kind() for score in self.scores)
 
     @cached_property
     def _first_column_per_score(self) -> tuple[int, ...]:

@@ -1,6 +1,6 @@
 """Ledger of a study with write access: a block is durable before it is counted.
 
-A study has one writer, which holds `study.lock` beside the file while it lives; the operating
+A study has one writer, which holds `study.lock` next to the file while it lives; the operating
 system releases the lock however the process ends.
 """
 
@@ -143,8 +143,8 @@ class Ledger(LedgerReader):
         if mode != "wal":
             raise unusable_path_error(
                 out / LEDGER_NAME,
-                value="on a file system that SQLite cannot keep a log on",
-                expected="on a local disk",
+                value="on a file system without support for the log of SQLite",
+                expected="a folder on a local disk",
                 fix="name another folder with --out, and copy it afterwards",
             )
         connection.execute("PRAGMA synchronous = FULL")
@@ -249,7 +249,7 @@ class Ledger(LedgerReader):
             raise unusable_path_error(
                 self.path,
                 value="removed or replaced while the study ran",
-                expected="left alone until it ends",
+                expected="the same file until the study ends",
                 fix="call again to begin anew; what was done is lost",
             )
 
@@ -329,7 +329,7 @@ def _first_differing_lines(saved: str, requested: str) -> tuple[str, str]:
     is_long = max(map(len, lines)) > 1
     suffix = f" (line {n_same + 1})" if is_long else ""
     texts = [
-        f"{_truncate_line(text[n_same].strip())}{suffix}" if n_same < len(text) else "absent"
+        f"{_truncate_line(text[n_same].strip())}{suffix}" if n_same < len(text) else "missing"
         for text in lines
     ]
     return texts[0], texts[1]

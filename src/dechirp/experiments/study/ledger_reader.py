@@ -74,7 +74,7 @@ class LedgerReader:
         if not path.is_file():
             raise unusable_path_error(
                 path,
-                value="not there",
+                value="missing",
                 expected="the record of a study",
                 fix="name the folder that `dechirp study` wrote",
             )
@@ -302,8 +302,8 @@ def is_ledger_initialised(connection: sqlite3.Connection, path: Path) -> bool:
     if str(version) != str(FORMAT_VERSION):
         raise unusable_path_error(
             path,
-            value=f"in format {version}",
-            expected=f"in format {FORMAT_VERSION}, which this version of dechirp writes",
+            value=f"format {version}",
+            expected=f"format {FORMAT_VERSION}, which this version of dechirp writes",
             fix="go on with the version that began it, or name another folder with --out",
         )
     others = (f"SELECT 1 FROM {table} WHERE NOT ({row})" for table, row in _ROW_CONDITIONS.items())
@@ -335,14 +335,14 @@ def translate_sqlite_errors(path: Path, fix_text: str) -> Iterator[None]:
 
 def _damaged_ledger_error(path: Path) -> DechirpError:
     fix = "Bring back a copy, or name another folder with --out."
-    return unusable_path_error(path, value="damaged", expected="whole", fix=fix)
+    return unusable_path_error(path, value="damaged", expected="an intact record", fix=fix)
 
 
 def _not_a_ledger_error(path: Path, value: str) -> DechirpError:
     return unusable_path_error(
         path,
         value=value,
-        expected="the record of a study, or absent",
+        expected="the record of a study, or no file",
         fix="name another folder with --out",
     )
 

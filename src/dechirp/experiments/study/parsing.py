@@ -149,7 +149,7 @@ class _StudyParser:
                 self.mistakes.append(
                     node.name_location.create_mistake(
                         join_setting_path("", name),
-                        value="not a known name",
+                        value="unknown setting",
                         expected=f"one of {', '.join(names)}",
                         fix=did_you_mean_fix(name, names, CHOOSE_OR_OMIT),
                     )
@@ -161,7 +161,7 @@ class _StudyParser:
             if name not in self.top_level_nodes:
                 self.mistakes.append(
                     self.tree.location.create_mistake(
-                        name, value="missing", expected=f"given: {what}", fix=f"add {name}"
+                        name, value="missing", expected=what, fix=f"add {name}"
                     )
                 )
 
@@ -249,7 +249,7 @@ class _StudyParser:
                 node.location.create_mistake(
                     "vary",
                     value=node.content_description,
-                    expected="a mapping of paths, as scene.targets.car.rcs, and their values",
+                    expected="a mapping of paths, such as scene.targets.car.rcs, to values",
                     fix="write PATH: [VALUE, VALUE]",
                 )
             )
@@ -273,7 +273,7 @@ class _StudyParser:
                 node.name_location,
                 "vary.seed",
                 "varied",
-                "left out: a trial's chance is that of the study's seed and its number",
+                "other settings: random numbers follow from the study's seed and the trial",
                 "Set more trials, or the seed of the study.",
             )
         try:
@@ -328,8 +328,8 @@ class _StudyParser:
                 self.mistakes.append(
                     Location("--set").create_mistake(
                         path,
-                        value=f"set beside {other.path}, which is varied",
-                        expected=f"{other.path}, or a setting apart from it",
+                        value=f"cannot be combined with {other.path}, which is varied",
+                        expected=f"{other.path}, or a setting that it does not contain",
                         fix=f"set {other.path} itself, or vary.{other.path}",
                     )
                 )
@@ -340,13 +340,12 @@ class _StudyParser:
         if node is None:
             return
         kinds = Score.members()
-        labels = [kind.replace("-", "_") for kind in kinds]
         if not isinstance(node.content, list) or not node.content:
             self.mistakes.append(
                 node.location.create_mistake(
                     "scores",
                     value=node.content_description,
-                    expected=f"a list of scores: {', '.join(labels)}",
+                    expected=f"a list of scores: {', '.join(kinds)}",
                     fix="write [detection_probability]",
                 )
             )
@@ -356,14 +355,14 @@ class _StudyParser:
             named = member
             if isinstance(member.content, dict):
                 named = member.content.get("kind", member)
-            kind = named.text.replace("_", "-")
+            kind = named.text
             if kind not in kinds or not isinstance(named.content, str):
                 self.mistakes.append(
                     named.location.create_mistake(
                         f"scores.{index}",
                         value=named.content_description,
-                        expected=f"one of {', '.join(labels)}",
-                        fix=did_you_mean_fix(named.text, labels),
+                        expected=f"one of {', '.join(kinds)}",
+                        fix=did_you_mean_fix(kind, kinds),
                     )
                 )
                 continue
@@ -395,8 +394,8 @@ class _StudyParser:
         return study
 
     @property
-    def _limit_unit_by_score_label(self) -> dict[str, str | None]:
-        return {score.label(): score_limit_unit(score) for score in self.values.get("scores", ())}
+    def _limit_unit_by_score_kind(self) -> dict[str, str | None]:
+        return {score.kind(): score_limit_unit(score) for score in self.values.get("scores", ())}
 
     def _read_trial_budget(self) -> None:
         node = self.top_level_nodes.get("trials")
@@ -460,23 +459,21 @@ class _StudyParser:
         *,
         fallback: float,
     ) -> dict[str, YamlNode]:
-        """Convert limits of a score to SI; invalid ones are recorded and replaced by `beside`."""
+        """Convert limits of a score to SI; invalid ones are recorded and replaced by `fallback`."""
         score = content.get("score")
-        label = "" if score is None else score.text.replace("-", "_")
-        units = self._limit_unit_by_score_label
+        kind = "" if score is None else score.text
+        units = self._limit_unit_by_score_kind
         converted = dict(content)
         for name in limit_names:
             node = content.get(name)
             if node is None or node.content is None:
                 continue
             number = fallback
-            if label in units:
-                spot = SettingNode(f"{where}.{name}", node, ValueType(float, units[label]))
+            if kind in units:
+                spot = SettingNode(f"{where}.{name}", node, ValueType(float, units[kind]))
                 with self.collect_mistakes():
                     number = validate_and_build_value(spot, self.context)
             converted[name] = replace(node, content=number)
-        if score is not None and isinstance(score.content, str) and label in units:
-            converted["score"] = replace(score, content=label)
         return converted
 
     def _parse_points_of_requirement(self, points: YamlNode, where: str) -> YamlNode | None:
@@ -561,7 +558,7 @@ def _mistakes_of_value_in_scenario(
                 else f"{value}, which makes {mistake.setting} {mistake.value}",
                 expected=mistake.expected
                 if inside
-                else f"such that {mistake.setting} is {mistake.expected}",
+                else f"values for which {mistake.setting} is {mistake.expected}",
             )
             place = node.location
             yield replace(relocated, file=place.file, line=place.line, column=place.column)
@@ -572,8 +569,8 @@ def _mistakes_of_value_in_scenario(
             f"vary.{path}",
             value=f"{quote_for_message(dump_node_on_one_line(node))}, with targets"
             f" {', '.join(variant.scene.names) or 'none'}",
-            expected=f"with the scenario's targets: {', '.join(variants.scenario.scene.names)}",
-            fix="scores are told by target: keep the names at every point",
+            expected=f"the scenario's targets: {', '.join(variants.scenario.scene.names)}",
+            fix="keep the names at every point; scores are identified by target",
         )
 
 

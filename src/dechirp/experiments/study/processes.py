@@ -132,7 +132,7 @@ def _call_stoppable_by_sigterm(fn: Callable[..., Any], /, *args: Any, **kwargs: 
     try:
         _WorkerState.is_working = True
         if _WorkerState.is_stopped:
-            raise WorkerStopped("told to stop by SIGTERM")
+            raise WorkerStopped("stopped by SIGTERM")
         return fn(*args, **kwargs)
     finally:
         _WorkerState.is_working = False
@@ -141,4 +141,4 @@ def _call_stoppable_by_sigterm(fn: Callable[..., Any], /, *args: Any, **kwargs: 
 def _handle_sigterm(_number: int, _frame: FrameType | None) -> None:
     is_first, _WorkerState.is_stopped = not _WorkerState.is_stopped, True
     if is_first and _WorkerState.is_working:  # a second signal must not interrupt the clean-up
-        raise WorkerStopped("told to stop by SIGTERM")
+        raise WorkerStopped("stopped by SIGTERM")

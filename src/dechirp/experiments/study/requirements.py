@@ -136,8 +136,8 @@ class _LimitTest:
                 value=target,
                 expected=f"one of {', '.join(names)}"
                 if names
-                else f"left out: {label} has no targets",
-                fix="name a target that the score is of, or none for the whole",
+                else f"no target: {label} is not scored by target",
+                fix="name a target that the score has" if names else "remove target",
             )
 
     def valid_trial_sums(self, point: int) -> np.ndarray:
@@ -276,9 +276,8 @@ def _least_certainly_met_point(limit: _LimitTest, points: Sequence[int]) -> tupl
         if tail >= 0.5:  # no confidence is left for the other points
             break
         rows = limit.valid_trial_sums(point)
-        if not limit.is_limit_shown_met_or_failed(
-            rows, tail, met=True
-        ):  # so few points are asked for more than that
+        # A point that fails at this tail may still be shown to meet the limit at its own.
+        if not limit.is_limit_shown_met_or_failed(rows, tail, met=True):
             deciding, tail = point, limit.smallest_conclusive_tail_probability(rows, met=True)
     return deciding, tail
 

@@ -86,7 +86,7 @@ class StudyResult(Displayable):
         return np.bincount(np.array(points, dtype=int), minlength=self.n_points)
 
     def scored_target_names(self, label: str) -> tuple[str, ...]:
-        """Return the targets for which a score has values beside the total; empty if none."""
+        """Return the targets for which a score has values besides the total; empty if none."""
         return self.layout.scored_target_names[self.layout.index_of_score(label)]
 
     def score_by_label(self, label: str) -> Score:
@@ -197,9 +197,9 @@ def estimate_scores_of_points(
     settings, numbers, trials = [], [], []
     failures: list[tuple[int, Failure]] = []
     findings: list[tuple[int, Finding]] = []
-    estimates: dict[str, list[np.ndarray]] = {score.label(): [] for score in layout.scores}
+    estimates: dict[str, list[np.ndarray]] = {score.kind(): [] for score in layout.scores}
     rocs = [score for score in layout.scores if isinstance(score, Roc)]
-    curves: dict[str, list[tuple[RocCurve, ...]]] = {score.label(): [] for score in rocs}
+    curves: dict[str, list[tuple[RocCurve, ...]]] = {score.kind(): [] for score in rocs}
     for point, data in enumerate(points):
         settings.append(data.settings)
         numbers.append(data.numbers)
@@ -213,7 +213,7 @@ def estimate_scores_of_points(
                 )
             )
         for roc in rocs:
-            curves[roc.label()].append(
+            curves[roc.kind()].append(
                 _roc_curves_total_and_per_target(layout, roc, data.sums, study.confidence)
             )
         if progress is not None:
@@ -237,9 +237,9 @@ def estimate_scores_of_points(
 def _roc_curves_total_and_per_target(
     layout: ScoreColumnLayout, roc: Roc, sums: np.ndarray, confidence: float
 ) -> tuple[RocCurve, ...]:
-    label = roc.label()
+    label = roc.kind()
     names = layout.scored_target_names[layout.index_of_score(label)]
-    if not has_successful_trials(sums):
+    if not has_valid_trials(sums):
         unknown = np.full(len(roc.false_alarm_probabilities), np.nan)
         return (RocCurve(*[unknown] * len(RocCurve._fields)),) * (1 + len(names))
     subject_sums = [layout.select_score_sums(sums, label, name) for name in (None, *names)]
@@ -324,14 +324,14 @@ def estimate_score(
     confidence: float,
 ) -> Estimate:
     """Estimate a score, with its interval, from the sums of all scores (n_trials, n_columns)."""
-    if not has_successful_trials(sums):
+    if not has_valid_trials(sums):
         return NO_ESTIMATE
     columns = layout.select_score_sums(sums, label, target)
     score = layout.scores[layout.index_of_score(label)]
     return score.estimate_with_interval(columns, confidence=confidence)
 
 
-def has_successful_trials(sums: np.ndarray) -> bool:
+def has_valid_trials(sums: np.ndarray) -> bool:
     """Return whether any trial succeeded, from sums (n_trials, n_columns)."""
     return bool(len(sums)) and not bool(np.isnan(sums).all())
 
@@ -459,7 +459,7 @@ def _trial_table_of_points(
 def _sum_column_names(layout: ScoreColumnLayout) -> Iterator[str]:
     for score, names in zip(layout.scores, layout.scored_target_names, strict=True):
         for owner in [f"{name}." for name in names] or [""]:
-            yield from (f"{score.label()}.{owner}{index}" for index in range(score.n_sums))
+            yield from (f"{score.kind()}.{owner}{index}" for index in range(score.n_sums))
 
 
 def _setting_column_name_with_unit(path: str, unit: str) -> str:
@@ -477,9 +477,8 @@ def _build_study_dataset(result: StudyResult) -> xr.Dataset:
     listed = [axis for axis in result.study.vary if isinstance(axis, SweptSetting)]
     random_settings = [axis for axis in result.study.vary if isinstance(axis, RandomSetting)]
     paths = [path for path, _ in result.settings[0]] if result.settings else []
-    random_settings = [
-        axis for axis in random_settings if axis.path in paths
-    ]  # without settings drawn in each trial
+    # Without settings drawn in each trial.
+    random_settings = [axis for axis in random_settings if axis.path in paths]
     cells = np.zeros((result.n_points, len(listed)), dtype=int)
     for dimension, axis in enumerate(listed):
         indices = {text: index for index, text in enumerate(axis.texts)}

@@ -281,7 +281,7 @@ class _Scheduler:
             Mistake(
                 setting="stop_after_failures",
                 value=f"{self._max_failure_share:g}; {self._n_failures} of {n_done} trials failed:"
-                f" trial {first.trial} of point {point} said {first.message}",
+                f" trial {first.trial} of point {point}: {first.message}",
                 expected="no more failures than this share",
                 fix=f"replay that trial alone with --trial {first.trial}; finished trials are kept",
             )
@@ -321,8 +321,8 @@ def _dead_workers_error(
             setting="workers",
             value=f"killed while they worked, on block {number} of point {point} among others"
             f" ({reason})",
-            expected="alive",
-            fix="the usual cause is too little memory: take fewer workers, and call again to"
+            expected="workers that run until the study has ended",
+            fix="take fewer workers, since the usual cause is too little memory, and call again to"
             " continue; finished trials are kept",
         )
     )
@@ -353,10 +353,10 @@ def _check_worker_library_versions(submitter_versions: tuple[tuple[str, str], ..
             Mistake(
                 setting=f"worker on {platform.node()}",
                 value=", ".join(
-                    f"{name} {library_versions().get(name, 'absent')}" for name in names
+                    f"{name} {library_versions().get(name, 'missing')}" for name in names
                 ),
                 expected=", ".join(
-                    f"{name} {expected_versions.get(name, 'absent')}" for name in names
+                    f"{name} {expected_versions.get(name, 'missing')}" for name in names
                 ),
                 fix="install the same versions there, and call again to go on",
             )

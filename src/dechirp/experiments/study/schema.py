@@ -76,7 +76,7 @@ def scenario_schema(schemas: SchemaBuilder) -> Schema:
 
 def score_name_schema() -> Schema:
     """Build the schema of the name of a score."""
-    return {"enum": [kind.replace("-", "_") for kind in Score.members()]}
+    return {"enum": list(Score.members())}
 
 
 def varied_values_schema(*, with_distributions: bool = True) -> Schema:
@@ -115,12 +115,11 @@ def _closed_object_schema(properties: Schema, *, required: Iterable[str]) -> Sch
 
 
 def _score_with_settings_schema(schemas: SchemaBuilder) -> Schema:
-    """Build the schema of a score with settings, whose kind may be written as its label."""
+    """Build the schema of a score with settings."""
     return schema_by_kind(
         {
-            name: schemas.schema_of_class(member, kind={"const": name})
+            kind: schemas.schema_of_class(member, kind={"const": kind})
             for kind, member in Score.members().items()
-            for name in sorted({kind, kind.replace("-", "_")})
         }
     )
 
@@ -128,11 +127,11 @@ def _score_with_settings_schema(schemas: SchemaBuilder) -> Schema:
 def _require_limit_unit_of_score(
     mapping_schema: Schema, limit_names: Iterable[str], schemas: SchemaBuilder
 ) -> Schema:
-    """Require that limits have the unit of the score beside them."""
+    """Require that limits have the unit of their score."""
     rules = [
         {
             "if": {
-                "properties": {"score": {"const": kind.replace("-", "_")}},
+                "properties": {"score": {"const": kind}},
                 "required": ["score"],
             },
             "then": {

@@ -112,7 +112,7 @@ class Sampling:
             raise InvalidSetting(
                 "Sampling.n",
                 value=self.n,
-                expected="a power of two: only so many points of a Sobol sequence lie evenly",
+                expected="a power of two: only then the points of a Sobol sequence lie evenly",
                 fix=f"take {above // 2} or {above}, or method: independent",
             )
 
@@ -171,7 +171,7 @@ class Requirement:
         if self.at_least is None and self.at_most is None:
             raise InvalidSetting(
                 "Requirement.at_least",
-                value="absent, and no at_most either",
+                value="missing, and at_most as well",
                 expected="a limit: at_least, at_most or both",
                 fix="add at_least or at_most",
             )
@@ -242,7 +242,7 @@ class Study(Displayable):
 
     def _display_tables(self) -> Iterable[Table]:
         yield Table("Varied", [(entry.path, _varied_values_as_text(entry)) for entry in self.vary])
-        yield Table("Scores", [(score.label(),) for score in self.scores])
+        yield Table("Scores", [(score.kind(),) for score in self.scores])
         yield Table(
             "Requirements",
             [(text,) for entry in self.require for text in self._requirement_limits_as_text(entry)],
@@ -250,7 +250,7 @@ class Study(Displayable):
 
     def _requirement_limits_as_text(self, requirement: Requirement) -> Iterator[str]:
         """Yield each limit of a requirement as text, in the unit of its score."""
-        units = {score.label(): score.unit for score in self.scores}
+        units = {score.kind(): score.unit for score in self.scores}
         owner = f" of {requirement.target}" if requirement.target else ""
         swept_settings = [axis for axis in self.vary if isinstance(axis, SweptSetting)]
         labels = {
@@ -281,14 +281,14 @@ class Study(Displayable):
         if self.scenario.scene is None:
             yield InvalidSetting(
                 "Study.scenario",
-                value="of a recording",
-                expected="of a scene that can be simulated again and again",
+                value="a scenario with a recording",
+                expected="a scenario with a scene, which is simulated in every trial",
                 fix="give a scene; `dechirp tune` takes recordings",
             )
         yield from self._missing_or_repeated_score_mistakes()
         yield from self._varied_setting_and_size_mistakes()
         yield from self._kept_data_mistakes()
-        labels = tuple(score.label() for score in self.scores)
+        labels = tuple(score.kind() for score in self.scores)
         conditions: list[tuple[str, Requirement | StopRule]] = [
             (f"Study.require.{index}", requirement)
             for index, requirement in enumerate(self.require)
@@ -311,7 +311,7 @@ class Study(Displayable):
                     )
 
     def _missing_or_repeated_score_mistakes(self) -> Iterator[InvalidSetting]:
-        labels = [score.label() for score in self.scores]
+        labels = [score.kind() for score in self.scores]
         twice = [label for label in labels if labels.count(label) > 1]
         if twice or not labels:
             yield InvalidSetting(
@@ -325,16 +325,19 @@ class Study(Displayable):
         paths = [setting.path for setting in self.vary]
         for path in dict.fromkeys(path for path in paths if paths.count(path) > 1):
             yield InvalidSetting(
-                "Study.vary", value=f"{path} twice", expected="given once", fix="keep one of them"
+                "Study.vary",
+                value=f"{path} twice",
+                expected="each setting once",
+                fix="keep one of them",
             )
         if self.draw is not None and not any(
             isinstance(setting, RandomSetting) for setting in self.vary
         ):
             yield InvalidSetting(
                 "Study.draw",
-                value="given, with nothing to draw",
-                expected="left out, or a setting that is drawn",
-                fix="write {uniform: [LOW, HIGH]} or {normal: [MEAN, STD]} in vary",
+                value=f"{self.draw.n} points, without a random setting",
+                expected="a random setting in vary",
+                fix="write {uniform: [LOW, HIGH]} or {normal: [MEAN, STD]} in vary, or remove draw",
             )
         n_points, n_trials = self.n_points, self.n_points * self.trials.at_most
         if n_points > self.at_most_points:
@@ -367,7 +370,7 @@ class Study(Displayable):
             yield InvalidSetting(
                 "Study.keep",
                 value=f"{sample_kinds[0]}, with sensor: statistical",
-                expected="detections alone: there are no samples that they could be of",
+                expected="only detections, since no samples are simulated",
                 fix="set sensor: signal, or write keep: [detections]",
             )
 
@@ -428,7 +431,7 @@ def unknown_target_mistakes(
         need = (
             f"one of the scenario's targets: {', '.join(known_names)}"
             if known_names
-            else "left out"
+            else "no target, since the scenario has none"
         )
         yield InvalidSetting(
             where, value=name, expected=need, fix=did_you_mean_fix(name, known_names)
@@ -445,10 +448,10 @@ def unknown_point_mistake(
     if path not in swept_settings:
         return InvalidSetting(
             where,
-            value=f"{path}, which takes no values in turn",
+            value=f"{path}, which is not a swept setting",
             expected=f"one of {', '.join(swept_settings)}"
             if swept_settings
-            else "left out: no setting is listed",
+            else "no points, since no setting is swept",
             fix=did_you_mean_fix(path, swept_settings),
         )
     labels = swept_settings[path].labels

@@ -166,16 +166,16 @@ def check_scores_computable(
         if "tracks" in score.needs and scenario.tracker is None:
             raise InvalidSetting(
                 "scores",
-                value=f"{score.label()}, of a scenario without a tracker",
+                value=f"{score.kind()}, of a scenario without a tracker",
                 expected="a scenario with a tracker",
-                fix=f"set tracker, as tracker: {{}}, or leave out {score.label()}",
+                fix=f"set tracker, as tracker: {{}}, or leave out {score.kind()}",
             )
         if "maps" in score.needs and sensor == "statistical":
             raise InvalidSetting(
                 "scores",
-                value=f"{score.label()}, with sensor: statistical",
-                expected="sensor: signal for it: drawn detections have no map",
-                fix=f"set sensor: signal, or leave out {score.label()}",
+                value=f"{score.kind()}, with sensor: statistical",
+                expected="sensor: signal, since drawn detections have no map",
+                fix=f"set sensor: signal, or leave out {score.kind()}",
             )
 
 
@@ -201,8 +201,8 @@ def check_scores_and_targets_of_study(plan: Plan) -> None:
                 value=condition.target,
                 expected=f"one of {', '.join(names)}"
                 if names
-                else f"left out: {condition.score} has no targets",
-                fix="name a target that the score is of, or none for the whole",
+                else f"no target: {condition.score} is not scored by target",
+                fix="name a target that the score has" if names else "remove target",
             )
     first_error: InvalidSetting | None = None
     for point in (0, plan.n_points - 1):
@@ -353,7 +353,7 @@ def _theoretical_values_of_point(plan: Plan, point: int) -> np.ndarray:
         return np.concatenate(no_theory)
     try:
         context = _trial_runner_with_warnings(plan, point, 0).context
-    except Exception:  # all of its trials failed with it
+    except Exception:  # recorded as the failure of each trial of the point
         return np.concatenate(no_theory)
     both = zip(layout.scores, no_theory, strict=True)
     return np.concatenate(
@@ -371,7 +371,7 @@ def _theoretical_values_or_nan(
         finding = Finding(
             level="warning",
             setting="scores",
-            value=f"{score.label()}, whose theory raised {type(error).__name__}: {error}",
+            value=f"{score.kind()}, whose theory raised {type(error).__name__}: {error}",
             expected="a law, or NaN where there is none",
             fix="take what was measured; theory is left out",
         )
@@ -392,7 +392,7 @@ def _check_same_scored_targets(
         if names != expected_names:
             raise InvalidSetting(
                 "vary",
-                value=f"targets {', '.join(names) or 'without names'} for {score.label()}",
+                value=f"targets {', '.join(names) or 'without names'} for {score.kind()}",
                 expected="those of the scenario at every point:"
                 f" {', '.join(expected_names) or 'none'}",
                 fix="vary settings of targets, not which there are; make a study of each",

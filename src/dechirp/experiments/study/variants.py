@@ -108,8 +108,8 @@ def check_settings_do_not_overlap(settings: Iterable[SettingPath]) -> None:
             if path.overlaps(other):
                 raise InvalidSetting(
                     f"vary.{path.path}",
-                    value=f"varied beside {other.path}, which changes it as well",
-                    expected="settings that lie apart",
-                    fix="keep one of them, with values that say both",
+                    value=f"cannot be combined with {other.path}, which sets the same values",
+                    expected="settings of which none contains another",
+                    fix="keep one of them",
                 )
         previous.append(path)

@@ -47,10 +47,10 @@ class VaryMapping:
             if name not in known_names:
                 self.mistakes.append(unknown_name_mistake(self.spot, name, node, known_names))
 
-    def record_if_missing(self, name: str) -> None:
+    def record_if_missing(self, name: str, *, expected: str) -> None:
         """Record a mistake if a name is missing."""
         if name not in self.content:
-            self.record_mistake(name, value="missing", expected="given", fix=f"add {name}")
+            self.record_mistake(name, value="missing", expected=expected, fix=f"add {name}")
 
     def check_setting_takes_numbers(self, written_value: str) -> None:
         """Raise if the setting does not take numbers."""
@@ -165,7 +165,7 @@ def unknown_name_mistake(
     """Return the mistake for a name that is not among the known ones."""
     return node.name_location.create_mistake(
         f"{spot.path}.{quote_for_message(name)}",
-        value="not a known name",
+        value="unknown setting",
         expected=f"one of {', '.join(known_names)}",
         fix=did_you_mean_fix(name, known_names, CHOOSE_OR_OMIT),
     )

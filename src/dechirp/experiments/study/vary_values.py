@@ -212,7 +212,7 @@ def _parse_listed_values(
                 node.location.create_mistake(
                     inner.path,
                     value=f"{_legend_label_of_value(node)}, the same once more",
-                    expected="a value of its own",
+                    expected="values that differ",
                     fix="take it out",
                 )
             )
@@ -254,14 +254,14 @@ def _parse_value_range(path: str, spot: SettingNode, max_values: int) -> ParsedA
     mapping = VaryMapping(spot)
     mapping.record_unknown_names(RANGE_KEYS)
     mapping.check_setting_takes_numbers("a range")
-    for name in ("from", "to"):
-        mapping.record_if_missing(name)
+    mapping.record_if_missing("from", expected="the first value of the range")
+    mapping.record_if_missing("to", expected="the last value of the range")
     content = mapping.content
     if ("step" in content) == ("n" in content):
         mapping.record_mistake(
             "step",
-            value="given beside n" if "step" in content else "missing, and n as well",
-            expected="given, or n: one of the two",
+            value="cannot be combined with n" if "step" in content else "missing, and n as well",
+            expected="a step, or n, the number of values",
             fix="keep one of them" if "step" in content else "add step or n",
         )
     unit = unit_suffix_of_setting(spot.value_type)
@@ -392,7 +392,10 @@ def _parse_distribution(path: str, spot: SettingNode) -> ParsedAxis:
     name: Literal["uniform", "normal"] = "uniform" if "uniform" in content else "normal"
     if len(content) > 1 and not mapping.mistakes:
         mapping.record_mistake(
-            name, value="given beside normal", expected="alone", fix="keep one of them"
+            name,
+            value="cannot be combined with normal",
+            expected="one distribution",
+            fix="keep one of them",
         )
     pair = content[name].content
     expected = "two numbers, [LOW, HIGH]" if name == "uniform" else "two numbers, [MEAN, STD]"

@@ -29,8 +29,7 @@ def tune_file_schema() -> Schema:
     limits = {
         "type": "object",
         "properties": {
-            kind.replace("-", "_"): score_limit_schema(member, schemas)
-            for kind, member in Score.members().items()
+            kind: score_limit_schema(member, schemas) for kind, member in Score.members().items()
         },
         "additionalProperties": False,
     }
@@ -91,11 +90,11 @@ def tune_result_as_dict(tuned: TuneResult) -> dict[str, Any]:
         "n_trials": {"search": tuned.n_trials[0], "confirmation": tuned.n_trials[1]},
         "objective": {
             "direction": tune.objective.direction,
-            "score": tune.objective.score.label(),
+            "score": tune.objective.score.kind(),
             "unit": tune.objective.score.unit,
             "limits": [
                 {
-                    "score": limit.score.label(),
+                    "score": limit.score.kind(),
                     "unit": limit.score.unit,
                     "at_most": limit.at_most,
                     "at_least": limit.at_least,

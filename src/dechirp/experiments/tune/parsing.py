@@ -141,7 +141,7 @@ class _TuneParser:
             self.mistakes.append(
                 content.pop(name).name_location.create_mistake(
                     join_setting_path("", name),
-                    value="not a known name",
+                    value="unknown setting",
                     expected=f"one of {', '.join(keys)}",
                     fix=did_you_mean_fix(name, keys, CHOOSE_OR_OMIT),
                 )
@@ -197,7 +197,7 @@ class _TuneParser:
             self.mistakes.append(
                 child.name_location.create_mistake(
                     join_setting_path(path, name),
-                    value="not a known name",
+                    value="unknown setting",
                     expected="one of scenario, truth, empty_range",
                     fix=did_you_mean_fix(
                         name, ("scenario", "truth", "empty_range"), CHOOSE_OR_OMIT
@@ -236,7 +236,7 @@ class _TuneParser:
             self.mistakes.append(
                 (node or tree).name_location.create_mistake(
                     "search",
-                    value="absent" if node is None else node.content_description,
+                    value="missing" if node is None else node.content_description,
                     expected="settings to search, with their values",
                     fix="write chain.cfar.n_guard.range: {from: 1, to: 6, step: 1}, for instance",
                 )
@@ -314,7 +314,7 @@ class _TuneParser:
             self.mistakes.append(
                 (node or tree).name_location.create_mistake(
                     "objective",
-                    value="absent" if node is None else node.content_description,
+                    value="missing" if node is None else node.content_description,
                     expected="a score to maximise or minimise, and limits of others",
                     fix="write {maximise: detection_probability,"
                     " at_most: {false_alarm_probability: 1e-6}}",
@@ -328,7 +328,7 @@ class _TuneParser:
                 self.mistakes.append(
                     content[name].name_location.create_mistake(
                         join_setting_path("objective", name),
-                        value="not a known name",
+                        value="unknown setting",
                         expected=f"one of {', '.join(keys)}",
                         fix=did_you_mean_fix(name, keys, CHOOSE_OR_OMIT),
                     )
@@ -347,7 +347,7 @@ class _TuneParser:
             )
             return None
         score_node = content[directions[0]]
-        score = self._parse_score_label(f"objective.{directions[0]}", score_node, score_node.text)
+        score = self._parse_score(f"objective.{directions[0]}", score_node, score_node.text)
         limits = [
             limit
             for side in ("at_most", "at_least")
@@ -381,7 +381,7 @@ class _TuneParser:
             return
         for label, child in node.content.items():
             path = f"objective.{side}.{label}"
-            score = self._parse_score_label(path, child, label)
+            score = self._parse_score(path, child, label)
             if score is None:
                 continue
             try:
@@ -395,20 +395,19 @@ class _TuneParser:
                 continue
             yield limit
 
-    def _parse_score_label(self, path: str, node: YamlNode, label: str) -> Score | None:
-        members: Mapping[str, type] = Score.members()
-        classes = {kind.replace("-", "_"): member for kind, member in members.items()}
-        if label not in classes:
+    def _parse_score(self, path: str, node: YamlNode, kind: str) -> Score | None:
+        classes: Mapping[str, type] = Score.members()
+        if kind not in classes:
             self.mistakes.append(
                 node.name_location.create_mistake(
                     path,
-                    value=label or node.content_description,
+                    value=kind or node.content_description,
                     expected=f"a score: one of {', '.join(classes)}",
-                    fix=did_you_mean_fix(label, classes),
+                    fix=did_you_mean_fix(kind, classes),
                 )
             )
             return None
-        score: Score = classes[label]()
+        score: Score = classes[kind]()
         if not score.is_repeatable:
             self._record_mistake(
                 node,

@@ -159,9 +159,9 @@ def search_identity_texts(tune: Tune) -> dict[str, str]:
         ),
         "objective": "\n".join(
             [
-                f"{tune.objective.direction}: {tune.objective.score.label()}",
+                f"{tune.objective.direction}: {tune.objective.score.kind()}",
                 *(
-                    f"{limit.score.label()}: {limit.at_least} to {limit.at_most}"
+                    f"{limit.score.kind()}: {limit.at_least} to {limit.at_most}"
                     for limit in tune.objective.limits
                 ),
             ]
@@ -297,7 +297,7 @@ class _Search:
             best, gain = confirmed, self._gain_of_best_over_default(default_sums, sums)
             break
         settings = () if best is None else candidates[best.number].settings
-        label = tune.objective.score.label()
+        label = tune.objective.score.kind()
         measured = [(choice, item.scores[label].value) for choice, item in history if item.scores]
         self._report_finished_blocks(self.n_blocks)
         return TuneResult(
@@ -331,9 +331,9 @@ class _Search:
         if failure is not None:
             return Candidate(number, settings, {}, failure, False)
         scores = self._estimate_scores_by_label(_add_trial_sums_of_sources(sums))
-        objective_value = scores[self.tune.objective.score.label()].value
+        objective_value = scores[self.tune.objective.score.kind()].value
         admitted = np.isfinite(objective_value) and all(
-            limit.relative_excess(scores[limit.score.label()]) == 0
+            limit.relative_excess(scores[limit.score.kind()]) == 0
             for limit in self.tune.objective.limits
         )
         return Candidate(number, settings, scores, None, bool(admitted))
@@ -361,7 +361,7 @@ class _Search:
                 name: self._estimate_scores_by_label(source_sums) for name, source_sums in named
             },
             decisions=tuple(
-                limit.decide(scores[limit.score.label()]) for limit in self.tune.objective.limits
+                limit.decide(scores[limit.score.kind()]) for limit in self.tune.objective.limits
             ),
         )
         return confirmed, together
@@ -387,7 +387,7 @@ class _Search:
         widths = [score.n_sums for score in self.scores]
         ends = list(itertools.accumulate(widths))
         return {
-            score.label(): score.estimate_with_interval(
+            score.kind(): score.estimate_with_interval(
                 sums[:, end - score.n_sums : end], confidence=self.tune.confidence
             )
             for score, end in zip(self.scores, ends, strict=True)
@@ -528,11 +528,11 @@ def _rank_tried_candidates(
     tune: Tune, history: Sequence[tuple[Choice, Candidate]]
 ) -> Iterator[float]:
     """Rank candidates, more is better: ones beyond limits below all others, by their excess."""
-    label = tune.objective.score.label()
+    label = tune.objective.score.kind()
     keys = []
     for _, candidate in history:
         excess = sum(
-            limit.relative_excess(candidate.scores[limit.score.label()])
+            limit.relative_excess(candidate.scores[limit.score.kind()])
             if candidate.scores
             else math.inf
             for limit in tune.objective.limits
@@ -549,11 +549,11 @@ def _rank_tried_candidates(
 
 def _sort_admitted_candidates(tune: Tune, candidates: Sequence[Candidate]) -> list[Candidate]:
     """Sort admitted candidates, best first; equal ones by the margin to their limits."""
-    label = tune.objective.score.label()
+    label = tune.objective.score.kind()
 
     def key(candidate: Candidate) -> tuple[float, ...]:
         used = (
-            _value_signed_towards_limit(limit, candidate.scores[limit.score.label()])
+            _value_signed_towards_limit(limit, candidate.scores[limit.score.kind()])
             for limit in tune.objective.limits
         )
         return (
@@ -574,16 +574,16 @@ def _unresolvable_limit_findings(tune: Tune, default: Candidate) -> Iterator[Fin
     for limit in tune.objective.limits:
         if not limit.at_most:
             continue
-        estimate = default.scores[limit.score.label()]
+        estimate = default.scores[limit.score.kind()]
         if not estimate.low <= limit.at_most < estimate.high / 2:
             continue
         share = (estimate.high - estimate.low) / limit.at_most
         yield Finding(
             level="warning",
             setting="trials",
-            value=f"{tune.trials}: {limit.score.label()} of the settings as they are lies between"
+            value=f"{tune.trials}: {limit.score.kind()} of the settings as they are lies between"
             f" {estimate.low:.2g} and {estimate.high:.2g}",
-            expected=f"enough to tell {limit.at_most:g} from twice as much",
+            expected=f"enough to distinguish {limit.at_most:g} from twice as much",
             fix=f"give trials: {math.ceil(tune.trials * share**2)} or so; candidates up to"
             " the high end pass for it as it is",
         )

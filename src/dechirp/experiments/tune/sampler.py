@@ -94,9 +94,9 @@ def _import_optuna_with_silent_log() -> Iterator[ModuleType]:
     except ImportError:
         raise InvalidSetting(
             "dechirp tune",
-            value="called without optuna",
-            expected="called where optuna is installed",
-            fix="install it: pip install 'dechirp[tune]'",
+            value="called without Optuna installed",
+            expected="Optuna, which proposes the settings to try",
+            fix="run pip install 'dechirp[tune]'",
         ) from None
     level = optuna.logging.get_verbosity()
     optuna.logging.set_verbosity(optuna.logging.ERROR)
@@ -115,9 +115,8 @@ def _sample_choices_by_tpe(
         for seed in seeds:
             study.sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=0)
             trial = study.ask(distributions)
-            study.tell(
-                trial, state=optuna.trial.TrialState.FAIL
-            )  # its worth is added with the next history
+            # Its worth is added with the next history.
+            study.tell(trial, state=optuna.trial.TrialState.FAIL)
             yield tuple(int(trial.params[setting.path]) for setting in search)
 
 

@@ -53,8 +53,8 @@ class RecordingTrialRunner:
         if "noise" in self._needs and recorded.empty_range_m is None:
             raise InvalidSetting(
                 "recordings.empty_range",
-                value="absent",
-                expected="ranges where nothing was, to count false alarms in",
+                value="missing",
+                expected="ranges without targets, to count false alarms in",
                 fix="give empty_range: [20 m, 60 m], or remove false alarms from the objective",
             )
 
@@ -130,13 +130,13 @@ def _check_score_needs_single_frames(score: Score) -> None:
     if "tracks" in score.needs:
         requirement = "tracks"
     elif score.needs >= {"maps", "noise"}:
-        requirement = "a map of noise beside the one of targets"
+        requirement = "a map of noise in addition to that of targets"
     else:
         return
     raise InvalidSetting(
         "objective",
-        value=f"{score.label()}, of {requirement}",
-        expected="scores that single frames tell, for recordings",
+        value=f"{score.kind()}, of {requirement}",
+        expected="scores of single frames, for recordings",
         fix="take scores of detections or clusters, or scenarios",
     )
 
@@ -155,7 +155,7 @@ def source_with_scenario(
 
 def sum_scores_over_targets(layout: ScoreColumnLayout, sums: np.ndarray) -> np.ndarray:
     """Sum each score over all its targets, side by side, (n_trials, n)."""
-    return np.hstack([layout.select_score_sums(sums, score.label()) for score in layout.scores])
+    return np.hstack([layout.select_score_sums(sums, score.kind()) for score in layout.scores])
 
 
 @lru_cache(maxsize=4)

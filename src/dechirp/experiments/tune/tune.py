@@ -36,12 +36,14 @@ class Limit:
         if (self.at_most is None) == (self.at_least is None):
             raise InvalidSetting(
                 "Limit.at_most",
-                value="absent" if self.at_most is None else "beside at_least",
-                expected="given, or else at_least given: one of the two",
-                fix="take one out, or give one",
+                value="missing, and at_least as well"
+                if self.at_most is None
+                else "cannot be combined with at_least",
+                expected="one limit, at_most or at_least",
+                fix="add one of them" if self.at_most is None else "remove one of them",
             )
         for name, limit in (("at_most", self.at_most), ("at_least", self.at_least)):
-            if limit is not None and self.score.label().endswith("probability"):
+            if limit is not None and self.score.kind().endswith("probability"):
                 check_probability(f"Limit.{name}", limit)
 
     def decide(self, estimate: Estimate) -> Decision:
@@ -79,7 +81,7 @@ class Objective:
     def __post_init__(self) -> None:
         better_direction = {"more": "maximise", "less": "minimise", None: None}[self.score.better]
         if self.direction != better_direction:
-            label = self.score.label()
+            label = self.score.kind()
             raise InvalidSetting(
                 f"objective.{self.direction}",
                 value=label,
@@ -147,7 +149,7 @@ class Tune:
     trials: int = 200
     """Trials of each candidate, the same ones for all."""
     candidates: int = 60
-    """Number of choices of settings to try, beside the unchanged settings."""
+    """Number of choices of settings to try, in addition to the unchanged settings."""
     confirmation_trials: int = 1000
     """New trials, unused by the search, for the best candidate and the unchanged settings."""
     confidence: float = 0.95
@@ -161,16 +163,16 @@ class Tune:
         if not (self.scenarios or self.recordings):
             raise InvalidSetting(
                 "Tune.scenarios",
-                value="absent, and no recordings either",
+                value="missing, and recordings as well",
                 expected="scenarios to try settings on, or recordings, or both",
-                fix="name a scenario",
+                fix="add the name of a scenario",
             )
         if any(scenario.recording is not None for scenario in self.scenarios):
             raise InvalidSetting(
                 "Tune.scenarios",
                 value="with one of a recording",
                 expected="scenarios with a scene, which is simulated again and again",
-                fix="name it under recordings, as scenario: FILE, beside its truth",
+                fix="name it under recordings, as scenario: FILE, with its truth",
             )
         if not self.search:
             raise InvalidSetting(

@@ -310,9 +310,9 @@ def _assumption_and_omission_findings(
             Finding(
                 level="note",
                 setting="radar.hardware",
-                value="not known; taken as 12 dBm, 10 dBi and a noise factor of 12 dB,"
+                value="missing, assumed to be 12 dBm, 10 dBi and a noise factor of 12 dB,"
                 f" so that full scale is {_ratio_as_decibel_text(watts_per_unit * 1e3)} dBm",
-                expected="its own for cross sections that hold; differences do not depend on it",
+                expected="the hardware of the radar, for absolute cross sections",
                 fix="give --radar with its hardware",
             )
         )

@@ -11,7 +11,7 @@ from dechirp.processing.angle.base import Angles, SpectralEstimator
 
 @frozen_dataclass
 class Bartlett(SpectralEstimator):
-    r"""Power in a beam towards each direction, `|a^H x|^2 / N^2`, mean over the looks.
+    r"""Power in a beam towards each direction, `|a^H x|^2 / N^2`, mean over the snapshots.
 
     For a single source far from others the top of the beam is the maximum-likelihood estimate.
     Sources within a beamwidth of each other are not resolved. All tops are refined together, so
@@ -38,34 +38,36 @@ class Bartlett(SpectralEstimator):
 
 
 def beam_power(snapshots: np.ndarray, steering: np.ndarray) -> np.ndarray:
-    """Return the power in beams at steering vectors, |a^H x|^2 / N^2, (n, m); mean over the looks.
+    """Return the power in beams at steering vectors, |a^H x|^2 / N^2, (n, m); mean of snapshots.
 
-    `snapshots` (n, n_looks, n_elements); `steering` (m, n_elements) or (n, m, n_elements).
+    `snapshots` (n, n_snapshots, n_elements); `steering` (m, n_elements) or (n, m, n_elements).
     Beams of all snapshots towards the same directions are one product in single precision.
     """
-    n, n_looks, n_elements = snapshots.shape
+    n, n_snapshots, n_elements = snapshots.shape
     if steering.ndim == 2:
         rows = snapshots.reshape(-1, n_elements).astype(np.complex64, copy=False)
-        beams = (rows @ steering.conj().T.astype(np.complex64, copy=False)).reshape(n, n_looks, -1)
+        beams = (rows @ steering.conj().T.astype(np.complex64, copy=False)).reshape(
+            n, n_snapshots, -1
+        )
     else:
         beams = snapshots @ np.swapaxes(steering.conj(), 1, 2)
-    return mean_beam_power_over_looks(beams, n_elements)
+    return mean_beam_power_over_snapshots(beams, n_elements)
 
 
-def mean_beam_power_over_looks(beams: np.ndarray, n_elements: int) -> np.ndarray:
-    """Return the power in beams, (n, n_looks, m), averaged over the looks, (n, m)."""
+def mean_beam_power_over_snapshots(beams: np.ndarray, n_elements: int) -> np.ndarray:
+    """Return the power in beams, (n, n_snapshots, m), averaged over the snapshots, (n, m)."""
     scale = beams.real.dtype.type(1 / (beams.shape[1] * n_elements**2))
-    return np.asarray(_sum_beam_power_over_looks(beams, scale))
+    return np.asarray(_sum_beam_power_over_snapshots(beams, scale))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _sum_beam_power_over_looks(beams: np.ndarray, scale: float) -> np.ndarray:
-    """Sum scaled |beam|^2 over looks, (n, m), in half the time of NumPy."""
-    n, n_looks, m = beams.shape
+def _sum_beam_power_over_snapshots(beams: np.ndarray, scale: float) -> np.ndarray:
+    """Sum scaled |beam|^2 over snapshots, (n, m), in half the time of NumPy."""
+    n, n_snapshots, m = beams.shape
     out = np.zeros((n, m), beams.real.dtype)
     for i in range(n):
-        for look in range(n_looks):
+        for snapshot in range(n_snapshots):
             for j in range(m):
-                beam = beams[i, look, j]
+                beam = beams[i, snapshot, j]
                 out[i, j] += (beam.real * beam.real + beam.imag * beam.imag) * scale
     return out

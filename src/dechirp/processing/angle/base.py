@@ -13,16 +13,16 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import grating_lobes, likelihood, model_order, spectrum_peaks
 from dechirp.processing.angle.aperture import Aperture
 
-# Values of a block, directions times looks: 32 MiB of beams.
+# Values of a block, directions times snapshots: 32 MiB of beams.
 _MAX_BLOCK_VALUES = 2**22
 
 Angles = tuple[np.ndarray, np.ndarray]
-"""Azimuths and elevations, (n, n_sources) each, in rad; NaN where a snapshot has fewer sources, 0
-for an unresolved angle."""
+"""Azimuths and elevations, (n, n_sources) each, in rad; NaN where a detection has fewer sources,
+0 for an unresolved angle."""
 
 
 class Directions(NamedTuple):
-    """Sources of each snapshot, strongest first, (n, n_sources); NaN where there are fewer."""
+    """Sources of each detection, strongest first, (n, n_sources); NaN where there are fewer."""
 
     azimuth_rad: np.ndarray
     """Azimuth, left positive; NaN where the array does not resolve it."""
@@ -51,7 +51,7 @@ class DirectionEstimator(Family):
     def find_angles(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> Angles:
-        """Estimate the directions in each of n snapshots, in any order; see `find_directions`."""
+        """Estimate the directions of the sources of n detections; see `find_directions`."""
 
     def array_ambiguity_findings(self, aperture: Aperture) -> list[Finding]:
         """Return findings on directions that the array cannot resolve or confuses."""
@@ -66,12 +66,12 @@ class DirectionEstimator(Family):
     def find_directions(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> Directions:
-        """Estimate directions, powers and standard errors of the sources of each snapshot.
+        """Estimate directions, powers and standard errors of the sources of each detection.
 
         Parameters
         ----------
-        snapshots : array (n, n_looks, n_elements), complex
-            Amplitudes in the virtual elements; looks see the same directions.
+        snapshots : array (n, n_snapshots, n_elements), complex
+            Amplitudes in the virtual elements. All snapshots of a detection have the same sources.
         aperture : Aperture
             Element positions.
         noise_power : array (n,)
@@ -80,7 +80,7 @@ class DirectionEstimator(Family):
         Returns
         -------
         Directions
-            NaN throughout for a snapshot that is not finite, or zero. Standard errors are limited
+            NaN throughout for snapshots that are not finite, or zero. Standard errors are limited
             to that of a uniform distribution over the field of view.
 
         Raises
@@ -125,14 +125,14 @@ class DirectionEstimator(Family):
             raise InvalidSetting(
                 "snapshots",
                 value=f"an array {snapshots.shape}",
-                expected=f"(n, n_looks, {aperture.n_elements}): a number for each element",
+                expected=f"(n, n_snapshots, {aperture.n_elements}): a value for each element",
                 fix="give the amplitudes of the virtual elements of this array",
             )
         if noise_power.shape != snapshots.shape[:1]:
             raise InvalidSetting(
                 "noise_power",
                 value=f"an array {noise_power.shape}",
-                expected=f"{snapshots.shape[:1]}: one for each snapshot",
+                expected=f"{snapshots.shape[:1]}: one for each detection",
                 fix="give the noise in one element of each",
             )
         check_non_negative_ratios("noise_power", noise_power)
@@ -156,7 +156,7 @@ class SpectralEstimator(DirectionEstimator):
     def precompute_for_spectrum(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> Any:
-        """Return the data of each snapshot that `spectrum_at` needs; by default the snapshots.
+        """Return the data of each detection that `spectrum_at` needs; by default the snapshots.
 
         Called once, before all directions: inverses and subspaces are computed here.
         """
@@ -164,7 +164,7 @@ class SpectralEstimator(DirectionEstimator):
 
     @abstractmethod
     def spectrum_at(self, precomputed: Any, steering: np.ndarray) -> np.ndarray:
-        """Return the spectrum of each snapshot, (n, m), at m steering vectors.
+        """Return the spectrum of each detection, (n, m), at m steering vectors.
 
         `steering` is (m, n_elements), common to all, or (n, m, n_elements).
         """
@@ -176,7 +176,7 @@ class SpectralEstimator(DirectionEstimator):
     def spectrum(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> np.ndarray:
-        """Return the spectrum of each snapshot over the grid, (n, n_elevations, n_azimuths)."""
+        """Return the spectrum of each detection over the grid, (n, n_elevations, n_azimuths)."""
         precomputed = self.precompute_for_spectrum(snapshots, aperture, noise_power)
         return self.spectrum_on_direction_grid(precomputed, aperture).reshape(
             len(snapshots), *aperture.direction_grid.shape
@@ -185,7 +185,7 @@ class SpectralEstimator(DirectionEstimator):
     def count_sources(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> np.ndarray:
-        """Return the number of sources of each snapshot, (n,)."""
+        """Return the number of sources of each detection, (n,)."""
         if isinstance(self.n_sources, int):
             return np.full(len(snapshots), self.n_sources)
         return model_order.estimate_n_sources(snapshots, aperture, noise_power, self.n_sources)

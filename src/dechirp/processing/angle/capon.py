@@ -39,7 +39,7 @@ class Capon(SmoothedEstimator):
     The loading d keeps the inverse of few snapshots finite, and errors of the array from
     being taken for interference (B. D. Carlson, Covariance matrix estimation errors and
     diagonal loading in adaptive arrays, IEEE Trans. AES 24(4), 1988). On arrays that are not
-    uniform, one look has the peaks of a Bartlett spectrum.
+    uniform, one snapshot has the peaks of a Bartlett spectrum.
 
     References
     ----------
@@ -59,10 +59,10 @@ class Capon(SmoothedEstimator):
     ) -> InverseCovariances:
         """Invert each covariance in double precision: a beam is a small difference of its terms."""
         windows = self.sliding_windows(aperture)
-        n, n_looks, _ = snapshots.shape
+        n, n_snapshots, _ = snapshots.shape
         coarray = difference_coarray_of_elements(aperture, _first_window_elements(windows))
         lag_sums = np.empty((n, len(coarray.pairs[0])), np.complex128)
-        for rows in windows.memory_limited_slices(n, n_looks):
+        for rows in windows.memory_limited_slices(n, n_snapshots):
             x = snapshots[rows].astype(np.complex64)
             data = (
                 windows.real_valued_data_matrices(x)

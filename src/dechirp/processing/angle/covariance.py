@@ -1,10 +1,10 @@
 """Spatial smoothing: sliding windows over a uniform array, and their covariance data.
 
-Subspace methods need as many independent looks as there are sources; a detection is a single one.
-Shifted parts of a uniform array observe the same sources with other phases, and read backwards
-and conjugated they provide further looks (forward-backward spatial smoothing: T.-J. Shan, M. Wax
-and T. Kailath, IEEE Trans. ASSP 33(4), 1985; S. U. Pillai and B. H. Kwon, IEEE Trans. ASSP 37(1),
-1989).
+Subspace methods need as many independent snapshots as there are sources; a detection usually has a
+single one. Shifted parts of a uniform array observe the same sources with other phases, and read
+backwards and conjugated they provide further snapshots (forward-backward spatial smoothing: T.-J.
+Shan, M. Wax and T. Kailath, IEEE Trans. ASSP 33(4), 1985; S. U. Pillai and B. H. Kwon, IEEE Trans.
+ASSP 37(1), 1989).
 """
 
 from collections.abc import Iterator
@@ -60,26 +60,26 @@ class SlidingWindows:
         return np.argmax(self.point_weights[self.points[0]] > 0, axis=1)
 
     @property
-    def n_independent_values_per_look(self) -> float:
-        """Independent values in the windows of a look, by the variance of their mean power."""
+    def n_independent_values_per_snapshot(self) -> float:
+        """Independent values in the windows of a snapshot, by the variance of their mean power."""
         use_counts = np.bincount(self.points.ravel(), minlength=len(self.point_weights))
         return float(np.sum(use_counts) ** 2 / np.sum(use_counts**2))
 
-    def max_separable_sources(self, n_looks: int) -> int:
-        """Return the number of sources that the data of n_looks looks can separate."""
-        n_columns = n_looks * len(self.points) * (2 if self.backward else 1)
+    def max_separable_sources(self, n_snapshots: int) -> int:
+        """Return the number of sources that windows over the snapshots can separate."""
+        n_columns = n_snapshots * len(self.points) * (2 if self.backward else 1)
         return min(self.n_window_points - 1, n_columns)
 
-    def memory_limited_slices(self, n_detections: int, n_looks: int) -> Iterator[slice]:
+    def memory_limited_slices(self, n_detections: int, n_snapshots: int) -> Iterator[slice]:
         """Yield slices of n detections whose data and covariance take 16 MB, or one detection."""
-        n_columns = n_looks * len(self.points) * 2
+        n_columns = n_snapshots * len(self.points) * 2
         block_size = max(1, 2**20 // (self.n_window_points * (self.n_window_points + n_columns)))
         return (slice(first, first + block_size) for first in range(0, n_detections, block_size))
 
     def window_data_matrices(self, snapshots: np.ndarray) -> np.ndarray:
-        """Return the data of each window, (n, size, columns), of (n, n_looks, n_elements).
+        """Return the data of each window, (n, size, columns), of (n, n_snapshots, n_elements).
 
-        A column for each look and window; those read backwards follow.
+        A column for each snapshot and window; those read backwards follow.
         """
         forward = self.forward_data_matrices(snapshots)
         if not self.backward:
@@ -108,9 +108,8 @@ class SlidingWindows:
         Sums and differences of elements that mirror each other make it real: a quarter of the
         work (D. A. Linebarger, R. D. DeGroat and E. M. Dowling, IEEE Trans. SP 42(8), 1994).
         """
-        forward = np.swapaxes(
-            self.forward_data_matrices(snapshots), 1, 2
-        )  # one window a row, as in memory
+        # One window a row, as in memory.
+        forward = np.swapaxes(self.forward_data_matrices(snapshots), 1, 2)
         half = self.n_window_points // 2
         top, bottom = forward[..., :half], forward[..., : -half - 1 : -1]
         middle = 2**0.5 * forward[..., half : self.n_window_points - half]
@@ -161,19 +160,19 @@ def _bilinear_noise_variances(
     window_points: np.ndarray,
     variance_per_point: np.ndarray,
 ) -> np.ndarray:
-    """Compute the bilinear noise variance of (m, size) and (m, halves, looks, windows)."""
-    m, n_halves, n_looks, n_windows = right_vectors.shape
+    """Compute the bilinear noise variance of (m, size) and (m, halves, snapshots, windows)."""
+    m, n_halves, n_snapshots, n_windows = right_vectors.shape
     size = left_vectors.shape[1]
     out = np.zeros(m)
     for i in range(m):
-        for look in range(n_looks):
+        for snapshot in range(n_snapshots):
             weights = np.zeros(len(variance_per_point), np.complex128)
             for window in range(n_windows):
-                forward = right_vectors[i, 0, look, window]
+                forward = right_vectors[i, 0, snapshot, window]
                 for e in range(size):
                     weights[window_points[window, e]] += forward * np.conj(left_vectors[i, e])
                 if n_halves == 2:
-                    backward = np.conj(right_vectors[i, 1, look, window])
+                    backward = np.conj(right_vectors[i, 1, snapshot, window])
                     for e in range(size):
                         weights[window_points[window, e]] += (
                             backward * left_vectors[i, size - 1 - e]
@@ -233,16 +232,17 @@ def longest_ula_windows_and_axis(
 
 
 def check_windows_separate_sources(
-    estimator_name: str, n_sources: object, windows: SlidingWindows, n_looks: int
+    estimator_name: str, n_sources: object, windows: SlidingWindows, n_snapshots: int
 ) -> None:
     """Check that windows can separate the requested number of sources."""
-    max_sources = windows.max_separable_sources(n_looks)
+    max_sources = windows.max_separable_sources(n_snapshots)
     if isinstance(n_sources, int) and n_sources > max_sources:
         raise InvalidSetting(
             f"{estimator_name}.n_sources",
             value=n_sources,
             expected=f"at most {max_sources}, for windows of {windows.n_window_points} elements in"
-            f" {len(windows.points)} place{'s' * (len(windows.points) > 1)} and looks: {n_looks}",
+            f" {len(windows.points)} place{'s' * (len(windows.points) > 1)},"
+            f" snapshots: {n_snapshots}",
             fix="lower n_sources, with smoothing.share near 2/3"
             if windows.backward
             else "use maximum-likelihood or iterative-adaptive, since the array is not uniform",

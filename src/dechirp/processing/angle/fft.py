@@ -8,7 +8,7 @@ import scipy.fft
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import likelihood
 from dechirp.processing.angle.aperture import Aperture
-from dechirp.processing.angle.bartlett import beam_power, mean_beam_power_over_looks
+from dechirp.processing.angle.bartlett import beam_power, mean_beam_power_over_snapshots
 from dechirp.processing.angle.base import Angles, SpectralEstimator
 from dechirp.processing.angle.element_grid import ElementGrid
 from dechirp.theory.windows import Window, window_weights
@@ -63,13 +63,13 @@ class Fft(SpectralEstimator):
 def _fft_beam_power(
     snapshots: np.ndarray, aperture: Aperture, element_grid: ElementGrid
 ) -> np.ndarray:
-    """Return the power in the beams of the grid, (n, n_directions), mean over the looks.
+    """Return the power in the beams of the grid, (n, n_directions), mean over the snapshots.
 
     Bins are even in the direction cosines along y and z. On one axis they are the directions of
     the grid; on two, azimuths at an elevation are read at the nearest bin, within an eighth of a
     beam.
     """
-    n, n_looks, n_elements = snapshots.shape
+    n, n_snapshots, n_elements = snapshots.shape
     grid = aperture.direction_grid
     elevation_cosines = np.sin(grid.elevation_rad)
     azimuth_cosines = np.cos(grid.elevation_rad)[:, None] * np.sin(grid.azimuth_rad)
@@ -80,7 +80,7 @@ def _fft_beam_power(
         )
     ]
     # Grids finer than a wavelength may have fewer bins than grid points, which then alias.
-    padded = np.zeros((n, n_looks, n_bins[1], n_bins[0]), np.complex64)
+    padded = np.zeros((n, n_snapshots, n_bins[1], n_bins[0]), np.complex64)
     column, row = (element_grid.indices % n_bins).T
     cells: Any = (slice(None), slice(None), row, column)
     np.add.at(padded, cells, snapshots)
@@ -93,8 +93,8 @@ def _fft_beam_power(
         np.rint(elevation_cosines * element_grid.spacing[1] * n_bins[1]).astype(int)[:, None]
         % n_bins[1]
     )
-    return mean_beam_power_over_looks(
-        beams[:, :, up_bins, left_bins].reshape(n, n_looks, -1), n_elements
+    return mean_beam_power_over_snapshots(
+        beams[:, :, up_bins, left_bins].reshape(n, n_snapshots, -1), n_elements
     )
 
 

@@ -20,12 +20,12 @@ class IterativeAdaptive(SpectralEstimator):
     .. math:: R = \sum_k P_k a_k a_k^\mathsf{H} + \sigma^2 I, \quad
         P_k = \left| \frac{a_k^\mathsf{H} R^{-1} x}{a_k^\mathsf{H} R^{-1} a_k} \right|^2
 
-    in turn, beginning with Bartlett's powers. A single look suffices, sources may be coherent and
-    elements anywhere; sidelobes are far below those of beams. The grid biases peaks towards its
-    points, so the peaks are refined by likelihood, as the paper does by RELAX. On two axes the
-    grid has four points to a beam, and a source between them appears as several coherent ones.
-    Two arms do not determine which azimuth belongs to which elevation: on an L of six and five
-    elements at 20 dB, 1 in 200 sources is assigned to such a ghost. Use maximum-likelihood there.
+    in turn, beginning with Bartlett's powers. A single snapshot suffices, sources may be coherent
+    and elements anywhere; sidelobes are far below those of beams. The grid biases peaks towards its
+    points, so the peaks are refined by likelihood, as the paper does by RELAX. On two axes the grid
+    has four points to a beam, and a source between them appears as several coherent ones. Two arms
+    do not determine which azimuth belongs to which elevation: on an L of six and five elements at
+    20 dB, 1 in 200 sources is assigned to such a ghost. Use maximum-likelihood there.
 
     On an even grid of elements an iteration takes a product for each direction and lag, 2 N - 1 on
     a line, and elsewhere N^2; and an inverse.
@@ -47,9 +47,9 @@ class IterativeAdaptive(SpectralEstimator):
     def precompute_for_spectrum(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> np.ndarray:
-        """Return inverse covariances and their products with the looks, (n, N, N + n_looks)."""
-        n, n_looks, n_elements = snapshots.shape
-        out = np.empty((n, n_elements, n_elements + n_looks), complex)
+        """Return inverse covariances and their products with the data, (n, N, N + n_snapshots)."""
+        n, n_snapshots, n_elements = snapshots.shape
+        out = np.empty((n, n_elements, n_elements + n_snapshots), complex)
         block_size = max(1, _MAX_BLOCK_VALUES // aperture.direction_grid.steering.size)
         for start in range(0, n, block_size):
             block = slice(start, start + block_size)
@@ -82,9 +82,9 @@ class IterativeAdaptive(SpectralEstimator):
                 covariance = (power @ lag_phases)[:, lag_of_pair]
             covariance += floor[:, None, None] * unit
             inverse = np.linalg.inv(covariance)
-            inverse_and_looks = np.concatenate([inverse, inverse @ columns], axis=2)
-            power = self.spectrum_on_direction_grid(inverse_and_looks, aperture)
-        return inverse_and_looks
+            inverse_and_snapshots = np.concatenate([inverse, inverse @ columns], axis=2)
+            power = self.spectrum_on_direction_grid(inverse_and_snapshots, aperture)
+        return inverse_and_snapshots
 
     def spectrum_on_direction_grid(self, precomputed: np.ndarray, aperture: Aperture) -> np.ndarray:
         """Return the power at all directions of the grid, by lags where elements are on a grid."""
@@ -100,7 +100,7 @@ class IterativeAdaptive(SpectralEstimator):
         inverse = difference_coarray.difference_coarray_of_elements(
             aperture, elements
         ).sum_over_equal_lags(precomputed[..., :n_elements])
-        return _mean_power_over_looks(
+        return _mean_power_over_snapshots(
             amplitudes, difference_coarray.quadratic_forms_from_lags(inverse, lag_phases)
         )
 
@@ -109,7 +109,7 @@ class IterativeAdaptive(SpectralEstimator):
         n_elements = precomputed.shape[1]
         responses = steering.conj() @ precomputed
         gain = np.einsum("...mi,...mi->...m", responses[..., :n_elements], steering).real
-        return _mean_power_over_looks(responses[..., n_elements:], gain)
+        return _mean_power_over_snapshots(responses[..., n_elements:], gain)
 
     def refine_peak_angles(
         self,
@@ -126,6 +126,6 @@ def _all_element_indices(aperture: Aperture) -> tuple[int, ...]:
     return tuple(range(aperture.n_elements))
 
 
-def _mean_power_over_looks(amplitudes: np.ndarray, gains: np.ndarray) -> np.ndarray:
-    """Return the mean power over the looks of amplitudes (n, m, n_looks) over gains (n, m)."""
+def _mean_power_over_snapshots(amplitudes: np.ndarray, gains: np.ndarray) -> np.ndarray:
+    """Return the mean power over snapshots of amplitudes (n, m, n_snapshots) over gains (n, m)."""
     return np.asarray(np.mean(np.abs(amplitudes / gains[..., None]) ** 2, axis=-1))

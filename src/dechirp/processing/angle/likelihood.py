@@ -35,9 +35,10 @@ class Search(NamedTuple):
 def least_squares_source_powers(
     snapshots: np.ndarray, aperture: Aperture, azimuth_rad: np.ndarray, elevation_rad: np.ndarray
 ) -> np.ndarray:
-    """Return mean powers over the looks of sources at directions, (n, n_sources), by least squares.
+    """Return least-squares powers of sources at directions, (n, n_sources).
 
-    `snapshots` (n, n_looks, n_elements), directions (n, most), NaN where there are fewer.
+    They are means over the snapshots. `snapshots` (n, n_snapshots, n_elements), directions (n,
+    most), NaN where there are fewer.
     """
     return _source_powers_and_fisher_information(
         *_arrays_for_kernels(snapshots, aperture, azimuth_rad, elevation_rad)
@@ -69,7 +70,7 @@ def crlb_standard_errors(
 def maximise_direction_likelihood(
     snapshots: np.ndarray, aperture: Aperture, azimuth_rad: np.ndarray, elevation_rad: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Maximise the likelihood of all sources of a snapshot near given directions.
+    """Maximise the likelihood of all sources of each detection near given directions.
 
     Levenberg-Marquardt steps on the least-squares residual, in sines of the angles, within the
     field of view. For a single source this is the top of its beam; for several, the sources do
@@ -217,23 +218,23 @@ def _gradient_curvature_and_residual(
 def _fit_amplitudes_and_derivatives(
     snapshots: np.ndarray, positions: np.ndarray, resolved_axes: np.ndarray, angles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Fit k sources at directions (k, 2) to one detection, (n_looks, n_elements), by least squares.
+    """Fit k sources at directions (k, 2) to a detection (n_snapshots, n_elements).
 
-    Returns amplitudes (k, n_looks), gradient (k x n_angles) and curvature of the log-likelihood
-    in the angles at a noise power of 2, and the residual energy. Gram-Schmidt orthogonalisation
-    projects each steering vector out of all rows that follow: later steering vectors,
-    derivatives, snapshots. The ridge is one extra element for each source.
+    Returns least-squares amplitudes (k, n_snapshots), gradient (k x n_angles) and curvature of the
+    log-likelihood in the angles at a noise power of 2, and the residual energy. Gram-Schmidt
+    orthogonalisation projects each steering vector out of all rows that follow: later steering
+    vectors, derivatives, snapshots. The ridge is one extra element for each source.
     """
-    k, n_angles, n_looks, n = len(angles), len(resolved_axes), len(snapshots), len(positions)
-    first_slope, first_look = k, k + k * n_angles
-    rows = np.zeros((first_look + n_looks, n + k), np.complex128)
-    rows[first_look:, :n] = snapshots
+    k, n_angles, n_snapshots, n = len(angles), len(resolved_axes), len(snapshots), len(positions)
+    first_slope, first_snapshot = k, k + k * n_angles
+    rows = np.zeros((first_snapshot + n_snapshots, n + k), np.complex128)
+    rows[first_snapshot:, :n] = snapshots
     for j in range(k):
         _write_steering_and_derivatives(
             rows[j], rows[first_slope + j * n_angles :], positions, resolved_axes, angles[j]
         )
         rows[j, n + j] = np.sqrt(_RIDGE * n)
-    triangle = np.zeros((k, first_look + n_looks), np.complex128)
+    triangle = np.zeros((k, first_snapshot + n_snapshots), np.complex128)
     for j in range(k):
         pivot_row = rows[j]
         triangle[j, j] = np.sqrt(_inner_product(pivot_row, pivot_row).real)
@@ -242,25 +243,25 @@ def _fit_amplitudes_and_derivatives(
             share = triangle[j, later] = _inner_product(pivot_row, rows[later])
             for e in range(pivot_row.size):
                 rows[later, e] -= share * pivot_row[e]
-    amplitudes = triangle[:, first_look:].copy()
+    amplitudes = triangle[:, first_snapshot:].copy()
     for j in range(k - 1, -1, -1):
         for later in range(j + 1, k):
             amplitudes[j] -= triangle[j, later] * amplitudes[later]
         amplitudes[j] /= triangle[j, j]
-    slopes, looks = rows[first_slope:first_look], rows[first_look:]
+    slopes, snapshot_rows = rows[first_slope:first_snapshot], rows[first_snapshot:]
     gradient = np.zeros(k * n_angles)
     information = np.empty((k * n_angles, k * n_angles))
     for a in range(k * n_angles):
-        for look in range(n_looks):
-            correlation = _inner_product(slopes[a], looks[look])
-            gradient[a] += (correlation * np.conj(amplitudes[a // n_angles, look])).real
+        for snapshot in range(n_snapshots):
+            correlation = _inner_product(slopes[a], snapshot_rows[snapshot])
+            gradient[a] += (correlation * np.conj(amplitudes[a // n_angles, snapshot])).real
         for b in range(a + 1):
             cross_power = _inner_product(amplitudes[b // n_angles], amplitudes[a // n_angles])
             information[a, b] = (_inner_product(slopes[a], slopes[b]) * np.conj(cross_power)).real
             information[b, a] = information[a, b]
     residual = 0.0
-    for look in range(n_looks):
-        residual += _inner_product(looks[look, :n], looks[look, :n]).real
+    for snapshot in range(n_snapshots):
+        residual += _inner_product(snapshot_rows[snapshot, :n], snapshot_rows[snapshot, :n]).real
     return amplitudes, gradient, information, residual
 
 

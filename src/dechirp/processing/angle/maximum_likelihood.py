@@ -46,7 +46,7 @@ class MaximumLikelihood(DirectionEstimator):
     def find_angles(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> Angles:
-        """Find the most likely direction, or pair of directions, of each snapshot."""
+        """Find the most likely direction, or pair of directions, of each detection."""
         is_single = self.n_sources == 1 or not self._can_resolve_two_sources(
             snapshots.shape[1], aperture
         )
@@ -82,10 +82,10 @@ class MaximumLikelihood(DirectionEstimator):
             angles[:, rows] = pair
         return angles[0], angles[1]
 
-    def _can_resolve_two_sources(self, n_looks: int, aperture: Aperture) -> bool:
+    def _can_resolve_two_sources(self, n_snapshots: int, aperture: Aperture) -> bool:
         """Return True if two sources have fewer unknowns than the snapshots have values."""
         n_angles = sum(aperture.resolves_azimuth_and_elevation)
-        min_elements = int(2 + n_angles / n_looks) + 1
+        min_elements = int(2 + n_angles / n_snapshots) + 1
         if self.n_sources == 2 and aperture.n_elements < min_elements:
             raise InvalidSetting(
                 "MaximumLikelihood.n_sources",
@@ -140,7 +140,7 @@ def _pair_with_best_grid_partner(
     steering = aperture.steering_vectors(*single_source)  # (n, 1, n_elements)
     shared = steering[:, 0].astype(np.complex64) @ aperture.direction_grid.steering.conj().T
     shared /= aperture.n_elements
-    own_beams = snapshots @ np.swapaxes(steering, 1, 2).conj()  # (n, n_looks, 1)
+    own_beams = snapshots @ np.swapaxes(steering, 1, 2).conj()  # (n, n_snapshots, 1)
     power = np.sum(
         np.abs(_beams_to_grid_directions(snapshots, aperture) - own_beams * shared[:, None]) ** 2,
         axis=1,
@@ -200,7 +200,7 @@ def _best_pair_within_beam(
 
 
 def _beams_to_grid_directions(snapshots: np.ndarray, aperture: Aperture) -> np.ndarray:
-    """Return beams matched to each direction of the grid, (n, n_looks, n_directions)."""
+    """Return beams matched to each direction of the grid, (n, n_snapshots, n_directions)."""
     return snapshots.astype(np.complex64) @ aperture.direction_grid.steering.conj().T
 
 

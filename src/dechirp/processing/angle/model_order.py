@@ -37,7 +37,7 @@ def estimate_n_sources(
     criterion: Criterion,
     windows: SlidingWindows | None = None,
 ) -> np.ndarray:
-    r"""Estimate the number of sources in snapshots (n, n_looks, n_elements): (n,), 1 to 4.
+    r"""Estimate the number of sources in snapshots (n, n_snapshots, n_elements): (n,), 1 to 4.
 
     .. math::
 
@@ -46,17 +46,17 @@ def estimate_n_sources(
 
     with lambda the eigenvalues of the covariance, m elements in a window, p the price and
     sigma^2 the `noise_power` (n,) of one element. Windows overlap: they are worth T snapshots,
-    T m = (sum c)^2 / sum c^2 independent numbers a look, c being the windows that an element
+    T m = (sum c)^2 / sum c^2 independent values in a snapshot, c being the windows that an element
     is in, for then the mean power has its true variance. Reading them backwards adds none.
 
     `windows` are other windows than the usual ones. An array that is not uniform has but one, and
-    a single look at it shows one source whatever is there.
+    a single snapshot at it shows one source whatever is there.
     """
     windows = windows or array_smoothing_windows(aperture, Smoothing())
-    n_looks, m = snapshots.shape[1], windows.n_window_points
-    max_sources = min(MAX_SOURCES, windows.max_separable_sources(n_looks))
+    n_snapshots, m = snapshots.shape[1], windows.n_window_points
+    max_sources = min(MAX_SOURCES, windows.max_separable_sources(n_snapshots))
     values, _ = subspace.leading_eigenpairs(windows, snapshots, max_sources)
-    independent = n_looks * windows.n_independent_values_per_look
+    independent = n_snapshots * windows.n_independent_values_per_snapshot
     price = 1.0 if criterion == "aic" else 0.5 * np.log(independent)
     noise = np.fmax(noise_power[:, None], _ROUNDING * values[:, :1] + 1e-300)
     # Eigenvalues below the noise are no sources, though their cost would rise again.
@@ -76,14 +76,14 @@ def snapshots_with_second_source(
     r"""Return True where a second source explains enough of the snapshots, (n,).
 
     `power_gain` (n,) is the power that it explains, `snapshots_shape` that of the snapshots,
-    `n_angles` the angles that the array tells. A source has 2 real numbers a look and its angles.
-    Under mdl, amplitudes cost half the logarithm of the numbers observed each; the direction on a
-    line of n elements, a phase that grows along it, costs 3/2 ln n (P. M. Djuric, IEEE Trans. SP
-    44(7), 1996), and both angles together cost 2 ln n. aic counts an angle as 1: it takes noise for
-    a second source in half of all single ones.
+    `n_angles` the number of angles that the array resolves. A source has 2 real parameters for each
+    snapshot and its angles. Under mdl, amplitudes cost half the logarithm of the numbers observed
+    each; the direction on a line of n elements, a phase that grows along it, costs 3/2 ln n (P. M.
+    Djuric, IEEE Trans. SP 44(7), 1996), and both angles together cost 2 ln n. aic counts an angle
+    as 1: it takes noise for a second source in half of all single ones.
     """
-    _, n_looks, n_elements = snapshots_shape
-    price = 2.0 * n_looks + n_angles
+    _, n_snapshots, n_elements = snapshots_shape
+    price = 2.0 * n_snapshots + n_angles
     if criterion == "mdl":
-        price = (n_looks + 1.0 + 0.5 * n_angles) * np.log(n_elements * n_looks)
+        price = (n_snapshots + 1.0 + 0.5 * n_angles) * np.log(n_elements * n_snapshots)
     return np.asarray(power_gain > price * noise_power)

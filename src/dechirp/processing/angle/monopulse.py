@@ -49,7 +49,7 @@ class Monopulse(DirectionEstimator):
     (2.3 dB of variance for 8).
 
     Raises `InvalidSetting` for more than one source, and for an array in which no two elements
-    of one depth (x) are displaced along the angles that it tells.
+    of one depth (x) are displaced along an angle that it resolves.
 
     References
     ----------

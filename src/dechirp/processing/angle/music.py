@@ -13,8 +13,8 @@ from dechirp.processing.angle.smoothed import SmoothedEstimator
 class Music(SmoothedEstimator):
     """Pseudospectrum: one over the distance of a steering vector from the signal subspace.
 
-    Spatial smoothing separates as many sources in one look as uniform lines and rectangles have
-    windows; other arrays need a look for each source.
+    Spatial smoothing separates as many sources in one snapshot as uniform lines and rectangles have
+    windows; other arrays need a snapshot for each source.
 
     References
     ----------

@@ -40,9 +40,8 @@ def null_spectrum_standard_errors(
         steering = np.swapaxes(
             aperture.steering_vectors(*directions)[..., windows.first_window_elements], 1, 2
         )
-        slopes = aperture.steering_derivatives(*directions)[
-            ..., windows.first_window_elements
-        ]  # (n, k, n_told, size)
+        # Shape (n, k, n_angles, window size).
+        slopes = aperture.steering_derivatives(*directions)[..., windows.first_window_elements]
         basis = np.linalg.qr(steering)[0][:, None]
         slopes = slopes - (slopes @ basis.conj()) @ np.swapaxes(basis, 2, 3)
         # Newton's step: the inverse of the curvature times the slope caused by noise.
@@ -66,10 +65,10 @@ def pseudoinverse_source_amplitudes(
 
     `steering` is (n, size, k), that of the first window.
     """
-    n, n_looks, _ = snapshots.shape
+    n, n_snapshots, _ = snapshots.shape
     inverse = np.linalg.pinv(steering).astype(snapshots.dtype)
     amplitudes = [
         windows.multiply_data_matrices_from_left(inverse[i], snapshots[i])
-        for i in windows.memory_limited_slices(n, n_looks)
+        for i in windows.memory_limited_slices(n, n_snapshots)
     ]
     return np.swapaxes(np.linalg.pinv(np.concatenate(amplitudes).astype(complex)), 1, 2)

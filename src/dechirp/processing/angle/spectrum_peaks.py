@@ -17,7 +17,7 @@ def find_grid_peak_directions(
     """Return azimuths and elevations of the highest local maxima, (n, columns) each, highest first.
 
     A maximum is above its neighbours, eight on two axes; ends of the grid may be maxima. NaN
-    beyond the existing maxima, and beyond the `n_sources` (n,) of a snapshot. `spectrum` is (n,
+    beyond the existing maxima, and beyond the `n_sources` (n,) of a detection. `spectrum` is (n,
     n_directions).
     """
     maps = spectrum.reshape(-1, *grid.shape)

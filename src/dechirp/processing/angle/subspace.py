@@ -20,10 +20,10 @@ def leading_eigenpairs(
     the snapshots: an error falls to the 8th power of the ratio of the first eigenvalue left out
     to that of its vector, 4e-5 where the second of two sources is 5 dB above the noise.
     """
-    n, n_looks, _ = snapshots.shape
+    n, n_snapshots, _ = snapshots.shape
     values = np.empty((n, n_pairs))
     vectors = np.empty((n, windows.n_window_points, n_pairs), np.complex128)
-    for rows in windows.memory_limited_slices(n, n_looks):
+    for rows in windows.memory_limited_slices(n, n_snapshots):
         x = snapshots[rows]
         if windows.n_window_points <= _MAX_FULL_SIZE:
             x = x.astype(np.complex128)

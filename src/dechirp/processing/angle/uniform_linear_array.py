@@ -57,7 +57,7 @@ class UlaEstimator(DirectionEstimator):
                 f" {np.degrees(elevation):.3g} deg by {error_deg:.2g} deg"
             )
         else:
-            limitation = "reads a column of the array, which tells no azimuth"
+            limitation = "reads a column of the array, which does not resolve azimuth"
         return [
             *findings,
             Finding(
@@ -74,8 +74,8 @@ class UlaEstimator(DirectionEstimator):
     ) -> Angles:
         """Find the angles of the likeliest phase factors within the field of view."""
         windows, axis = self.sliding_windows_and_axis(aperture)
-        n, n_looks, _ = snapshots.shape
-        check_windows_separate_sources(type(self).__name__, self.n_sources, windows, n_looks)
+        n, n_snapshots, _ = snapshots.shape
+        check_windows_separate_sources(type(self).__name__, self.n_sources, windows, n_snapshots)
         if isinstance(self.n_sources, int):
             counts = np.full(n, self.n_sources)
         else:

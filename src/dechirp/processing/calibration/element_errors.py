@@ -41,10 +41,10 @@ def fit_element_errors(
 
     .. math:: x_{k,i} = s_k\, c_i\, b_{k,i}\, e^{-2\pi\mathrm{i}\, u_k \cdot d_i / \lambda} + w
 
-    with the echo amplitude s of each look k, the channel c and the position error d of each element
-    i. With d known, the leading singular vectors of x / b are s and c; with both known, d is a
-    weighted least-squares fit to phases; both in turn, about the mean direction, so that channels
-    and positions hardly depend on each other. Errors must be small: d across the spread of
+    with the echo amplitude s of each snapshot k, the channel c and the position error d of each
+    element i. With d known, the leading singular vectors of x / b are s and c; with both known, d
+    is a weighted least-squares fit to phases; both in turn, about the mean direction, so that
+    channels and positions hardly depend on each other. Errors must be small: d across the spread of
     directions changes phases by less than half a cycle.
 
     Not observable: a factor common to all channels and a shift common to all positions, both of
@@ -55,12 +55,12 @@ def fit_element_errors(
 
     Parameters
     ----------
-    snapshots : array (n_looks, n), complex
-    noise_power : array (n_looks,)
+    snapshots : array (n_snapshots, n), complex
+    noise_power : array (n_snapshots,)
         Noise power E|w|^2 in each value.
-    expected : array (n_looks, n), complex
+    expected : array (n_snapshots, n), complex
         b, the snapshots of an ideal array, near-field effects included.
-    unit_vectors : array (n_looks, 3)
+    unit_vectors : array (n_snapshots, 3)
         u, unit vectors to the reflector.
 
     References
@@ -68,13 +68,14 @@ def fit_element_errors(
     B. C. Ng and C. M. S. See, Sensor-array calibration using a maximum-likelihood approach, IEEE
     Trans. Antennas and Propagation 44(6), 1996.
     """
-    n_looks, n = snapshots.shape
+    n_snapshots, n = snapshots.shape
     per_m = 2 * np.pi / wavelength_m
     is_observable = (
         np.sqrt(np.mean((unit_vectors - unit_vectors.mean(axis=0)) ** 2, axis=0)) > _MIN_SPREAD
     )
     is_observable[0] = False
-    normalised = snapshots / expected / np.sqrt(noise_power)[:, None]  # weights looks by their SNR
+    # Snapshots are weighted by their SNR.
+    normalised = snapshots / expected / np.sqrt(noise_power)[:, None]
     position_m, step_m = np.zeros((n, 3)), np.full((n, 3), np.inf)
     mean_vector = unit_vectors.mean(axis=0)
     for _ in range(_MAX_ITERATIONS):
@@ -103,7 +104,7 @@ def fit_element_errors(
         covariance[np.ix_(is_observable, is_observable)] = np.linalg.pinv(
             spread.T @ spread, rcond=_MIN_SINGULAR_RATIO**2
         )
-    n_free = 2 * n_looks * n - 2 * (n_looks + n - 1) - (n - 1) * rank
+    n_free = 2 * n_snapshots * n - 2 * (n_snapshots + n - 1) - (n - 1) * rank
     noise = float(np.sqrt(np.mean(1 / snr)))
     return ElementErrors(
         # convert from the mean direction back to boresight

@@ -88,7 +88,7 @@ def _other_echo_findings(
         yield Finding(
             level="warning",
             setting="range_m",
-            value=f"none, with static echoes in {recording_name} at {rival.range_m:.4g} m (used)"
+            value=f"missing, with static echoes in {recording_name} at {rival.range_m:.4g} m (used)"
             f" and at {rival.next_range_m:.4g} m,"
             f" {-float(to_decibels(rival.next_power)):.1f} dB below it",
             expected="a range where the reflector is not by far the strongest echo",
@@ -114,7 +114,7 @@ def _low_element_snr_findings(element_snr: np.ndarray, radar: Radar) -> Iterator
 def _given_direction_mismatch_findings(
     measured: MeasuredReflector, unit_vector: np.ndarray, radar: Radar, wavelength_m: float
 ) -> Iterator[Finding]:
-    """Report a reflector that a nearly ideal array sees in another direction."""
+    """Report a reflector that a nearly ideal array measures in another direction."""
     azimuths = np.radians(np.arange(-90, 90.25, 0.5))
     horizontal, up = (
         np.hypot(unit_vector[0], unit_vector[1]),
@@ -135,7 +135,7 @@ def _given_direction_mismatch_findings(
         yield Finding(
             level="warning",
             setting="azimuth_rad",
-            value=f"{given_deg:.4g} degrees, while the array sees the reflector at"
+            value=f"{given_deg:.4g} degrees, while the array measures the reflector at"
             f" {estimated_deg:.4g} degrees"
             " even before it is calibrated",
             expected="where the reflector stands, left positive",

@@ -272,11 +272,11 @@ class Cfar:
         if (self.false_alarm_probability is None) == (self.offset is None):
             raise InvalidSetting(
                 "Cfar.false_alarm_probability",
-                value="none, and no offset"
+                value="missing, and offset as well"
                 if self.offset is None
-                else "given together with an offset",
+                else "cannot be combined with offset",
                 expected="exactly one of false_alarm_probability and offset",
-                fix="set the other to null",
+                fix="give one of them" if self.offset is None else "set one of them to null",
             )
         if self.offset is not None:
             check_positive_fields(self, "offset")

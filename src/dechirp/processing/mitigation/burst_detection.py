@@ -55,7 +55,7 @@ def detect_bursts(samples: np.ndarray, frame: Frame) -> FrameBursts | None:
     """
     is_lost, n_parts = all_zero_chirp_mask(samples), 2 if np.iscomplexobj(samples) else 1
     statistics = compute_sample_statistics(samples.view(np.float32), is_lost, n_parts)
-    scale = statistics.largest_magnitude
+    scale = statistics.largest_part_magnitude
     if scale < SILENT:
         return None
     normalised = samples * np.float32(1 / scale)
@@ -97,7 +97,7 @@ def _burst_mask(
 ) -> np.ndarray:
     """Return a mask of samples in bursts, (chirp, sample), above the noise by `threshold`."""
     chirp_bursts = measure_bursts_over_background(
-        background, samples, is_lost, scale=1.0, step=step, max_share=_MAX_BURST_SHARE
+        background, samples, is_lost, largest_value=1.0, adc_step=step, max_share=_MAX_BURST_SHARE
     )
     n_parts = 2 if np.iscomplexobj(samples) else 1
     alive = np.flatnonzero(background.receiver_weight)

@@ -65,8 +65,8 @@ class InterferenceRepair(Mitigation):
                 setting=f"chain.mitigation.{self.kind()}",
                 value=f"frames of {frame.n_chirps} chirps of each transmitter and"
                 f" {frame.chirp.n_samples} samples, too few for burst detection",
-                expected=f"{MIN_CHIRPS} chirps and {MIN_SAMPLES} samples, to know the"
-                " undisturbed signal",
+                expected=f"{MIN_CHIRPS} chirps and {MIN_SAMPLES} samples, to estimate"
+                " the undisturbed signal",
                 fix="remove this mitigation; it has no effect",
             )
         ]

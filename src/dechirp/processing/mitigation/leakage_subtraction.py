@@ -27,9 +27,8 @@ from dechirp.radar.radar import Radar
 
 _EXTRA_SEQUENCES = 6  # each removes 10 dB more of the leakage and half a cell more of range
 _EDGE_CELLS = 1.0  # cells by which the band ends before the given range, for that reason
-_CELLS_BELOW_ZERO = (
-    1.0  # cells below zero range in the band: leakage arrives after a cable's length
-)
+# Cells below zero range in the band: leakage arrives after a cable's length.
+_CELLS_BELOW_ZERO = 1.0
 
 
 @frozen_dataclass

@@ -13,9 +13,8 @@ _MIN_PILE_RATIO = 8
 """Values at the end over those at the next level: a sine has 2.4, the crest of any smooth echo at
 most 5.3 (1 / (2^(1/4) - 1), of the fourth power), a clipped one tens and more."""
 _MIN_PILE = 20  # values in a pile-up; extremes of noise are single
-_MIN_STEPS = (
-    32  # levels from end to end; with fewer, one level may hold most values without clipping
-)
+# Levels from end to end; with fewer, one level may hold most values without clipping.
+_MIN_STEPS = 32
 _WARNING_SHARE = 1e-3
 """Share above which clipping is a warning. Noise clipped in 1e-3 of its samples has errors 36 dB
 below itself; smaller ones are below the noise."""
@@ -54,9 +53,9 @@ def _count_clipped_values(recorded: RecordingMeasures) -> np.ndarray:
     """Count the values at an end of the range, (frame, rx).
 
     An end is the highest or lowest value of a receiver, if it is the end of full scale, or if it
-    piles up: so many values there and so few at the next level that they must be clipped. Runs of
-    equal values would be less specific: slow echoes have them at their crests, and fast ones have
-    none where they are clipped.
+    piles up: the counts there and at the next level differ so much that values must be clipped.
+    Runs of equal values would be less specific: slow echoes have them at their crests, and fast
+    ones have none where they are clipped.
     """
     level, count = (
         recorded.measure_values("level").astype(np.float64),

@@ -100,9 +100,8 @@ def estimate_static_samples(
     out = np.empty((n_slots, *numbers.shape[1:]), np.float32)
     for slot in range(n_slots):
         slot_chirps = chirps[chirps % n_slots == slot]
-        parts = np.array_split(
-            slot_chirps, max(1, min(groups, slot_chirps.size))
-        )  # zeros for a slot without chirps
+        # Zeros for a slot without chirps.
+        parts = np.array_split(slot_chirps, max(1, min(groups, slot_chirps.size)))
         starts = np.cumsum([0, *(part.size for part in parts)])
         out[slot] = np.median(
             _chirp_group_means(numbers, slot_chirps, starts, inverse_scale), axis=0

@@ -40,7 +40,7 @@ class ChirpBursts:
 
 
 def measure_bursts(
-    samples: np.ndarray, is_lost: np.ndarray, *, n_slots: int, scale: float, step: float
+    samples: np.ndarray, is_lost: np.ndarray, *, n_slots: int, largest_value: float, adc_step: float
 ) -> ChirpBursts:
     """Measure bursts in samples (chirp, rx, sample) of one frame.
 
@@ -51,14 +51,17 @@ def measure_bursts(
         Chirps to leave out.
     n_slots : int
         Number of chirps after which the same transmitter sends again.
-    scale, step : float
-        Largest value; smallest difference of successive samples, a step of the converter.
+    largest_value, adc_step : float
+        Largest magnitude of a real or imaginary part; smallest difference of successive samples,
+        a step of the converter.
     """
-    background = estimate_background(samples, is_lost, n_slots=n_slots, scale=scale)
+    background = estimate_background(samples, is_lost, n_slots=n_slots, scale=largest_value)
     if background is None:
         nan = np.full(len(samples), np.nan, np.float32)
         return ChirpBursts(excess=nan, share=nan, kurtosis=nan)
-    return measure_bursts_over_background(background, samples, is_lost, scale=scale, step=step)
+    return measure_bursts_over_background(
+        background, samples, is_lost, largest_value=largest_value, adc_step=adc_step
+    )
 
 
 def measure_bursts_over_background(
@@ -66,8 +69,8 @@ def measure_bursts_over_background(
     samples: np.ndarray,
     is_lost: np.ndarray,
     *,
-    scale: float,
-    step: float,
+    largest_value: float,
+    adc_step: float,
     max_share: float = 1 / 8,
 ) -> ChirpBursts:
     """Measure bursts with a known background.
@@ -86,13 +89,17 @@ def measure_bursts_over_background(
         n_samples - background.predictor.size, n_parts, max_share
     )
     floor = (
-        _MIN_STEPS**2 * n_parts / 2 * float(background.receiver_weight.max()) * (step / scale) ** 2
+        _MIN_STEPS**2
+        * n_parts
+        / 2
+        * float(background.receiver_weight.max())
+        * (adc_step / largest_value) ** 2
     )
     _measure_chirp_bursts(
         numbers,
         is_lost,
         background.static_samples,
-        np.float32(1 / scale),
+        np.float32(1 / largest_value),
         background.receiver_weight,
         np.stack([background.predictor.real, background.predictor.imag]).astype(np.float32),
         lengths,

@@ -58,8 +58,8 @@ def measure_frame_quality(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
         is_lost = np.asarray(cube["gap"].values, bool).reshape(n_chirps).copy()
     n_parts = 2 if is_complex else 1
     statistics = compute_sample_statistics(samples.view(np.float32), is_lost, n_parts)
-    is_silent = statistics.largest_magnitude < SILENT
-    scale = 1.0 if is_silent else statistics.largest_magnitude
+    is_silent = statistics.largest_part_magnitude < SILENT
+    scale = 1.0 if is_silent else statistics.largest_part_magnitude
     is_alive = ~statistics.constant_receivers & (not is_silent)
     kept_samples = samples[~is_lost] if is_lost.any() else samples
     n_slots = radar.frame.n_slots
@@ -68,13 +68,14 @@ def measure_frame_quality(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
     n_echoes = sides.n_echoes
     if n_echoes == 0 and _has_doppler_peak(kept_samples, is_alive, scale):
         n_echoes = 1.0
-    bursts = measure_bursts(samples, is_lost, n_slots=n_slots, scale=scale, step=statistics.step)
-    outlier_excess = measure_outlier_chirp_excess(
-        samples, is_lost, n_slots=n_slots, scale=scale, step=statistics.step
+    bursts = measure_bursts(
+        samples, is_lost, n_slots=n_slots, largest_value=scale, adc_step=statistics.step
     )
-    ghost = find_ghost_track(
-        samples, is_lost, radar.for_frame(0).frame, scale
-    )  # approximate for lists of intervals
+    outlier_excess = measure_outlier_chirp_excess(
+        samples, is_lost, n_slots=n_slots, largest_value=scale, adc_step=statistics.step
+    )
+    # Approximate for lists of intervals.
+    ghost = find_ghost_track(samples, is_lost, radar.for_frame(0).frame, scale)
     cells, snr = np.zeros((N_CELLS, n_rx), np.complex64), np.zeros(N_CELLS, np.float32)
     if (
         is_alive.all()

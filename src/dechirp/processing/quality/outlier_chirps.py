@@ -13,7 +13,7 @@ _MEDIAN_LENGTH = 17  # changes of the local median: fewer than motion takes to b
 
 
 def measure_outlier_chirp_excess(
-    samples: np.ndarray, is_lost: np.ndarray, *, n_slots: int, scale: float, step: float
+    samples: np.ndarray, is_lost: np.ndarray, *, n_slots: int, largest_value: float, adc_step: float
 ) -> np.ndarray:
     """Return the power by which each chirp differs from both neighbours, over a limit, (chirp,).
 
@@ -26,11 +26,11 @@ def measure_outlier_chirp_excess(
     """
     out = np.full(len(samples), np.nan, np.float32)
     changes, power = _chirp_changes_and_powers(
-        samples.view(np.float32), is_lost, n_slots, np.float32(1 / scale)
+        samples.view(np.float32), is_lost, n_slots, np.float32(1 / largest_value)
     )
     mean_power = float(power[~is_lost].mean()) if not is_lost.all() else 0.0
     # Quantisation noise is a step squared over 12.
-    smallest = max(ROUNDING_POWER * mean_power, (step / scale) ** 2 / 12, 1e-300)
+    smallest = max(ROUNDING_POWER * mean_power, (adc_step / largest_value) ** 2 / 12, 1e-300)
     for slot in range(n_slots):
         slot_changes = changes[slot::n_slots][:-1]
         is_known = np.isfinite(slot_changes)

@@ -31,8 +31,8 @@ class SampleStatistics:
     """Number of values of each receiver and part."""
 
     @property
-    def largest_magnitude(self) -> float:
-        """Largest magnitude; 0 without any samples."""
+    def largest_part_magnitude(self) -> float:
+        """Largest magnitude of a real or imaginary part; 0 without samples."""
         return float(np.max(np.abs(self.level[..., 0]), initial=0.0)) if self.n_numbers else 0.0
 
     @property

@@ -23,7 +23,7 @@ _MIN_PRIOR = 1e-6
 
 
 class FrameEstimates(NamedTuple):
-    """Estimates of the detections of one frame by itself; arrays (n,)."""
+    """Estimates of the detections of a single frame; arrays (n,)."""
 
     number: int
     """Number of the frame, counted from one with the first interval."""

@@ -156,8 +156,8 @@ def _broken_limit_without_sampling_time(
     return BrokenLimit(
         limit="interval",
         demand=f"an interval of at most {longest_s * 1e6:.4g} us, lambda / 4v",
-        bound=f"{unsampled_s * 1e6:.4g} us of it for fly-back, round trip, settling and margin,"
-        " and time left to sample",
+        bound=f"more than {unsampled_s * 1e6:.4g} us, taken by fly-back, round trip, settling and"
+        " margin",
     )
 
 

@@ -60,6 +60,8 @@ def check_chirp_count(requirements: Requirements, frame: Frame) -> list[BrokenLi
         return []
     return [
         BrokenLimit(
-            limit="chirps", demand="more chirps", bound=f"fewer than {MAX_N_CHIRPS} in a frame"
+            limit="chirps",
+            demand=f"{MAX_N_CHIRPS} chirps or more",
+            bound=f"fewer than {MAX_N_CHIRPS} in a frame",
         )
     ]

@@ -126,8 +126,8 @@ def _requirements_from_value_or_fields(
     if (requirements is None) == (not fields):
         raise InvalidSetting(
             "requirements",
-            value="given twice" if fields else "not given",
-            expected="a Requirements value or its fields as keywords, one of both",
+            value="cannot be combined with keywords" if fields else "missing",
+            expected="a Requirements value, or its fields as keywords",
             fix="for example design(max_range_m=200, range_resolution_m=1,"
             " max_velocity_m_per_s=100)",
         )

@@ -66,7 +66,7 @@ def relax_requirements(
             "Limits",
             value=first.demand,
             expected=first.bound,
-            fix="no radar keeps this; widen them",
+            fix="widen the limits: no radar keeps them",
         )
     relaxed, findings = _apply_smallest_relaxation(requirements, relaxed_values, [first])
     relaxed, more_findings = relax_requirements(relaxed, find_broken_limits)
@@ -139,8 +139,8 @@ def _apply_smallest_relaxation(
         Finding(
             level="error",
             setting=f"requirements.{setting}",
-            value=f"{relaxed}, since {original} takes {limit.demand}",
-            expected=f"{original} with {limit.bound}",
+            value=f"{original} needs {limit.demand}, and is relaxed to {relaxed}",
+            expected=limit.bound,
             fix=f"ask for {fix}",
         )
         for limit in broken_limits

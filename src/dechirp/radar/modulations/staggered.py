@@ -27,7 +27,7 @@ class Staggered(Modulation):
         if len(set(pauses_s)) < 2:
             raise InvalidSetting(
                 "Staggered.pauses_s",
-                value=f"{', '.join(f'{pause_s:.6g} s' for pause_s in pauses_s) or 'none'}",
+                value=f"{', '.join(f'{pause_s:.6g} s' for pause_s in pauses_s) or 'empty'}",
                 expected="two or more pauses that differ; equal pauses are a longer interval",
                 fix="give one for each ramp of a round, such as [0 s, 5 us]",
             )

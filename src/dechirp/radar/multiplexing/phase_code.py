@@ -42,7 +42,8 @@ class PhaseCode(Multiplexing):
                 raise InvalidSetting(
                     f"{_SETTING}.{index}",
                     value=f"a row of {len(row)} phases",
-                    expected=f"of {len(checked[0])} as the first row, one for each transmitter",
+                    expected=f"{len(checked[0])} phases, one for each transmitter, as in the first"
+                    " row",
                     fix="give every transmitter a phase in every row",
                 )
         object.__setattr__(self, "phases_rad", checked)

@@ -184,9 +184,8 @@ class PatchArray(Pattern):
         design_wavelength_m = self._design_wavelength_m
         frequency_ratio = (self.frequency_hz or self.design_frequency_hz) / self.design_frequency_hz
         wavelength_m = design_wavelength_m / frequency_ratio
-        x = np.sqrt(
-            np.maximum(1 - y_cosine**2 - z_cosine**2, 0.0)
-        )  # rounding goes below 0 at the rim
+        # Rounding goes below 0 at the rim.
+        x = np.sqrt(np.maximum(1 - y_cosine**2 - z_cosine**2, 0.0))
         width_factor = np.sinc(self.patch_width_m / wavelength_m * y_cosine)
         thickness_factor = np.sinc(self.substrate_thickness_m / wavelength_m * x)
         length_factor = np.cos(math.pi * self.patch_length_m / wavelength_m * z_cosine)

@@ -35,9 +35,8 @@ _MAX_LINKS = 16
 _MAX_DEPTH = 16
 # The cache keeps chunks of several frames until the next frame needs them.
 _CACHE_BYTES = 2**26
-_FILTER_OVERHEAD_BYTES = (
-    1024  # bytes at most that other filters add to a chunk before its compression
-)
+# Bytes at most that other filters add to a chunk before its compression.
+_FILTER_OVERHEAD_BYTES = 1024
 _DEFLATE, _FLETCHER32, _SZIP, _LZF = 1, 3, 4, 32000
 _COMPRESSORS = (_DEFLATE, _SZIP, _LZF)
 _CHECKSUM_BYTES = 4

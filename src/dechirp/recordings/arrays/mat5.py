@@ -306,9 +306,8 @@ def parse_numeric_variable(element: Element) -> dict[str, Variable]:
         is_complex=header.is_complex,
         first_part=header.data_offset,
     )
-    return (
-        {header.name: variable} if header.name else {}
-    )  # MATLAB's internal variables have no name
+    # MATLAB's internal variables have no name.
+    return {header.name: variable} if header.name else {}
 
 
 def parse_element_tag(head: bytes, offset: int, byte_order: str) -> tuple[int, int, int, int]:

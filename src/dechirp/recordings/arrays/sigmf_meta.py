@@ -103,7 +103,7 @@ def read_metadata(path: Path) -> SigmfMetadata:
     meta, data = meta_and_data_paths(path)
     partner = data if path == meta else meta
     if not partner.is_file():
-        raise _metadata_error(path, f"no {partner.name} beside it", f"a pair of {META} and {DATA}")
+        raise _metadata_error(path, f"no {partner.name} next to it", f"a pair of {META} and {DATA}")
     check_stays_in_folder(path.parent, partner)
     tree = parse_metadata_file(meta)
     global_fields: dict[str, Any] = tree["global"]

@@ -80,9 +80,8 @@ def read_small_array(path: Path, folder: Path) -> np.ndarray:
     """
     with convert_parser_errors(path, EXPECTED):
         _check_codecs_supported(path, folder)
-        array, _ = _to_checked_lazy_array(
-            path, open_zarr_array(folder), folder
-        )  # absent chunks hold the fill value
+        # Absent chunks hold the fill value.
+        array, _ = _to_checked_lazy_array(path, open_zarr_array(folder), folder)
         return array.read(tuple(slice(0, size) for size in array.shape))
 
 

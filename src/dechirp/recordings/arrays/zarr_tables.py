@@ -73,17 +73,15 @@ def _read_group_as_dataset(folder: Path) -> xr.Dataset:
             name, array = mark.parent.name, mark.parent
             metadata = read_array_metadata(array) or {}
             variable_attributes = dict(metadata.get("attributes") or {})
-            variable_attributes.pop(
-                "_FillValue", None
-            )  # NaN for floats, which needs no replacement
+            # NaN for floats, which needs no replacement.
+            variable_attributes.pop("_FillValue", None)
             coordinates |= set(str(variable_attributes.pop("coordinates", "")).split())
             is_text = metadata.get("data_type") == "string"
             values = (
                 _read_string_array(folder, array) if is_text else read_small_array(folder, array)
             )
-            if (
-                variable_attributes.get("dtype") == "bool"
-            ):  # flags as written by xarray before 2026.9
+            # Flags as written by xarray before 2026.9.
+            if variable_attributes.get("dtype") == "bool":
                 values, _ = values.astype(bool), variable_attributes.pop("dtype")
             variables[name] = xr.Variable(
                 tuple(metadata.get("dimension_names") or ()), values, variable_attributes

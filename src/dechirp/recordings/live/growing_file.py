@@ -157,7 +157,7 @@ def follow(
             path,
             value="a folder",
             expected="one file of raw samples",
-            fix="give the growing file in it, as adc_data.bin",
+            fix="give the growing file in it, such as adc_data.bin",
         )
     if not path.is_file():
         raise unreadable_path_error(path, FileNotFoundError(2, "no such file"))

@@ -18,9 +18,8 @@ from dechirp.recordings.streams.packets import MAX_PAYLOAD_BYTES, read_unsigned
 HEADER_BYTES = 10
 MAX_DELAY_BYTES = 256 * MAX_PAYLOAD_BYTES
 """Largest delay of a packet in any frame: networks exchange neighbours."""
-_MAX_DISTANT_PACKETS = (
-    16  # consecutive packets too distant for network delay or loss: another recording
-)
+# Consecutive packets too distant for network delay or loss: another recording.
+_MAX_DISTANT_PACKETS = 16
 
 # Indices of the counters that the compiled code shares with `ReassemblyWindow`.
 (

@@ -66,9 +66,8 @@ class RecvmmsgReader(SocketReader):
     def __init__(self, udp_socket: socket.socket, slots: PacketSlots) -> None:
         super().__init__(udp_socket, slots)
         n, n_bytes = slots.content.shape
-        self._senders = np.zeros(
-            (n, 2), np.int64
-        )  # struct sockaddr_in: the first half has port and address
+        # Struct sockaddr_in: the first half has port and address.
+        self._senders = np.zeros((n, 2), np.int64)
         self._parts = np.empty((n, 2), np.uint64)  # struct iovec
         self._parts[:, 0] = slots.content.ctypes.data + n_bytes * np.arange(n, dtype=np.uint64)
         self._parts[:, 1] = n_bytes

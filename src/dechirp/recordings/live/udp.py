@@ -245,7 +245,7 @@ def listen(
     if given_settings is None:
         raise InvalidSetting(
             "radar",
-            value="not given",
+            value="missing",
             expected="the radar, which packets do not contain",
             fix="give its settings: --radar FILE (radar=FILE in Python)",
         )
@@ -266,7 +266,7 @@ def parse_udp_address(address: str) -> tuple[str, int]:
         raise InvalidSetting(
             "address",
             value=address,
-            expected="an IPv4 address of this machine and a port, as udp://127.0.0.1:4098",
+            expected="an IPv4 address of this machine and a port, such as udp://127.0.0.1:4098",
             fix="correct it; the default port of a DCA1000 is 4098",
         )
     return match[1] or "127.0.0.1", port

@@ -67,11 +67,11 @@ class MessageArrays:
 
 
 def collect_message_arrays(
-    path: Path, messages: Iterable[Message], topic_name: str | None
+    path: Path, messages: Iterable[Message], cloud_topic_name: str | None
 ) -> MessageArrays:
     """Read the arrays of all messages.
 
-    `topic_name` selects a topic of clouds, without its first slash.
+    `cloud_topic_name` selects a topic of clouds, without its first slash.
     """
     text: str | None = None
     clouds: dict[str, list[PointCloud]] = {}
@@ -88,7 +88,7 @@ def collect_message_arrays(
         elif message.type == CLOUD and topic not in unread_topics:
             cloud = decode_message(message)
             names = {point_cloud.name.lower() for point_cloud in cloud.fields}
-            if not (is_native or topic == f"/{topic_name}" or names.intersection(VELOCITIES)):
+            if not (is_native or topic == f"/{cloud_topic_name}" or names.intersection(VELOCITIES)):
                 unread_topics[topic] = message.type
                 continue
             stamp = cloud.header.stamp

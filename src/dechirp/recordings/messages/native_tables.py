@@ -67,9 +67,8 @@ def _read_table_column(
         values = (
             np.stack(parts, axis=dims.index("frame")) if has_frame_axis else np.concatenate(parts)
         )
-        if variable["is_text"] and values.ndim == len(
-            dims
-        ):  # texts of one byte: no field has a further axis
+        # Texts of one byte: no field has a further axis.
+        if variable["is_text"] and values.ndim == len(dims):
             values = values[..., None]
     if dtype.kind == "c":  # real and imaginary parts along a last axis
         return np.ascontiguousarray(values).view(dtype)[..., 0]

@@ -61,7 +61,7 @@ class Pcap(Format):
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         runs, stopped, snapped = _scan_sample_packets(path)
         runs = runs.reshape(-1, 7)  # empty if the file ends after its header
-        _check_snap_length_kept_samples(path, runs, snapped)
+        _check_snap_length(path, runs, snapped)
         stream, findings = assemble_packet_payloads(path, open_concatenated_files(path), runs)
         if n_snapped := int(runs[runs[:, 4] > 0, -2].sum()):
             findings += (_snap_length_warning(n_snapped, int(snapped[1])),)
@@ -117,7 +117,7 @@ def _scan_sample_packets(path: Path) -> tuple[np.ndarray, int, np.ndarray]:
     return *scan_file_in_windows(path, wrap_scan_to_return_runs(scan_records), 24), snapped
 
 
-def _check_snap_length_kept_samples(path: Path, runs: np.ndarray, snapped: np.ndarray) -> None:
+def _check_snap_length(path: Path, runs: np.ndarray, snapped: np.ndarray) -> None:
     """Raise `RecordingError` if the snap length removed nearly all samples."""
     is_whole, counts = runs[:, 4] == 0, runs[:, -2]
     lost_bytes, captured_bytes = counts @ runs[:, 4], counts @ runs[:, 3]
@@ -204,9 +204,8 @@ def _parse_sample_packet(
         return False
     is_udp = content[offset] >> 4 == 4 and content[offset + 9] == 17
     is_fragment = read_unsigned(content, offset + 6, 2, False) & 0x3FFF
-    payload_end = min(
-        packet_end, offset + read_unsigned(content, offset + 2, 2, False)
-    )  # short Ethernet frames are padded
+    # Short Ethernet frames are padded.
+    payload_end = min(packet_end, offset + read_unsigned(content, offset + 2, 2, False))
     header_bytes = int(content[offset] & 15) * 4
     offset += header_bytes
     if not is_udp or is_fragment or header_bytes < 20 or offset + 18 >= min(payload_end, stop):
@@ -271,9 +270,8 @@ def _scan_pcapng_blocks(
         size = read_unsigned(content, offset + 4, 4, is_little_endian)
         if size < 12 or offset + size > content.size:
             break
-        if (
-            block_type == 1 and size >= 20 and n_links[0] < link_types.size
-        ):  # an interface description
+        # An interface description.
+        if block_type == 1 and size >= 20 and n_links[0] < link_types.size:
             link_types[n_links[0]] = read_unsigned(content, offset + 8, 2, is_little_endian)
             n_links[0] += 1
         payload_start, n_captured, n_sent, interface = 0, 0, 0, 0

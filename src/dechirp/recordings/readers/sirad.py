@@ -176,7 +176,7 @@ def _settings_from_header(
     start_frequency_note = Finding(
         level="note",
         setting="radar.frame.chirp.start_frequency",
-        value="not in the file, taken as 119 GHz of the 122 GHz device",
+        value="missing in the file, assumed to be 119 GHz, as of the 122 GHz device",
         expected="the start frequency of the device; 1.2 GHz change velocities by 1 %",
         fix="give the radar if the device is another one",
     )

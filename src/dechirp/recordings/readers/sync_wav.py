@@ -242,7 +242,7 @@ def _assumed_sync_polarity_note() -> Finding:
     return Finding(
         level="note",
         setting="encoding",
-        value="not given, taken as inverted, as by sound cards",
+        value="missing, assumed to be inverted, as by sound cards",
         expected="the polarity of the sync, which distinguishes up-ramps from down-ramps",
         fix="give --encoding upright if the signals were not inverted, or to read the down-ramps",
     )

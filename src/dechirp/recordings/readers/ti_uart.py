@@ -174,9 +174,8 @@ def _lost_packets_warning(stream: TlvPackets) -> tuple[Finding, ...]:
     """Warn about damaged packets, lost bytes and missing frames."""
     numbers = stream.packets["frame_number"]
     steps = np.diff(numbers)
-    is_forward = (steps >= 0) & (
-        steps <= _MAX_FRAME_STEP
-    )  # the subframes of a frame have one number
+    # The subframes of a frame have one number.
+    is_forward = (steps >= 0) & (steps <= _MAX_FRAME_STEP)
     n_missing = int(np.maximum(steps[is_forward] - 1, 0).sum())
     n_jumps = int(np.count_nonzero(~is_forward))
     if not (stream.n_bytes_lost or n_missing or n_jumps):

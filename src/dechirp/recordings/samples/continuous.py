@@ -25,7 +25,7 @@ def check_single_receiver(path: Path, radar: Radar, sampling: Sampling) -> None:
 def divide_chirps_into_frames(
     path: Path, radar: Radar, n_chirps: int
 ) -> tuple[Radar, int, tuple[Finding, ...]]:
-    """Return the radar, the number of complete frames in so many chirps, and findings.
+    """Return the radar, the number of complete frames in `n_chirps` chirps, and findings.
 
     The returned radar has no pause between frames.
 

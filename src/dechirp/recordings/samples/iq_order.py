@@ -38,7 +38,7 @@ def guess_iq_order(samples: np.ndarray) -> tuple[Iq, Finding]:
     return iq, Finding(
         level="note" if is_certain else "warning",
         setting="iq",
-        value=f"not given, taken as {iq}, with {positive_share:.1%} of the energy at positive"
+        value=f"missing, assumed to be {iq}, with {positive_share:.1%} of the energy at positive"
         " beat frequencies",
         expected="the order in which I and Q of a sample were written",
         fix="no action needed if echoes appear at the right ranges; else give --iq"

@@ -61,7 +61,7 @@ def choose_sample_order(
             if _is_clearly_more_concentrated(level, other_level, n_samples)
             else "warning",
             setting=setting,
-            value=f"not given, taken as {names[chosen_index]}: its energy lies in"
+            value=f"missing, assumed to be {names[chosen_index]}: its energy lies in"
             f" {_format_equivalent_tone_count(level)} beat frequencies,"
             f" in {_format_equivalent_tone_count(other_level)} read as {name}",
             expected="the device that wrote the samples, which raw samples do not contain",

@@ -45,7 +45,7 @@ def read_calibration(path: str | Path) -> Calibration:
     ]  # fmt: skip
     mistakes += [
         _calibration_mistake(
-            file, name, value="absent", expected="one value for each element", fix=_RECALIBRATE_FIX
+            file, name, value="missing", expected="one value for each element", fix=_RECALIBRATE_FIX
         )
         for name, field in known_fields.items()
         if field.default is MISSING and name not in content
@@ -76,7 +76,7 @@ def _read_json_object(file: Path) -> dict[str, Any]:
     """Read the JSON object of a file; raise `InvalidFile` for anything else."""
     try:
         if not file.is_file():
-            problem = "a folder" if file.is_dir() else "not there"
+            problem = "a folder" if file.is_dir() else "missing"
         elif file.stat().st_size > _MAX_BYTES:
             problem = f"{file.stat().st_size / 2**20:.3g} MiB"
         else:

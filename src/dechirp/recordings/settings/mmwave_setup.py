@@ -30,7 +30,7 @@ def find_named_settings_and_chip(file: Path, text: str) -> tuple[Path, str]:
         file,
         value=f"configUsed {format_json_excerpt(name)}",
         expected="the bare name of a .mmwave.json file in the same folder",
-        fix="put that file beside it and write its name without a folder, or give the"
+        fix="put that file next to it and write its name without a folder, or give the"
         " .mmwave.json file itself",
     )
 

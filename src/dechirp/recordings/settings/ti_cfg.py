@@ -196,9 +196,8 @@ def _check_values_supported(
     frame_names: Sequence[str],
 ) -> None:
     """Raise `InvalidFile` if the valid commands have unsupported values."""
-    ignored = {"chirpCfg", *_FRAMES, *_SUB_FRAMES} - set(
-        frame_names
-    )  # chirps are checked one by one
+    # Chirps are checked one by one.
+    ignored = {"chirpCfg", *_FRAMES, *_SUB_FRAMES} - set(frame_names)
     commands = [line for line in last_commands if line.name not in ignored]
     # Without a stream, its layout does not matter.
     commands = [line for line in commands if line.name != "lvdsStreamCfg" or line["data_format"]]

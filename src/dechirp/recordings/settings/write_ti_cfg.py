@@ -150,7 +150,7 @@ def _check_expressible_as_commands(frame: Frame) -> None:
     if frame.period_s is None:
         raise InvalidSetting(
             "Frame.period_s",
-            value="none",
+            value="missing",
             expected="a period: the chip starts frames by its clock, with pauses between them",
             fix=f"give one above {frame.duration_s * 1e3:.6g} ms",
         )

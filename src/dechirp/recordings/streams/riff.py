@@ -51,9 +51,8 @@ class Wav:
     def _decode_samples(self, raw: np.ndarray) -> np.ndarray:
         """Convert bytes (n, channel, byte) to samples (n, channel)."""
         if self.is_float:
-            with np.errstate(
-                all="ignore"
-            ):  # values too large become infinite, which the reader reports
+            # Values too large become infinite, which the reader reports.
+            with np.errstate(all="ignore"):
                 return raw.view(f"<f{self.bytes_per_sample}")[..., 0].astype(np.float32)
         if self.bytes_per_sample == 1:
             return (raw[..., 0].astype(np.float32) - 128) / np.float32(128)

@@ -98,7 +98,7 @@ def _check_sidecar_size(recording: Recording) -> None:
             "tables",
             value=f"{n_bytes} bytes as JSON",
             expected=f"at most {MAX_SIDECAR_BYTES}",
-            fix="write fewer frames, or a format with larger tables, as .h5",
+            fix="write fewer frames, or a format with larger tables, such as .h5",
         )
 
 

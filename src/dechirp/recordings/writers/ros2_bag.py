@@ -40,9 +40,8 @@ class Ros2Bag(Writer):
         name = f"{out.stem}.db3"
         check_output_folder_replaceable(out, marker_file=METADATA, own_names=(METADATA, name))
         with atomic_folder(out) as temporary:
-            inner = (
-                temporary / out.stem
-            )  # the library creates the folder and names its file after it
+            # The library creates the folder and names its file after it.
+            inner = temporary / out.stem
             try:
                 _write_bag(inner, iter_ros2_messages(recording, progress))
             except sqlite3.Error as error:  # such as a full disk

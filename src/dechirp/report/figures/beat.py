@@ -15,6 +15,7 @@ from dechirp.processing.spectrum import range_profiles
 from dechirp.radar.chirp import Chirp
 from dechirp.report.figures.common import AXIS_LABELS, add_legend, create_panels
 from dechirp.report.figures.style import BLUE, INK, reduce_line_to_extremes
+from dechirp.report.labels import TIME_SINCE_RAMP_START_LABEL, power_label
 
 SignalPart = Literal["real", "imaginary"]
 
@@ -75,7 +76,7 @@ def draw_signal(
     unit = unit if exponent == 0 else f"{format_power_of_ten(exponent)} {unit}"
     name = f"{part.capitalize()} part" if is_complex else "Samples"
     axes.set_ylabel(f"{name}\n({unit})")
-    axes.set_xlabel("Time since ramp start (µs)")
+    axes.set_xlabel(TIME_SINCE_RAMP_START_LABEL)
     part_text = f", {part} part" if is_complex else ""
     axes.set_label(f"Beat signal of the first chirp over time{part_text}")
     return axes
@@ -169,7 +170,7 @@ def draw_spectrum(
         )
     axes.set(xlim=(0, range_m[-1]), ylim=(lowest, highest + 0.05 * (highest - lowest) + 1))
     axes.set_xlabel(AXIS_LABELS["range"])
-    axes.set_ylabel(f"Power ({power_level_unit(units)})")
+    axes.set_ylabel(power_label(power_level_unit(units)))
     add_legend(axes)
     axes.set_label("Spectrum of the beat signal over range")
     return axes

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from dechirp.report.figures import top_view
 from dechirp.report.figures.common import add_legend
 from dechirp.report.figures.top_view import GroundDetections
+from dechirp.report.labels import X_LABEL, Y_LABEL
 
 
 def draw_detections_from_above(axes: Axes, detections: GroundDetections) -> Axes:
@@ -33,8 +34,8 @@ def draw_detections_from_above(axes: Axes, detections: GroundDetections) -> Axes
     axes.set(xlim=(side, -side), ylim=(-0.06 * reach_m, front))
     top_view.draw_range_rings(axes, math.hypot(front, side))
     top_view.draw_ground_detections(axes, detections)
-    axes.set_xlabel(top_view.Y_LABEL)
-    axes.set_ylabel(top_view.X_LABEL)
+    axes.set_xlabel(Y_LABEL)
+    axes.set_ylabel(X_LABEL)
     add_legend(axes)
     axes.set_label("Detections from above")
     return axes

@@ -14,6 +14,7 @@ from dechirp.report.figures.common import (
     line_through_cell,
 )
 from dechirp.report.figures.style import BLUE, ORANGE
+from dechirp.report.labels import power_label
 
 _FEWEST_CELLS = 24  # minimum shown on each side
 
@@ -96,7 +97,7 @@ def draw_threshold_cut(
         ylim=(lowest, highest + 0.06 * (highest - lowest) + 1),
     )
     axes.set_xlabel(AXIS_LABELS[along])
-    axes.set_ylabel(f"Power ({power_level_unit(units)})")
+    axes.set_ylabel(power_label(power_level_unit(units)))
     add_legend(axes)
     axes.set_label(f"Power and threshold along {along}")
     return axes

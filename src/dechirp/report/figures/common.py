@@ -18,15 +18,16 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from dechirp.core.text import format_number, format_probability
 from dechirp.report.figures.style import INK, ORANGE
+from dechirp.report.labels import RANGE_LABEL, VELOCITY_LABEL
 from dechirp.scene.scene import Scene
 
 MapAxis = Literal["range", "velocity"]
 
 AXIS_LABELS: dict[MapAxis, str] = {
-    "range": "Range (m)",
-    "velocity": "Velocity (m/s)",
+    "range": RANGE_LABEL,
+    "velocity": VELOCITY_LABEL,
 }
-"""Axis labels of maps; receding velocities are positive."""
+"""Axis labels of maps."""
 
 # Legend letters per inch times their size in points, and the width of a mark in letters.
 _LETTERS, _MARK_LETTERS = 174.0, 6

@@ -11,6 +11,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.report.check_values import apply_typography
 from dechirp.report.figures.common import add_legend
 from dechirp.report.figures.style import BLUE, GREEN, INK, MUTED, ORANGE
+from dechirp.report.labels import DETECTION_PROBABILITY_LABEL
 from dechirp.theory import confidence_intervals
 
 _COLORS = (BLUE, GREEN, ORANGE)
@@ -49,7 +50,7 @@ def draw_detection_curves(
         The given axes.
     """
     _draw_hit_proportions(axes, curves, confidence=confidence)
-    axes.set_ylabel("Detection probability")
+    axes.set_ylabel(DETECTION_PROBABILITY_LABEL)
     axes.plot([], [], color=INK, linewidth=1.2, label="theory")
     add_legend(axes)
     if gap is not None:

@@ -11,6 +11,7 @@ from matplotlib.figure import FigureBase
 from dechirp.core.values import frozen_dataclass
 from dechirp.report.figures.common import AXIS_LABELS, create_panels, draw_circles, outer_cell_edges
 from dechirp.report.figures.style import BLUE, ORANGE
+from dechirp.report.labels import POWER_OVER_NOISE_LABEL
 from dechirp.scene.aliasing import RangeVelocity
 
 
@@ -107,7 +108,7 @@ def draw_threshold_lines(
     panels: list[Axes] = create_panels(figure, 1, len(lines), sharex=True, sharey=True)[0].tolist()
     for axes, line in zip(panels, lines, strict=True):
         _draw_threshold_line(axes, line, around_m - reach_m, around_m + reach_m)
-    panels[0].set_ylabel("Power over mean noise (dB)")
+    panels[0].set_ylabel(POWER_OVER_NOISE_LABEL)
     figure.legend(
         *panels[0].get_legend_handles_labels(),
         loc="outside upper right",

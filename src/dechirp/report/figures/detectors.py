@@ -14,6 +14,7 @@ from dechirp.processing.cfar.member_comparison import (
 )
 from dechirp.report.figures.common import create_panels
 from dechirp.report.figures.style import BLUE, INK, ORANGE
+from dechirp.report.labels import POWER_OVER_NOISE_LABEL
 
 _COLUMNS = 2
 _ROW_IN = 1.35
@@ -42,7 +43,7 @@ def draw_detector_comparison(figure: FigureBase) -> list[Axes]:
         axes.set_axis_off()
     color = mpl.rcParams["axes.labelcolor"]
     figure.supxlabel("Range (cells)", color=color)
-    figure.supylabel("Power over mean noise (dB)", color=color)
+    figure.supylabel(POWER_OVER_NOISE_LABEL, color=color)
     figure.legend(
         *grid[0, 0].get_legend_handles_labels(),
         loc="outside upper right",

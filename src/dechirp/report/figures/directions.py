@@ -20,6 +20,12 @@ from dechirp.report.figures.common import (
 )
 from dechirp.report.figures.range_doppler import block_maxima
 from dechirp.report.figures.style import BLUE, COLORS, INK, ORANGE
+from dechirp.report.labels import (
+    AZIMUTH_LABEL,
+    ELEVATION_LABEL,
+    POWER_RELATIVE_TO_PEAK_LABEL,
+    power_label,
+)
 
 # The map is a maximum over velocity, so its median is a stable noise level.
 _BELOW_NOISE_DB, _LARGEST_SPAN_DB, _LEAST_SPAN_DB = 3.0, 70.0, 20.0
@@ -28,7 +34,6 @@ _FLOOR_DB = -40.0
 _DEGREES = np.array([-90, -60, -45, -30, -15, 0, 15, 30, 45, 60, 90])
 _FINE_DEGREES = np.arange(-30, 31, 5)
 _MOST_NAMED = 4
-_AZIMUTH, _ELEVATION = "Azimuth (°, left positive)", "Elevation (°, up positive)"
 
 
 class Directions(NamedTuple):
@@ -90,11 +95,11 @@ def draw_range_azimuth_map(axes: Axes, marked: RangeAzimuthMap) -> Axes:
         aspect="auto",
         interpolation="bilinear",
     )
-    add_colour_bar(axes, image, f"Power ({power_level_unit(marked.units)})")
+    add_colour_bar(axes, image, power_label(power_level_unit(marked.units)))
     _set_degree_ticks_on_sine_axis(axes.xaxis, sines)
     axes.grid(False)
     axes.set(xlim=(max_sine, min_sine), ylim=(0, max_shown_m), autoscale_on=False)
-    axes.set_xlabel(_AZIMUTH)
+    axes.set_xlabel(AZIMUTH_LABEL)
     axes.set_ylabel(AXIS_LABELS["range"])
     if marked.truth is not None:
         draw_crosses(axes, np.sin(marked.truth[0]), marked.truth[1])
@@ -138,13 +143,13 @@ def draw_angle_spectrum(
             axes, azimuth, level_db[0], estimates.azimuth_rad, truth and truth.azimuth_rad
         )
         axes.invert_xaxis()
-        axes.set_xlabel(_AZIMUTH)
+        axes.set_xlabel(AZIMUTH_LABEL)
     else:
         true_elevation_rad = truth and truth.elevation_rad
         _draw_spectrum_over_one_angle(
             axes, elevation, level_db[:, 0], estimates.elevation_rad, true_elevation_rad
         )
-        axes.set_xlabel(_ELEVATION)
+        axes.set_xlabel(ELEVATION_LABEL)
     add_legend(axes)
     axes.set_label("Spectrum over directions")
     return axes
@@ -177,7 +182,7 @@ def _draw_spectrum_over_one_angle(
     _set_degree_ticks_on_sine_axis(axes.xaxis, sines)
     margin = 0.0 if len(sines) > 1 else 0.01  # a field of view narrower than a beam is one point
     axes.set(xlim=(sines[0] - margin, sines[-1] + margin), ylim=(_FLOOR_DB, 3))
-    axes.set_ylabel("Power relative to the peak (dB)")
+    axes.set_ylabel(POWER_RELATIVE_TO_PEAK_LABEL)
 
 
 def _draw_spectrum_over_both_angles(
@@ -198,7 +203,7 @@ def _draw_spectrum_over_both_angles(
         aspect="auto",
         interpolation="bilinear",
     )
-    add_colour_bar(axes, image, "Power relative to the peak (dB)")
+    add_colour_bar(axes, image, POWER_RELATIVE_TO_PEAK_LABEL)
     _set_degree_ticks_on_sine_axis(axes.xaxis, azimuth_sines)
     _set_degree_ticks_on_sine_axis(axes.yaxis, elevation_sines)
     axes.grid(False)
@@ -207,8 +212,8 @@ def _draw_spectrum_over_both_angles(
         ylim=outer_cell_edges(elevation_sines),
         autoscale_on=False,
     )
-    axes.set_xlabel(_AZIMUTH)
-    axes.set_ylabel(_ELEVATION)
+    axes.set_xlabel(AZIMUTH_LABEL)
+    axes.set_ylabel(ELEVATION_LABEL)
     if truth is not None:
         draw_crosses(axes, *np.sin(truth))
     draw_circles(axes, *np.sin(estimates), size=9)

@@ -16,6 +16,7 @@ from dechirp.report.figures.common import (
     outer_cell_edges,
 )
 from dechirp.report.figures.style import COLORS
+from dechirp.report.labels import POWER_OVER_NOISE_LABEL, power_label
 from dechirp.scene.aliasing import RangeVelocity
 
 _MAX_PIXELS = (220, 420)  # velocity, range: the resolution of a figure of 500 pixels
@@ -96,7 +97,7 @@ def draw_map_over_noise(axes: Axes, marked: MarkedMap, *, highest_db: float) -> 
         lowest_db=-6.0,
         highest_db=highest_db,
         zero_db=_noise_level_db(marked),
-        label="Power over mean noise (dB)",
+        label=POWER_OVER_NOISE_LABEL,
     )
     name = "Range-Doppler map over the mean noise"
     return _draw_marked_map(axes, marked, marked.power, scale, name=name, circle_points=11)
@@ -158,7 +159,7 @@ def _absolute_power_colour_scale(marked: MarkedMap) -> _ColourScale:
         lowest_db=lowest,
         highest_db=max(highest, lowest + 20),
         zero_db=0.0,
-        label=f"Power ({power_level_unit(marked.units)})",
+        label=power_label(power_level_unit(marked.units)),
     )
 
 

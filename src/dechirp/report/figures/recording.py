@@ -5,10 +5,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
-from dechirp.report.figures import top_view
 from dechirp.report.figures.common import AXIS_LABELS, add_legend
 from dechirp.report.figures.range_doppler import MarkedMap, draw_map, noise_power_from_median
 from dechirp.report.figures.style import BLUE, ORANGE, reduce_line_to_extremes
+from dechirp.report.labels import X_LABEL, Y_LABEL, power_label
 
 
 def draw_map_or_range_profile(axes: Axes, power: xr.DataArray, *, units: str) -> Axes:
@@ -37,7 +37,7 @@ def draw_map_or_range_profile(axes: Axes, power: xr.DataArray, *, units: str) ->
     )
     axes.plot(*reduce_line_to_extremes(profile.range.values, level_db), color=BLUE, linewidth=1.0)
     axes.set_xlabel(AXIS_LABELS["range"])
-    axes.set_ylabel(f"Power ({power_level_unit(units)})")
+    axes.set_ylabel(power_label(power_level_unit(units)))
     axes.set_ylim(bottom=max(lowest_db, float(level_db.max()) - 100))
     axes.set_xlim(float(profile.range[0]), float(profile.range[-1]))
     axes.set_label("Power over range of one chirp")
@@ -76,8 +76,8 @@ def draw_points_from_above(axes: Axes, points: xr.Dataset) -> Axes:
             )
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_xaxis()  # positive y to the left
-    axes.set_xlabel(top_view.Y_LABEL)
-    axes.set_ylabel(top_view.X_LABEL)
+    axes.set_xlabel(Y_LABEL)
+    axes.set_ylabel(X_LABEL)
     add_legend(axes)
     axes.set_label("Detections from above")
     return axes

@@ -12,6 +12,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.report.figures import top_view
 from dechirp.report.figures.common import add_legend, choose_body_scatterers
 from dechirp.report.figures.style import BLUE, INK, ORANGE, TALL_IN
+from dechirp.report.labels import X_LABEL, Y_LABEL
 from dechirp.scene.rotations import to_local_axes
 from dechirp.scene.scene import Scene
 
@@ -113,8 +114,8 @@ def draw_scene(
             fontsize=small * mpl.rcParams["font.size"],
             clip_on=True,
         )
-    axes.set_xlabel(top_view.Y_LABEL + (", stretched" if is_narrow else ""))
-    axes.set_ylabel(top_view.X_LABEL)
+    axes.set_xlabel(Y_LABEL.replace(")", ", stretched)") if is_narrow else Y_LABEL)
+    axes.set_ylabel(X_LABEL)
     add_legend(axes)
     axes.set_label("The scene from above")
     return axes

@@ -8,6 +8,7 @@ from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
 from dechirp.report.figures.common import AXIS_LABELS, add_colour_bar, outer_cell_edges
 from dechirp.report.figures.range_doppler import block_maxima, noise_power_from_median
 from dechirp.report.figures.style import COLORS
+from dechirp.report.labels import TIME_LABEL, power_label
 
 _MAX_PIXELS = (220, 420)  # velocity, time: the resolution of a figure of 500 pixels
 _LARGEST_SPAN_DB = 60.0
@@ -61,8 +62,8 @@ def draw_spectrogram(
             interpolation="none",
         )
     axes.set(xlim=(time_s[0] - step_s / 2, time_s[-1] + step_s / 2), ylim=(bottom, top))
-    add_colour_bar(axes, image, f"Power ({power_level_unit(units)})")
-    axes.set_xlabel("Time (s)")
+    add_colour_bar(axes, image, power_label(power_level_unit(units)))
+    axes.set_xlabel(TIME_LABEL)
     axes.set_ylabel(AXIS_LABELS["velocity"])
     axes.set_label("Spectrogram: power over velocity and time")
     return axes

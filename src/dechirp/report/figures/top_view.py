@@ -9,8 +9,6 @@ from dechirp.core.text import TIMES_SIGN, format_number
 from dechirp.core.values import frozen_dataclass
 from dechirp.report.figures.style import INK, MUTED, ORANGE
 
-Y_LABEL, X_LABEL = "y (m, left positive)", "x (m, forward)"
-
 _MAX_ELLIPSES = 200
 # Half width of a typical error ellipse as part of the figure width.
 _VISIBLE_FRACTION = 0.03

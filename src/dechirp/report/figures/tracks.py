@@ -11,6 +11,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.report.figures import top_view
 from dechirp.report.figures.common import add_legend
 from dechirp.report.figures.style import GREEN, INK, ORANGE, PALE, WIDTH_IN
+from dechirp.report.labels import X_LABEL, Y_LABEL
 
 _MAX_DETECTIONS, _MAX_PATHS = 2000, 200
 _FEW = 8
@@ -92,8 +93,8 @@ def draw_tracks(axes: Axes, lines: Sequence[TrackLine], background: TrackBackgro
     )
     for index, line in enumerate(lines):
         _draw_track(axes, line, arrow_s=arrow_s, magnification=magnification, is_first=index == 0)
-    axes.set_xlabel(top_view.Y_LABEL)
-    axes.set_ylabel(top_view.X_LABEL)
+    axes.set_xlabel(Y_LABEL)
+    axes.set_ylabel(X_LABEL)
     add_legend(axes, markerscale=1.2)
     axes.set_label("Tracks from above")
     return axes

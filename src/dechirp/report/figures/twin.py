@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
 from dechirp.report.figures.common import AXIS_LABELS, MapAxis, add_legend, line_through_cell
 from dechirp.report.figures.style import BLUE, MUTED, ORANGE, reduce_line_to_extremes
+from dechirp.report.labels import power_label
 
 
 def draw_recorded_and_twin_cut(
@@ -53,7 +54,7 @@ def draw_recorded_and_twin_cut(
     axes.set_ylim(lowest - 20, highest + 4)
     axes.margins(x=0)
     axes.set_xlabel(AXIS_LABELS[along])
-    axes.set_ylabel(f"Power ({power_level_unit(units)})")
+    axes.set_ylabel(power_label(power_level_unit(units)))
     add_legend(axes)
     axes.set_label(f"Recording and twin along {along}")
     return axes

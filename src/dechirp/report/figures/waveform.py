@@ -8,6 +8,7 @@ from dechirp.core.text import format_with_si_prefix
 from dechirp.core.units import to_decibels
 from dechirp.report.figures.common import add_colour_bar, create_panels, outer_cell_edges
 from dechirp.report.figures.style import BLUE, COLORS, INK, MUTED, ORANGE
+from dechirp.report.labels import POWER_RELATIVE_TO_PEAK_LABEL
 
 _SPAN_DB = 30.0
 
@@ -154,7 +155,7 @@ def draw_ramp_and_beat_spectrograms(
         axes.set_label(f"Spectrogram of {title}")
         axes.set_xlabel("Time (µs)")
         axes.set_ylabel("Frequency (MHz)")
-    add_colour_bar(both, image, "Power relative to the peak (dB)")
+    add_colour_bar(both, image, POWER_RELATIVE_TO_PEAK_LABEL)
     return both
 
 

@@ -1,5 +1,6 @@
 """Figures of the scores of a study."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from itertools import product
 
@@ -177,11 +178,12 @@ class _ScoreData:
         return [limit * self.scale.factor for limit in sorted(both)]
 
 
-class _PlannedFigure:
+class _PlannedFigure(ABC):
     """Figure that can be drawn."""
 
+    @abstractmethod
     def draw(self) -> FigureWithCaption:
-        raise NotImplementedError
+        """Draw the figure, and return it with its caption."""
 
 
 class _LineFigure(_PlannedFigure):
@@ -327,7 +329,7 @@ class _ScatterFigure(_PlannedFigure):
             )
         )
         subtitle = f"over {setting_label(self.x_setting.path)}, which was drawn"
-        reading_hint = "A slope says that the setting matters, a level cloud that it does not."
+        reading_hint = "A slope shows that the setting matters, a level cloud that it does not."
         return _add_title_and_caption(data, None, {}, subtitle, figure, reading_hint=reading_hint)
 
     def _score_line_of_target(self, target: str | None) -> ScoreLine:
@@ -403,8 +405,8 @@ class _RocFigure(_PlannedFigure):
             lambda figure: draw_roc(
                 figure.subplots(),
                 [curve(name, selection) for name, selection in zip(names, selections, strict=True)],
-                x=score_label(ALARMS),
-                y=score_label(DETECTIONS),
+                x=axis_label(score_label(ALARMS), ""),
+                y=axis_label(score_label(DETECTIONS), ""),
                 legend="" if line_setting is None else _setting_axis_label_text(line_setting),
             )
         )

@@ -6,6 +6,8 @@ from dechirp.core.checks import check_number, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 
+__all__ = ["CanFd"]
+
 FRAME_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 """Data lengths of CAN FD frames in bytes."""
 

@@ -1,7 +1,7 @@
 """Encoder of object lists into CAN FD frames.
 
 A list is a header frame followed by part frames for its objects, all with the same counter. The
-header contains the CRC-32 of itself (with checksum 0) and all its parts, in order, so a receiver
+header contains the CRC-32 of the header (with checksum 0) and all parts, in order, so a receiver
 accepts only complete lists, see `can_lists`.
 """
 
@@ -23,6 +23,8 @@ from dechirp.results.object_lists.list_columns import (
     warn_clipped_values,
 )
 from dechirp.results.object_lists.priority import keep_most_important
+
+__all__ = ["largest_bus_load"]
 
 _MAX_TIME_S = 2.0**32  # in 2106: the latest date in logs
 

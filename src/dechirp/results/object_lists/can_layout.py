@@ -12,9 +12,11 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.optional_imports import import_from_io_extra
 from dechirp.results.object_lists.can_bus import FRAME_LENGTHS
 
+__all__ = ["DbcLayout", "read_dbc_layout"]
+
 HEADER, PART = "ObjectListHeader", "ObjectListPart"
 
-_UNKNOWN_NAMES = ("NotTold", "SNA")
+_UNKNOWN_NAMES = ("NotAvailable", "SNA")
 """Names, in a value table, of the code for unknown values."""
 
 
@@ -92,8 +94,8 @@ class SignalCodes(NamedTuple):
 
     def decode_codes(self, codes: np.ndarray) -> np.ndarray:
         """Return the value of each code, NaN for `unknown_code`."""
-        told = codes != (self.unknown_code if self.unknown_code is not None else self.max_code + 1)
-        return np.where(told, codes * self.scale + self.offset, np.nan)
+        is_known = codes != (self.max_code + 1 if self.unknown_code is None else self.unknown_code)
+        return np.where(is_known, codes * self.scale + self.offset, np.nan)
 
 
 class DbcLayout(NamedTuple):
@@ -152,7 +154,7 @@ def read_dbc_layout(dbc: str | Path | None = None) -> DbcLayout:
         If it cannot be read, lacks a message or a signal, or a signal has too few bits.
     """
     if not isinstance(dbc, str | Path | None):
-        raise InvalidSetting("dbc", value=repr(dbc), expected="a path", fix="give it as a text")
+        raise InvalidSetting("dbc", value=repr(dbc), expected="a path", fix="pass it as a string")
     path = shipped_dbc_path() if dbc is None else Path(dbc)
     messages = {message.name: message for message in _load_dbc_messages(path)}
     for name in (HEADER, PART):

@@ -16,6 +16,8 @@ from dechirp.results.object_lists.can_frames import CanFrame, encode_can_frames
 from dechirp.results.object_lists.can_layout import DbcLayout, read_dbc_layout
 from dechirp.results.object_lists.can_lists import assemble_object_list
 
+__all__ = ["read_can_log", "receive_can", "send_can", "write_can_log"]
+
 _MODULES = {".blf": "blf.BLF", ".asc": "asc.ASC", ".log": "canutils.CanutilsLog"}
 """Module and class prefix in python-can for each suffix."""
 

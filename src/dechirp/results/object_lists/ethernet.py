@@ -10,6 +10,8 @@ from dechirp.core.checks import check_integer, check_number
 from dechirp.core.errors import InvalidSetting
 from dechirp.results.object_lists.datagrams import assemble_datagrams, encode_datagrams
 
+__all__ = ["open_receiver", "receive_datagrams", "send_datagrams"]
+
 _RECEIVE_BUFFER = 2**22  # bytes; a system may grant less
 
 
@@ -137,7 +139,7 @@ def _resolve_address(host: str, port: int) -> tuple[int, tuple[object, ...]]:
     except (OSError, UnicodeError, TypeError) as error:
         raise _unreachable_error(host, port, error) from None
     # IPv4 first, the usual family of `open_receiver`; UDP does not report the wrong one.
-    kind, _, _, _, address = min(addresses, key=lambda one: one[0] != socket.AF_INET)
+    kind, _, _, _, address = min(addresses, key=lambda item: item[0] != socket.AF_INET)
     return kind, address
 
 

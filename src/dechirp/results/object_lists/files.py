@@ -17,10 +17,6 @@ from dechirp.results.object_lists.tables import read_object_table, write_object_
 __all__ = ["read_objects", "write_objects"]
 
 
-def __dir__() -> list[str]:
-    return __all__
-
-
 _WRITERS: dict[str, Callable[[xr.Dataset, Path], None]] = {
     **dict.fromkeys(can_logs.SUFFIXES, write_can_log),
     **dict.fromkeys(osi.SUFFIXES, write_osi),

@@ -20,9 +20,6 @@ from dechirp.results.object_lists.list_columns import (
 )
 from dechirp.results.object_lists.priority import sort_by_priority
 
-__all__ = ["object_list"]
-
-
 DETECTED = tuple(column.name for column in TABLE if column.in_object_lists)
 """Columns of detections and clusters that object lists keep."""
 

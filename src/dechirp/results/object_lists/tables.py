@@ -1,6 +1,6 @@
 """Object lists as tables: CSV and Parquet, a row for each object, through DuckDB.
 
-Columns carry their units (`x_m`), the ratio is in dB (`snr_db`), and what is not told is empty.
+Columns carry their units (`x_m`), the ratio is in dB (`snr_db`), and unknown values are empty.
 Frames without objects have no row.
 """
 
@@ -57,18 +57,18 @@ def write_object_table(objects: xr.Dataset, path: str | Path) -> None:
     path = check_file_suffix(path, SUFFIXES)
     objects = check_object_list(objects)
     options, _ = _DUCKDB_FORMATS[path.suffix.lower()]
-    shown = {
+    shown_columns = {
         name: ("object", column.to_shown_unit(objects[name].values))
         for name, column in _DETECTED.items()
     }
-    objects = objects.assign(shown)
+    objects = objects.assign(shown_columns)
     rows = objects[list(COLUMNS)].to_dataframe()[list(COLUMNS)].rename(columns=_NAMES)
     with (
         atomic_output_file(path) as temporary,
         utf8_path_alias(temporary) as name,
         connect_duckdb_in_memory() as duck,
     ):
-        # Not every DuckDB knows the type that pandas has for texts.
+        # Not every DuckDB version supports the type that pandas has for texts.
         duck.register("rows", rows.astype({"status": object}))
         try:
             duck.execute(

@@ -84,9 +84,8 @@ class Bicyclist(Body):
 
     def __post_init__(self) -> None:
         check_positive_fields(self, "height_m", at_least=1.0, at_most=2.5)
-        check_non_negative_fields(
-            self, "speed_m_per_s", at_most=40.0
-        )  # 144 km/h, beyond the hour record
+        # 144 km/h, beyond the hour record.
+        check_non_negative_fields(self, "speed_m_per_s", at_most=40.0)
         # From a folding bicycle to wheels that would touch.
         check_positive_fields(self, "wheel_radius_m", at_least=0.15, at_most=0.5)
         check_integer_fields(self, "n_spokes", at_least=3, at_most=100)

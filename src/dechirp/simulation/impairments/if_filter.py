@@ -61,7 +61,7 @@ class IfFilter(Receiver):
         if low_hz is None and high_hz is None:
             raise InvalidSetting(
                 "IfFilter.high_pass_hz",
-                value="none, and no low_pass either",
+                value="missing, and low_pass as well",
                 expected="at least one corner frequency",
                 fix="give one, or remove if-filter",
             )

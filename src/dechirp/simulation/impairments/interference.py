@@ -134,7 +134,7 @@ class Interferer:
         if self.n_chirps is None:
             raise InvalidSetting(
                 "Interferer.n_chirps",
-                value="none, with a period",
+                value="missing, with a period",
                 expected="the number of chirps in each period",
                 fix="give it, or omit the period",
             )
@@ -161,7 +161,7 @@ class Interferer:
         elif self.pattern is None:
             raise InvalidSetting(
                 "Interferer.antenna_gain",
-                value="none, and no pattern",
+                value="missing, and pattern as well",
                 expected="a gain for an antenna without a pattern",
                 fix="give antenna_gain, or pattern",
             )

@@ -70,7 +70,7 @@ class WallMultipath(Propagation):
                 "WallMultipath.end_m",
                 value=f"{self.end_m}, {self._wall_length_m:g} m from start",
                 expected="at least 1 mm away from start",
-                fix="give both ends, as [x, y]",
+                fix="give both ends, each as [x, y]",
             )
 
     def check(self, scene: Scene, radar: Radar) -> None:

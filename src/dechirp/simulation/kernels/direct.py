@@ -90,7 +90,7 @@ def add_echoes(
     """
     if late == "tail" and previous is None:
         raise InvalidSetting(
-            "previous", value="none", expected="the ramp before each chirp", fix="pass it"
+            "previous", value="missing", expected="the ramp before each chirp", fix="pass it"
         )
     n_chirps, n_rx, n_samples = out.shape
     gaps_s, low_s, high_s = np.zeros((3, 2, n_chirps))

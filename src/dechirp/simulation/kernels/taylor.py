@@ -31,7 +31,7 @@ LANES = 64
 
 RANGE, DOPPLER, REAL, IMAG, SERIES = (LANES * row for row in range(5))
 """Offsets in a block: frequencies in Hz, then both parts of c, then both parts of g1, of g2 ...
-Blocks are flat and offsets constant, so the compiler sees that they do not overlap."""
+Blocks are flat and offsets constant, so the compiler can prove that they do not overlap."""
 
 BLOCK = SERIES + LANES * 2 * (ORDER - 1)
 """Length of a block."""

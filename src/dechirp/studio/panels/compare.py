@@ -214,10 +214,9 @@ def _comparison_row_html(row: compare.ComparisonRow) -> str:
         n for estimate in (row.a, row.b) if estimate for n in (estimate.value, estimate.theory)
     ]
     scale = choose_display_scale(row.score.unit, np.array(numbers))
-    score_text = label_with_unit(score_label(row.score.label()), scale.unit)
-    score_text = score_text.replace(
-        "probability", "prob."
-    )  # all columns side by side need 840 pixels
+    score_text = label_with_unit(score_label(row.score.kind()), scale.unit)
+    # All columns side by side need 840 pixels.
+    score_text = score_text.replace("probability", "prob.")
     meaning = escape((row.score.__doc__ or "").partition("\n")[0])
     cells = [f'<td title="{meaning}">{score_text}</td><td>{escape(row.target or "")}</td>']
     for estimate in (row.a, row.b):

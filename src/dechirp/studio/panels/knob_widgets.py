@@ -107,7 +107,9 @@ class KnobWidget:
     def show_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
         """Show mistakes that concern this setting or result from the text typed here."""
         own_mistakes = tuple(
-            one for one in mistakes if self._is_pending or one.setting == self._entry.path
+            mistake
+            for mistake in mistakes
+            if self._is_pending or mistake.setting == self._entry.path
         )
         if own_mistakes:
             self._display_mistakes(own_mistakes)
@@ -123,7 +125,9 @@ class KnobWidget:
     def _display_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
         self.is_wrong = bool(mistakes)
         self._widget.css_classes = ["field", "wrong"] if mistakes else ["field"]
-        self._messages.text = "\n".join(_mistake_text(one, self._entry.path) for one in mistakes)
+        self._messages.text = "\n".join(
+            _mistake_text(mistake, self._entry.path) for mistake in mistakes
+        )
         self._messages.visible = bool(mistakes)
         self._on_mark()
 

@@ -99,9 +99,9 @@ def family_of_setting(root_value: Any, path: str) -> type[Family] | None:
         return list_family
     return next(
         (
-            one
-            for one in find_setting(root_value, path).leaf_value_type.types_without_none
-            if is_family_type(one)
+            option
+            for option in find_setting(root_value, path).leaf_value_type.types_without_none
+            if is_family_type(option)
         ),
         None,
     )
@@ -175,7 +175,11 @@ def _value_at_path(root_value: Any, path: SettingPath) -> Any:
 def _family_of_list_members(value_type: ValueType) -> type[Family] | None:
     """Return the family of the list members in a slot."""
     return next(
-        (one for one in value_type.list_member_type().types_without_none if is_family_type(one)),
+        (
+            option
+            for option in value_type.list_member_type().types_without_none
+            if is_family_type(option)
+        ),
         None,
     )
 

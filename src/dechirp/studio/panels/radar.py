@@ -95,9 +95,8 @@ class Radar(Panel):
 
     def _apply_array_choice(self, text: str) -> None:
         radar = self.session.scenario.radar
-        is_listed = text in (
-            _element_counts_as_text(*row) for row in _ROWS
-        )  # a browser may send anything
+        # A browser may send anything.
+        is_listed = text in (_element_counts_as_text(*row) for row in _ROWS)
         if not is_listed or radar is None or text == _choice_matching_array(radar):
             return
         n_tx, n_rx = map(int, text.split())

@@ -16,7 +16,7 @@ from dechirp.core.text import format_number, format_with_si_prefix
 from dechirp.experiments.scenario import Scenario
 from dechirp.radar.design.derived import DerivedValue
 from dechirp.radar.design.design import TYPICAL_HARDWARE, Design, design
-from dechirp.radar.design.requirements import Requirements as Asked
+from dechirp.radar.design.requirements import Requirements as DesignRequirements
 from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
 from dechirp.studio.panels.arrays import replace_radar
@@ -88,7 +88,7 @@ def _round_to_six_digits(number: float, rounding: Callable[[float], int]) -> flo
     return float(f"{digits * unit:.{_DIGITS}g}")
 
 
-_START = Asked(max_range_m=150.0, range_resolution_m=1.0, max_velocity_m_per_s=50.0)
+_START = DesignRequirements(max_range_m=150.0, range_resolution_m=1.0, max_velocity_m_per_s=50.0)
 _OUT_OF_DATE = "Out of date: a requirement above is wrong"
 _RULES = get_args(get_type_hints(design)["rule"])
 
@@ -118,7 +118,9 @@ class Requirements(Panel):
             },
         )
         self._form = KnobForm(
-            _START, lambda _: list_settings(Asked), self._change_requirement_and_redesign
+            _START,
+            lambda _: list_settings(DesignRequirements),
+            self._change_requirement_and_redesign,
         )
         self._use_button = Button(
             label="Use this radar", button_type="primary", margin=(6, 0, 6, 0)
@@ -154,7 +156,7 @@ class Requirements(Panel):
         else:
             self._design_and_show(requirements)
 
-    def _design_and_show(self, requirements: Asked) -> None:
+    def _design_and_show(self, requirements: DesignRequirements) -> None:
         """Design a radar; without a solution, show the reason and keep the last requirements."""
         try:
             new_design = design(requirements, rule=self._rule.value, hardware=self._hardware)
@@ -203,7 +205,9 @@ def _scenario_or_typical_hardware(scenario: Scenario) -> Hardware:
     return (None if radar is None else radar.hardware) or TYPICAL_HARDWARE
 
 
-def change_requirement(requirements: Asked, path: str, text: str) -> Asked:
+def change_requirement(
+    requirements: DesignRequirements, path: str, text: str
+) -> DesignRequirements:
     """Return the requirements with one of them changed to a text.
 
     Raises
@@ -212,7 +216,9 @@ def change_requirement(requirements: Asked, path: str, text: str) -> Asked:
         As `dechirp design` refuses its options.
     """
     try:
-        return parse_settings(dump_yaml(requirements), Asked, file="", overrides=[f"{path}={text}"])
+        return parse_settings(
+            dump_yaml(requirements), DesignRequirements, file="", overrides=[f"{path}={text}"]
+        )
     except InvalidFile as error:
         mistakes = (
             replace(mistake, file=None, line=None, column=None) for mistake in error.mistakes

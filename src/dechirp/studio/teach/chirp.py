@@ -17,6 +17,7 @@ from dechirp.certificate.waveform import (
 from dechirp.core.text import EN_DASH
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.radar.chirp import Chirp
+from dechirp.report.labels import TIME_SINCE_RAMP_START_LABEL
 from dechirp.studio.teach.lesson import Dial, Experiment, Lesson
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.line_figure import LineFigure
@@ -144,8 +145,8 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
     def __init__(self) -> None:
         super().__init__(ChirpSettings)
         self._ramps = LineFigure(
-            x="Time since the start of the ramp (µs)",
-            y="Frequency over 77 GHz (MHz)",
+            x=TIME_SINCE_RAMP_START_LABEL,
+            y="Frequency offset from 77 GHz (MHz)",
             x_range=(0, 8),
             y_range=(0, 150),
         )
@@ -156,7 +157,7 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
         self._ramps.add_texts("words", "ink", x_offset=8, text_baseline="middle")
         self._ramps.add_legend("top_left")
         self._beat = LineFigure(
-            x="Time since the start of the ramp (µs)",
+            x=TIME_SINCE_RAMP_START_LABEL,
             y="Beat signal, real part",
             x_range=(0, 8),
             y_range=(-1.2, 1.7),

@@ -10,6 +10,12 @@ from bokeh.models import ColorBar, ColumnDataSource, LinearColorMapper, UIElemen
 from dechirp.core.text import format_number
 from dechirp.core.units import to_decibels
 from dechirp.radar.radar import Radar
+from dechirp.report.labels import (
+    BEAT_FREQUENCY_LABEL,
+    POWER_OVER_NOISE_LABEL,
+    RANGE_LABEL,
+    VELOCITY_LABEL,
+)
 from dechirp.studio.teach.lesson import Choice, Dial, Experiment, Lesson
 from dechirp.studio.teach.mixer_demo import (
     GUARDS,
@@ -26,7 +32,6 @@ from dechirp.studio.views.line_figure import LineFigure
 _MAX_VELOCITY_M_PER_S = 70.0
 """Limit of the velocity axes."""
 _ADD_CHIRPS, _WHOLE_FRAMES = "chirps are added", "whole frames follow"
-_RANGE, _BEAT = "Range (m)", "Beat frequency (MHz)"
 _LOW_DB, _HIGH_DB = -5.0, 45.0
 
 
@@ -47,7 +52,7 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
         ),
     )
     knobs: ClassVar = {
-        "velocity_m_per_s": Dial("Velocity (m/s, receding positive)", -60, 60, 1, 20),
+        "velocity_m_per_s": Dial(VELOCITY_LABEL, -60, 60, 1, 20),
         "ramp": Choice("Ramp", (RAMP, NO_RAMP), RAMP),
         "guard": Choice("Guard cells on each side", tuple(GUARDS), "4 cells"),
         "false_alarms": Choice("False alarms in a cell", ("1e-6", "1e-4", "1e-3"), "1e-6"),
@@ -98,14 +103,14 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
             width=8,
             padding=2,
             margin=2,
-            title="Power over noise (dB)",
+            title=POWER_OVER_NOISE_LABEL,
             title_text_font_size="11px",
             title_text_font_style="normal",
         )
         self._one.figure.add_layout(bar, "right")
         self._phase = LineFigure(
             x="Chirp",
-            y="Phase of the target's beat (turns)",
+            y="Phase of the target's beat (cycles)",
             x_range=(-1, 128),
             y_range=(-0.55, 0.75),
         )
@@ -113,8 +118,8 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
         self._phase.add_marks("two", "echo", label="two mixers", size=5)
         self._phase.add_legend(orientation="horizontal")
         self._cut = LineFigure(
-            x="Velocity (m/s, receding positive)",
-            y="Power over noise (dB)",
+            x=VELOCITY_LABEL,
+            y=POWER_OVER_NOISE_LABEL,
             x_range=(-_MAX_VELOCITY_M_PER_S, _MAX_VELOCITY_M_PER_S),
             y_range=(_LOW_DB - 5, _HIGH_DB + 18),
         )
@@ -147,7 +152,9 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
             (self._one, one_mixer, "One mixer"),
         ):
             map_.draw_map_near_target(
-                mixer_frame, radar, x_label=_BEAT if settings.ramp == NO_RAMP else _RANGE
+                mixer_frame,
+                radar,
+                x_label=BEAT_FREQUENCY_LABEL if settings.ramp == NO_RAMP else RANGE_LABEL,
             )
             strongest = mixer_frame.velocity_m_per_s[
                 np.argmax(mixer_frame.power[:, mixer_frame.column])
@@ -219,8 +226,8 @@ class _MapFigure(LineFigure):
 
     def __init__(self, mapper: LinearColorMapper) -> None:
         super().__init__(
-            x=_RANGE,
-            y="Velocity (m/s, receding positive)",
+            x=RANGE_LABEL,
+            y=VELOCITY_LABEL,
             x_range=(35, 65),
             y_range=(-_MAX_VELOCITY_M_PER_S, _MAX_VELOCITY_M_PER_S),
         )
@@ -235,7 +242,7 @@ class _MapFigure(LineFigure):
         first = max(mixer_frame.column - 15, 0)
         last = first + (30 if first else 12)
         bins_hz = chirp.sample_rate_hz / chirp.n_samples
-        step = chirp.range_m(bins_hz) if x_label == _RANGE else bins_hz / 1e6
+        step = chirp.range_m(bins_hz) if x_label == RANGE_LABEL else bins_hz / 1e6
         self.figure.xaxis[0].axis_label = x_label
         ends = ((first - 0.5) * step, (last - 0.5) * step)
         velocity_step = frame.velocity_resolution_m_per_s

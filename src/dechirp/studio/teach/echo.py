@@ -15,6 +15,7 @@ from dechirp.core.units import from_decibels, to_decibels
 from dechirp.processing.spectrum import Transform, range_profiles
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.radar import Radar
+from dechirp.report.labels import RANGE_LABEL
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
 from dechirp.simulation.simulate import simulate_ideal_echoes
@@ -190,7 +191,7 @@ class EchoLesson(Lesson[EchoSettings, EchoFrame]):
         self._signal.add_line("window", "muted", label="window", line_width=2)
         self._signal.add_legend()
         self._spectrum = LineFigure(
-            x="Range (m)",
+            x=RANGE_LABEL,
             y="Power relative to the first target (dB)",
             x_range=SHOWN_M,
             y_range=(LOWEST_DB, 9),

@@ -9,6 +9,12 @@ from bokeh.models import UIElement
 
 from dechirp.certificate.reference_trials import REFERENCE_TARGET
 from dechirp.core.units import to_decibels
+from dechirp.report.labels import (
+    DETECTION_PROBABILITY_LABEL,
+    POWER_OVER_NOISE_LABEL,
+    RANGE_LABEL,
+    SNR_PER_SAMPLE_LABEL,
+)
 from dechirp.studio.teach.lesson import Choice, Dial, Experiment, Lesson
 from dechirp.studio.teach.trials import (
     SNR_DB,
@@ -41,7 +47,7 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
         ),
     )
     knobs: ClassVar = {
-        "snr_db": Dial("SNR per sample (dB)", *SNR_DB, 1, -24),
+        "snr_db": Dial(SNR_PER_SAMPLE_LABEL, *SNR_DB, 1, -24),
         "window": Choice("Window of the right detector", ("rectangular", "hann"), "rectangular"),
         "play": Choice(
             "Each new frame has", (_INCREASING_NOISE, _CONSTANT_NOISE), _INCREASING_NOISE
@@ -85,7 +91,7 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
         super().__init__(NoiseSettings)
         self._hits = HitCounter()
         self._cut = LineFigure(
-            x="Range (m)", y="Power over mean noise (dB)", x_range=_SHOWN_M, y_range=(-8, 56)
+            x=RANGE_LABEL, y=POWER_OVER_NOISE_LABEL, x_range=_SHOWN_M, y_range=(-8, 56)
         )
         self._cut.add_line("power", "echo", label="power", line_width=1.5)
         self._cut.add_line("report", "track", label="the report's threshold", line_width=2)
@@ -95,8 +101,8 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
         )
         self._cut.add_legend(orientation="horizontal")
         self._shares = LineFigure(
-            x="SNR per sample (dB)",
-            y="Detection probability",
+            x=SNR_PER_SAMPLE_LABEL,
+            y=DETECTION_PROBABILITY_LABEL,
             x_range=(SNR_DB[0] - 0.5, SNR_DB[1] + 0.5),
             y_range=(-0.04, 1.08),
         )

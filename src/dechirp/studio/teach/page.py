@@ -71,11 +71,11 @@ class LessonPage:
         self._answer = Div(name="answer", text=_INVITATION, sizing_mode="stretch_width")
         tries = [
             _new_button(
-                apply_typography(one.question),
-                partial(self._set_up_experiment, one),
+                apply_typography(experiment.question),
+                partial(self._set_up_experiment, experiment),
                 name=f"try_{index}",
             )
-            for index, one in enumerate(lesson.experiments)
+            for index, experiment in enumerate(lesson.experiments)
         ]
         lesson.root_element.name, lesson.root_element.tags = "figures", [self._browser]
         lesson.apply_theme(LIGHT)
@@ -87,7 +87,7 @@ class LessonPage:
         document.template = read_studio_asset_text("teach", "lesson.html")
         document.template_variables.update(
             lesson=lesson,
-            says=apply_typography(lesson.introduction),
+            introduction=apply_typography(lesson.introduction),
             number=number,
             n_lessons=n_lessons,
             formulas=[(equation_svg(tex), words) for tex, words in lesson.formulas],

@@ -69,7 +69,7 @@ class NoiseFrame:
     theory_db: np.ndarray
     """SNR values per sample at which theory is given."""
     theory: np.ndarray
-    """Probability of detection, (theory_db,)."""
+    """Detection probability, (theory_db,)."""
     report_theory: np.ndarray
 
 

@@ -12,6 +12,7 @@ from dechirp.core.text import (
 )
 from dechirp.report.figures.beat import engineering_exponent
 from dechirp.report.figures.style import reduce_line_to_extremes
+from dechirp.report.labels import BEAT_FREQUENCY_LABEL, TIME_SINCE_RAMP_START_LABEL, power_label
 from dechirp.studio.browser_events import register_position_callback
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
@@ -42,7 +43,7 @@ class BeatView(View):
         self._caption = "", ""
         """Title and note of the last shown frame."""
         self.signal = LineFigure(
-            x="Time since the start of the ramp (µs)",
+            x=TIME_SINCE_RAMP_START_LABEL,
             y="Amplitude",
             x_range=(0, 1),
             y_range=(-1, 1),
@@ -50,7 +51,7 @@ class BeatView(View):
         self.signal.add_line("imaginary", "muted", line_width=1, line_alpha=0.8)
         self.signal.add_line("real", "echo", line_width=1.5)
         self.spectrum = LineFigure(
-            x="Beat frequency (MHz)", y="Power", x_range=(0, 1), y_range=(-1, 1)
+            x=BEAT_FREQUENCY_LABEL, y="Power", x_range=(0, 1), y_range=(-1, 1)
         )
         self.spectrum.add_vertical_lines("truth", "truth", line_width=1.5, line_dash="2 3")
         self.spectrum.add_vertical_lines("cursor", "cursor", line_width=1, line_dash="3 3")
@@ -111,7 +112,7 @@ class BeatView(View):
         self.signal.set_axis_limits(x=(float(time_us[0]), float(time_us[-1])), y=(-limit, limit))
         unit = units.replace("sqrt(W)", "√W")
         unit = unit if exponent == 0 else f"{format_power_of_ten(exponent)} {unit}"
-        self.signal.figure.yaxis.axis_label = f"amplitude, {unit}"
+        self.signal.figure.yaxis.axis_label = f"Amplitude ({unit})"
         level_db = float(power_to_dbm_or_dbfs(np.mean(abs(samples) ** 2), units))
         legend = [coloured_html("in phase", "echo")]
         legend += [coloured_html("in quadrature", "muted")] if len(parts) > 1 else []
@@ -141,7 +142,7 @@ class BeatView(View):
         self.spectrum.set_axis_limits(x=(0.0, max_range_m * to_mhz), y=(low_db, top_db))
         if self._range_axis.end != max_range_m:
             self._range_axis.end = max_range_m
-        self.spectrum.figure.yaxis.axis_label = f"power, {power_level_unit(units)}"
+        self.spectrum.figure.yaxis.axis_label = power_label(power_level_unit(units))
         true_positions, _ = target_map_positions(frame_state)
         for name, range_m in (
             ("truth", true_positions.range_m),

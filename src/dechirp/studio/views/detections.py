@@ -48,7 +48,7 @@ class DetectionsView(View):
 
     def show_frame(self, frame_state: FrameState) -> None:
         targets = self._nearest_target_names(frame_state)
-        columns = detection_columns(frame_state) | {"target": targets}
+        columns = shown_detection_columns(frame_state) | {"target": targets}
         map_positions, _ = detection_map_positions(frame_state)
         cursors = [Cursor(*map(float, place)) for place in zip(*map_positions, strict=True)]
         visible = {
@@ -79,7 +79,7 @@ class DetectionsView(View):
         return np.asarray(names[target])
 
 
-def detection_columns(frame_state: FrameState) -> dict[str, np.ndarray]:
+def shown_detection_columns(frame_state: FrameState) -> dict[str, np.ndarray]:
     """Return the columns of the detections, strongest first: angles in degrees, SNR in dB."""
     detections, order = frame_state.detections, detection_order_by_snr(frame_state)
     return {

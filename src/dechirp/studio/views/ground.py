@@ -8,6 +8,7 @@ from bokeh.models import Arrow, ColumnDataSource, DataRange1d, GlyphRenderer, No
 
 from dechirp.core.text import format_number
 from dechirp.report.figures.top_view import round_down_to_1_2_5
+from dechirp.report.labels import X_LABEL, Y_LABEL
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.figure_style import (
     add_subtitle,
@@ -102,9 +103,7 @@ class TopView:
     """Figure with a renderer for each kind of mark; positions are (n, 2), left and forward, m."""
 
     def __init__(self, name: str) -> None:
-        self.figure = create_plain_figure(
-            title="Top view", x="y (m, left positive)", y="x (m, forward)"
-        )
+        self.figure = create_plain_figure(title="Top view", x=Y_LABEL, y=X_LABEL)
         self.figure.name = name
         self.figure.match_aspect = True
         self.figure.grid.visible = False

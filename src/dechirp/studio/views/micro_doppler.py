@@ -6,6 +6,7 @@ from bokeh.models import BasicTickFormatter
 from dechirp.core.display import pluralise
 from dechirp.core.text import format_number
 from dechirp.report.figures.common import outer_cell_edges
+from dechirp.report.labels import TIME_LABEL, VELOCITY_LABEL
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
@@ -19,9 +20,7 @@ class MicroDopplerView(MapView):
     min_interval_s = 0.19
 
     def __init__(self, session: Session) -> None:
-        super().__init__(
-            session, title="Micro-Doppler", x="Time (s)", y="Velocity (m/s, receding positive)"
-        )
+        super().__init__(session, title="Micro-Doppler", x=TIME_LABEL, y=VELOCITY_LABEL)
         times = self.figure.xaxis[0]
         times.ticker.desired_num_ticks = 4  # their labels have many decimals
         times.formatter = BasicTickFormatter(use_scientific=False)  # 5.000e-4 would be longer

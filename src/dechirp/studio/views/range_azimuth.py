@@ -4,6 +4,7 @@ import numpy as np
 
 from dechirp.core.text import format_number
 from dechirp.report.figures.common import outer_cell_edges
+from dechirp.report.labels import AZIMUTH_LABEL, RANGE_LABEL
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
@@ -20,7 +21,7 @@ class RangeAzimuthView(MapView):
     name = "range_azimuth"
 
     def __init__(self, session: Session) -> None:
-        super().__init__(session, title=_TITLE, x="Azimuth (°, left positive)", y="Range (m)")
+        super().__init__(session, title=_TITLE, x=AZIMUTH_LABEL, y=RANGE_LABEL)
 
     def show_frame(self, frame_state: FrameState) -> None:
         power = frame_state.azimuth_power

@@ -3,6 +3,7 @@
 from dechirp.core.display import pluralise
 from dechirp.core.text import TIMES_SIGN, format_number
 from dechirp.report.figures.common import even_cell_width, outer_cell_edges
+from dechirp.report.labels import RANGE_LABEL, VELOCITY_LABEL
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
@@ -16,9 +17,7 @@ class RangeDopplerView(MapView):
     name = "range_doppler"
 
     def __init__(self, session: Session) -> None:
-        super().__init__(
-            session, title="Range-Doppler map", x="Range (m)", y="Velocity (m/s, receding positive)"
-        )
+        super().__init__(session, title="Range-Doppler map", x=RANGE_LABEL, y=VELOCITY_LABEL)
 
     def show_frame(self, frame_state: FrameState) -> None:
         range_m, velocity_m_per_s = (

@@ -90,12 +90,14 @@ class TargetPositions(NamedTuple):
 def target_positions_and_velocities(scene: Scene, time_s: float) -> TargetPositions:
     """Return positions and velocities of targets, and scatterers of bodies."""
     at_s = np.array([time_s])
-    own = to_local_axes(scene.ego.axes(at_s), scene.ego.velocities_m_per_s(at_s)[:, None])
+    radar_velocity = to_local_axes(
+        scene.ego.axes(at_s), scene.ego.velocities_m_per_s(at_s)[:, None]
+    )
     bodies = choose_body_scatterers(scene, _MAX_POINTS)
     return TargetPositions(
         names=scene.names,
         positions_m=scene.target_positions_m(at_s)[0, :, :2],
-        velocities_m_per_s=(scene.target_velocities_m_per_s(at_s) + own)[0, :, :2],
+        velocities_m_per_s=(scene.target_velocities_m_per_s(at_s) + radar_velocity)[0, :, :2],
         scatterers_m=scene.scatterer_positions_m(at_s)[0, bodies, :2]
         if len(bodies)
         else np.empty((0, 2)),

@@ -11,8 +11,9 @@ from dechirp.report.figures.cfar import (
     threshold_level_db,
     training_and_guard_masks,
 )
-from dechirp.report.figures.common import MapAxis, outer_cell_edges
+from dechirp.report.figures.common import AXIS_LABELS, MapAxis, outer_cell_edges
 from dechirp.report.figures.style import reduce_line_to_extremes
+from dechirp.report.labels import power_label
 from dechirp.studio.browser_events import register_position_callback
 from dechirp.studio.cursor import MapCut as Line
 from dechirp.studio.cursor import nearest_cell_indices
@@ -26,7 +27,6 @@ from dechirp.studio.views.toggle_tile import ToggleTile, coloured_html
 
 _MAX_BLOCKS = 300
 _AXES: dict[str, MapAxis] = {"Range": "range", "Velocity": "velocity"}
-_LABELS = {"range": "Range (m)", "velocity": "Velocity (m/s, receding positive)"}
 
 
 class ThresholdCutView(View):
@@ -39,7 +39,7 @@ class ThresholdCutView(View):
         super().__init__(session)
         self._caption = "", ""
         """Title and note of the last shown frame."""
-        self.drawings = {axis: _create_cut_figure(_LABELS[axis]) for axis in _AXES.values()}
+        self.drawings = {axis: _create_cut_figure(AXIS_LABELS[axis]) for axis in _AXES.values()}
         for drawing in self.drawings.values():
             register_position_callback(drawing.figure, Tap, self._move_cursor)
             drawing.figure.on_event(DoubleTap, lambda _: session.move_cursor(None))
@@ -72,7 +72,7 @@ class ThresholdCutView(View):
             x=outer_cell_edges(line.positions),
             y=limits_rounded_to_10_db(level_12_db_below_median(level_db), highest_db),
         )
-        drawing.figure.yaxis.axis_label = f"power, {power_level_unit(units)}"
+        drawing.figure.yaxis.axis_label = power_label(power_level_unit(units))
         range_m, velocity_m_per_s = frame_state.cursor
         self._caption = (
             _threshold_margin_text(line, index),

@@ -40,9 +40,8 @@ class ToggleTile:
     def active_label(self) -> str:
         """Label of the active figure."""
         names, index = list(self._figures), self.switch.active
-        return (
-            names[index] if index in range(len(names)) else names[0]
-        )  # a browser may send anything
+        # A browser may send anything.
+        return names[index] if index in range(len(names)) else names[0]
 
     def set_caption(self, title: str, note: str) -> None:
         """Set the title and a smaller line below it."""
