@@ -1,6 +1,6 @@
 """
-Probability of detection for steady and fading targets
-======================================================
+Detection probability of steady and fading targets
+==================================================
 
 A car fades because its reflections interfere. Swerling's models (IRE Transactions IT-6, 1960)
 predict the loss: at a detection probability of 0.9 and a false-alarm probability of 1e-6 it is

@@ -1,4 +1,4 @@
-"""
+r"""
 Specified and measured false alarms
 ===================================
 

@@ -2,8 +2,8 @@ r"""
 Range errors and the Cramér-Rao bound
 =====================================
 
-No unbiased estimator is better than :math:`\sigma_R = \Delta R \sqrt{6} / 2 \pi \sqrt{\eta}`,
-where :math:`\eta` is the signal-to-noise ratio after integration (Rife and Boorstyn, IEEE T-IT
+No unbiased estimator is better than :math:`\sigma_R = \Delta R \sqrt{6} / 2 \pi \sqrt{\chi}`,
+where :math:`\chi` is the signal-to-noise ratio after integration (Rife and Boorstyn, IEEE T-IT
 20, 1974). The errors follow the bound over the whole span: a hundredth of a cell of 50 cm at
 32 dB.
 The figure compares measured errors with this bound.

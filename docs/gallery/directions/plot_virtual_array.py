@@ -4,7 +4,7 @@ Virtual array of a TDM radar
 
 The echo from transmitter p to receiver q has the phase of a virtual element at the sum of their
 positions, p + q (Bliss and Forsythe, Asilomar Conference 2003). With time-division multiplexing,
-the phase of a moving target also advances by :math:`4 \pi v T / \lambda` from one transmitter to
+the phase of a moving target also advances by :math:`4 \pi v T_c / \lambda` from one transmitter to
 the next (Bechter et al., IEEE T-MTT 65, 2017). The figure shows phase steps at each change of
 transmitter, and a straight line after motion compensation.
 """

@@ -2,9 +2,9 @@ r"""
 Velocity ambiguity resolved by three chirp intervals
 ====================================================
 
-Chirps at an interval T measure velocities up to :math:`\lambda / 4T`; faster targets are aliased.
-Frames of different intervals alias them differently, and only the true velocity agrees with all
-(Kronauge and Rohling, IEEE T-AES 50, 2014). The figure shows the aliased velocities of one
+Chirps at an interval :math:`T_c` measure velocities up to :math:`\lambda / 4 T_c`; faster targets
+are aliased. Frames of different intervals alias them differently, and only the true velocity agrees
+with all (Kronauge and Rohling, IEEE T-AES 50, 2014). The figure shows the aliased velocities of one
 interval, and detections from three frames that follow the truth.
 """
 
