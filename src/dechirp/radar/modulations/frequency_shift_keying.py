@@ -14,8 +14,8 @@ class FrequencyShiftKeying(Modulation):
     From one sequence to the other the phase of the echo changes by the delay times the step, and
     by the Doppler frequency times the interval. The beat frequency determines the delay, so the
     phase determines the velocity ambiguity (Rohling and Meinecke 2001; Kronauge and Rohling
-    2014): n ambiguity numbers are resolved if (interval - step / slope) / repetition is a
-    multiple of 1 / n.
+    2014): n ambiguity numbers are resolved if (interval - step / slope) / repetition is k / n, a
+    fraction in lowest terms.
     """
 
     step_hz: float
