@@ -37,7 +37,7 @@ from sides.plain_angles import covariances, solve_covariance
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.angle.aperture import Aperture
-from dechirp.processing.angle.bartlett import beam_power
+from dechirp.processing.angle.bartlett import bartlett_spectrum
 from dechirp.processing.angle.base import DirectionEstimator
 from dechirp.processing.angle.capon import Capon
 from dechirp.processing.angle.music import Music
@@ -179,7 +179,7 @@ def print_times() -> None:
         thousand_snapshots = simulate_one_source(aperture, 1000)
         compare(
             f"1,000 beams, {n_elements} channels",
-            partial(beam_power, thousand_snapshots, steering),
+            partial(bartlett_spectrum, thousand_snapshots, steering),
             partial(plain_beam_power, thousand_snapshots[:, 0], steering),
             1,
             {12: 0.31, 192: 1.8}[n_elements],  # time of the fastest other package

@@ -31,7 +31,7 @@ import numpy as np
 
 import dechirp as dc
 from dechirp.simulation import phase_error
-from dechirp.simulation.echo_groups import direct_echo_groups, sample_window
+from dechirp.simulation.echo_groups import direct_echo_groups, frame_sampling_times
 from dechirp.simulation.impairments.base import Impairment
 
 warnings.simplefilter("ignore", dc.PhysicsWarning)
@@ -107,7 +107,7 @@ def build_phase_noise_stage(scene: dc.Scene, radar: dc.Radar) -> Callable[[], No
     (noise,) = (
         i for i in dc.impairments.AutomotiveChip().impairments(radar) if i.kind() == "phase-noise"
     )
-    rng, window = np.random.default_rng(1), sample_window(radar, 0)
+    rng, window = np.random.default_rng(1), frame_sampling_times(radar, 0)
     parts = list(direct_echo_groups(scene, radar, 0, rng))
 
     def stage() -> None:

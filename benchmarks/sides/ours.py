@@ -12,7 +12,7 @@ from dechirp.config import loading
 from dechirp.core.findings import PhysicsWarning
 from dechirp.evaluation.track_trial import TrackTrial
 from dechirp.processing.angle.aperture import Aperture
-from dechirp.processing.angle.bartlett import beam_power
+from dechirp.processing.angle.bartlett import bartlett_spectrum
 from dechirp.processing.angle.capon import Capon
 from dechirp.processing.angle.music import Music
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
@@ -92,7 +92,7 @@ def frame(x: Inputs) -> Timed:
 
 
 def bartlett(x: Inputs) -> Timed:
-    return partial(beam_power, x["snapshots"][:, None], x["steering"])
+    return partial(bartlett_spectrum, x["snapshots"][:, None], x["steering"])
 
 
 def capon(x: Inputs) -> Timed:

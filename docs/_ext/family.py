@@ -10,7 +10,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from dechirp.cli.commands.list import family_base_classes, member_help_and_settings
+from dechirp.cli.commands.list import family_base_classes, help_and_settings_by_kind
 
 
 class Members(SphinxDirective):
@@ -21,7 +21,7 @@ class Members(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """Return a definition list: each kind with its description and a table of its settings."""
         items = nodes.definition_list()
-        for kind, member in member_help_and_settings(
+        for kind, member in help_and_settings_by_kind(
             family_base_classes()[self.arguments[0]]
         ).items():
             text = nodes.definition("", nodes.paragraph("", member["help"]))

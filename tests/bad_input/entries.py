@@ -359,7 +359,7 @@ _LONG_RUNNING = (
     "dechirp.experiments.study.executors.workers_from_options",
     "dechirp.cli.commands.study._replay_trial",
     "dechirp.experiments.run.run",
-    "dechirp.experiments.run.load_frame",
+    "dechirp.experiments.run.simulate_or_read_frame_and_radar",
     "dechirp.experiments.twin.twin.twin",
     "dechirp.experiments.inspection.inspect",
     "dechirp.processing.calibration.calibrate.calibrate",

@@ -82,7 +82,7 @@ def list_detectable_targets(result: dc.Result) -> list[str]:
 def is_hit(result: dc.Result, name: str, frame: int) -> bool:
     """Return whether a detection lies within two cells of a scatterer of the target."""
     scene, radar = result.scenario.scene, result.radar
-    target_scatterers = scene.target_of_scatterer == scene.names.index(name)
+    target_scatterers = scene.target_index_of_scatterer == scene.names.index(name)
     mid_s = result.truth.time.values[frame]
     # Range of each scatterer, and its change within two microseconds.
     before_m, at_m, after_m = (
@@ -138,7 +138,7 @@ def test_report_counts_detected_targets_of_scenes(scene_result):
 
 def assign_tracks_to_targets(result: dc.Result) -> list[str]:
     """Return the single target of each track over all frames in which it is confirmed."""
-    track_targets = objects_section.names_of_tracked_targets(result, result.tracks)
+    track_targets = objects_section.target_names_per_track(result, result.tracks)
     assert all(len(names) == 1 for names in track_targets)
     return [names[0] for names in track_targets]
 

@@ -161,13 +161,16 @@ TONE = np.exp(2j * np.pi * 0.1 * np.arange(256))
 
 # One call of each figure function, on axes or a figure; the name of a variant follows a space.
 DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
-    "beat.draw_signal": lambda area, run: (
-        beat.draw_signal(area, run.cube, doppler_frequency_hz=100.0)
+    "beat.draw_first_chirp_signal": lambda area, run: (
+        beat.draw_first_chirp_signal(area, run.cube, doppler_frequency_hz=100.0)
     ),
-    "beat.draw_signal"
-    " real": lambda area, run: beat.draw_signal(area, run.cube.real.assign_attrs(run.cube.attrs)),
-    "beat.draw_signal_parts": lambda area, run: beat.draw_signal_parts(area, run.cube),
-    "beat.draw_spectrum": lambda area, run: beat.draw_spectrum(
+    "beat.draw_first_chirp_signal real": lambda area, run: beat.draw_first_chirp_signal(
+        area, run.cube.real.assign_attrs(run.cube.attrs)
+    ),
+    "beat.draw_first_chirp_signal_parts": lambda area, run: (
+        beat.draw_first_chirp_signal_parts(area, run.cube)
+    ),
+    "beat.draw_beat_spectrum_over_range": lambda area, run: beat.draw_beat_spectrum_over_range(
         area, run.cube, RADAR.frame.chirp, run.chain, truth_m=np.array([20.0])
     ),
     "birds_eye.draw_detections_from_above": lambda area, run: (
@@ -184,8 +187,8 @@ DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
     "curves.draw_resolution_curves": lambda area, _: curves.draw_resolution_curves(
         area, [DETECTION_CURVE | {"x_label": "Separation (m)"}], confidence=0.95, required=0.9
     ),
-    "data_set.draw_targets": lambda area, _: (
-        data_set.draw_targets(area, {"car": (N, N), "bus": (N, 2 * N)})
+    "data_set.draw_target_velocity_over_range": lambda area, _: (
+        data_set.draw_target_velocity_over_range(area, {"car": (N, N), "bus": (N, 2 * N)})
     ),
     "data_set.draw_histogram": lambda area, _: data_set.draw_histogram(
         area, {"car": N, "bus": 2 * N}, label="SNR (dB)", counted_things="targets"
@@ -194,8 +197,10 @@ DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
         area, [[DETECTION_MASK, DETECTION_MASK]],
         target=RangeVelocity(np.array(3.0), np.array(3.0)), half_widths=(2, 2),
     ),
-    "detections.draw_threshold_lines": lambda area, _: detections.draw_threshold_lines(
-        area, [THRESHOLD_LINE, THRESHOLD_LINE], around_m=3, reach_m=2
+    "detections.draw_power_and_threshold_lines": lambda area, _: (
+        detections.draw_power_and_threshold_lines(
+            area, [THRESHOLD_LINE, THRESHOLD_LINE], around_m=3, reach_m=2
+        )
     ),
     "detectors.draw_detector_comparison": lambda area, _: detectors.draw_detector_comparison(area),
     "diagrams.draw_data_flow": lambda area, _: diagrams.draw_data_flow(area),
@@ -384,7 +389,7 @@ def test_figure_without_layout_keeps_user_style_and_avoids_pyplot(example):
 
 
 def test_svg_aria_label_describes_all_panels(example):
-    svg = render_svg(lambda figure: beat.draw_signal_parts(figure, example.cube))
+    svg = render_svg(lambda figure: beat.draw_first_chirp_signal_parts(figure, example.cube))
 
     assert svg.startswith('<svg viewBox="0 0 ')
     aria_label = re.search(r'aria-label="([^"]*)"', svg)[1]

@@ -14,8 +14,8 @@ import dechirp as dc
 from dechirp.core.errors import InvalidSetting
 from dechirp.results.object_lists.datagrams import (
     MAX_OBJECTS_PER_DATAGRAM,
-    assemble_datagrams,
     encode_datagrams,
+    object_list_from_datagrams,
 )
 from dechirp.results.object_lists.ethernet import open_receiver, receive_datagrams, send_datagrams
 from dechirp.results.object_lists.list_columns import MEASURED
@@ -61,7 +61,7 @@ def test_single_precision_values_read_back_exactly(values, number, time):
         **dict(zip(MEASURED, values, strict=False)), number=number, time=time
     )
 
-    result = assemble_datagrams(encode_datagrams(objects))
+    result = object_list_from_datagrams(encode_datagrams(objects))
 
     check_object_lists_agree(result, objects, SINGLE_PRECISION | {"time": 1e-6})
     np.testing.assert_array_equal([result[name].item() for name in MEASURED[:5]], values)
@@ -112,7 +112,7 @@ def test_checksum_detects_any_flipped_bit():
     datagrams = encode_datagrams(random_object_list(2, 2))
     for bit in range(0, 8 * len(datagrams[0]), 7):
         with pytest.warns(dc.PhysicsWarning, match="1 damaged or foreign"):
-            result = assemble_datagrams([flip_bit(datagrams[0], bit), datagrams[1]])
+            result = object_list_from_datagrams([flip_bit(datagrams[0], bit), datagrams[1]])
         assert result.frame.values.tolist() == [1, 1]
 
 
@@ -147,7 +147,7 @@ def test_lost_or_late_datagrams_are_reported_and_no_list_is_partial(loss, first)
     ]
 
     with pytest.warns(dc.PhysicsWarning, match=message):
-        result = assemble_datagrams(arrivals)
+        result = object_list_from_datagrams(arrivals)
 
     assert result.cycle_frame.values.tolist() == remaining_frames
     check_object_lists_agree(
@@ -163,7 +163,7 @@ def test_datagrams_with_inconsistent_count_give_no_list():
     )
 
     with pytest.warns(dc.PhysicsWarning, match="0 of 2 lists are complete"):
-        assert assemble_datagrams([second, third]).sizes["cycle"] == 0
+        assert object_list_from_datagrams([second, third]).sizes["cycle"] == 0
 
 
 def _set_checksum(datagram: bytes) -> bytes:
@@ -173,8 +173,8 @@ def _set_checksum(datagram: bytes) -> bytes:
 
 
 def test_no_datagrams_give_empty_list():
-    assert assemble_datagrams([]).sizes == {"object": 0, "cycle": 0}
-    assert assemble_datagrams(encode_datagrams(random_object_list(0))).sizes == {
+    assert object_list_from_datagrams([]).sizes == {"object": 0, "cycle": 0}
+    assert object_list_from_datagrams(encode_datagrams(random_object_list(0))).sizes == {
         "object": 0,
         "cycle": 1,
     }
@@ -183,7 +183,7 @@ def test_no_datagrams_give_empty_list():
 @pytest.mark.parametrize("columns", [{"number": 2**32}, {"x": 1e39}, {"time": 1e10}], ids=str)
 def test_values_beyond_field_range_are_clipped(columns):
     with pytest.warns(dc.PhysicsWarning, match="1 values clipped to the range"):
-        result = assemble_datagrams(encode_datagrams(single_object_list(**columns)))
+        result = object_list_from_datagrams(encode_datagrams(single_object_list(**columns)))
 
     limits = {"number": 2**32 - 1, "x": float(np.finfo(np.float32).max), "time": 9.2e9}
     (name,) = columns

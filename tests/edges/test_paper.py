@@ -14,7 +14,7 @@ from dechirp.certificate.claim import Check, Claim
 from dechirp.certificate.corrections import list_corrections_of_published_report
 from dechirp.certificate.detection_curves import MeasuredCurve
 from dechirp.certificate.document import certificate_as_json_data
-from dechirp.certificate.paper import REFERENCES, number_labels_and_citations
+from dechirp.certificate.paper import REFERENCES, resolve_labels_and_citations
 from dechirp.certificate.paper_figures import draw_paper_figures
 from dechirp.certificate.tables import build_report_tables
 from dechirp.report.check_values import (
@@ -461,7 +461,7 @@ def test_equations_are_numbered_in_order():
 @pytest.mark.parametrize("text", [r"\ref{figure:nowhere}", r"\cite{nobody}"])
 def test_unknown_reference_raises_error(text):
     with pytest.raises(KeyError):
-        number_labels_and_citations(text, REFERENCES)
+        resolve_labels_and_citations(text, REFERENCES)
 
 
 def test_unknown_equation_reference_raises_error():

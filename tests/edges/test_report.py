@@ -29,7 +29,7 @@ from dechirp.report.figures import bars
 from dechirp.report.figures.range_doppler import block_maxima
 from dechirp.report.figures.style import reduce_line_to_extremes
 from dechirp.report.page import render_report
-from dechirp.report.page_context import sort_match_and_map_detections
+from dechirp.report.page_context import sort_match_and_locate_detections
 from dechirp.scene.aliasing import apparent_range_and_velocity, range_doppler_map_position
 from dechirp.scene.bodies.corner_reflector import CornerReflector
 from dechirp.scene.bodies.pedestrian import Pedestrian
@@ -426,7 +426,7 @@ def test_truth_over_time_is_aliased_like_its_detections_and_map_like_one_tx(n_tx
     )
     scene = Scene(targets=[dataclasses.replace(CAR, velocity_m_per_s=(-40, 0, 0), rcs_m2=100)])
     result = run(Scenario(radar=radar, scene=scene, n_frames=2))
-    context = sort_match_and_map_detections(result)
+    context = sort_match_and_locate_detections(result)
 
     assert radar.frame.max_velocity_m_per_s == pytest.approx(26.5, abs=0.5)
     expected = -40 if n_tx == 2 else -40 + 2 * radar.frame.max_velocity_m_per_s
@@ -495,7 +495,7 @@ def test_hidden_side_of_car_matches_no_detection():
     )
 
     assert association.target.tolist() == [0, -1]
-    peaks = sort_match_and_map_detections(make_result(scene=scene)).scatterer_map_positions
+    peaks = sort_match_and_locate_detections(make_result(scene=scene)).scatterer_map_positions
     assert peaks.range_m.min() == pytest.approx(42.5, abs=0.2)
     assert peaks.range_m.max() < 57
 

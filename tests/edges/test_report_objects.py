@@ -119,19 +119,19 @@ def test_track_ellipse_follows_covariance():
 
 def test_track_that_switches_target_lists_both_targets(result):
     tracks = result.tracks.copy(deep=True)
-    right = [names[0] for names in objects_section.names_of_tracked_targets(result, tracks)].index(
+    right = [names[0] for names in objects_section.target_names_per_track(result, tracks)].index(
         "right"
     )
     positions_m = result.scenario.scene.target_positions_m(result.truth.time.values)[:, 0]
     for name, column in zip("xy", positions_m.T, strict=False):
         tracks[name].values[right, 4:] = column[4:]
 
-    assert objects_section.names_of_tracked_targets(result, tracks)[right] == ["right", "left"]
+    assert objects_section.target_names_per_track(result, tracks)[right] == ["right", "left"]
 
 
 def test_track_far_from_all_targets_has_no_target(result):
     shifted_tracks = result.tracks.assign(x=result.tracks.x + 8.0)
-    assert objects_section.names_of_tracked_targets(result, shifted_tracks) == [[], []]
+    assert objects_section.target_names_per_track(result, shifted_tracks) == [[], []]
 
 
 def test_tracks_without_truth_have_no_targets(result):

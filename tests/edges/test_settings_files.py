@@ -165,7 +165,7 @@ def test_simultaneous_multiplexing_settings_are_read_and_written(text, code):
         ("{kind: ddma, order: [0, 1], n_sub_bands: 1}", ".n_sub_bands", "1", "at least 2"),
         ("{kind: ddma, order: [0, 1]}", ".n_sub_bands", "missing", "a whole number"),
         ("{kind: phase-code, phases: [[0, 90]]}", ".phases.0.1", "90", "an angle, such as 30 deg"),
-        ("{kind: phase-code, phases: [[0, 0], [0]]}", ".phases.1", "a row of 1 phases", "of 2"),
+        ("{kind: phase-code, phases: [[0, 0], [0]]}", ".phases.1", "a row of 1 phases", "2 phases"),
         ("{kind: phase-code, phases: [[0]]}", "", "1 transmitter: 0", "the 2 in array.tx: 0"),
     ],
 )

@@ -131,11 +131,13 @@ def test_full_certificate_has_parts_and_progress_counts_all_jobs(monkeypatch):
     monkeypatch.setattr(every_detector, "MAP_GROUPS", group)
     monkeypatch.setattr(every_detector, "MIN_CELLS", 1e5)
     original_jobs, original_tests = (
-        extended.jobs_before_noise_maps,
+        extended.calibration_direction_impairment_jobs,
         false_alarms.planned_noise_tests,
     )
     monkeypatch.setattr(
-        extended, "jobs_before_noise_maps", lambda n_trials: reduce_trials(original_jobs(n_trials))
+        extended,
+        "calibration_direction_impairment_jobs",
+        lambda n_trials: reduce_trials(original_jobs(n_trials)),
     )
     monkeypatch.setattr(
         false_alarms, "planned_noise_tests", lambda full: original_tests(full=False)

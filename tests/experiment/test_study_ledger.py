@@ -76,7 +76,7 @@ def test_blocks_past_end_of_point_are_dropped_with_their_failures(tmp_path):
     late = Block(0, 2, 6, np.full((3, 2), np.nan), 0.1, (Failure(6, "late"),))
     with open_ledger(tmp_path) as ledger:
         ledger.add_blocks([*make_blocks(2), late])
-        ledger.mark_point_ended(0, 1)
+        ledger.end_point_and_delete_later_blocks(0, 1)
         assert ledger.saved_point_and_block_numbers().tolist() == [[0, 0]]
         assert ledger.n_blocks_of_points_ended_early() == {0: 1}
         assert ledger.count_failed_trials() == 0
@@ -212,10 +212,12 @@ def test_malformed_rows_are_reported_as_damage(statement, tmp_path):
 def test_mismatched_sums_and_theory_are_reported_as_damage(tmp_path):
     with open_ledger(tmp_path) as ledger:
         ledger.add_blocks([Block(0, 0, 0, np.ones((3, 2)), 0.5, theory=NUMBERS)])
-        ledger.check_sum_and_theory_sizes(n_columns=2, n_theoretical_values=2)
+        ledger.check_sizes_of_sums_and_theory(n_columns=2, n_theoretical_values=2)
         for n_columns, n_laws in ((3, 2), (2, 1)):
             with pytest.raises(DechirpError, match="damaged"):
-                ledger.check_sum_and_theory_sizes(n_columns=n_columns, n_theoretical_values=n_laws)
+                ledger.check_sizes_of_sums_and_theory(
+                    n_columns=n_columns, n_theoretical_values=n_laws
+                )
         ledger.add_blocks([Block(0, 1, 3, np.ones((3, 5)), 0.5)])
         with pytest.raises(DechirpError, match="damaged"):
             ledger.trial_sums_of_point(0)

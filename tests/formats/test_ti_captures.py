@@ -32,7 +32,10 @@ from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.samples.layouts import SampleCode, TwoLanes
 from dechirp.recordings.settings.read import find_settings_file
 from dechirp.recordings.streams.byte_sources import open_concatenated_files
-from dechirp.recordings.streams.packets import assemble_packet_payloads, wrap_scan_to_return_runs
+from dechirp.recordings.streams.packets import (
+    assemble_packet_payloads,
+    wrap_scan_to_return_packet_runs,
+)
 from dechirp.recordings.streams.scan import scan_file_in_windows
 from dechirp.simulation.adc_codes import has_adc_codes
 from formats.corruption import assert_cube_or_error, corrupted_bytes
@@ -782,7 +785,7 @@ def test_packet_index_size_grows_with_losses_only(tmp_path, lost_numbers):
     file = tmp_path / "adc_data_Raw_0.bin"
     file.write_bytes(encode_with_headers(received_packets))
 
-    runs, _ = scan_file_in_windows(file, wrap_scan_to_return_runs(_scan_packet_headers), 0)
+    runs, _ = scan_file_in_windows(file, wrap_scan_to_return_packet_runs(_scan_packet_headers), 0)
     packets, findings = assemble_packet_payloads(file, open_concatenated_files(file), runs)
 
     # One run before each gap, one up to the end, and one for the shorter last packet.

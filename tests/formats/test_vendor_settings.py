@@ -503,7 +503,7 @@ def test_setup_file_refers_only_to_own_folder(tmp_path, name):
         read_settings_text(folder, text, "b.setup.json")
 
     assert "configUsed" in str(error.value)
-    assert "beside it" in str(error.value)
+    assert "next to it" in str(error.value)
 
 
 LOG = """\

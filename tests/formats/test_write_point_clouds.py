@@ -112,7 +112,7 @@ def read_clouds_with_rosbags(path, topic):
     with Reader(path) as bag:
         connections = [connection for connection in bag.connections if connection.topic == topic]
         for connection, time_ns, data in bag.messages(connections=connections):
-            yield time_ns, ros.ros2_message_types().deserialize_cdr(data, connection.msgtype)
+            yield time_ns, ros.ros2_message_type_store().deserialize_cdr(data, connection.msgtype)
 
 
 def decode_positions(cloud):
@@ -283,7 +283,7 @@ def write_bag(path, messages):
         for message in messages:
             if message.topic not in topics:
                 topics[message.topic] = bag.add_connection(
-                    message.topic, message.type, typestore=ros.ros2_message_types()
+                    message.topic, message.type, typestore=ros.ros2_message_type_store()
                 )
             bag.write(topics[message.topic], message.time_ns, message.data)
 
@@ -444,7 +444,7 @@ def test_inspect_shows_detections_and_run_rejects_them(tmp_path, name, capsys):
 def test_missing_library_error_names_package(tmp_path, monkeypatch):
     dc.write(RECORDING, tmp_path / "drive.mcap")
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
-    ros.ros2_message_types.cache_clear()
+    ros.ros2_message_type_store.cache_clear()
 
     with pytest.raises(InvalidSetting, match=r"pip install 'dechirp\[io\]'"):
         dc.open(tmp_path / "drive.mcap")

@@ -5,7 +5,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.processing.angle.aperture import Aperture, FieldOfView
-from dechirp.processing.angle.monopulse import Monopulse, displaced_element_pairs
+from dechirp.processing.angle.monopulse import Monopulse, displaced_element_pairs_per_angle
 from dechirp.theory.bounds import angle_std_rad
 
 
@@ -83,7 +83,7 @@ def test_sparse_plane_with_oblique_pairs_estimates_both_angles():
         (elevation, estimates.elevation_rad, estimates.elevation_std_rad),
     ):
         assert 0.85 < np.mean(((angles[:, 0] - truth) / std[:, 0]) ** 2) < 1.15
-    first, second = (pairs.displacement for pairs in displaced_element_pairs(aperture))
+    first, second = (pairs.displacement for pairs in displaced_element_pairs_per_angle(aperture))
     assert abs(first[0] * second[1] - first[1] * second[0]) > 0.05
 
 

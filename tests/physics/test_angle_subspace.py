@@ -138,7 +138,7 @@ def test_column_of_planar_array_estimates_elevation_at_any_azimuth(method):
     estimates = estimator.find_directions(x, array, np.array([1e-9]))
     assert estimates.elevation_rad[0, 0] == pytest.approx(0.4, abs=1e-6)
     (finding,) = estimator.array_ambiguity_findings(array)
-    assert "no azimuth" in finding.value
+    assert "does not resolve azimuth" in finding.value
     assert (
         Music().array_ambiguity_findings(array) == []
         and estimator.array_ambiguity_findings(uniform_linear_array(8)) == []
@@ -233,7 +233,7 @@ def test_spectra_equal_their_definitions():
     data = subarrays.window_data_matrices(x)
     covariance = data @ np.swapaxes(data, 1, 2).conj() / data.shape[2]
     steering = array.steering_vectors(np.linspace(-1.2, 1.2, 101))
-    subarray_steering = steering[:, subarrays.first_window_elements]
+    subarray_steering = steering[:, subarrays.first_window_element_indices]
 
     capon = Capon(loading=1.0)
     inverse = np.linalg.inv(covariance + NOISE_POWER * np.eye(subarrays.n_window_points))
@@ -274,7 +274,9 @@ def test_capon_grid_spectrum_equals_direct_evaluation_at_high_snr(array):
     inverse = np.linalg.inv(covariance + loading * np.eye(subarrays.n_window_points))
     grid = array.direction_grid
     steering = array.steering_vectors(grid.azimuth_rad, grid.elevation_rad[:, None])
-    subarray_steering = steering.reshape(-1, array.n_elements)[:, subarrays.first_window_elements]
+    subarray_steering = steering.reshape(-1, array.n_elements)[
+        :, subarrays.first_window_element_indices
+    ]
     expected = (
         1 / np.einsum("mi,nij,mj->nm", subarray_steering.conj(), inverse, subarray_steering).real
     )

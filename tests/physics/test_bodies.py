@@ -117,7 +117,7 @@ def test_scatterers_are_ordered_by_target():
         ]
     )
 
-    assert scene.target_of_scatterer.tolist() == [0, 1, 1, 2]
+    assert scene.target_index_of_scatterer.tolist() == [0, 1, 1, 2]
     assert scatterer_cross_sections_m2(scene, 0.0, 0.0039).tolist() == [7, 0.5, 2, 9]
     assert target_cross_sections_m2(scene, [0.0, 1.0], 0.0039).tolist() == [[7, 2.5, 9]] * 2
     # The body x axis points left: x becomes y, and y becomes -x.

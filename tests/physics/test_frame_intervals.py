@@ -117,9 +117,13 @@ def count_decisions(radar, draw_targets, snr, n_frames, n_trials, rng):
             by_frame_intervals.ambiguity_probabilities(frames, radar.frame), truth, strict=True
         ):
             is_certain = hypotheses.confidence >= 0.99
-            assert np.array_equal(is_certain, np.isfinite(hypotheses.certain_numbers))
+            assert np.array_equal(
+                is_certain, np.isfinite(hypotheses.certain_ambiguity_numbers_or_nan)
+            )
             n_estimates, n_certain = n_estimates + len(true_number), n_certain + is_certain.sum()
-            n_wrong += (hypotheses.certain_numbers[is_certain] != true_number[is_certain]).sum()
+            n_wrong += (
+                hypotheses.certain_ambiguity_numbers_or_nan[is_certain] != true_number[is_certain]
+            ).sum()
     return n_estimates, n_certain, n_wrong
 
 
@@ -149,7 +153,7 @@ def test_single_frame_leaves_ambiguity_unresolved(radar):
     radar = replace_intervals(radar, *INTERVALS_S)
     frames, _ = draw_frame_estimates(radar, np.array([20.0]), np.array([40.0]), 1000.0, 1, rng)
     (hypotheses,) = by_frame_intervals.ambiguity_probabilities(frames, radar.frame)
-    assert np.isnan(hypotheses.certain_numbers).all()
+    assert np.isnan(hypotheses.certain_ambiguity_numbers_or_nan).all()
     assert hypotheses.confidence.item() < 0.2  # 31, 35 or 38 ambiguities
 
 
@@ -296,7 +300,7 @@ def test_frame_comparison_uses_single_frame_probabilities(radar):
     is_equivalent = hypotheses.number[0] % 3 == 0
     # 11 of 31 ambiguities are equivalent and 20 are not: 0.908.
     assert hypotheses.probability[0, is_equivalent].sum() == pytest.approx(0.9, abs=0.01)
-    assert np.isnan(hypotheses.certain_numbers).all()
+    assert np.isnan(hypotheses.certain_ambiguity_numbers_or_nan).all()
 
 
 def test_ambiguity_does_not_rotate_receivers_of_one_transmitter(radar):

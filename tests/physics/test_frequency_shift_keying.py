@@ -9,7 +9,7 @@ from scipy.stats import binom
 import dechirp as dc
 from dechirp.processing.refine import Tones
 from dechirp.processing.velocity_ambiguity import by_ramps
-from dechirp.scene.aliasing import RangeVelocity, echo_frequencies
+from dechirp.scene.aliasing import RangeVelocity, beat_and_doppler_frequencies
 
 # Slots are 2 of 7 and 3 of 10 repetitions apart: 7 and 10 ambiguities.
 FSK_MODULATION = dc.modulations.FrequencyShiftKeying(step_hz=3e8)
@@ -44,7 +44,7 @@ def test_slots_extend_unambiguous_velocity_of_interval(radar, modulation, veloci
 def draw_echo_tones(radar, velocity, snr, rng):
     """Draw tones of targets at 30 m, with beat and amplitude errors at the bound."""
     frame, chirp, n = radar.frame, radar.frame.chirp, len(velocity)
-    frequencies = echo_frequencies(RangeVelocity(np.full(n, 30.0), velocity), radar)
+    frequencies = beat_and_doppler_frequencies(RangeVelocity(np.full(n, 30.0), velocity), radar)
     n_channels = frame.n_slots * radar.array.n_rx
     slots_s = np.array([0, frame.repetition_s - frame.single_interval_s])
     if isinstance(frame.modulation, dc.modulations.Staggered):
@@ -91,7 +91,7 @@ def test_ambiguity_confidence_equals_share_of_correct_numbers(
         amplitudes, frame, principal_hz, np.full(3000, snr), np.ones(3000)
     )
     best = hypotheses.number[np.arange(3000), hypotheses.probability.argmax(axis=1)]
-    is_right, is_certain = best == truth, np.isfinite(hypotheses.certain_numbers)
+    is_right, is_certain = best == truth, np.isfinite(hypotheses.certain_ambiguity_numbers_or_nan)
 
     assert binom.sf((~is_right & is_certain).sum() - 1, is_certain.sum(), 0.02) > 1e-6
     if snr_db == 20:
@@ -111,7 +111,7 @@ def test_incoherent_amplitudes_yield_no_certain_ambiguity_number(radar):
     hypotheses = by_ramps.ambiguity_probabilities(
         incoherent, radar.frame, principal_hz, np.full(500, 100.0), np.ones(500)
     )
-    assert np.isfinite(hypotheses.certain_numbers).mean() < 0.05
+    assert np.isfinite(hypotheses.certain_ambiguity_numbers_or_nan).mean() < 0.05
 
 
 @pytest.mark.parametrize(

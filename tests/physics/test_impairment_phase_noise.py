@@ -8,7 +8,7 @@ import pytest
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
-from dechirp.simulation.echo_groups import SampleWindow, sample_window
+from dechirp.simulation.echo_groups import SampleWindow, frame_sampling_times
 from dechirp.simulation.impairments.phase_noise import PhaseNoise
 
 # A typical 77 GHz synthesiser, flat within the loop bandwidth and falling outside.
@@ -120,7 +120,7 @@ def test_receivers_and_targets_share_one_phase_noise_process(radar):
 def test_phase_noise_is_continuous_between_chirps(radar):
     frame = radar.frame
     pause = round((frame.interval_s - frame.chirp.adc_start_s) * frame.chirp.sample_rate_hz)
-    extended_window = sample_window(radar, 0).widen(0, pause)
+    extended_window = frame_sampling_times(radar, 0).widen(0, pause)
 
     phase_rad = MASK.phase_error_rad(extended_window, radar, np.random.default_rng(0))
 

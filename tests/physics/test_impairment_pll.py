@@ -9,7 +9,7 @@ from scipy.signal import lsim, step
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.simulation.echo_groups import sample_window
+from dechirp.simulation.echo_groups import frame_sampling_times
 from dechirp.simulation.impairments.pll import Pll
 
 STATIC_SCENE = dc.Scene(targets=[dc.Target(position_m=(40, 0, 0), rcs_m2=10)])
@@ -99,7 +99,7 @@ def test_echo_phase_follows_residual_loop_error(radar):
     clean = dc.simulate(STATIC_SCENE, radar, impairments=(), dtype=np.complex128)
 
     delay_s = 80 / SPEED_OF_LIGHT
-    times_s = sample_window(radar, 0).times_s
+    times_s = frame_sampling_times(radar, 0).times_s
     residual_cycles = pll.phase_error_cycles(times_s, radar) - pll.phase_error_cycles(
         times_s - delay_s, radar
     )

@@ -8,7 +8,7 @@ import pytest
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.simulation.echo_groups import sample_window
+from dechirp.simulation.echo_groups import frame_sampling_times
 from dechirp.simulation.impairments.sweep_nonlinearity import PolynomialNonlinearity
 
 STATIC_SCENE = dc.Scene(targets=[dc.Target(position_m=(40, 0, 0), rcs_m2=10)])
@@ -42,7 +42,7 @@ def test_quadratic_error_sweeps_beat_frequency(radar):
 
     # The derivative 2 e t / T^2, half a delay earlier, is integrated over time: 5 rad in total.
     delay_s = 80 / SPEED_OF_LIGHT
-    middle_s = sample_window(radar, 0).times_s - delay_s / 2
+    middle_s = frame_sampling_times(radar, 0).times_s - delay_s / 2
     expected_rad = 2 * np.pi * error_hz / chirp.ramp_duration_s**2 * delay_s * middle_s**2
     residual_rad -= residual_rad[128] - expected_rad[128]
     np.testing.assert_allclose(residual_rad, expected_rad, atol=1e-4)
@@ -51,7 +51,7 @@ def test_quadratic_error_sweeps_beat_frequency(radar):
 def test_error_is_constant_outside_ramp(radar):
     nonlinearity = PolynomialNonlinearity(error_hz=(1e5, 0.0, 2e5))
     ramp_s = radar.frame.chirp.ramp_duration_s
-    extended_window = sample_window(radar, 0)._replace(
+    extended_window = frame_sampling_times(radar, 0)._replace(
         first_sample_s=-1e-6, n_times=int((ramp_s + 2e-6) * 1e9)
     )
     extended_window = extended_window._replace(rate_hz=1e9)

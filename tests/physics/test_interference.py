@@ -10,7 +10,7 @@ import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.radar.patterns.cosine import Cosine
 from dechirp.simulation import simulate
-from dechirp.simulation.echo_groups import sample_window
+from dechirp.simulation.echo_groups import frame_sampling_times
 from dechirp.simulation.impairments.interference import Interference, Interferer
 from dechirp.simulation.impairments.radome import Radome
 
@@ -161,7 +161,7 @@ def test_crossing_slopes_cause_burst_of_expected_duration(radar, slope_hz_per_s,
     impairment = Interference(interferers=[make_crossing_interferer(slope_hz_per_s)])
     samples = np.zeros((128, 2, 256), np.complex128)
     impairment.add_signals(
-        samples, sample_window(radar, 0), EMPTY_SCENE, radar, np.random.default_rng(0)
+        samples, frame_sampling_times(radar, 0), EMPTY_SCENE, radar, np.random.default_rng(0)
     )
     power = abs(samples[:, 0]) ** 2
     # The passband is 0 to 10 MHz, or plus and minus 5 MHz.
@@ -218,7 +218,7 @@ def test_burst_equals_oversampled_and_filtered_reference(radar, slope_hz_per_s, 
     samples = np.zeros((128, 2, 256), np.complex128)
     impairment = Interference(interferers=[interferer], filter_order=6)
     impairment.add_signals(
-        samples, sample_window(radar, 0), moving_scene, radar, np.random.default_rng(0)
+        samples, frame_sampling_times(radar, 0), moving_scene, radar, np.random.default_rng(0)
     )
     for chirp_index, receiver in ((0, 1), (77, 0)):
         expected = oversampled_interference(
@@ -243,7 +243,7 @@ def test_ghost_samples_equal_oversampled_reference(radar):
     samples = np.zeros((128, 2, 256), np.complex128)
     impairment = Interference(interferers=[interferer])
     impairment.add_signals(
-        samples, sample_window(radar, 0), moving_scene, radar, np.random.default_rng(0)
+        samples, frame_sampling_times(radar, 0), moving_scene, radar, np.random.default_rng(0)
     )
     for m in (1, 100):
         expected = oversampled_interference(
@@ -260,7 +260,7 @@ def test_tone_and_down_ramp_deliver_energy_while_crossing(radar):
         impairment = Interference(interferers=[make_crossing_interferer(slope_hz_per_s)])
         samples = np.zeros((128, 2, 256), np.complex128)
         impairment.add_signals(
-            samples, sample_window(radar, 0), EMPTY_SCENE, radar, np.random.default_rng(0)
+            samples, frame_sampling_times(radar, 0), EMPTY_SCENE, radar, np.random.default_rng(0)
         )
         energy = (abs(samples[:, 0]) ** 2).sum(axis=1)
         # The passage takes 5 and 2.5 samples, within one sample.
@@ -340,17 +340,21 @@ def test_interference_does_not_depend_on_chirp_blocks(radar):
     impairment = Interference(interferers=[make_crossing_interferer(18.7e12, interval_s=34.3e-6)])
     full, pieces = np.zeros((2, 128, 2, 256), np.complex128)
     impairment.add_signals(
-        full, sample_window(radar, 1), EMPTY_SCENE, radar, np.random.default_rng(0)
+        full, frame_sampling_times(radar, 1), EMPTY_SCENE, radar, np.random.default_rng(0)
     )
     for rows in (slice(0, 50), slice(50, 51), slice(51, 128)):
-        window = sample_window(radar, 1).select_chirps(rows)
+        window = frame_sampling_times(radar, 1).select_chirps(rows)
         impairment.add_signals(pieces[rows], window, EMPTY_SCENE, radar, np.random.default_rng(0))
     assert abs(full).max() > 0
     # Ramps begin 9 ms after time zero: rounding changes phases by 1e-7.
     assert abs(full - pieces).max() < 1e-6 * abs(full).max()
     wider = np.zeros((128, 2, 300), np.complex128)
     impairment.add_signals(
-        wider, sample_window(radar, 1).widen(4, 40), EMPTY_SCENE, radar, np.random.default_rng(0)
+        wider,
+        frame_sampling_times(radar, 1).widen(4, 40),
+        EMPTY_SCENE,
+        radar,
+        np.random.default_rng(0),
     )
     assert abs(full - wider[..., 4:260]).max() < 1e-6 * abs(full).max()
 

@@ -9,7 +9,7 @@ import dechirp as dc
 from dechirp.config.dumping import dump_yaml
 from dechirp.config.loading import parse_settings
 from dechirp.radar.patterns.cosine import Cosine
-from dechirp.simulation.echo_groups import sample_window
+from dechirp.simulation.echo_groups import frame_sampling_times
 from dechirp.simulation.impairments.base import Impairment
 from dechirp.simulation.impairments.bumper import Bumper
 from dechirp.simulation.impairments.leakage import Leakage
@@ -67,7 +67,7 @@ def test_leakage_of_bpm_transmitters_adds_with_their_codes(radar):
 def test_leakage_of_selected_chirps_matches_whole_frame(mimo):
     leakage = Leakage(isolation=100.0)
     expected = simulate_samples(mimo, leakage)
-    window = sample_window(mimo, 0)
+    window = frame_sampling_times(mimo, 0)
     for rows in (slice(0, 1), slice(1, 3), slice(4, 9)):
         signals = np.zeros_like(expected[rows])
         leakage.add_signals(

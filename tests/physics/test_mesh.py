@@ -279,13 +279,13 @@ def test_traced_rays_never_exceed_predicted_number(save_mesh, monkeypatch):
         path=save_mesh(trimesh.creation.box((0.8, 0.4, 0.3))),
         rays=Rays(spacing_m=0.02, n_bounces=1),
     )
-    ray_counts, find_first_hits = [], Surface.find_first_hits
+    ray_counts, find_first_hits = [], Surface.find_first_hit_face_indices
 
     def count_rays(traced_surface, origins_m, directions):
         ray_counts.append(len(origins_m))
         return find_first_hits(traced_surface, origins_m, directions)
 
-    monkeypatch.setattr(Surface, "find_first_hits", count_rays)
+    monkeypatch.setattr(Surface, "find_first_hit_face_indices", count_rays)
     sides = 20 * compute_directions(np.arange(0, 360, 20), np.linspace(-80, 80, 18))
     body.cross_sections_towards_m2(sides, WAVELENGTH_M)
     assert len(ray_counts) == len(sides)  # one pass per side

@@ -16,7 +16,7 @@ from dechirp.config.dumping import dump_yaml
 from dechirp.config.loading import parse_settings
 from dechirp.radar.patterns.cosine import Cosine
 from dechirp.scene.bodies.points import Oscillation, Points, Scatterer
-from dechirp.simulation.echo_groups import direct_echo_groups, sample_window
+from dechirp.simulation.echo_groups import direct_echo_groups, frame_sampling_times
 from dechirp.simulation.impairments.base import Impairment
 from dechirp.simulation.impairments.position_errors import PositionErrors
 from dechirp.simulation.impairments.two_ray_ground import TwoRayGround, fresnel_coefficients
@@ -363,7 +363,7 @@ def test_mid_run_time_is_middle_of_sampled_interval(radar):
     swing = Oscillation(amplitude_m=(0.3, 0, 0), frequency_hz=400)
     arm = Scatterer(position_m=(0, 0, 0), rcs_m2=1.0, oscillation=swing)
     scene = dc.Scene(targets=[dc.Target(position_m=(20, 0, 0), body=Points(scatterers=(arm,)))])
-    window, chirp = sample_window(radar, 2), radar.frame.chirp
+    window, chirp = frame_sampling_times(radar, 2), radar.frame.chirp
     groups = list(direct_echo_groups(scene, radar, 2, np.random.default_rng(0)))
 
     assert len(groups) > 1

@@ -17,7 +17,7 @@ from dechirp.evaluation.trial import TrialContext, TrialResult
 from dechirp.processing.cfar.base import NoiseEstimator
 from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
 from dechirp.processing.noise_maps import draw_noise_map
-from dechirp.processing.range_doppler_map import equalised_power, range_doppler_power
+from dechirp.processing.range_doppler_map import fill_unusable_cells_with_noise, range_doppler_power
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.scene.truth import truth
 from dechirp.theory.cfar import cell_averaging_false_alarm_probability
@@ -174,7 +174,9 @@ def test_cells_emptied_by_mitigation_are_not_tested(radar):
     rng = np.random.default_rng(103)
     samples = split_chirps_into_slots(simulate_noise_cube(radar, rng).values[0], radar.frame)
     counts = count_noise_alarms(
-        equalised_power(range_doppler_power(samples, radar, chain), radar, chain), radar, chain
+        fill_unusable_cells_with_noise(range_doppler_power(samples, radar, chain), radar, chain),
+        radar,
+        chain,
     )
     # A Hann window spreads the mean into the bins adjacent to zero velocity.
     assert 48 * 64 - counts.n_tested in (64, 3 * 64)

@@ -8,7 +8,7 @@ import pytest
 import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
 from dechirp.simulation import phase_error
-from dechirp.simulation.echo_groups import direct_echo_groups, sample_window
+from dechirp.simulation.echo_groups import direct_echo_groups, frame_sampling_times
 from dechirp.simulation.impairments.sweep_nonlinearity import PolynomialNonlinearity
 from dechirp.simulation.simulate import simulate_ideal_echoes
 
@@ -61,7 +61,7 @@ def draw_sinusoids(rng, *, n_chirps, band_hz, rms_rad, is_steep):
 
 def apply_stage(scene, radar, phase_rad, spread=None):
     """Apply the phase-error stage to the echoes of one frame."""
-    window = sample_window(radar, 0)
+    window = frame_sampling_times(radar, 0)
     spread = spread or phase_error.find_delay_spread(
         list(direct_echo_groups(scene, radar, 0, None)), window, radar
     )
@@ -83,7 +83,7 @@ def apply_stage(scene, radar, phase_rad, spread=None):
 
 def sum_echoes(scene, radar, phase_rad):
     """Sum echoes one by one, each with the phase difference over its exact delay."""
-    times_s = sample_window(radar, 0).times_s
+    times_s = frame_sampling_times(radar, 0).times_s
     total = 0
     for target in scene.targets:
         echo = simulate_ideal_echoes(replace(scene, targets=(target,)), radar).values[0]
@@ -162,7 +162,7 @@ def test_leakage_phase_error_is_exact_among_later_echoes():
         np.random.default_rng(3), n_chirps=2, band_hz=100e6, rms_rad=0.003, is_steep=False
     )
     leakage, full_scene = build_static_scene(0.1), build_static_scene(0.1, 190)
-    window = sample_window(radar, 0)
+    window = frame_sampling_times(radar, 0)
     spread = phase_error.find_delay_spread(
         list(direct_echo_groups(full_scene, radar, 0, None)), window, radar
     )
@@ -272,7 +272,7 @@ def test_delay_spread_covers_nearest_to_farthest_echo():
         ]
     )
     spread = phase_error.find_delay_spread(
-        list(direct_echo_groups(scene, radar, 0, None)), sample_window(radar, 0), radar
+        list(direct_echo_groups(scene, radar, 0, None)), frame_sampling_times(radar, 0), radar
     )
     samples_per_m = 2 / SPEED_OF_LIGHT * radar.frame.chirp.sample_rate_hz
 
@@ -285,7 +285,7 @@ def test_delay_spread_covers_nearest_to_farthest_echo():
 def test_margin_is_at_most_a_quarter_of_window():
     for slope in (1e9, 1e11, 1e13):
         radar = build_radar(slope=slope, n_samples=128)
-        spread = phase_error.find_delay_spread([], sample_window(radar, 0), radar)
+        spread = phase_error.find_delay_spread([], frame_sampling_times(radar, 0), radar)
         assert 0 < spread.n_before == spread.n_after <= 16
 
 

@@ -17,7 +17,7 @@ from dechirp.evaluation.score.tracks import (
     TrackNees,
     TrackOspa,
 )
-from dechirp.evaluation.track_states import STATE_NAMES, target_states
+from dechirp.evaluation.track_states import STATE_NAMES, true_target_states
 from dechirp.evaluation.trial import TrialContext, TrialResult
 from dechirp.scene.truth import truth
 
@@ -58,7 +58,7 @@ def build_tracks(context, state):
 
 
 def stack_true_states(context):
-    targets = target_states(context)
+    targets = true_target_states(context)
     return np.stack([targets[name].values for name in STATE_NAMES], axis=-1)
 
 
@@ -82,7 +82,7 @@ def estimate_score(score, context, *states_of_trials):
 
 
 def test_true_states_match_ground_truth_of_radar(context):
-    targets, ground_truth = target_states(context), context.truth
+    targets, ground_truth = true_target_states(context), context.truth
     np.testing.assert_allclose(np.hypot(targets.x, targets.y), ground_truth.range, rtol=1e-12)
     np.testing.assert_allclose(np.arctan2(targets.y, targets.x), ground_truth.azimuth, atol=1e-12)
     radial_velocity = (targets.x * targets.vx + targets.y * targets.vy) / ground_truth.range

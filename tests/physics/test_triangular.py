@@ -231,7 +231,7 @@ def test_ambiguous_pairs_of_equal_targets_are_marked(radar):
     )
     detections = pair_rising_and_falling_peaks(up, down, radar.frame)
     assert len(detections.doppler_hz) == 2
-    assert np.isnan(detections.hypotheses.certain_numbers).all()
+    assert np.isnan(detections.hypotheses.certain_ambiguity_numbers_or_nan).all()
     assert np.all(detections.hypotheses.confidence < 0.9)
 
 

@@ -91,7 +91,7 @@ def resolve_ambiguities(radar, snr, rng, **options):
     best = hypotheses.probability.argmax(axis=1)
     likeliest = hypotheses.number[np.arange(len(snr)), best]
     certain_number = np.where(hypotheses.confidence >= MIN_CONFIDENCE, likeliest, np.nan)
-    np.testing.assert_array_equal(hypotheses.certain_numbers, certain_number)
+    np.testing.assert_array_equal(hypotheses.certain_ambiguity_numbers_or_nan, certain_number)
     return likeliest != ambiguity_number, hypotheses.confidence
 
 
@@ -169,7 +169,7 @@ def test_full_sub_bands_leave_some_directions_ambiguous(radar, code):
         channel_responses(radar, radar_aperture(radar)),
         np.ones(1),
     )
-    assert np.isnan(hypotheses.certain_numbers[0])
+    assert np.isnan(hypotheses.certain_ambiguity_numbers_or_nan[0])
 
 
 @pytest.mark.parametrize("snr_db", [20, 35])
@@ -207,7 +207,7 @@ def test_calibrated_gains_do_not_change_ambiguity_number(radar):
         np.full(500, np.mean(abs(gain) ** -2)),
     )
 
-    assert np.mean(hypotheses.certain_numbers == ambiguity_number) > 0.99
+    assert np.mean(hypotheses.certain_ambiguity_numbers_or_nan == ambiguity_number) > 0.99
 
 
 @pytest.mark.parametrize(("code", "n_rx"), RESOLVABLE_CODES, ids=str)

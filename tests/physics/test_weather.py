@@ -8,7 +8,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.radar.patterns.cosine import Cosine
-from dechirp.simulation.echo_groups import direct_echo_groups, sample_window
+from dechirp.simulation.echo_groups import direct_echo_groups, frame_sampling_times
 from dechirp.simulation.impairments.fog_attenuation import FogAttenuation
 from dechirp.simulation.impairments.gas_attenuation import GasAttenuation
 from dechirp.simulation.impairments.radome import Radome
@@ -82,7 +82,9 @@ def test_each_echo_group_is_attenuated_over_its_own_path(radar):
     )
     attenuated_group, attenuated_image = RainAttenuation(
         rate_m_per_s=HEAVY_RAIN_M_PER_S
-    ).transform_echoes([group, image_group], sample_window(radar, index), FAR_SCENE, radar, rng)
+    ).transform_echoes(
+        [group, image_group], frame_sampling_times(radar, index), FAR_SCENE, radar, rng
+    )
     factor = attenuated_image.scatterers.amplitudes[0] / attenuated_group.scatterers.amplitudes[0]
     target_m = group.scatterers.path_m[0][0]
     extra_km = (np.linalg.norm(target_m + np.array([30, 0, 0])) - np.linalg.norm(target_m)) / 1000
@@ -226,7 +228,9 @@ def test_drop_paths_follow_turning_radar(radar):
     )
     rain = RainBackscatter(rate_m_per_s=HEAVY_RAIN_M_PER_S, n_scatterers=20, wind_m_per_s=(3, 2, 0))
     rng = np.random.default_rng(3)
-    (group,) = rain.transform_echoes([], sample_window(radar, 2), dc.Scene(ego=ego), radar, rng)
+    (group,) = rain.transform_echoes(
+        [], frame_sampling_times(radar, 2), dc.Scene(ego=ego), radar, rng
+    )
     mid_s = radar.frame.frame_start_s(2) + radar.frame.mid_frame_s
     axes, radar_m = ego.axes(np.array([mid_s]))[0], ego.displacements_m(np.array([mid_s]))[0]
     path_m = group.scatterers.path_m

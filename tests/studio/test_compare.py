@@ -39,7 +39,7 @@ def count_trials(a: Scenario, b: Scenario, n_trials: int) -> dict[str, Compariso
     comparison = Comparison(a, b, confidence=CONFIDENCE)
     while comparison.n_trials < n_trials:
         comparison.run_trials_for(0.0)
-    return {row.score.kind(): row for row in comparison.results_by_score_and_target()}
+    return {row.score.kind(): row for row in comparison.comparison_rows_so_far()}
 
 
 def test_theory_lies_within_confidence_intervals():

@@ -222,7 +222,8 @@ def test_incomplete_frame_has_no_threshold():
 
 def simulate_hits(snr_db, n_trials, window="rectangular"):
     hits_per_trial = [
-        trials.simulate_hits_of_both_detectors(snr_db, window, number) for number in range(n_trials)
+        trials.simulate_cfar_and_report_rule_hits(snr_db, window, number)
+        for number in range(n_trials)
     ]
     return (np.concatenate(hits) for hits in zip(*hits_per_trial, strict=True))
 
@@ -258,7 +259,9 @@ def test_cut_agrees_with_counted_hit():
         index = np.argmin(abs(cut.range_m - 50.0))
         neighbourhood = slice(index - 1, index + 2)
         frame = bool((cut.power[neighbourhood] > cut.threshold[neighbourhood]).any())
-        assert frame == trials.simulate_hits_of_both_detectors(-41.0, "rectangular", number)[0][0]
+        assert (
+            frame == trials.simulate_cfar_and_report_rule_hits(-41.0, "rectangular", number)[0][0]
+        )
 
 
 def test_thresholds_over_noise_match_theory():
@@ -319,7 +322,7 @@ def test_play_sweeps_whole_knob_range_and_restarts(lesson):
     name, step = instance.animated_dial
     dial, values, frame = instance.knobs[name], dict(INITIAL_KNOB_VALUES[lesson]), []
     for _ in range(round(2 * (dial.end - dial.start) / abs(step)) + 2):
-        values |= instance.next_knob_values(values)
+        values |= instance.next_animated_knob_values(values)
         frame.append(values[name])
     assert min(frame) == dial.start
     assert max(frame) == dial.end
@@ -330,7 +333,7 @@ def test_play_can_hold_knobs_and_draw_new_noise(lesson):
     _, hold_option = lesson.knobs["play"].options
     instance = lesson()
     values = {**INITIAL_KNOB_VALUES[lesson], "play": hold_option}
-    assert instance.next_knob_values(values) == {}
+    assert instance.next_animated_knob_values(values) == {}
     first, second = (
         instance.compute_frame(instance.build_settings(values), number) for number in (0, 1)
     )

@@ -7,7 +7,7 @@ import pytest
 
 from dechirp.certificate import directions, every_detector, extended
 from dechirp.certificate.directions import (
-    run_one_source_error_trials,
+    run_error_over_bound_trials,
     run_two_source_resolution_trials,
 )
 from dechirp.certificate.impairments.measurement import Measurement, Quantity
@@ -32,7 +32,7 @@ MEASUREMENTS_BY_KIND = {entry.kind: entry for entry in extended.IMPAIRMENT_MEASU
 
 def test_every_family_member_is_certified():
     assert set(MEASUREMENTS_BY_KIND) == set(Impairment.members())
-    assert set(every_detector.all_detectors()) == set(NoiseEstimator.members())
+    assert set(every_detector.cfar_detectors_by_kind()) == set(NoiseEstimator.members())
     estimators = {name.rpartition(", ")[2] for name in directions.one_and_two_source_trial_jobs(1)}
     assert estimators == set(DirectionEstimator.members())
 
@@ -73,7 +73,7 @@ def test_direction_bound_matches_linear_array_bound():
     rng = np.random.default_rng(2)
     array, azimuth = directions.half_wavelength_linear_array(), rng.uniform(-1, 1, (5, 1))
     amplitudes = np.exp(1j * rng.uniform(0, 6, (5, 1)))
-    bound = directions.azimuth_bounds_rad(array, azimuth, amplitudes, 0.01)
+    bound = directions.azimuth_cramer_rao_bounds_rad(array, azimuth, amplitudes, 0.01)
     expected = angle_std_rad(
         snr=100.0, positions_m=array.positions[:, 1], wavelength_m=1.0, angle_rad=azimuth
     )
@@ -83,10 +83,10 @@ def test_direction_bound_matches_linear_array_bound():
 @pytest.mark.parametrize("kind", sorted(DirectionEstimator.members()))
 def test_direction_trials_have_errors_near_their_bounds(kind):
     member = DirectionEstimator.members()[kind]
-    trials = run_one_source_error_trials(np.random.default_rng(3), 300, estimator=member())
+    trials = run_error_over_bound_trials(np.random.default_rng(3), 300, estimator=member())
     # The RMS of 300 trials has a standard error of 4 %; the tolerance is five of them.
     assert np.sqrt(np.mean((trials[:, 0] / trials[:, 1]) ** 2)) == pytest.approx(1, abs=0.2)
-    two_source_estimator = directions._two_source_estimator(member)
+    two_source_estimator = directions._two_source_estimator_or_none(member)
     if two_source_estimator is not None:
         separation = 2 * directions.BEAMWIDTH
         pair_trials = run_two_source_resolution_trials(
@@ -158,7 +158,9 @@ def test_detector_with_wrong_false_alarm_rate_fails():
 
 def test_alarm_counts_match_those_of_chain():
     maps = every_detector.NoiseMaps(window="rectangular", n_range_bins=every_detector.N_SAMPLES)
-    cfar = replace(every_detector.all_detectors()["greatest-of"], false_alarm_probability=1e-2)
+    cfar = replace(
+        every_detector.cfar_detectors_by_kind()["greatest-of"], false_alarm_probability=1e-2
+    )
     rows = every_detector.threshold_factors_per_range_bin(
         np.random.default_rng(0), 1, maps=maps, cfar=cfar
     )[0]

@@ -14,7 +14,7 @@ from scipy.linalg import hadamard
 from dechirp.simulation.kernels import direct, nufft
 from dechirp.simulation.kernels.band_interpolation import make_sparsest_interpolator
 from dechirp.simulation.kernels.base import Scatterers, Transmission
-from dechirp.simulation.kernels.chebyshev import economise_powers
+from dechirp.simulation.kernels.chebyshev import economised_monomials_and_rms_errors
 from dechirp.simulation.kernels.gridding import make_spreading_kernel
 from dechirp.simulation.kernels.simd import WIDTH
 from dechirp.simulation.kernels.taylor import (
@@ -351,7 +351,7 @@ def test_tone_times_its_series_equals_echo(one_chirp):
 def test_economised_series_has_stated_errors():
     s = (np.arange(9999) + 0.5) / 9999 * 2 - 1
     for n_fields in (1, 3, 6):
-        coefficients, stated_errors = economise_powers(n_fields, ORDER)
+        coefficients, stated_errors = economised_monomials_and_rms_errors(n_fields, ORDER)
         for power in range(ORDER):
             error = np.polynomial.Polynomial(coefficients[:, power])(s) - s**power
             np.testing.assert_allclose(np.sqrt(np.mean(error**2)), stated_errors[power], atol=1e-7)

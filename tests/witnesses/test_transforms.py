@@ -6,7 +6,7 @@ import pytest
 import dechirp as dc
 from dechirp.processing import simd_fft, simd_range_doppler
 from dechirp.processing.detect import FrameProcessor, detect_columns
-from dechirp.processing.range_doppler_map import equalised_power
+from dechirp.processing.range_doppler_map import fill_unusable_cells_with_noise
 from dechirp.processing.spectrum import (
     Transform,
     mean_range_doppler_power,
@@ -128,4 +128,6 @@ def test_frame_processor_returns_map_of_detector(scenario_parts):
     assert len(maps) == 2
     for index, power in enumerate(maps):
         frame_power = dc.power_map(cube.isel(frame=index), radar, chain).values
-        np.testing.assert_array_equal(power, equalised_power(frame_power, radar, chain))
+        np.testing.assert_array_equal(
+            power, fill_unusable_cells_with_noise(frame_power, radar, chain)
+        )

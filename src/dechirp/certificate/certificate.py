@@ -131,7 +131,7 @@ def verify(
     start_s = perf_counter()
     first_jobs = _trial_jobs_of_report_claims(trials, full=full)
     if full:
-        first_jobs |= extended.jobs_before_noise_maps(trials or FULL_TRIALS)
+        first_jobs |= extended.calibration_direction_impairment_jobs(trials or FULL_TRIALS)
     n_first, n_later = (
         count_trial_blocks(first_jobs),
         extended.count_noise_map_trial_blocks() if full else 0,

@@ -52,12 +52,12 @@ def one_and_two_source_trial_jobs(n_trials: int) -> dict[str, Job]:
     jobs = {}
     for kind, member in DirectionEstimator.members().items():
         jobs[f"one source, {kind}"] = Job(
-            work=run_one_source_error_trials,
+            work=run_error_over_bound_trials,
             n_trials=n_trials,
             arguments={"estimator": member()},
             block_size=500,
         )
-        if (pair_estimator := _two_source_estimator(member)) is not None:
+        if (pair_estimator := _two_source_estimator_or_none(member)) is not None:
             for name, separation in SEPARATIONS.items():
                 jobs[f"two sources {name} apart, {kind}"] = Job(
                     work=run_two_source_resolution_trials,
@@ -68,7 +68,7 @@ def one_and_two_source_trial_jobs(n_trials: int) -> dict[str, Job]:
     return jobs
 
 
-def _two_source_estimator(estimator_class: type) -> DirectionEstimator | None:
+def _two_source_estimator_or_none(estimator_class: type) -> DirectionEstimator | None:
     """Return the estimator set to two sources; None if it supports only one."""
     try:
         estimator: DirectionEstimator = estimator_class(n_sources=2)
@@ -77,7 +77,7 @@ def _two_source_estimator(estimator_class: type) -> DirectionEstimator | None:
     return estimator
 
 
-def run_one_source_error_trials(
+def run_error_over_bound_trials(
     rng: np.random.Generator, n_trials: int, *, estimator: DirectionEstimator
 ) -> np.ndarray:
     """Return error and stated standard error, both over the bound, (n_trials, 2)."""
@@ -88,7 +88,7 @@ def run_one_source_error_trials(
         rng, n_trials, noise
     )
     estimates = estimator.find_directions(snapshots, array, np.full(n_trials, noise))
-    bound = azimuth_bounds_rad(array, azimuth, amplitudes, noise)
+    bound = azimuth_cramer_rao_bounds_rad(array, azimuth, amplitudes, noise)
     error = estimates.azimuth_rad[:, :1] - azimuth
     return np.concatenate([error / bound, estimates.azimuth_std_rad[:, :1] / bound], axis=1)
 
@@ -132,7 +132,7 @@ def _noise_snapshots(rng: np.random.Generator, n: int, power: float) -> np.ndarr
     return np.asarray(np.sqrt(power / 2) * (parts[..., 0] + 1j * parts[..., 1]))
 
 
-def azimuth_bounds_rad(
+def azimuth_cramer_rao_bounds_rad(
     array: Aperture, azimuth: np.ndarray, amplitudes: np.ndarray, noise_power: float
 ) -> np.ndarray:
     """Return the Cramér-Rao bound of the azimuth of one source per snapshot, (n, 1)."""

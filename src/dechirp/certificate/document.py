@@ -91,10 +91,12 @@ def package_code_checksum() -> str:
     return digest.hexdigest()
 
 
-def _python_file_paths_and_contents(folder: Traversable, name: str) -> list[tuple[str, bytes]]:
+def _python_file_paths_and_contents(
+    folder: Traversable, folder_path: str
+) -> list[tuple[str, bytes]]:
     files_with_content = []
     for entry in folder.iterdir():
-        path = f"{name}/{entry.name}"
+        path = f"{folder_path}/{entry.name}"
         if entry.is_dir():
             files_with_content += _python_file_paths_and_contents(entry, path)
         elif entry.name.endswith(".py"):

@@ -109,7 +109,7 @@ def range_velocity_cramer_rao_bounds(snr_db: float) -> TargetMotion:
     return TargetMotion(float(range_std), float(velocity_std))
 
 
-def _error_interval_or_nan(
+def _error_interval_or_nan_if_undetected(
     interval_function: Callable[..., tuple[float, float]], errors: np.ndarray
 ) -> tuple[float, float]:
     """Return the interval of errors; NaN if a trial has no detection and therefore no error."""
@@ -126,7 +126,7 @@ def _mean_range_and_velocity_checks(
     checks = []
     for index, (name, unit) in enumerate((("range", "m"), ("velocity", "m/s"))):
         errors = trial_column(trials, _ERROR_COLUMNS[index])
-        low, high = _error_interval_or_nan(confidence_intervals.mean_interval, errors)
+        low, high = _error_interval_or_nan_if_undetected(confidence_intervals.mean_interval, errors)
         checks.append(
             Check(
                 name=f"mean {name} at {QUIET_SNR_DB:g} dB",
@@ -232,7 +232,9 @@ def _rmse_near_cramer_rao_bound_claim(
     for snr_db in ERROR_SNRS_DB:
         component_errors = trial_column(errors[snr_db], _ERROR_COLUMNS[index])
         bound = range_velocity_cramer_rao_bounds(snr_db)[index]
-        low, high = _error_interval_or_nan(confidence_intervals.rms_interval, component_errors)
+        low, high = _error_interval_or_nan_if_undetected(
+            confidence_intervals.rms_interval, component_errors
+        )
         checks.append(
             Check(
                 name=f"RMSE at {snr_db:g} dB",

@@ -72,7 +72,7 @@ MAP_GROUPS = {"maps of noise": _UNPADDED, "padded maps of noise": _PADDED}
 """Maps computed from the same noise, by job name."""
 
 
-def all_detectors() -> dict[str, Cfar]:
+def cfar_detectors_by_kind() -> dict[str, Cfar]:
     """Return all CFAR detectors with the designed false-alarm probability, by kind."""
     return {
         kind: Cfar(estimator=member(), false_alarm_probability=FALSE_ALARM_PROBABILITY)
@@ -98,7 +98,7 @@ def threshold_calibration_jobs() -> dict[str, Job]:
         )
         for group in MAP_GROUPS.values()
         for maps in group
-        for kind, cfar in all_detectors().items()
+        for kind, cfar in cfar_detectors_by_kind().items()
     }
 
 
@@ -124,7 +124,7 @@ def false_alarm_counting_jobs(
     `factors`: results of `threshold_calibration_jobs`; without them the jobs can be counted, not
     run.
     """
-    detectors = all_detectors() if factors is not None else {}
+    detectors = cfar_detectors_by_kind() if factors is not None else {}
     return {
         name: Job(
             work=count_false_alarms_per_frame,
@@ -185,7 +185,7 @@ def build_false_alarm_rate_claims(results: Mapping[str, np.ndarray]) -> Part:
         " Values are measured over designed false-alarm rates.",
         claims=tuple(
             _detector_false_alarm_rate_claim(index, kind, results)
-            for index, kind in enumerate(all_detectors())
+            for index, kind in enumerate(cfar_detectors_by_kind())
         ),
     )
 
@@ -205,7 +205,7 @@ def _detector_false_alarm_rate_claim(
             )
         end_counts.append(counts[:, :, 1].sum(axis=1))
     # Cells of all unpadded maps on which the training window cannot be centred.
-    half = all_detectors()[kind].training_window.half_range
+    half = cfar_detectors_by_kind()[kind].training_window.half_range
     n_end_cells = 2 * half * reference_radar().frame.n_chirps * len(next(iter(MAP_GROUPS.values())))
     checks.append(
         _false_alarm_ratio_check_over_cells(

@@ -30,7 +30,7 @@ IMPAIRMENT_MEASUREMENTS = tuple(
 """Measurements of impairments, sorted by kind. A test demands one for each impairment."""
 
 
-def jobs_before_noise_maps(n_trials: int) -> dict[str, Job]:
+def calibration_direction_impairment_jobs(n_trials: int) -> dict[str, Job]:
     """Return the jobs of all parts that do not depend on the results of others."""
     return {
         **every_detector.threshold_calibration_jobs(),

@@ -1,6 +1,6 @@
 r"""Technical paper of a certificate, a self-contained HTML page.
 
-The template cites and cross-references with LaTeX commands, which `number_labels_and_citations`
+The template cites and cross-references with LaTeX commands, which `resolve_labels_and_citations`
 replaces:
 
     \label{figure:map}           number of a figure or table: Figure 7
@@ -116,17 +116,17 @@ def render_paper(document: Mapping[str, Any]) -> str:
 def _paper_template() -> Template:
     paper = template_environment("dechirp.certificate").overlay()
     paper.filters = paper.filters | {
-        "amount": lambda number, unit, digits=4: _with_nonbreaking_spaces(
+        "amount": lambda number, unit, digits=4: _html_with_nonbreaking_spaces(
             format_amount(number, unit, digits)
         ),
         "count": format_count,
         "fixed": _format_fixed,
-        "db": lambda level_db, decimals=2: _with_nonbreaking_spaces(
+        "db": lambda level_db, decimals=2: _html_with_nonbreaking_spaces(
             f"{_format_fixed(level_db, decimals)} dB"
         ),
         "power_of_ten": lambda exponent: _superscripts_as_html(format_power_of_ten(exponent)),
         "check": format_check_row,
-        "small": lambda probability: _with_nonbreaking_spaces(format_probability(probability)),
+        "small": lambda probability: _html_with_nonbreaking_spaces(format_probability(probability)),
         "typography": lambda text: _superscripts_as_html(apply_typography(text)),
     }
     text, parts = (
@@ -135,7 +135,7 @@ def _paper_template() -> Template:
     )
     text = text.replace("\\parts", parts)
     return paper.from_string(
-        number_labels_and_citations(typeset_equations(text), REFERENCES),
+        resolve_labels_and_citations(typeset_equations(text), REFERENCES),
         globals={"format_pair": format_pair},
     )
 
@@ -144,7 +144,7 @@ def _format_fixed(number: float | None, decimals: int) -> str:
     return format_fixed(_number_or_nan(number), decimals)
 
 
-def _with_nonbreaking_spaces(text: str) -> Markup:
+def _html_with_nonbreaking_spaces(text: str) -> Markup:
     return _superscripts_as_html(text.replace(" ", "\N{NO-BREAK SPACE}"))
 
 
@@ -212,7 +212,7 @@ def _count_required_interval_ends(claim: Mapping[str, Any]) -> int:
     )
 
 
-def number_labels_and_citations(text: str, references: Mapping[str, str]) -> str:
+def resolve_labels_and_citations(text: str, references: Mapping[str, str]) -> str:
     """Replace labels, cross-references, citations and the bibliography of a page.
 
     Raises

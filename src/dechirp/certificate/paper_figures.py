@@ -28,7 +28,7 @@ from dechirp.report.figures import (
 )
 from dechirp.report.figures import training_window as cfar_window
 from dechirp.report.figures.style import TALL_IN, render_svg
-from dechirp.report.page_context import sort_match_and_map_detections
+from dechirp.report.page_context import sort_match_and_locate_detections
 from dechirp.scene.aliasing import RangeVelocity
 
 CHAIN_NAME = "chain"
@@ -92,7 +92,7 @@ def draw_paper_figures(document: Mapping[str, Any]) -> dict[str, Markup]:
             detectors.draw_detector_comparison, height_in=detectors.figure_height_in()
         ),
         "spectrum": render_svg(
-            lambda figure: beat.draw_spectrum(
+            lambda figure: beat.draw_beat_spectrum_over_range(
                 figure.subplots(), quiet.cube, chirp, quiet.scenario.chain
             )
         ),
@@ -110,7 +110,7 @@ def draw_paper_figures(document: Mapping[str, Any]) -> dict[str, Markup]:
             height_in=1.9 * len(decisions) + 0.4,
         ),
         "thresholds": render_svg(
-            lambda figure: detections.draw_threshold_lines(
+            lambda figure: detections.draw_power_and_threshold_lines(
                 figure,
                 [line for _, line in decisions[0]],
                 around_m=n["target_range_m"],
@@ -185,7 +185,10 @@ def _draw_range_doppler_maps(
     results: Mapping[str, Result], max_range_m: float
 ) -> dict[str, Markup]:
     """Draw maps relative to their mean noise with a common colour scale."""
-    marked_maps = {name: _build_marked_map(result, max_range_m) for name, result in results.items()}
+    marked_maps = {
+        name: _build_map_with_marked_detections(result, max_range_m)
+        for name, result in results.items()
+    }
     powers = [marked_map.power.values for marked_map in marked_maps.values()]
     highest_db = max(
         float(to_decibels(power.max() / range_doppler.noise_power_from_median(power)))
@@ -203,8 +206,10 @@ def _draw_range_doppler_maps(
     return {name: over_noise(marked_map) for name, marked_map in marked_maps.items()}
 
 
-def _build_marked_map(result: Result, max_range_m: float) -> range_doppler.MarkedMap:
-    context = sort_match_and_map_detections(result)
+def _build_map_with_marked_detections(
+    result: Result, max_range_m: float
+) -> range_doppler.MarkedMap:
+    context = sort_match_and_locate_detections(result)
     return range_doppler.MarkedMap(
         power=result.power.sel(range=slice(0, max_range_m)),
         units=context.units,

@@ -159,12 +159,12 @@ def evaluate_claims(results: Mapping[str, np.ndarray]) -> tuple[Claim, ...]:
             note=f"SNR of each target {float(to_decibels(INTEGRATED_SNR)):.0f} dB after integration"
             f" over {N_CHIRPS} chirps, range transform zero-padded by a factor of {PADDING_FACTOR}."
             " The report's 1 m is the width of a range bin; at this separation both are detected"
-            f" in {_format_detection_rates_at_one_bin(results)}.",
+            f" in {_format_detection_rates_at_one_bin_separation(results)}.",
         ),
     )
 
 
-def _format_detection_rates_at_one_bin(results: Mapping[str, np.ndarray]) -> str:
+def _format_detection_rates_at_one_bin_separation(results: Mapping[str, np.ndarray]) -> str:
     """Write how often both targets are detected at a separation of one range bin."""
     proportions = []
     for window in REQUIRED_SEPARATION_BINS:

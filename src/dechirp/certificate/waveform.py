@@ -40,7 +40,7 @@ def dechirp_delayed_ramp(chirp: Chirp, *, delay_s: float) -> np.ndarray:
     )
 
 
-def instantaneous_frequency_hz(
+def times_and_instantaneous_frequency_hz(
     samples: np.ndarray, sample_rate_hz: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return times (s) and instantaneous frequencies (Hz) between samples, from phase steps."""
@@ -52,7 +52,9 @@ def _ramp_is_linear_claim() -> Claim:
     chirp = reference_radar().frame.chirp
     rate_hz = 4 * published.BANDWIDTH_HZ
     instants_s = np.arange(round(chirp.ramp_duration_s * rate_hz)) / rate_hz
-    time_s, frequency_hz = instantaneous_frequency_hz(synthesise_ramp(chirp, instants_s), rate_hz)
+    time_s, frequency_hz = times_and_instantaneous_frequency_hz(
+        synthesise_ramp(chirp, instants_s), rate_hz
+    )
     slope, start_hz = np.polyfit(time_s, frequency_hz, 1)
     error_hz = np.max(abs(frequency_hz - start_hz - slope * time_s))
     expected = published.BANDWIDTH_HZ / chirp.ramp_duration_s
@@ -84,7 +86,7 @@ def _ramp_is_linear_claim() -> Claim:
 def _beat_frequency_follows_range_claim() -> Claim:
     chirp, range_m = reference_radar().frame.chirp, REFERENCE_TARGET.range_m
     echo = simulate_ideal_echoes(target_scene(range_m, 0.0), reference_radar()).values[0, 0, 0]
-    _, frequency_hz = instantaneous_frequency_hz(echo, chirp.sample_rate_hz)
+    _, frequency_hz = times_and_instantaneous_frequency_hz(echo, chirp.sample_rate_hz)
     expected = chirp.beat_frequency_hz(range_m)
     dechirped = dechirp_delayed_ramp(chirp, delay_s=2 * range_m / SPEED_OF_LIGHT)
     phase_error_rad = np.max(abs(np.angle(echo * dechirped.conj())))

@@ -97,13 +97,15 @@ def _detection_table_cells(result: Result, detections: xr.Dataset) -> dict[str, 
 
 
 def _true_values_of_detections(
-    truth: xr.DataArray, target: np.ndarray, frame: np.ndarray
+    truth: xr.DataArray, target_indices: np.ndarray, frame_numbers: np.ndarray
 ) -> np.ndarray:
     """Return the truth of the target of each detection, NaN for unmatched detections."""
-    values = np.full(len(target), np.nan)
-    is_matched = target >= 0
-    frame_index = truth.indexes["frame"].get_indexer(frame[is_matched])
-    values[is_matched] = truth.transpose("target", "frame").values[target[is_matched], frame_index]
+    values = np.full(len(target_indices), np.nan)
+    is_matched = target_indices >= 0
+    frame_index = truth.indexes["frame"].get_indexer(frame_numbers[is_matched])
+    values[is_matched] = truth.transpose("target", "frame").values[
+        target_indices[is_matched], frame_index
+    ]
     return values
 
 

@@ -57,10 +57,10 @@ def build_scenario(
     if seed is not None:
         changes, options = [*changes, f"seed={seed}"], {**options, "seed": "--seed"}
     try:
-        scenario = _load_scenario_source(source, changes, radar, metadata)
+        scenario = _load_scenario_from_source(source, changes, radar, metadata)
         recording = scenario.recording
         if recording is None:
-            return _limit_simulated_frames(scenario, frames, metadata)
+            return _set_simulated_frame_count(scenario, frames, metadata)
         if frames is not None:
             metadata = {**metadata, "frames": parse_frame_range(frames)}
         if "calibration" in metadata:
@@ -76,7 +76,7 @@ def build_scenario(
         raise replace_settings_by_options(error, options) from None
 
 
-def _load_scenario_source(
+def _load_scenario_from_source(
     source: Path | None, changes: Sequence[str], radar: Path | None, metadata: Mapping[str, Any]
 ) -> Scenario:
     """Load the source with the changes applied to the radar of its file, if any."""
@@ -151,7 +151,7 @@ def _has_radar_changes(changes: Sequence[str]) -> bool:
     return any(change.lstrip().startswith("radar.") for change in changes)
 
 
-def _limit_simulated_frames(
+def _set_simulated_frame_count(
     scenario: Scenario, frames: str | None, recording_options: Mapping[str, Any]
 ) -> Scenario:
     """Set the number of simulated frames; refuse options that belong to recordings."""

@@ -53,7 +53,10 @@ def show_live_progress(
 
         def show_progress(progress: "Progress") -> None:
             display.update(
-                Group(study_progress_bar(progress), *latest.current_points_table(screen.width)),
+                Group(
+                    study_progress_bar(progress),
+                    *latest.cached_or_rebuilt_points_table(screen.width),
+                ),
                 refresh=True,
             )
 
@@ -96,7 +99,7 @@ class _LatestPoints:
         self._tables: list[Table] = []
         self._next_s = 0.0
 
-    def current_points_table(self, width: int) -> list[Table]:
+    def cached_or_rebuilt_points_table(self, width: int) -> list[Table]:
         """Return the table, rebuilt if it is due; empty before the first block."""
         started_s = monotonic()
         if started_s >= self._next_s:
@@ -115,7 +118,7 @@ class _LatestPoints:
         ].tolist()
         if not latest_points:
             return
-        columns = list(_score_label_and_target_columns(self.layout))[:_MAX_COLUMNS]
+        columns = list(_iter_score_labels_and_targets(self.layout))[:_MAX_COLUMNS]
         rows, numbers = [], []
         confidence = self.plan.study.confidence
         for point in latest_points:
@@ -127,7 +130,7 @@ class _LatestPoints:
                     for column in columns
                 ]
             )
-        yield _estimates_table(rows, columns, np.array(numbers), self.layout, width)
+        yield _settings_and_estimates_table(rows, columns, np.array(numbers), self.layout, width)
 
 
 def study_points_table(result: "StudyResult", *, width: int) -> Table:
@@ -140,7 +143,7 @@ def study_points_table(result: "StudyResult", *, width: int) -> Table:
 
     from dechirp.experiments.study.results import label_of_swept_value
 
-    columns = list(_score_label_and_target_columns(result.layout))
+    columns = list(_iter_score_labels_and_targets(result.layout))
     rows = [
         (
             tuple(
@@ -154,7 +157,9 @@ def study_points_table(result: "StudyResult", *, width: int) -> Table:
         result.estimates[label][:_MAX_ROWS, _score_target_index(result.layout, label, owner), :3]
         for label, owner in columns
     ]
-    return _estimates_table(rows, columns, np.stack(numbers, axis=1), result.layout, width)
+    return _settings_and_estimates_table(
+        rows, columns, np.stack(numbers, axis=1), result.layout, width
+    )
 
 
 def omitted_point_count_line(result: "StudyResult") -> Iterator[str]:
@@ -235,7 +240,7 @@ def _requirement_json_document(verdict: "Verdict", result: "StudyResult") -> dic
 _Column = tuple[str, str | None]
 
 
-def _score_label_and_target_columns(layout: "ScoreColumnLayout") -> Iterator[_Column]:
+def _iter_score_labels_and_targets(layout: "ScoreColumnLayout") -> Iterator[_Column]:
     """Yield label and target of each score; the target is None if there is only one."""
     for score, names in zip(layout.scores, layout.scored_target_names, strict=True):
         for name in names if len(names) > 1 else (None,):
@@ -247,7 +252,7 @@ def _score_target_index(layout: "ScoreColumnLayout", label: str, target: str | N
     return 0 if target is None else 1 + names.index(target)
 
 
-def _estimates_table(
+def _settings_and_estimates_table(
     rows: Sequence[tuple[Sequence[tuple[str, str]], int]],
     columns: Sequence[_Column],
     numbers: "np.ndarray",

@@ -94,11 +94,11 @@ def _mistakes_of_error_detail(
 ) -> Iterator[Mistake]:
     last = detail["loc"][-1] if detail["loc"] else None
     if detail["type"] == "value_error":
-        yield from locate_refusal_in_file(detail["ctx"]["error"], setting)
+        yield from locate_mistakes_in_file(detail["ctx"]["error"], setting)
     elif detail["type"] == "extra_forbidden":
         yield _unknown_setting_mistake(setting, parent)
     elif detail["type"] == "missing" and isinstance(last, str):
-        yield from _missing_setting_mistakes(last, setting, path_readable_types)
+        yield from _missing_setting_mistakes_unless_misspelt(last, setting, path_readable_types)
     elif detail["type"] == "kind" and isinstance(setting.node.content, dict):
         yield _unknown_kind_mistake(setting)
     else:
@@ -112,7 +112,7 @@ def _mistakes_of_error_detail(
         )
 
 
-def locate_refusal_in_file(error: Exception, setting: SettingNode) -> Iterator[Mistake]:
+def locate_mistakes_in_file(error: Exception, setting: SettingNode) -> Iterator[Mistake]:
     """Translate the refusal of a value or a quantity to mistakes located in the file."""
     if not isinstance(error, InvalidSetting | ReferencedFileError):
         raise error  # a defect of the package
@@ -156,7 +156,7 @@ def _unknown_setting_mistake(setting: SettingNode, parent: SettingNode) -> Mista
     )
 
 
-def _missing_setting_mistakes(
+def _missing_setting_mistakes_unless_misspelt(
     key: str, parent: SettingNode, path_readable_types: Collection[type]
 ) -> Iterator[Mistake]:
     known_settings = parent.accepted_settings()

@@ -66,7 +66,7 @@ def replace_node(
     if not names:
         return replacement
     name, *rest = names
-    node = _node_or_referenced_file(setting, context)
+    node = _node_or_tree_of_referenced_file(setting, context)
     setting = replace(setting, node=node)
     if isinstance(node.content, list):
         index = _index_of_list_member(setting, name)
@@ -101,7 +101,7 @@ def replace_node(
     return replace(node, content={**node.content, name: replacement})
 
 
-def _node_or_referenced_file(setting: SettingNode, context: ValidationContext) -> YamlNode:
+def _node_or_tree_of_referenced_file(setting: SettingNode, context: ValidationContext) -> YamlNode:
     """Return the node, or the tree of the file whose path it holds."""
     path = setting.node.content
     for cls in setting.value_type.types_without_none if isinstance(path, str) else ():

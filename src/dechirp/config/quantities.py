@@ -42,12 +42,12 @@ def parse_quantity(text: str, unit_suffix: str | None, *, setting: str = "quanti
             setting,
             value=quote_for_message(text),
             expected=kind.description,
-            fix=_fix_naming_valid_units(text, "", kind),
+            fix=_suggest_valid_units(text, "", kind),
         )
     symbol = (match["unit"] or "").replace("^", "")
-    number = _to_si(match["number"], symbol, kind)
+    number = _convert_to_si_or_none(match["number"], symbol, kind)
     if number is None:
-        fix = _fix_naming_valid_units(text, match["unit"] or "", kind)
+        fix = _suggest_valid_units(text, match["unit"] or "", kind)
         raise InvalidSetting(
             setting, value=quote_for_message(text), expected=kind.description, fix=fix
         )
@@ -93,7 +93,7 @@ def convert_quantity_to_unit(
         number, own_symbol = Decimal(f"{si_value:.12g}"), kind.si_unit
     if not own_symbol or not target_unit:
         return number  # without a unit, or 0, which is the same in all units
-    from dechirp.config.units import convert_unit  # as in `_to_si`
+    from dechirp.config.units import convert_unit  # as in `_convert_to_si_or_none`
 
     return convert_unit(number, own_symbol.replace("^", ""), target_unit.replace("^", ""))
 
@@ -168,9 +168,9 @@ def format_exact_quantity(number: float, unit_suffix: str | None) -> str:
     return f"{scaled:f} {symbol}" if is_short else f"{scaled:e} {symbol}"
 
 
-def _to_si(digits: str, unit: str, dimension: Dimension) -> float | None:
+def _convert_to_si_or_none(number_text: str, unit: str, dimension: Dimension) -> float | None:
     """Convert to SI; None if the unit does not fit, infinite beyond the range of floats."""
-    number = float(digits)
+    number = float(number_text)
     if not unit:
         return number if number == 0 or not dimension.si_unit else None
     for level, zero_db in dimension.db_units:
@@ -178,13 +178,13 @@ def _to_si(digits: str, unit: str, dimension: Dimension) -> float | None:
             return _level_to_ratio(number, zero_db)
     for name, zero in dimension.offset_units:
         if unit == name and math.isfinite(number):
-            return float(Decimal(digits) + Decimal(zero))
+            return float(Decimal(number_text) + Decimal(zero))
     if not dimension.si_unit:
         return None
     from dechirp.config.units import convert_unit  # pint takes 0.3 s; dB and ratios need none
 
     # Decimal has larger exponents than float.
-    exact = Decimal(digits) if math.isfinite(number) and number else Decimal(0)
+    exact = Decimal(number_text) if math.isfinite(number) and number else Decimal(0)
     converted = convert_unit(exact, unit, dimension.si_unit.replace("^", ""))
     if converted is None:
         return None
@@ -210,7 +210,7 @@ def _rounded_quantity_texts(
     return []
 
 
-def _fix_naming_valid_units(text: str, wrong_unit: str, dimension: Dimension) -> str:
+def _suggest_valid_units(text: str, wrong_unit: str, dimension: Dimension) -> str:
     if not dimension.units_for_messages:
         return "omit the unit" if wrong_unit else "write it without a unit"
     units = f"units that fit: {', '.join(dimension.units_for_messages)}"

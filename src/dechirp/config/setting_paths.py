@@ -80,7 +80,7 @@ def find_setting(root_value: Any, path: str) -> SettingPath:
                 steps,
                 value_type,
                 tuple(names[depth:]),
-                _find_value_type_below(value_type, names[depth:], parent_path),
+                _value_type_of_nested_setting(value_type, names[depth:], parent_path),
             )
         if is_dataclass(value):
             setting = _lookup_setting(list_settings(cast(type, type(value))), name, parent_path)
@@ -205,7 +205,7 @@ def _label_of_list_member(member: Any, index: str) -> str:
     return member.kind() if isinstance(member, Family) else index
 
 
-def _find_value_type_below(
+def _value_type_of_nested_setting(
     value_type: ValueType, names: Sequence[str], parent_path: str
 ) -> ValueType:
     """Return the type of a setting below a value that is still None, or of a kind."""

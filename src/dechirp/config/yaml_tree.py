@@ -185,9 +185,9 @@ class _TreeBuilder:
                 )
         return root
 
-    def build_node(self, event: Event, named_at: Location | None, depth: int) -> YamlNode:
+    def build_node(self, event: Event, name_location: Location | None, depth: int) -> YamlNode:
         place = self.location_of_event(event)
-        named_at = named_at or place
+        name_location = name_location or place
         if isinstance(event, AliasEvent) or getattr(event, "anchor", None) is not None:
             raise self.error_at_event(
                 event,
@@ -205,19 +205,19 @@ class _TreeBuilder:
                 "close open brackets",
             )
         if isinstance(event, MappingStartEvent):
-            return self.build_mapping_node(place, named_at, depth)
+            return self.build_mapping_node(place, name_location, depth)
         if isinstance(event, SequenceStartEvent):
             members = []
             while not isinstance(event := next(self.events), SequenceEndEvent):
                 members.append(self.build_node(event, None, depth + 1))
-            return YamlNode(members, place, named_at)
+            return YamlNode(members, place, name_location)
         assert isinstance(event, ScalarEvent)
         content = event.value if event.style else parse_unquoted_scalar(event.value)
         # The parser reports an empty value at the next token.
-        place = place if event.value or event.style else named_at
-        return YamlNode(content, place, named_at, event.value)
+        place = place if event.value or event.style else name_location
+        return YamlNode(content, place, name_location, event.value)
 
-    def build_mapping_node(self, place: Location, named_at: Location, depth: int) -> YamlNode:
+    def build_mapping_node(self, place: Location, name_location: Location, depth: int) -> YamlNode:
         members: dict[str, YamlNode] = {}
         duplicate_keys: list[tuple[str, Location]] = []
         while not isinstance(event := next(self.events), MappingEndEvent):
@@ -234,7 +234,7 @@ class _TreeBuilder:
                 duplicate_keys.append((key.text, key.location))
             else:
                 members[key.text] = child
-        return YamlNode(members, place, named_at, duplicate_keys=tuple(duplicate_keys))
+        return YamlNode(members, place, name_location, duplicate_keys=tuple(duplicate_keys))
 
     def location_of_event(self, event: Event) -> Location:
         return Location(self.file, event.start_mark.line + 1, event.start_mark.column + 1)

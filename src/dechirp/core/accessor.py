@@ -6,7 +6,12 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.detection_columns import SHOWN_COLUMNS
-from dechirp.core.display import Table, pluralise, render_display_html, truncated_display_table
+from dechirp.core.display import (
+    Table,
+    format_count_with_noun,
+    render_display_html,
+    truncated_display_table,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.table_columns import Cell, dataset_to_columns
 from dechirp.core.text import (
@@ -60,16 +65,16 @@ class TableAccessor:
         return pd.DataFrame(dataset_to_columns(self._dataset))
 
     def __repr__(self) -> str:
-        return self._row_count_and_column_ranges()
+        return self._describe_row_count_and_ranges()
 
     def _repr_html_(self) -> str:
         return render_display_html(
-            "", self._row_count_and_column_ranges(), [first_rows_display_table(self._dataset)]
+            "", self._describe_row_count_and_ranges(), [first_rows_display_table(self._dataset)]
         )
 
-    def _row_count_and_column_ranges(self) -> str:
+    def _describe_row_count_and_ranges(self) -> str:
         dataset = self._dataset
-        parts = [pluralise(dataset.sizes[self._dim], self._dim)]
+        parts = [format_count_with_noun(dataset.sizes[self._dim], self._dim)]
         for name, unit in _SUMMARY_UNITS.items():
             values = dataset[name].values if name in dataset else np.empty(0)
             finite = values[np.isfinite(values)]
@@ -126,11 +131,13 @@ def first_rows_display_table(dataset: xr.Dataset, title: str = "") -> Table:
         if any(cell is not None for cell in cells)
     }
     n_rows = len(next(iter(columns.values()), ()))
-    rows = ([_format_cell(cell) for cell in row] for row in zip(*columns.values(), strict=True))
+    rows = (
+        [_format_cell_or_dash(cell) for cell in row] for row in zip(*columns.values(), strict=True)
+    )
     return truncated_display_table(title, rows, n_rows, list(columns))
 
 
-def _format_cell(cell: Cell) -> str:
+def _format_cell_or_dash(cell: Cell) -> str:
     if isinstance(cell, float):
         return format_number(cell, 5)
     return EN_DASH if cell is None else str(cell)

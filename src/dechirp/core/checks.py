@@ -182,7 +182,7 @@ def check_finite_array(
     return values
 
 
-def normalise_vector_field(owner: object, name: str, *, max_magnitude: float) -> None:
+def check_and_convert_vector_field(owner: object, name: str, *, max_magnitude: float) -> None:
     """Set the named field to three floats within +-`max_magnitude`, or raise `InvalidSetting`."""
     setting = f"{type(owner).__name__}.{name}"
     object.__setattr__(
@@ -190,7 +190,7 @@ def normalise_vector_field(owner: object, name: str, *, max_magnitude: float) ->
     )
 
 
-def normalise_vectors_field(owner: object, name: str, *, max_magnitude: float) -> None:
+def check_and_convert_vectors_field(owner: object, name: str, *, max_magnitude: float) -> None:
     """Set the named field to a tuple of at least one vector, or raise `InvalidSetting`."""
     setting = f"{type(owner).__name__}.{name}"
     rows = getattr(owner, name)

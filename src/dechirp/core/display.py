@@ -85,13 +85,13 @@ def property_display_rows(value: object, *properties: str) -> list[tuple[str, st
 
 
 def truncated_display_table(
-    title: str, rows: Iterable[Sequence[str]], n_rows: int, head: Sequence[str] = ()
+    title: str, rows: Iterable[Sequence[str]], n_total_rows: int, head: Sequence[str] = ()
 ) -> Table:
     """Return a table of the first rows and the number of further rows, which are not computed."""
-    return Table(title, list(islice(rows, MAX_ROWS)), head, max(n_rows - MAX_ROWS, 0))
+    return Table(title, list(islice(rows, MAX_ROWS)), head, max(n_total_rows - MAX_ROWS, 0))
 
 
-def pluralise(n: int, noun: str) -> str:
+def format_count_with_noun(n: int, noun: str) -> str:
     """Write a count with its noun: 1 chirp, 128 chirps."""
     return f"{n:,} {noun}{'s' if n != 1 else ''}"
 

@@ -55,7 +55,7 @@ class Family(ABC):
         prefix = f"{folder.__name__}."  # a member that a plug-in inherits from remains a member
         members: dict[str, type] = {
             member.kind(): member
-            for member in _iter_classes_without_subclasses(cls, prefix)
+            for member in _iter_concrete_leaf_classes(cls, prefix)
             if member.__module__.startswith(prefix)
         }
         reasons = {}
@@ -74,7 +74,7 @@ class Family(ABC):
                 other = f"{registered.__module__}:{registered.__qualname__}"
                 reasons[plugin.name] = f"{plugin.value} has the kind {loaded.kind()} of {other}"
         # Classes of a notebook have no entry point.
-        for member in _iter_classes_without_subclasses(cls):
+        for member in _iter_concrete_leaf_classes(cls):
             members.setdefault(member.kind(), member)
         return members, reasons
 
@@ -84,7 +84,7 @@ def _plugin_entry_points(group: str) -> EntryPoints:
     return entry_points(group=group)  # takes 10 ms, and a settings file needs it several times
 
 
-def _iter_classes_without_subclasses(
+def _iter_concrete_leaf_classes(
     cls: type[Family], module_prefix: str = ""
 ) -> Iterator[type[Family]]:
     """Yield the classes that have no subclass in a module with the prefix."""
@@ -94,6 +94,6 @@ def _iter_classes_without_subclasses(
             for descendant in subclass.__subclasses__()
         )
         if inspect.isabstract(subclass) or below:
-            yield from _iter_classes_without_subclasses(subclass, module_prefix)
+            yield from _iter_concrete_leaf_classes(subclass, module_prefix)
         else:
             yield subclass

@@ -67,7 +67,7 @@ def dataset_to_columns(dataset: xr.Dataset) -> dict[str, list[Cell]]:
     rows = dataset.stack(row=dims, create_index=False)
     n_rows = rows.sizes["row"]
     return {
-        column: _to_file_cells(column, rows[name].values)
+        column: _to_cells_in_file_units(column, rows[name].values)
         if name in rows.variables
         else [None] * n_rows
         for column, name in wanted.items()
@@ -80,11 +80,13 @@ def _tracks_to_columns(tracks: xr.Dataset) -> dict[str, list[Cell]]:
     covariance = present["covariance"]
     return {
         **{
-            column: _to_file_cells(column, present[name].values)
+            column: _to_cells_in_file_units(column, present[name].values)
             for column, name in _OF_TRACKS.items()
         },
         **{
-            f"covariance_{a}_{b}": _to_file_cells("", covariance.sel(state=a, other_state=b).values)
+            f"covariance_{a}_{b}": _to_cells_in_file_units(
+                "", covariance.sel(state=a, other_state=b).values
+            )
             for a, b in _PAIRS
         },
     }
@@ -96,7 +98,7 @@ def dataset_to_records(dataset: xr.Dataset) -> list[dict[str, Cell]]:
     return [dict(zip(table, cells, strict=True)) for cells in zip(*table.values(), strict=True)]
 
 
-def _to_file_cells(column: str, values: np.ndarray) -> list[Cell]:
+def _to_cells_in_file_units(column: str, values: np.ndarray) -> list[Cell]:
     if column.endswith("_db"):
         with np.errstate(divide="ignore"):  # no signal at all is minus infinity
             values = to_decibels(values)

@@ -87,19 +87,23 @@ class Associator:
         """Associate the columns of `processing.detect.detect`, each (n_detections,)."""
         detections = _detection_columns_or_nan(columns)
         frame_index = self._truth_frame_indices(detections.frame)
-        target = self._find_nearest_targets(detections, frame_index)
+        target = self._find_nearest_target_indices(detections, frame_index)
         return Association(target, *self._estimation_errors(detections, target, frame_index))
 
-    def nearest_targets(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    def nearest_target_indices(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return `Association.target` alone; the errors take as long again."""
         detections = _detection_columns_or_nan(columns)
-        return self._find_nearest_targets(detections, self._truth_frame_indices(detections.frame))
+        return self._find_nearest_target_indices(
+            detections, self._truth_frame_indices(detections.frame)
+        )
 
-    def _find_nearest_targets(self, detections: "_Columns", frame_index: np.ndarray) -> np.ndarray:
+    def _find_nearest_target_indices(
+        self, detections: "_Columns", frame_index: np.ndarray
+    ) -> np.ndarray:
         target = np.full(len(frame_index), -1)
         for frame in np.unique(frame_index).tolist():
             in_frame = slice(None) if len(self._truth_frame_numbers) == 1 else frame_index == frame
-            target[in_frame] = self._cached_target_cells_of_frame(frame).nearest_targets(
+            target[in_frame] = self._cached_target_cells_of_frame(frame).nearest_target_indices(
                 _Columns(*(column[in_frame] for column in detections))
             )
         return target
@@ -200,10 +204,10 @@ class Associator:
                 self.scene, float(self.truth.time[frame_index]), self.radar
             )
             owners, time_s = (
-                self.scene.target_of_scatterer[is_visible],
+                self.scene.target_index_of_scatterer[is_visible],
                 self.truth.time.values[frame_index : frame_index + 1],
             )
-            motion = scatterer_range_and_rate(self.scene, time_s)
+            motion = scatterer_range_and_range_rate(self.scene, time_s)
             range_m, velocity = alias_range_velocity(
                 RangeVelocity(*(values[0, is_visible] for values in motion)), radar
             )
@@ -252,26 +256,28 @@ class _FrameTargets:
     """Positions in resolution cells, (n_positions, 4), aliased."""
     _trees: dict[tuple[bool, ...], KDTree] = field(default_factory=dict, init=False, repr=False)
 
-    def nearest_targets(self, detections: _Columns) -> np.ndarray:
+    def nearest_target_indices(self, detections: _Columns) -> np.ndarray:
         """Return the target of each detection, -1 for none."""
         angles = detections.azimuth, detections.elevation
         cells = to_resolution_cells(detections.range, detections.velocity, *angles, self.radar)
         cells = alias_doppler_cells(cells, self.radar.frame.n_chirps)
-        target = self._nearest_targets_within_gate(cells)
+        target = self._nearest_target_indices_within_gate(cells)
         if len(self.radar.array.tx_m) > 1:
             # With simultaneous transmitters, directions depend on the ambiguity number.
             is_unassigned = (target < 0) & np.isnan(detections.ambiguity_number)
             if is_unassigned.any():
                 cells[is_unassigned, 2:] = np.nan
-                target[is_unassigned] = self._nearest_targets_within_gate(cells[is_unassigned])
+                target[is_unassigned] = self._nearest_target_indices_within_gate(
+                    cells[is_unassigned]
+                )
         return target
 
-    def _nearest_targets_within_gate(self, cells: np.ndarray) -> np.ndarray:
+    def _nearest_target_indices_within_gate(self, cells: np.ndarray) -> np.ndarray:
         """Return the owner of the nearest position, -1 if none is within two cells."""
         if not len(self.owners):
             return np.full(len(cells), -1)
         if len(cells) * len(self.owners) > _MAX_BRUTE_FORCE_PAIRS:
-            return self._nearest_targets_by_tree(cells)
+            return self._nearest_target_indices_by_tree(cells)
         distances = abs(cells[:, None] - self.cells)
         velocity_distance = distances[..., 1]  # velocities are periodic
         np.minimum(
@@ -283,7 +289,7 @@ class _FrameTargets:
         is_near = farthest[np.arange(len(cells)), nearest] <= GATE_CELLS
         return np.where(is_near, self.owners[nearest], -1)
 
-    def _nearest_targets_by_tree(self, cells: np.ndarray) -> np.ndarray:
+    def _nearest_target_indices_by_tree(self, cells: np.ndarray) -> np.ndarray:
         """Search many positions with a tree: a detection may be near 100,000 scatterers."""
         owners = np.full(len(cells), -1)
         is_known = np.isfinite(cells)
@@ -305,7 +311,7 @@ class _FrameTargets:
         return self._trees[key]
 
 
-def scatterer_range_and_rate(scene: Scene, times_s: ArrayLike) -> RangeVelocity:
+def scatterer_range_and_range_rate(scene: Scene, times_s: ArrayLike) -> RangeVelocity:
     """Return range and range rate of each scatterer at each time, (n_times, n_scatterers)."""
     times_s = np.asarray(times_s, dtype=float)
     moments_s = np.add.outer([-_RANGE_RATE_STEP_S, 0.0, _RANGE_RATE_STEP_S], times_s)
@@ -318,8 +324,8 @@ def visible_scatterer_mask(scene: Scene, time_s: float, radar: Radar) -> np.ndar
     """Return True for scatterers that reflect: not those on the far side of a car."""
     rcs_m2 = scatterer_cross_sections_m2(scene, time_s, radar.frame.chirp.wavelength_m)
     strongest_m2 = np.zeros(len(scene.targets))
-    np.maximum.at(strongest_m2, scene.target_of_scatterer, rcs_m2)
-    return rcs_m2 > _HIDDEN_RCS_RATIO * strongest_m2[scene.target_of_scatterer]
+    np.maximum.at(strongest_m2, scene.target_index_of_scatterer, rcs_m2)
+    return rcs_m2 > _HIDDEN_RCS_RATIO * strongest_m2[scene.target_index_of_scatterer]
 
 
 def _detection_columns_or_nan(columns: Mapping[str, np.ndarray]) -> _Columns:

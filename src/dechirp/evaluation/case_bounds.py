@@ -40,7 +40,7 @@ def rms_error_bounds(context: TrialContext) -> dict[str, np.ndarray]:
     bounds = np.full((len(AXES), n_targets, n_frames), np.nan)
     has_white_noise = np.isfinite(context.noise_power_w) and context.noise_power_w > 0
     if has_white_noise and "snr" in context.truth and not context.chain.mitigation:
-        aperture = _aperture_or_none(context)
+        aperture = _direction_aperture_or_none(context)
         truth = context.truth.transpose("target", "frame")
         for frame_index in range(n_frames):
             bounds[:, :, frame_index] = _frame_error_bounds(
@@ -54,7 +54,7 @@ def rms_error_bounds(context: TrialContext) -> dict[str, np.ndarray]:
     return dict(zip(AXES, np.sqrt(np.mean(bounds**2, axis=-1)), strict=True))
 
 
-def _aperture_or_none(context: TrialContext) -> Aperture | None:
+def _direction_aperture_or_none(context: TrialContext) -> Aperture | None:
     if context.chain.angle is None:
         return None
     try:
@@ -76,7 +76,7 @@ def _frame_error_bounds(
         bounds[2:] = np.transpose(
             [_angle_error_bounds(*target_values, radar, aperture) for target_values in angles]
         )
-    bounds[:, _targets_near_another(truth, radar)] = np.nan
+    bounds[:, _mask_of_targets_near_another(truth, radar)] = np.nan
     return bounds
 
 
@@ -103,7 +103,7 @@ def _angle_error_bounds(
     return np.where(np.array(aperture.resolves_azimuth_and_elevation) & is_resolved, bounds, np.nan)
 
 
-def _targets_near_another(truth: xr.Dataset, radar: Radar) -> np.ndarray:
+def _mask_of_targets_near_another(truth: xr.Dataset, radar: Radar) -> np.ndarray:
     """Return True for targets within two cells of another in range and velocity, (n_targets,)."""
     frame = radar.frame
     fast, slow = echo_cycles_per_sample_and_chirp(

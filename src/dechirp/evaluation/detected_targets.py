@@ -5,7 +5,7 @@ import numpy as np
 from dechirp.evaluation.trial import TrialContext, TrialResult
 
 
-def count_clusters_per_target(result: TrialResult, context: TrialContext) -> np.ndarray:
+def count_clusters_per_target_and_frame(result: TrialResult, context: TrialContext) -> np.ndarray:
     """Count the clusters of each target in each frame, (n_targets, n_frames).
 
     A cluster belongs to the target with the largest signal-to-noise sum of its detections; clusters
@@ -30,7 +30,7 @@ def count_clusters_per_target(result: TrialResult, context: TrialContext) -> np.
     return counts
 
 
-def detected_target_mask(result: TrialResult, context: TrialContext) -> np.ndarray:
+def detected_target_mask_per_frame(result: TrialResult, context: TrialContext) -> np.ndarray:
     """Return True for targets with a detection, by frame, bool (n_targets, n_frames)."""
     target = result.association.target
     has_target = target >= 0
@@ -39,7 +39,9 @@ def detected_target_mask(result: TrialResult, context: TrialContext) -> np.ndarr
     return detected
 
 
-def strongest_detection_rows_per_frame(result: TrialResult, context: TrialContext) -> np.ndarray:
+def strongest_detection_rows_per_target_frame(
+    result: TrialResult, context: TrialContext
+) -> np.ndarray:
     """Return the row of the strongest detection of each target in each frame.
 
     Later stages use the strongest one. The nearest to the truth would be too optimistic, since it

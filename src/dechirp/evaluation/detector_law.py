@@ -43,7 +43,7 @@ class DetectorLaw:
             swerling=swerling,
         )
 
-    def threshold_below_probability(self, power: np.ndarray) -> np.ndarray:
+    def probability_of_threshold_below(self, power: np.ndarray) -> np.ndarray:
         """Return the probability that the threshold is below a power over mean noise; any shape."""
         level = np.asarray(power) / self.factor
         if self.rank is not None:

@@ -55,14 +55,14 @@ def frame_false_alarm_probability(radar: Radar, chain: Chain) -> float:
     rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
     n_cells = (rows.stop - rows.start) * noise.doppler_transform.n_bins
     neighbours = NeighbourCorrelation(
-        in_range=_noise_correlation_of_next_bins(noise.range_transform),
-        in_velocity=_noise_correlation_of_next_bins(noise.doppler_transform),
+        in_range=_noise_correlation_at_lags_one_and_two(noise.range_transform),
+        in_velocity=_noise_correlation_at_lags_one_and_two(noise.doppler_transform),
     )
     q = local_maximum_fraction(p, neighbours, n_summed=noise.n_channels)
     return float(-np.expm1(-n_cells * p * q))
 
 
-def _noise_correlation_of_next_bins(transform: Transform) -> tuple[complex, complex]:
+def _noise_correlation_at_lags_one_and_two(transform: Transform) -> tuple[complex, complex]:
     _, lag_one, lag_two = transform.noise_correlation_of_bins(3)[:, 0].tolist()
     return complex(lag_one), complex(lag_two)
 

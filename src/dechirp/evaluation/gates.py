@@ -7,13 +7,13 @@ import numpy as np
 
 from dechirp.evaluation.association import (
     GATE_CELLS,
-    scatterer_range_and_rate,
+    scatterer_range_and_range_rate,
     visible_scatterer_mask,
 )
 from dechirp.evaluation.trial import TrialContext
 from dechirp.processing.spectrum import Transform
 from dechirp.radar.radar import Radar
-from dechirp.scene.aliasing import RangeVelocity, echo_frequencies
+from dechirp.scene.aliasing import RangeVelocity, beat_and_doppler_frequencies
 
 
 class GateCells(NamedTuple):
@@ -44,7 +44,7 @@ def echo_cycles_per_sample_and_chirp(
     The first from 0 to 1, the second with any ambiguity number.
     """
     frame = radar.frame
-    beat_hz, doppler_hz = echo_frequencies(range_velocity, radar)
+    beat_hz, doppler_hz = beat_and_doppler_frequencies(range_velocity, radar)
     fast = np.asarray(beat_hz / frame.chirp.sample_rate_hz % 1.0)
     slow = np.asarray(doppler_hz * frame.repetition_s)
     if frame.chirp.sampling == "real":  # the upper half mirrors the lower
@@ -67,7 +67,9 @@ def _target_gate_cells_of_frame(context: TrialContext, frame_index: int) -> Gate
     noise = context.chain.map_noise_statistics(radar)
     n_velocity, n_range = noise.doppler_transform.n_bins, noise.range_transform.n_bins
     is_visible = visible_scatterer_mask(context.scene, time_s, radar)
-    motion = scatterer_range_and_rate(context.scene, context.times_s[frame_index : frame_index + 1])
+    motion = scatterer_range_and_range_rate(
+        context.scene, context.times_s[frame_index : frame_index + 1]
+    )
     fast, slow = echo_cycles_per_sample_and_chirp(
         RangeVelocity(*(values[0, is_visible] for values in motion)), radar
     )
@@ -80,7 +82,7 @@ def _target_gate_cells_of_frame(context: TrialContext, frame_index: int) -> Gate
     # (scatterer, velocity, range)
     columns = (column[:, None, None] + gate_offsets[0][:, None]) % n_velocity
     rows = row[:, None, None] + gate_offsets[1]
-    owners = context.scene.target_of_scatterer[is_visible][:, None, None]
+    owners = context.scene.target_index_of_scatterer[is_visible][:, None, None]
     cells = np.stack(np.broadcast_arrays(owners, columns, rows), axis=-1).reshape(-1, 3)
     n_rows = n_range if radar.frame.chirp.sampling == "complex" else n_range // 2 + 1
     is_in_map = (cells[:, 2] >= 0) & (cells[:, 2] < n_rows)

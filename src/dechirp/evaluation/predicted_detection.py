@@ -266,7 +266,7 @@ def _probability_added_by_other_cells(
 ) -> float:
     """Return the probability that other cells of the main lobe add."""
     channel_noise, other_power = (
-        samples[noise_draws] for samples in _sample_noise_about_target(noise)
+        samples[noise_draws] for samples in _draw_noise_about_target(noise)
     )
     main_lobe = np.multiply.outer(
         _main_lobe_response(noise.doppler_transform, echo.column),
@@ -283,9 +283,9 @@ def _probability_added_by_other_cells(
     cells = abs(amplitudes[:, None, None] * main_lobe + channel_noise) ** 2 + other_power
     nearest = cells[:, main_lobe.shape[0] // 2, main_lobe.shape[1] // 2]
     highest = cells.max(axis=(1, 2))
-    added = law.threshold_below_probability(
+    added = law.probability_of_threshold_below(
         highest / noise.n_channels
-    ) - law.threshold_below_probability(nearest / noise.n_channels)
+    ) - law.probability_of_threshold_below(nearest / noise.n_channels)
     return float(np.mean(added))
 
 
@@ -303,7 +303,7 @@ def _main_lobe_response(transform: Transform, bin_position: float) -> np.ndarray
 
 
 @lru_cache(maxsize=2)
-def _sample_noise_about_target(noise: MapNoise) -> tuple[np.ndarray, np.ndarray]:
+def _draw_noise_about_target(noise: MapNoise) -> tuple[np.ndarray, np.ndarray]:
     """Sample unit-power noise in the cells about a target, each (n_draws, velocity, range).
 
     Complex amplitudes of one channel, and summed powers of all other channels.

@@ -48,7 +48,7 @@ def estimate_proportion(hits: np.ndarray, attempts: np.ndarray, *, confidence: f
     probability = float(hits.sum() / attempts.sum())
     n = float(attempts.sum())
     if attempts.max() > 1 or np.any(hits % 1):
-        n = max(min(n, _effective_attempts(hits, attempts, (1 - confidence) / 2)), 1.0)
+        n = max(min(n, _effective_number_of_attempts(hits, attempts, (1 - confidence) / 2)), 1.0)
     n_floor = int(n + 1e-9)
     # Fractional hits are rounded down for the lower end, up for the upper end.
     hits_low, hits_high = (
@@ -69,7 +69,9 @@ def _clopper_pearson_interval(hits: int, attempts: int, confidence: float) -> tu
     return binomial_interval(hits, attempts, confidence=confidence)
 
 
-def _effective_attempts(hits: np.ndarray, attempts: np.ndarray, tail: float) -> float:
+def _effective_number_of_attempts(
+    hits: np.ndarray, attempts: np.ndarray, tail_probability: float
+) -> float:
     """Return the number of independent attempts equivalent to the scatter of the trials."""
     n_trials, mean_attempts = len(attempts), float(attempts.mean())
     hits, attempts = (
@@ -78,5 +80,5 @@ def _effective_attempts(hits: np.ndarray, attempts: np.ndarray, tail: float) -> 
     )
     p = hits.sum() / attempts.sum()
     variance = np.mean((hits - p * attempts) ** 2) / mean_attempts**2
-    student_correction = ndtri(tail) / stdtrit(n_trials + 1, tail)
+    student_correction = ndtri(tail_probability) / stdtrit(n_trials + 1, tail_probability)
     return float(n_trials * p * (1 - p) / variance * student_correction**2)

@@ -13,7 +13,7 @@ STATE_NAMES = ("x", "vx", "y", "vy")
 
 
 @lru_cache(maxsize=4)
-def target_states(context: TrialContext) -> xr.Dataset:
+def true_target_states(context: TrialContext) -> xr.Dataset:
     """Return `STATE_NAMES` of each target over (target, frame), m and m/s, in radar coordinates.
 
     Bodies have the state of their origin.
@@ -36,7 +36,7 @@ def cached_track_assignment(
 ) -> xr.Dataset:
     """Return the assignment of tracks to targets (`track_identities`), cached for other scores."""
     assert result.tracks is not None
-    return track_identities(result.tracks, target_states(context), cutoff_m=cutoff_m)
+    return track_identities(result.tracks, true_target_states(context), cutoff_m=cutoff_m)
 
 
 def confirmed_track_states(result: TrialResult) -> np.ndarray:
@@ -52,7 +52,7 @@ def track_and_target_positions_m(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the positions of confirmed tracks, (n, 2), and of targets, (m, 2), in each frame."""
     tracks_m = confirmed_track_states(result)[..., ::2]
-    truth = target_states(context)
+    truth = true_target_states(context)
     targets_m = np.stack([truth[name].values for name in "xy"], axis=-1)
     is_confirmed = np.isfinite(tracks_m).all(axis=-1)
     return [

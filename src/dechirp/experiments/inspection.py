@@ -95,7 +95,7 @@ def inspect(
             calibration=calibration,
         )
     except DechirpError as error:
-        return _unreadable_inspection(path, kinds, error)
+        return _inspection_of_unreadable_recording(path, kinds, error)
     if frames is not None:
         recording = recording.select_frames(*frames)
     power, findings = None, recording.findings
@@ -103,7 +103,7 @@ def inspect(
         if recording.sizes:
             power, findings = _first_frame_map_and_sample_findings(recording, progress)
     except DechirpError as error:
-        return _unreadable_inspection(path, kinds, error)
+        return _inspection_of_unreadable_recording(path, kinds, error)
     if chip is not None and recording.contents.radar is not None:
         findings += _broken_device_rules(chip, recording.radar)
     return Inspection(
@@ -143,7 +143,9 @@ def _broken_device_rules(chip: Device, radar: Radar) -> tuple[Finding, ...]:
     return tuple(rule for rule in broken if rule.setting not in _FRAME_SETTINGS)
 
 
-def _unreadable_inspection(path: Path, kinds: tuple[str, ...], error: DechirpError) -> Inspection:
+def _inspection_of_unreadable_recording(
+    path: Path, formats: tuple[str, ...], error: DechirpError
+) -> Inspection:
     """Return an inspection that lists what is missing to read the recording."""
     missing = tuple(Finding.from_mistake(mistake, level="error") for mistake in error.mistakes)
-    return Inspection(path=path, formats=kinds, recording=None, power=None, findings=missing)
+    return Inspection(path=path, formats=formats, recording=None, power=None, findings=missing)

@@ -117,15 +117,15 @@ def _processing_budget_lines(
 
 
 def _antenna_budget_lines(
-    side: str, peak: float, gain: float, pattern: Pattern | None
+    side: str, peak_gain: float, gain_towards_target: float, pattern: Pattern | None
 ) -> tuple[BudgetLine, ...]:
     """Return the gain of an antenna, and the loss of its pattern towards the target."""
     symbol = "Gt" if side == "transmit" else "Gr"
-    peak_line = _gain_budget_line(f"{side} antenna", peak, symbol)
+    peak_line = _gain_budget_line(f"{side} antenna", peak_gain, symbol)
     if pattern is None:
         return (peak_line,)
     return peak_line, _gain_budget_line(
-        f"off its {side} beam", gain / peak, "pattern, towards the target"
+        f"off its {side} beam", gain_towards_target / peak_gain, "pattern, towards the target"
     )
 
 

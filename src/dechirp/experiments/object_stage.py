@@ -70,7 +70,7 @@ def estimate_ego_motion_clusters_tracks(
     if scenario.tracker is not None:
         with capture_warned_findings() as warned:
             tracks = track(
-                select_trackable_rows(groups.clusters_or_detections, radar),
+                drop_static_rows_and_unresolved_velocities(groups.clusters_or_detections, radar),
                 times_s,
                 scenario.tracker,
                 first=first_frame,
@@ -101,7 +101,7 @@ def estimate_ego_motion_and_clusters(
     return GroupedDetections(detections, ego, clusters, tuple(findings))
 
 
-def select_trackable_rows(rows: xr.Dataset, radar: Radar) -> xr.Dataset:
+def drop_static_rows_and_unresolved_velocities(rows: xr.Dataset, radar: Radar) -> xr.Dataset:
     """Select the rows that may belong to a track; drop velocities of unresolved ambiguity."""
     if "motion" in rows:
         (row_dimension,) = rows["motion"].dims

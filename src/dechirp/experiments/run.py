@@ -9,7 +9,7 @@ import xarray as xr
 
 from dechirp.core.accessor import first_rows_display_table
 from dechirp.core.detection_columns import detections_from_columns
-from dechirp.core.display import Displayable, Table, pluralise
+from dechirp.core.display import Displayable, Table, format_count_with_noun
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, capture_warned_findings, findings_display_table
 from dechirp.core.values import frozen_dataclass
@@ -93,14 +93,14 @@ class Result(Displayable):
         return self.source.sizes["frame"]
 
     def _display_line(self) -> str:
-        parts = [pluralise(self.n_frames, "frame")]
+        parts = [format_count_with_noun(self.n_frames, "frame")]
         tables = {"detection": self.detections, "cluster": self.clusters, "track": self.tracks}
         parts += [
-            pluralise(table.sizes[name], name)
+            format_count_with_noun(table.sizes[name], name)
             for name, table in tables.items()
             if table is not None
         ]
-        parts += [pluralise(len(self.findings), "finding")] if self.findings else []
+        parts += [format_count_with_noun(len(self.findings), "finding")] if self.findings else []
         return f"{self.scenario.name}: {', '.join(parts)}"
 
     def _display_tables(self) -> Iterable[Table]:
@@ -220,7 +220,7 @@ def build_result(
         objects = estimate_ego_motion_clusters_tracks(
             detection_run.detections, detection_run.frames.times_s, fitted, radar, first_frame=first
         )
-    power = frame_power_map(
+    power = label_frame_power_map(
         detection_run.frames.first_power, next(_iter_frame_cubes(source)), first, radar, chain
     )
     threshold = threshold_map(power, radar.for_frame(first), chain)
@@ -267,15 +267,15 @@ def detection_findings(detection_run: DetectionRun, radar: Radar) -> tuple[Findi
     )
 
 
-def frame_power_map(
-    power: tuple[np.ndarray, ...], cube: xr.DataArray, number: int, radar: Radar, chain: Chain
+def label_frame_power_map(
+    power: tuple[np.ndarray, ...], cube: xr.DataArray, frame_number: int, radar: Radar, chain: Chain
 ) -> xr.DataArray:
     """Return the labelled range-Doppler map of one frame, a cube of which is given.
 
     `power` has the maps of its `FrameResult`. Triangles have a map of each side there; theirs is
     the map of both sides together, computed from the samples.
     """
-    radar = radar.for_frame(number)
+    radar = radar.for_frame(frame_number)
     if len(power) > 1:
         return power_map(cube.isel(frame=0), radar, chain)
     return label_map_axes(power[0], radar, chain, samples_unit=str(cube.attrs.get("units")))
@@ -295,7 +295,9 @@ def build_result_object_list(result: Result) -> xr.Dataset:
     return object_list(rows, result.times_s, first=result.first_frame)
 
 
-def load_frame(scenario: Scenario, number: int = 0) -> tuple[xr.DataArray, Radar]:
+def simulate_or_read_frame_and_radar(
+    scenario: Scenario, number: int = 0
+) -> tuple[xr.DataArray, Radar]:
     """Return the samples of one frame, (chirp, rx, sample), and the radar at its time.
 
     Raises
@@ -323,7 +325,7 @@ def load_frame(scenario: Scenario, number: int = 0) -> tuple[xr.DataArray, Radar
     return cube.isel(frame=0), radar.for_frame(number)
 
 
-def simulate_scenario(
+def simulate_cube_truth_and_findings(
     scenario: Scenario, *, progress: Callable[[int, int], None] | None = None
 ) -> tuple[xr.DataArray, xr.Dataset, tuple[Finding, ...]]:
     """Simulate the cube of a scene as `run` does; return it with its truth and findings.

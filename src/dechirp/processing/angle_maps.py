@@ -19,7 +19,10 @@ from dechirp.processing.direction_finding import (
     phase_centres_m,
     range_from_phase_centre_m,
 )
-from dechirp.processing.range_walk import select_frame_transform, slow_time_frequency_growth
+from dechirp.processing.range_walk import (
+    select_frame_transform,
+    slow_time_frequency_growth_per_sample,
+)
 from dechirp.processing.refine import Tones, refine_tones
 from dechirp.processing.simd_beamforming import mirrored_beam_weights, raise_to_largest_beam_power
 from dechirp.processing.spectrum import FrameTransform, Transform, range_doppler_real_and_imaginary
@@ -131,7 +134,7 @@ def _plan_range_azimuth_transforms(radar: Radar, chain: Chain) -> _MapPlan:
     n_velocities = frame.n_chirps
     doppler_hz = (np.arange(n_velocities) - n_velocities // 2) / (n_velocities * frame.repetition_s)
     pair_sums, weights = mirrored_beam_weights(aperture)
-    compensation, decoding = _motion_compensation_and_decoding(doppler_hz, radar)
+    compensation, decoding = _motion_phases_and_decoding_matrix(doppler_hz, radar)
     azimuth_rad = aperture.direction_grid.azimuth_rad
     return _MapPlan(
         range_transform=over_range,
@@ -187,7 +190,9 @@ def angle_spectrum(
     chain = chain or Chain()
     samples, radar = _rising_ramp_channels_and_radar(cube, radar)
     aperture = checked_direction_aperture(radar, chain.field_of_view)
-    tones, doppler_hz, noise = _refine_detection_tone(samples, radar, detections, index)
+    tones, doppler_hz, noise = _refine_tone_with_doppler_and_noise(
+        samples, radar, detections, index
+    )
     amplitude = by_ramps.remove_beat_phase(tones.amplitude, tones.fast, radar.frame)
     snapshots, noise = element_snapshots_and_noise(amplitude, doppler_hz, noise, radar)
     estimator = chain.angle if isinstance(chain.angle, SpectralEstimator) else Bartlett()
@@ -220,7 +225,7 @@ def _has_several_slots_of_one_transmitter(frame: Frame) -> bool:
     return frame.multiplexing is None and frame.n_slots > 1
 
 
-def _motion_compensation_and_decoding(
+def _motion_phases_and_decoding_matrix(
     doppler_hz: np.ndarray, radar: Radar
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the motion compensation of slots, and the decoding matrix.
@@ -273,7 +278,7 @@ def _rising_ramp_channels_and_radar(cube: xr.DataArray, radar: Radar) -> tuple[n
     return np.ascontiguousarray(samples[:, : radar.array.n_rx]), radar.with_rising_ramps_only()
 
 
-def _refine_detection_tone(
+def _refine_tone_with_doppler_and_noise(
     samples: np.ndarray, radar: Radar, detections: xr.Dataset, index: int
 ) -> tuple[Tones, np.ndarray, np.ndarray]:
     """Refine the tone of a detection; return it with its Doppler frequency and amplitude noise.
@@ -299,7 +304,7 @@ def _refine_detection_tone(
         2 * np.pi * frame.repetition_s * doppler_hz,
         2 * np.pi / chirp.sample_rate_hz * beat_hz,
         np.zeros(len(order)),
-        growth=slow_time_frequency_growth(chirp),
+        growth=slow_time_frequency_growth_per_sample(chirp),
     )
     refined_index = np.flatnonzero(order == tone_index)
     tone = Tones(

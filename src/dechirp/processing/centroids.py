@@ -76,8 +76,8 @@ def cluster_centroids(
     )
     member_columns = {name: column[members] for name, column in columns.items()}
     first = np.flatnonzero(np.diff(label, prepend=-1))  # each cluster is a run now
-    weight = _snr_weights(member_columns["snr"], label)
-    strongest = _strongest_members(member_columns, weight, first)
+    weight = _snr_or_equal_cluster_weights(member_columns["snr"], label)
+    strongest = _strongest_member_index_per_cluster(member_columns, weight, first)
     n_added = _velocity_spans_to_add(
         member_columns, detection_cells, weight, first, strongest, n_chirps
     )
@@ -112,13 +112,13 @@ def cluster_centroids(
     )
 
 
-def _snr_weights(snr: np.ndarray, label: np.ndarray) -> np.ndarray:
+def _snr_or_equal_cluster_weights(snr: np.ndarray, label: np.ndarray) -> np.ndarray:
     """Return the power ratios; equal weights in a cluster with an unknown ratio or none above 0."""
     total = np.bincount(label, snr)[label]
     return np.where(total > 0, snr, 1.0)  # NaN is not above 0
 
 
-def _strongest_members(
+def _strongest_member_index_per_cluster(
     member_columns: Mapping[str, np.ndarray], weight: np.ndarray, cluster_starts: np.ndarray
 ) -> np.ndarray:
     """Find the strongest detection of each cluster; one with known ambiguity number goes first."""

@@ -96,9 +96,7 @@ def phase_centres_m(
     """
     centre_m = radar.element_positions_m.mean(axis=0) / 2
     has_angle = np.stack([np.isfinite(azimuth_rad), np.isfinite(elevation_rad)], axis=-1)
-    is_known = has_angle.any(axis=1) & detections_with_known_direction(
-        ambiguity_number, radar.frame
-    )
+    is_known = has_angle.any(axis=1) & known_direction_mask(ambiguity_number, radar.frame)
     axes = np.column_stack([np.ones(len(has_angle), bool), has_angle]) & is_known[:, None]
     return np.where(axes, centre_m, 0.0)
 
@@ -114,7 +112,7 @@ def range_and_direction_from_origin(
     x, y, z = (
         centre_m + range_m[:, None] * _unit_vectors_with_nan_as_zero(azimuth_rad, elevation_rad)
     ).T
-    is_target = _ranges_beyond_centre_offset(range_m, centre_m)
+    is_target = _mask_of_ranges_beyond_centre_offset(range_m, centre_m)
     return (
         np.where(is_target, np.sqrt(x**2 + y**2 + z**2), range_m),
         np.where(is_target & np.isfinite(azimuth_rad), np.arctan2(y, x), azimuth_rad),
@@ -131,11 +129,11 @@ def range_from_phase_centre_m(
     position_m = (
         range_m[:, None] * _unit_vectors_with_nan_as_zero(azimuth_rad, elevation_rad) - centre_m
     )
-    is_target = _ranges_beyond_centre_offset(range_m, centre_m)
+    is_target = _mask_of_ranges_beyond_centre_offset(range_m, centre_m)
     return np.where(is_target, np.linalg.norm(position_m, axis=1), range_m)
 
 
-def _ranges_beyond_centre_offset(range_m: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
+def _mask_of_ranges_beyond_centre_offset(range_m: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
     away_m = np.linalg.norm(centre_m, axis=1)
     return np.asarray((away_m > 0) & (range_m > away_m))
 
@@ -146,7 +144,7 @@ def _unit_vectors_with_nan_as_zero(
     return unit_vectors(np.nan_to_num(azimuth_rad), np.nan_to_num(elevation_rad))
 
 
-def detections_with_known_direction(ambiguity_number: np.ndarray, frame: Frame) -> np.ndarray:
+def known_direction_mask(ambiguity_number: np.ndarray, frame: Frame) -> np.ndarray:
     """Return the mask of directions whose ambiguity number is known or not needed, (n,)."""
     return np.asarray(~np.isnan(ambiguity_number) | (frame.multiplexing is None))
 

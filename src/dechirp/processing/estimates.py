@@ -25,11 +25,11 @@ def local_noise_power(
     guard, rows = training_window.n_guard, 2 * training_window.half_range + 1
     first = cells[:, 1] - training_window.tested_rows_in_training_box(power.shape[1])[cells[:, 1]]
     reach = np.array([training_window.half_velocity, guard.velocity, rows, guard.range])
-    return np.asarray(_corner_medians(power, cells, first, reach) / median)
+    return np.asarray(_training_corner_medians(power, cells, first, reach) / median)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _corner_medians(
+def _training_corner_medians(
     power: np.ndarray, peaks: np.ndarray, first_rows: np.ndarray, reach: np.ndarray
 ) -> np.ndarray:
     """Return the median of the corners of each window; of all cells of a flat one."""

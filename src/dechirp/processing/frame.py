@@ -29,10 +29,10 @@ from dechirp.processing.mitigation.noise_loss import MIN_NOISE_GAIN
 from dechirp.processing.peak_interpolation import interpolate_peak_frequencies
 from dechirp.processing.range_doppler_map import (
     detect_peaks_and_count_dropped,
-    equalised_power,
+    fill_unusable_cells_with_noise,
     range_doppler_power,
 )
-from dechirp.processing.range_walk import slow_time_frequency_growth
+from dechirp.processing.range_walk import slow_time_frequency_growth_per_sample
 from dechirp.processing.refine import RefinedPeaks, Tones, refine_tones
 from dechirp.processing.scaling import binary_scaling_exponent, divide_by_power_of_two
 from dechirp.processing.spectrum import noise_gain
@@ -57,7 +57,10 @@ class FrameResult(NamedTuple):
     """Range-Doppler map, (velocity, range) float32: one, or under triangular modulation one of
     the rising and one of the falling ramps."""
     equalised_power: tuple[np.ndarray, ...]
-    """The maps as the detector reads them, see `range_doppler_map.equalised_power`."""
+    """The maps as the detector reads them.
+
+    See `range_doppler_map.fill_unusable_cells_with_noise`.
+    """
     removed: tuple[RemovedEcho, ...]
     """Power that each method of the mitigation removed."""
     n_dropped_peaks: int
@@ -107,13 +110,15 @@ def process_frame(
     """
     start_s = radar.frame.frame_start_s(number) if start_s is None else start_s
     radar = radar.for_frame(number)
-    clean, removed = _mitigate(_to_single_precision(samples, radar.frame), radar.frame, chain)
+    clean, removed = _mitigate_and_list_removed_echoes(
+        _to_single_precision(samples, radar.frame), radar.frame, chain
+    )
     exponent = binary_scaling_exponent(clean)
     channels = split_chirps_into_slots(divide_by_power_of_two(clean, exponent), radar.frame)
     maps = []
     for map_channels, map_radar in _split_by_ramp_direction(channels, radar):
         power = range_doppler_power(map_channels, map_radar, chain)
-        equalised = equalised_power(power, map_radar, chain)
+        equalised = fill_unusable_cells_with_noise(power, map_radar, chain)
         _check_power_finite(equalised)
         cells, n_dropped = detect_peaks_and_count_dropped(equalised, map_radar, chain)
         refined = _refine_peaks(map_channels, equalised, cells, map_radar, chain)
@@ -179,7 +184,7 @@ def build_detection_columns(
         "elevation": sources.elevation_rad,
         "azimuth_std": sources.azimuth_std_rad,
         "elevation_std": sources.elevation_std_rad,
-        "ambiguity_number": hypotheses.certain_numbers[peak],
+        "ambiguity_number": hypotheses.certain_ambiguity_numbers_or_nan[peak],
         "ambiguity_confidence": hypotheses.confidence[peak],
     }
     if radar.calibration is not None:
@@ -205,7 +210,7 @@ def _refine_peaks(
     )
     sample_noise = np.maximum(sample_noise, np.finfo(np.float32).tiny)
     tones = refine_tones(
-        samples, slow, fast, sample_noise, growth=slow_time_frequency_growth(frame.chirp)
+        samples, slow, fast, sample_noise, growth=slow_time_frequency_growth_per_sample(frame.chirp)
     )
     tones = _undo_mitigation_gain(tones, frame, chain)
     return RefinedPeaks(
@@ -220,7 +225,7 @@ def _to_single_precision(samples: np.ndarray, frame: Frame) -> np.ndarray:
     return np.ascontiguousarray(samples, np.complex64 if is_complex else np.float32)
 
 
-def _mitigate(
+def _mitigate_and_list_removed_echoes(
     samples: np.ndarray, frame: Frame, chain: Chain
 ) -> tuple[np.ndarray, tuple[RemovedEcho, ...]]:
     """Apply the mitigation, and return what each method removed."""

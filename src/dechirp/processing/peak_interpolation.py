@@ -59,7 +59,7 @@ def tone_bin_offsets(
 
     `lower`, `centre` and `upper` are powers of three cells in a row, the highest in the middle.
     """
-    ratios = _neighbour_amplitude_ratios(transform)
+    ratios = _neighbour_amplitude_ratios_by_offset(transform)
     if ratios[0] > 1 - _FLAT:
         return np.zeros(centre.shape)
     power = np.maximum(lower, upper) / np.where(centre > 0, centre, np.inf)
@@ -68,7 +68,7 @@ def tone_bin_offsets(
 
 
 @lru_cache(maxsize=32)
-def _neighbour_amplitude_ratios(transform: Transform) -> np.ndarray:
+def _neighbour_amplitude_ratios_by_offset(transform: Transform) -> np.ndarray:
     """Return the amplitude ratio of neighbour and peak cell, for offsets of 0 to 1/2 bin."""
     turns = 2j * np.pi / transform.n_bins * np.arange(transform.n_points)
     own_response, neighbour_response = (

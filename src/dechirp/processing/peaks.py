@@ -54,7 +54,7 @@ def reject_sidelobes(
     """
     if len(cells) < 2:
         return cells
-    keep = _peaks_above_sidelobes(
+    keep = _mask_of_peaks_above_sidelobes(
         cells,
         np.sqrt(power[cells[:, 0], cells[:, 1]]),
         np.sqrt(threshold),
@@ -106,25 +106,27 @@ def _find_local_maxima(power: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _is_local_maximum(power: np.ndarray, v: int, j: int) -> bool:
+def _is_local_maximum(power: np.ndarray, velocity_row: int, range_row: int) -> bool:
     n_v, n_r = power.shape
     for dv in range(-1, 2):
         for dj in range(-1, 2):
-            if (dv == 0 and dj == 0) or not 0 <= j + dj < n_r:
+            if (dv == 0 and dj == 0) or not 0 <= range_row + dj < n_r:
                 continue
             if dv != 0 and n_v == 1:
                 continue  # the wrapped neighbour is the cell itself
-            other = power[(v + dv) % n_v, j + dj]
+            other = power[(velocity_row + dv) % n_v, range_row + dj]
             # Of equal neighbours the first counts, so that a plateau is one peak. Of two rows
             # each lies on both sides of the other: the upper one counts.
-            is_before = (dv < 0 and (n_v > 2 or v > 0)) or (dv == 0 and dj < 0)
-            if other > power[v, j] or (is_before and other == power[v, j]):
+            is_before = (dv < 0 and (n_v > 2 or velocity_row > 0)) or (dv == 0 and dj < 0)
+            if other > power[velocity_row, range_row] or (
+                is_before and other == power[velocity_row, range_row]
+            ):
                 return False
     return True
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _peaks_above_sidelobes(
+def _mask_of_peaks_above_sidelobes(
     cells: np.ndarray,
     amplitude: np.ndarray,
     threshold: np.ndarray,

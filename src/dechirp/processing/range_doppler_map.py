@@ -75,7 +75,9 @@ def threshold_map(power: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArr
     labelled = power.transpose("velocity", "range")
     noise = chain.map_noise_statistics(radar)
     rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
-    level = np.ascontiguousarray(equalised_power(labelled.values, radar, chain)[:, rows])
+    level = np.ascontiguousarray(
+        fill_unusable_cells_with_noise(labelled.values, radar, chain)[:, rows]
+    )
     threshold = np.full_like(labelled.values, np.inf)
     threshold[:, rows] = chain.cfar.threshold(level, noise)
     if (residual := residual_noise_gain(radar, chain)) is not None:
@@ -95,7 +97,7 @@ def threshold_cuts_through_cell(
     noise, window = chain.map_noise_statistics(radar), chain.cfar.training_window
     rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
     values = power.variable.transpose("velocity", "range").values
-    level = equalised_power(values, radar, chain)[:, rows]
+    level = fill_unusable_cells_with_noise(values, radar, chain)[:, rows]
     window_rows = np.arange(row - window.half_velocity, row + window.half_velocity + 1) % len(level)
     over_range = np.full(values.shape[1], np.inf, np.float32)
     over_range[rows] = chain.cfar.threshold(level[window_rows], noise)[window.half_velocity]
@@ -144,7 +146,7 @@ def residual_noise_gain(radar: Radar, chain: Chain) -> np.ndarray | None:
     )
 
 
-def equalised_power(power: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:
+def fill_unusable_cells_with_noise(power: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:
     """Return the map that the detector reads: unused cells are filled with noise beside them."""
     residual = residual_noise_gain(radar, chain)
     return (
@@ -162,7 +164,7 @@ def detect_peaks_and_count_dropped(
     Parameters
     ----------
     power : array (velocity, range)
-        Map from `equalised_power`.
+        Map from `fill_unusable_cells_with_noise`.
     radar, chain
         Those of the map.
 

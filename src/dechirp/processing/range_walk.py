@@ -56,11 +56,11 @@ def select_frame_transform(range_walk: RangeWalk | None, chirp: Chirp) -> FrameT
         return range_doppler_spectrum
     return partial(
         {"keystone": keystone_range_doppler, "segmented": segmented_range_doppler}[range_walk],
-        growth=slow_time_frequency_growth(chirp),
+        growth=slow_time_frequency_growth_per_sample(chirp),
     )
 
 
-def slow_time_frequency_growth(chirp: Chirp) -> float:
+def slow_time_frequency_growth_per_sample(chirp: Chirp) -> float:
     """Return the growth of slow-time frequencies per sample, relative to their mean."""
     return chirp.slope_hz_per_s / chirp.sample_rate_hz / chirp.mean_sampled_frequency_hz
 
@@ -83,7 +83,7 @@ def keystone_range_doppler(
     n_chirps, n_bins = doppler_transform.n_points, doppler_transform.n_bins
     # Of k j = (k^2 + j^2 - (k - j)^2) / 2.
     rates = -np.pi / n_bins * _relative_frequency_per_sample(range_transform.n_points, growth)
-    chirps, bins = _centred_index(n_chirps), _signed_bins(n_bins)
+    chirps, bins = _indices_from_middle(n_chirps), _signed_bins(n_bins)
     apart = bins[0] - chirps[-1] + np.arange(n_chirps + n_bins - 1)
     n_fft = scipy.fft.next_fast_len(apart.size)
     out = np.empty((n_bins, *samples.shape[1:]), np.complex64)
@@ -123,7 +123,7 @@ def segmented_range_doppler(
     n_bins = doppler_transform.n_bins
     relative_frequency = _relative_frequency_per_sample(range_transform.n_points, growth) - 1
     chirps, bins = (
-        _centred_index(doppler_transform.n_points),
+        _indices_from_middle(doppler_transform.n_points),
         np.fft.ifftshift(_signed_bins(n_bins)),
     )
     # At the largest velocity a target walks lambda M / 4 within the frame: M ptp(more) / 2 cells.
@@ -139,7 +139,7 @@ def segmented_range_doppler(
         spectrum = scipy.fft.fft(segment, n_bins, axis=0)
         spectrum *= _outer_phase_factors(bins, middle * rates)
         out += spectrum
-    out /= _segment_sum_gain(np.outer(bins, rates * apart))[:, None, :]
+    out /= _taper_transform(np.outer(bins, rates * apart))[:, None, :]
     out = np.fft.fftshift(out, axes=0)
     return _transform_range(out, sampling, range_transform)
 
@@ -150,13 +150,13 @@ def _kaiser_bessel_taper(distance: np.ndarray) -> np.ndarray:
     return np.where(argument > 0, np.i0(_TAPER_SHAPE * np.sqrt(argument)), 0.0).astype(np.float32)
 
 
-def _segment_sum_gain(phase_step: np.ndarray) -> np.ndarray:
+def _taper_transform(phase_step: np.ndarray) -> np.ndarray:
     """Return the gain of the sum of segments for a phase step between them, in rad."""
     root = np.sqrt(_TAPER_SHAPE**2 - (_TAPER_LENGTH / 2 * phase_step) ** 2)
     return np.asarray(_TAPER_LENGTH * np.sinh(root) / root, np.float32)
 
 
-def _centred_index(n: int) -> np.ndarray:
+def _indices_from_middle(n: int) -> np.ndarray:
     return np.arange(n) - (n - 1) / 2
 
 
@@ -166,7 +166,7 @@ def _signed_bins(n_bins: int) -> np.ndarray:
 
 def _relative_frequency_per_sample(n_samples: int, growth: float) -> np.ndarray:
     """Return the frequency sent at each sample over the mean of all, (sample,)."""
-    return np.asarray(1 + growth * _centred_index(n_samples))
+    return np.asarray(1 + growth * _indices_from_middle(n_samples))
 
 
 def _outer_phase_factors(factors: np.ndarray, rates: np.ndarray) -> np.ndarray:

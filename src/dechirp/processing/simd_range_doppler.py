@@ -90,10 +90,10 @@ def add_channel_power(
     n_parts = min(n_threads, max(out.size // _FEWEST_CELLS, 1))
 
     def over_chirps(columns: slice) -> None:
-        _transform_channel_chirps(half_transformed, samples, channel, slow, fast, columns)
+        _transform_channel_over_chirps(half_transformed, samples, channel, slow, fast, columns)
 
     def over_samples(blocks: slice) -> None:
-        _add_range_power(
+        _transform_range_and_add_power(
             flat, half_transformed, slow.n_bins, fast.n_bins, n_samples, *over_fast, ranges,
             np.float32(power_factor), is_first, blocks.start, blocks.stop,
         )  # fmt: skip
@@ -115,7 +115,7 @@ def write_channel_spectrum(
     half_transformed = _reused_aligned_buffer(
         "between", -(-slow.n_bins // WIDTH) * fast.n_bins * POINT
     )
-    _transform_channel_chirps(
+    _transform_channel_over_chirps(
         half_transformed, samples, channel, slow, fast, slice(0, -(-n_samples // WIDTH))
     )
     first, row = 2 * channel * fast.n_bins, 2 * out.shape[1] * fast.n_bins
@@ -125,7 +125,7 @@ def write_channel_spectrum(
     )  # fmt: skip
 
 
-def _transform_channel_chirps(
+def _transform_channel_over_chirps(
     half_transformed: np.ndarray,
     samples: np.ndarray,
     channel: int,
@@ -133,11 +133,11 @@ def _transform_channel_chirps(
     fast: AxisTransform,
     columns: slice,
 ) -> None:
-    """Run `_transform_chirps` for a range of blocks of sixteen samples of a channel."""
+    """Run `_transform_sample_blocks_over_chirps` for blocks of sixteen samples of a channel."""
     _, n_channels, n_samples = samples.shape
     over_slow = plan_fft_stages(slow.n_bins)
     assert over_slow is not None
-    _transform_chirps(
+    _transform_sample_blocks_over_chirps(
         half_transformed, samples.reshape(-1).view(np.float32), 2 * channel * n_samples,
         2 * n_channels * n_samples, slow.weights, fast.weights, fast.n_bins, *over_slow,
         _float_offset_of_shifted_bins(slow.n_bins), columns.start, columns.stop,
@@ -171,11 +171,11 @@ def _points_to_float_offsets(points: np.ndarray) -> np.ndarray:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _transform_chirps(
+def _transform_sample_blocks_over_chirps(
     half_transformed: np.ndarray,
     numbers: np.ndarray,
     first: int,
-    row: int,
+    chirp_stride: int,
     slow: np.ndarray,
     fast: np.ndarray,
     n_range: int,
@@ -194,7 +194,13 @@ def _transform_chirps(
         sample = min(column * WIDTH, len(fast) - WIDTH)
         for m in range(n_chirps):
             load_windowed(
-                work, m * POINT, numbers, first + m * row + 2 * sample, fast, sample, slow[m]
+                work,
+                m * POINT,
+                numbers,
+                first + m * chirp_stride + 2 * sample,
+                fast,
+                sample,
+                slow[m],
             )
         work[n_chirps * POINT :] = 0
         fft_sixteen_series_in_place(work, 0, n_velocity, radices, twiddles)
@@ -204,7 +210,7 @@ def _transform_chirps(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _add_range_power(
+def _transform_range_and_add_power(
     out: np.ndarray,
     half_transformed: np.ndarray,
     n_velocity: int,
@@ -246,7 +252,7 @@ def _add_range_power(
 def _write_range_spectrum(
     out: np.ndarray,
     first: int,
-    row: int,
+    row_stride: int,
     half_transformed: np.ndarray,
     n_velocity: int,
     n_range: int,
@@ -255,7 +261,7 @@ def _write_range_spectrum(
     twiddles: np.ndarray,
     places: np.ndarray,
 ) -> None:
-    """Transform all velocities over samples, into rows of `out` that are `row` floats apart."""
+    """Transform all velocities over samples, into rows of `out` at steps of `row_stride` floats."""
     tile = np.empty(WIDTH * POINT, np.float32)
     for velocity in range(0, n_velocity, WIDTH):
         work = half_transformed[velocity * n_range * 2 : (velocity + WIDTH) * n_range * 2]
@@ -264,12 +270,12 @@ def _write_range_spectrum(
         n_rows = min(WIDTH, n_velocity - velocity)
         for column in range(0, n_range, WIDTH):
             n_columns = min(WIDTH, n_range - column)
-            start_cell = first + velocity * row + column
+            start_cell = first + velocity * row_stride + column
             if n_rows == WIDTH and n_columns == WIDTH:
-                store_transposed(out, start_cell, row, n_range, work, places, column)
+                store_transposed(out, start_cell, row_stride, n_range, work, places, column)
                 continue
             store_transposed(tile, 0, POINT, WIDTH, work, places, column)
             for i in range(n_rows):
                 for j in range(n_columns):
-                    out[start_cell + i * row + j] = tile[i * POINT + j]
-                    out[start_cell + i * row + n_range + j] = tile[i * POINT + WIDTH + j]
+                    out[start_cell + i * row_stride + j] = tile[i * POINT + j]
+                    out[start_cell + i * row_stride + n_range + j] = tile[i * POINT + WIDTH + j]

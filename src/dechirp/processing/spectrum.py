@@ -218,7 +218,7 @@ def mean_range_doppler_power(
                 spectrum = transform(
                     samples[:, k : k + 1], sampling, range_transform, doppler_transform
                 )
-                _add_power(sums[part], spectrum[:, 0], np.float32(share))
+                _add_scaled_power(sums[part], spectrum[:, 0], np.float32(share))
 
     with scipy.fft.set_workers(threads_per_part):
         run_in_threads(n_threads, add, range(len(parts)))
@@ -312,20 +312,22 @@ def amplitude_range_weights(transform: Transform, sampling: Sampling) -> np.ndar
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _apply_windows(numbers: np.ndarray, slow: np.ndarray, fast: np.ndarray) -> np.ndarray:
+def _apply_windows(
+    numbers: np.ndarray, slow_weights: np.ndarray, fast_weights: np.ndarray
+) -> np.ndarray:
     """Copy samples times both windows in one pass: (chirp, rx, 2 sample), slow, fast."""
     out = np.empty(numbers.shape, np.float32)
     n_chirps, n_rx, n_numbers = numbers.shape
-    twice = np.repeat(fast, 2)
+    twice = np.repeat(fast_weights, 2)
     for m in range(n_chirps):
         for k in range(n_rx):
             for n in range(n_numbers):
-                out[m, k, n] = numbers[m, k, n] * (slow[m] * twice[n])
+                out[m, k, n] = numbers[m, k, n] * (slow_weights[m] * twice[n])
     return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _add_power(out: np.ndarray, spectrum: np.ndarray, power_factor: np.float32) -> None:
+def _add_scaled_power(out: np.ndarray, spectrum: np.ndarray, power_factor: np.float32) -> None:
     """Add a share of the power of each cell, in place, both (velocity, range)."""
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):

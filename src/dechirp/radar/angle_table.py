@@ -73,7 +73,7 @@ def check_angle_table(owner: object, name: str, *, at_least: float, at_most: flo
     object.__setattr__(owner, "elevation_rad", elevations)
     object.__setattr__(owner, name, tuple(checked_rows))
     for field, angles in (("azimuth_rad", azimuths), ("elevation_rad", elevations)):
-        gap = describe_angle_gap(angles)
+        gap = describe_wide_angle_gap(angles)
         if gap:
             warnings.warn(
                 f"{owner_name}.{field} has a gap {gap}: values in it are interpolated"
@@ -83,7 +83,7 @@ def check_angle_table(owner: object, name: str, *, at_least: float, at_most: flo
             )
 
 
-def describe_angle_gap(angles_rad: tuple[float, ...]) -> str:
+def describe_wide_angle_gap(angles_rad: tuple[float, ...]) -> str:
     """Describe the widest gap of ascending angles, over three median steps, or return ""."""
     steps = np.diff(angles_rad)
     widest = int(np.argmax(steps)) if steps.size else 0

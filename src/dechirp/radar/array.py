@@ -6,12 +6,12 @@ from typing import Literal
 
 import numpy as np
 
-from dechirp.core.checks import Vector, normalise_vectors_field
+from dechirp.core.checks import Vector, check_and_convert_vectors_field
 from dechirp.core.display import (
     Displayable,
     Table,
+    format_count_with_noun,
     format_setting_value,
-    pluralise,
     truncated_display_table,
 )
 from dechirp.core.values import frozen_dataclass
@@ -30,8 +30,8 @@ class Array(Displayable):
 
     def __post_init__(self) -> None:
         # No array on one oscillator is as wide: a value beyond has a wrong unit.
-        normalise_vectors_field(self, "tx_m", max_magnitude=1e6)
-        normalise_vectors_field(self, "rx_m", max_magnitude=1e6)
+        check_and_convert_vectors_field(self, "tx_m", max_magnitude=1e6)
+        check_and_convert_vectors_field(self, "rx_m", max_magnitude=1e6)
 
     @property
     def n_rx(self) -> int:
@@ -66,7 +66,8 @@ class Array(Displayable):
 
     def _display_line(self) -> str:
         n_tx = len(self.tx_m)
-        return f"{pluralise(n_tx, 'transmitter')}, {pluralise(self.n_rx, 'receiver')}"
+        receivers = format_count_with_noun(self.n_rx, "receiver")
+        return f"{format_count_with_noun(n_tx, 'transmitter')}, {receivers}"
 
     def _display_tables(self) -> Iterable[Table]:
         rows = [

@@ -7,9 +7,9 @@ import numpy as np
 from dechirp.core.checks import (
     Vector,
     as_tuple_or_none,
+    check_and_convert_vectors_field,
     check_integer,
     check_number,
-    normalise_vectors_field,
 )
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
@@ -64,7 +64,7 @@ class Calibration:
         object.__setattr__(self, "gain", gain)
         if self.position_error_m is not None:
             # Boards are far more accurate: a value outside has a wrong unit.
-            normalise_vectors_field(self, "position_error_m", max_magnitude=0.1)
+            check_and_convert_vectors_field(self, "position_error_m", max_magnitude=0.1)
         for name in ("gain", "position_error_m"):
             values = getattr(self, name)
             if values is not None and len(values) != len(self.elements):

@@ -17,7 +17,7 @@ from dechirp.core.checks import (
 from dechirp.core.display import (
     Displayable,
     Table,
-    pluralise,
+    format_count_with_noun,
     property_display_rows,
     settings_display_table,
 )
@@ -316,11 +316,11 @@ class Frame(Displayable):
         return n_cycles * sum(durations_s) + sum(durations_s[:n_remaining])
 
     def _display_line(self) -> str:
-        text = pluralise(self.n_chirps_total, "chirp")
+        text = format_count_with_noun(self.n_chirps_total, "chirp")
         if self.n_slots > 1:
-            text += f" in {pluralise(self.n_chirps, 'round')}"
+            text += f" in {format_count_with_noun(self.n_chirps, 'round')}"
         velocities = self._format_velocity_resolution_and_limit()
-        return f"{text} of {pluralise(self.chirp.n_samples, 'sample')}{velocities}"
+        return f"{text} of {format_count_with_noun(self.chirp.n_samples, 'sample')}{velocities}"
 
     def _format_velocity_resolution_and_limit(self) -> str:
         """Format velocity resolution and limit, of the first of several intervals."""

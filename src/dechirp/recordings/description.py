@@ -64,7 +64,7 @@ class Description:
         return dataset_from_arrays(columns, self.tables[name])
 
 
-def describe_contents_and_columns(
+def build_description_and_table_columns(
     radar: Radar, contents: Contents, scale: float | None, tables: Mapping[str, xr.Dataset]
 ) -> tuple[Description, dict[str, dict[str, np.ndarray]]]:
     """Return the description of a recording with these tables, and the columns of each table.

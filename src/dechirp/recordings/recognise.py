@@ -36,7 +36,7 @@ def recognise_formats(
         If no format fits or accepts the given options, or there is nothing to read.
     """
     path = Path(path)
-    members = _load_formats(path, format)
+    members = _load_all_formats_by_kind(path, format)
     try:
         file, inner_name = split_file_and_inner_path(path)
         options = [*given_options, "inner_name"] if inner_name is not None else given_options
@@ -49,7 +49,7 @@ def read_as_best_format(
     path: Path, wanted_format: str | None, hints: RecordingHints
 ) -> tuple[str, Contents]:
     """Return format kind and contents of a path, read as the wanted or best-fitting format."""
-    formats = _load_formats(path, wanted_format)
+    formats = _load_all_formats_by_kind(path, wanted_format)
     options = {name: getattr(hints, name) for name in ("axes", "encoding", "iq", "inner_name")}
     given_options = [name for name, value in options.items() if value is not None]
     kinds = _best_fitting_format_names(path, wanted_format, formats, given_options)
@@ -82,7 +82,7 @@ def read_as_best_format(
     )
 
 
-def _load_formats(path: Path, wanted_format: str | None) -> dict[str, Format]:
+def _load_all_formats_by_kind(path: Path, wanted_format: str | None) -> dict[str, Format]:
     """Return all formats by kind; raise an error if the wanted one is unknown or not loadable."""
     reason = Format.failed_plugins().get(wanted_format) if wanted_format else None
     if reason:

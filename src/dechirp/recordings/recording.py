@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.conventions import CUBE_AXES
-from dechirp.core.display import Displayable, Table, pluralise
+from dechirp.core.display import Displayable, Table, format_count_with_noun
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding, findings_display_table
 from dechirp.core.memory import check_free_memory
@@ -123,7 +123,10 @@ class Recording(Displayable):
         )
 
     def _display_line(self) -> str:
-        parts = [f"{Path(self.path).name}: {self.format}", pluralise(self.n_frames, "frame")]
+        parts = [
+            f"{Path(self.path).name}: {self.format}",
+            format_count_with_noun(self.n_frames, "frame"),
+        ]
         if self.contents.decode is None:
             parts.append("detections without samples")
         if self.contents.radar is not None:

@@ -25,7 +25,7 @@ from dechirp.recordings.native import lost_chirp_mask
 from dechirp.recordings.readers.base import IQ_ORDERS, Contents
 from dechirp.recordings.samples.layouts import N_LANES
 from dechirp.recordings.settings.base import Iq, RecordingSettings
-from dechirp.recordings.settings.mmwave_setup import is_file_in_folder
+from dechirp.recordings.settings.mmwave_setup import is_file_not_linked_outside_folder
 
 MAX_SIDECAR_BYTES = 2**25
 """Largest size of a sidecar, in which objects and lists take 100 bytes, other values 12."""
@@ -113,7 +113,7 @@ def has_sidecar(path: Path) -> bool:
     """Return True if a file of samples has a sidecar."""
     file = sidecar_path(path)
     # x.h5 and x.sigmf-data may lie beside x.bin.
-    if path.suffix.lower() != SAMPLES_SUFFIX or not is_file_in_folder(file):
+    if path.suffix.lower() != SAMPLES_SUFFIX or not is_file_not_linked_outside_folder(file):
         return False
     with file.open("rb") as stream:
         return _MARK in stream.read(64)
@@ -126,7 +126,7 @@ def format_sidecar_json(
     gaps: np.ndarray | None,
     findings: Sequence[Finding],
 ) -> str:
-    """Return the text of the sidecar; `columns` as from `describe_contents_and_columns`."""
+    """Return the text of the sidecar; `columns` as from `build_description_and_table_columns`."""
     fields = json.loads(description.json_text)  # its signature comes first
     fields["layout"] = asdict(layout)
     fields["findings"] = [asdict(finding) for finding in findings]

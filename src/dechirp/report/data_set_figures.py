@@ -50,7 +50,7 @@ class DataSetFigures:
         if not self.n:
             return
         range_m, velocity, snr = (
-            self._truth_by_class(name) for name in ("range", "velocity", "snr")
+            self._true_values_by_class(name) for name in ("range", "velocity", "snr")
         )
         if self.classes:
             step = max(1, max(values.size for values in range_m.values()) // _MAX_MARKS)
@@ -60,7 +60,7 @@ class DataSetFigures:
                 + (" (a regular subset)." if step > 1 else ".")
                 + " Regions without marks are not covered by the data set.",
                 figure=render_svg(
-                    lambda figure: figures.draw_targets(
+                    lambda figure: figures.draw_target_velocity_over_range(
                         figure.subplots(),
                         {name: (range_m[name][::step], velocity[name][::step]) for name in range_m},
                     )
@@ -107,10 +107,12 @@ class DataSetFigures:
                 title=f"Point {point}, trial {trial}.",
                 caption=(f"{settings}. " if settings else "")
                 + "First frame. A truth mark without a peak is a target below the noise.",
-                figure=_draw_map(self._build_marked_map(plan, point, trial)),
+                figure=_draw_map(self._build_map_with_truth_and_detections(plan, point, trial)),
             )
 
-    def _build_marked_map(self, plan: Plan, point: int, trial: int) -> range_doppler.MarkedMap:
+    def _build_map_with_truth_and_detections(
+        self, plan: Plan, point: int, trial: int
+    ) -> range_doppler.MarkedMap:
         top, truth = self.data[""], self.data["truth"]
         level_db = top.power[point, trial, 0].values
         power = xr.DataArray(
@@ -139,7 +141,7 @@ class DataSetFigures:
             truth=RangeVelocity(item_truth.map_range.values, item_truth.map_velocity.values),
         )
 
-    def _truth_by_class(self, variable: str) -> dict[str, np.ndarray]:
+    def _true_values_by_class(self, variable: str) -> dict[str, np.ndarray]:
         """Return the true values of all targets of each class, (n,) each."""
         values = (
             self.data["truth"][variable]

@@ -50,9 +50,9 @@ def describe_source_and_size(context: PageContext) -> str:
     sizes, recording = context.first_frame.sizes, context.result.scenario.recording
     source = "Simulated" if recording is None else f"Recorded in {Path(recording.path).name}"
     return (
-        f"{source}: {_count_with_plural(context.result.n_frames, 'frame')} of"
-        f" {_count_with_plural(sizes['chirp'], 'chirp')}, {sizes['sample']} samples each,"
-        f" {_count_with_plural(sizes['rx'], 'receiver')}."
+        f"{source}: {_format_count_with_noun(context.result.n_frames, 'frame')} of"
+        f" {_format_count_with_noun(sizes['chirp'], 'chirp')}, {sizes['sample']} samples each,"
+        f" {_format_count_with_noun(sizes['rx'], 'receiver')}."
     )
 
 
@@ -87,8 +87,10 @@ def detection_table_rows(context: PageContext, max_rows: int) -> list[dict[str, 
         if truth is not None and matched is not None:
             target = int(matched.target[index])
             row["target"] = str(truth.target.values[target]) if target >= 0 else EN_DASH
-            row["range_error"] = _format_error(matched.range_error_m[index], detection.range_std)
-            row["velocity_error"] = _format_error(
+            row["range_error"] = _format_error_with_sigma_ratio(
+                matched.range_error_m[index], detection.range_std
+            )
+            row["velocity_error"] = _format_error_with_sigma_ratio(
                 matched.velocity_error_m_per_s[index], detection.velocity_std
             )
             for name, error_rad in (
@@ -96,12 +98,12 @@ def detection_table_rows(context: PageContext, max_rows: int) -> list[dict[str, 
                 ("elevation", matched.elevation_error_rad[index]),
             ):
                 std = detection[f"{name}_std"] * math.degrees(1)
-                row[f"{name}_error"] = _format_error(math.degrees(error_rad), std)
+                row[f"{name}_error"] = _format_error_with_sigma_ratio(math.degrees(error_rad), std)
         rows.append(row)
     return rows
 
 
-def estimate_table_columns(context: PageContext) -> list[tuple[str, str, str]]:
+def table_columns_of_estimates(context: PageContext) -> list[tuple[str, str, str]]:
     """Return heading, key and class of the columns of estimates; angles only if estimated."""
     return [
         (axis_label(column.heading, column.shown_unit_symbol), column.name, "num")
@@ -161,7 +163,7 @@ def describe_number_of_detected_targets(context: PageContext) -> str:
         return ""
     n, numbers = truth.sizes["target"], truth.frame.values.tolist()
     n_first = len(_indices_of_detected_targets(context, context.result.first_frame))
-    n_detected = f"{n_first} of {_count_with_plural(n, 'target')}"
+    n_detected = f"{n_first} of {_format_count_with_noun(n, 'target')}"
     if len(numbers) == 1:
         return f"Detected: {n_detected}."
     n_all = sum(len(_indices_of_detected_targets(context, number)) for number in numbers)
@@ -190,7 +192,11 @@ def _strongest_detection_estimate_card(context: PageContext, name: str, unit: st
     number, _, spread = _format_with_std(first[name] * scale, std).partition(" ")
     unit_after = f"\N{NO-BREAK SPACE}{unit}"
     unit_after = f"\N{NO-BREAK SPACE}{unit}"
-    small_print = f"error {_format_error(error, std, unit_after)}" if math.isfinite(error) else ""
+    small_print = (
+        f"error {_format_error_with_sigma_ratio(error, std, unit_after)}"
+        if math.isfinite(error)
+        else ""
+    )
     return Card(name=name, number=number, std=spread, unit=unit, small_print=small_print)
 
 
@@ -232,7 +238,7 @@ def _format_estimate(detection: xr.Dataset, column: DetectionColumn) -> str:
     return _format_with_std(estimate, std.to_shown_unit(detection[std.name].values))
 
 
-def _format_error(error: float, std: xr.DataArray, unit: str = "") -> str:
+def _format_error_with_sigma_ratio(error: float, std: xr.DataArray, unit: str = "") -> str:
     """Format an error and its ratio to the standard error."""
     if not math.isfinite(error):
         return EN_DASH
@@ -242,5 +248,5 @@ def _format_error(error: float, std: xr.DataArray, unit: str = "") -> str:
     return f"{text} ({format_fixed(abs(error) / float(std), 1)}\N{NO-BREAK SPACE}{_SIGMA})"
 
 
-def _count_with_plural(n: int, thing: str) -> str:
+def _format_count_with_noun(n: int, thing: str) -> str:
     return f"{n} {thing}" if n == 1 else f"{n} {thing}s"

@@ -13,7 +13,7 @@ from dechirp.report.figures.style import TALL_IN, FigureWithCaption, render_svg
 from dechirp.report.page_context import PageContext
 
 
-def detections_on_ground(context: PageContext) -> top_view.GroundDetections | None:
+def first_frame_detections_with_azimuth(context: PageContext) -> top_view.GroundDetections | None:
     """Return the detections of the first frame that have an azimuth; None without any."""
     detections = context.first_frame_detections
     detections = detections.isel(detection=np.flatnonzero(np.isfinite(detections.azimuth.values)))
@@ -36,7 +36,7 @@ def detections_on_ground(context: PageContext) -> top_view.GroundDetections | No
 
 def draw_direction_figures(context: PageContext) -> list[FigureWithCaption]:
     """Draw the maps and spectra over direction, and for a recording the top view."""
-    on_ground, figures = detections_on_ground(context), []
+    on_ground, figures = first_frame_detections_with_azimuth(context), []
     if context.result.scenario.scene is None and on_ground is not None:
         figures.append(
             FigureWithCaption(
@@ -121,7 +121,7 @@ def _draw_angle_spectrum(context: PageContext) -> FigureWithCaption:
                 figure.subplots(),
                 power,
                 estimates=_select_directions(detections, np.flatnonzero(is_same_cell)),
-                truth=_true_directions(context, is_same_cell),
+                truth=_true_directions_of_matched_targets(context, is_same_cell),
             ),
             height_in=TALL_IN,
         ),
@@ -139,7 +139,9 @@ def _select_directions(detections: xr.Dataset, indices: np.ndarray) -> Direction
     )
 
 
-def _true_directions(context: PageContext, is_same_cell: np.ndarray) -> Directions | None:
+def _true_directions_of_matched_targets(
+    context: PageContext, is_same_cell: np.ndarray
+) -> Directions | None:
     """Return the true directions of the targets of these detections, without bodies."""
     truth, matched = context.result.truth, context.matched
     if truth is None or matched is None:

@@ -72,7 +72,7 @@ def track_table_rows(result: "Result", max_rows: int) -> list[dict[str, str]]:
     rows = []
     shown_tracks = result.tracks.isel(track=slice(max_rows))
     for track, names in zip(
-        _iter_tracks(shown_tracks), names_of_tracked_targets(result, shown_tracks), strict=True
+        _iter_tracks(shown_tracks), target_names_per_track(result, shown_tracks), strict=True
     ):
         confirmed = np.flatnonzero(track.status.values == "confirmed")
         numbers, last = track.frame.values, track.isel(frame=confirmed[-1])
@@ -94,7 +94,7 @@ def describe_number_of_targets_with_tracks(result: "Result") -> str:
     if result.tracks is None or result.truth is None:
         return ""
     final_targets = [
-        names[-1] if names else None for names in names_of_tracked_targets(result, result.tracks)
+        names[-1] if names else None for names in target_names_per_track(result, result.tracks)
     ]
     covered_targets = set(final_targets) - {None}
     n_none = final_targets.count(None)
@@ -123,7 +123,7 @@ def _describe_number_of_trackable_targets(result: "Result") -> str:
     return f"{sum(moves)} targets that move over ground"
 
 
-def names_of_tracked_targets(result: "Result", tracks: xr.Dataset) -> list[list[str]]:
+def target_names_per_track(result: "Result", tracks: xr.Dataset) -> list[list[str]]:
     """Return the names of the targets of each track in order of time; empty without the truth.
 
     In a selection of frames, a track belongs to the target with the nearest scatterer, if it is
@@ -137,13 +137,13 @@ def names_of_tracked_targets(result: "Result", tracks: xr.Dataset) -> list[list[
         [tracks[name].transpose("track", "frame").values for name in "xy"], axis=-1
     )
     confirmed = tracks.status.transpose("track", "frame").values == "confirmed"
-    max_distance_m = _max_match_distance_m(tracks, result.radar.frame.chirp.range_resolution_m)
+    max_distance_m = _max_match_distances_m(tracks, result.radar.frame.chirp.range_resolution_m)
     for frame in range(0, tracks.sizes["frame"], -(-tracks.sizes["frame"] // _MAX_SAMPLED_FRAMES)):
         time_s = float(truth.time.values[frame])
         is_visible = visible_scatterer_mask(scene, time_s, result.radar)
         points_m, owners = (
             scene.scatterer_positions_m([time_s])[0, is_visible, :2],
-            scene.target_of_scatterer[is_visible],
+            scene.target_index_of_scatterer[is_visible],
         )
         for track in np.flatnonzero(confirmed[:, frame] & is_visible.any()).tolist():
             distance_m = np.hypot(*(points_m - positions_m[track, frame]).T)
@@ -153,7 +153,7 @@ def names_of_tracked_targets(result: "Result", tracks: xr.Dataset) -> list[list[
     return names
 
 
-def _max_match_distance_m(tracks: xr.Dataset, cell_m: float) -> np.ndarray:
+def _max_match_distances_m(tracks: xr.Dataset, cell_m: float) -> np.ndarray:
     """Return the largest distance between a track and its target, (track, frame), or NaN."""
     covariance = (
         _position_covariance(tracks).transpose("track", "frame", "state", "other_state").values

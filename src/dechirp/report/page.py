@@ -6,14 +6,14 @@ import numpy as np
 from markupsafe import Markup
 
 from dechirp.core.text import format_with_si_prefix
-from dechirp.evaluation.association import scatterer_range_and_rate
+from dechirp.evaluation.association import scatterer_range_and_range_rate
 from dechirp.processing.spectrogram import spectrogram
 from dechirp.report import detections_section, directions_section, objects_section
 from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene
 from dechirp.report.figures import spectrogram as over
 from dechirp.report.figures.common import MapAxis
 from dechirp.report.figures.style import TALL_IN, render_svg
-from dechirp.report.page_context import PageContext, sort_match_and_map_detections
+from dechirp.report.page_context import PageContext, sort_match_and_locate_detections
 from dechirp.report.settings_summary import format_settings_by_group
 from dechirp.report.template import load_template
 from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_doppler_map_position
@@ -47,7 +47,7 @@ def render_report(result: "Result", *, yaml: str) -> str:
     str
         Self-contained HTML page.
     """
-    context = sort_match_and_map_detections(result)
+    context = sort_match_and_locate_detections(result)
     rows = detections_section.detection_table_rows(context, _MAX_ROWS)
     return load_template("page.html").render(
         scenario=result.scenario,
@@ -55,7 +55,7 @@ def render_report(result: "Result", *, yaml: str) -> str:
         lead=detections_section.describe_source_and_size(context),
         cards=detections_section.build_strongest_detection_cards(context),
         rows=rows,
-        columns=detections_section.estimate_table_columns(context),
+        columns=detections_section.table_columns_of_estimates(context),
         angles=detections_section.names_of_estimated_angles(context),
         errors=detections_section.names_of_estimates_with_errors(rows),
         n_more=max(context.strongest.sizes["detection"] - _MAX_ROWS, 0),
@@ -103,12 +103,12 @@ def _draw_report_figures(context: PageContext) -> dict[str, Markup]:
     )
     figures = {
         "signal": render_svg(
-            lambda figure: beat.draw_signal_parts(
+            lambda figure: beat.draw_first_chirp_signal_parts(
                 figure, same_slot_chirps, doppler_frequency_hz=doppler_hz
             )
         ),
         "spectrum": render_svg(
-            lambda figure: beat.draw_spectrum(
+            lambda figure: beat.draw_beat_spectrum_over_range(
                 figure.subplots(),
                 same_slot_chirps,
                 radar.frame.chirp,
@@ -133,7 +133,7 @@ def _draw_report_figures(context: PageContext) -> dict[str, Markup]:
     tracks = objects_section.draw_longest_tracks(context)
     if tracks is not None:
         figures["tracks"] = tracks
-    moving_m = _moving_body_range_interval_m(context)
+    moving_m = _nonrigid_body_range_interval_m(context)
     if moving_m is not None:
         figures["spectrogram"] = _draw_spectrogram(result, moving_m)
     if result.n_frames > 1 and context.strongest.sizes["detection"]:
@@ -151,13 +151,13 @@ def _draw_scene(context: PageContext, scene_: Scene) -> Markup:
             scene_,
             time_s=context.result.radar.for_frame(context.result.first_frame).frame.mid_frame_s,
             detected_m=detections.range.values[has_no_azimuth].tolist(),
-            detections=directions_section.detections_on_ground(context),
+            detections=directions_section.first_frame_detections_with_azimuth(context),
         ),
         height_in=scene.figure_height_in(scene_),
     )
 
 
-def _moving_body_range_interval_m(context: PageContext) -> tuple[float, float] | None:
+def _nonrigid_body_range_interval_m(context: PageContext) -> tuple[float, float] | None:
     """Return the range interval of bodies with moving parts on the map; None without any."""
     scene_, truth, radar = context.result.scenario.scene, context.result.truth, context.result.radar
     if scene_ is None or truth is None or radar.frame.n_chirps < _MIN_WINDOW_CHIRPS:
@@ -165,12 +165,12 @@ def _moving_body_range_interval_m(context: PageContext) -> tuple[float, float] |
     if radar.frame.n_intervals > 1 or radar.frame.has_falling_ramps:
         return None  # a spectrogram needs one chirp interval and one kind of ramp
     moves = [target.body is not None and not target.body.is_rigid for target in scene_.targets]
-    is_moving = np.array(moves, dtype=bool)[scene_.target_of_scatterer]
+    is_moving = np.array(moves, dtype=bool)[scene_.target_index_of_scatterer]
     if not is_moving.any():
         return None
     times_s = truth.time.values[:: -(-truth.sizes["frame"] // _MAX_SAMPLED_FRAMES)]
     motion = RangeVelocity(
-        *(values[:, is_moving] for values in scatterer_range_and_rate(scene_, times_s))
+        *(values[:, is_moving] for values in scatterer_range_and_range_rate(scene_, times_s))
     )
     ranges_m = range_doppler_map_position(alias_range_velocity(motion, radar), radar).range_m
     margin_m = 2 * radar.frame.chirp.range_resolution_m  # for peaks widened by windows

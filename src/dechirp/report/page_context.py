@@ -9,11 +9,11 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.association import (
     Association,
     associate_detections,
-    scatterer_range_and_rate,
+    scatterer_range_and_range_rate,
     visible_scatterer_mask,
 )
 from dechirp.radar.radar import Radar
-from dechirp.report.figures.common import choose_body_scatterers
+from dechirp.report.figures.common import choose_body_scatterer_indices
 from dechirp.scene import aliasing
 from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
 
@@ -85,9 +85,9 @@ class PageContext:
         scene, truth = self.result.scenario.scene, self.result.truth
         if scene is None or truth is None:
             return None
-        motion = scatterer_range_and_rate(scene, truth.time.values[:1])
+        motion = scatterer_range_and_range_rate(scene, truth.time.values[:1])
         is_visible = visible_scatterer_mask(scene, float(truth.time[0]), self.result.radar)
-        indices = choose_body_scatterers(scene, _MAX_SCATTERERS, is_visible)
+        indices = choose_body_scatterer_indices(scene, _MAX_SCATTERERS, is_visible)
         radar = self.result.radar.for_frame(self.result.first_frame)
         apparent = aliasing.alias_range_velocity(
             RangeVelocity(*(values[0, indices] for values in motion)), radar
@@ -95,7 +95,7 @@ class PageContext:
         return range_doppler_map_position(apparent, radar)
 
 
-def sort_match_and_map_detections(result: "Result") -> PageContext:
+def sort_match_and_locate_detections(result: "Result") -> PageContext:
     """Sort the detections, match them with targets, and locate them on the map."""
     order = np.argsort(-result.detections.snr.values, kind="stable")
     strongest = result.detections.isel(detection=order)

@@ -53,7 +53,7 @@ def render_tune_page(document: Mapping[str, Any], *, yaml: str) -> str:
         settings=list(changed.items()),
         shares=list(_setting_importance_rows(document)),
         rows=_candidate_table_rows(document)[:_MAX_ROWS],
-        columns=[score_label(item) for item in _objective_and_limited_scores(document)],
+        columns=[score_label(item) for item in _objective_and_limited_score_names(document)],
         searched=[setting_label(path) for path in document["search"]],
         n_more=max(len(document["candidates"]) - _MAX_ROWS, 0),
         n_failed=sum(item["failure"] is not None for item in document["candidates"]),
@@ -123,7 +123,7 @@ def compare_initial_and_best_scores(
     """
     names = list(document["default"]["sources"])
     for name in [None, *(names if len(names) > 1 else [])]:
-        for label in _objective_and_limited_scores(document):
+        for label in _objective_and_limited_score_names(document):
             both = [
                 ("", "")
                 if settings_result is None
@@ -153,7 +153,7 @@ def _candidate_table_rows(document: Mapping[str, Any]) -> list[dict[str, Any]]:
     def key(candidate: Mapping[str, Any]) -> tuple[float, ...]:
         values = [
             candidate["scores"].get(label, {}).get("value", math.nan)
-            for label in _objective_and_limited_scores(document)
+            for label in _objective_and_limited_score_names(document)
         ]
         order = [sign * values[0], *(abs(other) for other in values[1:])]
         return (
@@ -176,7 +176,7 @@ def _candidate_table_rows(document: Mapping[str, Any]) -> list[dict[str, Any]]:
                 _format_score_and_interval(candidate["scores"][label], _score_unit(document, label))
                 if candidate["scores"]
                 else ("", "")
-                for label in _objective_and_limited_scores(document)
+                for label in _objective_and_limited_score_names(document)
             ],
             "note": _candidate_note(candidate, best),
         }
@@ -218,7 +218,7 @@ def _format_objective(document: Mapping[str, Any]) -> str:
     return f"{words} with {limits}" if limits else words
 
 
-def _objective_and_limited_scores(document: Mapping[str, Any]) -> list[str]:
+def _objective_and_limited_score_names(document: Mapping[str, Any]) -> list[str]:
     objective = document["objective"]
     return list(
         dict.fromkeys([objective["score"], *(limit["score"] for limit in objective["limits"])])

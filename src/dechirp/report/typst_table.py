@@ -79,7 +79,7 @@ def lay_out_table(
     letter_em = _PAPER_LETTER_EM if is_paper else _LETTER_EM
     for room_pt, smallest_pt, is_broken in _LAYOUTS:
         letters = (
-            _min_and_unbroken_column_letters(rows, column, n_heads, is_broken)
+            _min_and_unbroken_width_in_letters(rows, column, n_heads, is_broken)
             for column in range(n_columns)
         )
         needs, wants = zip(*letters, strict=True)
@@ -122,7 +122,7 @@ def _split_columns_over_landscape_pages(widths_em: Sequence[float]) -> Iterator[
     yield group
 
 
-def _min_and_unbroken_column_letters(
+def _min_and_unbroken_width_in_letters(
     rows: Rows, column: int, n_heads: int, is_broken: bool
 ) -> tuple[int, int]:
     """Return the minimum number of letters of a column, and the number without line breaks."""

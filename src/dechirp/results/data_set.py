@@ -77,8 +77,8 @@ class TrialColumns:
         for path, array in self._arrays.items():
             array[self._first : last] = self._slab[path][: last - self._first]
 
-    def _start_trial_buffer(self, first_trial: int) -> None:
-        self._first = first_trial
+    def _start_trial_buffer(self, first_point: int) -> None:
+        self._first = first_point
         self._slab = {
             path: np.full(
                 (self._per_slab, self._n_trials, *column.shape), column.fill_value, column.dtype

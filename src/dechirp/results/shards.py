@@ -45,7 +45,7 @@ class ShardedArray:
     attributes: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def item_bytes(self) -> int:
+    def uncompressed_item_bytes(self) -> int:
         """Uncompressed size of one item."""
         return 2 * prod(self.shape)
 
@@ -53,7 +53,7 @@ class ShardedArray:
     def trials_per_shard(self) -> int:
         """Trials in a shard: the most that fit and divide a block; at least one."""
         block = min(self.trials_per_block, self.n_trials)
-        fits = max(SHARD_BYTES // self.item_bytes, 1)
+        fits = max(SHARD_BYTES // self.uncompressed_item_bytes, 1)
         return next(n for n in range(min(block, fits), 0, -1) if block % n == 0)
 
     def create_array_metadata(self, store: zarr.Group) -> None:

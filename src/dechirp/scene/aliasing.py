@@ -58,7 +58,7 @@ def alias_range_velocity(
     chirp = radar.frame.chirp
     if radar.frame.has_falling_ramps:
         return true
-    frequencies = echo_frequencies(true, radar)
+    frequencies = beat_and_doppler_frequencies(true, radar)
     beat_hz, doppler_hz = frequencies.beat_hz % chirp.sample_rate_hz, frequencies.doppler_hz
     if chirp.sampling == "real":
         # The upper half of the spectrum mirrors the lower: both frequencies change sign.
@@ -76,7 +76,7 @@ def alias_range_velocity(
     )
 
 
-def echo_frequencies(range_velocity: RangeVelocity, radar: Radar) -> EchoFrequencies:
+def beat_and_doppler_frequencies(range_velocity: RangeVelocity, radar: Radar) -> EchoFrequencies:
     """Return the frequencies of echoes at mid-window, see `Chirp.echo_frequencies_hz`."""
     return EchoFrequencies(*radar.frame.chirp.echo_frequencies_hz(*range_velocity))
 
@@ -84,7 +84,7 @@ def echo_frequencies(range_velocity: RangeVelocity, radar: Radar) -> EchoFrequen
 def range_doppler_map_position(range_velocity: RangeVelocity, radar: Radar) -> RangeVelocity:
     """Return the position of peaks on the range-Doppler map: with coupling, velocities aliased."""
     chirp = radar.frame.chirp
-    beat_hz, doppler_hz = echo_frequencies(range_velocity, radar)
+    beat_hz, doppler_hz = beat_and_doppler_frequencies(range_velocity, radar)
     doppler_hz = wrap_about_zero(doppler_hz, 1 / radar.frame.repetition_s)
     return RangeVelocity(chirp.range_m(1.0) * beat_hz, doppler_hz * chirp.wavelength_m / 2)
 

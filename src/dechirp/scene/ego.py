@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from dechirp.core.checks import Vector, check_number, normalise_vector_field
+from dechirp.core.checks import Vector, check_and_convert_vector_field, check_number
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.rotations import rotation_about_z
-from dechirp.scene.speed_limit import normalise_velocity_field
+from dechirp.scene.speed_limit import check_and_convert_velocity_field
 
 
 @frozen_dataclass
@@ -32,7 +32,7 @@ class Ego:
 
     def __post_init__(self) -> None:
         # Limits beyond the Moon, a full turn, and any spindle: other values indicate a wrong unit.
-        normalise_vector_field(self, "position_m", max_magnitude=1e9)
+        check_and_convert_vector_field(self, "position_m", max_magnitude=1e9)
         for name, at_most in (
             ("yaw_rad", 2 * math.pi),
             ("pitch_rad", 2 * math.pi),
@@ -43,7 +43,7 @@ class Ego:
                 f"Ego.{name}", getattr(self, name), at_least=-at_most, at_most=at_most
             )
             object.__setattr__(self, name, angle)
-        normalise_velocity_field(self, "velocity_m_per_s")
+        check_and_convert_velocity_field(self, "velocity_m_per_s")
 
     @property
     def is_turning(self) -> bool:

@@ -73,7 +73,7 @@ class Gait:
         return self.speed_m_per_s / (HIP_HEIGHT * self.height_m)
 
     @property
-    def frequency_hz(self) -> float:
+    def cycle_frequency_hz(self) -> float:
         """Return the cycles per second, 1 / T_C, of two steps each."""
         return float(np.sqrt(self.speed_over_hip_height_per_s)) / 1.346
 
@@ -129,7 +129,7 @@ class Gait:
     @property
     def _stance_fraction(self) -> float:
         """Return the share of a cycle during which a foot is on the ground."""
-        return 0.752 - 0.143 * self.frequency_hz
+        return 0.752 - 0.143 * self.cycle_frequency_hz
 
     @cached_property
     def _joint_angle_harmonics(self) -> dict[str, np.ndarray]:

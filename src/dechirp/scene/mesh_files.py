@@ -60,7 +60,7 @@ def read_mesh(path: str, unit: str = "m") -> MeshFile:
             expected="a mesh in STL, OBJ or PLY format",
             fix="convert it to one of these formats",
         )
-    vertices_m, faces = _parse_triangles(path, _read_mesh_bytes(Path(path)), file_format)
+    vertices_m, faces = _parse_vertices_and_faces(path, _read_mesh_bytes(Path(path)), file_format)
     vertices_m = vertices_m * UNITS_M[unit]
     _check_triangle_count_and_corners(path, vertices_m, faces)
     _check_mesh_extent(path, float(np.ptp(vertices_m[faces].reshape(-1, 3), axis=0).max()), unit)
@@ -107,7 +107,9 @@ def _read_mesh_bytes(path: Path) -> bytes:
     )
 
 
-def _parse_triangles(path: str, content: bytes, file_format: str) -> tuple[np.ndarray, np.ndarray]:
+def _parse_vertices_and_faces(
+    path: str, content: bytes, file_format: str
+) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices (n, 3), in units of the file, and faces (m, 3)."""
     trimesh, _ = import_ray_tracer()
     source: Any = io.BytesIO(content)

@@ -86,7 +86,9 @@ class Surface:
         """Return the diagonal of the bounding box, m."""
         return float(np.linalg.norm(np.ptp(self.corners_m.reshape(-1, 3), axis=0)))
 
-    def find_first_hits(self, origins_m: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    def find_first_hit_face_indices(
+        self, origins_m: np.ndarray, directions: np.ndarray
+    ) -> np.ndarray:
         """Return the index of the face that each ray hits first, -1 for none, (n_rays,)."""
         if not len(origins_m):
             return np.empty(0, dtype=np.int64)
@@ -178,7 +180,9 @@ def trace_bounce_echoes(
     field = _polarisation_vector(towards, rays.polarisation)
     for tubes in _launch_ray_tubes(surface, towards, field, spacing_m):
         for bounce in range(rays.n_bounces):
-            echo, tubes = _bounce_ray_tubes(surface, tubes, towards, field, wavelength_m, bounce)  # noqa: PLW2901
+            echo, tubes = _bounce_ray_tubes_with_echoes(  # noqa: PLW2901
+                surface, tubes, towards, field, wavelength_m, bounce
+            )
             yield echo._replace(field_m=echo.field_m * spacing_m**2)
             if not len(tubes.last_face):
                 break
@@ -236,7 +240,7 @@ def _check_ray_count(surface: Surface, n_u: int, n_v: int, spacing_m: float) -> 
         )
 
 
-def _bounce_ray_tubes(
+def _bounce_ray_tubes_with_echoes(
     surface: Surface,
     tubes: _RayTubes,
     towards: np.ndarray,
@@ -245,7 +249,7 @@ def _bounce_ray_tubes(
     bounce: int,
 ) -> tuple[BounceEchoes, _RayTubes]:
     """Return the echoes of tubes at their next hit of the surface, and the reflected tubes."""
-    hit = surface.find_first_hits(tubes.position_m, tubes.direction)
+    hit = surface.find_first_hit_face_indices(tubes.position_m, tubes.direction)
     is_hit = (hit >= 0) & (hit != tubes.last_face)  # a flat face is not hit twice in succession
     tubes, face = tubes.select_tubes(is_hit), hit[is_hit]
     normal = surface.normals[face]
@@ -264,7 +268,9 @@ def _bounce_ray_tubes(
     if bounce:
         candidates = np.flatnonzero(is_visible)
         return_directions = np.broadcast_to(towards, (len(candidates), 3))
-        is_visible[candidates] = surface.find_first_hits(start_m[candidates], return_directions) < 0
+        is_visible[candidates] = (
+            surface.find_first_hit_face_indices(start_m[candidates], return_directions) < 0
+        )
     # 2 n x H, with H of the tube's wave, over its footprint: the cosine of incidence cancels.
     current = tubes.field @ field - _dot_by_row(normal, tubes.field) * (
         tubes.direction @ field

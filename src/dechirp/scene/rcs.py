@@ -21,7 +21,7 @@ def scatterer_cross_sections_m2(scene: Scene, time_s: float, wavelength_m: float
     for target, aspect_m2 in _aspect_dependent_cross_sections_m2(
         scene, np.array([time_s]), wavelength_m
     ):
-        cross_sections[scene.target_of_scatterer == target] = aspect_m2[0]
+        cross_sections[scene.target_index_of_scatterer == target] = aspect_m2[0]
     return cross_sections
 
 
@@ -29,7 +29,7 @@ def target_cross_sections_m2(scene: Scene, times_s: ArrayLike, wavelength_m: flo
     """Return the mean cross section of each target, all scatterers, (n_times, n_targets), m^2."""
     times_s = np.asarray(times_s, dtype=float)
     sums_m2 = np.bincount(
-        scene.target_of_scatterer, scene.fixed_scatterer_rcs_m2, minlength=len(scene.targets)
+        scene.target_index_of_scatterer, scene.fixed_scatterer_rcs_m2, minlength=len(scene.targets)
     )
     cross_sections = np.tile(sums_m2, (len(times_s), 1))
     for target, aspect_m2 in _aspect_dependent_cross_sections_m2(scene, times_s, wavelength_m):

@@ -12,7 +12,7 @@ from dechirp.core.checks import check_instances
 from dechirp.core.display import (
     Displayable,
     Table,
-    pluralise,
+    format_count_with_noun,
     settings_display_table,
     truncated_display_table,
 )
@@ -96,10 +96,10 @@ class Scene(Displayable):
     @property
     def n_scatterers(self) -> int:
         """Return the number of scatterers of all targets."""
-        return len(self.target_of_scatterer)
+        return len(self.target_index_of_scatterer)
 
     @cached_property
-    def target_of_scatterer(self) -> np.ndarray:
+    def target_index_of_scatterer(self) -> np.ndarray:
         """Return the target of each scatterer, its index, (n_scatterers,)."""
         return _make_read_only(np.repeat(np.arange(len(self.targets)), self._scatterer_counts))
 
@@ -117,7 +117,7 @@ class Scene(Displayable):
         invalid = np.flatnonzero(~(np.isfinite(cross_sections_m2) & (cross_sections_m2 >= 0)))
         if invalid.size:
             raise InvalidSetting(
-                f"scene.targets.{self.names[self.target_of_scatterer[invalid[0]]]}.body",
+                f"scene.targets.{self.names[self.target_index_of_scatterer[invalid[0]]]}.body",
                 value=f"a body with a cross section of {cross_sections_m2[invalid[0]]:g} m^2",
                 expected="finite cross sections of 0 or more",
                 fix="correct cross_sections_m2 of the body",
@@ -136,7 +136,7 @@ class Scene(Displayable):
     def fluctuating_scatterers_by_model(self) -> dict[Fluctuation, np.ndarray]:
         """Return the scatterers of each kind of fluctuation, without steady ones."""
         kinds = np.array([target.fluctuation for target in self.targets], dtype=str)
-        kinds = kinds[self.target_of_scatterer]
+        kinds = kinds[self.target_index_of_scatterer]
         scatterers = {kind: np.flatnonzero(kinds == kind) for kind in get_args(Fluctuation)[1:]}
         return {
             kind: _make_read_only(indices) for kind, indices in scatterers.items() if indices.size
@@ -156,7 +156,7 @@ class Scene(Displayable):
     def parabolic_paths(self) -> ParabolicPaths:
         """Return the scatterers whose paths are parabolas, which excludes a car's wheels."""
         targets = np.flatnonzero(self._parabolic_target_mask)
-        scatterers = np.flatnonzero(self._parabolic_target_mask[self.target_of_scatterer])
+        scatterers = np.flatnonzero(self._parabolic_target_mask[self.target_index_of_scatterer])
         motions, time_zero_s = self._target_motions, np.zeros(1)
         axes = self.ego.axes(time_zero_s)
         slopes = [motions.velocity_m_per_s[targets] - np.array(self.ego.velocity_m_per_s)]
@@ -172,7 +172,7 @@ class Scene(Displayable):
     def non_polynomial_scatterers(self) -> np.ndarray:
         """Return the indices of scatterers whose paths are not parabolas."""
         return _make_read_only(
-            np.flatnonzero(~self._parabolic_target_mask[self.target_of_scatterer])
+            np.flatnonzero(~self._parabolic_target_mask[self.target_index_of_scatterer])
         )
 
     def scatterer_positions_m(
@@ -224,7 +224,7 @@ class Scene(Displayable):
         motions = self._target_motions
         velocity_changes = times_s[:, None, None] * motions.acceleration_m_per_s2
         velocities = motions.velocity_m_per_s + velocity_changes
-        for target_index in self._waypoint_targets:
+        for target_index in self._waypoint_target_indices:
             velocities[:, target_index] = self.targets[target_index].velocities_at_m_per_s(times_s)
         velocities -= self.ego.velocities_m_per_s(times_s)[:, None]
         return to_local_axes(self.ego.axes(times_s), velocities)
@@ -242,7 +242,7 @@ class Scene(Displayable):
         positions_m = motions.start_m[indices] + t * motions.velocity_m_per_s[indices]
         if self.accelerating_target_mask[indices].any():
             positions_m += t**2 / 2 * motions.acceleration_m_per_s2[indices]
-        for column in np.flatnonzero(np.isin(indices, self._waypoint_targets)):
+        for column in np.flatnonzero(np.isin(indices, self._waypoint_target_indices)):
             # Velocity and acceleration of such targets are zero.
             positions_m[:, column] += self.targets[indices[column]].displacements_m(times_s)
         return positions_m - self.ego.displacements_m(times_s)[:, None]
@@ -251,7 +251,7 @@ class Scene(Displayable):
         shown_names = self.names if len(self.names) <= 4 else (*self.names[:3], "...")
         names_text = f": {', '.join(shown_names)}" if shown_names else ""
         motion_text = ", a radar that moves" if any(self.ego.velocity_m_per_s) else ""
-        return f"{pluralise(len(self.targets), 'target')}{names_text}{motion_text}"
+        return f"{format_count_with_noun(len(self.targets), 'target')}{names_text}{motion_text}"
 
     def _display_tables(self) -> Iterable[Table]:
         rows = (
@@ -263,18 +263,18 @@ class Scene(Displayable):
         if self.ego != Ego():
             yield settings_display_table(self.ego, "The radar's own motion")
 
-    def _target_body(self, target: int) -> Body:
-        body = self.targets[target].body
+    def _target_body(self, target_index: int) -> Body:
+        body = self.targets[target_index].body
         assert body is not None
         return body
 
-    def _body_scatterer_offsets_m(self, target: int, times_s: np.ndarray) -> np.ndarray:
+    def _body_scatterer_offsets_m(self, target_index: int, times_s: np.ndarray) -> np.ndarray:
         """Return vectors from a target to its scatterers, (n_times, n, 3), axes of the scene."""
-        offsets_m = self._target_body(target).scatterer_offsets_m(times_s)
-        shape = (len(times_s), int(self._scatterer_counts[target]), 3)
+        offsets_m = self._target_body(target_index).scatterer_offsets_m(times_s)
+        shape = (len(times_s), int(self._scatterer_counts[target_index]), 3)
         if offsets_m.shape != shape or not np.isfinite(offsets_m).all():
             raise InvalidSetting(
-                f"scene.targets.{self.names[target]}.body",
+                f"scene.targets.{self.names[target_index]}.body",
                 value="a body with positions that are not finite"
                 if offsets_m.shape == shape
                 else f"a body with positions of the shape {offsets_m.shape}",
@@ -282,7 +282,7 @@ class Scene(Displayable):
                 fix="correct scatterer_offsets_m of the body",
             )
         return from_local_axes(
-            rotation_about_z(self.targets[target].headings_at_rad(times_s)), offsets_m
+            rotation_about_z(self.targets[target_index].headings_at_rad(times_s)), offsets_m
         )
 
     @cached_property
@@ -295,7 +295,7 @@ class Scene(Displayable):
         return _TargetMotions(start_m - np.array(self.ego.position_m), *rates)
 
     @cached_property
-    def _waypoint_targets(self) -> np.ndarray:
+    def _waypoint_target_indices(self) -> np.ndarray:
         """Return the indices of the targets with waypoints."""
         return np.flatnonzero([bool(target.waypoints) for target in self.targets])
 

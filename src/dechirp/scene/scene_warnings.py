@@ -8,10 +8,10 @@ import numpy as np
 
 from dechirp.core.findings import Finding
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.radar.angle_table import describe_angle_gap
+from dechirp.radar.angle_table import describe_wide_angle_gap
 from dechirp.radar.patterns.table import Table
 from dechirp.radar.radar import Radar
-from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, echo_frequencies
+from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, beat_and_doppler_frequencies
 from dechirp.scene.rcs import target_cross_sections_m2
 from dechirp.scene.rcs_table import RcsTable
 from dechirp.scene.scene import Scene
@@ -80,11 +80,11 @@ def scene_findings(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Fin
     n_named: Counter[int] = Counter()
     unnamed: dict[int, set[int]] = {}
     for frame in frames_to_check(scene, n_frames) if scene.targets else ():
-        snapshot = _scatterers_at_mid_frame(scene, radar, frame, n_frames)
+        snapshot = _snapshot_scene_at_mid_frame(scene, radar, frame, n_frames)
         for kind, find_case in enumerate(
             (
                 _find_aliased_velocities,
-                _find_excess_range_migration,
+                _find_velocities_with_excess_range_migration,
                 _find_aliased_ranges,
                 _find_latest_late_echo,
                 _find_scatterers_behind_radar,
@@ -96,7 +96,9 @@ def scene_findings(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Fin
         ):
             case = find_case(snapshot)
             scatterers = np.flatnonzero(case.is_affected)
-            targets, first = np.unique(scene.target_of_scatterer[scatterers], return_index=True)
+            targets, first = np.unique(
+                scene.target_index_of_scatterer[scatterers], return_index=True
+            )
             new_targets = [
                 (target, scatterer)
                 for target, scatterer in zip(
@@ -129,7 +131,7 @@ def _findings_reported_by_bodies(scene: Scene) -> Iterator[Finding]:
             yield from target.body.unusual_property_findings(f"scene.targets.{name}.body")
 
 
-def _scatterers_at_mid_frame(
+def _snapshot_scene_at_mid_frame(
     scene: Scene, radar: Radar, frame: int, n_frames: int
 ) -> _SceneSnapshot:
     frame_text = "" if n_frames == 1 else f" in frame {frame}"
@@ -137,7 +139,7 @@ def _scatterers_at_mid_frame(
     start_s, radar = radar.frame.frame_start_s(frame), radar.for_frame(frame)
     time_s = [start_s + radar.frame.mid_frame_s]
     position_m = scene.scatterer_positions_m(time_s)[0]
-    velocity = scene.target_velocities_m_per_s(time_s)[0, scene.target_of_scatterer]
+    velocity = scene.target_velocities_m_per_s(time_s)[0, scene.target_index_of_scatterer]
     range_m = np.linalg.norm(position_m, axis=-1)
     radial_products = np.einsum("ni,ni->n", position_m, velocity)
     is_dark = np.zeros(len(scene.targets), dtype=bool)
@@ -154,7 +156,8 @@ def _find_aliased_velocities(snapshot: _SceneSnapshot) -> _FindingCase:
     """Find aliased velocities."""
     frame, resolved = snapshot.radar.frame, snapshot.resolved
     cycles = (
-        echo_frequencies(snapshot.range_velocity, snapshot.radar).doppler_hz * frame.repetition_s
+        beat_and_doppler_frequencies(snapshot.range_velocity, snapshot.radar).doppler_hz
+        * frame.repetition_s
     )
     span = frame.max_velocity_m_per_s
 
@@ -204,10 +207,10 @@ def _count_resolved_velocity_spans(radar: Radar, frame_index: int, n_frames: int
 _MAX_MIGRATION_CELLS = 1.0
 
 
-def _find_excess_range_migration(snapshot: _SceneSnapshot) -> _FindingCase:
+def _find_velocities_with_excess_range_migration(snapshot: _SceneSnapshot) -> _FindingCase:
     """Find velocities that are aliased in the maps of triangles, with too much migration."""
     frame, chirp = snapshot.radar.frame, snapshot.radar.frame.chirp
-    doppler_hz = echo_frequencies(snapshot.range_velocity, snapshot.radar).doppler_hz
+    doppler_hz = beat_and_doppler_frequencies(snapshot.range_velocity, snapshot.radar).doppler_hz
     ambiguities = np.round(doppler_hz * frame.repetition_s)
     cells_per_ambiguity = (
         frame.n_chirps * chirp.sampled_bandwidth_hz / chirp.mean_sampled_frequency_hz
@@ -233,7 +236,7 @@ def _find_excess_range_migration(snapshot: _SceneSnapshot) -> _FindingCase:
 def _find_aliased_ranges(snapshot: _SceneSnapshot) -> _FindingCase:
     """Find aliased ranges."""
     chirp = snapshot.radar.frame.chirp
-    beat_hz = echo_frequencies(snapshot.range_velocity, snapshot.radar).beat_hz
+    beat_hz = beat_and_doppler_frequencies(snapshot.range_velocity, snapshot.radar).beat_hz
     return _FindingCase(
         (beat_hz < 0) | (beat_hz >= chirp.max_beat_frequency_hz),
         lambda setting, i: Finding(
@@ -272,7 +275,7 @@ def _find_latest_late_echo(snapshot: _SceneSnapshot) -> _FindingCase:
     chirp = snapshot.radar.frame.chirp
     delay_s = 2 * snapshot.range_velocity.range_m / SPEED_OF_LIGHT
     is_late = delay_s > chirp.adc_start_s
-    n_others = len(np.unique(snapshot.scene.target_of_scatterer[is_late])) - 1
+    n_others = len(np.unique(snapshot.scene.target_index_of_scatterer[is_late])) - 1
     others = f", like those of {n_others} more targets" * (n_others > 0)
 
     def make_finding(setting: str, i: int) -> Finding:
@@ -358,13 +361,13 @@ def _find_scatterers_inside_array(snapshot: _SceneSnapshot) -> _FindingCase:
 
 def _find_bodies_around_radar(snapshot: _SceneSnapshot) -> _FindingCase:
     """Find bodies with scatterers on all sides of the radar."""
-    first = np.flatnonzero(np.diff(snapshot.scene.target_of_scatterer, prepend=-1))
+    first = np.flatnonzero(np.diff(snapshot.scene.target_index_of_scatterer, prepend=-1))
     low_m = np.minimum.reduceat(snapshot.position_m, first)
     high_m = np.maximum.reduceat(snapshot.position_m, first)
     # A flat body lies in a plane: level with the radar, it surrounds the radar too.
     is_around = ((low_m < 0) & (high_m > 0))[:, :2].all(axis=1) & (low_m[:, 2] * high_m[:, 2] <= 0)
     return _FindingCase(
-        is_around[snapshot.scene.target_of_scatterer],
+        is_around[snapshot.scene.target_index_of_scatterer],
         lambda setting, _: Finding(
             level="warning",
             setting=f"{setting}.body",
@@ -378,7 +381,7 @@ def _find_bodies_around_radar(snapshot: _SceneSnapshot) -> _FindingCase:
 def _find_bodies_without_echo(snapshot: _SceneSnapshot) -> _FindingCase:
     """Find bodies that do not reflect towards the radar."""
     return _FindingCase(
-        snapshot.is_dark[snapshot.scene.target_of_scatterer],
+        snapshot.is_dark[snapshot.scene.target_index_of_scatterer],
         lambda setting, _: Finding(
             level="warning",
             setting=f"{setting}.heading",
@@ -450,7 +453,7 @@ def _angle_table_gap_findings(scene: Scene, radar: Radar) -> Iterator[Finding]:
         if not isinstance(table, RcsTable | Table):
             continue
         for axis in ("azimuth", "elevation"):
-            gap = describe_angle_gap(getattr(table, f"{axis}_rad"))
+            gap = describe_wide_angle_gap(getattr(table, f"{axis}_rad"))
             if gap:
                 yield Finding(
                     level="warning",

@@ -2,7 +2,7 @@
 
 import math
 
-from dechirp.core.checks import normalise_vector_field
+from dechirp.core.checks import check_and_convert_vector_field
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 
@@ -10,9 +10,9 @@ from dechirp.core.units import SPEED_OF_LIGHT
 MAX_SPEED_M_PER_S = SPEED_OF_LIGHT / 1000
 
 
-def normalise_velocity_field(owner: object, name: str) -> None:
+def check_and_convert_velocity_field(owner: object, name: str) -> None:
     """Convert the named field to a vector within the speed limit, or raise `InvalidSetting`."""
-    normalise_vector_field(owner, name, max_magnitude=math.inf)
+    check_and_convert_vector_field(owner, name, max_magnitude=math.inf)
     check_speed_limit(f"{type(owner).__name__}.{name}", math.hypot(*getattr(owner, name)))
 
 

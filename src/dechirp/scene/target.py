@@ -8,17 +8,17 @@ import numpy as np
 
 from dechirp.core.checks import (
     Vector,
+    check_and_convert_vector_field,
     check_instances,
     check_number,
     check_positive_fields,
-    normalise_vector_field,
 )
 from dechirp.core.display import Displayable, format_setting_value
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import Body
 from dechirp.scene.rcs_table import RcsTable
-from dechirp.scene.speed_limit import check_speed_limit, normalise_velocity_field
+from dechirp.scene.speed_limit import check_and_convert_velocity_field, check_speed_limit
 from dechirp.scene.waypoints import SplineTrajectory, Waypoint, check_waypoint_times_ascend
 
 Fluctuation = Literal["steady", "swerling-1", "swerling-2", "swerling-3", "swerling-4"]
@@ -71,12 +71,12 @@ class Target(Displayable):
             )
         # Limits beyond the Moon, and from a grain of dust to a planet: other values indicate a
         # wrong unit.
-        normalise_vector_field(self, "position_m", max_magnitude=1e9)
+        check_and_convert_vector_field(self, "position_m", max_magnitude=1e9)
         check_positive_fields(self, "rcs_m2", at_least=1e-12, at_most=1e12)
-        normalise_velocity_field(self, "velocity_m_per_s")
+        check_and_convert_velocity_field(self, "velocity_m_per_s")
         if self.acceleration_m_per_s2 is not _AT_REST:
             # A bullet's is 1e6 m/s^2.
-            normalise_vector_field(self, "acceleration_m_per_s2", max_magnitude=1e9)
+            check_and_convert_vector_field(self, "acceleration_m_per_s2", max_magnitude=1e9)
         self._check_waypoints()
         if self.heading_rad is not None:
             full_circle = 2 * math.pi
@@ -102,7 +102,7 @@ class Target(Displayable):
                     fix="remove it or the waypoints",
                 )
         check_speed_limit(
-            "Target.waypoints", self._trajectory.top_speed_m_per_s, context=" between them"
+            "Target.waypoints", self._waypoint_trajectory.top_speed_m_per_s, context=" between them"
         )
 
     def _check_cross_section_settings(self) -> None:
@@ -144,7 +144,7 @@ class Target(Displayable):
     def displacements_m(self, times_s: np.ndarray) -> np.ndarray:
         """Return the displacements since time zero, (n_times, 3)."""
         if self.waypoints:
-            return self._trajectory.displacements_m(times_s)
+            return self._waypoint_trajectory.displacements_m(times_s)
         t = times_s[:, None]
         linear_m = t * np.array(self.velocity_m_per_s)
         return linear_m + t**2 / 2 * np.array(self.acceleration_m_per_s2)
@@ -152,7 +152,7 @@ class Target(Displayable):
     def velocities_at_m_per_s(self, times_s: np.ndarray) -> np.ndarray:
         """Return the velocity at each time, (n_times, 3)."""
         if self.waypoints:
-            return self._trajectory.velocities_m_per_s(times_s)
+            return self._waypoint_trajectory.velocities_m_per_s(times_s)
         velocity_changes = times_s[:, None] * np.array(self.acceleration_m_per_s2)
         return np.array(self.velocity_m_per_s) + velocity_changes
 
@@ -183,7 +183,7 @@ class Target(Displayable):
         return format_setting_value(self.position_m, "m"), velocity, reflection
 
     @cached_property
-    def _trajectory(self) -> SplineTrajectory:
+    def _waypoint_trajectory(self) -> SplineTrajectory:
         return SplineTrajectory(self.position_m, self.waypoints)
 
     @cached_property

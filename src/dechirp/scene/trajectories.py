@@ -89,7 +89,9 @@ def fit_polynomial_paths(
     pending = [(slice(0, frame.n_chirps_total), non_polynomial)] if non_polynomial.size else []
     while pending:
         chirps, scatterers = pending.pop()
-        path, is_close = _fit_polynomial_and_close_mask(scene, frame, start_s, chirps, scatterers)
+        path, is_close = _fit_polynomial_with_accuracy_mask(
+            scene, frame, start_s, chirps, scatterers
+        )
         if is_close.any():
             fitted.append(path)
         remaining = scatterers[~is_close]
@@ -100,14 +102,14 @@ def fit_polynomial_paths(
     return fitted
 
 
-def _fit_polynomial_and_close_mask(
+def _fit_polynomial_with_accuracy_mask(
     scene: Scene, frame: Frame, start_s: float, chirps: slice, scatterers: np.ndarray
 ) -> tuple[PolynomialPath, np.ndarray]:
     """Return the paths that a single polynomial approximates, and a mask of these scatterers."""
     mid_s, half_s = _chirp_run_middle_and_half_s(frame, chirps)
     times_s = start_s + mid_s + half_s * np.concatenate([_NODES, _CHECKS])
-    targets = np.unique(scene.target_of_scatterer[scatterers])
-    target_scatterers = np.flatnonzero(np.isin(scene.target_of_scatterer, targets))
+    targets = np.unique(scene.target_index_of_scatterer[scatterers])
+    target_scatterers = np.flatnonzero(np.isin(scene.target_index_of_scatterer, targets))
     positions_m = scene.scatterer_positions_m(times_s, targets)[
         :, np.searchsorted(target_scatterers, scatterers)
     ]
@@ -151,7 +153,7 @@ def _position_tolerances_m(
     """
     distance_m = np.linalg.norm(middle_m, axis=-1)
     start_m = np.linalg.norm(scene.target_offsets_from_radar_m([0.0])[0], axis=-1)[
-        scene.target_of_scatterer[scatterers]
+        scene.target_index_of_scatterer[scatterers]
     ]
     # The slope of the Chebyshev polynomial k is at most k^2.
     speed = np.arange(_DEGREE + 1) ** 2 @ sizes_m / half_s
@@ -170,7 +172,7 @@ def _check_fit_errors(
     if is_close.all():
         return
     worst = int(np.argmax(np.where(is_close, 0.0, error_m)))
-    name = scene.names[scene.target_of_scatterer[scatterers[worst]]]
+    name = scene.names[scene.target_index_of_scatterer[scatterers[worst]]]
     raise InvalidSetting(
         f"scene.targets.{name}",
         value=f"a motion in the chirp at {time_s:.6g} s that deviates by {error_m[worst]:.2g} m"

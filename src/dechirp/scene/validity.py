@@ -49,7 +49,7 @@ def check_scene_echoes_finite(scene: Scene, radar: Radar, *, n_frames: int = 1) 
         for frame in frames_to_check(scene, n_frames)
         for after_s in (0.0, radar.frame.for_frame(frame).mid_frame_s)
     ]
-    step = max(_BLOCK_POSITIONS // len(scene.target_of_scatterer), 1)
+    step = max(_BLOCK_POSITIONS // len(scene.target_index_of_scatterer), 1)
     for first in range(0, len(times_s), step):
         block_times_s = times_s[first : first + step]
         for time_s, position_m in zip(
@@ -60,7 +60,7 @@ def check_scene_echoes_finite(scene: Scene, radar: Radar, *, n_frames: int = 1) 
                 distances_m = np.linalg.norm(position_m[near_scatterers] - antenna_m, axis=-1)
                 for scatterer in near_scatterers[distances_m < _MIN_DISTANCE_M]:
                     raise InvalidSetting(
-                        f"scene.targets.{scene.names[scene.target_of_scatterer[scatterer]]}.position",
+                        f"scene.targets.{scene.names[scene.target_index_of_scatterer[scatterer]]}.position",
                         value=f"at {name} after {time_s:.4g} s",
                         expected="another position: the echo would be infinite",
                         fix="move the target",

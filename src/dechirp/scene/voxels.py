@@ -69,13 +69,13 @@ def cut_triangles_into_cells(corners_m: np.ndarray, size_m: float) -> SurfaceCel
 
 
 def _piece_centres_and_areas(
-    corners_m: np.ndarray, longest_m: float
+    corners_m: np.ndarray, max_edge_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return centres (n, 3) and areas (n,) of triangles, halved until no edge is too long."""
     middles_m, areas_m2, n_pieces = [], [], 0
     while len(corners_m):
         edges_m = np.linalg.norm(np.roll(corners_m, -1, axis=1) - corners_m, axis=2)
-        is_small = edges_m.max(axis=1) <= longest_m
+        is_small = edges_m.max(axis=1) <= max_edge_m
         small_m = corners_m[is_small]
         middles_m.append(small_m.mean(axis=1))
         normals_m2 = np.cross(small_m[:, 1] - small_m[:, 0], small_m[:, 2] - small_m[:, 0])
@@ -83,7 +83,7 @@ def _piece_centres_and_areas(
         n_pieces += len(small_m)
         corners_m, longest = corners_m[~is_small], edges_m[~is_small].argmax(axis=1)
         if n_pieces + 2 * len(corners_m) > _MAX_PIECES:
-            raise _too_many_cells_error(2 * longest_m, "too many for its area")
+            raise _too_many_cells_error(2 * max_edge_m, "too many for its area")
         order = (longest[:, None] + np.arange(3)) % 3
         a, b, c = np.moveaxis(np.take_along_axis(corners_m, order[:, :, None], axis=1), 1, 0)
         middle = (a + b) / 2

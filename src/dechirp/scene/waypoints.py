@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dechirp.core.checks import Vector, check_positive_fields, normalise_vector_field
+from dechirp.core.checks import Vector, check_and_convert_vector_field, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 
@@ -17,7 +17,7 @@ class Waypoint:
     def __post_init__(self) -> None:
         # Limits of thirty years, and beyond the Moon: other values indicate a wrong unit.
         check_positive_fields(self, "time_s", at_most=1e9)
-        normalise_vector_field(self, "position_m", max_magnitude=1e9)
+        check_and_convert_vector_field(self, "position_m", max_magnitude=1e9)
 
 
 class SplineTrajectory:

@@ -43,7 +43,7 @@ class SampleWindow(NamedTuple):
         return self._replace(first_sample_s=first_s, n_times=n_before + self.n_times + n_after)
 
 
-def sample_window(radar: Radar, frame_index: int) -> SampleWindow:
+def frame_sampling_times(radar: Radar, frame_index: int) -> SampleWindow:
     """Return the sampling times of the kept samples of a frame."""
     frame, chirp = radar.frame, radar.frame.chirp
     starts_s = frame.for_frame(frame_index).chirp_starts_s
@@ -89,7 +89,7 @@ def direct_echo_groups(
     scatterers_all = Scatterers(
         positions_m,
         unit_echo_amplitude(radar) * np.sqrt(rcs_m2 * per_frame),
-        *antenna_amplitude_gains(positions_m[0], radar),
+        *tx_and_rx_amplitude_gains(positions_m[0], radar),
     )
     is_included = scatterers_all.amplitudes > 0
     if not include_zero_gain:
@@ -102,10 +102,10 @@ def direct_echo_groups(
             path_m=path.path_m[:, is_fitted], chirp_factors=factors
         )
         if indices.size:
-            yield from echo_groups_per_ramp(chirps, scatterers, path.mid_s, radar)
+            yield from echo_groups_of_equal_ramps(chirps, scatterers, path.mid_s, radar)
 
 
-def echo_groups_per_ramp(
+def echo_groups_of_equal_ramps(
     chirps: slice, scatterers: Scatterers, mid_s: float, radar: Radar
 ) -> Iterator[EchoGroup]:
     """Split a run of chirps into one group per ramp; `mid_s` is its middle in the frame."""
@@ -131,7 +131,9 @@ def echo_groups_per_ramp(
         yield EchoGroup(ramp_chirps, scatterers._replace(chirp_factors=factors), transmission)
 
 
-def antenna_amplitude_gains(positions_m: np.ndarray, radar: Radar) -> tuple[np.ndarray, np.ndarray]:
+def tx_and_rx_amplitude_gains(
+    positions_m: np.ndarray, radar: Radar
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the amplitude gains of all transmitters and receivers towards each scatterer."""
     hardware = radar.require_hardware()
 

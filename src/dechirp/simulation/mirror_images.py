@@ -17,7 +17,7 @@ import numpy as np
 
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
-from dechirp.simulation.echo_groups import EchoGroup, SampleWindow, antenna_amplitude_gains
+from dechirp.simulation.echo_groups import EchoGroup, SampleWindow, tx_and_rx_amplitude_gains
 from dechirp.simulation.kernels import selection
 
 MIN_MIRROR_DISTANCE_M = 0.1
@@ -92,7 +92,8 @@ def group_and_reflected_copies(
     """
     yield group
     outbound, inbound = (
-        _mirror_paths(group, side, mirror, coefficients, radar, up) for side in ("tx", "rx")
+        _mirrored_paths_or_none(group, side, mirror, coefficients, radar, up)
+        for side in ("tx", "rx")
     )
     for copy in (
         outbound and outbound.apply_to(group),
@@ -127,7 +128,7 @@ class _MirroredPaths(NamedTuple):
         return group._replace(scatterers=scatterers, transmission=transmission)
 
 
-def _mirror_paths(
+def _mirrored_paths_or_none(
     group: EchoGroup,
     side: str,
     mirror: Mirror,
@@ -148,7 +149,7 @@ def _mirror_paths(
     return _MirroredPaths(
         side,
         images_m,
-        antenna_amplitude_gains(apparent_m, radar)[0 if side == "tx" else 1],
+        tx_and_rx_amplitude_gains(apparent_m, radar)[0 if side == "tx" else 1],
         np.where(mirror.signed_distances_m(positions_m) > 0, reflection, 0.0),
     )
 

@@ -69,7 +69,7 @@ class MonteCarloSimulator:
             self._stages = build_checked_stages(impairments, scene, radar)
             check_scene_echoes_finite(scene, radar, n_frames=n_frames)
             self._receivers = make_receiver_operations(self._stages, scene, radar)
-            self._cached_echoes = self._sum_echoes_if_deterministic(self._scene, radar)
+            self._cached_echoes = self._sum_echoes_if_small_and_deterministic(self._scene, radar)
 
     def simulate_trial(
         self, rng: np.random.Generator, out: xr.DataArray | None = None
@@ -87,7 +87,7 @@ class MonteCarloSimulator:
         """
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PhysicsWarning)
-            samples, kernels = self._trial_echoes(rng, out)
+            samples, kernels = self._copy_cached_or_sum_echoes(rng, out)
             for receiver in self._receivers:
                 receiver(samples, rng)
         trimmed = trim_receiver_margins(samples, self._radar, self._stages)
@@ -99,7 +99,9 @@ class MonteCarloSimulator:
             np.copyto(out.values, trimmed)
         return out
 
-    def _trial_echoes(self, rng: np.random.Generator, out: xr.DataArray | None) -> SummedEchoes:
+    def _copy_cached_or_sum_echoes(
+        self, rng: np.random.Generator, out: xr.DataArray | None
+    ) -> SummedEchoes:
         """Return the echoes of one trial in writable memory, that of `out` if it fits."""
         if self._cached_echoes is None:
             return self._sum_echoes(rng)
@@ -117,9 +119,11 @@ class MonteCarloSimulator:
             self._scene, self._radar, self._stages, numbers, _DTYPE, rng, self._engine
         )
 
-    def _sum_echoes_if_deterministic(self, scene: Scene, radar: Radar) -> SummedEchoes | None:
+    def _sum_echoes_if_small_and_deterministic(
+        self, scene: Scene, radar: Radar
+    ) -> SummedEchoes | None:
         """Return the echoes, if summing them draws only the seeds of the paths."""
-        n_bytes = _echo_bytes(radar, self._stages, self._n_frames)
+        n_bytes = _sample_bytes_with_margins(radar, self._stages, self._n_frames)
         if n_bytes > MAX_CACHED_BYTES:
             return None
         rng, expected_rng = np.random.default_rng(0), np.random.default_rng(0)
@@ -144,7 +148,7 @@ class MonteCarloSimulator:
         return echoes
 
 
-def _echo_bytes(radar: Radar, stages: Stages, n_frames: int) -> float:
+def _sample_bytes_with_margins(radar: Radar, stages: Stages, n_frames: int) -> float:
     """Return the size of all samples, receiver margins included."""
     frame, chirp = radar.frame, radar.frame.chirp
     n_each = chirp.n_samples + sum(stages.sample_margins(radar))

@@ -104,7 +104,7 @@ class DelaySpread(NamedTuple):
         return min(_CROSSFADE_SAMPLES, self.n_before)
 
     @property
-    def first_copied_sample(self) -> int:
+    def first_sample_of_periodic_copy(self) -> int:
         """Return the sample of the echoes with which the copy after the last one begins."""
         return max((self.n_echo_samples - self.n_padding_samples) // 2, self.n_crossfade_samples)
 
@@ -204,7 +204,7 @@ def _delay_bounds_s(group: EchoGroup, window: SampleWindow) -> tuple[float, floa
         moved_m += np.linalg.norm(term_m, axis=1) * longest_s**power
     nearest_m, farthest_m = np.zeros((2, len(moved_m)))
     for antennas_m in (transmission.tx_m, transmission.rx_m):
-        least_m, most_m = _nearest_and_farthest_antenna_m(
+        least_m, most_m = _nearest_and_farthest_antenna_distances_m(
             scatterers.path_m[0, reflects], antennas_m
         )
         nearest_m += least_m - moved_m
@@ -212,7 +212,7 @@ def _delay_bounds_s(group: EchoGroup, window: SampleWindow) -> tuple[float, floa
     return max(nearest_m.min(), 0.0) / SPEED_OF_LIGHT, farthest_m.max() / SPEED_OF_LIGHT
 
 
-def _nearest_and_farthest_antenna_m(
+def _nearest_and_farthest_antenna_distances_m(
     positions_m: np.ndarray, antennas_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the distances from each scatterer to the nearest and the farthest antenna."""
@@ -254,7 +254,7 @@ def _make_deskew_filter(
     copy_phasor = _cycles_to_phasors(
         slope
         * (delays.first_delay - delays.mid_delay)
-        * (delays.n_echo_samples - delays.first_copied_sample)
+        * (delays.n_echo_samples - delays.first_sample_of_periodic_copy)
     )
     return _DeskewFilter(
         error_response.astype(dtype),
@@ -318,7 +318,7 @@ def _extend_echoes_periodically(
     extended = np.empty((*echo.shape[:-1], delays.n_fft), echo.dtype)
     extended[..., :n] = echo
     indices = (
-        delays.first_copied_sample
+        delays.first_sample_of_periodic_copy
         - n_crossfade
         + np.arange(delays.n_padding_samples + 2 * n_crossfade)
     )

@@ -22,7 +22,7 @@ from dechirp.simulation.echo_groups import (
     EchoGroup,
     SampleWindow,
     direct_echo_groups,
-    sample_window,
+    frame_sampling_times,
 )
 from dechirp.simulation.engine import Engine
 from dechirp.simulation.impairments.base import Impairment
@@ -33,7 +33,7 @@ from dechirp.simulation.stages import (
     Stages,
     check_ramps_supported,
     prefix_errors_with_kind,
-    shortest_interval_radar,
+    radar_at_shortest_chirp_interval,
     sort_into_stages,
 )
 
@@ -144,7 +144,7 @@ def build_checked_stages(
     for impairment in stages.impairments:
         check_ramps_supported(impairment, radar.frame)
         with prefix_errors_with_kind(impairment):
-            impairment.check(scene, shortest_interval_radar(radar))
+            impairment.check(scene, radar_at_shortest_chirp_interval(radar))
     return stages
 
 
@@ -218,7 +218,7 @@ def sum_echoes(
     samples = _allocate_samples(scene, radar, len(frame_numbers), n_before + n_after, dtype)
     kernels: set[str] = set()
     for index, number in enumerate(frame_numbers):
-        window = sample_window(radar, number).widen(n_before, n_after)
+        window = frame_sampling_times(radar, number).widen(n_before, n_after)
         kernels |= _sum_frame_signals(
             samples[index], scene, radar, window, stages, rng, engine or Engine(), make_rng
         )
@@ -237,7 +237,7 @@ def make_receiver_operations(
 ) -> list[Callable[[np.ndarray, np.random.Generator], None]]:
     """Return the operations of the receivers, in order; each changes samples in place."""
     return [
-        receiver.make_sample_operation(scene, shortest_interval_radar(radar))
+        receiver.make_sample_operation(scene, radar_at_shortest_chirp_interval(radar))
         for receiver in stages.receivers
     ]
 
@@ -349,7 +349,9 @@ def _sum_frame_signals(
         groups += direct_echo_groups(
             scene, radar, window.frame_index, rng, include_zero_gain=bool(stages.paths)
         )
-    tail = _previous_ramps(radar, window.frame_index) if engine.late == "tail" else None
+    tail = (
+        _previous_ramp_of_each_chirp(radar, window.frame_index) if engine.late == "tail" else None
+    )
     radar = radar.for_frame(window.frame_index)
     for path in stages.paths:
         groups = path.transform_echoes(groups, window, scene, radar, rng)
@@ -371,7 +373,7 @@ def _sum_frame_signals(
     seeds = draw_propagation_seeds(stages, rng)
     in_place = delays is None and np.iscomplexobj(samples)
     kernels: set[str] = set()
-    for chirps in _split_into_chirp_blocks(samples, in_place):
+    for chirps in _chirp_block_slices(samples, in_place):
         echo = samples[chirps]
         if not in_place:
             shape = (*echo.shape[:2], wide_window.n_times)
@@ -390,9 +392,9 @@ def _sum_frame_signals(
     return kernels
 
 
-def _split_into_chirp_blocks(samples: np.ndarray, in_place: bool) -> list[slice]:
+def _chirp_block_slices(samples: np.ndarray, single_block: bool) -> list[slice]:
     """Return blocks of chirps: all if summed in place, else some for a complex copy."""
-    block_length = len(samples) if in_place else max(1, _COPY_BLOCK_SAMPLES // samples[0].size)
+    block_length = len(samples) if single_block else max(1, _COPY_BLOCK_SAMPLES // samples[0].size)
     return [
         slice(row, min(row + block_length, len(samples)))
         for row in range(0, len(samples), block_length)
@@ -441,7 +443,7 @@ def _add_groups_to_chirps(
     return kernels
 
 
-def _previous_ramps(radar: Radar, frame_index: int) -> PreviousRamps:
+def _previous_ramp_of_each_chirp(radar: Radar, frame_index: int) -> PreviousRamps:
     """Return the ramp sent before each chirp of a frame; nothing before the very first."""
     frame = radar.frame
     if not frame.has_identical_ramps:

@@ -102,7 +102,7 @@ def check_ramps_supported(impairment: Impairment, frame: Frame) -> None:
         )
 
 
-def shortest_interval_radar(radar: Radar) -> Radar:
+def radar_at_shortest_chirp_interval(radar: Radar) -> Radar:
     """Return the radar as configured in the frame with the shortest chirp interval."""
     radars = [radar.for_frame(index) for index in range(radar.frame.n_intervals)]
     return min(radars, key=lambda impairment: impairment.frame.single_interval_s)

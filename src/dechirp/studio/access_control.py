@@ -61,7 +61,7 @@ def allowed_host_headers(host: str, port: int) -> frozenset[str]:
     return frozenset(with_port | host_names if port == 80 else with_port)
 
 
-def _host_of_origin(origin: str) -> str | None:
+def _host_and_port_of_origin(origin: str) -> str | None:
     """Return `name:port` of an origin; None if it is not an address."""
     try:
         return urlsplit(origin).netloc.lower()
@@ -91,7 +91,7 @@ class AccessControl:
         if request.host.lower() not in self.allowed_hosts:
             return Refusal(403, "Forbidden: unknown host name.")
         origin = headers.get("Origin")
-        if origin is not None and _host_of_origin(origin) not in self.allowed_hosts:
+        if origin is not None and _host_and_port_of_origin(origin) not in self.allowed_hosts:
             return Refusal(403, "Forbidden: request from a page of another site.")
         # Other sites may link here, but not embed the page in a frame, a picture or a script.
         foreign = headers.get("Sec-Fetch-Site", "none") in ("cross-site", "same-site")

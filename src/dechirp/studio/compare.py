@@ -127,7 +127,7 @@ class Comparison:
                 if perf_counter() >= until_s:
                     return
 
-    def results_by_score_and_target(self) -> list[ComparisonRow]:
+    def comparison_rows_so_far(self) -> list[ComparisonRow]:
         """Return the results so far, by score and target."""
         keys = dict.fromkeys(
             (score, target)
@@ -142,11 +142,11 @@ class Comparison:
         sides = (self._a, self._b)
         for side in sides:
             for score in side.scores:
-                side.compute_theoretical_score(score)
+                side.compute_and_store_theory(score)
                 yield
         for trial in range(MAX_TRIALS):
             for side in sides:
-                side.run_trial(trial)
+                side.run_trial_and_store_sums(trial)
                 yield
             self.n_trials += 1
 
@@ -213,11 +213,11 @@ class _Variant:
             else ()
         )
 
-    def compute_theoretical_score(self, score: Score) -> None:
+    def compute_and_store_theory(self, score: Score) -> None:
         """Compute the theory of a score."""
         self._theory[score] = score.theoretical_values(self._runner.context)
 
-    def run_trial(self, trial: int) -> None:
+    def run_trial_and_store_sums(self, trial: int) -> None:
         """Run one trial."""
         self._sums[trial] = self._runner.run_and_score(trial)
 
@@ -265,13 +265,15 @@ def changed_settings(a: Scenario, b: Scenario) -> list[ChangedSetting]:
     return [setting for setting in settings if setting.a != setting.b]
 
 
-def _iter_leaf_paths_and_texts(path: str, tree: Any) -> Iterator[tuple[str, str]]:
+def _iter_leaf_paths_and_texts(parent_path: str, tree: Any) -> Iterator[tuple[str, str]]:
     if isinstance(tree, dict):
         for name, member in tree.items():
-            yield from _iter_leaf_paths_and_texts(f"{path}.{name}" if path else name, member)
+            yield from _iter_leaf_paths_and_texts(
+                f"{parent_path}.{name}" if parent_path else name, member
+            )
     elif isinstance(tree, list) and any(isinstance(member, dict) for member in tree):
         for index, member in enumerate(tree):
             name = member.get("name") or member.get("kind") or index
-            yield from _iter_leaf_paths_and_texts(f"{path}.{name}", member)
+            yield from _iter_leaf_paths_and_texts(f"{parent_path}.{name}", member)
     else:
-        yield path, ", ".join(map(str, tree)) if isinstance(tree, list) else str(tree)
+        yield parent_path, ", ".join(map(str, tree)) if isinstance(tree, list) else str(tree)

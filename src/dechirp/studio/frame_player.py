@@ -8,13 +8,16 @@ import xarray as xr
 from dechirp.core.checks import check_integer
 from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.findings import Finding
-from dechirp.experiments.object_stage import estimate_ego_motion_and_clusters, select_trackable_rows
+from dechirp.experiments.object_stage import (
+    drop_static_rows_and_unresolved_velocities,
+    estimate_ego_motion_and_clusters,
+)
 from dechirp.experiments.run import (
     DetectionRun,
     FrameTotals,
     detection_findings,
     fitted_chain_findings,
-    frame_power_map,
+    label_frame_power_map,
 )
 from dechirp.experiments.scenario import Scenario
 from dechirp.processing.angle_maps import range_azimuth_map
@@ -146,7 +149,10 @@ class _PreparedScenario:
         )
         peak = cursor_at_strongest_detection(power, run.detections, radar)
         tracks = self.history.update_tracks(
-            select_trackable_rows(grouped.clusters_or_detections, self.frames.radar), time_s
+            drop_static_rows_and_unresolved_velocities(
+                grouped.clusters_or_detections, self.frames.radar
+            ),
+            time_s,
         )
         self.history.store_frame_map(power, radar, time_s, peak.range_m)
         return _ProcessedStep(
@@ -179,4 +185,4 @@ class _PreparedScenario:
         run = DetectionRun(first_frame=frame_number, detections=detections, frames=totals)
         # Copy: the map may be a view of a larger array.
         power = tuple(part.copy() for part in frame.equalised_power)
-        return run, frame_power_map(power, cube, frame_number, radar, self.chain)
+        return run, label_frame_power_map(power, cube, frame_number, radar, self.chain)

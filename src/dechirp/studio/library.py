@@ -93,8 +93,8 @@ def inspect_first_frames(
 ) -> InspectedRecording:
     """Inspect the first frames of a recording; errors are returned as findings."""
     try:
-        radar = None if radar_settings is None else _path_if_still_allowed(radar_settings, limits)
-        path = _path_if_still_allowed(item, limits)
+        radar = None if radar_settings is None else _allowed_path_or_raise(radar_settings, limits)
+        path = _allowed_path_or_raise(item, limits)
         recording = open_recording(path, radar=radar)
         recording.check_has_samples()
         check_settings_within_limits({"radar": recording.radar}, limits)
@@ -123,12 +123,12 @@ def open_item_as_scenario(
     DechirpError
         If it cannot be read, exceeds the limits or is no longer in the folders.
     """
-    path = _path_if_still_allowed(item, limits)
+    path = _allowed_path_or_raise(item, limits)
     if item.kind == "scenario":
         file_limits = replace(limits, folders=(path.parent, *limits.folders))
         return parse_scenario(read_settings_text(path), file_limits)
     settings_path = (
-        None if radar_settings is None else str(_path_if_still_allowed(radar_settings, limits))
+        None if radar_settings is None else str(_allowed_path_or_raise(radar_settings, limits))
     )
     source = RecordingSource(path=str(path), settings_path=settings_path)
     opened_scenario = replace(scenario, name=path.stem, scene=None, radar=None, recording=source)
@@ -201,7 +201,7 @@ def _is_scenario_file(path: Path, limits: PageLimits) -> bool:
     return any(line.startswith(("scene:", "recording:")) for line in text.splitlines())
 
 
-def _path_if_still_allowed(item: LibraryItem, limits: PageLimits) -> Path:
+def _allowed_path_or_raise(item: LibraryItem, limits: PageLimits) -> Path:
     """Return the path of an item, if it is still allowed as at the scan."""
     if not is_tree_inside(item.path, limits.folders):
         raise InvalidSetting(

@@ -13,7 +13,7 @@ from typing import Any
 
 from dechirp.config import setting_paths
 from dechirp.config.dumping import dump_yaml
-from dechirp.config.error_messages import SettingNode, locate_refusal_in_file
+from dechirp.config.error_messages import SettingNode, locate_mistakes_in_file
 from dechirp.config.fields import ValueType
 from dechirp.config.loading import (
     read_settings_text,
@@ -175,7 +175,7 @@ def _parse_with_overrides(text: str, overrides: Iterable[str], limits: PageLimit
     try:
         check_settings_within_limits(parts, limits)
     except InvalidSetting as error:
-        raise InvalidFile(*locate_refusal_in_file(error, node)) from None
+        raise InvalidFile(*locate_mistakes_in_file(error, node)) from None
     scenario: Scenario = validate_and_build_value(node, context)
     return scenario
 

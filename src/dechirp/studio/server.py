@@ -212,7 +212,7 @@ class _GuardedBokeh(BokehTornado):
     def find_handler(self, request: HTTPServerRequest, **_: Any) -> HTTPMessageDelegate:
         if self._access.has_valid_token_in_url(request):
             return self.get_handler_delegate(
-                request, _TokenHandler, {"cookie": self._access.cookie}
+                request, _TokenCookieRedirectHandler, {"cookie": self._access.cookie}
             )
         route = super().find_handler(request)
         refusal = self._access.find_refusal(request) or self._refusal_of_unavailable_page(
@@ -266,7 +266,7 @@ class _RefusalHandler(RequestHandler):
         self.finish(f"{self._refusal.reason}\n")
 
 
-class _TokenHandler(RequestHandler):
+class _TokenCookieRedirectHandler(RequestHandler):
     """Store the token in a cookie and redirect to the address without it."""
 
     def initialize(self, cookie: str) -> None:

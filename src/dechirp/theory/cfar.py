@@ -48,7 +48,7 @@ from dechirp.core.checks import check_false_alarm_probability, check_positive_ra
 from dechirp.theory.cfar_ordered_statistic import OrderedStatisticLaw
 from dechirp.theory.training_cells import (
     count_training_powers,
-    n_training_of_both_halves,
+    n_training_of_each_half,
     noise_sum_below_probability,
     noise_sum_exceeds_probability,
     order_statistic_step_rates,
@@ -219,7 +219,7 @@ def _greatest_or_smallest_of_false_alarm_probability(
 ) -> np.ndarray:
     """Return the alarm probability over the mean of the half that wins the comparison of sums."""
     factors = check_positive_ratios("factor", factor)
-    n, m = n_training_of_both_halves(n_training)
+    n, m = n_training_of_each_half(n_training)
     probability = np.zeros_like(factors)
     for n_own, n_other in ((n, m), (m, n)):
         shape, t = count_training_powers(n_own, n_summed), factors / n_own
@@ -245,7 +245,7 @@ def _cell_averaging_factor_of_both_halves(
     false_alarm_probability: float, n_training: int | tuple[int, int], n_summed: int
 ) -> float:
     """Return the factor over the mean of both halves, as a start for that over one half."""
-    n_cells = sum(n_training_of_both_halves(n_training))
+    n_cells = sum(n_training_of_each_half(n_training))
     return cell_averaging_factor(false_alarm_probability, n_training=n_cells, n_summed=n_summed)
 
 

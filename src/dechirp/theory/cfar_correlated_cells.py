@@ -169,12 +169,14 @@ class CorrelatedWindow:
         )
         return float(n**2 * above * quantile_level / (n * above * quantile_level + apart))
 
-    def _sum_of_correlation_powers(self, order: int) -> float:
+    def _sum_of_correlation_powers(self, half_exponent: int) -> float:
         """Return the sum of |rho|^(2 order) over all pairs of training cells."""
         # Training cells are the window without its guard, and both are products of axes.
-        in_range = _axis_sums_of_correlation_powers(self.range_covariance, self.guard_range, order)
+        in_range = _axis_sums_of_correlation_powers(
+            self.range_covariance, self.guard_range, half_exponent
+        )
         in_velocity = _axis_sums_of_correlation_powers(
-            self.velocity_covariance, self.guard_velocity, order
+            self.velocity_covariance, self.guard_velocity, half_exponent
         )
         box, across, guard = in_range * in_velocity
         return float(box - 2 * across + guard)
@@ -185,10 +187,10 @@ class CorrelatedWindow:
 
 
 def _axis_sums_of_correlation_powers(
-    covariance: np.ndarray, guard: slice, order: int
+    covariance: np.ndarray, guard: slice, half_exponent: int
 ) -> np.ndarray:
     """Sum |rho|^(2 order) over pairs of cells: window, window and guard, guard; (3,)."""
-    power = np.abs(covariance) ** (2 * order)
+    power = np.abs(covariance) ** (2 * half_exponent)
     return np.array([power.sum(), power[guard].sum(), power[guard, guard].sum()])
 
 

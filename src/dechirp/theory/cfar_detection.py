@@ -58,7 +58,7 @@ from dechirp.theory.swerling import (
 )
 from dechirp.theory.training_cells import (
     count_training_powers,
-    n_training_of_both_halves,
+    n_training_of_each_half,
     noise_sum_below_probability,
     noise_sum_exceeds_probability,
     order_statistic_step_rates,
@@ -256,7 +256,7 @@ def _greatest_or_smallest_of_detection_probability(
     alarm.
     """
     chi, target_shape = check_non_negative_ratios("snr", snr), swerling_shape(swerling, 1)
-    sizes = n_training_of_both_halves(n_training)
+    sizes = n_training_of_each_half(n_training)
     factor = check_number("factor", factor, above=0)
     if target_shape == 1:
         return false_alarm_probability(factor / (1 + chi), n_training=n_training)
@@ -309,31 +309,31 @@ def _detection_probability_from_event_counts(
     return np.minimum(np.reshape(probabilities, target_mean_counts.shape), 1.0)
 
 
-def _negative_binomial_pmf(n: int, shape: int, a: float) -> np.ndarray:
+def _negative_binomial_pmf(n_counts: int, shape: int, a: float) -> np.ndarray:
     """Return P(M = m) for m < n; M is Poisson with mean a times a gamma variate of `shape`."""
-    m = np.arange(1, n)
+    m = np.arange(1, n_counts)
     # ln of a / (1 + a): a rounding error of the quotient would count once in every term.
     go = -float(np.logaddexp(0, -math.log(a)))
     growth = np.log((shape + m - 1) / m) + go
     return np.exp(np.concatenate([[0], np.cumsum(growth)]) - shape * math.log1p(a))
 
 
-def _geometric_sum_pmf(n: int, means: np.ndarray) -> np.ndarray:
+def _geometric_sum_pmf(n_counts: int, means: np.ndarray) -> np.ndarray:
     """Return P(M = m) for m < n; M is a sum of independent geometric counts.
 
     m p_m = sum_i s_i p_(m - i), with s_i the sum of the i-th powers of the probabilities
     that a count continues; all terms are positive.
     """
     goes_on = means / (1 + means)
-    powers, sums = np.ones_like(means), np.empty(n)
-    for i in range(n):
+    powers, sums = np.ones_like(means), np.empty(n_counts)
+    for i in range(n_counts):
         sums[-1 - i] = powers.sum()  # s_i, the last first
         powers *= goes_on
-    pmf = np.zeros(n)
+    pmf = np.zeros(n_counts)
     pmf[0], log_scale = 1.0, -np.sum(np.log1p(means))
-    for m in range(1, n):
+    for m in range(1, n_counts):
         # einsum, since the threads of `@` cost more than they save.
-        pmf[m] = np.einsum("i,i", sums[n - 1 - m : n - 1], pmf[:m]) / m
+        pmf[m] = np.einsum("i,i", sums[n_counts - 1 - m : n_counts - 1], pmf[:m]) / m
         if pmf[m] > 1e200:  # a factor so large that p_0 is no float
             pmf *= 1e-200
             log_scale += 200 * math.log(10)

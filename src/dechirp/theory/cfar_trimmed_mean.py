@@ -45,7 +45,7 @@ def trimmed_mean_factor(
 ) -> float:
     """Return the ratio of threshold to the trimmed mean of the training cells."""
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
-    means = _mean_contribution_of_order_steps(n_training, n_smallest, n_largest)
+    means = _mean_step_contributions_to_trimmed_mean(n_training, n_smallest, n_largest)
     log_pfa = math.log(false_alarm_probability)
     return find_decreasing_root(
         lambda factor: -float(np.sum(np.log1p(factor * means))) - log_pfa, start=1.0
@@ -56,7 +56,7 @@ def trimmed_mean_false_alarm_probability(
     factor: ArrayLike, *, n_training: int, n_smallest: int, n_largest: int
 ) -> np.ndarray:
     """Return the probability that noise exceeds factor times the trimmed mean."""
-    means = _mean_contribution_of_order_steps(n_training, n_smallest, n_largest)
+    means = _mean_step_contributions_to_trimmed_mean(n_training, n_smallest, n_largest)
     factors = check_positive_ratios("factor", factor)
     logs = [np.sum(np.log1p(value * means)) for value in factors.flat]
     return np.exp(-np.reshape(logs, factors.shape))
@@ -77,7 +77,7 @@ def trimmed_mean_detection_probability(
     )
 
 
-def _mean_contribution_of_order_steps(
+def _mean_step_contributions_to_trimmed_mean(
     n_training: int, n_smallest: int, n_largest: int
 ) -> np.ndarray:
     """Return the mean contribution of each step to the trimmed mean, (n_training - n_largest,)."""

@@ -69,7 +69,7 @@ def mean_interval(values: ArrayLike, *, confidence: float) -> tuple[float, float
     degrees of freedom (Student, The probable error of a mean, Biometrika 6, 1908).
     """
     sample = _check_two_or_more_finite_values(values)
-    return _student_interval(sample, float(np.var(sample, ddof=1)), confidence)
+    return _student_mean_interval(sample, float(np.var(sample, ddof=1)), confidence)
 
 
 def rate_interval(counts: ArrayLike, exposure: float, *, confidence: float) -> tuple[float, float]:
@@ -109,11 +109,11 @@ def rate_interval(counts: ArrayLike, exposure: float, *, confidence: float) -> t
             -np.log(_tail_probability(confidence)) / (events.size * exposure_per_block)
         )
     variance = max(float(np.var(events, ddof=1)), float(np.mean(events)))
-    low, high = _student_interval(events, variance, confidence)
+    low, high = _student_mean_interval(events, variance, confidence)
     return max(low, 0.0) / exposure_per_block, high / exposure_per_block
 
 
-def _student_interval(
+def _student_mean_interval(
     sample: np.ndarray, variance: float, confidence: float
 ) -> tuple[float, float]:
     half_width = -stdtrit(sample.size - 1, _tail_probability(confidence)) * np.sqrt(

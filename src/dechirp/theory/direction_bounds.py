@@ -142,16 +142,16 @@ def direction_std_rad(
     return out
 
 
-def crlb_variances(information: np.ndarray) -> np.ndarray:
+def crlb_variances(fisher_information: np.ndarray) -> np.ndarray:
     """Return the diagonals of the inverses, (..., n) from (..., n, n); infinite if singular.
 
     Rows are scaled to a unit diagonal first, so that neither units nor source powers affect
     the test for singularity.
     """
-    scale = np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
+    scale = np.sqrt(np.diagonal(fisher_information, axis1=-2, axis2=-1))
     outer = scale[..., :, None] * scale[..., None, :]
     with np.errstate(divide="ignore", invalid="ignore"):
-        scaled = np.where(outer > 0, information / outer, np.eye(scale.shape[-1]))
+        scaled = np.where(outer > 0, fisher_information / outer, np.eye(scale.shape[-1]))
         values, vectors = np.linalg.eigh(scaled)
         # Smaller eigenvalues are rounding errors: a million times worse counts as unresolved.
         inverse = np.where(values > 1e-12, 1 / values, np.inf)

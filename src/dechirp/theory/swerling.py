@@ -46,18 +46,18 @@ def swerling_shape(swerling: int, n_summed: int) -> float:
     return (math.inf, 1, n_summed, 2, 2 * n_summed)[swerling]
 
 
-def probability_count_at_least(j: np.ndarray, mean: float, shape: float) -> np.ndarray:
+def probability_count_at_least(min_count: np.ndarray, mean: float, shape: float) -> np.ndarray:
     """Return P(J >= j) for j > 0, any shape of array."""
     if math.isinf(shape):
-        return np.asarray(gammainc(j, mean))
-    return np.asarray(betainc(j, shape, mean / (shape + mean)))
+        return np.asarray(gammainc(min_count, mean))
+    return np.asarray(betainc(min_count, shape, mean / (shape + mean)))
 
 
-def probability_count_below(j: np.ndarray, mean: float, shape: float) -> np.ndarray:
+def probability_count_below(upper_count: np.ndarray, mean: float, shape: float) -> np.ndarray:
     """Return P(J < j) for j > 0, any shape of array."""
     if math.isinf(shape):
-        return np.asarray(gammaincc(j, mean))
-    return np.asarray(betainc(shape, j, shape / (shape + mean)))
+        return np.asarray(gammaincc(upper_count, mean))
+    return np.asarray(betainc(shape, upper_count, shape / (shape + mean)))
 
 
 def likely_count_range(mean: float, shape: float) -> tuple[int, int]:

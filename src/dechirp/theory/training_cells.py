@@ -30,7 +30,7 @@ def n_training_per_half(n_training: int) -> int:
     return n_training // 2
 
 
-def n_training_of_both_halves(n_training: int | tuple[int, int]) -> tuple[int, int]:
+def n_training_of_each_half(n_training: int | tuple[int, int]) -> tuple[int, int]:
     """Return the training cells of each half, from a pair or an even total.
 
     Raises `InvalidSetting` if a half has no cell, or the number is not even.

@@ -22,7 +22,7 @@ from dechirp.core.detection_columns import (
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.direction_finding import (
-    detections_with_known_direction,
+    known_direction_mask,
     phase_centres_m,
     range_and_direction_from_origin,
 )
@@ -159,9 +159,7 @@ def ego_motion(detections: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFA
         sightings = _frame_columns_to_sightings(frame_columns, radar, frame)
         rng = np.random.default_rng([settings.seed, frame])
         estimate = _estimate_radar_velocity_by_ransac(
-            sightings.select_detections(
-                _detections_with_direction_and_velocity(frame_columns, radar)
-            ),
+            sightings.select_detections(_known_direction_and_velocity_mask(frame_columns, radar)),
             settings,
             rng,
         )
@@ -206,7 +204,7 @@ def label_static_and_moving(
     """
     columns = _checked_detection_columns(detections, radar, settings)
     motion = np.full(detections.sizes["detection"], "", dtype="<U6")
-    motion_rows = ego_velocity_columns(ego).T
+    motion_rows = ego_velocity_and_covariance_columns(ego).T
     of_frame = dict(zip(ego["frame"].values.tolist(), motion_rows, strict=True))
     for frame in np.unique(columns["frame"]).astype(int).tolist():
         vx, vy, vx_std, vy_std, cov = of_frame.get(frame, np.full(len(EGO_UNITS), np.nan))
@@ -219,9 +217,9 @@ def label_static_and_moving(
         variance = variance + np.einsum("ni,ij,nj->n", towards, of_motion, towards)
         squares = residual**2 / (variance + settings.tolerance_m_per_s**2)
         # NaN is neither.
-        moves = (
-            squares > settings.max_normalised_squared_residual
-        ) & detections_with_known_direction(frame_columns["ambiguity_number"], radar.frame)
+        moves = (squares > settings.max_normalised_squared_residual) & known_direction_mask(
+            frame_columns["ambiguity_number"], radar.frame
+        )
         motion[rows] = np.where(
             squares <= settings.max_normalised_squared_residual,
             "static",
@@ -230,7 +228,7 @@ def label_static_and_moving(
     return detections.assign(motion=("detection", motion))
 
 
-def ego_velocity_columns(ego: xr.Dataset) -> np.ndarray:
+def ego_velocity_and_covariance_columns(ego: xr.Dataset) -> np.ndarray:
     """Return the columns of `EGO_UNITS`, (5, n_frames); NaN where the motion is unknown.
 
     Raises `InvalidSetting` if a column is missing.
@@ -303,14 +301,14 @@ def _frame_columns_to_sightings(
     )
 
 
-def _detections_with_direction_and_velocity(
+def _known_direction_and_velocity_mask(
     frame_columns: dict[str, np.ndarray], radar: Radar
 ) -> np.ndarray:
     """Return the mask of detections with known direction and velocity, (n,)."""
     names = ("velocity", "azimuth", "velocity_std", "azimuth_std")
     is_known = np.isfinite([frame_columns[name] for name in names]).all(axis=0)
     return np.asarray(
-        is_known & detections_with_known_direction(frame_columns["ambiguity_number"], radar.frame)
+        is_known & known_direction_mask(frame_columns["ambiguity_number"], radar.frame)
     )
 
 

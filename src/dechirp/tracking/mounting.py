@@ -9,7 +9,7 @@ from scipy.special import chdtri
 
 from dechirp.core.checks import check_number
 from dechirp.core.errors import InvalidSetting
-from dechirp.tracking.ego import ego_velocity_columns
+from dechirp.tracking.ego import ego_velocity_and_covariance_columns
 
 # Increasing errors for less would make them 9 % too large on average for ten frames.
 _SCATTER_PROBABILITY = 0.95
@@ -51,7 +51,7 @@ def mounting_angle(ego: xr.Dataset, min_speed_m_per_s: float = 3.0) -> MountingA
         If columns are missing, or fewer than two frames are usable.
     """
     check_number("min_speed_m_per_s", min_speed_m_per_s, above=0.0)
-    motion = ego_velocity_columns(ego)
+    motion = ego_velocity_and_covariance_columns(ego)
     is_fast = np.hypot(*motion[:2]) >= min_speed_m_per_s  # NaN is not
     if is_fast.sum() < 2:
         raise InvalidSetting(

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from dechirp.tracking.stone_soup import StateEstimate, StoneSoup
 
 
-def initial_track_states(
+def initial_track_means_and_covariances(
     measurements: Measurements, speed_std_m_per_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute means (n, 4) and covariances (n, 4, 4) of x, vx, y, vy.
@@ -180,7 +180,9 @@ class LiveTracker:
     def _start_tracks(self, measurements: Measurements) -> None:
         from dechirp.tracking.stone_soup import StateEstimate
 
-        means, covariances = initial_track_states(measurements, self._tracker.speed_std_m_per_s)
+        means, covariances = initial_track_means_and_covariances(
+            measurements, self._tracker.speed_std_m_per_s
+        )
         for mean, covariance in zip(means, covariances, strict=True):
             live_track = _LiveTrack(self._n_started, StateEstimate(mean, covariance))
             live_track.confirm_if_enough_hits(self._tracker)

@@ -66,7 +66,7 @@ def calibrate(
     opened_recordings = [
         open_recording(recording, **options.open_keyword_arguments()) for recording in recordings
     ]
-    radar = _check_common_radar(opened_recordings)
+    radar = _get_common_radar_or_raise(opened_recordings)
     try:
         result = calibrate_array(
             [recording.frames() for recording in opened_recordings],
@@ -80,7 +80,10 @@ def calibrate(
             error, _option_names_by_setting(len(recordings))
         ) from None
     write_text_atomically(out, format_calibration_json(result.calibration))
-    all_findings = [*_assumed_array_findings(opened_recordings), *_calibration_findings(result)]
+    all_findings = [
+        *_assumed_array_findings(opened_recordings),
+        *_findings_with_option_names(result),
+    ]
     document = to_json_text(_calibration_json_document(result, out, all_findings))
     if as_json:
         print(document, end="")
@@ -121,7 +124,7 @@ def _option_names_by_setting(n_recordings: int) -> dict[str, str]:
     return {**_OPTION_BY_SETTING, **indexed_options}
 
 
-def _calibration_findings(result: "CalibrationResult") -> "list[Finding]":
+def _findings_with_option_names(result: "CalibrationResult") -> "list[Finding]":
     """Return the findings of a calibration, with option names in place of setting names."""
     return [
         replace(finding, setting=_OPTION_BY_SETTING[finding.setting]) for finding in result.findings
@@ -145,7 +148,7 @@ def _assumed_array_findings(recordings: "list[Recording]") -> "list[Finding]":
 
 
 def _check_one_azimuth_per_recording(recordings: Sequence[Path], azimuths: list[float]) -> None:
-    from dechirp.core.display import pluralise
+    from dechirp.core.display import format_count_with_noun
     from dechirp.core.errors import InvalidFile, Mistake
 
     mistakes = []
@@ -172,7 +175,7 @@ def _check_one_azimuth_per_recording(recordings: Sequence[Path], azimuths: list[
         mistakes.append(
             Mistake(
                 setting="--azimuth",
-                value=pluralise(len(azimuths), "value") if azimuths else "missing",
+                value=format_count_with_noun(len(azimuths), "value") if azimuths else "missing",
                 expected=f"one azimuth for each of the {len(recordings)} recordings, in their order"
                 if len(recordings) > 1
                 else "one azimuth of the reflector, positive to the left",
@@ -203,7 +206,7 @@ def _check_out_new_or_calibration(out: Path) -> None:
         ) from None
 
 
-def _check_common_radar(recordings: "list[Recording]") -> "Radar":
+def _get_common_radar_or_raise(recordings: "list[Recording]") -> "Radar":
     from dechirp.core.errors import RecordingError
 
     for recording in recordings:

@@ -145,7 +145,7 @@ def _simulate_recording(
 ) -> "tuple[Recording, Sequence[Finding]]":
     """Simulate a scene with its truth, and process it if the format stores detections."""
     from dechirp.cli.console import progress_bar
-    from dechirp.experiments.run import run, simulate_scenario
+    from dechirp.experiments.run import run, simulate_cube_truth_and_findings
     from dechirp.recordings.in_memory import recording_from_cube
 
     assert scenario.radar is not None
@@ -157,7 +157,7 @@ def _simulate_recording(
         tables = {name: table for name, table in results.items() if table is not None}
     else:
         with progress_bar("frames simulated", quiet=quiet) as report:
-            cube, truth, findings = simulate_scenario(scenario, progress=report)
+            cube, truth, findings = simulate_cube_truth_and_findings(scenario, progress=report)
         tables = {"truth": truth}
     return recording_from_cube(cube, scenario.radar, tables=tables, name=scenario.name), findings
 

@@ -101,11 +101,11 @@ def design(
     }
     from dechirp.radar.design.design import design as design_radar
 
-    requirements_read, assumptions = _read_requirements_and_assumptions(
+    requirements_read, assumptions = _read_requirements_limits_and_hardware(
         requirements, options, changes or []
     )
     if rule != "constraints" and any(c.lstrip().startswith("limits") for c in changes or []):
-        raise _limits_without_constraints_error(rule)
+        raise _limits_without_constraints_rule_error(rule)
     result = design_radar(
         requirements_read, rule=rule, limits=assumptions.limits, hardware=assumptions.hardware
     )
@@ -121,7 +121,7 @@ def design(
     return 0 if result.is_met else 1
 
 
-def _limits_without_constraints_error(rule: str) -> "InvalidFile":
+def _limits_without_constraints_rule_error(rule: str) -> "InvalidFile":
     from dechirp.core.errors import InvalidFile, Mistake
 
     return InvalidFile(
@@ -134,7 +134,7 @@ def _limits_without_constraints_error(rule: str) -> "InvalidFile":
     )
 
 
-def _read_requirements_and_assumptions(
+def _read_requirements_limits_and_hardware(
     path: Path | None, options: dict[str, str | None], changes: list[str]
 ) -> tuple["Requirements", DesignAssumptions]:
     """Read the requirements and the assumptions; options replace the values of the file."""

@@ -21,8 +21,8 @@ def doctor(*, as_json: Json = False) -> int:
     from dechirp.core.memory import available_memory_bytes
     from dechirp.results.text_files import to_json_text
 
-    dependencies, extras = _installed_versions()
-    kernels, problem = _compiled_kernel_origins()
+    dependencies, extras = _dependency_and_extra_versions()
+    kernels, problem = _try_run_and_find_kernel_origins()
     document = {
         "version": dechirp.__version__,
         "python": platform.python_version(),
@@ -42,7 +42,9 @@ def doctor(*, as_json: Json = False) -> int:
     return 1 if problem or None in dependencies.values() else 0
 
 
-def _installed_versions() -> tuple[dict[str, str | None], dict[str, dict[str, str | None]]]:
+def _dependency_and_extra_versions() -> tuple[
+    dict[str, str | None], dict[str, dict[str, str | None]]
+]:
     """Return the version of each dependency and of those of each extra; None if missing."""
     from importlib.metadata import PackageNotFoundError, requires, version
 
@@ -64,7 +66,7 @@ def _installed_versions() -> tuple[dict[str, str | None], dict[str, dict[str, st
     return needed, extras
 
 
-def _compiled_kernel_origins() -> tuple[dict[str, str], str | None]:
+def _try_run_and_find_kernel_origins() -> tuple[dict[str, str], str | None]:
     """Run a small scenario; return the origin of each compiled kernel and the error, if any."""
     from numba.core.dispatcher import Dispatcher
 

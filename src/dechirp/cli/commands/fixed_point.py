@@ -50,7 +50,7 @@ def fixed_point(
     from dechirp.cli.scenario_source import build_scenario
     from dechirp.config import loading
     from dechirp.core.errors import DechirpError
-    from dechirp.experiments.run import load_frame
+    from dechirp.experiments.run import simulate_or_read_frame_and_radar
     from dechirp.processing.fixed_point.chain import fixed_point_map
     from dechirp.processing.fixed_point.comparison import compare_detections
     from dechirp.processing.fixed_point.lookup_tables import pad_to_powers_of_two
@@ -70,7 +70,7 @@ def fixed_point(
         metadata=options.given_metadata(),
     )
     try:
-        cube, radar = load_frame(scenario, frame)
+        cube, radar = simulate_or_read_frame_and_radar(scenario, frame)
         chain = pad_to_powers_of_two(scenario.chain, radar).fit_to_radar(radar)
         stages = fixed_point_map(cube, radar, chain, lengths)
     except DechirpError as error:

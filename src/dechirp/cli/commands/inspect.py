@@ -43,7 +43,7 @@ def inspect(
         inspection = inspect_recording(
             source, progress=on_progress, **options.open_keyword_arguments()
         )
-    picture = _render_first_frame_png(inspection)
+    picture = _render_map_or_points_png(inspection)
     file_names = names if picture is not None else names[:1]
     document = to_json_text(
         _inspection_json_document(inspection, {name: out / name for name in file_names})
@@ -59,7 +59,7 @@ def inspect(
     return 0
 
 
-def _render_first_frame_png(inspection: "Inspection") -> bytes | None:
+def _render_map_or_points_png(inspection: "Inspection") -> bytes | None:
     from dechirp.report.figures.recording import draw_map_or_range_profile, draw_points_from_above
     from dechirp.report.figures.style import TALL_IN, render_png
 
@@ -93,14 +93,14 @@ def _inspection_json_document(inspection: "Inspection", files: dict[str, Path]) 
         "source": str(inspection.path),
         "format": inspection.formats[0] if len(inspection.formats) == 1 else None,
         "possible_formats": list(inspection.formats),
-        "dims": None if recording is None else _cube_dimensions_or_counts(inspection),
+        "dims": None if recording is None else _cube_or_point_cloud_sizes(inspection),
         "radar": None if radar is None else radar_json_document(radar),
         "findings": [to_json_data(finding) for finding in inspection.findings],
         "files": {name: str(path) for name, path in files.items()},
     }
 
 
-def _cube_dimensions_or_counts(inspection: "Inspection") -> dict[str, int]:
+def _cube_or_point_cloud_sizes(inspection: "Inspection") -> dict[str, int]:
     """Return the dimensions of the cube, or the numbers of frames and detections without one."""
     recording = inspection.recording
     assert recording is not None
@@ -119,7 +119,7 @@ def _print_inspection(inspection: "Inspection", picture: Path | None) -> None:
     rows.show_header, rows.title = False, None
     rows.add_row("format", " or ".join(inspection.formats))
     if inspection.recording is not None:
-        sizes = _cube_dimensions_or_counts(inspection)
+        sizes = _cube_or_point_cloud_sizes(inspection)
         rows.add_row(" x ".join(sizes), " x ".join(str(size) for size in sizes.values()))
         if inspection.recording.contents.radar is not None:
             for name, text in format_waveform_and_limits(inspection.recording.radar):

@@ -42,7 +42,7 @@ def list_members(
 
     bases = family_base_classes()
     wanted = {name: bases[name] for name in bases if family in (None, name)}
-    members = {name: member_help_and_settings(base) for name, base in wanted.items()}
+    members = {name: help_and_settings_by_kind(base) for name, base in wanted.items()}
     if as_json:
         print(to_json_text({"families": members}), end="")
     else:
@@ -72,7 +72,7 @@ def family_base_classes() -> dict[str, "type[Family]"]:
     }
 
 
-def member_help_and_settings(base: "type[Family]") -> dict[str, Any]:
+def help_and_settings_by_kind(base: "type[Family]") -> dict[str, Any]:
     """Return the help and settings of each member by kind, as a settings file writes them."""
     from dechirp.config.fields import describe_accepted_values, field_docstrings, list_settings
     from dechirp.core.families import Family
@@ -123,18 +123,19 @@ def _print_members(families: dict[str, Any]) -> None:
                 Padding(Text.assemble((kind, "bold"), f"{mark}  {member['help']}"), (0, 2))
             )
             for name, setting in member["settings"].items():
-                default = f"default {_write_as_yaml(setting['default'])}"
+                default = f"default {_format_as_inline_yaml(setting['default'])}"
                 requirement = "required" if setting["required"] else default
                 line = f"{name}: {setting['expected']} ({requirement}). {setting['help']}"
                 screen.print(Padding(line, (0, 6)))
 
 
-def _write_as_yaml(value: Any) -> str:
+def _format_as_inline_yaml(value: Any) -> str:
     """Write a value on one line, as a settings file accepts it."""
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{name}: {_write_as_yaml(item)}' for name, item in value.items())}}}"
+        entries = (f"{name}: {_format_as_inline_yaml(item)}" for name, item in value.items())
+        return f"{{{', '.join(entries)}}}"
     if isinstance(value, list):
-        return f"[{', '.join(map(_write_as_yaml, value))}]"
+        return f"[{', '.join(map(_format_as_inline_yaml, value))}]"
     if value is None:
         return "null"
     return str(value).lower() if isinstance(value, bool) else str(value)

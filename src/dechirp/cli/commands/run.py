@@ -78,7 +78,7 @@ def run(
             result = run_scenario(scenario, progress=report)
     if objects:
         try:
-            result = _write_object_lists(result, objects)
+            result = _write_object_lists_and_add_findings(result, objects)
         except DechirpError:  # a full disk: keep the results of the run
             write_run_results(result, source=source, out=out, objects=(), with_pdf=pdf)
             raise
@@ -107,7 +107,7 @@ def _check_object_files_writable(files: Sequence[Path]) -> None:
             ) from None
 
 
-def _write_object_lists(result: "Result", files: Sequence[Path]) -> "Result":
+def _write_object_lists_and_add_findings(result: "Result", files: Sequence[Path]) -> "Result":
     """Write the object list to each file; return the result with the findings on it."""
     from dechirp.core.findings import capture_warned_findings
     from dechirp.experiments.run import build_result_object_list

@@ -77,7 +77,7 @@ def study(
     if number is not None:
         folder = Path("dechirp-trial") if out == Path("dechirp-study") else out
         return _replay_trial(settings, number, folder, with_pdf=pdf, as_json=as_json, quiet=quiet)
-    _check_study_folder(out)
+    _check_study_folder_replaceable(out)
     plan = Plan.from_study(settings)
     with ExitStack() as resources:
         with workers_from_options(workers=n_workers, scheduler=scheduler, cluster=cluster) as pool:
@@ -99,7 +99,7 @@ def study(
     return exit_status(outcome.verdicts)
 
 
-def _check_study_folder(out: Path) -> None:
+def _check_study_folder_replaceable(out: Path) -> None:
     """Raise `DechirpError` unless the folder is absent, empty or from an earlier study."""
     from dechirp.core.atomic_files import check_output_folder_replaceable
     from dechirp.experiments.study.ledger import LEDGER_FILES
@@ -179,14 +179,14 @@ def _write_study_results(
         origin=StudyOrigin(
             date=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             source=str(source),
-            digests=tuple(_study_source_sha256(source, ledger.study_identity)),
+            digests=tuple(_names_and_sha256_of_inputs(source, ledger.study_identity)),
             environments=tuple(ledger.environments_of_all_runs),
             seconds=ledger.total_computing_seconds(),
         ),
     )
     texts = {"study.yaml": yaml, "study.json": text, "report.html": page}
     if data_set:
-        texts["datasheet.html"] = _render_datasheet(study, out)
+        texts["datasheet.html"] = _render_data_set_datasheet(study, out)
     for name, content in texts.items():
         write_text_atomically(out / name, content)
     for name in _PDF_FILES:
@@ -195,7 +195,7 @@ def _write_study_results(
     return text
 
 
-def _render_datasheet(study: "Study", out: Path) -> str:
+def _render_data_set_datasheet(study: "Study", out: Path) -> str:
     from dechirp.report.data_set import render_data_set_page
     from dechirp.results.data_set import folder_size_bytes, open_data_set_groups
 
@@ -205,7 +205,9 @@ def _render_datasheet(study: "Study", out: Path) -> str:
     )
 
 
-def _study_source_sha256(source: Path, identity: dict[str, str]) -> Sequence[tuple[str, str]]:
+def _names_and_sha256_of_inputs(
+    source: Path, identity: dict[str, str]
+) -> Sequence[tuple[str, str]]:
     """Return the SHA-256 of the study file, of the resolved study and of the files it names."""
     import hashlib
 
@@ -277,7 +279,7 @@ def _replay_trial(
     return 0
 
 
-def _replayed_trial_document(replay: "ReplayedTrial", plan: Any, text: str) -> dict[str, Any]:
+def _replayed_trial_document(replay: "ReplayedTrial", plan: Any, run_json: str) -> dict[str, Any]:
     """Return the document of a run with the contribution of the trial to each score."""
     import json
 
@@ -293,4 +295,4 @@ def _replayed_trial_document(replay: "ReplayedTrial", plan: Any, text: str) -> d
         }
         for score in layout.scores
     }
-    return {**json.loads(text), "trial": replay.trial, "sums": sums}
+    return {**json.loads(run_json), "trial": replay.trial, "sums": sums}

@@ -61,7 +61,7 @@ def tune(
     if pdf:
         check_typst_installed()
     settings = load_tune(file, changes or [], seed=first_seed)
-    _check_tune_folder(out)
+    _check_tune_folder_replaceable(out)
     with (
         workers_from_options(workers=n_workers, scheduler=scheduler, cluster=cluster) as pool,
         progress_bar("blocks of trials", quiet=quiet) as report,
@@ -94,13 +94,13 @@ def _print_tune_results(tuned: "TuneResult", document: Mapping[str, Any], out: P
     screen.print(f"Report: {out / 'report.html'}", soft_wrap=True)
 
 
-def _check_tune_folder(out: Path) -> None:
+def _check_tune_folder_replaceable(out: Path) -> None:
     """Raise `DechirpError` unless the folder is absent, empty or from an earlier search."""
     from dechirp.core.atomic_files import check_output_folder_replaceable
     from dechirp.experiments.study.ledger import LEDGER_FILES
     from dechirp.experiments.study.ledger_reader import LEDGER_NAME
 
-    best = {_best_scenario_file(index) for index in range(_MAX_SOURCES)}
+    best = {_best_scenario_file_name(index) for index in range(_MAX_SOURCES)}
     check_output_folder_replaceable(
         out, marker_file=LEDGER_NAME, own_names={*_TUNE_FILES, _PDF_FILE, *best, *LEDGER_FILES}
     )
@@ -117,7 +117,7 @@ def _write_tune_results(tuned: "TuneResult", out: Path, *, with_pdf: bool) -> di
     from dechirp.results.text_files import to_json_text
 
     yamls = [] if tuned.best is None else [dump_yaml(scenario) for scenario in tuned.scenarios]
-    names = [*_TUNE_FILES, *(_best_scenario_file(number) for number in range(len(yamls)))]
+    names = [*_TUNE_FILES, *(_best_scenario_file_name(number) for number in range(len(yamls)))]
     pages = [_PDF_FILE] if with_pdf else []
     result = {
         "version": dechirp.__version__,
@@ -130,7 +130,7 @@ def _write_tune_results(tuned: "TuneResult", out: Path, *, with_pdf: bool) -> di
         write_text_atomically(out / name, text)
     write_or_remove_pdf(out / _PDF_FILE, page if with_pdf else None)
     for number in range(len(yamls), _MAX_SOURCES):
-        (out / _best_scenario_file(number)).unlink(missing_ok=True)
+        (out / _best_scenario_file_name(number)).unlink(missing_ok=True)
     return result
 
 
@@ -139,6 +139,6 @@ _PDF_FILE = "report.pdf"
 _MAX_SOURCES = 100
 
 
-def _best_scenario_file(number: int) -> str:
+def _best_scenario_file_name(number: int) -> str:
     """Return the file name of a scenario with the best settings."""
     return f"best-{number + 1}.yaml" if number else "best.yaml"

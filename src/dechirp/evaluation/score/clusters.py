@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from dechirp.core.values import frozen_dataclass
-from dechirp.evaluation.detected_targets import count_clusters_per_target
+from dechirp.evaluation.detected_targets import count_clusters_per_target_and_frame
 from dechirp.evaluation.preconditions import check_chain_computes_clusters, check_scene_has_targets
 from dechirp.evaluation.proportions import estimate_proportion
 from dechirp.evaluation.score.base import Better, Estimate, Need, Score
@@ -26,7 +26,7 @@ class ClustersPerTarget(Score):
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the clusters of each target, and the frames with any."""
-        counts = count_clusters_per_target(result, context)
+        counts = count_clusters_per_target_and_frame(result, context)
         return np.stack([counts.sum(axis=1), np.sum(counts > 0, axis=1)], axis=1).astype(float)
 
     def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
@@ -51,7 +51,7 @@ class OneClusterProbability(Score):
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return frames with one cluster, and frames."""
-        counts = count_clusters_per_target(result, context)
+        counts = count_clusters_per_target_and_frame(result, context)
         return np.stack([np.sum(counts == 1, axis=1), np.full(len(counts), counts.shape[1])], 1)
 
     def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:

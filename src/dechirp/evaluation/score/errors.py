@@ -8,7 +8,7 @@ from scipy.special import gammainccinv, gammaincinv, ndtri, stdtrit
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.case_bounds import rms_error_bounds
-from dechirp.evaluation.detected_targets import strongest_detection_rows_per_frame
+from dechirp.evaluation.detected_targets import strongest_detection_rows_per_target_frame
 from dechirp.evaluation.preconditions import check_scene_has_targets
 from dechirp.evaluation.score.base import NO_ESTIMATE, Better, Estimate, Score
 from dechirp.evaluation.trial import TrialContext, TrialResult
@@ -75,7 +75,7 @@ class ErrorScore(Score):
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the sum of the errors to the power, for each target, and their number."""
-        strongest = strongest_detection_rows_per_frame(result, context)
+        strongest = strongest_detection_rows_per_target_frame(result, context)
         units = {"range": "m", "velocity": "m_per_s"}
         errors = getattr(result.association, f"{self.axis}_error_{units.get(self.axis, 'rad')}")[
             strongest
@@ -98,7 +98,7 @@ class BiasScore(ErrorScore):
     exponent: ClassVar[int] = 1
 
     def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
-        return estimate_mean(*sums[_trials_with_errors(sums)].T, confidence=confidence)
+        return estimate_mean(*sums[_mask_of_trials_with_errors(sums)].T, confidence=confidence)
 
     def theoretical_values(self, context: TrialContext) -> np.ndarray:
         """Return 0 where errors have a bound: estimates are the most likely values."""
@@ -124,7 +124,7 @@ class RmseScore(ErrorScore):
         of the normal over Student's quantile, as the variance is estimated from n trials only; at
         least one error, the value for one trial.
         """
-        squares, counts = sums[_trials_with_errors(sums)].T
+        squares, counts = sums[_mask_of_trials_with_errors(sums)].T
         if not len(counts):
             return NO_ESTIMATE
         n, tail, mean = len(counts), (1 - confidence) / 2, squares.sum() / counts.sum()
@@ -156,7 +156,7 @@ class RmseScore(ErrorScore):
         return float(values[0]) if len(values) == 1 else np.nan
 
 
-def _trials_with_errors(sums: np.ndarray) -> np.ndarray:
+def _mask_of_trials_with_errors(sums: np.ndarray) -> np.ndarray:
     """Return True for trials with errors: failed ones are NaN, others may have no detection."""
     return np.asarray(np.nan_to_num(sums[:, 1]) > 0)
 

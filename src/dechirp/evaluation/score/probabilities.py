@@ -7,7 +7,7 @@ import numpy as np
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation import false_alarms
-from dechirp.evaluation.detected_targets import detected_target_mask
+from dechirp.evaluation.detected_targets import detected_target_mask_per_frame
 from dechirp.evaluation.preconditions import check_no_triangular_ramps, check_scene_has_targets
 from dechirp.evaluation.predicted_detection import theoretical_detection_probabilities
 from dechirp.evaluation.proportions import estimate_proportion
@@ -28,7 +28,7 @@ class DetectionProbability(Score):
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return the frames in which each target is detected, and all frames."""
-        detected = detected_target_mask(result, context)
+        detected = detected_target_mask_per_frame(result, context)
         return np.stack([detected.sum(axis=1), np.full(len(detected), detected.shape[1])], axis=1)
 
     def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
@@ -62,7 +62,7 @@ class ResolutionProbability(Score):
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
         """Return frames in which all targets are detected, and frames."""
-        detected = detected_target_mask(result, context)
+        detected = detected_target_mask_per_frame(result, context)
         return np.array([[detected.all(axis=0).sum(), detected.shape[1]]], dtype=float)
 
     def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:

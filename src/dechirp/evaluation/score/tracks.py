@@ -17,8 +17,8 @@ from dechirp.evaluation.track_states import (
     STATE_NAMES,
     cached_track_assignment,
     confirmed_track_states,
-    target_states,
     track_and_target_positions_m,
+    true_target_states,
 )
 from dechirp.evaluation.trial import TrialContext, TrialResult
 from dechirp.evaluation.trial_statistics import estimate_mean, estimate_rate
@@ -169,7 +169,7 @@ class TrackNees(TrackScore):
             .values
         )
         target, frame = np.nonzero(holder != NO_TRACK)
-        track, truth = holder[target, frame], target_states(context)
+        track, truth = holder[target, frame], true_target_states(context)
         true_states = np.stack([truth[name].values[target, frame] for name in STATE_NAMES], axis=-1)
         axes = {"state": list(STATE_NAMES), "other_state": list(STATE_NAMES)}
         covariance = result.tracks["covariance"].sel(axes).transpose("track", "frame", *axes).values

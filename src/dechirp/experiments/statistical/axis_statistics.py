@@ -149,7 +149,7 @@ def _sample_weights_of_moments_and_cells(
     )
 
 
-def frequency_drift_gain(window: np.ndarray, drift_bins: np.ndarray) -> np.ndarray:
+def frequency_drift_amplitude_gain(window: np.ndarray, drift_bins: np.ndarray) -> np.ndarray:
     """Return the amplitude gain of a tone whose frequency drifts by bins over the frame."""
     positions = (np.arange(window.size) - (window.size - 1) / 2) / window.size
     max_drift = 64.0
@@ -160,7 +160,7 @@ def frequency_drift_gain(window: np.ndarray, drift_bins: np.ndarray) -> np.ndarr
     return np.interp(drift, drifts, gains) * beyond
 
 
-def range_walk_gain(
+def range_walk_amplitude_gain(
     doppler_window: np.ndarray, range_window: np.ndarray, walked_cells: np.ndarray
 ) -> np.ndarray:
     """Return the amplitude gain in the cell of a target that moves through cells in a frame."""

@@ -139,7 +139,7 @@ def _interpolated_tone_moment(axis: AxisStatistics, order: int, offset: float) -
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _nearest_lobe_energy(energy_table: LobeEnergy, offset: float) -> float:
+def _tabulated_lobe_energy(energy_table: LobeEnergy, offset: float) -> float:
     if energy_table.table.size == 1:
         return energy_table.table[0]
     position = (offset + energy_table.reach) * (
@@ -216,14 +216,14 @@ def sample_peaks(
             if _is_merged_with_stronger_echo(echoes, f, c, over_velocity, over_range):
                 continue
             position = echoes.velocity[f, c], echoes.row[f, c]
-            n_out += _sample_detection_at_position(
+            n_out += _try_sampling_detection_at_position(
                 echoes, f, position, 0.0, window_draws[n_own - 1], white[n_own - 1],
                 over_velocity, over_range, windows, searched, work, out[n_out], out_cell[n_out],
                 out_amplitude[n_out],
             )  # fmt: skip
         for c in range(alarms.first[f], alarms.first[f + 1]):
             position = float(alarms.cells[c, 0]), float(alarms.cells[c, 1])
-            n_out += _sample_detection_at_position(
+            n_out += _try_sampling_detection_at_position(
                 echoes, f, position, alarms.power[c], alarms.window_draw[c],
                 white[len(window_draws) + c], over_velocity, over_range, windows, searched, work,
                 out[n_out], out_cell[n_out], out_amplitude[n_out],
@@ -277,7 +277,7 @@ def _is_merged_with_stronger_echo(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-def _sample_detection_at_position(
+def _try_sampling_detection_at_position(
     echoes: FrameEchoes,
     frame: int,
     position: tuple[float, float],
@@ -300,7 +300,7 @@ def _sample_detection_at_position(
     """
     half_v, half_r = over_velocity.half_width, over_range.half_width
     cell_v, cell_r = int(np.floor(position[0] + 0.5)), int(np.floor(position[1] + 0.5))
-    window_power = _sum_echoes_in_cells_and_window(
+    window_power = _fill_cell_signals_and_sum_window_power(
         echoes, frame, position, over_velocity, over_range, windows, work.cells, work.sums
     )
     echo_power, power = work.echo_power, work.power
@@ -354,7 +354,7 @@ def _sample_detection_at_position(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-def _sum_echoes_in_cells_and_window(
+def _fill_cell_signals_and_sum_window_power(
     echoes: FrameEchoes,
     frame: int,
     position: tuple[float, float],
@@ -381,12 +381,12 @@ def _sum_echoes_in_cells_and_window(
         away_v = _circular_difference(echoes.velocity[frame, j], cell_v, n_v)
         away_r = _circular_difference(echoes.row[frame, j], cell_r, n_r)
         if abs(away_v) <= windows.box[0].reach and abs(away_r) <= windows.box[1].reach + abs(shift):
-            box_energy = _nearest_lobe_energy(windows.box[0], away_v) * _nearest_lobe_energy(
+            box_energy = _tabulated_lobe_energy(windows.box[0], away_v) * _tabulated_lobe_energy(
                 windows.box[1], away_r - shift
             )
-            guard_energy = _nearest_lobe_energy(windows.guard[0], away_v) * _nearest_lobe_energy(
-                windows.guard[1], away_r
-            )
+            guard_energy = _tabulated_lobe_energy(
+                windows.guard[0], away_v
+            ) * _tabulated_lobe_energy(windows.guard[1], away_r)
             window_power += echoes.powers[frame, j] * max(box_energy - guard_energy, 0.0)
         if abs(away_v) > reach_v or abs(away_r) > reach_r:
             continue

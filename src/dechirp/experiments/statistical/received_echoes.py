@@ -11,19 +11,22 @@ from typing import NamedTuple
 import numpy as np
 
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.experiments.statistical.axis_statistics import frequency_drift_gain, range_walk_gain
+from dechirp.experiments.statistical.axis_statistics import (
+    frequency_drift_amplitude_gain,
+    range_walk_amplitude_gain,
+)
 from dechirp.processing.chain import Chain
 from dechirp.processing.mitigation.noise_loss import MIN_NOISE_GAIN
 from dechirp.processing.range_doppler_map import residual_noise_gain
 from dechirp.radar.budget import unit_echo_amplitude
 from dechirp.radar.radar import Radar
-from dechirp.scene.aliasing import RangeVelocity, echo_frequencies
+from dechirp.scene.aliasing import RangeVelocity, beat_and_doppler_frequencies
 from dechirp.scene.rcs import scatterer_cross_sections_m2
 from dechirp.scene.scene import Scene
 from dechirp.simulation.echo_groups import (
-    antenna_amplitude_gains,
-    echo_groups_per_ramp,
-    sample_window,
+    echo_groups_of_equal_ramps,
+    frame_sampling_times,
+    tx_and_rx_amplitude_gains,
 )
 from dechirp.simulation.impairments.base import Propagation
 from dechirp.simulation.impairments.fog_attenuation import FogAttenuation
@@ -69,7 +72,7 @@ def compute_received_echoes(
     velocity = (ends_m[1] - ends_m[0]) / (2 * step_s)
     acceleration = (ends_m[0] + ends_m[1] - 2 * range_m) / step_s**2
 
-    tone = echo_frequencies(RangeVelocity(range_m, velocity), radar)
+    tone = beat_and_doppler_frequencies(RangeVelocity(range_m, velocity), radar)
     beat_hz, doppler_hz = tone.beat_hz % chirp.sample_rate_hz, tone.doppler_hz
     amplitude = _echo_amplitudes_per_channel(scene, radar, attenuations, times_s, at_m, doppler_hz)
     amplitude *= np.sqrt(frame.n_chirps * chirp.n_samples / noise_power_w)
@@ -87,13 +90,13 @@ def compute_received_echoes(
     bins = (doppler_hz * frame.repetition_s * over_velocity.n_bins + middle) % over_velocity.n_bins
 
     drift = 2 * acceleration / chirp.wavelength_m * frame.duration_s**2
-    amplitude *= frequency_drift_gain(np.ones(frame.n_chirps), drift)[..., None]
-    in_cells = frequency_drift_gain(over_velocity.weights, drift) / frequency_drift_gain(
-        np.ones(frame.n_chirps), drift
-    )
+    amplitude *= frequency_drift_amplitude_gain(np.ones(frame.n_chirps), drift)[..., None]
+    in_cells = frequency_drift_amplitude_gain(
+        over_velocity.weights, drift
+    ) / frequency_drift_amplitude_gain(np.ones(frame.n_chirps), drift)
     if chain.range_walk is None:
         walk = velocity * frame.duration_s / chirp.range_resolution_m
-        in_cells *= range_walk_gain(over_velocity.weights, over_range.weights, walk)
+        in_cells *= range_walk_amplitude_gain(over_velocity.weights, over_range.weights, walk)
     if (residual := residual_noise_gain(radar, chain)) is not None:
         passed = np.prod(
             [item.doppler_power_gain(doppler_hz, frame) for item in chain.mitigation], axis=0
@@ -125,18 +128,18 @@ def _echo_amplitudes_per_channel(
             scatterer_cross_sections_m2(scene, times_s[0], wavelength_m), shape
         )
     flat_m = positions_m.reshape(-1, 3)
-    tx_gain, rx_gain = antenna_amplitude_gains(flat_m, radar)
+    tx_gain, rx_gain = tx_and_rx_amplitude_gains(flat_m, radar)
     attenuation = np.ones(len(flat_m))
     if attenuations:
         scatterers = Scatterers(flat_m[None], attenuation, tx_gain, rx_gain)
         parts = list(
-            echo_groups_per_ramp(
+            echo_groups_of_equal_ramps(
                 slice(0, frame.n_chirps_total), scatterers, frame.mid_frame_s, radar
             )
         )[:1]
         for item in attenuations:
             parts = item.transform_echoes(
-                parts, sample_window(radar, 0), scene, radar, np.random.default_rng(0)
+                parts, frame_sampling_times(radar, 0), scene, radar, np.random.default_rng(0)
             )
         attenuation = parts[0].scatterers.amplitudes
     path_lengths_m = [

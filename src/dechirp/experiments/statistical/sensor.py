@@ -146,7 +146,7 @@ class StatisticalSensor:
         n_frames = frames.stop - frames.start
         amplitude = self._apply_rcs_fluctuation(received.amplitude, rng)
         axes, windows, noise = (
-            self._velocity_and_range_statistics,
+            self._velocity_and_range_axis_statistics,
             self._training_window_statistics,
             self._map_noise_statistics,
         )
@@ -244,7 +244,7 @@ class StatisticalSensor:
         return self._chain.map_noise_statistics(self._radar)
 
     @cached_property
-    def _velocity_and_range_statistics(self) -> tuple[AxisStatistics, AxisStatistics]:
+    def _velocity_and_range_axis_statistics(self) -> tuple[AxisStatistics, AxisStatistics]:
         return tabulate_lobe_and_noise_statistics(
             self._map_noise_statistics.doppler_transform
         ), tabulate_lobe_and_noise_statistics(self._map_noise_statistics.range_transform)
@@ -280,7 +280,7 @@ class StatisticalSensor:
         factors[rows] = cfar.threshold_at_cells(level, cells, noise)
         window, (over_velocity, over_range) = (
             cfar.training_window,
-            self._velocity_and_range_statistics,
+            self._velocity_and_range_axis_statistics,
         )
         n_training, shifts = np.ones(n_rows), np.zeros(n_rows)
         n_training[rows] = window.n_training_cells_per_row(n_within)

@@ -106,7 +106,7 @@ class BlockQueue:
         point = self._open_points.get(point_and_block_number[0])
         return point is not None and point_and_block_number[1] in point.issued
 
-    def count_saved_block(self, block: Block) -> bool:
+    def count_block_and_end_point_if_enough(self, block: Block) -> bool:
         """Count a block that is on disk; return whether its point now has enough trials."""
         point = self._open_points[block.point]
         point.issued.remove(block.number)
@@ -163,7 +163,7 @@ class BlockQueue:
         return False
 
     def _end_point_early(self, point: OpenPoint) -> None:
-        self._ledger.mark_point_ended(point.number, point.n_counted)
+        self._ledger.end_point_and_delete_later_blocks(point.number, point.n_counted)
         past = [
             self._n_trials_in_block(number)
             for number in point.finished

@@ -19,7 +19,7 @@ from dechirp.experiments.study.data_set_items import (
     TRUTH_COLUMNS,
     ItemShapes,
     arrays_from_compressed_bytes,
-    target_class_names,
+    class_name_per_target,
 )
 from dechirp.experiments.study.dumping import dump_study_as_yaml
 from dechirp.experiments.study.ledger_reader import LedgerReader
@@ -96,7 +96,7 @@ def _metadata_datasets_by_group(
     scenario = xr.Variable("point", scenarios, {"long_name": "scenario of the point, YAML"})
     scene = study.scenario.scene
     assert scene is not None
-    targets = {"target": list(shapes.targets), "class": ("target", target_class_names(scene))}
+    targets = {"target": list(shapes.targets), "class": ("target", class_name_per_target(scene))}
     return {
         "": xr.Dataset({**coordinates, "scenario": scenario}, attrs=attributes),
         "settings": xr.Dataset(dict(_iter_varied_setting_variables(plan))),

@@ -179,7 +179,7 @@ def truth_per_frame_and_target(context: TrialContext) -> dict[str, np.ndarray]:
     return labels
 
 
-def target_class_names(scene: Scene) -> list[str]:
+def class_name_per_target(scene: Scene) -> list[str]:
     """Return the class of each target: the kind of its body, or `point`."""
     return ["point" if target.body is None else target.body.kind() for target in scene.targets]
 

@@ -61,7 +61,7 @@ def _study_yaml_lines(study: Study, with_scenario: bool) -> Iterator[str]:
 
 
 def _requirement_yaml_entries(
-    requirement: Requirement, study: Study, units: dict[str, str | None]
+    requirement: Requirement, study: Study, units_by_score: dict[str, str | None]
 ) -> Iterator[str]:
     yield f"score: {quote_yaml_if_needed(requirement.score)}"
     yield from _target_yaml_entries(requirement.target)
@@ -72,7 +72,7 @@ def _requirement_yaml_entries(
     ]
     if points:
         yield f"points: {{{', '.join(points)}}}"
-    unit = units[requirement.score]
+    unit = units_by_score[requirement.score]
     for name in ("at_least", "at_most"):
         limit = getattr(requirement, name)
         if limit is not None:

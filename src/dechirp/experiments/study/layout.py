@@ -58,18 +58,19 @@ class ScoreColumnLayout:
         return np.asarray(by_subject[:, self.scored_target_names[index].index(target)])
 
     def theoretical_score_value(
-        self, theory: np.ndarray, label: str, target: str | None = None
+        self, theoretical_values: np.ndarray, label: str, target: str | None = None
     ) -> float:
         """Return the theoretical value of a score of a target, or of all.
 
         See `Score.combine_theoretical_values`.
 
-        `theory` has a value for each target of each score, one where a score has a total only.
+        `theoretical_values` has a value for each target of each score, one where a score has a
+        total only.
         """
         index = self.index_of_score(label)
         counts = [max(len(names), 1) for names in self.scored_target_names]
         first = sum(counts[:index])
-        score_values = theory[first : first + counts[index]]
+        score_values = theoretical_values[first : first + counts[index]]
         if target is None:
             return self.scores[index].combine_theoretical_values(score_values)
         return float(score_values[self.scored_target_names[index].index(target)])

@@ -214,7 +214,7 @@ class Ledger(LedgerReader):
                 self._connection.execute(_ITEMS)
                 self._connection.executemany("INSERT OR IGNORE INTO items VALUES (?, ?, ?)", items)
 
-    def mark_point_ended(self, point: int, n_blocks: int) -> None:
+    def end_point_and_delete_later_blocks(self, point: int, n_blocks: int) -> None:
         """Mark a point as complete after this number of blocks, and delete later blocks.
 
         Raises

@@ -108,7 +108,9 @@ class LedgerReader:
         """Close the file; all added blocks are already on disk."""
         self._connection.close()
 
-    def check_sum_and_theory_sizes(self, *, n_columns: int, n_theoretical_values: int = 0) -> None:
+    def check_sizes_of_sums_and_theory(
+        self, *, n_columns: int, n_theoretical_values: int = 0
+    ) -> None:
         """Raise `DechirpError` if a trial has other sums than expected, or a point other theory.
 
         Parameters

@@ -15,7 +15,7 @@ from typing import Any
 
 from dechirp.config import loading
 from dechirp.config.dumping import dump_node_on_one_line
-from dechirp.config.error_messages import SettingNode, locate_refusal_in_file
+from dechirp.config.error_messages import SettingNode, locate_mistakes_in_file
 from dechirp.config.fields import ValueType, list_settings
 from dechirp.config.loading import (
     build_value_from_tree,
@@ -142,7 +142,7 @@ class _StudyParser:
             )
         self.mistakes += duplicate_key_mistakes(self.tree)
         for option in overrides:
-            with self.collect_mistakes():
+            with self.record_mistakes_raised_within():
                 self._apply_override_to_study_or_scenario(option)
         for name, node in self.top_level_nodes.items():
             if name not in names:
@@ -191,7 +191,7 @@ class _StudyParser:
                 spot = SettingNode(
                     name, self.top_level_nodes[name], list_settings(Study)[name].value_type
                 )
-                with self.collect_mistakes():
+                with self.record_mistakes_raised_within():
                     self.values[name] = validate_and_build_value(spot, self.context)
 
     def read_scenario_with_overrides(self) -> None:
@@ -200,7 +200,7 @@ class _StudyParser:
         if node is None:
             return
         expected = "the path of a scenario file, or the scenario itself"
-        with self.collect_mistakes():
+        with self.record_mistakes_raised_within():
             if isinstance(node.content, str):
                 path = self.context.folder / node.content
                 if not path.is_file():
@@ -258,7 +258,7 @@ class _StudyParser:
         at_most = self.values.get("at_most_points", Study.at_most_points)
         axes: list[SweptSetting | RandomSetting] = []
         for path, child in node.content.items():
-            with self.collect_mistakes():
+            with self.record_mistakes_raised_within():
                 axes.append(self._parse_and_try_varied_setting(path, child, variants, at_most))
         for option in self.scenario_options:
             self._check_override_apart_from_varied_settings(option, variants)
@@ -290,7 +290,7 @@ class _StudyParser:
             path, node, way.leaf_value_type, self.context, max_values=max_values
         )
         if path in self.axis_options:
-            override_node = self._node_of_label_or_value(axis, self.axis_options[path])
+            override_node = self._replace_label_by_value_node(axis, self.axis_options[path])
             listed = YamlNode([override_node], override_node.location, override_node.location)
             axis, probes = parse_varied_setting(
                 path, listed, way.leaf_value_type, self.context, max_values=max_values
@@ -303,7 +303,7 @@ class _StudyParser:
             raise InvalidFile(*wrong)
         return axis
 
-    def _node_of_label_or_value(
+    def _replace_label_by_value_node(
         self, axis: SweptSetting | RandomSetting, node: YamlNode
     ) -> YamlNode:
         """Return the value of an option: the one that its label stands for, or itself."""
@@ -369,7 +369,7 @@ class _StudyParser:
             inner = dict(member.content) if isinstance(member.content, dict) else {}
             inner["kind"] = replace(named, content=kind, text=kind)
             spot = SettingNode(f"scores.{index}", replace(member, content=inner), ValueType(Score))
-            with self.collect_mistakes():
+            with self.record_mistakes_raised_within():
                 scores.append(validate_and_build_value(spot, self.context))
         if len(scores) == len(node.content):
             self.values["scores"] = tuple(scores)
@@ -384,7 +384,7 @@ class _StudyParser:
             try:
                 study = Study(**fields)
             except InvalidSetting as error:
-                self.mistakes += locate_refusal_in_file(
+                self.mistakes += locate_mistakes_in_file(
                     error, SettingNode("", self.tree, ValueType(Study))
                 )
         if self.mistakes or study is None:
@@ -409,7 +409,7 @@ class _StudyParser:
                 )
                 until = replace(until, content=inner)
                 node = replace(node, content={**node.content, "until": until})
-        with self.collect_mistakes():
+        with self.record_mistakes_raised_within():
             self.values["trials"] = validate_and_build_value(
                 SettingNode("trials", node, ValueType(TrialBudget)), self.context
             )
@@ -446,7 +446,7 @@ class _StudyParser:
         if isinstance(node.content, list):
             node = replace(node, content=members)
         slot = ValueType(tuple[Requirement, ...])
-        with self.collect_mistakes():
+        with self.record_mistakes_raised_within():
             self.values["require"] = validate_and_build_value(
                 SettingNode("require", node, slot), self.context
             )
@@ -471,7 +471,7 @@ class _StudyParser:
             number = fallback
             if kind in units:
                 spot = SettingNode(f"{where}.{name}", node, ValueType(float, units[kind]))
-                with self.collect_mistakes():
+                with self.record_mistakes_raised_within():
                     number = validate_and_build_value(spot, self.context)
             converted[name] = replace(node, content=number)
         return converted
@@ -531,7 +531,7 @@ class _StudyParser:
         return None
 
     @contextmanager
-    def collect_mistakes(self) -> Iterator[None]:
+    def record_mistakes_raised_within(self) -> Iterator[None]:
         """Record the mistakes of the block, and continue."""
         try:
             yield

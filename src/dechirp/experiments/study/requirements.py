@@ -72,7 +72,7 @@ class Verdict:
         return self.decision == "met"
 
 
-def judge_requirements(result: StudyResult, sums: PointSums) -> tuple[Verdict, ...]:
+def judge_requirements(result: StudyResult, trial_sums_of_point: PointSums) -> tuple[Verdict, ...]:
     """Judge each limit of a study's requirements, in order.
 
     Raises
@@ -83,7 +83,7 @@ def judge_requirements(result: StudyResult, sums: PointSums) -> tuple[Verdict, .
     """
     return tuple(
         _judge_limit_over_points(
-            _LimitTest(requirement, side, result.layout, sums),
+            _LimitTest(requirement, side, result.layout, trial_sums_of_point),
             point_numbers_of_requirement(requirement, result),
         )
         for requirement in result.study.require
@@ -234,18 +234,20 @@ def _judge_limit_over_points(limit: _LimitTest, points: tuple[int, ...]) -> Verd
     more_trials: float | None = None
     if failed:
         decision: Decision = "not met"
-        deciding, tail = _most_certainly_failed_point(limit, failed)
+        deciding, tail = _most_certainly_failed_point_and_tail(limit, failed)
         tail = min(tail * len(points), 1.0)
     elif undecided:
         decision = "undecided"
-        deciding, tail = _worst_undecided_point(limit, undecided, bonferroni_tail_probability)
+        deciding, tail = _worst_undecided_point_and_tail(
+            limit, undecided, bonferroni_tail_probability
+        )
         more_trials = max(
             _predict_trials_to_decide_point(limit, point, bonferroni_tail_probability)
             for point in undecided
         )
     else:
         decision = "met"
-        deciding, tail = _least_certainly_met_point(limit, points)
+        deciding, tail = _least_certainly_met_point_and_tail(limit, points)
     sums = limit.valid_trial_sums(deciding)
     estimate = limit.estimate_with_tail_probability(
         sums, bonferroni_tail_probability if failed else limit.tail
@@ -266,7 +268,9 @@ def _judge_limit_over_points(limit: _LimitTest, points: tuple[int, ...]) -> Verd
     )
 
 
-def _least_certainly_met_point(limit: _LimitTest, points: Sequence[int]) -> tuple[int, float]:
+def _least_certainly_met_point_and_tail(
+    limit: _LimitTest, points: Sequence[int]
+) -> tuple[int, float]:
     """Return the point shown to meet a limit with the largest tail, and that tail."""
     deciding, tail = (
         points[0],
@@ -282,7 +286,9 @@ def _least_certainly_met_point(limit: _LimitTest, points: Sequence[int]) -> tupl
     return deciding, tail
 
 
-def _most_certainly_failed_point(limit: _LimitTest, points: Sequence[int]) -> tuple[int, float]:
+def _most_certainly_failed_point_and_tail(
+    limit: _LimitTest, points: Sequence[int]
+) -> tuple[int, float]:
     """Return the point shown to fail a limit with the smallest tail, and that tail."""
     deciding, tail = (
         points[0],
@@ -297,7 +303,7 @@ def _most_certainly_failed_point(limit: _LimitTest, points: Sequence[int]) -> tu
     return deciding, tail
 
 
-def _worst_undecided_point(
+def _worst_undecided_point_and_tail(
     limit: _LimitTest, points: Sequence[int], bonferroni_tail_probability: float
 ) -> tuple[int, float]:
     """Return the worst undecided point, and the tail at which the side of its value is shown."""
@@ -313,9 +319,9 @@ def _worst_undecided_point(
     if empty:
         return empty[0], np.nan
     return (
-        _most_certainly_failed_point(limit, wrong)
+        _most_certainly_failed_point_and_tail(limit, wrong)
         if wrong
-        else _least_certainly_met_point(limit, right)
+        else _least_certainly_met_point_and_tail(limit, right)
     )
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 import xarray as xr
 
-from dechirp.core.display import Displayable, Table, pluralise, truncated_display_table
+from dechirp.core.display import Displayable, Table, format_count_with_noun, truncated_display_table
 from dechirp.core.findings import Finding, findings_display_table
 from dechirp.core.text import EN_DASH, format_quantity
 from dechirp.evaluation.score.base import NO_ESTIMATE, Estimate, Score
@@ -102,7 +102,8 @@ class StudyResult(Displayable):
         theories. Where there is more than one target, `targets` has the values of each.
         """
         numbers = {
-            label: _to_nested_list_with_none(values) for label, values in self.estimates.items()
+            label: _to_nested_list_with_none_for_nan(values)
+            for label, values in self.estimates.items()
         }
         both = zip(
             self.settings,
@@ -137,8 +138,15 @@ class StudyResult(Displayable):
         )
 
     def _display_line(self) -> str:
-        parts = [pluralise(self.n_points, "point"), pluralise(int(self.trials.sum()), "trial")]
-        parts += [f"{pluralise(len(self.failures), 'trial')} failed"] if self.failures else []
+        parts = [
+            format_count_with_noun(self.n_points, "point"),
+            format_count_with_noun(int(self.trials.sum()), "trial"),
+        ]
+        parts += (
+            [f"{format_count_with_noun(len(self.failures), 'trial')} failed"]
+            if self.failures
+            else []
+        )
         return f"{self.study.name}: {', '.join(parts)}"
 
     def _display_tables(self) -> Iterable[Table]:
@@ -467,7 +475,7 @@ def _setting_column_name_with_unit(path: str, unit: str) -> str:
     return f"{path}_{unit.replace('/', '_per_').replace('^', '')}" if unit else path
 
 
-def _to_nested_list_with_none(values: np.ndarray) -> Any:
+def _to_nested_list_with_none_for_nan(values: np.ndarray) -> Any:
     plain = values.astype(object)
     plain[~np.isfinite(values)] = None
     return plain.tolist()

@@ -123,7 +123,7 @@ def create_or_continue_ledger(study: Study, out: Path) -> Ledger:
     )
     try:
         layout = score_column_layout_of_study(plan)
-        ledger.check_sum_and_theory_sizes(
+        ledger.check_sizes_of_sums_and_theory(
             n_columns=layout.n_columns, n_theoretical_values=layout.n_theoretical_values
         )
     except BaseException:

@@ -231,7 +231,7 @@ class _Scheduler:
         if blocks:
             self._ledger.add_blocks(blocks)
         issued = {future: self._in_flight.pop(future) for future in wanted}
-        self._count_saved_blocks(blocks)
+        self._count_saved_and_cancel_unneeded_blocks(blocks)
         failed = [(future, error) for future, error in errors.items() if error is not None]
         death_errors = (*self._workers.death_errors, CancelledError)
         for _, error in failed:
@@ -242,14 +242,14 @@ class _Scheduler:
                 [issued[future] for future, _ in failed], [error for _, error in failed]
             )
 
-    def _count_saved_blocks(self, blocks: list[Block]) -> None:
+    def _count_saved_and_cancel_unneeded_blocks(self, blocks: list[Block]) -> None:
         has_ended = False
         for block in blocks:
             if not self._queue.is_block_needed((block.point, block.number)):
                 has_ended = True  # ended by an earlier block of this batch
                 continue
             self._n_failures += len(block.failures)
-            has_ended |= self._queue.count_saved_block(block)
+            has_ended |= self._queue.count_block_and_end_point_if_enough(block)
         if has_ended:
             self._n_failures = self._ledger.count_failed_trials()
             for future, place in list(self._in_flight.items()):

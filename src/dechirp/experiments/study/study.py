@@ -13,7 +13,7 @@ from dechirp.core.checks import (
     check_positive_fields,
     check_probability,
 )
-from dechirp.core.display import Displayable, Table, pluralise
+from dechirp.core.display import Displayable, Table, format_count_with_noun
 from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.core.text import format_quantity
 from dechirp.core.values import frozen_dataclass
@@ -234,10 +234,11 @@ class Study(Displayable):
         return math.prod(sizes) * (self.draw.n if self.draw is not None else 1)
 
     def _display_line(self) -> str:
-        points = pluralise(self.n_points, "point")
-        parts = [f"{self.name}: {points} of at most {pluralise(self.trials.at_most, 'trial')}"]
-        parts.append(pluralise(len(self.scores), "score"))
-        parts += [pluralise(len(self.require), "requirement")] if self.require else []
+        points = format_count_with_noun(self.n_points, "point")
+        trials = format_count_with_noun(self.trials.at_most, "trial")
+        parts = [f"{self.name}: {points} of at most {trials}"]
+        parts.append(format_count_with_noun(len(self.scores), "score"))
+        parts += [format_count_with_noun(len(self.require), "requirement")] if self.require else []
         return ", ".join(parts)
 
     def _display_tables(self) -> Iterable[Table]:

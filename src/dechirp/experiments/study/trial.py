@@ -123,7 +123,9 @@ class TrialRunner:
             detections=columns,
             association=self._match_detections(columns),
             maps=tuple(maps) if "maps" in self._needs else None,
-            noise=self._count_alarms_in_noise_map(trial) if "noise" in self._needs else None,
+            noise=self._simulate_noise_map_and_count_alarms(trial)
+            if "noise" in self._needs
+            else None,
             clusters=clusters,
             tracks=tracks,
             processing_s=processing_s,
@@ -142,7 +144,7 @@ class TrialRunner:
         columns_by_name = {str(name): column.values for name, column in stage.detections.items()}
         return columns_by_name, stage.clusters, stage.tracks
 
-    def _count_alarms_in_noise_map(self, trial: int) -> NoiseMap:
+    def _simulate_noise_map_and_count_alarms(self, trial: int) -> NoiseMap:
         """Simulate the map of the scenario without its targets, from independent noise."""
         sequence = np.random.SeedSequence(self.seed, spawn_key=(trial, NOISE_KEY))
         rng = np.random.default_rng(sequence)
@@ -357,11 +359,11 @@ def _theoretical_values_of_point(plan: Plan, point: int) -> np.ndarray:
         return np.concatenate(no_theory)
     both = zip(layout.scores, no_theory, strict=True)
     return np.concatenate(
-        [_theoretical_values_or_nan(score, context, nothing) for score, nothing in both]
+        [_theoretical_values_or_nan_if_raising(score, context, nothing) for score, nothing in both]
     )
 
 
-def _theoretical_values_or_nan(
+def _theoretical_values_or_nan_if_raising(
     score: Score, context: TrialContext, nan_values: np.ndarray
 ) -> np.ndarray:
     """Return the theory of a score, or NaN with a warning if it raises: the trials still count."""

@@ -73,13 +73,13 @@ class VaryMapping:
             text = self._number_text_or_record_mistake(name)
             if text is None:
                 continue
-            with self._record_mistakes_of_block(name):
+            with self._record_mistakes_raised_within(name):
                 symbol = symbol or split_number_and_unit(text, setting_unit)[1]
         return symbol
 
     def read_number_in_unit(self, name: str, unit_symbol: str, setting_unit: str | None) -> Decimal:
         """Return the number of a quantity in a unit; 0 if it is invalid."""
-        with self._record_mistakes_of_block(name):
+        with self._record_mistakes_raised_within(name):
             number = convert_quantity_to_unit(unit_symbol, self.content[name].text, setting_unit)
             if number is not None:
                 return number
@@ -94,7 +94,7 @@ class VaryMapping:
     def read_difference_in_unit(self, name: str, unit_symbol: str) -> Decimal:
         """Return the number of a difference; 0 if it is invalid."""
         if self._number_text_or_record_mistake(name) is not None:
-            with self._record_mistakes_of_block(name):
+            with self._record_mistakes_raised_within(name):
                 return convert_difference_to_unit(
                     unit_symbol,
                     self.content[name].text,
@@ -129,7 +129,7 @@ class VaryMapping:
         return node.text
 
     @contextmanager
-    def _record_mistakes_of_block(self, name: str) -> Iterator[None]:
+    def _record_mistakes_raised_within(self, name: str) -> Iterator[None]:
         try:
             yield
         except InvalidSetting as error:

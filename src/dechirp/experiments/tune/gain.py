@@ -89,7 +89,7 @@ def _are_trials_hit_or_miss(trial_sums: np.ndarray) -> bool:
 
 
 def _hit_or_miss_gain(
-    value: float, n_better: int, n_worse: int, n_trials: int, confidence: float
+    estimated_gain: float, n_better: int, n_worse: int, n_trials: int, confidence: float
 ) -> Gain:
     n_discordant = n_better + n_worse
     part_confidence = 1 - (1 - confidence) / 2
@@ -103,7 +103,7 @@ def _hit_or_miss_gain(
     # P(better or more | n, 1/2), under the null hypothesis.
     by_chance = float(betainc(n_better, n_worse + 1, 0.5)) if n_better else 1.0
     return Gain(
-        value,
+        estimated_gain,
         low * (least if low > 0 else most),
         high * (most if high > 0 else least),
         1 - by_chance,
@@ -111,7 +111,7 @@ def _hit_or_miss_gain(
 
 
 def _jackknife_gain(
-    value: float,
+    estimated_gain: float,
     first: np.ndarray,
     second: np.ndarray,
     score_of_sums: Callable[[np.ndarray], float],
@@ -123,12 +123,17 @@ def _jackknife_gain(
         score_of_sums(second[group != index]) - score_of_sums(first[group != index])
         for index in range(n_groups)
     ]
-    pseudo = n_groups * value - (n_groups - 1) * np.array(leave_one_out)
+    pseudo = n_groups * estimated_gain - (n_groups - 1) * np.array(leave_one_out)
     error = float(np.std(pseudo, ddof=1)) / np.sqrt(n_groups)
     if not np.isfinite(error):
-        return Gain(value, np.nan, np.nan, np.nan)
+        return Gain(estimated_gain, np.nan, np.nan, np.nan)
     if error == 0:  # identical groups
-        return Gain(value, value, value, 1 - 0.5**n_groups if value > 0 else 0.0)
+        return Gain(
+            estimated_gain,
+            estimated_gain,
+            estimated_gain,
+            1 - 0.5**n_groups if estimated_gain > 0 else 0.0,
+        )
     reach = -float(stdtrit(n_groups - 1, (1 - confidence) / 2)) * error
-    certainty = float(stdtr(n_groups - 1, value / error))
-    return Gain(value, value - reach, value + reach, certainty)
+    certainty = float(stdtr(n_groups - 1, estimated_gain / error))
+    return Gain(estimated_gain, estimated_gain - reach, estimated_gain + reach, certainty)

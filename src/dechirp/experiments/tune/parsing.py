@@ -149,7 +149,7 @@ class _TuneParser:
         spot = SettingNode(
             "", replace(tree, content=content, duplicate_keys=()), ValueType(PlainSettings)
         )
-        return self._value_or_recorded_mistakes(
+        return self._value_or_none_recording_mistakes(
             lambda: validate_and_build_value(spot, self.context)
         )
 
@@ -171,13 +171,13 @@ class _TuneParser:
     def _parse_scenario(self, path: str, node: YamlNode) -> Scenario | None:
         if isinstance(node.content, str):
             file = self.context.folder / node.content
-            return self._value_or_recorded_mistakes(lambda: load(file, self.overrides))
+            return self._value_or_none_recording_mistakes(lambda: load(file, self.overrides))
         if not isinstance(node.content, dict):
             self._record_mistake(
                 node, path, expected="a scenario, or the name of its file", fix="name the file"
             )
             return None
-        return self._value_or_recorded_mistakes(
+        return self._value_or_none_recording_mistakes(
             lambda: build_value_from_tree(node, Scenario, self.context, overrides=self.overrides)
         )
 
@@ -208,7 +208,7 @@ class _TuneParser:
         if truth is not None:
             spot = SettingNode(f"{path}.truth", truth, ValueType(Scene))
             scene = (
-                self._value_or_recorded_mistakes(
+                self._value_or_none_recording_mistakes(
                     lambda: validate_and_build_value(spot, self.context)
                 )
                 or scene
@@ -216,7 +216,7 @@ class _TuneParser:
         empty_range_m = None
         if empty_range is not None:
             slot = ValueType(tuple[float, float], "m", "empty_range")
-            empty_range_m = self._value_or_recorded_mistakes(
+            empty_range_m = self._value_or_none_recording_mistakes(
                 lambda: validate_and_build_value(
                     SettingNode(f"{path}.empty_range", empty_range, slot), self.context
                 )
@@ -245,7 +245,7 @@ class _TuneParser:
         settings: list[SweptSetting] = []
         variants = [ScenarioVariants(item) for item in scenarios]
         for path, values in node.content.items():
-            listed = self._value_or_recorded_mistakes(
+            listed = self._value_or_none_recording_mistakes(
                 partial(self._parse_values_of_searched_setting, path, values, variants)
             )
             if listed is not None:
@@ -425,7 +425,7 @@ class _TuneParser:
             )
         )
 
-    def _value_or_recorded_mistakes(self, make_value: Callable[[], T]) -> T | None:
+    def _value_or_none_recording_mistakes(self, make_value: Callable[[], T]) -> T | None:
         """Return the value of `make_value`; record the mistakes and return None if it raises."""
         try:
             return make_value()

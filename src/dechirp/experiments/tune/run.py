@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from dechirp.config.dumping import dump_yaml
-from dechirp.core.display import pluralise
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 from dechirp.core.findings import Finding
 from dechirp.evaluation.score.base import Estimate, Score
@@ -29,7 +29,7 @@ from dechirp.experiments.tune.sampler import (
     setting_importances,
 )
 from dechirp.experiments.tune.trial_sources import (
-    n_frames_of_recordings,
+    n_frames_per_source_or_none,
     run_trial_block_of_source,
     scenario_of_source,
     source_with_scenario,
@@ -218,7 +218,7 @@ class _Search:
         self.scores: tuple[Score, ...] = tuple(
             dict.fromkeys(tune.objective.objective_and_limit_scores)
         )
-        ledger.check_sum_and_theory_sizes(n_columns=sum(score.n_sums for score in self.scores))
+        ledger.check_sizes_of_sums_and_theory(n_columns=sum(score.n_sums for score in self.scores))
         self.saved = {
             (int(point), int(number)) for point, number in ledger.saved_point_and_block_numbers()
         }
@@ -227,7 +227,7 @@ class _Search:
             (range(tune.trials), range(tune.trials, tune.trials + tune.confirmation_trials))
             if n_frames is None
             else (range(n_frames // 2), range(n_frames // 2, n_frames))
-            for n_frames in n_frames_of_recordings(self.sources)
+            for n_frames in n_frames_per_source_or_none(self.sources)
         )
         for index, (search_range, _) in enumerate(self.trial_ranges):
             if len(search_range) < 2:
@@ -265,7 +265,7 @@ class _Search:
                 [
                     (previous, worth)
                     for (previous, _), worth in zip(
-                        history, _rank_tried_candidates(tune, history), strict=True
+                        history, _rank_per_tried_candidate(tune, history), strict=True
                     )
                 ],
                 seed=tune.seed,
@@ -275,17 +275,17 @@ class _Search:
             candidate = self._evaluate_candidate(number, _settings_of_choice(tune, choice))
             candidates.append(candidate)
             history.append((choice, candidate))
-        return self._confirm_best_candidate(candidates, history)
+        return self._confirm_best_and_build_result(candidates, history)
 
-    def _confirm_best_candidate(
+    def _confirm_best_and_build_result(
         self, candidates: Sequence[Candidate], history: Sequence[tuple[Choice, Candidate]]
     ) -> TuneResult:
         tune = self.tune
-        default, default_sums = self._confirm_candidate(candidates[0])
+        default, default_sums = self._confirmed_candidate_and_trial_sums(candidates[0])
         best, gain, refuted, failures = None, None, list[ConfirmedCandidate](), list[Finding]()
         for candidate in _sort_admitted_candidates(tune, candidates)[:_MAX_CONFIRMATIONS]:
             try:
-                confirmed, sums = self._confirm_candidate(candidate)
+                confirmed, sums = self._confirmed_candidate_and_trial_sums(candidate)
             except _ConfirmationFailed as error:
                 failures += [
                     Finding.from_mistake(mistake, level="warning") for mistake in error.mistakes
@@ -338,7 +338,9 @@ class _Search:
         )
         return Candidate(number, settings, scores, None, bool(admitted))
 
-    def _confirm_candidate(self, candidate: Candidate) -> tuple[ConfirmedCandidate, np.ndarray]:
+    def _confirmed_candidate_and_trial_sums(
+        self, candidate: Candidate
+    ) -> tuple[ConfirmedCandidate, np.ndarray]:
         """Return the scores of a candidate in confirmation trials, and their sums."""
         sums = self._run_missing_and_load_trial_sums(candidate.settings, in_confirmation=True)
         failure = self._first_failure_message(candidate.settings, in_confirmation=True)
@@ -452,7 +454,8 @@ class _Search:
                     raise DechirpError(
                         Mistake(
                             setting="workers",
-                            value=f"dead, {pluralise(deaths, 'time')} ({type(error).__name__})",
+                            value=f"dead, {format_count_with_noun(deaths, 'time')}"
+                            f" ({type(error).__name__})",
                             expected="workers that live: they may lack memory",
                             fix="take fewer with --workers, and call again to go on",
                         )
@@ -524,7 +527,7 @@ def _settings_of_choice(tune: Tune, choice: Choice) -> Settings:
     return tuple((setting.path, setting.texts[index]) for setting, index in both)
 
 
-def _rank_tried_candidates(
+def _rank_per_tried_candidate(
     tune: Tune, history: Sequence[tuple[Choice, Candidate]]
 ) -> Iterator[float]:
     """Rank candidates, more is better: ones beyond limits below all others, by their excess."""

@@ -17,7 +17,7 @@ from dechirp.evaluation.association import Associator
 from dechirp.evaluation.score.base import Score
 from dechirp.evaluation.trial import NoiseMap, TrialContext, TrialResult
 from dechirp.experiments.object_stage import estimate_ego_motion_clusters_tracks
-from dechirp.experiments.run import frame_power_map, open_scenario_recording
+from dechirp.experiments.run import label_frame_power_map, open_scenario_recording
 from dechirp.experiments.scenario import Scenario
 from dechirp.experiments.study.block import Block, Failure
 from dechirp.experiments.study.layout import ScoreColumnLayout
@@ -94,7 +94,7 @@ class RecordingTrialRunner:
         context = self._context_of_frame_trial(trial)
         power = None
         if self._needs & {"maps", "noise"}:
-            power = frame_power_map(frame.power, cube, number, self.radar, self.chain)
+            power = label_frame_power_map(frame.power, cube, number, self.radar, self.chain)
         return TrialResult(
             detections=columns,
             association=Associator(context.truth, self.radar, self.recorded.truth)(columns),
@@ -199,7 +199,7 @@ def run_trial_block_of_source(
     return Block(point, block_number, trials.start, sums, seconds, failures)
 
 
-def n_frames_of_recordings(
+def n_frames_per_source_or_none(
     sources: Sequence[Scenario | LabelledRecording],
 ) -> tuple[int | None, ...]:
     """Return the number of frames of each recording; None for scenes, which have no limit."""

@@ -9,9 +9,9 @@ from dechirp.experiments.twin.echoes import PointEchoes
 from dechirp.experiments.twin.initial_points import detections_nearest_to_cells
 from dechirp.experiments.twin.measure import (
     FrameMap,
-    cells_in_searched_rows,
     find_peak_cells,
     has_noise_in_all_segments,
+    is_in_searched_rows,
     measure_peaks_near_cells,
     noise_floor_at_rows,
     noise_floor_per_segment,
@@ -92,7 +92,7 @@ def compare_peaks(
         "power_std": (power_std, "1"),
         "cells_std": (np.maximum(cells_std, position_spread), "1"),
         "is_leakage": (echoes.is_leakage, "1"),
-        "is_searched": (cells_in_searched_rows(recorded, cells), "1"),
+        "is_searched": (is_in_searched_rows(recorded, cells), "1"),
     }
     return xr.Dataset(
         {
@@ -118,7 +118,7 @@ def compare_noise_floors(recorded: FrameMap, twin: FrameMap) -> xr.Dataset:
             the same in all.
     """
     levels = [
-        float(np.median(item.power.values)) / item.noise_median_over_mean
+        float(np.median(item.power.values)) / item.theoretical_noise_median_over_mean
         for item in (recorded, twin)
     ]
     segment_levels = [noise_floor_per_segment(item) for item in (recorded, twin)]
@@ -157,7 +157,8 @@ def _noise_floor_per_receiver(recorded: FrameMap) -> np.ndarray:
             samples=recorded.samples.isel(rx=[place]), radar=radar, chain=recorded.chain
         )
         levels.append(
-            float(np.median(receiver_map.power.values)) / receiver_map.noise_median_over_mean
+            float(np.median(receiver_map.power.values))
+            / receiver_map.theoretical_noise_median_over_mean
         )
     return np.array(levels)
 

@@ -19,8 +19,8 @@ from dechirp.experiments.twin.echoes import PointEchoes
 from dechirp.experiments.twin.measure import (
     FrameMap,
     Peaks,
-    cells_in_searched_rows,
     channel_spectra_at_cells,
+    is_in_searched_rows,
     measure_peaks_near_cells,
     noise_floor_at_rows,
 )
@@ -100,7 +100,7 @@ def _iterate_point_fit(
         measure_peaks_near_cells(recorded, cells),
         channel_spectra_at_cells(recorded, cells),
     )
-    is_fitted = start.is_peak & cells_in_searched_rows(recorded, cells)
+    is_fitted = start.is_peak & is_in_searched_rows(recorded, cells)
     points, best, least = start, start, np.inf
     twin_spectrum, last = None, 0
     for number in range(_N_ROUNDS):
@@ -147,7 +147,7 @@ def _second_points_beside_displaced_peaks(
         > 1
     )
     is_displaced &= (
-        points.is_peak & ~points.is_leakage & cells_in_searched_rows(recorded, points.map_cell)
+        points.is_peak & ~points.is_leakage & is_in_searched_rows(recorded, points.map_cell)
     )
     peak_indices, (n_velocity, n_rows) = np.flatnonzero(is_displaced), recorded.power.shape
     steps = np.array([(0, 1), (0, -1), (1, 0), (-1, 0)])

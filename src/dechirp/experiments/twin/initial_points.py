@@ -9,7 +9,7 @@ from dechirp.experiments.twin.measure import FrameMap, measure_peaks_near_cells,
 from dechirp.processing.detect import detect
 from dechirp.processing.spectrum import rows_with_circular_noise
 from dechirp.radar.radar import Radar
-from dechirp.scene.aliasing import RangeVelocity, echo_frequencies
+from dechirp.scene.aliasing import RangeVelocity, beat_and_doppler_frequencies
 
 _LEAKAGE_RANGE_CELLS = 2.5  # range cells: static echoes nearer than this are leakage
 _LEAKAGE_TO_NOISE = 30.0  # smallest ratio of leakage in a row that is not searched
@@ -99,7 +99,7 @@ def detections_nearest_to_cells(
     """
     detections = detect(frame_map.samples.expand_dims("frame"), radar, frame_map.chain)
     frame, noise = radar.frame, frame_map.chain.map_noise_statistics(radar)
-    tones = echo_frequencies(
+    tones = beat_and_doppler_frequencies(
         RangeVelocity(detections.range.values, np.nan_to_num(detections.velocity.values)), radar
     )
     n_velocity, n_bins = noise.doppler_transform.n_bins, noise.range_transform.n_bins

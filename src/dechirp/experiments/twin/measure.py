@@ -12,7 +12,7 @@ from dechirp.processing.chain import Chain
 from dechirp.processing.peak_interpolation import interpolate_peak_frequencies
 from dechirp.processing.range_doppler_map import (
     detect_peaks_and_count_dropped,
-    equalised_power,
+    fill_unusable_cells_with_noise,
     power_map,
 )
 from dechirp.processing.spectrum import amplitude_range_weights, rows_with_circular_noise
@@ -40,7 +40,7 @@ class FrameMap:
         return power_map(self.samples, self.radar, self.chain).transpose("velocity", "range")
 
     @property
-    def noise_median_over_mean(self) -> float:
+    def theoretical_noise_median_over_mean(self) -> float:
         """Ratio of median to mean of the noise in a cell: of a mean of exponentials."""
         n_channels = self.radar.n_summed_maps
         return float(gammaincinv(n_channels, 0.5) / n_channels)
@@ -74,7 +74,7 @@ def noise_floor_per_segment(frame_map: FrameMap) -> np.ndarray:
     From the median of all their cells, on which targets in few of them have little effect.
     """
     medians = [np.median(frame_map.power.values[:, rows]) for rows in range_row_segments(frame_map)]
-    return np.asarray(medians) / frame_map.noise_median_over_mean
+    return np.asarray(medians) / frame_map.theoretical_noise_median_over_mean
 
 
 def has_noise_in_all_segments(frame_map: FrameMap) -> bool:
@@ -98,12 +98,14 @@ def find_peak_cells(frame_map: FrameMap) -> np.ndarray:
     """
     power = frame_map.power.values
     cells, _ = detect_peaks_and_count_dropped(
-        equalised_power(power, frame_map.radar, frame_map.chain), frame_map.radar, frame_map.chain
+        fill_unusable_cells_with_noise(power, frame_map.radar, frame_map.chain),
+        frame_map.radar,
+        frame_map.chain,
     )
     return cells[power[cells[:, 0], cells[:, 1]] > _ROUNDING * power.max()]
 
 
-def cells_in_searched_rows(frame_map: FrameMap, cells: np.ndarray) -> np.ndarray:
+def is_in_searched_rows(frame_map: FrameMap, cells: np.ndarray) -> np.ndarray:
     """Return whether detection searches the rows of cells, (n, 2)."""
     rows = rows_with_circular_noise(
         frame_map.radar.frame.chirp,
@@ -117,7 +119,7 @@ def measure_peaks_near_cells(frame_map: FrameMap, cells: np.ndarray) -> Peaks:
     neighbours, powers = _neighbouring_cells_and_powers(frame_map, cells)
     best = powers.argmax(axis=1)
     rows = np.arange(len(cells))
-    slow, fast = _interpolated_positions(frame_map, neighbours[rows, best], cells)
+    slow, fast = _interpolated_peak_positions(frame_map, neighbours[rows, best], cells)
     return Peaks(
         cell=neighbours[rows, best], power=powers[rows, best], velocity_bin=slow, range_bin=fast
     )
@@ -134,10 +136,10 @@ def peak_position_spread_over_neighbours(
     """
     neighbours, powers = _neighbouring_cells_and_powers(frame_map, cells)
     own_positions = [
-        position[:, None] for position in _interpolated_positions(frame_map, cells, cells)
+        position[:, None] for position in _interpolated_peak_positions(frame_map, cells, cells)
     ]
     n = neighbours.shape[1]
-    neighbour_positions = _interpolated_positions(
+    neighbour_positions = _interpolated_peak_positions(
         frame_map, neighbours.reshape(-1, 2), np.repeat(cells, n, axis=0)
     )
     distances = [
@@ -160,7 +162,7 @@ def _neighbouring_cells_and_powers(
     return neighbours, np.where(inside, power[neighbours[..., 0], neighbours[..., 1]], -1.0)
 
 
-def _interpolated_positions(
+def _interpolated_peak_positions(
     frame_map: FrameMap, peak_cells: np.ndarray, reference_cells: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Interpolate peak positions from the highest cells, unwrapped towards reference cells."""

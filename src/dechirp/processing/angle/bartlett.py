@@ -24,7 +24,7 @@ class Bartlett(SpectralEstimator):
     """
 
     def spectrum_at(self, precomputed: np.ndarray, steering: np.ndarray) -> np.ndarray:
-        return beam_power(precomputed, steering)
+        return bartlett_spectrum(precomputed, steering)
 
     def refine_peak_angles(
         self,
@@ -37,7 +37,7 @@ class Bartlett(SpectralEstimator):
         return likelihood.maximise_direction_likelihood(snapshots, aperture, *coarse_angles)
 
 
-def beam_power(snapshots: np.ndarray, steering: np.ndarray) -> np.ndarray:
+def bartlett_spectrum(snapshots: np.ndarray, steering: np.ndarray) -> np.ndarray:
     """Return the power in beams at steering vectors, |a^H x|^2 / N^2, (n, m); mean of snapshots.
 
     `snapshots` (n, n_snapshots, n_elements); `steering` (m, n_elements) or (n, m, n_elements).

@@ -89,7 +89,7 @@ class DirectionEstimator(Family):
             For at least as many sources as elements, for arrays of other shapes, and for noise
             that is not finite or below 0.
         """
-        self._check_snapshots_and_noise(snapshots, aperture, noise_power)
+        self._check_snapshots_noise_and_source_count(snapshots, aperture, noise_power)
         is_finite = np.isfinite(snapshots).all(axis=(1, 2))
         snapshots = np.where(is_finite[:, None, None], snapshots, 0)
         has_signal = np.any(snapshots != 0, axis=(1, 2))
@@ -118,7 +118,7 @@ class DirectionEstimator(Family):
                 angle.fill(np.nan)
         return Directions(azimuth, elevation, std[..., 0], std[..., 1], power)
 
-    def _check_snapshots_and_noise(
+    def _check_snapshots_noise_and_source_count(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> None:
         if snapshots.ndim != 3 or snapshots.shape[2] != aperture.n_elements:

@@ -14,7 +14,7 @@ from dechirp.processing.angle.difference_coarray import (
     cached_grid_lag_phase_factors,
     difference_coarray_of_elements,
     quadratic_forms_from_lags,
-    quadratic_forms_per_snapshot,
+    quadratic_forms_per_detection,
 )
 from dechirp.processing.angle.smoothed import SmoothedEstimator
 
@@ -60,7 +60,7 @@ class Capon(SmoothedEstimator):
         """Invert each covariance in double precision: a beam is a small difference of its terms."""
         windows = self.sliding_windows(aperture)
         n, n_snapshots, _ = snapshots.shape
-        coarray = difference_coarray_of_elements(aperture, _first_window_elements(windows))
+        coarray = difference_coarray_of_elements(aperture, _first_window_element_indices(windows))
         lag_sums = np.empty((n, len(coarray.pairs[0])), np.complex128)
         for rows in windows.memory_limited_slices(n, n_snapshots):
             x = snapshots[rows].astype(np.complex64)
@@ -83,7 +83,7 @@ class Capon(SmoothedEstimator):
         """Return the power in the beam towards each direction, as of one element."""
         lag_sums, coarray = precomputed
         if steering.ndim == 3:
-            return np.asarray(1 / quadratic_forms_per_snapshot(lag_sums, steering, coarray.pairs))
+            return np.asarray(1 / quadratic_forms_per_detection(lag_sums, steering, coarray.pairs))
         block_size = max(1, _MAX_BLOCK_VALUES // lag_sums.shape[1])
         parts = [
             quadratic_forms_from_lags(
@@ -97,7 +97,7 @@ class Capon(SmoothedEstimator):
         self, precomputed: InverseCovariances, aperture: Aperture
     ) -> np.ndarray:
         lag_phases = cached_grid_lag_phase_factors(
-            aperture, _first_window_elements(self.sliding_windows(aperture))
+            aperture, _first_window_element_indices(self.sliding_windows(aperture))
         )
         if lag_phases is not None:
             return np.asarray(1 / quadratic_forms_from_lags(precomputed.lag_sums, lag_phases))
@@ -113,8 +113,8 @@ class Capon(SmoothedEstimator):
         )
 
 
-def _first_window_elements(windows: SlidingWindows) -> tuple[int, ...]:
-    return tuple(windows.first_window_elements.tolist())
+def _first_window_element_indices(windows: SlidingWindows) -> tuple[int, ...]:
+    return tuple(windows.first_window_element_indices.tolist())
 
 
 def _inverse_covariance_lower_halves(covariances: np.ndarray) -> np.ndarray:

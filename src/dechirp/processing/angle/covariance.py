@@ -55,7 +55,7 @@ class SlidingWindows:
         return self.points.shape[1]
 
     @property
-    def first_window_elements(self) -> np.ndarray:
+    def first_window_element_indices(self) -> np.ndarray:
         """An element at each point of the first window, (size,)."""
         return np.argmax(self.point_weights[self.points[0]] > 0, axis=1)
 
@@ -193,7 +193,7 @@ def array_smoothing_windows(aperture: Aperture, smoothing: Smoothing) -> Sliding
             size = smoothing.window_length(n_up), smoothing.window_length(n_left)
             all_elements = np.arange(aperture.n_elements)
             return SlidingWindows(
-                _element_weights_of_points(point, all_elements, aperture),
+                _averaging_weights_of_coincident_elements(point, all_elements, aperture),
                 _window_point_indices((n_up, n_left), size),
             )
     n = aperture.n_elements
@@ -227,7 +227,7 @@ def longest_ula_windows_and_axis(
             fix="use maximum-likelihood or iterative-adaptive, which accept any array",
         )
     points = _window_point_indices((1, n_points), (1, smoothing.window_length(n_points)))
-    share = _element_weights_of_points(point, members, aperture)
+    share = _averaging_weights_of_coincident_elements(point, members, aperture)
     return SlidingWindows(share, points, spacing=element_grid.spacing[axis] * stride), axis
 
 
@@ -267,7 +267,7 @@ def _evenly_spaced_element_runs(
                 yield axis, step, members[is_inside], (coordinates[is_inside] - run[0]) // step
 
 
-def _element_weights_of_points(
+def _averaging_weights_of_coincident_elements(
     point_of_member: np.ndarray, members: np.ndarray, aperture: Aperture
 ) -> np.ndarray:
     """Return the weight of each element in the mean at its point, (n_points, n_elements)."""

@@ -83,7 +83,7 @@ def quadratic_forms_from_lags(lag_sums: np.ndarray, lag_phase_factors: np.ndarra
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def quadratic_forms_per_snapshot(
+def quadratic_forms_per_detection(
     lag_sums: np.ndarray, steering: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
     """Return a^H M a, (n, m), towards own directions with steering (n, m, n_elements)."""

@@ -8,7 +8,7 @@ import scipy.fft
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import likelihood
 from dechirp.processing.angle.aperture import Aperture
-from dechirp.processing.angle.bartlett import beam_power, mean_beam_power_over_snapshots
+from dechirp.processing.angle.bartlett import bartlett_spectrum, mean_beam_power_over_snapshots
 from dechirp.processing.angle.base import Angles, SpectralEstimator
 from dechirp.processing.angle.element_grid import ElementGrid
 from dechirp.theory.windows import Window, window_weights
@@ -41,7 +41,7 @@ class Fft(SpectralEstimator):
         return snapshots * _element_taper(self.window, aperture).astype(np.float32)
 
     def spectrum_at(self, precomputed: np.ndarray, steering: np.ndarray) -> np.ndarray:
-        return beam_power(precomputed, steering)
+        return bartlett_spectrum(precomputed, steering)
 
     def spectrum_on_direction_grid(self, precomputed: np.ndarray, aperture: Aperture) -> np.ndarray:
         """Compute the spectrum by a transform where the elements lie on a grid."""

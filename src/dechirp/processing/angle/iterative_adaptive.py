@@ -6,7 +6,7 @@ from dechirp.core.checks import check_integer_fields
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import difference_coarray, likelihood
 from dechirp.processing.angle.aperture import Aperture
-from dechirp.processing.angle.bartlett import beam_power
+from dechirp.processing.angle.bartlett import bartlett_spectrum
 from dechirp.processing.angle.base import Angles, SpectralEstimator
 
 # Steering vectors times powers of a block of snapshots: 64 MiB.
@@ -53,12 +53,12 @@ class IterativeAdaptive(SpectralEstimator):
         block_size = max(1, _MAX_BLOCK_VALUES // aperture.direction_grid.steering.size)
         for start in range(0, n, block_size):
             block = slice(start, start + block_size)
-            out[block] = self._iterate_inverse_covariances(
+            out[block] = self._iterate_inverse_covariances_and_filtered_snapshots(
                 snapshots[block], aperture, noise_power[block]
             )
         return out
 
-    def _iterate_inverse_covariances(
+    def _iterate_inverse_covariances_and_filtered_snapshots(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> np.ndarray:
         steering, elements = (
@@ -70,7 +70,7 @@ class IterativeAdaptive(SpectralEstimator):
             aperture, elements
         ).lag_of_pair
         columns = np.swapaxes(snapshots, 1, 2)
-        power = beam_power(snapshots, steering).astype(float)
+        power = bartlett_spectrum(snapshots, steering).astype(float)
         unit = np.eye(snapshots.shape[2])
         # Without noise, the rounding error keeps the covariance invertible.
         energy = np.mean(np.abs(snapshots) ** 2, axis=(1, 2))

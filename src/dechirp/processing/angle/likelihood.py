@@ -41,7 +41,7 @@ def least_squares_source_powers(
     most), NaN where there are fewer.
     """
     return _source_powers_and_fisher_information(
-        *_arrays_for_kernels(snapshots, aperture, azimuth_rad, elevation_rad)
+        *_convert_to_compiled_kernel_arrays(snapshots, aperture, azimuth_rad, elevation_rad)
     )[0]
 
 
@@ -58,7 +58,7 @@ def crlb_standard_errors(
     `theory.direction_bounds.conditional_fisher_information`.
     """
     _, information = _source_powers_and_fisher_information(
-        *_arrays_for_kernels(snapshots, aperture, azimuth_rad, elevation_rad)
+        *_convert_to_compiled_kernel_arrays(snapshots, aperture, azimuth_rad, elevation_rad)
     )
     variance = crlb_variances(information).reshape(
         *azimuth_rad.shape, sum(aperture.resolves_azimuth_and_elevation)
@@ -68,7 +68,10 @@ def crlb_standard_errors(
 
 
 def maximise_direction_likelihood(
-    snapshots: np.ndarray, aperture: Aperture, azimuth_rad: np.ndarray, elevation_rad: np.ndarray
+    snapshots: np.ndarray,
+    aperture: Aperture,
+    start_azimuth_rad: np.ndarray,
+    start_elevation_rad: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Maximise the likelihood of all sources of each detection near given directions.
 
@@ -77,8 +80,8 @@ def maximise_direction_likelihood(
     not bias each other. Arrays as in `least_squares_source_powers`; returns azimuths and
     elevations.
     """
-    data, positions, resolved_axes, angles = _arrays_for_kernels(
-        snapshots, aperture, azimuth_rad, elevation_rad
+    data, positions, resolved_axes, angles = _convert_to_compiled_kernel_arrays(
+        snapshots, aperture, start_azimuth_rad, start_elevation_rad
     )
     limit = np.array(aperture.field_of_view.max_angle_sines)[resolved_axes]
     tolerance = _TOLERANCE * np.array(aperture.direction_grid_sine_steps)[resolved_axes]
@@ -90,7 +93,7 @@ def maximise_direction_likelihood(
     return angles[..., 0], angles[..., 1]
 
 
-def _arrays_for_kernels(
+def _convert_to_compiled_kernel_arrays(
     snapshots: np.ndarray, aperture: Aperture, azimuth_rad: np.ndarray, elevation_rad: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return snapshots, positions, resolved axes and directions as arrays for compiled code."""

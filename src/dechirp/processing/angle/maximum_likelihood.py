@@ -30,7 +30,7 @@ class MaximumLikelihood(DirectionEstimator):
 
     It finds one or two sources, coherent or not, on arrays of any shape. `mdl` and `aic` choose
     between one and two by the power that the second explains, see
-    `model_order.snapshots_with_second_source`.
+    `model_order.significant_second_source_mask`.
     """
 
     def __post_init__(self) -> None:
@@ -65,9 +65,9 @@ class MaximumLikelihood(DirectionEstimator):
             if is_single:
                 angles[:, rows] = single_source
                 continue
-            pair, gain = _most_likely_pair_and_gain(x, single_source, aperture)
+            pair, gain = _most_likely_pair_and_power_gain(x, single_source, aperture)
             if not isinstance(self.n_sources, int):
-                has_one_source = ~model_order.snapshots_with_second_source(
+                has_one_source = ~model_order.significant_second_source_mask(
                     gain,
                     noise_power[rows],
                     x.shape,
@@ -97,7 +97,7 @@ class MaximumLikelihood(DirectionEstimator):
         return aperture.n_elements >= min_elements
 
 
-def _most_likely_pair_and_gain(
+def _most_likely_pair_and_power_gain(
     snapshots: np.ndarray, single_source: Angles, aperture: Aperture
 ) -> tuple[Angles, np.ndarray]:
     """Return the most likely pairs, (n, 2) each, and their power beyond one source, (n,)."""
@@ -129,7 +129,7 @@ def _explained_power(snapshots: np.ndarray, aperture: Aperture, angles: Angles) 
 def _strongest_grid_direction(snapshots: np.ndarray, aperture: Aperture) -> Angles:
     """Return the direction of the grid that explains most power, (n, 1) each."""
     return _grid_direction_of_maximum(
-        np.sum(np.abs(_beams_to_grid_directions(snapshots, aperture)) ** 2, axis=1), aperture
+        np.sum(np.abs(_form_beams_to_grid_directions(snapshots, aperture)) ** 2, axis=1), aperture
     )
 
 
@@ -142,7 +142,8 @@ def _pair_with_best_grid_partner(
     shared /= aperture.n_elements
     own_beams = snapshots @ np.swapaxes(steering, 1, 2).conj()  # (n, n_snapshots, 1)
     power = np.sum(
-        np.abs(_beams_to_grid_directions(snapshots, aperture) - own_beams * shared[:, None]) ** 2,
+        np.abs(_form_beams_to_grid_directions(snapshots, aperture) - own_beams * shared[:, None])
+        ** 2,
         axis=1,
     )
     remaining = 1 - np.abs(shared) ** 2
@@ -199,7 +200,7 @@ def _best_pair_within_beam(
     return azimuth, elevation
 
 
-def _beams_to_grid_directions(snapshots: np.ndarray, aperture: Aperture) -> np.ndarray:
+def _form_beams_to_grid_directions(snapshots: np.ndarray, aperture: Aperture) -> np.ndarray:
     """Return beams matched to each direction of the grid, (n, n_snapshots, n_directions)."""
     return snapshots.astype(np.complex64) @ aperture.direction_grid.steering.conj().T
 

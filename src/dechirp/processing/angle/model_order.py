@@ -66,7 +66,7 @@ def estimate_n_sources(
     return np.asarray(np.argmax(gain, axis=1) + 1)
 
 
-def snapshots_with_second_source(
+def significant_second_source_mask(
     power_gain: np.ndarray,
     noise_power: np.ndarray,
     snapshots_shape: tuple[int, ...],

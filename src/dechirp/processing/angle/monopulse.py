@@ -9,7 +9,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import likelihood
 from dechirp.processing.angle.aperture import Aperture
-from dechirp.processing.angle.bartlett import beam_power
+from dechirp.processing.angle.bartlett import bartlett_spectrum
 from dechirp.processing.angle.base import Angles, DirectionEstimator
 from dechirp.theory import direction_bounds
 
@@ -71,7 +71,7 @@ class Monopulse(DirectionEstimator):
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> Angles:
         """Find the angles of the phases on the most likely branch."""
-        pair_sets = displaced_element_pairs(aperture)
+        pair_sets = displaced_element_pairs_per_angle(aperture)
         phases = np.stack(
             [
                 np.angle(
@@ -98,7 +98,7 @@ class Monopulse(DirectionEstimator):
         azimuth, elevation = np.moveaxis(np.arcsin(sines), -1, 0)
         best = np.zeros((len(snapshots), 1), int)
         if len(branches) > 1:
-            power = beam_power(snapshots, aperture.steering_vectors(azimuth, elevation))
+            power = bartlett_spectrum(snapshots, aperture.steering_vectors(azimuth, elevation))
             # For two elements all branches fit equally: the first wins. Clipped ones come last.
             power *= np.where(is_outside, 1e-6, 1 - 1e-5 * np.arange(len(branches)))
             best = np.argmax(power, axis=1)[:, None]
@@ -109,7 +109,7 @@ class Monopulse(DirectionEstimator):
     ) -> np.ndarray:
         """Return standard errors from the phase noise to first order, through the arc sine."""
         resolved_axes = np.flatnonzero(aperture.resolves_azimuth_and_elevation)
-        pair_sets = displaced_element_pairs(aperture)
+        pair_sets = displaced_element_pairs_per_angle(aperture)
         to_cosines = np.linalg.inv(_pair_displacements(aperture)) / (2 * np.pi)
         weights = np.zeros((len(pair_sets), aperture.n_elements))
         for row, pairs in zip(weights, pair_sets, strict=True):
@@ -134,7 +134,7 @@ class Monopulse(DirectionEstimator):
 
 
 @lru_cache(maxsize=8)
-def displaced_element_pairs(aperture: Aperture) -> tuple[DisplacedPairs, ...]:
+def displaced_element_pairs_per_angle(aperture: Aperture) -> tuple[DisplacedPairs, ...]:
     """Return the pairs whose phases are evaluated, a set for each resolved angle.
 
     Raises `InvalidSetting` where there are none.
@@ -175,7 +175,7 @@ def displaced_element_pairs(aperture: Aperture) -> tuple[DisplacedPairs, ...]:
 
 def _pair_displacements(aperture: Aperture) -> np.ndarray:
     """Return the displacements along the resolved axes, a row for each set of pairs."""
-    return np.array([pairs.displacement for pairs in displaced_element_pairs(aperture)])[
+    return np.array([pairs.displacement for pairs in displaced_element_pairs_per_angle(aperture)])[
         :, list(aperture.resolves_azimuth_and_elevation)
     ]
 

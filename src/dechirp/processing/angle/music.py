@@ -36,7 +36,7 @@ class Music(SmoothedEstimator):
         _, vectors = subspace.leading_eigenpairs(windows, snapshots, max_count)
         vectors *= np.arange(max_count) < counts[:, None, None]
         basis = np.zeros((len(snapshots), aperture.n_elements, max_count), np.complex128)
-        basis[:, windows.first_window_elements] = vectors / np.sqrt(windows.n_window_points)
+        basis[:, windows.first_window_element_indices] = vectors / np.sqrt(windows.n_window_points)
         return basis
 
     def spectrum_at(self, precomputed: np.ndarray, steering: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ def group_detections_by_source_count(azimuth_rad: np.ndarray) -> Iterator[tuple[
     return ((np.flatnonzero(counts == k), int(k)) for k in np.unique(counts[counts > 0]))
 
 
-def null_spectrum_standard_errors(
+def null_spectrum_angle_standard_errors(
     windows: SlidingWindows,
     snapshots: np.ndarray,
     aperture: Aperture,
@@ -38,16 +38,18 @@ def null_spectrum_standard_errors(
     for rows, k in group_detections_by_source_count(angles[0]):
         directions = angles[0][rows, :k], angles[1][rows, :k]
         steering = np.swapaxes(
-            aperture.steering_vectors(*directions)[..., windows.first_window_elements], 1, 2
+            aperture.steering_vectors(*directions)[..., windows.first_window_element_indices], 1, 2
         )
         # Shape (n, k, n_angles, window size).
-        slopes = aperture.steering_derivatives(*directions)[..., windows.first_window_elements]
+        slopes = aperture.steering_derivatives(*directions)[
+            ..., windows.first_window_element_indices
+        ]
         basis = np.linalg.qr(steering)[0][:, None]
         slopes = slopes - (slopes @ basis.conj()) @ np.swapaxes(basis, 2, 3)
         # Newton's step: the inverse of the curvature times the slope caused by noise.
         curvature = np.real(slopes.conj() @ np.swapaxes(slopes, 2, 3))
         left_vectors = np.linalg.pinv(curvature, hermitian=True) @ slopes
-        right_vectors = pseudoinverse_source_amplitudes(windows, snapshots[rows], steering)
+        right_vectors = pseudoinverse_of_source_amplitudes(windows, snapshots[rows], steering)
         right_vectors = np.broadcast_to(
             right_vectors[:, :, None], (*left_vectors.shape[:3], right_vectors.shape[-1])
         )
@@ -58,7 +60,7 @@ def null_spectrum_standard_errors(
     return out
 
 
-def pseudoinverse_source_amplitudes(
+def pseudoinverse_of_source_amplitudes(
     windows: SlidingWindows, snapshots: np.ndarray, steering: np.ndarray
 ) -> np.ndarray:
     """Return S^+ as (n, k, columns): inverse amplitudes of the sources in each window.

@@ -34,6 +34,6 @@ class SmoothedEstimator(SpectralEstimator):
     ) -> np.ndarray:
         """Return standard errors by first-order perturbation."""
         sliding = self.sliding_windows(aperture)
-        return perturbation.null_spectrum_standard_errors(
+        return perturbation.null_spectrum_angle_standard_errors(
             sliding, snapshots, aperture, noise_power, angles
         )

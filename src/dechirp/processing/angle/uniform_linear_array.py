@@ -119,7 +119,9 @@ class UlaEstimator(DirectionEstimator):
             angle = angles[axis][rows, :k]
             phase_factor = np.exp(-2j * np.pi * windows.spacing * np.sin(angle))
             steering = phase_factor[:, None] ** np.arange(windows.n_window_points)[:, None]
-            right = perturbation.pseudoinverse_source_amplitudes(windows, snapshots[rows], steering)
+            right = perturbation.pseudoinverse_of_source_amplitudes(
+                windows, snapshots[rows], steering
+            )
             variance = windows.bilinear_noise_variance(
                 self.phase_noise_weights(steering, phase_factor), right
             )

@@ -241,7 +241,9 @@ def _ideal_near_field_snapshots(
     return np.exp(2j * np.pi / _wavelength_m(radar) * excess_m)
 
 
-def _build_calibration(errors: ElementErrors, radar: Radar, offsets_m: np.ndarray) -> Calibration:
+def _build_calibration(
+    errors: ElementErrors, radar: Radar, range_offsets_m: np.ndarray
+) -> Calibration:
     gain = 1 / errors.channel
     gain *= np.exp(-1j * np.angle(gain.sum())) / abs(gain).mean()
     previous, n_rx = radar.calibration, radar.array.n_rx
@@ -258,7 +260,7 @@ def _build_calibration(errors: ElementErrors, radar: Radar, offsets_m: np.ndarra
         position_error_m=tuple(map(tuple, position_error_m.tolist()))
         if has_position_errors
         else None,
-        range_offset_m=float(offsets_m.mean()) if offsets_m.size else offset_m,
+        range_offset_m=float(range_offsets_m.mean()) if range_offsets_m.size else offset_m,
         residual=errors.residual,
     )
 

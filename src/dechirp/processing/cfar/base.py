@@ -107,7 +107,7 @@ class TrainingWindow:
 
     def tested_rows_in_training_box(self, n_range: int) -> np.ndarray:
         """Return the box row in which each of n_range rows of a map is tested, (n_range,)."""
-        return _box_row_of_map_rows(self.half_range, n_range)
+        return _tested_row_in_box_per_map_row(self.half_range, n_range)
 
     def n_training_cells_per_row(self, n_range: int) -> np.ndarray:
         """Return the training cells of each of n_range rows, (n_range,): most near the ends."""
@@ -142,7 +142,7 @@ class TrainingWindow:
 
 
 @lru_cache(maxsize=64)
-def _box_row_of_map_rows(half_range: int, n_range: int) -> np.ndarray:
+def _tested_row_in_box_per_map_row(half_range: int, n_range: int) -> np.ndarray:
     rows = np.arange(n_range)
     start = np.clip(rows - half_range, 0, n_range - 1 - 2 * half_range)
     return _make_read_only(rows - start)

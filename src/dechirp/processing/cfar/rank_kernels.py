@@ -276,7 +276,7 @@ def _update_marks_and_count_below(
     v: int,
     half_width: int,
     rows: tuple[int, int],
-    step: int,
+    count_change: int,
     reference_word: int,
 ) -> int:
     """Set or clear the marks of cells; return the change in marks below the reference word."""
@@ -292,6 +292,6 @@ def _update_marks_and_count_below(
         for i in range(rows[0], rows[1]):
             word = line[i] >> 6
             marks[word] ^= np.uint64(1) << np.uint64(line[i] & 63)
-            counts[word] += step
+            counts[word] += count_change
             n_below += word < reference_word
-    return step * n_below
+    return count_change * n_below

@@ -15,7 +15,11 @@ import numpy as np
 
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
-from dechirp.processing.cfar.window_means import initial_column_sums, moving_sums, slide_column_sums
+from dechirp.processing.cfar.window_means import (
+    initial_guard_and_training_column_sums,
+    slide_column_sums,
+    write_moving_sums,
+)
 
 
 @frozen_dataclass
@@ -126,7 +130,7 @@ def _half_means_along_range(
     half_v, half_r = train_v + guard_v, train_r + guard_r
     width, n_middle = 2 * half_r + 1, n_r - 2 * half_r
     first, second = np.empty((n_v, n_r), np.float32), np.empty((n_v, n_r), np.float32)
-    slide_in, slide_out = initial_column_sums(power, half_v, guard_v)
+    slide_in, slide_out = initial_guard_and_training_column_sums(power, half_v, guard_v)
     outer, all_columns = np.empty(n_r, np.float32), np.empty(n_r, np.float32)
     side_sums, near_sums = np.zeros(n_r + 1, np.float32), np.zeros(n_r + 1, np.float32)
     work = np.empty((32, n_r + 1), np.float32)
@@ -137,8 +141,8 @@ def _half_means_along_range(
     cumulative_all, cumulative_guard = np.zeros(width + 1), np.zeros(width + 1)
     for v in range(n_v):
         slide_column_sums(power, v, half_v, guard_v, slide_in, slide_out, outer, all_columns)
-        moving_sums(all_columns, train_r, side_sums, work)
-        moving_sums(outer, guard_r, near_sums, work)
+        write_moving_sums(all_columns, train_r, side_sums, work)
+        write_moving_sums(outer, guard_r, near_sums, work)
         first_row, second_row = first[v, half_r:], second[v, half_r:]
         for j in range(n_middle):
             first_row[j] = (left_sums[j] + left_near[j]) * scale

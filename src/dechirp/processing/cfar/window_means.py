@@ -5,7 +5,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def initial_column_sums(
+def initial_guard_and_training_column_sums(
     power: np.ndarray, half_v: int, guard_v: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sum the columns of the box about the row before the first, as a start for sliding.
@@ -72,13 +72,13 @@ def scaled_window_means(
     """
     n_v, n_r = power.shape
     out = np.empty((n_v, n_r), np.float32)
-    sums = initial_column_sums(power, train_v + guard_v, guard_v)
+    sums = initial_guard_and_training_column_sums(power, train_v + guard_v, guard_v)
     work, scale = (
         _allocate_scratch_rows(n_r),
         _factors_per_training_cell(factors, train_r, train_v, guard_r, guard_v),
     )
     for v in range(n_v):
-        _window_means_of_row(
+        _write_scaled_window_means_of_row(
             power, v, factors, scale, train_r, train_v, guard_r, guard_v, *sums, work, out[v]
         )
     return out
@@ -92,13 +92,13 @@ def exceeds_scaled_window_means(
     n_v, n_r = power.shape
     out = np.empty((n_v, n_r), np.bool_)
     level = np.empty(n_r, np.float32)
-    sums = initial_column_sums(power, train_v + guard_v, guard_v)
+    sums = initial_guard_and_training_column_sums(power, train_v + guard_v, guard_v)
     work, scale = (
         _allocate_scratch_rows(n_r),
         _factors_per_training_cell(factors, train_r, train_v, guard_r, guard_v),
     )
     for v in range(n_v):
-        _window_means_of_row(
+        _write_scaled_window_means_of_row(
             power, v, factors, scale, train_r, train_v, guard_r, guard_v, *sums, work, level
         )
         row, exceeds = power[v], out[v]
@@ -123,7 +123,7 @@ def _factors_per_training_cell(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _window_means_of_row(
+def _write_scaled_window_means_of_row(
     power: np.ndarray,
     v: int,
     factors: np.ndarray,
@@ -149,8 +149,8 @@ def _window_means_of_row(
         work[4:],
     )
     slide_column_sums(power, v, half_v, guard_v, slide_in, slide_out, outer, all_columns)
-    moving_sums(all_columns, train_r, side_sums, scratch)
-    moving_sums(outer, 2 * guard_r + 1, middle, scratch)
+    write_moving_sums(all_columns, train_r, side_sums, scratch)
+    write_moving_sums(outer, 2 * guard_r + 1, middle, scratch)
     left_sums, right_sums, centre = (
         side_sums[:n_middle],
         side_sums[half_r + guard_r + 1 :],
@@ -160,11 +160,11 @@ def _window_means_of_row(
     for j in range(n_middle):
         line[j] = (left_sums[j] + right_sums[j] + centre[j]) * scale[j]
     near_end, far_end = out[:half_r], out[n_r - half_r :]
-    _window_means_at_map_end(
+    _write_window_means_at_map_end(
         slide_in[:width], outer[:width], near_end, 0, guard_r, guard_v, n_corner, scratch
     )
     first = half_r + 1  # box row of the first cell under test at the far end
-    _window_means_at_map_end(
+    _write_window_means_at_map_end(
         slide_in[-width:], outer[-width:], far_end, first, guard_r, guard_v, n_corner, scratch
     )
     for j in range(half_r):
@@ -173,7 +173,7 @@ def _window_means_of_row(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _window_means_at_map_end(
+def _write_window_means_at_map_end(
     inner: np.ndarray,
     outer: np.ndarray,
     out: np.ndarray,
@@ -203,7 +203,7 @@ def _window_means_at_map_end(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def moving_sums(row: np.ndarray, length: int, out: np.ndarray, work: np.ndarray) -> None:
+def write_moving_sums(row: np.ndarray, length: int, out: np.ndarray, work: np.ndarray) -> None:
     """Compute out[i] = row[i] + ... + row[i + length - 1] by doubling; the last ones are unused."""
     n = row.size
     if length == 0:

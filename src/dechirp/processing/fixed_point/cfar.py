@@ -56,12 +56,12 @@ def cell_averaging_thresholds(
             window_sum = (
                 box_before[last] - box_before[first] - guard_before[high] + guard_before[low]
             )
-            out[v, j] = _scaled_product(window_sum, factors[j], shift)
+            out[v, j] = _product_shifted_right(window_sum, factors[j], shift)
     return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _scaled_product(total: int, factor: int, shift: int) -> int:
+def _product_shifted_right(total: int, factor: int, shift: int) -> int:
     """Return floor(total x factor / 2^shift), total to 63 bits and factor to 24, in two halves.
 
     2^62 where it would be more: no power reaches it.

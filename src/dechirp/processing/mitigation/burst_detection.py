@@ -60,7 +60,7 @@ def detect_bursts(samples: np.ndarray, frame: Frame) -> FrameBursts | None:
         return None
     normalised = samples * np.float32(1 / scale)
     step = statistics.step / scale
-    background = estimate_background(normalised, is_lost, n_slots=frame.n_slots, scale=1.0)
+    background = estimate_background(normalised, is_lost, n_slots=frame.n_slots, largest_value=1.0)
     if background is None or not background.receiver_weight.any():
         return None
     is_strong_burst = _burst_mask(
@@ -74,12 +74,13 @@ def detect_bursts(samples: np.ndarray, frame: Frame) -> FrameBursts | None:
                 chirp % len(static_samples), :, is_strong_burst[chirp]
             ]
         background = (
-            estimate_background(filled, is_lost, n_slots=frame.n_slots, scale=1.0) or background
+            estimate_background(filled, is_lost, n_slots=frame.n_slots, largest_value=1.0)
+            or background
         )
     is_burst = _burst_mask(normalised, is_lost, background, step, threshold=_BURST_THRESHOLD)
     if not is_burst.any():
         return None
-    static_samples = np.float32(scale) * _burst_free_mean(
+    static_samples = np.float32(scale) * _burst_free_mean_per_slot(
         normalised, is_burst, is_lost, background.static_samples
     )
     return FrameBursts(
@@ -91,13 +92,18 @@ def _burst_mask(
     samples: np.ndarray,
     is_lost: np.ndarray,
     background: Background,
-    step: float,
+    adc_step: float,
     *,
     threshold: float,
 ) -> np.ndarray:
     """Return a mask of samples in bursts, (chirp, sample), above the noise by `threshold`."""
     chirp_bursts = measure_bursts_over_background(
-        background, samples, is_lost, largest_value=1.0, adc_step=step, max_share=_MAX_BURST_SHARE
+        background,
+        samples,
+        is_lost,
+        largest_value=1.0,
+        adc_step=adc_step,
+        max_share=_MAX_BURST_SHARE,
     )
     n_parts = 2 if np.iscomplexobj(samples) else 1
     alive = np.flatnonzero(background.receiver_weight)
@@ -116,7 +122,7 @@ def _burst_mask(
     noise = np.median([np.median(error_power(chirp), axis=1) for chirp in measured_chirps], axis=0)
     # The quantisation noise of the converter is the lower limit of the noise.
     noise_floor = np.maximum(
-        n_parts / 2 * step**2, background.rounding_power / background.receiver_weight[alive]
+        n_parts / 2 * adc_step**2, background.rounding_power / background.receiver_weight[alive]
     )
     noise_floor = np.maximum(noise_floor, noise / _MEDIAN[n_parts])
     limit = np.log(samples.shape[2] / _FALSE_STRETCH_PROBABILITY) / _DECAY[n_parts]
@@ -143,7 +149,7 @@ def _smaller_prediction_error_power(moving: np.ndarray, predictor: np.ndarray) -
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _mark_bursts(excess: np.ndarray, limit: float, is_burst: np.ndarray) -> None:
+def _mark_bursts(excess: np.ndarray, min_summed_excess: float, is_burst: np.ndarray) -> None:
     """Mark stretches whose sums exceed a limit, each as long as its sum still grows."""
     n = 0
     while n < excess.size:
@@ -155,13 +161,13 @@ def _mark_bursts(excess: np.ndarray, limit: float, is_burst: np.ndarray) -> None
             if total <= max(0.0, largest - _MIN_GAP):
                 break
             n += 1
-        if largest > limit:
+        if largest > min_summed_excess:
             is_burst[max(start - _MARGIN, 0) : last + 1 + _MARGIN] = True
         # Samples after the largest sum may start another burst.
         n = max(last, start) + 1
 
 
-def _burst_free_mean(
+def _burst_free_mean_per_slot(
     samples: np.ndarray, is_burst: np.ndarray, is_lost: np.ndarray, static_samples: np.ndarray
 ) -> np.ndarray:
     """Return the burst-free mean of each slot, (slot, rx, sample); static samples if few."""

@@ -29,9 +29,9 @@ def clipping_findings(recorded: RecordingMeasures) -> list[Finding]:
     if not n_clipped:
         return []
     n_parts = 2 if recorded.has_complex_samples else 1
-    n_values = np.maximum(recorded.measure_values("n_numbers") * n_parts, 1)[:, None]
+    n_values = np.maximum(recorded.values_of_measure("n_numbers") * n_parts, 1)[:, None]
     shares = counts / n_values
-    n_total = int(recorded.measure_values("n_numbers").sum()) * n_parts * counts.shape[1]
+    n_total = int(recorded.values_of_measure("n_numbers").sum()) * n_parts * counts.shape[1]
     frame, rx = np.unravel_index(np.argmax(shares), shares.shape)
     noun = "values, I and Q counted separately," if recorded.has_complex_samples else "samples"
     frames = recorded.frame_numbers
@@ -58,10 +58,12 @@ def _count_clipped_values(recorded: RecordingMeasures) -> np.ndarray:
     ones have none where they are clipped.
     """
     level, count = (
-        recorded.measure_values("level").astype(np.float64),
-        recorded.measure_values("count"),
+        recorded.values_of_measure("level").astype(np.float64),
+        recorded.values_of_measure("count"),
     )
-    is_usable = recorded.frames_with_samples[:, None] & ~recorded.constant_receivers_by_frame
+    is_usable = (
+        recorded.mask_of_frames_with_samples[:, None] & ~recorded.constant_receiver_mask_by_frame
+    )
     out = np.zeros(is_usable.shape, np.int64)
     for rx in range(is_usable.shape[1]):
         rx_level, rx_count = level[is_usable[:, rx], rx], count[is_usable[:, rx], rx]
@@ -79,30 +81,30 @@ def _count_clipped_values(recorded: RecordingMeasures) -> np.ndarray:
                 n_at_extreme.sum() >= max(_MIN_PILE, _MIN_PILE_RATIO * n_next)
                 and span >= _MIN_STEPS * (extreme - next_level)
             )  # fmt: skip
-            if is_pile or (recorded.is_in_full_scale and extreme >= _FULL_SCALE_END):
+            if is_pile or (recorded.is_normalised_to_full_scale and extreme >= _FULL_SCALE_END):
                 out[is_usable[:, rx], rx] += n_at_extreme
     return out
 
 
 def adc_offset_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report the mean of each receiver, if it is large in itself or relative to the rest."""
-    if not recorded.frames_with_samples.any():
+    if not recorded.mask_of_frames_with_samples.any():
         return []
-    is_usable = ~recorded.stuck_receivers
-    mean = recorded.measure_values("mean")[recorded.frames_with_samples].mean(axis=0)
+    is_usable = ~recorded.stuck_receiver_mask
+    mean = recorded.values_of_measure("mean")[recorded.mask_of_frames_with_samples].mean(axis=0)
     rest_rms = np.sqrt(recorded.receiver_power_about_mean)
     size = np.abs(mean).max(axis=1)
     is_large = is_usable & (np.sqrt((mean**2).sum(axis=1)) > rest_rms)
-    if recorded.is_in_full_scale:
+    if recorded.is_normalised_to_full_scale:
         is_large |= is_usable & (size > _OFFSET)
     if not is_large.any():
         return []
     worst = int(np.argmax(np.where(is_large, size, -1.0)))
     part = int(np.argmax(np.abs(mean[worst])))
     part_text = f" {'IQ'[part]} of" if recorded.has_complex_samples else ""
-    unit = "of full scale" if recorded.is_in_full_scale else "sqrt(W)"
+    unit = "of full scale" if recorded.is_normalised_to_full_scale else "sqrt(W)"
     over_rest = np.abs(mean[worst, part]) / max(rest_rms[worst], 1e-45)  # smallest float32
-    is_too_large = recorded.is_in_full_scale and size[worst] > _LARGE_OFFSET
+    is_too_large = recorded.is_normalised_to_full_scale and size[worst] > _LARGE_OFFSET
     return [
         Finding(
             level="warning" if is_too_large else "note",

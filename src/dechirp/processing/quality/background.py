@@ -37,7 +37,7 @@ class Background:
 
 
 def estimate_background(
-    samples: np.ndarray, is_lost: np.ndarray, *, n_slots: int, scale: float
+    samples: np.ndarray, is_lost: np.ndarray, *, n_slots: int, largest_value: float
 ) -> Background | None:
     """Estimate the background from the quieter half of a frame; None for few chirps or samples.
 
@@ -48,14 +48,14 @@ def estimate_background(
         Chirps to leave out.
     n_slots : int
         Number of chirps after which the same transmitter sends again.
-    scale : float
+    largest_value : float
         Largest value.
     """
     n_rx, n_samples = samples.shape[1:]
     n_kept = min(int(np.count_nonzero(~is_lost[slot::n_slots])) for slot in range(n_slots))
     if n_kept < MIN_CHIRPS or n_samples < MIN_SAMPLES:
         return None
-    numbers, inverse = samples.view(np.float32), np.float32(1 / scale)
+    numbers, inverse = samples.view(np.float32), np.float32(1 / largest_value)
     usable = np.flatnonzero(~is_lost)
     static_samples = estimate_static_samples(numbers, usable, n_slots, inverse)
     power, _ = _moving_and_total_power(numbers, static_samples, inverse)

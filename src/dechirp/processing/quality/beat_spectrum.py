@@ -36,13 +36,13 @@ class MeanSpectrum:
 
 
 def mean_spectrum_and_mirror_products(
-    samples: np.ndarray, is_lost: np.ndarray, scale: float
+    samples: np.ndarray, is_lost: np.ndarray, largest_value: float
 ) -> MeanSpectrum:
-    """Return the mean spectrum of samples (chirp, rx, sample) divided by `scale`."""
+    """Return the mean spectrum of samples (chirp, rx, sample) divided by `largest_value`."""
     n_rx, n_samples = samples.shape[1:]
     is_complex = np.iscomplexobj(samples)
     n_bins = n_samples if is_complex else n_samples // 2 + 1
-    weights = (window_weights("hann", n_samples) / scale).astype(np.float32)
+    weights = (window_weights("hann", n_samples) / largest_value).astype(np.float32)
     power = np.zeros((n_rx, n_bins))
     mirror_product = np.zeros((n_rx, (n_samples - 1) // 2 if is_complex else 0), np.complex128)
     mirror_difference = np.zeros(mirror_product.shape)

@@ -10,12 +10,12 @@ from dechirp.processing.quality.recording_measures import RecordingMeasures
 
 def interference_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report bursts of energy in parts of chirps."""
-    has_burst = recorded.measure_values("burst") > 1
+    has_burst = recorded.values_of_measure("burst") > 1
     if not has_burst.any():
         return []
-    n_chirps = int(np.count_nonzero(~recorded.measure_values("lost")))
-    share = float(np.sum(recorded.measure_values("burst_share")[has_burst])) / n_chirps
-    kurtosis = float(np.nanmax(recorded.measure_values("kurtosis")[has_burst]))
+    n_chirps = int(np.count_nonzero(~recorded.values_of_measure("lost")))
+    share = float(np.sum(recorded.values_of_measure("burst_share")[has_burst])) / n_chirps
+    kurtosis = float(np.nanmax(recorded.values_of_measure("kurtosis")[has_burst]))
     normal = 2 if recorded.has_complex_samples else 3
     return [
         Finding(
@@ -35,8 +35,8 @@ def interference_findings(recorded: RecordingMeasures) -> list[Finding]:
 
 def outlier_chirp_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report chirps that differ from both neighbours more than echoes can explain."""
-    excess = recorded.measure_values("unlike")
-    is_outlier = (excess > 1) & ~(recorded.measure_values("burst") > 1)
+    excess = recorded.values_of_measure("unlike")
+    is_outlier = (excess > 1) & ~(recorded.values_of_measure("burst") > 1)
     if not is_outlier.any():
         return []
     largest_db = float(to_decibels(np.max(excess[is_outlier])))
@@ -50,7 +50,7 @@ def outlier_chirp_findings(recorded: RecordingMeasures) -> list[Finding]:
             level="warning",
             setting="recording.chirps",
             value=f"{np.count_nonzero(is_outlier)} of"
-            f" {np.count_nonzero(~recorded.measure_values('lost'))} chirps unlike"
+            f" {np.count_nonzero(~recorded.values_of_measure('lost'))} chirps unlike"
             f" the ones before and after{size_text}:"
             f" {format_chirps_by_frame(is_outlier, recorded.frame_numbers)}",
             expected="equal chirps, since an outlier adds to every velocity",

@@ -55,7 +55,7 @@ def measure_bursts(
         Largest magnitude of a real or imaginary part; smallest difference of successive samples,
         a step of the converter.
     """
-    background = estimate_background(samples, is_lost, n_slots=n_slots, scale=largest_value)
+    background = estimate_background(samples, is_lost, n_slots=n_slots, largest_value=largest_value)
     if background is None:
         nan = np.full(len(samples), np.nan, np.float32)
         return ChirpBursts(excess=nan, share=nan, kurtosis=nan)
@@ -95,7 +95,7 @@ def measure_bursts_over_background(
         * float(background.receiver_weight.max())
         * (adc_step / largest_value) ** 2
     )
-    _measure_chirp_bursts(
+    _write_chirp_burst_measures(
         numbers,
         is_lost,
         background.static_samples,
@@ -125,7 +125,7 @@ def _stretch_lengths_and_energy_limits(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-def _measure_chirp_bursts(
+def _write_chirp_burst_measures(
     numbers: np.ndarray,
     is_lost: np.ndarray,
     static_samples: np.ndarray,
@@ -173,12 +173,12 @@ def _measure_chirp_bursts(
             if squares > 0:
                 largest = max(largest, n_predicted * fourth_powers / (squares * squares))
         kurtosis[m] = largest
-        excess[m] = _largest_stretch_excess(energy, lengths, limits, floor)
+        excess[m] = _largest_energy_share_over_limit(energy, lengths, limits, floor)
         share[m] = _fraction_of_burst_samples(energy) if excess[m] > 1 else 0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-def _largest_stretch_excess(
+def _largest_energy_share_over_limit(
     energy: np.ndarray, lengths: np.ndarray, limits: np.ndarray, floor: float
 ) -> float:
     """Return the largest share of the energy in a stretch, over the limit of its length."""

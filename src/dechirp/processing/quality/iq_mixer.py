@@ -16,7 +16,7 @@ def iq_mixer_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report samples that are real, in the wrong I/Q order, or with an image."""
     if not recorded.has_complex_samples:
         return []
-    mirrored = recorded.measure_values("mirrored")
+    mirrored = recorded.values_of_measure("mirrored")
     known_similarity = mirrored[np.isfinite(mirrored)]
     if known_similarity.size and np.median(known_similarity) > _MIRRORED:
         return [_real_samples_finding(recorded, float(np.median(known_similarity)))]
@@ -24,7 +24,7 @@ def iq_mixer_findings(recorded: RecordingMeasures) -> list[Finding]:
 
 
 def _real_samples_finding(recorded: RecordingMeasures, mirror_similarity: float) -> Finding:
-    power = recorded.measure_values("power").sum(axis=(0, 1))
+    power = recorded.values_of_measure("power").sum(axis=(0, 1))
     weaker = int(np.argmin(power))
     is_dead = power[weaker] < 1e-3 * power[1 - weaker]
     reason = f"the {'IQ'[weaker]} part has no signal" if is_dead else "I and Q are proportional"
@@ -41,7 +41,7 @@ def _real_samples_finding(recorded: RecordingMeasures, mirror_similarity: float)
 
 
 def _wrong_iq_order_findings(recorded: RecordingMeasures) -> list[Finding]:
-    positive, negative = recorded.measure_values("echo_energy").sum(axis=0)
+    positive, negative = recorded.values_of_measure("echo_energy").sum(axis=0)
     if not negative > _WRONG_SIDE * (positive + negative):
         return []
     share = negative / (positive + negative)
@@ -62,8 +62,11 @@ def _wrong_iq_order_findings(recorded: RecordingMeasures) -> list[Finding]:
 
 
 def _iq_image_findings(recorded: RecordingMeasures) -> list[Finding]:
-    image = recorded.measure_values("image")
-    is_measured = np.isfinite(recorded.measure_values("image_range")) & recorded.frames_with_samples
+    image = recorded.values_of_measure("image")
+    is_measured = (
+        np.isfinite(recorded.values_of_measure("image_range"))
+        & recorded.mask_of_frames_with_samples
+    )
     has_image = np.isfinite(image[is_measured])
     is_frequent = has_image.sum(axis=0) >= max(1, (has_image.shape[0] + 1) // 2)
     if not is_frequent.any():
@@ -76,7 +79,7 @@ def _iq_image_findings(recorded: RecordingMeasures) -> list[Finding]:
     )
     receivers, levels_db = np.flatnonzero(is_frequent), to_decibels(levels)
     worst = int(np.argmax(levels))
-    range_m = float(np.median(recorded.measure_values("image_range")[is_measured]))
+    range_m = float(np.median(recorded.values_of_measure("image_range")[is_measured]))
     others = (
         f" ({levels_db.min():.1f} to {levels_db.max():.1f} dB in"
         f" {format_number_ranges('receiver', receivers)})"
@@ -101,7 +104,7 @@ def _iq_image_findings(recorded: RecordingMeasures) -> list[Finding]:
 
 def missing_echo_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report samples in which no echo exceeds the noise."""
-    n_echoes = recorded.measure_values("n_echoes")
+    n_echoes = recorded.values_of_measure("n_echoes")
     is_known = np.isfinite(n_echoes)
     if not is_known.any() or n_echoes[is_known].any():
         return []

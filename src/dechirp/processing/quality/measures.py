@@ -60,7 +60,7 @@ def measure_frame_quality(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
     statistics = compute_sample_statistics(samples.view(np.float32), is_lost, n_parts)
     is_silent = statistics.largest_part_magnitude < SILENT
     scale = 1.0 if is_silent else statistics.largest_part_magnitude
-    is_alive = ~statistics.constant_receivers & (not is_silent)
+    is_alive = ~statistics.constant_receiver_mask & (not is_silent)
     kept_samples = samples[~is_lost] if is_lost.any() else samples
     n_slots = radar.frame.n_slots
     spectrum = mean_spectrum_and_mirror_products(samples, is_lost, scale)
@@ -83,7 +83,7 @@ def measure_frame_quality(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
         and find_receiver_order_on_line(radar.array) is not None
     ):
         cells, snr = strongest_echo_snapshots_and_snr(
-            samples, is_lost, spectrum, n_slots=n_slots, scale=scale
+            samples, is_lost, spectrum, n_slots=n_slots, largest_value=scale
         )
     measures = {
         **_receiver_statistics_as_variables(statistics, kept_samples),
@@ -146,7 +146,7 @@ def _first_receiver_with_same_samples(
     n_rx = samples.shape[1]
     copies = np.full(n_rx, -1)
     for k in range(1, n_rx):
-        if statistics.constant_receivers[k]:
+        if statistics.constant_receiver_mask[k]:
             continue
         for first in range(k):
             same_sums = np.array_equal(statistics.mean[k], statistics.mean[first])
@@ -156,7 +156,7 @@ def _first_receiver_with_same_samples(
     return copies
 
 
-def _has_doppler_peak(samples: np.ndarray, is_alive: np.ndarray, scale: float) -> bool:
+def _has_doppler_peak(samples: np.ndarray, is_alive: np.ndarray, largest_value: float) -> bool:
     """Test if integration over chirps reveals an echo that the mean spectrum hides.
 
     The share of the largest of n cells of noise exceeds x with a probability of at most n (1 -
@@ -164,7 +164,7 @@ def _has_doppler_peak(samples: np.ndarray, is_alive: np.ndarray, scale: float) -
     offset are left out.
     """
     for k in np.flatnonzero(is_alive):
-        receiver_samples = samples[:, k] * np.float32(1 / scale)
+        receiver_samples = samples[:, k] * np.float32(1 / largest_value)
         spectrum = scipy.fft.fft(receiver_samples, axis=1)
         spectrum = spectrum[
             :,

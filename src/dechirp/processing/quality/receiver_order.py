@@ -51,7 +51,12 @@ def find_receiver_order_on_line(array: Array) -> np.ndarray | None:
 
 
 def strongest_echo_snapshots_and_snr(
-    samples: np.ndarray, is_lost: np.ndarray, spectrum: MeanSpectrum, *, n_slots: int, scale: float
+    samples: np.ndarray,
+    is_lost: np.ndarray,
+    spectrum: MeanSpectrum,
+    *,
+    n_slots: int,
+    largest_value: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the receiver snapshots of the strongest echoes, of the chirps of one transmitter.
 
@@ -71,7 +76,7 @@ def strongest_echo_snapshots_and_snr(
     bins = _strongest_beat_bins(spectrum)
     if chirps.size < _MIN_CHIRPS or not bins.size:
         return snapshots, snr
-    range_taper = (window_weights("hann", n_samples) / scale).astype(np.float32)
+    range_taper = (window_weights("hann", n_samples) / largest_value).astype(np.float32)
     doppler_taper = window_weights("hann", chirps.size)[:, None].astype(np.float32)
     cells = np.empty((chirps.size, n_rx, bins.size), np.complex64)
     for k in range(n_rx):
@@ -132,11 +137,11 @@ def find_better_receiver_order(
     if len(distinct_cells) < _MIN_DIRECTIONS:
         return None
     line_cells = distinct_cells[:, line_order]
-    given_gain = _largest_beam_gain(line_cells)
+    given_gain = _largest_beam_gain_per_cell(line_cells)
     if given_gain.mean() > _FITTING_GAIN:
         return None
     orders = _candidate_receiver_orders(len(line_order))
-    gains = np.array([_largest_beam_gain(line_cells[:, order]) for order in orders])
+    gains = np.array([_largest_beam_gain_per_cell(line_cells[:, order]) for order in orders])
     is_better = np.mean((gains > _FITTING_GAIN) & (gains > given_gain), axis=1) >= 0.8
     is_better &= 1 - gains.mean(axis=1) < _MAX_LOSS_RATIO * (1 - given_gain.mean())
     if not is_better.any():
@@ -161,7 +166,7 @@ def _cells_of_distinct_directions(cells: np.ndarray, snr: np.ndarray) -> np.ndar
     return np.array(distinct)
 
 
-def _largest_beam_gain(cells: np.ndarray) -> np.ndarray:
+def _largest_beam_gain_per_cell(cells: np.ndarray) -> np.ndarray:
     """Return the largest beam gain, (cell,), of cells (cell, rx) of unit energy."""
     n_rx = cells.shape[1]
     # 16 beams to a beamwidth: the nearest loses 0.3 % at most.

@@ -16,13 +16,13 @@ _DEAD_POWER_RATIO = 1e-3  # -30 dB, which no antenna pattern reaches in all dire
 
 def silent_frame_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report frames in which all samples are equal."""
-    is_silent = recorded.silent_frames
+    is_silent = recorded.silent_frame_mask
     if not is_silent.any():
         return []
-    level = recorded.measure_values("level")[is_silent]
+    level = recorded.values_of_measure("level")[is_silent]
     content = "zero" if not np.any(level[..., 0]) else "the same number in each receiver"
     frames = recorded.frame_numbers[is_silent]
-    n_arrived = int(recorded.frames_with_samples.sum())
+    n_arrived = int(recorded.mask_of_frames_with_samples.sum())
     frame_text = (
         "all frames" if is_silent.sum() == n_arrived else format_number_ranges("frame", frames)
     )
@@ -40,7 +40,7 @@ def silent_frame_findings(recorded: RecordingMeasures) -> list[Finding]:
 
 def faulty_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report receivers without a signal, or with the samples of another."""
-    if recorded.silent_frames[recorded.frames_with_samples].all():
+    if recorded.silent_frame_mask[recorded.mask_of_frames_with_samples].all():
         return []
     return [
         *_stuck_receiver_findings(recorded),
@@ -50,10 +50,10 @@ def faulty_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
 
 
 def _stuck_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
-    is_constant = recorded.constant_receivers_by_frame & ~recorded.silent_frames[:, None]
+    is_constant = recorded.constant_receiver_mask_by_frame & ~recorded.silent_frame_mask[:, None]
     if not is_constant.any():
         return []
-    is_always = recorded.stuck_receivers
+    is_always = recorded.stuck_receiver_mask
     is_sometimes = is_constant.any(axis=0) & ~is_always
     texts = []
     if is_always.any():
@@ -66,7 +66,10 @@ def _stuck_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
 
 
 def _dead_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
-    power, working = recorded.receiver_power_about_mean, np.flatnonzero(~recorded.stuck_receivers)
+    power, working = (
+        recorded.receiver_power_about_mean,
+        np.flatnonzero(~recorded.stuck_receiver_mask),
+    )
     findings = []
     for rx in working:
         others = np.median(power[working[working != rx]]) if working.size > 1 else 0.0
@@ -91,8 +94,8 @@ def _faulty_receiver_finding(observed: str) -> Finding:
 
 
 def _copied_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
-    is_usable = recorded.frames_with_samples & ~recorded.silent_frames
-    copies = recorded.measure_values("copy_of")[is_usable]
+    is_usable = recorded.mask_of_frames_with_samples & ~recorded.silent_frame_mask
+    copies = recorded.values_of_measure("copy_of")[is_usable]
     findings = []
     for rx in range(copies.shape[1]):
         first = int(copies[0, rx])
@@ -112,12 +115,12 @@ def _copied_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
 def receiver_order_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report receivers on a line whose order differs from the settings."""
     line_order = find_receiver_order_on_line(recorded.radar.array)
-    cells = recorded.measure_values("seen")
+    cells = recorded.values_of_measure("seen")
     if line_order is None or cells.shape[2] != line_order.size:
         return []
     better = find_better_receiver_order(
         cells.reshape(-1, line_order.size),
-        recorded.measure_values("seen_snr").reshape(-1),
+        recorded.values_of_measure("seen_snr").reshape(-1),
         line_order,
     )
     if better is None:

@@ -16,7 +16,7 @@ class RecordingMeasures:
     measures: xr.Dataset
     radar: Radar
 
-    def measure_values(self, name: str) -> np.ndarray:
+    def values_of_measure(self, name: str) -> np.ndarray:
         """Return the values of a measure, frames first."""
         return np.asarray(self.measures[name].values)
 
@@ -26,7 +26,7 @@ class RecordingMeasures:
         return bool(self.measures.attrs["is_complex"])
 
     @property
-    def is_in_full_scale(self) -> bool:
+    def is_normalised_to_full_scale(self) -> bool:
         """True if 1 is the end of the converter's range."""
         return self.measures.attrs["units"] == "full scale"
 
@@ -41,37 +41,39 @@ class RecordingMeasures:
         return np.rint(self.measures["frame"].values / period_s).astype(np.int64)
 
     @cached_property
-    def frames_with_samples(self) -> np.ndarray:
+    def mask_of_frames_with_samples(self) -> np.ndarray:
         """Mask (frame,) of frames with a chirp that was not lost."""
-        return self.measure_values("n_numbers") > 0
+        return self.values_of_measure("n_numbers") > 0
 
     @cached_property
-    def constant_receivers_by_frame(self) -> np.ndarray:
+    def constant_receiver_mask_by_frame(self) -> np.ndarray:
         """Mask (frame, rx) of constant samples."""
-        level = self.measure_values("level")
+        level = self.values_of_measure("level")
         return (
-            np.all(level[..., 0, 0] == level[..., 1, 0], axis=2) & self.frames_with_samples[:, None]
+            np.all(level[..., 0, 0] == level[..., 1, 0], axis=2)
+            & self.mask_of_frames_with_samples[:, None]
         )
 
     @cached_property
-    def stuck_receivers(self) -> np.ndarray:
+    def stuck_receiver_mask(self) -> np.ndarray:
         """Mask (rx,) of receivers whose samples never change within a frame."""
         always = np.all(
-            self.constant_receivers_by_frame | ~self.frames_with_samples[:, None], axis=0
+            self.constant_receiver_mask_by_frame | ~self.mask_of_frames_with_samples[:, None],
+            axis=0,
         )
-        return np.asarray(always & self.frames_with_samples.any())
+        return np.asarray(always & self.mask_of_frames_with_samples.any())
 
     @cached_property
-    def silent_frames(self) -> np.ndarray:
+    def silent_frame_mask(self) -> np.ndarray:
         """Mask (frame,) of frames with constant samples in all receivers."""
-        return np.asarray(self.constant_receivers_by_frame.all(axis=1))
+        return np.asarray(self.constant_receiver_mask_by_frame.all(axis=1))
 
     @cached_property
     def receiver_power_about_mean(self) -> np.ndarray:
         """Mean square about the mean of each frame, over frames with samples, (rx,)."""
-        power = self.measure_values("power").sum(axis=2)
+        power = self.values_of_measure("power").sum(axis=2)
         return (
-            power[self.frames_with_samples].mean(axis=0)
-            if self.frames_with_samples.any()
+            power[self.mask_of_frames_with_samples].mean(axis=0)
+            if self.mask_of_frames_with_samples.any()
             else power[:0].sum(axis=0)
         )

@@ -36,7 +36,7 @@ class SampleStatistics:
         return float(np.max(np.abs(self.level[..., 0]), initial=0.0)) if self.n_numbers else 0.0
 
     @property
-    def constant_receivers(self) -> np.ndarray:
+    def constant_receiver_mask(self) -> np.ndarray:
         """Mask (rx,) of receivers with constant samples."""
         return np.all(self.level[:, :, 0, 0] == self.level[:, :, 1, 0], axis=1)
 

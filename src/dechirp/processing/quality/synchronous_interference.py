@@ -47,7 +47,7 @@ class GhostTrack:
 
 
 def find_ghost_track(
-    samples: np.ndarray, is_lost: np.ndarray, frame: Frame, scale: float
+    samples: np.ndarray, is_lost: np.ndarray, frame: Frame, largest_value: float
 ) -> GhostTrack:
     """Find beats in one frame, (chirp, rx, sample), that move faster than 150 m/s.
 
@@ -62,14 +62,14 @@ def find_ghost_track(
         Chirps to leave out.
     frame : Frame
         Frame with a single interval.
-    scale : float
+    largest_value : float
         Largest value.
     """
     is_rising = np.array([ramp.sign > 0 for ramp in frame.ramps])
     chirps = np.flatnonzero(~is_lost & np.tile(is_rising, frame.n_chirps))
     if chirps.size < _MIN_CHIRPS or samples.shape[2] < _MIN_SAMPLES:
         return GhostTrack()
-    beats = _strongest_moving_beats(samples, chirps, frame.n_slots, scale)
+    beats = _strongest_moving_beat_per_chirp(samples, chirps, frame.n_slots, largest_value)
     # From here on in range cells, and cells per second.
     cell_m = frame.chirp.range_resolution_m
     times = frame.chirp_starts_s[chirps]
@@ -102,12 +102,12 @@ def find_ghost_track(
     )
 
 
-def _strongest_moving_beats(
-    samples: np.ndarray, chirps: np.ndarray, n_slots: int, scale: float
+def _strongest_moving_beat_per_chirp(
+    samples: np.ndarray, chirps: np.ndarray, n_slots: int, largest_value: float
 ) -> np.ndarray:
     """Return the strongest moving beat of chirps, interpolated between bins, (n,)."""
     n_samples = samples.shape[2]
-    inverse = np.float32(1 / scale)
+    inverse = np.float32(1 / largest_value)
     static_samples = estimate_static_samples(
         samples.view(np.float32), chirps, n_slots, inverse
     ).view(samples.dtype)
@@ -120,11 +120,11 @@ def _strongest_moving_beats(
         tapered = moving * weights
         spectra = scipy.fft.fft(tapered) if np.iscomplexobj(samples) else scipy.fft.rfft(tapered)
         power = np.sum(np.abs(spectra) ** 2, axis=1)
-        beats[first : first + block.size] = _interpolated_row_peaks(power)
+        beats[first : first + block.size] = _interpolated_row_peak_bins(power)
     return beats
 
 
-def _interpolated_row_peaks(power: np.ndarray) -> np.ndarray:
+def _interpolated_row_peak_bins(power: np.ndarray) -> np.ndarray:
     """Return the peak of each row by a parabola through logarithms: 0.02 bins off under Hann."""
     rows, top = np.arange(len(power)), np.argmax(power, axis=1)
     neighbours = np.stack([power[rows, (top + k) % power.shape[1]] for k in (-1, 0, 1)])
@@ -172,21 +172,21 @@ def _chirps_of_densest_stretch(is_on_line: np.ndarray) -> np.ndarray:
 
 def interference_ghost_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report echoes that move through range faster than any road user."""
-    velocity = recorded.measure_values("walk_velocity")
+    velocity = recorded.values_of_measure("walk_velocity")
     frames = np.flatnonzero(np.isfinite(velocity))
     if not frames.size:
         return []
     worst = frames[np.argmax(np.abs(velocity[frames]))]
     speed = float(velocity[worst])
-    first, last = recorded.measure_values("walk_chirps")[worst]
+    first, last = recorded.values_of_measure("walk_chirps")[worst]
     clock = abs(speed) * 2 / SPEED_OF_LIGHT
     return [
         Finding(
             level="warning",
             setting="recording.ghost",
             value=f"an apparent echo that moves by {speed:+.0f} m/s, from"
-            f" {recorded.measure_values('walk_range')[worst]:.4g} m on, in chirps {first} to {last}"
-            f" of frame {recorded.frame_numbers[worst]}"
+            f" {recorded.values_of_measure('walk_range')[worst]:.4g} m on, in chirps {first} to"
+            f" {last} of frame {recorded.frame_numbers[worst]}"
             + (
                 f", and in {format_number_ranges('frame', recorded.frame_numbers[frames])}"
                 if frames.size > 1

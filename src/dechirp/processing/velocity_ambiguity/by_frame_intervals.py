@@ -81,7 +81,7 @@ def ambiguity_probabilities(
         own_frame = frame.for_frame(estimates.number)
         span = unambiguous_velocity_span_m_per_s(estimates.range_m, own_frame)
         cycles = estimates.velocity_m_per_s / span
-        numbers = _ambiguity_numbers_near_zero(
+        numbers = _ambiguity_numbers_near_zero_velocity(
             cycles, frame.n_resolvable_ambiguities_across_frames(estimates.number)
         )
         range_m = estimates.range_m[:, None] - range_shift_per_ambiguity_m(own_frame) * numbers
@@ -121,7 +121,9 @@ def _stack_estimates(estimates: FrameEstimates) -> np.ndarray:
     return np.array([time_s, estimates.range_m, estimates.velocity_m_per_s, *variances])
 
 
-def _ambiguity_numbers_near_zero(velocity_in_spans: np.ndarray, n_numbers: int) -> np.ndarray:
+def _ambiguity_numbers_near_zero_velocity(
+    velocity_in_spans: np.ndarray, n_numbers: int
+) -> np.ndarray:
     """Return the numbers nearest to zero velocity, (n, n_folds), for velocities in spans, (n,)."""
     return np.asarray(np.ceil(-n_numbers / 2 - velocity_in_spans)[:, None] + np.arange(n_numbers))
 

@@ -127,7 +127,7 @@ def ambiguity_probabilities(
     by_slot = amplitudes.reshape(n, 1, frame.n_slots, n_rx) * compensation[..., None]
     compensated = by_slot.reshape(*numbers.shape, n_channels).astype(np.complex64)
     total = np.sum(np.abs(amplitudes) ** 2, axis=1)
-    max_residual = _max_noise_residual(n_channels)
+    max_residual = _upper_noise_residual_quantile(n_channels)
     model_error = _MODEL_ERROR**2 / n_channels
     is_plane = 1 < responses.n_azimuths < len(responses.unit)
     grid_error = max(model_error, _GRID_LOSS) if is_plane else model_error
@@ -150,7 +150,7 @@ def ambiguity_probabilities(
 
 
 @lru_cache
-def _max_noise_residual(n_channels: int) -> float:
+def _upper_noise_residual_quantile(n_channels: int) -> float:
     """Return the residual of the best beam that noise exceeds with probability 0.001."""
     # One amplitude and at most two angles are fitted.
     return float(gammaincinv(max(n_channels - 2.0, 1.0), 0.999))
@@ -182,10 +182,10 @@ def _log_evidence_over_directions(
                     best_direction = g
             top[h] = power[h, best_direction]
             column, row = best_direction % n_azimuths, best_direction // n_azimuths
-            grid_gain[h] = _parabola_gain(
+            grid_gain[h] = _parabola_vertex_gain(
                 power[h, row * n_azimuths : (row + 1) * n_azimuths], column
             )
-            grid_gain[h] += _parabola_gain(power[h, column::n_azimuths], row)
+            grid_gain[h] += _parabola_vertex_gain(power[h, column::n_azimuths], row)
             grid_gain[h] = min(grid_gain[h], total[i] - top[h])  # at most the total power
         unfitted = total[i] - np.max(top + grid_gain)
         noise = noise_power[i] + grid_error * total[i]
@@ -202,7 +202,7 @@ def _log_evidence_over_directions(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _parabola_gain(power: np.ndarray, top: int) -> float:
+def _parabola_vertex_gain(power: np.ndarray, top: int) -> float:
     """Return the gain of the parabola through a maximum and its neighbours over the maximum.
 
     At the end of the grid the vertex may lie up to half a step beyond it.

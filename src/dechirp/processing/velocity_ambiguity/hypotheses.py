@@ -21,7 +21,7 @@ class AmbiguityHypotheses(NamedTuple):
     """(n, n_hypotheses), integers: the Doppler frequency is principal + number / repetition."""
 
     @property
-    def certain_numbers(self) -> np.ndarray:
+    def certain_ambiguity_numbers_or_nan(self) -> np.ndarray:
         """Likeliest ambiguity number, NaN where its probability is below 0.99, (n,)."""
         best = self.probability.argmax(axis=1)[:, None]
         number = np.take_along_axis(self.number, best, axis=1)[:, 0]

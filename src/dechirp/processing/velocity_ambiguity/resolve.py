@@ -57,7 +57,9 @@ def resolve_velocity_ambiguity(
         hypotheses = by_transmitters.ambiguity_probabilities(
             tones.amplitude, frame, doppler_hz, responses, noise
         )
-    doppler_hz = doppler_hz + np.nan_to_num(hypotheses.certain_numbers) / frame.repetition_s
+    doppler_hz = (
+        doppler_hz + np.nan_to_num(hypotheses.certain_ambiguity_numbers_or_nan) / frame.repetition_s
+    )
     return ResolvedPeaks(map_peaks._replace(tones=tones), doppler_hz, hypotheses)
 
 
@@ -97,7 +99,7 @@ def resolve_across_frames(frames: Sequence[FramePeaks], frame: Frame) -> Iterato
     probabilities = by_frame_intervals.ambiguity_probabilities(estimates, frame)
     for frame_peaks, resolved, hypotheses in zip(frames, at_principal, probabilities, strict=True):
         own_frame = frame_peaks.radar.frame
-        number = np.nan_to_num(hypotheses.certain_numbers)
+        number = np.nan_to_num(hypotheses.certain_ambiguity_numbers_or_nan)
         unambiguous = _with_other_doppler(
             resolved, resolved.doppler_hz + number / own_frame.repetition_s, own_frame
         )

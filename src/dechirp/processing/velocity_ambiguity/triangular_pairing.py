@@ -58,7 +58,7 @@ def pair_rising_and_falling_peaks(
     beat_up, beat_down = (_beat_frequencies_hz(peaks.tones.fast, frame) for peaks in (up, down))
     up_hz = chirp.mean_sampled_frequency_hz
     down_hz = up_hz - _falling_ramp_frequency_drop_hz(frame)
-    coarse = _doppler_over_c_from_beats(beat_up[u] - beat_down[d], frame)
+    coarse = _relative_doppler_from_beats(beat_up[u] - beat_down[d], frame)
     delay_s = (beat_up[u] + beat_down[d] - coarse * (up_hz - down_hz)) / (2 * slope * (1 - coarse))
     echo_hz = up_hz - slope * delay_s
     doppler_hz, repetition_s = coarse * echo_hz, frame.repetition_s
@@ -90,7 +90,9 @@ def pair_rising_and_falling_peaks(
         delay_s /= 2 * slope * (1 - coarse)
     hypotheses = AmbiguityHypotheses(conditional * pairs.probability[:, None], numbers)
     if frame.n_chirps > 1:
-        doppler_hz = np.where(np.isnan(hypotheses.certain_numbers), fine_hz, doppler_hz)
+        doppler_hz = np.where(
+            np.isnan(hypotheses.certain_ambiguity_numbers_or_nan), fine_hz, doppler_hz
+        )
     up_amplitude, down_amplitude = up.tones.amplitude[u], down.tones.amplitude[d]
     correlation = np.sum(up_amplitude * down_amplitude.conj(), axis=1)
     down_amplitude = down_amplitude * np.exp(1j * np.angle(correlation))[:, None]
@@ -109,7 +111,9 @@ def pair_rising_and_falling_peaks(
 def _assign_peak_pairs(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> PeakPairs:
     """Find the likeliest assignment, and the probability of each of its pairs."""
     # A peak without a partner costs as much as a pair at the limit.
-    unpaired_cost = float(gammainccinv(_degrees_of_freedom(up, frame) / 2, _REJECTION_PROBABILITY))
+    unpaired_cost = float(
+        gammainccinv(_degrees_of_freedom_of_pair_cost(up, frame) / 2, _REJECTION_PROBABILITY)
+    )
     costs = np.minimum(_pair_costs(up, down, frame), unpaired_cost)
     u, d = linear_sum_assignment(costs)
     is_pair = costs[u, d] < unpaired_cost
@@ -141,7 +145,7 @@ def _pair_probability(
     return 1 / (1 + others)
 
 
-def _degrees_of_freedom(peaks: RefinedPeaks, frame: Frame) -> int:
+def _degrees_of_freedom_of_pair_cost(peaks: RefinedPeaks, frame: Frame) -> int:
     """Return the number of measured values in which the peaks of a target differ by noise."""
     n_rx = peaks.tones.amplitude.shape[1]
     return 2 * n_rx - 1 + (2 if frame.n_chirps > 1 else 0)
@@ -163,7 +167,7 @@ def _pair_costs(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> np.ndarra
     beats = _beat_frequencies_hz(up.tones.fast, frame)[:, None] - _beat_frequencies_hz(
         down.tones.fast, frame
     )
-    over_c = _doppler_over_c_from_beats(beats, frame)
+    over_c = _relative_doppler_from_beats(beats, frame)
     if frame.n_chirps > 1:
         turn = 2 * np.pi * frame.repetition_s
         both = _beat_frequencies_hz(up.tones.fast, frame)[:, None] + _beat_frequencies_hz(
@@ -193,7 +197,7 @@ def _beat_frequencies_hz(fast: np.ndarray, frame: Frame) -> np.ndarray:
     return fast * frame.chirp.sample_rate_hz / (2 * np.pi)
 
 
-def _doppler_over_c_from_beats(beat_difference_hz: np.ndarray, frame: Frame) -> np.ndarray:
+def _relative_doppler_from_beats(beat_difference_hz: np.ndarray, frame: Frame) -> np.ndarray:
     """Return 2 v / c from the difference of the beats, with the motion between the ramps."""
     chirp, (_, fall) = frame.chirp, frame.ramps
     both_hz = 2 * chirp.start_frequency_hz + fall.shift_hz
@@ -207,13 +211,13 @@ def _falling_ramp_frequency_drop_hz(frame: Frame) -> float:
 
 
 def _falling_ramp_doppler_drop_hz(
-    over_c: np.ndarray, beat_sum_hz: np.ndarray, frame: Frame
+    relative_doppler: np.ndarray, beat_sum_hz: np.ndarray, frame: Frame
 ) -> np.ndarray:
     """Return the decrease of Doppler frequencies of falling ramps, from the sum of the beats.
 
     The echo of a rising ramp is S tau below the transmitted frequency, that of a falling one above.
     """
-    return over_c * (_falling_ramp_frequency_drop_hz(frame) - beat_sum_hz)
+    return relative_doppler * (_falling_ramp_frequency_drop_hz(frame) - beat_sum_hz)
 
 
 def _beat_frequency_variance(snr: np.ndarray, frame: Frame) -> np.ndarray:

@@ -11,12 +11,17 @@ from dechirp.core.findings import Finding
 from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.design.common import (
-    check_chirp_count,
-    check_ramp_fits_band,
+    find_broken_band_limit,
+    find_broken_chirp_count_limit,
     required_n_chirps,
     start_frequency_hz,
 )
-from dechirp.radar.design.derived import DerivedValue, cube_bytes, data_rate_bits_per_s, mean_eirp_w
+from dechirp.radar.design.derived import (
+    DerivedValue,
+    data_rate_bits_per_s,
+    frame_cube_bytes,
+    mean_eirp_w,
+)
 from dechirp.radar.design.relaxation import BrokenLimit
 from dechirp.radar.design.requirements import Limits, Requirements
 from dechirp.radar.frame import Frame
@@ -58,7 +63,7 @@ def _design_frame_from_start(
     if sampled_s is None:
         return None
     n_samples = max(
-        2, math.ceil(_max_beat_periods_while_sampling(requirements) / limits.usable_band - 1e-9)
+        2, math.ceil(_min_nyquist_sample_count(requirements) / limits.usable_band - 1e-9)
     )
     ramp_s = adc_start_s + sampled_s + limits.ramp_end_margin_s
     chirp = Chirp(
@@ -76,7 +81,7 @@ def _design_frame_from_start(
     return Frame(chirp=chirp, n_chirps=n_chirps, interval_s=interval_s)
 
 
-def _max_beat_periods_while_sampling(requirements: Requirements) -> float:
+def _min_nyquist_sample_count(requirements: Requirements) -> float:
     # The highest beat frequency has one period for each range bin while sampling, and the
     # Doppler frequency at most half a period, since an interval has at most half a period.
     periods = requirements.max_range_m / requirements.range_resolution_m + 0.5
@@ -113,7 +118,7 @@ def find_broken_limits(
     """Return the limits that requirements break."""
     frame = design_frame(requirements, limits=limits, speed_of_light_m_per_s=speed_of_light_m_per_s)
     if frame is None:
-        return [_broken_limit_without_sampling_time(requirements, limits, speed_of_light_m_per_s)]
+        return [_interval_limit_without_sampling_time(requirements, limits, speed_of_light_m_per_s)]
     radar, chirp = Radar(frame=frame), frame.chirp
     max_sample_rate_hz = limits.max_sample_rate_hz * (1 if chirp.sampling == "complex" else 2)
     checks = (
@@ -127,11 +132,11 @@ def find_broken_limits(
             1e6,
             "Mbit/s",
         ),
-        ("max_cube", "a cube", cube_bytes(radar), limits.max_cube_bytes, 2**20, "MiB"),
+        ("max_cube", "a cube", frame_cube_bytes(radar), limits.max_cube_bytes, 2**20, "MiB"),
     )
-    broken_limits = check_ramp_fits_band(requirements, chirp.ramp_bandwidth_hz) + check_chirp_count(
-        requirements, frame
-    )
+    broken_limits = find_broken_band_limit(
+        requirements, chirp.ramp_bandwidth_hz
+    ) + find_broken_chirp_count_limit(requirements, frame)
     return broken_limits + [
         BrokenLimit(
             limit=name,
@@ -143,7 +148,7 @@ def find_broken_limits(
     ]
 
 
-def _broken_limit_without_sampling_time(
+def _interval_limit_without_sampling_time(
     requirements: Requirements, limits: Limits, c: float
 ) -> BrokenLimit:
     unsampled_s = (

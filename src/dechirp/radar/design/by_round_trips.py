@@ -6,8 +6,8 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.design.common import (
     DEFAULT_N_CHIRPS,
-    check_chirp_count,
-    check_ramp_fits_band,
+    find_broken_band_limit,
+    find_broken_chirp_count_limit,
     required_n_chirps,
     start_frequency_hz,
 )
@@ -50,8 +50,8 @@ def find_broken_limits(
     """Return the limits that requirements break: velocity, chirps of a frame, the band."""
     frame = design_frame(requirements, speed_of_light_m_per_s=speed_of_light_m_per_s)
     scale = speed_of_light_m_per_s / SPEED_OF_LIGHT
-    broken_limits = check_ramp_fits_band(requirements, frame.chirp.ramp_bandwidth_hz)
-    broken_limits += check_chirp_count(requirements, frame)
+    broken_limits = find_broken_band_limit(requirements, frame.chirp.ramp_bandwidth_hz)
+    broken_limits += find_broken_chirp_count_limit(requirements, frame)
     if frame.max_velocity_m_per_s * scale < requirements.max_velocity_m_per_s * (1 - 1e-9):
         longest_s = frame.chirp.wavelength_m * scale / (4 * requirements.max_velocity_m_per_s)
         broken_limits.append(

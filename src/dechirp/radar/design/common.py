@@ -21,7 +21,9 @@ def start_frequency_hz(requirements: Requirements, ramp_bandwidth_hz: float) -> 
     return requirements.carrier_hz if is_inside else low_hz
 
 
-def check_ramp_fits_band(requirements: Requirements, ramp_bandwidth_hz: float) -> list[BrokenLimit]:
+def find_broken_band_limit(
+    requirements: Requirements, ramp_bandwidth_hz: float
+) -> list[BrokenLimit]:
     """Return the band as a broken limit if the ramp is wider than the band.
 
     Without a band, a carrier from 76 to 81 GHz has the 5 GHz of both automotive bands.
@@ -54,7 +56,7 @@ def required_n_chirps(requirements: Requirements, *, wavelength_m: float, interv
     return min(max(2, math.ceil(chirps - 1e-9)), MAX_N_CHIRPS)
 
 
-def check_chirp_count(requirements: Requirements, frame: Frame) -> list[BrokenLimit]:
+def find_broken_chirp_count_limit(requirements: Requirements, frame: Frame) -> list[BrokenLimit]:
     """Return the chirp count as a broken limit if the velocity resolution needs too many."""
     if requirements.velocity_resolution_m_per_s is None or frame.n_chirps < MAX_N_CHIRPS:
         return []

@@ -33,7 +33,7 @@ class DerivedValue:
         return format_with_si_prefix(self.value, self.unit, 6)
 
 
-def cube_bytes(radar: Radar) -> int:
+def frame_cube_bytes(radar: Radar) -> int:
     """Return the size of one frame of all receivers, in 16-bit words."""
     chirp = radar.frame.chirp
     words = 2 if chirp.sampling == "complex" else 1
@@ -42,7 +42,7 @@ def cube_bytes(radar: Radar) -> int:
 
 def data_rate_bits_per_s(radar: Radar) -> float:
     """Return the mean data rate of all receivers over a frame, in 16-bit words."""
-    return 8 * cube_bytes(radar) / radar.frame.duration_s
+    return 8 * frame_cube_bytes(radar) / radar.frame.duration_s
 
 
 def mean_eirp_w(radar: Radar) -> float:
@@ -112,7 +112,7 @@ def derive_radar_values(
             "no windows",
         ),
         ("data_rate", data_rate_bits_per_s(radar), "bit/s", "8 cube / M T", "16-bit words"),
-        ("cube_memory", cube_bytes(radar), "byte", size_formula, "16-bit words"),
+        ("cube_memory", frame_cube_bytes(radar), "byte", size_formula, "16-bit words"),
         ("eirp", radar.require_hardware().eirp_w, "W", "P Gt", "while the ramp lasts"),
         ("mean_eirp", mean_eirp_w(radar), "W", "P Gt T_ramp / T", ""),
     ]

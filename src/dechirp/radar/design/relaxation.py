@@ -54,11 +54,11 @@ def relax_requirements(
     broken_limits = find_broken_limits(requirements)
     if not broken_limits:
         return requirements, ()
-    relaxed_values = _relax_each_requirement_alone(requirements, find_broken_limits)
+    relaxed_values = _find_relaxed_values_alone(requirements, find_broken_limits)
     if relaxed_values:
         return _apply_smallest_relaxation(requirements, relaxed_values, broken_limits)
     first = broken_limits[0]
-    relaxed_values = _relax_each_requirement_alone(
+    relaxed_values = _find_relaxed_values_alone(
         requirements, lambda eased: [b for b in find_broken_limits(eased) if b.limit == first.limit]
     )
     if not relaxed_values:
@@ -73,18 +73,18 @@ def relax_requirements(
     return relaxed, findings + more_findings
 
 
-def _relax_each_requirement_alone(
+def _find_relaxed_values_alone(
     requirements: Requirements, find_broken_limits: LimitCheck
 ) -> dict[str, float]:
     """Return for each requirement the value that, changed alone, breaks no limit."""
     relaxed = {
-        name: _relax_requirement_alone(requirements, name, find_broken_limits)
+        name: _find_relaxed_value_alone(requirements, name, find_broken_limits)
         for name in RELAXATIONS
     }
     return {name: number for name, number in relaxed.items() if number is not None}
 
 
-def _relax_requirement_alone(
+def _find_relaxed_value_alone(
     requirements: Requirements, name: str, find_broken_limits: LimitCheck
 ) -> float | None:
     original, direction = getattr(requirements, name), RELAXATIONS[name][2]

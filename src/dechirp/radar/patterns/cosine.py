@@ -80,11 +80,11 @@ class Cosine(Pattern):
 
     @property
     def _cosine_exponents(self) -> tuple[float, float]:
-        return _half_power_exponent(self.azimuth_beamwidth_rad), _half_power_exponent(
-            self.elevation_beamwidth_rad
-        )
+        return _cosine_exponent_for_beamwidth(
+            self.azimuth_beamwidth_rad
+        ), _cosine_exponent_for_beamwidth(self.elevation_beamwidth_rad)
 
 
-def _half_power_exponent(beamwidth_rad: float) -> float:
+def _cosine_exponent_for_beamwidth(beamwidth_rad: float) -> float:
     # ln cos x computed from the sine, which stays accurate for pencil beams.
     return math.log(0.5) / (0.5 * math.log1p(-(math.sin(beamwidth_rad / 2) ** 2)))

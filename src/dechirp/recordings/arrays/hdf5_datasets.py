@@ -23,9 +23,9 @@ from dechirp.recordings.arrays.lazy_array import (
     choose_array_name,
     convert_parser_errors,
     count_chunks,
-    find_unwritten_chunks,
     is_numeric,
     memory_exceeds_file_error,
+    unwritten_chunk_indices_or_none,
 )
 from dechirp.recordings.readers.base import RecordingHints
 
@@ -202,7 +202,7 @@ def dataset_to_lazy_array(path: Path, file: Any, dataset: Any) -> LazyArray:
         chunk=dataset.chunks,
     )
     check_plausible_size(path, array, file_bytes=path.stat().st_size)
-    return replace(array, absent_chunks=_find_unwritten_chunks(path, array, dataset))
+    return replace(array, absent_chunks=_unwritten_chunk_indices_or_none(path, array, dataset))
 
 
 def _read_filter_ids(path: Path, dataset: Any) -> tuple[int, ...]:
@@ -273,7 +273,9 @@ def _exceeds_decompressed_size(filter_ids: list[int], compressed: bytes, max_byt
     return _SZIP in filter_ids and int.from_bytes(compressed[:4], "little") > max_bytes
 
 
-def _find_unwritten_chunks(path: Path, array: LazyArray, dataset: Any) -> np.ndarray | None:
+def _unwritten_chunk_indices_or_none(
+    path: Path, array: LazyArray, dataset: Any
+) -> np.ndarray | None:
     """Return the chunks that were never written; None if all were."""
     if array.chunk is None:
         if dataset.id.get_storage_size() > 0:
@@ -295,4 +297,4 @@ def _find_unwritten_chunks(path: Path, array: LazyArray, dataset: Any) -> np.nda
         present.add(tuple(start // size for start, size in starts))
 
     dataset.id.chunk_iter(add_chunk)
-    return find_unwritten_chunks(array, present.__contains__)
+    return unwritten_chunk_indices_or_none(array, present.__contains__)

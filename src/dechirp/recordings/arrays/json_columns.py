@@ -28,7 +28,7 @@ def column_to_json(column: np.ndarray) -> dict[str, Any]:
     values = parts.tolist()
     if parts.dtype.kind == "f" and not np.isfinite(parts).all():
         values = [
-            _non_finite_to_json(number) if not math.isfinite(number) else number
+            _non_finite_to_null_or_text(number) if not math.isfinite(number) else number
             for number in values
         ]
     return {"dtype": column.dtype.name, "shape": column.shape, "values": values}
@@ -58,6 +58,6 @@ def column_from_json(json_column: Mapping[str, Any]) -> np.ndarray:
     return np.array(values, dtype=dtype).reshape(shape)
 
 
-def _non_finite_to_json(number: float) -> str | None:
+def _non_finite_to_null_or_text(number: float) -> str | None:
     """Return the JSON value of a non-finite number."""
     return None if math.isnan(number) else str(number)

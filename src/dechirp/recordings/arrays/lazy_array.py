@@ -110,7 +110,7 @@ def count_chunks(path: Path, array: LazyArray) -> int:
     return n_chunks
 
 
-def find_unwritten_chunks(
+def unwritten_chunk_indices_or_none(
     array: LazyArray, is_present: Callable[[tuple[int, ...]], bool]
 ) -> np.ndarray | None:
     """Return `LazyArray.absent_chunks`, by a query for each chunk."""

@@ -284,11 +284,11 @@ def find_numeric_variables(path: Path) -> dict[str, Variable]:
     variables: dict[str, Variable] = {}
     with convert_parser_errors(path, EXPECTED):
         for element in iter_elements(path):
-            variables |= parse_numeric_variable(element)
+            variables |= parse_numeric_variable_by_name(element)
     return variables
 
 
-def parse_numeric_variable(element: Element) -> dict[str, Variable]:
+def parse_numeric_variable_by_name(element: Element) -> dict[str, Variable]:
     """Return the numeric array of an element, by name; empty for other classes."""
     header = parse_array_header(element.head, 0, element.byte_order)
     numbers = CLASSES.get(header.class_code)

@@ -55,15 +55,15 @@ class NamedArray:
         return self.array.outer_axis is not None
 
     @property
-    def decompressed_bytes_per_frame(self) -> int:
+    def bytes_to_decompress_per_frame(self) -> int:
         """Bytes to decompress for a frame; 0 if any part can be read separately."""
         if self.array.outer_axis is None:
             return 0
         whole = math.prod(self.array.shape) * self.array.dtype.itemsize
-        return whole // self.sizes["frame"] if self.is_frame_major else whole
+        return whole // self.sizes["frame"] if self.is_sequential_by_frame else whole
 
     @property
-    def is_frame_major(self) -> bool:
+    def is_sequential_by_frame(self) -> bool:
         """True if consecutive frames follow one another in the sequential data."""
         return (
             self.array.outer_axis is not None and list(self.sizes)[self.array.outer_axis] == "frame"
@@ -71,7 +71,7 @@ class NamedArray:
 
     def check_frame_memory(self, file_bytes: int) -> None:
         """Raise `RecordingError` if a frame needs more memory than the file allows."""
-        n_bytes = self.decompressed_bytes_per_frame
+        n_bytes = self.bytes_to_decompress_per_frame
         if n_bytes > 2 * file_bytes + ALLOWED_BYTES:
             description = f"{n_bytes} bytes to decompress for a frame"
             raise memory_exceeds_file_error(self.path, description, file_bytes=file_bytes)

@@ -97,7 +97,7 @@ def interpret_array_as_recording(
     )
 
 
-def infer_shape(
+def infer_shape_and_findings(
     path: Path,
     axes: tuple[str, ...] | None,
     settings: RecordingSettings,
@@ -353,8 +353,8 @@ def _convert_chirps_to_full_scale(
 
 def _repeated_decompression_note(cube: NamedArray) -> tuple[Finding, ...]:
     """Return a note if the whole array is decompressed for each frame."""
-    n_frames, n_bytes = cube.sizes.get("frame", 1), cube.decompressed_bytes_per_frame
-    if cube.is_frame_major or n_frames == 1 or n_bytes <= CACHE_BYTES:
+    n_frames, n_bytes = cube.sizes.get("frame", 1), cube.bytes_to_decompress_per_frame
+    if cube.is_sequential_by_frame or n_frames == 1 or n_bytes <= CACHE_BYTES:
         return ()
     return (
         Finding(

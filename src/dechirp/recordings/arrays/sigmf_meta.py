@@ -108,7 +108,7 @@ def read_metadata(path: Path) -> SigmfMetadata:
     tree = parse_metadata_file(meta)
     global_fields: dict[str, Any] = tree["global"]
     _check_conforming_dataset(meta, data, global_fields)
-    dtype, is_complex = _parse_datatype(meta, global_fields["core:datatype"])
+    dtype, is_complex = _parse_dtype_and_is_complex(meta, global_fields["core:datatype"])
     n_channels, rate_hz = (
         global_fields.get("core:num_channels", 1),
         global_fields.get("core:sample_rate"),
@@ -135,7 +135,7 @@ def read_metadata(path: Path) -> SigmfMetadata:
         global_fields=global_fields,
         captures=captures,
         annotations=_read_segment_list(meta, tree, "annotations"),
-        findings=_check_required_extensions(meta, global_fields),
+        findings=_check_extensions_and_note_ignored(meta, global_fields),
     )
 
 
@@ -172,7 +172,7 @@ def _non_conforming_dataset_error(meta: Path, field: str) -> RecordingError:
     )
 
 
-def _parse_datatype(path: Path, datatype: Any) -> tuple[np.dtype, bool]:
+def _parse_dtype_and_is_complex(path: Path, datatype: Any) -> tuple[np.dtype, bool]:
     """Return the type of a number, and whether two make a sample."""
     parts = _DATATYPE.fullmatch(datatype) if isinstance(datatype, str) else None
     if parts is not None:
@@ -188,7 +188,9 @@ def _parse_datatype(path: Path, datatype: Any) -> tuple[np.dtype, bool]:
     )
 
 
-def _check_required_extensions(path: Path, global_fields: dict[str, Any]) -> tuple[Finding, ...]:
+def _check_extensions_and_note_ignored(
+    path: Path, global_fields: dict[str, Any]
+) -> tuple[Finding, ...]:
     """Return a note about ignored extensions.
 
     Raises

@@ -23,7 +23,7 @@ from dechirp.recordings.arrays.lazy_array import (
     choose_array_name,
     convert_parser_errors,
     count_chunks,
-    find_unwritten_chunks,
+    unwritten_chunk_indices_or_none,
 )
 from dechirp.recordings.arrays.zarr_chunks import (
     check_chunk_file_decompressed_size,
@@ -45,7 +45,7 @@ _KNOWN_CODECS = {
 }
 
 
-def open_lazy_zarr_array(path: Path, hints: RecordingHints) -> tuple[LazyArray, int]:
+def open_lazy_array_and_disk_bytes(path: Path, hints: RecordingHints) -> tuple[LazyArray, int]:
     """Open the array to read; return it with its size on disk.
 
     Raises
@@ -67,7 +67,7 @@ def open_lazy_zarr_array(path: Path, hints: RecordingHints) -> tuple[LazyArray, 
         }
         array_types = {name: (array.shape, array.dtype) for name, array in arrays.items()}
         name = choose_array_name(path, array_types, hints)
-        return _to_checked_lazy_array(path, arrays[name], folders[name])
+        return _checked_lazy_array_and_disk_bytes(path, arrays[name], folders[name])
 
 
 def read_small_array(path: Path, folder: Path) -> np.ndarray:
@@ -81,7 +81,7 @@ def read_small_array(path: Path, folder: Path) -> np.ndarray:
     with convert_parser_errors(path, EXPECTED):
         _check_codecs_supported(path, folder)
         # Absent chunks hold the fill value.
-        array, _ = _to_checked_lazy_array(path, open_zarr_array(folder), folder)
+        array, _ = _checked_lazy_array_and_disk_bytes(path, open_zarr_array(folder), folder)
         return array.read(tuple(slice(0, size) for size in array.shape))
 
 
@@ -215,7 +215,9 @@ def _symlink_error(folder: Path, name: str) -> RecordingError:
     )
 
 
-def _to_checked_lazy_array(path: Path, array: Any, folder: Path) -> tuple[LazyArray, int]:
+def _checked_lazy_array_and_disk_bytes(
+    path: Path, array: Any, folder: Path
+) -> tuple[LazyArray, int]:
     """Convert an array of the Zarr library to one that checks each chunk before it is read."""
     files, n_bytes = list_files_and_total_size(folder)
     encode_key = array.metadata.encode_chunk_key
@@ -240,7 +242,9 @@ def _to_checked_lazy_array(path: Path, array: Any, folder: Path) -> tuple[LazyAr
     )
     check_plausible_size(path, lazy_array, file_bytes=n_bytes)
     count_chunks(path, lazy_array)
-    absent_chunks = find_unwritten_chunks(lazy_array, lambda index: encode_key(index) in files)
+    absent_chunks = unwritten_chunk_indices_or_none(
+        lazy_array, lambda index: encode_key(index) in files
+    )
     return replace(lazy_array, absent_chunks=absent_chunks), n_bytes
 
 

@@ -72,12 +72,12 @@ def parse_chunk_compression(
     """
     if metadata["zarr_format"] == 2:
         codecs = [*(metadata.get("filters") or ()), metadata.get("compressor")]
-        return _parse_codec_sequence(
+        return _parse_codecs_as_compression(
             path, [(codec["id"], codec) for codec in codecs if codec], chunk_shape, itemsize
         )
     codecs = _codec_names_and_configs(metadata["codecs"])
     if _SHARDS not in (name for name, _ in codecs):
-        return _parse_codec_sequence(path, codecs, chunk_shape, itemsize)
+        return _parse_codecs_as_compression(path, codecs, chunk_shape, itemsize)
     config = codecs[-1][1]
     names = [name for name, _ in codecs]
     index = _codec_names_and_configs(config.get("index_codecs", ()))
@@ -87,7 +87,7 @@ def parse_chunk_compression(
         raise _unsupported_codecs_error(path, f"{_SHARDS} with an index in {index}")
     inner = tuple(int(size) for size in config["chunk_shape"])
     return Sharding(
-        inner=_parse_codec_sequence(
+        inner=_parse_codecs_as_compression(
             path, _codec_names_and_configs(config["codecs"]), inner, itemsize
         ),
         n_inner=math.prod(chunk_shape) // math.prod(inner),
@@ -104,7 +104,7 @@ def _codec_names_and_configs(codecs: Any) -> list[tuple[str, Mapping[str, Any]]]
     ]
 
 
-def _parse_codec_sequence(
+def _parse_codecs_as_compression(
     path: Path,
     codecs: list[tuple[str, Mapping[str, Any]]],
     chunk_shape: tuple[int, ...],

@@ -43,7 +43,7 @@ class UncompressedChunks:
             n_rows = min(step, stop_chirp - first_chirp, self.chirps_per_chunk - row)
             rows = np.empty((n_rows, *self.row_shape), self.dtype)
             start = (frame_index % self.frames_per_chunk * self.chirps_per_chunk + row) * row_bytes
-            self._read_chirps_from_chunk(
+            self._fill_chirps_from_chunk_file(
                 rows, (frame_index // self.frames_per_chunk, place), start, row_bytes
             )
             yield first_chirp, rows
@@ -60,7 +60,7 @@ class UncompressedChunks:
                 values[index - frames.start, row : row + len(rows)] = rows
         return values
 
-    def _read_chirps_from_chunk(
+    def _fill_chirps_from_chunk_file(
         self,
         chirps: np.ndarray,
         chunk_index: tuple[int, int],
@@ -114,7 +114,7 @@ def parse_uncompressed_chunks(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def scale_codes(codes: np.ndarray, scale: float, samples: np.ndarray) -> None:
+def scale_codes_into_samples(codes: np.ndarray, scale: float, samples: np.ndarray) -> None:
     """Fill float32 samples with int16 codes times `scale`, float32; both flat."""
     for k in range(len(codes)):
         samples[k] = np.float32(codes[k]) * scale

@@ -103,7 +103,7 @@ class ReassemblyWindow:
         while n_processed < n and not self.has_radar_restarted:
             n_processed += self._insert_into_open_frames(packets.slice_slots(n_processed, n))
             while self._filled_bytes[self._slot_of_oldest_frame] == self._content.shape[1]:
-                yield from self._close_oldest_frame()
+                yield from self._yield_and_reset_oldest_frame()
             if n_processed < n:
                 yield from self.flush_frames_before(int(self.counters[_REQUIRED_OLDEST]))
 
@@ -115,7 +115,7 @@ class ReassemblyWindow:
     def flush_frames_before(self, frame_number: int) -> Iterator[FrameBytes]:
         """Yield the received part of all frames before this number, and close them."""
         while self.counters[_OLDEST_FRAME] < frame_number and self._filled_bytes.any():
-            yield from self._close_oldest_frame()
+            yield from self._yield_and_reset_oldest_frame()
         self.counters[_OLDEST_FRAME] = max(self.counters[_OLDEST_FRAME], frame_number)
 
     def _insert_into_open_frames(self, packets: PacketSlots) -> int:
@@ -128,7 +128,7 @@ class ReassemblyWindow:
     def _slot_of_oldest_frame(self) -> int:
         return int(self.counters[_OLDEST_FRAME]) % len(self._filled_bytes)
 
-    def _close_oldest_frame(self) -> Iterator[FrameBytes]:
+    def _yield_and_reset_oldest_frame(self) -> Iterator[FrameBytes]:
         """Close the oldest frame, and open the one after the last."""
         slot, number = self._slot_of_oldest_frame, int(self.counters[_OLDEST_FRAME])
         if self._filled_bytes[slot]:

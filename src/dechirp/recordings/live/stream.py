@@ -157,7 +157,7 @@ class _FrameDecoder:
         if received.received_mask is not None:
             gap = np.asarray(~received.received_mask.reshape(-1, self._chirp_bytes).all(axis=1))
         if self._contents is None:
-            self._bytes.content = self._repeat_complete_chirps(received.content, gap)
+            self._bytes.content = self._fill_frame_with_complete_chirps(received.content, gap)
             self._contents = self._infer_sample_layout()
         self._bytes.content = received.content
         frame, n_rx = self.radar.frame, self.radar.array.n_rx
@@ -172,7 +172,7 @@ class _FrameDecoder:
         lanes, hints = possible_word_layouts(self._settings), RecordingHints(iq=self._iq)
         return interpret_raw_samples(self._path, self._bytes, lanes, self._settings, hints)
 
-    def _repeat_complete_chirps(
+    def _fill_frame_with_complete_chirps(
         self, content: np.ndarray, is_chirp_lost: np.ndarray | None
     ) -> np.ndarray:
         """Return the complete chirps, repeated to fill a frame; zeros carry no information."""

@@ -107,7 +107,7 @@ class Listener(Stream):
     def _transmission_findings(self) -> tuple[Finding, ...]:
         return (
             *self._lost_samples_findings(),
-            *self._packet_order_findings(),
+            *self._reordered_and_duplicate_packet_findings(),
             *self._rejected_packet_findings(),
             *self._aborted_stream_findings(),
         )
@@ -137,7 +137,7 @@ class Listener(Stream):
             " and the coordinate `gap` marks them",
         )
 
-    def _packet_order_findings(self) -> Iterator[Finding]:
+    def _reordered_and_duplicate_packet_findings(self) -> Iterator[Finding]:
         for counter, description in (
             (N_REORDERED, "out of order, sorted by their counters"),
             (N_DUPLICATES, "duplicate or too late for their frame, omitted"),

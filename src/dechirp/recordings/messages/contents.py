@@ -9,7 +9,7 @@ from dechirp.recordings.arrays.lazy_array import convert_parser_errors
 from dechirp.recordings.description import is_native_description
 from dechirp.recordings.messages import foreign_point_clouds, native_tables
 from dechirp.recordings.messages.message_arrays import collect_message_arrays
-from dechirp.recordings.messages.ros import Message, ros2_message_types
+from dechirp.recordings.messages.ros import Message, ros2_message_type_store
 from dechirp.recordings.native import check_device_and_iq_hints
 from dechirp.recordings.readers.base import Contents, RecordingHints
 
@@ -26,7 +26,7 @@ def messages_to_contents(
     InvalidSetting
         If the extra `io` is missing.
     """
-    ros2_message_types()  # a missing extra is no damage
+    ros2_message_type_store()  # a missing extra is no damage
     settings = hints.settings
     radar = None if settings is None else settings.radar
     with convert_parser_errors(path, expected):

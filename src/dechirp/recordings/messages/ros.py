@@ -40,7 +40,7 @@ class Message(NamedTuple):
 
 
 @cache
-def ros2_message_types() -> Any:
+def ros2_message_type_store() -> Any:
     """Return the store of message types, which serialises messages."""
     stores = import_from_io_extra("rosbags.typesys", setting="recording")
     return stores.get_typestore(stores.Stores.ROS2_HUMBLE)
@@ -48,17 +48,17 @@ def ros2_message_types() -> Any:
 
 def create_message(type_name: str, **fields: object) -> Any:
     """Create a message of a type, or a part of one."""
-    return ros2_message_types().types[type_name](**fields)
+    return ros2_message_type_store().types[type_name](**fields)
 
 
 def encode_message(message: Any) -> bytes:
     """Serialise a message to CDR."""
-    return bytes(ros2_message_types().serialize_cdr(message, message.__msgtype__))
+    return bytes(ros2_message_type_store().serialize_cdr(message, message.__msgtype__))
 
 
 def decode_message(message: Message) -> Any:
     """Deserialise a message; raises any error of rosbags or NumPy if it is damaged."""
-    return ros2_message_types().deserialize_cdr(bytes(message.data), message.type)
+    return ros2_message_type_store().deserialize_cdr(bytes(message.data), message.type)
 
 
 def is_number_array_type(type_name: str) -> bool:

@@ -10,7 +10,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.lazy_files import open_memory_mapped_array
 from dechirp.recordings.arrays.named_axes import (
     check_even_byte_count,
-    infer_shape,
+    infer_shape_and_findings,
     interpret_array_as_recording,
 )
 from dechirp.recordings.readers.base import (
@@ -46,7 +46,7 @@ class BareCube(Format):
         n_bytes = path.stat().st_size
         check_even_byte_count(path, n_bytes)
         description = f"a file of {n_bytes} bytes (2 per number)"
-        shape, findings = infer_shape(
+        shape, findings = infer_shape_and_findings(
             path, hints.axes, settings, n_bytes // 2, description=description
         )
         encoding = hints.encoding or "int16"

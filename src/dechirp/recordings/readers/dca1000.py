@@ -37,7 +37,7 @@ from dechirp.recordings.streams.packets import (
     group_packets_into_runs,
     last_sequence_number,
     read_unsigned,
-    wrap_scan_to_return_runs,
+    wrap_scan_to_return_packet_runs,
 )
 from dechirp.recordings.streams.scan import scan_file_in_windows
 
@@ -80,7 +80,7 @@ class Dca1000(Format):
                 )
             )
         settings = find_recording_settings(path, hints)
-        stream, findings = _open_payload_stream(path, settings)
+        stream, findings = _open_payload_stream_with_findings(path, settings)
         return interpret_raw_samples(
             path, stream, possible_word_layouts(settings), settings.with_findings(*findings), hints
         )
@@ -122,12 +122,12 @@ def has_packet_headers(path: Path) -> bool:
     )
 
 
-def _open_payload_stream(
+def _open_payload_stream_with_findings(
     path: Path, settings: RecordingSettings
 ) -> tuple[ByteSource, tuple[Finding, ...]]:
     """Open the payload of a capture, with its split parts or packets, and findings about them."""
     if has_packet_headers(path):
-        return _open_packet_payloads(path)
+        return _open_packet_payloads_with_findings(path)
     parts = _find_capture_parts(path, settings)
     return open_concatenated_files(*parts), _joined_parts_note(parts) + _later_capture_part_warning(
         path, settings
@@ -167,9 +167,11 @@ def _later_capture_part_warning(path: Path, settings: RecordingSettings) -> tupl
     )
 
 
-def _open_packet_payloads(path: Path) -> tuple[ByteSource, tuple[Finding, ...]]:
+def _open_packet_payloads_with_findings(path: Path) -> tuple[ByteSource, tuple[Finding, ...]]:
     """Assemble the payloads of packets with headers, from all parts of a split capture."""
-    runs, stopped = scan_file_in_windows(path, wrap_scan_to_return_runs(_scan_packet_headers), 0)
+    runs, stopped = scan_file_in_windows(
+        path, wrap_scan_to_return_packet_runs(_scan_packet_headers), 0
+    )
     parts, base = [path], 0
     while (following := find_next_capture_part(parts)) is not None:
         continuation = _find_packet_across_parts(
@@ -182,7 +184,7 @@ def _open_packet_payloads(path: Path) -> tuple[ByteSource, tuple[Finding, ...]]:
         base += parts[-1].stat().st_size
         parts.append(following)
         part_runs, stopped = scan_file_in_windows(
-            following, wrap_scan_to_return_runs(_scan_packet_headers), next_offset
+            following, wrap_scan_to_return_packet_runs(_scan_packet_headers), next_offset
         )
         if len(part_runs):
             part_runs[:, 2] += base
@@ -195,11 +197,11 @@ def _open_packet_payloads(path: Path) -> tuple[ByteSource, tuple[Finding, ...]]:
 
 
 def _find_packet_across_parts(
-    part: Path, stop: int, next_part: Path, last_number: int
+    part: Path, stop: int, next_part: Path, last_packet_number: int
 ) -> tuple[np.ndarray, int] | None:
     """Find the packet that a split cut in two; return its run and the offset of the next packet.
 
-    None if the second file does not continue the first one after packet `last_number`.
+    None if the second file does not continue the first one after packet `last_packet_number`.
     """
     longest = _HEADER_BYTES + MAX_PAYLOAD_BYTES
     with part.open("rb") as file:
@@ -208,7 +210,11 @@ def _find_packet_across_parts(
     with next_part.open("rb") as file:
         content = np.frombuffer(remainder + file.read(longest), np.uint8)
     _, rows = _scan_packet_headers(content, 0, 1)
-    if len(remainder) == longest or not len(rows) or not 0 < rows[0, 0] - last_number < 2**16:
+    if (
+        len(remainder) == longest
+        or not len(rows)
+        or not 0 < rows[0, 0] - last_packet_number < 2**16
+    ):
         return None
     if not remainder:
         return group_packets_into_runs(rows[:0]), 0

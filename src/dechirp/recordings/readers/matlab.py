@@ -31,7 +31,7 @@ from dechirp.recordings.arrays.mat5 import (
     Element,
     find_numeric_variables,
     iter_elements,
-    parse_numeric_variable,
+    parse_numeric_variable_by_name,
 )
 from dechirp.recordings.arrays.mat5_values import Value, read_variable_value
 from dechirp.recordings.arrays.named_axes import interpret_array_as_recording
@@ -136,7 +136,7 @@ def _read_native_file(path: Path, description_text: str, hints: RecordingHints) 
         )
 
     gaps = read_variable_value(elements[_GAP], max_bytes) if _GAP in elements else None
-    samples = _open_cube_array(elements[_CUBE])
+    samples = _open_cube_with_restored_axes(elements[_CUBE])
     check_plausible_size(path, samples, file_bytes=file_bytes)
     return read_native_contents(
         path,
@@ -150,9 +150,9 @@ def _read_native_file(path: Path, description_text: str, hints: RecordingHints) 
     )
 
 
-def _open_cube_array(element: Element) -> LazyArray:
+def _open_cube_with_restored_axes(element: Element) -> LazyArray:
     """Open the cube, and restore trailing axes of length 1 that MATLAB removed."""
-    (variable,) = parse_numeric_variable(element).values()
+    (variable,) = parse_numeric_variable_by_name(element).values()
     # MATLAB drops trailing axes of length 1 when it saves the file again.
     n_missing_axes = len(CUBE_AXES) - len(variable.shape)
     return replace(variable, shape=variable.shape + (1,) * n_missing_axes).to_lazy_array()

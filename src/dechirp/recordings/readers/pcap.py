@@ -24,7 +24,7 @@ from dechirp.recordings.streams.byte_sources import open_concatenated_files
 from dechirp.recordings.streams.packets import (
     assemble_packet_payloads,
     read_unsigned,
-    wrap_scan_to_return_runs,
+    wrap_scan_to_return_packet_runs,
 )
 from dechirp.recordings.streams.scan import scan_file_in_windows
 
@@ -61,7 +61,7 @@ class Pcap(Format):
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         runs, stopped, snapped = _scan_sample_packets(path)
         runs = runs.reshape(-1, 7)  # empty if the file ends after its header
-        _check_snap_length(path, runs, snapped)
+        _check_snap_length_kept_samples(path, runs, snapped)
         stream, findings = assemble_packet_payloads(path, open_concatenated_files(path), runs)
         if n_snapped := int(runs[runs[:, 4] > 0, -2].sum()):
             findings += (_snap_length_warning(n_snapped, int(snapped[1])),)
@@ -101,31 +101,34 @@ def _scan_sample_packets(path: Path) -> tuple[np.ndarray, int, np.ndarray]:
         n_links = np.zeros(1, np.int64)
 
         def scan_blocks(content: np.ndarray, offset: int, stop: int) -> tuple[int, np.ndarray]:
-            return _scan_pcapng_blocks(
+            return _find_sample_packets_in_pcapng(
                 content, offset, stop, is_little_endian, links, n_links, snapped
             )
 
-        return *scan_file_in_windows(path, wrap_scan_to_return_runs(scan_blocks), 0), snapped
+        return *scan_file_in_windows(path, wrap_scan_to_return_packet_runs(scan_blocks), 0), snapped
     order = _PCAP[header[:4]]
     if len(header) < 24:
         raise _damaged_capture_error(path, "a capture without a complete header of 24 bytes")
     link = struct.unpack(f"{order}I", header[20:24])[0] & 0x0FFFFFFF
 
     def scan_records(content: np.ndarray, offset: int, stop: int) -> tuple[int, np.ndarray]:
-        return _scan_pcap_records(content, offset, stop, order == "<", link, snapped)
+        return _find_sample_packets_in_pcap(content, offset, stop, order == "<", link, snapped)
 
-    return *scan_file_in_windows(path, wrap_scan_to_return_runs(scan_records), 24), snapped
+    return *scan_file_in_windows(path, wrap_scan_to_return_packet_runs(scan_records), 24), snapped
 
 
-def _check_snap_length(path: Path, runs: np.ndarray, snapped: np.ndarray) -> None:
+def _check_snap_length_kept_samples(
+    path: Path, runs: np.ndarray, snap_count_and_length: np.ndarray
+) -> None:
     """Raise `RecordingError` if the snap length removed nearly all samples."""
     is_whole, counts = runs[:, 4] == 0, runs[:, -2]
     lost_bytes, captured_bytes = counts @ runs[:, 4], counts @ runs[:, 3]
-    if not snapped[0] or (is_whole.any() and lost_bytes <= _MAX_LOST_RATIO * captured_bytes):
+    n_snapped, snap_length = snap_count_and_length
+    if not n_snapped or (is_whole.any() and lost_bytes <= _MAX_LOST_RATIO * captured_bytes):
         return
     raise RecordingError(
         path,
-        value=f"{snapped[0]} packets captured with a snap length of {snapped[1]} bytes, which"
+        value=f"{n_snapped} packets captured with a snap length of {snap_length} bytes, which"
         " removed most samples",
         expected="complete packets",
         fix=_SNAP_LENGTH_FIX,
@@ -182,14 +185,14 @@ def _find_ipv4_header(content: np.ndarray, offset: int, stop: int, link_type: in
 
 
 @numba.njit(cache=True)
-def _parse_sample_packet(
+def _fill_row_if_sample_packet(
     content: np.ndarray,
     offset: int,
     stop: int,
     n_bytes: int,
     link_type: int,
     row: np.ndarray,
-    snapped: np.ndarray,
+    snap_count_and_length: np.ndarray,
 ) -> bool:
     """Fill `row` if a captured packet contains samples; return whether it does.
 
@@ -197,8 +200,8 @@ def _parse_sample_packet(
     """
     packet_end = max(stop, offset + n_bytes)
     if packet_end > stop:
-        snapped[0] += 1
-        snapped[1] = max(snapped[1], stop - offset)
+        snap_count_and_length[0] += 1
+        snap_count_and_length[1] = max(snap_count_and_length[1], stop - offset)
     offset = _find_ipv4_header(content, offset, stop, link_type)
     if offset + 20 > stop:
         return False
@@ -224,13 +227,13 @@ def _parse_sample_packet(
 
 
 @numba.njit(cache=True)
-def _scan_pcap_records(
+def _find_sample_packets_in_pcap(
     content: np.ndarray,
     offset: int,
     stop: int,
     is_little_endian: bool,
     link_type: int,
-    snapped: np.ndarray,
+    snap_count_and_length: np.ndarray,
 ) -> tuple[int, np.ndarray]:
     """Return the next offset and the rows of the pcap records that begin before `stop`."""
     rows = np.empty(((stop - offset) // 16 + 1, 5), np.int64)
@@ -242,8 +245,14 @@ def _scan_pcap_records(
         if offset + 16 + size > content.size:
             break
         n_sent = read_unsigned(content, offset + 12, 4, is_little_endian)
-        if _parse_sample_packet(
-            content, offset + 16, offset + 16 + size, n_sent, link_type, rows[n], snapped
+        if _fill_row_if_sample_packet(
+            content,
+            offset + 16,
+            offset + 16 + size,
+            n_sent,
+            link_type,
+            rows[n],
+            snap_count_and_length,
         ):
             n += 1
         offset += 16 + size
@@ -251,14 +260,14 @@ def _scan_pcap_records(
 
 
 @numba.njit(cache=True)
-def _scan_pcapng_blocks(
+def _find_sample_packets_in_pcapng(
     content: np.ndarray,
     offset: int,
     stop: int,
     is_little_endian: bool,
     link_types: np.ndarray,
     n_links: np.ndarray,
-    snapped: np.ndarray,
+    snap_count_and_length: np.ndarray,
 ) -> tuple[int, np.ndarray]:
     """Return the next offset and the rows of the pcapng blocks that begin before `stop`."""
     rows = np.empty(((stop - offset) // 12 + 1, 5), np.int64)
@@ -290,8 +299,14 @@ def _scan_pcapng_blocks(
             and interface < n_links[0]
         )
         link = link_types[interface] if is_packet else 0
-        if is_packet and _parse_sample_packet(
-            content, payload_start, payload_start + n_captured, n_sent, link, rows[n], snapped
+        if is_packet and _fill_row_if_sample_packet(
+            content,
+            payload_start,
+            payload_start + n_captured,
+            n_sent,
+            link,
+            rows[n],
+            snap_count_and_length,
         ):
             n += 1
         offset += size

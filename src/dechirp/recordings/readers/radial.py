@@ -19,7 +19,7 @@ from dechirp.recordings.arrays.lazy_array import ArrayPart, LazyArray
 from dechirp.recordings.arrays.lazy_files import open_memory_mapped_array
 from dechirp.recordings.arrays.named_axes import (
     check_even_byte_count,
-    infer_shape,
+    infer_shape_and_findings,
     interpret_array_as_recording,
 )
 from dechirp.recordings.readers.base import (
@@ -77,7 +77,7 @@ class Radial(Format):
             settings, radar=replace(radar, array=replace(radar.array, rx_m=rx_m))
         )
         description = f"files of {n_bytes} bytes (2 per number)"
-        shape, findings = infer_shape(
+        shape, findings = infer_shape_and_findings(
             path, _AXES, chip_settings, n_bytes // 2, description=description
         )
         samples = _concatenate_chips_along_receivers(

@@ -21,7 +21,10 @@ from dechirp.recordings.arrays.encodings import LIMITS
 from dechirp.recordings.arrays.json_columns import column_from_json
 from dechirp.recordings.arrays.lazy_array import ArrayPart, LazyArray, convert_parser_errors
 from dechirp.recordings.arrays.lazy_files import open_memory_mapped_array
-from dechirp.recordings.arrays.named_axes import infer_shape, interpret_array_as_recording
+from dechirp.recordings.arrays.named_axes import (
+    infer_shape_and_findings,
+    interpret_array_as_recording,
+)
 from dechirp.recordings.arrays.sigmf_meta import (
     ARCHIVE,
     DATA,
@@ -216,7 +219,9 @@ def _read_foreign_recording(meta: SigmfMetadata, hints: RecordingHints) -> Conte
         )
     description = f"a file of {n_values} samples,"
     axes = hints.axes or AXES
-    shape, cut_findings = infer_shape(meta.data, axes, settings, n_values, description=description)
+    shape, cut_findings = infer_shape_and_findings(
+        meta.data, axes, settings, n_values, description=description
+    )
     samples = _open_lazy_samples(meta, shape)
     is_full_scale = meta.dtype.kind == "f" or hints.encoding is not None
     complete_hints = replace(

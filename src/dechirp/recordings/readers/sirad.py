@@ -23,7 +23,10 @@ from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
-from dechirp.recordings.samples.continuous import check_single_receiver, divide_chirps_into_frames
+from dechirp.recordings.samples.continuous import (
+    check_single_receiver_and_sampling,
+    divide_chirps_into_frames,
+)
 from dechirp.recordings.samples.iq_order import guess_iq_order, negative_beat_frequency_findings
 from dechirp.recordings.settings.base import Iq, RecordingSettings, convert_setting_errors
 
@@ -66,7 +69,7 @@ class Sirad(Format):
         )
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        header, start = _read_json_header(path)
+        header, start = _read_json_header_and_data_start(path)
         n_samples = _positive_header_integer(path, header, "Samps")
         if _positive_header_integer(path, header, "Ramps") != 1:
             raise RecordingError(
@@ -75,9 +78,9 @@ class Sirad(Format):
                 expected="Ramps 1: the layout of several ramps is not known",
                 fix="record one ramp a frame",
             )
-        rows = _index_row_offsets(path, start, 2 * n_samples)
+        rows = _index_rows_with_statistics(path, start, 2 * n_samples)
         settings = hints.settings or _settings_from_header(path, header, n_samples, rows.n_rows)
-        check_single_receiver(path, settings.radar, "complex")
+        check_single_receiver_and_sampling(path, settings.radar, "complex")
         if settings.radar.frame.chirp.n_samples != n_samples:
             raise RecordingError(
                 path,
@@ -88,7 +91,7 @@ class Sirad(Format):
         radar, n_frames, frame_findings = divide_chirps_into_frames(
             path, settings.radar, rows.n_rows
         )
-        full_scale, scale_note = _guess_adc_full_scale(rows.lowest, rows.highest)
+        full_scale, scale_note = _guess_adc_full_scale_with_note(rows.lowest, rows.highest)
         findings = (*settings.findings, *frame_findings, scale_note)
         sampled_chirps = rows.sampled_rows[:, 0::2] + 1j * rows.sampled_rows[:, 1::2]
         if hints.iq is None:
@@ -101,7 +104,7 @@ class Sirad(Format):
         n_chirps = radar.frame.n_chirps_total
 
         def decode(index: int, out: np.ndarray) -> None:
-            for chirp, codes in _iter_code_rows(
+            for chirp, codes in _iter_code_row_blocks(
                 path, rows, index * n_chirps, (index + 1) * n_chirps
             ):
                 _decode_iq_chirps(codes, full_scale, iq, out[chirp : chirp + len(codes)])
@@ -139,7 +142,7 @@ def _decode_iq_chirps(codes: np.ndarray, full_scale: int, iq: Iq, out: np.ndarra
     out *= np.float32(1 / full_scale)
 
 
-def _guess_adc_full_scale(lowest_code: int, highest_code: int) -> tuple[int, Finding]:
+def _guess_adc_full_scale_with_note(lowest_code: int, highest_code: int) -> tuple[int, Finding]:
     """Guess the full scale of the ADC, which the file does not contain."""
     bits = 12 if lowest_code >= -2048 and highest_code <= 2047 else 16
     return 2 ** (bits - 1), Finding(
@@ -193,7 +196,7 @@ def _settings_from_header(
     )
 
 
-def _read_json_header(path: Path) -> tuple[dict[str, Any], int]:
+def _read_json_header_and_data_start(path: Path) -> tuple[dict[str, Any], int]:
     """Return the settings before the numbers, and the byte at which the rows begin."""
     with path.open("rb") as file:
         text = file.read(_HEAD_BYTES)
@@ -244,7 +247,7 @@ def _positive_header_integer(path: Path, header: dict[str, Any], key: str) -> in
     return int(number)
 
 
-def _index_row_offsets(path: Path, start: int, n_numbers: int) -> _RowIndex:
+def _index_rows_with_statistics(path: Path, start: int, n_numbers: int) -> _RowIndex:
     """Find all rows, keeping only a few of them.
 
     As Python numbers, the whole text would take 12 times its size.
@@ -256,7 +259,7 @@ def _index_row_offsets(path: Path, start: int, n_numbers: int) -> _RowIndex:
     n_rows, n_sampled, step, lowest, highest, end = 0, 0, 1, 2**15, -(2**15), start
     with path.open("rb") as file:
         file.seek(start)
-        for text_offset, text in _iter_row_text(path, file, start, n_numbers):
+        for text_offset, text in _iter_row_blocks(path, file, start, n_numbers):
             rows = _parse_rows_to_codes(path, text_offset, text, n_numbers)
             row_starts = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("["))
             offsets.append(text_offset + row_starts[-n_rows % rows_per_offset :: rows_per_offset])
@@ -279,7 +282,7 @@ def _index_row_offsets(path: Path, start: int, n_numbers: int) -> _RowIndex:
     )
 
 
-def _iter_code_rows(
+def _iter_code_row_blocks(
     path: Path, row_index: _RowIndex, first_row: int, stop_row: int
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the codes (row, number) of some rows block by block, with the index of the first."""
@@ -310,7 +313,7 @@ def _iter_code_rows(
             block = next_block
 
 
-def _iter_row_text(
+def _iter_row_blocks(
     path: Path, file: BinaryIO, start: int, n_numbers: int
 ) -> Iterator[tuple[int, bytes]]:
     """Yield the text of several complete rows, with the byte at which it begins."""

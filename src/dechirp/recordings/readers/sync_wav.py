@@ -21,7 +21,7 @@ from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.samples.continuous import (
-    check_single_receiver,
+    check_single_receiver_and_sampling,
     chirp_interval_findings,
     divide_chirps_into_frames,
 )
@@ -53,7 +53,7 @@ class SyncWav(Format):
         sign = 1 if hints.encoding == "upright" else -1
         recording = parse_wav_header(path)
         settings = find_recording_settings(path, hints)
-        check_single_receiver(path, settings.radar, "real")
+        check_single_receiver_and_sampling(path, settings.radar, "real")
         chirp = settings.radar.frame.chirp
         rate_hz = recording.sample_rate_hz
         if recording.n_channels != 2 or abs(chirp.sample_rate_hz / rate_hz - 1) > 1e-6:
@@ -113,7 +113,7 @@ class _Ramps:
     findings: tuple[Finding, ...] = ()
 
 
-def _find_ramps_by_sync(recording: Wav, sign: int, min_samples: int) -> _Ramps:
+def _find_ramps_by_sync(recording: Wav, polarity_sign: int, min_samples: int) -> _Ramps:
     """Find the ramps by their sync, and number them so that missing ramps keep their place.
 
     Raises
@@ -121,13 +121,13 @@ def _find_ramps_by_sync(recording: Wav, sign: int, min_samples: int) -> _Ramps:
     RecordingError
         If there is no sync, or most of its pulses are shorter than `min_samples` samples.
     """
-    low, high = _estimate_sync_levels(recording, sign)
+    low, high = _estimate_sync_levels(recording, polarity_sign)
     middle, half = (low + high) / 2, (high - low) / 4
     if not half > 0:
         raise _no_ramps_error(recording, min_samples, f"a sync (channel 2) that stays at {low:.3g}")
     long_starts, n_short, n_high_samples = [], 0, 0
     for starts, lengths in _iter_sync_high_intervals(
-        recording, sign, middle - half, middle + half, min_samples
+        recording, polarity_sign, middle - half, middle + half, min_samples
     ):
         long = lengths >= min_samples
         long_starts.append(starts[long])
@@ -142,30 +142,30 @@ def _find_ramps_by_sync(recording: Wav, sign: int, min_samples: int) -> _Ramps:
             f"a sync (channel 2) that is high {n_pulses} times, for"
             f" {n_high_samples / max(n_pulses, 1):.6g} samples on average",
         )
-    return _number_ramps_by_spacing(starts, n_short, recording.sample_rate_hz)
+    return _assign_ramp_numbers_by_spacing(starts, n_short, recording.sample_rate_hz)
 
 
-def _estimate_sync_levels(recording: Wav, sign: int) -> tuple[float, float]:
+def _estimate_sync_levels(recording: Wav, polarity_sign: int) -> tuple[float, float]:
     """Estimate the low and high level of the sync; 0.1 % of the samples may lie beyond each."""
     rng = np.random.default_rng(1)  # regular sampling could be synchronous with the sync
     share = min(1.0, _MAX_LEVEL_SAMPLES / recording.n_samples)
     sampled_blocks = [
         rng.choice(block, math.ceil(share * block.size), replace=False) if share < 1 else block
-        for _, block in _iter_sync_blocks(recording, sign)
+        for _, block in _iter_sync_blocks(recording, polarity_sign)
     ]
     low, high = np.quantile(np.concatenate(sampled_blocks).astype(float), [0.001, 0.999])
     return float(low), float(high)
 
 
-def _iter_sync_blocks(recording: Wav, sign: int) -> Iterator[tuple[int, np.ndarray]]:
+def _iter_sync_blocks(recording: Wav, polarity_sign: int) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the sync channel block by block, with the index of the first sample."""
     for first in range(0, recording.n_samples, _BLOCK):
         block = recording.read_samples(first, min(_BLOCK, recording.n_samples - first))[:, _SYNC]
-        yield first, np.where(np.isfinite(block), block, np.float32(0)) * np.float32(sign)
+        yield first, np.where(np.isfinite(block), block, np.float32(0)) * np.float32(polarity_sign)
 
 
 def _iter_sync_high_intervals(
-    recording: Wav, sign: int, lower: float, upper: float, min_samples: int
+    recording: Wav, polarity_sign: int, lower: float, upper: float, min_samples: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield start and length of the intervals in which the sync is high, block by block.
 
@@ -174,7 +174,7 @@ def _iter_sync_high_intervals(
     has `min_samples` samples.
     """
     last_edge, state = -1, 0  # index and state of the last edge
-    for first, block in _iter_sync_blocks(recording, sign):
+    for first, block in _iter_sync_blocks(recording, polarity_sign):
         level = (block > upper).astype(np.int8) - (block < lower)
         crossings = np.flatnonzero(level)
         levels = level[crossings]
@@ -190,7 +190,9 @@ def _iter_sync_high_intervals(
         yield np.array([last_edge]), np.array([recording.n_samples - last_edge])
 
 
-def _number_ramps_by_spacing(starts: np.ndarray, n_short: int, sample_rate_hz: float) -> _Ramps:
+def _assign_ramp_numbers_by_spacing(
+    starts: np.ndarray, n_short_pulses: int, sample_rate_hz: float
+) -> _Ramps:
     """Number the ramps by their spacing, with -1 for those that are missing."""
     if len(starts) == 1:
         return _Ramps(starts=starts, interval_s=None)
@@ -203,7 +205,7 @@ def _number_ramps_by_spacing(starts: np.ndarray, n_short: int, sample_rate_hz: f
     # Intervals of a fractional number of samples vary by one sample.
     is_uneven = abs(steps - periods * median_step) > max(0.01 * median_step, 2)
     findings = []
-    if (periods > 1).any() or is_uneven.any() or n_short:
+    if (periods > 1).any() or is_uneven.any() or n_short_pulses:
         longest = int(np.argmax(steps))
         findings.append(
             Finding(
@@ -211,8 +213,9 @@ def _number_ramps_by_spacing(starts: np.ndarray, n_short: int, sample_rate_hz: f
                 setting="recording",
                 value=f"an irregular sync: {int((periods - 1).sum())} ramps missing,"
                 f" {int(is_uneven.sum())} intervals off by more than 1 %, pulses too short"
-                f" {n_short} times; the longest interval, {steps[longest] / sample_rate_hz:.4g} s,"
-                f" begins {starts[longest] / sample_rate_hz:.4g} s after the start",
+                f" {n_short_pulses} times; the longest interval,"
+                f" {steps[longest] / sample_rate_hz:.4g} s, begins"
+                f" {starts[longest] / sample_rate_hz:.4g} s after the start",
                 expected=f"a ramp every {median_step / sample_rate_hz:.6g} s",
                 fix="leave out those frames; samples of missing ramps are zero and marked as gaps",
             )

@@ -17,7 +17,10 @@ from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.encodings import LIMITS
 from dechirp.recordings.arrays.lazy_array import ArrayPart, LazyArray, format_shape
-from dechirp.recordings.arrays.named_axes import infer_shape, interpret_array_as_recording
+from dechirp.recordings.arrays.named_axes import (
+    infer_shape_and_findings,
+    interpret_array_as_recording,
+)
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.settings_lookup import find_recording_settings
 
@@ -67,7 +70,7 @@ class TextColumns(Format):
         settings = find_recording_settings(path, hints)
         n_numbers = table.n_lines * table.n_columns
         description = f"text of {table.n_lines} lines of {table.n_columns} numbers"
-        shape, findings = infer_shape(
+        shape, findings = infer_shape_and_findings(
             path, hints.axes, settings, n_numbers, description=description
         )
         if table.n_lines > 1:
@@ -250,9 +253,9 @@ def _read_numbers_of_lines(path: Path, table: _LineIndex, lines: slice) -> np.nd
 
 
 def _parse_number_lines(
-    path: Path, block: list[bytes], table: _LineIndex, line_number: int
+    path: Path, block: list[bytes], table: _LineIndex, next_line_number: int
 ) -> np.ndarray:
-    """Parse lines of numbers, (line, column), all before line `line_number`."""
+    """Parse lines of numbers, (line, column), all before line `next_line_number`."""
     separator = table.separator.decode() or None
     try:
         return np.loadtxt(block, delimiter=separator, comments=None, ndmin=2)
@@ -261,7 +264,7 @@ def _parse_number_lines(
         raise RecordingError(
             path,
             value=f"text with something else than numbers in one of the {len(block)} lines before"
-            f" line {line_number} ({reason})",
+            f" line {next_line_number} ({reason})",
             expected=f"lines of {table.n_columns} numbers",
             fix="correct the line, or copy the file again from its source",
         ) from None

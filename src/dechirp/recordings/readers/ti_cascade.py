@@ -135,17 +135,17 @@ def _read_chip_frames(
     )
 
 
-def _read_frame_count(index: Path) -> int | None:
+def _read_frame_count(index_file: Path) -> int | None:
     """Return the number of frames in an index file; None if it is not an index file."""
-    if not index.is_file():
+    if not index_file.is_file():
         return None
-    with index.open("rb") as file:
+    with index_file.open("rb") as file:
         head = file.read(_HEADER_BYTES)
     if len(head) < _HEADER_BYTES:
         return None
     _tag, _version, _flags, n_frames, _data_bytes = struct.unpack("<4IQ", head)
     expected = _HEADER_BYTES + n_frames * _ENTRY_BYTES
-    return int(n_frames) if n_frames and index.stat().st_size == expected else None
+    return int(n_frames) if n_frames and index_file.stat().st_size == expected else None
 
 
 def _unequal_frame_counts_warning(n_frames: list[int]) -> tuple[Finding, ...]:

@@ -106,7 +106,9 @@ def _read_points_and_snrs(
     for version, _, n, points_at, side_at in packets[counts > 0].tolist():
         rows = slice(first, first + n)
         if has_fixed_point_coordinates(version):
-            xyzv[rows] = _decode_fixed_point_coordinates(serial_bytes, version, n, points_at, radar)
+            xyzv[rows] = _decode_fixed_point_xyz_velocities(
+                serial_bytes, version, n, points_at, radar
+            )
         else:
             content = serial_bytes[points_at : points_at + 16 * n]
             xyzv[rows] = np.frombuffer(content, "<f4").reshape(n, 4)
@@ -151,16 +153,16 @@ def _points_to_detections(
     )
 
 
-def _decode_fixed_point_coordinates(
-    serial_bytes: mmap.mmap, version: int, n: int, offset: int, radar: Radar | None
+def _decode_fixed_point_xyz_velocities(
+    serial_bytes: mmap.mmap, version: int, n_points: int, offset: int, radar: Radar | None
 ) -> np.ndarray:
     """Decode points of SDK 1 and 2 to (point, x y z velocity), in m and m/s, TI's axes."""
     _, q_format = struct.unpack_from("<2H", serial_bytes, offset)
     raw_points = np.frombuffer(
-        serial_bytes[offset + 4 : offset + 4 + n * FIXED_POINT.itemsize], FIXED_POINT
+        serial_bytes[offset + 4 : offset + 4 + n_points * FIXED_POINT.itemsize], FIXED_POINT
     )
     xyz = np.stack([raw_points["x"], raw_points["y"], raw_points["z"]], axis=-1) / 2.0**q_format
-    velocity = np.full(n, np.nan)
+    velocity = np.full(n_points, np.nan)
     if radar is not None:
         doppler = raw_points["doppler"].astype(np.int64)
         n_bins = radar.frame.n_chirps

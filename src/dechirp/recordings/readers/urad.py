@@ -20,7 +20,7 @@ from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.samples.continuous import (
-    check_single_receiver,
+    check_single_receiver_and_sampling,
     chirp_interval_findings,
     divide_chirps_into_frames,
 )
@@ -67,7 +67,7 @@ class Urad(Format):
         ramp = hints.encoding or "up"
         lines = _index_measurement_lines(path)
         settings = find_recording_settings(path, hints)
-        check_single_receiver(path, settings.radar, "complex")
+        check_single_receiver_and_sampling(path, settings.radar, "complex")
         n_samples = settings.radar.frame.chirp.n_samples
         columns = _iq_columns(path, lines.n_numbers, n_samples, ramp)
         radar, n_frames, frame_findings = divide_chirps_into_frames(

@@ -16,7 +16,7 @@ from dechirp.recordings.arrays.named_axes import interpret_array_as_recording
 from dechirp.recordings.arrays.zarr_arrays import (
     EXPECTED,
     METADATA_NAMES,
-    open_lazy_zarr_array,
+    open_lazy_array_and_disk_bytes,
     read_json_object,
     read_small_array,
 )
@@ -24,7 +24,7 @@ from dechirp.recordings.arrays.zarr_tables import ZarrTables
 from dechirp.recordings.arrays.zarr_uncompressed import (
     UncompressedChunks,
     parse_uncompressed_chunks,
-    scale_codes,
+    scale_codes_into_samples,
 )
 from dechirp.recordings.description import UNITS, parse_radar
 from dechirp.recordings.native import MAX_SCALE, check_device_and_iq_hints, lost_chirp_mask
@@ -87,7 +87,9 @@ class Zarr(Format):
                 fix="read them with the version of dechirp that wrote them",
             )
         settings = hints.settings or RecordingSettings(radar=parse_radar(folder / _MARK, radar))
-        samples, file_bytes = open_lazy_zarr_array(folder, replace(hints, inner_name="cube"))
+        samples, file_bytes = open_lazy_array_and_disk_bytes(
+            folder, replace(hints, inner_name="cube")
+        )
         chunks = None
         if axes[: len(CUBE_AXES)] == CUBE_AXES and samples.absent_chunks is None:
             with convert_parser_errors(path, EXPECTED):
@@ -130,7 +132,7 @@ def _make_scaled_decoder(
         with convert_parser_errors(path, EXPECTED):
             for first, rows in chunks.iter_chirp_blocks(index, 0, len(out)):
                 samples = out[first : first + len(rows)].reshape(-1).view(np.float32)
-                scale_codes(rows.reshape(-1), step, samples)
+                scale_codes_into_samples(rows.reshape(-1), step, samples)
 
     return scaled
 
@@ -160,5 +162,5 @@ class ZarrArray(Format):
         return MatchQuality.CONTAINER if is_zarr else MatchQuality.NO
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        samples, file_bytes = open_lazy_zarr_array(path, hints)
+        samples, file_bytes = open_lazy_array_and_disk_bytes(path, hints)
         return interpret_array_as_recording(path, samples, hints, file_bytes=file_bytes)

@@ -10,7 +10,7 @@ from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
 
-def check_single_receiver(path: Path, radar: Radar, sampling: Sampling) -> None:
+def check_single_receiver_and_sampling(path: Path, radar: Radar, sampling: Sampling) -> None:
     """Raise `RecordingError` unless the radar has one receiver and this kind of sampling."""
     n_rx, radar_sampling = radar.array.n_rx, radar.frame.chirp.sampling
     if n_rx != 1 or radar_sampling != sampling:

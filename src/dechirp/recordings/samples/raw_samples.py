@@ -191,7 +191,9 @@ def _interpret_with_layout(
             expected=f"at most {layout.n_present} receivers: {layout.name}",
             fix="correct radar.array.rx, or the device",
         )
-    settings, first_frame, n_frames = _locate_first_frame_and_count(path, stream, layout, settings)
+    settings, first_frame, n_frames = _locate_first_frame_and_count_frames(
+        path, stream, layout, settings
+    )
     return _Interpretation(
         stream=stream,
         layout=layout,
@@ -202,7 +204,7 @@ def _interpret_with_layout(
     )
 
 
-def _locate_first_frame_and_count(
+def _locate_first_frame_and_count_frames(
     path: Path, stream: ByteSource, layout: Layout, settings: RecordingSettings
 ) -> tuple[RecordingSettings, int, int]:
     """Return the settings, the first frame and the number of frames; warn of a cut last frame."""

@@ -21,7 +21,7 @@ def find_device_or_none(name: str) -> Device | None:
         return None
 
 
-def antenna_positions(
+def device_or_assumed_array(
     chirp: Chirp, *, tx_mask: int, rx_mask: int, device: Device | None
 ) -> tuple[Array, tuple[Finding, ...]]:
     """Return the positions of the antennas of two masks, with a finding if they are assumed.

@@ -9,7 +9,7 @@ from dechirp.radar.devices.base import Device
 from dechirp.radar.frame import Frame
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
-from dechirp.recordings.settings.antenna_positions import antenna_positions
+from dechirp.recordings.settings.antenna_positions import device_or_assumed_array
 from dechirp.recordings.settings.base import RecordingSettings, convert_setting_errors
 from dechirp.recordings.settings.json_text import (
     format_json_excerpt,
@@ -86,7 +86,7 @@ def read_infineon_json(file: Path, text: str, device: Device | None = None) -> R
             period_s=float(shape["frame_repetition_time_s"]),
             multiplexing=Tdm(order=(0, 1)) if take_turns else None,
         )
-        array, findings = antenna_positions(
+        array, findings = device_or_assumed_array(
             chirp,
             tx_mask=_antennas_to_bit_mask(transmitters),
             rx_mask=_antennas_to_bit_mask(receivers),
@@ -143,9 +143,11 @@ def _is_list_of_1_to_64_items(value: Any) -> bool:
     return isinstance(value, list) and 0 < len(value) <= 64
 
 
-def _read_antenna_numbers(file: Path, shape: dict[str, Any], key: str) -> tuple[int, ...]:
+def _read_antenna_numbers(
+    file: Path, fmcw_shape_settings: dict[str, Any], key: str
+) -> tuple[int, ...]:
     """Return the numbers of antennas, from 1; the first if the key is missing."""
-    numbers = shape.get(key, [1])
+    numbers = fmcw_shape_settings.get(key, [1])
     is_valid = isinstance(numbers, list) and all(
         is_integer(number) and 1 <= number <= 16 for number in numbers
     )

@@ -22,9 +22,9 @@ def find_named_settings_and_chip(file: Path, text: str) -> tuple[Path, str]:
     document = parse_json(file, text)
     document = document if isinstance(document, dict) else {}
     name, chip = document.get("configUsed"), document.get("mmWaveDevice")
-    if isinstance(name, str) and _is_bare_name(name) and name != file.name:
+    if isinstance(name, str) and _is_file_name_without_folder(name) and name != file.name:
         named_file = file.parent / name
-        if is_file_in_folder(named_file):
+        if is_file_not_linked_outside_folder(named_file):
             return named_file, chip if isinstance(chip, str) else ""
     raise RecordingError(
         file,
@@ -35,7 +35,7 @@ def find_named_settings_and_chip(file: Path, text: str) -> tuple[Path, str]:
     )
 
 
-def is_file_in_folder(file: Path) -> bool:
+def is_file_not_linked_outside_folder(file: Path) -> bool:
     """Return whether a path is a file, and not a link that leads out of its folder."""
     try:
         return file.is_file() and file.resolve().is_relative_to(file.parent.resolve())
@@ -43,6 +43,6 @@ def is_file_in_folder(file: Path) -> bool:
         return False
 
 
-def _is_bare_name(name: str) -> bool:
+def _is_file_name_without_folder(name: str) -> bool:
     """Return whether a name is a file name without folder."""
     return 0 < len(name) < 256 and not set(name) & set("/\\:\0") and name not in (".", "..")

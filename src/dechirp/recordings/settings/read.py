@@ -139,7 +139,7 @@ def holds_settings(file: Path) -> bool:
     # A meta.json describes a collection of recordings, not the radar.
     if file.suffix.lower() not in _SUFFIXES or file.name == "meta.json":
         return False
-    if not mmwave_setup.is_file_in_folder(file):
+    if not mmwave_setup.is_file_not_linked_outside_folder(file):
         return False
     try:
         text = _read_settings_text(file)

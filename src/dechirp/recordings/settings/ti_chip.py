@@ -15,7 +15,7 @@ from dechirp.recordings.settings.antenna_positions import find_device_or_none
 from dechirp.recordings.settings.base import Iq
 from dechirp.recordings.settings.ti_frame import BITS
 from dechirp.recordings.settings.ti_numbers import (
-    check_one_profile,
+    check_equal_tdm_chirps,
     match_antennas_to_device,
     round_to_chip_steps,
 )
@@ -63,7 +63,7 @@ def check_fits_single_chip(radar: Radar) -> None:
                 f" {N_LANES} receivers on {N_LANES} lanes and {_MAX_TX} transmitters",
                 fix="write another format, such as .h5, or fewer antennas",
             )
-    check_one_profile(radar.frame)
+    check_equal_tdm_chirps(radar.frame)
     chirp = radar.frame.chirp
     rate_hz, slope = round(chirp.sample_rate_hz, -3), round(chirp.slope_hz_per_s, -8)
     relative_error = max(
@@ -143,7 +143,7 @@ def format_cfg_or_reason(recording: Recording, chip: TiChip, bits: int) -> tuple
         text = format_ti_cfg(
             radar_with_frame_period(recording),
             device=chip.device,
-            n_frames=frame_count_or_zero(recording),
+            n_frames=frame_count_or_zero_above_limit(recording),
             iq=chip.iq,
         )
     except DechirpError as error:
@@ -151,7 +151,7 @@ def format_cfg_or_reason(recording: Recording, chip: TiChip, bits: int) -> tuple
     return text, ""
 
 
-def frame_count_or_zero(recording: Recording) -> int:
+def frame_count_or_zero_above_limit(recording: Recording) -> int:
     """Return the number of frames as the chip counts them; 0 means until stopped."""
     return recording.n_frames if recording.n_frames <= _MAX_FRAMES else 0
 

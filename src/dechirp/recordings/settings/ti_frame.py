@@ -12,7 +12,10 @@ from dechirp.radar.multiplexing.base import Multiplexing
 from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
-from dechirp.recordings.settings.antenna_positions import antenna_positions, find_device_or_none
+from dechirp.recordings.settings.antenna_positions import (
+    device_or_assumed_array,
+    find_device_or_none,
+)
 from dechirp.recordings.settings.base import Iq, RecordingSettings
 
 MAX_CHIRPS = 512
@@ -119,7 +122,7 @@ def ti_frame_to_recording_settings(
     multiplexing: Multiplexing | None = Tdm(order=tx_indices) if len(order) > 1 else None
     if ti_frame.bpm:
         multiplexing = Bpm(order=tx_indices)
-    array, findings = antenna_positions(
+    array, findings = device_or_assumed_array(
         ti_frame.chirp,
         tx_mask=sum(1 << transmitter for transmitter in order),
         rx_mask=ti_frame.rx_mask,

@@ -28,8 +28,8 @@ def match_antennas_to_device(
     InvalidSetting
         If the positions do not match, or the receivers are in another order than their samples.
     """
-    tx = _match_positions("Radar.array.tx_m", array.tx_m, device.tx_m, device)
-    rx = _match_positions("Radar.array.rx_m", array.rx_m, device.rx_m, device)
+    tx = _match_positions_up_to_shift("Radar.array.tx_m", array.tx_m, device.tx_m, device)
+    rx = _match_positions_up_to_shift("Radar.array.rx_m", array.rx_m, device.rx_m, device)
     if list(rx) != sorted(rx):
         raise InvalidSetting(
             "Radar.array.rx_m",
@@ -45,7 +45,7 @@ def indices_to_bit_mask(indices: Sequence[int]) -> int:
     return sum(1 << place for place in indices)
 
 
-def check_one_profile(frame: Frame) -> None:
+def check_equal_tdm_chirps(frame: Frame) -> None:
     """Raise `InvalidSetting` unless chirps are equal, evenly spaced, of one transmitter each."""
     if frame.n_intervals > 1 or frame.modulation is not None:
         has_intervals = frame.n_intervals > 1
@@ -96,7 +96,7 @@ def format_decimal_rounded_up(number: float, digits: int) -> str:
     return text.rstrip("0").rstrip(".") if digits else text
 
 
-def _match_positions(
+def _match_positions_up_to_shift(
     setting: str, used: Sequence[Vector], available: Sequence[Vector], device: Device
 ) -> tuple[int, ...]:
     """Return the index of each used antenna among the available ones.

@@ -15,7 +15,7 @@ from dechirp.radar.radar import Radar
 from dechirp.recordings.settings.base import Iq
 from dechirp.recordings.settings.ti_frame import BITS
 from dechirp.recordings.settings.ti_numbers import (
-    check_one_profile,
+    check_equal_tdm_chirps,
     format_decimal_rounded_up,
     indices_to_bit_mask,
     round_to_chip_steps,
@@ -59,7 +59,7 @@ def format_mmwave_json(
     InvalidSetting
         If chirps differ, or several transmitters send in one.
     """
-    check_one_profile(radar.frame)
+    check_equal_tdm_chirps(radar.frame)
     frame = round_to_chip_steps(radar.frame)
     device = {
         "mmWaveDeviceId": 0,

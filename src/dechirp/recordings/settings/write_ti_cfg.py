@@ -21,7 +21,7 @@ from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.recordings.settings.base import Iq
 from dechirp.recordings.settings.ti_numbers import (
-    check_one_profile,
+    check_equal_tdm_chirps,
     format_decimal_rounded_up,
     indices_to_bit_mask,
     match_antennas_to_device,
@@ -139,7 +139,7 @@ def _check_demo_exists(board: Device, sdk: int) -> None:
 
 def _check_expressible_as_commands(frame: Frame) -> None:
     """Raise `InvalidSetting` for settings that the commands cannot express."""
-    check_one_profile(frame)
+    check_equal_tdm_chirps(frame)
     if frame.chirp.sampling != "complex":
         raise InvalidSetting(
             "Chirp.sampling",

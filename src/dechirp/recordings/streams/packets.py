@@ -41,7 +41,7 @@ class PacketTable:
 ScanStep = Callable[[np.ndarray, int, int], tuple[int, np.ndarray]]
 
 
-def wrap_scan_to_return_runs(scan_packets: ScanStep) -> ScanStep:
+def wrap_scan_to_return_packet_runs(scan_packets: ScanStep) -> ScanStep:
     """Convert a step of `scan_file_in_windows` to one that returns runs instead of rows."""
 
     def run_step(content: np.ndarray, offset: int, stop: int) -> tuple[int, np.ndarray]:
@@ -131,10 +131,10 @@ def assemble_packet_payloads(
         )
         _check_counter_jumps(path, stream)
         return stream, ()
-    return _sort_packets(path, files, _expand_runs_to_packets(runs))
+    return _sort_and_deduplicate_packets(path, files, _expand_runs_to_packets(runs))
 
 
-def _sort_packets(
+def _sort_and_deduplicate_packets(
     path: Path, files: FileSource, packets: PacketTable
 ) -> tuple[PacketSource, tuple[Finding, ...]]:
     """Sort packets that are out of order or duplicated, and leave out a second capture."""

@@ -17,11 +17,12 @@ class _NotACodeError(Exception):
     """Sample that is not an integer number of steps."""
 
 
-def write_codes_or_floats(recording: Recording, write: Callable[[float | None], T]) -> T:
+def write_as_codes_else_floats(recording: Recording, write: Callable[[float | None], T]) -> T:
     """Write a recording as codes, and again as floats if a sample is not a code.
 
-    `write` is called with the scale, or None for floats, and passes it to `iter_frame_arrays`. The
-    first non-code may come late: a lost frame, all zeros, consists of codes.
+    `write` is called with the scale, or None for floats, and passes it to
+    `iter_code_or_float_arrays`. The first non-code may come late: a lost frame, all zeros, consists
+    of codes.
     """
     scale = recording.contents.scale
     if scale is not None:
@@ -57,7 +58,7 @@ def iter_frames_as_codes_or_floats(
             raise _NotACodeError from None
 
 
-def iter_frame_arrays(recording: Recording, scale: float | None) -> Iterator[np.ndarray]:
+def iter_code_or_float_arrays(recording: Recording, scale: float | None) -> Iterator[np.ndarray]:
     """Yield the samples of each frame, (chirp, rx, sample[, iq]), as codes or floats."""
     return (cube.values[0] for cube in iter_frames_as_codes_or_floats(recording, scale))
 

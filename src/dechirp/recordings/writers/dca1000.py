@@ -26,7 +26,7 @@ from dechirp.recordings.settings.ti_chip import (
     check_fits_single_chip,
     choose_chip,
     format_cfg_or_reason,
-    frame_count_or_zero,
+    frame_count_or_zero_above_limit,
     radar_with_frame_period,
 )
 from dechirp.recordings.settings.ti_frame import BITS
@@ -38,9 +38,15 @@ from dechirp.recordings.sidecar import (
     has_sidecar,
     sidecar_path,
 )
-from dechirp.recordings.writers.adc_samples import iter_frame_arrays, write_codes_or_floats
+from dechirp.recordings.writers.adc_samples import (
+    iter_code_or_float_arrays,
+    write_as_codes_else_floats,
+)
 from dechirp.recordings.writers.base import Progress, Writer
-from dechirp.recordings.writers.description_text import check_column_types, describe_recording
+from dechirp.recordings.writers.description_text import (
+    check_column_types,
+    recording_description_and_columns,
+)
 
 _MIN_STEP_EXPONENT = -90  # float32 holds the inverse of this power of two
 
@@ -64,19 +70,21 @@ class Dca1000(Writer):
         _check_sidecar_size(recording)
 
     def output_files(self, recording: Recording, out: Path) -> tuple[Path, ...]:
-        return _check_capture_paths(out)
+        return _checked_capture_paths(out)
 
     def write(
         self, recording: Recording, out: Path, progress: Progress | None = None
     ) -> tuple[Path, ...]:
-        names, chip = _check_capture_paths(out), choose_chip(recording)
+        names, chip = _checked_capture_paths(out), choose_chip(recording)
 
         def write_capture(scale: float | None) -> None:
             step, rounded = _choose_quantisation_step(recording) if scale is None else (scale, None)
             texts = _format_settings_files(recording, chip, names, step, rounded)
             with atomic_files(*names) as temporaries:
                 with temporaries[0].open("wb") as file:
-                    for n_done, frame in enumerate(iter_frame_arrays(recording, scale), start=1):
+                    for n_done, frame in enumerate(
+                        iter_code_or_float_arrays(recording, scale), start=1
+                    ):
                         codes = frame if scale is not None else _round_to_codes(frame, step)
                         file.write(chip.codes_to_bytes(codes))
                         if progress is not None:
@@ -85,7 +93,7 @@ class Dca1000(Writer):
                     if text is not None:
                         name.write_text(text, encoding="utf-8")
 
-        write_codes_or_floats(recording, write_capture)
+        write_as_codes_else_floats(recording, write_capture)
         return tuple(name for name in names if name.exists())
 
 
@@ -118,7 +126,7 @@ def _format_settings_files(
         tx=chip.tx,
         rx=chip.rx,
         lanes=chip.lanes,
-        n_frames=frame_count_or_zero(recording),
+        n_frames=frame_count_or_zero_above_limit(recording),
         iq=chip.iq,
         bits=bits,
     )
@@ -145,7 +153,7 @@ def _format_sidecar(
         iq=chip.iq if is_complex else None,
         n_frames=recording.n_frames,
     )
-    description, columns = describe_recording(recording, quantisation_step)
+    description, columns = recording_description_and_columns(recording, quantisation_step)
     return format_sidecar_json(description, columns, layout, recording.contents.gaps, findings)
 
 
@@ -159,7 +167,7 @@ def _converter_bits(recording: Recording, quantisation_step: float) -> int:
     )
 
 
-def _check_capture_paths(out: Path) -> tuple[Path, ...]:
+def _checked_capture_paths(out: Path) -> tuple[Path, ...]:
     """Return the paths of a capture; raise `DechirpError` if another program wrote one."""
     if out.suffix.lower() != ".bin":
         raise _setting_error(
@@ -186,7 +194,7 @@ def _choose_quantisation_step(recording: Recording) -> tuple[float, Finding]:
     step are exact in float32, and less than 6 dB of range is unused.
     """
     largest = max(
-        _smallest_quantisation_step(frame) for frame in iter_frame_arrays(recording, None)
+        _smallest_quantisation_step(frame) for frame in iter_code_or_float_arrays(recording, None)
     )
     step = (
         2.0 ** max(math.ceil(math.log2(largest)), _MIN_STEP_EXPONENT) if largest > 0 else 2.0**-15

@@ -6,14 +6,14 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.errors import DechirpError, Mistake
-from dechirp.recordings.description import Description, describe_contents_and_columns
+from dechirp.recordings.description import Description, build_description_and_table_columns
 from dechirp.recordings.recording import Recording
 
 Columns = Mapping[str, Mapping[str, np.ndarray]]
 """Columns of each table, by name."""
 
 
-def describe_recording(
+def recording_description_and_columns(
     recording: Recording,
     scale: float | None,
     tables: Mapping[str, xr.Dataset] | None = None,
@@ -32,7 +32,7 @@ def describe_recording(
     for name, table in tables.items():
         _check_names_and_texts_valid(name, table)
     try:
-        description_and_columns = describe_contents_and_columns(
+        description_and_columns = build_description_and_table_columns(
             recording.radar, recording.contents, scale, tables
         )
         assert description_and_columns[0].json_text

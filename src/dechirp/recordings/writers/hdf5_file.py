@@ -21,9 +21,15 @@ from dechirp.core.errors import DechirpError, Mistake
 from dechirp.radar.cube import label_cube
 from dechirp.recordings.arrays.json_columns import NUMBERS
 from dechirp.recordings.recording import Recording
-from dechirp.recordings.writers.adc_samples import iter_frame_arrays, write_codes_or_floats
+from dechirp.recordings.writers.adc_samples import (
+    iter_code_or_float_arrays,
+    write_as_codes_else_floats,
+)
 from dechirp.recordings.writers.base import Progress
-from dechirp.recordings.writers.description_text import check_column_types, describe_recording
+from dechirp.recordings.writers.description_text import (
+    check_column_types,
+    recording_description_and_columns,
+)
 
 _RESERVED_NAMES = (
     "frame",
@@ -45,7 +51,7 @@ _NO_VARIABLE_LABEL = "This is a netCDF dimension but not a netCDF variable.%10d"
 def check_recording_fits_hdf5(recording: Recording) -> None:
     """Raise `DechirpError` if such a file cannot hold a recording."""
     recording.check_has_samples()
-    description, _ = describe_recording(recording, None)
+    description, _ = recording_description_and_columns(recording, None)
     check_column_types(NUMBERS, recording.tables)
     for name, structure in description.tables.items():
         if name in _RESERVED_NAMES or not _VALID_NAME.fullmatch(name):
@@ -101,12 +107,12 @@ def write_hdf5_file(
     """
 
     def write(scale: float | None) -> None:
-        description, columns = describe_recording(recording, scale)
-        with create_hdf5(out) as (file, raise_deferred_error):
+        description, columns = recording_description_and_columns(recording, scale)
+        with atomic_hdf5_file(out) as (file, raise_deferred_error):
             write_text_attribute(file, "dechirp", description.json_text)
             write_text_attribute(file, "Conventions", "CF-1.11")
             cube = None
-            for n_done, frame in enumerate(iter_frame_arrays(recording, scale), 1):
+            for n_done, frame in enumerate(iter_code_or_float_arrays(recording, scale), 1):
                 values = convert_complex(frame)
                 if cube is None:
                     shape = (recording.n_frames, *values.shape)
@@ -122,7 +128,7 @@ def write_hdf5_file(
                 group = file.create_group(name, track_order=True)
                 _write_table(group, structure["variables"], columns[name], convert_complex)
 
-    write_codes_or_floats(recording, write)
+    write_as_codes_else_floats(recording, write)
     return (out,)
 
 
@@ -269,7 +275,7 @@ class _ErrorDeferringFile(io.FileIO):
 
 
 @contextmanager
-def create_hdf5(out: Path) -> Iterator[tuple[Any, Callable[[], None]]]:
+def atomic_hdf5_file(out: Path) -> Iterator[tuple[Any, Callable[[], None]]]:
     """Create a file that replaces `out` at the end; yield it and its error check."""
     import h5py  # takes 0.1 s, needed for these formats only
 

@@ -21,9 +21,15 @@ from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.json_columns import NUMBERS
 from dechirp.recordings.recording import Recording
-from dechirp.recordings.writers.adc_samples import iter_frame_arrays, write_codes_or_floats
+from dechirp.recordings.writers.adc_samples import (
+    iter_code_or_float_arrays,
+    write_as_codes_else_floats,
+)
 from dechirp.recordings.writers.base import Progress, Writer
-from dechirp.recordings.writers.description_text import check_column_types, describe_recording
+from dechirp.recordings.writers.description_text import (
+    check_column_types,
+    recording_description_and_columns,
+)
 
 _RESERVED_NAMES = ("cube", "dechirp", "gap")
 _VALID_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
@@ -46,7 +52,7 @@ class Matlab(Writer):
         is_complex = recording.radar.frame.chirp.sampling == "complex"
         # Size as floats: codes are only detected while reading.
         _check_variable_size("cube", prod(recording.sizes.values()) * (8 if is_complex else 4))
-        _, tables = describe_recording(recording, None)
+        _, tables = recording_description_and_columns(recording, None)
         check_column_types(NUMBERS, recording.tables)
         for name, columns in tables.items():
             if name in _RESERVED_NAMES or not _VALID_NAME.fullmatch(name):
@@ -75,13 +81,13 @@ class Matlab(Writer):
                 with temporary.open("r+b") as file:
                     _write_cube(file, recording, scale, progress)
 
-        write_codes_or_floats(recording, write_with)
+        write_as_codes_else_floats(recording, write_with)
         return (out,)
 
 
 def _variables_without_cube(recording: Recording, scale: float | None) -> dict[str, Any]:
     """Return all variables except the samples."""
-    description, tables = describe_recording(recording, scale)
+    description, tables = recording_description_and_columns(recording, scale)
     gaps = recording.contents.gaps
     gap_variable = {} if gaps is None else {"gap": gaps.astype(np.uint8).transpose()}
     return {"dechirp": description.json_text, **gap_variable} | {
@@ -116,7 +122,7 @@ def _write_cube(
     for part in range(n_parts):
         file.seek(start + part * part_size)
         file.write(struct.pack("<II", number_type, part_bytes))
-    for index, frame in enumerate(iter_frame_arrays(recording, scale)):
+    for index, frame in enumerate(iter_code_or_float_arrays(recording, scale)):
         for part, values in enumerate(_real_and_imaginary(frame, is_complex=is_complex)):
             file.seek(start + part * part_size + 8 + index * values.nbytes)
             file.write(np.ascontiguousarray(values).data)

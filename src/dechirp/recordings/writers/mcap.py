@@ -6,7 +6,7 @@ from typing import ClassVar
 from dechirp.core.atomic_files import atomic_file
 from dechirp.core.optional_imports import import_from_io_extra
 from dechirp.core.values import frozen_dataclass
-from dechirp.recordings.messages.ros import CLOUD, ros2_message_types
+from dechirp.recordings.messages.ros import CLOUD, ros2_message_type_store
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.base import Progress, Writer
 from dechirp.recordings.writers.point_clouds import (
@@ -27,7 +27,7 @@ class Mcap(Writer):
 
     def check_recording(self, recording: Recording) -> None:
         import_from_io_extra("mcap", setting="recording")
-        ros2_message_types()
+        ros2_message_type_store()
         check_has_detections(recording)
 
     def write(
@@ -41,17 +41,17 @@ class Mcap(Writer):
             bag.start(profile="ros2", library="dechirp")
             for topic, kind, time_ns, data in iter_ros2_messages(recording, progress):
                 if topic not in channels:
-                    text, _ = ros2_message_types().generate_msgdef(kind, ros_version=2)
+                    text, _ = ros2_message_type_store().generate_msgdef(kind, ros_version=2)
                     schema = bag.register_schema(kind, "ros2msg", text.encode())
                     channels[topic] = bag.register_channel(
-                        topic, "cdr", schema, _channel_metadata(kind)
+                        topic, "cdr", schema, _rosbag_qos_metadata(kind)
                     )
                 bag.add_message(channels[topic], time_ns, data, time_ns)
             bag.finish()
         return (out,)
 
 
-def _channel_metadata(kind: str) -> dict[str, str]:
+def _rosbag_qos_metadata(kind: str) -> dict[str, str]:
     """Return the rosbag2 metadata of a channel for its message type."""
     if kind == CLOUD:
         return {}

@@ -16,9 +16,15 @@ from dechirp.core.atomic_files import atomic_file
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.json_columns import TYPES
 from dechirp.recordings.recording import Recording
-from dechirp.recordings.writers.adc_samples import iter_frame_arrays, write_codes_or_floats
+from dechirp.recordings.writers.adc_samples import (
+    iter_code_or_float_arrays,
+    write_as_codes_else_floats,
+)
 from dechirp.recordings.writers.base import Progress, Writer
-from dechirp.recordings.writers.description_text import check_column_types, describe_recording
+from dechirp.recordings.writers.description_text import (
+    check_column_types,
+    recording_description_and_columns,
+)
 
 
 @frozen_dataclass
@@ -30,7 +36,7 @@ class Npz(Writer):
 
     def check_recording(self, recording: Recording) -> None:
         recording.check_has_samples()
-        describe_recording(recording, None)
+        recording_description_and_columns(recording, None)
         check_column_types(TYPES, recording.tables)
 
     def write(
@@ -44,7 +50,7 @@ class Npz(Writer):
                     with _open_npy_member(archive, name) as member:
                         np.lib.format.write_array(member, array, allow_pickle=False)
 
-        write_codes_or_floats(recording, write_with)
+        write_as_codes_else_floats(recording, write_with)
         return (out,)
 
 
@@ -60,7 +66,7 @@ def _write_cube(
     progress: Progress | None,
 ) -> None:
     with _open_npy_member(archive, "cube") as member:
-        for n_done, frame in enumerate(iter_frame_arrays(recording, scale), start=1):
+        for n_done, frame in enumerate(iter_code_or_float_arrays(recording, scale), start=1):
             if n_done == 1:
                 header = np.lib.format.header_data_from_array_1_0(frame)
                 header["shape"] = (recording.n_frames, *frame.shape)
@@ -73,7 +79,7 @@ def _write_cube(
 def _arrays_without_cube(recording: Recording, scale: float | None) -> dict[str, np.ndarray]:
     """Return all arrays except the samples, by name."""
     contents = recording.contents
-    description, tables = describe_recording(recording, scale)
+    description, tables = recording_description_and_columns(recording, scale)
     arrays = {"dechirp": np.array(description.json_text)}
     if contents.gaps is not None:
         arrays["gap"] = contents.gaps.astype(np.uint8)

@@ -32,7 +32,10 @@ from dechirp.recordings.messages.native_tables import DETECTIONS
 from dechirp.recordings.messages.ros import NANO, Message
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.base import Progress
-from dechirp.recordings.writers.description_text import check_column_types, describe_recording
+from dechirp.recordings.writers.description_text import (
+    check_column_types,
+    recording_description_and_columns,
+)
 from dechirp.recordings.writers.ros_messages import (
     FIELD_CODES,
     build_array_message,
@@ -66,7 +69,7 @@ def check_has_detections(recording: Recording) -> None:
             fix="sort them: detections.sortby('frame')",
         )
     check_column_types(NUMBERS, tables)
-    describe_recording(recording, None, tables)
+    recording_description_and_columns(recording, None, tables)
 
 
 def tables_with_detections(recording: Recording) -> dict[str, xr.Dataset]:
@@ -79,7 +82,7 @@ def tables_with_detections(recording: Recording) -> dict[str, xr.Dataset]:
 def iter_ros2_messages(recording: Recording, progress: Progress | None = None) -> Iterator[Message]:
     """Yield all messages of a checked recording in order of time."""
     tables, n_frames = tables_with_detections(recording), recording.n_frames
-    description, columns = describe_recording(recording, None, tables)
+    description, columns = recording_description_and_columns(recording, None, tables)
     structures = dict(description.tables)
     clouds: dict[str, list[np.ndarray]] = {}
     arrays: dict[str, np.ndarray] = {}

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from dechirp.core.atomic_files import atomic_folder, check_output_folder_replaceable
 from dechirp.core.optional_imports import import_from_io_extra
 from dechirp.core.values import frozen_dataclass
-from dechirp.recordings.messages.ros import CLOUD, Message, ros2_message_types
+from dechirp.recordings.messages.ros import CLOUD, Message, ros2_message_type_store
 from dechirp.recordings.readers.ros2_bag import METADATA
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.base import Progress, Writer
@@ -31,7 +31,7 @@ class Ros2Bag(Writer):
     holds_detections: ClassVar[bool] = True
 
     def check_recording(self, recording: Recording) -> None:
-        ros2_message_types()
+        ros2_message_type_store()
         check_has_detections(recording)
 
     def write(
@@ -61,6 +61,6 @@ def _write_bag(folder: Path, messages: Iterable[Message]) -> None:
             if topic not in topics:
                 quality = [] if kind == CLOUD else [transient_local_qos()]
                 topics[topic] = bag.add_connection(
-                    topic, kind, typestore=ros2_message_types(), offered_qos_profiles=quality
+                    topic, kind, typestore=ros2_message_type_store(), offered_qos_profiles=quality
                 )
             bag.write(topics[topic], time_ns, data)

@@ -27,9 +27,15 @@ from dechirp.recordings.arrays.sigmf_meta import (
     meta_and_data_paths,
 )
 from dechirp.recordings.recording import Recording
-from dechirp.recordings.writers.adc_samples import iter_frame_arrays, write_codes_or_floats
+from dechirp.recordings.writers.adc_samples import (
+    iter_code_or_float_arrays,
+    write_as_codes_else_floats,
+)
 from dechirp.recordings.writers.base import Progress, Writer
-from dechirp.recordings.writers.description_text import check_column_types, describe_recording
+from dechirp.recordings.writers.description_text import (
+    check_column_types,
+    recording_description_and_columns,
+)
 
 _SIGMF_VERSION = "1.2.6"
 
@@ -43,7 +49,7 @@ class Sigmf(Writer):
 
     def check_recording(self, recording: Recording) -> None:
         recording.check_has_samples()
-        describe_recording(recording, None)
+        recording_description_and_columns(recording, None)
         check_column_types(TYPES, recording.tables)
         n_bytes = len(_metadata_json(recording, recording.contents.scale, "0" * 128))
         if n_bytes > MAX_BYTES:
@@ -68,7 +74,7 @@ class Sigmf(Writer):
                     _metadata_json(recording, scale, sha512), encoding="utf-8"
                 )
 
-        write_codes_or_floats(recording, write_with)
+        write_as_codes_else_floats(recording, write_with)
         return meta, data
 
 
@@ -78,7 +84,7 @@ def _write_samples_and_hash(
     """Write the samples and return the checksum of their bytes."""
     checksum = hashlib.sha512()
     with data.open("wb") as file:
-        for n_done, frame in enumerate(iter_frame_arrays(recording, scale), start=1):
+        for n_done, frame in enumerate(iter_code_or_float_arrays(recording, scale), start=1):
             little_endian = frame.dtype.newbyteorder("<")
             interleaved = np.ascontiguousarray(frame.swapaxes(1, 2), little_endian)
             block = interleaved.reshape(-1).view(np.uint8).data
@@ -93,7 +99,7 @@ def _metadata_json(recording: Recording, scale: float | None, sha512: str) -> st
     """Return the metadata as JSON."""
     radar, contents = recording.radar, recording.contents
     frame, chirp = radar.frame, radar.frame.chirp
-    description = json.loads(describe_recording(recording, scale)[0].json_text)
+    description = json.loads(recording_description_and_columns(recording, scale)[0].json_text)
     datatype = ("c" if chirp.sampling == "complex" else "r") + (
         "f32_le" if scale is None else "i16_le"
     )

@@ -14,10 +14,13 @@ from dechirp.recordings.cube_store import NON_AXIS_COORDINATES, write_cube_store
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.adc_samples import (
     iter_frames_as_codes_or_floats,
-    write_codes_or_floats,
+    write_as_codes_else_floats,
 )
 from dechirp.recordings.writers.base import Progress, Writer
-from dechirp.recordings.writers.description_text import check_column_types, describe_recording
+from dechirp.recordings.writers.description_text import (
+    check_column_types,
+    recording_description_and_columns,
+)
 
 _MARK = "zarr.json"
 _RESERVED_NAMES = {"cube", "frame", "chirp", "rx", "sample", "calibration", *NON_AXIS_COORDINATES}
@@ -34,7 +37,7 @@ class Zarr(Writer):
 
     def check_recording(self, recording: Recording) -> None:
         recording.check_has_samples()
-        describe_recording(recording, None)
+        recording_description_and_columns(recording, None)
         check_column_types(TYPES, recording.tables)
         for name, table in recording.tables.items():
             if name in _RESERVED_NAMES or any(
@@ -78,7 +81,7 @@ class Zarr(Writer):
                     iq=recording.contents.iq,
                 )
 
-        write_codes_or_floats(recording, write_with)
+        write_as_codes_else_floats(recording, write_with)
         return (out,)
 
 

@@ -8,7 +8,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
-from dechirp.core.display import pluralise
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import format_power_of_ten, power_level_unit, power_to_dbm_or_dbfs
 from dechirp.processing.chain import Chain
 from dechirp.processing.spectrum import range_profiles
@@ -24,7 +24,7 @@ _REAL_SAMPLES_COLOR = "#4d94c6"
 _MAX_CHIRPS = 256  # averaged for the spectrum, which is then smooth to 0.3 dB
 
 
-def draw_signal(
+def draw_first_chirp_signal(
     axes: Axes,
     cube: xr.DataArray,
     *,
@@ -82,7 +82,7 @@ def draw_signal(
     return axes
 
 
-def draw_signal_parts(
+def draw_first_chirp_signal_parts(
     figure: FigureBase, cube: xr.DataArray, *, doppler_frequency_hz: float | None = None
 ) -> list[Axes]:
     """Draw the real and imaginary part of complex samples one above the other, or real samples.
@@ -92,7 +92,7 @@ def draw_signal_parts(
     figure : Figure or SubFigure
         Figure to fill.
     cube, doppler_frequency_hz
-        See `draw_signal`.
+        See `draw_first_chirp_signal`.
 
     Returns
     -------
@@ -102,12 +102,12 @@ def draw_signal_parts(
     parts: tuple[SignalPart, ...] = ("real", "imaginary") if np.iscomplexobj(cube) else ("real",)
     rows = create_panels(figure, len(parts), 1, sharex=True)[:, 0].tolist()
     for axes, part in zip(rows, parts, strict=True):
-        draw_signal(axes, cube, part=part, doppler_frequency_hz=doppler_frequency_hz)
+        draw_first_chirp_signal(axes, cube, part=part, doppler_frequency_hz=doppler_frequency_hz)
         axes.label_outer()
     return rows
 
 
-def draw_spectrum(
+def draw_beat_spectrum_over_range(
     axes: Axes,
     cube: xr.DataArray,
     chirp: Chirp,
@@ -156,7 +156,7 @@ def draw_spectrum(
         *reduce_line_to_extremes(range_m, mean),
         color=BLUE,
         linewidth=1.0,
-        label=f"mean power of {pluralise(power.shape[0], 'chirp')}",
+        label=f"mean power of {format_count_with_noun(power.shape[0], 'chirp')}",
     )
     if truth_m is not None and truth_m.size:
         axes.plot(

@@ -10,8 +10,8 @@ from dechirp.report.figures.common import (
     AXIS_LABELS,
     MapAxis,
     add_legend,
-    even_cell_width,
     line_through_cell,
+    uniform_cell_width,
 )
 from dechirp.report.figures.style import BLUE, ORANGE
 from dechirp.report.labels import power_label
@@ -133,7 +133,7 @@ def _half_window_cells(cfar: Cfar, along: MapAxis) -> int:
 
 def edges_of_marked_runs(bins: np.ndarray, is_marked: np.ndarray) -> list[tuple[float, float]]:
     """Return both edges of each run of marked cells, in the unit of the bins (n_bins,)."""
-    half = even_cell_width(bins) / 2
+    half = uniform_cell_width(bins) / 2
     steps = np.diff(np.concatenate([[0], is_marked.astype(int), [0]]))
     first, last = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1) - 1
     return list(zip(bins[first] - half, bins[last] + half, strict=True))

@@ -86,7 +86,7 @@ def add_colour_bar(axes: Axes | Sequence[Axes], image: ScalarMappable, label: st
     return bar
 
 
-def draw_circles(
+def draw_detection_circles(
     axes: Axes, x: np.ndarray, y: np.ndarray, *, size: float, width: float = 1.3
 ) -> None:
     """Draw circles around detections; sizes in points."""
@@ -103,7 +103,7 @@ def draw_circles(
     )
 
 
-def draw_crosses(
+def draw_truth_marks(
     axes: Axes,
     x: np.ndarray,
     y: np.ndarray,
@@ -128,11 +128,11 @@ def draw_crosses(
 
 def outer_cell_edges(centres: np.ndarray) -> tuple[float, float]:
     """Return the outer edges of a line of cells; a single cell is one wide."""
-    half = even_cell_width(centres) / 2
+    half = uniform_cell_width(centres) / 2
     return float(centres[0]) - half, float(centres[-1]) + half
 
 
-def even_cell_width(centres: np.ndarray) -> float:
+def uniform_cell_width(centres: np.ndarray) -> float:
     """Return the step of an even axis; 1 for a single cell."""
     return float(centres[-1] - centres[0]) / max(centres.size - 1, 1) or 1.0
 
@@ -160,7 +160,7 @@ def _format_tick(position: float) -> str:
     return format_number(position, 3) if 1e-3 < position < 1e5 else format_probability(position)
 
 
-def choose_body_scatterers(
+def choose_body_scatterer_indices(
     scene: Scene, max_count: int, is_eligible: np.ndarray | None = None
 ) -> np.ndarray:
     """Choose at most `max_count` scatterers of bodies, evenly spread, and return their indices.
@@ -168,6 +168,6 @@ def choose_body_scatterers(
     `is_eligible` (n_scatterers,) restricts the choice.
     """
     has_body = np.array([target.body is not None for target in scene.targets], dtype=bool)
-    is_candidate = has_body[scene.target_of_scatterer]
+    is_candidate = has_body[scene.target_index_of_scatterer]
     indices = np.flatnonzero(is_candidate if is_eligible is None else is_candidate & is_eligible)
     return indices[:: -(-len(indices) // max_count) or 1]

@@ -16,7 +16,9 @@ MAX_CLASSES = len(_COLORS)
 _MAX_BINS = 40
 
 
-def draw_targets(axes: Axes, targets_by_class: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Axes:
+def draw_target_velocity_over_range(
+    axes: Axes, targets_by_class: Mapping[str, tuple[np.ndarray, np.ndarray]]
+) -> Axes:
     """Draw velocity over range of the targets, by class.
 
     Parameters

@@ -9,7 +9,12 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import FigureBase
 
 from dechirp.core.values import frozen_dataclass
-from dechirp.report.figures.common import AXIS_LABELS, create_panels, draw_circles, outer_cell_edges
+from dechirp.report.figures.common import (
+    AXIS_LABELS,
+    create_panels,
+    draw_detection_circles,
+    outer_cell_edges,
+)
 from dechirp.report.figures.style import BLUE, ORANGE
 from dechirp.report.labels import POWER_OVER_NOISE_LABEL
 from dechirp.scene.aliasing import RangeVelocity
@@ -63,7 +68,7 @@ def draw_detection_maps(
             aspect="auto",
             interpolation="none",
         )
-        draw_circles(axes, np.array([at_m]), np.array([at_m_per_s]), size=26, width=0.9)
+        draw_detection_circles(axes, np.array([at_m]), np.array([at_m_per_s]), size=26, width=0.9)
         axes.set(
             xlim=(max(at_m - half_widths[0], 0.0), at_m + half_widths[0]),
             ylim=(at_m_per_s - half_widths[1], at_m_per_s + half_widths[1]),
@@ -86,7 +91,7 @@ class ThresholdLine:
     threshold_db: np.ndarray
 
 
-def draw_threshold_lines(
+def draw_power_and_threshold_lines(
     figure: FigureBase, lines: Sequence[ThresholdLine], *, around_m: float, reach_m: float
 ) -> list[Axes]:
     """Draw power and threshold of each rule along range, side by side, over the mean noise.
@@ -107,7 +112,7 @@ def draw_threshold_lines(
     """
     panels: list[Axes] = create_panels(figure, 1, len(lines), sharex=True, sharey=True)[0].tolist()
     for axes, line in zip(panels, lines, strict=True):
-        _draw_threshold_line(axes, line, around_m - reach_m, around_m + reach_m)
+        _draw_power_and_threshold_line(axes, line, around_m - reach_m, around_m + reach_m)
     panels[0].set_ylabel(POWER_OVER_NOISE_LABEL)
     figure.legend(
         *panels[0].get_legend_handles_labels(),
@@ -118,7 +123,9 @@ def draw_threshold_lines(
     return panels
 
 
-def _draw_threshold_line(axes: Axes, line: ThresholdLine, min_m: float, max_m: float) -> None:
+def _draw_power_and_threshold_line(
+    axes: Axes, line: ThresholdLine, min_m: float, max_m: float
+) -> None:
     is_shown = (line.range_m >= min_m) & (line.range_m <= max_m)
     axes.plot(
         line.range_m[is_shown],

@@ -14,8 +14,8 @@ from dechirp.report.figures.common import (
     AXIS_LABELS,
     add_colour_bar,
     add_legend,
-    draw_circles,
-    draw_crosses,
+    draw_detection_circles,
+    draw_truth_marks,
     outer_cell_edges,
 )
 from dechirp.report.figures.range_doppler import block_maxima
@@ -102,9 +102,9 @@ def draw_range_azimuth_map(axes: Axes, marked: RangeAzimuthMap) -> Axes:
     axes.set_xlabel(AZIMUTH_LABEL)
     axes.set_ylabel(AXIS_LABELS["range"])
     if marked.truth is not None:
-        draw_crosses(axes, np.sin(marked.truth[0]), marked.truth[1])
+        draw_truth_marks(axes, np.sin(marked.truth[0]), marked.truth[1])
     if marked.detections is not None:
-        draw_circles(axes, np.sin(marked.detections[0]), marked.detections[1], size=9)
+        draw_detection_circles(axes, np.sin(marked.detections[0]), marked.detections[1], size=9)
     add_legend(axes)
     axes.set_label("Range-azimuth map")
     return axes
@@ -215,8 +215,8 @@ def _draw_spectrum_over_both_angles(
     axes.set_xlabel(AZIMUTH_LABEL)
     axes.set_ylabel(ELEVATION_LABEL)
     if truth is not None:
-        draw_crosses(axes, *np.sin(truth))
-    draw_circles(axes, *np.sin(estimates), size=9)
+        draw_truth_marks(axes, *np.sin(truth))
+    draw_detection_circles(axes, *np.sin(estimates), size=9)
 
 
 def _set_degree_ticks_on_sine_axis(axis: Axis, sines: np.ndarray) -> None:

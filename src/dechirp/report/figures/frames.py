@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from dechirp.report.figures.common import AXIS_LABELS, MapAxis, add_legend, draw_circles
+from dechirp.report.figures.common import AXIS_LABELS, MapAxis, add_legend, draw_detection_circles
 from dechirp.report.figures.style import INK
 
 _MAX_POINTS = 1000
@@ -42,7 +42,7 @@ def draw_estimates_over_time(
         for number, line in enumerate(lines):
             label = "truth" if number == 0 else None
             axes.plot(per_s * times_s, line, color=INK, linewidth=0.9, label=label)
-    draw_circles(
+    draw_detection_circles(
         axes,
         per_s * detections.time.values[:_MAX_POINTS],
         detections[variable].values[:_MAX_POINTS],

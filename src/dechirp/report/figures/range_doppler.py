@@ -11,8 +11,8 @@ from dechirp.report.figures.common import (
     AXIS_LABELS,
     add_colour_bar,
     add_legend,
-    draw_circles,
-    draw_crosses,
+    draw_detection_circles,
+    draw_truth_marks,
     outer_cell_edges,
 )
 from dechirp.report.figures.style import COLORS
@@ -210,14 +210,14 @@ def _draw_truth_and_detection_marks(axes: Axes, marked: MarkedMap, circle_points
         _points_within_axes(axes, marked.scatterers),
     )
     if truth.size:
-        draw_crosses(axes, *truth)
+        draw_truth_marks(axes, *truth)
     if scatterers.size:
-        draw_crosses(axes, *scatterers, marker=".", size=3, name="truth, scatterers of bodies")
+        draw_truth_marks(axes, *scatterers, marker=".", size=3, name="truth, scatterers of bodies")
     detections = _points_within_axes(axes, marked.detections)[:, :_MAX_CIRCLES]
     if detections.size:
         crowded = detections.shape[1] > _FEW_CIRCLES
         size, width = (circle_points / 2, 1.0) if crowded else (circle_points, 1.4)
-        draw_circles(axes, *detections, size=size, width=width)
+        draw_detection_circles(axes, *detections, size=size, width=width)
 
 
 def _points_within_axes(axes: Axes, points: RangeVelocity | None) -> np.ndarray:

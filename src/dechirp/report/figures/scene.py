@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from dechirp.core.text import format_number
 from dechirp.core.values import frozen_dataclass
 from dechirp.report.figures import top_view
-from dechirp.report.figures.common import add_legend, choose_body_scatterers
+from dechirp.report.figures.common import add_legend, choose_body_scatterer_indices
 from dechirp.report.figures.style import BLUE, INK, ORANGE, TALL_IN
 from dechirp.report.labels import X_LABEL, Y_LABEL
 from dechirp.scene.rotations import to_local_axes
@@ -150,7 +150,7 @@ def _scene_geometry_from_above(scene: Scene, time_s: float, arrow_s: float) -> _
     return _SceneGeometry(
         target_positions_m=scene.target_positions_m(at_s)[0, :, :2],
         scatterers_m=scene.scatterer_positions_m(at_s)[
-            0, choose_body_scatterers(scene, _MAX_POINTS), :2
+            0, choose_body_scatterer_indices(scene, _MAX_POINTS), :2
         ],
         arrows_m=arrows_m,
         headings=to_local_axes(axes, facing_to[None])[0, :, :2],

@@ -182,7 +182,7 @@ def _draw_track(
     axes.annotate(
         str(line.number),
         (y, x),
-        _track_number_offset_points(line),
+        _track_number_offset_in_points(line),
         textcoords="offset points",
         ha="center",
         va="center",
@@ -193,7 +193,7 @@ def _draw_track(
     )
 
 
-def _track_number_offset_points(line: TrackLine) -> tuple[float, float]:
+def _track_number_offset_in_points(line: TrackLine) -> tuple[float, float]:
     """Return the offset of the track number in points: beside the path, away from x."""
     speed = float(np.hypot(*line.velocity_m_per_s))
     outward = np.array([-1.0 if line.last_confirmed_position_m[1] > 0 else 1.0, 0.0])

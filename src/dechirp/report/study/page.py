@@ -104,9 +104,8 @@ def render_study_page(
 def format_headline(result: StudyResult, judged: Sequence[Verdict]) -> str:
     """Describe the verdict on the requirements, or the size of the study without any."""
     if not judged:
-        return (
-            f"{_pluralise(result.n_points, 'point')}, {_pluralise(_count_trials(result), 'trial')}"
-        )
+        points = _format_count_with_noun(result.n_points, "point")
+        return f"{points}, {_format_count_with_noun(_count_trials(result), 'trial')}"
     counts = {
         decision: sum(verdict.decision == decision for verdict in judged)
         for decision in ("met", "not met", "undecided")
@@ -218,7 +217,7 @@ def _failure_rows_by_message(result: StudyResult, source: str) -> Sequence[Mappi
         point_text = format_point(result, point)
         rows.append(
             {
-                "count": _pluralise(len(where), "trial"),
+                "count": _format_count_with_noun(len(where), "trial"),
                 "message": message,
                 "first": f"{'First' if len(where) > 1 else 'It is'} trial {trial}"
                 + (f", {point_text}" if point_text else ""),
@@ -237,7 +236,7 @@ def _finding_rows_with_point_counts(result: StudyResult) -> list[Mapping[str, An
     return [
         {
             "finding": finding,
-            "where": f", {_pluralise(n, 'point')}" if several else "",
+            "where": f", {_format_count_with_noun(n, 'point')}" if several else "",
         }
         for finding, n in points.items()
     ]
@@ -247,5 +246,5 @@ def _count_trials(result: StudyResult) -> int:
     return int(result.trials.sum())
 
 
-def _pluralise(n: int, thing: str) -> str:
+def _format_count_with_noun(n: int, thing: str) -> str:
     return f"{format_count(n)} {thing}" if n == 1 else f"{format_count(n)} {thing}s"

@@ -60,9 +60,9 @@ def largest_bus_load(objects: xr.Dataset, layout: DbcLayout, bus: CanFd) -> floa
     Worst case in stuff bits, see `can_bus.worst_case_frame_bits`, and before objects are left out.
     """
     objects = check_object_list(objects)
-    return object_list_duration_s(int(_objects_per_cycle(objects).max(initial=0)), layout, bus) / (
-        _set_or_shortest_cycle_s(objects, bus) or np.nan
-    )
+    return object_list_duration_s(
+        int(_object_counts_per_cycle(objects).max(initial=0)), layout, bus
+    ) / (_configured_or_shortest_cycle_s(objects, bus) or np.nan)
 
 
 def encode_can_frames(
@@ -95,9 +95,9 @@ def encode_can_frames(
     if not isinstance(bus, CanFd):
         raise InvalidSetting("bus", value=repr(bus), expected="a CanFd", fix="give CanFd()")
     objects = check_object_list(objects)
-    n_objects = _objects_per_cycle(objects)
+    n_objects = _object_counts_per_cycle(objects)
     objects = _limit_objects_to_bus_load(objects, layout, bus)
-    n_kept = _objects_per_cycle(objects)
+    n_kept = _object_counts_per_cycle(objects)
     lists = _encode_signal_columns(_header_signal_values(objects), layout)
     rows = _encode_signal_columns(_object_signal_values(objects), layout)
     ends = np.cumsum(n_kept)
@@ -152,7 +152,7 @@ def _encode_part_frame(
 
 
 def _limit_objects_to_bus_load(objects: xr.Dataset, layout: DbcLayout, bus: CanFd) -> xr.Dataset:
-    cycle_s = _set_or_shortest_cycle_s(objects, bus)
+    cycle_s = _configured_or_shortest_cycle_s(objects, bus)
     max_objects = max_objects_per_list(cycle_s, layout, bus)
     reason, fix = "the DBC has no room for more", "Give NumberOfObjects and Part more bits."
     if cycle_s is not None and max_objects < layout.max_objects:
@@ -164,12 +164,12 @@ def _limit_objects_to_bus_load(objects: xr.Dataset, layout: DbcLayout, bus: CanF
     return keep_most_important(objects, max_objects, reason=reason, fix=fix)
 
 
-def _objects_per_cycle(objects: xr.Dataset) -> np.ndarray:
+def _object_counts_per_cycle(objects: xr.Dataset) -> np.ndarray:
     """Return the number of objects in each cycle."""
     return np.bincount(cycle_indices(objects), minlength=objects.sizes["cycle"])
 
 
-def _set_or_shortest_cycle_s(objects: xr.Dataset, bus: CanFd) -> float | None:
+def _configured_or_shortest_cycle_s(objects: xr.Dataset, bus: CanFd) -> float | None:
     times_s = objects["cycle_time"].values
     if bus.cycle_s is not None or len(times_s) < 2:
         return bus.cycle_s

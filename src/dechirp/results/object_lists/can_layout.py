@@ -161,7 +161,7 @@ def read_dbc_layout(dbc: str | Path | None = None) -> DbcLayout:
         if name not in messages:
             actual = ", ".join(messages) or "no message"
             raise _dbc_error(path, actual, f"a message {name}", "add it as in the shipped DBC")
-        _check_message_not_multiplexed(path, messages[name])
+        _check_not_multiplexed_and_fd_length(path, messages[name])
     header, part = messages[HEADER], messages[PART]
     if (header.frame_id, header.is_extended_frame) == (part.frame_id, part.is_extended_frame):
         raise _dbc_error(
@@ -204,7 +204,7 @@ def _load_dbc_messages(path: Path) -> list[Any]:
     return list(database.messages)
 
 
-def _check_message_not_multiplexed(path: Path, message: Any) -> None:
+def _check_not_multiplexed_and_fd_length(path: Path, message: Any) -> None:
     if message.is_multiplexed() or message.is_container:
         raise _dbc_error(
             path, f"{message.name} multiplexed", "a message without multiplexing", "flatten it"

@@ -68,7 +68,12 @@ def assemble_object_list(received_frames: Iterable[CanFrame], layout: DbcLayout)
         for name in ("Frame", "Time")
     )
     columns = _decode_object_columns(
-        [row for received_list in complete for row in _object_codes(received_list, layout)], layout
+        [
+            row
+            for received_list in complete
+            for row in _signal_codes_by_object(received_list, layout)
+        ],
+        layout,
     )
     columns["frame"], columns["time"] = np.repeat(frame, n_rows), np.repeat(time_s, n_rows)
     return check_object_list(build_object_list(columns, frame, time_s))
@@ -121,7 +126,7 @@ def _is_complete_else_count_loss(
     return True
 
 
-def _object_codes(received_list: _ReceivedList, layout: DbcLayout) -> list[list[int]]:
+def _signal_codes_by_object(received_list: _ReceivedList, layout: DbcLayout) -> list[list[int]]:
     """Return the codes of each object of a list, in the order of `OBJECT_SIGNALS`."""
     n_objects = received_list.header["NumberOfObjects"]
     parts = [

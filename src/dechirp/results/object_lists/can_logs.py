@@ -82,7 +82,7 @@ def read_can_log(path: str | Path, *, dbc: str | Path | None = None) -> xr.Datas
     try:
         # Readers that fail on their first bytes do not close files that they opened themselves.
         with _open_log_file(path) as file, reader(file) as log:
-            n_frames, received = _select_object_frames(log, dbc_layout)
+            n_frames, received = _count_and_select_object_frames(log, dbc_layout)
             is_invalid = n_frames == 0 and not _is_valid_empty_log(log, path)
     except OSError as error:
         raise RecordingError(
@@ -188,7 +188,9 @@ def _is_valid_empty_log(log: Any, path: Path) -> bool:
     return getattr(log, "object_count", 0) == 0  # from the header of a BLF
 
 
-def _select_object_frames(log: Iterable[Any], dbc_layout: DbcLayout) -> tuple[int, list[CanFrame]]:
+def _count_and_select_object_frames(
+    log: Iterable[Any], dbc_layout: DbcLayout
+) -> tuple[int, list[CanFrame]]:
     """Count the frames in a log, and keep those of object lists: logs may have gigabytes."""
     identifiers = {
         (message.frame_id, message.is_extended_frame)
@@ -227,9 +229,9 @@ def _open_log_file(path: Path) -> IO[Any]:
     return path.open(encoding="utf-8", errors="replace")
 
 
-def _python_can_log_class(path: Path, kind: str) -> Callable[[object], Any]:
+def _python_can_log_class(path: Path, reader_or_writer: str) -> Callable[[object], Any]:
     module, name = _MODULES[path.suffix.lower()].split(".")
-    return getattr(import_from_io_extra(f"can.io.{module}"), f"{name}{kind}")
+    return getattr(import_from_io_extra(f"can.io.{module}"), f"{name}{reader_or_writer}")
 
 
 def _to_can_message(frame: CanFrame) -> Any:

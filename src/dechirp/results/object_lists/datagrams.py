@@ -118,7 +118,7 @@ def encode_datagrams(objects: xr.Dataset, *, sequence: int = 0) -> list[bytes]:
     return sent
 
 
-def assemble_datagrams(received: Iterable[bytes]) -> xr.Dataset:
+def object_list_from_datagrams(received: Iterable[bytes]) -> xr.Dataset:
     """Assemble an object list from received datagrams.
 
     Raises

@@ -8,7 +8,7 @@ import xarray as xr
 
 from dechirp.core.checks import check_integer, check_number
 from dechirp.core.errors import InvalidSetting
-from dechirp.results.object_lists.datagrams import assemble_datagrams, encode_datagrams
+from dechirp.results.object_lists.datagrams import encode_datagrams, object_list_from_datagrams
 
 __all__ = ["open_receiver", "receive_datagrams", "send_datagrams"]
 
@@ -111,7 +111,7 @@ def receive_datagrams(
         raise _socket_error(repr(udp_socket))
     check_number("idle_s", idle_s, above=0.0, at_most=1e6)
     check_number("at_most_s", at_most_s, above=0.0, at_most=1e6)
-    return assemble_datagrams(_iter_received_datagrams(udp_socket, idle_s, at_most_s))
+    return object_list_from_datagrams(_iter_received_datagrams(udp_socket, idle_s, at_most_s))
 
 
 def _iter_received_datagrams(

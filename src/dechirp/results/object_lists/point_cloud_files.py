@@ -85,7 +85,7 @@ def read_points(path: str | Path) -> xr.Dataset:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise _unreadable_error(path, error.strerror or str(error)) from None
+        raise _unreadable_point_cloud_error(path, error.strerror or str(error)) from None
     header, count = _HEADERS[path.suffix.lower()]
     match = re.search(count, content[:_MAX_HEADER_BYTES])
     n_points = int(match[1]) if match else 0
@@ -95,7 +95,7 @@ def read_points(path: str | Path) -> xr.Dataset:
             return _objects_from_points(
                 _decode_points(path, content[len(start) :], n_points, encoding)
             )
-    raise _unreadable_error(path, "a file with another header")
+    raise _unreadable_point_cloud_error(path, "a file with another header")
 
 
 def _pcd_header(n_points: int, encoding: Encoding) -> str:
@@ -168,22 +168,24 @@ def _objects_from_points(points: np.ndarray) -> xr.Dataset:
 def _decode_points(path: Path, body: bytes, n_points: int, encoding: Encoding) -> np.ndarray:
     if encoding == "binary":
         if len(body) != n_points * _POINT_DTYPE.itemsize:
-            raise _unreadable_error(path, f"{len(body)} bytes for {n_points} points")
+            raise _unreadable_point_cloud_error(path, f"{len(body)} bytes for {n_points} points")
         return np.frombuffer(body, _POINT_DTYPE)
     rows = body.split(b"\n")[:-1]
     try:
         table = np.array([row.split() for row in rows], float).reshape(-1, len(_FIELD_NAMES))
     except ValueError:
-        raise _unreadable_error(path, "lines that are not numbers of all fields") from None
+        raise _unreadable_point_cloud_error(
+            path, "lines that are not numbers of all fields"
+        ) from None
     if len(table) != n_points:
-        raise _unreadable_error(path, f"{len(table)} lines for {n_points} points")
+        raise _unreadable_point_cloud_error(path, f"{len(table)} lines for {n_points} points")
     points = np.zeros(n_points, _POINT_DTYPE)
     for name, column in zip(_FIELD_NAMES, table.T, strict=True):
         points[name] = column
     return points
 
 
-def _unreadable_error(path: Path, value: str) -> RecordingError:
+def _unreadable_point_cloud_error(path: Path, value: str) -> RecordingError:
     return RecordingError(
         path,
         value=value,

@@ -12,7 +12,7 @@ _MIN_CLOSING_SPEED_M_PER_S = 1.0
 """Smallest closing speed, so that a stationary object ahead stays urgent."""
 
 
-def time_to_reach_s(objects: xr.Dataset) -> np.ndarray:
+def time_to_reach_radar_s(objects: xr.Dataset) -> np.ndarray:
     """Return the time in which each object could reach the radar: range over closing speed.
 
     Objects that approach by less than 1 m/s, stand still or recede are assumed to approach at that
@@ -31,10 +31,10 @@ def priority_ranks(objects: xr.Dataset) -> np.ndarray:
     """Return the rank of each object within its frame, 0 the most important.
 
     Confirmed tracks rank before tentative ones, those before detections; objects of equal status by
-    the time to reach the radar (`time_to_reach_s`).
+    the time to reach the radar (`time_to_reach_radar_s`).
     """
     frame = objects["frame"].values
-    order = np.lexsort((time_to_reach_s(objects), -status_codes(objects), frame))
+    order = np.lexsort((time_to_reach_radar_s(objects), -status_codes(objects), frame))
     rank = np.empty(len(order), int)
     rank[order] = np.arange(len(order)) - np.searchsorted(frame[order], frame[order])
     return rank

@@ -76,7 +76,7 @@ def write_object_table(objects: xr.Dataset, path: str | Path) -> None:
                 f" TO {quote_sql_string(name)} ({options})"
             )
         except duckdb.IOException as error:
-            raise OSError(None, _first_line(error)) from None
+            raise OSError(None, _error_text_without_query(error)) from None
 
 
 def read_object_table(path: str | Path) -> xr.Dataset:
@@ -94,22 +94,22 @@ def read_object_table(path: str | Path) -> xr.Dataset:
     path = check_file_suffix(path, SUFFIXES)
     _, reader = _DUCKDB_FORMATS[path.suffix.lower()]
     if not path.is_file():
-        raise _unreadable_error(path, "no file")
+        raise _unreadable_table_error(path, "no file")
     with utf8_path_alias(path) as name, connect_duckdb_in_memory() as duck:
         table = reader.format(quote_sql_string(escape_glob_wildcards(name)))
         try:
             description = duck.execute(f"DESCRIBE SELECT * FROM {table}").fetchall()
             present = {str(row[0]).lower() for row in description}  # as DuckDB compares names
             if missing := [name for name in _NAMES.values() if name not in present]:
-                raise _unreadable_error(path, f"without columns {', '.join(missing)}")
+                raise _unreadable_table_error(path, f"without columns {', '.join(missing)}")
             rows = duck.execute(
                 f"SELECT {_sql_select_columns(_READ_TYPES)} FROM {table}"
             ).fetchnumpy()
         except duckdb.Error as error:
-            raise _unreadable_error(path, _first_line(error)) from None
+            raise _unreadable_table_error(path, _error_text_without_query(error)) from None
     for name in ("frame", "time", "number", "status"):
         if np.ma.getmaskarray(rows[_NAMES[name]]).any():
-            raise _unreadable_error(path, f"a row without {_NAMES[name]}")
+            raise _unreadable_table_error(path, f"a row without {_NAMES[name]}")
     columns = {
         name: np.ma.filled(rows[_NAMES[name]], np.nan) if name in MEASURED else rows[_NAMES[name]]
         for name in COLUMNS
@@ -125,12 +125,12 @@ def _sql_select_columns(types: dict[str, str]) -> str:
     )
 
 
-def _first_line(error: Exception) -> str:
+def _error_text_without_query(error: Exception) -> str:
     text, _, _ = str(error).partition("\nLINE ")  # followed by the query
     return " ".join(text.split())[:200]
 
 
-def _unreadable_error(path: Path, value: str) -> RecordingError:
+def _unreadable_table_error(path: Path, value: str) -> RecordingError:
     return RecordingError(
         path,
         value=value,

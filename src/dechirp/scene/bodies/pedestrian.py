@@ -56,7 +56,7 @@ class Pedestrian(Body):
         return self.speed_m_per_s == 0
 
     def scatterer_offsets_m(self, times_s: np.ndarray) -> np.ndarray:
-        cycles = self.phase_rad / (2 * np.pi) + self._gait.frequency_hz * times_s
+        cycles = self.phase_rad / (2 * np.pi) + self._gait.cycle_frequency_hz * times_s
         return scatterer_positions_on_segments_m(self._gait.joint_positions_m(cycles))
 
     def cross_sections_m2(self) -> np.ndarray:

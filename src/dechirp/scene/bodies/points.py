@@ -7,11 +7,11 @@ import numpy as np
 
 from dechirp.core.checks import (
     Vector,
+    check_and_convert_vector_field,
     check_instances,
     check_non_negative_fields,
     check_number,
     check_positive_fields,
-    normalise_vector_field,
 )
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
@@ -37,8 +37,8 @@ class Rotation:
     """Right-handed rate: a wheel rolls forward about an axis to the left."""
 
     def __post_init__(self) -> None:
-        normalise_vector_field(self, "center_m", max_magnitude=1e9)
-        normalise_vector_field(self, "axis", max_magnitude=1e9)
+        check_and_convert_vector_field(self, "center_m", max_magnitude=1e9)
+        check_and_convert_vector_field(self, "axis", max_magnitude=1e9)
         if math.hypot(*self.axis) < 1e-9:
             raise InvalidSetting(
                 "Rotation.axis",
@@ -63,7 +63,7 @@ class Oscillation:
     """Phase of the sine at time zero; 0: in the middle, moving along the amplitude."""
 
     def __post_init__(self) -> None:
-        normalise_vector_field(self, "amplitude_m", max_magnitude=1e9)
+        check_and_convert_vector_field(self, "amplitude_m", max_magnitude=1e9)
         check_non_negative_fields(self, "frequency_hz", at_most=_MAX_OSCILLATION_HZ)
         turn = 2 * math.pi
         phase = check_number("Oscillation.phase_rad", self.phase_rad, at_least=-turn, at_most=turn)
@@ -85,7 +85,7 @@ class Scatterer:
     """Oscillation; of the rotation axis, if the point rotates as well."""
 
     def __post_init__(self) -> None:
-        normalise_vector_field(self, "position_m", max_magnitude=1e9)
+        check_and_convert_vector_field(self, "position_m", max_magnitude=1e9)
         check_positive_fields(self, "rcs_m2", at_least=MIN_RCS_M2, at_most=MAX_RCS_M2)
         for name, kind in (("rotation", Rotation), ("oscillation", Oscillation)):
             if not isinstance(getattr(self, name), kind | None):

@@ -155,9 +155,9 @@ class Vehicle(AspectBody):
     @cached_property
     def _all_scatterers(self) -> _PartGroup:
         kinds = [
-            *self._make_panels(),
+            *self._make_scatterers_of_panels(),
             self._make_corner_scatterers(),
-            self._make_wheel_arch_edges(),
+            self._make_wheel_arch_scatterers(),
             self._make_rim_scatterers(),
         ]
         return _PartGroup(*(np.concatenate(arrays) for arrays in zip(*kinds, strict=True)))
@@ -170,7 +170,7 @@ class Vehicle(AspectBody):
         turns = np.arange(_RIM_POINTS) + wheels / len(wheels)
         return (turns * (2 * np.pi / _RIM_POINTS)).ravel()
 
-    def _make_panels(self) -> list[_PartGroup]:
+    def _make_scatterers_of_panels(self) -> list[_PartGroup]:
         length_m, width_m = self.length_m, self.width_m
         height_scale = self.height_m / _TABLE_HEIGHT_M
         side_scale, end_scale = (
@@ -183,9 +183,9 @@ class Vehicle(AspectBody):
             (np.pi, _REAR, end_scale, length_m, width_m),
             (-np.pi / 2, _SIDE, side_scale, width_m, length_m),
         ]
-        return [self._make_panel(*side) for side in sides]
+        return [self._make_scatterers_of_panel(*side) for side in sides]
 
-    def _make_panel(
+    def _make_scatterers_of_panel(
         self,
         facing_rad: float,
         lobe: _PanelLobe,
@@ -227,7 +227,7 @@ class Vehicle(AspectBody):
             _ISOTROPIC_LOBE,
         )
 
-    def _make_wheel_arch_edges(self) -> _PartGroup:
+    def _make_wheel_arch_scatterers(self) -> _PartGroup:
         """Return the edges before and behind each wheel."""
         hubs_m, facing_rad = self._hub_positions_and_side_azimuths(2)
         edges = np.array([1, 0, 0.5]) * self.wheel_radius_m

@@ -9,7 +9,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.radar.budget import unit_echo_amplitude
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
-from dechirp.simulation.echo_groups import SampleWindow, antenna_amplitude_gains
+from dechirp.simulation.echo_groups import SampleWindow, tx_and_rx_amplitude_gains
 from dechirp.simulation.impairments.base import Propagation
 from dechirp.simulation.impairments.leakage import add_constant_path_signals
 
@@ -68,8 +68,8 @@ class Bumper(Propagation):
         tx_images_m, rx_images_m = self._image_positions_m(tx_m), self._image_positions_m(rx_m)
         lengths_m = self._path_lengths_m(radar)
         gain_products = (
-            antenna_amplitude_gains(rx_images_m, radar)[0]
-            * antenna_amplitude_gains(tx_images_m, radar)[1].T
+            tx_and_rx_amplitude_gains(rx_images_m, radar)[0]
+            * tx_and_rx_amplitude_gains(tx_images_m, radar)[1].T
         )
         # Amplitude of an echo without one path and the spreading area: sqrt(P_t / L) lambda / 4 pi.
         one_way_amplitude = unit_echo_amplitude(radar) * np.sqrt(4 * np.pi)

@@ -11,7 +11,7 @@ from dechirp.core.units import to_decibels
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.radar import Radar
-from dechirp.scene.aliasing import RangeVelocity, echo_frequencies
+from dechirp.scene.aliasing import RangeVelocity, beat_and_doppler_frequencies
 from dechirp.scene.scene import Scene
 from dechirp.scene.truth import truth
 from dechirp.simulation.blocks import apply_to_chirp_blocks
@@ -116,7 +116,7 @@ class IfFilter(Receiver):
         if not scene.targets:
             return
         truth_table = truth(scene, radar).isel(frame=0)
-        beat_hz = echo_frequencies(
+        beat_hz = beat_and_doppler_frequencies(
             RangeVelocity(truth_table.range.values, truth_table.velocity.values), radar
         ).beat_hz
         lost_db = -to_decibels(np.maximum(np.abs(self.response(beat_hz)) ** 2, 1e-30))

@@ -10,11 +10,11 @@ import numpy as np
 
 from dechirp.core.checks import (
     Vector,
+    check_and_convert_vector_field,
     check_instances,
     check_integer_fields,
     check_number,
     check_positive_fields,
-    normalise_vector_field,
 )
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
@@ -27,8 +27,8 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.ego import Ego
 from dechirp.scene.rotations import rotation_about_z, to_local_axes
 from dechirp.scene.scene import Scene
-from dechirp.scene.speed_limit import normalise_velocity_field
-from dechirp.simulation.echo_groups import SampleWindow, antenna_amplitude_gains
+from dechirp.scene.speed_limit import check_and_convert_velocity_field
+from dechirp.simulation.echo_groups import SampleWindow, tx_and_rx_amplitude_gains
 from dechirp.simulation.impairments.base import Propagation
 
 __all__ = ["Interference", "Interferer"]
@@ -99,8 +99,8 @@ class Interferer:
                 fix="omit it for random phases",
             )
         check_positive_fields(self, "transmit_power_w", at_least=1e-15, at_most=1e12)
-        normalise_vector_field(self, "position_m", max_magnitude=1e9)
-        normalise_velocity_field(self, "velocity_m_per_s")
+        check_and_convert_vector_field(self, "position_m", max_magnitude=1e9)
+        check_and_convert_velocity_field(self, "velocity_m_per_s")
         if self.heading_rad is not None:
             full_circle = 2 * math.pi
             check_number(
@@ -293,7 +293,7 @@ class Interference(Propagation):
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise for an interferer at the radar's position; warn about one outside the band."""
         radar.require_hardware()
-        passband = self._passband(radar.frame.chirp)
+        passband = self._receiver_passband(radar.frame.chirp)
         antennas_m = np.array([(0.0, 0.0, 0.0), *radar.array.rx_m])
         for name, interferer in zip(self.names, self.interferers, strict=True):
             positions_m = interferer.positions_from_radar_m(
@@ -326,10 +326,10 @@ class Interference(Propagation):
         radar: Radar,
         rng: np.random.Generator,
     ) -> None:
-        passband = self._passband(radar.frame.chirp)
+        passband = self._receiver_passband(radar.frame.chirp)
         block_length = max(1, _BLOCK_SAMPLES // window.n_times)
         for interferer in self.interferers:
-            ramps = _find_arriving_ramps(window, scene.ego, radar, interferer, rng)
+            ramps = _find_arriving_ramps_and_phases(window, scene.ego, radar, interferer, rng)
             for row in range(0, len(samples), block_length):
                 block = slice(row, row + block_length)
                 _add_interferer_signal(
@@ -342,7 +342,7 @@ class Interference(Propagation):
                     ramps,
                 )
 
-    def _passband(self, chirp: Chirp) -> "_Passband":
+    def _receiver_passband(self, chirp: Chirp) -> "_Passband":
         half_hz = chirp.sample_rate_hz / 2
         middle_hz = half_hz if chirp.sampling == "complex" else 0.0
         return _Passband(middle_hz, half_hz * self.filter_corner, self.filter_order)
@@ -398,7 +398,7 @@ class _ArrivingRamps(NamedTuple):
     """(n,): phase at the start of each, in cycles."""
 
 
-def _find_arriving_ramps(
+def _find_arriving_ramps_and_phases(
     window: SampleWindow, ego: Ego, radar: Radar, interferer: Interferer, rng: np.random.Generator
 ) -> _ArrivingRamps:
     """Find the ramps that arrive during a whole frame, so that each has a single phase."""
@@ -466,7 +466,7 @@ def _amplitudes_at_one_metre(
 ) -> np.ndarray:
     """Return the amplitude in each receiver times path length, (n_rx,), sqrt(W) m (Friis 1946)."""
     mid_s = window.frame_start_s + radar.frame.mid_frame_s
-    _, rx_gains = antenna_amplitude_gains(
+    _, rx_gains = tx_and_rx_amplitude_gains(
         interferer.positions_from_radar_m(np.array([mid_s]), ego), radar
     )
     power_w = interferer.transmit_power_w * interferer.gain_towards_radar(mid_s, ego)

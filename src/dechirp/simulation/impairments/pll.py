@@ -126,7 +126,7 @@ def _solve_periodic_loop_state(pll: Pll, radar: Radar) -> _SettledLoop:
     ramp_s, slope = chirp.ramp_duration_s, chirp.slope_hz_per_s
     natural_rad_per_s = 2 * np.pi * pll.natural_frequency_hz
     damping = pll.damping * natural_rad_per_s
-    curve_hz = _tuning_error_hz(pll.gain_change, chirp.ramp_bandwidth_hz, ramp_s)
+    curve_hz = _tuning_error_polynomial_hz(pll.gain_change, chirp.ramp_bandwidth_hz, ramp_s)
     response = _forced_response_polynomial(curve_hz, damping, natural_rad_per_s)
     rates = curve_hz.deriv()
     # Kinks of the tuning error minus those of the reference, and the jump back by the ramp
@@ -146,7 +146,7 @@ def _solve_periodic_loop_state(pll: Pll, radar: Radar) -> _SettledLoop:
     return _SettledLoop(response, initial_state - first, damping, natural_rad_per_s)
 
 
-def _tuning_error_hz(
+def _tuning_error_polynomial_hz(
     gain_change: tuple[float, ...], bandwidth_hz: float, ramp_s: float
 ) -> Polynomial:
     """Return the frequency of the free VCO minus that of the ramp, for a linear voltage."""

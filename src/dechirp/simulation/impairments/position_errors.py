@@ -4,7 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dechirp.core.checks import Vector, check_integer_fields, check_number, normalise_vectors_field
+from dechirp.core.checks import (
+    Vector,
+    check_and_convert_vectors_field,
+    check_integer_fields,
+    check_number,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
@@ -40,7 +45,7 @@ class PositionErrors(Propagation):
         check_integer_fields(self, "seed", at_least=0, at_most=2**63 - 1)
         for name in ("tx_m", "rx_m"):
             if getattr(self, name) is not None:
-                normalise_vectors_field(self, name, max_magnitude=0.04)
+                check_and_convert_vectors_field(self, name, max_magnitude=0.04)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise unless there is one error for each antenna."""

@@ -15,12 +15,12 @@ from dechirp.radar.hardware import Hardware
 from dechirp.radar.radar import Radar
 from dechirp.scene.ego import Ego
 from dechirp.scene.scene import Scene
-from dechirp.scene.speed_limit import normalise_velocity_field
+from dechirp.scene.speed_limit import check_and_convert_velocity_field
 from dechirp.simulation.echo_groups import (
     EchoGroup,
     SampleWindow,
-    antenna_amplitude_gains,
-    echo_groups_per_ramp,
+    echo_groups_of_equal_ramps,
+    tx_and_rx_amplitude_gains,
 )
 from dechirp.simulation.impairments.base import Propagation
 from dechirp.simulation.impairments.rain_attenuation import check_rain_rate
@@ -74,7 +74,7 @@ class RainBackscatter(Propagation):
 
     def __post_init__(self) -> None:
         check_rain_rate("RainBackscatter.rate_m_per_s", self.rate_m_per_s)
-        normalise_velocity_field(self, "wind_m_per_s")
+        check_and_convert_velocity_field(self, "wind_m_per_s")
         check_number("RainBackscatter.temperature_k", self.temperature_k, at_least=243, at_most=323)
         check_integer_fields(self, "n_scatterers", at_most=10_000_000)
         check_positive_fields(self, "min_range_m", at_most=1e6)
@@ -84,10 +84,10 @@ class RainBackscatter(Propagation):
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise if no rain is in view, or if the radar is below 1 GHz or above 1 THz."""
         check_radar_frequency(self.kind(), radar, 1e9, 1e12)
-        if not self._effective_max_range_m(radar) > self.min_range_m:
+        if not self._configured_or_unambiguous_range_m(radar) > self.min_range_m:
             raise InvalidSetting(
                 "max_range",
-                value=f"{self._effective_max_range_m(radar):g} m",
+                value=f"{self._configured_or_unambiguous_range_m(radar):g} m",
                 expected=f"beyond min_range, {self.min_range_m:g} m",
                 fix="move one of them",
             )
@@ -109,13 +109,16 @@ class RainBackscatter(Propagation):
             window.frame_start_s + frame.mid_frame_s, scene, radar, rng
         )
         all_chirps = slice(0, frame.n_chirps_total)
-        return [*groups, *echo_groups_per_ramp(all_chirps, scatterers, frame.mid_frame_s, radar)]
+        return [
+            *groups,
+            *echo_groups_of_equal_ramps(all_chirps, scatterers, frame.mid_frame_s, radar),
+        ]
 
     def _draw_rain_scatterers(
         self, mid_s: float, scene: Scene, radar: Radar, rng: np.random.Generator
     ) -> Scatterers:
         n, frequency_hz = self.n_scatterers, radar.frame.chirp.mid_window_frequency_hz
-        step_m = (self._effective_max_range_m(radar) - self.min_range_m) / n
+        step_m = (self._configured_or_unambiguous_range_m(radar) - self.min_range_m) / n
         range_m = self.min_range_m + step_m * (np.arange(n) + rng.random(n))
         directions, per_sr = _find_common_beam(
             radar.require_hardware()
@@ -127,9 +130,9 @@ class RainBackscatter(Propagation):
         rcs_m2 = eta * range_m**2 * step_m / per_sr * rng.exponential(size=n)
         velocity = np.array(self.wind_m_per_s) - self._draw_fall_velocities(frequency_hz, rng)
         return Scatterers(
-            _radar_path_polynomials_m(position_m, velocity, scene.ego, mid_s),
+            _path_polynomials_in_radar_axes_m(position_m, velocity, scene.ego, mid_s),
             unit_echo_amplitude(radar) * np.sqrt(rcs_m2),
-            *antenna_amplitude_gains(position_m, radar),
+            *tx_and_rx_amplitude_gains(position_m, radar),
         )
 
     def _draw_fall_velocities(self, frequency_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -144,7 +147,7 @@ class RainBackscatter(Propagation):
             [0.0, 0.0, 1.0]
         )
 
-    def _effective_max_range_m(self, radar: Radar) -> float:
+    def _configured_or_unambiguous_range_m(self, radar: Radar) -> float:
         return radar.frame.chirp.max_range_m if self.max_range_m is None else self.max_range_m
 
 
@@ -198,7 +201,7 @@ def _find_common_beam(hardware: Hardware) -> _CommonBeam:
     return _CommonBeam(azimuth_rad, rise, shares / shares[-1])
 
 
-def _radar_path_polynomials_m(
+def _path_polynomials_in_radar_axes_m(
     position_m: np.ndarray, velocity_m_per_s: np.ndarray, ego: Ego, mid_s: float
 ) -> np.ndarray:
     """Return polynomial paths in the coordinates of the moving radar, (2 or 3, n, 3).

@@ -99,7 +99,7 @@ class TwoRayGround(Propagation):
             raise InvalidSetting(
                 "height",
                 value=f"{self.height_m:.6g} m, with scene.targets."
-                f"{scene.names[scene.target_of_scatterer[lowest]]} {-heights_m[lowest]:.4g} m"
+                f"{scene.names[scene.target_index_of_scatterer[lowest]]} {-heights_m[lowest]:.4g} m"
                 " below the road",
                 expected=f"targets above the road, or at most {_MAX_DEPTH_M:g} m below its surface",
                 fix=f"the road is at z = {scene.ego.position_m[2] - self.height_m:.6g} m in the"

@@ -63,7 +63,7 @@ class WallMultipath(Propagation):
 
     def __post_init__(self) -> None:
         for name in ("start_m", "end_m"):
-            self._check_end_point(name)
+            self._check_wall_end_coordinates(name)
         check_positive_fields(self, "reflectivity", at_most=1.0)
         if self._wall_length_m < 1e-3:
             raise InvalidSetting(
@@ -170,7 +170,7 @@ class WallMultipath(Propagation):
     def _wall_length_m(self) -> float:
         return float(np.linalg.norm(np.array(self.end_m) - np.array(self.start_m)))
 
-    def _check_end_point(self, field: str) -> None:
+    def _check_wall_end_coordinates(self, field: str) -> None:
         setting, coordinates = f"WallMultipath.{field}", getattr(self, field)
         members = as_tuple_or_none(coordinates) or ()
         if len(members) != 2:

@@ -6,7 +6,9 @@ import numpy as np
 from numpy.polynomial import Polynomial, chebyshev
 
 
-def economise_powers(n_kept: int, n_powers: int) -> tuple[np.ndarray, np.ndarray]:
+def economised_monomials_and_rms_errors(
+    n_kept: int, n_powers: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Express powers of s, from -1 to 1, by the first `n_kept` powers.
 
     Returns coefficients of the retained powers for each power, (n_kept, n_powers), and the root

@@ -228,9 +228,9 @@ def _add_echoes_chirp_by_chirp(
                 )
                 for j in range(n_tx):
                     if weights[0, m, j] != 0 or weights[1, m, j] != 0:
-                        _expand_ranges_to_antenna(local, n, tx_m, j, tx_ways)
+                        _expand_ranges_and_log_ranges(local, n, tx_m, j, tx_ways)
                 for k in range(n_rx):
-                    _expand_ranges_to_antenna(local, n, rx_m, k, rx_ways)
+                    _expand_ranges_and_log_ranges(local, n, rx_m, k, rx_ways)
                 # Present and previous chirp, by transmitter and receiver.
                 for path in range(2 * n_tx * n_rx):
                     k, j, turn = path // (2 * n_tx), path // 2 % n_tx, path % 2
@@ -393,7 +393,7 @@ def _block_and_segment_lengths(longest_segment: float, n_samples: int) -> tuple[
 
 
 @_compiled
-def _expand_ranges_to_antenna(
+def _expand_ranges_and_log_ranges(
     position_series: np.ndarray,
     n_scatterers: int,
     antennas_m: np.ndarray,
@@ -635,12 +635,12 @@ def _add_echo_to_segment(
         c0, c1, c2, c3, e1, e2, e3,
     )  # fmt: skip
     whole = min(n_blocks, (write_stop - segment_start) // block_length)
-    _add_blocks_and_advance_tables(
+    _add_phasor_blocks_and_advance_tables(
         sums, rx, segment_start, block_length, 0, whole, block_length, steady, tables
     )
     if whole < n_blocks:
         first_sample = segment_start + whole * block_length
-        _add_blocks_and_advance_tables(
+        _add_phasor_blocks_and_advance_tables(
             sums,
             rx,
             first_sample,
@@ -654,7 +654,7 @@ def _add_echo_to_segment(
 
 
 @_compiled
-def _add_blocks_and_advance_tables(
+def _add_phasor_blocks_and_advance_tables(
     sums: np.ndarray,
     rx: int,
     first_sample: int,

@@ -177,7 +177,7 @@ def _first_grid_points_and_fractions(
 
 
 @_inlined
-def spread_tones_onto_lines(
+def spread_tones_onto_frequency_lines(
     grid: np.ndarray,
     first_float_index: int,
     n_columns: int,

@@ -27,7 +27,7 @@ from dechirp.core.phasors import cosine_and_sine
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.kernels import direct
 from dechirp.simulation.kernels.base import Scatterers, Transmission
-from dechirp.simulation.kernels.chebyshev import economise_powers
+from dechirp.simulation.kernels.chebyshev import economised_monomials_and_rms_errors
 
 # Chirps whose ranges are expanded together, scatterers whose tables are held together (in L2 for a
 # thousand samples), largest number of terms of a polynomial, and of its Taylor series.
@@ -147,13 +147,18 @@ def _empty_with_aligned_start(size: int, dtype: np.dtype) -> np.ndarray:
 
 
 def _economisation_tables() -> tuple[np.ndarray, np.ndarray]:
-    """Tabulate `economise_powers` for all numbers K of terms, (K, k, power) and (K, power)."""
+    """Tabulate `economised_monomials_and_rms_errors` for all numbers K of terms.
+
+    Shapes: (K, k, power) and (K, power).
+    """
     retained, dropped = (
         np.zeros((_MAX_TERMS + 1, _MAX_TERMS, _ORDERS)),
         np.zeros((_MAX_TERMS + 1, _ORDERS)),
     )
     for n_terms in range(1, _MAX_TERMS + 1):
-        retained[n_terms, :n_terms], dropped[n_terms] = economise_powers(n_terms, _ORDERS)
+        retained[n_terms, :n_terms], dropped[n_terms] = economised_monomials_and_rms_errors(
+            n_terms, _ORDERS
+        )
     return retained, dropped
 
 
@@ -241,7 +246,7 @@ def _add_scatterer_batches(
         n_terms = 0
         for index in range(n):
             i = order[index]
-            _replace_c1_by_block_middle(lows[index], highs[index], n_chirps, length)
+            _replace_linear_phase_by_block_middle(lows[index], highs[index], n_chirps, length)
             _expand_scatterer_ranges(
                 scatterers.path_m,
                 i,
@@ -268,7 +273,7 @@ def _add_scatterer_batches(
             term = 0
             for index in range(n):
                 n_more = n_terms_needed[index, level]
-                _tabulate_fast_time_functions(
+                _tabulate_quadratic_phasors_times_powers(
                     lows[index, start], bends[index], n_samples, n_more, tables, term
                 )
                 term += n_more
@@ -610,7 +615,9 @@ def _fill_terms_and_costs_per_block_count(
                 for m in range(start, min(start + length, n_chirps)):
                     least, largest = min(least, min_c1[m]), max(largest, max_c1[m])
                 half = max(half, (largest - least) / 2)
-            n_terms_needed = _required_polynomial_terms(e1 + 2 * np.pi * half, g2, tolerance / 2)
+            n_terms_needed = _required_exponential_series_terms(
+                e1 + 2 * np.pi * half, g2, tolerance / 2
+            )
         n_blocks = -(-n_chirps // length)
         n_terms[level] = n_terms_needed
         costs[level] = np.inf
@@ -622,14 +629,18 @@ def _fill_terms_and_costs_per_block_count(
 
 
 @_compiled
-def _required_polynomial_terms(g1: float, g2: float, tolerance: float) -> int:
+def _required_exponential_series_terms(
+    linear_coefficient: float, quadratic_coefficient: float, tolerance: float
+) -> int:
     """Return the terms, 2 or more, for exp(g1 r + g2 r^2); _MAX_TERMS + 1 if too many."""
     # The remainder of the Taylor series is below twice its first term.
-    g1 = min(g1, 4.0)
+    linear_coefficient = min(linear_coefficient, 4.0)
     series = np.empty(_ORDERS + 1)
-    series[0], series[1] = 1.0, g1
+    series[0], series[1] = 1.0, linear_coefficient
     for q in range(2, _ORDERS + 1):
-        series[q] = (g1 * series[q - 1] + 2 * g2 * series[q - 2]) / q
+        series[q] = (
+            linear_coefficient * series[q - 1] + 2 * quadratic_coefficient * series[q - 2]
+        ) / q
     for n_terms in range(2, _MAX_TERMS + 1):
         orders = min(n_terms + 2, _ORDERS)
         error = 2 * series[orders]
@@ -641,7 +652,7 @@ def _required_polynomial_terms(g1: float, g2: float, tolerance: float) -> int:
 
 
 @_compiled
-def _replace_c1_by_block_middle(
+def _replace_linear_phase_by_block_middle(
     min_c1: np.ndarray, max_c1: np.ndarray, n_chirps: int, chirps_per_block: int
 ) -> None:
     """Store the middle of c1 of each block in `min_c1` of its chirps."""
@@ -706,7 +717,7 @@ def _add_transmitter_to_coefficients(
 
 
 @_compiled
-def _tabulate_fast_time_functions(
+def _tabulate_quadratic_phasors_times_powers(
     c1: float, c2: float, n_samples: int, n_terms: int, tables: np.ndarray, first_term: int
 ) -> None:
     """Fill rows of `tables`: real and imaginary part of B(r), then of B(r) r ..."""

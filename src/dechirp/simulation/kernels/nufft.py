@@ -89,7 +89,7 @@ def _sort_by_range_and_split(scatterers: Scatterers) -> list[ScattererPaths]:
     """Sort scatterers by range, so that neighbours on the grid are adjacent, and split them."""
     # In steps of a 16,000th of the farthest: integers of two bytes sort in linear time.
     steps = np.empty(len(scatterers.amplitudes), np.int16)
-    _quantise_ranges(steps, np.asarray(scatterers.path_m[0], float))
+    _fill_range_sort_keys(steps, np.asarray(scatterers.path_m[0], float))
     order = np.argsort(steps, kind="stable")
     path_m = np.empty((len(scatterers.path_m), 3, len(order)))
     _reorder_paths(path_m, np.asarray(scatterers.path_m, float), order)
@@ -112,14 +112,14 @@ _compiled = numba.njit(
 
 
 @_compiled
-def _quantise_ranges(range_steps: np.ndarray, positions_m: np.ndarray) -> None:
+def _fill_range_sort_keys(sort_keys: np.ndarray, positions_m: np.ndarray) -> None:
     farthest = 1e-300
-    for i in range(len(range_steps)):
+    for i in range(len(sort_keys)):
         x, y, z = positions_m[i, 0], positions_m[i, 1], positions_m[i, 2]
         farthest = max(farthest, x * x + y * y + z * z)
-    for i in range(len(range_steps)):
+    for i in range(len(sort_keys)):
         x, y, z = positions_m[i, 0], positions_m[i, 1], positions_m[i, 2]
-        range_steps[i] = int(np.sqrt((x * x + y * y + z * z) / farthest) * 16383)
+        sort_keys[i] = int(np.sqrt((x * x + y * y + z * z) / farthest) * 16383)
 
 
 @_compiled
@@ -154,7 +154,7 @@ def _add_scatterer_group(
     )
     plan = choose_run_and_field_counts(paths, transmission, waveform, fast, tolerance, n_threads)
     if plan.n_runs == 0:
-        txs, rxs = _active_antennas(transmission)
+        txs, rxs = _active_transmitters_and_all_receivers(transmission)
         amplitudes = _approximate_echo_amplitudes(
             paths.with_rms_gains(txs, rxs), transmission, waveform
         )
@@ -172,7 +172,7 @@ def _add_scatterer_group(
 
     def process(job: tuple[slice, int]) -> None:
         run, rx = job
-        _add_run_to_receiver(
+        _add_run_echoes_of_receiver(
             out[run, rx],
             paths,
             transmission,
@@ -188,7 +188,7 @@ def _add_scatterer_group(
     run_in_threads(n_threads // threads_per_job, process, jobs)
 
 
-def _add_run_to_receiver(
+def _add_run_echoes_of_receiver(
     out: np.ndarray,
     paths: ScattererPaths,
     transmission: Transmission,
@@ -294,7 +294,9 @@ def _select_receiver(paths: ScattererPaths, rx: int) -> ScattererPaths:
     return paths._replace(rx_gains=paths.rx_gains[[rx]])
 
 
-def _active_antennas(transmission: Transmission) -> tuple[list[int], list[int]]:
+def _active_transmitters_and_all_receivers(
+    transmission: Transmission,
+) -> tuple[list[int], list[int]]:
     """Return the transmitters that send in some chirp, and all receivers."""
     return np.flatnonzero(transmission.weights.any(axis=0)).tolist(), list(
         range(len(transmission.rx_m))
@@ -327,13 +329,13 @@ def choose_run_and_field_counts(
     """Choose the plan with the least predicted time, in ns on one core with 512-bit vectors."""
     n, n_chirps = len(paths.amplitudes), len(waveform.times_s)
     n_rx, n_times, n_columns = len(transmission.rx_m), len(fast.times_s), fast.axis.n_points
-    txs, rxs = _active_antennas(transmission)
+    txs, rxs = _active_transmitters_and_all_receivers(transmission)
     few_paths = paths.select(slice(None, None, -(-n // _COST_SAMPLE))).with_rms_gains(txs, rxs)
     strengths = _approximate_echo_amplitudes(few_paths, transmission, waveform)
     allowed = (_SERIES_SHARE * tolerance) ** 2 * float(np.sum(strengths**2))
     n_lines = int(np.count_nonzero(transmission.weights)) * n_rx
     n_pairs = int(np.count_nonzero(transmission.weights.any(axis=0))) * n_rx
-    chirp_fields, _ = nufft_by_chirp.required_field_count_and_unsuitable(
+    chirp_fields, _ = nufft_by_chirp.required_field_count_and_unsuitable_mask(
         few_paths, transmission, waveform, fast.half_s, txs, rxs, allowed
     )
     scatterer_ns = 20 + 3 * chirp_fields
@@ -352,7 +354,7 @@ def choose_run_and_field_counts(
     survey = survey_tone_frequencies_and_errors(view, 1)
     band_hz = 2 * survey.max_doppler_hz
     if (
-        nufft_by_run.uncovered_stretch_error_bound(survey, waveform, half_s)
+        nufft_by_run.slow_time_stretch_error_bound(survey, waveform, half_s)
         > _SERIES_SHARE * tolerance
     ):
         return best

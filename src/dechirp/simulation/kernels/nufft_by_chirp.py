@@ -18,7 +18,7 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.kernels import direct
 from dechirp.simulation.kernels.base import Scatterers, Transmission
 from dechirp.simulation.kernels.grid_axes import FastTime
-from dechirp.simulation.kernels.gridding import TAPS, spread_tones_onto_lines
+from dechirp.simulation.kernels.gridding import TAPS, spread_tones_onto_frequency_lines
 from dechirp.simulation.kernels.simd import WIDTH
 from dechirp.simulation.kernels.taylor import (
     BLOCK,
@@ -63,7 +63,7 @@ def add_echoes(
     times of `fast`.
     """
     half_s = fast.half_s
-    n_fields, is_hard = required_field_count_and_unsuitable(
+    n_fields, is_hard = required_field_count_and_unsuitable_mask(
         paths, transmission, waveform, half_s, transmitters, receivers, allowed_error_power
     )
     if is_hard.any():
@@ -147,7 +147,7 @@ def required_path_term_count(
     return min(n_terms, 2)
 
 
-def required_field_count_and_unsuitable(
+def required_field_count_and_unsuitable_mask(
     paths: ScattererPaths,
     transmission: Transmission,
     waveform: Waveform,
@@ -170,8 +170,8 @@ def required_field_count_and_unsuitable(
     # Another pair each time: a scatterer may approach one antenna and cross in front of another.
     ends = [
         (tx, rx)
-        for rx in _outermost_antennas(transmission.rx_m, receivers)
-        for tx in _outermost_antennas(transmission.tx_m, transmitters)
+        for rx in _outermost_antenna_indices(transmission.rx_m, receivers)
+        for tx in _outermost_antenna_indices(transmission.tx_m, transmitters)
     ]
 
     def examine() -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -213,7 +213,7 @@ def required_field_count_and_unsuitable(
     return MAX_FIELDS, ~(errors <= allowed_error_power / n)
 
 
-def _outermost_antennas(antennas_m: np.ndarray, used_indices: list[int]) -> list[int]:
+def _outermost_antenna_indices(antennas_m: np.ndarray, used_indices: list[int]) -> list[int]:
     """Return two antennas with about the largest distance; or the only one."""
 
     def farthest(antenna: int) -> int:
@@ -334,7 +334,7 @@ def _spread_tones_of_chirps(
                         rx_m[rx], amplitudes[tx, rx], first, n_path_terms, mid_frequency_hz,
                         slope_hz_per_s, half_s, True, positions, outbound, inbound, block,
                     )  # fmt: skip
-                    spread_tones_onto_lines(
+                    spread_tones_onto_frequency_lines(
                         grid, 2 * (m * len(rx_m) + rx) * len(retained) * (n_columns + WIDTH),
                         n_columns, block, min(LANES, n - first), weights[m, tx], retained,
                         column_map, polynomials, columns, fractions, tones, values, taps, unit,

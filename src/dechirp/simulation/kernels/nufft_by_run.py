@@ -27,7 +27,7 @@ def half_run_duration_s(chirp_times_s: np.ndarray, half_window_s: float) -> floa
     return float(chirp_times_s[-1] - chirp_times_s[0]) / 2 + half_window_s
 
 
-def uncovered_stretch_error_bound(
+def slow_time_stretch_error_bound(
     survey: ToneSurvey, waveform: Waveform, half_run_s: float
 ) -> float:
     """Return a bound on the relative error of stretches that the additional field does not cover.

@@ -124,7 +124,7 @@ def add_echoes(
     tolerance = engine.effective_tolerance(out.dtype)
     used: set[str] = set()
     if engine.late != "held":
-        late = _find_late_scatterers(scatterers, transmission)
+        late = _mask_of_late_scatterers(scatterers, transmission)
         if late.any():
             used.add("direct")
             _add_by_direct_kernel(
@@ -205,7 +205,7 @@ def _thread_count_for_duration(predicted_s: float) -> int:
     return numba.get_num_threads() if predicted_s > 0.3e-3 else 1
 
 
-def _find_late_scatterers(scatterers: Scatterers, transmission: Transmission) -> np.ndarray:
+def _mask_of_late_scatterers(scatterers: Scatterers, transmission: Transmission) -> np.ndarray:
     """Return a mask of scatterers whose echo may arrive after the first sample of some chirp."""
     times_s = (
         np.array([transmission.starts_s[0], transmission.starts_s[-1]]) + transmission.adc_start_s

@@ -7,7 +7,7 @@ import numpy as np
 
 from dechirp.core.threads import run_in_threads, split_range
 from dechirp.simulation.kernels.base import Transmission
-from dechirp.simulation.kernels.chebyshev import economise_powers
+from dechirp.simulation.kernels.chebyshev import economised_monomials_and_rms_errors
 from dechirp.simulation.kernels.taylor import (
     BLOCK,
     DOPPLER,
@@ -168,8 +168,10 @@ def _survey_tone_blocks(
     statistics[0], statistics[1], statistics[2], statistics[3] = low_hz, high_hz, fastest_hz, power
 
 
-ECONOMISATIONS = tuple(economise_powers(n_fields, ORDER) for n_fields in range(1, MAX_FIELDS + 1))
-"""Results of `economise_powers` for each number of fields, from 1 on."""
+ECONOMISATIONS = tuple(
+    economised_monomials_and_rms_errors(n_fields, ORDER) for n_fields in range(1, MAX_FIELDS + 1)
+)
+"""Results of `economised_monomials_and_rms_errors` for each number of fields, from 1 on."""
 
 
 def truncation_error_powers(
@@ -180,7 +182,7 @@ def truncation_error_powers(
     `relative_duration` is the length of a run over that of the blocks, about the same middle.
     """
     errors = np.empty((len(blocks), LANES))
-    _fill_truncation_powers(
+    _fill_truncation_error_powers(
         blocks, ECONOMISATIONS[n_fields - 1][1] * relative_duration ** np.arange(ORDER), errors
     )
     return errors.ravel()
@@ -238,7 +240,7 @@ def _fill_block_truncation_error_powers(
 
 
 @_compiled
-def _fill_truncation_powers(
+def _fill_truncation_error_powers(
     blocks: np.ndarray, truncation_remainders: np.ndarray, errors: np.ndarray
 ) -> None:
     for b in range(len(blocks)):

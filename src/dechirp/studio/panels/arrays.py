@@ -61,10 +61,10 @@ def apply_array_overrides(
     """
     radar = apply_overrides(_without_direction_processing(scenario), overrides, limits).radar
     assert radar is not None
-    return replace_radar(scenario, radar)
+    return replace_radar_and_adapt_processing(scenario, radar)
 
 
-def replace_radar(scenario: Scenario, radar: Radar) -> Scenario:
+def replace_radar_and_adapt_processing(scenario: Scenario, radar: Radar) -> Scenario:
     """Return the scenario with another radar; without directions there is no tracker."""
     if not can_resolve_directions(radar):
         scenario = _without_direction_processing(scenario)

@@ -73,7 +73,7 @@ class Compare(Panel):
         self._task: asyncio.Task[None] | None = None
         self._keep_buttons = {variant: Button(label=f"Keep as {variant}") for variant in ("A", "B")}
         for variant, button in self._keep_buttons.items():
-            button.on_click(partial(self._store_scenario_as_variant, variant))
+            button.on_click(partial(self._store_variant_and_compare_if_both, variant))
         self._count = Toggle(label="Count", disabled=True)
         self._count.on_change("active", lambda attr, old, new: self._resume_or_pause_trials(new))
         self._reset = Button(label="Reset")
@@ -116,7 +116,7 @@ class Compare(Panel):
         if not self._scenarios:
             self._show_message(_INTRODUCTION if is_scene else _RECORDING_NOTE)
 
-    def _store_scenario_as_variant(self, variant: str) -> None:
+    def _store_variant_and_compare_if_both(self, variant: str) -> None:
         self._scenarios[variant] = self.session.scenario
         self._cancel_comparison()
         if len(self._scenarios) < 2:
@@ -165,7 +165,7 @@ class Compare(Panel):
                 until_s = perf_counter() + UPDATE_INTERVAL_S
                 while self._is_counting.is_set() and perf_counter() < until_s:
                     await self.session.run_on_worker(partial(comparison.run_trials_for, BATCH_S))
-                rows = await self.session.run_on_worker(comparison.results_by_score_and_target)
+                rows = await self.session.run_on_worker(comparison.comparison_rows_so_far)
                 text = _comparison_table_html(comparison.n_trials, rows, lead)
                 self.session.document.add_next_tick_callback(partial(show, text))
         except DechirpError as error:

@@ -104,7 +104,7 @@ class KnobWidget:
             widget.update(title=knob.label, placeholder=knob.placeholder, value=knob.text)
         self._display_mistakes(())
 
-    def show_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
+    def show_own_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
         """Show mistakes that concern this setting or result from the text typed here."""
         own_mistakes = tuple(
             mistake
@@ -201,7 +201,7 @@ class KnobForm(Generic[T]):
     def show_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
         """Show each mistake at its knob."""
         for field in self._fields.values():
-            field.show_mistakes(mistakes)
+            field.show_own_mistakes(mistakes)
 
     def _rebuild_widgets(self) -> None:
         knobs = [
@@ -246,7 +246,7 @@ class KnobForm(Generic[T]):
     def _submit_or_draft_text(self, path: str, text: str) -> None:
         parent_path = path.rpartition(".")[0]
         if parent_path in self._drafts:
-            self._submit_completed_draft(parent_path)
+            self._submit_draft_if_complete(parent_path)
             return
         family = family_of_setting(self._whole, path) if text.startswith("{kind: ") else None
         kind = text.removeprefix("{kind: ").removesuffix("}")
@@ -257,7 +257,7 @@ class KnobForm(Generic[T]):
         self._drafts.pop(path, None)
         self._change_setting(path, text)
 
-    def _submit_completed_draft(self, path: str) -> None:
+    def _submit_draft_if_complete(self, path: str) -> None:
         """Submit a drafted member once all required settings are typed."""
         family = family_of_setting(self._whole, path)
         assert family is not None

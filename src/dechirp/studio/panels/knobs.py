@@ -245,9 +245,9 @@ def _knobs_of_nested_settings(parent_knob: Knob, parent_value: Any) -> Iterator[
         yield from _knobs_of_value(knob, setting.value_type, getattr(parent_value, setting.field))
 
 
-def _empty_knob(cls: type, key: str, setting: Setting, path: str, *, depth: int) -> Knob:
+def _empty_knob(cls: type, key: str, setting: Setting, parent_path: str, *, depth: int) -> Knob:
     return Knob(
-        path=join_setting_path(path, key),
+        path=join_setting_path(parent_path, key),
         label=label_from_setting_name(key),
         help=cached_field_docstrings(cls).get(setting.field, ""),
         text="",

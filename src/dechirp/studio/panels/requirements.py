@@ -19,7 +19,7 @@ from dechirp.radar.design.design import TYPICAL_HARDWARE, Design, design
 from dechirp.radar.design.requirements import Requirements as DesignRequirements
 from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
-from dechirp.studio.panels.arrays import replace_radar
+from dechirp.studio.panels.arrays import replace_radar_and_adapt_processing
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.knob_widgets import KnobForm
 from dechirp.studio.scenario_edits import check_scenario_within_limits
@@ -37,14 +37,14 @@ def apply_design(scenario: Scenario, design: Design) -> Scenario:
     """
     radar, frame = scenario.radar, round_frame_to_six_digits(design.radar.frame)
     if radar is None:
-        return replace_radar(scenario, replace(design.radar, frame=frame))
+        return replace_radar_and_adapt_processing(scenario, replace(design.radar, frame=frame))
     period_s = radar.frame.period_s
     if period_s is not None and period_s >= frame.duration_s:
         frame = replace(frame, period_s=period_s)
     array = replace(radar.array, tx_m=radar.array.tx_m[:1])
     chain = replace(scenario.chain, n_range_bins=None, n_velocity_bins=None)
     new_radar = replace(design.radar, frame=frame, array=array)
-    return replace_radar(replace(scenario, chain=chain), new_radar)
+    return replace_radar_and_adapt_processing(replace(scenario, chain=chain), new_radar)
 
 
 def round_frame_to_six_digits(frame: Frame) -> Frame:

@@ -50,7 +50,7 @@ class SettingsFile(Panel):
             sizing_mode="stretch_width",
         )
         session.on_settings.append(self._schedule_text_update)
-        session.on_mistakes.append(self._show_mistakes)
+        session.on_mistakes.append(self._show_mistakes_while_applying)
 
     @property
     def root_element(self) -> UIElement:
@@ -75,7 +75,7 @@ class SettingsFile(Panel):
         self._area.update(value=text, tags=[text])
         self._messages.visible = False
 
-    def _show_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
+    def _show_mistakes_while_applying(self, mistakes: tuple[Mistake, ...]) -> None:
         if mistakes and self._is_applying:
             self._messages.text = "<br>".join(escape(str(mistake)) for mistake in mistakes)
             self._messages.visible = True

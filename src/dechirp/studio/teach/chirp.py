@@ -11,8 +11,8 @@ from bokeh.models import UIElement
 from dechirp.certificate.reference_trials import reference_radar
 from dechirp.certificate.waveform import (
     dechirp_delayed_ramp,
-    instantaneous_frequency_hz,
     synthesise_ramp,
+    times_and_instantaneous_frequency_hz,
 )
 from dechirp.core.text import EN_DASH
 from dechirp.core.units import SPEED_OF_LIGHT
@@ -75,12 +75,14 @@ def compute_ramps_and_beat(settings: ChirpSettings) -> ChirpFrame:
     # Four times the bandwidth keeps phase steps below half a turn.
     rate_hz = 4 * chirp.ramp_bandwidth_hz
     instants_s = np.arange(max(int(now_s * rate_hz), 2)) / rate_hz
-    sent_s, sent_hz = instantaneous_frequency_hz(synthesise_ramp(chirp, instants_s), rate_hz)
+    sent_s, sent_hz = times_and_instantaneous_frequency_hz(
+        synthesise_ramp(chirp, instants_s), rate_hz
+    )
     is_received = sent_s + delay_s <= now_s
     samples_s = np.arange(chirp.n_samples) / chirp.sample_rate_hz
     arrived = (samples_s >= delay_s) & (samples_s <= now_s)
     beat = dechirp_delayed_ramp(chirp, delay_s=delay_s)[arrived]
-    _, beat_hz = instantaneous_frequency_hz(beat, chirp.sample_rate_hz)
+    _, beat_hz = times_and_instantaneous_frequency_hz(beat, chirp.sample_rate_hz)
     return ChirpFrame(
         chirp=chirp,
         now_s=now_s,
@@ -162,7 +164,7 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
             x_range=(0, 8),
             y_range=(-1.2, 1.7),
         )
-        self._beat.add_bands("delay", "muted", label="no echo yet", alpha=0.2)
+        self._beat.add_vertical_bands("delay", "muted", label="no echo yet", alpha=0.2)
         self._beat.add_line("beat", "track", line_width=1.5)
         self._beat.add_legend("top_left")
         self._root = column(self._ramps.figure, self._beat.figure, sizing_mode="stretch_both")

@@ -24,7 +24,7 @@ from dechirp.studio.teach.mixer_demo import (
     MixerComparison,
     MixerFrame,
     MixerSettings,
-    compute_frames_of_both_mixers,
+    compute_iq_and_single_mixer_frames,
 )
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.line_figure import LineFigure
@@ -123,8 +123,8 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
             x_range=(-_MAX_VELOCITY_M_PER_S, _MAX_VELOCITY_M_PER_S),
             y_range=(_LOW_DB - 5, _HIGH_DB + 18),
         )
-        self._cut.add_bands("training", "echo", label="training", alpha=0.15)
-        self._cut.add_bands("guard", "muted", label="guard", alpha=0.25)
+        self._cut.add_vertical_bands("training", "echo", label="training", alpha=0.15)
+        self._cut.add_vertical_bands("guard", "muted", label="guard", alpha=0.25)
         self._cut.add_line(
             "one", "threshold", label="one mixer", line_width=1.2, line_dash="dashed"
         )
@@ -142,7 +142,7 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
         return self._root
 
     def compute_frame(self, settings: MixerSettings, frame_number: int) -> MixerComparison:
-        return compute_frames_of_both_mixers(settings, frame_number)
+        return compute_iq_and_single_mixer_frames(settings, frame_number)
 
     def draw_frame_and_format_numbers(self, frame: MixerComparison) -> Mapping[str, str]:
         two_mixers, one_mixer, settings = frame.two_mixers, frame.one_mixer, frame.settings
@@ -212,8 +212,12 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
         )
         self._cut.set_data("guard", left=[peak - inner], right=[peak + inner])
 
-    def next_knob_values(self, knob_values: Mapping[str, Any]) -> Mapping[str, float]:
-        return {} if knob_values["play"] == _WHOLE_FRAMES else super().next_knob_values(knob_values)
+    def next_animated_knob_values(self, knob_values: Mapping[str, Any]) -> Mapping[str, float]:
+        return (
+            {}
+            if knob_values["play"] == _WHOLE_FRAMES
+            else super().next_animated_knob_values(knob_values)
+        )
 
     def apply_theme(self, theme: Theme) -> None:
         for drawing in (self._two, self._one, self._phase, self._cut):

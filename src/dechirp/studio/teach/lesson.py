@@ -111,7 +111,7 @@ class Lesson(ABC, Generic[S, T]):
             }
         )
 
-    def next_knob_values(self, knob_values: Mapping[str, Any]) -> Mapping[str, float]:
+    def next_animated_knob_values(self, knob_values: Mapping[str, Any]) -> Mapping[str, float]:
         """Return the knob values that play changes for the next frame."""
         name, step = self.animated_dial
         dial = self.knobs[name]

@@ -151,7 +151,9 @@ def compute_map_and_phases(
     )
 
 
-def compute_frames_of_both_mixers(settings: MixerSettings, frame_number: int) -> MixerComparison:
+def compute_iq_and_single_mixer_frames(
+    settings: MixerSettings, frame_number: int
+) -> MixerComparison:
     """Compute the frames of both kinds of mixer with the same noise seed."""
     return MixerComparison(
         settings=settings,

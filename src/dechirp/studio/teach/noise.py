@@ -170,9 +170,11 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
         )
         return numbers
 
-    def next_knob_values(self, knob_values: Mapping[str, Any]) -> Mapping[str, float]:
+    def next_animated_knob_values(self, knob_values: Mapping[str, Any]) -> Mapping[str, float]:
         return (
-            {} if knob_values["play"] == _CONSTANT_NOISE else super().next_knob_values(knob_values)
+            {}
+            if knob_values["play"] == _CONSTANT_NOISE
+            else super().next_animated_knob_values(knob_values)
         )
 
     def apply_theme(self, theme: Theme) -> None:

@@ -121,7 +121,7 @@ class LessonPage:
             return
         if self._playing:
             self._frame += 1
-            for name, value in self._lesson.next_knob_values(self._knob_values()).items():
+            for name, value in self._lesson.next_animated_knob_values(self._knob_values()).items():
                 self._knobs[name].value = value
         elif not self._has_changes:
             return

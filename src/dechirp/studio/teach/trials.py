@@ -78,7 +78,7 @@ def _noise_generator(block_number: int) -> np.random.Generator:
     return np.random.default_rng((SEED, block_number))
 
 
-def simulate_hits_of_both_detectors(
+def simulate_cfar_and_report_rule_hits(
     snr_db: float, window: Window, block_number: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the hits (N_FRAMES,) of cell averaging and of the report's rule in a block."""
@@ -146,7 +146,7 @@ def theoretical_detection_curves(window: Window) -> tuple[np.ndarray, np.ndarray
 
 def compute_cuts_and_hits(settings: NoiseSettings, block_number: int) -> NoiseFrame:
     """Compute the cuts of one frame, the detections of several, and the theory."""
-    hits, report_hits = simulate_hits_of_both_detectors(
+    hits, report_hits = simulate_cfar_and_report_rule_hits(
         settings.snr_db, settings.window, block_number
     )
     theory_db, theory, report_theory = theoretical_detection_curves(settings.window)

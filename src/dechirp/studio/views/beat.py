@@ -25,7 +25,7 @@ from dechirp.studio.views.figure_style import (
     round_up_to_1_2_5,
 )
 from dechirp.studio.views.line_figure import LineFigure
-from dechirp.studio.views.map_markers import target_map_positions
+from dechirp.studio.views.map_markers import target_map_positions_and_azimuths
 from dechirp.studio.views.toggle_tile import ToggleTile, coloured_html
 
 _MAX_BLOCKS = 300  # two points each: as many as a tile has pixels
@@ -143,7 +143,7 @@ class BeatView(View):
         if self._range_axis.end != max_range_m:
             self._range_axis.end = max_range_m
         self.spectrum.figure.yaxis.axis_label = power_label(power_level_unit(units))
-        true_positions, _ = target_map_positions(frame_state)
+        true_positions, _ = target_map_positions_and_azimuths(frame_state)
         for name, range_m in (
             ("truth", true_positions.range_m),
             ("cursor", [frame_state.cursor.range_m]),

@@ -6,7 +6,7 @@ import numpy as np
 from bokeh.models import UIElement
 
 from dechirp.core.detection_columns import BY_NAME, SHOWN_COLUMNS, standard_error_column
-from dechirp.core.display import pluralise
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import EN_DASH
 from dechirp.evaluation.association import Associator
 from dechirp.studio.cursor import Cursor
@@ -14,7 +14,10 @@ from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
-from dechirp.studio.views.map_markers import detection_map_positions, detection_order_by_snr
+from dechirp.studio.views.map_markers import (
+    detection_map_positions_and_azimuths,
+    detection_order_by_snr,
+)
 from dechirp.studio.views.table_tile import MAX_ROWS, Heading, TableTile, row_at_cursor
 
 
@@ -49,7 +52,7 @@ class DetectionsView(View):
     def show_frame(self, frame_state: FrameState) -> None:
         targets = self._nearest_target_names(frame_state)
         columns = shown_detection_columns(frame_state) | {"target": targets}
-        map_positions, _ = detection_map_positions(frame_state)
+        map_positions, _ = detection_map_positions_and_azimuths(frame_state)
         cursors = [Cursor(*map(float, place)) for place in zip(*map_positions, strict=True)]
         visible = {
             key: bool(np.isfinite(column).any())
@@ -74,7 +77,9 @@ class DetectionsView(View):
         if truth is None or scenario.radar is None:
             return np.full(order.size, EN_DASH, dtype=object)
         columns = {str(name): column.values for name, column in frame_state.detections.items()}
-        target = Associator(truth, scenario.radar, scenario.scene).nearest_targets(columns)[order]
+        target = Associator(truth, scenario.radar, scenario.scene).nearest_target_indices(columns)[
+            order
+        ]
         names = np.array([*truth.target.values.tolist(), _NO_TARGET], dtype=object)
         return np.asarray(names[target])
 
@@ -89,15 +94,17 @@ def shown_detection_columns(frame_state: FrameState) -> dict[str, np.ndarray]:
     }
 
 
-def _detections_title(targets: np.ndarray, frame_state: FrameState) -> str:
+def _detections_title(target_names: np.ndarray, frame_state: FrameState) -> str:
     """Return the numbers of detections and of detected targets as a title."""
-    n = targets.size
-    title = "Nothing detected" if n == 0 else pluralise(n, "detection")
+    n = target_names.size
+    title = "Nothing detected" if n == 0 else format_count_with_noun(n, "detection")
     if n > MAX_ROWS:
         title = f"The strongest {MAX_ROWS} of {title}"
     if frame_state.truth is None:
         return title
     names = frame_state.truth.target.values.tolist()
-    n_detected = len(set(targets.tolist()) & set(names))
-    title += f": {n_detected} of {pluralise(len(names), 'target')} found" if names else ""
-    return f"{title}, {int(np.sum(targets == _NO_TARGET))} of no target" if n else title
+    n_detected = len(set(target_names.tolist()) & set(names))
+    title += (
+        f": {n_detected} of {format_count_with_noun(len(names), 'target')} found" if names else ""
+    )
+    return f"{title}, {int(np.sum(target_names == _NO_TARGET))} of no target" if n else title

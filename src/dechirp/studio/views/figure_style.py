@@ -97,13 +97,15 @@ def apply_figure_theme(target_figure: figure, theme: Theme) -> None:
         bar.bar_line_color = bar.major_tick_line_color = None
 
 
-def power_to_image_levels(power: np.ndarray, top: float, span_db: float = SPAN_DB) -> np.ndarray:
-    """Convert powers to uint8 levels: 255 at `top` and above, 0 at `span_db` below it.
+def power_to_image_levels(
+    power: np.ndarray, top_power: float, span_db: float = SPAN_DB
+) -> np.ndarray:
+    """Convert powers to uint8 levels: 255 at `top_power` and above, 0 at `span_db` below it.
 
     Zero power and NaN give 0, infinite power 255.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        levels = np.log10(np.asarray(power, np.float32) / np.float32(top))
+        levels = np.log10(np.asarray(power, np.float32) / np.float32(top_power))
         levels *= 10 * 255 / span_db
         levels += 255
     np.fmax(levels, 0, out=levels)  # 0 for zero power and NaN

@@ -128,8 +128,8 @@ class TopView:
         self.detections = self._add_marks("circle", size=13)
         self.tracks = self._add_marks("diamond", size=18)
         self._radar = self._add_marks("triangle", size=11)
-        self._ring_names = self._add_texts()
-        self._names = self._add_texts()
+        self._ring_names = self._add_empty_labels()
+        self._names = self._add_empty_labels()
         self._arrows = Arrow(
             source=ColumnDataSource({"x": [], "y": [], "to_x": [], "to_y": []}),
             x_start="x",
@@ -226,7 +226,7 @@ class TopView:
             line_width=1.6,
         )
 
-    def _add_texts(self) -> GlyphRenderer:
+    def _add_empty_labels(self) -> GlyphRenderer:
         return self.figure.text(
             "x",
             "y",

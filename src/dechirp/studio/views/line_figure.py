@@ -30,31 +30,35 @@ class LineFigure:
         self._sources: dict[str, ColumnDataSource] = {}
         self._labels: dict[str, list[GlyphRenderer]] = {}
 
-    def add_line(self, name: str, role: str, *, label: str = "", **style: object) -> None:
+    def add_line(self, name: str, colour_role: str, *, label: str = "", **style: object) -> None:
         """Add a line over `x` and `y`."""
         self._register_glyph(
             name,
-            role,
+            colour_role,
             label,
             self.figure.line("x", "y", source=self._add_empty_data_source(name), **style),
         )
 
-    def add_marks(self, name: str, role: str, *, label: str = "", **style: object) -> None:
+    def add_marks(self, name: str, colour_role: str, *, label: str = "", **style: object) -> None:
         """Add marks at `x` and `y`."""
         self._register_glyph(
             name,
-            role,
+            colour_role,
             label,
             self.figure.scatter("x", "y", source=self._add_empty_data_source(name), **style),
         )
 
-    def add_vertical_lines(self, name: str, role: str, *, label: str = "", **style: object) -> None:
+    def add_vertical_lines(
+        self, name: str, colour_role: str, *, label: str = "", **style: object
+    ) -> None:
         """Add vertical lines from `low` to `high` at `x`."""
         source = self._add_empty_data_source(name, "x", "low", "high")
         renderer = self.figure.segment("x", "low", "x", "high", source=source, **style)
-        self._register_glyph(name, role, label, renderer)
+        self._register_glyph(name, colour_role, label, renderer)
 
-    def add_bands(self, name: str, role: str, *, label: str = "", alpha: float) -> None:
+    def add_vertical_bands(
+        self, name: str, colour_role: str, *, label: str = "", alpha: float
+    ) -> None:
         """Add vertical bands from `left` to `right`, behind everything else."""
         renderer = self.figure.vstrip(
             "left",
@@ -64,13 +68,13 @@ class LineFigure:
             line_alpha=0,
             level="underlay",
         )
-        self._register_glyph(name, role, label, renderer)
+        self._register_glyph(name, colour_role, label, renderer)
 
-    def add_texts(self, name: str, role: str, **style: object) -> None:
+    def add_texts(self, name: str, colour_role: str, **style: object) -> None:
         """Add texts at `x` and `y`."""
         source = self._add_empty_data_source(name, "x", "y", "text")
         renderer = self.figure.text("x", "y", "text", source=source, text_font_size="12px", **style)
-        self._register_glyph(name, role, "", renderer)
+        self._register_glyph(name, colour_role, "", renderer)
 
     def set_data(self, name: str, **columns: Sequence[object] | np.ndarray) -> None:
         """Replace the data of a source; numbers are sent in single precision."""
@@ -124,8 +128,10 @@ class LineFigure:
         self._sources[name] = ColumnDataSource({key: [] for key in columns or ("x", "y")})
         return self._sources[name]
 
-    def _register_glyph(self, name: str, role: str, label: str, renderer: GlyphRenderer) -> None:
+    def _register_glyph(
+        self, name: str, colour_role: str, label: str, renderer: GlyphRenderer
+    ) -> None:
         renderer.name = name
-        self._colour_roles.append((renderer, role))
+        self._colour_roles.append((renderer, colour_role))
         if label:
             self._labels.setdefault(label, []).append(renderer)

@@ -18,7 +18,9 @@ def detection_order_by_snr(frame_state: FrameState) -> np.ndarray:
 
 
 @lru_cache(maxsize=1)  # shared by several views: 0.1 ms each
-def detection_map_positions(frame_state: FrameState) -> tuple[RangeVelocity, np.ndarray]:
+def detection_map_positions_and_azimuths(
+    frame_state: FrameState,
+) -> tuple[RangeVelocity, np.ndarray]:
     """Return the map positions of the detections and their azimuths (rad), NaN if unknown."""
     columns = frame_state.detections.variables
     order = detection_order_by_snr(frame_state)
@@ -29,7 +31,7 @@ def detection_map_positions(frame_state: FrameState) -> tuple[RangeVelocity, np.
 
 
 @lru_cache(maxsize=1)
-def target_map_positions(frame_state: FrameState) -> tuple[RangeVelocity, np.ndarray]:
+def target_map_positions_and_azimuths(frame_state: FrameState) -> tuple[RangeVelocity, np.ndarray]:
     """Return the aliased map positions of the targets and their azimuths; empty if unknown."""
     if frame_state.truth is None:
         return RangeVelocity(np.empty(0), np.empty(0)), np.empty(0)

@@ -3,7 +3,7 @@
 import numpy as np
 from bokeh.models import BasicTickFormatter
 
-from dechirp.core.display import pluralise
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import format_number
 from dechirp.report.figures.common import outer_cell_edges
 from dechirp.report.labels import TIME_LABEL, VELOCITY_LABEL
@@ -42,7 +42,7 @@ class MicroDopplerView(MapView):
             if self.session.cursor is None
             else f"about {format_number(frame_state.cursor.range_m, 3)} m"
         )
-        self.note.text = f"{pluralise(time_s.size, 'frame')}, {where}"
+        self.note.text = f"{format_count_with_noun(time_s.size, 'frame')}, {where}"
 
     def cursor_at_position(self, x: float, y: float) -> Cursor:
         frame_state = self.session.frame_state

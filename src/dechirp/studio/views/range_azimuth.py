@@ -8,7 +8,10 @@ from dechirp.report.labels import AZIMUTH_LABEL, RANGE_LABEL
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
-from dechirp.studio.views.map_markers import detection_map_positions, target_map_positions
+from dechirp.studio.views.map_markers import (
+    detection_map_positions_and_azimuths,
+    target_map_positions_and_azimuths,
+)
 from dechirp.studio.views.map_view import MapView
 
 _TITLE = "Range-azimuth map"
@@ -38,8 +41,8 @@ class RangeAzimuthView(MapView):
             power.transpose("range", "azimuth").values[:, nearest],
             units=str(frame_state.samples.attrs.get("units", "")),
         )
-        detections, detections_rad = detection_map_positions(frame_state)
-        truth, truth_rad = target_map_positions(frame_state)
+        detections, detections_rad = detection_map_positions_and_azimuths(frame_state)
+        truth, truth_rad = target_map_positions_and_azimuths(frame_state)
         self.draw_marks(self.detections, np.degrees(detections_rad), detections.range_m)
         self.draw_marks(self.truth, np.degrees(truth_rad), truth.range_m)
         self.draw_cursor(None, frame_state.cursor.range_m)
@@ -49,7 +52,7 @@ class RangeAzimuthView(MapView):
             self.figure.title.text = f"{_TITLE}: this array has no azimuth resolution"
             self.note.text = "Add elements at several positions along y."
             return
-        detections, detections_rad = detection_map_positions(frame_state)
+        detections, detections_rad = detection_map_positions_and_azimuths(frame_state)
         self.figure.title.text = (
             f"{_TITLE}: {_strongest_detection_text(np.degrees(detections_rad), detections.range_m)}"
         )

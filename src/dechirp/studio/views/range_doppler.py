@@ -1,13 +1,16 @@
 """Range-Doppler map view with detections and targets."""
 
-from dechirp.core.display import pluralise
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import TIMES_SIGN, format_number
-from dechirp.report.figures.common import even_cell_width, outer_cell_edges
+from dechirp.report.figures.common import outer_cell_edges, uniform_cell_width
 from dechirp.report.labels import RANGE_LABEL, VELOCITY_LABEL
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
-from dechirp.studio.views.map_markers import detection_map_positions, target_map_positions
+from dechirp.studio.views.map_markers import (
+    detection_map_positions_and_azimuths,
+    target_map_positions_and_azimuths,
+)
 from dechirp.studio.views.map_view import MapView
 
 
@@ -28,8 +31,8 @@ class RangeDopplerView(MapView):
         self.draw_power(
             frame_state.power.values, units=str(frame_state.samples.attrs.get("units", ""))
         )
-        detections, _ = detection_map_positions(frame_state)
-        truth, _ = target_map_positions(frame_state)
+        detections, _ = detection_map_positions_and_azimuths(frame_state)
+        truth, _ = target_map_positions_and_azimuths(frame_state)
         self.draw_marks(self.detections, *detections)
         self.draw_marks(self.truth, *truth)
         self.draw_cursor(*frame_state.cursor)
@@ -40,8 +43,10 @@ class RangeDopplerView(MapView):
             frame_state.power.velocity.values,
         )
         n_detections = frame_state.detections.sizes["detection"]
-        self.figure.title.text = f"Range-Doppler map: {pluralise(n_detections, 'detection')}"
-        width_m, width_m_per_s = even_cell_width(range_m), even_cell_width(velocity_m_per_s)
+        self.figure.title.text = (
+            f"Range-Doppler map: {format_count_with_noun(n_detections, 'detection')}"
+        )
+        width_m, width_m_per_s = uniform_cell_width(range_m), uniform_cell_width(velocity_m_per_s)
         cell = f"{format_number(width_m, 2)} m {TIMES_SIGN} {format_number(width_m_per_s, 2)} m/s"
         self.note.text = f"a cell: {cell}   {self.legend_text}"
 

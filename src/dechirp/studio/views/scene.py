@@ -7,11 +7,11 @@ import numpy as np
 from bokeh.events import DoubleTap, Pan, PanEnd, PanStart, Tap
 from bokeh.models import UIElement
 
-from dechirp.core.display import pluralise
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.errors import InvalidSetting, Mistake
 from dechirp.core.text import TIMES_SIGN, format_number
 from dechirp.experiments.scenario import Scenario
-from dechirp.report.figures.common import choose_body_scatterers
+from dechirp.report.figures.common import choose_body_scatterer_indices
 from dechirp.report.figures.top_view import ellipse_magnification, round_down_to_1_2_5
 from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
 from dechirp.scene.rotations import from_local_axes, to_local_axes
@@ -33,7 +33,7 @@ from dechirp.studio.views.tracks import TrackTails
 
 
 def position_at_time_zero_m(
-    scene: Scene, name: str, position_m: tuple[float, float], time_s: float
+    scene: Scene, target_name: str, position_m: tuple[float, float], time_s: float
 ) -> tuple[float, float, float]:
     """Return the position at time zero of a target that is at a given position later.
 
@@ -49,17 +49,19 @@ def position_at_time_zero_m(
     InvalidSetting
         If the target has waypoints: moving only the first one would bend its trajectory.
     """
-    target = scene.find_target(name)
+    target = scene.find_target(target_name)
     if target.waypoints:
         raise InvalidSetting(
-            f"scene.targets.{name}.position",
+            f"scene.targets.{target_name}.position",
             value="dragged, of a target with waypoints",
             expected="a target with constant velocity",
             fix="change its waypoints in the settings file, or remove them",
         )
     at_s = np.array([time_s])
     axes = scene.ego.axes(at_s)
-    from_radar_m = scene.target_offsets_from_radar_m(at_s, np.array([scene.names.index(name)]))
+    from_radar_m = scene.target_offsets_from_radar_m(
+        at_s, np.array([scene.names.index(target_name)])
+    )
     old_m = to_local_axes(axes, from_radar_m)
     new_m = np.array([[[*position_m, old_m[0, 0, 2]]]])
     displacement_m = from_local_axes(axes, new_m - old_m)[0, 0]
@@ -93,7 +95,7 @@ def target_positions_and_velocities(scene: Scene, time_s: float) -> TargetPositi
     radar_velocity = to_local_axes(
         scene.ego.axes(at_s), scene.ego.velocities_m_per_s(at_s)[:, None]
     )
-    bodies = choose_body_scatterers(scene, _MAX_POINTS)
+    bodies = choose_body_scatterer_indices(scene, _MAX_POINTS)
     return TargetPositions(
         names=scene.names,
         positions_m=scene.target_positions_m(at_s)[0, :, :2],
@@ -165,11 +167,13 @@ class SceneView(View):
 
     def update_caption(self, frame_state: FrameState) -> None:
         parts = (
-            [] if frame_state.truth is None else [pluralise(len(self._positions.names), "target")]
+            []
+            if frame_state.truth is None
+            else [format_count_with_noun(len(self._positions.names), "target")]
         )
         parts.append(f"{frame_state.detections.sizes['detection']} detected")
         if frame_state.tracks:
-            parts.append(pluralise(len(frame_state.tracks), "track"))
+            parts.append(format_count_with_noun(len(frame_state.tracks), "track"))
         self.top_view.figure.title.text = f"From above: {', '.join(parts)}"
         self.top_view.note.text = self._legend
 
@@ -278,7 +282,7 @@ class SceneView(View):
         if name not in scene.names:  # removed meanwhile
             self._dragged = None
             return
-        path = f"scene.targets.{target_name_in_path(scene, name)}.position"
+        path = f"scene.targets.{target_name_or_index_in_path(scene, name)}.position"
         try:
             position_m = position_at_time_zero_m(scene, name, (y, x), frame_state.time_s)
         except InvalidSetting as error:
@@ -304,7 +308,7 @@ class SceneView(View):
             self._draw_targets()
 
 
-def target_name_in_path(scene: Targets, name: str) -> str:
+def target_name_or_index_in_path(scene: Targets, name: str) -> str:
     """Return the name of a target in a setting path: its name or its index."""
     index = scene.names.index(name)
     own_name = scene.targets[index].name

@@ -18,7 +18,7 @@ from bokeh.models import (
 )
 
 from dechirp.core.text import EN_DASH
-from dechirp.report.figures.common import even_cell_width
+from dechirp.report.figures.common import uniform_cell_width
 from dechirp.scene.aliasing import RangeVelocity
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
@@ -57,7 +57,7 @@ class TableTile:
         self._cursors: Sequence[Cursor] = ()
         self._selected: list[int] = []
         self.source = ColumnDataSource({key: [] for key in heads})
-        self.source.selected.on_change("indices", self._pick_selected_row)
+        self.source.selected.on_change("indices", self._move_cursor_to_selected_row)
         self.title = Div(
             text="", margin=(3, 8, 1, 8), sizing_mode="stretch_width", css_classes=["line"]
         )
@@ -98,7 +98,7 @@ class TableTile:
             if shown is not None and table_column.visible != shown:
                 table_column.visible = shown
 
-    def _pick_selected_row(self, attr: str, old: list[int], new: list[int]) -> None:
+    def _move_cursor_to_selected_row(self, attr: str, old: list[int], new: list[int]) -> None:
         if new and new != self._selected and new[-1] < len(self._cursors):
             self._selected = new
             self._on_pick(self._cursors[new[-1]])
@@ -107,7 +107,7 @@ class TableTile:
 def row_at_cursor(positions: RangeVelocity, frame_state: FrameState) -> int | None:
     """Return the index of the position nearest to the cursor within a cell, else None."""
     distances = [
-        abs(position - cursor_position) / even_cell_width(cells)
+        abs(position - cursor_position) / uniform_cell_width(cells)
         for cells, position, cursor_position in zip(
             (frame_state.power.range.values, frame_state.power.velocity.values),
             positions,

@@ -110,8 +110,8 @@ class ThresholdCutView(View):
 
 def _create_cut_figure(x_label: str) -> LineFigure:
     line_figure = LineFigure(x=x_label, y="Power", x_range=(0, 1), y_range=(0, 1))
-    line_figure.add_bands("training", "echo", alpha=0.16)
-    line_figure.add_bands("guard", "muted", alpha=0.12)
+    line_figure.add_vertical_bands("training", "echo", alpha=0.16)
+    line_figure.add_vertical_bands("guard", "muted", alpha=0.12)
     line_figure.add_line("power", "echo", line_width=1.6)
     line_figure.add_line("threshold", "threshold", line_width=1.6)
     line_figure.add_marks("cell", "cursor", size=7)

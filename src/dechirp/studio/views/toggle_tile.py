@@ -56,6 +56,6 @@ class ToggleTile:
             tile_figure.visible = label == self.active_label
 
 
-def coloured_html(text: str, role: str) -> str:
+def coloured_html(text: str, colour_role: str) -> str:
     """Return text in a colour of the theme as HTML."""
-    return f"<span style='color: var(--{role})'>{text}</span>"
+    return f"<span style='color: var(--{colour_role})'>{text}</span>"

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from bokeh.models import UIElement
 
-from dechirp.core.display import pluralise
+from dechirp.core.display import format_count_with_noun
 from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_doppler_map_position
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
@@ -100,7 +100,7 @@ class TracksView(View):
             return "No tracks: the settings have no tracker (Processing)"
         n_confirmed = sum(track.status == "confirmed" for track in tracks)
         n_tentative = len(tracks) - n_confirmed
-        text = f"{pluralise(n_confirmed, 'track')} confirmed, {n_tentative} tentative"
+        text = f"{format_count_with_noun(n_confirmed, 'track')} confirmed, {n_tentative} tentative"
         return text if len(tracks) <= MAX_ROWS else f"{text}: the first {MAX_ROWS}"
 
 
