@@ -150,7 +150,7 @@ class LabelFinder(ast.NodeVisitor):
 
     def visit_Assign(self, node: ast.Assign) -> None:
         for target in node.targets:
-            if isinstance(target, ast.Attribute) and target.attr == "axis_label":
+            if ast.unparse(target).endswith((".axis_label", "colour_bar.title")):
                 self._trace(node.value)
             names = target.elts if isinstance(target, ast.Tuple) else [target]
             values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]

@@ -145,7 +145,7 @@ def test_target_left_of_radar_is_on_left_of_azimuth_map(page):
 def test_level_on_colour_bar_equals_power_in_dbm(page):
     view = RangeDopplerView(page)
     power = page.show(view).power.values
-    (image,), bar = view.image.data["image"], view._bar
+    (image,), bar = view.image.data["image"], view._colour_bar
     low, high = bar.color_mapper.low, bar.color_mapper.high
     read_dbm = low + image / 255 * (high - low)
     true_dbm = np.clip(to_decibels(power) + 30, low, high)

@@ -20,6 +20,7 @@ from bokeh.models import (
 from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
 from dechirp.core.units import from_decibels
 from dechirp.report.figures.range_doppler import block_maxima
+from dechirp.report.labels import power_label
 from dechirp.studio.browser_events import register_position_callback
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.session import Session
@@ -62,8 +63,8 @@ class MapView(View):
         self._image_glyph = self.figure.image(
             image="image", x=0, y=0, dw=1, dh=1, source=self.image, color_mapper=self._level_mapper
         ).glyph
-        self._bar = _create_colour_bar(self._power_mapper)
-        self.figure.add_layout(self._bar, "right")
+        self._colour_bar = _create_colour_bar(self._power_mapper)
+        self.figure.add_layout(self._colour_bar, "right")
         self._marks = list(self._add_marks())
         self._vertical_line, self._horizontal_line = (
             Span(dimension=dimension, line_color=_LIGHT, line_dash="3 3", line_alpha=0.8)
@@ -108,7 +109,7 @@ class MapView(View):
         }
         if (self._power_mapper.low, self._power_mapper.high) != (bottom_db, top_db):
             self._power_mapper.update(low=bottom_db, high=top_db)
-        self._bar.title = f"power, {power_level_unit(units)}"
+        self._colour_bar.title = power_label(power_level_unit(units))
 
     def _colour_limits_db(self, power: np.ndarray, units: str) -> tuple[float, float]:
         """Return the colour limits: above the strongest cell and near the noise."""
@@ -168,7 +169,7 @@ class MapView(View):
 
 def _create_colour_bar(mapper: LinearColorMapper) -> ColorBar:
     return ColorBar(
-        title="Power (dBm)",
+        title=power_label("dBm"),
         level=STATIC_LEVEL,
         color_mapper=mapper,
         ticker=BasicTicker(desired_num_ticks=4),

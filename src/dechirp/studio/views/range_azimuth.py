@@ -31,7 +31,7 @@ class RangeAzimuthView(MapView):
         if power is None:
             self._clear_map(frame_state)
             return
-        self._bar.visible = True
+        self._colour_bar.visible = True
         azimuth_deg = np.degrees(power.azimuth.values)
         shown_deg = np.linspace(azimuth_deg[0], azimuth_deg[-1], _STEPS)
         right, left = outer_cell_edges(shown_deg)
@@ -64,7 +64,7 @@ class RangeAzimuthView(MapView):
 
     def _clear_map(self, frame_state: FrameState) -> None:
         self.set_image_extent((90.0, -90.0), outer_cell_edges(frame_state.power.range.values))
-        self._bar.visible = False
+        self._colour_bar.visible = False
         self.image.data = {"image": [np.zeros((1, 1), np.uint8)]}
         for marks in (self.detections, self.truth):
             self.draw_marks(marks, np.empty(0), np.empty(0))
