@@ -872,7 +872,7 @@ def test_doctor_reports_dependencies_extras_and_kernels(run_cli, fake_installati
         "dev": {"pytest": pytest.__version__},
         "web": {"no-such-thing": None},
     }
-    assert "simd_range_doppler.transform_chirps" in document["kernels"]
+    assert "simd_range_doppler.transform_sample_blocks_over_chirps" in document["kernels"]
     assert document["problem"] is None
     assert document["cores"] >= document["threads"] >= 1
     assert document["free_memory_bytes"] > 0
