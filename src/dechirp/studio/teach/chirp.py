@@ -102,9 +102,9 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
 
     title = "The chirp"
     introduction = (
-        "The radar sends a ramp: a tone whose frequency rises. The echo is the same ramp, later."
-        " Mixed with what is being sent by then, it leaves one low tone, the beat. Its frequency"
-        " is the distance."
+        "The radar transmits a ramp: a tone whose frequency rises. The echo is a delayed copy."
+        " The mixer multiplies both and leaves a low tone, the beat. Its frequency is proportional"
+        " to the range."
     )
     formulas = (
         (r"f_\mathrm{b} = S\,\tau = \dfrac{2\,S\,R}{c}", "beat of a target at range R"),
@@ -121,26 +121,27 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
         Experiment(
             "Move the target twice as far away",
             {"range_m": 100},
-            "The echo comes twice as late, so the ramp has gone on twice as far: the gap between"
-            " the two lines doubles, and with it the beat frequency.",
+            "The delay doubles, so the difference between the two lines doubles, and with it the"
+            " beat frequency.",
         ),
         Experiment(
             "Double the bandwidth",
             {"bandwidth_mhz": 300},
-            "The delay is the same, the ramp is twice as steep: the beat doubles. Count its"
-            " cycles: one for each range cell, and cells are half as wide now.",
+            "The delay is the same, but the ramp is twice as steep, so the beat frequency doubles."
+            " Count the cycles of the beat: one for each range cell. Cells are now half as wide.",
         ),
         Experiment(
-            "Take twice the time for the same bandwidth",
+            "Double the duration at the same bandwidth",
             {"duration_us": 14.6},
-            "Half the slope, half the beat frequency, but twice the time to watch it: the same"
-            " 50 cycles. So range cells stay 1 m wide: bandwidth alone decides.",
+            "The slope and the beat frequency are half as large, but the beat lasts twice as long:"
+            " again about 50 cycles. Range cells remain 1 m wide, because only the bandwidth"
+            " determines their width.",
         ),
         Experiment(
-            "Send hardly any bandwidth: 20 MHz",
+            "Reduce the bandwidth to 20 MHz",
             {"bandwidth_mhz": 20},
-            "Not seven cycles are left. A target 3 m farther would add less than half a cycle: a"
-            " range cell is 7.5 m wide, and targets in one cell look like one.",
+            "Fewer than seven cycles are left. A target 3 m farther away would add less than half a"
+            " cycle. A range cell is 7.5 m wide, and two targets in one cell look like one.",
         ),
     )
 
@@ -152,9 +153,9 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
             x_range=(0, 8),
             y_range=(0, 150),
         )
-        self._ramps.add_line("sent", "echo", label="sent", line_width=3)
+        self._ramps.add_line("sent", "echo", label="transmitted", line_width=3)
         self._ramps.add_line("echo", "threshold", label="echo", line_width=3)
-        self._ramps.add_vertical_lines("gap", "cursor", label="beat: the gap now", line_width=2)
+        self._ramps.add_vertical_lines("gap", "cursor", label="beat frequency now", line_width=2)
         self._ramps.add_marks("ends", "cursor", size=8)
         self._ramps.add_texts("words", "ink", x_offset=8, text_baseline="middle")
         self._ramps.add_legend("top_left")
@@ -202,13 +203,13 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
         self._beat.set_data("delay", left=[0], right=[frame.delay_s * 1e6])
         cycles = frame.beat.size / chirp.sample_rate_hz * beat_mhz * 1e6
         self._ramps.set_title(
-            f"The echo is {frame.delay_s * 1e6:.2f} µs late:"
-            f" by then the ramp has risen {chirp.slope_hz_per_s * frame.delay_s / 1e6:.2f} MHz"
+            f"Delay of the echo: {frame.delay_s * 1e6:.2f} µs, in which the ramp rises by"
+            f" {chirp.slope_hz_per_s * frame.delay_s / 1e6:.2f} MHz"
         )
         self._beat.set_title(
-            f"The beat: one tone, {cycles:.1f} cycles so far"
+            f"Beat signal: a tone, {cycles:.1f} cycles so far"
             if np.isfinite(cycles)
-            else "The beat: nothing, until the echo is there"
+            else "Beat signal: none until the echo arrives"
         )
         range_m = SPEED_OF_LIGHT * frame.delay_s / 2
         return {

@@ -31,7 +31,7 @@ from dechirp.studio.views.line_figure import LineFigure
 
 _MAX_VELOCITY_M_PER_S = 70.0
 """Limit of the velocity axes."""
-_ADD_CHIRPS, _WHOLE_FRAMES = "chirps are added", "whole frames follow"
+_ADD_CHIRPS, _WHOLE_FRAMES = "one frame, more and more chirps", "successive frames"
 _LOW_DB, _HIGH_DB = -5.0, 45.0
 
 
@@ -40,9 +40,9 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
 
     title = "128 chirps: velocity and detection"
     introduction = (
-        "From chirp to chirp the target moves by parts of a wavelength, and the phase of its beat"
-        " turns. A second transform over the chirps makes of that turning a velocity. A cell"
-        " that stands out from the cells around it is a detection."
+        "From chirp to chirp the range changes by a fraction of a wavelength, and the phase of the"
+        " beat advances. A second transform, over the chirps, gives the velocity. A cell far above"
+        " the cells around it is a detection."
     )
     formulas = (
         (r"f_\mathrm{D} = \dfrac{2v}{\lambda}\,,\quad \Delta v = \dfrac{\lambda}{2MT}", "Doppler"),
@@ -55,42 +55,42 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
         "velocity_m_per_s": Dial(VELOCITY_LABEL, -60, 60, 1, 20),
         "ramp": Choice("Ramp", (RAMP, NO_RAMP), RAMP),
         "guard": Choice("Guard cells on each side", tuple(GUARDS), "4 cells"),
-        "false_alarms": Choice("False alarms in a cell", ("1e-6", "1e-4", "1e-3"), "1e-6"),
-        "n_chirps": Dial("Chirps M summed of 128", 4, 128, 4, 128),
-        "play": Choice("As it plays", (_ADD_CHIRPS, _WHOLE_FRAMES), _ADD_CHIRPS),
+        "false_alarms": Choice("False-alarm probability", ("1e-6", "1e-4", "1e-3"), "1e-6"),
+        "n_chirps": Dial("Chirps M, of 128", 4, 128, 4, 128),
+        "play": Choice("Play shows", (_ADD_CHIRPS, _WHOLE_FRAMES), _ADD_CHIRPS),
     }
     animated_dial = ("n_chirps", 4)
     experiments = (
         Experiment(
             "Let the target approach",
             {"velocity_m_per_s": -20},
-            "The phase turns the other way, and the peak moves to minus 20 m/s. With a ramp one"
-            " mixer sees it too: the half of its spectrum that is kept has one peak.",
+            "The phase advances in the other direction, and the peak moves to -20 m/s. With a ramp,"
+            " one mixer shows this too: the half of its range spectrum that is kept has one peak.",
         ),
         Experiment(
-            "Stop the ramp: a carrier",
+            "Transmit a carrier without a ramp",
             {"ramp": NO_RAMP},
-            "One mixer gives real samples: its phase only flips. So it shows plus and minus"
-            " 20 m/s alike, and the sign is lost. Two mixers still know it. All ranges fall"
-            " into one column.",
+            "One mixer gives real samples, whose phase is zero or half a cycle. It shows equal"
+            " peaks at 20 and -20 m/s, so the sign is lost. Two mixers preserve it. All ranges are"
+            " in one column.",
         ),
         Experiment(
-            "The carrier, and a target that approaches",
+            "The carrier with an approaching target",
             {"ramp": NO_RAMP, "velocity_m_per_s": -20},
-            "Right, the same picture as before; left, another one. The report says that one mixer"
-            " loses the sign: true without a ramp, and only then.",
+            "The right map is the same as before, the left one is not. The report states that one"
+            " mixer loses the sign of the velocity. This is true only without a ramp.",
         ),
         Experiment(
-            "Take the guard cells away",
+            "Remove the guard cells",
             {"guard": "none"},
-            "The target's own skirts now count as noise: the threshold rises beside it, and would"
-            " hide a weaker neighbour.",
+            "The main lobe of the target now counts as noise. The threshold rises around the target"
+            " and would hide a weaker neighbour.",
         ),
         Experiment(
             "Allow more false alarms",
             {"false_alarms": "1e-3", "play": _WHOLE_FRAMES},
-            "The threshold comes down, and about one cell in 1,000 exceeds it by noise alone."
-            " Play: they come elsewhere in each frame, the target stays.",
+            "The threshold falls, and noise alone exceeds it in about one cell in 1,000. Press"
+            " Play: the false alarms are in other cells in each frame, and the target stays.",
         ),
     )
 
@@ -173,18 +173,18 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
                 x=mixer_frame.velocity_m_per_s,
                 y=_to_clipped_db(mixer_frame.power[:, mixer_frame.column]),
             )
-        self._phase.set_title(f"The phase turns from chirp to chirp: {radar.frame.n_chirps} of 128")
-        self._cut.set_title("Through the target along velocity")
+        self._phase.set_title(f"Phase from chirp to chirp: {radar.frame.n_chirps} of 128 chirps")
+        self._cut.set_title("Cut through the target along velocity")
         self._draw_threshold_and_training_cells(frame)
         waveform = radar.frame
-        pending_text = "at 128 chirps"
+        pending_text = "with 128 chirps"
         return {
             "velocity bin λ / 2MT": f"{waveform.velocity_resolution_m_per_s:.2f} m/s",
-            "unambiguous up to": f"±{waveform.max_velocity_m_per_s:.0f} m/s",
-            "false alarms here": pending_text
+            "unambiguous velocity": f"±{waveform.max_velocity_m_per_s:.0f} m/s",
+            "false alarms in the frame": pending_text
             if two_mixers.threshold is None
             else f"{two_mixers.n_false_alarms:,}",
-            "of all cells, expected": format_number(
+            "expected false alarms": format_number(
                 two_mixers.n_tested * float(settings.false_alarms), 2
             ),
         }

@@ -128,8 +128,8 @@ class EchoLesson(Lesson[EchoSettings, EchoFrame]):
 
     title = "Target and range transform"
     introduction = (
-        "Each target leaves one tone in the beat signal. A Fourier transform sorts tones by their"
-        " frequency, and that is sorting targets by range. A longer look makes finer bins."
+        "Each target causes one tone in the beat signal. A Fourier transform separates the tones"
+        " by frequency, and so the targets by range. More samples give narrower bins."
     )
     formulas = (
         (r"R = \dfrac{c\,f_\mathrm{b}}{2\,S}", "range of a beat"),
@@ -141,40 +141,41 @@ class EchoLesson(Lesson[EchoSettings, EchoFrame]):
             "Second target", (_NO_SECOND_TARGET, *SECOND_TARGETS), _NO_SECOND_TARGET
         ),
         "window": Choice("Window", ("rectangular", "hann", "blackman-harris"), "rectangular"),
-        "padding": Choice("Zero padding, bins to a sample", ("1", "2", "4", "8"), "1"),
-        "n_samples": Dial("Samples N taken of 2,200", 100, 2200, 25, 2200),
+        "padding": Choice("Zero padding (bins per sample)", ("1", "2", "4", "8"), "1"),
+        "n_samples": Dial("Samples N, of 2,200", 100, 2200, 25, 2200),
     }
     animated_dial = ("n_samples", 25)
     experiments = (
         Experiment(
             "Put the target between two bins",
             {"range_m": 50.5},
-            "Its tone fits no bin: two bins share it, up to 3.9 dB too low, and sidelobes appear in"
-            " all others. They were there before, but the bins lay on their zeros.",
+            "The frequency is between two bins. Both show the tone, up to 3.9 dB too weak, and"
+            " sidelobes appear in all other bins. They existed before, but the bins were at their"
+            " nulls.",
         ),
         Experiment(
-            "The same, padded with zeros",
+            "The same with zero padding",
             {"range_m": 50.5, "padding": "8"},
-            "Bins lie closer on the same curve, and one meets the peak. The lobe is as wide as"
-            " before: padding adds points, not resolution.",
+            "The bins are closer together on the same curve, and one is at the peak. The main lobe"
+            " is as wide as before: zero padding adds points, not resolution.",
         ),
         Experiment(
-            "Two targets a cell apart, padded",
+            "Two targets one cell apart, zero padded",
             {"second_target": "as strong, 1.2 m behind", "padding": "8"},
-            "One lobe or two? That depends on how their phases meet: move the range by 0.1 m and"
-            " look. Only bandwidth would part them for sure.",
+            "One lobe or two? The result depends on the phase between the two echoes: move the"
+            " range by 0.1 m to see it. Only more bandwidth separates them reliably.",
         ),
         Experiment(
             "Hide a weak target",
             {"range_m": 50.5, "second_target": "40 dB weaker, 8 m behind"},
-            "The sidelobes of the strong target lie over the weak one at 58.5 m. No threshold"
-            " finds it: the transform has lost it, not the noise.",
+            "The sidelobes of the strong target cover the weak one at 58.5 m. No threshold can"
+            " detect it: the sidelobes hide it, not the noise.",
         ),
         Experiment(
             "Find it with a window",
             {"range_m": 50.5, "second_target": "40 dB weaker, 8 m behind", "window": "hann"},
-            "Hann fades the samples in and out, so sidelobes fall fast, and the weak target"
-            " stands clear. The price: a main lobe twice as wide.",
+            "A Hann window fades the samples in and out. Its sidelobes fall quickly, and the weak"
+            " target becomes visible. The cost is a main lobe twice as wide.",
         ),
     )
 
@@ -196,7 +197,7 @@ class EchoLesson(Lesson[EchoSettings, EchoFrame]):
             x_range=SHOWN_M,
             y_range=(LOWEST_DB, 9),
         )
-        self._spectrum.add_vertical_lines("truth", "truth", label="where targets are", line_width=2)
+        self._spectrum.add_vertical_lines("truth", "truth", label="targets", line_width=2)
         self._spectrum.add_line("fine", "muted", label="between the bins", line_width=1)
         self._spectrum.add_vertical_lines("stems", "echo", line_width=1)
         self._spectrum.add_marks("bins", "echo", label="bins of the transform", size=5)

@@ -27,17 +27,17 @@ from dechirp.studio.theme import Theme
 from dechirp.studio.views.line_figure import LineFigure
 
 _SHOWN_M = (20.0, 80.0)
-_INCREASING_NOISE, _CONSTANT_NOISE = "more noise than the last", "as much noise as the last"
+_INCREASING_NOISE, _CONSTANT_NOISE = "more noise", "the same noise level"
 
 
 class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
     """One frame with both thresholds, and the proportion of frames with a detection."""
 
-    title = "Noise: how faint an echo may be"
+    title = "Noise and the weakest detectable echo"
     introduction = (
-        "In each sample the echo may be thousands of times weaker than the noise: both transforms"
-        " gather it in one cell. The report stops at -24 dB. Its rule takes amplitudes for"
-        " powers; the radar sees on to -40 dB."
+        "In a sample, the echo can be thousands of times weaker than the noise. Both transforms"
+        " concentrate it in one cell. The report stops at -24 dB, because its rule treats"
+        " amplitudes as powers; this radar detects down to -40 dB."
     )
     formulas = (
         (r"g = N\,M", "gain: 281,600, or 54.5 dB"),
@@ -48,9 +48,9 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
     )
     knobs: ClassVar = {
         "snr_db": Dial(SNR_PER_SAMPLE_LABEL, *SNR_DB, 1, -24),
-        "window": Choice("Window of the right detector", ("rectangular", "hann"), "rectangular"),
+        "window": Choice("Window of cell averaging", ("rectangular", "hann"), "rectangular"),
         "play": Choice(
-            "Each new frame has", (_INCREASING_NOISE, _CONSTANT_NOISE), _INCREASING_NOISE
+            "The next frame has", (_INCREASING_NOISE, _CONSTANT_NOISE), _INCREASING_NOISE
         ),
     }
     animated_dial = ("snr_db", -1)
@@ -58,32 +58,32 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
         Experiment(
             "The report's limit: -24 dB",
             {"snr_db": -24},
-            "The peak only just reaches the upper threshold, which takes 29 dB; the lower one, of"
-            " 11.5 dB, it clears by far. Noise alone never comes near either.",
+            "The peak just reaches the upper threshold, at 29 dB. It is far above the lower one, at"
+            " 11.5 dB, which noise alone exceeds in one cell in a million.",
         ),
         Experiment(
             "A little more noise: -27 dB",
             {"snr_db": -27},
-            "The peak still stands 27 dB over the noise, 15 dB over the lower threshold, and anyone"
-            " can see it. The report's rule is blind to it.",
+            "The peak is 27 dB above the noise and 15 dB above the lower threshold, so it is easy"
+            " to see. The report's rule misses it.",
         ),
         Experiment(
-            "Forty decibels below: -40 dB",
+            "Forty decibels below the noise: -40 dB",
             {"snr_db": -40, "play": _CONSTANT_NOISE},
-            "10,000 times weaker than the noise in a sample, and 14 dB stronger in its cell. Press"
-            " play and count: it is found in 97 of 100 frames.",
+            "The echo is 10,000 times weaker than the noise in a sample, and 14 dB stronger in its"
+            " cell. Press Play and count: it is detected in 97 of 100 frames.",
         ),
         Experiment(
-            "The same under a Hann window",
+            "The same with a Hann window",
             {"snr_db": -40, "play": _CONSTANT_NOISE, "window": "hann"},
-            "The window costs 3.5 dB in range and velocity together, and here that matters: two"
-            " frames in three are lost. Low sidelobes have a price.",
+            "The windows of range and velocity cost 3.5 dB together. At this level, the target is"
+            " missed in two frames of three. Low sidelobes have a cost.",
         ),
         Experiment(
-            "Beyond the end: -46 dB",
+            "Below the limit: -46 dB",
             {"snr_db": -46, "play": _CONSTANT_NOISE},
-            "Now noise hides the echo in its own cell. Only more energy helps: more chirps, more"
-            " power, or a nearer target.",
+            "Now noise hides the echo in its own cell. More energy or less noise helps: more"
+            " chirps, more power, a shorter range, or a better receiver.",
         ),
     )
 
@@ -142,8 +142,8 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
         self._cut.set_data("truth", x=[REFERENCE_TARGET.range_m], low=[-8], high=[56])
         self._shares.set_data("now", x=[settings.snr_db], low=[-0.04], high=[1.08])
         numbers = {
-            "echo over noise in its cell": f"{frame.snr_in_cell_db:.1f} dB",
-            f"found at {settings.snr_db:.0f} dB by": "",
+            "SNR in the cell of the echo": f"{frame.snr_in_cell_db:.1f} dB",
+            f"detected at {settings.snr_db:.0f} dB by": "",
         }
         for detector, name, curve, offset_db in (
             ("chain", "cell averaging", frame.theory, -0.1),
@@ -161,12 +161,10 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
             numbers[name] = f"{row[1] * row[4]:.0f} of {row[4]:.0f}; theory {expected:.0%}"
         self._cut.set_title(
             f"One frame at {settings.snr_db:.0f} dB: cell averaging {_hit_verb(frame.hits[0])}"
-            f" the target,"
-            f" the report's rule {_hit_verb(frame.report_hits[0])} it"
+            f" the target, the report's rule {_hit_verb(frame.report_hits[0])} it"
         )
         self._shares.set_title(
-            "Share of frames in which the target is found: lines by theory, marks counted, with"
-            " 95 % intervals"
+            "Detection probability: theory (lines), and counted frames (marks) with 95 % intervals"
         )
         return numbers
 
