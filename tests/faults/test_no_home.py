@@ -1,5 +1,6 @@
-"""Missing home or cache folder: slower runs with unchanged results."""
+"""Missing home or cache folder: slower runs with the same results."""
 
+import pandas as pd
 import pytest
 
 from faults.conftest import run_shell
@@ -22,8 +23,17 @@ def test_results_do_not_depend_on_home_or_cache(environment, folder, call):
 
     assert process.returncode == 0
     assert "Traceback" not in process.stderr
-    for name in ("detections.csv", "scenario.yaml"):
-        assert (folder / "out" / name).read_bytes() == (folder / "usual" / name).read_bytes()
+    usual, out = folder / "usual", folder / "out"
+    assert (out / "scenario.yaml").read_bytes() == (usual / "scenario.yaml").read_bytes()
+    # Kernels may fuse multiply and add, and a kernel that is compiled in the process fuses other
+    # ones than its cached form: estimates differ by a few units of 2.2e-16.
+    pd.testing.assert_frame_equal(
+        pd.read_csv(out / "detections.csv"),
+        pd.read_csv(usual / "detections.csv"),
+        check_exact=False,
+        rtol=1e-14,
+        atol=0,
+    )
 
 
 def test_design_needs_no_home_or_cache(folder):
