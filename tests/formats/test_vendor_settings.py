@@ -389,6 +389,22 @@ def test_setup_file_names_settings_and_chip(tmp_path):
     assert replace(settings, path=expected.path) == expected
 
 
+def test_studio_lists_of_one_may_be_plain_objects(tmp_path):
+    chip = make_chip(["0x1"])
+    expected = read_settings_text(tmp_path, format_studio(chip), "a.mmwave.json")
+    (profile,), (chirp,) = chip["rfConfig"]["rlProfiles"], chip["rfConfig"]["rlChirps"]
+    plain_chip = make_chip(["0x1"], rlProfiles=profile, rlChirps=chirp, rlBpmChirps={})
+
+    settings = read_settings_text(
+        tmp_path, json.dumps({"mmWaveDevices": plain_chip}), "a.mmwave.json"
+    )
+
+    assert settings == expected
+    plain_chip["rfConfig"]["rlBpmChirps"] = {"rlBpmChirpCfg_t": {"chirpStartIdx": 0}}
+    with pytest.raises(RecordingError, match="rlBpmChirps"):
+        read_settings_text(tmp_path, json.dumps({"mmWaveDevices": plain_chip}), "a.mmwave.json")
+
+
 def test_studio_single_sub_frame_is_frame(tmp_path):
     sub_frame = {
         "chirpStartIdx": 0,
@@ -663,13 +679,15 @@ def test_either_file_of_settings_pair_may_have_name_of_recording(tmp_path):
         find_settings_file(tmp_path / "walk.bin")
 
 
-def test_setup_file_of_other_folder_is_ignored(tmp_path):
+@pytest.mark.parametrize("folder", ["C:\\captures\\", "/home/someone/"])
+def test_setup_file_names_settings_with_folder_of_recording_computer(tmp_path, folder):
     (tmp_path / "a.mmwave.json").write_text(format_studio())
     (tmp_path / "a.setup.json").write_text(
-        json.dumps(SETUP | {"configUsed": "C:\\captures\\a.mmwave.json"})
+        json.dumps(SETUP | {"configUsed": f"{folder}a.mmwave.json"})
     )
 
-    assert find_settings_file(tmp_path / "a.bin") == tmp_path / "a.mmwave.json"
+    assert find_settings_file(tmp_path / "b.bin") == tmp_path / "a.setup.json"
+    assert read_settings(tmp_path / "a.setup.json").device == "xwr1843"
 
 
 def test_recognises_cfg_by_commands(tmp_path):

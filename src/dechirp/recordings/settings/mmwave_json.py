@@ -2,6 +2,8 @@
 
 Several chips form a cascade, in the order of the file: their antennas are numbered consecutively,
 and the waveform is that of the first.
+
+Some programs that rewrite these files turn each list of one item into that item.
 """
 
 from collections.abc import Sequence
@@ -102,8 +104,8 @@ def read_mmwave_json(
         at once.
     """
     document = parse_json(file, text)
-    chips = document.get("mmWaveDevices") if isinstance(document, dict) else None
-    if not isinstance(chips, list) or not 1 <= len(chips) <= 4:
+    chips = _list_at_key_path(document, "mmWaveDevices")
+    if not 1 <= len(chips) <= 4:
         raise RecordingError(
             file,
             value="no list mmWaveDevices of one to four chips",
@@ -286,8 +288,13 @@ def _value_at_key_path(document: Any, key_path: str) -> Any:
 
 
 def _list_at_key_path(document: Any, key_path: str) -> list[Any]:
-    """Return the items of the list at a path; unwrap items that are objects of a single key."""
+    """Return the items of the list at a path; unwrap items that are objects of a single key.
+
+    An object in place of the list is its only item, and one that is empty an empty list.
+    """
     parts = _value_at_key_path(document, key_path)
+    if isinstance(parts, dict):
+        parts = [parts] if parts else []
     return [
         next(iter(part.values())) if isinstance(part, dict) and len(part) == 1 else part
         for part in (parts if isinstance(parts, list) else [])

@@ -1,5 +1,10 @@
-"""TI mmWave Studio: the file that names the settings of a capture (`.setup.json`)."""
+"""TI mmWave Studio: the file that names the settings of a capture (`.setup.json`).
 
+It names them with the folder of the computer that recorded. Of that path only the file name
+counts: captures are copied with their settings, and other folders are never read.
+"""
+
+import re
 from pathlib import Path
 
 from dechirp.core.errors import RecordingError
@@ -22,16 +27,16 @@ def find_named_settings_and_chip(file: Path, text: str) -> tuple[Path, str]:
     document = parse_json(file, text)
     document = document if isinstance(document, dict) else {}
     name, chip = document.get("configUsed"), document.get("mmWaveDevice")
-    if isinstance(name, str) and _is_file_name_without_folder(name) and name != file.name:
-        named_file = file.parent / name
+    base_name = re.split(r"[/\\]", name)[-1] if isinstance(name, str) else ""
+    if _is_file_name(base_name) and base_name != file.name:
+        named_file = file.parent / base_name
         if is_file_not_linked_outside_folder(named_file):
             return named_file, chip if isinstance(chip, str) else ""
     raise RecordingError(
         file,
         value=f"configUsed {format_json_excerpt(name)}",
-        expected="the bare name of a .mmwave.json file in the same folder",
-        fix="put that file next to it and write its name without a folder, or give the"
-        " .mmwave.json file itself",
+        expected="the name of a .mmwave.json file in the folder of this file",
+        fix="put that file next to it, or give the .mmwave.json file itself",
     )
 
 
@@ -43,6 +48,6 @@ def is_file_not_linked_outside_folder(file: Path) -> bool:
         return False
 
 
-def _is_file_name_without_folder(name: str) -> bool:
-    """Return whether a name is a file name without folder."""
-    return 0 < len(name) < 256 and not set(name) & set("/\\:\0") and name not in (".", "..")
+def _is_file_name(name: str) -> bool:
+    """Return whether a name without slashes is that of a file."""
+    return 0 < len(name) < 256 and not set(name) & set(":\0") and name not in (".", "..")
