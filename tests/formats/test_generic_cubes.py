@@ -291,6 +291,40 @@ def test_real_and_imaginary_fields_become_complex_numbers(tmp_path, names):
     assert np.array_equal(from_hdf5[0] * 32768, samples)
 
 
+@pytest.mark.parametrize("axes", ["element,sample", "rx,sample"])
+def test_real_samples_times_a_phase_of_each_channel_open_as_real_with_calibration(tmp_path, axes):
+    rng = np.random.default_rng(12)
+    real = rng.normal(size=(6, 64)) / 8
+    phases = rng.uniform(-np.pi, np.pi, 6)
+    stored = real * np.exp(1j * phases)[:, None]
+    file = tmp_path / "calibrated.npy"
+    np.save(file, stored)
+    order, n_rx = ((1, 0), 3) if axes.startswith("element") else (None, 6)
+    radar = make_radar(n_chirps=1, n_rx=n_rx, n_samples=64, sampling="real", order=order)
+
+    recording = open_recording(file, radar=radar, axes=axes)
+
+    cube = recording.cube.isel(frame=0).transpose("chirp", "rx", "sample").values
+    by_element = cube[list(order)] if order else cube  # chirps are sent as 1, 0
+    corrected = recording.radar.element_corrections[:, None] * by_element.reshape(6, 64)
+    assert cube.dtype == np.float32 and np.allclose(corrected, stored, atol=1e-6)
+    assert [f.setting for f in recording.findings if f.level == "note"] == ["radar.calibration"]
+
+    np.save(file, stored + 0.01j * rng.normal(size=(6, 64)))
+    with pytest.raises(RecordingError, match="one phase factor in each channel"):
+        open_recording(file, radar=radar, axes=axes).cube.load()
+
+
+def test_axis_of_all_antenna_pairs_named_rx_is_told_to_be_element(tmp_path):
+    file = tmp_path / "pairs.npy"
+    np.save(file, np.ones((6, 64), np.complex64) / 2)
+    radar = make_radar(n_chirps=1, n_rx=3, n_samples=64, order=(0, 1))
+
+    with pytest.raises(RecordingError, match="name the axis .* element instead of rx"):
+        open_recording(file, radar=radar, axes="rx,sample")
+    assert open_recording(file, radar=radar, axes="element,sample").cube.sizes["rx"] == 3
+
+
 @pytest.mark.parametrize("kind", ["int16", "uint16", "float32", "float64"])
 @pytest.mark.parametrize("is_complex", [False, True])
 @pytest.mark.parametrize("compressed", [False, True])

@@ -9,6 +9,7 @@ from scipy.stats import binom
 import dechirp as dc
 from dechirp.core.units import to_decibels
 from dechirp.experiments.link_budget import link_budget_of_first_target
+from dechirp.processing.chain_findings import chain_findings
 from dechirp.processing.spectrum import Transform, range_profiles
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
@@ -236,3 +237,27 @@ def test_rejects_cube_with_chirps_of_one_transmitter(radar):
 
     with pytest.raises(dc.InvalidSetting, match="128 along chirp; expected 256"):
         dc.detect(cube, apply_tdm(radar, 0, 1))
+
+
+def test_one_round_gives_directions_of_static_targets_and_a_finding_on_motion(radar):
+    radar = apply_tdm(radar, 0, 1, 2, n_chirps=1)
+    chain = dc.Chain().fit_to_radar(radar)
+    azimuth_rad = np.radians(25)
+    position_m = (20 * np.cos(azimuth_rad), 20 * np.sin(azimuth_rad), 0)
+    target = dc.Target(position_m=position_m, rcs_m2=10)
+
+    clean = dc.simulate(dc.Scene(targets=[target]), radar, impairments=())
+    rng = np.random.default_rng(7)
+    errors = []
+    for _ in range(200):
+        found = dc.detect(add_noise(clean, 10, rng), radar, chain).isel(detection=0)
+        errors.append((found.azimuth.item() - azimuth_rad) / found.azimuth_std.item())
+
+    # The mean of 200 squares varies by 10 %; five of them, and 10 % by the noise estimate.
+    assert np.mean(np.square(errors)) == pytest.approx(1, abs=0.6)
+    (finding,) = (f for f in chain_findings(radar, chain) if f.setting == "radar.frame.n_chirps")
+    # 4 pi v t / lambda over the two intervals between three slots, at 1 m/s.
+    turn_deg = np.degrees(4 * np.pi * 2 * radar.frame.interval_s / radar.frame.chirp.wavelength_m)
+    assert f"{turn_deg:.3g} degrees" in finding.value and finding.level == "warning"
+    two_rounds = apply_tdm(radar, 0, 1, 2, n_chirps=2)
+    assert not [f for f in chain_findings(two_rounds, chain) if f.setting == "radar.frame.n_chirps"]

@@ -30,6 +30,7 @@ from dechirp.processing.frame import FrameResult
 from dechirp.processing.mitigation.apply import RemovedEcho, mitigation_findings
 from dechirp.processing.peaks import MAX_PEAKS
 from dechirp.processing.range_doppler_map import label_map_axes, power_map, threshold_map
+from dechirp.processing.virtual_array import can_separate_transmitters
 from dechirp.radar.budget import BudgetLine
 from dechirp.radar.radar import Radar
 from dechirp.recordings.recording import Recording
@@ -251,7 +252,11 @@ def fitted_chain_findings(chain: Chain, radar: Radar) -> tuple[Finding, ...]:
     """Return findings on the maps that a chain computes for a radar."""
     fitted = chain.fit_to_radar(radar)
     cells = _reduced_training_cell_findings(chain.cfar, fitted.cfar)
-    return (*cells, *_dropped_directions_findings(chain, fitted), *chain_findings(radar, fitted))
+    return (
+        *cells,
+        *_dropped_directions_findings(chain, fitted, radar),
+        *chain_findings(radar, fitted),
+    )
 
 
 def detection_findings(detection_run: DetectionRun, radar: Radar) -> tuple[Finding, ...]:
@@ -391,18 +396,27 @@ def _reduced_training_cell_findings(configured: Cfar, fitted: Cfar) -> tuple[Fin
     )
 
 
-def _dropped_directions_findings(configured: Chain, fitted: Chain) -> tuple[Finding, ...]:
-    """Return a note if directions are requested that the array cannot resolve."""
+def _dropped_directions_findings(
+    configured: Chain, fitted: Chain, radar: Radar
+) -> tuple[Finding, ...]:
+    """Return a note if directions are requested that the array or the code cannot resolve."""
     was_asked_for = configured.angle is not Chain.angle  # an explicit setting
     if not (was_asked_for and configured.angle is not None and fitted.angle is None):
         return ()
+    is_separable = can_separate_transmitters(radar.frame)
     return (
         Finding(
             level="note",
             setting="chain.angle",
-            value=f"{configured.angle.kind()}, left out: this array resolves no directions",
-            expected="elements at two places or more",
-            fix="give the radar more elements, or set chain.angle to null",
+            value=f"{configured.angle.kind()}, left out: this "
+            + ("array" if is_separable else "code of the transmitters")
+            + " resolves no directions",
+            expected="elements at two places or more"
+            if is_separable
+            else "a code that separates the transmitters within a round",
+            fix="give the radar more elements, or set chain.angle to null"
+            if is_separable
+            else "correct radar.frame.multiplexing, or set chain.angle to null",
         ),
     )
 

@@ -7,8 +7,9 @@ from dechirp.core.units import to_decibels
 from dechirp.processing.angle.aperture import radar_aperture
 from dechirp.processing.cfar.base import Cfar, MapNoise
 from dechirp.processing.chain import Chain
-from dechirp.processing.direction_finding import can_resolve_directions
+from dechirp.processing.direction_finding import assumes_targets_at_rest, can_resolve_directions
 from dechirp.processing.spectrum import Transform, rows_with_circular_noise
+from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.theory.cfar import cell_averaging_factor
 
@@ -95,7 +96,27 @@ def chain_findings(radar: Radar, chain: Chain) -> list[Finding]:
         )
     if chain.angle is not None and can_resolve_directions(radar):
         findings += chain.angle.array_ambiguity_findings(radar_aperture(radar, chain.field_of_view))
+        findings += _motion_findings(radar.frame)
     return findings
+
+
+def _motion_findings(frame: Frame) -> list[Finding]:
+    """Warn if transmitters take turns in a single round, which measures no velocity."""
+    if not assumes_targets_at_rest(frame):
+        return []
+    slot_times_s = frame.doppler_phase_times_s
+    rad_per_m_per_s = 4 * np.pi * np.ptp(slot_times_s) / frame.chirp.wavelength_m
+    return [
+        Finding(
+            level="warning",
+            setting="radar.frame.n_chirps",
+            value=f"one round of {len(slot_times_s)} slots, which measures no velocity: directions"
+            " are those of targets at rest, and each m/s of radial velocity turns the phase"
+            f" between the first and the last slot by {np.degrees(rad_per_m_per_s):.3g} degrees",
+            expected="a static scene, or two rounds or more to compensate the motion",
+            fix="nothing is to be done if nothing moves; else record more rounds a frame",
+        )
+    ]
 
 
 def _self_masking_findings(

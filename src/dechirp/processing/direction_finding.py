@@ -39,9 +39,13 @@ def checked_direction_aperture(radar: Radar, field_of_view: FieldOfView) -> Aper
     Raises
     ------
     InvalidSetting
-        About `chain.angle`, if all elements have one position across the line of sight, the code
-        does not separate the transmitters, or the frame has one round, so that the velocities
-        that change the phases between transmitters are unknown.
+        About `chain.angle`, if all elements have one position across the line of sight, or the code
+        does not separate the transmitters.
+
+    Notes
+    -----
+    A frame of one round measures no velocity, so its directions are those of targets at rest, see
+    `assumes_targets_at_rest`.
     """
     problem = None
     try:
@@ -54,11 +58,6 @@ def checked_direction_aperture(radar: Radar, field_of_view: FieldOfView) -> Aper
     if not can_separate_transmitters(radar.frame):
         n_tx = len(radar.array.tx_m)
         problem, expected = f"a code of {n_tx} transmitters", "a code that parts them over a round"
-    elif radar.frame.n_chirps == 1 < radar.frame.n_slots and len(radar.array.tx_m) > 1:
-        problem, expected = (
-            "transmitters that share one round",
-            "two rounds or more, for the velocity",
-        )
     if problem is not None:
         raise InvalidSetting(
             "chain.angle",
@@ -67,6 +66,11 @@ def checked_direction_aperture(radar: Radar, field_of_view: FieldOfView) -> Aper
             fix="set angle to null, or correct the radar",
         )
     return virtual_aperture
+
+
+def assumes_targets_at_rest(frame: Frame) -> bool:
+    """Return whether directions assume targets at rest: slots of a single round differ in time."""
+    return frame.multiplexing is not None and frame.n_chirps == 1 < frame.n_slots
 
 
 def can_resolve_directions(radar: Radar) -> bool:
@@ -146,7 +150,8 @@ def _unit_vectors_with_nan_as_zero(
 
 def known_direction_mask(ambiguity_number: np.ndarray, frame: Frame) -> np.ndarray:
     """Return the mask of directions whose ambiguity number is known or not needed, (n,)."""
-    return np.asarray(~np.isnan(ambiguity_number) | (frame.multiplexing is None))
+    is_needed = frame.multiplexing is not None and not assumes_targets_at_rest(frame)
+    return np.asarray(~np.isnan(ambiguity_number) | (not is_needed))
 
 
 def element_snapshots_and_noise(

@@ -34,9 +34,8 @@ def _real_samples_finding(recorded: RecordingMeasures, mirror_similarity: float)
         value=f"complex samples whose spectrum is its own mirror image to {mirror_similarity:.2%}:"
         f" {reason}",
         expected="two parts in quadrature",
-        fix="if the radar has one mixer, set radar.frame.chirp.sampling to real, or, where each"
-        " channel was turned in phase, use the nearer half of the ranges; else a part was lost on"
-        " the way",
+        fix="if the radar has one mixer, set radar.frame.chirp.sampling to real, also where a"
+        " calibration turned the phase of each channel; else a part was lost on the way",
     )
 
 

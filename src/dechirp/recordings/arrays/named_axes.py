@@ -14,6 +14,11 @@ from dechirp.recordings.arrays.encodings import LIMITS, scale_to_full_scale
 from dechirp.recordings.arrays.lazy_array import LazyArray, complex_field_names, format_shape
 from dechirp.recordings.arrays.lazy_files import CACHE_BYTES
 from dechirp.recordings.arrays.named_array import AXES, NamedArray, finite_mask
+from dechirp.recordings.arrays.phase_rotated_channels import (
+    add_phase_factors_to_calibration,
+    find_channel_phase_factors,
+    rotate_to_real_samples,
+)
 from dechirp.recordings.readers.base import Contents, RecordingHints
 from dechirp.recordings.settings.antenna_positions import fit_array_to_receiver_count
 from dechirp.recordings.settings.base import RecordingSettings
@@ -70,6 +75,12 @@ def interpret_array_as_recording(
     encoding = hints.encoding or _infer_encoding(path, array.dtype, cube)
     is_full_scale_assumed = hints.encoding is None and encoding == "full-scale"
     gaps = cube.unwritten_chirp_mask(radar.frame.n_chirps_total)
+    phase_factors: np.ndarray | None = None
+    phase_findings: tuple[Finding, ...] = ()
+    if radar.frame.chirp.sampling == "real":
+        phase_factors = find_channel_phase_factors(cube, encoding, radar.frame.n_slots)
+    if phase_factors is not None:
+        radar, phase_findings = add_phase_factors_to_calibration(radar, phase_factors)
 
     def decode(index: int, out: np.ndarray) -> None:
         is_lost = np.zeros(len(out), bool) if gaps is None else gaps[index]
@@ -79,7 +90,9 @@ def interpret_array_as_recording(
                 raise cube.non_finite_samples_error(index, is_lost)
             if is_full_scale_assumed:
                 _check_within_full_scale(path, index, parts)
-            _convert_chirps_to_full_scale(path, index, parts, encoding, rows)
+            _convert_chirps_to_full_scale(
+                path, index, parts, encoding, rows, phase_factors=phase_factors, first_chirp=first
+            )
             rows[is_lost[first : first + len(rows)]] = 0
 
     return Contents(
@@ -90,6 +103,7 @@ def interpret_array_as_recording(
         findings=(
             *settings.findings,
             *receiver_findings,
+            *phase_findings,
             *findings,
             *_repeated_decompression_note(cube),
             *_unwritten_chunks_warning(gaps),
@@ -233,12 +247,19 @@ def _check_sizes_and_fit_receivers(
         "sample": frame.chirp.n_samples,
     }
     if "chirp" not in sizes and expected_sizes["chirp"] > 1:
+        has_pairs = (
+            frame.tdm_order is not None
+            and frame.n_chirps == 1
+            and sizes.get("rx") == frame.n_slots * radar.array.n_rx
+        )
         raise RecordingError(
             path,
             value=f"an array of shape {format_shape(tuple(sizes.values()))} with axes"
             f" {','.join(sizes)}",
             expected=f"an axis chirp of {expected_sizes['chirp']}, from the radar's settings",
-            fix="name the axis chirp, or correct radar.frame.n_chirps",
+            fix="name the axis of all pairs of a transmitter and a receiver element instead of rx"
+            if has_pairs
+            else "name the axis chirp, or correct radar.frame.n_chirps",
         )
     wrong_axes = [
         name
@@ -326,7 +347,14 @@ def _missing_encoding_error(path: Path, description: str) -> RecordingError:
 
 
 def _convert_chirps_to_full_scale(
-    path: Path, frame_index: int, parts: list[np.ndarray], encoding: str, out: np.ndarray
+    path: Path,
+    frame_index: int,
+    parts: list[np.ndarray],
+    encoding: str,
+    out: np.ndarray,
+    *,
+    phase_factors: np.ndarray | None,
+    first_chirp: int,
 ) -> None:
     """Fill (chirp, rx, sample) with parts at full scale 1, after checking each number."""
     try:
@@ -341,13 +369,20 @@ def _convert_chirps_to_full_scale(
     if np.iscomplexobj(out):
         out.real, out.imag = scaled
         return
-    if len(scaled) == 2 and scaled[1].any():
+    try:
+        if phase_factors is not None:
+            out[:] = rotate_to_real_samples(scaled[0], scaled[1], phase_factors, first_chirp)
+            return
+        if len(scaled) == 2 and scaled[1].any():
+            raise ValueError("complex samples, with a non-zero imaginary part")
+    except ValueError as error:
         raise RecordingError(
             path,
-            value=f"complex samples, with a non-zero imaginary part in frame {frame_index}",
-            expected="real samples (radar.frame.chirp.sampling: real)",
+            value=f"{error} in frame {frame_index}",
+            expected="real samples (radar.frame.chirp.sampling: real), or real ones times one"
+            " phase factor in each channel",
             fix="set sampling: complex",
-        )
+        ) from None
     out[:] = scaled[0]
 
 
