@@ -23,6 +23,7 @@ import warnings
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
 
 from dechirp.core.checks import check_finite_array
 from dechirp.core.errors import InvalidSetting
@@ -296,7 +297,8 @@ def displacement_spectrum(displacement: xr.DataArray, *, window: Window = "hann"
     Parameters
     ----------
     displacement : DataArray (time, ...), m
-        From `displacement`, at equal steps of time; a straight line is subtracted.
+        From `displacement`, at steps of time that are equal or vary as the time stamps of a
+        computer do; a straight line is subtracted.
     window : Window
         Over time.
 
@@ -308,7 +310,13 @@ def displacement_spectrum(displacement: xr.DataArray, *, window: Window = "hann"
     Raises
     ------
     InvalidSetting
-        If times are not at equal steps, or fewer than four, or the displacement is not real.
+        If a time is more than a step from its place in equal steps, there are fewer than
+        four times, or the displacement is not real.
+
+    Notes
+    -----
+    Uneven times are replaced by even ones, by cubic splines. An oscillation of 1/8 of the rate
+    then keeps its amplitude within 1 %.
     """
     if "time" not in displacement.dims or np.iscomplexobj(displacement):
         raise InvalidSetting(
@@ -319,17 +327,24 @@ def displacement_spectrum(displacement: xr.DataArray, *, window: Window = "hann"
         )
     times_s = displacement.coords["time"].values
     steps_s = np.diff(times_s)
-    if len(times_s) < 4 or np.ptp(steps_s) > 1e-2 * np.mean(steps_s):
+    even_times_s = np.linspace(times_s[0], times_s[-1], len(times_s)) if len(times_s) else times_s
+    if (
+        len(times_s) < 4
+        or not (steps_s > 0).all()
+        or (abs(times_s - even_times_s) > np.mean(steps_s)).any()
+    ):
         raise InvalidSetting(
             "displacement",
             value=f"{len(times_s)} times"
             + (f", {steps_s.min():.3g} to {steps_s.max():.3g} s apart" if len(steps_s) else ""),
-            expected="four or more at equal steps",
+            expected="four or more at nearly equal steps",
             fix="take one value of each frame with frame_means, or the chirps of one frame",
         )
     values = displacement.transpose("time", ...).values
-    line = np.stack([np.ones_like(times_s), times_s - times_s.mean()], axis=1)
+    line = np.stack([np.ones_like(times_s), even_times_s - even_times_s.mean()], axis=1)
     flat = values.reshape(len(times_s), -1)
+    if np.ptp(steps_s) > 1e-2 * np.mean(steps_s):
+        flat = CubicSpline(times_s, flat)(even_times_s)
     flat = flat - line @ np.linalg.lstsq(line, flat, rcond=None)[0]
     weights = Transform(window=window, n_points=len(flat), n_bins=len(flat)).weights
     amplitude = 2 * abs(np.fft.rfft(flat * weights[:, None], axis=0)) / weights.sum()

@@ -24,6 +24,9 @@ def renumber_frames_from_zero(recording: Recording) -> Recording:
         return recording
     decode, radar = contents.decode, contents.radar
     start_s = 0.0 if radar is None else radar.frame.frame_start_s(first)
+    starts_s = contents.frame_starts_s
+    if starts_s is not None:
+        start_s = float(starts_s[first])
 
     def decode_later(number: int, out: np.ndarray) -> None:
         assert decode is not None
@@ -35,6 +38,7 @@ def renumber_frames_from_zero(recording: Recording) -> Recording:
         n_frames=n_frames,
         decode=None if decode is None else decode_later,
         gaps=None if contents.gaps is None else contents.gaps[first : first + n_frames],
+        frame_starts_s=None if starts_s is None else starts_s[first : first + n_frames] - start_s,
         points=None
         if recording.points is None
         else _shift_frame_and_time_columns(recording.points, first, start_s),

@@ -63,6 +63,7 @@ def read_native_contents(
     gaps: np.ndarray | None,
     file_bytes: int,
     axes: tuple[str, ...] = CUBE_AXES,
+    frame_starts_s: np.ndarray | None = None,
 ) -> Contents:
     """Read the contents of a native file.
 
@@ -84,6 +85,8 @@ def read_native_contents(
         Size of the file of samples.
     axes : names
         Axes of the samples, in order; a further last one, of size 2, is `iq`.
+    frame_starts_s : array (frame,), optional
+        Start of each frame.
 
     Raises
     ------
@@ -116,6 +119,7 @@ def read_native_contents(
         decode=scaled,
         units=description.units,
         gaps=lost_chirp_mask(path, gaps, contents),
+        frame_starts_s=measured_frame_starts_s(frame_starts_s, contents),
         scale=scale,
         tables=tables,
         device=description.device,
@@ -155,3 +159,17 @@ def lost_chirp_mask(path: Path, gaps: np.ndarray | None, contents: Contents) -> 
         )
     is_lost = gaps != 0
     return is_lost if contents.gaps is None else is_lost | contents.gaps
+
+
+def measured_frame_starts_s(
+    starts_s: np.ndarray | None, contents: Contents, *, tolerance_s: float = 1e-9
+) -> np.ndarray | None:
+    """Return stored starts of frames from that of the first; None where the radar defines them."""
+    if starts_s is None or starts_s.shape != (contents.n_frames,) or starts_s.dtype.kind != "f":
+        return None
+    assert contents.radar is not None
+    frame = contents.radar.frame
+    nominal_s = np.array([frame.frame_start_s(number) for number in range(contents.n_frames)])
+    relative_s = starts_s - starts_s[0]
+    is_valid = np.isfinite(relative_s).all() and (np.diff(relative_s) > 0).all()
+    return relative_s if is_valid and (abs(relative_s - nominal_s) > tolerance_s).any() else None

@@ -5,6 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from dechirp.core.errors import RecordingError
+from dechirp.recordings.foreign_files import (
+    describe_foreign_file,
+    identify_foreign_file,
+    read_head,
+    stand_in_error,
+)
 from dechirp.recordings.readers.base import (
     Contents,
     Format,
@@ -106,14 +112,17 @@ def _best_fitting_format_names(
     given_options: Collection[str],
 ) -> list[str]:
     """Return the best fitting kinds that accept the given options; several for raw samples."""
+    error = stand_in_error(path)
+    if error is not None:
+        raise error
     if not path.exists():
         raise FileNotFoundError(2, "no such file or folder")
     if not (path.is_file() or path.is_dir()):
         raise OSError(0, "neither a file nor a folder")
-    if path.is_file() and path.stat().st_size == 0:
-        content, qualities = "an empty file (0 bytes)", {}
+    is_empty = path.is_file() and path.stat().st_size == 0
+    if is_empty:
+        qualities = {}
     else:
-        content = _describe_path_content(path)
         candidates = [
             kind
             for kind, member in formats.items()
@@ -132,17 +141,22 @@ def _best_fitting_format_names(
             else [kind for kind, quality in qualities.items() if quality == best]
         )
         return _format_names_accepting_options(path, kinds, formats, given_options)
-    wanted_or_its_format = "another format" if wanted_format else "its format"
-    fix = f"copy it again from its source, or give {wanted_or_its_format}: --format (format=...)"
-    if path.is_file() and holds_settings(path):
-        fix = "give the recording, and this file with --radar (radar=...)"
+    if is_empty:
+        content, fix = "an empty file (0 bytes)", "copy it again from its source"
+    else:
+        content, fix = _describe_path_content_and_fix(path)
+    if wanted_format:
+        expected = f"a recording of the format {wanted_format}"
+    elif fix:
+        expected = "a recording of one of the formats of `dechirp list format`"
+    else:
+        expected = f"a recording of one of the formats {', '.join(formats)}"
+    named = "another format" if wanted_format else "its format"
     raise RecordingError(
         path,
         value=content,
-        expected=f"a recording of the format {wanted_format}"
-        if wanted_format
-        else f"a recording of one of the formats {', '.join(formats)}",
-        fix=fix,
+        expected=expected,
+        fix=fix or f"copy it again from its source, or give {named}: --format (format=...)",
     )
 
 
@@ -173,7 +187,11 @@ def _format_names_accepting_options(
 def _read_as_format(path: Path, reader: Format, hints: RecordingHints) -> Contents:
     """Read the contents of a path with a format and the given hints."""
     check_choice(path, "encoding", hints.encoding, reader.encodings)
-    contents = reader.read(path, hints)
+    try:
+        contents = reader.read(path, hints)
+    except RecordingError as error:
+        # A file beside or inside the recording may be a pointer, as a folder's `radar.npy`.
+        raise stand_in_error(Path(str(error.mistakes[0].file))) or error from None
     if not reader.experimental:
         return contents
     warning = experimental_reader_warning(reader.kind())
@@ -189,14 +207,21 @@ def split_file_and_inner_path(path: Path) -> tuple[Path, str | None]:
     return path, None
 
 
-def _describe_path_content(path: Path) -> str:
+def _describe_path_content_and_fix(path: Path) -> tuple[str, str | None]:
+    """Describe a path of which no format fits, and return the fix if one is known."""
     if path.is_file():
         if holds_settings(path):
-            return "the settings of a recording, not its samples"
-        return identify_non_raw_content(path) or "bytes without a known signature"
+            return (
+                "the settings of a recording, not its samples",
+                "give the recording, and this file with --radar (radar=...)",
+            )
+        kind = identify_foreign_file(read_head(path))
+        if kind is not None:
+            return describe_foreign_file(path, kind), kind.fix
+        return identify_non_raw_content(path) or "bytes without a known signature", None
     names = sorted(file.name for file in path.iterdir())
     more = f" and {len(names) - 8} more" if len(names) > 8 else ""
-    return f"a folder with {', '.join(names[:8]) or 'nothing'}{more}"
+    return f"a folder with {', '.join(names[:8]) or 'nothing'}{more}", None
 
 
 def check_choice(path: Path, name: str, value: str | None, choices: tuple[str, ...]) -> None:

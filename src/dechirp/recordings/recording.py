@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 import xarray as xr
 
-from dechirp.core.conventions import CUBE_AXES
+from dechirp.core.conventions import CUBE_AXES, axis_coordinate
 from dechirp.core.display import Displayable, Table, format_count_with_noun
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding, findings_display_table
@@ -227,6 +227,9 @@ def label_frames_as_cube(
     cube = label_cube(samples, contents.radar, units=contents.units, first_frame=first_frame)
     if contents.scale is not None:
         cube.attrs["scale"] = contents.scale
+    if contents.frame_starts_s is not None:
+        starts_s = contents.frame_starts_s[first_frame : first_frame + len(samples)]
+        cube = cube.assign_coords(frame=axis_coordinate("frame", starts_s))
     if gaps is None:
         return cube
     attributes = {"long_name": "samples of the chirp were lost and are zero"}

@@ -16,6 +16,7 @@ from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.devices.base import Device
 from dechirp.radar.radar import Radar
+from dechirp.recordings.foreign_files import identify_foreign_file, is_text, read_head
 from dechirp.recordings.settings.base import Iq, RecordingSettings
 
 IQ_ORDERS = ("iq", "qi")
@@ -65,6 +66,8 @@ class Contents:
     """Units of the samples; "full scale" means that full scale is 1."""
     gaps: np.ndarray | None = field(default=None, repr=False)
     """(frame, chirp), True where samples of the chirp were lost (zero); None without losses."""
+    frame_starts_s: np.ndarray | None = field(default=None, repr=False)
+    """(frame,), measured start of each frame from that of the first; None: those of the radar."""
     points: xr.Dataset | None = field(default=None, repr=False)
     """Detections made by the radar itself, in the columns of `processing.detect`."""
     findings: tuple[Finding, ...] = ()
@@ -112,28 +115,6 @@ class Format(Family):
         """
 
 
-# First bytes of file types that are not raw samples.
-_SIGNATURES = {
-    b"\x93NUMPY": "a NumPy array",
-    b"PK\x03\x04": "a ZIP archive",
-    b"\x89HDF": "an HDF5 file",
-    b"\x1f\x8b": "a gzip archive",
-    b"RIFF": "a WAV or AVI file",
-    b"\x89PNG": "a PNG picture",
-    b"\xff\xd8\xff": "a JPEG picture",
-    b"%PDF": "a PDF document",
-    b"MATLAB": "a MATLAB file",
-    **dict.fromkeys((b"CDF\1", b"CDF\2", b"CDF\5"), "a netCDF file of version 3"),
-    b"\x89MCAP0\r\n": "an MCAP file",
-    **dict.fromkeys(
-        (b"\xd4\xc3\xb2\xa1", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\xa1\xb2\x3c\x4d"),
-        "a network capture (pcap)",
-    ),
-    b"\x0a\x0d\x0d\x0a": "a network capture (pcapng)",
-    b"\x02\x01\x04\x03\x06\x05\x08\x07": "detections from a TI radar's serial port",
-}
-
-
 # Suffixes of file types that begin with a signature; without it, the file is damaged.
 _SUFFIXES_WITH_SIGNATURE = {
     ".npy",
@@ -147,18 +128,19 @@ _SUFFIXES_WITH_SIGNATURE = {
     ".pcapng",
     ".zip",
     ".gz",
+    ".bag",
+    ".mcap",
+    ".db3",
 }
 
 
 def identify_non_raw_content(path: Path) -> str | None:
     """Return the type of a file that is clearly not raw samples; None if it may be."""
-    with path.open("rb") as file:
-        head = file.read(512)
-    for magic, kind in _SIGNATURES.items():
-        if head.startswith(magic):
-            return kind
-    # int16 samples of a silent input are mostly bytes 0 and 255; text has neither.
-    if head and all(byte in b"\t\n\r\f" or 32 <= byte < 127 for byte in head):
+    head = read_head(path)
+    kind = identify_foreign_file(head)
+    if kind is not None:
+        return kind.description
+    if is_text(head):
         return "text"
     if path.suffix.lower() in _SUFFIXES_WITH_SIGNATURE:
         return f"bytes without the signature of a {path.suffix} file"

@@ -31,7 +31,7 @@ from dechirp.recordings.readers.base import Contents, Format, MatchQuality, Reco
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 _STARTS = (0, 512, 1024, 2048)  # a user block may come first
-_DESCRIPTION, _CUBE, _GAP = "dechirp", "cube", "gap"
+_DESCRIPTION, _CUBE, _GAP, _FRAME = "dechirp", "cube", "gap", "frame"
 
 
 @frozen_dataclass
@@ -97,6 +97,9 @@ def _read_native_file(path: Path, description_text: str, hints: RecordingHints) 
         if find_dataset_following_links(path, file, _GAP) is None
         else side_arrays.read_array(_GAP),
         file_bytes=path.stat().st_size,
+        frame_starts_s=None
+        if find_dataset_following_links(path, file, _FRAME) is None
+        else side_arrays.read_array(_FRAME),
     )
 
 

@@ -4,6 +4,9 @@
 full scale, is part of the samples and stays. With two time-multiplexed transmitters, either all
 chirps lie in the order sent, or the axis `rx` holds the receivers of each transmitter; the sizes
 distinguish the two (not verified on a real recording with two transmitters).
+
+`radar_timestamp.csv`, where present, holds the computer's time of each frame, and replaces the
+times that follow from the frame period.
 """
 
 from pathlib import Path
@@ -11,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.readers.base import (
     Contents,
@@ -25,7 +29,9 @@ from dechirp.recordings.settings.read import read_settings
 
 _MAX_CODE = 4095
 _SCALE = 1 / _MAX_CODE  # half an ADC step: codes lie between whole steps
-_SAMPLES, _CONFIG = "radar.npy", "config.json"
+_SAMPLES, _CONFIG, _TIMES = "radar.npy", "config.json", "radar_timestamp.csv"
+_MAX_TIME_BYTES = 2**26  # 3 million frames
+_TIME_UNITS_S = (1.0, 1e-3, 1e-6, 1e-9)
 
 
 @frozen_dataclass
@@ -90,12 +96,16 @@ class Infineon(Format):
             )
             _scale_codes_to_full_scale(file, ordered_codes, index, out)
 
+        starts_s, time_findings = _read_frame_starts_and_findings(
+            folders[0], codes.shape[0], radar.frame.frame_start_s(1)
+        )
         return Contents(
             radar=radar,
             n_frames=codes.shape[0],
             decode=decode,
             scale=_SCALE,
-            findings=settings.findings + findings,
+            frame_starts_s=starts_s,
+            findings=(*settings.findings, *findings, *time_findings),
         )
 
 
@@ -107,6 +117,88 @@ def _find_recording_folders(path: Path) -> list[Path]:
     if (path / _SAMPLES).is_file():
         return [path]
     return sorted(file.parent for file in path.glob(f"*/{_SAMPLES}"))
+
+
+def _read_frame_starts_and_findings(
+    folder: Path, n_frames: int, period_s: float
+) -> tuple[np.ndarray | None, tuple[Finding, ...]]:
+    """Return the start of each frame from that of the first, None without time stamps."""
+    file = folder / _TIMES
+    if not file.is_file():
+        return None, ()
+    check_stays_in_folder(folder, file)
+    times, problem = _parse_times(file)
+    steps = np.diff(times)
+    if not problem and len(times) != n_frames:
+        problem = f"{len(times)} time stamps for {n_frames} frames"
+    elif not problem and not (steps > 0).all():
+        problem = f"time stamps that do not increase at frame {int(np.argmin(steps > 0)) + 1}"
+    # The period is known, so the unit is the one in which it comes out within a factor of 3.
+    step = float(np.median(steps)) if len(steps) else period_s
+    unit_s = next((unit for unit in _TIME_UNITS_S if 1 / 3 < step * unit / period_s < 3), None)
+    if not problem and unit_s is None:
+        problem = f"time stamps {step:.4g} s apart in the median"
+    if problem or unit_s is None:
+        return None, (
+            Finding(
+                level="warning",
+                setting=_TIMES,
+                value=f"{problem}; frames are timed by their period",
+                expected=f"an increasing time in seconds for each frame, about {period_s:.6g} s"
+                " apart",
+                fix="copy the file again from its source if frame times matter",
+            ),
+        )
+    starts_s = (times - times[0]) * unit_s
+    return starts_s, _frame_time_findings(starts_s, period_s)
+
+
+def _parse_times(file: Path) -> tuple[np.ndarray, str]:
+    """Return the first column of a file of time stamps, and the problem if there is one."""
+    with file.open("rb") as stream:
+        content = stream.read(_MAX_TIME_BYTES + 1)
+    if len(content) > _MAX_TIME_BYTES:
+        return np.empty(0), f"more than {_MAX_TIME_BYTES} bytes"
+    rows = [line.replace(b";", b",").split(b",")[0].strip() for line in content.splitlines()]
+    rows = [row for row in rows if row]
+    if rows and not rows[0][:1].isdigit():
+        rows = rows[1:]  # name of the column
+    try:
+        times = np.array(rows, "S32").astype(float)
+    except ValueError:
+        return np.empty(0), "text that is no column of times"
+    return (times, "") if np.isfinite(times).all() else (times, "times that are not finite")
+
+
+def _frame_time_findings(starts_s: np.ndarray, period_s: float) -> tuple[Finding, ...]:
+    """Report frame times that were taken from time stamps, and frames missing among them."""
+    steps_s = np.diff(starts_s)
+    n_missing = int(np.maximum(np.rint(steps_s / period_s) - 1, 0).sum())
+    deviation_s = float(np.max(abs(starts_s - period_s * np.arange(len(starts_s)))))
+    mean_s = float(np.mean(steps_s)) if len(steps_s) else period_s
+    findings = [
+        Finding(
+            level="note",
+            setting=_TIMES,
+            value=f"frames are timed by it: {mean_s:.6g} s apart on average, and up to"
+            f" {deviation_s:.3g} s off the times of radar.frame.period {period_s:.6g} s",
+            expected="the times at which frames were recorded; the computer adds a few ms",
+            fix="no action needed",
+        )
+    ]
+    if n_missing:
+        longest = int(np.argmax(steps_s))
+        findings.append(
+            Finding(
+                level="warning",
+                setting=_TIMES,
+                value=f"{n_missing} frames missing by the time stamps; the longest pause,"
+                f" {steps_s[longest]:.4g} s, follows frame {longest}",
+                expected=f"a frame every {period_s:.6g} s",
+                fix="no action needed: frames keep their measured times",
+            )
+        )
+    return tuple(findings)
 
 
 def _reorder_to_sent_chirps(codes: np.ndarray, tx_order: tuple[int, ...], n_rx: int) -> np.ndarray:

@@ -27,7 +27,12 @@ from dechirp.recordings.arrays.zarr_uncompressed import (
     scale_codes_into_samples,
 )
 from dechirp.recordings.description import UNITS, parse_radar
-from dechirp.recordings.native import MAX_SCALE, check_device_and_iq_hints, lost_chirp_mask
+from dechirp.recordings.native import (
+    MAX_SCALE,
+    check_device_and_iq_hints,
+    lost_chirp_mask,
+    measured_frame_starts_s,
+)
 from dechirp.recordings.readers.base import (
     IQ_ORDERS,
     Contents,
@@ -106,7 +111,10 @@ class Zarr(Format):
             else contents.decode,
             units=cast(Units, units),
             scale=scale if has_codes else None,
-            gaps=lost_chirp_mask(path, _read_lost_chirp_mask(path, folder / "gap"), contents),
+            gaps=lost_chirp_mask(path, _read_array_or_none(path, folder / "gap"), contents),
+            frame_starts_s=measured_frame_starts_s(
+                _read_array_or_none(path, folder / "frame"), contents
+            ),
             tables=ZarrTables(folder, without=("calibration",)),
             device=device,
             iq=iq,
@@ -137,8 +145,8 @@ def _make_scaled_decoder(
     return scaled
 
 
-def _read_lost_chirp_mask(path: Path, folder: Path) -> np.ndarray | None:
-    """Read (frame, chirp), not zero where samples were lost; None if nothing was stored."""
+def _read_array_or_none(path: Path, folder: Path) -> np.ndarray | None:
+    """Read a small array beside the cube; None if it was not stored."""
     return read_small_array(path, folder) if (folder / _MARK).is_file() else None
 
 

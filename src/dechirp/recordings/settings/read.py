@@ -11,6 +11,7 @@ from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.devices.base import Device
 from dechirp.radar.radar import Radar
+from dechirp.recordings.foreign_files import stand_in_error
 from dechirp.recordings.settings import (
     infineon_json,
     mmwave_json,
@@ -178,6 +179,9 @@ def _read_settings_text(file: Path) -> str:
         elif b"\0" in content:
             problem = "not text"
         else:
+            error = stand_in_error(file)
+            if error is not None:
+                raise error
             # Logs come from Windows and contain paths in any code page.
             return content.decode("utf-8-sig", errors="replace")
     except OSError as error:

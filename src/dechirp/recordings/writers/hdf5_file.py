@@ -18,9 +18,8 @@ import xarray as xr
 
 from dechirp.core.atomic_files import atomic_file
 from dechirp.core.errors import DechirpError, Mistake
-from dechirp.radar.cube import label_cube
 from dechirp.recordings.arrays.json_columns import NUMBERS
-from dechirp.recordings.recording import Recording
+from dechirp.recordings.recording import Recording, label_frames_as_cube
 from dechirp.recordings.writers.adc_samples import (
     iter_code_or_float_arrays,
     write_as_codes_else_floats,
@@ -137,10 +136,7 @@ def _write_cube_coordinates(file: Any, recording: Recording, *, has_parts: bool)
     contents, shape = recording.contents, tuple(recording.sizes.values())
     sample_dtype = np.complex64 if recording.radar.frame.chirp.sampling == "complex" else np.float32
     empty = np.broadcast_to(sample_dtype(0), shape)  # labels only, without samples
-    labels = dict(label_cube(empty, recording.radar, units=contents.units).coords)
-    if contents.gaps is not None:
-        attributes = {"long_name": "samples of the chirp were lost and are zero"}
-        labels["gap"] = xr.DataArray(contents.gaps, dims=("frame", "chirp"), attrs=attributes)
+    labels = dict(label_frames_as_cube(empty, contents, first_frame=0, gaps=contents.gaps).coords)
     if has_parts:
         attributes = {"long_name": "part of a complex sample"}
         labels["iq"] = xr.DataArray([0, 1], dims="iq", attrs=attributes)

@@ -1,0 +1,209 @@
+"""Well-known files that are no recordings, recognised by their first bytes.
+
+A stand-in is a small text that was stored in place of a recording: a pointer of Git LFS, git-annex
+or DVC, or the error page of a web server.
+
+References
+----------
+Git LFS specification, "Pointer"; git-annex, "pointer file"; Library of Congress, Sustainability of
+Digital Formats (signatures of file formats).
+"""
+
+import codecs
+import re
+import zipfile
+from pathlib import Path
+from typing import NamedTuple
+
+from dechirp.core.errors import RecordingError, quote_for_message
+
+_HEAD_BYTES = 512
+_TAR_OFFSET = 257  # of the signature in the first entry
+
+_WRONG_FILE = "give the recording itself"
+_UNPACK = "unpack it, and give the recording in it"
+_SAVE_ARRAY = "save its array as .npy, .mat or .h5, and name the axes with --axes"
+_TO_WAV = "give the WAV file, or convert it with a program for sound"
+_TO_CSV = "save the sheet as CSV"
+
+
+class ForeignFile(NamedTuple):
+    """Kind of a file that is no recording, and the step that gives one."""
+
+    description: str
+    fix: str | None = None
+    """None: a reader of this file type exists, so the file is damaged or of another layout."""
+    is_stand_in: bool = False
+
+
+# First bytes of file types that are not raw samples.
+_SIGNATURES = {
+    b"\x93NUMPY": ForeignFile("a NumPy array"),
+    b"\x89HDF": ForeignFile("an HDF5 file"),
+    b"MATLAB": ForeignFile("a MATLAB file"),
+    b"\x89MCAP0\r\n": ForeignFile("an MCAP file"),
+    b"#ROSBAG V2.0": ForeignFile("a ROS 1 bag"),
+    b"\x0a\x0d\x0d\x0a": ForeignFile("a network capture (pcapng)"),
+    b"\x02\x01\x04\x03\x06\x05\x08\x07": ForeignFile("detections from a TI radar's serial port"),
+    **dict.fromkeys(
+        (b"\xd4\xc3\xb2\xa1", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\xa1\xb2\x3c\x4d"),
+        ForeignFile("a network capture (pcap)"),
+    ),
+    **dict.fromkeys(
+        (b"CDF\1", b"CDF\2", b"CDF\5"),
+        ForeignFile(
+            "a netCDF file of version 3", "convert it to netCDF 4: nccopy -k nc4 IN OUT.nc"
+        ),
+    ),
+    b"#ROSBAG V1": ForeignFile(
+        "a ROS bag of version 1", "convert it to version 2.0: rosbag migrate"
+    ),
+    b"SQLite format 3\0": ForeignFile(
+        "an SQLite database", "give a ROS 2 bag, which has the tables topics and messages"
+    ),
+    b"LASF": ForeignFile("a LAS point cloud of a laser scanner", "give the radar's point cloud"),
+    b"ASTM-E57": ForeignFile("an E57 point cloud of a laser scanner", "give the radar's points"),
+    b"LOGG": ForeignFile("a CAN log (BLF)", "read it with dechirp.read_objects"),
+    b"MDF     ": ForeignFile("a measurement file (ASAM MDF)", _SAVE_ARRAY),
+    b"TDSm": ForeignFile("a LabVIEW measurement file (TDMS)", _SAVE_ARRAY),
+    b"PAR1": ForeignFile("a Parquet table", _SAVE_ARRAY),
+    **dict.fromkeys((b"ARROW1", b"FEA1"), ForeignFile("an Arrow table", _SAVE_ARRAY)),
+    b"PK\x03\x04": ForeignFile("a ZIP archive", _UNPACK),
+    b"PK\x05\x06": ForeignFile("an empty ZIP archive", _UNPACK),
+    b"\x1f\x8b\x08": ForeignFile("a gzip archive", "unpack it: gunzip FILE"),
+    b"\xfd7zXZ\0": ForeignFile("an xz archive", "unpack it: unxz FILE"),
+    b"\x28\xb5\x2f\xfd": ForeignFile("a Zstandard archive", "unpack it: unzstd FILE"),
+    b"\x04\x22\x4d\x18": ForeignFile("an LZ4 archive", "unpack it: unlz4 FILE"),
+    b"7z\xbc\xaf\x27\x1c": ForeignFile("a 7-Zip archive", _UNPACK),
+    b"Rar!\x1a\x07": ForeignFile("a RAR archive", _UNPACK),
+    b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ForeignFile("a Microsoft Office document", _TO_CSV),
+    b"%PDF": ForeignFile("a PDF document", _WRONG_FILE),
+    b"{\\rtf": ForeignFile("a text document (RTF)", _WRONG_FILE),
+    b"\x89PNG": ForeignFile("a PNG picture", _WRONG_FILE),
+    b"\xff\xd8\xff": ForeignFile("a JPEG picture", _WRONG_FILE),
+    **dict.fromkeys((b"GIF87a", b"GIF89a"), ForeignFile("a GIF picture", _WRONG_FILE)),
+    **dict.fromkeys((b"II*\0", b"MM\0*"), ForeignFile("a TIFF picture", _WRONG_FILE)),
+    b"\x1a\x45\xdf\xa3": ForeignFile("a Matroska or WebM video", _WRONG_FILE),
+    b"fLaC": ForeignFile("a FLAC sound file", _TO_WAV),
+    b"OggS": ForeignFile("an Ogg sound file", _TO_WAV),
+    b"ID3": ForeignFile("an MP3 sound file", _TO_WAV),
+    b"FORM": ForeignFile("an AIFF sound file", _TO_WAV),
+    b"\x7fELF": ForeignFile("a program (ELF)", _WRONG_FILE),
+}
+
+# Signatures that need more evidence than their first bytes.
+_PATTERNS = {
+    rb"RIFF....WAVE|RF64....WAVE": ForeignFile("a WAV file"),
+    rb"RIFF....AVI ": ForeignFile("an AVI video", _WRONG_FILE),
+    rb"RIFF....WEBP": ForeignFile("a WebP picture", _WRONG_FILE),
+    rb"RIFF": ForeignFile("a RIFF file, neither WAV nor AVI", _WRONG_FILE),
+    rb"....ftyp": ForeignFile("an MP4 or QuickTime video", _WRONG_FILE),
+    rb"BZh[1-9]1AY&SY": ForeignFile("a bzip2 archive", "unpack it: bunzip2 FILE"),
+    rb"BM....\0\0\0\0": ForeignFile("a BMP picture", _WRONG_FILE),
+    rb"MZ.{58}..\0\0": ForeignFile("a Windows program", _WRONG_FILE),
+    rb"\x80[\2-\5][\x95}\]()cq]": ForeignFile(
+        "a Python pickle, which dechirp does not load because it can run programs",
+        "load it in Python where you trust it, and save its array with numpy.save",
+    ),
+    rb"ply\r?\nformat ": ForeignFile("a PLY point cloud", "convert it to PCD"),
+    rb"(?:\xef\xbb\xbf)?\s*(?i:<!doctype html|<html|<head)": ForeignFile(
+        "a web page (HTML), such as the error or login page of a server, in place of the file",
+        "download the file itself: the link to the raw file, with a login where it is needed",
+        is_stand_in=True,
+    ),
+    rb"(?:\xef\xbb\xbf)?\s*<\?xml.{0,300}<Error>": ForeignFile(
+        "the error message of a server (XML) in place of the file",
+        "download the file again, with a login where it is needed",
+        is_stand_in=True,
+    ),
+    rb"(?:\xef\xbb\xbf)?\s*<(?:\?xml|svg)": ForeignFile("an XML document", _WRONG_FILE),
+    rb"(?:\.\./|\.git)*/annex/objects/": ForeignFile(
+        "a pointer of git-annex, not the file itself",
+        "fetch the file: git annex get FILE, or datalad get FILE",
+        is_stand_in=True,
+    ),
+    rb"outs:\s+- (?:md5|hash|etag):": ForeignFile(
+        "a pointer of DVC, not the file itself", "fetch the file: dvc pull FILE", is_stand_in=True
+    ),
+}
+_LFS_POINTER = re.compile(
+    rb"version https?://(?:git-lfs\.github\.com|hawser\.github\.com)/spec/"
+    rb"(?:.*\nsize (\d{1,18})\s*$)?",
+    re.DOTALL,
+)
+_COMPILED = {re.compile(pattern, re.DOTALL): kind for pattern, kind in _PATTERNS.items()}
+
+
+def read_head(path: Path) -> bytes:
+    """Return the first bytes of a file, as many as its kind needs."""
+    with path.open("rb") as file:
+        return file.read(_HEAD_BYTES)
+
+
+def identify_foreign_file(head: bytes) -> ForeignFile | None:
+    """Return the kind of a file with these first bytes; None if it may be raw samples or text."""
+    pointer = _LFS_POINTER.match(head)
+    if pointer:
+        size = f" of {int(pointer[1])} bytes" if pointer[1] else ""
+        return ForeignFile(
+            f"a pointer of Git LFS to a file{size}, not the file itself",
+            "fetch the file: git lfs install, then git lfs pull; or download it from the page of"
+            " its repository",
+            is_stand_in=True,
+        )
+    for pattern, kind in _COMPILED.items():
+        if pattern.match(head):
+            return kind
+    for magic, kind in _SIGNATURES.items():
+        if head.startswith(magic):
+            return kind
+    if head[_TAR_OFFSET : _TAR_OFFSET + 5] == b"ustar":
+        return ForeignFile("a tar archive", "unpack it: tar -xf FILE")
+    if head[:2] == b"\xff\xfe" and head[3::2].count(0) == len(head) // 2 - 1 > 3:
+        return ForeignFile("text in UTF-16", "save it as UTF-8")
+    return None
+
+
+def is_text(head: bytes) -> bool:
+    """Return whether the first bytes of a file are text in UTF-8.
+
+    int16 samples of a silent input are mostly bytes 0 and 255; text has neither.
+    """
+    try:
+        text = codecs.getincrementaldecoder("utf-8-sig")().decode(head)
+    except UnicodeDecodeError:
+        return False
+    return bool(text) and all(letter in "\t\n\r\f" or letter >= " " for letter in text)
+
+
+def describe_foreign_file(path: Path, kind: ForeignFile) -> str:
+    """Describe a file of a foreign kind, with the files in it if it is a ZIP archive."""
+    if not kind.description.endswith("ZIP archive"):
+        return kind.description
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+        return f"{kind.description}, damaged or cut short"
+    if "[Content_Types].xml" in names:
+        return "a document of an office program"
+    if any(name.endswith("data.pkl") for name in names):
+        return "a file of PyTorch"
+    shown = ", ".join(quote_for_message(name) for name in names[:4])
+    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+    return f"{kind.description} with {shown or 'no files'}{more}"
+
+
+def stand_in_error(path: Path) -> RecordingError | None:
+    """Return the error of a file that only stands in for a recording; None for other files."""
+    if path.is_symlink() and not path.exists():
+        if "annex/objects" not in path.readlink().as_posix():
+            return None
+        kind = identify_foreign_file(b"/annex/objects/")
+    else:
+        kind = identify_foreign_file(read_head(path)) if path.is_file() else None
+    if kind is None or not kind.is_stand_in:
+        return None
+    return RecordingError(
+        path, value=kind.description, expected="the recording itself", fix=str(kind.fix)
+    )

@@ -1,0 +1,145 @@
+"""Well-known files that are no recordings: they are named, with the step that gives a recording."""
+
+import io
+import json
+import pickle
+import sqlite3
+import tarfile
+import zipfile
+
+import numpy as np
+import pytest
+
+from dechirp.core.errors import RecordingError
+from dechirp.recordings.foreign_files import identify_foreign_file, is_text
+from dechirp.recordings.recording import open as open_recording
+from dechirp.recordings.settings.read import read_radar
+
+LFS_POINTER = (
+    b"version https://git-lfs.github.com/spec/v1\noid sha256:"
+    + b"4d7a214614ab2935c943f9e0ff69d22eadbb8f32b1258daaa5e2ca24d17e2393\nsize 2525184\n"
+)
+
+
+def write_zip(*names):
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for name in names:
+            archive.writestr(name, b"12345678")
+    return content.getvalue()
+
+
+def write_tar():
+    content = io.BytesIO()
+    with tarfile.open(fileobj=content, mode="w") as archive:
+        archive.addfile(tarfile.TarInfo("adc_data.bin"))
+    return content.getvalue()
+
+
+def write_database(path):
+    with sqlite3.connect(path) as database:
+        database.execute("CREATE TABLE other (x)")
+    return path.read_bytes()
+
+
+KINDS = {
+    "lfs": (LFS_POINTER, "Git LFS to a file of 2525184 bytes", "git lfs pull"),
+    "annex": (b"/annex/objects/SHA256E-s9--ab.bin\n", "git-annex", "git annex get"),
+    "dvc": (b"outs:\n- md5: a304afb96060\n  size: 9\n", "DVC", "dvc pull"),
+    "html": (b"\n<!DOCTYPE html>\n<html><title>404</title>", "web page", "download the file"),
+    "html table": (b"<html>\n1,2,3\n4,5,6\n", "web page", "download the file"),
+    "s3": (b'<?xml version="1.0"?>\n<Error><Code>AccessDenied', "error message", "download"),
+    "zip": (write_zip("adc_data_0.bin", "a.cfg"), "with adc_data_0.bin, a.cfg", "unpack"),
+    "xlsx": (write_zip("[Content_Types].xml", "xl/a.xml"), "office program", "unpack"),
+    "tar": (write_tar(), "tar archive", "tar -xf"),
+    "7z": (b"7z\xbc\xaf\x27\x1c\0\4" + bytes(90), "7-Zip", "unpack"),
+    "pdf": (b"%PDF-1.7\n\xe2\xe3\xcf\xd3", "PDF", "the recording"),
+    "png": (b"\x89PNG\r\n\x1a\n" + bytes(90), "PNG", "the recording"),
+    "mp4": (b"\0\0\0\x18ftypmp42" + bytes(90), "MP4", "the recording"),
+    "avi": (b"RIFF\0\1\0\0AVI LIST" + bytes(90), "AVI", "the recording"),
+    "mp3": (b"ID3\4" + bytes(90), "MP3", "WAV"),
+    "las": (b"LASF" + bytes(300), "LAS", "radar"),
+    "netcdf": (b"CDF\1" + bytes(90), "netCDF", "nccopy"),
+    "parquet": (b"PAR1" + bytes(90), "Parquet", ".npy"),
+    "pickle 2": (pickle.dumps({"radar": [1.0, 2.0]}, 2), "pickle", "numpy.save"),
+    "pickle 5": (pickle.dumps(np.arange(9.0), 5), "pickle", "numpy.save"),
+    "utf-16": ("1,2,3\r\n4,5,6\r\n".encode("utf-16"), "UTF-16", "UTF-8"),
+    "empty": (b"", "an empty file", "copy it again"),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_foreign_file_is_named_with_its_fix(tmp_path, kind):
+    content, description, fix = KINDS[kind]
+    file = tmp_path / "capture.bin"
+    file.write_bytes(content)
+
+    with pytest.raises(RecordingError) as error:
+        open_recording(file)
+
+    (mistake,) = error.value.mistakes
+    assert description in mistake.value
+    assert fix in mistake.fix
+    assert mistake.file == str(file)
+    assert len(str(error.value)) < 400 + len(str(file))
+
+
+def test_database_without_messages_is_named(tmp_path):
+    file = tmp_path / "notes.db3"
+    write_database(file)
+
+    with pytest.raises(RecordingError, match="SQLite database"):
+        open_recording(file)
+
+
+def test_link_to_absent_annexed_file_is_named(tmp_path):
+    link = tmp_path / "capture.bin"
+    link.symlink_to(".git/annex/objects/aa/bb/SHA256E-s9--ab.bin")
+
+    with pytest.raises(RecordingError, match="git annex get"):
+        open_recording(link)
+
+
+def test_pointer_inside_recording_folder_and_as_settings_is_named(tmp_path):
+    shape = {
+        "rx_antennas": [1],
+        "start_frequency_Hz": 60.5e9,
+        "end_frequency_Hz": 61.5e9,
+        "num_chirps_per_frame": 64,
+        "num_samples_per_chirp": 128,
+        "chirp_repetition_time_s": 391.55e-6,
+        "frame_repetition_time_s": 100e-3,
+        "sample_rate_Hz": 2e6,
+    }
+    config = json.dumps({"device_config": {"fmcw_single_shape": shape}})
+    (tmp_path / "config.json").write_text(config)
+    (tmp_path / "radar.npy").write_bytes(LFS_POINTER)
+    (tmp_path / "radar.cfg").write_bytes(LFS_POINTER)
+
+    with pytest.raises(RecordingError, match=r"radar\.npy.*git lfs pull"):
+        open_recording(tmp_path)
+    with pytest.raises(RecordingError, match=r"radar\.cfg.*git lfs pull"):
+        read_radar(tmp_path / "radar.cfg")
+
+
+def test_text_with_symbols_is_text_and_samples_are_not():
+    assert is_text("time in µs; I; Q\n1,5; 2; 3\n".encode())
+    assert is_text("°".encode()[:1] and "angle in °".encode()[:-1])  # cut within a letter
+    # Samples of two chirps of 128: text has no control characters, of which each word has two
+    # bytes; 512 bytes without one have a probability below 0.9^512.
+    rng = np.random.default_rng(7)
+    for width in (3, 30, 3000):
+        for _ in range(1000):
+            head = np.round(width * rng.standard_normal(256)).astype("<i2").tobytes()
+            assert not is_text(head)
+
+
+def test_random_samples_are_not_taken_for_foreign_files():
+    # Of 65,536 first words, each signature of four bytes or more is met once in 65,536 squared;
+    # shorter ones need further evidence. 20,000 heads: less than one chance in 10^6 for three.
+    rng = np.random.default_rng(8)
+    n_foreign = sum(
+        identify_foreign_file(rng.integers(0, 256, 512, np.uint8).tobytes()) is not None
+        for _ in range(20_000)
+    )
+    assert n_foreign <= 2
