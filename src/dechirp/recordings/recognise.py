@@ -141,10 +141,11 @@ def _best_fitting_format_names(
             else [kind for kind, quality in qualities.items() if quality == best]
         )
         return _format_names_accepting_options(path, kinds, formats, given_options)
-    if is_empty:
-        content, fix = "an empty file (0 bytes)", "copy it again from its source"
-    else:
-        content, fix = _describe_path_content_and_fix(path)
+    content, fix = (
+        ("an empty file (0 bytes)", "copy it again from its source")
+        if is_empty
+        else _describe_path_content_and_fix(path)
+    )
     if wanted_format:
         expected = f"a recording of the format {wanted_format}"
     elif fix:
