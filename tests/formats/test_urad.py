@@ -12,6 +12,7 @@ from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import MatchQuality, RecordingHints
 from dechirp.recordings.readers.urad import Urad
+from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.base import RecordingSettings
 from formats.corruption import decode_frames
 
@@ -151,7 +152,139 @@ def test_truncated_line_and_incomplete_frame_are_dropped(tmp_path):
     assert "3 chirps that are left out" in text_of_findings
 
 
+def format_halves(*ramps, times=True):
+    """Format I and Q of the ramps as the two files of the programs for the Raspberry Pi."""
+    texts = []
+    for part in ("real", "imag"):
+        lines = []
+        for n, chirps in enumerate(zip(*ramps, strict=True)):
+            words = [f"{900 * getattr(x, part) + 1900:.0f}" for chirp in chirps for x in chirp]
+            lines.append(" ".join(words + [f"{1.7e9 + n * INTERVAL:.3f}"] * times) + "\n")
+        texts.append("".join(lines))
+    return texts
+
+
+def write_halves(folder, i_text, q_text, names=("I_yard.txt", "Q_yard.txt")):
+    for name, text in zip(names, (i_text, q_text), strict=True):
+        (folder / name).write_text(text)
+    return folder / names[0], folder / names[1]
+
+
+@pytest.mark.parametrize("names", [("I_yard.txt", "Q_yard.txt"), ("yard-i.txt", "yard-q.txt"),
+                                   ("I.txt", "Q.txt"), ("I", "Q")])  # fmt: skip
+@pytest.mark.parametrize("n_ramps", [1, 2])
+def test_i_and_q_files_equal_the_joint_file(tmp_path, names, n_ramps):
+    ramps = [simulate_beat(12.0, 1.0, n_chirps=8), simulate_beat(12.0, 1.0, n_chirps=8, down=True)]
+    _, expected = read_contents(tmp_path, format_lines(*ramps[:n_ramps], times=True))
+
+    files = write_halves(tmp_path, *format_halves(*ramps[:n_ramps]), names)
+
+    for file in files:
+        assert Urad().recognise(file) == MatchQuality.CONTAINER
+        assert np.array_equal(decode_frames(Urad().read(file, make_hints())), expected)
+
+
+def test_one_half_without_the_other_is_refused(tmp_path):
+    i_file, q_file = write_halves(tmp_path, *format_halves(simulate_beat(12.0, 0.0, n_chirps=8)))
+    q_file.unlink()
+
+    with pytest.raises(RecordingError, match="one half of an I/Q pair: Q_yard.txt is missing"):
+        open_recording(i_file)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: text.replace("17000000", "17000001"), "of the first lines"),
+        (lambda text: "".join(text.splitlines(keepends=True)[:5]), "8 and 5 lines"),
+        (lambda text: "".join(f"12 {line}" for line in text.splitlines(True)), "100 and 101"),
+        (lambda _: "", "0 numbers in line 1"),
+    ],
+)
+def test_refuses_halves_of_different_recordings(tmp_path, change, message):
+    i_text, q_text = format_halves(simulate_beat(12.0, 0.0, n_chirps=8))
+    i_file, _ = write_halves(tmp_path, i_text, change(q_text))
+
+    with pytest.raises(RecordingError, match=message):
+        Urad().read(i_file, make_hints())
+
+
+def test_half_that_stopped_a_line_earlier_ends_the_recording(tmp_path):
+    i_text, q_text = format_halves(simulate_beat(12.0, 0.0, n_chirps=9))
+    i_file, _ = write_halves(tmp_path, i_text, q_text[:-200])
+
+    assert Urad().read(i_file, make_hints()).n_frames == 1
+
+
 VALID_TEXT = format_lines(simulate_beat(12.0, 0.0, n_chirps=8), times=True)
+
+
+def change_lines(text, change):
+    return "".join(change(n, line) for n, line in enumerate(text.splitlines(keepends=True)))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        VALID_TEXT.replace(".000\n", "\n"),  # a time without decimal point
+        change_lines(VALID_TEXT, lambda n, line: line.replace(".003", "") if n == 3 else line),
+        change_lines(VALID_TEXT, lambda _, line: line[:-15] + line[-15:].replace(".", ",")),
+        change_lines(VALID_TEXT, lambda _, line: line.replace(" ", ", ")),
+        VALID_TEXT.replace(" ", ";"),
+        VALID_TEXT.replace(" ", "\t").replace("\n", "\r\n"),
+        "\ufeff# uRAD, BW 240\nI and Q\n\n" + VALID_TEXT.replace("\n", "\n\n"),
+    ],
+)
+def test_lines_of_other_programs_have_the_same_samples(tmp_path, text):
+    assert text != VALID_TEXT
+    _, expected = read_contents(tmp_path, VALID_TEXT)
+
+    contents, frames = read_contents(tmp_path, text)
+
+    assert np.array_equal(frames, expected)
+    assert Urad().recognise(tmp_path / "IQ.txt") == MatchQuality.CONTAINER
+    assert contents.findings == ()
+
+
+@pytest.mark.parametrize("scale", [1, 1_000, 1_000_000, 1_000_000_000])
+def test_whole_times_may_count_smaller_units(tmp_path, scale):
+    text = change_lines(
+        format_lines(simulate_beat(12.0, 0.0, n_chirps=8)),
+        lambda n, line: f"{line.rstrip()} {(1_700_000_000 + 2 * n) * scale}\n",
+    )
+
+    contents, _ = read_contents(tmp_path, text, make_hints(interval_s=2.0))
+
+    assert contents.findings == ()
+
+
+@pytest.mark.parametrize("n_ramps", [1, 2])
+def test_without_settings_those_of_the_vendor_are_assumed(tmp_path, n_ramps):
+    beat = np.exp(2j * np.pi * np.arange(200) * 20 / 200)[None].repeat(4, axis=0)
+    file = tmp_path / "IQ.txt"
+    file.write_text(format_lines(*[beat] * n_ramps, times=True))
+
+    recording = open_recording(file)
+
+    chirp, frame = recording.radar.frame.chirp, recording.radar.frame
+    assert (chirp.n_samples, chirp.sample_rate_hz) == (200, 200e3)
+    assert chirp.sampled_bandwidth_hz == pytest.approx(240e6)
+    # Ramps cannot be shorter than their samples: 1 ms each, whatever the times.
+    assert frame.single_interval_s == pytest.approx(n_ramps * 1e-3, rel=1e-4)
+    # The vendor states c / (2 BW) as resolution: 20 cycles a ramp are 20 cells of 0.625 m.
+    peak = np.argmax(abs(np.fft.fft(recording.cube.values[0, 0, 0])[1:])) + 1
+    assert chirp.range_bins_m(200)[peak] == pytest.approx(12.49, abs=0.01)
+    (warning,) = (f for f in recording.findings if f.setting == "radar")
+    assert warning.level == "warning"
+    assert "240 MHz from 24.005 GHz" in warning.value
+
+
+def test_numbers_without_times_need_settings(tmp_path):
+    file = tmp_path / "table.txt"
+    file.write_text(format_lines(simulate_beat(12.0, 0.0, n_chirps=4)))
+
+    with pytest.raises(RecordingError, match="no settings in the recording"):
+        open_recording(file)
 
 
 @pytest.mark.parametrize(
@@ -162,7 +295,6 @@ VALID_TEXT = format_lines(simulate_beat(12.0, 0.0, n_chirps=8), times=True)
         (VALID_TEXT.replace(" ", " -", 1), make_hints(), "'-"),
         (VALID_TEXT.replace(" ", " 000", 1), make_hints(), "'000"),  # more digits than a code has
         (VALID_TEXT.replace("\n", " \n12 13 ", 1), make_hints(), "in line 2"),
-        (VALID_TEXT.replace("\n", "\n\n", 1), make_hints(), "in line 2"),
         (VALID_TEXT.replace(".000\n", ".0.0\n", 1), make_hints(), "in line 1"),
         ("", make_hints(), "0 numbers in line 1"),
         ("1 2 3\n" * 8, make_hints(), "3 numbers in line 1"),
@@ -185,9 +317,11 @@ def test_rejects_invalid_recording(tmp_path, text, hints, message):
 def test_recognises_file_by_its_lines(tmp_path):
     file = tmp_path / "anything"
     for text, quality in (
-        (VALID_TEXT, MatchQuality.LIKELY),
-        (VALID_TEXT[:-300], MatchQuality.LIKELY),
-        (VALID_TEXT * 20, MatchQuality.LIKELY),  # longer than the bytes that recognise() reads
+        (VALID_TEXT, MatchQuality.CONTAINER),
+        (VALID_TEXT[:-300], MatchQuality.CONTAINER),
+        (VALID_TEXT * 20, MatchQuality.CONTAINER),  # longer than the bytes that recognise() reads
+        ("# 240 MHz\n" + VALID_TEXT, MatchQuality.CONTAINER),
+        (format_lines(simulate_beat(12.0, 0.0, n_chirps=8)), MatchQuality.LIKELY),
         ("1 2 3 4\n" * 8, MatchQuality.POSSIBLE),
         ("1 2 3\n" * 8, MatchQuality.NO),
         (VALID_TEXT.replace(" ", " 4096 ", 1), MatchQuality.NO),

@@ -19,3 +19,38 @@ def test_iwr1843_opens_with_lists_of_one_as_plain_objects(witness_data):
     spectra = np.fft.fft(samples * np.hanning(512))
     peak = np.argmax((abs(spectra) ** 2).mean(axis=(0, 1, 2)))
     assert recording.radar.frame.chirp.range_bins_m(512)[peak] == pytest.approx(0.17, abs=0.021)
+
+
+def decode_urad_triangle(files):
+    """Return I + j Q of the up-ramps, (line, 200), scaled to -1 ... 1, of one or two files."""
+    lines = [[line.split()[:-1] for line in file.read_text().splitlines()] for file in files]
+    codes = np.concatenate([np.array(file_lines, np.int64) for file_lines in lines], axis=1)
+    assert codes.shape[1] == 800
+    return (codes[:, :200] + 1j * codes[:, 400:600]) * 2 / 4095 - (1 + 1j)
+
+
+def test_urad_opens_with_times_without_decimal_point(witness_data):
+    file = witness_data / "urad_sweeps" / "IQ_0_1024_sweeps.txt"
+
+    samples = open_recording(file).cube.values.reshape(1024, 200)
+
+    assert np.allclose(samples, decode_urad_triangle([file]), rtol=0, atol=3e-7)
+
+
+@pytest.mark.parametrize("name", ["I_trolley_test.txt", "Q_trolley_test.txt"])
+def test_urad_opens_i_and_q_in_two_files(witness_data, name):
+    folder = witness_data / "urad_sweeps"
+
+    recording = open_recording(folder / name)
+
+    samples = recording.cube.values.reshape(344, 200)
+    halves = [folder / "I_trolley_test.txt", folder / "Q_trolley_test.txt"]
+    assert np.allclose(samples, decode_urad_triangle(halves), rtol=0, atol=3e-7)
+    # The trolley moves from cell 34 of 512 to the radar and back to cell 31.
+    spectra = abs(np.fft.fft(samples - samples.mean(axis=0), 512)[:, 4:100])
+    peaks = spectra.argmax(axis=1) + 4
+    assert np.median(peaks[40:50]) == pytest.approx(34, abs=2)
+    assert np.median(peaks[160:180]) < 10
+    assert np.median(peaks[315:335]) == pytest.approx(31, abs=1)
+    # The mean interval of the times in the file.
+    assert recording.radar.frame.single_interval_s == pytest.approx(14.582 / 343, rel=1e-3)

@@ -1,15 +1,21 @@
 """uRAD text: one line a measurement, I of all samples, then Q, as codes of a 12-bit ADC.
 
 In sawtooth mode a line holds `I Q`, N numbers each; in triangle mode `I-up I-down Q-up Q-down`.
-The vendor's example appends the computer's time in s. The ADC offset is part of the samples and
-stays. The file contains no settings.
+Programs for the Raspberry Pi write I and Q to two files, whose names differ in that letter:
+`I_yard.txt` and `Q_yard.txt`. The vendor's examples append the computer's time in s, some without
+its decimal point. The ADC offset is part of the samples and stays.
+
+The file contains no settings. Without settings, those of the vendor's examples are assumed, with a
+warning: ramps of 240 MHz from 24.005 GHz, and 200 kS/s.
 
 Reversed samples of a down-ramp equal those of an up-ramp from the lower frequency, except that
 their range-Doppler coupling has the opposite sign.
 """
 
 import math
+import re
 from array import array
+from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -18,6 +24,9 @@ import numpy as np
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
+from dechirp.radar.chirp import Chirp
+from dechirp.radar.frame import Frame
+from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.samples.continuous import (
     check_single_receiver_and_sampling,
@@ -25,15 +34,28 @@ from dechirp.recordings.samples.continuous import (
     divide_chirps_into_frames,
 )
 from dechirp.recordings.samples.iq_order import negative_beat_frequency_findings
-from dechirp.recordings.settings.base import Iq
+from dechirp.recordings.settings.base import Iq, RecordingSettings
+from dechirp.recordings.settings.read import list_settings_files
 from dechirp.recordings.settings_lookup import find_recording_settings
 
 _MAX_CODE = 4095
 _HEAD_BYTES = 2**16
 _MAX_LINE_BYTES = 2**16
+_MAX_HEADINGS = 100
 _NUMBERS_PER_LINE = range(100, 801)  # 50 to 200 samples, in two or four parts
-_CHARACTERS = b"0123456789. \t\r\n"
+_MAX_SAMPLES = 200
+_SEPARATORS = bytes.maketrans(b",;\t", b"   ")
 _MAX_SAMPLED_CHIRPS = 64
+
+# The vendor's examples set f0 = 5 MHz above 24 GHz and BW = 240 MHz, all that the band allows; the
+# ADC takes 200 samples in the ramp of 1 ms.
+_START_FREQUENCY_HZ = 24.005e9
+_BANDWIDTH_HZ = 240e6
+_SAMPLE_RATE_HZ = 200e3
+
+# A code has at most four digits: a longer number, or one with a fraction, is a time.
+_TIME = re.compile(rb"(?:^|[\s,;])((?:\d{5,}(?:[.,]\d*)?|\d*\.\d*)(?:[eE][+-]?\d+)?)[\s,;]*$")
+_HALF_NAME = re.compile(r"(?<![A-Za-z0-9])([IQiq])(?![A-Za-z0-9])")
 
 
 @frozen_dataclass
@@ -54,39 +76,39 @@ class Urad(Format):
         lines = head.splitlines()
         if len(head) == _HEAD_BYTES:
             lines = lines[:-1]
-        lines = [line for line in lines if line.strip()]
+        lines = [*_without_headings([line for line in lines if line.strip()])]
         # A stopped recording may end within a line.
         lines = lines[:-1] if len(lines) > 1 else lines
         counts = {_count_codes_or_none(line) for line in lines}
         n_numbers = counts.pop() if len(counts) == 1 else None
-        if n_numbers is None or not n_numbers or n_numbers % 2:
+        if not n_numbers or (n_numbers % 2 and _other_half_or_none(path) is None):
             return MatchQuality.NO
-        return MatchQuality.LIKELY if n_numbers in _NUMBERS_PER_LINE else MatchQuality.POSSIBLE
+        if n_numbers not in _NUMBERS_PER_LINE and 2 * n_numbers not in _NUMBERS_PER_LINE:
+            return MatchQuality.POSSIBLE
+        return MatchQuality.CONTAINER if _has_times(lines) else MatchQuality.LIKELY
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         ramp = hints.encoding or "up"
         lines = _index_measurement_lines(path)
-        settings = find_recording_settings(path, hints)
+        files = _find_files_of_recording(path, lines)
+        n_lines = min(len(file.starts) for file in files)
+        settings = _given_or_assumed_settings(path, hints, files)
         check_single_receiver_and_sampling(path, settings.radar, "complex")
         n_samples = settings.radar.frame.chirp.n_samples
-        columns = _iq_columns(path, lines.n_numbers, n_samples, ramp)
-        radar, n_frames, frame_findings = divide_chirps_into_frames(
-            path, settings.radar, len(lines.starts)
-        )
+        columns = _columns_of_ramp(path, files, n_samples, ramp)
+        radar, n_frames, frame_findings = divide_chirps_into_frames(path, settings.radar, n_lines)
         iq = hints.iq or "iq"
         n_chirps = radar.frame.n_chirps_total
 
         def decode(index: int, out: np.ndarray) -> None:
             first = index * n_chirps
-            _decode_lines_to_chirps(path, lines, range(first, first + n_chirps), columns, iq, out)
+            _decode_lines_to_chirps(files, range(first, first + n_chirps), columns, iq, out)
 
         sampled_chirps = np.empty((min(n_chirps, _MAX_SAMPLED_CHIRPS), 1, n_samples), np.complex64)
-        _decode_lines_to_chirps(
-            path, lines, range(len(sampled_chirps)), columns, iq, sampled_chirps
-        )
+        _decode_lines_to_chirps(files, range(len(sampled_chirps)), columns, iq, sampled_chirps)
         findings = (
             settings.findings
-            + lines.findings
+            + tuple(finding for file in files for finding in file.findings)
             + frame_findings
             + negative_beat_frequency_findings(sampled_chirps, iq)
         )
@@ -103,64 +125,218 @@ class Urad(Format):
 class _LineIndex:
     """Positions of the lines of a file."""
 
+    path: Path
     starts: np.ndarray
     """(line,) int64: first byte of each line."""
     n_numbers: int
     """Codes in each line."""
+    first_line: int
+    """Number of the first line with codes, from 1."""
+    start_s: float | None = None
+    """Time of the first line; None without times."""
     interval_s: float | None = None
     """Mean interval between lines; None without times."""
     findings: tuple[Finding, ...] = ()
 
 
+def _find_files_of_recording(path: Path, lines: _LineIndex) -> tuple[_LineIndex, ...]:
+    """Return the lines of the file, or those of the I and of the Q file.
+
+    Raises
+    ------
+    RecordingError
+        If the file is one half of a pair without the other, or the halves do not belong together.
+    """
+    names = _half_names(path.name)
+    others = [path.with_name(name) for name in names.values() if name != path.name]
+    # An `I` may have another meaning: half a measurement has fewer numbers.
+    is_half = others and (_other_half_or_none(path) or lines.n_numbers <= 2 * _MAX_SAMPLES)
+    if not is_half:
+        if lines.n_numbers % 2:
+            raise _malformed_line_error(path, lines.first_line, f"{lines.n_numbers} numbers")
+        return (lines,)
+    (other,) = others
+    if _other_half_or_none(path) is None:
+        raise RecordingError(
+            path,
+            value=f"one half of an I/Q pair: {other.name} is missing, the other part of the"
+            " samples",
+            expected=f"{names['i']} and {names['q']} in one folder",
+            fix=f"copy {other.name} next to it; if this file contains both I and Q, rename it,"
+            f" such as to IQ{path.suffix}",
+        )
+    other_lines = _index_measurement_lines(other)
+    files = (lines, other_lines) if path.name == names["i"] else (other_lines, lines)
+    problem = _describe_pair_mismatch(*files)
+    if problem:
+        raise RecordingError(
+            path,
+            value=f"{problem} in {names['i']} and {names['q']}",
+            expected="the I and the Q file of one recording, with equal lines",
+            fix="copy both files of the recording to one folder",
+        )
+    return files
+
+
+def _describe_pair_mismatch(i_lines: _LineIndex, q_lines: _LineIndex) -> str:
+    """Describe why two files are not the halves of one recording; empty if they are."""
+    if i_lines.n_numbers != q_lines.n_numbers:
+        return f"{i_lines.n_numbers} and {q_lines.n_numbers} numbers a line"
+    # A recording that is stopped may end between the two writes.
+    if abs(len(i_lines.starts) - len(q_lines.starts)) > 1:
+        return f"{len(i_lines.starts)} and {len(q_lines.starts)} lines"
+    times_s = i_lines.start_s, q_lines.start_s
+    if None not in times_s and abs((times_s[0] or 0.0) - (times_s[1] or 0.0)) > 1.0:
+        return f"times {times_s[0]:.3f} and {times_s[1]:.3f} s of the first lines"
+    return ""
+
+
+def _half_names(name: str) -> dict[str, str]:
+    """Return the names of the I and of the Q file of a pair; empty for other names."""
+    stem, dot, _ = name.rpartition(".")
+    letters = list(_HALF_NAME.finditer(stem if dot else name))
+    if not letters:
+        return {}
+    letter = letters[0]
+
+    def name_with(replacement: str) -> str:
+        if letter[1].isupper():
+            replacement = replacement.upper()
+        return f"{name[: letter.start()]}{replacement}{name[letter.end() :]}"
+
+    return {"i": name_with("i"), "q": name_with("q")}
+
+
+def _other_half_or_none(path: Path) -> Path | None:
+    """Return the other file of an I/Q pair; None if there is none."""
+    others = (path.with_name(name) for name in _half_names(path.name).values())
+    folder = path.resolve().parent
+    return next(
+        (
+            other
+            for other in others
+            if other != path and other.is_file() and other.resolve().parent == folder
+        ),
+        None,
+    )
+
+
+def _given_or_assumed_settings(
+    path: Path, hints: RecordingHints, files: Sequence[_LineIndex]
+) -> RecordingSettings:
+    """Return the settings, or those of the vendor's examples for lines with a time.
+
+    Numbers without times may come from another radar.
+    """
+    if hints.settings or list_settings_files(path) or files[0].start_s is None:
+        return find_recording_settings(path, hints)
+    n_ramp_numbers = files[0].n_numbers * len(files) // 2
+    n_ramps = 1 if n_ramp_numbers <= _MAX_SAMPLES else 2
+    n_samples = n_ramp_numbers // n_ramps
+    if not 8 <= n_samples <= _MAX_SAMPLES:
+        return find_recording_settings(path, hints)
+    ramp_s = n_samples / _SAMPLE_RATE_HZ
+    measured_s = files[0].interval_s
+    interval_s = max(measured_s or 0.0, n_ramps * ramp_s)
+    chirp = Chirp(
+        start_frequency_hz=_START_FREQUENCY_HZ,
+        slope_hz_per_s=_BANDWIDTH_HZ / ramp_s,
+        ramp_duration_s=ramp_s,
+        sample_rate_hz=_SAMPLE_RATE_HZ,
+        n_samples=n_samples,
+        sampling="complex",
+    )
+    radar = Radar(frame=Frame(chirp=chirp, n_chirps=1, interval_s=interval_s))
+    return RecordingSettings(radar=radar, findings=(_assumed_radar_warning(radar, n_ramps),))
+
+
+def _assumed_radar_warning(radar: Radar, n_ramps: int) -> Finding:
+    """Warn that the settings are those of the vendor's examples."""
+    chirp = radar.frame.chirp
+    shape = "sawtooth" if n_ramps == 1 else "triangle"
+    return Finding(
+        level="warning",
+        setting="radar",
+        value=f"missing, assumed: {shape} ramps of {_BANDWIDTH_HZ / 1e6:g} MHz from"
+        f" {_START_FREQUENCY_HZ / 1e9:g} GHz in {chirp.ramp_duration_s * 1e3:g} ms,"
+        f" {chirp.n_samples} samples each, every {radar.frame.single_interval_s * 1e3:.4g} ms",
+        expected="the f0, BW, Ns and mode of the program that recorded: ranges are proportional to"
+        " 1 / BW",
+        fix="give the radar as a YAML file (--radar FILE) if they were others",
+    )
+
+
+def _without_headings(lines: Sequence[bytes]) -> Sequence[bytes]:
+    """Return the lines from the first one that does not begin with text or a comment sign."""
+    first = next((n for n, line in enumerate(lines) if not _is_heading(line)), len(lines))
+    return lines[first:] if first <= _MAX_HEADINGS else ()
+
+
+def _is_heading(line: bytes) -> bool:
+    """Return whether a line begins with text or a comment sign."""
+    first = line.removeprefix(b"\xef\xbb\xbf").lstrip()[:1]
+    return first.isalpha() or first in b"#%;/\"'"
+
+
+def _has_times(lines: Sequence[bytes]) -> bool:
+    """Return whether every line ends with a time."""
+    return all(_split_codes_and_time(line)[1] is not None for line in lines)
+
+
 def _count_codes_or_none(line: bytes) -> int | None:
     """Count the codes of a line; None if it holds anything else, except a time at its end."""
     codes, _ = _split_codes_and_time(line)
-    fits = all(code.isdigit() and len(code) <= 4 and int(code) <= _MAX_CODE for code in codes)
-    return len(codes) if fits and not line.translate(None, _CHARACTERS) else None
+    return len(codes) if all(map(_is_code, codes)) else None
 
 
 def _split_codes_and_time(line: bytes) -> tuple[list[bytes], bytes | None]:
-    """Split a line into its codes and its time, which contains a decimal point."""
-    words = line.split()
-    if words and b"." in words[-1]:
-        return words[:-1], words[-1]
-    return words, None
+    """Split a line into its codes and its time."""
+    time = _TIME.search(line, max(len(line) - 64, 0))
+    codes = line if time is None else line[: time.start(1)]
+    words = codes.removeprefix(b"\xef\xbb\xbf").translate(_SEPARATORS).split()
+    return words, None if time is None else time[1]
 
 
 def _index_measurement_lines(path: Path) -> _LineIndex:
     """Find the lines and check that their lengths agree; the last may be incomplete."""
     starts = array("q")
     times_s: list[float] = []  # of the first and of the last complete line
-    n_numbers = start = line_number = 0
+    n_numbers = start = line_number = first_line = 0
     odd_line = None
     with path.open("rb") as file:
         while line := file.readline(_MAX_LINE_BYTES + 1):
             line_number += 1
             if len(line) > _MAX_LINE_BYTES:
                 raise _malformed_line_error(path, line_number, f"more than {_MAX_LINE_BYTES} bytes")
-            words, time = _split_codes_and_time(line)
-            if odd_line and words:
-                raise _malformed_line_error(
-                    path, odd_line[0], f"{odd_line[1]} numbers after lines of {n_numbers}"
-                )
-            n_numbers = n_numbers or len(words)
-            if len(words) != n_numbers or not words:
-                odd_line = line_number, len(words)
-            else:
-                starts.append(start)
-                if time and line.endswith(b"\n"):
-                    times_s = [*times_s[:1], _parse_time_s(path, line_number, time)]
+            if n_numbers or not _is_heading(line) or line_number > _MAX_HEADINGS:
+                words, time = _split_codes_and_time(line)
+                if odd_line and words:
+                    raise _malformed_line_error(
+                        path, odd_line[0], f"{odd_line[1]} numbers after lines of {n_numbers}"
+                    )
+                if words and not n_numbers:
+                    first_line, n_numbers = line_number, len(words)
+                    _check_codes(path, line_number, words)
+                if words and len(words) != n_numbers:
+                    odd_line = line_number, len(words)
+                elif words:
+                    starts.append(start)
+                    if time and line.endswith(b"\n"):
+                        times_s = [*times_s[:1], _parse_time_s(path, line_number, time)]
             start += len(line)
-    if n_numbers < 4 or n_numbers % 2 or (odd_line and odd_line[1] > n_numbers):
+    if n_numbers < 4 or (odd_line and odd_line[1] > n_numbers):
         count_text = (
             f"{odd_line[1]} numbers after lines of {n_numbers}"
             if odd_line
             else f"{n_numbers} numbers"
         )
-        raise _malformed_line_error(path, odd_line[0] if odd_line else 1, count_text)
+        raise _malformed_line_error(path, odd_line[0] if odd_line else first_line or 1, count_text)
     return _LineIndex(
+        path=path,
         starts=np.frombuffer(starts, np.int64),
         n_numbers=n_numbers,
+        first_line=first_line,
+        start_s=times_s[0] if times_s else None,
         interval_s=_mean_line_interval_s(times_s, len(starts)),
         findings=(_incomplete_last_line_note(*odd_line, n_numbers),)
         if odd_line and odd_line[1]
@@ -177,25 +353,30 @@ def _mean_line_interval_s(first_and_last_time_s: list[float], n_lines: int) -> f
 
 
 def _parse_time_s(path: Path, line_number: int, time: bytes) -> float:
-    """Parse the time of a line."""
+    """Parse the time of a line in s; whole numbers may count ms, us or ns since 1970."""
     try:
-        return float(time)
+        time_s = float(time.replace(b",", b"."))
     except ValueError:
         raise _malformed_line_error(path, line_number, f"{time[:20].decode('latin-1')!r}") from None
+    # 1e11 s since 1970 are the year 5138.
+    return next((time_s / unit for unit in (1e9, 1e6, 1e3) if time_s / unit > 1e8), time_s)
 
 
-def _iq_columns(path: Path, n_numbers: int, n_samples: int, ramp: str) -> tuple[slice, slice]:
-    """Return the columns of the first and of the second part of the samples."""
-    n = n_samples
-    if n_numbers == 4 * n and ramp == "down":
-        # Reversed: from the end of each part down to its middle.
-        return slice(2 * n - 1, n - 1, -1), slice(4 * n - 1, 3 * n - 1, -1)
-    if n_numbers == 4 * n:
-        return slice(0, n), slice(2 * n, 3 * n)
-    if n_numbers == 2 * n and ramp == "up":
-        return slice(0, n), slice(n, 2 * n)
-    fits = [f"{4 * n} (I-up, I-down, Q-up, Q-down)"]
-    fits += [f"{2 * n} (I, Q)"] * (ramp == "up")
+def _columns_of_ramp(path: Path, files: Sequence[_LineIndex], n_samples: int, ramp: str) -> slice:
+    """Return the columns of the ramp, among those of I or of Q."""
+    n, n_numbers = n_samples, files[0].n_numbers
+    n_part_numbers = n_numbers * len(files) / 2
+    if n_part_numbers == 2 * n and ramp == "down":
+        return slice(2 * n - 1, n - 1, -1)  # reversed
+    if n_part_numbers == 2 * n or (n_part_numbers == n and ramp == "up"):
+        return slice(0, n)
+    is_pair = len(files) == 2
+    triangle, sawtooth = (
+        ("I-up, I-down, or Q", "I or Q") if is_pair else ("I-up, I-down, Q-up, Q-down", "I, Q")
+    )
+    n_sawtooth = n if is_pair else 2 * n
+    fits = [f"{2 * n_sawtooth} ({triangle})"]
+    fits += [f"{n_sawtooth} ({sawtooth})"] * (ramp == "up")
     raise RecordingError(
         path,
         value=f"{n_numbers} numbers a line",
@@ -206,43 +387,51 @@ def _iq_columns(path: Path, n_numbers: int, n_samples: int, ramp: str) -> tuple[
 
 
 def _decode_lines_to_chirps(
-    path: Path,
-    lines: _LineIndex,
+    files: Sequence[_LineIndex],
     line_indices: range,
-    columns: tuple[slice, slice],
+    columns: slice,
     iq: Iq,
     out: np.ndarray,
 ) -> None:
     """Fill (chirp, 1, sample) with lines, scaled to -1 ... 1."""
-    first, second = columns
-    with path.open("rb") as file:
-        for chirp_index, index in enumerate(line_indices):
-            file.seek(int(lines.starts[index]))
-            words, _ = _split_codes_and_time(file.readline(_MAX_LINE_BYTES + 1))
-            codes = _parse_codes(path, index + 1, words, lines.n_numbers)
-            scaled = codes.astype(np.float32) * np.float32(2 / _MAX_CODE) - np.float32(1)
-            parts = scaled[first], scaled[second]
-            chirp = out[chirp_index, 0]
-            chirp.real, chirp.imag = parts if iq == "iq" else parts[::-1]
+    chirps = out[:, 0]
+    parts = (chirps.real, chirps.imag) if iq == "iq" else (chirps.imag, chirps.real)
+    for number, lines in enumerate(files):
+        filled_parts = parts if len(files) == 1 else parts[number : number + 1]
+        with lines.path.open("rb") as file:
+            for chirp_index, index in enumerate(line_indices):
+                file.seek(int(lines.starts[index]))
+                words, _ = _split_codes_and_time(file.readline(_MAX_LINE_BYTES + 1))
+                codes = _parse_codes(lines, index, words)
+                scaled = codes.astype(np.float32) * np.float32(2 / _MAX_CODE) - np.float32(1)
+                for part, values in zip(
+                    filled_parts, np.split(scaled, len(filled_parts)), strict=True
+                ):
+                    part[chirp_index] = values[columns]
 
 
-def _parse_codes(path: Path, line_number: int, words: list[bytes], n_numbers: int) -> np.ndarray:
+def _parse_codes(lines: _LineIndex, index: int, words: list[bytes]) -> np.ndarray:
     """Parse and check the codes of a line."""
-    if len(words) != n_numbers:
+    if len(words) != lines.n_numbers:
         raise _malformed_line_error(
-            path, line_number, f"{len(words)} numbers after lines of {n_numbers}"
+            lines.path,
+            lines.first_line + index,
+            f"{len(words)} numbers after lines of {lines.n_numbers}",
         )
-    try:
-        if max(map(len, words)) <= 4:
-            codes = np.array(words).astype(np.int64)
-            if codes.min() >= 0 and codes.max() <= _MAX_CODE:
-                return codes
-    except ValueError:
-        pass
-    bad_word = next(
-        word for word in words if len(word) > 4 or not word.isdigit() or int(word) > _MAX_CODE
-    )
-    raise _malformed_line_error(path, line_number, f"{bad_word[:20].decode('latin-1')!r}")
+    _check_codes(lines.path, lines.first_line + index, words)
+    return np.array(words).astype(np.int64)
+
+
+def _check_codes(path: Path, line_number: int, words: list[bytes]) -> None:
+    """Raise `RecordingError` if a word is not a code."""
+    for word in words:
+        if not _is_code(word):
+            text = word[:20].decode("latin-1")
+            raise _malformed_line_error(path, line_number, f"{text!r}")
+
+
+def _is_code(word: bytes) -> bool:
+    return len(word) <= 4 and word.isdigit() and int(word) <= _MAX_CODE
 
 
 def _malformed_line_error(path: Path, line_number: int, value: str) -> RecordingError:

@@ -86,15 +86,7 @@ def find_settings_file(recording: Path) -> Path:
     RecordingError
         If there is none, or several are possible; the message names them.
     """
-    candidates = sorted(
-        file for file in recording.parent.iterdir() if file != recording and holds_settings(file)
-    )
-    setup_files = {
-        named_file: file
-        for file in candidates
-        if (named_file := _settings_file_named_in(file)) is not None
-    }
-    candidates = [file for file in candidates if file not in setup_files]
+    candidates, setup_files = _find_settings_candidates(recording)
     # mmWave Studio calls the settings of adc_data_Raw_0.bin adc_data_LogFile.txt.
     stem = re.sub(r"_Raw_\d+$", "", recording.stem)
     stems = {file: [file.name] for file in candidates}
@@ -124,6 +116,27 @@ def find_settings_file(recording: Path) -> Path:
         fix="give the radar: --radar FILE (radar=FILE in Python), a YAML file or the settings"
         " file of its vendor",
     )
+
+
+def list_settings_files(recording: Path) -> list[Path]:
+    """Return all files beside a recording that contain settings."""
+    return _find_settings_candidates(recording)[0]
+
+
+def _find_settings_candidates(recording: Path) -> tuple[list[Path], dict[Path, Path]]:
+    """Return the settings files beside a recording, and the setup file of each file named in one.
+
+    The setup file stands for both.
+    """
+    candidates = sorted(
+        file for file in recording.parent.iterdir() if file != recording and holds_settings(file)
+    )
+    setup_files = {
+        named_file: file
+        for file in candidates
+        if (named_file := _settings_file_named_in(file)) is not None
+    }
+    return [file for file in candidates if file not in setup_files], setup_files
 
 
 def _have_equal_settings(files: Sequence[Path]) -> bool:
