@@ -195,6 +195,12 @@ class LivePage:
     def screen_position(self, name: str, x: float, y: float) -> tuple[float, float]:
         return tuple(self.page.evaluate(_SCREEN_POSITION_JS, [name, x, y]))
 
+    @property
+    def pointer_in_scene(self) -> str:
+        """Shape of the pointer in the top view."""
+        call = "() => findView('scene').canvas_view.events_el.style.cursor"
+        return self.page.evaluate(call)
+
     def download_settings(self, file: Path) -> Scenario:
         """Download the settings and load them like the command line."""
         self.open_tab("File")

@@ -67,9 +67,12 @@ def test_target_can_be_dragged(live_page, tmp_path):
         live_page.screen_position("scene", y + 6, x + 8),
     )
     mouse.move(*start)
+    assert live_page.pointer_in_scene == "grab"
     mouse.down()
+    live_page.page.wait_for_timeout(500)  # Bokeh would take this for a long press
     for part in range(1, 6):
         mouse.move(*(a + (b - a) * part / 5 for a, b in zip(start, end, strict=True)))
+    assert live_page.pointer_in_scene == "grabbing"
     mouse.up()
     # A pixel of the scene view is 0.5 m.
     expected_m = pytest.approx((x + 8, y + 6, z), abs=0.5)
@@ -183,6 +186,34 @@ def test_keyboard_plays_changes_setting_and_opens_tab(live_page):
     live_page.wait_until(
         lambda: live_page.settings.radar.frame.chirp.slope_hz_per_s == pytest.approx(20e12)
     )
+
+
+def test_page_is_loaded_again_after_back_and_reports_lost_connection(live_page):
+    live_page.page.add_init_script(_REMEMBER_SOCKETS_JS)
+    live_page.open("teach/1")
+    first_root = "Bokeh.documents[0].roots()[0].id"
+    initial_root = live_page.page.evaluate(first_root)
+    live_page.page.goto(f"{live_page.address}healthz")
+    live_page.page.go_back()
+    live_page.wait_until(lambda: live_page.n_frames > 0)
+    assert live_page.page.evaluate(first_root) != initial_root  # another session
+    n_frames = live_page.n_frames
+    live_page.page.locator("#tries").get_by_role("button").last.click()
+    live_page.wait_until(lambda: live_page.n_frames > n_frames)
+    live_page.page.evaluate("window.sockets.at(-1).close()")
+    live_page.page.get_by_role("alert").filter(has_text="was lost").wait_for()
+    live_page.save_screenshot("lost")
+    live_page.page.get_by_role("button", name="Load the page again").click()
+    live_page.wait_until(lambda: live_page.n_frames > 0)
+    assert live_page.page.get_by_role("alert").count() == 0
+
+
+_REMEMBER_SOCKETS_JS = """
+  window.sockets = [];
+  window.WebSocket = class extends WebSocket {
+    constructor(...a) { super(...a); sockets.push(this); }
+  };
+"""
 
 
 def test_closing_playing_page_leaves_other_pages_running(live_page):

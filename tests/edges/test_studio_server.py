@@ -129,6 +129,15 @@ def test_page_loads_no_external_resources(studio):
     assert headers["Referrer-Policy"] == "no-referrer"
 
 
+def test_page_is_not_stored_and_scripts_take_half_of_bokeh(studio):
+    _, headers, text = send_request(studio)
+
+    assert headers["Cache-Control"] == "no-store"  # its session ends soon after it is closed
+    scripts = re.findall(r'<script [^>]*src="([^"]+)"', text)
+    sizes = {path: len(send_request(studio, path)[2].encode()) for path in scripts}
+    assert sum(sizes.values()) < 2_000_000, sizes  # all parts of Bokeh: 3.95 MB
+
+
 def test_environment_cannot_set_external_resources(studio, monkeypatch):
     monkeypatch.setenv("BOKEH_RESOURCES", "cdn")
 

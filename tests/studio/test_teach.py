@@ -1,5 +1,6 @@
 """Lessons of the studio: displayed numbers against formulas, knobs and pages."""
 
+import asyncio
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -9,6 +10,7 @@ from bokeh.models import Button, Slider
 
 from dechirp.certificate.sensitivity import theoretical_curve
 from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
+from dechirp.studio.browser_events import BrowserState
 from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.teach import (
     LESSONS,
@@ -18,6 +20,7 @@ from dechirp.studio.teach import (
     lesson_page_builders_by_address,
     mixer_demo,
     noise,
+    page,
     trials,
 )
 from dechirp.theory import confidence_intervals
@@ -365,3 +368,30 @@ def test_lesson_page_loads_no_external_resources(worker):
     text = document.template
     assert "http" not in text
     assert "http" not in document.template_variables["script"]
+
+
+def test_lesson_plays_without_waiting_for_unconfirmed_frames(worker, monkeypatch):
+    monkeypatch.setattr(page, "monotonic", lambda: 0.0)  # no frame is ever late
+    document = Document()
+    lesson_page = page.LessonPage(
+        document,
+        make=chirp.ChirpLesson,
+        number=1,
+        n_lessons=1,
+        worker=worker,
+        limits=PageLimits(),
+    )
+    (browser,) = document.select({"type": BrowserState})
+    lesson_page._toggle_play()
+
+    async def draw_frames(n_rounds: int, *, confirms: bool) -> None:
+        for _ in range(n_rounds):
+            await lesson_page._draw_next()
+            # As in page.js.
+            if confirms and browser.n_frames_sent % browser.frames_per_confirmation == 0:
+                browser.n_frames_drawn = browser.n_frames_sent
+
+    asyncio.run(draw_frames(20, confirms=True))
+    assert browser.n_frames_sent == 20
+    asyncio.run(draw_frames(20, confirms=False))
+    assert browser.n_frames_sent == 23  # a browser that draws none receives no more

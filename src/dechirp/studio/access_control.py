@@ -132,6 +132,8 @@ class SecurityHeaders(OutputTransform):
         scripts = ""
         if headers.get("Content-Type", "").startswith("text/html"):
             digests = {sha256(script).digest() for script in _SCRIPT.findall(chunk)}
+            # A page from the cache of the browser would claim a session that has ended.
+            headers["Cache-Control"] = "no-store"
             scripts = "".join(
                 sorted(f" 'sha256-{b64encode(digest).decode()}'" for digest in digests)
             )

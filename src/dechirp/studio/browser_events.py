@@ -8,14 +8,24 @@ from bokeh.events import PointEvent
 from bokeh.model import DataModel
 from bokeh.plotting import figure
 
+_SCRIPTS = ("page.js", "lighter.js", "connection.js", "dragging.js")
 _MAX_NUMBER = 1e15  # above it the spacing of floats exceeds 0.1
+
+DRAW_TIMEOUT_S = 2.0
+"""Time after which the next frame is sent without a confirmation."""
+FRAMES_PER_CONFIRMATION = 2
+"""The browser confirms every second frame: a confirmation takes the server 1 ms."""
+MAX_UNDRAWN_FRAMES = FRAMES_PER_CONFIRMATION + 1
+"""Frames in flight per browser: one more than it draws between two confirmations."""
 
 
 class BrowserState(DataModel):
     """Counters and a switch, synchronised between server and browser."""
 
     n_frames_sent = Int(0)
-    """Frames sent. The browser confirms every second one when it has drawn it."""
+    """Frames sent."""
+    frames_per_confirmation = Int(FRAMES_PER_CONFIRMATION)
+    """The browser confirms frames whose number is a multiple of this when it has drawn them."""
     frame_status = String("")
     """Text with the number of the frame, and whether another one is being computed.
 
@@ -57,4 +67,4 @@ def read_studio_asset_text(*path: str) -> str:
 
 def browser_javascript() -> str:
     """Return the JavaScript that runs in the browser beside Bokeh."""
-    return read_studio_asset_text("page.js") + read_studio_asset_text("lighter.js")
+    return "".join(map(read_studio_asset_text, _SCRIPTS))

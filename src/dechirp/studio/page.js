@@ -42,7 +42,9 @@ wear(null);
 const KEPT = "a, button, input, select, textarea, summary, [role=tab]";
 
 function begin(browser) {
+  watchConnection(window.Bokeh.documents[0]);
   lighten();
+  letTargetsBeDragged();
   wear(browser);
   shadeButton.addEventListener("click", () => {
     dark = !dark;
@@ -55,7 +57,7 @@ function begin(browser) {
     const shown = browser.n_frames_sent;
     requestAnimationFrame(() => requestAnimationFrame(() => {
       window.dechirp.frames += 1;
-      if (shown % 2 === 0) browser.n_frames_drawn = shown;  // an answer takes the server 1 ms
+      if (shown % browser.frames_per_confirmation === 0) browser.n_frames_drawn = shown;
     }));
   };
   browser.properties.n_frames_sent.change.connect(reportDrawn);

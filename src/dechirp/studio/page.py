@@ -98,6 +98,8 @@ def build_live_page(
     roots = [part.root_element for part in parts]
     roots[0].tags = [browser]  # not a root: it has no visual part
     document.theme = bokeh_widget_theme()
+    # Bokeh connects to an ended session, and fails with arrays: connection.js reports the loss.
+    document.config.update(reconnect_session=False, notify_connection_status=False)
     with document.models.freeze():  # else Bokeh scans all models for each root
         for root in roots:
             document.add_root(root)

@@ -18,6 +18,7 @@ from bokeh.document import Document
 
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.experiments.scenario import Scenario
+from dechirp.studio.browser_events import DRAW_TIMEOUT_S, MAX_UNDRAWN_FRAMES
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.frame_state import FrameState
@@ -26,9 +27,6 @@ from dechirp.studio.scenario_edits import PageLimits, apply_overrides, parse_sce
 T = TypeVar("T")
 Edit = Callable[[Scenario], Scenario]
 
-DRAW_TIMEOUT_S = 2.0
-"""Time after which the next frame is sent without a confirmation."""
-_MAX_UNDRAWN_FRAMES = 3
 _WAIT_NOTICE_S = 0.3
 """Waiting time after which the page shows a notice."""
 
@@ -167,7 +165,7 @@ class Session:
 
     async def _wait_for_browser(self) -> None:
         """Wait until the browser can take another frame."""
-        while self._n_shown - self._n_drawn >= _MAX_UNDRAWN_FRAMES:
+        while self._n_shown - self._n_drawn >= MAX_UNDRAWN_FRAMES:
             self._draw_confirmed.clear()
             try:
                 await asyncio.wait_for(self._draw_confirmed.wait(), DRAW_TIMEOUT_S)

@@ -15,7 +15,13 @@ from bokeh.models import Button, Div
 from dechirp.core.errors import DechirpError
 from dechirp.report.check_values import apply_typography
 from dechirp.report.equations import equation_svg
-from dechirp.studio.browser_events import BrowserState, browser_javascript, read_studio_asset_text
+from dechirp.studio.browser_events import (
+    DRAW_TIMEOUT_S,
+    MAX_UNDRAWN_FRAMES,
+    BrowserState,
+    browser_javascript,
+    read_studio_asset_text,
+)
 from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.teach.lesson import Experiment, Lesson
 from dechirp.studio.theme import DARK, LIGHT, bokeh_widget_theme, page_css
@@ -24,9 +30,6 @@ _FRAME_S = 1 / 15
 """Shortest time between frames: sufficient for animation, as lessons share one worker."""
 
 _log = logging.getLogger(__name__)
-
-_DRAW_TIMEOUT_S = 2.0
-"""Time after which the next frame is sent without a confirmation."""
 
 
 class LessonPage:
@@ -84,6 +87,8 @@ class LessonPage:
             document.add_root(root)
         document.title = f"{lesson.title} · dechirp"
         document.theme = bokeh_widget_theme()
+        # Bokeh connects to an ended session, and fails with arrays: connection.js reports the loss.
+        document.config.update(reconnect_session=False, notify_connection_status=False)
         document.template = read_studio_asset_text("teach", "lesson.html")
         document.template_variables.update(
             lesson=lesson,
@@ -116,8 +121,9 @@ class LessonPage:
 
     async def _draw_next(self) -> None:
         """Draw the next frame if anything changed; the loop is free while it is computed."""
-        is_late = monotonic() - self._sent_s > _DRAW_TIMEOUT_S
-        if self._browser.n_frames_drawn < self._browser.n_frames_sent and not is_late:
+        is_late = monotonic() - self._sent_s > DRAW_TIMEOUT_S
+        n_undrawn = self._browser.n_frames_sent - self._browser.n_frames_drawn
+        if n_undrawn >= MAX_UNDRAWN_FRAMES and not is_late:
             return
         if self._playing:
             self._frame += 1

@@ -94,6 +94,7 @@ def _boxes_overlap(box: Box, other: Box) -> bool:
 
 
 _MAX_NAMES = 12
+_PICK_DISTANCE = 0.08  # of the largest range
 # alignment, and pixels from its position
 _CENTRED_LABEL = {"align": "center", "away": 0, "down": 0}
 _RING_LABEL_ANGLE_RAD = np.radians(35)  # to the right, where few marks are
@@ -125,6 +126,7 @@ class TopView:
         self.errors = self._add_empty_line(width=1.4)
         self.scatterers = self._add_marks("dot", size=6)
         self.targets = self._add_marks("circle", size=6)
+        self.targets.name = "targets"  # dragging.js reads their positions
         self.detections = self._add_marks("circle", size=13)
         self.tracks = self._add_marks("diamond", size=18)
         self._radar = self._add_marks("triangle", size=11)
@@ -143,9 +145,15 @@ class TopView:
         move_marks(self._radar, np.zeros((1, 2)))
         self.set_max_range_and_field_of_view(100.0, np.pi / 2)  # until the first frame
 
+    @property
+    def pick_distance_m(self) -> float:
+        """Largest distance at which a pointer picks a target."""
+        return _PICK_DISTANCE * self.max_range_m
+
     def set_max_range_and_field_of_view(self, max_range_m: float, half_view_rad: float) -> None:
         """Set the largest range, with rings at round ranges and the field of view."""
         self.max_range_m = max_range_m
+        self.targets.tags = [self.pick_distance_m]
         move_marks(self._limits, max_range_m * np.array([[-0.5, -0.06], [0.5, 1.0]]))
         step_m = round_down_to_1_2_5(max_range_m / 2)
         radii_m = np.arange(step_m, 1.4 * max_range_m, step_m)

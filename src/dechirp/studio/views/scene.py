@@ -108,7 +108,6 @@ def target_positions_and_velocities(scene: Scene, time_s: float) -> TargetPositi
 
 _MAX_ELLIPSES, _MAX_ARCS = 60, 20
 _MAX_LARGE_MARKS = 15  # detections drawn large
-_PICK_DISTANCE = 0.08  # of the largest range: distance at which a pointer picks a target
 _ELLIPSE_SCALE = 0.3  # of the widest error ellipse, drawn larger than in reports
 _ARROW_LENGTH = 0.25  # of the largest range: arrow length of the fastest target
 
@@ -208,7 +207,8 @@ class SceneView(View):
         move_marks(self.top_view.scatterers, targets.scatterers_m[:, ::-1])
         if not targets.names:
             return ""
-        return f"● true, → motion in {format_number(arrow_time_s)} s" if arrow_time_s else "● true"
+        legend = "● true (drag to move)"
+        return f"{legend}, → in {format_number(arrow_time_s)} s" if arrow_time_s else legend
 
     def _draw_detections(self, frame_state: FrameState) -> str:
         detections, other_ranges_m = (
@@ -248,7 +248,7 @@ class SceneView(View):
     def _index_of_target_near(self, x: float, y: float) -> int | None:
         """Return the index of the target near a position, None without one."""
         distance_m = np.hypot(*(self._positions.positions_m - (y, x)).T)
-        if not distance_m.size or distance_m.min() > _PICK_DISTANCE * self.top_view.max_range_m:
+        if not distance_m.size or distance_m.min() > self.top_view.pick_distance_m:
             return None
         return int(distance_m.argmin())
 
