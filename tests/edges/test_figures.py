@@ -44,6 +44,7 @@ from dechirp.report.figures import (
     twin,
     waveform,
 )
+from dechirp.report.figures.common import range_axis_end_m
 from dechirp.report.figures.style import WIDTH_IN, render_png, render_svg
 from dechirp.report.figures.top_view import GroundDetections
 from dechirp.scene.aliasing import RangeVelocity
@@ -376,6 +377,21 @@ def iter_axis_labels(figure: FigureBase, excluded: Axes | FigureBase) -> Iterato
             ticks = axis.get_ticklabels()
             if any(tick.get_visible() and tick.get_text() for tick in ticks):
                 yield axis.label.get_text() or shared_labels[name]
+
+
+@pytest.mark.parametrize(
+    ("ranges_m", "full_m", "end_m"),
+    [
+        ([50.0, 3.0], 2200.0, 100.0),
+        ([51.0], 2200.0, 200.0),
+        ([150.0], 250.0, 250.0),
+        ([0.4], 9.0, 1.0),
+        ([], 2200.0, 2200.0),
+        ([-0.1], 9.0, 9.0),
+    ],
+)
+def test_range_axis_ends_at_round_number_from_twice_farthest_range(ranges_m, full_m, end_m):
+    assert range_axis_end_m(np.array(ranges_m), full_m) == pytest.approx(end_m, rel=1e-12)
 
 
 def test_figure_without_layout_keeps_user_style_and_avoids_pyplot(example):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
+from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.phase_code import PhaseCode
 from dechirp.radar.patterns.cosine import Cosine
@@ -132,15 +133,29 @@ def test_warns_once_of_target_aliased_in_every_frame(radar):
 
 def test_warns_of_late_echo_in_last_frame_only(radar):
     radar = replace(radar, frame=replace(radar.frame, period_s=1.0))
-    # Sampling begins after 2 us, the delay of 299.8 m.
+    # Sampling begins after 2 us, the delay of 299.8 m; 28 of 256 samples, 1 dB, last to 719 m.
     echo = [
         f
-        for f in scene_findings(build_scene_ahead(290.0, 20.0), radar, n_frames=2)
+        for f in scene_findings(build_scene_ahead(710.0, 20.0), radar, n_frames=2)
         if "echo" in f.value
     ]
 
     assert [finding.value.split(",")[0] for finding in echo] == [
-        "echo arrives 2.068 us after ramp start in frame 1"
+        "echo arrives 4.87 us after ramp start in frame 1"
+    ]
+
+
+@pytest.mark.parametrize(("n_missed", "is_late"), [(27.8, False), (27.9, True)])
+def test_echo_is_late_from_1_db_of_missed_samples(radar, n_missed, is_late):
+    # 256 samples without 27.84 lose 20 lg(228.16 / 256) = 1 dB.
+    chirp = radar.frame.chirp
+    delay_s = chirp.adc_start_s + n_missed / chirp.sample_rate_hz
+    scene = build_scene_ahead(delay_s * SPEED_OF_LIGHT / 2, 0.0)
+
+    late = [finding for finding in scene_findings(scene, radar) if "echo" in finding.value]
+
+    assert [finding.value.split(", ")[1] for finding in late] == [
+        "sampling begins at 2 us" for _ in range(is_late)
     ]
 
 
@@ -277,13 +292,18 @@ def test_each_scatterer_of_body_is_checked_for_aliasing(radar):
 def test_warns_once_of_latest_echo(radar):
     chirp = replace(radar.frame.chirp, adc_start_s=0.0)
     radar = replace(radar, frame=replace(radar.frame, chirp=chirp))
-    targets = [dc.Target(position_m=(x, 0, 0)) for x in (10, 30, 20)]
+    targets = [dc.Target(position_m=(x, 0, 0)) for x in (450, 500, 470)]
 
-    (finding,) = scene_findings(dc.Scene(targets=targets), radar)
+    findings = scene_findings(dc.Scene(targets=targets), radar)
 
+    (finding,) = [finding for finding in findings if "echo" in finding.value]
     assert finding.setting == "scene.targets.target-2.position"
-    assert finding.value.startswith("echo arrives 0.2001 us after ramp start")
+    assert finding.value.startswith("echo arrives 3.336 us after ramp start")
     assert finding.value.endswith("like those of 2 more targets")
+
+
+def test_reference_scene_gives_no_findings(reference):
+    assert scene_findings(reference.scene, reference.radar) == []
 
 
 def test_findings_of_many_targets_are_limited_and_counted(radar):

@@ -93,7 +93,7 @@ def draw_paper_figures(document: Mapping[str, Any]) -> dict[str, Markup]:
         ),
         "spectrum": render_svg(
             lambda figure: beat.draw_beat_spectrum_over_range(
-                figure.subplots(), quiet.cube, chirp, quiet.scenario.chain
+                figure.subplots(), quiet.cube, chirp, quiet.scenario.chain, end_m=reach_m
             )
         ),
         **_draw_range_doppler_maps({"map": quiet, "noisy_map": noisy}, reach_m),

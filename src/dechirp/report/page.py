@@ -101,24 +101,34 @@ def _draw_report_figures(context: PageContext) -> dict[str, Markup]:
         truth=expected,
         scatterers=context.scatterer_map_positions,
     )
-    figures = {
-        "signal": render_svg(
-            lambda figure: beat.draw_first_chirp_signal_parts(
-                figure, same_slot_chirps, doppler_frequency_hz=doppler_hz
-            )
-        ),
-        "spectrum": render_svg(
+
+    def draw_spectrum(end_m: float | None) -> Markup:
+        return render_svg(
             lambda figure: beat.draw_beat_spectrum_over_range(
                 figure.subplots(),
                 same_slot_chirps,
                 radar.frame.chirp,
                 chain,
                 truth_m=np.concatenate([[], *truth_m]),
+                end_m=end_m,
+            )
+        )
+
+    def draw_map(end_m: float | None) -> Markup:
+        return render_svg(
+            lambda figure: range_doppler.draw_map(figure.subplots(), marked_map, end_m=end_m),
+            height_in=TALL_IN,
+        )
+
+    end_m = context.range_axis_end_m
+    figures = {
+        "signal": render_svg(
+            lambda figure: beat.draw_first_chirp_signal_parts(
+                figure, same_slot_chirps, doppler_frequency_hz=doppler_hz
             )
         ),
-        "map": render_svg(
-            lambda figure: range_doppler.draw_map(figure.subplots(), marked_map), height_in=TALL_IN
-        ),
+        "spectrum": draw_spectrum(end_m),
+        "map": draw_map(end_m),
         "close_up": render_svg(
             lambda figure: range_doppler.draw_close_up(
                 figure.subplots(), marked_map, cell=context.strongest_cell
@@ -128,6 +138,8 @@ def _draw_report_figures(context: PageContext) -> dict[str, Markup]:
         "cut_range": _draw_threshold_cut(context, "range"),
         "cut_velocity": _draw_threshold_cut(context, "velocity"),
     }
+    if end_m < float(result.power.range.max()):
+        figures |= {"whole_spectrum": draw_spectrum(None), "whole_map": draw_map(None)}
     if result.scenario.scene is not None:
         figures["scene"] = _draw_scene(context, result.scenario.scene)
     tracks = objects_section.draw_longest_tracks(context)

@@ -13,7 +13,7 @@ from dechirp.evaluation.association import (
     visible_scatterer_mask,
 )
 from dechirp.radar.radar import Radar
-from dechirp.report.figures.common import choose_body_scatterer_indices
+from dechirp.report.figures.common import choose_body_scatterer_indices, range_axis_end_m
 from dechirp.scene import aliasing
 from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
 
@@ -50,6 +50,13 @@ class PageContext:
         """Return the value of a map at the strongest cell."""
         row, column = self.strongest_cell
         return float(of_map.isel(velocity=row, range=column))
+
+    @property
+    def range_axis_end_m(self) -> float:
+        """End of the range axis of figures: beyond all detections, and targets of the scene."""
+        positions = (self.peaks, self.point_target_map_positions, self.scatterer_map_positions)
+        ranges_m = [place.range_m for place in positions if place is not None]
+        return range_axis_end_m(np.concatenate(ranges_m), float(self.result.power.range.max()))
 
     @property
     def first_frame_detections(self) -> xr.Dataset:

@@ -145,6 +145,9 @@ class _Page(InlineWriter):
         return f"#narrow[{blocks}]\n" if self.is_paper else f"{blocks}\n"
 
     def convert_details(self, element: Element) -> str:
+        """Convert a folded file; folded figures, which a reader opens on demand, are left out."""
+        if "figures" in element.classes:
+            return ""
         (summary,), (pre,) = element.descendants("summary"), element.descendants("pre")
         return f"#file([{self.convert_inline_content(summary)}], {quote_typst_string(pre.text)})\n"
 

@@ -23,6 +23,10 @@ _MIN_RCS_M2 = 1e-12
 # Largest number of targets named for each kind of finding; further ones are counted.
 _MAX_NAMED_TARGETS = 20
 
+# Largest share of a chirp that a late echo may miss without a finding: 1 dB of its SNR, as the
+# coherent gain falls by 20 log10(1 - share). The window and the cells cost as much.
+_MAX_MISSED_SHARE = 1 - 10 ** (-1 / 20)
+
 
 class _ResolvedSpans(NamedTuple):
     """Number of unambiguous velocity spans, about zero, that the processing resolves."""
@@ -63,8 +67,8 @@ def scene_findings(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Fin
     """Return findings on a scene before it is simulated.
 
     Targets that are aliased, have a late echo, are behind, within or around the radar, or reflect
-    nothing. Coincident antennas, codes that are not orthogonal, tables with gaps, and findings of
-    bodies.
+    nothing. An echo is late if it misses samples worth more than 1 dB of its SNR. Coincident
+    antennas, codes that are not orthogonal, tables with gaps, and findings of bodies.
 
     Each kind is reported once per target, for the first frame and scatterer concerned, and names at
     most 20 targets; of late echoes, only the latest is reported. `frames_to_check` selects the
@@ -271,15 +275,16 @@ def _format_range_velocity(range_velocity: RangeVelocity) -> str:
 
 
 def _find_latest_late_echo(snapshot: _SceneSnapshot) -> _FindingCase:
-    """Find the latest echo that arrives after the first sample, since one start time fixes all."""
+    """Find the latest echo that misses samples worth 1 dB, since one start time fixes all."""
     chirp = snapshot.radar.frame.chirp
     delay_s = 2 * snapshot.range_velocity.range_m / SPEED_OF_LIGHT
-    is_late = delay_s > chirp.adc_start_s
+    missed_samples = (delay_s - chirp.adc_start_s) * chirp.sample_rate_hz
+    is_late = missed_samples > _MAX_MISSED_SHARE * chirp.n_samples
     n_others = len(np.unique(snapshot.scene.target_index_of_scatterer[is_late])) - 1
     others = f", like those of {n_others} more targets" * (n_others > 0)
 
     def make_finding(setting: str, i: int) -> Finding:
-        n_missed = int(np.ceil((delay_s[i] - chirp.adc_start_s) * chirp.sample_rate_hz))
+        n_missed = int(np.ceil(missed_samples[i]))
         missed_text = f"the first {n_missed} samples" if n_missed < chirp.n_samples else "all of it"
         return Finding(
             level="warning",

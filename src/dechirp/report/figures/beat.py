@@ -114,6 +114,7 @@ def draw_beat_spectrum_over_range(
     chain: Chain,
     *,
     truth_m: np.ndarray | None = None,
+    end_m: float | None = None,
 ) -> Axes:
     """Draw power over range of the first chirp, and the mean power over the chirps.
 
@@ -129,6 +130,8 @@ def draw_beat_spectrum_over_range(
         Chain with the window and the length of the transform.
     truth_m : array (n,), optional
         True ranges of the echoes, marked below the line.
+    end_m : float, optional
+        Range at which the axis ends; default: the largest range of the spectrum.
 
     Returns
     -------
@@ -139,6 +142,9 @@ def draw_beat_spectrum_over_range(
     chirps = cube.isel(frame=0, rx=0, chirp=slice(_MAX_CHIRPS))
     profiles = range_profiles(chirps, chirp, transform).transpose("chirp", "range")
     power, range_m = abs(profiles.values) ** 2, profiles.range.values
+    end_m = float(range_m[-1]) if end_m is None else end_m
+    n_shown = int(np.searchsorted(range_m, end_m, side="right"))
+    power, range_m = power[:, :n_shown], range_m[:n_shown]
     units = cube.attrs.get("units", "")
     first, mean = (
         power_to_dbm_or_dbfs(power[0], units),
@@ -158,17 +164,19 @@ def draw_beat_spectrum_over_range(
         linewidth=1.0,
         label=f"mean power of {format_count_with_noun(power.shape[0], 'chirp')}",
     )
-    if truth_m is not None and truth_m.size:
+    shown_m = np.asarray([] if truth_m is None else truth_m)
+    shown_m = shown_m[shown_m <= end_m]
+    if shown_m.size:
         axes.plot(
-            truth_m,
-            np.full(truth_m.size, lowest + 0.02 * (highest - lowest)),
+            shown_m,
+            np.full(shown_m.size, lowest + 0.02 * (highest - lowest)),
             linestyle="",
             marker="^",
             markersize=5,
             color=INK,
             label="truth",
         )
-    axes.set(xlim=(0, range_m[-1]), ylim=(lowest, highest + 0.05 * (highest - lowest) + 1))
+    axes.set(xlim=(0, end_m), ylim=(lowest, highest + 0.05 * (highest - lowest) + 1))
     axes.set_xlabel(AXIS_LABELS["range"])
     axes.set_ylabel(power_label(power_level_unit(units)))
     add_legend(axes)

@@ -137,6 +137,20 @@ def uniform_cell_width(centres: np.ndarray) -> float:
     return float(centres[-1] - centres[0]) / max(centres.size - 1, 1) or 1.0
 
 
+def range_axis_end_m(ranges_m: np.ndarray, full_m: float) -> float:
+    """Return an end of a range axis that shows all given ranges with as much again behind them.
+
+    Twice the farthest range, rounded up to 1, 2 or 5 times a power of ten; `full_m`, the end of the
+    data, without ranges or if it is less.
+    """
+    farthest_m = float(np.max(ranges_m, initial=0.0))
+    if farthest_m <= 0:
+        return full_m
+    decade = 10.0 ** np.floor(np.log10(2 * farthest_m))
+    end_m = next(n * decade for n in (1, 2, 5, 10) if n * decade >= 2 * farthest_m)
+    return min(end_m, full_m)
+
+
 def line_through_cell(
     power: xr.DataArray, cell: tuple[int, int], *, along: MapAxis
 ) -> xr.DataArray:

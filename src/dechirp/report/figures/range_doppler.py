@@ -51,8 +51,14 @@ class _ColourScale:
     label: str
 
 
-def draw_map(axes: Axes, marked: MarkedMap, *, colour_reference: MarkedMap | None = None) -> Axes:
-    """Draw the whole map, with the strongest detections circled.
+def draw_map(
+    axes: Axes,
+    marked: MarkedMap,
+    *,
+    colour_reference: MarkedMap | None = None,
+    end_m: float | None = None,
+) -> Axes:
+    """Draw the map, with the strongest detections circled.
 
     Large maps are reduced to block maxima, so that no peak is lost.
 
@@ -64,6 +70,8 @@ def draw_map(axes: Axes, marked: MarkedMap, *, colour_reference: MarkedMap | Non
         Map with the positions to mark.
     colour_reference : MarkedMap, optional
         Map that determines the colour scale, for a visual comparison.
+    end_m : float, optional
+        Range at which the axis ends; default: the whole map.
 
     Returns
     -------
@@ -71,9 +79,8 @@ def draw_map(axes: Axes, marked: MarkedMap, *, colour_reference: MarkedMap | Non
         The given axes.
     """
     scale = _absolute_power_colour_scale(marked if colour_reference is None else colour_reference)
-    return _draw_marked_map(
-        axes, marked, marked.power, scale, name="Range-Doppler map", circle_points=11
-    )
+    part = marked.power if end_m is None else marked.power.sel(range=slice(None, end_m))
+    return _draw_marked_map(axes, marked, part, scale, name="Range-Doppler map", circle_points=11)
 
 
 def draw_map_over_noise(axes: Axes, marked: MarkedMap, *, highest_db: float) -> Axes:
