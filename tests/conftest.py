@@ -33,5 +33,4 @@ def reference() -> dc.Scenario:
 @pytest.fixture(scope="session")
 def clean(reference) -> xr.DataArray:
     """The reference echo without noise."""
-    with pytest.warns(dc.PhysicsWarning, match="echo arrives"):
-        return dc.simulate(reference.scene, reference.radar, impairments=())
+    return dc.simulate(reference.scene, reference.radar, impairments=())
