@@ -30,7 +30,7 @@ from dechirp.recordings.readers.dca1000 import _scan_packet_headers
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.samples.layouts import SampleCode, TwoLanes
-from dechirp.recordings.settings.read import find_settings_file
+from dechirp.recordings.settings.read import find_settings_file, read_settings
 from dechirp.recordings.streams.byte_sources import open_concatenated_files
 from dechirp.recordings.streams.packets import (
     assemble_packet_payloads,
@@ -540,11 +540,46 @@ def test_missing_receiver_count_gives_warning(tmp_path):
         tmp_path / "x.bin",
         encode_two_lanes(draw_codes()),
         radar=radar_without_array,
-        device="xwr1642",
+        device=None,
     )
 
     assert recording.sizes["frame"] == 4 * N_FRAMES  # one receiver is assumed
     assert ("warning", "radar.array.rx") in list_levels(recording)
+
+
+@pytest.mark.parametrize("in_file", [False, True])
+def test_board_without_array_uses_all_receivers_of_board(tmp_path, in_file):
+    radar = Radar(frame=RADAR.frame)
+    if in_file:
+        (tmp_path / "radar.yaml").write_text(dump_yaml(radar, omitted_settings=["array"]))
+    codes = draw_codes()
+
+    recording = open_capture(
+        tmp_path / "x.bin",
+        encode_two_lanes(codes),
+        radar=tmp_path / "radar.yaml" if in_file else radar,
+        device="xwr1642",
+        iq="iq",
+    )
+
+    assert recording.radar.array == known_device("xwr1642").select_antennas(1, 0b1111)
+    assert np.array_equal(recording.cube.values, scale_samples(codes))
+    assert ("note", "radar.array") in list_levels(recording)
+
+
+def test_settings_without_array_use_as_many_transmitters_of_board_as_take_turns(tmp_path):
+    chirp = RADAR.frame.chirp
+    frame = Frame(chirp=chirp, n_chirps=4, interval_s=50e-6, multiplexing=Tdm(order=(1, 0)))
+    board = known_device("xwr6843aop")
+    radar = Radar(frame=frame, array=board.select_antennas(0b11, 0b1111))
+    (tmp_path / "radar.yaml").write_text(dump_yaml(radar, omitted_settings=["array"]))
+
+    settings = read_settings(tmp_path / "radar.yaml", board)
+
+    assert settings.radar == replace(radar, calibration=board.sign_calibration(0b11, 0b1111))
+    # A file with an array keeps it.
+    (tmp_path / "radar.yaml").write_text(dump_yaml(radar))
+    assert read_settings(tmp_path / "radar.yaml", known_device("xwr1843")).radar == radar
 
 
 def test_12_bit_codes_are_full_scale_with_and_without_sign_extension(tmp_path):

@@ -71,6 +71,16 @@ def test_cfg_masks_select_antenna_positions(tmp_path):
     assert settings.findings == ()
 
 
+def test_cfg_of_board_with_inverted_receivers_is_calibrated(tmp_path):
+    board = device("xwr6843aop")
+
+    settings = read_settings_text(tmp_path, CFG.replace("xWR18xx", "xWR68xx_AOP"))
+
+    assert settings.device == "xwr6843aop"
+    assert settings.radar.array == board.select_antennas(0b101, 0b1111)
+    assert settings.radar.element_corrections.real.tolist() == [1, -1, 1, -1] * 2
+
+
 def test_cfg_accepts_back_off_and_phase_codes(tmp_path):
     # 20 dB and 354.4 degrees of each, a byte each: 1315860 and 16579836.
     cfg = CFG.replace("profileCfg 0 77 10 6 60 0 0", "profileCfg 0 77 10 6 60 1315860 16579836")

@@ -58,6 +58,66 @@ def test_second_transmitter_is_centred_half_a_wavelength_above_others(name, desi
     assert row_positions(board, design_hz) == pytest.approx([0, 1, 0])
 
 
+# `antGeometry0`, `antGeometry1` and `antPhaseRot` of TI's settings for people tracking: columns
+# to the left, rows up and signs of TX1 RX1..4, TX2 RX1..4, TX3 RX1..4.
+@pytest.mark.parametrize(
+    ("name", "spacing_m", "left", "up", "signs"),
+    [
+        (
+            "xwr6843aop",
+            2.5e-3,
+            "-1 -1 0 0 -3 -3 -2 -2 -1 -1 0 0",
+            "-1 0 -1 0 -3 -2 -3 -2 -3 -2 -3 -2",
+            "1 -1 1 -1 1 -1 1 -1 1 -1 1 -1",
+        ),
+        (
+            "xwr6843ods",
+            2.426e-3,
+            "0 0 -1 -1 -2 -2 -3 -3 -2 -2 -3 -3",
+            "0 -1 -1 0 0 -1 -1 0 -2 -3 -3 -2",
+            "1 -1 -1 1 1 -1 -1 1 1 -1 -1 1",
+        ),
+        (
+            "xwr6843",
+            SPEED_OF_LIGHT / 2 / 62e9,
+            "0 -1 -2 -3 -2 -3 -4 -5 -4 -5 -6 -7",
+            "-1 -1 -1 -1 0 0 0 0 -1 -1 -1 -1",
+            "1 1 1 1 1 1 1 1 1 1 1 1",
+        ),
+    ],
+)
+def test_virtual_array_equals_geometry_commands(name, spacing_m, left, up, signs):
+    board = device(name)
+    positions = board.select_antennas(0b111, 0b1111).virtual_positions_m / spacing_m
+    left, up, signs = (np.array(text.split(), float) for text in (left, up, signs))
+
+    assert np.ptp(positions[:, 1] - left) == pytest.approx(0, abs=1e-9)
+    assert np.ptp(positions[:, 2] - up) == pytest.approx(0, abs=1e-9)
+    calibration = board.sign_calibration(0b111, 0b1111)
+    factors = np.ones(12) if calibration is None else calibration.element_corrections()
+    assert np.array_equal(factors, signs)
+
+
+def test_1843aop_has_four_columns_and_three_rows():
+    board = device("AWR1843AOP").select_antennas(0b111, 0b1111)
+
+    assert column_positions(board, 78.5e9) == pytest.approx(np.tile([3, 2, 1, 0], (3, 1)))
+    assert row_positions(board, 78.5e9) == pytest.approx([0, -1, -2])
+
+
+def test_2243_has_antennas_of_1243():
+    assert device("AWR2243").select_antennas(7, 15) == device("AWR1243").select_antennas(7, 15)
+
+
+def test_sign_calibration_has_selected_receivers():
+    board = device("xwr6843aop")
+
+    assert board.sign_calibration(0b101, 0b0110).element_corrections().real.tolist() == [
+        -1, 1, -1, 1,
+    ]  # fmt: skip
+    assert board.sign_calibration(0b1, 0b0101) is None
+
+
 def test_cascade_has_86_azimuth_positions_and_seven_elevation_spacings():
     # Design guide JAJU737A: 86 azimuth positions of 9 transmitters, elevation like 7 antennas.
     board = device("cascade").select_antennas(0xFFF, 0xFFFF)
@@ -123,6 +183,16 @@ def test_rejects_empty_and_out_of_range_masks(tx_mask, rx_mask):
         ("AWR1243", "xwr1443"),
         ("xwr68xx", "xwr6843"),
         ("IWR6843ISK", "xwr6843"),
+        ("IWR6443", "xwr6843"),
+        ("IWR6843AOP", "xwr6843aop"),
+        ("IWR6843AOPEVM-G", "xwr6843aop"),
+        ("xWR68xx_AOP", "xwr6843aop"),
+        ("IWR6843ISK-ODS", "xwr6843ods"),
+        ("IWR6843ODS", "xwr6843ods"),
+        ("AWR1843AOPEVM", "xwr1843aop"),
+        ("xWR18xx_AOP", "xwr1843aop"),
+        ("AWR2243BOOST", "xwr2243"),
+        ("xWR22xx", "xwr2243"),
         ("xwr294x", "xwr2944"),
         ("AWR2944", "xwr2944"),
         ("MMWCAS-RF-EVM", "cascade"),
@@ -134,8 +204,8 @@ def test_finds_device_by_any_alias(alias, kind):
     assert type(device(alias)) is Device.members()[kind]
 
 
-# The first three have the chip with other antennas, the fourth is another chip.
-@pytest.mark.parametrize("name", ["IWR6843AOP", "xwr68xx_AOP", "IWR6843ODS", "xWRL6432", "", "x"])
+# Boards that do not exist, and another chip.
+@pytest.mark.parametrize("name", ["AWR1642AOP", "IWR1843ODS", "AWR2944AOP", "xWRL6432", "", "x"])
 def test_rejects_unknown_device_and_lists_known_ones(name):
     with pytest.raises(InvalidSetting, match=r"one of bgt60tr13c, cascade, xwr1443"):
         device(name)
@@ -204,6 +274,12 @@ TYPICAL_RADARS = {
     ),
     "xwr1642": make_radar("xwr1642", tx=0b11, n_samples=240),
     "xwr1843": make_radar("xwr1843", tx=0b101),
+    "xwr1843aop": make_radar("xwr1843aop", tx=0b111),
+    "xwr2243": make_radar(
+        "xwr2243", tx=0b101, slope_hz_per_s=250e12, ramp_duration_s=15e-6, n_samples=32
+    ),
+    "xwr6843aop": make_radar("xwr6843aop", tx=0b111, **SIXTY_GHZ_SETTINGS),
+    "xwr6843ods": make_radar("xwr6843ods", tx=0b111, **SIXTY_GHZ_SETTINGS),
     "xwr6843": make_radar("xwr6843", tx=0b111, **SIXTY_GHZ_SETTINGS),
     "xwr2944": make_radar("xwr2944", tx=0b1111, sampling="real", sample_rate_hz=10e6),
     "cascade": make_radar("cascade", tx=0xFFF, rx=0xFFFF, **CASCADE_SETTINGS),
@@ -445,7 +521,8 @@ def test_synthesiser_steps_match_data_sheets():
     assert sixty_ghz_limits.max_slope_hz_per_s == pytest.approx(250e12, rel=1e-3)
 
 
-LVDS_LANES = {"xwr1443": 4, "xwr1642": 2, "xwr1843": 2, "xwr6843": 2, "xwr2944": 2}
+LVDS_LANES = {"xwr1443": 4, "xwr1642": 2, "xwr1843": 2, "xwr6843": 2, "xwr2944": 2, "xwr2243": 4}
+LVDS_LANES |= {"xwr1843aop": 2, "xwr6843aop": 2, "xwr6843ods": 2}
 
 
 @pytest.mark.parametrize("name", Device.members())

@@ -16,6 +16,7 @@ from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding, findings_display_table
 from dechirp.core.memory import check_free_memory
 from dechirp.core.values import frozen_dataclass
+from dechirp.radar.array import Array
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.cube import label_cube
 from dechirp.radar.devices.base import Device
@@ -328,11 +329,12 @@ def combine_radar_and_layout_settings(
     layout_settings = None if layout_file is None else read_settings(Path(layout_file), device)
     if radar is None:
         return layout_settings
-    radar_settings = (
-        RecordingSettings(radar=radar).completed_from_device(device)
-        if isinstance(radar, Radar)
-        else read_settings(Path(radar), device)
-    )
+    if isinstance(radar, Radar):
+        radar_settings = RecordingSettings(radar=radar).completed_from_device(device)
+        if device is not None and radar.array == Array():
+            radar_settings = radar_settings.with_board_array(device)
+    else:
+        radar_settings = read_settings(Path(radar), device)
     return (
         radar_settings
         if layout_settings is None

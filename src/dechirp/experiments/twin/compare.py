@@ -152,7 +152,8 @@ def _noise_floor_per_receiver(recorded: FrameMap) -> np.ndarray:
     """Estimate the mean noise power in a cell of the map of each receiver alone, (n_rx,)."""
     levels = []
     for place, rx_m in enumerate(recorded.radar.array.rx_m):
-        radar = replace(recorded.radar, array=replace(recorded.radar.array, rx_m=(rx_m,)))
+        array = replace(recorded.radar.array, rx_m=(rx_m,))
+        radar = replace(recorded.radar, array=array, calibration=None)
         receiver_map = FrameMap(
             samples=recorded.samples.isel(rx=[place]), radar=radar, chain=recorded.chain
         )

@@ -7,6 +7,7 @@ from dechirp.core.checks import Vector, check_integer
 from dechirp.core.families import Family
 from dechirp.core.findings import Finding
 from dechirp.radar.array import Array
+from dechirp.radar.calibration import Calibration
 from dechirp.radar.devices.limits import DeviceLimits
 from dechirp.radar.devices.rules import find_broken_rules
 from dechirp.radar.radar import Radar
@@ -41,6 +42,11 @@ class Device(Family):
     def lvds_lanes(self) -> int | None:
         """Number of LVDS lanes for raw samples; None for devices with another interface."""
         return None
+
+    @property
+    def rx_signs(self) -> tuple[int, ...]:
+        """Sign of the samples of each receiver; -1 where its antenna is fed from the other side."""
+        return (1,) * len(self.rx_m)
 
     def find_broken_rules(self, radar: Radar, *, demo: bool = True) -> tuple[Finding, ...]:
         """Return the rules of the device that a radar breaks, each with its reason.
@@ -77,6 +83,20 @@ class Device(Family):
         return Array(
             tx_m=_select_positions_by_bit_mask(f"{self.name} tx_mask", tx_mask, self.tx_m),
             rx_m=_select_positions_by_bit_mask(f"{self.name} rx_mask", rx_mask, self.rx_m),
+        )
+
+    def sign_calibration(self, tx_mask: int, rx_mask: int) -> Calibration | None:
+        """Return the calibration that corrects the signs of the receivers; None if all are +1.
+
+        Simulated samples have no such signs.
+        """
+        n_tx = tx_mask.bit_count()
+        signs = [sign for bit, sign in enumerate(self.rx_signs) if rx_mask >> bit & 1]
+        if len(set(signs)) < 2:
+            return None
+        return Calibration(
+            elements=tuple((tx, rx) for tx in range(n_tx) for rx in range(len(signs))),
+            gain=tuple((float(sign), 0.0) for sign in signs) * n_tx,
         )
 
 

@@ -200,7 +200,7 @@ class Xwr6843(Device):
 
     Antennas (`antGeometry0` and `antGeometry1` of TI's settings for the board): receivers
     half a wavelength apart, TX1 and TX3 two wavelengths apart, TX2 between them, raised by
-    half a wavelength. ODS and AOP boards have others. Bands, slopes of 250 MHz/us and
+    half a wavelength. Bands, slopes of 250 MHz/us and
     rates: `rl_sensor.h` of SDK 3.5; steps of frequency and slope count in twos. Beat
     frequencies to 10 MHz: data sheet. Memory of 768 kB: `mmwave_sdk_xwr68xx.mak`. Chirps of
     each transmitter in a multiple of 4, and a Doppler transform of at least 16:
@@ -228,6 +228,65 @@ class Xwr6843(Device):
         frequency_step_hz=2 * FREQUENCY_STEP_60_HZ,
         slope_step_hz_per_s=2 * SLOPE_STEP_60_HZ_PER_S,
     )
+
+
+# `gAntennaSpacing` of TI's object detection for the two boards: 2.5 and 2.426 mm.
+_AOP_HZ = SPEED_OF_LIGHT / 2 / 2.5e-3
+_ODS_HZ = SPEED_OF_LIGHT / 2 / 2.426e-3
+
+
+@frozen_dataclass
+class Xwr6843aop(Device):
+    """IWR6843AOPEVM and AWR6843AOPEVM: the chip of the IWR6843ISK, with antennas in the package.
+
+    Antennas (`antenna_geometry.c` of TI's object detection; `antGeometry0` and `antGeometry1` of
+    TI's settings agree): receivers in a square of half a wavelength, RX4 above RX3 and RX2
+    above RX1, which lie right of them; TX1 and TX3 one wavelength below each other, TX2 right
+    of TX3 by one wavelength. The feeds of RX2 and RX4 come from the other side, so their
+    samples are inverted (`antPhaseRot`, and `compRangeBiasAndRxChanPhase` of TI's
+    visualizer). Limits as for the IWR6843ISK.
+    """
+
+    name = "xWR6843AOP"
+    tx_m = half_wavelength_grid_positions_m((0, 2, 0), (0, -2, -2), design_hz=_AOP_HZ)
+    rx_m = half_wavelength_grid_positions_m((1, 1, 0, 0), (-1, 0, -1, 0), design_hz=_AOP_HZ)
+    rx_signs = (1, -1, 1, -1)
+    lvds_lanes = 2
+    limits = Xwr6843.limits
+
+
+@frozen_dataclass
+class Xwr6843ods(Device):
+    """IWR6843ISK-ODS: the chip of the IWR6843ISK, with antennas for wide elevations.
+
+    Antennas (sources of the AOP board): receivers in a square of half a wavelength, in the
+    order left above, left below, right below, right above; TX2 right of TX1 and TX3 below TX2
+    by one wavelength. Samples of RX2 and RX3 are inverted. Limits as for the IWR6843ISK.
+    """
+
+    name = "xWR6843ISK-ODS"
+    tx_m = half_wavelength_grid_positions_m((0, 2, 2), (0, 0, -2), design_hz=_ODS_HZ)
+    rx_m = half_wavelength_grid_positions_m((0, 0, 1, 1), (0, -1, -1, 0), design_hz=_ODS_HZ)
+    rx_signs = (1, -1, -1, 1)
+    lvds_lanes = 2
+    limits = Xwr6843.limits
+
+
+@frozen_dataclass
+class Xwr1843aop(Device):
+    """AWR1843AOPEVM: the chip of the xWR1843BOOST, with antennas in the package.
+
+    Antennas (`antenna_geometry.c` of TI's object detection): receivers half a wavelength apart,
+    RX4 on the left; transmitters below each other, half a wavelength apart. TI's visualizer
+    corrects no sign. The frequency of the half wavelength is not confirmed. Limits as for the
+    xWR1843BOOST.
+    """
+
+    name = "AWR1843AOP"
+    tx_m = half_wavelength_grid_positions_m((0, 0, 0), (0, -1, -2), design_hz=DESIGN_77_HZ)
+    rx_m = half_wavelength_grid_positions_m((3, 2, 1, 0), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
+    lvds_lanes = 2
+    limits = Xwr1843.limits
 
 
 _CASCADE_HZ = 76.8e9
@@ -263,3 +322,18 @@ class Cascade(Device):
         frequency_step_hz=FREQUENCY_STEP_77_HZ,
         slope_step_hz_per_s=SLOPE_STEP_77_HZ_PER_S,
     )
+
+
+@frozen_dataclass
+class Xwr2243(Device):
+    """AWR2243BOOST: 76 to 81 GHz, 3 transmitters, 4 receivers.
+
+    Antennas of the AWR1243BOOST (both boards have one user guide). Limits as for the chips of
+    the cascade; samples over LVDS on four lanes, as from the AWR1243, and no demo on the chip.
+    """
+
+    name = "AWR2243BOOST"
+    tx_m = Xwr1443.tx_m
+    rx_m = Xwr1443.rx_m
+    lvds_lanes = 4
+    limits = replace(Cascade.limits, adc_buffer_bytes=16 * 1024)

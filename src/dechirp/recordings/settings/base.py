@@ -60,6 +60,28 @@ class RecordingSettings:
             device=self.device or device.kind(),
         )
 
+    def with_board_array(self, device: Device) -> "RecordingSettings":
+        """Return the settings with all receivers of a board, and its first transmitters.
+
+        The radar keeps its number of transmitters.
+        """
+        n_tx, n_rx = len(self.radar.array.tx_m), len(device.rx_m)
+        masks = 2**n_tx - 1, 2**n_rx - 1
+        radar = replace(
+            self.radar,
+            array=device.select_antennas(*masks),
+            calibration=self.radar.calibration or device.sign_calibration(*masks),
+        )
+        note = Finding(
+            level="note",
+            setting="radar.array",
+            value=f"missing, assumed: the {n_rx} receivers of {device.name}, and its"
+            f" transmitter{'s 1 to ' + str(n_tx) if n_tx > 1 else ' 1'}",
+            expected="the antennas that were in use",
+            fix="no action needed if all were; else give radar.array",
+        )
+        return replace(self, radar=radar, receivers=tuple(range(n_rx))).with_findings(note)
+
     def chip_receiver_indices(self, n_rx: int) -> tuple[int, ...]:
         """Return the receivers of the chip in the array; the first ones if unknown."""
         receivers = self.receivers

@@ -122,11 +122,12 @@ def ti_frame_to_recording_settings(
     multiplexing: Multiplexing | None = Tdm(order=tx_indices) if len(order) > 1 else None
     if ti_frame.bpm:
         multiplexing = Bpm(order=tx_indices)
+    tx_mask = sum(1 << transmitter for transmitter in order)
     array, findings = device_or_assumed_array(
-        ti_frame.chirp,
-        tx_mask=sum(1 << transmitter for transmitter in order),
-        rx_mask=ti_frame.rx_mask,
-        device=known_device,
+        ti_frame.chirp, tx_mask=tx_mask, rx_mask=ti_frame.rx_mask, device=known_device
+    )
+    calibration = (
+        None if known_device is None else known_device.sign_calibration(tx_mask, ti_frame.rx_mask)
     )
     is_merged = n_chirps == len(order) == 1 and ti_frame.n_frames > 0
     if is_merged:
@@ -143,7 +144,7 @@ def ti_frame_to_recording_settings(
             multiplexing=multiplexing,
         )
     return RecordingSettings(
-        radar=Radar(frame=frame, array=array),
+        radar=Radar(frame=frame, array=array, calibration=calibration),
         iq=iq if ti_frame.chirp.sampling == "complex" else None,
         n_frames=1 if is_merged else ti_frame.n_frames or None,
         has_merged_frames=is_merged,
