@@ -34,6 +34,7 @@ from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
+from dechirp.recordings.recognise import recognise_formats
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.base import RecordingSettings
 
@@ -532,6 +533,96 @@ def test_text_columns_of_i_and_q_are_complex_samples(tmp_path):
     cube = decode_frames(read_contents(tmp_path / "cube.txt", "text-columns", radar, **options))
 
     assert np.array_equal(cube[:, :, 0] * 32768, samples.reshape(2, 4, 8))
+
+
+def savetxt_old(file, samples, **_):
+    """Write as NumPy before version 1.14, with +- before negative imaginary parts."""
+    rows = [" ".join(f"({z.real:.18e}+{z.imag:.18e}j)" for z in row) for row in samples]
+    file.write_text("\n".join(rows) + "\n")
+
+
+def savetxt_cpp(file, samples, **_):
+    rows = [",".join(f"({z.real!r},{z.imag!r})" for z in row) for row in samples.tolist()]
+    file.write_text("\n".join(rows) + "\n")
+
+
+def savetxt_matlab(file, samples, **_):
+    rows = [",".join(f"{z.real!r}{z.imag:+}i" for z in row) for row in samples.tolist()]
+    file.write_text("\n".join(rows) + "\n")
+
+
+COMPLEX_TEXTS = {
+    "default": (np.savetxt, {}),
+    "comma": (np.savetxt, {"delimiter": ","}),
+    "comma and blank": (np.savetxt, {"delimiter": ", "}),
+    "semicolon": (np.savetxt, {"delimiter": ";"}),
+    "tab": (np.savetxt, {"delimiter": "\t"}),
+    "one format": (np.savetxt, {"fmt": "%.17g"}),
+    "signed": (np.savetxt, {"fmt": "\t".join(["%.17g%+.17gj"] * 8)}),
+    "spaced": (np.savetxt, {"fmt": ";".join(["%.17g + %.17gi"] * 8)}),
+    "header and footer": (np.savetxt, {"header": "radar\nsamples 8", "footer": "end 1"}),
+    "windows": (np.savetxt, {"newline": "\r\n"}),
+    "+-": (savetxt_old, {}),
+    "C++": (savetxt_cpp, {}),
+    "MATLAB": (savetxt_matlab, {}),
+}
+
+
+@pytest.mark.parametrize("suffix", [".txt", ".csv.gz"])
+@pytest.mark.parametrize("form", COMPLEX_TEXTS)
+def test_complex_text_gives_every_sample(tmp_path, form, suffix):
+    save, options = COMPLEX_TEXTS[form]
+    rng = np.random.default_rng(31)
+    samples = 10.0 ** rng.uniform(-9, -1, (12, 8)) * np.exp(2j * np.pi * rng.random((12, 8)))
+    samples[3, 4], samples[5, 0] = -1e-300j, 0.25
+    if form == "spaced":  # %+ is the only form for negative parts there
+        samples.imag = abs(samples.imag)
+    file = tmp_path / f"cube{suffix}"
+    save(tmp_path / "cube.txt", samples, **options)
+    if suffix == ".csv.gz":
+        # More frames than one: gzip is read on from the frame before, and from the start again.
+        file.write_bytes(gzip.compress((tmp_path / "cube.txt").read_bytes()))
+
+    assert recognise_formats(file) == ("text-columns",)
+    options = {"axes": ("frame", "chirp", "sample"), "encoding": "full-scale"}
+    contents = read_contents(file, "text-columns", make_radar(n_rx=1), **options)
+
+    cube = decode_frames(contents)[:, :, 0].reshape(12, 8)
+    assert np.array_equal(cube, samples.astype(np.complex64))
+    again = np.empty((4, 1, 8), np.complex64)
+    contents.decode(1, again)
+    assert np.array_equal(again[:, 0], cube[4:8])
+
+
+@pytest.mark.parametrize("n_bytes", [3, 9, 20, 200, -9, -1])
+def test_truncated_compressed_text_is_refused(tmp_path, n_bytes):
+    file = tmp_path / "cube.txt.gz"
+    np.savetxt(file, draw_samples(400, 8) / 4096)
+    file.write_bytes(file.read_bytes()[:n_bytes])
+
+    with pytest.raises(RecordingError):
+        decode_frames(
+            read_contents(
+                file, "text-columns", make_radar(n_rx=1), axes=("frame", "chirp", "sample")
+            )
+        )
+
+
+def test_complex_text_with_a_word_names_its_line(tmp_path):
+    np.savetxt(tmp_path / "cube.txt", draw_samples(8, 8) / 4096)
+    text = (tmp_path / "cube.txt").read_text().replace("e-01j", "e-01k", 1)
+    (tmp_path / "cube.txt").write_text("(1+1j) " * 7 + "(1-1j)\n" + text)
+
+    with pytest.raises(RecordingError, match="something else than numbers"):
+        decode_frames(
+            read_contents(
+                tmp_path / "cube.txt",
+                "text-columns",
+                make_radar(n_rx=1),
+                axes=("frame", "chirp", "sample"),
+                encoding="full-scale",
+            )
+        )
 
 
 def test_truncated_text_drops_last_frame_with_warning(tmp_path):
