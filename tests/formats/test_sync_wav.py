@@ -114,6 +114,26 @@ def test_chirps_start_at_rising_sync_edges(tmp_path):
     assert np.allclose(delayed_frames.reshape(20, 90), expected, atol=1e-4)
 
 
+@pytest.mark.parametrize(
+    "beat",
+    ["tone", "silence", "noise"],
+)
+def test_sync_is_found_in_either_channel(tmp_path, beat):
+    channels = -simulate_channels(40)
+    if beat == "silence":
+        channels[0] = 0.0
+    elif beat == "noise":
+        channels[0] = np.random.default_rng(3).normal(0, 0.2, channels.shape[1]).clip(-1, 1)
+    expected = decode_file(write_wav(tmp_path / "beat_first.wav", channels))
+
+    contents, frames = decode_file(write_wav(tmp_path / "sync_first.wav", channels[::-1]))
+
+    assert np.array_equal(frames, expected[1])
+    (note,) = set(contents.findings) - set(expected[0].findings)
+    assert "the sync is in channel 1" in note.value
+    assert list_warnings(contents) == []
+
+
 def test_every_sample_width_gives_equal_signal(tmp_path):
     channels = simulate_channels()
     reference = decode_file(

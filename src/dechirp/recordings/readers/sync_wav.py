@@ -1,8 +1,9 @@
 """Stereo WAV radars ("coffee can"): the beat signal, and the sync of the ramps.
 
-Channel 1 is the beat signal, channel 2 a square wave that is high during each up-ramp. Sound
-cards invert both, which is undone (`encoding` inverted, the default); `upright` takes them
-unchanged. A chirp begins at a rising edge of the sync.
+Channel 1 is the beat signal, channel 2 a square wave that is high during each up-ramp; or the
+reverse, since the two levels of a square wave identify it. Sound cards invert both, which is undone
+(`encoding` inverted, the default); `upright` takes them unchanged. A chirp begins at a rising edge
+of the sync.
 
 The sync of a triangular radar is high for half of the time, so the opposite polarity selects the
 down-ramps. Their beat frequencies are as good, but the range-Doppler coupling and the velocities
@@ -11,6 +12,7 @@ of moving targets have the opposite sign.
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -30,6 +32,8 @@ from dechirp.recordings.streams.riff import Wav, is_wav_header, parse_wav_header
 
 _BLOCK = 2**18
 _MAX_LEVEL_SAMPLES = 2**20
+_N_LEVEL_BLOCKS, _LEVEL_BLOCK = 64, 2**12
+_MAX_SQUARE_WAVE_MIDDLE = 0.2
 _BEAT, _SYNC = 0, 1
 
 
@@ -47,12 +51,27 @@ class SyncWav(Format):
         if not path.is_file():
             return MatchQuality.NO
         with path.open("rb") as file:
-            return MatchQuality.CONTAINER if is_wav_header(file.read(12)) else MatchQuality.NO
+            if not is_wav_header(file.read(12)):
+                return MatchQuality.NO
+        try:
+            n_channels = parse_wav_header(path).n_channels
+        except RecordingError:  # `read` reports the damage
+            n_channels = 2
+        # One channel is a beat signal without a sync, see `ContinuousWav`.
+        return MatchQuality.POSSIBLE if n_channels == 1 else MatchQuality.CONTAINER
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         sign = 1 if hints.encoding == "upright" else -1
         recording = parse_wav_header(path)
         settings = find_recording_settings(path, hints)
+        if recording.n_channels == 2 and settings.radar.frame.chirp.sampling == "complex":
+            raise RecordingError(
+                path,
+                value="2 channels, and complex samples in the settings",
+                expected="real samples and their sync; or I and Q, without a sync",
+                fix="set radar.frame.chirp.sampling: real, or give --format continuous-wav for I"
+                " and Q",
+            )
         check_single_receiver_and_sampling(path, settings.radar, "real")
         chirp = settings.radar.frame.chirp
         rate_hz = recording.sample_rate_hz
@@ -64,6 +83,7 @@ class SyncWav(Format):
                 f" {chirp.sample_rate_hz:.6g} Hz, the radar.frame.chirp.sample_rate",
                 fix="correct the settings, or record both channels",
             )
+        recording = _put_sync_last(recording)
         delay = round(chirp.adc_start_s * rate_hz)
         ramps = _find_ramps_by_sync(recording, sign, delay + chirp.n_samples)
         radar, n_frames, frame_findings = divide_chirps_into_frames(
@@ -124,7 +144,7 @@ def _find_ramps_by_sync(recording: Wav, polarity_sign: int, min_samples: int) ->
     low, high = _estimate_sync_levels(recording, polarity_sign)
     middle, half = (low + high) / 2, (high - low) / 4
     if not half > 0:
-        raise _no_ramps_error(recording, min_samples, f"a sync (channel 2) that stays at {low:.3g}")
+        raise _no_ramps_error(recording, min_samples, f"a sync that stays at {low:.3g}")
     long_starts, n_short, n_high_samples = [], 0, 0
     for starts, lengths in _iter_sync_high_intervals(
         recording, polarity_sign, middle - half, middle + half, min_samples
@@ -139,10 +159,42 @@ def _find_ramps_by_sync(recording: Wav, polarity_sign: int, min_samples: int) ->
         raise _no_ramps_error(
             recording,
             min_samples,
-            f"a sync (channel 2) that is high {n_pulses} times, for"
+            f"a sync that is high {n_pulses} times, for"
             f" {n_high_samples / max(n_pulses, 1):.6g} samples on average",
         )
     return _assign_ramp_numbers_by_spacing(starts, n_short, recording.sample_rate_hz)
+
+
+def _put_sync_last(recording: Wav) -> Wav:
+    """Return the recording with its sync in the second channel, and a note if it was the first.
+
+    Of a square wave, edges and noise alone lie between a quarter and three quarters of its span;
+    of a sine a third does, of noise nearly all. With neither, the second channel is taken.
+    """
+    starts = np.linspace(0, recording.n_samples, _N_LEVEL_BLOCKS, endpoint=False).astype(int)
+    n_samples = min(_LEVEL_BLOCK, recording.n_samples // _N_LEVEL_BLOCKS + 1)
+    blocks = [
+        recording.read_samples(start, min(n_samples, recording.n_samples - start))
+        for start in starts.tolist()
+    ]
+    with np.errstate(invalid="ignore"):  # signalling NaN
+        levels = np.nan_to_num(np.concatenate(blocks).astype(float), posinf=0.0, neginf=0.0)
+    low, high = np.quantile(levels, [0.001, 0.999], axis=0)
+    from_middle = abs(levels - (low + high) / 2)
+    first, second = np.where(
+        high > low, np.mean(from_middle < (high - low) / 4, axis=0), 1.0
+    ).tolist()
+    if not first < min(_MAX_SQUARE_WAVE_MIDDLE, second / 2):
+        return recording
+    note = Finding(
+        level="note",
+        setting="recording",
+        value=f"the sync is in channel 1, a square wave: {first:.1%} of its samples lie between its"
+        f" levels, of channel 2 {second:.1%}",
+        expected="a beat signal in channel 1 and its sync in channel 2, or the reverse",
+        fix="no action needed",
+    )
+    return replace(recording, has_reversed_channels=True, findings=(*recording.findings, note))
 
 
 def _estimate_sync_levels(recording: Wav, polarity_sign: int) -> tuple[float, float]:
@@ -236,7 +288,7 @@ def _no_ramps_error(recording: Wav, min_samples: int, value: str) -> RecordingEr
         expected=f"a sync that is high for at least {min_samples} samples in most ramps"
         " (radar.frame.chirp.n_samples and adc_start)",
         fix="give fewer samples or the other encoding (inverted or upright), or record the sync"
-        " of the ramps in channel 2",
+        " of the ramps in one channel; without a sync, give --format continuous-wav",
     )
 
 

@@ -33,6 +33,7 @@ from dechirp.recordings.samples.continuous import (
     chirp_interval_findings,
     divide_chirps_into_frames,
 )
+from dechirp.recordings.samples.iq_files import iq_file_names, other_iq_file
 from dechirp.recordings.samples.iq_order import negative_beat_frequency_findings
 from dechirp.recordings.settings.base import Iq, RecordingSettings
 from dechirp.recordings.settings.read import list_settings_files
@@ -55,7 +56,6 @@ _SAMPLE_RATE_HZ = 200e3
 
 # A code has at most four digits: a longer number, or one with a fraction, is a time.
 _TIME = re.compile(rb"(?:^|[\s,;])((?:\d{5,}(?:[.,]\d*)?|\d*\.\d*)(?:[eE][+-]?\d+)?)[\s,;]*$")
-_HALF_NAME = re.compile(r"(?<![A-Za-z0-9])([IQiq])(?![A-Za-z0-9])")
 
 
 @frozen_dataclass
@@ -81,7 +81,7 @@ class Urad(Format):
         lines = lines[:-1] if len(lines) > 1 else lines
         counts = {_count_codes_or_none(line) for line in lines}
         n_numbers = counts.pop() if len(counts) == 1 else None
-        if not n_numbers or (n_numbers % 2 and _other_half_or_none(path) is None):
+        if not n_numbers or (n_numbers % 2 and other_iq_file(path) is None):
             return MatchQuality.NO
         if n_numbers not in _NUMBERS_PER_LINE and 2 * n_numbers not in _NUMBERS_PER_LINE:
             return MatchQuality.POSSIBLE
@@ -147,16 +147,16 @@ def _find_files_of_recording(path: Path, lines: _LineIndex) -> tuple[_LineIndex,
     RecordingError
         If the file is one half of a pair without the other, or the halves do not belong together.
     """
-    names = _half_names(path.name)
+    names = iq_file_names(path.name)
     others = [path.with_name(name) for name in names.values() if name != path.name]
     # An `I` may have another meaning: half a measurement has fewer numbers.
-    is_half = others and (_other_half_or_none(path) or lines.n_numbers <= 2 * _MAX_SAMPLES)
+    is_half = others and (other_iq_file(path) or lines.n_numbers <= 2 * _MAX_SAMPLES)
     if not is_half:
         if lines.n_numbers % 2:
             raise _malformed_line_error(path, lines.first_line, f"{lines.n_numbers} numbers")
         return (lines,)
     (other,) = others
-    if _other_half_or_none(path) is None:
+    if other_iq_file(path) is None:
         raise RecordingError(
             path,
             value=f"one half of an I/Q pair: {other.name} is missing, the other part of the"
@@ -189,36 +189,6 @@ def _describe_pair_mismatch(i_lines: _LineIndex, q_lines: _LineIndex) -> str:
     if None not in times_s and abs((times_s[0] or 0.0) - (times_s[1] or 0.0)) > 1.0:
         return f"times {times_s[0]:.3f} and {times_s[1]:.3f} s of the first lines"
     return ""
-
-
-def _half_names(name: str) -> dict[str, str]:
-    """Return the names of the I and of the Q file of a pair; empty for other names."""
-    stem, dot, _ = name.rpartition(".")
-    letters = list(_HALF_NAME.finditer(stem if dot else name))
-    if not letters:
-        return {}
-    letter = letters[0]
-
-    def name_with(replacement: str) -> str:
-        if letter[1].isupper():
-            replacement = replacement.upper()
-        return f"{name[: letter.start()]}{replacement}{name[letter.end() :]}"
-
-    return {"i": name_with("i"), "q": name_with("q")}
-
-
-def _other_half_or_none(path: Path) -> Path | None:
-    """Return the other file of an I/Q pair; None if there is none."""
-    others = (path.with_name(name) for name in _half_names(path.name).values())
-    folder = path.resolve().parent
-    return next(
-        (
-            other
-            for other in others
-            if other != path and other.is_file() and other.resolve().parent == folder
-        ),
-        None,
-    )
 
 
 def _given_or_assumed_settings(

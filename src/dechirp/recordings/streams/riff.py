@@ -33,6 +33,8 @@ class Wav:
     is_float: bool
     bytes_per_sample: int
     """Bytes of one sample of one channel."""
+    has_reversed_channels: bool = False
+    """Whether to return the channels in reverse order."""
     findings: tuple[Finding, ...] = ()
 
     def read_samples(self, first: int, n: int) -> np.ndarray:
@@ -46,7 +48,8 @@ class Wav:
                 expected="a file that does not change while it is read",
                 fix="open it again after the writing program has finished",
             )
-        return self._decode_samples(raw.reshape(n, self.n_channels, self.bytes_per_sample))
+        samples = self._decode_samples(raw.reshape(n, self.n_channels, self.bytes_per_sample))
+        return samples[:, ::-1] if self.has_reversed_channels else samples
 
     def _decode_samples(self, raw: np.ndarray) -> np.ndarray:
         """Convert bytes (n, channel, byte) to samples (n, channel)."""
