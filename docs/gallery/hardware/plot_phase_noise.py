@@ -42,6 +42,6 @@ axes.plot(power.range, 10 * np.log10(skirt / power.max()).where(is_far), label="
 axes.set(ylim=(-75, 3), xlabel="Range (m)", ylabel="Power relative to the carrier (dB)")
 axes.set_title("A target at 90 m, oscillator of -95 dBc/Hz at 1 MHz")
 axes.legend()
-side = slice(40, 80)
-ratio = power.sel(range=side).mean() / skirt.sel(range=side).mean()
-print(f"from 40 to 80 m the skirt has {ratio.item():.2f} times the predicted power")
+for side in (slice(2, 10), slice(40, 80)):
+    ratio = power.sel(range=side).mean() / skirt.sel(range=side).mean()
+    print(f"{side.start} to {side.stop} m: {ratio.item():.2f} times the predicted power")

@@ -13,14 +13,20 @@ f_mid = S tau_mid, and Q the multiplication of a spectrum by exp(i pi f^2 / S),
 a frequency f_n of the error and f of an echo yield exp(-2 pi i f_n f / S), the error one delay
 later. The Doppler frequency counts as the delay f_D / S, as in range-Doppler coupling.
 
-A frequency f_n of the error needs the echo f_n / S away in time. Echoes are therefore summed over
-more samples than are kept: on each side as many as fs / 2 needs plus 10, at most an eighth of the
-window. Against a sum echo by echo, the result errs by 1e-5 of the power of the phase noise at the
-ends of the window and 1e-6 inside it if echoes fill 60 % of the sample rate, and by 1e-3 and 3e-5
-if they fill 85 %.
+The receiver passes a band as wide as the sample rate: complex samples beats from 0 to it, real ones
+from minus to plus half of it. An error that moves power from one end of this band to the other has
+the frequency of the sample rate, so errors are made at twice that rate, and what they move out of
+the band is left out before the samples are taken; otherwise it would alias into it.
 
-If an eighth of the window does not suffice (fs^2 / S above a quarter of the samples: slow ramps,
-fast sampling), this accuracy holds for error frequencies below S times an eighth of the window,
+A frequency f_n of the error needs the echo f_n / S away in time. Echoes are therefore summed over
+more samples than are kept: on each side as many as fs needs plus 10, at most a quarter of the
+window. Against a sum echo by echo of all lines that are passed, the result errs by 1e-3 of the
+power of the phase noise at the ends of the window and 1e-4 inside it, by 5e-3 and 5e-4 if echoes
+fill 90 % of the sample rate; by 3e-5 and 1e-5 for one echo. Nearly all of this is in the cells at
+the two ends of the band.
+
+If a quarter of the window does not suffice (fs^2 / S above a quarter of the samples: slow ramps,
+fast sampling), this accuracy holds for error frequencies below S times a quarter of the window,
 and for the first echo. Faster errors keep their power towards the ends of the window, but cancel
 there less than the delay implies.
 
@@ -34,7 +40,7 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from scipy.fft import fft, ifft, next_fast_len
+from scipy.fft import fft, fftfreq, ifft, next_fast_len
 
 from dechirp.core.findings import Finding
 from dechirp.core.threads import run_in_threads
@@ -42,11 +48,18 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.radar.radar import Radar
 from dechirp.simulation.echo_groups import EchoGroup, SampleWindow
 
+PHASE_OVERSAMPLING = 2
+"""Points of the phase error for each sample: an error that moves power from one end of the band to
+the other has the frequency of the sample rate."""
+
 # Samples of the chirps processed together, 1 MB: smaller blocks spend longer in Python than in
 # loops.
 _BLOCK_SAMPLES = 2**17
 # Samples beyond those that the fastest error needs, for the crossfade of echoes into a copy.
 _CROSSFADE_SAMPLES = 10
+# Samples of the crossfade from the end of the phase error to its beginning: of an echo 18 bins from
+# an end of the band it spreads -65 dB over that end with 12 samples, -91 dB with 32.
+_PHASE_CROSSFADE_SAMPLES = 32
 
 
 def slow_ramp_finding(radar: Radar) -> Finding | None:
@@ -55,7 +68,7 @@ def slow_ramp_finding(radar: Radar) -> Finding | None:
     needed_samples = chirp.sample_rate_hz**2 / abs(chirp.slope_hz_per_s)
     if needed_samples <= chirp.n_samples / 4:
         return None
-    max_error_hz = abs(chirp.slope_hz_per_s) * (chirp.n_samples // 8) / chirp.sample_rate_hz
+    max_error_hz = abs(chirp.slope_hz_per_s) * (chirp.n_samples // 4) / chirp.sample_rate_hz
     return Finding(
         level="warning",
         setting="impairments",
@@ -73,8 +86,8 @@ class DelaySpread(NamedTuple):
     """Delay of the first echo."""
     mid_delay: float
     """Delay near the middle of all delays."""
-    half_spread: int
-    """Largest difference of a delay from `mid_delay`."""
+    last_delay: float
+    """Delay of the last echo."""
     n_before: int
     """Extra samples of the echoes needed before the kept ones."""
     n_after: int
@@ -82,6 +95,8 @@ class DelaySpread(NamedTuple):
     n_kept: int
     n_fft: int
     """Length of the transforms: samples of the echoes, and padding that joins their ends."""
+    first_passed_bin: int
+    """Lowest of the `n_fft` successive bins that the receiver passes, from the middle echo."""
 
     @property
     def n_echo_samples(self) -> int:
@@ -94,11 +109,6 @@ class DelaySpread(NamedTuple):
         return self.n_fft - self.n_echo_samples
 
     @property
-    def n_phase_margin_samples(self) -> int:
-        """Return the padding points on each side at which the phase error is needed."""
-        return self.n_padding_samples - self.half_spread
-
-    @property
     def n_crossfade_samples(self) -> int:
         """Return the length of the crossfade from echoes to their copy, at each end."""
         return min(_CROSSFADE_SAMPLES, self.n_before)
@@ -109,18 +119,22 @@ class DelaySpread(NamedTuple):
         return max((self.n_echo_samples - self.n_padding_samples) // 2, self.n_crossfade_samples)
 
     @property
-    def first_kept_in_phase_window(self) -> int:
-        """Return the index of the first kept sample in the phase window."""
-        return self.n_phase_margin_samples + round(self.mid_delay) + self.n_before
+    def n_early_phases(self) -> int:
+        """Return the number of phase errors needed before the first sample of the echoes."""
+        return PHASE_OVERSAMPLING * (math.ceil(self.last_delay) + 1)
+
+    @property
+    def n_faded_phases(self) -> int:
+        """Return the number of phase errors in which their end fades into their beginning."""
+        return PHASE_OVERSAMPLING * self.n_padding_samples - self.n_early_phases
 
     def phase_sample_window(self, echo_window: SampleWindow) -> SampleWindow:
         """Return the times at which the phase error is needed, for the echoes of `echo_window`."""
-        n_times = max(
-            self.n_echo_samples + 2 * self.n_phase_margin_samples,
-            self.first_kept_in_phase_window + self.n_kept,
+        window = echo_window._replace(
+            rate_hz=PHASE_OVERSAMPLING * echo_window.rate_hz,
+            n_times=PHASE_OVERSAMPLING * echo_window.n_times,
         )
-        early = self.first_kept_in_phase_window - self.n_before
-        return echo_window.widen(early, n_times - early - echo_window.n_times)
+        return window.widen(self.n_early_phases + self.n_faded_phases, self.n_faded_phases)
 
 
 def find_delay_spread(
@@ -136,7 +150,7 @@ def find_delay_spread(
 
     Parameters
     ----------
-    added_s
+    added_delay_bounds_s
         Bounds of the delays of signals that are added without scatterers.
     """
     rate_hz, slope = window.rate_hz, abs(radar.frame.chirp.slope_hz_per_s)
@@ -148,20 +162,43 @@ def find_delay_spread(
     earliest_s = min(latest_s, *(early for early, _ in bounds_s))
     latest_s = min(latest_s, earliest_s + rate_hz / slope)
     earliest, half_delay = earliest_s * rate_hz, (latest_s - earliest_s) / 2 * rate_hz
-    # Distance between an error at half the sample rate and the echo that it needs.
-    echo_distance = rate_hz**2 / (2 * slope)
-    max_margin = max(window.n_times // 8, 1)
+    # Distance between an error at the sample rate and the echo that it needs.
+    echo_distance = rate_hz**2 / slope
+    max_margin = max(window.n_times // 4, 1)
     margin = math.ceil(min(echo_distance + _CROSSFADE_SAMPLES, max_margin))
     # A jump where the ends are joined has frequencies that need echoes beyond the margin.
-    n_taper = math.ceil(min(8 * echo_distance / margin + 8, max_margin + 8))
+    n_taper = math.ceil(min(8 * echo_distance / margin, max_margin) + _PHASE_CROSSFADE_SAMPLES)
     n_wide = window.n_times + 2 * margin
+    n_around = next_fast_len(n_wide + math.ceil(latest_s * rate_hz) + 1 + n_taper)
     # The first echo, often the strongest with the least residual noise, lies on a bin: it wraps
-    # round without a jump, and has the margin that the fastest error needs.
-    spread = math.ceil(half_delay + min(half_delay, echo_distance / n_wide)) + 1
-    n_around = next_fast_len(n_wide + 2 * spread + n_taper)
-    bin_apart = 2 * echo_distance / n_around
+    # round without a jump.
+    bin_apart = echo_distance / n_around
     middle = earliest + round(half_delay / bin_apart) * bin_apart
-    return DelaySpread(earliest, middle, spread, margin, margin, window.n_times, n_around)
+    lowest_hz = _lowest_passed_frequency_hz(
+        slope * earliest_s, slope * latest_s, _max_doppler_hz(reflecting, radar), radar
+    )
+    first_passed_bin = math.ceil((lowest_hz / rate_hz - middle / echo_distance) * n_around)
+    return DelaySpread(
+        earliest, middle, latest_s * rate_hz, margin, margin, window.n_times, n_around,
+        min(max(first_passed_bin, -n_around), 0),
+    )  # fmt: skip
+
+
+def _lowest_passed_frequency_hz(
+    first_beat_hz: float, last_beat_hz: float, max_doppler_hz: float, radar: Radar
+) -> float:
+    """Return the lower end of the band, as wide as the sample rate, that the receiver passes.
+
+    Complex samples: from 0, where half a bin below it belongs to the first range cell; real ones:
+    half the sample rate on either side of 0. Echoes at the ends of the band, or beyond, move it so
+    that each keeps the slow errors of its own frequency.
+    """
+    chirp = radar.frame.chirp
+    bin_hz = chirp.sample_rate_hz / chirp.n_samples
+    own_hz = max_doppler_hz + bin_hz
+    lowest_hz = -bin_hz / 2 if chirp.sampling == "complex" else -chirp.sample_rate_hz / 2
+    lowest_hz = min(lowest_hz, first_beat_hz - own_hz)
+    return max(lowest_hz, last_beat_hz + own_hz - chirp.sample_rate_hz)
 
 
 def apply_phase_error(
@@ -184,7 +221,7 @@ def apply_phase_error(
     out = np.empty((*echo.shape[:2], delays.n_kept), echo.dtype)
     chirp = radar.frame.chirp
     deskew = _make_deskew_filter(delays, chirp.slope_hz_per_s, chirp.sample_rate_hz, echo.dtype)
-    block_length = max(1, _BLOCK_SAMPLES // (echo.shape[1] * len(deskew.echo_response)))
+    block_length = max(1, _BLOCK_SAMPLES // (echo.shape[1] * len(deskew.response)))
     rows = [slice(row, row + block_length) for row in range(0, len(echo), block_length)]
 
     def process_rows(block: slice) -> None:
@@ -212,6 +249,18 @@ def _delay_bounds_s(group: EchoGroup, window: SampleWindow) -> tuple[float, floa
     return max(nearest_m.min(), 0.0) / SPEED_OF_LIGHT, farthest_m.max() / SPEED_OF_LIGHT
 
 
+def _max_doppler_hz(groups: Sequence[EchoGroup], radar: Radar) -> float:
+    """Return a bound of the Doppler frequencies of all echoes, of either sign."""
+    chirp = radar.frame.chirp
+    speeds_m_per_s = [
+        np.linalg.norm(group.scatterers.path_m[1], axis=1).max()
+        for group in groups
+        if len(group.scatterers.path_m) > 1
+    ]
+    highest_hz = chirp.start_frequency_hz + chirp.ramp_bandwidth_hz
+    return 2 * highest_hz * float(max(speeds_m_per_s, default=0.0)) / SPEED_OF_LIGHT
+
+
 def _nearest_and_farthest_antenna_distances_m(
     positions_m: np.ndarray, antennas_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -225,31 +274,30 @@ def _nearest_and_farthest_antenna_distances_m(
 
 
 class _DeskewFilter(NamedTuple):
-    """Deskew filter, the same for all chirps."""
+    """Deskew filter, the same for all chirps, with the frequencies in the order of a transform."""
 
+    response: np.ndarray
+    """(n_fine,): Q, at the rate of the phase error."""
     error_response: np.ndarray
-    """(n_fine,): Q in the order of a transform, with the fractional part of the middle delay.
-    Finer in time than the samples, since the error widens the band of the echoes, which must not
-    alias before their delays are removed."""
-    echo_response: np.ndarray
-    """(n_fine,): Q."""
+    """(n_fine,): Q, and the middle delay."""
     downmixer: np.ndarray
     """(n_echo_samples,): shift to the middle of the band of the echoes."""
     copy_phasor: complex
     """Phase of the copy of the echoes with which the first echo continues without a jump."""
+    echo_crossfade: np.ndarray
+    """(n_crossfade,): weights of the copy of the echoes after their end, rising."""
+    phase_crossfade: np.ndarray
+    """(n,): weights of the beginning of the phase error after its end, rising."""
 
 
 def _make_deskew_filter(
     delays: DelaySpread, slope_hz_per_s: float, rate_hz: float, dtype: np.dtype[np.complexfloating]
 ) -> _DeskewFilter:
-    n = delays.n_fft
+    n_fine = PHASE_OVERSAMPLING * delays.n_fft
     slope = slope_hz_per_s / rate_hz**2  # cycles for each sample squared
-    n_fine = min(next_fast_len(n + math.ceil(2 * n * abs(slope) * delays.half_spread)), 2 * n)
-    frequency = ((np.arange(n_fine) + n_fine // 2) % n_fine - n_fine // 2) / n
+    frequency = fftfreq(n_fine, 1 / PHASE_OVERSAMPLING)
     q = frequency**2 / (2 * slope)
-    fractional_delay = frequency * (delays.mid_delay - round(delays.mid_delay))
-    # The inverse transform divides by n_fine.
-    error_response = _cycles_to_phasors(q - fractional_delay) * (n_fine / n)
+    error_response = _cycles_to_phasors(q - frequency * delays.mid_delay)
     downmixer = _cycles_to_phasors(-slope * delays.mid_delay * np.arange(delays.n_echo_samples))
     copy_phasor = _cycles_to_phasors(
         slope
@@ -257,10 +305,12 @@ def _make_deskew_filter(
         * (delays.n_echo_samples - delays.first_sample_of_periodic_copy)
     )
     return _DeskewFilter(
-        error_response.astype(dtype),
         _cycles_to_phasors(q).astype(dtype),
+        error_response.astype(dtype),
         downmixer.astype(dtype),
         complex(copy_phasor),
+        _rising_taper(delays.n_crossfade_samples, 4.0).astype(downmixer.astype(dtype).real.dtype),
+        _rising_taper(delays.n_faded_phases, 8.0),
     )
 
 
@@ -272,31 +322,23 @@ def _apply_phase_error_to_chirps(
     echo: np.ndarray, phase_rad: np.ndarray, delays: DelaySpread, deskew: _DeskewFilter
 ) -> np.ndarray:
     kept_samples = slice(delays.n_before, delays.n_before + delays.n_kept)
-    error = _conjugate_phasors(phase_rad, echo.dtype)
-    product = _filter_and_upsample(
-        _extend_echoes_periodically(echo * deskew.downmixer, delays, deskew.copy_phasor),
-        deskew.echo_response,
-    )
-    product *= _filter_and_upsample(
-        _delay_and_extend_error_periodically(error, delays), deskew.error_response
-    )[:, None]
+    phasors = _phasors(_extend_phase_periodically(phase_rad, delays, deskew), echo.dtype)
+    error = fft(phasors.conj(), overwrite_x=True)
+    error *= deskew.error_response
+    echo_spectrum = fft(_extend_echoes_periodically(echo, delays, deskew), overwrite_x=True)
+    product = _filter_and_upsample(echo_spectrum, deskew.response)
+    product *= ifft(error, overwrite_x=True)[:, None]
     product = fft(product, overwrite_x=True)
-    product *= deskew.echo_response.conj()
-    delayed = ifft(_alias_spectrum_to_bins(product, delays.n_fft), overwrite_x=True)[
-        ..., kept_samples
-    ]
-    undelayed = (
-        error[
-            :, delays.first_kept_in_phase_window : delays.first_kept_in_phase_window + delays.n_kept
-        ]
-        * deskew.downmixer[kept_samples]
-    )
-    return delayed * undelayed.conj()[:, None]
+    product *= deskew.response.conj()
+    product = ifft(product, overwrite_x=True)
+    product *= phasors[:, None]
+    passed = _select_passed_bins(fft(product, overwrite_x=True), echo_spectrum, delays)
+    return ifft(passed, overwrite_x=True)[..., kept_samples] * deskew.downmixer[kept_samples].conj()
 
 
-def _conjugate_phasors(phase_rad: np.ndarray, dtype: np.dtype[np.complexfloating]) -> np.ndarray:
-    """Return exp(-i phase), with whole cycles removed in double precision."""
-    cycles = phase_rad / (-2 * np.pi)
+def _phasors(phase_rad: np.ndarray, dtype: np.dtype[np.complexfloating]) -> np.ndarray:
+    """Return exp(i phase), with whole cycles removed in double precision."""
+    cycles = phase_rad / (2 * np.pi)
     cycles -= np.rint(cycles)
     phasors = np.empty(phase_rad.shape, dtype)
     within_rad = (2 * np.pi * cycles).astype(phasors.real.dtype)
@@ -306,9 +348,9 @@ def _conjugate_phasors(phase_rad: np.ndarray, dtype: np.dtype[np.complexfloating
 
 
 def _extend_echoes_periodically(
-    echo: np.ndarray, delays: DelaySpread, copy_phasor: complex
+    echo: np.ndarray, delays: DelaySpread, deskew: _DeskewFilter
 ) -> np.ndarray:
-    """Join the end of the echoes to their beginning by a crossfade through a copy of their middle.
+    """Mix echoes down, and join their end to their beginning through a copy of their middle.
 
     The copy has the same frequencies and therefore the same delays. There is no jump that would
     ring,
@@ -316,41 +358,36 @@ def _extend_echoes_periodically(
     """
     n, n_crossfade = delays.n_echo_samples, delays.n_crossfade_samples
     extended = np.empty((*echo.shape[:-1], delays.n_fft), echo.dtype)
-    extended[..., :n] = echo
+    np.multiply(echo, deskew.downmixer, out=extended[..., :n])
     indices = (
         delays.first_sample_of_periodic_copy
         - n_crossfade
         + np.arange(delays.n_padding_samples + 2 * n_crossfade)
     )
-    copy = echo[..., indices % n] * echo.dtype.type(copy_phasor)
+    copy = extended[..., indices % n] * echo.dtype.type(deskew.copy_phasor)
     extended[..., n:] = copy[..., n_crossfade:-n_crossfade]
-    rising = _rising_taper(n_crossfade, 4.0).astype(echo.real.dtype)
-    extended[..., n - n_crossfade : n] += rising * (
-        copy[..., :n_crossfade] - echo[..., n - n_crossfade :]
-    )
-    extended[..., :n_crossfade] += rising[::-1] * (
-        copy[..., -n_crossfade:] - echo[..., :n_crossfade]
-    )
+    end, beginning = extended[..., n - n_crossfade : n], extended[..., :n_crossfade]
+    end += deskew.echo_crossfade * (copy[..., :n_crossfade] - end)
+    beginning += deskew.echo_crossfade[::-1] * (copy[..., -n_crossfade:] - beginning)
     return extended
 
 
-def _delay_and_extend_error_periodically(
-    error_phasors: np.ndarray, delays: DelaySpread
+def _extend_phase_periodically(
+    phase_rad: np.ndarray, delays: DelaySpread, deskew: _DeskewFilter
 ) -> np.ndarray:
-    """Return the error one middle delay ago, its end faded into its beginning."""
-    n_wide, n_margin, half_spread = (
-        delays.n_echo_samples,
-        delays.n_phase_margin_samples,
-        delays.half_spread,
-    )
-    extended = np.zeros((len(error_phasors), delays.n_fft), error_phasors.dtype)
-    extended[:, : n_wide + n_margin] = error_phasors[:, n_margin : 2 * n_margin + n_wide]
-    # Delays extend half the spread beyond either end.
-    beginning = np.zeros(delays.n_padding_samples, error_phasors.real.dtype)
-    beginning[half_spread:n_margin] = _rising_taper(n_margin - half_spread, 8.0)
-    beginning[n_margin:] = 1
-    extended[:, n_wide:] *= 1 - beginning
-    extended[:, n_wide + half_spread :] += beginning[half_spread:] * error_phasors[:, :n_margin]
+    """Return the phase error at all points of a transform, its end faded into its beginning.
+
+    The phase is faded and not its phasor: errors now and one delay ago cancel there as well.
+    """
+    n_early, n_faded = delays.n_early_phases, delays.n_faded_phases
+    first = PHASE_OVERSAMPLING * delays.n_echo_samples
+    extended = np.empty((len(phase_rad), PHASE_OVERSAMPLING * delays.n_fft))
+    extended[:, : first + n_faded] = phase_rad[:, n_early + n_faded :]
+    extended[:, first + n_faded :] = phase_rad[:, n_faded : n_faded + n_early]
+    end = extended[:, first : first + n_faded]
+    step_rad = phase_rad[:, :n_faded] - end
+    step_rad -= 2 * np.pi * np.rint(step_rad[:, n_faded // 2, None] / (2 * np.pi))
+    end += deskew.phase_crossfade * step_rad
     return extended
 
 
@@ -360,24 +397,31 @@ def _rising_taper(n: int, kaiser_shape: float) -> np.ndarray:
     return rising[:-1] / rising[-1]
 
 
-def _filter_and_upsample(signal: np.ndarray, filter_response: np.ndarray) -> np.ndarray:
-    """Filter signals by Q, and sample them more finely."""
-    n, n_fine = signal.shape[-1], len(filter_response)
-    spectrum = fft(signal, overwrite_x=True)
-    fine = np.zeros((*signal.shape[:-1], n_fine), signal.dtype)
+def _filter_and_upsample(spectrum: np.ndarray, filter_response: np.ndarray) -> np.ndarray:
+    """Filter the spectrum of echoes by Q; return its samples at the rate of the phase error."""
+    n, n_fine = spectrum.shape[-1], len(filter_response)
+    fine = np.empty((*spectrum.shape[:-1], n_fine), spectrum.dtype)
     above, below = n - n // 2, n // 2
     np.multiply(spectrum[..., :above], filter_response[:above], out=fine[..., :above])
+    fine[..., above : n_fine - below] = 0
     np.multiply(
         spectrum[..., above:], filter_response[n_fine - below :], out=fine[..., n_fine - below :]
     )
     return ifft(fine, overwrite_x=True)
 
 
-def _alias_spectrum_to_bins(fine_spectrum: np.ndarray, n_bins: int) -> np.ndarray:
-    """Alias a spectrum onto the n bins of the sample rate."""
-    n_fine = fine_spectrum.shape[-1]
-    above, below = n_fine - n_fine // 2, n_fine // 2
-    spectrum = np.zeros((*fine_spectrum.shape[:-1], n_bins), fine_spectrum.dtype)
-    spectrum[..., :above] = fine_spectrum[..., :above]
-    spectrum[..., n_bins - below :] += fine_spectrum[..., above:]
-    return spectrum
+def _select_passed_bins(
+    fine_spectrum: np.ndarray, echo_spectrum: np.ndarray, delays: DelaySpread
+) -> np.ndarray:
+    """Return the bins of a spectrum that the receiver passes, in the order of a transform.
+
+    Echoes alias onto them from all other bins, as they were sampled: jumps where their ends are
+    joined have all frequencies.
+    """
+    n, n_above = delays.n_fft, delays.n_fft + delays.first_passed_bin
+    passed = np.empty_like(echo_spectrum)
+    passed[..., :n_above] = fine_spectrum[..., :n_above]
+    passed[..., n_above:] = fine_spectrum[..., n + n_above :]
+    first, last = sorted((n - n // 2, n_above))
+    passed[..., first:last] += echo_spectrum[..., first:last]
+    return passed

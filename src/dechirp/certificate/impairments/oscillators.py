@@ -16,6 +16,7 @@ from dechirp.certificate.impairments.reference_radar import (
     equal_power_stationary_scene,
     fit_phase_polynomial,
     impairment_radar,
+    mean_power_w,
     round_trip_delay_s,
     sample_times_s,
     simulate_samples,
@@ -33,7 +34,9 @@ from dechirp.simulation.impairments.sweep_nonlinearity import (
 _RANGE_M = 40.0
 _MASK_HZ = (1e5, 1e6, 3e6)
 _MASK_DB = (-90.0, -96.0, -110.0)
-_BANDS_HZ = ((4e5, 1.2e6), (1.4e6, 2.8e6), (3.2e6, 4.6e6))
+# Far from the middle of the band: its skirt reaches beyond half the sample rate.
+_NOISY_RANGE_M = 65.0
+_BANDS_HZ = ((-8.4e6, -5.2e6), (-4.6e6, -3.2e6), (-2.8e6, -1.4e6), (-1.2e6, -4e5), (4e5, 1.2e6))
 
 
 def _phase_noise_mask_per_hz(offset_hz: np.ndarray) -> np.ndarray:
@@ -42,28 +45,23 @@ def _phase_noise_mask_per_hz(offset_hz: np.ndarray) -> np.ndarray:
 
 
 def _measure_phase_noise_density(rng: np.random.Generator) -> Sequence[MeasuredPair]:
-    """Measure the noise density beside the carrier in each band, relative to it, in 1 Hz."""
-    radar = impairment_radar(256)
+    """Measure the noise density in bands of the beat spectrum, relative to the echo, in 1 Hz."""
+    radar, scene = impairment_radar(256), equal_power_stationary_scene(_NOISY_RANGE_M)
     noise = PhaseNoise(
         offset_hz=_MASK_HZ, level_per_hz=tuple(float(from_decibels(level)) for level in _MASK_DB)
     )
-    echo = simulate_samples(equal_power_stationary_scene(_RANGE_M), radar=radar)[0, :, 0]
-    relative_noise = (
-        simulate_samples(equal_power_stationary_scene(_RANGE_M), noise, radar=radar, rng=rng)[
-            0, :, 0
-        ]
-        / echo
-        - 1
-    )
+    echo = simulate_samples(scene, radar=radar)[0, :, 0]
+    noisy_echo = simulate_samples(scene, noise, radar=radar, rng=rng)[0, :, 0]
     weights = np.hanning(N_SAMPLES + 1)[:-1]
-    density = np.mean(abs(np.fft.fft(relative_noise * weights)) ** 2, axis=0)
-    density /= RATE_HZ * np.sum(weights**2)
-    offset_hz = abs(np.fft.fftfreq(N_SAMPLES, 1 / RATE_HZ))
+    density = np.mean(abs(np.fft.fft((noisy_echo - echo) * weights)) ** 2, axis=0)
+    density /= RATE_HZ * np.sum(weights**2) * mean_power_w(echo)
+    offset_hz = np.arange(N_SAMPLES) * RATE_HZ / N_SAMPLES - beat_frequency_hz(_NOISY_RANGE_M)
     results = []
     for low_hz, high_hz in _BANDS_HZ:
         band = (offset_hz >= low_hz) & (offset_hz < high_hz)
-        residual_factor = 4 * np.sin(np.pi * offset_hz[band] * round_trip_delay_s(_RANGE_M)) ** 2
-        formula = np.mean(_phase_noise_mask_per_hz(offset_hz[band]) * residual_factor)
+        delay_s = round_trip_delay_s(_NOISY_RANGE_M)
+        residual_factor = 4 * np.sin(np.pi * offset_hz[band] * delay_s) ** 2
+        formula = np.mean(_phase_noise_mask_per_hz(abs(offset_hz[band])) * residual_factor)
         results.append((float(to_decibels(density[band].mean())), float(to_decibels(formula))))
     return results
 
@@ -146,8 +144,10 @@ MEASUREMENTS = (
         claim="The phase-noise density beside an echo is the oscillator mask times 4 sin²(π f τ).",
         quantities=tuple(
             Quantity(
-                name=f"density in 1 Hz, {low / 1e6:.1f} to {high / 1e6:.1f} MHz from an echo at"
-                " 40 m" + (", noise floor of the mask" if low > _MASK_HZ[-1] else ""),
+                name=f"density in 1 Hz, {min(abs(low), abs(high)) / 1e6:.1f} to"
+                f" {max(abs(low), abs(high)) / 1e6:.1f} MHz {'below' if low < 0 else 'above'} an"
+                f" echo at {_NOISY_RANGE_M:.0f} m"
+                + (", beyond half the sample rate" if low < -RATE_HZ / 2 else ""),
                 unit="dB",
                 tolerance=0.25,
             )

@@ -35,8 +35,9 @@ class PhaseNoise(Oscillator):
 
     .. math:: 4 \sin^2(\pi f \tau) L(f).
 
-    Frames are independent. The process is sampled with the echoes: from 0 to half the sample rate,
-    with chirps beginning at the sample nearest to their start.
+    Frames are independent. The process has offsets from 0 to the sample rate, so that the skirt of
+    an echo at one end of the band of beats extends to the other; what the receiver does not pass is
+    left out (`phase_error.py`). Chirps begin at the half sample nearest to their start.
 
     References
     ----------
@@ -74,13 +75,13 @@ class PhaseNoise(Oscillator):
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Warn about a mask beyond the sampled offsets, or one that destroys the echo."""
-        nyquist_hz = radar.frame.chirp.sample_rate_hz / 2
-        if self.offset_hz[0] >= nyquist_hz:
+        highest_hz = radar.frame.chirp.sample_rate_hz
+        if self.offset_hz[0] >= highest_hz:
             self._issue_setting_warning(
                 "offset",
                 value=f"from {self.offset_hz[0]:.4g} Hz on",
-                expected=f"an offset below {nyquist_hz:.4g} Hz, half the sample rate; the level of"
-                " the first offset is used for all",
+                expected=f"an offset below {highest_hz:.4g} Hz, the sample rate; the level of the"
+                " first offset is used for all",
                 fix="add nearer offsets, or check their unit",
             )
         if not scene.targets:
@@ -88,7 +89,7 @@ class PhaseNoise(Oscillator):
         ranges_m = np.linalg.norm(
             scene.scatterer_positions_m([radar.frame.mid_frame_s])[0], axis=-1
         )
-        residual_rad = self.residual_rms_rad(2 * float(ranges_m.max()) / SPEED_OF_LIGHT, nyquist_hz)
+        residual_rad = self.residual_rms_rad(2 * float(ranges_m.max()) / SPEED_OF_LIGHT, highest_hz)
         if residual_rad > 1:
             self._issue_setting_warning(
                 "level",
@@ -131,10 +132,11 @@ class PhaseNoise(Oscillator):
         )
         # Single precision errs by 1e-7 of the phase, as white noise 140 dB below the phase noise
         # over the band.
-        normals = rng.standard_normal(n // 2 * 2, np.float32).view(np.complex64)
         spectrum = np.zeros(n // 2 + 1, np.complex64)
-        np.multiply(normals, _bin_standard_deviations(self, n, window.rate_hz), out=spectrum[1:])
-        process_rad = irfft(spectrum, n)
+        normals = spectrum[1:].view(np.float32)
+        rng.standard_normal(dtype=np.float32, out=normals)
+        spectrum[1:] *= _bin_standard_deviations(self, n, window.rate_hz)
+        process_rad = irfft(spectrum, n, overwrite_x=True)
         return sliding_window_view(process_rad, window.n_times)[firsts].astype(float)
 
     def _issue_setting_warning(self, setting: str, *, value: str, expected: str, fix: str) -> None:

@@ -98,13 +98,13 @@ class SinusoidalNonlinearity(FrequencyError):
         object.__setattr__(self, "start_phase_rad", start_rad)
 
     def check(self, scene: Scene, radar: Radar) -> None:
-        """Raise for a rate above the Nyquist frequency; warn about a large error."""
-        nyquist_hz = radar.frame.chirp.sample_rate_hz / 2
-        if self.rate_hz >= nyquist_hz:
+        """Raise for a rate above the sample rate; warn about a large error."""
+        highest_hz = radar.frame.chirp.sample_rate_hz
+        if self.rate_hz >= highest_hz:
             raise InvalidSetting(
                 "rate",
                 value=f"{self.rate_hz / 1e6:.6g} MHz",
-                expected=f"below {nyquist_hz / 1e6:.6g} MHz, half the sample rate",
+                expected=f"below {highest_hz / 1e6:.6g} MHz, the sample rate",
                 fix="lower the rate, or sample faster",
             )
         super().check(scene, radar)
