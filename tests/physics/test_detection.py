@@ -96,8 +96,7 @@ def test_resolves_targets_two_and_a_half_cells_apart(reference):
         dc.Target(position_m=(50, 0, 0), rcs_m2=10),
         dc.Target(position_m=(50 + 2.5 * cell, 0, 0), rcs_m2=10),
     ]
-    with pytest.warns(dc.PhysicsWarning):
-        cube = dc.simulate(dc.Scene(targets=targets), radar, impairments=())
+    cube = dc.simulate(dc.Scene(targets=targets), radar, impairments=())
     detections = dc.detect(add_noise(cube, -20, np.random.default_rng(24)), radar).sortby("range")
 
     # The standard error of either target alone is 7 mm at 34 dB; their sidelobes, which bias each

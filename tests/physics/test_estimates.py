@@ -176,8 +176,7 @@ def test_sidelobes_of_strong_target_do_not_bias_weak_target(reference):
         dc.Target(name="bike", position_m=(weak_m, 0, 0), rcs_m2=1),
     ]
     scene = dc.Scene(targets=targets)
-    with pytest.warns(dc.PhysicsWarning):
-        clean = dc.simulate(scene, radar, impairments=())
+    clean = dc.simulate(scene, radar, impairments=())
     cube = add_noise(clean, 10, np.random.default_rng(51))
 
     detections = dc.detect(cube, radar)
