@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -834,6 +835,26 @@ def test_list_shows_members_of_every_family_with_settings(run_cli):
     assert snr["expected"] == "a number or a ratio, such as 4 or 6 dB"
     assert "Echo power over noise power" in snr["help"]
     assert all(member["help"] for members in families.values() for member in members.values())
+
+
+def test_list_describes_every_setting(run_cli):
+    _, out, _ = run_cli("list", "--json")
+
+    undescribed = [
+        (kind, name)
+        for members in json.loads(out)["families"].values()
+        for kind, member in members.items()
+        for name, setting in member["settings"].items()
+        if not setting["help"]
+    ]
+    assert undescribed == []
+
+
+def test_list_writes_defaults_for_readers(run_cli):
+    _, out, _ = run_cli("list", "angle")
+
+    assert "(default share: 0.6667)" in out
+    assert not re.search(r"\{|\d\.\d{5}", out)
 
 
 def test_list_of_one_family_omits_others(run_cli):

@@ -10,7 +10,14 @@ import xarray as xr
 
 from dechirp.core.conventions import axis_coordinate
 from dechirp.core.findings import Finding, PhysicsWarning
-from dechirp.core.text import EN_DASH, decimals_for_std, format_probability, format_with_si_prefix
+from dechirp.core.text import (
+    EN_DASH,
+    decimals_for_column,
+    decimals_for_std,
+    format_probability,
+    format_with_si_prefix,
+    format_with_std,
+)
 from dechirp.evaluation.association import associate_detections
 from dechirp.experiments.run import run
 from dechirp.experiments.scenario import Scenario
@@ -238,6 +245,29 @@ def find_sections(page: str) -> set[str]:
 )
 def test_standard_error_is_rounded_to_two_digits(std, text):
     assert f"{std:.{decimals_for_std(std)}f}" == text
+
+
+@pytest.mark.parametrize(
+    ("stds", "digits", "decimals"),
+    [
+        ([0.0021, 0.3], 1, 3),
+        ([0.0021, 0.3], 2, 4),
+        ([3.0, np.nan], 2, 1),
+        ([2e-9], 2, 6),
+        ([np.nan, 0.0], 1, 3),
+        ([], 1, 3),
+    ],
+)
+def test_rows_of_column_share_digits_of_smallest_standard_error(stds, digits, decimals):
+    assert decimals_for_column(np.array(stds), digits=digits) == decimals
+
+
+@pytest.mark.parametrize(
+    ("std", "text"),
+    [(0.0021, "1.234 ± 0.002"), (2e-9, "1.234 ± <0.001"), (0.0, "1.234 ± 0.000")],
+)
+def test_known_standard_error_is_never_written_as_zero(std, text):
+    assert format_with_std(1.2341, std, 3).replace("\N{NO-BREAK SPACE}", " ") == text
 
 
 def test_page_loads_no_external_resources(page):

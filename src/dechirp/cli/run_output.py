@@ -9,7 +9,7 @@ from rich.table import Table
 
 from dechirp.cli.console import new_table
 from dechirp.core.detection_columns import SHOWN_COLUMNS, standard_error_column
-from dechirp.core.text import EN_DASH, decimals_for_std, format_fixed
+from dechirp.core.text import EN_DASH, decimals_for_column, format_fixed, format_with_std
 from dechirp.evaluation.association import associate_detections
 from dechirp.experiments.run import Result
 from dechirp.report import objects_section
@@ -72,21 +72,18 @@ def _detection_table_cells(result: Result, detections: xr.Dataset) -> dict[str, 
             continue
         if column.shown_unit == "deg" and not np.isfinite(values).any():
             continue
-        # Millimetres and hundredths of a degree: more digits are in detections.csv.
+        # More digits are in detections.csv.
         stds = std.to_shown_unit(detections[std.name].values)
-        decimals = [min(decimals_for_std(error), column.decimals) for error in stds.tolist()]
+        decimals = decimals_for_column(stds, digits=1)
         columns[column.heading] = [
-            f"{format_fixed(value, n)} ± {format_fixed(error, n)}"
-            if np.isfinite(value)
-            else EN_DASH
-            for value, error, n in zip(values.tolist(), stds.tolist(), decimals, strict=True)
+            format_with_std(value, error, decimals) if np.isfinite(value) else EN_DASH
+            for value, error in zip(values.tolist(), stds.tolist(), strict=True)
         ]
         if result.truth is not None and target is not None and column.name in result.truth:
             frame = detections.frame.values
             true = _true_values_of_detections(result.truth[column.name], target, frame)
             columns[f"true {column.heading}"] = [
-                format_fixed(value, n)
-                for value, n in zip(column.to_shown_unit(true).tolist(), decimals, strict=True)
+                format_fixed(value, decimals) for value in column.to_shown_unit(true).tolist()
             ]
     if result.truth is not None and target is not None:
         names = result.truth.target.values

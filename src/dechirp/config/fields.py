@@ -96,7 +96,18 @@ def list_settings(cls: type) -> dict[str, Setting]:
 
 
 def field_docstrings(cls: type[Any]) -> dict[str, str]:
-    """Return the docstring of each field of a value class on one line; empty if it has none."""
+    """Return the docstring of each field of a value class on one line; empty if it has none.
+
+    A field that a class defines again without a docstring has that of the base class.
+    """
+    docstrings: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        if is_dataclass(base):
+            docstrings |= _own_field_docstrings(base)
+    return {field.name: docstrings.get(field.name, "") for field in fields(cls)}
+
+
+def _own_field_docstrings(cls: type[Any]) -> dict[str, str]:
     body = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
     assert isinstance(body, ast.ClassDef)
     docstrings = {}
@@ -105,7 +116,7 @@ def field_docstrings(cls: type[Any]) -> dict[str, str]:
             match next_statement:
                 case ast.Expr(value=ast.Constant(value=str(text))):
                     docstrings[statement.target.id] = " ".join(text.split())
-    return {field.name: docstrings.get(field.name, "") for field in fields(cls)}
+    return docstrings
 
 
 def setting_name_of_field(cls: type, field: str) -> str:

@@ -75,6 +75,25 @@ def decimals_for_std(std: float) -> int:
     return min(max(1 - exponent, 1), 9)
 
 
+def decimals_for_column(stds: np.ndarray, *, digits: int) -> int:
+    """Return the decimals that show some digits of the smallest standard error, 1 to 6.
+
+    All rows of a column share them, as columns of one unit do; 3 where no error is known.
+    """
+    known = stds[np.isfinite(stds) & (stds > 0)]
+    if not known.size:
+        return 3
+    return min(max(decimals_for_std(float(known.min())) + digits - 2, 1), 6)
+
+
+def format_with_std(value: float, std: float, decimals: int) -> str:
+    """Write a value with its standard error; an error that rounds to zero as `<0.000001`."""
+    error = format_fixed(std, decimals)
+    if std > 0 and math.isfinite(std) and float(error) == 0:
+        error = f"<{10.0**-decimals:.{decimals}f}"
+    return f"{format_fixed(value, decimals)} ±\N{NO-BREAK SPACE}{error}"
+
+
 def ratio_db(ratio: float) -> float:
     """Convert one power ratio to dB; minus infinity for none at all."""
     return float(to_decibels(ratio)) if ratio > 0 else -math.inf

@@ -8,7 +8,15 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.detection_columns import SHOWN_COLUMNS, DetectionColumn, standard_error_column
-from dechirp.core.text import EN_DASH, decimals_for_std, format_fixed, format_probability, ratio_db
+from dechirp.core.text import (
+    EN_DASH,
+    decimals_for_column,
+    decimals_for_std,
+    format_fixed,
+    format_probability,
+    format_with_std,
+    ratio_db,
+)
 from dechirp.core.values import frozen_dataclass
 from dechirp.report.labels import axis_label
 from dechirp.report.page_context import PageContext
@@ -76,29 +84,40 @@ def build_strongest_detection_cards(context: PageContext) -> list[Card]:
 def detection_table_rows(context: PageContext, max_rows: int) -> list[dict[str, str]]:
     """Return the rows of the detection table, strongest first, at most `max_rows`."""
     truth, matched = context.result.truth, context.matched
+    shown = context.strongest.isel(detection=slice(max_rows))
+    estimates = {column.name: _format_estimates(shown, column) for column in SHOWN_COLUMNS}
+    decimals = {
+        column.name: decimals_for_column(errors.to_shown_unit(shown[errors.name].values), digits=2)
+        for column in SHOWN_COLUMNS
+        if (errors := standard_error_column(column)) is not None
+    }
     rows = []
-    for index in range(min(context.strongest.sizes["detection"], max_rows)):
+    for index in range(shown.sizes["detection"]):
         detection = context.strongest.isel(detection=index)
         row = {
             "frame": str(int(detection.frame)),
             "time": format_fixed(float(detection.time) * 1e3, 3),
-            **{column.name: _format_estimate(detection, column) for column in SHOWN_COLUMNS},
+            **{name: texts[index] for name, texts in estimates.items()},
         }
         if truth is not None and matched is not None:
             target = int(matched.target[index])
             row["target"] = str(truth.target.values[target]) if target >= 0 else EN_DASH
             row["range_error"] = _format_error_with_sigma_ratio(
-                matched.range_error_m[index], detection.range_std
+                matched.range_error_m[index], detection.range_std, decimals["range"]
             )
             row["velocity_error"] = _format_error_with_sigma_ratio(
-                matched.velocity_error_m_per_s[index], detection.velocity_std
+                matched.velocity_error_m_per_s[index],
+                detection.velocity_std,
+                decimals["velocity"],
             )
             for name, error_rad in (
                 ("azimuth", matched.azimuth_error_rad[index]),
                 ("elevation", matched.elevation_error_rad[index]),
             ):
                 std = detection[f"{name}_std"] * math.degrees(1)
-                row[f"{name}_error"] = _format_error_with_sigma_ratio(math.degrees(error_rad), std)
+                row[f"{name}_error"] = _format_error_with_sigma_ratio(
+                    math.degrees(error_rad), std, decimals[name]
+                )
         rows.append(row)
     return rows
 
@@ -189,11 +208,13 @@ def _strongest_detection_estimate_card(context: PageContext, name: str, unit: st
         }
         error = float(errors[name][0]) * scale
     std = first[f"{name}_std"] * scale
-    number, _, spread = _format_with_std(first[name] * scale, std).partition(" ")
-    unit_after = f"\N{NO-BREAK SPACE}{unit}"
+    decimals = decimals_for_std(float(std))
+    number, _, spread = format_with_std(float(first[name]) * scale, float(std), decimals).partition(
+        " "
+    )
     unit_after = f"\N{NO-BREAK SPACE}{unit}"
     small_print = (
-        f"error {_format_error_with_sigma_ratio(error, std, unit_after)}"
+        f"error {_format_error_with_sigma_ratio(error, std, decimals, unit_after)}"
         if math.isfinite(error)
         else ""
     )
@@ -219,30 +240,29 @@ def _threshold_margin_cards(context: PageContext) -> list[Card]:
     return [Card(name="over the threshold", number=margin_db, unit="dB", small_print=note)]
 
 
-def _format_with_std(estimate: xr.DataArray | np.ndarray, std: xr.DataArray | np.ndarray) -> str:
-    decimals = decimals_for_std(float(std))
-    return (
-        f"{format_fixed(float(estimate), decimals)}"
-        f" ±\N{NO-BREAK SPACE}{format_fixed(float(std), decimals)}"
-    )
-
-
-def _format_estimate(detection: xr.Dataset, column: DetectionColumn) -> str:
-    """Write a cell of the table of detections, with its standard error where there is one."""
-    estimate = column.to_shown_unit(detection[column.name].values)
+def _format_estimates(detections: xr.Dataset, column: DetectionColumn) -> list[str]:
+    """Write a column of the table of detections, with standard errors where there are some."""
+    estimates = column.to_shown_unit(detections[column.name].values).tolist()
     std = standard_error_column(column)
     if std is None:
-        return format_fixed(float(estimate), column.decimals)
-    if column.shown_unit == "deg" and not np.isfinite(estimate):
-        return EN_DASH
-    return _format_with_std(estimate, std.to_shown_unit(detection[std.name].values))
+        return [format_fixed(estimate, column.decimals) for estimate in estimates]
+    stds = std.to_shown_unit(detections[std.name].values)
+    decimals = decimals_for_column(stds, digits=2)
+    return [
+        format_with_std(estimate, error, decimals)
+        if math.isfinite(estimate) or column.shown_unit != "deg"
+        else EN_DASH
+        for estimate, error in zip(estimates, stds.tolist(), strict=True)
+    ]
 
 
-def _format_error_with_sigma_ratio(error: float, std: xr.DataArray, unit: str = "") -> str:
+def _format_error_with_sigma_ratio(
+    error: float, std: xr.DataArray, decimals: int, unit: str = ""
+) -> str:
     """Format an error and its ratio to the standard error."""
     if not math.isfinite(error):
         return EN_DASH
-    text = format_fixed(error, decimals_for_std(float(std)), sign=True) + unit
+    text = format_fixed(error, decimals, sign=True) + unit
     if not float(std) > 0:
         return text
     return f"{text} ({format_fixed(abs(error) / float(std), 1)}\N{NO-BREAK SPACE}{_SIGMA})"

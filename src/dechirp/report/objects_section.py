@@ -7,7 +7,13 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
-from dechirp.core.text import EN_DASH, decimals_for_std, format_fixed
+from dechirp.core.text import (
+    EN_DASH,
+    decimals_for_column,
+    decimals_for_std,
+    format_fixed,
+    format_with_std,
+)
 from dechirp.evaluation.association import visible_scatterer_mask
 from dechirp.report.figures import tracks as figure
 from dechirp.report.figures.style import render_svg
@@ -69,24 +75,42 @@ def track_table_rows(result: "Result", max_rows: int) -> list[dict[str, str]]:
     """Return the rows of the track table in order of their start, at most `max_rows`."""
     if result.tracks is None:
         return []
-    rows = []
     shown_tracks = result.tracks.isel(track=slice(max_rows))
-    for track, names in zip(
-        _iter_tracks(shown_tracks), target_names_per_track(result, shown_tracks), strict=True
-    ):
-        confirmed = np.flatnonzero(track.status.values == "confirmed")
-        numbers, last = track.frame.values, track.isel(frame=confirmed[-1])
-        stds = np.sqrt(np.diagonal(last.covariance.transpose("state", "other_state").values))
-        std_of = dict(zip(last.state.values.tolist(), stds.tolist(), strict=True))
-        rows.append(
-            {
-                "number": str(int(track.track)),
-                "frames": f"{numbers[confirmed[0]]} to {numbers[confirmed[-1]]}",
-                **{name: _format_with_std(float(last[name]), std_of[name]) for name in _STATE},
-                "target": ", then ".join(names) or EN_DASH,
-            }
+    numbers = shown_tracks.frame.values
+    confirmed = [
+        np.flatnonzero(track.status.values == "confirmed") for track in _iter_tracks(shown_tracks)
+    ]
+    last_states = [
+        track.isel(frame=indices[-1])
+        for track, indices in zip(_iter_tracks(shown_tracks), confirmed, strict=True)
+    ]
+    stds = np.array(
+        [
+            np.sqrt(np.diagonal(last.covariance.transpose("state", "other_state").values))
+            for last in last_states
+        ]
+    ).reshape(-1, shown_tracks.sizes["state"])
+    std_of = dict(zip(shown_tracks.state.values.tolist(), stds.T, strict=True))
+    # One digit of the standard error, for narrow columns.
+    decimals = {
+        name: decimals_for_column(np.concatenate([std_of[other] for other in pair]), digits=1)
+        for pair in (("x", "y"), ("vx", "vy"))
+        for name in pair
+    }
+    return [
+        {
+            "number": str(int(last.track)),
+            "frames": f"{numbers[indices[0]]} to {numbers[indices[-1]]}",
+            **{
+                name: format_with_std(float(last[name]), std_of[name][row], decimals[name])
+                for name in _STATE
+            },
+            "target": ", then ".join(names) or EN_DASH,
+        }
+        for row, (last, indices, names) in enumerate(
+            zip(last_states, confirmed, target_names_per_track(result, shown_tracks), strict=True)
         )
-    return rows
+    ]
 
 
 def describe_number_of_targets_with_tracks(result: "Result") -> str:
@@ -231,9 +255,3 @@ def _detections_and_true_paths(context: PageContext) -> figure.TrackBackground:
 
 def _iter_tracks(tracks: xr.Dataset) -> Iterator[xr.Dataset]:
     return (tracks.isel(track=index) for index in range(tracks.sizes["track"]))
-
-
-def _format_with_std(amount: float, std: float) -> str:
-    """Format a value with one digit of its standard error, for narrow columns."""
-    decimals = min(max(decimals_for_std(std) - 1, 1), 2)
-    return f"{format_fixed(amount, decimals)} ±\N{NO-BREAK SPACE}{format_fixed(std, decimals)}"

@@ -123,19 +123,22 @@ def _print_members(families: dict[str, Any]) -> None:
                 Padding(Text.assemble((kind, "bold"), f"{mark}  {member['help']}"), (0, 2))
             )
             for name, setting in member["settings"].items():
-                default = f"default {_format_as_inline_yaml(setting['default'])}"
+                default = f"default {_format_default_for_reader(setting['default'])}"
                 requirement = "required" if setting["required"] else default
                 line = f"{name}: {setting['expected']} ({requirement}). {setting['help']}"
                 screen.print(Padding(line, (0, 6)))
 
 
-def _format_as_inline_yaml(value: Any) -> str:
-    """Write a value on one line, as a settings file accepts it."""
+def _format_default_for_reader(value: Any) -> str:
+    """Write a default on one line: mappings as `share: 0.6667`, numbers with four digits."""
     if isinstance(value, dict):
-        entries = (f"{name}: {_format_as_inline_yaml(item)}" for name, item in value.items())
-        return f"{{{', '.join(entries)}}}"
+        return ", ".join(
+            f"{name}: {_format_default_for_reader(item)}" for name, item in value.items()
+        )
     if isinstance(value, list):
-        return f"[{', '.join(map(_format_as_inline_yaml, value))}]"
+        return f"[{', '.join(map(_format_default_for_reader, value))}]"
     if value is None:
         return "null"
+    if isinstance(value, float):
+        return f"{value:.4g}"
     return str(value).lower() if isinstance(value, bool) else str(value)

@@ -14,6 +14,7 @@ class SmoothedEstimator(SpectralEstimator):
     """Spectral estimator from the covariance of sliding windows."""
 
     smoothing: Smoothing = Smoothing()
+    """Windows that slide over the array, whose covariances are averaged."""
 
     def sliding_windows(self, aperture: Aperture) -> SlidingWindows:
         """Return the windows of an array."""

@@ -28,6 +28,7 @@ class UlaEstimator(DirectionEstimator):
     """
 
     smoothing: Smoothing = Smoothing()
+    """Windows that slide over the array, whose covariances are averaged."""
 
     @abstractmethod
     def candidate_phase_factors(self, signal_basis: np.ndarray) -> np.ndarray:

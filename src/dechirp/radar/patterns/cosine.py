@@ -34,7 +34,9 @@ class Cosine(Pattern):
     elevation_beamwidth_rad: float
     """Angle between the half-power directions above and below the beam."""
     beam_azimuth_rad: float = 0.0
+    """Azimuth to which the antenna is turned."""
     beam_elevation_rad: float = 0.0
+    """Elevation to which the antenna is turned."""
     gain: float | None = None
     """Gain along the beam as a ratio (dBi in files); none: the directivity, for a lossless
     antenna."""

@@ -57,6 +57,7 @@ class PatchArray(Pattern):
     """
 
     n_patches: int
+    """Number of patches in the line."""
     design_frequency_hz: float
     """Resonance frequency of the patches, at which the beam points to its tilt."""
     frequency_hz: float | None = None
@@ -64,6 +65,7 @@ class PatchArray(Pattern):
     relative_permittivity: float = 3.0
     """Relative permittivity of the substrate."""
     substrate_thickness_m: float = 127e-6
+    """Thickness of the dielectric between the patches and the ground plane."""
     spacing_m: float | None = None
     """Distance from patch to patch; none: one wavelength in the line."""
     taper: tuple[float, ...] | None = None
@@ -71,9 +73,9 @@ class PatchArray(Pattern):
     tilt_rad: float = 0.0
     """Upward tilt of the beam by the feed line at the design frequency."""
     beam_azimuth_rad: float = 0.0
-    """Azimuth to which the antenna as a whole is turned."""
+    """Azimuth to which the antenna is turned."""
     beam_elevation_rad: float = 0.0
-    """Elevation to which the antenna as a whole is turned."""
+    """Elevation to which the antenna is turned."""
     efficiency: float = 1.0
     """Radiated over fed power, a ratio of at most 1."""
     gain: float | None = None

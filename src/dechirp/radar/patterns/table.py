@@ -32,9 +32,9 @@ class Table(Pattern):
     gain: tuple[tuple[float, ...], ...]
     """A row for each elevation with a gain for each azimuth: absolute, as ratios (dBi in files)."""
     beam_azimuth_rad: float = 0.0
-    """Azimuth of the axis of the antenna."""
+    """Azimuth to which the antenna is turned."""
     beam_elevation_rad: float = 0.0
-    """Elevation of the axis of the antenna."""
+    """Elevation to which the antenna is turned."""
 
     def __post_init__(self) -> None:
         check_angle_table(self, "gain", at_least=MIN_GAIN, at_most=MAX_GAIN)

@@ -73,6 +73,7 @@ class Bicyclist(Body):
     speed_m_per_s: float
     """Speed of the rolling wheels; 0: at rest."""
     wheel_radius_m: float = 0.34
+    """Radius of the tyres, whose points touch the ground."""
     n_spokes: int = 16
     """Spokes of each wheel, with two scatterers on each and one on the rim."""
     development_m: float | None = 5.0

@@ -55,6 +55,7 @@ class GroundClutter(AspectBody):
     width_m: float = 40.0
     """Width along y, half of it on each side."""
     n_patches: int = 2000
+    """Number of scatterers."""
     gamma: float = 0.0277
     """Cross section per area at normal incidence, a ratio (dB in files)."""
     seed: int = 0

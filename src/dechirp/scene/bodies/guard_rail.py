@@ -42,9 +42,11 @@ class GuardRail(AspectBody):
     """
 
     length_m: float
+    """Length of the beam."""
     height_m: float = 0.6
     """Height of the middle of the beam above the ground."""
     post_spacing_m: float = 2.0
+    """Distance from post to post."""
     post_rcs_m2: float = 1.0
     """Cross section of each post (dBsm in files)."""
     wave_radius_m: float = 0.05

@@ -24,6 +24,7 @@ class Pedestrian(Body):
     """
 
     height_m: float = 1.75
+    """Standing height."""
     speed_m_per_s: float
     """Walking speed; 0: standing. At most 2.3 times the height of its hips per second (2.13 m/s
     at 1.75 m); faster people run."""

@@ -106,6 +106,7 @@ class Points(Body):
     """Individual scatterers; `PointCloud` accepts arrays of many."""
 
     scatterers: tuple[Scatterer, ...]
+    """Points of the body, with their position and cross section."""
 
     def __post_init__(self) -> None:
         fix = "give at least one Scatterer, each with its position and rcs"

@@ -24,6 +24,7 @@ class Sphere(OpticalBody):
     """
 
     radius_m: float
+    """Radius of the sphere."""
 
     def __post_init__(self) -> None:
         check_positive_fields(self, "radius_m", at_most=1e3)

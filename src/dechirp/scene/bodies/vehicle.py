@@ -94,10 +94,16 @@ class Vehicle(AspectBody):
     """
 
     length_m: float
+    """Length along the heading."""
     width_m: float
+    """Width across the heading."""
     height_m: float
+    """Height of the roof above the ground."""
     wheel_radius_m: float
+    """Radius of the tyres, whose points touch the ground."""
     speed_m_per_s: float
+    """Rolling speed of the wheels, positive forwards; 0: they do not turn. The target's velocity
+    moves the vehicle."""
 
     @property
     @abstractmethod
@@ -280,10 +286,7 @@ class Car(Vehicle):
     width_m: float = 2.0
     height_m: float = 1.6
     wheel_radius_m: float = 0.32
-    """Radius of the tyres, whose points touch the ground."""
     speed_m_per_s: float = 0.0
-    """Rolling speed of the wheels, positive forwards; 0: they do not turn. The target's velocity
-    moves the vehicle."""
 
     @property
     def axle_fractions(self) -> tuple[float, ...]:
@@ -301,10 +304,7 @@ class Van(Vehicle):
     width_m: float = 2.0
     height_m: float = 2.6
     wheel_radius_m: float = 0.34
-    """Radius of the tyres, whose points touch the ground."""
     speed_m_per_s: float = 0.0
-    """Rolling speed of the wheels, positive forwards; 0: they do not turn. The target's velocity
-    moves the vehicle."""
 
     @property
     def axle_fractions(self) -> tuple[float, ...]:
@@ -324,10 +324,7 @@ class Truck(Vehicle):
     width_m: float = 2.55
     height_m: float = 4.0
     wheel_radius_m: float = 0.52
-    """Radius of the tyres, whose points touch the ground."""
     speed_m_per_s: float = 0.0
-    """Rolling speed of the wheels, positive forwards; 0: they do not turn. The target's velocity
-    moves the vehicle."""
 
     @property
     def axle_fractions(self) -> tuple[float, ...]:

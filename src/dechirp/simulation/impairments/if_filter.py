@@ -48,9 +48,11 @@ class IfFilter(Receiver):
     high_pass_hz: float | None = 350e3
     """Corner frequency below which near echoes and leakage are attenuated; none: no high-pass."""
     high_pass_order: int = 2
+    """Order of the high-pass: 6 dB an octave for each."""
     low_pass_hz: float | None = None
     """Corner frequency above which far echoes are attenuated; none: no low-pass."""
     low_pass_order: int = 4
+    """Order of the low-pass: 6 dB an octave for each."""
 
     def __post_init__(self) -> None:
         check_integer_fields(self, "high_pass_order", "low_pass_order", at_most=8)
