@@ -1,15 +1,19 @@
 """Page sessions: edits, steps, playback and slow browsers."""
 
 import asyncio
+import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
 from dechirp.experiments.scenario import Scenario, reference
+from dechirp.processing.cfar import base as cfar_base
 from dechirp.studio import session as sessions
+from dechirp.studio.frame_player import FramePlayer, calibrate_detector
 from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.session import Session
 
@@ -26,6 +30,9 @@ class PlayerStub:
 
     def __init__(self, scenario: Scenario, limits: PageLimits) -> None:
         self.scenario = scenario
+
+    def open_source(self) -> SimpleNamespace:
+        return SimpleNamespace(radar=self.scenario.radar)
 
     def process_frame_at_step(self, step: int, cursor: object) -> SimpleNamespace:
         return SimpleNamespace(step=step, seed=self.scenario.seed)
@@ -196,3 +203,38 @@ def test_wait_notice_appears_only_for_slow_frames(run_page, monkeypatch):
 
     monkeypatch.setattr(sessions, "_WAIT_NOTICE_S", 30.0)
     run_page(interaction)
+
+
+def test_detector_is_calibrated_while_worker_serves_other_pages(run_page, monkeypatch):
+    async def interaction(page: Page) -> None:
+        threads, is_released = [], threading.Event()
+
+        def calibrate(scenario: Scenario, radar: object) -> None:
+            threads.append(threading.current_thread().name)
+            is_released.wait(60)
+
+        monkeypatch.setattr(sessions, "calibrate_detector", calibrate)
+        page.session.change_setting("chain.cfar.estimator", "{kind: two-step}")
+        await page.wait_until(lambda: threads)
+        assert await page.session.run_on_worker(lambda: "free") == "free"
+        n_frames = len(page.frames)
+        is_released.set()
+        await page.wait_until(lambda: len(page.frames) > n_frames)
+        page.session.go_to_step(1)
+        await page.wait_until(lambda: page.frames[-1].step == 1)
+        assert len(threads) == 1  # once for each change of settings
+
+    run_page(interaction)
+
+
+def test_frame_after_calibration_needs_no_other():
+    scenario = reference()
+    cfar = replace(scenario.chain.cfar, false_alarm_probability=2.5e-5)
+    scenario = replace(scenario, chain=replace(scenario.chain, cfar=cfar))
+    player = FramePlayer(scenario)
+    factors = cfar_base._threshold_factors_per_box_row_and_error
+    n_initial = factors.cache_info().misses
+    calibrate_detector(scenario, player.open_source().radar)
+    assert factors.cache_info().misses == n_initial + 1
+    player.process_frame_at_step(0, None)
+    assert factors.cache_info().misses == n_initial + 1

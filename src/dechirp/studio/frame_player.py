@@ -44,8 +44,21 @@ class FramePlayer:
 
     def __init__(self, scenario: Scenario, limits: PageLimits = _LIMITS) -> None:
         self._scenario, self._limits = scenario, limits
+        self._frames: FrameSource | None = None
         self._prepared: _PreparedScenario | None = None
         self._recent_steps: list[_ProcessedStep] = []
+
+    def open_source(self) -> FrameSource:
+        """Open the source of the frames, or return the open one.
+
+        Raises
+        ------
+        DechirpError
+            If it cannot be opened.
+        """
+        if self._frames is None:
+            self._frames = open_frame_source(self._scenario, self._limits)
+        return self._frames
 
     def process_frame_at_step(self, step: int, cursor: Cursor | None) -> FrameState:
         """Return the processed frame of a step.
@@ -59,7 +72,7 @@ class FramePlayer:
         check_integer("step", step, at_least=0)
         is_first = self._prepared is None
         if self._prepared is None:
-            self._prepared = _PreparedScenario(self._scenario, self._limits)
+            self._prepared = _PreparedScenario(self._scenario, self.open_source())
         prepared = self._prepared
         processed = next((recent for recent in self._recent_steps if recent.step == step), None)
         if processed is None:
@@ -97,6 +110,20 @@ class FramePlayer:
         return state
 
 
+def calibrate_detector(scenario: Scenario, radar: Radar) -> None:
+    """Calibrate the threshold factors of a detector, which are then kept: seconds for some.
+
+    Another thread may call this while the worker computes frames.
+
+    Raises
+    ------
+    InvalidSetting
+        If a factor cannot be calibrated.
+    """
+    chain = scenario.chain.fit_to_radar(radar)
+    chain.cfar.false_alarm_probability_error(chain.map_noise_statistics(radar))
+
+
 @dataclass(frozen=True, eq=False)
 class _ProcessedStep:
     """Results of a step that do not depend on the cursor."""
@@ -120,9 +147,8 @@ class _ProcessedStep:
 class _PreparedScenario:
     """Scenario prepared for processing, with the state kept from frame to frame."""
 
-    def __init__(self, scenario: Scenario, limits: PageLimits) -> None:
-        self.frames: FrameSource = open_frame_source(scenario, limits)
-        radar = self.frames.radar
+    def __init__(self, scenario: Scenario, frames: FrameSource) -> None:
+        self.frames, radar = frames, frames.radar
         self.chain = scenario.chain.fit_to_radar(radar)
         self.findings = (*self.frames.findings, *fitted_chain_findings(scenario.chain, radar))
         self.history = FrameHistory(scenario.tracker, radar)

@@ -8,9 +8,9 @@ lagging, and a fast one does not wait.
 
 import asyncio
 import logging
-from collections.abc import Callable
-from concurrent.futures import Executor
-from functools import partial
+from collections.abc import Awaitable, Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
+from functools import cache, partial
 from time import perf_counter
 from typing import NamedTuple, TypeVar
 
@@ -20,7 +20,7 @@ from dechirp.core.errors import DechirpError, Mistake
 from dechirp.experiments.scenario import Scenario
 from dechirp.studio.browser_events import DRAW_TIMEOUT_S, MAX_UNDRAWN_FRAMES
 from dechirp.studio.cursor import Cursor
-from dechirp.studio.frame_player import FramePlayer
+from dechirp.studio.frame_player import FramePlayer, calibrate_detector
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.scenario_edits import PageLimits, apply_overrides, parse_scenario
 
@@ -66,6 +66,7 @@ class Session:
         self.on_wait: list[Callable[[], None]] = []
         """Called while settings are parsed or a frame is computed, if that takes long."""
         self._worker, self._player = worker, FramePlayer(scenario, limits)
+        self._calibrated_player: FramePlayer | None = None
         self._edits: dict[str, Edit] = {}
         self._has_work, self._draw_confirmed = asyncio.Event(), asyncio.Event()
         self._n_shown = self._n_drawn = 0
@@ -156,12 +157,23 @@ class Session:
                 self.scenario, self._player = scenario, FramePlayer(scenario, self.limits)
                 await self.run_in_document(self._notify_settings_listeners)
             self.playing = self.playing and not wrong
+        if self._player is not self._calibrated_player:
+            await self._await_with_notice(self._calibrate_off_worker())
+            self._calibrated_player = self._player
         frame_state = await self._frame_of_step(self.step)
         if self.playing:  # the next one is made while the browser draws this one
             self._next_frame = self._start_computing_frame(self.step + 1)
         await self._wait_for_browser()
         await self.run_in_document(partial(self._show_frame_and_mistakes, frame_state, wrong))
         self._n_shown += 1
+
+    async def _calibrate_off_worker(self) -> None:
+        """Calibrate the detector on another thread: on the worker, all pages would stop."""
+        player, scenario = self._player, self.scenario
+        source = await self.run_on_worker(player.open_source)
+        await asyncio.get_running_loop().run_in_executor(
+            _calibration_thread(), partial(calibrate_detector, scenario, source.radar)
+        )
 
     async def _wait_for_browser(self) -> None:
         """Wait until the browser can take another frame."""
@@ -181,7 +193,7 @@ class Session:
             pending = None
         return await self._await_with_notice((pending or self._start_computing_frame(step)).future)
 
-    async def _await_with_notice(self, future: asyncio.Future[T]) -> T:
+    async def _await_with_notice(self, future: Awaitable[T]) -> T:
         """Await a result of the worker; notify `on_wait` if it takes long."""
 
         def notify_waiting() -> None:
@@ -235,6 +247,12 @@ class Session:
 
         self.document.add_next_tick_callback(run_job)
         await finished
+
+
+@cache
+def _calibration_thread() -> Executor:
+    """Return the thread that calibrates detectors of all pages, one after another."""
+    return ThreadPoolExecutor(1, thread_name_prefix="calibration")
 
 
 class _PendingFrame(NamedTuple):
