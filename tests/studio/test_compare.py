@@ -4,6 +4,7 @@ import asyncio
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from bokeh.document import Document
 from bokeh.events import ButtonClick
@@ -11,9 +12,16 @@ from bokeh.models import Button, Div
 
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
+from dechirp.evaluation.score.probabilities import DetectionProbability
 from dechirp.experiments.scenario import RecordingSource, Scenario
+from dechirp.experiments.study.trial_context import build_trial_context
 from dechirp.simulation.impairments.noise import WhiteNoise
-from dechirp.studio.compare import Comparison, ComparisonRow, changed_settings
+from dechirp.studio.compare import (
+    Comparison,
+    ComparisonRow,
+    changed_settings,
+    reason_of_missing_theory,
+)
 from dechirp.studio.panels.compare import Compare
 from dechirp.studio.scenario_edits import PageLimits, apply_overrides
 from dechirp.studio.session import Session
@@ -134,6 +142,23 @@ def test_changed_settings_lists_only_changed_paths():
         ("scene.targets.car.rcs", "10 dBsm"),
         ("chain.range_window", "rectangular"),
     ]
+
+
+@pytest.mark.parametrize(
+    ("option", "reason"),
+    [
+        ("chain.mitigation=[{kind: mean-subtraction}]", "mitigation"),
+        ("scene.targets.car.body={kind: pedestrian, speed: 1 m/s}", "body"),
+        ("chain.cfar.estimator={kind: trimmed-mean}", "closed law"),
+        ("impairments=[]", "noise"),
+    ],
+)
+def test_missing_theory_has_reason(option, reason):
+    changed = change_settings(build_scenario(), option)
+    score, name = DetectionProbability(), changed.scene.names[0]
+    context = build_trial_context(changed)
+    assert np.isnan(score.theoretical_values(context)).all()
+    assert reason in reason_of_missing_theory(score, name, context)
 
 
 def test_page_runs_trials_until_closed_and_escapes_names():

@@ -9,8 +9,10 @@ import dechirp as dc
 from dechirp.config.dumping import dump_yaml
 from dechirp.core.errors import DechirpError
 from dechirp.experiments.scenario import reference
+from dechirp.processing.chain import Chain
 from dechirp.studio import library
 from dechirp.studio.folders import MAX_DEPTH, is_tree_inside
+from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.frame_sources import open_frame_source
 from dechirp.studio.library import (
     FolderScan,
@@ -217,6 +219,18 @@ def test_opened_recording_keeps_chain_settings(folder):
         and recording_scenario.scene is None
     )
     assert recording_scenario.chain == scenario.chain
+
+
+def test_training_cells_of_opened_recording_fit_its_map(folder):
+    limits = PageLimits(folders=(folder,))
+    frame = small_radar().frame
+    options = [f"chain.cfar.n_training={{range: 6, velocity: {frame.n_chirps}}}"]
+    scenario = apply_overrides(reference(), options, limits)
+    opened = open_item_as_scenario(
+        scenario, make_item(write_recording(folder / "walk.npz")), None, limits
+    )
+    assert opened.chain.cfar.n_training == Chain().cfar.n_training
+    assert FramePlayer(opened, limits).process_frame_at_step(0, None).power.size
 
 
 def test_tracker_is_removed_for_array_without_azimuth(folder):

@@ -8,6 +8,8 @@ from bokeh.document import Document
 from bokeh.events import Tap
 from bokeh.models import Image
 
+from dechirp.core.detection_columns import BY_NAME
+from dechirp.core.text import EN_DASH
 from dechirp.core.units import SPEED_OF_LIGHT, from_decibels, to_decibels
 from dechirp.processing.range_doppler_map import threshold_map
 from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_doppler_map_position
@@ -18,7 +20,7 @@ from dechirp.studio.scenario_edits import PageLimits, apply_overrides, parse_sce
 from dechirp.studio.session import Session
 from dechirp.studio.theme import DARK, LIGHT
 from dechirp.studio.views.beat import BeatView
-from dechirp.studio.views.detections import DetectionsView
+from dechirp.studio.views.detections import DetectionsView, _format_errors
 from dechirp.studio.views.figure_style import SPAN_DB
 from dechirp.studio.views.micro_doppler import MicroDopplerView
 from dechirp.studio.views.table_tile import MAX_ROWS
@@ -290,9 +292,11 @@ def test_detection_table_uses_degrees_and_decibels_strongest_first():
         "azimuth_std": np.degrees(detections.azimuth_std),
         "snr": to_decibels(detections.snr),
     }.items():
-        np.testing.assert_allclose(table[key], expected.values[order])
+        # Standard errors are texts, rounded to the decimals of the table.
+        rounding = 0.5 * 10.0 ** -BY_NAME[key].decimals if key.endswith("_std") else 0
+        np.testing.assert_allclose(table[key].astype(float), expected.values[order], atol=rounding)
     car = get_row(table, table["target"].tolist().index("car"))
-    assert car["range"] == pytest.approx(np.hypot(42, 10), abs=4 * car["range_std"])
+    assert car["range"] == pytest.approx(np.hypot(42, 10), abs=4 * float(car["range_std"]))
     assert car["azimuth"] == pytest.approx(np.degrees(np.arctan2(10, 42)), abs=0.5)
     headers = {column.field: column.title for column in view.table.table.columns}
     assert headers["azimuth"] == "Azimuth (°)"
@@ -399,3 +403,10 @@ def test_track_table_without_tracker_states_reason():
 
     assert view.table.title.text == "<b>No tracks: the settings have no tracker (Processing)</b>"
     assert len(view.table.source.data["x"]) == 0
+
+
+def test_standard_error_below_last_digit_is_no_zero():
+    errors = _format_errors(np.array([0.0312, 2e-9, 0.0, np.nan]), "range_std")
+    last_digit = 10.0 ** -BY_NAME["range_std"].decimals
+    assert float(errors[0]) == pytest.approx(0.0312, abs=last_digit / 2)
+    assert errors[1] == f"< {last_digit:g}" and float(errors[2]) == 0 and errors[3] == EN_DASH

@@ -154,6 +154,18 @@ def test_level_on_colour_bar_equals_power_in_dbm(page):
     assert "dBm" in bar.title
 
 
+@pytest.mark.parametrize("noise_factor", ["2 dB", "12 dB", "40 dB"])
+def test_noise_alone_stays_in_lower_half_of_colours(page, noise_factor):
+    page.scenario = replace(page.scenario, scene=Targets())
+    page.change_setting("radar.hardware.noise_factor", noise_factor)
+    view = RangeDopplerView(page)
+    page.show(view)
+    (image,) = view.image.data["image"]
+    # Exponential powers of 8 receivers: of 2,048 cells the strongest is within 7 dB of the median.
+    assert image.max() < 128
+    assert np.median(image) > 0  # and is not cut off
+
+
 def test_large_map_is_reduced_and_keeps_its_peak(page):
     page.scenario = apply_overrides(
         page.scenario, ["chain.n_range_bins=2048", "chain.n_velocity_bins=512"], LIMITS
@@ -247,6 +259,15 @@ def test_recording_shows_no_targets(page):
         "target" not in view.root_element.title.text
         and "1 detected" in view.root_element.title.text
     )
+
+
+def test_errors_of_echoes_without_noise_are_not_magnified(page):
+    page.scenario = replace(page.scenario, impairments=())
+    view = SceneView(page)
+    frame_state = page.show(view)
+    assert frame_state.detections.sizes["detection"] > 0
+    assert len(view.top_view.errors.data_source.data["x"]) == 0
+    assert "○ detected" in view.top_view.note.text and "errors" not in view.top_view.note.text
 
 
 def test_scale_changes_only_when_target_leaves_view(page):

@@ -197,6 +197,28 @@ def test_conflicting_value_is_reported_at_edited_knob() -> None:
     assert page.find_knob("radar.frame.chirp.n_samples").value == "128"
 
 
+@pytest.mark.parametrize(
+    ("path", "typed", "shown", "value"),
+    [
+        ("radar.hardware.noise_factor", "18", "18 dB", 10**1.8),
+        ("radar.hardware.transmit_power", "-3", "-3 dBm", 1e-3 * 10**-0.3),
+        ("radar.hardware.noise_factor", "12", "12 dB", 10**1.2),
+    ],
+)
+def test_bare_number_in_field_of_decibels_has_its_unit(
+    path: str, typed: str, shown: str, value: float
+) -> None:
+    page = Page(Hardware)
+    page.type_setting(path, typed)
+    assert page.find_knob(path).value == shown
+    hardware = page.scenario.radar.hardware
+    setting = {
+        "noise_factor": hardware.noise_factor,
+        "transmit_power": hardware.transmit_power_w,
+    }[path.rpartition(".")[2]]
+    assert setting == pytest.approx(value)
+
+
 def test_typed_value_is_shown_in_settings_file_format() -> None:
     page = Page(Radar)
     page.type_setting("radar.frame.chirp.start_frequency", "77000 MHz")
@@ -337,6 +359,22 @@ def test_infeasible_requirements_give_nearest_design() -> None:
     assert "nearest" in answer and "expected" in answer
     page.type_setting("max_range", "100")
     assert any("a length" in message for message in page.messages)
+
+
+def test_used_design_that_cannot_be_met_leaves_its_findings() -> None:
+    page = Page(Requirements)
+    page.type_setting("range_resolution", "0.1 m")
+    page.type_setting("max_velocity", "90 m/s")
+    (find_findings,) = page.session.setting_findings
+    assert find_findings(page.scenario) == ()
+    page.press_button("Use this radar")
+    findings = find_findings(page.scenario)
+    assert any(finding.level == "error" for finding in findings)
+    assert any("max_velocity" in finding.setting for finding in findings)
+    chirp = replace(page.scenario.radar.frame.chirp, n_samples=32)
+    frame = replace(page.scenario.radar.frame, chirp=chirp)
+    changed = replace(page.scenario, radar=replace(page.scenario.radar, frame=frame))
+    assert find_findings(changed) == ()  # of another waveform
 
 
 def find_design_button_and_answer(page: Page) -> tuple[Button, Div]:

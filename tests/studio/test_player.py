@@ -13,7 +13,7 @@ from dechirp.experiments.scenario import RecordingSource
 from dechirp.processing.chain import Chain
 from dechirp.processing.range_doppler_map import power_map, threshold_map
 from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
-from dechirp.studio.cursor import Cursor
+from dechirp.studio.cursor import Cursor, cursor_at_followed_detection, nearest_cell_indices
 from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.scenario_edits import PageLimits
 
@@ -158,6 +158,34 @@ def test_default_cursor_is_at_strongest_detection(scenario):
     assert frame_state.cursor.velocity_m_per_s == pytest.approx(
         float(position.velocity_m_per_s), abs=step
     )
+
+
+def test_cursor_follows_its_echo_while_another_is_stronger(scenario):
+    power = FramePlayer(scenario).process_frame_at_step(0, None).power
+    range_m, velocity = power.range.values, power.velocity.values
+
+    def detections(*rows: tuple[int, int, float]) -> xr.Dataset:
+        columns = {
+            "range": [range_m[column] for _, column, _ in rows],
+            "velocity": [velocity[row] for row, _, _ in rows],
+            "snr": [snr for _, _, snr in rows],
+        }
+        return xr.Dataset({key: ("detection", np.array(v)) for key, v in columns.items()})
+
+    def follow(found: xr.Dataset, previous: Cursor | None) -> tuple[int, int]:
+        cursor = cursor_at_followed_detection(power, found, RADAR, previous)
+        return nearest_cell_indices(power, cursor)
+
+    def is_near(cell: tuple[int, int], row: int, column: int) -> bool:
+        return max(abs(cell[0] - row), abs(cell[1] - column)) <= 1
+
+    first, second = (8, 10, 200.0), (20, 30, 100.0)
+    assert is_near(follow(detections(first, second), None), 8, 10)
+    at_first = Cursor(float(range_m[10]), float(velocity[8]))
+    moved_and_faded = (9, 11, 50.0)
+    assert is_near(follow(detections(second, moved_and_faded), at_first), 9, 11)
+    assert is_near(follow(detections(second), at_first), 20, 30)  # it is gone
+    assert is_near(follow(detections((20, 30, 1e5), moved_and_faded), at_first), 20, 30)
 
 
 def test_default_cursor_without_detections_is_at_strongest_cell(scenario):

@@ -31,6 +31,8 @@ class BrowserState(DataModel):
 
     A widget would trigger a new layout at each change.
     """
+    is_outdated = Bool(False)
+    """True while the tiles show a frame of other settings, as the present ones failed."""
     n_frames_drawn = Int(0)
     """Last frame that the browser confirmed."""
     play_keys = Int(0)

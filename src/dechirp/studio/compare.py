@@ -15,6 +15,7 @@ from dechirp.config.dumping import to_yaml_data
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import capture_warned_findings
 from dechirp.core.threads import single_numba_thread
+from dechirp.evaluation.detector_law import find_detector_law
 from dechirp.evaluation.score.base import Score
 from dechirp.evaluation.score.errors import AzimuthRmse, RangeRmse, VelocityRmse
 from dechirp.evaluation.score.probabilities import (
@@ -54,6 +55,8 @@ class ScoreEstimate(NamedTuple):
     low: float
     high: float
     theory: float
+    missing_theory: str = ""
+    """Reason why there is no theory; empty if there is."""
 
 
 @dataclass(frozen=True)
@@ -234,7 +237,36 @@ class _Variant:
             layout, label, target, self._sums[:n_trials], confidence=confidence
         )
         laws = np.concatenate(list(self._theory.values()))
-        return ScoreEstimate(*estimate, layout.theoretical_score_value(laws, label, target))
+        theory = layout.theoretical_score_value(laws, label, target)
+        reason = reason_of_missing_theory(score, target, self._runner.context)
+        return ScoreEstimate(*estimate, theory, reason if np.isnan(theory) else "")
+
+
+def reason_of_missing_theory(score: Score, target_name: str | None, context: TrialContext) -> str:
+    """Return the reason why a score has no theory, as its functions list them.
+
+    Only for a score without theory: the last reason is left when no other applies.
+    """
+    chain, radar = context.chain, context.radar
+    target = None if target_name is None else context.scene.find_target(target_name)
+    is_rate_of_noise = isinstance(score, FalseAlarmProbability | FrameFalseAlarmProbability)
+    is_probability = isinstance(score, DetectionProbability)
+    has_law = find_detector_law(chain.cfar, chain.map_noise_statistics(radar)) is not None
+    is_white = np.isfinite(context.noise_power_w) and context.noise_power_w > 0
+    is_steady = target is None or target.fluctuation == "steady"
+    reasons = (
+        (not is_white, "the noise is not white, or there is none"),
+        (bool(chain.mitigation), "mitigation changes noise and echoes"),
+        (is_rate_of_noise and chain.cfar.offset is not None, "this detector has no law of offsets"),
+        (is_rate_of_noise, "so many false alarms occur in clusters"),
+        (radar.frame.has_falling_ramps, "ramps also fall"),
+        (target is not None and target.body is not None, "a body has many scatterers"),
+        (not (is_steady or is_probability), "the echo fluctuates"),
+        (is_probability and not has_law, "this detector has no closed law"),
+        (is_probability, "other echoes are near, or it moves through range cells"),
+        (True, "another echo is near, or the array does not resolve it"),
+    )
+    return next(reason for applies, reason in reasons if applies)
 
 
 def _is_score_applicable(score: Score, trial_context: TrialContext) -> bool:

@@ -9,6 +9,7 @@ from dechirp.processing.chain import Chain
 from dechirp.processing.range_doppler_map import threshold_cuts_through_cell
 from dechirp.processing.spectrum import range_spectrum
 from dechirp.radar.radar import Radar
+from dechirp.report.figures.common import uniform_cell_width
 from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
 
 _MAX_CHIRPS = 64  # averaged for the range profile, whose fluctuation is then 0.5 dB
@@ -46,19 +47,41 @@ class BeatSignal(NamedTuple):
     """(range,) mean over chirps of the first slot: the range profile."""
 
 
-def cursor_at_strongest_detection(
-    power: xr.DataArray, detections: xr.Dataset, radar: Radar
+_FOLLOWED_CELLS = 3
+"""Distance in cells within which a detection is the one that the cursor was at a frame before."""
+_FOLLOWED_SNR = 0.01
+"""Ratio to the strongest detection above which the cursor stays: fading takes 20 dB."""
+
+
+def cursor_at_followed_detection(
+    power: xr.DataArray, detections: xr.Dataset, radar: Radar, previous: Cursor | None
 ) -> Cursor:
-    """Return the cell of the strongest detection; without detections, the strongest cell."""
+    """Return the cell of a detection: near the previous cursor, else the strongest one.
+
+    Without detections, the strongest cell. Echoes of similar strength take turns as the strongest,
+    so the cursor would jump between them.
+    """
     rows, columns = slice(None), slice(None)
     if detections.sizes["detection"]:
         variables = detections.variables
         snr, range_m, velocity = (variables[n].values for n in ("snr", "range", "velocity"))
-        first = slice(int(snr.argmax()), None)
-        place = range_doppler_map_position(
-            RangeVelocity(range_m[first][:1], velocity[first][:1]), radar
-        )
-        row, column = nearest_cell_indices(power, Cursor(*(float(index[0]) for index in place)))
+        places = range_doppler_map_position(RangeVelocity(range_m, velocity), radar)
+
+        def cell_of_detection(index: int) -> tuple[int, int]:
+            return nearest_cell_indices(power, Cursor(*(float(place[index]) for place in places)))
+
+        row, column = cell_of_detection(int(snr.argmax()))
+        if previous is not None:
+            last = nearest_cell_indices(power, previous)
+            is_candidate = (snr >= _FOLLOWED_SNR * snr.max()) & (
+                abs(places.range_m - previous.range_m)
+                <= (_FOLLOWED_CELLS + 1) * uniform_cell_width(power.range.values)
+            )
+            for index in np.flatnonzero(is_candidate)[np.argsort(-snr[is_candidate])]:
+                cell = cell_of_detection(int(index))
+                if max(abs(cell[0] - last[0]), abs(cell[1] - last[1])) <= _FOLLOWED_CELLS:
+                    row, column = cell
+                    break
         # Noise may raise a neighbour above the nearest cell.
         rows, columns = (slice(max(index - 1, 0), index + 2) for index in (row, column))
     neighbourhood = power.values[rows, columns]

@@ -24,7 +24,7 @@ from dechirp.processing.angle_maps import range_azimuth_map
 from dechirp.processing.detect import process_cubes
 from dechirp.processing.direction_finding import can_resolve_directions, checked_direction_aperture
 from dechirp.radar.radar import Radar
-from dechirp.studio.cursor import Cursor, cursor_at_strongest_detection
+from dechirp.studio.cursor import Cursor, cursor_at_followed_detection
 from dechirp.studio.frame_sources import FrameSource, open_frame_source
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.history import FrameHistory, HistoryEntry
@@ -92,7 +92,7 @@ class FramePlayer:
             time_s=processed.time_s,
             radar=processed.radar,
             chain=prepared.chain,
-            cursor=cursor or processed.strongest,
+            cursor=cursor or processed.followed,
             has_user_cursor=cursor is not None,
             samples=processed.samples,
             power=processed.power,
@@ -134,7 +134,8 @@ class _ProcessedStep:
     radar: Radar
     samples: xr.DataArray
     power: xr.DataArray
-    strongest: Cursor
+    followed: Cursor
+    """Cell of the detection that the cursor follows."""
     azimuth_power: xr.DataArray | None
     detections: xr.Dataset
     clusters: xr.Dataset | None
@@ -153,6 +154,8 @@ class _PreparedScenario:
         self.findings = (*self.frames.findings, *fitted_chain_findings(scenario.chain, radar))
         self.history = FrameHistory(scenario.tracker, radar)
         self._scenario = scenario
+        self._followed: Cursor | None = None
+        """Cursor of the last frame."""
         self._has_azimuth = (
             can_resolve_directions(radar)
             and checked_direction_aperture(
@@ -173,7 +176,10 @@ class _PreparedScenario:
         grouped = estimate_ego_motion_and_clusters(
             run.detections, self._scenario, self.frames.radar
         )
-        peak = cursor_at_strongest_detection(power, run.detections, radar)
+        peak = cursor_at_followed_detection(
+            power, run.detections, radar, self._followed if self.history.frames else None
+        )
+        self._followed = peak
         tracks = self.history.update_tracks(
             drop_static_rows_and_unresolved_velocities(
                 grouped.clusters_or_detections, self.frames.radar
@@ -188,7 +194,7 @@ class _PreparedScenario:
             radar=radar,
             samples=samples,
             power=power,
-            strongest=peak,
+            followed=peak,
             azimuth_power=(
                 range_azimuth_map(samples, radar, self.chain) if self._has_azimuth else None
             ),

@@ -40,7 +40,7 @@ class FrameState:
     chain: Chain
     """Processing chain fitted to the radar."""
     cursor: Cursor
-    """Cursor of the user, else the strongest detection or cell."""
+    """Cursor of the user, else the detection that it follows, first the strongest one."""
     has_user_cursor: bool
     """True if the user placed the cursor."""
     samples: xr.DataArray

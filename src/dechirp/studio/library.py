@@ -22,6 +22,8 @@ from dechirp.experiments.scenario import (
     Scenario,
     check_tracks_and_ego_motion_possible,
 )
+from dechirp.processing.chain import Chain, n_searched_range_rows
+from dechirp.radar.radar import Radar
 from dechirp.recordings.recognise import recognise_formats
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.read import holds_settings
@@ -116,7 +118,8 @@ def open_item_as_scenario(
 ) -> Scenario:
     """Open an item: a scenario file, or a recording with the chain of the current scenario.
 
-    The tracker is removed if the recording does not support it.
+    The tracker is removed if the recording does not support it, and training cells that do not
+    fit into its map are replaced by the default ones, which adapt.
 
     Raises
     ------
@@ -131,14 +134,35 @@ def open_item_as_scenario(
         None if radar_settings is None else str(_allowed_path_or_raise(radar_settings, limits))
     )
     source = RecordingSource(path=str(path), settings_path=settings_path)
-    opened_scenario = replace(scenario, name=path.stem, scene=None, radar=None, recording=source)
     with translate_error_fixes_to_page():
         recording = open_recording(path, radar=settings_path)
+    opened_scenario = replace(
+        scenario,
+        name=path.stem,
+        scene=None,
+        radar=None,
+        recording=source,
+        chain=_chain_for_recording(scenario.chain, recording.radar),
+    )
     try:
         check_tracks_and_ego_motion_possible(opened_scenario, recording.radar, recording.n_frames)
     except InvalidSetting:  # no azimuth resolution, or too short
         opened_scenario = replace(opened_scenario, tracker=None, ego_motion=None)
     return parse_scenario(dump_yaml(opened_scenario), limits)
+
+
+def _chain_for_recording(chain: Chain, radar: Radar) -> Chain:
+    """Return the chain, with default training cells if its own do not fit into the map."""
+    fitted = chain.fit_to_radar(radar)
+    n_range = n_searched_range_rows(radar.frame.chirp, chain.range_transform(radar.frame.chirp))
+    n_velocity = chain.doppler_transform(radar.frame).n_bins
+    try:
+        fitted.cfar.training_window.check_map_size(n_velocity, n_range)
+    except InvalidSetting:
+        default = Chain().cfar
+        cfar = replace(chain.cfar, n_training=default.n_training, n_guard=default.n_guard)
+        return replace(chain, cfar=cfar)
+    return chain
 
 
 def _iter_items_of_folders(limits: PageLimits) -> Iterator[LibraryItem | None]:

@@ -68,6 +68,9 @@ function begin(browser) {
   browser.properties.frame_status.change.connect(tellPlace);
   tellPlace();
 
+  const greyOut = () => { document.documentElement.toggleAttribute("data-outdated", browser.is_outdated); };
+  browser.properties.is_outdated.change.connect(greyOut);
+
   const rate = document.getElementById("rate");
   let before = 0;
   setInterval(() => {

@@ -35,8 +35,8 @@ from dechirp.studio.views.scene import SceneView
 from dechirp.studio.views.threshold_cuts import ThresholdCutView
 from dechirp.studio.views.tracks import TracksView
 
-_CAPTION_INTERVAL_S = 0.2
-"""Shortest time between two changes of captions during playback."""
+_SLOW_INTERVAL_S = 0.19
+"""Shortest time between two changes of texts and tables during playback: 5 per second."""
 _VIEWS: tuple[type[View], ...] = (
     SceneView,
     RangeDopplerView,
@@ -72,11 +72,15 @@ def build_live_page(
     views = [kind(session) for kind in _VIEWS]
     panels = [kind(session) for kind in _PANELS]
     parts: list[View | Panel] = [*views, *panels]
-    for view in views:
-        session.on_frame.append(_limit_call_rate(session, view.show_frame, view.min_interval_s))
-        session.on_frame.append(_limit_call_rate(session, view.update_caption, _CAPTION_INTERVAL_S))
+    session.on_frame += [view.show_frame for view in views if view.is_shown_every_frame]
+    # All at the same frames: else texts and tables of one screen would count different frames.
+    slow: list[Callable[[FrameState], object]] = [
+        *(view.show_frame for view in views if not view.is_shown_every_frame),
+        *(view.update_caption for view in views),
+        lambda _: update_status(),
+    ]
     session.on_frame.append(
-        _limit_call_rate(session, lambda _: update_status(), _CAPTION_INTERVAL_S)
+        _limit_call_rate(session, lambda frame: [show(frame) for show in slow], _SLOW_INTERVAL_S)
     )
     session.on_wait.append(partial(update_status, is_waiting=True))
     # A frame that fails sends no frame state.
@@ -116,11 +120,16 @@ def _update_frame_status(
     """Show the number of the frame, and whether another one is being computed."""
     frame = session.frame_state
     parts = [] if frame is None else [f"frame {frame.number}, {frame.time_s:.3f} s"]
-    browser.frame_status = "; ".join([*parts, "computing ..."] if is_waiting else parts)
+    if not (session.shows_current_settings or is_waiting or frame is None):
+        parts.append("outdated")
+    browser.update(
+        frame_status="; ".join([*parts, "computing ..."] if is_waiting else parts),
+        is_outdated=not session.shows_current_settings and frame is not None,
+    )
 
 
 def _limit_call_rate(
-    session: Session, show: Callable[[FrameState], None], min_interval_s: float
+    session: Session, show: Callable[[FrameState], object], min_interval_s: float
 ) -> Callable[[FrameState], None]:
     """Wrap a callback so that it runs at most once per interval, on average, during playback."""
     due_s = 0.0

@@ -17,6 +17,7 @@ from typing import NamedTuple, TypeVar
 from bokeh.document import Document
 
 from dechirp.core.errors import DechirpError, Mistake
+from dechirp.core.findings import Finding
 from dechirp.experiments.scenario import Scenario
 from dechirp.studio.browser_events import DRAW_TIMEOUT_S, MAX_UNDRAWN_FRAMES
 from dechirp.studio.cursor import Cursor
@@ -53,16 +54,20 @@ class Session:
     ) -> None:
         self.document, self.limits, self.scenario = document, limits, scenario
         self.cursor: Cursor | None = None
-        """None: the strongest detection."""
+        """None: it follows a detection, first the strongest one."""
         self.playing = False
         self.step = 0
         self.frame_state: FrameState | None = None
         """Last frame that was shown."""
+        self.shows_current_settings = False
+        """True if that frame belongs to the settings; False after a frame that failed."""
         self.on_frame: list[Callable[[FrameState], None]] = []
         self.on_settings: list[Callable[[Scenario], None]] = []
         """Called when settings have changed."""
         self.on_mistakes: list[Callable[[tuple[Mistake, ...]], None]] = []
         """Called with the mistakes of an edit or a frame, and with none after a success."""
+        self.setting_findings: list[Callable[[Scenario], tuple[Finding, ...]]] = []
+        """Functions that return findings on the settings, beside those of a frame."""
         self.on_wait: list[Callable[[], None]] = []
         """Called while settings are parsed or a frame is computed, if that takes long."""
         self._worker, self._player = worker, FramePlayer(scenario, limits)
@@ -131,12 +136,12 @@ class Session:
             try:
                 await self._process_next()
             except DechirpError as error:
-                self.playing = False
+                self.playing = self.shows_current_settings = False
                 await self.run_in_document(partial(self._notify_mistake_listeners, error.mistakes))
             except Exception:
                 # The page shows an error and continues, as do all others.
                 _log.exception("a page of the studio failed")
-                self.playing = False
+                self.playing = self.shows_current_settings = False
                 await self.run_in_document(
                     partial(self._notify_mistake_listeners, (_INTERNAL_ERROR,))
                 )
@@ -214,7 +219,7 @@ class Session:
     def _show_frame_and_mistakes(
         self, frame_state: FrameState, mistakes: tuple[Mistake, ...]
     ) -> None:
-        self.frame_state = frame_state
+        self.frame_state, self.shows_current_settings = frame_state, True
         self._notify_mistake_listeners(mistakes)
         for show in self.on_frame:
             show(frame_state)

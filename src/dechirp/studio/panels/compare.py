@@ -55,6 +55,7 @@ th, td { padding: 1px 9px 1px 0; text-align: left; white-space: nowrap; }
 th { position: sticky; top: 0; color: var(--muted); background: var(--tile); font-weight: 600; }
 td { border-top: 1px solid var(--rule); }
 small { font-size: 10px; }
+td.law small { display: inline-block; max-width: 16ch; white-space: normal; line-height: 1.1; }
 td.sure { font-weight: 600; }
 """
 
@@ -232,7 +233,9 @@ def _estimate_and_theory_cells_html(
     value, interval = format_with_interval(*(scale.factor * number for number in estimate[:3]))
     theory = scale.factor * estimate.theory
     theory_text = format_probability(theory) if 0 < theory < 1e-3 else format_number(theory)
-    return [f"<td>{value} <small>{interval}</small></td>", f'<td class="law">{theory_text}</td>']
+    reason = escape(estimate.missing_theory)
+    law = f"<small>none: {reason}</small>" if reason else theory_text
+    return [f"<td>{value} <small>{interval}</small></td>", f'<td class="law">{law}</td>']
 
 
 def _difference_cells_html(row: compare.ComparisonRow, scale: DisplayScale) -> list[str]:

@@ -1,5 +1,6 @@
 """Widgets of knobs: input fields that change settings and show mistakes below them."""
 
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Generic, TypeVar
@@ -116,11 +117,18 @@ class KnobWidget:
             self._is_pending = False  # later mistakes have other causes
 
     def _submit_changed_text(self, text: str) -> None:
+        text = with_unit_of_level(text, self._entry.text)
         if text == self._entry.text:
+            self._restore_own_text()
             self._display_mistakes(())  # restored
         else:
             self._is_pending = True
             self._on_typed(self._entry.path, text)
+
+    def _restore_own_text(self) -> None:
+        """Show the setting with its unit if the same number was typed without."""
+        if isinstance(self._widget, TextInput):
+            self._widget.value = self._entry.text
 
     def _display_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
         self.is_wrong = bool(mistakes)
@@ -130,6 +138,19 @@ class KnobWidget:
         )
         self._messages.visible = bool(mistakes)
         self._on_mark()
+
+
+_LEVEL = re.compile(r"[-+]?[\d.]+(?:e[-+]?\d+)? (dB\w*)", re.IGNORECASE)
+_BARE_NUMBER = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?\s*", re.IGNORECASE)
+
+
+def with_unit_of_level(text: str, shown_text: str) -> str:
+    """Return a typed number with the unit of the shown level, such as dB or dBm.
+
+    Settings files read a bare number as a ratio or in watts, but the field shows decibels.
+    """
+    level = _LEVEL.fullmatch(shown_text)
+    return f"{text.strip()} {level[1]}" if level and _BARE_NUMBER.fullmatch(text) else text
 
 
 def make_setting_changer(session: Session) -> ChangeSetting:

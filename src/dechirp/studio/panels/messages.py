@@ -64,12 +64,12 @@ class Findings(Panel):
         """Do nothing: the widgets inherit the colours of the page."""
 
     def _show_findings_of_frame(self, frame_state: FrameState) -> None:
-        if frame_state.findings == self._findings:  # mostly unchanged between frames
+        scenario = self.session.scenario
+        findings = [entry for find in self.session.setting_findings for entry in find(scenario)]
+        findings += frame_state.findings
+        if findings == self._findings:  # mostly unchanged between frames
             return
-        self._findings = frame_state.findings
-        items = [
-            f"<li><b>{finding.level}</b>: {escape(str(finding))}</li>"
-            for finding in frame_state.findings
-        ]
+        self._findings = findings
+        items = [f"<li><b>{finding.level}</b>: {escape(str(finding))}</li>" for finding in findings]
         empty_text = "No findings."
         self._root.text = f"<ul>{''.join(items)}</ul>" if items else empty_text

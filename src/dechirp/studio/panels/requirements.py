@@ -12,6 +12,7 @@ from dechirp.config.dumping import dump_yaml
 from dechirp.config.fields import list_settings
 from dechirp.config.loading import parse_settings
 from dechirp.core.errors import DechirpError, InvalidFile
+from dechirp.core.findings import Finding
 from dechirp.core.text import format_number, format_with_si_prefix
 from dechirp.experiments.scenario import Scenario
 from dechirp.radar.design.derived import DerivedValue
@@ -105,6 +106,8 @@ class Requirements(Panel):
         self._design: Design | None = None
         """None if the rule has no solution."""
         self._title = self._body = ""
+        self._used_design: Design | None = None
+        """Design of the radar in use, until its waveform is changed."""
         self._rule = Select(
             title="Rule",
             options=list(_RULES),
@@ -139,6 +142,7 @@ class Requirements(Panel):
         self._use_button.on_click(self._apply_design_to_scenario)
         self._form.on_marks.append(self._show_design)
         session.on_settings.append(self._redesign_if_hardware_changed)
+        session.setting_findings.append(self._findings_on_used_design)
         self._design_and_show(_START)
 
     @property
@@ -192,12 +196,21 @@ class Requirements(Panel):
     def _apply_design_to_scenario(self) -> None:
         chosen_design = self._design
         if chosen_design is not None:
+            self._used_design = chosen_design
             self.session.queue_edit(
                 "radar",
                 lambda scenario: check_scenario_within_limits(
                     apply_design(scenario, chosen_design), self.session.limits
                 ),
             )
+
+    def _findings_on_used_design(self, scenario: Scenario) -> tuple[Finding, ...]:
+        """Return the requirements that the radar in use misses, if it was designed here."""
+        used = self._used_design
+        if used is None or scenario.radar is None:
+            return ()
+        waveform = round_frame_to_six_digits(used.radar.frame).chirp
+        return tuple(used.findings) if scenario.radar.frame.chirp == waveform else ()
 
 
 def _scenario_or_typical_hardware(scenario: Scenario) -> Hardware:

@@ -15,8 +15,8 @@ class View(ABC):
 
     name: ClassVar[str]
     """Name of its position in page.html."""
-    min_interval_s: ClassVar[float] = 0.0
-    """Shortest time between updates during playback; 0.19 s gives 5 per second for text."""
+    is_shown_every_frame: ClassVar[bool] = False
+    """True for maps; other tiles are updated 5 times a second during playback."""
 
     def __init__(self, session: Session) -> None:
         self.session = session

@@ -36,7 +36,6 @@ class BeatView(View):
     """Samples over time, or their spectrum over frequency and range; a tap moves the cursor."""
 
     name = "beat"
-    min_interval_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)

@@ -27,11 +27,17 @@ def _column_headings() -> Iterator[tuple[str, Heading]]:
         yield column.name, Heading(title, form, 75 if len(title) > 12 else 60)
         std = standard_error_column(column)
         if std is not None:
-            yield std.name, Heading(f"± {column.shown_unit_symbol}", f"0.{'0' * std.decimals}", 45)
+            yield std.name, Heading(f"± {column.shown_unit_symbol}", width=45)
 
 
 _HEADINGS = {**dict(_column_headings()), "target": Heading("target", width=90)}
 _ANGLES = tuple(name for name in _HEADINGS if name in BY_NAME and BY_NAME[name].shown_unit == "deg")
+_ERRORS = {
+    std.name: std.decimals
+    for std in map(standard_error_column, SHOWN_COLUMNS)
+    if std is not None and std.name in _HEADINGS
+}
+"""Decimals of standard errors by name."""
 _NO_TARGET = "none"
 
 
@@ -39,7 +45,6 @@ class DetectionsView(View):
     """Estimates with standard errors and targets; selecting a row moves the cursor."""
 
     name = "detections"
-    min_interval_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
@@ -51,7 +56,7 @@ class DetectionsView(View):
 
     def show_frame(self, frame_state: FrameState) -> None:
         targets = self._nearest_target_names(frame_state)
-        columns = shown_detection_columns(frame_state) | {"target": targets}
+        columns = shown_detection_columns(frame_state)
         map_positions, _ = detection_map_positions_and_azimuths(frame_state)
         cursors = [Cursor(*map(float, place)) for place in zip(*map_positions, strict=True)]
         visible = {
@@ -59,6 +64,9 @@ class DetectionsView(View):
             for key, column in columns.items()
             if key in _ANGLES
         }
+        for name in _ERRORS.keys() & columns.keys():
+            columns[name] = _format_errors(columns[name], name)
+        columns["target"] = targets
         self.table.set_column_visibility(visible | {"target": frame_state.truth is not None})
         self.table.show_rows(
             _detections_title(targets, frame_state),
@@ -92,6 +100,21 @@ def shown_detection_columns(frame_state: FrameState) -> dict[str, np.ndarray]:
         for key in _HEADINGS
         if key in detections and key in BY_NAME
     }
+
+
+def _format_errors(errors: np.ndarray, name: str) -> np.ndarray:
+    """Format standard errors; one that would be rounded to zero as less than the last digit."""
+    decimals = _ERRORS[name]
+    least = 10.0**-decimals
+    texts = [
+        EN_DASH
+        if np.isnan(error)
+        else f"{error:.{decimals}f}"
+        if error >= least / 2 or error == 0
+        else f"< {least:.{decimals}f}"
+        for error in errors
+    ]
+    return np.array(texts, dtype=object)
 
 
 def _detections_title(target_names: np.ndarray, frame_state: FrameState) -> str:

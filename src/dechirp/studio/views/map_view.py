@@ -42,6 +42,7 @@ _MARK_SIZE_PX = 12.0  # halved if there are many marks
 _LIGHT, _RIM = "#ffffff", "#101418"
 _STEP_DB = 5.0  # step of the colour limits, which stay constant while noise moves the peak
 _SUBSAMPLED_CELLS = 4096  # a twelfth of these cells gives the noise to 0.3 dB
+_MIN_TOP_OVER_NOISE_DB = 35.0  # cells of noise reach 12 dB over their median
 _MIN_SPAN_DB = 30.0  # noise alone spans more than 15 dB and must not look like echoes
 
 
@@ -112,11 +113,15 @@ class MapView(View):
         self._colour_bar.title = power_label(power_level_unit(units))
 
     def _colour_limits_db(self, power: np.ndarray, units: str) -> tuple[float, float]:
-        """Return the colour limits: above the strongest cell and near the noise."""
+        """Return the colour limits: above the strongest cell and near the noise.
+
+        Noise alone stays in the lower half of the colours.
+        """
         sampled = power if power.size < _SUBSAMPLED_CELLS else power[::3, ::4]
         strongest_db, median_db = (
             float(power_to_dbm_or_dbfs(level, units)) for level in (power.max(), np.median(sampled))
         )
+        strongest_db = max(strongest_db, median_db + _MIN_TOP_OVER_NOISE_DB)
         top_db, bottom_db = self._power_mapper.high, self._power_mapper.low
         # the echo of a body fluctuates by this much
         if not top_db - 3 * _STEP_DB <= strongest_db <= top_db:

@@ -17,7 +17,6 @@ class MicroDopplerView(MapView):
     """Column of velocities for each frame since the last rewind; a tap moves the cursor."""
 
     name = "micro_doppler"
-    min_interval_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session, title="Micro-Doppler", x=TIME_LABEL, y=VELOCITY_LABEL)

@@ -22,6 +22,7 @@ class RangeAzimuthView(MapView):
     """Power over azimuth and range, with the cursor as a line."""
 
     name = "range_azimuth"
+    is_shown_every_frame = True
 
     def __init__(self, session: Session) -> None:
         super().__init__(session, title=_TITLE, x=AZIMUTH_LABEL, y=RANGE_LABEL)

@@ -18,6 +18,7 @@ class RangeDopplerView(MapView):
     """Power over velocity and range, with the cursor as a cross."""
 
     name = "range_doppler"
+    is_shown_every_frame = True
 
     def __init__(self, session: Session) -> None:
         super().__init__(session, title="Range-Doppler map", x=RANGE_LABEL, y=VELOCITY_LABEL)

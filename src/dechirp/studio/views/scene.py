@@ -12,7 +12,11 @@ from dechirp.core.errors import InvalidSetting, Mistake
 from dechirp.core.text import TIMES_SIGN, format_number
 from dechirp.experiments.scenario import Scenario
 from dechirp.report.figures.common import choose_body_scatterer_indices
-from dechirp.report.figures.top_view import ellipse_magnification, round_down_to_1_2_5
+from dechirp.report.figures.top_view import (
+    GroundDetections,
+    ellipse_magnification,
+    round_down_to_1_2_5,
+)
 from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
 from dechirp.scene.rotations import from_local_axes, to_local_axes
 from dechirp.scene.scene import Scene
@@ -108,6 +112,7 @@ def target_positions_and_velocities(scene: Scene, time_s: float) -> TargetPositi
 
 _MAX_ELLIPSES, _MAX_ARCS = 60, 20
 _MAX_LARGE_MARKS = 15  # detections drawn large
+_MAX_MAGNIFICATION = 1000.0  # of errors: without noise, they are a billionth of a metre
 _ELLIPSE_SCALE = 0.3  # of the widest error ellipse, drawn larger than in reports
 _ARROW_LENGTH = 0.25  # of the largest range: arrow length of the fastest target
 
@@ -116,7 +121,6 @@ class SceneView(View):
     """Targets, detections and tracks around the radar; a tap moves the cursor."""
 
     name = "scene"
-    min_interval_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
@@ -125,8 +129,8 @@ class SceneView(View):
         self._tails = TrackTails()
         self._fitted: tuple[float, float] | None = None
         """Range span and field of view that the figure was fitted to."""
-        self._error_magnification = 0.0
-        """Magnification of the error ellipses; 0: not chosen yet."""
+        self._error_magnification: float | None = None
+        """Magnification of the error ellipses; None: not chosen yet, 0: none are drawn."""
         self._dragged: tuple[str, tuple[float, float]] | None = None
         """Name of the dragged target with its x and y."""
         self._is_released = False
@@ -187,7 +191,7 @@ class SceneView(View):
         fits = fitted == self._fitted and farthest_m <= self.top_view.max_range_m
         if fits or self._dragged is not None:
             return
-        self._fitted, self._error_magnification = fitted, 0.0
+        self._fitted, self._error_magnification = fitted, None
         new_range_m = max(min(2 * farthest_m or span_m, span_m), 1.15 * farthest_m)
         self.top_view.set_max_range_and_field_of_view(
             new_range_m, frame_state.chain.field_of_view.azimuth_rad
@@ -219,22 +223,25 @@ class SceneView(View):
         self.top_view.detections.glyph.size = (
             13 if len(detections.range_m) <= _MAX_LARGE_MARKS else 7
         )
-        if not self._error_magnification and len(detections.range_m):
-            max_error_m = float(np.nanmax(detections.range_m * detections.azimuth_std_rad))
-            self._error_magnification = ellipse_magnification(
-                max_error_m * _ELLIPSE_SCALE, 2 * self.top_view.max_range_m
+        if self._error_magnification is None and len(detections.range_m):
+            self._error_magnification = _visible_error_magnification(
+                detections, self.top_view.max_range_m
             )
-        ellipses_m = (
-            detections.positions_m[:, :, None]
-            + self._error_magnification * detections.error_ellipses_m()
-        )
-        lines = [line[::-1].T for line in ellipses_m[:_MAX_ELLIPSES]]
+        lines = []
+        if self._error_magnification:
+            ellipses_m = (
+                detections.positions_m[:, :, None]
+                + self._error_magnification * detections.error_ellipses_m()
+            )
+            lines = [line[::-1].T for line in ellipses_m[:_MAX_ELLIPSES]]
         half_rad = frame_state.chain.field_of_view.azimuth_rad
         arcs = [arc_positions_m(range_m, half_rad) for range_m in other_ranges_m[:_MAX_ARCS]]
         move_marks(self.top_view.errors, join_lines_with_gaps([*lines, *arcs]))
-        if lines:
+        if self._error_magnification and lines:
             return f"○ detected, errors {TIMES_SIGN}{format_number(self._error_magnification)}"
-        return "arcs: detected, no direction" if arcs else ""
+        if arcs:
+            return "arcs: detected, no direction"
+        return "○ detected" if len(detections.range_m) else ""
 
     def _draw_tracks(self, frame_state: FrameState) -> str:
         self._tails.add_tracks_of_frame(frame_state)
@@ -298,7 +305,7 @@ class SceneView(View):
 
     def _end_released_drag(self, _: Scenario) -> None:
         """Reset the magnification and end a released drag after a change of settings."""
-        self._error_magnification = 0.0
+        self._error_magnification = None
         if self._is_released:
             self._dragged = None
 
@@ -306,6 +313,13 @@ class SceneView(View):
         if mistakes and self._dragged is not None:
             self._dragged = None
             self._draw_targets()
+
+
+def _visible_error_magnification(detections: GroundDetections, max_range_m: float) -> float:
+    """Return the magnification that makes error ellipses visible; 0 if it would be too large."""
+    max_error_m = float(np.nanmax(detections.range_m * detections.azimuth_std_rad))
+    magnification = ellipse_magnification(max_error_m * _ELLIPSE_SCALE, 2 * max_range_m)
+    return magnification if magnification <= _MAX_MAGNIFICATION else 0.0
 
 
 def target_name_or_index_in_path(scene: Targets, name: str) -> str:

@@ -33,7 +33,6 @@ class ThresholdCutView(View):
     """Cell at the cursor with its training cells and threshold."""
 
     name = "cut"
-    min_interval_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)

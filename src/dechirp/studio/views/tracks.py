@@ -66,7 +66,6 @@ class TracksView(View):
     """States with standard errors, confirmed tracks first; selecting a row moves the cursor."""
 
     name = "tracks"
-    min_interval_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
