@@ -24,6 +24,7 @@ from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.devices.lookup import device as known_device
 from dechirp.radar.frame import Frame
+from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.dca1000 import _scan_packet_headers
@@ -580,6 +581,85 @@ def test_settings_without_array_use_as_many_transmitters_of_board_as_take_turns(
     # A file with an array keeps it.
     (tmp_path / "radar.yaml").write_text(dump_yaml(radar))
     assert read_settings(tmp_path / "radar.yaml", known_device("xwr1843")).radar == radar
+
+
+SUB_FRAME_CFG = """\
+% Platform:xWR18xx
+dfeDataOutputMode 3
+channelCfg 15 5 0
+adcCfg 2 1
+adcbufCfg -1 0 0 1 1
+profileCfg 0 77 10 6 60 0 0 30 1 64 5000 0 0 30
+profileCfg 1 76 20 6 40 0 0 60 1 32 4000 0 0 30
+chirpCfg 0 0 0 0 0 0 0 1
+chirpCfg 1 1 1 0 0 0 0 5
+chirpCfg 2 2 1 0 0 0 0 5
+bpmCfg 1 1 1 2
+advFrameCfg 2 0 0 1 0
+subFrameCfg 0 0 0 1 6 50 0 1 1 50
+subFrameCfg 1 0 1 2 4 30 0 1 1 30
+sensorStart
+"""
+
+
+def draw_sub_frames(n_frames: int = 3) -> tuple[list[np.ndarray], bytes]:
+    """Draw the codes of both sub-frames, (frame, chirp, rx, sample, part), and their bytes."""
+    generator = np.random.default_rng(7)
+    codes = [
+        generator.integers(-(2**15), 2**15, (n_frames, n_chirps, 4, n_samples, 2)).astype(np.int16)
+        for n_chirps, n_samples in ((6, 64), (8, 32))
+    ]
+    frames = (
+        encode_two_lanes(sub_frame[index : index + 1])
+        for index in range(n_frames)
+        for sub_frame in codes
+    )
+    return codes, b"".join(frames)
+
+
+def test_each_sub_frame_is_a_recording(tmp_path):
+    codes, content = draw_sub_frames()
+    (tmp_path / "adc_data.bin").write_bytes(content)
+    (tmp_path / "adc_data.cfg").write_text(SUB_FRAME_CFG)
+
+    for name, sub_frame in (("adc_data.bin", 0), ("adc_data.bin/0", 0), ("adc_data.bin/1", 1),
+                            ("adc_data.bin/subframe1", 1)):  # fmt: skip
+        recording = open_recording(tmp_path / name)
+        assert np.array_equal(recording.cube.values, scale_samples(codes[sub_frame]))
+        assert ("note", "recording") in list_levels(recording)
+    assert recording.radar.frame.multiplexing == Bpm(order=(0, 1))
+    for name in ("2", "x"):
+        with pytest.raises(RecordingError, match="expected a number from 0 to 1"):
+            open_recording(tmp_path / "adc_data.bin" / name)
+
+
+def test_name_of_sub_frame_is_refused_without_sub_frames(tmp_path):
+    (tmp_path / "x.bin").write_bytes(encode_two_lanes(draw_codes()))
+
+    with pytest.raises(RecordingError, match="frames of a single sub-frame"):
+        open_recording(tmp_path / "x.bin" / "1", radar=RADAR, format="dca1000")
+
+
+def test_lost_packets_mark_chirps_of_their_sub_frame(tmp_path):
+    codes, content = draw_sub_frames()
+    packets = split_packets(content)
+    # Frames have 6 chirps of 1024 bytes and 8 of 512: packet 2 is bytes 2912 to 4367.
+    lost = packets.pop(2)
+    assert lost[1] == 2912
+    (tmp_path / "adc_Raw_0.bin").write_bytes(encode_with_headers(packets))
+    (tmp_path / "adc.cfg").write_text(SUB_FRAME_CFG)
+
+    first, second = (open_recording(tmp_path / "adc_Raw_0.bin" / name) for name in "01")
+
+    assert np.flatnonzero(first.cube.gap.values).tolist() == [2, 3, 4]
+    assert "gap" not in second.cube.coords
+    assert np.array_equal(second.cube.values, scale_samples(codes[1]))
+    packets = split_packets(content)
+    lost = packets.pop(6)  # bytes 8736 to 10191: 2592 to 4047 of the second sub-frame
+    (tmp_path / "adc_Raw_0.bin").write_bytes(encode_with_headers(packets))
+    first, second = (open_recording(tmp_path / "adc_Raw_0.bin" / name) for name in "01")
+    assert np.flatnonzero(second.cube.gap.values).tolist() == [5, 6, 7]
+    assert "gap" not in first.cube.coords
 
 
 def test_12_bit_codes_are_full_scale_with_and_without_sign_extension(tmp_path):

@@ -282,15 +282,72 @@ def test_cfg_error_lists_all_mistakes(tmp_path):
     ]  # fmt: skip
 
 
-def test_rejects_cfg_with_two_sub_frames(tmp_path):
-    cfg = CFG.replace("dfeDataOutputMode 1", "dfeDataOutputMode 3").replace(
-        "frameCfg 0 1 32 0 50 1 0",
-        "advFrameCfg 2 0 0 1 0\nsubFrameCfg 0 0 0 2 32 50 0 1 1 50\n"
-        "subFrameCfg 1 0 0 2 32 50 0 1 1 50",
+# Two chirps of transmitters that take turns, then two of both together.
+SUB_FRAMES = CFG.replace("dfeDataOutputMode 1", "dfeDataOutputMode 3").replace(
+    "frameCfg 0 1 32 0 50 1 0",
+    """profileCfg 1 76 20 6 40 0 0 60 1 128 4000 0 0 30
+chirpCfg 2 2 1 0 0 0 0 5
+chirpCfg 3 3 1 0 0 0 0 5
+bpmCfg 0 0 0 1
+bpmCfg 1 1 2 3
+advFrameCfg 2 0 9 1 0
+subFrameCfg 0 0 0 2 32 50 0 1 1 50
+subFrameCfg 1 0 2 2 16 30 0 1 1 30""",
+)
+
+
+def test_cfg_with_sub_frames_describes_each(tmp_path):
+    first = read_settings_text(tmp_path, SUB_FRAMES)
+
+    assert len(first.sub_frames) == 2
+    assert (first.n_frames, first.sub_frame_index) == (9, 0)
+    assert (first.radar.frame.n_chirps, first.radar.frame.multiplexing) == (32, Tdm(order=(0, 1)))
+    second = first.with_sub_frame(1)
+    assert (second.radar.frame.n_chirps, second.radar.frame.multiplexing) == (16, Bpm(order=(0, 1)))
+    assert second.radar.frame.chirp.n_samples == 128
+    assert second.radar.frame.interval_s == pytest.approx(60e-6)
+    # A sub-frame repeats with the frame: after the periods of all sub-frames.
+    for sub_frame in (first, second):
+        assert sub_frame.radar.frame.period_s == pytest.approx(80e-3)
+        assert "2 sub-frames" in sub_frame.findings[-1].value
+
+
+def test_cfg_commands_apply_to_their_sub_frame(tmp_path):
+    cfg = SUB_FRAMES.replace("adcbufCfg -1 0 1 1 1", "adcbufCfg 0 0 1 1 1\nadcbufCfg 1 0 0 1 1")
+
+    settings = read_settings_text(tmp_path, cfg)
+
+    assert [sub_frame.iq for sub_frame in settings.sub_frames] == ["qi", "iq"]
+
+
+def test_cfg_sub_frame_without_stream_has_no_samples(tmp_path):
+    cfg = SUB_FRAMES.replace(
+        "lvdsStreamCfg -1 0 1 0", "lvdsStreamCfg 0 0 0 0\nlvdsStreamCfg 1 0 1 0"
     )
 
-    with pytest.raises(InvalidFile, match="n_sub_frames 2"):
-        read_settings_text(tmp_path, cfg)
+    settings = read_settings_text(tmp_path, cfg)
+
+    assert settings.sub_frames == ()
+    assert settings.radar.frame.multiplexing == Bpm(order=(0, 1))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("advFrameCfg 2 0", "advFrameCfg 0 0", "n_sub_frames 0"),
+        ("advFrameCfg 2 0", "advFrameCfg 5 0", "n_sub_frames 5|for sub-frame 2"),
+        ("advFrameCfg 2 0", "advFrameCfg 3 0", "subFrameCfg: missing for sub-frame 2"),
+        ("advFrameCfg 2 0", "advFrameCfg 2 1", "force_profile 1"),
+        ("subFrameCfg 1 0 2 2 16 30 0 1", "subFrameCfg 1 0 2 2 16 30 0 2", "n_bursts 2"),
+        ("subFrameCfg 1 0 2 2", "subFrameCfg 1 0 2 3", "without chirpCfg for 4"),
+        ("adcbufCfg -1", "adcbufCfg 0", "adcbufCfg: missing for sub-frame 1"),
+        ("bpmCfg 1 1 2 3", "bpmCfg 1 1 0 1", "bpmCfg: enabled 1, for chirps 0 and 1"),
+    ],
+)
+def test_rejects_cfg_with_invalid_sub_frames(tmp_path, old, new, message):
+    assert old in SUB_FRAMES
+    with pytest.raises(InvalidFile, match=message):
+        read_settings_text(tmp_path, SUB_FRAMES.replace(old, new))
 
 
 def test_rejects_cfg_with_irregular_transmitter_order(tmp_path):

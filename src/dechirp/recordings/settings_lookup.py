@@ -1,7 +1,9 @@
 """Settings of a recording: those that the user gave, else those of a file next to it."""
 
+import re
 from pathlib import Path
 
+from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.radar.array import Array
 from dechirp.recordings.readers.base import RecordingHints
@@ -18,6 +20,30 @@ def find_recording_settings(path: Path, hints: RecordingHints) -> RecordingSetti
         If none were given, and none or several are next to it.
     """
     return hints.settings or read_settings(find_settings_file(path), hints.device)
+
+
+def find_sub_frame_settings(path: Path, hints: RecordingHints) -> RecordingSettings:
+    """Return the settings of raw samples: those of the sub-frame that the user named, or the first.
+
+    Raises
+    ------
+    RecordingError
+        If there are no settings, or no sub-frame of that name.
+    """
+    settings = find_recording_settings(path, hints)
+    if hints.inner_name is None:
+        return settings
+    number = re.fullmatch(r"(?:sub-?frame[-_]?)?(\d{1,4})", hints.inner_name.lower())
+    n_sub_frames = len(settings.sub_frames)
+    if number is None or int(number[1]) >= n_sub_frames:
+        raise RecordingError(
+            path,
+            value=f"sub-frame {hints.inner_name!r}, in frames of"
+            f" {n_sub_frames or 'a single'} sub-frame{'s' if n_sub_frames else ''}",
+            expected=f"a number from 0 to {n_sub_frames - 1}" if n_sub_frames else "no name",
+            fix=f"give {path.name}/0" if n_sub_frames else f"give {path.name} itself",
+        )
+    return settings.with_sub_frame(int(number[1]))
 
 
 def assumed_single_receiver_findings(settings: RecordingSettings) -> tuple[Finding, ...]:

@@ -121,6 +121,13 @@ class _FrameDecoder:
         self._path, self._settings = path, replace(settings, n_frames=None)
         self._iq = iq
         frame, n_rx = self.radar.frame, self.radar.array.n_rx
+        if settings.sub_frames:
+            raise RecordingError(
+                path,
+                value=f"frames of {len(settings.sub_frames)} sub-frames",
+                expected="a stream of frames with equal chirps",
+                fix="record to a file and open it, or stream a single sub-frame",
+            )
         sizes = {
             2 * layout.words_per_chirp(frame.chirp, n_rx)
             for layout in possible_word_layouts(settings)

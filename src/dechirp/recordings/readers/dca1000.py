@@ -26,9 +26,9 @@ from dechirp.recordings.readers.base import (
     identify_non_raw_content,
 )
 from dechirp.recordings.samples.layouts import FourLanes, Layout, TwoLanes
-from dechirp.recordings.samples.raw_samples import interpret_raw_samples
+from dechirp.recordings.samples.raw_samples import count_frame_bytes, interpret_raw_samples
 from dechirp.recordings.settings.base import RecordingSettings
-from dechirp.recordings.settings_lookup import find_recording_settings
+from dechirp.recordings.settings_lookup import find_sub_frame_settings
 from dechirp.recordings.sidecar import has_sidecar, read_sidecar
 from dechirp.recordings.streams.byte_sources import ByteSource, open_concatenated_files
 from dechirp.recordings.streams.packets import (
@@ -50,11 +50,12 @@ SPLIT_BYTES = 2**29
 class Dca1000(Format):
     """TI DCA1000 captures (`.bin`), with or without packet headers.
 
-    Raw samples take everything but their order from the settings. A capture written by
-    `dechirp convert` has its settings in a sidecar.
+    Raw samples take everything but their order from the settings. Of several sub-frames in a frame,
+    a name such as `adc_data.bin/1` chooses one. A capture written by `dechirp convert` has its
+    settings in a sidecar.
     """
 
-    options: ClassVar[tuple[str, ...]] = ("iq",)
+    options: ClassVar[tuple[str, ...]] = ("iq", "inner_name")
 
     def recognise(self, path: Path) -> MatchQuality:
         if not path.is_file():
@@ -79,7 +80,7 @@ class Dca1000(Format):
                     hints,
                 )
             )
-        settings = find_recording_settings(path, hints)
+        settings = find_sub_frame_settings(path, hints)
         stream, findings = _open_payload_stream_with_findings(path, settings)
         return interpret_raw_samples(
             path, stream, possible_word_layouts(settings), settings.with_findings(*findings), hints
@@ -254,12 +255,9 @@ def find_next_capture_part(parts: list[Path]) -> Path | None:
 
 def _is_complete_capture(file_bytes: int, settings: RecordingSettings) -> bool:
     """Return whether a file of this size contains all frames of its capture."""
-    radar = settings.radar
-    chirp_bytes = [
-        2 * lay.words_per_chirp(radar.frame.chirp, radar.array.n_rx)
-        for lay in possible_word_layouts(settings)
+    frame_bytes = [
+        count_frame_bytes(layout, settings) for layout in possible_word_layouts(settings)
     ]
-    frame_bytes = [radar.frame.n_chirps_total * size for size in chirp_bytes]
     if settings.n_frames is not None:
         return any(
             file_bytes >= settings.n_frames * bytes_per_frame for bytes_per_frame in frame_bytes

@@ -19,7 +19,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.readers.dca1000 import possible_word_layouts
 from dechirp.recordings.samples.raw_samples import interpret_raw_samples
-from dechirp.recordings.settings_lookup import find_recording_settings
+from dechirp.recordings.settings_lookup import find_sub_frame_settings
 from dechirp.recordings.streams.byte_sources import open_concatenated_files
 from dechirp.recordings.streams.packets import (
     assemble_packet_payloads,
@@ -48,7 +48,7 @@ class Pcap(Format):
     Packets captured by Wireshark, tcpdump or dumpcap.
     """
 
-    options: ClassVar[tuple[str, ...]] = ("iq",)
+    options: ClassVar[tuple[str, ...]] = ("iq", "inner_name")
 
     def recognise(self, path: Path) -> MatchQuality:
         if not path.is_file():
@@ -68,7 +68,7 @@ class Pcap(Format):
         size = path.stat().st_size
         if stopped < size:
             findings += (_cut_packet_warning(size - stopped, stopped),)
-        settings = find_recording_settings(path, hints)
+        settings = find_sub_frame_settings(path, hints)
         return interpret_raw_samples(
             path, stream, possible_word_layouts(settings), settings.with_findings(*findings), hints
         )

@@ -92,6 +92,20 @@ def interpret_raw_samples(
     )
 
 
+def count_frame_bytes(layout: Layout, settings: RecordingSettings) -> int:
+    """Return the bytes of a frame with all its sub-frames."""
+    radars = [sub_frame.radar for sub_frame in settings.sub_frames]
+    if radars:
+        radars[settings.sub_frame_index] = settings.radar
+    return sum(_count_chirp_bytes(layout, radar) for radar in radars or [settings.radar])
+
+
+def _count_chirp_bytes(layout: Layout, radar: Radar) -> int:
+    """Return the bytes of all chirps of a radar in a frame."""
+    words = layout.words_per_chirp(radar.frame.chirp, radar.array.n_rx)
+    return 2 * words * radar.frame.n_chirps_total
+
+
 @frozen_dataclass
 class _Interpretation:
     """One interpretation of the bytes: layout, code and settings."""
@@ -113,9 +127,16 @@ class _Interpretation:
         return 2 * self.layout.words_per_chirp(self.radar.frame.chirp, self.radar.array.n_rx)
 
     @property
+    def bytes_per_frame(self) -> int:
+        return count_frame_bytes(self.layout, self.settings)
+
+    @property
     def first_frame_byte_offset(self) -> int:
-        """Offset of the first frame in bytes."""
-        return self.first_frame * self.radar.frame.n_chirps_total * self.bytes_per_chirp
+        """Offset of the first frame in bytes, or of the sub-frame in it."""
+        earlier = self.settings.sub_frames[: self.settings.sub_frame_index]
+        return self.first_frame * self.bytes_per_frame + sum(
+            _count_chirp_bytes(self.layout, sub_frame.radar) for sub_frame in earlier
+        )
 
     def decode_first_chirps_without_gaps(self) -> np.ndarray:
         """Return (chirp, rx, sample) of a frame: enough chirps to distinguish echoes from noise.
@@ -134,7 +155,7 @@ class _Interpretation:
     def decode_frame(self, frame_index: int, out: np.ndarray) -> None:
         """Fill (chirp, rx, sample) with one frame."""
         size = self.bytes_per_chirp
-        start = self.first_frame_byte_offset + frame_index * self.radar.frame.n_chirps_total * size
+        start = self.first_frame_byte_offset + frame_index * self.bytes_per_frame
         per_block = max(1, _BLOCK_BYTES // size)
         block = np.empty((min(per_block, len(out)), size), np.uint8)
         for first in range(0, len(out), per_block):
@@ -147,12 +168,15 @@ class _Interpretation:
         """Return (frame, chirp), True where bytes of the chirp were lost; None without losses."""
         lost_ranges = self.stream.lost_byte_ranges
         n_sent = self.radar.frame.n_chirps_total
-        starts_at = self.first_frame * n_sent
-        first = lost_ranges[:, 0] // self.bytes_per_chirp - starts_at
-        last = (lost_ranges[:, 1] - 1) // self.bytes_per_chirp - starts_at
+        first_of, last_of = lost_ranges[:, 0], lost_ranges[:, 1] - 1
+        frames, within = divmod(first_of - self.first_frame_byte_offset, self.bytes_per_frame)
+        # A loss that begins in a later sub-frame reaches this one in the next frame.
+        first = frames * n_sent + np.minimum(within // self.bytes_per_chirp, n_sent)
+        frames, within = divmod(last_of - self.first_frame_byte_offset, self.bytes_per_frame)
+        last = frames * n_sent + np.minimum(within // self.bytes_per_chirp, n_sent - 1)
         # +1 where a gap begins and -1 after it: inside gaps the running sum is positive.
         steps = np.zeros(self.n_frames * n_sent + 1, np.int64)
-        inside = (last >= 0) & (first < steps.size - 1)
+        inside = (last >= 0) & (first < steps.size - 1) & (first <= last)
         np.add.at(steps, np.maximum(first[inside], 0), 1)
         np.add.at(steps, np.minimum(last[inside] + 1, steps.size - 1), -1)
         gaps = np.cumsum(steps[:-1]) > 0
@@ -210,7 +234,7 @@ def _locate_first_frame_and_count_frames(
     """Return the settings, the first frame and the number of frames; warn of a cut last frame."""
     frame, n_rx = settings.radar.frame, settings.radar.array.n_rx
     chirp_bytes = 2 * layout.words_per_chirp(frame.chirp, n_rx)
-    frame_bytes = frame.n_chirps_total * chirp_bytes
+    frame_bytes = count_frame_bytes(layout, settings)
     lost_ranges = stream.lost_byte_ranges
     # A capture started during a measurement begins with frames of which no byte arrived.
     leading_bytes = int(lost_ranges[0, 1]) if len(lost_ranges) and lost_ranges[0, 0] == 0 else 0
@@ -221,7 +245,8 @@ def _locate_first_frame_and_count_frames(
     frame_text = (
         f"{frame_bytes} bytes a frame ({frame.n_chirps_total} chirps of {chirp_bytes} bytes:"
         f" {n_rx} receivers, {frame.chirp.n_samples} {frame.chirp.sampling} samples,"
-        f" {layout.name})"
+        f" {layout.name}"
+        f"{'; and other sub-frames' if settings.sub_frames else ''})"
     )
     # A capture that stopped early ends with a whole network packet, 182 groups of 8 bytes.
     # It can be shorter than the transmitted data, but never longer.
@@ -300,8 +325,9 @@ def _lost_frames_and_gaps_findings(
     if gaps is not None:
         frames = np.flatnonzero(gaps.any(axis=1))
         # Other findings report losses before the first and after the last frame.
-        end = interpretation.first_frame_byte_offset + gaps.size * interpretation.bytes_per_chirp
-        lost_ranges = np.clip(stream.lost_byte_ranges, interpretation.first_frame_byte_offset, end)
+        start = interpretation.first_frame * interpretation.bytes_per_frame
+        end = start + len(gaps) * interpretation.bytes_per_frame
+        lost_ranges = np.clip(stream.lost_byte_ranges, start, end)
         lost_ranges = lost_ranges[lost_ranges[:, 1] > lost_ranges[:, 0]]
         n_bytes = int(np.sum(lost_ranges[:, 1] - lost_ranges[:, 0]))
         findings.append(

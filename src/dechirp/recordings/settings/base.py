@@ -40,6 +40,24 @@ class RecordingSettings:
     path: Path | None = None
     """The settings file; None for settings made in Python."""
     findings: tuple[Finding, ...] = ()
+    sub_frames: tuple["RecordingSettings", ...] = ()
+    """Settings of the sub-frames of a frame, in the order of their samples; empty if the samples
+    of a frame are those of the radar alone."""
+    sub_frame_index: int = 0
+    """Index among the sub-frames of the one that the radar describes."""
+
+    def with_sub_frame(self, index: int) -> "RecordingSettings":
+        """Return the settings of another sub-frame of the same recording."""
+        others = f"/0 to /{len(self.sub_frames) - 1}"
+        note = Finding(
+            level="note",
+            setting="recording",
+            value=f"frames of {len(self.sub_frames)} sub-frames, of which number {index} is read",
+            expected="one sub-frame of equal chirps",
+            fix=f"append {others} to the name of the recording to choose another",
+        )
+        chosen = self.sub_frames[index].with_findings(note)
+        return replace(chosen, path=self.path, sub_frames=self.sub_frames, sub_frame_index=index)
 
     def with_radar(self, radar: Radar) -> "RecordingSettings":
         """Return the layout with another radar."""

@@ -9,6 +9,7 @@ TI mmWave SDK User Guide, section on the format of configuration files.
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake, RecordingError
@@ -30,6 +31,7 @@ _PLATFORM = re.compile(r"^[ \t]*%[ \t]*Platform[ \t]*:[ \t]*([\w.-]{1,40})", re.
 _MAX_CHARACTERS = 2**18  # characters; real files have some 2000
 _MAX_MISTAKES = 100  # more mistakes mean a wrong file
 
+_MAX_SUB_FRAMES = 4
 _REQUIRED_COMMANDS = ("channelCfg", "adcCfg", "adcbufCfg", "profileCfg", "chirpCfg")
 _FRAMES = ("frameCfg",)
 _SUB_FRAMES = ("advFrameCfg", "subFrameCfg")
@@ -46,9 +48,8 @@ _SUPPORTED_VALUES = (
     ("lvdsStreamCfg", "header", (0,), "0: samples without headers"),
     ("lvdsStreamCfg", "data_format", (0, 1), "0 or 1: samples alone"),
     ("lvdsStreamCfg", "software", (0,), "0: samples alone"),
-    ("advFrameCfg", "n_sub_frames", (1,), "1: one sub-frame"),
+    ("advFrameCfg", "n_sub_frames", range(1, _MAX_SUB_FRAMES + 1), "1 to 4 sub-frames"),
     ("advFrameCfg", "force_profile", (0,), "0: the profiles of chirpCfg"),
-    ("subFrameCfg", "sub_frame", (0,), "0: the first sub-frame"),
     ("subFrameCfg", "n_bursts", (1,), "1: one burst"),
     ("subFrameCfg", "n_burst_loops", (1,), "1: one burst"),
     ("chirpCfg", "start_variation", (0,), "0: equal chirps"),
@@ -96,6 +97,64 @@ def read_ti_cfg(file: Path, text: str, device: Device | None = None) -> Recordin
     _append_missing_command_mistakes(file, (*_REQUIRED_COMMANDS, *frames), last_commands, mistakes)
     if mistakes:
         raise InvalidFile(*mistakes[:_MAX_MISTAKES])
+    platform = _PLATFORM.search(text)
+    chip_name = platform.group(1) if platform else ""
+    if frames == _FRAMES:
+        return _read_frame(file, commands, frames, chip_name=chip_name, device=device)
+    n_sub_frames = last_commands["advFrameCfg"].integer_argument("n_sub_frames")
+    # A number out of range is a mistake that the first sub-frame reports.
+    numbers = range(min(max(n_sub_frames, 1), _MAX_SUB_FRAMES))
+    commands_of_sub_frames = [_commands_of_sub_frame(commands, number) for number in numbers]
+    for number, sub_frame_commands in enumerate(commands_of_sub_frames):
+        present = {line.name: line for line in sub_frame_commands}
+        _append_missing_command_mistakes(
+            file, _REQUIRED_COMMANDS + frames, present, mistakes, of=f" for sub-frame {number}"
+        )
+    if mistakes:
+        raise InvalidFile(*mistakes[:_MAX_MISTAKES])
+    period_ms = sum(
+        line["period_ms"]
+        for sub_frame_commands in commands_of_sub_frames
+        for line in sub_frame_commands[-1:]
+    )
+    sub_frames = [
+        _read_frame(file, lines, frames, chip_name=chip_name, device=device, period_ms=period_ms)
+        for lines in commands_of_sub_frames
+    ]
+    streamed = [
+        settings
+        for settings, lines in zip(sub_frames, commands_of_sub_frames, strict=True)
+        if _is_streamed(lines)
+    ]
+    streamed = streamed or sub_frames
+    if len(streamed) == 1:
+        return streamed[0]
+    return replace(streamed[0], sub_frames=tuple(streamed)).with_sub_frame(0)
+
+
+def _commands_of_sub_frame(commands: Sequence[Command], number: int) -> list[Command]:
+    """Return the commands that apply to a sub-frame; its `subFrameCfg` is the last one."""
+    own = [line for line in commands if line.numbers.get("sub_frame", -1) in (-1, number)]
+    return sorted(own, key=lambda line: line.name == "subFrameCfg")
+
+
+def _is_streamed(commands: Sequence[Command]) -> bool:
+    """Return whether the samples of a sub-frame are streamed, according to its last command."""
+    streams = [line for line in commands if line.name == "lvdsStreamCfg"]
+    return not streams or streams[-1]["data_format"] != 0
+
+
+def _read_frame(
+    file: Path,
+    commands: Sequence[Command],
+    frames: tuple[str, ...],
+    *,
+    chip_name: str,
+    device: Device | None,
+    period_ms: float | None = None,
+) -> RecordingSettings:
+    """Read the settings of a frame, or of a sub-frame of frames with a period."""
+    last_commands = {line.name: line for line in commands}
     frame = last_commands[frames[-1]]
     chirps = _chirp_commands_as_sent(file, commands, frame)
     _check_values_supported(file, [*last_commands.values()], chirps, frames)
@@ -104,7 +163,6 @@ def read_ti_cfg(file: Path, text: str, device: Device | None = None) -> Recordin
         bpm = None
     profile = _find_common_profile(file, commands, chirps, frame, bpm)
     adc, buffer = last_commands["adcCfg"], last_commands["adcbufCfg"]
-    platform = _PLATFORM.search(text)
     with convert_setting_errors(file):
         ti_frame = TiFrame(
             chirp=_profile_to_chirp(profile, is_real_sampling=adc["format"] == 0),
@@ -112,16 +170,17 @@ def read_ti_cfg(file: Path, text: str, device: Device | None = None) -> Recordin
             masks=tuple(chirp.integer_argument("tx_mask") for chirp in chirps),
             n_loops=frame.integer_argument("n_loops"),
             n_frames=last_commands[frames[0]].integer_argument("n_frames"),
-            period_s=frame["period_ms"] / 1e3,
+            period_s=(frame["period_ms"] if period_ms is None else period_ms) / 1e3,
             rx_mask=last_commands["channelCfg"].integer_argument("rx_mask"),
             bpm=bpm is not None,
+            is_sub_frame=period_ms is not None and period_ms != frame["period_ms"],
         )
         return ti_frame_to_recording_settings(
             ti_frame,
             iq="qi" if buffer["sample_swap"] else "iq",
             interleaved=not buffer["interleave"],
             bits=BITS[adc.integer_argument("bits")],
-            chip_name=platform.group(1) if platform else "",
+            chip_name=chip_name,
             device=device,
         )
 
@@ -139,14 +198,18 @@ def _low_power_chip_mistake(file: Path, text: str, match: re.Match[str]) -> Mist
 
 
 def _append_missing_command_mistakes(
-    file: Path, required: Sequence[str], commands: dict[str, Command], mistakes: list[Mistake]
+    file: Path,
+    required: Sequence[str],
+    commands: dict[str, Command],
+    mistakes: list[Mistake],
+    of: str = "",
 ) -> None:
     """Append a mistake for each missing command, unless it is present but invalid."""
     named = {mistake.setting for mistake in mistakes}
     mistakes += [
         Mistake(
             setting=command,
-            value="missing",
+            value=f"missing{of}",
             expected=f"the command before sensorStart, with {', '.join(COMMANDS[command])}",
             fix="use the whole file that was sent to the radar",
             file=str(file),

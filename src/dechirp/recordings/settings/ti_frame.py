@@ -40,6 +40,8 @@ class TiFrame:
     rx_mask: int
     bpm: bool = False
     """Whether the loop is two chirps of the same two transmitters, + + and then + -."""
+    is_sub_frame: bool = False
+    """Whether other chirps follow before the next frame."""
 
 
 def tdm_transmitter_order(masks: Sequence[int]) -> tuple[int, ...]:
@@ -129,7 +131,7 @@ def ti_frame_to_recording_settings(
     calibration = (
         None if known_device is None else known_device.sign_calibration(tx_mask, ti_frame.rx_mask)
     )
-    is_merged = n_chirps == len(order) == 1 and ti_frame.n_frames > 0
+    is_merged = n_chirps == len(order) == 1 and ti_frame.n_frames > 0 and not ti_frame.is_sub_frame
     if is_merged:
         frame = Frame(
             chirp=ti_frame.chirp, n_chirps=ti_frame.n_frames, interval_s=ti_frame.period_s
