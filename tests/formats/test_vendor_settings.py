@@ -662,6 +662,101 @@ def test_unsupported_studio_log_error_names_mistake(tmp_path, old, new, message)
 # --- Infineon -------------------------------------------------------------------------
 
 
+# The radar of CFG.
+LUA = """\
+--[[ DataCaptureDemo
+ar1.ProfileConfig(0, 60, 1) ]]
+START_FREQ = 77 -- GHz
+local idle_us = 2 * 5
+RADAR.RAMP = 50 + idle_us
+ar1.SelectChipVersion("AR1642")
+ar1.SelectChipVersion("XWR1843")
+if (ar1.ChanNAdcConfig(1, 0, 1, 1, 1, 1, 1, 2, 1, 1) == 0) then
+    WriteToLog("ChanNAdcConfig -- success\\n", "green")
+end
+ar1.ProfileConfig(0, START_FREQ, idle_us, 6, RADAR.RAMP, 0, 0, 0, 0, 0, 0,
+    30.0, 0, 0x100, 5e3, 0, 0, 30)
+ar1.ChirpConfig(0, 0, 0, 0, 0, 0, 0, 1, 0, 0)
+-- ar1.ChirpConfig(1, 1, 0, 0, 0, 0, 0, 0, 1, 0)
+ar1.ChirpConfig(1, 1, 0, 0, 0, 0, 0, 0, 0, 1)
+ar1.FrameConfig(0, 1, 8, 32, 50, 0, 0, 1)
+ar1.StartFrame()
+ar1.FrameConfig(0, 1, 8, 64, 100, 0, 0, 1)
+"""
+
+
+def test_studio_lua_equals_cfg_of_same_radar(tmp_path):
+    expected = read_settings_text(tmp_path, CFG)
+
+    settings = read_settings_text(tmp_path, LUA, "capture.lua")
+
+    assert settings.radar == expected.radar
+    assert (settings.iq, settings.is_interleaved, settings.bits) == ("qi", False, 16)
+    assert (settings.n_frames, settings.receivers) == (8, (0, 1, 2, 3))
+    assert (settings.device, settings.findings) == ("xwr1843", ())
+    (tmp_path / "settings.cfg").unlink()
+    assert find_settings_file(tmp_path / "adc_data.bin").name == "capture.lua"
+
+
+def test_studio_lua_receivers_and_samples_are_those_of_its_channels(tmp_path):
+    text = LUA.replace("(1, 0, 1, 1, 1, 1, 1, 2, 1, 1)", "(1, 0, 1, 0, 1, 1, 0, 0, 0, 0)")
+
+    settings = read_settings_text(tmp_path, text, "capture.lua")
+
+    assert (settings.receivers, settings.bits) == ((1, 2), 12)
+    assert settings.radar.frame.chirp.sampling == "real"
+    without_channels = read_settings_text(tmp_path, LUA.replace("ar1.ChanN", "x.ChanN"), "a.lua")
+    assert without_channels.receivers == (0, 1, 2, 3)
+    assert without_channels.iq is None
+    (warning,) = without_channels.findings
+    assert "no ChanNAdcConfig" in warning.value
+
+
+def test_studio_lua_profile_of_branches_is_that_of_the_device(tmp_path):
+    other = "ar1.ProfileConfig(0, 60.25, 7, 6, 60, 0, 0, 0, 0, 0, 0, 29, 0, 256, 5000, 0, 0, 30)\n"
+    text = LUA.replace("ar1.ChirpConfig(0", f"{other}ar1.ChirpConfig(0")
+
+    assert read_settings_text(tmp_path, text, "a.lua").radar.frame.chirp.start_frequency_hz == 77e9
+    at_60_ghz = read_settings_text(tmp_path, text, "a.lua", device_name="xwr6843")
+    assert at_60_ghz.radar.frame.chirp.start_frequency_hz == 60.25e9
+    unknown = read_settings_text(tmp_path, text.replace("SelectChip", "x"), "a.lua")
+    assert unknown.radar.frame.chirp.start_frequency_hz == 60.25e9
+    assert "2 different calls of ProfileConfig" in unknown.findings[-1].value
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("START_FREQ,", "start,", "start_ghz 'start' of ProfileConfig in line 11"),
+        ("START_FREQ = 77", "START_FREQ = f(77)", "start_ghz 'START_FREQ'"),
+        ("0x100", "256.5", "n_samples '256.5'"),
+        ("0x100", "10^3", r"n_samples '10\^3'"),
+        ("0x100", "1e99", "n_samples '1e99'"),
+        ("idle_us = 2 * 5", "idle_us = 1 / 0", "idle_us 'idle_us'"),
+        ("30.0, 0, ", "0, 0, 30.0, 0, ", "20 arguments in line 11|ProfileConfig with 20"),
+        ("0, 0, 0, 0, 0, 1)", "0, 0, 0, 0, 0)", "ChirpConfig with 9 arguments in line 15"),
+        ("ar1.FrameConfig(0, 1", "ar1.FrameConfig(0, 2", "chirps 0 to 2 of the frame"),
+        ("ar1.ChirpConfig(1, 1, 0, 0", "ar1.ChirpConfig(1, 1, 0, 1", "which differ"),
+        ("ar1.ChirpConfig(1, 1, 0", "ar1.ChirpConfig(1, 1, 2", "which differ"),
+        ("ar1.ProfileConfig(0, S", "ar1.ProfileConfig(1, S", "profile 0, which is not set"),
+        ("0, 0, 0, 0, 0, 1)", "0, 0, 0, 0, 1, 1)", "transmitters 2\\+3 at once"),
+        ("1, 2, 1, 1) == 0", "1, 3, 1, 1) == 0", "bits 3"),
+        ("ar1.FrameConfig", "x.FrameConfig", "no FrameConfig"),
+        (
+            "ar1.StartFrame",
+            "ar1.AdvanceFrameConfig(1)\nar1.StartFrame",
+            "AdvanceFrameConfig in line",
+        ),
+        ("ar1.ProfileConfig(0, S", "ar1.ProfileConfig_mult(1, 0, S", "cascade"),
+        ("32, 50, 0", "0, 50, 0", "n_chirps"),
+    ],
+)
+def test_rejects_studio_lua(tmp_path, old, new, message):
+    assert old in LUA
+    with pytest.raises(RecordingError, match=message):
+        read_settings_text(tmp_path, LUA.replace(old, new), "capture.lua")
+
+
 def format_infineon(**changes):
     shape = {
         "start_frequency_Hz": 60_000_000_000,
@@ -793,6 +888,7 @@ ODD_VALUES = st.sampled_from(
      "\u0661", "\0", "1 2"]
 )  # fmt: skip
 VALID_FILES = {
+    "a.lua": LUA,
     "settings.cfg": CFG,
     "LogFile.txt": format_log(),
     "a.mmwave.json": format_studio(),

@@ -17,6 +17,7 @@ from dechirp.recordings.foreign_files import stand_in_error
 from dechirp.recordings.settings import (
     infineon_json,
     mmwave_json,
+    mmwave_lua,
     mmwave_setup,
     mmwave_studio_log,
     ti_cfg,
@@ -25,15 +26,15 @@ from dechirp.recordings.settings.base import RecordingSettings
 from dechirp.recordings.settings.calibration import read_calibration
 
 _YAML = (".yaml", ".yml")
-_SUFFIXES = (*_YAML, ".txt", ".log", ".json", ".cfg")
+_SUFFIXES = (*_YAML, ".txt", ".log", ".json", ".cfg", ".lua")
 _MAX_BYTES = 16 * 2**20  # a log of years; each line takes 8 more bytes of memory
 
 
 def read_radar(path: str | Path, device: Device | None = None) -> Radar:
     """Read a radar from a settings file: native YAML, or a vendor's file.
 
-    Vendor files are TI's `.cfg`, `.mmwave.json`, `.setup.json` and mmWave Studio log, and
-    Infineon's `config.json`. The content determines the type, not the name.
+    Vendor files are TI's `.cfg`, `.mmwave.json`, `.setup.json`, mmWave Studio log and `.lua`
+    script, and Infineon's `config.json`. The content determines the type, not the name.
 
     Parameters
     ----------
@@ -62,6 +63,8 @@ def read_settings(file: Path, device: Device | None = None) -> RecordingSettings
     name = file.name.lower()
     if mmwave_studio_log.is_mmwave_studio_log(text):
         settings = mmwave_studio_log.read_mmwave_studio_log(file, text, device)
+    elif mmwave_lua.is_mmwave_lua(text) or name.endswith(".lua"):
+        settings = mmwave_lua.read_mmwave_lua(file, text, device)
     elif ti_cfg.is_ti_cfg(text) or name.endswith(".cfg"):
         settings = ti_cfg.read_ti_cfg(file, text, device)
     elif mmwave_json.is_mmwave_json(text):
@@ -192,7 +195,8 @@ def holds_settings(file: Path) -> bool:
         return is_recognised or _settings_file_named_in(file) is not None
     if file.suffix.lower() in _YAML:
         return any(line.startswith("frame:") for line in text.splitlines())
-    return mmwave_studio_log.is_mmwave_studio_log(text) or ti_cfg.is_ti_cfg(text)
+    is_recognised = mmwave_lua.is_mmwave_lua(text) or mmwave_studio_log.is_mmwave_studio_log(text)
+    return is_recognised or ti_cfg.is_ti_cfg(text)
 
 
 def _settings_file_named_in(setup_file: Path) -> Path | None:
@@ -231,6 +235,6 @@ def _read_settings_text(file: Path) -> str:
         file,
         value=problem,
         expected="a settings file: YAML, a TI .cfg, .mmwave.json or .setup.json, a mmWave Studio"
-        " log, or an Infineon config.json",
+        " log or .lua script, or an Infineon config.json",
         fix="give the settings file of the radar",
     ) from None

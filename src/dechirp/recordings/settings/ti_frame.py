@@ -85,7 +85,7 @@ def ti_frame_to_recording_settings(
     ti_frame: TiFrame,
     *,
     iq: Iq | None,
-    interleaved: bool,
+    interleaved: bool | None,
     bits: int,
     chip_name: str,
     device: Device | None,
