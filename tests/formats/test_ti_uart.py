@@ -121,6 +121,45 @@ def test_unused_items_are_counted_by_kind(tmp_path):
     assert "range profile (2) in 1, statistics (6) in 2, unknown (301) in 1" in note
 
 
+CFG = """\
+channelCfg 15 1 0
+adcCfg 2 1
+adcbufCfg -1 0 1 1 1
+profileCfg 0 77 10 6 60 0 0 30 1 256 5000 0 0 30
+chirpCfg 0 0 0 0 0 0 0 1
+frameCfg 0 0 16 0 100 1 0
+sensorStart
+"""
+
+
+def test_only_settings_file_of_folder_gives_radar(tmp_path):
+    content = encode_scene(20) + encode_scene(21)
+    (tmp_path / "sent.cfg").write_text(CFG)
+
+    contents = read_contents(tmp_path, content)
+
+    frame = contents.radar.frame
+    assert (frame.n_chirps, frame.period_s) == (16, 0.1)
+    assert np.unique(contents.points.time) == pytest.approx(frame.mid_frame_s + [0.0, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        ([CFG, CFG.replace("256", "128")], "a.cfg, b.cfg not used (no settings in the recording"),
+        ([CFG.replace("profileCfg 0 77", "profileCfg 0")], "a.cfg not used (13 numbers)"),
+    ],
+)
+def test_points_need_no_readable_settings(tmp_path, texts, message):
+    for name, text in zip("ab", texts, strict=False):
+        (tmp_path / f"{name}.cfg").write_text(text)
+
+    contents = read_contents(tmp_path, encode_scene(20))
+
+    assert contents.radar is None
+    assert message in contents.findings[0].value
+
+
 def test_radar_gives_point_times(tmp_path):
     contents = read_contents(
         tmp_path, encode_scene(20) + encode_scene(21) + encode_scene(24), make_hints()

@@ -852,6 +852,45 @@ def test_setup_file_names_settings_with_folder_of_recording_computer(tmp_path, f
     assert read_settings(tmp_path / "a.setup.json").device == "xwr1843"
 
 
+def test_parts_of_split_capture_share_settings(tmp_path):
+    (tmp_path / "adc_data.cfg").write_text(CFG)
+    (tmp_path / "other.cfg").write_text(CFG.replace("256", "128"))
+
+    for name in ("adc_data.bin", "adc_data_0.bin", "adc_data_1.bin", "adc_data_Raw_0.bin"):
+        assert find_settings_file(tmp_path / name) == tmp_path / "adc_data.cfg"
+    with pytest.raises(RecordingError, match=r"in the folder adc_data\.cfg, other\.cfg"):
+        find_settings_file(tmp_path / "walk_0.bin")
+
+
+def test_two_files_with_equal_settings_are_one(tmp_path):
+    (tmp_path / "a.cfg").write_text(CFG)
+    (tmp_path / "b.cfg").write_text(CFG.replace("lowPower 0 0", "lowPower 0 1"))
+
+    assert find_settings_file(tmp_path / "capture.bin") == tmp_path / "a.cfg"
+    (tmp_path / "b.cfg").write_text(CFG.replace("0 1 32 0", "0 1 64 0"))
+    with pytest.raises(RecordingError, match="no settings in the recording; in the folder a"):
+        find_settings_file(tmp_path / "capture.bin")
+
+
+def test_script_is_used_only_without_other_settings(tmp_path):
+    (tmp_path / "demo.lua").write_text(LUA.replace("FREQ = 77", "FREQ = 78"))
+    assert find_settings_file(tmp_path / "capture.bin") == tmp_path / "demo.lua"
+
+    (tmp_path / "radar.cfg").write_text(CFG)
+
+    assert find_settings_file(tmp_path / "capture.bin") == tmp_path / "radar.cfg"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le"])
+def test_cfg_of_windows_tools_is_read(tmp_path, encoding):
+    expected = read_settings_text(tmp_path, CFG)
+    content = CFG.replace("\n", "\r\n").encode(encoding)
+    mark = b"\xff\xfe" if encoding == "utf-16-le" else b""
+    (tmp_path / "settings.cfg").write_bytes(mark + content)
+
+    assert read_settings(tmp_path / "settings.cfg") == expected
+
+
 def test_recognises_cfg_by_commands(tmp_path):
     (tmp_path / "radar.cfg").write_text(CFG)
     (tmp_path / "tool.cfg").write_text("[section]\nkey = 1\n")

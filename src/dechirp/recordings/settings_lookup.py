@@ -3,12 +3,16 @@
 import re
 from pathlib import Path
 
-from dechirp.core.errors import RecordingError
+from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.core.findings import Finding
 from dechirp.radar.array import Array
 from dechirp.recordings.readers.base import RecordingHints
 from dechirp.recordings.settings.base import RecordingSettings
-from dechirp.recordings.settings.read import find_settings_file, read_settings
+from dechirp.recordings.settings.read import (
+    find_settings_file,
+    list_settings_files,
+    read_settings,
+)
 
 
 def find_recording_settings(path: Path, hints: RecordingHints) -> RecordingSettings:
@@ -20,6 +24,33 @@ def find_recording_settings(path: Path, hints: RecordingHints) -> RecordingSetti
         If none were given, and none or several are next to it.
     """
     return hints.settings or read_settings(find_settings_file(path), hints.device)
+
+
+def find_optional_settings(
+    path: Path, hints: RecordingHints
+) -> tuple[RecordingSettings | None, tuple[Finding, ...]]:
+    """Return the settings of a recording that can be read without them, and findings.
+
+    Unlike those that the user gave, settings beside the recording may be of no use.
+    """
+    if hints.settings is not None:
+        return hints.settings, hints.settings.findings
+    files = list_settings_files(path)
+    if not files:
+        return None, ()
+    try:
+        settings = find_recording_settings(path, hints)
+    except DechirpError as error:
+        names = ", ".join(file.name for file in files[:4])
+        note = Finding(
+            level="note",
+            setting="radar",
+            value=f"unknown: {names} not used ({error.mistakes[0].value})",
+            expected="one settings file that can be read, for the times and limits of the radar",
+            fix="no action needed for the points; else give the radar: --radar FILE",
+        )
+        return None, (note,)
+    return settings, settings.findings
 
 
 def find_sub_frame_settings(path: Path, hints: RecordingHints) -> RecordingSettings:

@@ -23,6 +23,7 @@ from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
+from dechirp.recordings.settings_lookup import find_optional_settings
 from dechirp.recordings.streams.tlv import (
     FIXED_POINT,
     MAGIC,
@@ -52,7 +53,7 @@ _ITEM_NAMES = {
 class TiUart(Format):
     """Detections from the serial port of a TI demo (TLV).
 
-    The bytes of the data port, unchanged.
+    The bytes of the data port, unchanged. A settings file next to them gives the radar.
     """
 
     def recognise(self, path: Path) -> MatchQuality:
@@ -74,14 +75,15 @@ class TiUart(Format):
             stream = find_complete_packets(text)
             if not len(stream.packets):
                 raise _no_packet_error(path, stream.n_damaged, stream.n_bytes_lost)
-            radar = None if hints.settings is None else hints.settings.radar
+            settings, findings = find_optional_settings(path, hints)
+            radar = None if settings is None else settings.radar
             xyzv, snr = _read_points_and_snrs(text, stream.packets, radar)
         points = _points_to_detections(stream.packets, xyzv, snr, radar)
-        findings = () if hints.settings is None else hints.settings.findings
         if np.isnan(xyzv[:, 3]).any():
             findings = (*findings, _missing_doppler_bin_width_warning())
         return Contents(
             radar=radar,
+            settings_path=None if settings is None else settings.path,
             n_frames=len(stream.packets),
             points=points,
             findings=(*findings, *_lost_packets_warning(stream), *_unread_tlv_items_note(stream)),

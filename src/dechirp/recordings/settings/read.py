@@ -27,6 +27,7 @@ from dechirp.recordings.settings.calibration import read_calibration
 
 _YAML = (".yaml", ".yml")
 _SUFFIXES = (*_YAML, ".txt", ".log", ".json", ".cfg", ".lua")
+_MAX_COMPARED_FILES = 16
 _MAX_BYTES = 16 * 2**20  # a log of years; each line takes 8 more bytes of memory
 
 
@@ -109,8 +110,9 @@ def _count_transmitters_without_array(file: Path, text: str) -> int:
 def find_settings_file(recording: Path) -> Path:
     """Find the settings file beside a recording: the one of the same name, else the only one.
 
-    A `.setup.json` and the `.mmwave.json` that it names count as one; of several equivalent files
-    with the recording's name, the first is used. Links that lead out of the folder are ignored.
+    A `.setup.json` and the `.mmwave.json` that it names count as one; of several files with equal
+    settings, the first is used. A script counts if there is nothing else, since one folder may
+    contain scripts of other measurements. Links that lead out of the folder are ignored.
 
     Raises
     ------
@@ -132,10 +134,13 @@ def find_settings_file(recording: Path) -> Path:
             name.startswith(stem) and not name[len(stem) :][:1].isalnum() for name in stems[file]
         )
     ]
-    for choices in (exact, named, candidates):
-        if len(choices) == 1 or (
-            choices and choices is not candidates and _have_equal_settings(choices)
-        ):
+    # Split captures share the settings of adc_data_0.bin and adc_data_1.bin: adc_data.cfg.
+    of_all_parts = re.sub(r"_\d+$", "", stem)
+    common = [file for file in candidates if file.name.partition(".")[0] == of_all_parts]
+    scripts = [file for file in candidates if file.suffix.lower() == ".lua"]
+    others = [file for file in candidates if file not in scripts] or scripts
+    for choices in (exact, named, common, others):
+        if len(choices) == 1 or (choices and _have_equal_settings(choices)):
             return choices[0]
         if choices:
             break
@@ -172,6 +177,8 @@ def _find_settings_candidates(recording: Path) -> tuple[list[Path], dict[Path, P
 
 def _have_equal_settings(files: Sequence[Path]) -> bool:
     """Return whether several files contain the same radar and layout."""
+    if len(files) > _MAX_COMPARED_FILES:
+        return False
     try:
         settings = [replace(read_settings(file), path=None, findings=()) for file in files]
     except DechirpError:
@@ -219,6 +226,9 @@ def _read_settings_text(file: Path) -> str:
             raise FileNotFoundError(2, "no such file")
         with file.open("rb") as bytes_in:
             content = bytes_in.read(_MAX_BYTES + 1)
+        if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+            # Editors and shells of Windows write UTF-16.
+            content = content.decode("utf-16", errors="replace").encode()
         if len(content) > _MAX_BYTES:
             problem = f"longer than {_MAX_BYTES} bytes"
         elif b"\0" in content:
