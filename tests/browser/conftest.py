@@ -181,9 +181,8 @@ class LivePage:
         self.locate_knob(path).fill(text)
         self.locate_knob(path).press("Enter")
 
-    def read_figure_title(self, name: str) -> str:
-        call = "(name) => Bokeh.documents[0].get_model_by_name(name).title.text"
-        return self.page.evaluate(call, name)
+    def read_tile_title(self, name: str) -> str:
+        return self.page.locator(f"#title-{name}").text_content()
 
     def read_text(self, selector: str) -> str:
         return self.page.evaluate(_TEXT_JS, selector)

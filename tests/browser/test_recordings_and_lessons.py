@@ -14,7 +14,7 @@ def test_recording_is_inspected_opened_and_played(live_page):
     file.select_option(label=file.locator("option", has_text="street.npz").text_content())
     panel.get_by_text(re.compile("Found in .* frames|No faults were found")).first.wait_for()
     live_page.act_and_wait_for_frame(lambda: live_page.press_button("Open"))
-    live_page.wait_until(lambda: "target" not in live_page.read_figure_title("scene"))
+    live_page.wait_until(lambda: "target" not in live_page.read_tile_title("scene"))
     map_contents = {live_page.read_figure_data("range_doppler")}
     for step in range(1, 6):
         live_page.act_and_wait_for_frame(lambda: live_page.press_button("Step"))
@@ -26,7 +26,7 @@ def test_recording_is_inspected_opened_and_played(live_page):
     live_page.page.locator("#page-findings").get_by_text(re.compile(r"\w+")).first.wait_for()
     live_page.save_screenshot("recording")
     live_page.act_and_wait_for_frame(lambda: live_page.press_button("Back to the scene"))
-    live_page.wait_until(lambda: "5 targets" in live_page.read_figure_title("scene"))
+    live_page.wait_until(lambda: "5 targets" in live_page.read_tile_title("scene"))
 
 
 def test_two_settings_are_compared_by_trials(live_page):

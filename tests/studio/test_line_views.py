@@ -92,7 +92,7 @@ def test_beat_spectrum_peaks_at_beat_frequency_of_target():
     beat_mhz = 2 * chirp.slope_hz_per_s * 30 / SPEED_OF_LIGHT / 1e6
     bin_mhz = chirp.sample_rate_hz / chirp.n_samples / 1e6
     assert spectrum["x"][spectrum["y"].argmax()] == pytest.approx(beat_mhz, abs=bin_mhz / 2)
-    assert view.tile.title.text == "<b>Strongest: 3 MHz, 30 m</b>"
+    assert view.caption.title == "Strongest: 3 MHz, 30 m"
     # The upper axis is in range.
     metres, mhz = view.spectrum.figure.extra_x_ranges["metres"], view.spectrum.figure.x_range
     assert metres.end / mhz.end == pytest.approx(30 / beat_mhz)
@@ -186,9 +186,9 @@ def test_cut_title_gives_margin_to_threshold():
     margin_db = float(to_decibels(power / threshold))
 
     assert margin_db > 0
-    assert view.tile.title.text == f"<b>{margin_db:.1f} dB over the threshold</b>"
+    assert view.caption.title == f"{margin_db:.1f} dB over the threshold"
     show_step(view, cursor=Cursor(range_m=20.0, velocity_m_per_s=12.0))
-    assert view.tile.title.text.endswith(" dB under the threshold</b>")
+    assert view.caption.title.endswith(" dB under the threshold")
 
 
 def test_shaded_spans_match_training_and_guard_cells():

@@ -8,7 +8,7 @@ from bokeh.events import PointEvent
 from bokeh.model import DataModel
 from bokeh.plotting import figure
 
-_SCRIPTS = ("page.js", "lighter.js", "connection.js", "dragging.js")
+_SCRIPTS = ("page.js", "tiles.js", "lighter.js", "connection.js", "dragging.js")
 _MAX_NUMBER = 1e15  # above it the spacing of floats exceeds 0.1
 
 DRAW_TIMEOUT_S = 2.0
@@ -43,6 +43,17 @@ class BrowserState(DataModel):
     """Number of presses of the key that releases the cursor."""
     dark = Bool(False)
     """True for the dark theme."""
+
+
+class TileCaption(DataModel):
+    """Title of a tile and the smaller line below it; both may contain markup.
+
+    The page writes them beside the figure: in a figure, text cannot wrap, has no name for screen
+    readers, and each change triggers a new layout.
+    """
+
+    title = String("")
+    note = String("")
 
 
 def is_bounded_number(value: object) -> bool:

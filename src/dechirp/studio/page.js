@@ -28,6 +28,20 @@ for (const list of document.querySelectorAll("[role=tablist]")) {
   });
 }
 
+// Names of the parts of widgets that Bokeh leaves without one.
+for (const [type, method, part] of [
+  ["Checkbox", "_update_label", (view) => [view.checkbox_el, view.model.label]],
+  ["Slider", "render", (view) => [view.slider_el.querySelector(".noUi-handle"), view.model.title]],
+]) {
+  const made = window.Bokeh.Models[type].prototype.default_view.prototype;
+  const update = made[method];
+  made[method] = function (...how) {
+    update.apply(this, how);
+    const [element, name] = part(this);
+    element.setAttribute("aria-label", name);
+  };
+}
+
 const shadeButton = document.getElementById("shade");
 const wished = window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
 let dark = (sessionStorage.getItem("shade") ?? wished) === "dark";  // as on the page before
@@ -70,6 +84,7 @@ function begin(browser) {
 
   const greyOut = () => { document.documentElement.toggleAttribute("data-outdated", browser.is_outdated); };
   browser.properties.is_outdated.change.connect(greyOut);
+  beginTiles(document.querySelectorAll(".tile"));
 
   const rate = document.getElementById("rate");
   let before = 0;
@@ -90,6 +105,12 @@ function begin(browser) {
   });
   window.dechirp.ready = true;
 }
+
+const fold = document.getElementById("fold");
+fold?.addEventListener("click", () => {
+  const open = document.getElementById("side").classList.toggle("open");
+  fold.setAttribute("aria-expanded", String(open));
+});
 
 // A table would take the focus whenever a row of it is marked, from who types elsewhere too, and
 // would lead Tab through all its cells. The arrows do that.
@@ -136,10 +157,10 @@ async function copy(text, button) {
   setTimeout(() => { button.textContent = label; }, 1500);
 }
 
-function download(text) {
+function saveFile(blob, name) {
   const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([text], { type: "application/yaml" }));
-  link.download = "scenario.yaml";
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
@@ -149,5 +170,5 @@ document.addEventListener("click", (event) => {
   const { copies, downloads } = button.getRootNode?.().host?.dataset ?? {};
   const model = window.Bokeh?.documents[0]?.get_model_by_id(copies ?? downloads);
   if (model && copies) copy(model.tags[0], button);
-  else if (model) download(model.tags[0]);
+  else if (model) saveFile(new Blob([model.tags[0]], { type: "application/yaml" }), "scenario.yaml");
 });

@@ -100,7 +100,12 @@ def build_live_page(
     apply_shade("dark", False, False)
 
     roots = [part.root_element for part in parts]
-    roots[0].tags = [browser]  # not a root: it has no visual part
+    # Not roots: they have no visual part.
+    roots[0].tags = [browser, *(view.caption for view in views)]
+    for view in views:
+        if view.controls is not None:
+            view.controls.update(name=f"{view.name}-controls", css_classes=["small"])
+            roots.append(view.controls)
     document.theme = bokeh_widget_theme()
     # Bokeh connects to an ended session, and fails with arrays: connection.js reports the loss.
     document.config.update(reconnect_session=False, notify_connection_status=False)

@@ -50,12 +50,12 @@ _CSS = """
 p { margin: 4px 0; max-width: 100ch; color: var(--ink); }
 p.muted, small, td.law, td.unsure { color: var(--muted); }
 p.muted { margin: 0 0 2px; }
-table { border-collapse: collapse; font-size: 11px; font-variant-numeric: tabular-nums; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: 1px 9px 1px 0; text-align: left; white-space: nowrap; }
 th { position: sticky; top: 0; color: var(--muted); background: var(--tile); font-weight: 600; }
 td { border-top: 1px solid var(--rule); }
-small { font-size: 10px; }
 td.law small { display: inline-block; max-width: 16ch; white-space: normal; line-height: 1.1; }
+small { font-size: 12px; }
 td.sure { font-weight: 600; }
 """
 

@@ -182,7 +182,7 @@ class Requirements(Panel):
     def _show_design(self) -> None:
         """Show the answer, greyed out while a knob is invalid."""
         is_old = self._form.has_wrong_text
-        self._answer.text = f"<h3>{_OUT_OF_DATE if is_old else self._title}</h3>{self._body}"
+        self._answer.text = f"<h2>{_OUT_OF_DATE if is_old else self._title}</h2>{self._body}"
         self._answer.styles = {"opacity": "0.5" if is_old else "1"}
         self._use_button.disabled = is_old or self._design is None
 

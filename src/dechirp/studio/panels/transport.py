@@ -1,6 +1,6 @@
 """Playback controls and the seed of the noise."""
 
-from bokeh.models import Button, Div, Row, TextInput, Toggle, UIElement
+from bokeh.models import Button, Row, TextInput, Toggle, UIElement
 
 from dechirp.experiments.scenario import Scenario
 from dechirp.studio.panels.base import Panel
@@ -18,12 +18,13 @@ class Transport(Panel):
         self._rewind = Button(label="Rewind", width=68)
         self._play = Toggle(label="Play", width=62)
         self._step = Button(label="Step", width=52)
-        self._seed = TextInput(value=str(session.scenario.seed), width=64)
+        self._seed = TextInput(title="Seed", value=str(session.scenario.seed), width=100)
+        self._seed.css_classes = ["in-line"]
         self._rewind.on_click(lambda: session.go_to_step(0))
         self._play.on_change("active", lambda attr, old, new: self._play_or_pause())
         self._step.on_click(lambda: session.go_to_step(session.step + 1))
         self._seed.on_change("value", lambda attr, old, new: self._change_seed(new))
-        parts = [self._rewind, self._play, self._step, Div(text="Seed"), self._seed]
+        parts = [self._rewind, self._play, self._step, self._seed]
         self._root = Row(
             name=self.name,
             children=parts,

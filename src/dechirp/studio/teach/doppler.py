@@ -104,7 +104,7 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
             padding=2,
             margin=2,
             title=POWER_OVER_NOISE_LABEL,
-            title_text_font_size="11px",
+            title_text_font_size="12px",
             title_text_font_style="normal",
         )
         self._one.figure.add_layout(bar, "right")

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 from bokeh.models import UIElement
 
+from dechirp.studio.browser_events import TileCaption
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
@@ -20,6 +21,9 @@ class View(ABC):
 
     def __init__(self, session: Session) -> None:
         self.session = session
+        self.caption = TileCaption(name=f"{self.name}-caption")
+        self.controls: UIElement | None = None
+        """Switch beside the title."""
 
     @property
     @abstractmethod
@@ -31,11 +35,7 @@ class View(ABC):
         """Show a frame."""
 
     def update_caption(self, frame_state: FrameState) -> None:  # noqa: B027 - not every view has one
-        """Update title and note; at most 5 times a second during playback.
-
-        Changed text triggers a new page layout, which takes a third of the browser's time for a
-        frame.
-        """
+        """Update title and note; at most 5 times a second, so that they can be read."""
 
     @abstractmethod
     def apply_theme(self, theme: Theme) -> None:

@@ -20,6 +20,7 @@ from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
 from dechirp.studio.views.figure_style import (
     STATIC_LEVEL,
+    TEXT_SIZE,
     level_12_db_below_median,
     limits_rounded_to_10_db,
     round_up_to_1_2_5,
@@ -46,16 +47,19 @@ class BeatView(View):
             y="Amplitude",
             x_range=(0, 1),
             y_range=(-1, 1),
+            title="",
         )
-        self.signal.add_line("imaginary", "muted", line_width=1, line_alpha=0.8)
-        self.signal.add_line("real", "echo", line_width=1.5)
+        self.signal.add_line(
+            "imaginary", "muted", label="in quadrature", line_width=1, line_alpha=0.8
+        )
+        self.signal.add_line("real", "echo", label="in phase", line_width=1.5)
         self.spectrum = LineFigure(
-            x=BEAT_FREQUENCY_LABEL, y="Power", x_range=(0, 1), y_range=(-1, 1)
+            x=BEAT_FREQUENCY_LABEL, y="Power", x_range=(0, 1), y_range=(-1, 1), title=""
         )
         self.spectrum.add_vertical_lines("truth", "truth", line_width=1.5, line_dash="2 3")
         self.spectrum.add_vertical_lines("cursor", "cursor", line_width=1, line_dash="3 3")
-        self.spectrum.add_line("first", "muted", line_width=1, line_alpha=0.8)
-        self.spectrum.add_line("mean", "echo", line_width=1.8)
+        self.spectrum.add_line("first", "muted", label="first chirp", line_width=1, line_alpha=0.8)
+        self.spectrum.add_line("mean", "echo", label="mean over chirps", line_width=1.8)
         self._range_axis = Range1d(0, 1)
         self.spectrum.figure.extra_x_ranges = {"metres": self._range_axis}
         self.spectrum.figure.add_layout(
@@ -63,7 +67,7 @@ class BeatView(View):
                 x_range_name="metres",
                 level=STATIC_LEVEL,
                 formatter=PrintfTickFormatter(format="%g m"),
-                major_label_text_font_size="10px",
+                major_label_text_font_size=TEXT_SIZE,
             ),
             "above",
         )
@@ -73,6 +77,7 @@ class BeatView(View):
             {_SIGNAL: self.signal.figure, _SPECTRUM: self.spectrum.figure},
             on_switch=self._redraw_last_frame,
         )
+        self.controls = self.tile.switch
 
     @property
     def root_element(self) -> UIElement:
@@ -85,7 +90,8 @@ class BeatView(View):
             self._draw_spectrum(frame_state)
 
     def update_caption(self, frame_state: FrameState) -> None:
-        self.tile.set_caption(*self._caption)
+        title, note = self._caption
+        self.caption.update(title=title, note=note)
 
     def apply_theme(self, theme: Theme) -> None:
         for drawing in (self.signal, self.spectrum):
@@ -117,7 +123,7 @@ class BeatView(View):
         legend += [coloured_html("in quadrature", "muted")] if len(parts) > 1 else []
         self._caption = (
             f"Beat signal: {format_number(level_db, 3)} {power_level_unit(units)}",
-            f"first chirp, first receiver: {', '.join(legend)}",
+            f"chirp 1, receiver 1: {', '.join(legend)}",
         )
 
     def _draw_spectrum(self, frame_state: FrameState) -> None:

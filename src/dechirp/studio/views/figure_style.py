@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from bokeh.models import ColorBar, Legend, Title
+from bokeh.models import ColorBar, Legend
 from bokeh.plotting import figure
 
 from dechirp.studio.theme import Theme
@@ -34,14 +34,17 @@ def level_12_db_below_median(level_db: np.ndarray) -> float:
 
 SPAN_DB = 60.0
 """Largest dynamic range of a map, below the strongest cell."""
+TEXT_SIZE = "12px"
+"""Size of all text in figures, the smallest that is easily read."""
+VELOCITY_TILE_LABEL = "Velocity (m/s, + receding)"
+"""Label of a velocity axis that fits beside a tile of 160 pixels."""
 STATIC_LEVEL = "overlay"
 """Paint level of static parts: text takes longer to paint than maps at 20 frames a second."""
 
 
-def create_plain_figure(*, title: str, x: str, y: str) -> figure:
+def create_plain_figure(*, x: str, y: str) -> figure:
     """Create a figure without a toolbar that fills its tile; `x` and `y` are axis labels."""
     new_figure = figure(
-        title=title,
         x_axis_label=x,
         y_axis_label=y,
         sizing_mode="stretch_both",
@@ -52,35 +55,19 @@ def create_plain_figure(*, title: str, x: str, y: str) -> figure:
     )
     # At fractional pixel edges the browser shows the background, which would be white.
     new_figure.styles = {"background": "var(--tile)"}
-    new_figure.title.text_font_size = "12px"
+    new_figure.title.text_font_size = TEXT_SIZE
     new_figure.title.level = STATIC_LEVEL
     for axis in new_figure.axis:
         axis.level = STATIC_LEVEL
-        axis.axis_label_text_font_size = "11px"
+        axis.axis_label_text_font_size = axis.major_label_text_font_size = TEXT_SIZE
         axis.axis_label_text_font_style = "normal"
-        axis.major_label_text_font_size = "10px"
     return new_figure
-
-
-def add_subtitle(target_figure: figure) -> Title:
-    """Add a smaller line under the title of a figure, for the meaning of marks and numbers."""
-    # Its first text determines its height: later texts do not change the layout.
-    line = Title(text="Computing the first frame.", standoff=5)
-    line.level = STATIC_LEVEL
-    line.text_font_size, line.text_font_style = "10px", "normal"
-    # Both start above the axis labels, not above the frame: small tiles need the space.
-    target_figure.title.offset = line.offset = -36
-    target_figure.title.standoff = 0
-    target_figure.add_layout(line, "above")
-    return line
 
 
 def apply_figure_theme(target_figure: figure, theme: Theme) -> None:
     """Apply the colours of a theme to the axes and titles of a figure."""
     target_figure.background_fill_color = target_figure.border_fill_color = theme.tile
     target_figure.outline_line_color = theme.rule
-    for title in target_figure.select(Title):
-        title.text_color = theme.muted
     target_figure.title.text_color = theme.ink
     for axis in target_figure.axis:
         axis.axis_line_color = axis.major_tick_line_color = theme.rule

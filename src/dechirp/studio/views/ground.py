@@ -11,15 +11,15 @@ from dechirp.report.figures.top_view import round_down_to_1_2_5
 from dechirp.report.labels import X_LABEL, Y_LABEL
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.figure_style import (
-    add_subtitle,
+    TEXT_SIZE,
     apply_figure_theme,
     create_plain_figure,
     join_lines_with_gaps,
 )
 
 # Fractions of the figure height, which is 170 pixels at 1280 x 720; larger pages have more space.
-_LINE, _LETTER, _AWAY, _MARK = 0.07, 0.036, 0.065, 0.04
-_LINE_PX, _AWAY_PX = 12, 11
+_LINE, _LETTER, _AWAY, _MARK = 0.084, 0.04, 0.065, 0.04
+_LINE_PX, _AWAY_PX = 14, 11
 
 Box = tuple[float, float, float, float]
 """Right, left, bottom, top."""
@@ -104,11 +104,10 @@ class TopView:
     """Figure with a renderer for each kind of mark; positions are (n, 2), left and forward, m."""
 
     def __init__(self, name: str) -> None:
-        self.figure = create_plain_figure(title="Top view", x=Y_LABEL, y=X_LABEL)
+        self.figure = create_plain_figure(x=Y_LABEL, y=X_LABEL)
         self.figure.name = name
         self.figure.match_aspect = True
         self.figure.grid.visible = False
-        self.note = add_subtitle(self.figure)
         self.max_range_m = 0.0
         """Largest range shown ahead."""
         self._ring_label_boxes: Sequence[Box] = ()
@@ -244,7 +243,7 @@ class TopView:
             y_offset="down",
             text_align="align",
             text_baseline="middle",
-            text_font_size="10px",
+            text_font_size=TEXT_SIZE,
         )
 
 

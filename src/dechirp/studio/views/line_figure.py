@@ -21,9 +21,10 @@ class LineFigure:
         y: str,
         x_range: tuple[float, float],
         y_range: tuple[float, float],
-        title: str = "",
+        title: str = " ",
     ) -> None:
-        self.figure: figure = figure_style.create_plain_figure(title=title or " ", x=x, y=y)
+        self.figure: figure = figure_style.create_plain_figure(x=x, y=y)
+        self.figure.title.text = title
         self.figure.x_range = Range1d(*x_range)
         self.figure.y_range = Range1d(*y_range)
         self._colour_roles: list[tuple[GlyphRenderer, str]] = []
@@ -104,7 +105,7 @@ class LineFigure:
                     for label, renderers in self._labels.items()
                 ],
                 location=place,
-                label_text_font_size="11px",
+                label_text_font_size=figure_style.TEXT_SIZE,
                 glyph_height=14,
                 label_height=14,
                 padding=4,
@@ -131,7 +132,7 @@ class LineFigure:
     def _register_glyph(
         self, name: str, colour_role: str, label: str, renderer: GlyphRenderer
     ) -> None:
-        renderer.name = name
+        renderer.name, renderer.tags = name, [label] if label else []  # tiles.js names values by it
         self._colour_roles.append((renderer, colour_role))
         if label:
             self._labels.setdefault(label, []).append(renderer)

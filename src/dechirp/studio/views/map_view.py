@@ -5,6 +5,7 @@ from abc import abstractmethod
 from collections.abc import Iterator
 
 import numpy as np
+from bokeh.core.properties import value
 from bokeh.events import DoubleTap, Pan, Tap
 from bokeh.models import (
     BasicTicker,
@@ -14,6 +15,7 @@ from bokeh.models import (
     LinearColorMapper,
     Range1d,
     Span,
+    Toggle,
     UIElement,
 )
 
@@ -29,7 +31,7 @@ from dechirp.studio.views.base import View
 from dechirp.studio.views.figure_style import (
     SPAN_DB,
     STATIC_LEVEL,
-    add_subtitle,
+    TEXT_SIZE,
     apply_figure_theme,
     create_plain_figure,
     power_to_image_levels,
@@ -37,7 +39,7 @@ from dechirp.studio.views.figure_style import (
 
 _MAX_CELLS = (256, 384)  # sent along y and x: 96 KiB
 _MAX_MARKS, _MAX_LARGE_MARKS = 200, 40
-_MARK_SIZE_PX = 12.0  # halved if there are many marks
+_LARGE_MARK, _SMALL_MARK = "17px", "9px"  # small if there are many marks
 # Distinguishable on all colours of a map: light with a dark rim.
 _LIGHT, _RIM = "#ffffff", "#101418"
 _STEP_DB = 5.0  # step of the colour limits, which stay constant while noise moves the peak
@@ -47,15 +49,14 @@ _MIN_SPAN_DB = 30.0  # noise alone spans more than 15 dB and must not look like 
 
 
 class MapView(View):
-    """Image with circles at detections and crosses at targets; a tap or drag moves the cursor."""
+    """Image with brackets around detections and targets; a tap or drag moves the cursor."""
 
-    def __init__(self, session: Session, *, title: str, x: str, y: str) -> None:
+    def __init__(self, session: Session, *, x: str, y: str) -> None:
         super().__init__(session)
-        self.figure = create_plain_figure(title=title, x=x, y=y)
+        self.figure = create_plain_figure(x=x, y=y)
         self.figure.name = self.name
         self.figure.grid.visible = False
         self.figure.x_range, self.figure.y_range = Range1d(0, 1), Range1d(0, 1)
-        self.note = add_subtitle(self.figure)
         self.image = ColumnDataSource({"image": [np.zeros((1, 1), np.uint8)]})
         self.detections, self.truth = (ColumnDataSource({"x": [], "y": []}) for _ in range(2))
         # The image contains levels; the colour bar shows the powers they represent.
@@ -131,40 +132,63 @@ class MapView(View):
         return top_db, min(max(bottom_db, top_db - SPAN_DB), top_db - _MIN_SPAN_DB)
 
     def draw_marks(self, source: ColumnDataSource, x: np.ndarray, y: np.ndarray) -> None:
-        """Draw circles or crosses; only the first ones if there are many."""
+        """Draw brackets; only the first ones if there are many."""
         rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))[:_MAX_MARKS]
         source.data = {"x": x[rows], "y": y[rows]}
-        size = _MARK_SIZE_PX if len(rows) <= _MAX_LARGE_MARKS else _MARK_SIZE_PX / 2
+        size = _LARGE_MARK if len(rows) <= _MAX_LARGE_MARKS else _SMALL_MARK
         for marks in self._marks:
-            if marks.data_source is source and marks.glyph.size != size:
-                marks.glyph.size = size
+            if marks.data_source is source and marks.glyph.text_font_size != size:
+                marks.glyph.text_font_size = size
 
     def draw_cursor(self, x: float | None, y: float | None) -> None:
         """Draw the cursor lines."""
         self._vertical_line.location, self._horizontal_line.location = x, y
 
     @property
-    def legend_text(self) -> str:
+    def legend_html(self) -> str:
         """Legend of the marks that are present."""
         texts = [
-            texts
-            for source, texts in ((self.detections, "○ detected"), (self.truth, "+ true"))
-            if len(source.data["x"])
+            text
+            for source, text in (
+                (self.detections, "[ ] detected"),
+                (self.truth, "<span class='turned'>[ ]</span> true"),
+            )
+            if len(source.data["x"]) and self._marks[0].visible
         ]
         return "   ".join(texts)
 
+    def add_switch_of_marks(self) -> None:
+        """Add a switch that hides the marks."""
+        switch = Toggle(label="Marks", active=True, margin=0)
+        switch.on_change("active", lambda attr, old, new: self._show_or_hide_marks(bool(new)))
+        self.controls = switch
+
+    def _show_or_hide_marks(self, visible: bool) -> None:
+        for marks in self._marks:
+            marks.visible = visible
+        if self.session.frame_state is not None:
+            self.update_caption(self.session.frame_state)
+
     def _add_marks(self) -> Iterator[GlyphRenderer]:
-        for color, width in ((_RIM, 3.2), (_LIGHT, 1.4)):
-            for source, marker in ((self.truth, "cross"), (self.detections, "circle")):
-                yield self.figure.scatter(
+        """Add brackets: left and right of detections, above and below targets.
+
+        Unlike circles and crosses they leave the echo between them visible.
+        """
+        for color, rim_width in ((_RIM, 3.0), (_LIGHT, 0.0)):
+            for source, angle_rad in ((self.detections, 0.0), (self.truth, math.pi / 2)):
+                yield self.figure.text(
                     "x",
                     "y",
+                    text=value("[ ]"),
+                    angle=angle_rad,
                     source=source,
-                    marker=marker,
-                    size=_MARK_SIZE_PX,
-                    fill_color=None,
-                    line_color=color,
-                    line_width=width,
+                    text_align="center",
+                    text_baseline="middle",
+                    text_font=value("monospace"),
+                    text_font_size=_LARGE_MARK,
+                    text_color=color,
+                    text_outline_color=color if rim_width else None,
+                    text_outline_width=rim_width,
                 )
 
     def _move_cursor(self, x: float, y: float) -> None:
@@ -183,8 +207,8 @@ def _create_colour_bar(mapper: LinearColorMapper) -> ColorBar:
         margin=0,
         label_standoff=3,
         title_standoff=4,
-        title_text_font_size="10px",
+        title_text_font_size=TEXT_SIZE,
         title_text_font_style="normal",
         title_text_align="center",
-        major_label_text_font_size="10px",
+        major_label_text_font_size=TEXT_SIZE,
     )

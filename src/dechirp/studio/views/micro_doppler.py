@@ -6,10 +6,11 @@ from bokeh.models import BasicTickFormatter
 from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import format_number
 from dechirp.report.figures.common import outer_cell_edges
-from dechirp.report.labels import TIME_LABEL, VELOCITY_LABEL
+from dechirp.report.labels import TIME_LABEL
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
+from dechirp.studio.views.figure_style import VELOCITY_TILE_LABEL
 from dechirp.studio.views.map_view import MapView
 
 
@@ -19,7 +20,9 @@ class MicroDopplerView(MapView):
     name = "micro_doppler"
 
     def __init__(self, session: Session) -> None:
-        super().__init__(session, title="Micro-Doppler", x=TIME_LABEL, y=VELOCITY_LABEL)
+        super().__init__(session, x=TIME_LABEL, y=VELOCITY_TILE_LABEL)
+        self._caption = "", ""
+        """Title and note of the last shown frame."""
         times = self.figure.xaxis[0]
         times.ticker.desired_num_ticks = 4  # their labels have many decimals
         times.formatter = BasicTickFormatter(use_scientific=False)  # 5.000e-4 would be longer
@@ -33,15 +36,19 @@ class MicroDopplerView(MapView):
         self.draw_power(power.values, units=str(frame_state.samples.attrs.get("units", "")))
         self.draw_cursor(None, frame_state.cursor.velocity_m_per_s)
         now_m_per_s = velocity_m_per_s[int(np.argmax(power.values[:, -1]))]
-        self.figure.title.text = (
-            f"Micro-Doppler: strongest at {format_number(now_m_per_s, 2)} m/s now"
-        )
         where = (
             "each about its strongest"
             if self.session.cursor is None
             else f"about {format_number(frame_state.cursor.range_m, 3)} m"
         )
-        self.note.text = f"{format_count_with_noun(time_s.size, 'frame')}, {where}"
+        self._caption = (
+            f"Micro-Doppler: strongest at {format_number(now_m_per_s, 2)} m/s now",
+            f"{format_count_with_noun(time_s.size, 'frame')}, {where}",
+        )
+
+    def update_caption(self, frame_state: FrameState) -> None:
+        title, note = self._caption
+        self.caption.update(title=title, note=note)
 
     def cursor_at_position(self, x: float, y: float) -> Cursor:
         frame_state = self.session.frame_state

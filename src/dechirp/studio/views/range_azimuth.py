@@ -25,7 +25,8 @@ class RangeAzimuthView(MapView):
     is_shown_every_frame = True
 
     def __init__(self, session: Session) -> None:
-        super().__init__(session, title=_TITLE, x=AZIMUTH_LABEL, y=RANGE_LABEL)
+        super().__init__(session, x=AZIMUTH_LABEL, y=RANGE_LABEL)
+        self.add_switch_of_marks()
 
     def show_frame(self, frame_state: FrameState) -> None:
         power = frame_state.azimuth_power
@@ -50,14 +51,16 @@ class RangeAzimuthView(MapView):
 
     def update_caption(self, frame_state: FrameState) -> None:
         if frame_state.azimuth_power is None:
-            self.figure.title.text = f"{_TITLE}: this array has no azimuth resolution"
-            self.note.text = "Add elements at several positions along y."
+            self.caption.update(
+                title=f"{_TITLE}: this array has no azimuth resolution",
+                note="Add elements at several positions along y.",
+            )
             return
         detections, detections_rad = detection_map_positions_and_azimuths(frame_state)
-        self.figure.title.text = (
-            f"{_TITLE}: {_strongest_detection_text(np.degrees(detections_rad), detections.range_m)}"
+        peak = _strongest_detection_text(np.degrees(detections_rad), detections.range_m)
+        self.caption.update(
+            title=f"{_TITLE}: {peak}", note=f"{self.legend_html}   ┄ range of the cursor"
         )
-        self.note.text = f"{self.legend_text}   ┄ range of the cursor"
 
     def cursor_at_position(self, x: float, y: float) -> Cursor:
         frame_state = self.session.frame_state

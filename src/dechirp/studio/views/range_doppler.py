@@ -3,10 +3,11 @@
 from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import TIMES_SIGN, format_number
 from dechirp.report.figures.common import outer_cell_edges, uniform_cell_width
-from dechirp.report.labels import RANGE_LABEL, VELOCITY_LABEL
+from dechirp.report.labels import RANGE_LABEL
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
+from dechirp.studio.views.figure_style import VELOCITY_TILE_LABEL
 from dechirp.studio.views.map_markers import (
     detection_map_positions_and_azimuths,
     target_map_positions_and_azimuths,
@@ -21,7 +22,8 @@ class RangeDopplerView(MapView):
     is_shown_every_frame = True
 
     def __init__(self, session: Session) -> None:
-        super().__init__(session, title="Range-Doppler map", x=RANGE_LABEL, y=VELOCITY_LABEL)
+        super().__init__(session, x=RANGE_LABEL, y=VELOCITY_TILE_LABEL)
+        self.add_switch_of_marks()
 
     def show_frame(self, frame_state: FrameState) -> None:
         range_m, velocity_m_per_s = (
@@ -44,12 +46,12 @@ class RangeDopplerView(MapView):
             frame_state.power.velocity.values,
         )
         n_detections = frame_state.detections.sizes["detection"]
-        self.figure.title.text = (
-            f"Range-Doppler map: {format_count_with_noun(n_detections, 'detection')}"
-        )
         width_m, width_m_per_s = uniform_cell_width(range_m), uniform_cell_width(velocity_m_per_s)
         cell = f"{format_number(width_m, 2)} m {TIMES_SIGN} {format_number(width_m_per_s, 2)} m/s"
-        self.note.text = f"a cell: {cell}   {self.legend_text}"
+        self.caption.update(
+            title=f"Range-Doppler map: {format_count_with_noun(n_detections, 'detection')}",
+            note=f"a cell: {cell}   {self.legend_html}",
+        )
 
     def cursor_at_position(self, x: float, y: float) -> Cursor:
         return Cursor(x, y)

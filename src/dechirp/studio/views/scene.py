@@ -177,8 +177,7 @@ class SceneView(View):
         parts.append(f"{frame_state.detections.sizes['detection']} detected")
         if frame_state.tracks:
             parts.append(format_count_with_noun(len(frame_state.tracks), "track"))
-        self.top_view.figure.title.text = f"From above: {', '.join(parts)}"
-        self.top_view.note.text = self._legend
+        self.caption.update(title=f"From above: {', '.join(parts)}", note=self._legend)
 
     def _fit_range_to_targets(self, frame_state: FrameState) -> None:
         """Fit all targets and detections into the figure; keep it until more space is needed."""

@@ -44,6 +44,7 @@ class ThresholdCutView(View):
             drawing.figure.on_event(DoubleTap, lambda _: session.move_cursor(None))
         figures = {words: self.drawings[axis].figure for words, axis in _AXES.items()}
         self.tile = ToggleTile(self.name, figures, on_switch=self._redraw_last_frame)
+        self.controls = self.tile.switch
 
     @property
     def root_element(self) -> UIElement:
@@ -81,7 +82,8 @@ class ThresholdCutView(View):
         )
 
     def update_caption(self, frame_state: FrameState) -> None:
-        self.tile.set_caption(*self._caption)
+        title, note = self._caption
+        self.caption.update(title=title, note=note)
 
     def apply_theme(self, theme: Theme) -> None:
         for drawing in self.drawings.values():
@@ -108,11 +110,11 @@ class ThresholdCutView(View):
 
 
 def _create_cut_figure(x_label: str) -> LineFigure:
-    line_figure = LineFigure(x=x_label, y="Power", x_range=(0, 1), y_range=(0, 1))
+    line_figure = LineFigure(x=x_label, y="Power", x_range=(0, 1), y_range=(0, 1), title="")
     line_figure.add_vertical_bands("training", "echo", alpha=0.16)
     line_figure.add_vertical_bands("guard", "muted", alpha=0.12)
-    line_figure.add_line("power", "echo", line_width=1.6)
-    line_figure.add_line("threshold", "threshold", line_width=1.6)
+    line_figure.add_line("power", "echo", label="power", line_width=1.6)
+    line_figure.add_line("threshold", "threshold", label="threshold", line_width=1.6)
     line_figure.add_marks("cell", "cursor", size=7)
     return line_figure
 
