@@ -31,6 +31,10 @@ function letTargetsBeDragged() {
     isHeld = event.button === 0 && isNearTarget(event);
     showGrip(event);
   });
+  // A finger on a target drags it, elsewhere it scrolls the page.
+  hit_area.addEventListener("touchstart", (event) => {
+    if (isHeld) event.preventDefault();
+  }, { passive: false });
   hit_area.addEventListener("pointermove", showGrip);
   for (const end of ["pointerup", "pointercancel"])
     hit_area.addEventListener(end, (event) => {

@@ -1,0 +1,137 @@
+"""Layout of the live page on narrow and wide screens, text size, touch and accessibility."""
+
+from itertools import pairwise
+
+import pytest
+
+from conftest import LivePage
+
+TILES = ("scene", "range_doppler", "range_azimuth", "beat", "cut", "micro_doppler")
+# 640 x 360 is a screen of 1280 x 720 at 200 % zoom.
+SIZES = ((500, 900), (640, 360), (800, 1000), (1280, 720), (1920, 1080))
+COLUMN_WIDTH = 1100
+
+# Sizes of the visible text in pixels, with the text: of HTML, and of all figures.
+TEXT_SIZES_JS = """() => {
+  const sizes = [];
+  const visit = (node) => {
+    for (const child of node.childNodes) {
+      if (child.nodeType === Node.TEXT_NODE && child.data.trim()) {
+        const element = child.parentElement ?? child.getRootNode().host;
+        if (!/STYLE|SCRIPT/.test(element.tagName) && element.getClientRects().length)
+          sizes.push([parseFloat(getComputedStyle(element).fontSize), child.data.trim()]);
+      }
+      if (child.shadowRoot) visit(child.shadowRoot);
+      visit(child);
+    }
+  };
+  visit(document.body);
+  for (const model of Bokeh.documents[0]._all_models.values())
+    for (const property of model)
+      if (/font_size$/.test(property.attr) && ["LinearAxis", "ColorBar", "Title", "Legend"]
+          .includes(model.type)) {
+        const size = property.get_value();
+        sizes.push([parseFloat(size?.value ?? size), `${model.type}.${property.attr}`]);
+      }
+  return sizes;
+}"""
+OVERFLOWING_TITLES_JS = """() => [...document.querySelectorAll("h2, figcaption p")]
+  .filter((one) => one.scrollWidth > one.clientWidth + 1).map((one) => one.textContent)"""
+
+
+def test_page_is_legible_at_every_width(live_page):
+    live_page.open()
+    page = live_page.page
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(400)
+        boxes = [page.locator(f"[data-part={name}]").bounding_box() for name in TILES]
+        size = page.evaluate(
+            "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
+        )
+        assert size[0] == width, width
+        assert page.evaluate(OVERFLOWING_TITLES_JS) == [], width
+        is_column = width < COLUMN_WIDTH
+        assert page.locator("#side").is_visible() != is_column
+        if is_column:
+            assert size[1] > height  # the page scrolls
+            assert {box["x"] for box in boxes} == {6} and boxes[0]["width"] == width - 12
+            for upper, lower in pairwise(boxes):
+                assert upper["y"] + upper["height"] < lower["y"]
+        else:
+            assert size[1] == height
+            assert len({box["x"] for box in boxes}) == 3
+        assert min(box["height"] for box in boxes) > 200
+        live_page.save_screenshot(f"width-{width}")
+    page.set_viewport_size({"width": SIZES[0][0], "height": SIZES[0][1]})
+    live_page.press_button("Settings")
+    assert page.locator("#side").is_visible()
+    assert page.locator("#fold").get_attribute("aria-expanded") == "true"
+    small = [entry for entry in page.evaluate(TEXT_SIZES_JS) if entry[0] < 12]
+    assert small == []
+
+
+def test_finger_moves_cursor(browser, address):
+    context = browser.new_context(viewport={"width": 500, "height": 900}, has_touch=True)
+    live_page = LivePage(context, address).open()
+    live_page.page.locator("[data-part=range_doppler]").scroll_into_view_if_needed()
+    position = live_page.screen_position("range_doppler", 60.0, 5.0)
+    live_page.act_and_wait_for_frame(lambda: live_page.page.touchscreen.tap(*position))
+    live_page.wait_until(lambda: "at 60" in live_page.read_text("[data-part=cut] figcaption"))
+    context.close()
+    assert live_page.errors == []
+
+
+def test_tile_is_enlarged_saved_as_picture_and_read_at_pointer(live_page, tmp_path):
+    live_page.open()
+    page = live_page.page
+    tile = page.locator("[data-part=range_doppler]")
+    car = next(t for t in live_page.settings.scene.targets if t.name == "post")
+    range_m = sum(x**2 for x in car.position_m) ** 0.5
+    page.mouse.move(*live_page.screen_position("range_doppler", range_m, 0.0))
+    text = tile.locator(".readout").text_content()
+    assert text.startswith("Range 4") and "Velocity" in text and text.endswith(" dB"), text
+    level_db = float(text.split()[-2].replace("\N{MINUS SIGN}", "-"))
+    assert level_db > live_page.median_db + 20  # the echo, not the noise
+    with page.expect_download() as download_event:
+        tile.get_by_role("button", name="Save a picture").click()
+    picture = tmp_path / "map.png"
+    download_event.value.save_as(picture)
+    assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 10_000
+    small = tile.bounding_box()
+    tile.get_by_role("button", name="Enlarge").click()
+    assert tile.bounding_box()["width"] > 2.5 * small["width"]
+    live_page.save_screenshot("enlarged")
+    page.keyboard.press("Escape")
+    assert tile.bounding_box() == small
+
+
+def test_marks_leave_echoes_visible_and_can_be_hidden(live_page):
+    live_page.open()
+    tile = live_page.page.locator("[data-part=range_doppler]")
+    assert "[ ] detected" in live_page.read_text("[data-part=range_doppler] figcaption")
+    tile.get_by_role("button", name="Marks").click()
+    live_page.wait_until(
+        lambda: "detected" not in live_page.read_text("[data-part=range_doppler] figcaption p")
+    )
+
+
+@pytest.mark.parametrize("shade", ["light", "dark"])
+@pytest.mark.parametrize("path", ["", "teach/1", "teach/2", "teach/3", "teach/4"])
+def test_axe_finds_nothing_critical_or_serious(live_page, shade, path):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    live_page.page.emulate_media(color_scheme=shade)
+    live_page.open(path)
+    tabs = live_page.page.get_by_role("tab").all()
+    for tab in tabs or [None]:
+        if tab is not None:
+            tab.click()
+        violations = axe.run(live_page.page).response["violations"]
+        assert [
+            (violation["id"], [node["target"] for node in violation["nodes"]])
+            for violation in violations
+            if violation["impact"] in ("critical", "serious")
+        ] == []
+    # Whatever changes five times a second is not read out.
+    status = live_page.page.locator("output:not([aria-live=off])")
+    assert status.count() == 0
