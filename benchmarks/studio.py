@@ -105,6 +105,7 @@ def main() -> None:
                 )
                 page = browser.new_page(
                     viewport={"width": 1280, "height": 720},
+                    reduced_motion="reduce",  # else it begins to play
                     bypass_csp=True,  # the policy also blocks the scripts below
                 )
                 page.goto(address)

@@ -174,7 +174,11 @@ class LivePage:
         self.page.get_by_role("tab", name=name, exact=True).click()
 
     def locate_knob(self, path: str):
-        """Locate the input of a setting on the open tab."""
+        """Locate the input of a setting on the open tab, below headings that are opened."""
+        for heading in self.page.locator("[role=tabpanel] .fold button:visible").all():
+            if heading.text_content().startswith("▸"):
+                heading.click()
+                self.wait_until(lambda it=heading: it.text_content().startswith("▾"))
         return self.page.locator(f'[data-setting="{path}"] :is(input, select):visible')
 
     def type_setting(self, path: str, text: str) -> None:
@@ -228,7 +232,10 @@ class LivePage:
 @pytest.fixture(params=["1280x720"])
 def live_page(request, browser, address) -> Iterator[LivePage]:
     width, height = re.findall(r"\d+", request.param)
-    context = browser.new_context(viewport={"width": int(width), "height": int(height)})
+    # With reduced motion the page does not begin to play.
+    context = browser.new_context(
+        viewport={"width": int(width), "height": int(height)}, reduced_motion="reduce"
+    )
     page = LivePage(context, address)
     yield page
     context.close()

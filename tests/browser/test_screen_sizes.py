@@ -35,6 +35,9 @@ TEXT_SIZES_JS = """() => {
       }
   return sizes;
 }"""
+SHOW_ALL_TABS_JS = """() => {
+  for (const page of document.querySelectorAll("[role=tabpanel]")) page.hidden = false;
+}"""
 OVERFLOWING_TITLES_JS = """() => [...document.querySelectorAll("h2, figcaption p")]
   .filter((one) => one.scrollWidth > one.clientWidth + 1).map((one) => one.textContent)"""
 
@@ -72,7 +75,9 @@ def test_page_is_legible_at_every_width(live_page):
 
 
 def test_finger_moves_cursor(browser, address):
-    context = browser.new_context(viewport={"width": 500, "height": 900}, has_touch=True)
+    context = browser.new_context(
+        viewport={"width": 500, "height": 900}, has_touch=True, reduced_motion="reduce"
+    )
     live_page = LivePage(context, address).open()
     live_page.page.locator("[data-part=range_doppler]").scroll_into_view_if_needed()
     position = live_page.screen_position("range_doppler", 60.0, 5.0)
@@ -116,22 +121,21 @@ def test_marks_leave_echoes_visible_and_can_be_hidden(live_page):
     )
 
 
-@pytest.mark.parametrize("shade", ["light", "dark"])
-@pytest.mark.parametrize("path", ["", "teach/1", "teach/2", "teach/3", "teach/4"])
+@pytest.mark.parametrize(
+    ("path", "shade"),
+    [("", "light"), ("", "dark"), ("teach/1", "dark"), ("teach/2", "light")]
+    + [("teach/3", "dark"), ("teach/4", "light")],
+)
 def test_axe_finds_nothing_critical_or_serious(live_page, shade, path):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     live_page.page.emulate_media(color_scheme=shade)
     live_page.open(path)
-    tabs = live_page.page.get_by_role("tab").all()
-    for tab in tabs or [None]:
-        if tab is not None:
-            tab.click()
-        violations = axe.run(live_page.page).response["violations"]
-        assert [
-            (violation["id"], [node["target"] for node in violation["nodes"]])
-            for violation in violations
-            if violation["impact"] in ("critical", "serious")
-        ] == []
-    # Whatever changes five times a second is not read out.
-    status = live_page.page.locator("output:not([aria-live=off])")
-    assert status.count() == 0
+    live_page.page.evaluate(SHOW_ALL_TABS_JS)
+    violations = axe.run(live_page.page).response["violations"]
+    assert [
+        (violation["id"], [node["target"] for node in violation["nodes"]])
+        for violation in violations
+        if violation["impact"] in ("critical", "serious")
+    ] == []
+    # Text that changes five times a second is not read out.
+    assert live_page.page.locator("output:not([aria-live=off])").count() == 0

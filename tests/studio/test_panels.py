@@ -389,10 +389,10 @@ def test_invalid_requirement_marks_design_out_of_date() -> None:
     page = Page(Requirements)
     button, answer = find_design_button_and_answer(page)
     valid_answer = answer.text
-    assert "<h3>Met" in valid_answer and not button.disabled
+    assert "<h2>Met" in valid_answer and not button.disabled
     for path, text in (("max_range", "150"), ("max_velocity", "-1 m/s"), ("rcs", "1 m")):
         page.type_setting(path, text)
-        assert page.messages and button.disabled and "<h3>Out of date" in answer.text, text
+        assert page.messages and button.disabled and "<h2>Out of date" in answer.text, text
         page.find_knob(path).value = page.find_knob(path).tags[0]  # like page.js on Escape
         assert not page.messages and not button.disabled and answer.text == valid_answer, text
     page.type_setting("max_range", "150")

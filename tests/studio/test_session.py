@@ -14,6 +14,7 @@ from dechirp.experiments.scenario import Scenario, reference
 from dechirp.processing.cfar import base as cfar_base
 from dechirp.studio import session as sessions
 from dechirp.studio.frame_player import FramePlayer, calibrate_detector
+from dechirp.studio.panels.knob_widgets import make_setting_changer
 from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.session import Session
 
@@ -238,3 +239,44 @@ def test_frame_after_calibration_needs_no_other():
     assert factors.cache_info().misses == n_initial + 1
     player.process_frame_at_step(0, None)
     assert factors.cache_info().misses == n_initial + 1
+
+
+def test_undo_and_redo_restore_settings(run_page):
+    async def interact(page) -> None:
+        session = page.session
+        for seed in (7, 8):
+            session.change_setting("seed", str(seed))
+            await page.wait_until(lambda seed=seed: page.frames[-1].seed == seed)
+            session.undo_history._last_change = frozenset(), 0.0  # as after a second
+        session.undo()
+        await page.wait_until(lambda: page.frames[-1].seed == 7)
+        session.undo()
+        await page.wait_until(lambda: page.frames[-1].seed == reference().seed)
+        assert not session.undo_history.can_undo
+        session.redo()
+        await page.wait_until(lambda: page.frames[-1].seed == 7)
+        session.change_setting("seed", "9")
+        await page.wait_until(lambda: page.frames[-1].seed == 9)
+        assert not session.undo_history.can_redo
+
+    run_page(interact)
+
+
+def test_settings_that_constrain_each_other_are_typed_in_any_order(run_page):
+    """A shorter ramp is refused as long as its samples do not fit into it."""
+    chirp = reference().radar.frame.chirp
+    ramp_us, n_samples = chirp.ramp_duration_s * 1e6 / 2, chirp.n_samples // 4
+
+    async def interact(page) -> None:
+        session, path = page.session, "radar.frame.chirp"
+        change = make_setting_changer(session)
+        change(f"{path}.ramp_duration", f"{ramp_us} us")
+        await page.wait_until(lambda: page.mistakes[-1])
+        assert session.scenario.radar.frame.chirp == chirp
+        change(f"{path}.n_samples", str(n_samples))
+        await page.wait_until(lambda: not page.mistakes[-1])
+        both = session.scenario.radar.frame.chirp
+        assert both.n_samples == n_samples
+        assert both.ramp_duration_s == pytest.approx(ramp_us / 1e6)
+
+    run_page(interact)

@@ -41,6 +41,12 @@ class BrowserState(DataModel):
     """Number of presses of the key for the next frame."""
     free_keys = Int(0)
     """Number of presses of the key that releases the cursor."""
+    undo_keys = Int(0)
+    """Number of presses of the keys that undo a change."""
+    redo_keys = Int(0)
+    """Number of presses of the keys that redo a change."""
+    shared_settings = String("")
+    """Settings from the address of the page."""
     dark = Bool(False)
     """True for the dark theme."""
 

@@ -94,8 +94,19 @@ function begin(browser) {
     rate.textContent = n > 1 ? `${n} frames/s` : "";
   }, 1000);
 
+  const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+  const isLivePage = document.getElementById("page-settings_file") !== null;
+  if (isLivePage) followAddress(browser);
+  if (isLivePage && !still && !location.hash) browser.play_keys += 1;  // begin to play
+
   document.addEventListener("keydown", (event) => {
     const inside = event.composedPath()[0];
+    if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z" && !inside.closest("input, textarea")) {
+      event.preventDefault();
+      if (event.shiftKey) browser.redo_keys += 1;
+      else browser.undo_keys += 1;
+      return;
+    }
     if (event.ctrlKey || event.altKey || event.metaKey || inside.closest(KEPT)) return;
     if (event.key === " ") browser.play_keys += 1;
     else if (event.key === "ArrowRight") browser.step_keys += 1;
@@ -156,6 +167,39 @@ async function copy(text, button) {
   button.textContent = "Copied";
   setTimeout(() => { button.textContent = label; }, 1500);
 }
+
+// The address holds the settings, compressed after "#", which a browser does not send. Settings of
+// the address with which the page was loaded replace those of the server.
+async function followAddress(browser) {
+  const area = [...window.Bokeh.documents[0].get_model_by_name("settings_file").references()]
+    .find((model) => model.type === "TextAreaInput");
+  const [atStart] = area.tags;
+  const shown = location.hash.slice(1);
+  area.properties.tags.change.connect(async () => {
+    const [text] = area.tags;
+    const address = text === atStart ? location.pathname : `#${await pack(text)}`;
+    if (text === area.tags[0]) history.replaceState(null, "", address);
+  });
+  if (shown) browser.shared_settings = await unpack(shown).catch(() => shown);
+}
+
+const through = (bytes, stream) => new Response(new Blob([bytes]).stream().pipeThrough(stream));
+
+async function pack(text) {
+  const packed = await through(text, new CompressionStream("deflate-raw")).arrayBuffer();
+  const letters = [...new Uint8Array(packed)].map((byte) => String.fromCharCode(byte)).join("");
+  return btoa(letters).replaceAll("+", "-").replaceAll("/", "_").replace(/=+$/, "");
+}
+
+async function unpack(packed) {
+  const letters = atob(packed.replaceAll("-", "+").replaceAll("_", "/"));
+  const bytes = Uint8Array.from(letters, (letter) => letter.charCodeAt(0));
+  return through(bytes, new DecompressionStream("deflate-raw")).text();
+}
+
+document.getElementById("share")?.addEventListener("click", (event) => {
+  copy(location.href, event.target);
+});
 
 function saveFile(blob, name) {
   const link = document.createElement("a");

@@ -13,6 +13,7 @@ from dechirp.studio.frame_state import FrameState
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.compare import Compare
 from dechirp.studio.panels.hardware import Hardware
+from dechirp.studio.panels.main_settings import MainSettings
 from dechirp.studio.panels.messages import Errors, Findings
 from dechirp.studio.panels.processing import Processing
 from dechirp.studio.panels.radar import Radar
@@ -50,6 +51,7 @@ _VIEWS: tuple[type[View], ...] = (
 _PANELS: tuple[type[Panel], ...] = (
     Transport,
     Errors,
+    MainSettings,
     Radar,
     Targets,
     Hardware,
@@ -96,6 +98,9 @@ def build_live_page(
     browser.on_change("play_keys", lambda attr, old, new: session.set_playing(not session.playing))
     browser.on_change("step_keys", lambda attr, old, new: session.go_to_step(session.step + 1))
     browser.on_change("free_keys", lambda attr, old, new: session.move_cursor(None))
+    browser.on_change("undo_keys", lambda attr, old, new: session.undo())
+    browser.on_change("redo_keys", lambda attr, old, new: session.redo())
+    browser.on_change("shared_settings", lambda attr, old, new: session.replace_settings(new))
     browser.on_change("dark", apply_shade)
     apply_shade("dark", False, False)
 

@@ -8,7 +8,7 @@ lagging, and a fast one does not wait.
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from functools import cache, partial
 from time import perf_counter
@@ -24,6 +24,7 @@ from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_player import FramePlayer, calibrate_detector
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.scenario_edits import PageLimits, apply_overrides, parse_scenario
+from dechirp.studio.undo import UndoHistory
 
 T = TypeVar("T")
 Edit = Callable[[Scenario], Scenario]
@@ -72,7 +73,12 @@ class Session:
         """Called while settings are parsed or a frame is computed, if that takes long."""
         self._worker, self._player = worker, FramePlayer(scenario, limits)
         self._calibrated_player: FramePlayer | None = None
+        self.undo_history = UndoHistory()
         self._edits: dict[str, Edit] = {}
+        self._refused_edits: dict[str, Edit] = {}
+        """Refused edits of single settings: they may become valid with a later edit."""
+        self._retried_keys: set[str] = set()
+        """Keys of the edits that are tried again after a refusal."""
         self._has_work, self._draw_confirmed = asyncio.Event(), asyncio.Event()
         self._n_shown = self._n_drawn = 0
         self._task: asyncio.Task[None] | None = None
@@ -86,14 +92,40 @@ class Session:
             path, partial(apply_overrides, overrides=(f"{path}={text}",), limits=self.limits)
         )
 
+    def undo(self) -> None:
+        """Restore the settings before the last change."""
+        if self.undo_history.can_undo:
+            self._restore_scenario(self.undo_history.step_back(self.scenario))
+
+    def redo(self) -> None:
+        """Restore the settings after the last change that was undone."""
+        if self.undo_history.can_redo:
+            self._restore_scenario(self.undo_history.step_forward(self.scenario))
+
     def replace_settings(self, text: str) -> None:
         """Replace all settings by the text of a scenario file."""
         self.queue_edit("", lambda _: parse_scenario(text, self.limits))
 
-    def queue_edit(self, key: str, edit: Edit) -> None:
-        """Queue an edit for the worker; only the last edit of each key is applied."""
+    def queue_edit(self, key: str, edit: Edit, *, retry: bool = False) -> None:
+        """Queue an edit for the worker; only the last edit of each key is applied.
+
+        With `retry`, a refused edit is tried again after each later edit. So settings that
+        constrain each other, as the duration of the ramp and its samples, can be typed in any
+        order.
+        """
         self._edits.pop(key, None)
         self._edits[key] = edit
+        self._refused_edits.pop(key, None)
+        (self._retried_keys.add if retry else self._retried_keys.discard)(key)
+        self._has_work.set()
+
+    def has_queued_edit(self, key: str) -> bool:
+        """Return True if an edit of a key waits for the worker."""
+        return key in self._edits
+
+    def _restore_scenario(self, scenario: Scenario) -> None:
+        self._refused_edits.clear()
+        self._edits = {_RESTORE: lambda _: scenario}
         self._has_work.set()
 
     def set_playing(self, playing: bool) -> None:
@@ -152,13 +184,22 @@ class Session:
                     self._has_work.set()
 
     async def _process_next(self) -> None:
-        edits, self._edits = list(self._edits.values()), {}
+        edits, self._edits = self._edits, {}
         wrong: tuple[Mistake, ...] = ()
         if edits:
-            scenario, wrong = await self._await_with_notice(
-                self.run_on_worker(partial(_apply_valid_edits, self.scenario, edits))
+            tried = edits if "" in edits else {**self._refused_edits, **edits}
+            scenario, refusals = await self._await_with_notice(
+                self.run_on_worker(partial(_apply_valid_edits, self.scenario, tried))
             )
+            self._refused_edits = {
+                key: tried[key]
+                for key in refusals
+                if key in self._retried_keys and key not in self._edits
+            }
+            wrong = tuple(mistake for mistakes in refusals.values() for mistake in mistakes)
             if scenario is not self.scenario:
+                if _RESTORE not in edits:
+                    self.undo_history.record_change(self.scenario, frozenset(edits))
                 self.scenario, self._player = scenario, FramePlayer(scenario, self.limits)
                 await self.run_in_document(self._notify_settings_listeners)
             self.playing = self.playing and not wrong
@@ -274,18 +315,25 @@ def _discard_exception(future: asyncio.Future[FrameState]) -> None:
 
 
 def _apply_valid_edits(
-    scenario: Scenario, edits: list[Edit]
-) -> tuple[Scenario, tuple[Mistake, ...]]:
-    """Apply all valid edits; return the scenario and the mistakes of the others."""
-    mistakes: list[Mistake] = []
-    for edit in edits:
-        try:
-            scenario = edit(scenario)
-        except DechirpError as error:
-            mistakes += error.mistakes
-    return scenario, tuple(mistakes)
+    scenario: Scenario, edits: Mapping[str, Edit]
+) -> tuple[Scenario, dict[str, tuple[Mistake, ...]]]:
+    """Apply edits until no further one is valid; return the mistakes of the others by key."""
+    refusals: dict[str, tuple[Mistake, ...]] = dict.fromkeys(edits, ())
+    n_before = len(edits) + 1
+    while 0 < len(refusals) < n_before:
+        n_before = len(refusals)
+        for key in [*refusals]:
+            try:
+                scenario = edits[key](scenario)
+            except DechirpError as error:
+                refusals[key] = error.mistakes
+            else:
+                del refusals[key]
+    return scenario, refusals
 
 
+_RESTORE = "restore"
+"""Key of the edit that restores an earlier or later scenario."""
 _INTERNAL_ERROR = Mistake(
     setting="this page",
     value="an internal error; see the log of the server",

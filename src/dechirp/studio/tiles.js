@@ -9,8 +9,7 @@ function beginTiles(tiles) {
   for (const tile of tiles) {
     showCaption(tile);
     showValues(tile);
-    const tools = document.createElement("span");
-    tools.className = "tools";
+    const tools = tile.querySelector(".tools");
     for (const [tool, [words, path]] of Object.entries(TOOLS)) {
       const button = document.createElement("button");
       button.type = "button";
@@ -20,7 +19,6 @@ function beginTiles(tiles) {
       button.addEventListener("click", () => tool === "picture" ? savePicture(tile) : enlarge(tile));
       tools.append(button);
     }
-    tile.querySelector("h2").after(tools);
   }
   document.addEventListener("keydown", (event) => {
     const tile = event.key === "Escape" && document.querySelector(".tile.enlarged");

@@ -1,7 +1,7 @@
 """Widgets of knobs: input fields that change settings and show mistakes below them."""
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import replace
 from typing import Generic, TypeVar
 
@@ -9,6 +9,7 @@ from bokeh.models import Checkbox, Column, Div, Select, TextInput, UIElement
 
 from dechirp.core.errors import Mistake
 from dechirp.experiments.scenario import Scenario
+from dechirp.studio.panels.fold import Fold
 from dechirp.studio.panels.knobs import (
     NONE,
     Knob,
@@ -76,6 +77,11 @@ class KnobWidget:
         return str(self._widget.value)
 
     @property
+    def is_switched_on(self) -> bool:
+        """True for a switch that is on."""
+        return isinstance(self._widget, Checkbox) and bool(self._widget.active)
+
+    @property
     def shows_current_setting(self) -> bool:
         """True if the text is the current setting."""
         return self._has_value and self.current_text == self._entry.text and not self.is_wrong
@@ -120,6 +126,8 @@ class KnobWidget:
         text = with_unit_of_level(text, self._entry.text)
         if text == self._entry.text:
             self._restore_own_text()
+            if self.is_wrong:
+                self._on_typed(self._entry.path, text)  # the refused text is not tried again
             self._display_mistakes(())  # restored
         else:
             self._is_pending = True
@@ -162,7 +170,7 @@ def make_setting_changer(session: Session) -> ChangeSetting:
                 scenario, overrides_for_knob_text(scenario, path, text), session.limits
             )
 
-        session.queue_edit(path, edit)
+        session.queue_edit(path, edit, retry=True)
 
     return change
 
@@ -180,12 +188,23 @@ class KnobForm(Generic[T]):
         Function that returns the paths of the settings.
     change : function
         Called with path and text of what is changed, see `setting_knobs.overrides_for_knob_text`.
+    group : function of a path
+        Function that returns the heading under which a knob is folded; empty for none. Of the
+        headings in `open_groups` the knobs are shown at first.
     """
 
     def __init__(
-        self, whole: T, paths: Callable[[T], Iterable[str]], change: ChangeSetting
+        self,
+        whole: T,
+        paths: Callable[[T], Iterable[str]],
+        change: ChangeSetting,
+        *,
+        group: Callable[[str], str] = lambda _: "",
+        open_groups: Container[str] = (),
     ) -> None:
         self._whole, self._paths, self._change_setting = whole, paths, change
+        self._group, self._open_groups = group, open_groups
+        self._folds: dict[str, Fold] = {}
         self._drafts: dict[str, str] = {}
         """Kinds by path whose required settings are not typed yet."""
         self._fields: dict[tuple[str, bool], KnobWidget] = {}
@@ -238,7 +257,20 @@ class KnobForm(Generic[T]):
             )
             widgets[key].show_knob(entry)
         self._fields = widgets
-        children = [field.root_element for field in widgets.values()]
+        self._show_in_groups([(self._group(path), field) for (path, _), field in widgets.items()])
+
+    def _show_in_groups(self, fields: Sequence[tuple[str, KnobWidget]]) -> None:
+        groups: dict[str, list[KnobWidget]] = {}
+        for title, field in fields:
+            groups.setdefault(title, []).append(field)
+        children: list[UIElement] = [field.root_element for field in groups.pop("", [])]
+        for title, members in groups.items():
+            if title not in self._folds:
+                self._folds[title] = Fold(title, is_open=title in self._open_groups)
+            n_on = sum(field.is_switched_on for field in members)
+            self._folds[title].set_title(f"{title}: {n_on} on" if n_on else title)
+            self._folds[title].set_children([field.root_element for field in members])
+            children.append(self._folds[title].root_element)
         if self._root.children != children:
             self._root.children = children
 

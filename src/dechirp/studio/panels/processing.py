@@ -32,6 +32,20 @@ _PATHS = (
     "tracker",
     "chain.mitigation",
 )
+_GROUPS = {
+    "chain.cfar": "Detector",
+    "chain.angle": "Directions",
+    "chain.field_of_view": "Directions",
+    "chain.cluster": "Objects and tracks",
+    "ego_motion": "Objects and tracks",
+    "tracker": "Objects and tracks",
+    "chain.mitigation": "Mitigation of interference",
+}
+
+
+def _group_of_setting(path: str) -> str:
+    titles = (title for start, title in _GROUPS.items() if f"{path}.".startswith(f"{start}."))
+    return next(titles, "Range and velocity")
 
 
 class Processing(Panel):
@@ -43,7 +57,11 @@ class Processing(Panel):
         super().__init__(session)
         self._change_single = make_setting_changer(session)
         self._form = KnobForm(
-            session.scenario, lambda _: _PATHS, self._change_setting_and_clear_alternative
+            session.scenario,
+            lambda _: _PATHS,
+            self._change_setting_and_clear_alternative,
+            group=_group_of_setting,
+            open_groups=("Range and velocity", "Detector"),
         )
         self._form.root_element.name = self.name
         session.on_settings.append(self._form.show_settings_of)
@@ -63,5 +81,7 @@ class Processing(Panel):
             return
         options = (f"{path}={text}", f"{alternative}={NONE}")
         self.session.queue_edit(
-            path, partial(apply_overrides, overrides=options, limits=self.session.limits)
+            path,
+            partial(apply_overrides, overrides=options, limits=self.session.limits),
+            retry=True,
         )

@@ -17,6 +17,7 @@ from dechirp.studio.panels.arrays import (
     replace_array_elements,
 )
 from dechirp.studio.panels.base import Panel
+from dechirp.studio.panels.fold import Fold
 from dechirp.studio.panels.knob_widgets import KnobForm, make_setting_changer
 from dechirp.studio.panels.knobs import format_setting_inline
 from dechirp.studio.session import Session
@@ -52,16 +53,23 @@ class Radar(Panel):
         waveform = [f"radar.frame.chirp.{key}" for key in _CHIRP.split()]
         waveform += [f"radar.frame.{key}" for key in _FRAME.split()]
         self._forms = [
-            KnobForm(session.scenario, lambda _: waveform, make_setting_changer(session)),
+            KnobForm(
+                session.scenario,
+                lambda _: waveform,
+                make_setting_changer(session),
+                group=lambda path: "Chirp" if path.startswith("radar.frame.chirp.") else "Frame",
+                open_groups=("Chirp", "Frame"),
+            ),
             KnobForm(session.scenario, lambda _: _ARRAY, self._change_array_elements),
         ]
+        array = Fold("Array")
+        array.set_children([self._rows, self._forms[1].root_element])
         self._root = Column(
             name=self.name,
             children=[
                 self._derived_values,
                 self._forms[0].root_element,
-                self._rows,
-                self._forms[1].root_element,
+                array.root_element,
             ],
             sizing_mode="stretch_width",
             spacing=0,

@@ -14,6 +14,7 @@ from dechirp.scene.target import Target
 from dechirp.simulation.impairments.base import Impairment
 from dechirp.simulation.impairments.noise import ThermalNoise, WhiteNoise
 from dechirp.studio.panels.base import Panel
+from dechirp.studio.panels.fold import Fold
 from dechirp.studio.panels.knob_widgets import KnobForm, make_setting_changer
 from dechirp.studio.panels.knobs import NONE, list_member_name_in_path
 from dechirp.studio.scenario_edits import apply_overrides, check_scenario_within_limits
@@ -36,7 +37,7 @@ class Targets(Panel):
     def __init__(self, session: Session) -> None:
         super().__init__(session)
         self._rows: list[_TargetRow] = []
-        self._list = Column(sizing_mode="stretch_width", spacing=8)
+        self._list = Column(sizing_mode="stretch_width", spacing=0)
         self._add = Button(label="Add a target", sizing_mode="stretch_width", margin=(6, 0, 6, 0))
         self._add.on_click(
             lambda: self._queue_edit_within_limits("add a target", add_target_beyond_farthest)
@@ -79,7 +80,7 @@ class Targets(Panel):
         while len(self._rows) < len(targets):
             self._rows.append(_TargetRow(self.session, len(self._rows)))
         for row in self._rows[: len(targets)]:
-            row.form.show_settings_of(scenario)
+            row.show_settings_of(scenario)
         roots = [row.root_element for row in self._rows[: len(targets)]]
         if self._list.children != roots:
             self._list.children = roots
@@ -105,13 +106,18 @@ class _TargetRow:
         remove = Button(label="Remove", width=70, margin=(0, 0, 0, 0))
         remove.html_attributes = {"title": f"Remove target {index + 1}"}
         remove.on_click(self._remove_own_target)
-        self.root_element = Column(
-            children=[self.form.root_element, Row(children=[remove], align="end")],
-            sizing_mode="stretch_width",
-            spacing=2,
-            css_classes=["one-of-many"],
-        )
+        self._fold = Fold(f"Target {index + 1}")
+        self._fold.set_children([self.form.root_element, Row(children=[remove], align="end")])
+        self.root_element = self._fold.root_element
         session.on_mistakes.append(self.form.show_mistakes)
+
+    def show_settings_of(self, scenario: Scenario) -> None:
+        """Show the current settings of the target."""
+        assert scenario.scene is not None
+        target = scenario.scene.targets[self._index]
+        body = "" if target.body is None else f", {target.body.kind()}"
+        self._fold.set_title(f"{scenario.scene.names[self._index]}{body}")
+        self.form.show_settings_of(scenario)
 
     def _target_setting_paths(self, scenario: Scenario) -> list[str]:
         targets = () if scenario.scene is None else scenario.scene.targets

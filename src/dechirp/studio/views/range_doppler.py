@@ -50,7 +50,7 @@ class RangeDopplerView(MapView):
         cell = f"{format_number(width_m, 2)} m {TIMES_SIGN} {format_number(width_m_per_s, 2)} m/s"
         self.caption.update(
             title=f"Range-Doppler map: {format_count_with_noun(n_detections, 'detection')}",
-            note=f"a cell: {cell}   {self.legend_html}",
+            note=f"cell {cell}   {self.legend_html}",
         )
 
     def cursor_at_position(self, x: float, y: float) -> Cursor:
