@@ -85,6 +85,7 @@ def test_target_can_be_dragged(live_page, tmp_path):
 
 def test_noise_factor_6_db_higher_raises_map_by_6_db(live_page):
     live_page.open()
+    live_page.open_tab("Scene")
     before_db = live_page.median_db
     live_page.act_and_wait_for_frame(
         lambda: live_page.type_setting("radar.hardware.noise_factor", "18 dB")
@@ -117,6 +118,7 @@ def test_changed_detector_changes_threshold_and_saved_settings(live_page, tmp_pa
 )
 def test_invalid_value_is_reported_and_page_continues(live_page, path, text, fragment):
     live_page.open()
+    live_page.open_tab("Scene")
     initial_settings = live_page.settings
     live_page.type_setting(path, text)
     note = live_page.page.locator("[data-part=trouble]")
@@ -170,7 +172,8 @@ def test_keyboard_plays_changes_setting_and_opens_tab(live_page):
     keys.press("Space")
     live_page.wait_until(lambda: live_page.n_frames > 3)
     keys.press("Space")
-    _move_focus_to(live_page, "Scene")
+    _move_focus_to(live_page, "Main")
+    keys.press("ArrowRight")
     keys.press("ArrowRight")
     assert live_page.focused_name == "Radar"
     _move_focus_to(live_page, "radar.frame.chirp.slope")

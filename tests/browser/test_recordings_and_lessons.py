@@ -33,6 +33,7 @@ def test_two_settings_are_compared_by_trials(live_page):
     live_page.open()
     live_page.open_tab("Compare A/B")
     live_page.press_button("Keep as A")
+    live_page.open_tab("Scene")
     live_page.act_and_wait_for_frame(
         lambda: live_page.type_setting("radar.hardware.noise_factor", "42 dB")
     )

@@ -123,8 +123,14 @@ def test_marks_leave_echoes_visible_and_can_be_hidden(live_page):
 
 @pytest.mark.parametrize(
     ("path", "shade"),
-    [("", "light"), ("", "dark"), ("teach/1", "dark"), ("teach/2", "light")]
-    + [("teach/3", "dark"), ("teach/4", "light")],
+    [
+        ("", "light"),
+        ("", "dark"),
+        ("teach/1", "dark"),
+        ("teach/2", "light"),
+        ("teach/3", "dark"),
+        ("teach/4", "light"),
+    ],
 )
 def test_axe_finds_nothing_critical_or_serious(live_page, shade, path):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
