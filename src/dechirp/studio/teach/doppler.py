@@ -16,7 +16,13 @@ from dechirp.report.labels import (
     RANGE_LABEL,
     VELOCITY_LABEL,
 )
-from dechirp.studio.teach.lesson import Choice, Dial, Experiment, Lesson
+from dechirp.studio.teach.lesson import (
+    STACK_WHEN_NARROW_CSS,
+    Choice,
+    Dial,
+    Experiment,
+    Lesson,
+)
 from dechirp.studio.teach.mixer_demo import (
     GUARDS,
     NO_RAMP,
@@ -132,8 +138,13 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
         self._cut.add_line("threshold", "track", label="threshold", line_width=2)
         self._cut.add_legend(orientation="horizontal")
         self._root = column(
-            row(self._two.figure, self._one.figure, sizing_mode="stretch_both"),
-            row(self._phase.figure, self._cut.figure, sizing_mode="stretch_both"),
+            *(
+                row(*pair, sizing_mode="stretch_both", stylesheets=[STACK_WHEN_NARROW_CSS])
+                for pair in (
+                    (self._two.figure, self._one.figure),
+                    (self._phase.figure, self._cut.figure),
+                )
+            ),
             sizing_mode="stretch_both",
         )
 

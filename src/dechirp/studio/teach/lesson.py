@@ -10,6 +10,11 @@ from bokeh.models import Select, Slider, UIElement
 
 from dechirp.studio.theme import Theme
 
+STACK_WHEN_NARROW_CSS = (
+    "@media (max-width: 1099.98px) { :host { flex-direction: column !important; } }"
+)
+"""Style of a row of figures: below each other on a narrow screen."""
+
 S = TypeVar("S")
 T = TypeVar("T")
 Setting = float | str
