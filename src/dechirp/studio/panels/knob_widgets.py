@@ -87,8 +87,8 @@ class KnobWidget:
         return self._has_value and self.current_text == self._entry.text and not self.is_wrong
 
     def show_knob(self, knob: Knob) -> None:
-        """Show the current setting and clear messages."""
-        if knob == self._entry and self.shows_current_setting:
+        """Show the current setting and clear messages; keep a refused text, to be tried again."""
+        if knob == self._entry and (self.shows_current_setting or self.is_wrong):
             return
         self._entry = knob
         self._is_pending, self._has_value = False, True
