@@ -193,6 +193,8 @@ def test_conflicting_value_is_reported_at_edited_knob() -> None:
     assert "wrong" in page.find_knob("radar.frame.chirp.n_samples").css_classes
     assert any("radar.frame.chirp.ramp_duration: " in message for message in page.messages)
     page.type_setting("radar.frame.chirp.slope", "12 MHz/us")
+    assert page.messages  # the text is kept, to be tried again
+    page.type_setting("radar.frame.chirp.n_samples", "128")
     assert not page.messages
     assert page.find_knob("radar.frame.chirp.n_samples").value == "128"
 
