@@ -7,6 +7,7 @@ from scipy.special import gammaincinv
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.cfar.base import TrainingWindow
 from dechirp.processing.refine import Tones
+from dechirp.radar.chirp import Chirp
 from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
 from dechirp.radar.frame import Frame
 from dechirp.theory.bounds import noncoherent_effective_snr
@@ -71,7 +72,8 @@ def range_velocity_estimates(
     sample) is S tau + f_D and the slow-time frequency f_D = 2 v (f - S tau) / c, f the mean of the
     sampled frequencies. So their difference is free of range-Doppler coupling and of the residual
     video phase, if f_D is unambiguous. A single chirp gives no velocity: NaN, and the range is that
-    of a target at rest. Standard errors are those of the maximum of the sum of n_channels
+    of a target at rest. Complex samples alias beats by the sample rate: `_unalias_delay_frequency`.
+    Standard errors are those of the maximum of the sum of n_channels
     periodograms, see `theory.bounds.noncoherent_effective_snr`.
     """
     chirp = frame.chirp
@@ -83,6 +85,8 @@ def range_velocity_estimates(
         wavelength_m=wavelength_m,
     )
     velocity = doppler_hz * wavelength_m / 2
+    if chirp.sampling == "complex":
+        beat_hz = _unalias_delay_frequency(beat_hz, range_std / chirp.range_m(1.0), chirp)
     return {
         "range": chirp.range_m(1.0) * beat_hz,
         "velocity": velocity if frame.can_measure_velocity else np.full_like(velocity, np.nan),
@@ -90,3 +94,16 @@ def range_velocity_estimates(
         "range_std": range_std,
         "velocity_std": velocity_std,
     }
+
+
+def _unalias_delay_frequency(delay_hz: np.ndarray, std_hz: np.ndarray, chirp: Chirp) -> np.ndarray:
+    """Return S tau between 0 and the sample rate, since no delay is negative.
+
+    The first cell of a map contains the first half cell and the last one of all ranges. Values
+    below 0 by less than three standard errors, or than a twentieth of a cell, which the echoes
+    beside it shift as well, remain: they are echoes at 0, such as leakage.
+    """
+    tolerance_hz = np.maximum(3 * std_hz, 0.05 * chirp.sample_rate_hz / chirp.n_samples)
+    n_spans = np.floor(delay_hz / chirp.sample_rate_hz)
+    n_spans[(delay_hz < 0) & (delay_hz >= -tolerance_hz)] = 0
+    return np.asarray(delay_hz - n_spans * chirp.sample_rate_hz)

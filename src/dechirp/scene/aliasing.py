@@ -70,6 +70,10 @@ def alias_range_velocity(
     if n_resolved_spans is not None:
         doppler_hz = wrap_about_zero(doppler_hz, n_resolved_spans / radar.frame.repetition_s)
     delay_hz = beat_hz - doppler_hz
+    if chirp.sampling == "complex":
+        # No delay is negative, but that of an echo at 0 may be rounded below it.
+        rounding_hz = 1e-9 * chirp.sample_rate_hz
+        delay_hz = (delay_hz + rounding_hz) % chirp.sample_rate_hz - rounding_hz
     return RangeVelocity(
         chirp.range_m(1.0) * delay_hz,
         doppler_hz * SPEED_OF_LIGHT / (2 * (chirp.mean_sampled_frequency_hz - delay_hz)),

@@ -238,17 +238,21 @@ def _find_velocities_with_excess_range_migration(snapshot: _SceneSnapshot) -> _F
 
 
 def _find_aliased_ranges(snapshot: _SceneSnapshot) -> _FindingCase:
-    """Find aliased ranges."""
-    chirp = snapshot.radar.frame.chirp
-    beat_hz = beat_and_doppler_frequencies(snapshot.range_velocity, snapshot.radar).beat_hz
+    """Find aliased ranges; where the Doppler frequency is measured, it does not alias them."""
+    frame, chirp = snapshot.radar.frame, snapshot.radar.frame.chirp
+    beat_hz, doppler_hz = beat_and_doppler_frequencies(snapshot.range_velocity, snapshot.radar)
+    has_coupling = chirp.sampling == "real" or frame.n_chirps == 1 or frame.has_falling_ramps
+    if not has_coupling:
+        beat_hz = beat_hz - doppler_hz
     return _FindingCase(
         (beat_hz < 0) | (beat_hz >= chirp.max_beat_frequency_hz),
         lambda setting, i: Finding(
             level="warning",
             setting=f"{setting}.position",
             value=_format_aliased_range_velocity(snapshot, i, snapshot.resolved.n_spans),
-            expected=f"between 0 and {chirp.max_range_m:.4g} m, range-Doppler coupling included, to"
-            " be unambiguous",
+            expected=f"between 0 and {chirp.max_range_m:.4g} m,"
+            + " range-Doppler coupling included," * has_coupling
+            + " to be unambiguous",
             fix="sample faster, lower the slope, or expect the aliased range",
         ),
     )
