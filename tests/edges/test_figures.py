@@ -382,6 +382,7 @@ def iter_axis_labels(figure: FigureBase, excluded: Axes | FigureBase) -> Iterato
 @pytest.mark.parametrize(
     ("ranges_m", "full_m", "end_m"),
     [
+        ([30.0, np.nan], 2200.0, 100.0),
         ([50.0, 3.0], 2200.0, 100.0),
         ([51.0], 2200.0, 200.0),
         ([150.0], 250.0, 250.0),

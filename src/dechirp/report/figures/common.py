@@ -141,9 +141,10 @@ def range_axis_end_m(ranges_m: np.ndarray, full_m: float) -> float:
     """Return an end of a range axis that shows all given ranges with as much again behind them.
 
     Twice the farthest range, rounded up to 1, 2 or 5 times a power of ten; `full_m`, the end of the
-    data, without ranges or if it is less.
+    data, without ranges or if it is less. Ranges that are NaN, as of maps without velocity, do not
+    count.
     """
-    farthest_m = float(np.max(ranges_m, initial=0.0))
+    farthest_m = float(np.max(ranges_m[np.isfinite(ranges_m)], initial=0.0))
     if farthest_m <= 0:
         return full_m
     decade = 10.0 ** np.floor(np.log10(2 * farthest_m))
