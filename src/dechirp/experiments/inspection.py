@@ -10,7 +10,7 @@ from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.chain import Chain
 from dechirp.processing.quality.findings import recording_findings as judged
-from dechirp.processing.quality.measures import measure_frame_quality
+from dechirp.processing.quality.measures import QualityMeasurer
 from dechirp.processing.range_doppler_map import power_map
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.devices.base import Device
@@ -115,15 +115,15 @@ def _first_frame_map_and_sample_findings(
     recording: Recording, progress: Callable[[int, int], None] | None
 ) -> tuple[xr.DataArray, tuple[Finding, ...]]:
     """Compute the map of the first frame, and findings on the samples of all frames."""
-    power, measures = None, []
-    for frame in recording.frames():
-        if power is None:
-            power = power_map(frame.isel(frame=0), recording.radar, Chain())
-        measures.append(measure_frame_quality(frame, recording.radar))
+    first = next(recording.frames())
+    power = power_map(first.isel(frame=0), recording.radar, Chain())
+    measurer = QualityMeasurer(recording.radar, n_frames=recording.n_frames)
+    for number, samples, is_lost in recording.iter_frame_samples():
+        measurer.add_frame(samples, is_lost, recording.radar.frame.frame_start_s(number))
         if progress is not None:
-            progress(len(measures), recording.n_frames)
-    assert power is not None  # a recording has a frame
-    sample_findings = judged(xr.concat(measures, "frame"), recording.radar)
+            progress(measurer.n_frames, recording.n_frames)
+    measures = measurer.joined_measures(recording.contents.units)
+    sample_findings = judged(measures, recording.radar)
     warned_settings = [
         finding.setting for finding in recording.findings if finding.level == "warning"
     ]

@@ -191,6 +191,19 @@ class Recording(Displayable):
             self._decode_frame(number, samples[0])
             yield self._label_samples_as_cube(samples, range(number, number + 1))
 
+    def iter_frame_samples(self) -> Iterator[tuple[int, np.ndarray, np.ndarray | None]]:
+        """Yield number, samples (chirp, rx, sample) and lost chirps (chirp,) of each frame.
+
+        Without labels, which take longer than small frames; the array is used for the next frame
+        again. Lost chirps are a mask, or None if no chirp of the recording is lost. Raises as
+        `cube` does.
+        """
+        gaps = self.contents.gaps
+        samples = np.empty(self._cube_shape()[1:], self._sample_dtype())
+        for number in self.frame_numbers:
+            self._decode_frame(number, samples)
+            yield number, samples, None if gaps is None else gaps[number]
+
     def _cube_shape(self) -> tuple[int, ...]:
         self.check_has_samples()
         return tuple(self.sizes.values())

@@ -97,31 +97,61 @@ def estimate_static_samples(
     A mean of all would carry a burst of 60 dB in one of 128 chirps into the others, 18 dB over
     the noise.
     """
-    out = np.empty((n_slots, *numbers.shape[1:]), np.float32)
+    out = np.zeros((n_slots, *numbers.shape[1:]), np.float32)
     for slot in range(n_slots):
-        slot_chirps = chirps[chirps % n_slots == slot]
-        # Zeros for a slot without chirps.
-        parts = np.array_split(slot_chirps, max(1, min(groups, slot_chirps.size)))
-        starts = np.cumsum([0, *(part.size for part in parts)])
-        out[slot] = np.median(
-            _chirp_group_means(numbers, slot_chirps, starts, inverse_scale), axis=0
+        slot_chirps = chirps[chirps % n_slots == slot] if n_slots > 1 else chirps
+        n_groups = max(1, min(groups, slot_chirps.size))
+        size, n_larger = divmod(slot_chirps.size, n_groups)
+        index = np.arange(n_groups + 1)
+        _write_median_of_group_means(
+            numbers,
+            slot_chirps,
+            size * index + np.minimum(index, n_larger),
+            inverse_scale,
+            out[slot],
         )
     return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _chirp_group_means(
-    numbers: np.ndarray, chirps: np.ndarray, starts: np.ndarray, inverse_scale: np.float32
-) -> np.ndarray:
-    """Return means of groups of chirps, (group, rx, value)."""
-    out = np.zeros((starts.size - 1, *numbers.shape[1:]), np.float32)
-    for group in range(starts.size - 1):
-        share = inverse_scale / np.float32(starts[group + 1] - starts[group])
-        for i in range(starts[group], starts[group + 1]):
-            for k in range(numbers.shape[1]):
-                for j in range(numbers.shape[2]):
-                    out[group, k, j] += share * numbers[chirps[i], k, j]
-    return out
+def _write_median_of_group_means(
+    numbers: np.ndarray,
+    chirps: np.ndarray,
+    starts: np.ndarray,
+    inverse_scale: np.float32,
+    out: np.ndarray,
+) -> None:
+    """Write the median over groups of chirps of their means to (rx, value); zeros of none."""
+    n_groups, (n_rx, n_values) = starts.size - 1, out.shape
+    if not chirps.size:
+        return
+    means = np.zeros((n_groups, n_values), np.float32)
+    cell = np.empty(n_groups, np.float32)
+    for k in range(n_rx):
+        means[:] = 0
+        for group in range(n_groups):
+            share = inverse_scale / np.float32(starts[group + 1] - starts[group])
+            row = means[group]
+            for i in range(starts[group], starts[group + 1]):
+                values = numbers[chirps[i], k]
+                for j in range(n_values):
+                    row[j] += share * values[j]
+        if n_groups == 1:
+            out[k] = means[0]
+            continue
+        for j in range(n_values):
+            for group in range(n_groups):  # insertion sort of at most 16 values
+                value, i = means[group, j], group
+                while i > 0 and cell[i - 1] > value:
+                    cell[i] = cell[i - 1]
+                    i -= 1
+                cell[i] = value
+            middle = n_groups // 2
+            out[k, j] = (
+                cell[middle]
+                if n_groups % 2
+                else np.float32(0.5) * (cell[middle - 1] + cell[middle])
+            )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})

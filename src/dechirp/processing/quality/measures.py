@@ -4,9 +4,8 @@ import numpy as np
 import scipy.fft
 import xarray as xr
 
-from dechirp.core.conventions import CUBE_AXES
+from dechirp.core.conventions import CUBE_AXES, axis_coordinate
 from dechirp.processing.quality.beat_spectrum import (
-    SpectrumSides,
     mean_spectrum_and_mirror_products,
     measure_echoes_and_mirror_images,
 )
@@ -25,11 +24,175 @@ from dechirp.processing.quality.sample_statistics import (
 from dechirp.processing.quality.synchronous_interference import find_ghost_track
 from dechirp.radar.radar import Radar
 
+_MAX_SPECTRUM_FRAMES = 512  # frames in which spectra are measured
 _FALSE_ALARM_PROBABILITY = 1e-9  # false-alarm probability of a range-Doppler map of noise
 
 
+class QualityMeasurer:
+    """Measurer of the frames of one radar: measures each, and joins the measures.
+
+    Samples, bursts and outlier chirps are measured in every frame, spectra in at most 512 frames at
+    equal distances: images, ghosts and orders of receivers persist over many frames.
+    """
+
+    def __init__(self, radar: Radar, *, n_frames: int = 1) -> None:
+        self._radar = radar
+        self._spectrum_step = -(-n_frames // _MAX_SPECTRUM_FRAMES)
+        # Approximate for lists of intervals.
+        self._frame = radar.for_frame(0).frame
+        self._has_receiver_line = find_receiver_order_on_line(radar.array) is not None
+        self._frames: list[dict[str, np.ndarray]] = []
+        self._starts_s: list[float] = []
+        self._is_complex = radar.frame.chirp.sampling == "complex"
+
+    @property
+    def n_frames(self) -> int:
+        """Number of measured frames."""
+        return len(self._starts_s)
+
+    def add_frame(self, samples: np.ndarray, is_lost: np.ndarray | None, start_s: float) -> None:
+        """Measure the samples (chirp, rx, sample) of one frame, which start at a time.
+
+        `is_lost` (chirp,) marks chirps to leave out; None for none.
+        """
+        self._is_complex = np.iscomplexobj(samples)
+        samples = np.ascontiguousarray(samples, np.complex64 if self._is_complex else np.float32)
+        if is_lost is None:
+            is_lost = np.zeros(len(samples), bool)
+        self._frames.append(self._measure(samples, is_lost))
+        self._starts_s.append(start_s)
+
+    def add_cube(self, frame: xr.DataArray) -> None:
+        """Measure one frame, (frame, chirp, rx, sample), with or without the coordinate `gap`."""
+        cube = frame.variable.transpose(*CUBE_AXES)
+        is_lost = None
+        if "gap" in frame.coords:
+            is_lost = np.array(frame["gap"].values, bool).reshape(cube.sizes["chirp"])
+        start_s = (
+            float(frame.coords["frame"].values[0])
+            if "frame" in frame.coords
+            else self._radar.frame.frame_start_s(self.n_frames)
+        )
+        self.add_frame(cube.values[0], is_lost, start_s)
+
+    def joined_measures(self, units: str) -> xr.Dataset:
+        """Return the measures of all frames, of samples in `units`, see `measure_frame_quality`."""
+        variables = {
+            name: (("frame", *dims), np.stack([frame[name] for frame in self._frames]))
+            for name, dims in _DIMS.items()
+        }
+        coords = {"frame": axis_coordinate("frame", np.array(self._starts_s))}
+        attrs = {"units": units, "is_complex": int(self._is_complex)}
+        return xr.Dataset(variables, coords=coords, attrs=attrs)
+
+    def _measure(self, samples: np.ndarray, is_lost: np.ndarray) -> dict[str, np.ndarray]:
+        n_slots, n_rx = self._radar.frame.n_slots, samples.shape[1]
+        statistics = compute_sample_statistics(
+            samples.view(np.float32), is_lost, 2 if self._is_complex else 1
+        )
+        is_silent = statistics.largest_part_magnitude < SILENT
+        scale = 1.0 if is_silent else statistics.largest_part_magnitude
+        is_alive = ~statistics.constant_receiver_mask & (not is_silent)
+        kept_samples = samples[~is_lost] if is_lost.any() else samples
+        bursts = measure_bursts(
+            samples, is_lost, n_slots=n_slots, largest_value=scale, adc_step=statistics.step
+        )
+        outlier_excess = measure_outlier_chirp_excess(
+            samples, is_lost, n_slots=n_slots, largest_value=scale, adc_step=statistics.step
+        )
+        spectral = _unmeasured_spectra(n_rx)
+        if self.n_frames % self._spectrum_step == 0:
+            spectral = self._measure_spectra(samples, is_lost, is_alive, scale)
+        return {
+            "n_numbers": np.asarray(statistics.n_numbers),
+            "mean": statistics.mean,
+            "power": statistics.power,
+            "level": statistics.level,
+            "count": statistics.count,
+            "copy_of": _first_receiver_with_same_samples(statistics, kept_samples),
+            "lost": is_lost,
+            "burst": bursts.excess,
+            "burst_share": bursts.share,
+            "kurtosis": bursts.kurtosis,
+            "unlike": outlier_excess,
+            **spectral,
+        }
+
+    def _measure_spectra(
+        self, samples: np.ndarray, is_lost: np.ndarray, is_alive: np.ndarray, scale: float
+    ) -> dict[str, np.ndarray]:
+        """Return the measures of the beat spectra of one frame."""
+        radar, n_slots, n_rx = self._radar, self._radar.frame.n_slots, samples.shape[1]
+        spectrum = mean_spectrum_and_mirror_products(samples, is_lost, scale)
+        sides = measure_echoes_and_mirror_images(spectrum, is_alive)
+        n_echoes = sides.n_echoes
+        if n_echoes == 0 and _has_doppler_peak(samples[~is_lost], is_alive, scale):
+            n_echoes = 1.0
+        ghost = find_ghost_track(samples, is_lost, self._frame, scale)
+        chirp = radar.frame.chirp
+        image_range_m = chirp.range_m(chirp.sample_rate_hz) * sides.strongest_bin / chirp.n_samples
+        measures = _unmeasured_spectra(n_rx) | {
+            "n_echoes": np.asarray(n_echoes),
+            "echo_energy": sides.echo_energy,
+            "mirrored": np.asarray(sides.mirror_similarity),
+            "image": sides.image_level,
+            "image_range": np.asarray(image_range_m),
+            "walk_velocity": np.asarray(ghost.velocity_m_per_s),
+            "walk_range": np.asarray(ghost.range_m),
+            "walk_chirps": np.array([ghost.first_chirp, ghost.last_chirp]),
+        }
+        if self._has_receiver_line and is_alive.all() and radar.array.n_rx == n_rx:
+            measures["seen"], measures["seen_snr"] = strongest_echo_snapshots_and_snr(
+                samples, is_lost, spectrum, n_slots=n_slots, largest_value=scale
+            )
+        return measures
+
+
+def _unmeasured_spectra(n_rx: int) -> dict[str, np.ndarray]:
+    """Return the measures of spectra of a frame in which they were not measured."""
+    nan = np.asarray(np.nan)
+    return {
+        "n_echoes": nan,
+        "echo_energy": np.zeros(2),
+        "mirrored": nan,
+        "image": np.full(n_rx, np.nan),
+        "image_range": nan,
+        "walk_velocity": nan,
+        "walk_range": nan,
+        "walk_chirps": np.array([-1, -1]),
+        "seen": np.zeros((N_CELLS, n_rx), np.complex64),
+        "seen_snr": np.zeros(N_CELLS, np.float32),
+    }
+
+
+_DIMS: dict[str, tuple[str, ...]] = {
+    "n_numbers": (),
+    "mean": ("rx", "part"),
+    "power": ("rx", "part"),
+    "level": ("rx", "part", "end", "rank"),
+    "count": ("rx", "part", "end", "rank"),
+    "copy_of": ("rx",),
+    "n_echoes": (),
+    "echo_energy": ("side",),
+    "mirrored": (),
+    "image": ("rx",),
+    "image_range": (),
+    "lost": ("chirp",),
+    "burst": ("chirp",),
+    "burst_share": ("chirp",),
+    "kurtosis": ("chirp",),
+    "unlike": ("chirp",),
+    "walk_velocity": (),
+    "walk_range": (),
+    "walk_chirps": ("end",),
+    "seen": ("cell", "rx"),
+    "seen_snr": ("cell",),
+}
+"""Axes of each measure beside `frame`."""
+
+
 def measure_frame_quality(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
-    """Measure the quality of one frame; concatenate results along `frame` for evaluation.
+    """Measure the quality of one frame; `QualityMeasurer` measures and joins several.
 
     Parameters
     ----------
@@ -46,97 +209,13 @@ def measure_frame_quality(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
 
     Notes
     -----
-    It takes the time of 5 to 10 FFTs of the frame along its samples, at least 1.5 ms, and a few MB
+    It takes the time of 5 to 10 FFTs of the frame along its samples, at least 1 ms, and a few MB
     of memory, plus a copy of the frame if it is not contiguous or has lost chirps.
     """
-    cube = frame.transpose(*CUBE_AXES)
-    is_complex = np.iscomplexobj(cube.values)
-    samples = np.ascontiguousarray(cube.values[0], np.complex64 if is_complex else np.float32)
-    n_chirps, n_rx, _ = samples.shape
-    is_lost = np.zeros(n_chirps, bool)
-    if "gap" in cube.coords:
-        is_lost = np.asarray(cube["gap"].values, bool).reshape(n_chirps).copy()
-    n_parts = 2 if is_complex else 1
-    statistics = compute_sample_statistics(samples.view(np.float32), is_lost, n_parts)
-    is_silent = statistics.largest_part_magnitude < SILENT
-    scale = 1.0 if is_silent else statistics.largest_part_magnitude
-    is_alive = ~statistics.constant_receiver_mask & (not is_silent)
-    kept_samples = samples[~is_lost] if is_lost.any() else samples
-    n_slots = radar.frame.n_slots
-    spectrum = mean_spectrum_and_mirror_products(samples, is_lost, scale)
-    sides = measure_echoes_and_mirror_images(spectrum, is_alive)
-    n_echoes = sides.n_echoes
-    if n_echoes == 0 and _has_doppler_peak(kept_samples, is_alive, scale):
-        n_echoes = 1.0
-    bursts = measure_bursts(
-        samples, is_lost, n_slots=n_slots, largest_value=scale, adc_step=statistics.step
-    )
-    outlier_excess = measure_outlier_chirp_excess(
-        samples, is_lost, n_slots=n_slots, largest_value=scale, adc_step=statistics.step
-    )
-    # Approximate for lists of intervals.
-    ghost = find_ghost_track(samples, is_lost, radar.for_frame(0).frame, scale)
-    cells, snr = np.zeros((N_CELLS, n_rx), np.complex64), np.zeros(N_CELLS, np.float32)
-    if (
-        is_alive.all()
-        and len(radar.array.rx_m) == n_rx
-        and find_receiver_order_on_line(radar.array) is not None
-    ):
-        cells, snr = strongest_echo_snapshots_and_snr(
-            samples, is_lost, spectrum, n_slots=n_slots, largest_value=scale
-        )
-    measures = {
-        **_receiver_statistics_as_variables(statistics, kept_samples),
-        **_beat_spectrum_measures_as_variables(sides, n_echoes, radar),
-        "lost": (("chirp",), is_lost),
-        "burst": (("chirp",), bursts.excess),
-        "burst_share": (("chirp",), bursts.share),
-        "kurtosis": (("chirp",), bursts.kurtosis),
-        "unlike": (("chirp",), outlier_excess),
-        "walk_velocity": ((), ghost.velocity_m_per_s),
-        "walk_range": ((), ghost.range_m),
-        "walk_chirps": (("end",), np.array([ghost.first_chirp, ghost.last_chirp])),
-        "seen": (("cell", "rx"), cells),
-        "seen_snr": (("cell",), snr),
-    }
-    variables = {
-        name: (("frame", *dims), np.asarray(values)[None])
-        for name, (dims, values) in measures.items()
-    }
-    coords = {name: cube.coords[name].variable for name in ("frame",) if name in cube.coords}
-    attrs = {"units": cube.attrs.get("units", "full scale"), "is_complex": int(is_complex)}
-    return xr.Dataset(variables, coords=coords, attrs=attrs)
-
-
-def _receiver_statistics_as_variables(
-    statistics: SampleStatistics, samples: np.ndarray
-) -> dict[str, tuple[tuple[str, ...], object]]:
-    return {
-        "n_numbers": ((), statistics.n_numbers),
-        "mean": (("rx", "part"), statistics.mean),
-        "power": (("rx", "part"), statistics.power),
-        "level": (("rx", "part", "end", "rank"), statistics.level),
-        "count": (("rx", "part", "end", "rank"), statistics.count),
-        "copy_of": (("rx",), _first_receiver_with_same_samples(statistics, samples)),
-    }
-
-
-def _beat_spectrum_measures_as_variables(
-    sides: SpectrumSides, n_echoes: float, radar: Radar
-) -> dict[str, tuple[tuple[str, ...], object]]:
-    n_samples = radar.frame.chirp.n_samples
-    return {
-        "n_echoes": ((), n_echoes),
-        "echo_energy": (("side",), sides.echo_energy),
-        "mirrored": ((), sides.mirror_similarity),
-        "image": (("rx",), sides.image_level),
-        "image_range": (
-            (),
-            radar.frame.chirp.range_m(radar.frame.chirp.sample_rate_hz)
-            * sides.strongest_bin
-            / n_samples,
-        ),
-    }
+    measurer = QualityMeasurer(radar)
+    measurer.add_cube(frame)
+    measures = measurer.joined_measures(frame.attrs.get("units", "full scale"))
+    return measures if "frame" in frame.coords else measures.drop_vars("frame")
 
 
 def _first_receiver_with_same_samples(

@@ -1,7 +1,7 @@
 """Silicon Radar SiRad: JSON with the settings and one row of numbers a ramp.
 
 `{"Bandwidth": 6000, "SamplingFrequency": 2.571, "Ramps": 1, "Samps": 32, "PRI": "0.01577",
-"Gain": 8, "data": [[I0, Q0, I1, Q1, ...], ...]}`, in MHz, s and dB.
+"Gain": 8, "data": [[Q0, I0, Q1, I1, ...], ...]}`, in MHz, s and dB.
 
 The ramp sweeps the bandwidth in 37.5 more sample periods than are recorded: 32 samples cover only
 2.76 of 6 GHz. Verified on a recording in which ranges computed so change as the phase does.
@@ -27,7 +27,7 @@ from dechirp.recordings.samples.continuous import (
     check_single_receiver_and_sampling,
     divide_chirps_into_frames,
 )
-from dechirp.recordings.samples.iq_order import guess_iq_order, negative_beat_frequency_findings
+from dechirp.recordings.samples.iq_order import negative_beat_frequency_findings
 from dechirp.recordings.settings.base import Iq, RecordingSettings, convert_setting_errors
 
 _KEYS = ("Bandwidth", "SamplingFrequency", "Ramps", "Samps", "PRI")
@@ -39,7 +39,10 @@ _NUMBERS = b"0123456789-,[] \t\r\n"
 
 _UNRECORDED_SAMPLES = 37.5
 _START_HZ = 119e9
-# Limits of the chirps, and of their numbers, whose spectrum decides the order of I and Q.
+_IQ: Iq = "qi"
+"""Order of the two numbers of a sample: I first, as the file has them, puts the echoes of the
+upward ramp at negative beat frequencies."""
+# Limits of the chirps, and of their numbers, whose spectrum confirms the order of I and Q.
 _MAX_SAMPLED_ROWS, _MAX_SAMPLED_NUMBERS = 4096, 2**20
 # Rows, and numbers, between two stored offsets of the file.
 _ROWS_PER_OFFSET, _NUMBERS_PER_OFFSET = 16, 2**17
@@ -94,13 +97,9 @@ class Sirad(Format):
         full_scale, scale_note = _guess_adc_full_scale_with_note(rows.lowest, rows.highest)
         findings = (*settings.findings, *frame_findings, scale_note)
         sampled_chirps = rows.sampled_rows[:, 0::2] + 1j * rows.sampled_rows[:, 1::2]
-        if hints.iq is None:
-            iq, guess_finding = guess_iq_order(sampled_chirps)
-            findings += (guess_finding,)
-        else:
-            iq = hints.iq
-            swapped = 1j * sampled_chirps.conj() if iq == "qi" else sampled_chirps
-            findings += negative_beat_frequency_findings(swapped, iq)
+        iq = hints.iq or _IQ
+        ordered_chirps = 1j * sampled_chirps.conj() if iq == "qi" else sampled_chirps
+        findings += negative_beat_frequency_findings(ordered_chirps[:, None], iq)
         n_chirps = radar.frame.n_chirps_total
 
         def decode(index: int, out: np.ndarray) -> None:
@@ -369,6 +368,6 @@ def _malformed_rows_error(path: Path, offset: int, value: str, n_numbers: int) -
     return RecordingError(
         path,
         value=f"{value}, at byte {offset} or soon after",
-        expected=f"rows of {n_numbers} 16-bit integers, I and Q alternating, from Samps",
+        expected=f"rows of {n_numbers} 16-bit integers, Q and I alternating, from Samps",
         fix="copy it again from its source",
     )

@@ -51,5 +51,11 @@ class Tsw1400(Format):
             receivers=settings.chip_receiver_indices(settings.radar.array.n_rx), n_present=N_LANES
         )
         return interpret_raw_samples(
-            path, open_concatenated_files(path), [order], settings, hints, offset_binary=True
+            path,
+            open_concatenated_files(path),
+            [order],
+            settings,
+            hints,
+            offset_binary=True,
+            format_iq="iq",
         )

@@ -15,12 +15,13 @@ from dechirp.recordings.readers.base import Contents, RecordingHints
 from dechirp.recordings.samples.iq_order import guess_iq_order, negative_beat_frequency_findings
 from dechirp.recordings.samples.layouts import FourLanes, Layout, Pairs, SampleCode, TwoLanes
 from dechirp.recordings.samples.sample_order import choose_sample_order, spectral_concentration
-from dechirp.recordings.settings.base import RecordingSettings
+from dechirp.recordings.settings.base import Iq, RecordingSettings
 from dechirp.recordings.settings_lookup import assumed_single_receiver_findings
 from dechirp.recordings.streams.byte_sources import ByteSource
 
 _BLOCK_BYTES = 2**19  # decoded before the bytes leave the cache of a core
 _MAX_GUESS_CHIRPS = 64  # chirps; more add only time
+_MIN_GUESS_FRAMES = 8  # frames, of which chirps are used if there are as many
 
 
 def interpret_raw_samples(
@@ -31,11 +32,13 @@ def interpret_raw_samples(
     hints: RecordingHints,
     *,
     offset_binary: bool = False,
+    format_iq: Iq | None = None,
 ) -> Contents:
     """Interpret raw samples: everything but their order comes from the settings.
 
     Of several layouts, the one that concentrates the energy in the fewest beat frequencies is used;
-    words in a wrong order spread it.
+    words in a wrong order spread it. `format_iq` is the order of I and Q that the format defines,
+    for settings that do not; without either, it is guessed.
 
     Raises
     ------
@@ -69,15 +72,18 @@ def interpret_raw_samples(
         + _lost_frames_and_gaps_findings(stream, best)
         + order_findings
     )
-    iq = hints.iq or settings.iq
+    iq, n_slots = hints.iq or settings.iq or format_iq, best.radar.frame.n_slots
     if best.radar.frame.chirp.sampling == "real":
         iq = None
     elif iq is None:
-        iq, guess_finding = guess_iq_order(best.decode_first_chirps_without_gaps())
+        iq, guess_finding = guess_iq_order(best.decode_spread_chirps(), n_slots=n_slots)
         findings += (guess_finding,)
-    if iq is not None:
         best = replace(best, code=replace(best.code, iq=iq))
-        findings += negative_beat_frequency_findings(best.decode_first_chirps_without_gaps(), iq)
+    else:
+        best = replace(best, code=replace(best.code, iq=iq))
+        findings += negative_beat_frequency_findings(
+            best.decode_spread_chirps(), iq, n_slots=n_slots
+        )
     return Contents(
         radar=best.radar,
         n_frames=best.n_frames,
@@ -151,6 +157,27 @@ class _Interpretation:
         samples = np.empty(shape, np.complex64 if frame.chirp.sampling == "complex" else np.float32)
         self.decode_frame(index, samples)
         return samples
+
+    def decode_spread_chirps(self) -> np.ndarray:
+        """Return (chirp, rx, sample) of whole rounds from frames all over the recording.
+
+        Echoes that are at rest within a frame may move between frames. Frames with gaps are left
+        out if others exist.
+        """
+        frame, gaps = self.radar.frame, self.lost_chirp_mask()
+        usable = np.arange(self.n_frames)
+        if gaps is not None:
+            n_lost = gaps.sum(axis=1)
+            usable = np.flatnonzero(n_lost == n_lost.min())
+        n_rounds = max(1, _MAX_GUESS_CHIRPS // frame.n_slots)
+        n_selected = min(usable.size, max(_MIN_GUESS_FRAMES, n_rounds // frame.n_chirps), n_rounds)
+        selected = usable[np.linspace(0, usable.size - 1, n_selected).astype(int)]
+        n_chirps = min(frame.n_chirps, n_rounds // n_selected) * frame.n_slots
+        shape = (n_selected, n_chirps, self.radar.array.n_rx, frame.chirp.n_samples)
+        samples = np.empty(shape, np.complex64 if frame.chirp.sampling == "complex" else np.float32)
+        for index, frame_samples in zip(selected.tolist(), samples, strict=True):
+            self.decode_frame(index, frame_samples)
+        return samples.reshape(-1, *shape[2:])
 
     def decode_frame(self, frame_index: int, out: np.ndarray) -> None:
         """Fill (chirp, rx, sample) with one frame."""
