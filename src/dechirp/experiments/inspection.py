@@ -8,8 +8,8 @@ import xarray as xr
 from dechirp.core.errors import DechirpError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.recording_faults import find_sample_findings
 from dechirp.processing.chain import Chain
-from dechirp.processing.quality.findings import recording_findings as judged
 from dechirp.processing.quality.measures import QualityMeasurer
 from dechirp.processing.range_doppler_map import power_map
 from dechirp.radar.calibration import Calibration
@@ -123,15 +123,7 @@ def _first_frame_map_and_sample_findings(
         if progress is not None:
             progress(measurer.n_frames, recording.n_frames)
     measures = measurer.joined_measures(recording.contents.units)
-    sample_findings = judged(measures, recording.radar)
-    warned_settings = [
-        finding.setting for finding in recording.findings if finding.level == "warning"
-    ]
-    if "iq" in warned_settings:  # the reader has checked the sign of beat frequencies
-        sample_findings = tuple(
-            finding for finding in sample_findings if finding.setting != "recording.iq"
-        )
-    return power, recording.findings + sample_findings
+    return power, recording.findings + find_sample_findings(recording, measures)
 
 
 def _broken_device_rules(chip: Device, radar: Radar) -> tuple[Finding, ...]:

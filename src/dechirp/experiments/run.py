@@ -15,6 +15,7 @@ from dechirp.core.findings import Finding, capture_warned_findings, findings_dis
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.link_budget import added_noise_power_w, link_budget_of_first_target
 from dechirp.experiments.object_stage import estimate_ego_motion_clusters_tracks
+from dechirp.experiments.recording_faults import MeasuredFrames, treat_recording_faults
 from dechirp.experiments.scenario import (
     Scenario,
     check_chain_fits_radar,
@@ -150,11 +151,17 @@ def run(
 
     source, radar, findings = _simulate_cube_or_open_recording(scenario, report_simulated, rng)
     source_time_s = perf_counter()
+    measured: MeasuredFrames | None = None
+    if isinstance(source, Recording):
+        treatment = treat_recording_faults(source, scenario.chain)
+        measured = MeasuredFrames(source, treatment)
+        source, radar = treatment.recording, treatment.recording.radar
+        scenario = replace(scenario, chain=treatment.chain)
+        findings += treatment.findings
     numbers = _frame_numbers_of_source(source)
     processor, frames = FrameProcessor(radar, scenario.chain), FrameTotals()
-    for frame in processor.process_cubes(
-        _iter_frame_cubes(source), first_frame_number=numbers.start
-    ):
+    cubes = _iter_frame_cubes(source) if measured is None else measured
+    for frame in processor.process_cubes(cubes, first_frame_number=numbers.start):
         frames.add_frame_result(frame)
         if progress is not None:
             progress(n_simulated + len(frames.times_s), n_simulated + len(numbers))
@@ -163,6 +170,8 @@ def run(
         detections=detections_from_columns(processor.joined_detection_columns()),
         frames=frames,
     )
+    if measured is not None:
+        findings += measured.findings()
     detection_time_s = perf_counter()
     result = build_result(scenario, radar, source, detection_run)
     return replace(

@@ -1,5 +1,7 @@
 """Array calibration: gain, phase and position errors of the virtual elements."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -102,6 +104,21 @@ class Calibration:
             expected=f"an element for each pair [tx, rx] of {len(array.tx_m)} transmitters and"
             f" {array.n_rx} receivers, counted from 0",
             fix="give the calibration of these antennas, or remove it",
+        )
+
+    def select_receivers(self, receivers: Sequence[int]) -> "Calibration":
+        """Return the calibration of some receivers, which are counted from 0 in their order."""
+        rows = [
+            (index, (tx, list(receivers).index(rx)))
+            for index, (tx, rx) in enumerate(self.elements)
+            if rx in receivers
+        ]
+        errors_m = self.position_error_m
+        return replace(
+            self,
+            elements=tuple(element for _, element in rows),
+            gain=tuple(self.gain[index] for index, _ in rows),
+            position_error_m=errors_m and tuple(errors_m[index] for index, _ in rows),
         )
 
     def element_corrections(self) -> np.ndarray:

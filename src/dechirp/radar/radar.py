@@ -1,6 +1,6 @@
 """A complete radar: frame, antenna array, hardware and calibration."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -83,6 +83,12 @@ class Radar(Displayable):
         """Return the radar with only the rising ramps of its triangles."""
         frame = replace(self.frame, modulation=None, interval_s=self.frame.repetition_s)
         return replace(self, frame=frame)
+
+    def select_receivers(self, receivers: Sequence[int]) -> "Radar":
+        """Return the radar with some of its receivers, by their indices, in their order."""
+        array = replace(self.array, rx_m=tuple(self.array.rx_m[rx] for rx in receivers))
+        calibration = self.calibration and self.calibration.select_receivers(receivers)
+        return replace(self, array=array, calibration=calibration)
 
     @property
     def n_channels(self) -> int:

@@ -90,6 +90,20 @@ class Recording(Displayable):
             )
         return replace(self, frame_numbers=range(first, stop))
 
+    def select_receivers(self, receivers: Sequence[int]) -> "Recording":
+        """Return the recording of some receivers, by their numbers, in their order."""
+        contents, all_receivers = self.contents, self.radar.array.n_rx
+        assert contents.decode is not None  # detections have no receivers
+        decode_all = contents.decode
+
+        def decode(number: int, out: np.ndarray) -> None:
+            samples = np.empty((len(out), all_receivers, out.shape[2]), out.dtype)
+            decode_all(number, samples)
+            out[:] = samples[:, list(receivers)]
+
+        radar = self.radar.select_receivers(receivers)
+        return replace(self, contents=replace(contents, radar=radar, decode=decode))
+
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Assumptions made while reading, and suspicious content."""

@@ -7,10 +7,22 @@ from dechirp.core.text import format_number_ranges
 from dechirp.core.units import to_decibels
 from dechirp.processing.quality.recording_measures import RecordingMeasures
 
+BURST_REPAIR_OPTION = "--set 'chain.mitigation=[{kind: interference-autoregression}]'"
+
+
+def has_burst_mask(recorded: RecordingMeasures) -> np.ndarray:
+    """Return the mask (frame, chirp) of chirps that contain bursts."""
+    return np.asarray(recorded.values_of_measure("burst") > 1)
+
+
+def outlier_chirp_mask(excess: np.ndarray, burst_excess: np.ndarray) -> np.ndarray:
+    """Return the mask of outlier chirps without bursts, from both measures of any shape."""
+    return np.asarray((excess > 1) & ~(burst_excess > 1))
+
 
 def interference_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report bursts of energy in parts of chirps."""
-    has_burst = recorded.values_of_measure("burst") > 1
+    has_burst = has_burst_mask(recorded)
     if not has_burst.any():
         return []
     n_chirps = int(np.count_nonzero(~recorded.values_of_measure("lost")))
@@ -26,9 +38,8 @@ def interference_findings(recorded: RecordingMeasures) -> list[Finding]:
             f" all samples, kurtosis up to {kurtosis:.3g}:"
             f" {format_chirps_by_frame(has_burst, recorded.frame_numbers)}",
             expected=f"noise of constant power throughout a chirp, with kurtosis {normal}",
-            fix="zero these samples before processing, or leave these chirps out; causes are"
-            " another"
-            " radar, a switching supply, or in a first chirp an unsettled receiver",
+            fix=f"repair these chirps: {BURST_REPAIR_OPTION}; causes are another radar, a switching"
+            " supply, or in a first chirp an unsettled receiver",
         )
     ]
 
@@ -36,7 +47,7 @@ def interference_findings(recorded: RecordingMeasures) -> list[Finding]:
 def outlier_chirp_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report chirps that differ from both neighbours more than echoes can explain."""
     excess = recorded.values_of_measure("unlike")
-    is_outlier = (excess > 1) & ~(recorded.values_of_measure("burst") > 1)
+    is_outlier = outlier_chirp_mask(excess, recorded.values_of_measure("burst"))
     if not is_outlier.any():
         return []
     largest_db = float(to_decibels(np.max(excess[is_outlier])))
@@ -54,7 +65,8 @@ def outlier_chirp_findings(recorded: RecordingMeasures) -> list[Finding]:
             f" the ones before and after{size_text}:"
             f" {format_chirps_by_frame(is_outlier, recorded.frame_numbers)}",
             expected="equal chirps, since an outlier adds to every velocity",
-            fix="leave them out; if it is the first of each frame, let the radar settle",
+            fix="`dechirp run` leaves them out; if it is the first of each frame, let the radar"
+            " settle",
         )
     ]
 

@@ -50,17 +50,22 @@ class QualityMeasurer:
         """Number of measured frames."""
         return len(self._starts_s)
 
-    def add_frame(self, samples: np.ndarray, is_lost: np.ndarray | None, start_s: float) -> None:
+    def add_frame(
+        self, samples: np.ndarray, is_lost: np.ndarray | None, start_s: float
+    ) -> dict[str, np.ndarray]:
         """Measure the samples (chirp, rx, sample) of one frame, which start at a time.
 
-        `is_lost` (chirp,) marks chirps to leave out; None for none.
+        Returns the measures, without the axis `frame`. `is_lost` (chirp,) marks chirps to leave
+        out; None for none.
         """
         self._is_complex = np.iscomplexobj(samples)
         samples = np.ascontiguousarray(samples, np.complex64 if self._is_complex else np.float32)
         if is_lost is None:
             is_lost = np.zeros(len(samples), bool)
-        self._frames.append(self._measure(samples, is_lost))
+        measures = self._measure(samples, is_lost)
+        self._frames.append(measures)
         self._starts_s.append(start_s)
+        return measures
 
     def add_cube(self, frame: xr.DataArray) -> None:
         """Measure one frame, (frame, chirp, rx, sample), with or without the coordinate `gap`."""

@@ -38,6 +38,14 @@ def silent_frame_findings(recorded: RecordingMeasures) -> list[Finding]:
     ]
 
 
+def working_receivers(recorded: RecordingMeasures) -> np.ndarray:
+    """Return the receivers with a signal of their own, (n,): not constant, dead or copied."""
+    is_faulty = recorded.stuck_receiver_mask.copy()
+    is_faulty[_dead_receivers(recorded)] = True
+    is_faulty |= _first_receiver_copied_always(recorded) >= 0
+    return np.flatnonzero(~is_faulty)
+
+
 def faulty_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report receivers without a signal, or with the samples of another."""
     if recorded.silent_frame_mask[recorded.mask_of_frames_with_samples].all():
@@ -65,21 +73,33 @@ def _stuck_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
     return [_faulty_receiver_finding(f"the same number always {text}") for text in texts]
 
 
+def _dead_receivers(recorded: RecordingMeasures) -> list[int]:
+    """Return receivers far weaker than the median of the others."""
+    power = recorded.receiver_power_about_mean
+    return [
+        rx
+        for rx in np.flatnonzero(~recorded.stuck_receiver_mask).tolist()
+        if power[rx] < _DEAD_POWER_RATIO * _median_power_of_others(recorded, rx)
+    ]
+
+
+def _median_power_of_others(recorded: RecordingMeasures, rx: int) -> float:
+    working = np.flatnonzero(~recorded.stuck_receiver_mask)
+    others = recorded.receiver_power_about_mean[working[working != rx]]
+    return float(np.median(others)) if others.size else 0.0
+
+
 def _dead_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
-    power, working = (
-        recorded.receiver_power_about_mean,
-        np.flatnonzero(~recorded.stuck_receiver_mask),
-    )
     findings = []
-    for rx in working:
-        others = np.median(power[working[working != rx]]) if working.size > 1 else 0.0
-        if power[rx] < _DEAD_POWER_RATIO * others:
-            below_db = float(to_decibels(others / max(power[rx], 1e-30 * others)))
-            findings.append(
-                _faulty_receiver_finding(
-                    f"receiver {rx} {below_db:.1f} dB below the median of the others"
-                )
+    for rx in _dead_receivers(recorded):
+        others = _median_power_of_others(recorded, rx)
+        power = max(float(recorded.receiver_power_about_mean[rx]), 1e-30 * others)
+        below_db = float(to_decibels(others / power))
+        findings.append(
+            _faulty_receiver_finding(
+                f"receiver {rx} {below_db:.1f} dB below the median of the others"
             )
+        )
     return findings
 
 
@@ -93,23 +113,27 @@ def _faulty_receiver_finding(observed: str) -> Finding:
     )
 
 
-def _copied_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
+def _first_receiver_copied_always(recorded: RecordingMeasures) -> np.ndarray:
+    """Return the receiver of which each one is a copy in every frame, (rx,); -1 for none."""
     is_usable = recorded.mask_of_frames_with_samples & ~recorded.silent_frame_mask
     copies = recorded.values_of_measure("copy_of")[is_usable]
-    findings = []
-    for rx in range(copies.shape[1]):
-        first = int(copies[0, rx])
-        if first >= 0 and np.all(copies[:, rx] == first):
-            findings.append(
-                Finding(
-                    level="warning",
-                    setting="recording.receivers",
-                    value=f"receiver {rx} bit-identical to receiver {first}",
-                    expected="different samples, since two receivers have different noise",
-                    fix="check the number of receivers and the order of samples in the settings",
-                )
-            )
-    return findings
+    if not len(copies):
+        return np.full(recorded.values_of_measure("copy_of").shape[1], -1)
+    return np.where(np.all(copies == copies[0], axis=0), copies[0], -1)
+
+
+def _copied_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
+    return [
+        Finding(
+            level="warning",
+            setting="recording.receivers",
+            value=f"receiver {rx} bit-identical to receiver {first}",
+            expected="different samples, since two receivers have different noise",
+            fix="check the number of receivers and the order of samples in the settings",
+        )
+        for rx, first in enumerate(_first_receiver_copied_always(recorded).tolist())
+        if first >= 0
+    ]
 
 
 def receiver_order_findings(recorded: RecordingMeasures) -> list[Finding]:

@@ -1,0 +1,135 @@
+"""Faults of a recording that affect a run: reported, and left out where that is safe.
+
+Some frames decide before the run which receivers work, and whether chirps contain bursts. Every
+frame is measured during the run, and its outlier chirps are zeroed, as lost chirps are.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.findings import Finding
+from dechirp.core.text import format_number_ranges
+from dechirp.core.values import frozen_dataclass
+from dechirp.processing.chain import Chain
+from dechirp.processing.mitigation.interference_repair import InterferenceAutoregression
+from dechirp.processing.quality.chirp_findings import (
+    BURST_REPAIR_OPTION,
+    has_burst_mask,
+    outlier_chirp_mask,
+)
+from dechirp.processing.quality.findings import recording_findings
+from dechirp.processing.quality.measures import QualityMeasurer
+from dechirp.processing.quality.receivers import working_receivers
+from dechirp.processing.quality.recording_measures import RecordingMeasures
+from dechirp.recordings.recording import Recording, label_frames_as_cube
+
+_N_SAMPLED_FRAMES = 8  # frames all over the recording that decide before the run
+_MAX_BURST_SHARE = 0.5  # of the chirps; repair needs a background in the others
+
+
+def find_sample_findings(recording: Recording, measures: xr.Dataset) -> tuple[Finding, ...]:
+    """Return the findings on the samples of a recording that its reader has not reported."""
+    findings = recording_findings(measures, recording.radar)
+    warned_settings = {f.setting for f in recording.findings if f.level == "warning"}
+    if "iq" in warned_settings:  # the reader has checked the sign of beat frequencies
+        return tuple(finding for finding in findings if finding.setting != "recording.iq")
+    return findings
+
+
+@frozen_dataclass
+class FaultTreatment:
+    """Treatment of the faults of a recording in a run."""
+
+    recording: Recording
+    """The recording without the receivers that do not work."""
+    receivers: tuple[int, ...]
+    """Receivers that are used, by their numbers in the recording."""
+    chain: Chain
+    findings: tuple[Finding, ...]
+    """Notes on what was left out or chosen."""
+
+
+def treat_recording_faults(recording: Recording, chain: Chain) -> FaultTreatment:
+    """Leave out receivers that do not work, and choose a repair where chirps contain bursts.
+
+    A chain with mitigation of its own stays unchanged.
+    """
+    measures = _measure_sampled_frames(recording)
+    findings: tuple[Finding, ...] = ()
+    used = tuple(range(recording.radar.array.n_rx))
+    working = working_receivers(measures)
+    if 0 < working.size < len(used):
+        findings += (_left_out_receivers_note(np.setdiff1d(used, working), working),)
+        used = tuple(working.tolist())
+        recording = recording.select_receivers(used)
+    has_burst = has_burst_mask(measures)
+    if has_burst.any() and not chain.mitigation and has_burst.mean() < _MAX_BURST_SHARE:
+        chain = replace(chain, mitigation=(InterferenceAutoregression(),))
+        findings += (_chosen_burst_repair_note(has_burst),)
+    return FaultTreatment(recording=recording, receivers=used, chain=chain, findings=findings)
+
+
+def _measure_sampled_frames(recording: Recording) -> RecordingMeasures:
+    numbers = recording.frame_numbers
+    n_sampled = min(_N_SAMPLED_FRAMES, len(numbers))
+    measurer = QualityMeasurer(recording.radar)
+    for index in np.unique(np.linspace(0, len(numbers) - 1, n_sampled).astype(int)).tolist():
+        frame = recording.select_frames(numbers[index], numbers[index] + 1)
+        for number, samples, is_lost in frame.iter_frame_samples():
+            measurer.add_frame(samples, is_lost, recording.radar.frame.frame_start_s(number))
+    return RecordingMeasures(
+        measures=measurer.joined_measures(recording.contents.units), radar=recording.radar
+    )
+
+
+class MeasuredFrames:
+    """Frames of a recording for processing, measured on the way."""
+
+    def __init__(self, recording: Recording, treatment: FaultTreatment) -> None:
+        self._recording, self._treatment = recording, treatment
+        self._measurer = QualityMeasurer(recording.radar, n_frames=recording.n_frames)
+
+    def __iter__(self) -> Iterator[xr.DataArray]:
+        """Yield cubes of one frame each of the receivers in use; outlier chirps are zero."""
+        recording, receivers = self._recording, list(self._treatment.receivers)
+        contents = self._treatment.recording.contents
+        for number, samples, is_lost in recording.iter_frame_samples():
+            measures = self._measurer.add_frame(
+                samples, is_lost, recording.radar.frame.frame_start_s(number)
+            )
+            kept = samples[None, :, receivers]
+            kept[0, outlier_chirp_mask(measures["unlike"], measures["burst"])] = 0
+            gaps = None if is_lost is None else is_lost[None]
+            yield label_frames_as_cube(kept, contents, first_frame=number, gaps=gaps)
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return the warnings on the samples of all frames."""
+        measures = self._measurer.joined_measures(self._recording.contents.units)
+        findings = find_sample_findings(self._recording, measures)
+        return tuple(finding for finding in findings if finding.level == "warning")
+
+
+def _left_out_receivers_note(faulty: np.ndarray, working: np.ndarray) -> Finding:
+    return Finding(
+        level="note",
+        setting="radar.array.rx",
+        value=f"{format_number_ranges('receiver', faulty)} left out, without a signal of"
+        f" {'its' if faulty.size == 1 else 'their'} own;"
+        f" {format_number_ranges('receiver', working)} used",
+        expected="receivers that all work, since others corrupt directions",
+        fix="check the board, or the number of receivers and the sample order in the settings",
+    )
+
+
+def _chosen_burst_repair_note(has_burst: np.ndarray) -> Finding:
+    return Finding(
+        level="note",
+        setting="chain.mitigation",
+        value=f"chosen {BURST_REPAIR_OPTION} because of bursts in"
+        f" {np.count_nonzero(has_burst)} of {has_burst.size} chirps",
+        expected="samples without bursts, which raise the noise of a whole frame",
+        fix="give another mitigation to replace it",
+    )

@@ -1,0 +1,145 @@
+"""Faults of recordings in `dechirp run`: reported, and left out or repaired where that is safe."""
+
+import json
+
+import numpy as np
+import pytest
+
+import dechirp as dc
+from dechirp.cli.main import main
+from radars import street_radar
+
+AZIMUTH_DEG = 20.0
+RX_M = tuple((0.0, 1.9e-3 * rx, 0.0) for rx in range(4))
+
+
+def make_radar() -> dc.Radar:
+    radar = street_radar(n_samples=64, n_chirps=64)
+    return dc.Radar(
+        frame=radar.frame, array=dc.Array(tx_m=radar.array.tx_m[:1], rx_m=RX_M),
+        hardware=radar.hardware,
+    )  # fmt: skip
+
+
+def simulate_samples(radar: dc.Radar) -> np.ndarray:
+    """Simulate a moving target in noise, (frame, chirp, rx, sample)."""
+    azimuth = np.deg2rad(AZIMUTH_DEG)
+    position_m = (12 * np.cos(azimuth), 12 * np.sin(azimuth), 0)
+    target = dc.Target(name="t", position_m=position_m, velocity_m_per_s=(4, 0, 0), rcs_m2=10)
+    scene = dc.Scene(targets=[target])
+    return dc.simulate(scene, radar, n_frames=2, seed=3).values
+
+
+def run_bare(tmp_path, capsys, samples: np.ndarray) -> dict:
+    """Write samples with the package's writer and run the file without an option."""
+    radar = make_radar()
+    cube = dc.simulate(dc.Scene(targets=[]), radar, n_frames=len(samples), impairments=[])
+    dc.write(dc.recording_from_cube(cube.copy(data=samples), radar), tmp_path / "x.zarr")
+    with pytest.raises(SystemExit) as exit_info:
+        main(["run", str(tmp_path / "x.zarr"), "--out", str(tmp_path / "out"), "--json"])
+    assert exit_info.value.code in (0, None)
+    return json.loads(capsys.readouterr().out)
+
+
+def finding_text(document: dict, setting: str) -> str:
+    return "; ".join(
+        f"{f['level']}: {f['value']} -> {f['fix']}"
+        for f in document["findings"]
+        if f["setting"] == setting
+    )
+
+
+def assert_target_in_every_frame(document: dict) -> None:
+    """Check that every frame shows the target, with its direction within 5 standard errors."""
+    strongest = {}
+    for row in document["detections"]:
+        best = strongest.setdefault(row["frame"], row)
+        strongest[row["frame"]] = max(best, row, key=lambda r: r["snr_db"])
+    assert sorted(strongest) == [0, 1]
+    for row in strongest.values():
+        assert row["range_m"] == pytest.approx(12.0, abs=0.5)
+        error_deg = AZIMUTH_DEG - row["azimuth_deg"]
+        # A path of 3 cm within the frames turns by at most 0.2 degrees.
+        assert abs(error_deg) < 5 * row["azimuth_std_deg"] + 0.2
+
+
+def test_clean_recording_has_no_warning(tmp_path, capsys):
+    document = run_bare(tmp_path, capsys, simulate_samples(make_radar()))
+
+    assert_target_in_every_frame(document)
+    assert [f for f in document["findings"] if f["level"] == "warning"] == []
+
+
+@pytest.mark.parametrize("fault", ["zero", "weak", "copied"])
+def test_faulty_receiver_takes_no_part_in_directions(tmp_path, capsys, fault):
+    samples = simulate_samples(make_radar())
+    other = samples[:, :, 1]
+    samples[:, :, 2] = {"zero": 0 * other, "weak": 3e-3 * other, "copied": other}[fault]
+
+    document = run_bare(tmp_path, capsys, samples)
+
+    assert_target_in_every_frame(document)
+    assert len(document["radar"]["array"]["rx_m"]) == 3
+    assert "warning: " in finding_text(document, "recording.receivers")
+    assert "receiver 2 left out" in finding_text(document, "radar.array.rx")
+
+
+def test_single_working_receiver_gives_no_azimuth(tmp_path, capsys):
+    samples = simulate_samples(make_radar())
+    samples[:, :, 1:] = 0
+
+    document = run_bare(tmp_path, capsys, samples)
+
+    assert document["detections"]
+    assert all(row["azimuth_deg"] is None for row in document["detections"])
+
+
+def test_bursts_are_repaired_and_reported(tmp_path, capsys):
+    samples = simulate_samples(make_radar())
+    rng = np.random.default_rng(5)
+    for chirp in (7, 23, 41):
+        burst = rng.standard_normal((2, 8, 2)) @ [1, 1j]
+        samples[:, chirp, :, 20:28] += 300 * np.abs(samples).mean() * burst[:, None]
+
+    document = run_bare(tmp_path, capsys, samples)
+
+    assert_target_in_every_frame(document)
+    assert "bursts in 6 of 128 chirps" in finding_text(document, "recording.interference")
+    option = "--set 'chain.mitigation=[{kind: interference-autoregression}]'"
+    assert option in finding_text(document, "chain.mitigation")
+    assert "6 of 128 chirps repaired" in finding_text(
+        document, "chain.mitigation.interference-autoregression"
+    )
+    # The option that the note names gives the same detections.
+    again = ["run", str(tmp_path / "x.zarr"), "--out", str(tmp_path / "out"), "--json"]
+    with pytest.raises(SystemExit):
+        main([*again, "--set", option.split("'")[1]])
+    assert json.loads(capsys.readouterr().out)["detections"] == document["detections"]
+
+
+def test_damaged_chirp_is_left_out(tmp_path, capsys):
+    clean = simulate_samples(make_radar())
+    samples = clean.copy()
+    samples[:, 0] *= 40  # 32 dB: over all velocities, 14 dB below a target of 64 chirps
+
+    document = run_bare(tmp_path, capsys, samples)
+
+    assert "chirp 0 of frames 0 to 1" in finding_text(document, "recording.chirps")
+    assert_target_in_every_frame(document)
+    snr = max(row["snr_db"] for row in document["detections"])
+    (tmp_path / "clean").mkdir()
+    reference = max(
+        row["snr_db"] for row in run_bare(tmp_path / "clean", capsys, clean)["detections"]
+    )
+    # One of 64 chirps is 0.07 dB; the noise estimates of two maps differ by less than 1 dB.
+    assert snr == pytest.approx(reference, abs=1.5)
+
+
+def test_mirrored_samples_give_option_for_iq(tmp_path, capsys):
+    samples = 1j * simulate_samples(make_radar()).conj()
+
+    document = run_bare(tmp_path, capsys, samples)
+
+    text = finding_text(document, "recording.iq")
+    assert "warning" in text
+    assert "--iq" in text
