@@ -14,7 +14,7 @@ RX_M = tuple((0.0, 1.9e-3 * rx, 0.0) for rx in range(4))
 
 
 def make_radar() -> dc.Radar:
-    radar = street_radar(n_samples=64, n_chirps=64)
+    radar = street_radar(n_samples=128, n_chirps=64)
     return dc.Radar(
         frame=radar.frame, array=dc.Array(tx_m=radar.array.tx_m[:1], rx_m=RX_M),
         hardware=radar.hardware,
@@ -98,8 +98,8 @@ def test_bursts_are_repaired_and_reported(tmp_path, capsys):
     samples = simulate_samples(make_radar())
     rng = np.random.default_rng(5)
     for chirp in (7, 23, 41):
-        burst = rng.standard_normal((2, 8, 2)) @ [1, 1j]
-        samples[:, chirp, :, 20:28] += 300 * np.abs(samples).mean() * burst[:, None]
+        burst = rng.standard_normal((2, 6, 2)) @ [1, 1j]
+        samples[:, chirp, :, 20:26] += 300 * np.abs(samples).mean() * burst[:, None]
 
     document = run_bare(tmp_path, capsys, samples)
 

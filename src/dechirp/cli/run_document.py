@@ -1,20 +1,23 @@
 """JSON document of a run."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import dechirp
-from dechirp.cli.scenario_source import format_source_as_typed
 from dechirp.config.dumping import to_json_data
 from dechirp.core.table_columns import dataset_to_records
-from dechirp.experiments.run import Result
 from dechirp.radar.radar import Radar
+
+if TYPE_CHECKING:
+    from dechirp.experiments.run import Result
 
 
 def run_json_document(
-    result: Result, *, source: Path | None, files: dict[str, Path], timing_s: dict[str, float]
+    result: "Result", *, source: Path | None, files: dict[str, Path], timing_s: dict[str, float]
 ) -> dict[str, Any]:
     """Return the results of a run without its samples, in plain values; None if not estimated."""
+    from dechirp.cli.scenario_source import format_source_as_typed  # 0.3 s of imports
+
     return {
         "version": dechirp.__version__,
         "seed": result.scenario.seed,

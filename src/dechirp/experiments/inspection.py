@@ -8,10 +8,8 @@ import xarray as xr
 from dechirp.core.errors import DechirpError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
-from dechirp.experiments.recording_faults import find_sample_findings
-from dechirp.processing.chain import Chain
+from dechirp.processing.quality.findings import recording_findings
 from dechirp.processing.quality.measures import QualityMeasurer
-from dechirp.processing.range_doppler_map import power_map
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.lookup import device as known_device
@@ -115,6 +113,9 @@ def _first_frame_map_and_sample_findings(
     recording: Recording, progress: Callable[[int, int], None] | None
 ) -> tuple[xr.DataArray, tuple[Finding, ...]]:
     """Compute the map of the first frame, and findings on the samples of all frames."""
+    from dechirp.processing.chain import Chain
+    from dechirp.processing.range_doppler_map import power_map
+
     first = next(recording.frames())
     power = power_map(first.isel(frame=0), recording.radar, Chain())
     measurer = QualityMeasurer(recording.radar, n_frames=recording.n_frames)
@@ -124,6 +125,15 @@ def _first_frame_map_and_sample_findings(
             progress(measurer.n_frames, recording.n_frames)
     measures = measurer.joined_measures(recording.contents.units)
     return power, recording.findings + find_sample_findings(recording, measures)
+
+
+def find_sample_findings(recording: Recording, measures: xr.Dataset) -> tuple[Finding, ...]:
+    """Return the findings on the samples of a recording that its reader has not reported."""
+    findings = recording_findings(measures, recording.radar)
+    warned_settings = {f.setting for f in recording.findings if f.level == "warning"}
+    if "iq" in warned_settings:  # the reader has checked the sign of beat frequencies
+        return tuple(finding for finding in findings if finding.setting != "recording.iq")
+    return findings
 
 
 def _broken_device_rules(chip: Device, radar: Radar) -> tuple[Finding, ...]:

@@ -13,6 +13,7 @@ import xarray as xr
 from dechirp.core.findings import Finding
 from dechirp.core.text import format_number_ranges
 from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.inspection import find_sample_findings
 from dechirp.processing.chain import Chain
 from dechirp.processing.mitigation.interference_repair import InterferenceAutoregression
 from dechirp.processing.quality.chirp_findings import (
@@ -20,7 +21,6 @@ from dechirp.processing.quality.chirp_findings import (
     has_burst_mask,
     outlier_chirp_mask,
 )
-from dechirp.processing.quality.findings import recording_findings
 from dechirp.processing.quality.measures import QualityMeasurer
 from dechirp.processing.quality.receivers import working_receivers
 from dechirp.processing.quality.recording_measures import RecordingMeasures
@@ -28,15 +28,6 @@ from dechirp.recordings.recording import Recording, label_frames_as_cube
 
 _N_SAMPLED_FRAMES = 8  # frames all over the recording that decide before the run
 _MAX_BURST_SHARE = 0.5  # of the chirps; repair needs a background in the others
-
-
-def find_sample_findings(recording: Recording, measures: xr.Dataset) -> tuple[Finding, ...]:
-    """Return the findings on the samples of a recording that its reader has not reported."""
-    findings = recording_findings(measures, recording.radar)
-    warned_settings = {f.setting for f in recording.findings if f.level == "warning"}
-    if "iq" in warned_settings:  # the reader has checked the sign of beat frequencies
-        return tuple(finding for finding in findings if finding.setting != "recording.iq")
-    return findings
 
 
 @frozen_dataclass

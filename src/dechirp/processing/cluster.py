@@ -3,8 +3,6 @@
 import numba
 import numpy as np
 import xarray as xr
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from dechirp.core.checks import check_integer_fields, check_positive_fields
 from dechirp.core.detection_columns import (
@@ -166,6 +164,9 @@ def _cluster_labels(
     frame: np.ndarray, detection_cells: DetectionCells, radar: Radar, dbscan: Dbscan
 ) -> np.ndarray:
     """Assign each detection to the first cluster of the core detections near it, (n,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components  # 0.2 s, unused by most commands
+
     n = frame.size
     if not n:
         return np.empty(0, np.int64)

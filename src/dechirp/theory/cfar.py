@@ -41,7 +41,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from dechirp.core.checks import check_false_alarm_probability, check_positive_ratios
@@ -88,6 +87,8 @@ def cell_averaging_factor(
         go, stop = -np.logaddexp(0, -log_a), -np.logaddexp(0, log_a)
         log_probability = shape * stop + logsumexp(np.concatenate([[0], np.cumsum(growth + go)]))
         return float(log_probability - np.log(false_alarm_probability))
+
+    from scipy.optimize import brentq  # 0.2 s, unused by most commands
 
     return n_training * math.exp(brentq(excess, -60.0, 700.0, xtol=1e-14))
 
@@ -261,6 +262,8 @@ def find_decreasing_root(excess: Callable[[float], float], *, start: float) -> f
 
 def _find_root_on_log_scale(excess: Callable[[float], float], low: float, high: float) -> float:
     """Find a positive root between bounds, which may equal the root up to rounding."""
+    from scipy.optimize import brentq  # 0.2 s, unused by most commands
+
     log_root = brentq(
         lambda log: excess(math.exp(log)),
         math.log(low) - 1e-3,

@@ -29,8 +29,6 @@ import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.optimize import brentq
 from scipy.special import gammaincc
 
 from dechirp.core.errors import InvalidSetting
@@ -196,6 +194,8 @@ class _FactorEstimate:
             low -= 0.5
         while log_excess(high) > 0:
             high += 0.5
+        from scipy.optimize import brentq  # 0.2 s, unused by most commands
+
         log_factor = brentq(log_excess, low, high, xtol=1e-3)
         self._slope = (log_excess(log_factor + 0.05) - log_excess(log_factor)) / 0.05
         return math.exp(log_factor)
@@ -260,6 +260,8 @@ def _draw_training_amplitudes_and_weights(
     covariance: np.ndarray, tilts: np.ndarray, n_summed: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Draw training cells without leakage, (n_draws, n_summed, n_training), and weights."""
+    from scipy.linalg import solve_triangular  # 0.2 s, unused by most commands
+
     leak = covariance[:-1, -1]
     n = leak.size
     # Little white noise is added, since padding makes the covariance singular.

@@ -24,7 +24,6 @@ normal variables, Biometrika 48, 1961.
 """
 
 import numpy as np
-from scipy.optimize import newton
 from scipy.special import eval_laguerre
 
 from dechirp.core.checks import check_integer
@@ -223,6 +222,8 @@ def correlated_factor(
         If the training cells predict the cell under test, so that no factor exists, and as in
         `cell_averaging_factor`.
     """
+    from scipy.optimize import newton  # 0.2 s, unused by most commands
+
     independent = cell_averaging_factor(
         false_alarm_probability, n_training=window.n_training, n_summed=n_summed
     )
