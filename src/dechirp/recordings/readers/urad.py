@@ -93,7 +93,7 @@ class Urad(Format):
         files = _find_files_of_recording(path, lines)
         n_lines = min(len(file.starts) for file in files)
         settings = _given_or_assumed_settings(path, hints, files)
-        check_single_receiver_and_sampling(path, settings.radar, "complex")
+        check_single_receiver_and_sampling(settings.path or path, settings.radar, "complex")
         n_samples = settings.radar.frame.chirp.n_samples
         columns = _columns_of_ramp(path, files, n_samples, ramp)
         radar, n_frames, frame_findings = divide_chirps_into_frames(path, settings.radar, n_lines)
