@@ -196,6 +196,8 @@ class FrameTotals:
         """Power that mitigation removed from each frame; empty without mitigation."""
         self.n_crowded = 0
         """Frames with more peaks than are kept."""
+        self.n_masked_directions = 0
+        """Detections without directions since the sidelobes of other echoes dominate them."""
         self.first_power: tuple[np.ndarray, ...] = ()
         """Map of the first frame, see `FrameResult.power`."""
 
@@ -208,6 +210,7 @@ class FrameTotals:
         if frame.removed:
             self.removed.append(frame.removed)
         self.n_crowded += frame.n_dropped_peaks > 0
+        self.n_masked_directions += frame.n_masked_directions
 
 
 @frozen_dataclass
@@ -273,6 +276,7 @@ def detection_findings(detection_run: DetectionRun, radar: Radar) -> tuple[Findi
     return (
         *near_field.near_field_findings(radar, detection_run.detections),
         *_dropped_peak_findings(detection_run.frames.n_crowded),
+        *_masked_direction_findings(detection_run.frames.n_masked_directions),
         *(
             mitigation_findings(detection_run.frames.removed)
             if detection_run.frames.removed
@@ -426,6 +430,22 @@ def _dropped_directions_findings(
             fix="give the radar more elements, or set chain.angle to null"
             if is_separable
             else "correct radar.frame.multiplexing, or set chain.angle to null",
+        ),
+    )
+
+
+def _masked_direction_findings(n_detections: int) -> tuple[Finding, ...]:
+    """Return a note if detections have no direction beside much stronger echoes."""
+    if not n_detections:
+        return ()
+    return (
+        Finding(
+            level="note",
+            setting="chain.angle",
+            value=f"no direction for {n_detections} detections beside much stronger echoes, whose"
+            " sidelobes contain more than a tenth of their power",
+            expected="echoes at least 10 dB above the sidelobes of others, with every window",
+            fix="more bandwidth or a longer frame separates the echoes; else nothing is to be done",
         ),
     )
 

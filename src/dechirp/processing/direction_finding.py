@@ -6,7 +6,8 @@ import numpy as np
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.angle.aperture import Aperture, FieldOfView, radar_aperture
-from dechirp.processing.angle.base import DirectionEstimator
+from dechirp.processing.angle.base import DirectionEstimator, Directions
+from dechirp.processing.refine import SidelobeErrors
 from dechirp.processing.virtual_array import (
     can_separate_transmitters,
     element_amplitudes,
@@ -15,6 +16,9 @@ from dechirp.processing.virtual_array import (
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.theory.direction_bounds import unit_vectors
+
+# 10 dB: the phase of an element then changes by 0.3 rad at most.
+_MIN_SIGNAL_TO_SIDELOBES = 10.0
 
 
 class Sources(NamedTuple):
@@ -111,7 +115,7 @@ def range_and_direction_from_origin(
     """Convert ranges and directions from phase centres, (n, 3), to the origin, (n,) each.
 
     Unknown angles remain unknown, see `phase_centres_m`. Ranges up to the distance of the origin
-    are leakage and constant offsets, which have no position, and stay as they are.
+    are sidelobes and constant offsets, which have no position, and stay as they are.
     """
     x, y, z = (
         centre_m + range_m[:, None] * _unit_vectors_with_nan_as_zero(azimuth_rad, elevation_rad)
@@ -180,10 +184,90 @@ def _average_slots_in_phase(amplitudes: np.ndarray, n_slots: int) -> np.ndarray:
     """Average the slots, (n, n_rx), with the phases that maximise their sum."""
     if n_slots == 1:
         return amplitudes
-    by_slot = amplitudes.reshape(len(amplitudes), n_slots, -1)
+    turns = _slot_alignment_factors(amplitudes, n_slots)
+    return np.asarray(np.einsum("nl,nlr->nr", turns, _split_slots(amplitudes, n_slots)))
+
+
+def _slot_alignment_factors(amplitudes: np.ndarray, n_slots: int) -> np.ndarray:
+    """Return the factors (n, n_slots) whose sum over the slots has the most power."""
+    by_slot = _split_slots(amplitudes, n_slots)
     alike = by_slot @ by_slot.conj().swapaxes(1, 2)
-    turns = np.linalg.eigh(alike).eigenvectors[:, :, -1].conj()
-    return np.asarray(np.einsum("nl,nlr->nr", turns, by_slot) / np.sqrt(n_slots))
+    return np.asarray(np.linalg.eigh(alike).eigenvectors[:, :, -1].conj() / np.sqrt(n_slots))
+
+
+def _split_slots(amplitudes: np.ndarray, n_slots: int) -> np.ndarray:
+    return amplitudes.reshape(len(amplitudes), n_slots, -1)
+
+
+def _element_sidelobes(
+    components: np.ndarray, amplitudes: np.ndarray, doppler_hz: np.ndarray, radar: Radar
+) -> np.ndarray:
+    """Return components of the sidelobes (n, n_components, channel) in the virtual elements.
+
+    They are decoded and compensated like the amplitudes (n, channel) that contain them.
+    """
+    n, n_components, n_channels = components.shape
+    frame = radar.frame
+    rows = np.repeat(np.arange(n), n_components)
+    flat = components.reshape(n * n_components, n_channels)
+    if frame.multiplexing is not None:
+        elements = element_amplitudes(flat, frame, doppler_hz[rows])
+    elif frame.n_slots == 1:
+        elements = flat
+    else:
+        turns = _slot_alignment_factors(amplitudes, frame.n_slots)[rows]
+        elements = np.einsum("nl,nlr->nr", turns, _split_slots(flat, frame.n_slots))
+    return np.asarray(elements * radar.element_corrections).reshape(n, n_components, -1)
+
+
+def sidelobe_dominated_mask(amplitudes: np.ndarray, sidelobes: SidelobeErrors | None) -> np.ndarray:
+    """Return which detections, (n,), contain more sidelobes than directions can be estimated from.
+
+    Amplitudes (n, channel) with less than ten times the power of their sidelobes: a direction would
+    be biased by up to a sixth of the beamwidth, and more than one source would appear.
+    """
+    if sidelobes is None:
+        return np.zeros(len(amplitudes), bool)
+    power = np.mean(np.abs(amplitudes) ** 2, axis=1)
+    return np.asarray(power < _MIN_SIGNAL_TO_SIDELOBES * sidelobes.power)
+
+
+def _standard_error_factors(
+    directions: Directions, sidelobes: np.ndarray, noise_power: np.ndarray, aperture: Aperture
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return factors of the standard errors of azimuth and elevation due to sidelobes, (n, source).
+
+    The standard errors are those of white noise with the power of noise and sidelobes together. A
+    perturbation v of the snapshot moves the direction of a lone source by Re(g^H v) / |amplitude|,
+    g = F^-1 D, with D the derivatives of its steering vector without the part along itself and
+    F = Re D^H D. White noise moves it in proportion to |g|^2, a component of the sidelobes to
+    |g^H v|^2, up to the number of elements times more.
+    """
+    n_elements = sidelobes.shape[2]
+    factors = np.ones((2, *directions.azimuth_rad.shape))
+    rows = np.flatnonzero(np.any(sidelobes != 0, axis=(1, 2)))
+    if not rows.size:
+        return factors[0], factors[1]
+    angles = [
+        np.nan_to_num(angle[rows]) for angle in (directions.azimuth_rad, directions.elevation_rad)
+    ]
+    steering = aperture.steering_vectors(*angles)[..., None, :]
+    slopes = aperture.steering_derivatives(*angles)
+    slopes = slopes - np.sum(slopes * steering.conj(), axis=-1, keepdims=True) * (
+        steering / n_elements
+    )
+    curvature = np.real(slopes.conj() @ slopes.swapaxes(-1, -2))
+    response = np.linalg.pinv(curvature, hermitian=True) @ slopes
+    white = np.sum(np.abs(response) ** 2, axis=-1)
+    moved = np.einsum("nsae,nje->nsaj", response.conj(), sidelobes[rows])
+    sidelobe_power = np.sum(np.abs(sidelobes[rows]) ** 2, axis=1).mean(axis=1)
+    noise = noise_power[rows, None, None]
+    ratio = (noise * white + np.sum(np.abs(moved) ** 2, axis=-1)) / np.maximum(
+        (noise + sidelobe_power[:, None, None]) * white, np.finfo(float).tiny
+    )
+    for place, angle in enumerate(np.flatnonzero(aperture.resolves_azimuth_and_elevation)):
+        factors[angle, rows] = np.sqrt(ratio[..., place])
+    return factors[0], factors[1]
 
 
 def estimate_sources(
@@ -193,6 +277,8 @@ def estimate_sources(
     radar: Radar,
     estimator: DirectionEstimator,
     virtual_aperture: Aperture,
+    *,
+    sidelobes: SidelobeErrors | None = None,
 ) -> Sources:
     """Estimate the directions of n detections.
 
@@ -206,9 +292,25 @@ def estimate_sources(
         E|w|^2 in one amplitude of a channel.
     radar, estimator, virtual_aperture
         The radar of the detections, the direction estimator and the virtual array that it uses.
+    sidelobes : SidelobeErrors, optional
+        Other echoes in the amplitudes. It widens the standard errors; detections that it dominates
+        have no directions, see `sidelobe_dominated_mask`.
     """
     snapshots, noise = element_snapshots_and_noise(amplitudes, doppler_hz, noise_power, radar)
-    directions = estimator.find_directions(snapshots, virtual_aperture, noise)
+    if sidelobes is None:
+        directions = estimator.find_directions(snapshots, virtual_aperture, noise)
+    else:
+        components = _element_sidelobes(sidelobes.components, amplitudes, doppler_hz, radar)
+        sidelobe_power = np.sum(np.abs(components) ** 2, axis=1).mean(axis=1)
+        directions = estimator.find_directions(snapshots, virtual_aperture, noise + sidelobe_power)
+        factors = _standard_error_factors(directions, components, noise, virtual_aperture)
+        is_masked = sidelobe_dominated_mask(amplitudes, sidelobes)
+        for angle, std, factor in (
+            (directions.azimuth_rad, directions.azimuth_std_rad, factors[0]),
+            (directions.elevation_rad, directions.elevation_std_rad, factors[1]),
+        ):
+            std[:] = np.where(is_masked[:, None], np.nan, std * factor)
+            angle[is_masked] = np.nan
     is_source = np.isfinite(directions.azimuth_rad) | np.isfinite(directions.elevation_rad)
     is_source[:, 0] = True
     detection, source = np.nonzero(is_source)

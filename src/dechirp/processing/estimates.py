@@ -6,7 +6,7 @@ from scipy.special import gammaincinv
 
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.cfar.base import TrainingWindow
-from dechirp.processing.refine import Tones
+from dechirp.processing.refine import SidelobeErrors, Tones
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
 from dechirp.radar.frame import Frame
@@ -65,6 +65,8 @@ def range_velocity_estimates(
     snr: np.ndarray,
     frame: Frame,
     n_channels: int,
+    *,
+    sidelobes: SidelobeErrors | None = None,
 ) -> dict[str, np.ndarray]:
     """Estimate range and velocity of tones, with standard errors.
 
@@ -73,17 +75,23 @@ def range_velocity_estimates(
     sampled frequencies. So their difference is free of range-Doppler coupling and of the residual
     video phase, if f_D is unambiguous. A single chirp gives no velocity: NaN, and the range is that
     of a target at rest. Complex samples alias beats by the sample rate: `_unalias_delay_frequency`.
-    Standard errors are those of the maximum of the sum of n_channels
-    periodograms, see `theory.bounds.noncoherent_effective_snr`.
+    Standard errors are those of the maximum of the sum of n_channels periodograms, see
+    `theory.bounds.noncoherent_effective_snr`, times those of `sidelobes`.
     """
     chirp = frame.chirp
     beat_hz = beat_rad_per_sample * chirp.sample_rate_hz / (2 * np.pi) - doppler_hz
     wavelength_m = SPEED_OF_LIGHT / (chirp.mean_sampled_frequency_hz - beat_hz)
+    effective_snr = noncoherent_effective_snr(snr=snr, n_channels=n_channels)
     range_std, velocity_std = range_and_velocity_crlb_std(
-        frame,
-        snr=noncoherent_effective_snr(snr=snr, n_channels=n_channels),
-        wavelength_m=wavelength_m,
+        frame, snr=effective_snr, wavelength_m=wavelength_m
     )
+    if sidelobes is not None:
+        range_std = range_std * np.sqrt(sidelobes.fast_variance_gain)
+        # The velocity of a lone triangle follows from its beats.
+        is_from_beats = frame.n_chirps == 1
+        velocity_std = velocity_std * np.sqrt(
+            sidelobes.fast_variance_gain if is_from_beats else sidelobes.slow_variance_gain
+        )
     velocity = doppler_hz * wavelength_m / 2
     if chirp.sampling == "complex":
         beat_hz = _unalias_delay_frequency(beat_hz, range_std / chirp.range_m(1.0), chirp)

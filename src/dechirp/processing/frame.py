@@ -17,6 +17,7 @@ from dechirp.processing.direction_finding import (
     estimate_sources,
     phase_centres_m,
     range_and_direction_from_origin,
+    sidelobe_dominated_mask,
     sources_without_directions,
 )
 from dechirp.processing.estimates import (
@@ -33,8 +34,14 @@ from dechirp.processing.range_doppler_map import (
     range_doppler_power,
 )
 from dechirp.processing.range_walk import slow_time_frequency_growth_per_sample
-from dechirp.processing.refine import RefinedPeaks, Tones, refine_tones
+from dechirp.processing.refine import (
+    RefinedPeaks,
+    SidelobeErrors,
+    Tones,
+    refine_tones_and_residuals,
+)
 from dechirp.processing.scaling import binary_scaling_exponent, divide_by_power_of_two
+from dechirp.processing.sidelobe_rejection import estimate_tones_without_sidelobes
 from dechirp.processing.spectrum import noise_gain
 from dechirp.processing.velocity_ambiguity.hypotheses import FramePeaks, ResolvedPeaks
 from dechirp.processing.velocity_ambiguity.resolve import resolve_velocity_ambiguity
@@ -65,6 +72,8 @@ class FrameResult(NamedTuple):
     """Power that each method of the mitigation removed."""
     n_dropped_peaks: int
     """Peaks beyond the 2,000 strongest of a map."""
+    n_masked_directions: int
+    """Detections without directions since the sidelobes of other echoes dominate them."""
 
 
 class _MapPeaks(NamedTuple):
@@ -141,6 +150,11 @@ def process_frame(
         ),
         removed=removed,
         n_dropped_peaks=sum(map_peaks.n_dropped_peaks for map_peaks in maps),
+        n_masked_directions=0
+        if chain.angle is None
+        else int(
+            sidelobe_dominated_mask(resolved.peaks.tones.amplitude, resolved.peaks.sidelobes).sum()
+        ),
     )
 
 
@@ -168,6 +182,7 @@ def find_directions(resolved: ResolvedPeaks, radar: Radar, chain: Chain) -> Sour
         radar,
         chain.angle,
         aperture,
+        sidelobes=peaks.sidelobes,
     )
 
 
@@ -177,9 +192,16 @@ def build_detection_columns(
     """Return the columns of detections except frame and time, a row for each source."""
     peak, hypotheses = sources.detection, resolved.hypotheses
     fast, doppler_hz = resolved.peaks.tones.fast[peak], resolved.doppler_hz[peak]
-    snr = resolved.peaks.snr[peak] * sources.power_share
+    snr, sidelobes = resolved.peaks.snr[peak] * sources.power_share, resolved.peaks.sidelobes
     columns = {
-        **range_velocity_estimates(fast, doppler_hz, snr, radar.frame, radar.n_summed_maps),
+        **range_velocity_estimates(
+            fast,
+            doppler_hz,
+            snr,
+            radar.frame,
+            radar.n_summed_maps,
+            sidelobes=None if sidelobes is None else sidelobes.select(peak),
+        ),
         "azimuth": sources.azimuth_rad,
         "elevation": sources.elevation_rad,
         "azimuth_std": sources.azimuth_std_rad,
@@ -209,14 +231,23 @@ def _refine_peaks(
         noise.range_transform, noise.doppler_transform, frame.chirp
     )
     sample_noise = np.maximum(sample_noise, np.finfo(np.float32).tiny)
-    tones = refine_tones(
-        samples, slow, fast, sample_noise, growth=slow_time_frequency_growth_per_sample(frame.chirp)
+    growth = slow_time_frequency_growth_per_sample(frame.chirp)
+    tones, remaining_power = refine_tones_and_residuals(
+        samples, slow, fast, sample_noise, growth=growth
     )
-    tones = _undo_mitigation_gain(tones, frame, chain)
+    amplitude_noise = sample_noise / (frame.n_chirps * frame.chirp.n_samples)
+    tones, sidelobes = estimate_tones_without_sidelobes(
+        samples, tones, amplitude_noise, remaining_power, growth=growth
+    )
+    if sidelobes is not None:
+        amplitude_noise = amplitude_noise * sidelobes.noise_gain
+    window_gain = 1.0 if sidelobes is None else sidelobes.noise_gain
+    tones, sidelobes = _undo_mitigation_gain(tones, sidelobes, frame, chain)
     return RefinedPeaks(
         tones=tones,
-        snr=np.maximum(tones.energy / sample_noise - noise.n_channels, 1e-3),
-        amplitude_noise=sample_noise / (frame.n_chirps * frame.chirp.n_samples),
+        snr=np.maximum(tones.energy / sample_noise - noise.n_channels * window_gain, 1e-3),
+        amplitude_noise=amplitude_noise,
+        sidelobes=sidelobes,
     )
 
 
@@ -252,10 +283,12 @@ def _rising_ramp_radar(radar: Radar) -> Radar:
     return radar.with_rising_ramps_only() if radar.frame.has_falling_ramps else radar
 
 
-def _undo_mitigation_gain(tones: Tones, frame: Frame, chain: Chain) -> Tones:
+def _undo_mitigation_gain(
+    tones: Tones, sidelobes: SidelobeErrors | None, frame: Frame, chain: Chain
+) -> tuple[Tones, SidelobeErrors | None]:
     """Restore the power that the mitigation took from targets of the tones' velocity."""
     if not chain.mitigation:
-        return tones
+        return tones, sidelobes
     doppler_hz = principal_doppler_hz(tones, frame)
     gain = np.prod(
         [method.doppler_power_gain(doppler_hz, frame) for method in chain.mitigation], axis=0
@@ -263,7 +296,11 @@ def _undo_mitigation_gain(tones: Tones, frame: Frame, chain: Chain) -> Tones:
     # Peaks lie where a tenth of the noise is left; beside a notch a target may have less.
     gain = np.maximum(gain, MIN_NOISE_GAIN)
     amplitude = tones.amplitude / np.sqrt(gain)[:, None]
-    return replace(tones, energy=tones.energy / gain, amplitude=amplitude)
+    if sidelobes is not None:
+        sidelobes = sidelobes._replace(
+            components=sidelobes.components / np.sqrt(gain)[:, None, None]
+        )
+    return replace(tones, energy=tones.energy / gain, amplitude=amplitude), sidelobes
 
 
 def _check_power_finite(power: np.ndarray) -> None:

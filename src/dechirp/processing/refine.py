@@ -37,6 +37,44 @@ class Tones:
     that at the first chirp and sample."""
 
 
+class SidelobeErrors(NamedTuple):
+    """Errors of n peaks beyond those of white noise in unwindowed samples."""
+
+    components: np.ndarray
+    """(n, n_components, channel) complex: amplitudes that other echoes add to those of the peak,
+    with unknown phases; the sum of their powers is the mean power of the sidelobes."""
+    noise_gain: np.ndarray
+    """(n,): noise power in an amplitude relative to that without windows."""
+    slow_variance_gain: np.ndarray
+    fast_variance_gain: np.ndarray
+    """(n,): variance of each frequency relative to that of a lone tone in white noise."""
+
+    @property
+    def power(self) -> np.ndarray:
+        """Mean power of the sidelobes in a channel, (n,)."""
+        return np.asarray(np.sum(np.abs(self.components) ** 2, axis=1).mean(axis=1))
+
+    def select(self, peaks: np.ndarray) -> "SidelobeErrors":
+        """Return the sidelobes of peaks of given indices."""
+        return SidelobeErrors(*(array[peaks] for array in self))
+
+
+def average_sidelobe_errors(
+    first: SidelobeErrors | None, second: SidelobeErrors | None
+) -> SidelobeErrors | None:
+    """Return the sidelobes of the mean of two independent amplitudes of each peak."""
+    known = first or second
+    if known is None:
+        return None
+    n_peaks, _, n_channels = known.components.shape
+    none = SidelobeErrors(np.zeros((n_peaks, 0, n_channels), complex), *np.ones((3, n_peaks)))
+    first, second = first or none, second or none
+    return SidelobeErrors(
+        np.concatenate([first.components, second.components], axis=1) / 2,
+        *((a + b) / 2 for a, b in zip(first[1:], second[1:], strict=True)),
+    )
+
+
 class RefinedPeaks(NamedTuple):
     """Peaks of one map with refined frequencies, as those of rising ramps."""
 
@@ -45,6 +83,8 @@ class RefinedPeaks(NamedTuple):
     """(n,): after integration over all samples of the map."""
     amplitude_noise: np.ndarray
     """(n,): E|w|^2 in the amplitude of a channel."""
+    sidelobes: SidelobeErrors | None = None
+    """Errors beyond those of white noise; None for none."""
 
 
 def refine_tones(
@@ -57,6 +97,21 @@ def refine_tones(
 ) -> Tones:
     """Estimate the maximum-likelihood frequencies of tones near given ones.
 
+    See `refine_tones_and_residuals` for the parameters.
+    """
+    return refine_tones_and_residuals(samples, slow, fast, noise_power, growth=growth)[0]
+
+
+def refine_tones_and_residuals(
+    samples: np.ndarray,
+    slow: np.ndarray,
+    fast: np.ndarray,
+    noise_power: np.ndarray,
+    *,
+    growth: float = 0.0,
+) -> tuple[Tones, np.ndarray]:
+    """Estimate the maximum-likelihood frequencies of tones, and the power that remains beside them.
+
     Parameters
     ----------
     samples : array (chirp, channel, sample), complex64 or float32
@@ -68,6 +123,15 @@ def refine_tones(
     growth : float
         Growth of slow-time frequencies from sample to sample, relative to their mean: the walk
         through range cells within the frame, see `processing.range_walk`.
+
+    Returns
+    -------
+    Tones
+        At the maximum of the periodogram, the other tones subtracted.
+    array (n, 2)
+        Highest power beside each tone after subtraction of all tones, along slow and fast time:
+        mean of |amplitude|^2 over the channels, in whole bins up to 8 away. Echoes farther away
+        are aliased into these bins, as they are in the sidelobes that reach the tone.
 
     Notes
     -----
@@ -91,7 +155,10 @@ def refine_tones(
     n_samples_each = n_chirps * n_samples
     # A tenth of the standard deviation that noise gives an amplitude.
     negligible = 0.1 * np.sqrt(noise_power / n_samples_each)
-    return Tones(*_estimate_tones(sums, slow, fast, negligible, rows, columns, growth))
+    *estimates, residual_power = _estimate_tones(
+        sums, slow, fast, negligible, rows, columns, growth
+    )
+    return Tones(*estimates), residual_power
 
 
 @lru_cache(maxsize=64)
@@ -156,19 +223,24 @@ def _estimate_tones(
     rows: np.ndarray,
     columns: np.ndarray,
     growth: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Estimate frequencies, energies and amplitudes of tones, each with the others subtracted."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Estimate frequencies, energies and amplitudes of tones, each with the others subtracted.
+
+    And the power that remains beside them, see `refine_tones_and_residuals`.
+    """
     n_tones, n_rx = sums.shape[:2]
     n_samples = rows[-1] * columns[-1]
     # Offsets from the demodulation frequencies of the sums.
     d_slow, d_fast = np.zeros(n_tones), np.zeros(n_tones)
     amplitude = np.zeros((n_tones, n_rx), np.complex128)
     largest, was_alone = np.zeros(n_tones), np.zeros(n_tones, np.bool_)
+    remaining_power = np.zeros((n_tones, 2))
     half = np.empty((n_tones, 4))
     for i in range(n_tones):
         _write_half_angle_sines_and_cosines(slow[i], fast[i], half[i])
     half_now = half.copy()
-    for turn in range(N_PASSES if n_tones > 1 else 1):
+    n_passes = N_PASSES if n_tones > 1 else 1
+    for turn in range(n_passes):
         for i in range(n_tones):
             residual, is_alone = sums[i].copy(), True
             for k in range(n_tones):
@@ -189,9 +261,10 @@ def _estimate_tones(
                         residual, amplitude[k], apart_slow, apart_fast, walk, rows, columns
                     )
                     is_alone = False
-            if turn and is_alone and was_alone[i]:
-                continue  # neither this tone nor its neighbours have changed
+            is_unchanged = turn > 0 and is_alone and was_alone[i]
             was_alone[i] = is_alone
+            if is_unchanged:  # neither this tone nor its neighbours have changed
+                continue
             d_slow[i], d_fast[i] = _maximise_periodogram(
                 residual, rows, columns, d_slow[i], d_fast[i]
             )
@@ -206,11 +279,73 @@ def _estimate_tones(
             for k in range(n_rx):
                 amplitude[i, k] = moments[0, k] / gain
                 largest[i] = max(largest[i], abs(amplitude[i, k]))
+            if turn == n_passes - 1 or is_alone:
+                _subtract_tone_at(residual, amplitude[i], d_slow[i], d_fast[i], rows, columns)
+                remaining_power[i, 0], remaining_power[i, 1] = _highest_power_beside(
+                    residual, d_slow[i], d_fast[i], rows, columns
+                )
     energy = np.zeros(n_tones)
     for i in range(n_tones):
         for k in range(n_rx):
             energy[i] += abs(amplitude[i, k]) ** 2 * n_samples
-    return slow + d_slow, fast + d_fast, energy, amplitude
+    return slow + d_slow, fast + d_fast, energy, amplitude, remaining_power
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _subtract_tone_at(
+    sums: np.ndarray,
+    amplitude: np.ndarray,
+    slow: float,
+    fast: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> None:
+    """Subtract a tone at an offset from the demodulation frequencies from block sums, in place."""
+    over_rows, over_columns = _tone_block_sums(slow, rows), _tone_block_sums(fast, columns)
+    for k in range(amplitude.size):
+        for a in range(over_rows.size):
+            for b in range(over_columns.size):
+                sums[k, a, b] -= amplitude[k] * over_rows[a] * over_columns[b]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _highest_power_beside(
+    sums: np.ndarray, slow: float, fast: float, rows: np.ndarray, columns: np.ndarray
+) -> tuple[float, float]:
+    """Return the highest power in whole bins beside an offset, along slow and along fast time."""
+    n_channels, n_rows, n_columns = sums.shape
+    row_sums = np.zeros((n_channels, n_rows), np.complex128)
+    column_sums = np.zeros((n_channels, n_columns), np.complex128)
+    turn_rows = np.exp(-0.5j * slow * (rows[1:] + rows[:-1] - 1))
+    turn_columns = np.exp(-0.5j * fast * (columns[1:] + columns[:-1] - 1))
+    for k in range(n_channels):
+        for a in range(n_rows):
+            for b in range(n_columns):
+                row_sums[k, a] += sums[k, a, b] * turn_columns[b]
+                column_sums[k, b] += sums[k, a, b] * turn_rows[a]
+        for a in range(n_rows):
+            row_sums[k, a] *= turn_rows[a]
+        for b in range(n_columns):
+            column_sums[k, b] *= turn_columns[b]
+    scale = 1.0 / (float(rows[-1]) * columns[-1]) ** 2
+    return _highest_bin_power(row_sums) * scale, _highest_bin_power(column_sums) * scale
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _highest_bin_power(values: np.ndarray) -> float:
+    """Return the highest mean power over channels of the transform of (channel, block)."""
+    n_channels, n = values.shape
+    turns = np.exp(-2j * np.pi * np.arange(n) / n)
+    highest = 0.0
+    for j in range(1, n):
+        power = 0.0
+        for k in range(n_channels):
+            total = 0j
+            for b in range(n):
+                total += values[k, b] * turns[(j * b) % n]
+            power += total.real**2 + total.imag**2
+        highest = max(highest, power / n_channels)
+    return highest
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

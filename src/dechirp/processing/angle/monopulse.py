@@ -107,7 +107,12 @@ class Monopulse(DirectionEstimator):
     def standard_errors(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray, angles: Angles
     ) -> np.ndarray:
-        """Return standard errors from the phase noise to first order, through the arc sine."""
+        r"""Return standard errors from the phase noise to second order, through the arc sine.
+
+        To first order in the noise, phases of elements that are first in one pair and second in
+        another cancel. The products of two noises do not: for K pairs at the SNR chi they add
+        1 / (2 K chi^2) to the variance of a phase, 22 % for eight elements at 12 dB.
+        """
         resolved_axes = np.flatnonzero(aperture.resolves_azimuth_and_elevation)
         pair_sets = displaced_element_pairs_per_angle(aperture)
         to_cosines = np.linalg.inv(_pair_displacements(aperture)) / (2 * np.pi)
@@ -115,18 +120,22 @@ class Monopulse(DirectionEstimator):
         for row, pairs in zip(weights, pair_sets, strict=True):
             np.add.at(row, pairs.second, 1 / len(pairs.second))
             np.add.at(row, pairs.first, -1 / len(pairs.first))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            snr = (
+                likelihood.least_squares_source_powers(snapshots, aperture, *angles)[:, 0]
+                / noise_power
+            )
+            squared_noise = 1 / snr[:, None, None]
         # Covariance of phases at an SNR of 1/2 in an element, where its phase variance is 1.
-        cosine_covariance = to_cosines @ (weights @ weights.T) @ to_cosines.T
+        n_pairs = np.array([len(pairs.first) for pairs in pair_sets])
+        phase_covariance = weights @ weights.T + squared_noise * np.diag(1 / n_pairs)
+        cosine_covariance = to_cosines @ phase_covariance @ to_cosines.T
         slopes = direction_bounds.unit_vector_derivatives(*angles)[:, 0][:, resolved_axes][
             :, :, resolved_axes + 1
         ]
         to_angles = np.swapaxes(np.linalg.inv(slopes), 1, 2)
         angle_covariance = to_angles @ cosine_covariance @ np.swapaxes(to_angles, 1, 2)
-        with np.errstate(divide="ignore"):
-            snr = (
-                likelihood.least_squares_source_powers(snapshots, aperture, *angles)[:, 0]
-                / noise_power
-            )
+        with np.errstate(divide="ignore", invalid="ignore"):
             variance = np.diagonal(angle_covariance, axis1=1, axis2=2) / (
                 2 * snapshots.shape[1] * snr[:, None]
             )

@@ -27,11 +27,14 @@ def null_spectrum_angle_standard_errors(
     aperture: Aperture,
     noise_power: np.ndarray,
     angles: Angles,
+    *,
+    inverse_covariances: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return standard errors of zeros of the null spectrum, (n, n_sources, n_angles).
+    """Return standard errors of minima of a null spectrum, (n, n_sources, n_angles).
 
-    MUSIC, root-MUSIC and Capon find these zeros. `angles` are (n, n_sources) each, NaN where
-    there are fewer.
+    `angles` are (n, n_sources) each, NaN where there are fewer. MUSIC and root-MUSIC weight all of
+    the noise subspace equally; Capon weights it by the inverse covariance, (n, size, size), which
+    few windows leave uneven: that costs up to a fifth of the variance.
     """
     n_angles = sum(aperture.resolves_azimuth_and_elevation)
     out = np.full((*angles[0].shape, n_angles), np.nan)
@@ -46,9 +49,12 @@ def null_spectrum_angle_standard_errors(
         ]
         basis = np.linalg.qr(steering)[0][:, None]
         slopes = slopes - (slopes @ basis.conj()) @ np.swapaxes(basis, 2, 3)
+        weighted = slopes
+        if inverse_covariances is not None:
+            weighted = slopes @ np.swapaxes(inverse_covariances[rows], 1, 2)[:, None]
         # Newton's step: the inverse of the curvature times the slope caused by noise.
-        curvature = np.real(slopes.conj() @ np.swapaxes(slopes, 2, 3))
-        left_vectors = np.linalg.pinv(curvature, hermitian=True) @ slopes
+        curvature = np.real(slopes.conj() @ np.swapaxes(weighted, 2, 3))
+        left_vectors = np.linalg.pinv(curvature, hermitian=True) @ weighted
         right_vectors = pseudoinverse_of_source_amplitudes(windows, snapshots[rows], steering)
         right_vectors = np.broadcast_to(
             right_vectors[:, :, None], (*left_vectors.shape[:3], right_vectors.shape[-1])

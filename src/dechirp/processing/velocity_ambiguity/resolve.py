@@ -83,6 +83,7 @@ def resolve_across_frames(frames: Sequence[FramePeaks], frame: Frame) -> Iterato
             peaks.snr,
             own_frame,
             frame_peaks.radar.n_summed_maps,
+            sidelobes=peaks.sidelobes,
         )
         estimates.append(
             by_frame_intervals.FrameEstimates(

@@ -7,7 +7,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import gammainccinv
 
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.processing.refine import RefinedPeaks, Tones
+from dechirp.processing.refine import RefinedPeaks, Tones, average_sidelobe_errors
 from dechirp.processing.velocity_ambiguity.hypotheses import AmbiguityHypotheses, ResolvedPeaks
 from dechirp.radar.frame import Frame
 from dechirp.theory.bounds import frequency_variance
@@ -103,8 +103,11 @@ def pair_rising_and_falling_peaks(
         amplitude=(up_amplitude + down_amplitude) / 2,
     )
     noise = (up.amplitude_noise[u] + down.amplitude_noise[d]) / 4
+    sidelobes = average_sidelobe_errors(
+        up.sidelobes and up.sidelobes.select(u), down.sidelobes and down.sidelobes.select(d)
+    )
     return ResolvedPeaks(
-        RefinedPeaks(tones, up.snr[u] + down.snr[d], noise), doppler_hz, hypotheses
+        RefinedPeaks(tones, up.snr[u] + down.snr[d], noise, sidelobes), doppler_hz, hypotheses
     )
 
 
