@@ -29,7 +29,7 @@ def make_radar(n_chirps=16):
 
 
 def simulate_tones(radar, rng, *, range_cells, velocity_cells, azimuths, amplitudes, snr_db):
-    """Simulate tones at cells of the map in noise, below a unit amplitude by `snr_db` integrated."""
+    """Simulate tones at cells of the map; noise is `snr_db` below a unit tone in its cell."""
     frame = radar.frame
     n, m = np.arange(frame.chirp.n_samples), np.arange(frame.n_chirps)
     y_wavelengths = np.array(radar.array.rx_m)[:, 1] / frame.chirp.wavelength_m
@@ -72,7 +72,7 @@ def simulate_beside_extended_echo(radar, rng, *, n_cells, ratio_db):
 
 
 def measure_squared_errors(radar, chain, *, n_cells, ratio_db, n_trials=N_TRIALS):
-    """Return squared errors of azimuth and range over their variances, of trials with a direction."""
+    """Return squared errors of azimuth and range over their variances, (n_found, 2)."""
     rng = np.random.default_rng([n_cells, ratio_db])
     squares = []
     for _ in range(n_trials):
@@ -139,7 +139,6 @@ def test_undetected_echo_beside_strong_target_does_not_bias_it(offset_cells):
     """An echo 40 dB weaker, which the detector drops in the training cells of a target of 60 dB."""
     radar = make_radar(n_chirps=64)
     frame = radar.frame
-    cell_m, velocity_per_cycle = frame.chirp.range_resolution_m, frame.velocity_resolution_m_per_s
     rng = np.random.default_rng(11)
     squares = []
     for _ in range(40):
@@ -164,7 +163,10 @@ def test_undetected_echo_beside_strong_target_does_not_bias_it(offset_cells):
         squares.append(
             [
                 ((found.range - range_m) / found.range_std).item() ** 2,
-                ((found.velocity - velocity_cells * velocity_per_cycle) / found.velocity_std).item()
+                (
+                    (found.velocity - velocity_cells * frame.velocity_resolution_m_per_s)
+                    / found.velocity_std
+                ).item()
                 ** 2,
                 ((found.azimuth - azimuths[0]) / found.azimuth_std).item() ** 2,
             ]

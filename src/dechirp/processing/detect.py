@@ -69,7 +69,8 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
             from the middle to the origin. The angles belong to the velocity of their row: another
             ambiguity number changes the phases between transmitters, and with them the angle.
         azimuth_std : rad, elevation_std : rad
-            Standard errors, from the Cramer-Rao bound.
+            Standard errors, from the Cramer-Rao bound. Those beside echoes that point targets do
+            not describe include their sidelobes; see `processing.sidelobe_rejection`.
         ambiguity_number, ambiguity_confidence
             Number of unambiguous velocity spans added, and its probability: from the phases
             between transmitters or ramps, from the beats of a triangle, or from frames with other
