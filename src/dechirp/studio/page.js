@@ -71,14 +71,21 @@ function begin(browser) {
     const shown = browser.n_frames_sent;
     requestAnimationFrame(() => requestAnimationFrame(() => {
       window.dechirp.frames += 1;
+      document.documentElement.dataset.drawn = "";
       if (shown % browser.frames_per_confirmation === 0) browser.n_frames_drawn = shown;
     }));
   };
   browser.properties.n_frames_sent.change.connect(reportDrawn);
   if (browser.n_frames_sent) reportDrawn();  // the first came with the page
 
-  const place = document.getElementById("place");
-  const tellPlace = () => { if (place) place.textContent = browser.frame_status; };  // no lesson has one
+  let place = document.getElementById("place");
+  if (!place) {  // a lesson shows it only while the first frame is computed
+    place = document.createElement("output");
+    place.id = "place";
+    place.className = "first";
+    document.body.append(place);
+  }
+  const tellPlace = () => { place.textContent = browser.frame_status; };
   browser.properties.frame_status.change.connect(tellPlace);
   tellPlace();
 

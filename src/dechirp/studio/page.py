@@ -9,6 +9,7 @@ from bokeh.document import Document
 
 from dechirp.experiments.scenario import Scenario
 from dechirp.studio.browser_events import BrowserState, browser_javascript, read_studio_asset_text
+from dechirp.studio.compilation import compilation_counter, compile_in_background
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.compare import Compare
@@ -132,8 +133,11 @@ def _update_frame_status(
     parts = [] if frame is None else [f"frame {frame.number}, {frame.time_s:.3f} s"]
     if not (session.shows_current_settings or is_waiting or frame is None):
         parts.append("outdated")
+    if is_waiting:
+        progress = compilation_counter().progress_text if frame is None else ""
+        parts.append(progress or "computing ...")
     browser.update(
-        frame_status="; ".join([*parts, "computing ..."] if is_waiting else parts),
+        frame_status="; ".join(parts),
         is_outdated=not session.shows_current_settings and frame is not None,
     )
 
@@ -158,6 +162,8 @@ def _limit_call_rate(
 def page_builders_by_address(
     worker: Executor, *, scenario: Scenario, limits: PageLimits
 ) -> dict[str, Callable[[Document], None]]:
-    """Return the builders of the live page and the lessons by address."""
+    """Return the builders of the live page and the lessons by address; start to compile."""
+    compilation_counter()
+    compile_in_background(worker, scenario, limits)
     live_page = partial(build_live_page, worker=worker, scenario=scenario, limits=limits)
     return {"/": live_page, **lesson_page_builders_by_address(worker, limits)}

@@ -30,7 +30,7 @@ T = TypeVar("T")
 Edit = Callable[[Scenario], Scenario]
 
 _WAIT_NOTICE_S = 0.3
-"""Waiting time after which the page shows a notice."""
+"""Waiting time after which the page shows a notice, and time between two of them."""
 
 _log = logging.getLogger(__name__)
 
@@ -240,12 +240,15 @@ class Session:
         return await self._await_with_notice((pending or self._start_computing_frame(step)).future)
 
     async def _await_with_notice(self, future: Awaitable[T]) -> T:
-        """Await a result of the worker; notify `on_wait` if it takes long."""
+        """Await a result of the worker; notify `on_wait` again and again if it takes long."""
+        loop = asyncio.get_running_loop()
 
         def notify_waiting() -> None:
+            nonlocal notice_timer
             self.document.add_next_tick_callback(lambda: [wait() for wait in self.on_wait])
+            notice_timer = loop.call_later(_WAIT_NOTICE_S, notify_waiting)  # with its progress
 
-        notice_timer = asyncio.get_running_loop().call_later(_WAIT_NOTICE_S, notify_waiting)
+        notice_timer = loop.call_later(_WAIT_NOTICE_S, notify_waiting)
         try:
             return await future
         finally:

@@ -118,6 +118,8 @@ def _serve_until_signal(server: "StudioServer", on_start: "Callable[[], None]") 
     import logging
     import signal
 
+    from dechirp.studio.compilation import compilation_counter
+
     async def until_signal() -> None:
         stopped, loop = asyncio.Event(), asyncio.get_running_loop()
 
@@ -133,3 +135,4 @@ def _serve_until_signal(server: "StudioServer", on_start: "Callable[[], None]") 
         await server.serve(stopped)
 
     asyncio.run(until_signal())
+    compilation_counter().stop()

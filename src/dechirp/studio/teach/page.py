@@ -22,12 +22,16 @@ from dechirp.studio.browser_events import (
     browser_javascript,
     read_studio_asset_text,
 )
+from dechirp.studio.compilation import compilation_counter
 from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.teach.lesson import Experiment, Lesson
 from dechirp.studio.theme import DARK, LIGHT, bokeh_widget_theme, page_css
 
-_FRAME_S = 1 / 15
-"""Shortest time between frames: sufficient for animation, as lessons share one worker."""
+_FRAME_S = 1 / 18
+"""Shortest time between frames: 15 per second with the time between two calls."""
+
+_WAIT_NOTICE_S = 0.3
+"""Waiting time after which the page shows a notice."""
 
 _log = logging.getLogger(__name__)
 
@@ -64,6 +68,7 @@ class LessonPage:
         self._has_changes, self._playing = True, False
         lesson = self._lesson
         self._browser, self._sent_s = BrowserState(name="browser"), 0.0
+        self._pending_frame: asyncio.Future[Any] | None = None
         self._browser.on_change("dark", self._apply_shade)
         self._browser.on_change("play_keys", lambda attr, old, new: self._toggle_play())
         self._knobs = {name: knob.create_widget() for name, knob in lesson.knobs.items()}
@@ -121,27 +126,16 @@ class LessonPage:
 
     async def _draw_next(self) -> None:
         """Draw the next frame if anything changed; the loop is free while it is computed."""
-        is_late = monotonic() - self._sent_s > DRAW_TIMEOUT_S
-        n_undrawn = self._browser.n_frames_sent - self._browser.n_frames_drawn
-        if n_undrawn >= MAX_UNDRAWN_FRAMES and not is_late:
+        if self._pending_frame is None and not self._start_next_frame():
             return
-        if self._playing:
-            self._frame += 1
-            for name, value in self._lesson.next_animated_knob_values(self._knob_values()).items():
-                self._knobs[name].value = value
-        elif not self._has_changes:
-            return
-        self._has_changes = False
-        settings = self._lesson.build_settings(self._knob_values())
-        loop = asyncio.get_running_loop()
         try:
-            frame = await loop.run_in_executor(
-                self._worker, self._lesson.compute_frame, settings, self._frame
-            )
+            frame = await self._frame_or_none_after_notice()
+            if frame is None:
+                return
             self._numbers.text = _numbers_table_html(
                 self._lesson.draw_frame_and_format_numbers(frame)
             )
-            self._browser.n_frames_sent += 1
+            self._browser.update(n_frames_sent=self._browser.n_frames_sent + 1, frame_status="")
             self._sent_s = monotonic()
         except DechirpError as error:
             self._show_error_and_pause(
@@ -151,6 +145,36 @@ class LessonPage:
             # The page shows an error and continues, as do all others.
             _log.exception("a lesson failed")
             self._show_error_and_pause("Internal error; see the log of the server.")
+
+    def _start_next_frame(self) -> bool:
+        """Start to compute a frame if anything changed and the browser can take one."""
+        is_late = monotonic() - self._sent_s > DRAW_TIMEOUT_S
+        n_undrawn = self._browser.n_frames_sent - self._browser.n_frames_drawn
+        if n_undrawn >= MAX_UNDRAWN_FRAMES and not is_late:
+            return False
+        if self._playing:
+            self._frame += 1
+            for name, value in self._lesson.next_animated_knob_values(self._knob_values()).items():
+                self._knobs[name].value = value
+        elif not self._has_changes:
+            return False
+        self._has_changes = False
+        settings = self._lesson.build_settings(self._knob_values())
+        self._pending_frame = asyncio.get_running_loop().run_in_executor(
+            self._worker, self._lesson.compute_frame, settings, self._frame
+        )
+        return True
+
+    async def _frame_or_none_after_notice(self) -> object | None:
+        """Return the frame; after a while None, with a notice, for which the page must be free."""
+        pending = self._pending_frame
+        assert pending is not None
+        await asyncio.wait({pending}, timeout=_WAIT_NOTICE_S)
+        if not pending.done():
+            self._browser.frame_status = compilation_counter().progress_text or "computing ..."
+            return None
+        self._pending_frame = None
+        return pending.result()
 
     def _knob_values(self) -> dict[str, Any]:
         return {name: knob.value for name, knob in self._knobs.items()}
