@@ -9,7 +9,6 @@ from bokeh.events import Tap
 from bokeh.models import Image
 
 from dechirp.core.detection_columns import BY_NAME
-from dechirp.core.text import EN_DASH
 from dechirp.core.units import SPEED_OF_LIGHT, from_decibels, to_decibels
 from dechirp.processing.range_doppler_map import threshold_map
 from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_doppler_map_position
@@ -20,7 +19,7 @@ from dechirp.studio.scenario_edits import PageLimits, apply_overrides, parse_sce
 from dechirp.studio.session import Session
 from dechirp.studio.theme import DARK, LIGHT
 from dechirp.studio.views.beat import BeatView
-from dechirp.studio.views.detections import DetectionsView, _format_errors
+from dechirp.studio.views.detections import DetectionsView
 from dechirp.studio.views.figure_style import SPAN_DB
 from dechirp.studio.views.micro_doppler import MicroDopplerView
 from dechirp.studio.views.table_tile import MAX_ROWS
@@ -406,7 +405,8 @@ def test_track_table_without_tracker_states_reason():
 
 
 def test_standard_error_below_last_digit_is_no_zero():
-    errors = _format_errors(np.array([0.0312, 2e-9, 0.0, np.nan]), "range_std")
-    last_digit = 10.0 ** -BY_NAME["range_std"].decimals
-    assert float(errors[0]) == pytest.approx(0.0312, abs=last_digit / 2)
-    assert errors[1] == f"< {last_digit:g}" and float(errors[2]) == 0 and errors[3] == EN_DASH
+    session = build_session("impairments=[]")  # noise of rounding only
+    view = DetectionsView(session)
+    frame_state = show_step(view)
+    assert 0 < frame_state.detections.range_std.values.max() < 1e-6
+    assert all(text.startswith("<0.0") for text in view.table.source.data["range_std"])

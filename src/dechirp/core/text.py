@@ -87,11 +87,16 @@ def decimals_for_column(stds: np.ndarray, *, digits: int) -> int:
 
 
 def format_with_std(value: float, std: float, decimals: int) -> str:
-    """Write a value with its standard error; an error that rounds to zero as `<0.000001`."""
+    """Write a value with its standard error."""
+    return f"{format_fixed(value, decimals)} ±\N{NO-BREAK SPACE}{format_std(std, decimals)}"
+
+
+def format_std(std: float, decimals: int) -> str:
+    """Write a standard error; one that rounds to zero as `<0.000001`."""
     error = format_fixed(std, decimals)
     if std > 0 and math.isfinite(std) and float(error) == 0:
-        error = f"<{10.0**-decimals:.{decimals}f}"
-    return f"{format_fixed(value, decimals)} ±\N{NO-BREAK SPACE}{error}"
+        return f"<{10.0**-decimals:.{decimals}f}"
+    return error
 
 
 def ratio_db(ratio: float) -> float:

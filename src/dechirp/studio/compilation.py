@@ -15,13 +15,13 @@ from dechirp.studio.scenario_edits import PageLimits
 _COMPILATION = "numba:compile"
 
 
-class CompilationCounter(event.Listener):  # type: ignore[misc]  # Numba has no types
+class CompilationCounter(event.Listener):
     """Counter of the loops that this process compiled instead of loading them from disk."""
 
     def __init__(self) -> None:
         self.n_compiled = 0
         self._is_stopped = False
-        event.register(_COMPILATION, self)
+        event.register(_COMPILATION, self)  # type: ignore[no-untyped-call]
 
     @property
     def progress_text(self) -> str:

@@ -241,18 +241,16 @@ class Session:
 
     async def _await_with_notice(self, future: Awaitable[T]) -> T:
         """Await a result of the worker; notify `on_wait` again and again if it takes long."""
-        loop = asyncio.get_running_loop()
-
-        def notify_waiting() -> None:
-            nonlocal notice_timer
-            self.document.add_next_tick_callback(lambda: [wait() for wait in self.on_wait])
-            notice_timer = loop.call_later(_WAIT_NOTICE_S, notify_waiting)  # with its progress
-
-        notice_timer = loop.call_later(_WAIT_NOTICE_S, notify_waiting)
+        notices = asyncio.get_running_loop().create_task(self._notify_while_waiting())
         try:
             return await future
         finally:
-            notice_timer.cancel()
+            notices.cancel()
+
+    async def _notify_while_waiting(self) -> None:
+        while True:
+            await asyncio.sleep(_WAIT_NOTICE_S)
+            self.document.add_next_tick_callback(lambda: [wait() for wait in self.on_wait])
 
     def _start_computing_frame(self, step: int) -> "_PendingFrame":
         frame_state = self.run_on_worker(

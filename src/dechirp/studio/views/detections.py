@@ -7,7 +7,7 @@ from bokeh.models import UIElement
 
 from dechirp.core.detection_columns import BY_NAME, SHOWN_COLUMNS, standard_error_column
 from dechirp.core.display import format_count_with_noun
-from dechirp.core.text import EN_DASH
+from dechirp.core.text import EN_DASH, format_std
 from dechirp.evaluation.association import Associator
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
@@ -65,7 +65,8 @@ class DetectionsView(View):
             if key in _ANGLES
         }
         for name in _ERRORS.keys() & columns.keys():
-            columns[name] = _format_errors(columns[name], name)
+            texts = [format_std(error, _ERRORS[name]) for error in columns[name].tolist()]
+            columns[name] = np.array(texts, dtype=object)
         columns["target"] = targets
         self.table.set_column_visibility(visible | {"target": frame_state.truth is not None})
         self.table.show_rows(
@@ -100,21 +101,6 @@ def shown_detection_columns(frame_state: FrameState) -> dict[str, np.ndarray]:
         for key in _HEADINGS
         if key in detections and key in BY_NAME
     }
-
-
-def _format_errors(errors: np.ndarray, name: str) -> np.ndarray:
-    """Format standard errors; one that would be rounded to zero as less than the last digit."""
-    decimals = _ERRORS[name]
-    least = 10.0**-decimals
-    texts = [
-        EN_DASH
-        if np.isnan(error)
-        else f"{error:.{decimals}f}"
-        if error >= least / 2 or error == 0
-        else f"< {least:.{decimals}f}"
-        for error in errors
-    ]
-    return np.array(texts, dtype=object)
 
 
 def _detections_title(target_names: np.ndarray, frame_state: FrameState) -> str:
