@@ -1,7 +1,8 @@
 """Measurements of every impairment against its formula.
 
 Each measurement uses the public function `simulate`, with and without echoes. The formula is
-written out beside the measurement, or taken from `theory` if a recommendation has many terms.
+written out beside the measurement; `weather_references` evaluates recommendations anew, or from
+their tables.
 
     oscillators       phase noise, phase-locked loop, non-linear ramps, slope drift
     propagation       leakage, bumper, mutual coupling, position errors, road, wall, interference
