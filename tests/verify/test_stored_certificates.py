@@ -59,7 +59,9 @@ def test_pages_quote_figures_of_latest_certificate():
     readme, limits = (root / "README.md").read_text(), (guide / "limits.md").read_text()
     noise = (guide / "phase-4-noise.md").read_text()
 
-    rectangular, hann, rule = (f"{check['measured']:.2f} dB" for check in checks_of["snr_limit"])
+    rectangular, hann, rule = (
+        f"{check['measured']:.2f} dB" for check in checks_of["snr_limit"][:3]
+    )
     assert rectangular in readme
     assert rectangular in noise and hann in noise and rule in noise
     error_db = max(abs(check["measured"] - check["limit"]) for check in checks_of["snr_limit"][:2])

@@ -194,6 +194,7 @@ def _trial_jobs_of_report_claims(trials: int | None, *, full: bool) -> dict[str,
             max(min_trials, estimates.count_trials_to_prove_rmse()), n_limit_trials
         ),
         **detection.report_rule_trial_jobs(min_trials),
+        **(detection.required_snr_trial_jobs() if full else {}),
         **estimates.target_motion_trial_jobs(min_trials),
         **false_alarms.noise_and_target_frame_jobs(full=full),
         **resolution.resolution_trial_jobs(min_trials),

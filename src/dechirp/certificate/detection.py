@@ -9,8 +9,10 @@ from dechirp.certificate import published
 from dechirp.certificate.claim import Check, Claim, proportion_check
 from dechirp.certificate.reference_trials import (
     REFERENCE_TARGET,
+    TrialCondition,
     complex_white_noise,
     reference_echo_zero_before_arrival,
+    run_target_trials,
     trial_column,
     window_label,
 )
@@ -27,6 +29,7 @@ from dechirp.certificate.sensitivity import (
 from dechirp.certificate.shared_trials import error_trials_by_snr, snr_limit_trials_by_window
 from dechirp.certificate.trials import Job, count_trials_to_prove_probability
 from dechirp.core.units import from_decibels, to_decibels
+from dechirp.theory.windows import Window
 
 REPORT_SNRS_DB = (-25.0, -24.75, -24.5, -24.25, -24.0, -23.75)
 
@@ -46,6 +49,31 @@ def report_rule_trial_jobs(min_trials: int) -> dict[str, Job]:
             arguments={"snr_db": (published.LOWEST_SNR_DB,)},
         ),
     }
+
+
+def required_snr_trial_jobs() -> dict[str, Job]:
+    """Return the job that observes the reference target at the required SNR of each window."""
+    n_trials = {
+        window: count_trials_to_prove_probability(
+            float(theoretical_curve(window)(np.array(snr_db))), at_least=DETECTION_PROBABILITY
+        )
+        for window, snr_db in REQUIRED_SNR_DB.items()
+    }
+    return {
+        _required_snr_job_name(window): Job(
+            work=run_target_trials,
+            n_trials=n_trials[window],
+            arguments={
+                **REFERENCE_TARGET._asdict(),
+                "conditions": (TrialCondition(window=window, snr_db=(snr_db,)),),
+            },
+        )
+        for window, snr_db in REQUIRED_SNR_DB.items()
+    }
+
+
+def _required_snr_job_name(window: Window) -> str:
+    return f"reference target at the required SNR, {window}"
 
 
 def run_report_rule_trials(
@@ -134,6 +162,16 @@ def _snr_limit_meets_requirement_claim(results: Mapping[str, np.ndarray]) -> Cla
             trials=report_fit.trials,
         )
     )
+    checks += [
+        proportion_check(
+            f"detection probability observed at {snr_db:g} dB, {window_label(window)}",
+            trial_column(results[_required_snr_job_name(window)][:, 0], "hit"),
+            at_least=DETECTION_PROBABILITY,
+            limit=float(theoretical_curve(window)(np.array(snr_db))),
+        )
+        for window, snr_db in REQUIRED_SNR_DB.items()
+        if _required_snr_job_name(window) in results
+    ]
     snr_ratio = report_rule_required_snr() / chain_required_snr()
     return Claim(
         id="snr_limit",

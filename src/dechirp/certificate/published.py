@@ -87,6 +87,23 @@ def _mean_training_amplitude(amplitude: np.ndarray, training_window: TrainingWin
     )
 
 
+def peak_and_training_power(samples: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return the power of a noise-free echo at its peak, and in the training cells of the rule.
+
+    Both are relative to noise of unit power per sample in the map.
+    """
+    amplitude, window = _amplitude_map(samples), TRAINING_WINDOW
+    row, column = np.unravel_index(np.argmax(amplitude), amplitude.shape)
+    rows = np.arange(-window.half_velocity, window.half_velocity + 1)
+    columns = np.arange(-window.half_range, window.half_range + 1)
+    is_guard = np.logical_and.outer(
+        abs(rows) <= window.n_guard.velocity, abs(columns) <= window.n_guard.range
+    )
+    box = amplitude[np.ix_((row + rows) % len(amplitude), column + columns)]
+    noise_power = 1 / (N_SAMPLES * N_CHIRPS)  # rectangular windows; a tone on a bin keeps its power
+    return float(amplitude[row, column] ** 2 / noise_power), box[~is_guard] ** 2 / noise_power
+
+
 def report_range_and_velocity_axes() -> tuple[np.ndarray, np.ndarray]:
     """Return range (m) and velocity (m/s) of the cells on the report's axes."""
     duration_s = N_SAMPLES / SAMPLE_RATE_HZ

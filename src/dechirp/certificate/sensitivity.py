@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
+from scipy.special import ive
 
 from dechirp.certificate import published
 from dechirp.certificate.reference_trials import (
@@ -148,14 +149,35 @@ def report_threshold() -> float:
 
 
 def report_rule_curve() -> DetectionCurve:
-    """Return the detection probability of the report's rule over the SNR, without self-masking."""
+    r"""Return the detection probability of the report's rule over the SNR.
+
+    The target leaks into its own training cells, where the mean amplitude follows Rice's law:
+
+    .. math:: \sqrt{\pi / 4} \, e^{-x/2} \left( (1 + x) I_0(x/2) + x I_1(x/2) \right)
+
+    with the SNR x of a cell and the variance 1 + x less its square (S. O. Rice, Mathematical
+    analysis of random noise, Bell System Technical J., 1945). The threshold is the rule's multiple
+    of the mean of the training cells. This mean of many cells is normal; zero padding correlates
+    them, as if there were fewer by its factor.
+    """
     # The first 100 of 2,200 samples are zero, and the SNR refers to all of them.
-    echo_fraction = (
-        np.count_nonzero(reference_echo_zero_before_arrival()[0, 0])
-        / reference_echo_zero_before_arrival().shape[-1]
+    peak_gain, training_gains = published.peak_and_training_power(
+        reference_echo_zero_before_arrival()
     )
-    gain = snr_gain_in_map(published.OVER_RANGE, published.OVER_VELOCITY) * echo_fraction
-    return lambda snr_db: exceedance_probability(from_decibels(snr_db) * gain, report_threshold())
+    n_independent = training_gains.size * published.N_SAMPLES / published.N_RANGE_BINS
+    deviations, weights = np.polynomial.hermite_e.hermegauss(15)
+
+    def detection_probability(snr_db: np.ndarray) -> np.ndarray:
+        snr = from_decibels(np.asarray(snr_db, float))[..., None]
+        half = snr * training_gains / 2
+        means = np.sqrt(np.pi / 4) * ((1 + 2 * half) * ive(0, half) + 2 * half * ive(1, half))
+        variance = (1 + 2 * half - means**2).mean(axis=-1) / n_independent
+        amplitude = means.mean(axis=-1)[..., None] + np.sqrt(variance)[..., None] * deviations
+        threshold = (from_decibels(published.OFFSET_DB) * amplitude) ** 2
+        exceeds = np.vectorize(exceedance_probability)(snr * peak_gain, threshold)
+        return np.asarray(exceeds @ weights / weights.sum())
+
+    return detection_probability
 
 
 def chain_required_snr() -> float:
