@@ -81,6 +81,31 @@ def test_cfg_of_board_with_inverted_receivers_is_calibrated(tmp_path):
     assert settings.radar.element_corrections.real.tolist() == [1, -1, 1, -1] * 2
 
 
+# Geometries of TI's settings for people tracking.
+@pytest.mark.parametrize(
+    ("left", "up", "kind"),
+    [
+        ("-1 -1 0 0 -3 -3 -2 -2 -1 -1 0 0", "-1 0 -1 0 -3 -2 -3 -2 -3 -2 -3 -2", "xwr6843aop"),
+        ("0 0 -1 -1 -2 -2 -3 -3 -2 -2 -3 -3", "0 -1 -1 0 0 -1 -1 0 -2 -3 -3 -2", "xwr6843ods"),
+        ("0 -1 -2 -3 -2 -3 -4 -5 -4 -5 -6 -7", "-1 -1 -1 -1 0 0 0 0 -1 -1 -1 -1", "xwr6843"),
+        ("0 -1 -2 -3 -2 -3 -4 -5 -4 -5 -6 -8", "-1 -1 -1 -1 0 0 0 0 -1 -1 -1 -1", None),
+        ("0 -1", "0 0 0", None),
+    ],
+)
+def test_cfg_geometry_gives_board_without_platform(tmp_path, left, up, kind):
+    cfg = CFG.replace("xWR18xx", "").replace("profileCfg 0 77", "profileCfg 0 60.75")
+    cfg = cfg.replace("lowPower 0 0", f"antGeometry0 {left}\nantGeometry1 {up}")
+
+    settings = read_settings_text(tmp_path, cfg)
+
+    assert settings.device == kind
+    if kind is not None:
+        assert settings.radar.array == device(kind).select_antennas(0b101, 0b1111)
+    # A name takes precedence.
+    named = read_settings_text(tmp_path, cfg.replace("Platform:", "Platform:xWR64xx"))
+    assert named.device == "xwr6843"
+
+
 def test_cfg_accepts_back_off_and_phase_codes(tmp_path):
     # 20 dB and 354.4 degrees of each, a byte each: 1315860 and 16579836.
     cfg = CFG.replace("profileCfg 0 77 10 6 60 0 0", "profileCfg 0 77 10 6 60 1315860 16579836")

@@ -1,7 +1,10 @@
 """Antenna positions: those of the device, or assumed ones with a finding."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting, RecordingError
@@ -19,6 +22,38 @@ def find_device_or_none(name: str) -> Device | None:
         return device(name)
     except InvalidSetting:
         return None
+
+
+def find_device_of_geometry(
+    left: Sequence[float], up: Sequence[float], start_frequency_hz: float
+) -> Device | None:
+    """Return the device with a virtual array, given as TI's commands `antGeometry0` and 1 do.
+
+    Parameters
+    ----------
+    left, up : sequence of float
+        Positions of the elements in half wavelengths, transmitter by transmitter.
+    start_frequency_hz : float
+        A frequency within a band of the device.
+
+    Returns
+    -------
+    The device; None if there is none, or several with the same array.
+    """
+    geometry = np.array([left, up]) - np.array([left[:1], up[:1]])
+    devices = []
+    for device_class in Device.members().values():
+        candidate = device_class()
+        positions_m = Array(tx_m=candidate.tx_m, rx_m=candidate.rx_m).virtual_positions_m[:, 1:].T
+        offsets_m = positions_m - positions_m[:, :1]
+        if offsets_m.shape != geometry.shape:
+            continue
+        half_wavelength_m = np.min(abs(offsets_m[abs(offsets_m) > 1e-6]))
+        is_equal = np.allclose(offsets_m / half_wavelength_m, geometry, atol=0.01)
+        bands_hz = candidate.limits.bands_hz
+        if is_equal and any(low <= start_frequency_hz <= high for low, high in bands_hz):
+            devices.append(candidate)
+    return devices[0] if len(devices) == 1 else None
 
 
 def device_or_assumed_array(

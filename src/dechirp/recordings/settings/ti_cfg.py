@@ -15,6 +15,10 @@ from pathlib import Path
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake, RecordingError
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.devices.base import Device
+from dechirp.recordings.settings.antenna_positions import (
+    find_device_of_geometry,
+    find_device_or_none,
+)
 from dechirp.recordings.settings.base import RecordingSettings, convert_setting_errors
 from dechirp.recordings.settings.ti_cfg_lines import COMMANDS, Command, parse_commands_at_last_start
 from dechirp.recordings.settings.ti_frame import (
@@ -28,6 +32,9 @@ from dechirp.recordings.settings.ti_frame import (
 _NEWER = re.compile(r"^[ \t]*(chirpComnCfg|chirpTimingCfg)\b", re.MULTILINE)
 _EITHER = re.compile(r"^[ \t]*(profileCfg|frameCfg|chirpComnCfg|chirpTimingCfg)\b", re.MULTILINE)
 _PLATFORM = re.compile(r"^[ \t]*%[ \t]*Platform[ \t]*:[ \t]*([\w.-]{1,40})", re.MULTILINE)
+_GEOMETRY = re.compile(
+    r"^[ \t]*antGeometry([01])((?:[ \t]+-?\d{1,3}){1,48})[ \t\r]*$", re.MULTILINE
+)
 _MAX_CHARACTERS = 2**18  # characters; real files have some 2000
 _MAX_MISTAKES = 100  # more mistakes mean a wrong file
 
@@ -70,7 +77,7 @@ def read_ti_cfg(file: Path, text: str, device: Device | None = None) -> Recordin
     """Read the settings that were valid when the sensor was last started.
 
     The last command of a kind counts. The device is the given one, else the one in a comment
-    `% Platform:`.
+    `% Platform:`, else the one with the array of the commands `antGeometry0` and `antGeometry1`.
 
     Raises
     ------
@@ -99,6 +106,8 @@ def read_ti_cfg(file: Path, text: str, device: Device | None = None) -> Recordin
         raise InvalidFile(*mistakes[:_MAX_MISTAKES])
     platform = _PLATFORM.search(text)
     chip_name = platform.group(1) if platform else ""
+    if device is None and find_device_or_none(chip_name) is None:
+        device = _device_of_geometry_commands(text, last_commands["profileCfg"])
     if frames == _FRAMES:
         return _read_frame(file, commands, frames, chip_name=chip_name, device=device)
     n_sub_frames = last_commands["advFrameCfg"].integer_argument("n_sub_frames")
@@ -130,6 +139,15 @@ def read_ti_cfg(file: Path, text: str, device: Device | None = None) -> Recordin
     if len(streamed) == 1:
         return streamed[0]
     return replace(streamed[0], sub_frames=tuple(streamed)).with_sub_frame(0)
+
+
+def _device_of_geometry_commands(text: str, profile: Command) -> Device | None:
+    """Return the device whose virtual array the last `antGeometry` commands describe."""
+    geometry = {number: numbers.split() for number, numbers in _GEOMETRY.findall(text)}
+    if len(geometry) < 2 or len(geometry["0"]) != len(geometry["1"]):
+        return None
+    left, up = (list(map(float, geometry[number])) for number in "01")
+    return find_device_of_geometry(left, up, profile["start_ghz"] * 1e9)
 
 
 def _commands_of_sub_frame(commands: Sequence[Command], number: int) -> list[Command]:
