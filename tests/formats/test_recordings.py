@@ -401,7 +401,7 @@ def test_meta_json_is_not_settings_file(tmp_path):
 
 
 def test_yaml_file_of_recording_gives_radar(tmp_path):
-    samples = draw_samples(3, 4, 4, 8)  # all receivers of the board
+    samples = draw_samples(3, 4, 1, 8)
     (tmp_path / "capture.bin").write_bytes(encode_dca1000(samples))
     (tmp_path / "capture.yaml").write_text(
         "frame:\n"

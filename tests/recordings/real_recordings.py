@@ -1,6 +1,7 @@
 """Real recordings, opened with the settings of their README files."""
 
 from pathlib import Path
+from typing import Any
 
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
@@ -88,26 +89,29 @@ KTH = make_sound_card_radar(2.408e9, 4.35e9, 41.11e-3)
 
 def open_real_recording(folder: Path, name: str) -> Recording:
     """Open one recording of the collection with its settings."""
-    options: dict[str, object] = {}
+    return open_recording(folder / name, **missing_metadata(folder, name))
+
+
+def missing_metadata(folder: Path, name: str) -> dict[str, Any]:  # noqa: PLR0911
+    """Return the options of `open` that a recording needs: settings that its folder lacks."""
     match folder.name:
         case "awr1243_interference":
-            options = {"radar": ROADSIDE}
+            return {"radar": ROADSIDE}
         case "dca1000_pcap":
-            options = {"radar": TEST_SOURCE, "device": "xwr1843", "iq": "qi"}
+            return {"radar": TEST_SOURCE, "device": "xwr1843", "iq": "qi"}
         case "coffeecan_vehicles":
-            options = {"radar": COFFEE_CAN}
+            return {"radar": COFFEE_CAN}
         case "kth_walker":
-            options = {"radar": KTH}
+            return {"radar": KTH}
         case "mimo12_known_angles_mat":
-            options = {"radar": TURNTABLE, "axes": "element,sample"}
+            return {"radar": TURNTABLE, "axes": "element,sample"}
         case "openradar_people":
             axes = "chirp,sample" if name.startswith("simple") else "chirp,rx,sample"
-            options = {"radar": EXAMPLE_RADAR, "axes": axes, "encoding": "uint16-wrapped"}
+            return {"radar": EXAMPLE_RADAR, "axes": axes, "encoding": "uint16-wrapped"}
         case "xwr1443_known_angles":
             settings = "radar_1GHz.cfg" if "1GHz" in name else "radar_full_band.cfg"
-            options = {"radar": folder / settings, "device": "xwr1443"}
-    # Other recordings have settings in the file or folder.
-    return open_recording(folder / name, **options)
+            return {"radar": folder / settings, "device": "xwr1443"}
+    return {}
 
 
 RECORDINGS = {

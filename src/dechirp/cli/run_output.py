@@ -8,7 +8,7 @@ from rich.cells import cell_len
 from rich.table import Table
 
 from dechirp.cli.console import new_table
-from dechirp.core.detection_columns import SHOWN_COLUMNS, standard_error_column
+from dechirp.core.detection_columns import SHOWN_COLUMNS, shown_columns, standard_error_column
 from dechirp.core.text import EN_DASH, decimals_for_column, format_fixed, format_with_std
 from dechirp.evaluation.association import associate_detections
 from dechirp.experiments.run import Result
@@ -19,10 +19,10 @@ _FIRST_DROPPED = (
     *(
         c.heading
         for c in SHOWN_COLUMNS
-        if c.name not in ("range", "velocity", "azimuth", "elevation", "snr")
+        if c.name not in ("range", "velocity", "azimuth", "elevation", "snr", "moving")
     ),
     *("true elevation", "SNR", "true azimuth", "true velocity", "true range"),
-    *("elevation", "azimuth", "frame"),
+    *("elevation", "azimuth", "moving", "frame"),
 )
 
 
@@ -57,20 +57,18 @@ def _table_width(columns: dict[str, list[str]]) -> int:
 
 
 def _detection_table_cells(result: Result, detections: xr.Dataset) -> dict[str, list[str]]:
-    """Return the cells of each column, from the left; angles only if any was estimated."""
+    """Return the cells of each column, from the left; angles and motion only if any is known."""
     columns: dict[str, list[str]] = {}
     if result.n_frames > 1:
         columns["frame"] = [str(frame) for frame in detections.frame.values.tolist()]
     target = None if result.truth is None else _matched_target_indices(result, detections)
-    for column in SHOWN_COLUMNS:
+    for column in shown_columns(detections):
         values = column.to_shown_unit(detections[column.name].values)
         std = standard_error_column(column)
         if std is None:
             columns[column.heading] = [
                 format_fixed(value, column.decimals) for value in values.tolist()
             ]
-            continue
-        if column.shown_unit == "deg" and not np.isfinite(values).any():
             continue
         # More digits are in detections.csv.
         stds = std.to_shown_unit(detections[std.name].values)

@@ -62,6 +62,11 @@ class DetectionColumn(NamedTuple):
         heading = self.heading[:1].upper() + self.heading[1:]
         return f"{heading} ({self.shown_unit_symbol})" if self.shown_unit_symbol else heading
 
+    @property
+    def is_hidden_if_unknown(self) -> bool:
+        """Whether tables for people leave the column out where no detection has a value."""
+        return self.shown_unit == "deg" or self.is_integer
+
     def to_shown_unit(self, values: np.ndarray) -> np.ndarray:
         """Convert values in SI units to the unit that files and tables show."""
         if self.shown_unit == "deg":
@@ -124,6 +129,13 @@ TABLE = (
         is_integer=True,
     ),
     DetectionColumn("ambiguity_confidence", "1", "probability of that ambiguity number"),
+    DetectionColumn(
+        *("moving", "1", "1 if found without static echoes, 0 if only with them, NaN if unknown"),
+        heading="moving",
+        decimals=0,
+        cluster="strongest",
+        is_integer=True,
+    ),
 )
 """Columns of detections in the order of their datasets. `x_std` is the standard error of `x`."""
 
@@ -132,6 +144,19 @@ UNITS: Mapping[str, str] = {column.name: column.unit for column in TABLE}
 """SI unit of each column."""
 SHOWN_COLUMNS = tuple(column for column in TABLE if column.heading)
 """Columns of tables for people, each with its standard error where there is one."""
+
+
+def shown_columns(detections: xr.Dataset) -> tuple[DetectionColumn, ...]:
+    """Return the columns that a table of these detections shows to people.
+
+    Angles and motion are left out where no detection has a value.
+    """
+    return tuple(
+        column
+        for column in SHOWN_COLUMNS
+        if column.name in detections
+        and not (column.is_hidden_if_unknown and np.isnan(detections[column.name].values).all())
+    )
 
 
 def standard_error_column(column: DetectionColumn) -> DetectionColumn | None:

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.accessor import first_rows_display_table
+from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.display import Displayable, Table, format_count_with_noun
 from dechirp.core.errors import InvalidSetting
@@ -26,6 +27,7 @@ from dechirp.processing import near_field
 from dechirp.processing.cfar.base import Cfar
 from dechirp.processing.chain import Chain
 from dechirp.processing.chain_findings import chain_findings
+from dechirp.processing.chain_fitting import fit_chain_to_frames
 from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.frame import FrameResult
 from dechirp.processing.mitigation.apply import RemovedEcho, mitigation_findings
@@ -158,6 +160,8 @@ def run(
         source, radar = treatment.recording, treatment.recording.radar
         scenario = replace(scenario, chain=treatment.chain)
         findings += treatment.findings
+    scenario, fit_findings = fit_scenario_to_recording(scenario, source, radar)
+    findings += fit_findings
     numbers = _frame_numbers_of_source(source)
     processor, frames = FrameProcessor(radar, scenario.chain), FrameTotals()
     cubes = _iter_frame_cubes(source) if measured is None else measured
@@ -184,6 +188,30 @@ def run(
             "process": detection_time_s - source_time_s + result.timing_s["process"],
         },
     )
+
+
+def fit_scenario_to_recording(
+    scenario: Scenario, source: xr.DataArray | Recording, radar: Radar
+) -> tuple[Scenario, tuple[Finding, ...]]:
+    """Return the scenario with the chain that fits its recording, and notes on what was chosen.
+
+    `source` is the recording, or some of its samples. Frames are looked at from its start and from
+    its middle, as the first may be damaged. Scenarios with a scene stay unchanged.
+    """
+    if scenario.recording is None or not scenario.recording.fit_chain:
+        return scenario, ()
+    if isinstance(source, Recording):
+        numbers = source.frame_numbers
+        selected = sorted({numbers[0], numbers[len(numbers) // 2]})
+        cubes = [source.select_frames(number, number + 1).cube for number in selected]
+    else:
+        cubes = [source]
+    frames = (cube.transpose(*CUBE_AXES).values[0] for cube in cubes)
+    chain, choices = fit_chain_to_frames(scenario.chain, radar, frames)
+    # Readers join single chirps: the given radar may have fewer chirps than that of the recording.
+    given_radar = None if scenario.radar is None else radar
+    fitted = replace(scenario, radar=given_radar, chain=chain)
+    return fitted, tuple(choice.to_finding() for choice in choices)
 
 
 class FrameTotals:

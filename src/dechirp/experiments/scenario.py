@@ -58,6 +58,8 @@ class RecordingSource:
     """Replaces the calibration of the radar's array; in files also the name of its file."""
     frames: tuple[int, int] | None = None
     """First frame, and the one after the last; None: all."""
+    fit_chain: bool = True
+    """Whether settings of the chain that have their defaults are chosen to fit the samples."""
 
     def __post_init__(self) -> None:
         if self.frames is not None and not 0 <= self.frames[0] < self.frames[1]:
@@ -126,7 +128,9 @@ class Scenario:
                     fix=f"give {kind.__name__}(), or leave it out",
                 )
         if self.radar is not None:
-            check_chain_fits_radar(self.chain, self.radar)
+            # Readers join single chirps to frames, which are checked when the recording is opened.
+            if self.recording is None or self.radar.frame.n_chirps_total > 1:
+                check_chain_fits_radar(self.chain, self.radar)
             check_tracks_and_ego_motion_possible(
                 self, self.radar, None if self.scene is None else self.n_frames
             )

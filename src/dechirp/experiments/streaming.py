@@ -13,7 +13,13 @@ from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
-from dechirp.experiments.run import DetectionRun, FrameTotals, Result, build_result
+from dechirp.experiments.run import (
+    DetectionRun,
+    FrameTotals,
+    Result,
+    build_result,
+    fit_scenario_to_recording,
+)
 from dechirp.experiments.scenario import (
     RecordingSource,
     Scenario,
@@ -100,12 +106,15 @@ def process_stream(
     numbers = range(0)
     columns = {name: array("d") for name in UNITS}
     chain, frames = scenario.chain.fit_to_radar(radar), FrameTotals()
+    fit_findings: tuple[Finding, ...] = ()
     processing_s, start_s = 0.0, perf_counter()
     with stream:
         for cube in islice(stream, *(source.frames or (0, None))):
             arrival_s, number = perf_counter(), stream.number
             if first is None:
                 first, numbers = cube, range(number, number)
+                scenario, fit_findings = fit_scenario_to_recording(scenario, cube, radar)
+                chain = scenario.chain.fit_to_radar(radar)
             (frame,) = process_cubes([cube], radar, chain, first_frame_number=number)
             frames.add_frame_result(frame)
             numbers = range(numbers.start, number + 1)
@@ -145,6 +154,7 @@ def process_stream(
             *stream.findings,
             _only_first_frame_kept_finding(),
             *_ambiguity_resolved_per_frame_findings(radar.frame.n_intervals),
+            *fit_findings,
             *result.findings,
         ),
         timing_s={"wait": waiting_s, "process": processing_s + result.timing_s["process"]},

@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import get_args
 
-from dechirp.core.checks import check_instances, check_integer_fields
+from dechirp.core.checks import check_instances, check_integer_fields, check_positive_fields
 from dechirp.core.display import Displayable, format_setting_value
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
@@ -16,6 +16,7 @@ from dechirp.processing.cfar.cell_averaging import CellAveraging
 from dechirp.processing.cluster import Dbscan
 from dechirp.processing.direction_finding import can_resolve_directions
 from dechirp.processing.mitigation.base import Mitigation
+from dechirp.processing.moving_targets import MovingTargetMap
 from dechirp.processing.range_walk import RangeWalk
 from dechirp.processing.spectrum import Transform, rows_with_circular_noise
 from dechirp.radar.chirp import Chirp
@@ -42,6 +43,11 @@ class Chain(Displayable):
     range cell; None for no correction. Segmented leaves lobes 75 dB below a target, keystone
     none."""
     cfar: Cfar = Cfar(estimator=CellAveraging(), false_alarm_probability=1e-6)
+    moving_targets: MovingTargetMap | None = None
+    """Additional map without static echoes, in which moving targets are sought; None for no such
+    map."""
+    max_range_m: float | None = None
+    """Largest range of detections, which leaves out those below zero range too; None for all."""
     angle: DirectionEstimator | None = Fft()
     """Direction estimator; None for no directions. The default is dropped if the array resolves
     no direction."""
@@ -76,6 +82,15 @@ class Chain(Displayable):
                     ),
                     fix="choose one of them",
                 )
+        if self.max_range_m is not None:
+            check_positive_fields(self, "max_range_m")
+        if not isinstance(self.moving_targets, MovingTargetMap | None):
+            raise InvalidSetting(
+                "Chain.moving_targets",
+                value=self.moving_targets,
+                expected="a MovingTargetMap, or none",
+                fix="give MovingTargetMap(), or leave it out",
+            )
         if not isinstance(self.angle, DirectionEstimator | None):
             raise InvalidSetting(
                 "Chain.angle",
@@ -112,13 +127,28 @@ class Chain(Displayable):
         estimator instead of the default one where the array resolves no direction.
         """
         n_rows = n_searched_range_rows(radar.frame.chirp, self.range_transform(radar.frame.chirp))
-        cfar = self.cfar.fit_to_map(self.doppler_transform(radar.frame).n_bins, n_rows)
+        n_velocity_bins = self.doppler_transform(radar.frame).n_bins
+        cfar = self.cfar.fit_to_map(n_velocity_bins, n_rows)
+        moving = self.moving_targets
+        if moving is not None:
+            moving = moving.fit_to_map(n_velocity_bins, n_rows)
         no_angle = (
             self.angle is not None and self.angle == Fft() and not can_resolve_directions(radar)
         )
-        if cfar is self.cfar and not no_angle:
+        if cfar is self.cfar and moving is self.moving_targets and not no_angle:
             return self
-        return replace(self, angle=None if no_angle else self.angle, cfar=cfar)
+        angle = None if no_angle else self.angle
+        return replace(self, angle=angle, cfar=cfar, moving_targets=moving)
+
+    def moving_target_chain(self) -> "Chain":
+        """Return the chain that computes the map of moving targets."""
+        assert self.moving_targets is not None
+        return replace(
+            self,
+            mitigation=(*self.mitigation, self.moving_targets.filter),
+            cfar=self.moving_targets.cfar,
+            moving_targets=None,
+        )
 
     def map_noise_statistics(self, radar: Radar) -> MapNoise:
         """Return the statistics of white noise in the map of a radar."""
@@ -139,6 +169,7 @@ class Chain(Displayable):
             if self.angle is None
             else f"directions by {format_setting_value(self.angle)}"
         )
+        parts += ["moving targets apart"] if self.moving_targets is not None else []
         parts += ["clusters"] if self.cluster is not None else []
         return ", ".join(parts)
 

@@ -76,6 +76,9 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
             between transmitters or ramps, from the beats of a triangle, or from frames with other
             intervals. The number is NaN where its probability is below 0.99. Both are NaN for one
             transmitter whose ramps and intervals are alike.
+        moving
+            1 for targets found in the map without static echoes (`Chain.moving_targets`), 0 for
+            those found only in the map with all echoes; NaN without such a map.
 
     Raises
     ------
@@ -121,6 +124,13 @@ class FrameProcessor:
     def __init__(self, radar: Radar, chain: Chain) -> None:
         self._radar, self._chain = radar, chain.fit_to_radar(radar)
         self._is_joint = radar.frame.n_intervals > 1 and radar.frame.n_chirps > 1
+        if self._is_joint and chain.moving_targets is not None:
+            raise InvalidSetting(
+                "Chain.moving_targets",
+                value="given for frames of several intervals",
+                expected="frames of one interval: the peaks of one map resolve the ambiguity",
+                fix="leave it out, or give the filter as mitigation",
+            )
         self._peaks: list[FramePeaks] = []
         self._columns: list[dict[str, np.ndarray]] = []
 
@@ -155,7 +165,9 @@ class FrameProcessor:
                 frames = resolve_across_frames(self._peaks, self._radar.frame)
             columns = [
                 frame_detection_columns(
-                    frame, find_directions(frame.resolved, frame.radar, self._chain)
+                    frame,
+                    find_directions(frame.resolved, frame.radar, self._chain),
+                    self._chain.max_range_m,
                 )
                 for frame in frames
             ]

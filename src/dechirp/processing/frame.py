@@ -27,6 +27,7 @@ from dechirp.processing.estimates import (
 )
 from dechirp.processing.mitigation.apply import RemovedEcho, apply_mitigation
 from dechirp.processing.mitigation.noise_loss import MIN_NOISE_GAIN
+from dechirp.processing.moving_targets import join_moving_detections
 from dechirp.processing.peak_interpolation import interpolate_peak_frequencies
 from dechirp.processing.range_doppler_map import (
     detect_peaks_and_count_dropped,
@@ -117,6 +118,10 @@ def process_frame(
     NotEnoughMemory
         If the map would not fit.
     """
+    if chain.moving_targets is not None:
+        return _process_frame_with_and_without_static_echoes(
+            samples, radar, chain, number, start_s, with_directions
+        )
     start_s = radar.frame.frame_start_s(number) if start_s is None else start_s
     radar = radar.for_frame(number)
     clean, removed = _mitigate_and_list_removed_echoes(
@@ -125,7 +130,7 @@ def process_frame(
     exponent = binary_scaling_exponent(clean)
     channels = split_chirps_into_slots(divide_by_power_of_two(clean, exponent), radar.frame)
     maps = []
-    for map_channels, map_radar in _split_by_ramp_direction(channels, radar):
+    for map_channels, map_radar in split_by_ramp_direction(channels, radar):
         power = range_doppler_power(map_channels, map_radar, chain)
         equalised = fill_unusable_cells_with_noise(power, map_radar, chain)
         _check_power_finite(equalised)
@@ -142,7 +147,7 @@ def process_frame(
     return FrameResult(
         number=number,
         time_s=peaks.time_s,
-        detections=frame_detection_columns(peaks, sources),
+        detections=frame_detection_columns(peaks, sources, chain.max_range_m),
         peaks=peaks,
         power=tuple(divide_by_power_of_two(map_peaks.power, -2 * exponent) for map_peaks in maps),
         equalised_power=tuple(
@@ -158,14 +163,51 @@ def process_frame(
     )
 
 
-def frame_detection_columns(frame_peaks: FramePeaks, sources: Sources) -> dict[str, np.ndarray]:
-    """Return the columns of the detections of one frame, a row for each source of its peaks."""
+def frame_detection_columns(
+    frame_peaks: FramePeaks, sources: Sources, max_range_m: float | None
+) -> dict[str, np.ndarray]:
+    """Return the columns of the detections of one frame, a row for each source of its peaks.
+
+    With a largest range, without the rows beyond it or below zero range.
+    """
     n_rows = len(sources.detection)
-    return {
+    columns = {
         "frame": np.full(n_rows, frame_peaks.number),
         "time": np.full(n_rows, frame_peaks.time_s),
         **build_detection_columns(frame_peaks.resolved, sources, frame_peaks.radar),
     }
+    if max_range_m is None:
+        return columns
+    is_inside = (columns["range"] >= 0) & (columns["range"] <= max_range_m)
+    return {name: column[is_inside] for name, column in columns.items()}
+
+
+def _process_frame_with_and_without_static_echoes(
+    samples: np.ndarray,
+    radar: Radar,
+    chain: Chain,
+    number: int,
+    start_s: float | None,
+    with_directions: bool,
+) -> FrameResult:
+    """Process a frame twice, and join the detections; maps and peaks are those of all echoes."""
+    with_static, without_static = (
+        process_frame(
+            samples,
+            radar,
+            map_chain,
+            number=number,
+            start_s=start_s,
+            with_directions=with_directions,
+        )
+        for map_chain in (replace(chain, moving_targets=None), chain.moving_target_chain())
+    )
+    return with_static._replace(
+        detections=join_moving_detections(
+            with_static.detections, without_static.detections, radar.for_frame(number)
+        ),
+        n_dropped_peaks=with_static.n_dropped_peaks + without_static.n_dropped_peaks,
+    )
 
 
 def find_directions(resolved: ResolvedPeaks, radar: Radar, chain: Chain) -> Sources:
@@ -208,6 +250,7 @@ def build_detection_columns(
         "elevation_std": sources.elevation_std_rad,
         "ambiguity_number": hypotheses.certain_ambiguity_numbers_or_nan[peak],
         "ambiguity_confidence": hypotheses.confidence[peak],
+        "moving": np.full(len(peak), np.nan),
     }
     if radar.calibration is not None:
         columns["range"] -= radar.calibration.range_offset_m
@@ -266,7 +309,7 @@ def _mitigate_and_list_removed_echoes(
     return clean.samples, clean.removed
 
 
-def _split_by_ramp_direction(
+def split_by_ramp_direction(
     channels: np.ndarray, radar: Radar
 ) -> Iterator[tuple[np.ndarray, Radar]]:
     """Yield the channels of each map: of all ramps, or of rising and of falling ones."""

@@ -7,7 +7,12 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from dechirp.core.detection_columns import SHOWN_COLUMNS, DetectionColumn, standard_error_column
+from dechirp.core.detection_columns import (
+    SHOWN_COLUMNS,
+    DetectionColumn,
+    shown_columns,
+    standard_error_column,
+)
 from dechirp.core.text import (
     EN_DASH,
     decimals_for_column,
@@ -85,10 +90,11 @@ def detection_table_rows(context: PageContext, max_rows: int) -> list[dict[str, 
     """Return the rows of the detection table, strongest first, at most `max_rows`."""
     truth, matched = context.result.truth, context.matched
     shown = context.strongest.isel(detection=slice(max_rows))
-    estimates = {column.name: _format_estimates(shown, column) for column in SHOWN_COLUMNS}
+    columns = [column for column in SHOWN_COLUMNS if column.name in shown]
+    estimates = {column.name: _format_estimates(shown, column) for column in columns}
     decimals = {
         column.name: decimals_for_column(errors.to_shown_unit(shown[errors.name].values), digits=2)
-        for column in SHOWN_COLUMNS
+        for column in columns
         if (errors := standard_error_column(column)) is not None
     }
     rows = []
@@ -123,11 +129,10 @@ def detection_table_rows(context: PageContext, max_rows: int) -> list[dict[str, 
 
 
 def table_columns_of_estimates(context: PageContext) -> list[tuple[str, str, str]]:
-    """Return heading, key and class of the columns of estimates; angles only if estimated."""
+    """Return heading, key and class of the columns of estimates; angles and motion if known."""
     return [
         (axis_label(column.heading, column.shown_unit_symbol), column.name, "num")
-        for column in SHOWN_COLUMNS
-        if column.shown_unit != "deg" or np.isfinite(context.strongest[column.name].values).any()
+        for column in shown_columns(context.strongest)
     ]
 
 

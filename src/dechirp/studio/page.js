@@ -187,7 +187,7 @@ async function followAddress(browser) {
     const address = text === atStart ? location.pathname : `#${await pack(text)}`;
     if (text === area.tags[0]) history.replaceState(null, "", address);
   });
-  if (shown) browser.shared_settings = await unpack(shown);
+  if (shown) browser.shared_settings = await unpack(shown).catch(() => shown);
 }
 
 const through = (bytes, stream) => new Response(new Blob([bytes]).stream().pipeThrough(stream));
@@ -198,15 +198,10 @@ async function pack(text) {
   return btoa(letters).replaceAll("+", "-").replaceAll("/", "_").replace(/=+$/, "");
 }
 
-// Text that is not packed is returned as it is; the server reports what is wrong with it.
 async function unpack(packed) {
-  try {
-    const letters = atob(packed.replaceAll("-", "+").replaceAll("_", "/"));
-    const bytes = Uint8Array.from(letters, (letter) => letter.charCodeAt(0));
-    return await through(bytes, new DecompressionStream("deflate-raw")).text();
-  } catch {
-    return packed;
-  }
+  const letters = atob(packed.replaceAll("-", "+").replaceAll("_", "/"));
+  const bytes = Uint8Array.from(letters, (letter) => letter.charCodeAt(0));
+  return through(bytes, new DecompressionStream("deflate-raw")).text();
 }
 
 document.getElementById("share")?.addEventListener("click", (event) => {

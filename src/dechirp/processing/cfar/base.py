@@ -301,7 +301,7 @@ class Cfar:
 
         Windows other than the defaults stay unchanged, whether they fit or not.
         """
-        if (self.n_training, self.n_guard) != (_DEFAULT_TRAINING, _DEFAULT_GUARD):
+        if not self.has_default_window:
             return self
         available = {"range": (n_range - 1) // 2, "velocity": (n_velocity - 1) // 2}
         if (
@@ -317,6 +317,11 @@ class Cfar:
             guard[axis] = min(getattr(self.n_guard, axis), half_width // 2)
             training[axis] = half_width - guard[axis]
         return replace(self, n_training=Cells(**training), n_guard=Cells(**guard))
+
+    @property
+    def has_default_window(self) -> bool:
+        """Whether the training and guard cells are the default ones."""
+        return (self.n_training, self.n_guard) == (_DEFAULT_TRAINING, _DEFAULT_GUARD)
 
     @property
     def training_window(self) -> TrainingWindow:

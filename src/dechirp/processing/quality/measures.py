@@ -27,6 +27,10 @@ from dechirp.radar.radar import Radar
 _MAX_SPECTRUM_FRAMES = 512  # frames in which spectra are measured
 _FALSE_ALARM_PROBABILITY = 1e-9  # false-alarm probability of a range-Doppler map of noise
 
+# Interval of chirps beyond which bursts are not measured: in 5 ms a person walks by a wavelength of
+# 60 GHz, and a car by half a range cell of 0.2 m.
+_MAX_REPETITION_S = 5e-3
+
 
 class QualityMeasurer:
     """Measurer of the frames of one radar: measures each, and joins the measures.
@@ -99,8 +103,14 @@ class QualityMeasurer:
         scale = 1.0 if is_silent else statistics.largest_part_magnitude
         is_alive = ~statistics.constant_receiver_mask & (not is_silent)
         kept_samples = samples[~is_lost] if is_lost.any() else samples
+        # Chirps far apart see different scenes, so that no background is common to them.
+        is_slow = self._radar.frame.repetition_s > _MAX_REPETITION_S
         bursts = measure_bursts(
-            samples, is_lost, n_slots=n_slots, largest_value=scale, adc_step=statistics.step
+            samples,
+            np.ones_like(is_lost) if is_slow else is_lost,
+            n_slots=n_slots,
+            largest_value=scale,
+            adc_step=statistics.step,
         )
         outlier_excess = measure_outlier_chirp_excess(
             samples, is_lost, n_slots=n_slots, largest_value=scale, adc_step=statistics.step

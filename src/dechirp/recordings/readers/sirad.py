@@ -26,6 +26,7 @@ from dechirp.recordings.readers.base import Contents, Format, MatchQuality, Reco
 from dechirp.recordings.samples.continuous import (
     check_single_receiver_and_sampling,
     divide_chirps_into_frames,
+    join_single_chirps,
 )
 from dechirp.recordings.samples.iq_order import negative_beat_frequency_findings
 from dechirp.recordings.settings.base import Iq, RecordingSettings, convert_setting_errors
@@ -52,7 +53,8 @@ _ROWS_PER_OFFSET, _NUMBERS_PER_OFFSET = 16, 2**17
 class Sirad(Format):
     """Silicon Radar SiRad: JSON with its settings.
 
-    One file; each row is a chirp, and all rows are one frame unless the radar is given.
+    One file; each row is a chirp, joined to frames (see `join_single_chirps`) unless the radar is
+    given.
     """
 
     options: ClassVar[tuple[str, ...]] = ("iq",)
@@ -82,7 +84,7 @@ class Sirad(Format):
                 fix="record one ramp a frame",
             )
         rows = _index_rows_with_statistics(path, start, 2 * n_samples)
-        settings = hints.settings or _settings_from_header(path, header, n_samples, rows.n_rows)
+        settings = hints.settings or _settings_from_header(path, header, n_samples)
         check_single_receiver_and_sampling(path, settings.radar, "complex")
         if settings.radar.frame.chirp.n_samples != n_samples:
             raise RecordingError(
@@ -91,11 +93,10 @@ class Sirad(Format):
                 expected=f"{settings.radar.frame.chirp.n_samples}, the radar.frame.chirp.n_samples",
                 fix="correct it, or leave out the radar: the file has its own settings",
             )
-        radar, n_frames, frame_findings = divide_chirps_into_frames(
-            path, settings.radar, rows.n_rows
-        )
+        joined_radar, joined_findings = join_single_chirps(settings.radar, rows.n_rows)
+        radar, n_frames, frame_findings = divide_chirps_into_frames(path, joined_radar, rows.n_rows)
         full_scale, scale_note = _guess_adc_full_scale_with_note(rows.lowest, rows.highest)
-        findings = (*settings.findings, *frame_findings, scale_note)
+        findings = (*settings.findings, *joined_findings, *frame_findings, scale_note)
         sampled_chirps = rows.sampled_rows[:, 0::2] + 1j * rows.sampled_rows[:, 1::2]
         iq = hints.iq or _IQ
         ordered_chirps = 1j * sampled_chirps.conj() if iq == "qi" else sampled_chirps
@@ -153,9 +154,7 @@ def _guess_adc_full_scale_with_note(lowest_code: int, highest_code: int) -> tupl
     )
 
 
-def _settings_from_header(
-    path: Path, header: dict[str, Any], n_samples: int, n_chirps: int
-) -> RecordingSettings:
+def _settings_from_header(path: Path, header: dict[str, Any], n_samples: int) -> RecordingSettings:
     """Build the settings from the header of the file."""
     bandwidth_mhz = _positive_header_number(path, header, "Bandwidth")
     sample_rate_mhz = _positive_header_number(path, header, "SamplingFrequency")
@@ -174,7 +173,7 @@ def _settings_from_header(
             n_samples=n_samples,
             sampling="complex",
         )
-        radar = Radar(frame=Frame(chirp=chirp, n_chirps=n_chirps, interval_s=interval_s))
+        radar = Radar(frame=Frame(chirp=chirp, n_chirps=1, interval_s=interval_s))
     start_frequency_note = Finding(
         level="note",
         setting="radar.frame.chirp.start_frequency",
@@ -182,17 +181,7 @@ def _settings_from_header(
         expected="the start frequency of the device; 1.2 GHz change velocities by 1 %",
         fix="give the radar if the device is another one",
     )
-    one_frame_note = Finding(
-        level="note",
-        setting="radar.frame.n_chirps",
-        value=f"{n_chirps} frames of one chirp, read as one frame of {n_chirps} chirps,"
-        f" {interval_s * 1e3:g} ms apart",
-        expected="several chirps in a frame, to measure velocity",
-        fix="give the radar with another number of chirps for other frames",
-    )
-    return RecordingSettings(
-        radar=radar, has_merged_frames=True, findings=(start_frequency_note, one_frame_note)
-    )
+    return RecordingSettings(radar=radar, findings=(start_frequency_note,))
 
 
 def _read_json_header_and_data_start(path: Path) -> tuple[dict[str, Any], int]:

@@ -26,6 +26,7 @@ from dechirp.recordings.samples.continuous import (
     check_single_receiver_and_sampling,
     chirp_interval_findings,
     divide_chirps_into_frames,
+    join_single_chirps,
 )
 from dechirp.recordings.settings_lookup import find_recording_settings
 from dechirp.recordings.streams.riff import Wav, is_wav_header, parse_wav_header
@@ -41,7 +42,8 @@ _BEAT, _SYNC = 0, 1
 class SyncWav(Format):
     """Stereo WAV radars: beat signal, and sync of the ramps.
 
-    One file; chirps follow one another, and the radar's settings divide them into frames.
+    One file; chirps follow one another, and the radar's settings divide them into frames. Single
+    chirps are joined, see `join_single_chirps`.
     """
 
     options: ClassVar[tuple[str, ...]] = ("encoding",)
@@ -86,12 +88,21 @@ class SyncWav(Format):
         recording = _put_sync_last(recording)
         delay = round(chirp.adc_start_s * rate_hz)
         ramps = _find_ramps_by_sync(recording, sign, delay + chirp.n_samples)
+        joined_radar, joined_findings = join_single_chirps(
+            settings.radar, len(ramps.starts), ramps.interval_s
+        )
         radar, n_frames, frame_findings = divide_chirps_into_frames(
-            path, settings.radar, len(ramps.starts)
+            path, joined_radar, len(ramps.starts)
         )
         n_chirps = radar.frame.n_chirps_total
         chirp_starts = ramps.starts[: n_frames * n_chirps].reshape(n_frames, n_chirps)
-        findings = settings.findings + recording.findings + frame_findings + ramps.findings
+        findings = (
+            settings.findings
+            + recording.findings
+            + joined_findings
+            + frame_findings
+            + ramps.findings
+        )
         if hints.encoding is None:
             findings += (_assumed_sync_polarity_note(),)
         if ramps.interval_s is not None:

@@ -32,6 +32,7 @@ from dechirp.recordings.samples.continuous import (
     check_single_receiver_and_sampling,
     chirp_interval_findings,
     divide_chirps_into_frames,
+    join_single_chirps,
 )
 from dechirp.recordings.samples.iq_files import iq_file_names, other_iq_file
 from dechirp.recordings.samples.iq_order import negative_beat_frequency_findings
@@ -62,7 +63,8 @@ _TIME = re.compile(rb"(?:^|[\s,;])((?:\d{5,}(?:[.,]\d*)?|\d*\.\d*)(?:[eE][+-]?\d
 class Urad(Format):
     """uRAD text: a sweep a line.
 
-    Each line is a chirp; of a triangle, its up-ramp or (`encoding` down) its down-ramp.
+    Each line is a chirp; of a triangle, its up-ramp or (`encoding` down) its down-ramp. Single
+    chirps are joined to frames, see `join_single_chirps`.
     """
 
     options: ClassVar[tuple[str, ...]] = ("encoding", "iq")
@@ -93,10 +95,13 @@ class Urad(Format):
         files = _find_files_of_recording(path, lines)
         n_lines = min(len(file.starts) for file in files)
         settings = _given_or_assumed_settings(path, hints, files)
-        check_single_receiver_and_sampling(settings.path or path, settings.radar, "complex")
+        check_single_receiver_and_sampling(path, settings.radar, "complex")
         n_samples = settings.radar.frame.chirp.n_samples
         columns = _columns_of_ramp(path, files, n_samples, ramp)
-        radar, n_frames, frame_findings = divide_chirps_into_frames(path, settings.radar, n_lines)
+        joined_radar, joined_findings = join_single_chirps(
+            settings.radar, n_lines, lines.interval_s
+        )
+        radar, n_frames, frame_findings = divide_chirps_into_frames(path, joined_radar, n_lines)
         iq = hints.iq or "iq"
         n_chirps = radar.frame.n_chirps_total
 
@@ -109,6 +114,7 @@ class Urad(Format):
         findings = (
             settings.findings
             + tuple(finding for file in files for finding in file.findings)
+            + joined_findings
             + frame_findings
             + negative_beat_frequency_findings(sampled_chirps, iq)
         )

@@ -3,6 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.radar.chirp import Sampling
@@ -20,6 +22,39 @@ def check_single_receiver_and_sampling(path: Path, radar: Radar, sampling: Sampl
             expected=f"{sampling} samples of one receiver, as in all files of this format",
             fix="correct radar.array.rx or radar.frame.chirp.sampling",
         )
+
+
+# Duration of joined frames: 0.2 m of a walking person, 5 m of a car.
+_JOINED_FRAME_S = 0.3
+# The fewest chirps with training cells along velocity, and the most.
+_MIN_JOINED_CHIRPS, _MAX_JOINED_CHIRPS = 8, 256
+
+
+def join_single_chirps(
+    radar: Radar, n_chirps: int, interval_s: float | None = None
+) -> tuple[Radar, tuple[Finding, ...]]:
+    """Return the radar with frames of several chirps in place of single ones, and a note.
+
+    A single chirp has no velocity, and no mean of which static echoes are subtracted. Joined are
+    about 0.3 s of chirps, a power of two from 8 to 256, `interval_s` apart as measured (by the
+    settings if None). Radars with more chirps a frame, and recordings of fewer than 8 chirps, stay
+    unchanged.
+    """
+    frame = radar.frame
+    if frame.n_chirps_total > 1 or n_chirps < _MIN_JOINED_CHIRPS:
+        return radar, ()
+    interval_s = interval_s or _mean_frame_duration_s(frame)
+    n_wanted = np.clip(_JOINED_FRAME_S / interval_s, _MIN_JOINED_CHIRPS, _MAX_JOINED_CHIRPS)
+    n_joined = 2 ** int(np.log2(min(n_wanted, n_chirps)) + 0.01)
+    note = Finding(
+        level="note",
+        setting="radar.frame.n_chirps",
+        value=f"chosen --set radar.frame.n_chirps={n_joined} because frames of one chirp have no"
+        f" velocity: {n_chirps} chirps, {interval_s * 1e3:.4g} ms apart, joined",
+        expected="several chirps in a frame, to measure velocity and to remove static echoes",
+        fix="give another number of 2 chirps or more for longer or shorter frames",
+    )
+    return replace(radar, frame=replace(frame, n_chirps=n_joined, period_s=None)), (note,)
 
 
 def divide_chirps_into_frames(

@@ -88,8 +88,7 @@ class KnobWidget:
 
     def show_knob(self, knob: Knob) -> None:
         """Show the current setting and clear messages; keep a refused text, to be tried again."""
-        has_refused_text = self.is_wrong and self.current_text != knob.text
-        if knob == self._entry and (self.shows_current_setting or has_refused_text):
+        if knob == self._entry and (self.shows_current_setting or self.is_wrong):
             return
         self._entry = knob
         self._is_pending, self._has_value = False, True

@@ -23,7 +23,7 @@ from dechirp.studio.views.table_tile import MAX_ROWS, Heading, TableTile, row_at
 
 def _column_headings() -> Iterator[tuple[str, Heading]]:
     for column in SHOWN_COLUMNS:
-        title, form = column.heading_with_unit, f"0.{'0' * column.decimals}"
+        title, form = column.heading_with_unit, f"0.{'0' * column.decimals}".rstrip(".")
         yield column.name, Heading(title, form, 75 if len(title) > 12 else 60)
         std = standard_error_column(column)
         if std is not None:
@@ -31,7 +31,9 @@ def _column_headings() -> Iterator[tuple[str, Heading]]:
 
 
 _HEADINGS = {**dict(_column_headings()), "target": Heading("target", width=90)}
-_ANGLES = tuple(name for name in _HEADINGS if name in BY_NAME and BY_NAME[name].shown_unit == "deg")
+_HIDDEN_IF_UNKNOWN = tuple(
+    name for name in _HEADINGS if name in BY_NAME and BY_NAME[name].is_hidden_if_unknown
+)
 _ERRORS = {
     std.name: std.decimals
     for std in map(standard_error_column, SHOWN_COLUMNS)
@@ -62,7 +64,7 @@ class DetectionsView(View):
         visible = {
             key: bool(np.isfinite(column).any())
             for key, column in columns.items()
-            if key in _ANGLES
+            if key in _HIDDEN_IF_UNKNOWN
         }
         for name in _ERRORS.keys() & columns.keys():
             texts = [format_std(error, _ERRORS[name]) for error in columns[name].tolist()]

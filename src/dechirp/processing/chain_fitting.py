@@ -1,0 +1,239 @@
+"""Settings of the chain that fit a recording, chosen from some of its frames.
+
+Only settings with their default values are chosen. Rules:
+
+* Training cells along velocity alone, where they show static echoes that the default window hides.
+  A static echo occupies one velocity, so the cells of its range at other velocities contain noise,
+  whereas the default window contains the echoes beside it: a row of n cells of power P in a window
+  of N cells raises the threshold to alpha n P / N. The factor alpha stays exact for fewer cells.
+* A map of moving targets without static echoes, where there are static echoes and chirps enough.
+* No detections beyond the range axis. Beat frequencies slightly below zero, of leakage between the
+  antennas, alias to its far end. A static echo within a main lobe of the end is taken for leakage,
+  and within the last 1/32 of the axis an echo that mirrors one as near to zero range: true echoes
+  of equal strength would differ by 120 dB in cross section.
+  Real samples stored as complex ones have a spectrum symmetric about zero: half of it is images.
+"""
+
+import shlex
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from dechirp.core.findings import Finding
+from dechirp.core.units import to_decibels
+from dechirp.core.values import frozen_dataclass
+from dechirp.processing.cfar.base import Cells, Cfar
+from dechirp.processing.chain import Chain
+from dechirp.processing.frame import split_by_ramp_direction
+from dechirp.processing.mitigation.apply import apply_mitigation
+from dechirp.processing.moving_targets import MovingTargetMap
+from dechirp.processing.range_doppler_map import (
+    detect_peaks_and_count_dropped,
+    fill_unusable_cells_with_noise,
+    range_doppler_power,
+)
+from dechirp.processing.virtual_array import split_chirps_into_slots
+from dechirp.radar.radar import Radar
+
+# Fewest chirps of a frame for the map of moving targets: the filter takes the three cells about
+# zero, and the window correlates the others with them.
+_MIN_CHIRPS_OF_MOVING_MAP = 8
+# Share of the range axis, at least a main lobe, in which echoes of leakage and their images lie.
+_LEAKAGE_SHARE = 1 / 32
+# Largest difference between a spectrum and its mirror image, relative to its power, of real
+# samples; independent noise in both halves differs by about its own power.
+_MAX_ASYMMETRY = 0.01
+
+
+@frozen_dataclass
+class ChosenSetting:
+    """Setting chosen for a recording, written as an option, with the reason."""
+
+    setting: str
+    options: tuple[str, ...]
+    """PATH=VALUE, as after `--set`."""
+    reason: str
+
+    def to_finding(self) -> Finding:
+        """Return a note that states the choice in one line."""
+        options = " ".join(f"--set {shlex.quote(option)}" for option in self.options)
+        return Finding(
+            level="note",
+            setting=self.setting,
+            value=f"chosen {options} because {self.reason}",
+            expected="settings that fit the recording",
+            fix="give another value to replace it",
+        )
+
+
+class _StaticPeak(NamedTuple):
+    range_m: float
+    power_ratio: float
+    """Power over the median of the map."""
+
+
+def fit_chain_to_frames(
+    chain: Chain, radar: Radar, frames: Iterable[np.ndarray]
+) -> tuple[Chain, tuple[ChosenSetting, ...]]:
+    """Choose the settings of a chain that have their defaults by frames of a recording.
+
+    `frames` are arrays (chirp, rx, sample). Returns the chain, fitted to the radar, and the
+    choices, of which the settings that the user gave are never part.
+    """
+    default = chain.fit_to_radar(radar)
+    maps, map_radar = _range_doppler_maps(frames, radar, default)
+    if not maps:
+        return default, ()
+    fitted, choices = default, []
+    filters_slow_time = any(method.filters_slow_time for method in chain.mitigation)
+    along_velocity = _cfar_along_velocity(default, radar)
+    if along_velocity is not None and chain.cfar.has_default_window and not filters_slow_time:
+        candidate = replace(default, cfar=along_velocity)
+        hidden = _static_peaks_hidden_by(default, candidate, maps, map_radar)
+        if hidden:
+            fitted = candidate
+            choices.append(_choice_of_cells_along_velocity(along_velocity, hidden))
+    static = [peak for power in maps for peak in _static_peaks(power, map_radar, fitted)]
+    if (
+        static
+        and chain.moving_targets is None
+        and not filters_slow_time
+        and radar.frame.n_chirps >= _MIN_CHIRPS_OF_MOVING_MAP
+        and radar.frame.n_intervals == 1
+    ):
+        moving = MovingTargetMap(cfar=chain.cfar)
+        fitted = replace(fitted, moving_targets=moving).fit_to_radar(radar)
+        choices.append(_choice_of_moving_target_map(static))
+    if chain.max_range_m is None:
+        limit_m, reason = _range_limit_and_reason(maps, static, map_radar, fitted)
+        fitted = replace(fitted, max_range_m=limit_m)
+        if reason:
+            options = (f"chain.max_range={limit_m:.4g} m",)
+            choices.append(ChosenSetting(setting="chain.max_range", options=options, reason=reason))
+    return fitted, tuple(choices)
+
+
+def _range_doppler_maps(
+    frames: Iterable[np.ndarray], radar: Radar, chain: Chain
+) -> tuple[list[np.ndarray], Radar]:
+    """Return the map of each frame that is not empty, of rising ramps alone, and their radar."""
+    maps, map_radar = [], radar
+    for samples in frames:
+        clean = apply_mitigation(samples, radar.frame, chain.mitigation).samples
+        channels = split_chirps_into_slots(clean, radar.frame)
+        map_channels, map_radar = next(split_by_ramp_direction(channels, radar))
+        power = range_doppler_power(map_channels, map_radar, chain)
+        if np.isfinite(power).all() and power.any():
+            maps.append(fill_unusable_cells_with_noise(power, map_radar, chain))
+    return maps, map_radar
+
+
+def _cfar_along_velocity(default: Chain, radar: Radar) -> Cfar | None:
+    """Return the detector with training cells along velocity; None for too few velocities.
+
+    The guard of the default window, or half of the cells of a small map; as many training cells.
+    """
+    transform = default.doppler_transform(radar.frame)
+    default_cfar = Chain.cfar
+    half = (transform.n_bins - 1) // 2
+    half = min(half, default_cfar.n_training.velocity + default_cfar.n_guard.velocity)
+    guard = min(default_cfar.n_guard.velocity, half // 2)
+    if guard < transform.main_lobe_half_width_bins - 1:
+        return None  # the main lobe of an echo would raise its own threshold
+    return replace(
+        default.cfar,
+        n_training=Cells(range=0, velocity=half - guard),
+        n_guard=Cells(range=0, velocity=guard),
+    )
+
+
+def _static_peaks(power: np.ndarray, radar: Radar, chain: Chain) -> list[_StaticPeak]:
+    """Detect the peaks of a map at zero velocity."""
+    cells, _ = detect_peaks_and_count_dropped(power, radar, chain)
+    cells = cells[cells[:, 0] == len(power) // 2]
+    range_m = radar.frame.chirp.range_bins_m(chain.range_transform(radar.frame.chirp).n_bins)
+    level = float(np.median(power)) or 1.0
+    return [
+        _StaticPeak(float(range_m[row]), float(power[velocity, row]) / level)
+        for velocity, row in cells
+    ]
+
+
+def _static_peaks_hidden_by(
+    default: Chain, candidate: Chain, maps: Sequence[np.ndarray], radar: Radar
+) -> list[_StaticPeak]:
+    """Return the static peaks that the candidate detects in the maps and the default does not."""
+    hidden: list[_StaticPeak] = []
+    for power in maps:
+        detected = {peak.range_m for peak in _static_peaks(power, radar, default)}
+        hidden += [
+            peak for peak in _static_peaks(power, radar, candidate) if peak.range_m not in detected
+        ]
+    return hidden
+
+
+def _choice_of_cells_along_velocity(cfar: Cfar, hidden: Sequence[_StaticPeak]) -> ChosenSetting:
+    """Return the choice of training cells along velocity alone."""
+    strongest = max(hidden, key=lambda peak: peak.power_ratio)
+    return ChosenSetting(
+        setting="chain.cfar",
+        options=tuple(
+            f"chain.cfar.{name}.{axis}={getattr(getattr(cfar, name), axis)}"
+            for name in ("n_training", "n_guard")
+            for axis in ("range", "velocity")
+        ),
+        reason=f"static echoes hide another at {strongest.range_m:.4g} m,"
+        f" {to_decibels(strongest.power_ratio):.0f} dB over the noise, from the default cells",
+    )
+
+
+def _choice_of_moving_target_map(static: Sequence[_StaticPeak]) -> ChosenSetting:
+    """Return the choice of a map without static echoes."""
+    strongest = max(static, key=lambda peak: peak.power_ratio)
+    return ChosenSetting(
+        setting="chain.moving_targets",
+        options=("chain.moving_targets.filter.kind=mean-subtraction",),
+        reason=f"static echoes, up to {to_decibels(strongest.power_ratio):.0f} dB over the noise"
+        f" at {strongest.range_m:.4g} m, cover slow targets",
+    )
+
+
+def _range_limit_and_reason(
+    maps: Sequence[np.ndarray], static: Sequence[_StaticPeak], radar: Radar, chain: Chain
+) -> tuple[float, str]:
+    """Return the largest range of detections, and the reason if it is nearer than the axis."""
+    chirp = radar.frame.chirp
+    if chirp.sampling == "real":
+        return chirp.max_range_m, ""
+    if all(_asymmetry(power) < _MAX_ASYMMETRY for power in maps):
+        reason = "the spectrum is symmetric, as of real samples: echoes beyond are mirror images"
+        return chirp.max_range_m / 2, reason
+    transform = chain.range_transform(chirp)
+    bin_m = chirp.max_range_m / transform.n_bins
+    main_lobe_m = (transform.main_lobe_half_width_bins + 0.5) * bin_m
+    near_m = max(main_lobe_m, _LEAKAGE_SHARE * chirp.max_range_m)
+    near_echoes_m = np.array([0.0, *(peak.range_m for peak in static if peak.range_m < near_m)])
+    aliased = []
+    for peak in static:
+        below_zero_m = chirp.max_range_m - peak.range_m
+        is_image = abs(near_echoes_m - below_zero_m).min() <= chirp.range_resolution_m
+        if below_zero_m <= main_lobe_m or (below_zero_m <= near_m and is_image):
+            aliased.append(peak)
+    if not aliased and not any(peak.range_m == 0 for peak in static):
+        return chirp.max_range_m, ""
+    limit_m = min([chirp.max_range_m - main_lobe_m, *(peak.range_m - bin_m for peak in aliased)])
+    reason = (
+        f"leakage between the antennas at beat frequencies about zero aliases to the largest range,"
+        f" {chirp.max_range_m:.4g} m, where they are negative"
+    )
+    return limit_m, reason
+
+
+def _asymmetry(power: np.ndarray) -> float:
+    """Return the difference between a map and its mirror image about zero, over its power."""
+    n_velocity, n_range = power.shape
+    velocity = (2 * (n_velocity // 2) - np.arange(n_velocity)) % n_velocity
+    mirrored = power[velocity][:, -np.arange(n_range) % n_range]
+    return float(np.sum(abs(power - mirrored)) / np.sum(power))

@@ -1,0 +1,215 @@
+"""Settings chosen for recordings: training cells, map of moving targets, largest range."""
+
+import shlex
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dechirp as dc
+from dechirp.config import loading
+from dechirp.config.dumping import dump_yaml
+from dechirp.experiments.run import run
+from dechirp.experiments.scenario import READERS, RecordingSource, Scenario
+from dechirp.processing.cfar.base import Cells
+from dechirp.processing.chain import Chain
+from dechirp.processing.chain_fitting import fit_chain_to_frames
+from dechirp.processing.detect import detect
+from dechirp.processing.moving_targets import MovingTargetMap
+from dechirp.radar.cube import label_cube
+from dechirp.recordings.samples.continuous import join_single_chirps
+
+N_CHIRPS, N_SAMPLES = 32, 128
+CHIRP = dc.Chirp(
+    start_frequency_hz=60e9,
+    slope_hz_per_s=100e12,
+    ramp_duration_s=70e-6,
+    sample_rate_hz=2e6,
+    n_samples=N_SAMPLES,
+    sampling="complex",
+)
+RADAR = dc.Radar(frame=dc.Frame(chirp=CHIRP, n_chirps=N_CHIRPS, interval_s=500e-6))
+CELL_M, VELOCITY_CELL = CHIRP.range_resolution_m, RADAR.frame.velocity_resolution_m_per_s
+
+
+def make_cube(*tones, radar=RADAR, seed=1):
+    """Make a frame of tones (range cell, velocity cell, SNR in dB after integration) in noise.
+
+    White noise of unit power; amplitudes follow from the SNR of a frame without windows.
+    """
+    frame = radar.frame
+    shape = frame.n_chirps, 1, frame.chirp.n_samples
+    is_real = frame.chirp.sampling == "real"
+    rng = np.random.default_rng(seed)
+    noise = rng.standard_normal((2, *shape)) / np.sqrt(2)
+    samples = noise[0] * np.sqrt(2) if is_real else noise[0] + 1j * noise[1]
+    m, n = np.arange(shape[0])[:, None, None], np.arange(shape[2])
+    for range_cell, velocity_cell, snr_db in tones:
+        amplitude = np.sqrt(10 ** (snr_db / 10) / (shape[0] * shape[2]))
+        turns = velocity_cell * m / shape[0] + range_cell * n / shape[2]
+        tone = amplitude * np.exp(2j * np.pi * turns)
+        samples = samples + (np.sqrt(2) * tone.real if is_real else tone)
+    return label_cube(
+        samples[None].astype(np.float32 if is_real else np.complex64), radar, units="full scale"
+    )
+
+
+def fit(cube, radar=RADAR, chain=Chain()):  # noqa: B008
+    return fit_chain_to_frames(chain, radar, [cube.values[0]])
+
+
+def ranges_in_cells(detections):
+    return np.sort(detections.range.values / CELL_M)
+
+
+STATIC = [(20.0, 0, 70), (24.2, 0, 68), (28.4, 0, 66), (31.8, 0, 44), (36.4, 0, 65), (40.2, 0, 67)]
+
+
+def test_static_echo_between_others_is_detected_with_cells_along_velocity():
+    cube = make_cube(*STATIC)
+    hidden = ranges_in_cells(detect(cube, RADAR))
+    assert abs(hidden - 31.8).min() > 1
+
+    chain, choices = fit(cube)
+    detections = detect(cube, RADAR, chain)
+
+    assert (chain.cfar.n_training, chain.cfar.n_guard) == (
+        Cells(range=0, velocity=8),
+        Cells(range=0, velocity=4),
+    )
+    assert [choice.setting for choice in choices] == ["chain.cfar", "chain.moving_targets"]
+    # The standard error at 44 dB is 0.003 cells; echoes of 66 dB beside it leave 1 % of a cell.
+    assert ranges_in_cells(detections) == pytest.approx([tone[0] for tone in STATIC], abs=0.05)
+    assert np.all(detections.moving.values == 0)
+
+
+def test_default_window_stays_for_few_echoes():
+    chain, choices = fit(make_cube((30, 0, 40), (60, 5, 40)))
+
+    assert chain.cfar == Chain().fit_to_radar(RADAR).cfar
+    assert [choice.setting for choice in choices] == ["chain.moving_targets"]
+
+
+def test_nothing_is_chosen_in_noise():
+    chain, choices = fit(make_cube())
+
+    assert choices == ()
+    assert chain == replace(Chain().fit_to_radar(RADAR), max_range_m=CHIRP.max_range_m)
+
+
+def test_given_settings_stay():
+    given = Chain(
+        cfar=replace(Chain().cfar, n_training=Cells(range=6, velocity=6)),
+        moving_targets=MovingTargetMap(),
+        max_range_m=5.0,
+    )
+
+    chain, choices = fit(make_cube(*STATIC), chain=given)
+
+    assert choices == ()
+    assert chain == given.fit_to_radar(RADAR)
+
+
+def test_static_and_moving_targets_are_both_marked():
+    mover = 31.8, 5.3, 30
+    cube = make_cube(*STATIC, mover)
+
+    detections = detect(cube, RADAR, fit(cube)[0])
+
+    moving = detections.isel(detection=np.flatnonzero(detections.moving.values == 1))
+    assert moving.range.values / CELL_M == pytest.approx([mover[0]], abs=0.1)
+    assert moving.velocity.values / VELOCITY_CELL == pytest.approx([mover[1]], abs=0.1)
+    static = detections.isel(detection=np.flatnonzero(detections.moving.values == 0))
+    assert ranges_in_cells(static) == pytest.approx([tone[0] for tone in STATIC], abs=0.05)
+
+
+def test_map_of_moving_targets_keeps_false_alarm_probability():
+    # At 1e-3 a map of 32 x 128 cells, of which the filter leaves 29 x 128, has 3.7 false cells, of
+    # which most are local maxima: as many as without static echoes. 60 frames, z below 5.
+    cfar = replace(Chain().cfar, false_alarm_probability=1e-3)
+    n_alarms = []
+    for tones in ([], STATIC):
+        chain = Chain(cfar=cfar, moving_targets=MovingTargetMap(cfar=cfar))
+        frames = [make_cube(*tones, seed=seed) for seed in range(60)]
+        detections = [detect(cube, RADAR, chain) for cube in frames]
+        n_alarms.append(sum(int((found.moving == 1).sum()) for found in detections))
+
+    assert n_alarms[0] > 100
+    assert abs(n_alarms[1] - n_alarms[0]) < 5 * np.sqrt(sum(n_alarms))
+
+
+def test_target_in_last_half_cell_keeps_its_range():
+    # Its nearest cell is that of range zero; the standard error at 60 dB is 0.0004 cells.
+    cube = make_cube((N_SAMPLES - 0.3, 0, 60))
+
+    detections = detect(cube, RADAR)
+
+    assert ranges_in_cells(detections) == pytest.approx([N_SAMPLES - 0.3], abs=0.01)
+
+
+@pytest.mark.parametrize("leakage_cell", [-0.3, -0.8, -1.4, 0.2])
+def test_leakage_is_no_target_at_largest_range(leakage_cell):
+    cube = make_cube((leakage_cell, 0, 75), (30, 0, 50))
+
+    chain, choices = fit(cube)
+    ranges = ranges_in_cells(detect(cube, RADAR, chain))
+
+    assert "chain.max_range" in [choice.setting for choice in choices]
+    assert ranges[-1] == pytest.approx(30, abs=0.05)
+    assert ranges[0] >= 0
+
+
+def test_mirror_images_of_real_samples_are_no_targets():
+    # Complex numbers that hold real samples, as of channels that were calibrated in phase.
+    real_radar = replace(RADAR, frame=replace(RADAR.frame, chirp=replace(CHIRP, sampling="real")))
+    real_cube = make_cube((20, 0, 60), (33.4, 6, 50), radar=real_radar)
+    cube = label_cube(real_cube.values * np.complex64(np.exp(0.7j)), RADAR, units="full scale")
+    assert ranges_in_cells(detect(cube, RADAR))[-1] > 100
+
+    chain, choices = fit(cube)
+
+    assert choices[-1].options == (f"chain.max_range={CHIRP.max_range_m / 2:.4g} m",)
+    assert ranges_in_cells(detect(cube, RADAR, chain)) == pytest.approx([20, 33.4], abs=0.05)
+
+
+def test_options_of_note_repeat_the_run(tmp_path):
+    path = tmp_path / "scene.h5"
+    cube = make_cube(*STATIC, (31.8, 5.3, 30), (-0.3, 0, 75))
+    dc.write(dc.recording_from_cube(cube, RADAR), path)
+    scenario = Scenario(recording=RecordingSource(path=str(path)))
+    chosen = run(scenario)
+
+    overrides = [
+        word
+        for finding in chosen.findings
+        if " because " in finding.value
+        for word in shlex.split(finding.value.split(" because ")[0])
+        if "=" in word
+    ]
+    repeated = run(
+        loading.parse_settings(
+            dump_yaml(scenario),
+            Scenario,
+            file="",
+            overrides=[*overrides, "recording.fit_chain=false"],
+            readers=READERS,
+        )
+    )
+
+    assert len(overrides) == 6
+    assert chosen.detections.sizes["detection"] == 7
+    for name, column in chosen.detections.items():
+        np.testing.assert_array_equal(repeated.detections[name], column)
+
+
+@pytest.mark.parametrize(
+    ("interval_s", "n_chirps", "n_joined"),
+    [(41e-3, 486, 8), (15.8e-3, 3536, 16), (12e-3, 1024, 16), (1e-3, 5000, 256), (41e-3, 7, 1)],
+)
+def test_single_chirps_are_joined_to_frames_of_a_third_of_a_second(interval_s, n_chirps, n_joined):
+    radar = replace(RADAR, frame=replace(RADAR.frame, n_chirps=1, interval_s=interval_s))
+
+    joined, findings = join_single_chirps(radar, n_chirps)
+
+    assert joined.frame.n_chirps == n_joined
+    assert len(findings) == (n_joined > 1)

@@ -1,0 +1,289 @@
+"""Default runs of the real recordings: the known truth that each shows without any option.
+
+As a program, this file prints the table of the guide: `python tests/recordings/default_runs.py`,
+with the tests folder on the path, and DECHIRP_REAL_DATA and DECHIRP_WITNESS_DATA as for the tests.
+Only metadata that a recording lacks is given: the radar, the axes of bare arrays, a calibration.
+"""
+
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.errors import DechirpError
+from dechirp.experiments.run import Result, run
+from dechirp.experiments.scenario import RecordingSource, Scenario
+from dechirp.radar.radar import Radar
+from dechirp.recordings.recording import open as open_recording
+from recordings.directions import calibrate_radar
+from recordings.real_recordings import missing_metadata
+
+Measure = Callable[[Result], str]
+"""Measurement of the truth in the result of a run; raises `AssertionError` where it is missed."""
+
+
+@dataclass(frozen=True)
+class KnownTruth:
+    """Recording with a truth that a range, a velocity or a direction can show."""
+
+    folder: str
+    name: str
+    truth: str
+    measure: Measure
+    is_calibrated: bool = False
+
+
+def select(result: Result, *, moving: bool | None = None, frame: int | None = None) -> xr.Dataset:
+    """Return the detections that move, or of a frame, strongest first."""
+    detections = result.detections
+    is_selected = np.ones(detections.sizes["detection"], bool)
+    if moving is not None:
+        is_selected &= detections.moving.values == moving
+    if frame is not None:
+        is_selected &= detections.frame.values == frame
+    return detections.isel(detection=np.flatnonzero(is_selected)).sortby("snr", ascending=False)
+
+
+def within(detections: xr.Dataset, low_m: float, high_m: float) -> xr.Dataset:
+    """Return the detections between two ranges."""
+    ranges_m = detections.range.values
+    return detections.isel(detection=np.flatnonzero((ranges_m > low_m) & (ranges_m < high_m)))
+
+
+def near_range(expected_m: float, tolerance_m: float, *, n_strongest: int = 1) -> Measure:
+    """Expect an echo among the strongest beyond 0.1 m of the first frame at a range."""
+
+    def measure(result: Result) -> str:
+        strongest = within(select(result, frame=result.first_frame), 0.1, np.inf)
+        ranges_m = strongest.range.values[:n_strongest]
+        nearest_m = ranges_m[abs(ranges_m - expected_m).argmin()]
+        assert abs(nearest_m - expected_m) <= tolerance_m, ranges_m
+        return f"{nearest_m:.2f} m"
+
+    return measure
+
+
+def at_azimuth(expected_deg: float, range_m: float, tolerances: tuple[float, float]) -> Measure:
+    """Expect the strongest echo near a range at an azimuth; tolerances in m and degrees."""
+
+    def measure(result: Result) -> str:
+        tolerance_m, tolerance_deg = tolerances
+        echo = within(select(result), range_m - tolerance_m, range_m + tolerance_m)
+        echo = echo.isel(detection=0)
+        azimuth_deg = float(np.degrees(echo.azimuth))
+        assert abs(azimuth_deg - expected_deg) <= tolerance_deg, azimuth_deg
+        return f"{float(echo.range):.2f} m, {azimuth_deg:.1f}°"
+
+    return measure
+
+
+def mover(expected_m: float, tolerance_m: float, velocity_m_per_s: tuple[float, float]) -> Measure:
+    """Expect a moving target at a range, with a velocity between two limits."""
+
+    def measure(result: Result) -> str:
+        low, high = velocity_m_per_s
+        targets = within(
+            select(result, moving=True), expected_m - tolerance_m, expected_m + tolerance_m
+        )
+        fits = (targets.velocity.values > low) & (targets.velocity.values < high)
+        target = targets.isel(detection=int(np.flatnonzero(fits)[0]))
+        return f"{float(target.range):.2f} m, {float(target.velocity):.2f} m/s"
+
+    return measure
+
+
+def range_rate(expected_m_per_s: float, time_span_s: tuple[float, float]) -> Measure:
+    """Expect a track of moving targets with a range rate within 20 %, as the collection states.
+
+    The line through most of the moving detections between 30 and 100 m, within 3 m of it.
+    """
+
+    def measure(result: Result) -> str:
+        targets = within(select(result, moving=True), 30, 100)
+        time_s, range_m = targets.time.values, targets.range.values
+        in_time = (time_s > time_span_s[0]) & (time_s < time_span_s[1])
+        time_s, range_m = time_s[in_time], range_m[in_time]
+        first, last = np.triu_indices(len(time_s), 1)
+        is_line = time_s[first] != time_s[last]
+        first, last = first[is_line], last[is_line]
+        rates = (range_m[last] - range_m[first]) / (time_s[last] - time_s[first])
+        lines_m = range_m[first, None] + rates[:, None] * (time_s - time_s[first, None])
+        n_on_line = np.sum(abs(range_m - lines_m) < 3, axis=1)
+        best = int(n_on_line.argmax())
+        assert n_on_line[best] >= 6, n_on_line[best]
+        assert abs(rates[best] / expected_m_per_s - 1) < 0.2, rates[best]
+        return f"{rates[best]:.1f} m/s over {n_on_line[best]} frames"
+
+    return measure
+
+
+def walk(ranges_m: dict[float, float], tolerance_m: float) -> Measure:
+    """Expect the strongest moving target near each time (s) at a range."""
+
+    def measure(result: Result) -> str:
+        targets = select(result, moving=True)
+        measured_m = []
+        for when_s, expected_m in ranges_m.items():
+            is_near = abs(targets.time.values - when_s) < 1
+            range_m = float(targets.range.values[is_near][0])
+            assert abs(range_m - expected_m) <= tolerance_m, (when_s, range_m)
+            measured_m.append(range_m)
+        return ", ".join(f"{range_m:.2f}" for range_m in measured_m) + " m"
+
+    return measure
+
+
+def two_reflectors(result: Result) -> str:
+    """Expect the two strongest echoes from 0.2 to 0.85 m of every frame at 0.300 and 0.457 m."""
+    ranges_m = []
+    for frame in range(result.n_frames):
+        echoes = within(select(result, frame=frame), 0.2, 0.85)
+        ranges_m.append(sorted(echoes.range.values[:2].tolist()))
+    assert np.allclose(ranges_m, (0.300, 0.457), atol=0.014)
+    return "{:.3f} and {:.3f} m in all frames".format(*np.mean(ranges_m, axis=0))
+
+
+def person_in_room(result: Result) -> str:
+    """Expect moving targets from 0.4 to 8 m, slower than 2.5 m/s, in most frames."""
+    people = within(select(result, moving=True), 0.4, 8)
+    people = people.isel(detection=np.flatnonzero(people.snr.values > 100))
+    share = len(np.unique(people.frame)) / result.n_frames
+    assert share > 0.5
+    assert float(abs(people.velocity).max()) < 2.5
+    return f"motion in {share:.0%} of the frames"
+
+
+def opposite_people(result: Result) -> str:
+    """Expect one receding and one approaching target at 2.93 m."""
+    people = within(select(result, moving=True), 2.85, 3.05)
+    receding, approaching = float(people.velocity.max()), float(people.velocity.min())
+    assert receding > 0.3
+    assert approaching < -0.3
+    return f"{receding:.2f} and {approaching:.2f} m/s at 2.93 m"
+
+
+PIPE = near_range(2.15, 0.2, n_strongest=4)
+TRUTHS = (
+    KnownTruth(
+        "awr1243_interference",
+        "20180613-190347.bin",
+        "car at 14.19 m, -12.8 m/s",
+        mover(14.19, 0.2, (-13.8, -11.8)),
+    ),
+    KnownTruth(
+        "awr1243_interference",
+        "20181128-214451.bin",
+        "ghost at 27.4 m, 24 m/s",
+        mover(27.4, 1.1, (19, 29)),
+    ),
+    KnownTruth("awr1642_vibrating_pipe", "vibration_2.bin", "pipe at 2.15 m", PIPE),
+    KnownTruth("awr1642_vibrating_pipe", "no_vibration_2.bin", "pipe at 2.15 m", PIPE),
+    KnownTruth(
+        "bgt60_breathing", "RadarIfxAvian_00", "person at 0.327 m", near_range(0.327, 0.027)
+    ),
+    KnownTruth("bgt60_people_room", "RadarIfxAvian_00", "people who move", person_in_room),
+    KnownTruth("bgt60_two_reflectors", "RadarIfxAvian_00", "0.300 and 0.457 m", two_reflectors),
+    KnownTruth(
+        "coffeecan_vehicles", "car_32mph.wav", "-14.3 m/s ± 20 %", range_rate(-14.31, (2, 5))
+    ),
+    KnownTruth(
+        "coffeecan_vehicles", "suv_25mph.wav", "-11.2 m/s ± 20 %", range_rate(-11.18, (1, 6.4))
+    ),
+    KnownTruth("dca1000_pcap", "one_frame.pcap", "test tone in cell 59", near_range(2.57, 0.044)),
+    KnownTruth(
+        "kth_walker",
+        "single_target_range.wav",
+        "3, 11 and 4 m at 1.5, 9 and 14.5 s",
+        walk({1.5: 3, 9: 11, 14.5: 4}, 1.7),
+    ),
+    *(
+        KnownTruth(
+            "mimo12_known_angles_mat",
+            f"Assignment1.mat/Collection{collection}",
+            "6.75 m",
+            near_range(6.75, 0.18, n_strongest=2),
+        )
+        for collection in "ABCD"
+    ),
+    KnownTruth(
+        "openradar_people",
+        "simple_frame_1.npy",
+        "person at 1.95 m, -0.6 m/s",
+        mover(1.95, 0.1, (-0.8, -0.4)),
+    ),
+    KnownTruth(
+        "openradar_people", "simple_frame_1.npy", "reflector at 5.2 m", near_range(5.2, 0.4)
+    ),
+    KnownTruth("openradar_people", "doppler_example_1.npy", "two people", opposite_people),
+    KnownTruth(
+        "sirad122_walk",
+        "giulioCammina.json",
+        "0.50, 0.74 and 0.45 m at 1, 32 and 51 s",
+        walk({1: 0.50, 32: 0.74, 51: 0.45}, 0.08),
+    ),
+    *(
+        KnownTruth(
+            "xwr1443_known_angles",
+            f"az_{name}.raw",
+            f"{azimuth_deg}° at 2.04 m",
+            at_azimuth(azimuth_deg, 2.04, (0.05, 1.4)),
+            is_calibrated=True,
+        )
+        for name, azimuth_deg in (("-10", -10), ("50", 50), ("10_1GHz", 10), ("50_1GHz", 50))
+    ),
+)
+"""Recordings and their truth; uart_tlv_awr2944 has no samples, mmwavestudio_json no recording."""
+
+
+def run_by_default(known: KnownTruth, data: Path) -> Result:
+    """Run a recording with its metadata alone."""
+    folder = data / known.folder
+    options = missing_metadata(folder, known.name)
+    radar = options.pop("radar", None)
+    if isinstance(axes := options.get("axes"), str):
+        options["axes"] = tuple(axes.split(","))
+    if known.is_calibrated:
+        options["calibration"] = calibrate_radar(folder)
+    if isinstance(radar, Path) and radar.suffix != ".yaml":
+        options["settings_path"], radar = str(radar), None
+    elif isinstance(radar, Path):
+        radar = open_recording(folder / known.name, **missing_metadata(folder, known.name)).radar
+    assert isinstance(radar, Radar | None)
+    source = RecordingSource(path=str(folder / known.name), **options)
+    return run(Scenario(radar=radar, recording=source))
+
+
+def opens_bare(known: KnownTruth, data: Path) -> str:
+    """Return whether the recording opens without any option, else the missing metadata."""
+    try:
+        open_recording(data / known.folder / known.name)
+    except DechirpError:
+        return "with " + ", ".join(missing_metadata(data / known.folder, known.name))
+    return "yes"
+
+
+def print_table(data: Path) -> None:
+    """Print the table of all recordings."""
+    print("| Recording | Opened bare | Truth | Found by the default run | Time (s) |")
+    print("|---|---|---|---|---|")
+    for known in TRUTHS:
+        start_s = process_time()
+        try:
+            found = known.measure(run_by_default(known, data))
+        except (AssertionError, DechirpError, IndexError) as error:
+            found = f"no: {type(error).__name__} {str(error)[:80]}"
+        time_s = process_time() - start_s
+        bare = opens_bare(known, data)
+        print(
+            f"| `{known.folder}/{known.name}` | {bare} | {known.truth} | {found} | {time_s:.1f} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    print_table(Path(os.environ.get("DECHIRP_REAL_DATA", sys.argv[-1])))
