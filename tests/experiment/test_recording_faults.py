@@ -105,6 +105,7 @@ def test_bursts_are_repaired_and_reported(tmp_path, capsys):
 
     assert_target_in_every_frame(document)
     assert "bursts in 6 of 128 chirps" in finding_text(document, "recording.interference")
+    assert "no action needed" in finding_text(document, "recording.interference")
     option = "--set 'chain.mitigation=[{kind: interference-autoregression}]'"
     assert option in finding_text(document, "chain.mitigation")
     assert "6 of 128 chirps repaired" in finding_text(

@@ -15,7 +15,10 @@ from dechirp.core.text import format_number_ranges
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.inspection import find_sample_findings
 from dechirp.processing.chain import Chain
-from dechirp.processing.mitigation.interference_repair import InterferenceAutoregression
+from dechirp.processing.mitigation.interference_repair import (
+    InterferenceAutoregression,
+    InterferenceRepair,
+)
 from dechirp.processing.quality.chirp_findings import (
     BURST_REPAIR_OPTION,
     has_burst_mask,
@@ -100,7 +103,19 @@ class MeasuredFrames:
         """Return the warnings on the samples of all frames."""
         measures = self._measurer.joined_measures(self._recording.contents.units)
         findings = find_sample_findings(self._recording, measures)
-        return tuple(finding for finding in findings if finding.level == "warning")
+        return tuple(
+            self._finding_after_repair(finding)
+            for finding in findings
+            if finding.level == "warning"
+        )
+
+    def _finding_after_repair(self, finding: Finding) -> Finding:
+        """Return the finding on bursts without the option that the run has already taken."""
+        mitigation = self._treatment.chain.mitigation
+        is_repaired = any(isinstance(method, InterferenceRepair) for method in mitigation)
+        if finding.setting != "recording.interference" or not is_repaired:
+            return finding
+        return replace(finding, fix="no action needed: chain.mitigation repairs these chirps")
 
 
 def _left_out_receivers_note(faulty: np.ndarray, working: np.ndarray) -> Finding:
