@@ -56,8 +56,8 @@ class RecordingSettings:
             expected="one sub-frame of equal chirps",
             fix=f"append {others} to the name of the recording to choose another",
         )
-        chosen = self.sub_frames[index].with_findings(note)
-        return replace(chosen, path=self.path, sub_frames=self.sub_frames, sub_frame_index=index)
+        sub_frame = self.sub_frames[index].with_findings(note)
+        return replace(sub_frame, path=self.path, sub_frames=self.sub_frames, sub_frame_index=index)
 
     def with_radar(self, radar: Radar) -> "RecordingSettings":
         """Return the layout with another radar."""

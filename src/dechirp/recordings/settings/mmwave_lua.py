@@ -182,7 +182,7 @@ def _parse_calls(text: str) -> list[_Call]:
     code = _COMMENT.sub(lambda match: match[1] or "\n" * match[0].count("\n"), text)
     calls: list[_Call] = []
     variables: Numbers = {}
-    line, counted = 1, 0
+    line, start = 1, 0
     for match in _STATEMENT.finditer(code):
         if match["name"]:
             number = _evaluate_or_none(match["value"].strip().rstrip(","), variables)
@@ -190,7 +190,7 @@ def _parse_calls(text: str) -> list[_Call]:
             if number is not None:
                 variables[match["name"]] = number
             continue
-        line, counted = line + code.count("\n", counted, match.start()), match.start()
+        line, start = line + code.count("\n", start, match.start()), match.start()
         arguments = _arguments_to_closing_bracket(code, match.end())
         values = (
             tuple(_evaluate_or_none(part, variables) for part in arguments.split(","))

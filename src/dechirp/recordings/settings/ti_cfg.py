@@ -117,7 +117,7 @@ def read_ti_cfg(file: Path, text: str, device: Device | None = None) -> Recordin
     for number, sub_frame_commands in enumerate(commands_of_sub_frames):
         present = {line.name: line for line in sub_frame_commands}
         _append_missing_command_mistakes(
-            file, _REQUIRED_COMMANDS + frames, present, mistakes, of=f" for sub-frame {number}"
+            file, _REQUIRED_COMMANDS + frames, present, mistakes, where=f" for sub-frame {number}"
         )
     if mistakes:
         raise InvalidFile(*mistakes[:_MAX_MISTAKES])
@@ -152,8 +152,8 @@ def _device_of_geometry_commands(text: str, profile: Command) -> Device | None:
 
 def _commands_of_sub_frame(commands: Sequence[Command], number: int) -> list[Command]:
     """Return the commands that apply to a sub-frame; its `subFrameCfg` is the last one."""
-    own = [line for line in commands if line.numbers.get("sub_frame", -1) in (-1, number)]
-    return sorted(own, key=lambda line: line.name == "subFrameCfg")
+    applicable = [line for line in commands if line.numbers.get("sub_frame", -1) in (-1, number)]
+    return sorted(applicable, key=lambda line: line.name == "subFrameCfg")
 
 
 def _is_streamed(commands: Sequence[Command]) -> bool:
@@ -220,14 +220,14 @@ def _append_missing_command_mistakes(
     required: Sequence[str],
     commands: dict[str, Command],
     mistakes: list[Mistake],
-    of: str = "",
+    where: str = "",
 ) -> None:
     """Append a mistake for each missing command, unless it is present but invalid."""
     named = {mistake.setting for mistake in mistakes}
     mistakes += [
         Mistake(
             setting=command,
-            value=f"missing{of}",
+            value=f"missing{where}",
             expected=f"the command before sensorStart, with {', '.join(COMMANDS[command])}",
             fix="use the whole file that was sent to the radar",
             file=str(file),
