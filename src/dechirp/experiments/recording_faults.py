@@ -46,10 +46,12 @@ class FaultTreatment:
     """Notes on what was left out or chosen."""
 
 
-def treat_recording_faults(recording: Recording, chain: Chain) -> FaultTreatment:
+def treat_recording_faults(
+    recording: Recording, chain: Chain, *, chooses_repair: bool = True
+) -> FaultTreatment:
     """Leave out receivers that do not work, and choose a repair where chirps contain bursts.
 
-    A chain with mitigation of its own stays unchanged.
+    Without `chooses_repair`, or with mitigation of its own, the chain stays unchanged.
     """
     measures = _measure_sampled_frames(recording)
     findings: tuple[Finding, ...] = ()
@@ -60,7 +62,8 @@ def treat_recording_faults(recording: Recording, chain: Chain) -> FaultTreatment
         used = tuple(working.tolist())
         recording = recording.select_receivers(used)
     has_burst = has_burst_mask(measures)
-    if has_burst.any() and not chain.mitigation and has_burst.mean() < _MAX_BURST_SHARE:
+    is_repairable = has_burst.any() and has_burst.mean() < _MAX_BURST_SHARE
+    if is_repairable and chooses_repair and not chain.mitigation:
         chain = replace(chain, mitigation=(InterferenceAutoregression(),))
         findings += (_chosen_burst_repair_note(has_burst),)
     return FaultTreatment(recording=recording, receivers=used, chain=chain, findings=findings)

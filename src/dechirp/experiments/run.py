@@ -155,7 +155,8 @@ def run(
     source_time_s = perf_counter()
     measured: MeasuredFrames | None = None
     if isinstance(source, Recording):
-        treatment = treat_recording_faults(source, scenario.chain)
+        fits_chain = scenario.recording is not None and scenario.recording.fit_chain
+        treatment = treat_recording_faults(source, scenario.chain, chooses_repair=fits_chain)
         measured = MeasuredFrames(source, treatment)
         source, radar = treatment.recording, treatment.recording.radar
         scenario = replace(scenario, chain=treatment.chain)
