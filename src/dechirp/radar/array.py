@@ -1,7 +1,7 @@
 """Antenna positions: x forward, y left, z up."""
 
+import math
 from collections.abc import Iterable
-from math import dist
 from typing import Literal
 
 import numpy as np
@@ -48,6 +48,23 @@ class Array(Displayable):
         tx, rx = np.array(self.tx_m), np.array(self.rx_m)
         return np.asarray((tx[:, None] + rx).reshape(-1, 3))
 
+    def azimuth_beamwidth_rad(self, wavelength_m: float) -> float:
+        """Return the width in which the beam of all virtual elements has half its power or more.
+
+        Straight ahead, with equal weights: 0.886 lambda / N d for N elements at the spacing d.
+        NaN if the beam does not fall to half its power in front of the radar.
+        """
+        y_m = self.virtual_positions_m[:, 1]
+        n_steps = 64 * math.ceil(np.ptp(y_m) / wavelength_m + 1)
+        sines = np.linspace(0, 1, n_steps + 1)
+        beam = np.exp(2j * np.pi / wavelength_m * np.outer(sines, y_m)).mean(axis=1)
+        power = abs(beam) ** 2
+        if power.min() > 0.5:
+            return math.nan
+        last = int(np.argmax(power <= 0.5))
+        sine = np.interp(0.5, power[[last, last - 1]], sines[[last, last - 1]])
+        return 2 * math.asin(sine)
+
     def find_coincident_elements(self) -> tuple[tuple[Literal["tx", "rx"], int, int], ...]:
         """Return pairs of elements within 1 um of each other: "tx" or "rx", and their numbers.
 
@@ -61,7 +78,7 @@ class Array(Displayable):
             for kind, positions_m in kinds
             for second in range(len(positions_m))
             for first in range(second)
-            if dist(positions_m[first], positions_m[second]) < _COINCIDENCE_M
+            if math.dist(positions_m[first], positions_m[second]) < _COINCIDENCE_M
         )
 
     def _display_line(self) -> str:

@@ -1,5 +1,6 @@
 """A complete radar: frame, antenna array, hardware and calibration."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -147,6 +148,15 @@ class Radar(Displayable):
         rows = property_display_rows(self, "n_channels", "integration_gain")
         if self.hardware is not None:
             rows += property_display_rows(self.hardware, "eirp_w")
+        beamwidth_rad = self.array.azimuth_beamwidth_rad(self.frame.chirp.wavelength_m)
+        if not math.isnan(beamwidth_rad):
+            rows.append(
+                (
+                    "azimuth beamwidth",
+                    f"{math.degrees(beamwidth_rad):.3g}°",
+                    "Half-power beamwidth of all virtual elements, straight ahead.",
+                )
+            )
         yield Table(
             "What follows",
             [*self.frame.chirp._derived_value_rows(), *self.frame._derived_value_rows(), *rows],

@@ -133,10 +133,12 @@ class TrainingWindow:
         )
         for name, half, n_cells in sizes:
             if 2 * half + 1 > n_cells:
+                overlap = ": velocity wraps round, so its ends would overlap" * (name == "velocity")
                 raise InvalidSetting(
                     "Cfar.n_training",
-                    value=f"{2 * half + 1} {name} cells with the guard",
-                    expected=f"at most {n_cells}, the {name} cells of the map",
+                    value=f"{2 * half + 1} {name} cells, {half} on each side of the cell under test"
+                    " with the guard",
+                    expected=f"at most {n_cells}, the {name} cells of the map{overlap}",
                     fix=f"lower n_training.{name} or n_guard.{name}",
                 )
 

@@ -1,5 +1,7 @@
 """Derived values of a design, each with its formula."""
 
+import math
+
 from dechirp.core.text import format_number, format_quantity, format_with_si_prefix
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import frozen_dataclass
@@ -30,6 +32,8 @@ class DerivedValue:
             return format_quantity(self.value, "hz_per_s", 6)
         if self.unit == "m/s":
             return format_quantity(self.value, "m_per_s", 6)
+        if self.unit == "rad":
+            return f"{math.degrees(self.value):.3g}°"
         return format_with_si_prefix(self.value, self.unit, 6)
 
 
@@ -116,6 +120,10 @@ def derive_radar_values(
         ("eirp", radar.require_hardware().eirp_w, "W", "P Gt", "while the ramp lasts"),
         ("mean_eirp", mean_eirp_w(radar), "W", "P Gt T_ramp / T", ""),
     ]
+    beamwidth_rad = radar.array.azimuth_beamwidth_rad(chirp.wavelength_m)
+    if not math.isnan(beamwidth_rad):
+        formula = "0.886 lambda / N d"
+        rows.append(("azimuth_beamwidth", beamwidth_rad, "rad", formula, "N elements, d apart"))
     return tuple(
         DerivedValue(name=name, value=number, unit=unit, formula=formula, symbols=uses)
         for name, number, unit, formula, uses in rows
