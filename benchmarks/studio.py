@@ -6,6 +6,7 @@ graphics card. Server and browser share the cores of this machine; two are enoug
 moment     Time to process one frame, over the frame period of 50 ms; at most 1.
 maps       Drawn frames per second, over 20; at least 1.
 tables     Updates per second of tables and spectrogram, each over 5; at least 1.
+lessons    Drawn frames per second of each lesson, each over 15; at least 1.
 change     Time from the change of a setting, while paused, to the first frame that shows it, over
            0.2 s; at most 1. Median of ten.
 
@@ -28,6 +29,7 @@ from dechirp.studio.frame_player import FramePlayer
 
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
+LESSONS = range(1, 5)
 UPDATED_MODELS = ("detections", "tracks", "micro_doppler")
 COUNT = """names => {
     window.sent = Object.fromEntries(names.map(name => [name, 0]));
@@ -92,6 +94,18 @@ def measure_in_browser(page: Page) -> dict[str, float]:
     }
 
 
+def measure_lesson_frame_rate(page: Page) -> float:
+    """Measure the drawn frames per second of a lesson during playback."""
+    while not page.evaluate("window.dechirp.ready && window.dechirp.frames > 0"):
+        sleep(0.05)
+    page.keyboard.press("Space")
+    sleep(2)
+    frames, start = page.evaluate("window.dechirp.frames"), perf_counter()
+    sleep(SECONDS / 2)
+    n_frames: int = page.evaluate("window.dechirp.frames") - frames
+    return n_frames / (perf_counter() - start)
+
+
 def main() -> None:
     measured = {"moment_s": measure_moment_s()}
     command = [sys.executable, "-m", "dechirp", "studio", "--port", "0", "--json"]
@@ -110,10 +124,15 @@ def main() -> None:
                 )
                 page.goto(address)
                 measured |= measure_in_browser(page)
+                for number in LESSONS:
+                    page.goto(f"{address}teach/{number}")
+                    measured[f"lesson_{number}_per_s"] = measure_lesson_frame_rate(page)
                 browser.close()
         finally:
             server.terminate()
     rate_ratios = {name: measured[f"{name}_per_s"] / 5 for name in UPDATED_MODELS}
+    for number in LESSONS:
+        rate_ratios[f"lesson_{number}"] = measured[f"lesson_{number}_per_s"] / 15
     rate_ratios["maps"] = measured["frames_per_s"] / 20
     time_ratios = {"moment": measured["moment_s"] * 20, "change": measured["change_s"] / 0.2}
     limits = {

@@ -1,6 +1,7 @@
 """Page sessions: edits, steps, playback and slow browsers."""
 
 import asyncio
+import itertools
 import threading
 import time
 from collections.abc import Callable
@@ -10,10 +11,13 @@ from types import SimpleNamespace
 
 import numba
 import pytest
+from bokeh.document import Document
+from bokeh.models import Div
 from numba.core import event
 
 from dechirp.experiments.scenario import Scenario, reference
 from dechirp.processing.cfar import base as cfar_base
+from dechirp.studio import page as pages
 from dechirp.studio import session as sessions
 from dechirp.studio.compilation import CompilationCounter, compilation_counter
 from dechirp.studio.frame_player import FramePlayer, calibrate_detector
@@ -21,6 +25,7 @@ from dechirp.studio.page import page_builders_by_address
 from dechirp.studio.panels.knob_widgets import make_setting_changer
 from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.session import Session
+from dechirp.studio.views.base import View
 
 
 class DocumentStub:
@@ -310,3 +315,53 @@ def test_compilation_starts_with_server_and_is_counted():
         worker.submit = lambda *job: submitted.append(job)
         page_builders_by_address(worker, scenario=reference(), limits=PageLimits())
     assert [job[0].__name__ for job in submitted] == ["process_frame_at_step"] * 2
+
+
+def test_texts_and_tables_show_same_frames(monkeypatch):
+    clock = itertools.count(0.0, 0.013)  # each reading takes time, so that separate limits drift
+    shown_steps = {"table": [], "caption": [], "map": []}
+
+    class Table(View):
+        name = "table"
+
+        def __init__(self, session: Session) -> None:
+            super().__init__(session)
+            self._root = Div(name=self.name)
+
+        @property
+        def root_element(self) -> Div:
+            return self._root
+
+        def show_frame(self, frame_state: SimpleNamespace) -> None:
+            shown_steps[self.name].append(frame_state.step)
+
+        def update_caption(self, frame_state: SimpleNamespace) -> None:
+            shown_steps["caption"].append((self.name, frame_state.step))
+
+        def apply_theme(self, theme: object) -> None:
+            pass
+
+    class Map(Table):
+        name = "map"
+        is_shown_every_frame = True
+
+    built = []
+
+    def remember(session: Session) -> None:
+        built.append(session)
+
+    monkeypatch.setattr(Session, "start", remember)
+    monkeypatch.setattr(pages, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(pages, "_VIEWS", (Table, Map))
+    monkeypatch.setattr(pages, "_PANELS", ())
+    pages.build_live_page(Document(), worker=None, scenario=reference(), limits=PageLimits())
+    (session,) = built
+    session.playing = True
+    for step in range(100):
+        for show in session.on_frame:
+            show(SimpleNamespace(step=step, number=step, time_s=0.0))
+    assert shown_steps["map"] == list(range(100))
+    assert 3 < len(shown_steps["table"]) < 50
+    for name in ("table", "map"):
+        captions = [step for shown, step in shown_steps["caption"] if shown == name]
+        assert captions == shown_steps["table"]
