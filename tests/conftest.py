@@ -1,10 +1,17 @@
 """Fixtures of many tests: a small radar, and the reference scenario."""
 
 import os
+import shutil
+import tempfile
 
 # Two workers on two cores: more threads would compete for them.
 for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(pool, "1")
+
+# Factors that one worker calibrates serve the others; none is left from earlier runs.
+_OWN_CACHE = None if "PYTEST_XDIST_WORKER" in os.environ else tempfile.mkdtemp(prefix="dechirp-")
+if _OWN_CACHE is not None:
+    os.environ["DECHIRP_CACHE_DIR"] = _OWN_CACHE
 
 import pytest
 import xarray as xr
@@ -16,6 +23,11 @@ from radars import street_radar
 # The same examples in every run; slow machines are not failures.
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.load_profile("fixed")
+
+
+def pytest_unconfigure() -> None:
+    if _OWN_CACHE is not None:
+        shutil.rmtree(_OWN_CACHE, ignore_errors=True)
 
 
 @pytest.fixture(scope="session")

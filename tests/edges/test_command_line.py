@@ -340,6 +340,16 @@ def test_quiet_option_prints_nothing(run_cli):
     assert run_cli("run", "small.yaml", "--quiet") == (0, "", "")
 
 
+def test_interrupt_after_results_are_in_place_names_them(run_cli, folder, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dechirp.cli.commands.run.print_run_results", interrupt)
+
+    assert run_cli("run", "small.yaml") == (130, "", "Interrupted; complete: dechirp-run.\n")
+    assert (folder / "dechirp-run" / "report.html").is_file()
+
+
 def test_interrupted_run_writes_nothing_and_keeps_old_result(run_cli, folder, monkeypatch):
     run_cli("run", "small.yaml")
     old_times_ns = {

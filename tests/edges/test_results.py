@@ -4,6 +4,8 @@ import csv
 import errno
 import json
 import math
+import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +15,8 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.config import loading
-from dechirp.core.atomic_files import write_text_atomically
+from dechirp.core import atomic_files
+from dechirp.core.atomic_files import atomic_folder, completed_outputs, write_text_atomically
 from dechirp.core.conventions import CUBE_AXES, axis_coordinate
 from dechirp.core.errors import DechirpError
 from dechirp.core.table_columns import COLUMNS, dataset_to_records
@@ -392,6 +395,62 @@ def test_leftovers_of_killed_run_are_restored_or_removed(tmp_path, radar, monkey
 
     assert (out / "report.html").read_text() == "old"
     assert {path.name for path in tmp_path.iterdir()} == {"out", ".out.mine.before"}
+
+
+@pytest.mark.skipif(sys.platform not in ("linux", "darwin"), reason="no exchange of folders")
+def test_folder_is_visible_at_every_moment_of_its_replacement(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    with atomic_folder(out) as made:
+        (made / "file").write_text("old")
+    for name in ("rename", "replace"):
+        monkeypatch.delattr(Path, name)  # the exchange is the only operation
+
+    with atomic_folder(out) as made:
+        (made / "file").write_text("new")
+
+    assert (out / "file").read_text() == "new"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_folder_is_replaced_where_systems_cannot_exchange(tmp_path, monkeypatch):
+    monkeypatch.setattr(atomic_files, "_exchange_paths", lambda first, second: False)
+    for text in ("old", "new"):
+        with atomic_folder(tmp_path / "out") as made:
+            (made / "file").write_text(text)
+
+    assert (tmp_path / "out" / "file").read_text() == "new"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("exchange", [atomic_files._exchange_paths, lambda first, second: False])
+def test_interrupt_after_replacement_leaves_new_folder_and_names_it(
+    tmp_path, monkeypatch, exchange
+):
+    out = tmp_path / "out"
+    monkeypatch.setattr(atomic_files, "_completed", [])
+    monkeypatch.setattr(atomic_files, "_exchange_paths", exchange)
+    with atomic_folder(out) as made:
+        (made / "file").write_text("old")
+    remove_tree = shutil.rmtree
+
+    def interrupt(*arguments, **options):
+        monkeypatch.setattr(shutil, "rmtree", remove_tree)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(shutil, "rmtree", interrupt)
+    with pytest.raises(KeyboardInterrupt), atomic_folder(out) as made:
+        (made / "file").write_text("new")
+
+    assert (out / "file").read_text() == "new"
+    assert completed_outputs() == (out, out)
+
+
+def test_interrupted_replacement_is_not_complete(tmp_path, monkeypatch):
+    monkeypatch.setattr(atomic_files, "_completed", [])
+    with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path / "out"):
+        raise KeyboardInterrupt
+
+    assert completed_outputs() == ()
 
 
 def test_text_file_is_replaced_atomically(tmp_path):

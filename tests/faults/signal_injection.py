@@ -4,6 +4,7 @@ import os
 import signal
 from pathlib import Path
 
+from dechirp.core import atomic_files
 from faults.conftest import command_arguments, read_folder
 
 
@@ -21,6 +22,15 @@ def run_with_signal(command: str, number: int, folder: Path, call, monkeypatch) 
             return original(path, target)
 
         monkeypatch.setattr(Path, name, send_signal)
+    exchange = atomic_files._exchange_paths
+
+    def send_signal_and_exchange(first: Path, second: Path) -> bool:
+        monkeypatch.undo()
+        os.chdir(folder)
+        os.kill(os.getpid(), number)
+        return exchange(first, second)
+
+    monkeypatch.setattr(atomic_files, "_exchange_paths", send_signal_and_exchange)
     original_handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         status, _, errors = call(*command_arguments(command, "out"))

@@ -15,11 +15,12 @@ KILLED_SCRIPT = """
 import os, signal, sys
 from pathlib import Path
 from dechirp.cli.main import main
+from dechirp.core import atomic_files
 
 def die(self, target):
     os.kill(os.getpid(), signal.SIGKILL)
 
-Path.rename = Path.replace = die
+Path.rename = Path.replace = atomic_files._exchange_paths = die
 main(sys.argv[1:])
 """
 

@@ -26,6 +26,7 @@ from dechirp.cli.errors import (
     parser_error_to_mistakes,
     print_errors,
 )
+from dechirp.core.atomic_files import completed_outputs
 from dechirp.core.errors import DechirpError, Mistake
 
 
@@ -37,11 +38,15 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # not every terminal has a minus sign
     signal.signal(signal.SIGTERM, _exit_on_signal)
+    n_earlier_outputs = len(completed_outputs())
     try:
         status = _run_command(words)
         sys.stdout.flush()
     except KeyboardInterrupt as error:
-        print(str(error) or "Interrupted; nothing was written.", file=sys.stderr)
+        print(
+            str(error) or _describe_interrupt(completed_outputs()[n_earlier_outputs:]),
+            file=sys.stderr,
+        )
         status = 128 + signal.SIGINT
     except BrokenPipeError:
         _discard_remaining_output()
@@ -54,6 +59,12 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         _discard_remaining_output()
         status = 2
     raise SystemExit(status)
+
+
+def _describe_interrupt(outputs: Sequence[Path]) -> str:
+    """Describe an interrupted command by the outputs that are already in place."""
+    names = ", ".join(map(str, outputs))
+    return f"Interrupted; complete: {names}." if outputs else "Interrupted; nothing was written."
 
 
 def _replace_closed_streams() -> None:

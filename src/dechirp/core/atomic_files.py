@@ -1,8 +1,10 @@
 """Atomic files and folders: written under a hidden name, then renamed."""
 
+import ctypes
 import os
 import re
 import shutil
+import sys
 import uuid
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
@@ -11,6 +13,14 @@ from pathlib import Path
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 
 _FILE_MANAGER_FILES = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
+_AT_WORKING_FOLDER, _RENAME_EXCHANGE, _RENAME_SWAP = -100, 2, 2  # of Linux and macOS
+
+_completed: list[Path] = []
+
+
+def completed_outputs() -> tuple[Path, ...]:
+    """Return the outputs that this process has put in place, for the message on an interrupt."""
+    return tuple(_completed)
 
 
 def check_output_folder_replaceable(
@@ -57,7 +67,9 @@ def check_output_folder_replaceable(
 def atomic_folder(out: Path) -> Iterator[Path]:
     """Yield an empty folder that replaces `out` at the end.
 
-    After an error `out` is unchanged and the new folder is removed.
+    After an error `out` is unchanged and the new folder is removed. Linux and macOS exchange the
+    folders in one step; elsewhere, a process that is killed between two renames leaves none until
+    the next call restores it.
 
     Raises
     ------
@@ -67,20 +79,48 @@ def atomic_folder(out: Path) -> Iterator[Path]:
     target = out.resolve()
     new_folder = _unique_hidden_sibling(target)
     backup = new_folder.with_name(f"{new_folder.name}.before")
+    new_identity = None
     try:
         _undo_interrupted_replacement(target)
         new_folder.mkdir(parents=True)
+        new_identity = _file_identity(new_folder)
         yield new_folder
-        if target.exists():
+        if not target.exists():
+            new_folder.rename(target)
+        elif not _exchange_paths(new_folder, target):
             target.rename(backup)
-        new_folder.rename(target)
+            new_folder.rename(target)
     except OSError as error:
         raise _unwritable_out_option_error(out, error) from None
     finally:
         if backup.exists() and not target.exists():
             backup.rename(target)
+        if new_identity is not None and _file_identity(target) == new_identity:
+            _completed.append(out)
         shutil.rmtree(backup, ignore_errors=True)
         shutil.rmtree(new_folder, ignore_errors=True)
+
+
+def _file_identity(path: Path) -> tuple[int, int] | None:
+    """Return the device and the number of a file or folder, which a rename keeps."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
+
+
+def _exchange_paths(first: Path, second: Path) -> bool:
+    """Exchange two paths in one step; return False if the system or the file system cannot."""
+    names = os.fsencode(first), os.fsencode(second)
+    try:
+        library = ctypes.CDLL(None, use_errno=True)
+        if sys.platform == "darwin":
+            return int(library.renamex_np(*names, _RENAME_SWAP)) == 0
+        pair = _AT_WORKING_FOLDER, names[0], _AT_WORKING_FOLDER, names[1]
+        return int(library.renameat2(*pair, _RENAME_EXCHANGE)) == 0
+    except (AttributeError, OSError, TypeError):  # another system, or an old C library
+        return False
 
 
 def _undo_interrupted_replacement(target: Path) -> None:
@@ -105,18 +145,28 @@ def atomic_file(out: Path) -> Iterator[Path]:
     DechirpError
         If it cannot be written, or the disk is full.
     """
-    target = out.resolve()
-    new_file = _unique_hidden_sibling(target)
     try:
-        try:
-            if target.is_dir():
-                raise IsADirectoryError(None, "a folder")
+        with _replaced_file(out, _unique_hidden_sibling(out.resolve())) as new_file:
             yield new_file
-            new_file.replace(target)
-        finally:
-            new_file.unlink(missing_ok=True)
     except OSError as error:
         raise _unwritable_out_option_error(out, error) from None
+
+
+@contextmanager
+def _replaced_file(out: Path, new_file: Path) -> Iterator[Path]:
+    """Yield the path of a new file that replaces `out` at the end, or is removed on an error."""
+    target = Path(os.path.realpath(out))
+    new_identity = None
+    try:
+        if target.is_dir():
+            raise IsADirectoryError(None, "a folder")
+        yield new_file
+        new_identity = _file_identity(new_file)
+        new_file.replace(target)
+    finally:
+        if new_identity is not None and _file_identity(target) == new_identity:
+            _completed.append(out)
+        new_file.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -152,6 +202,7 @@ def atomic_files(*outs: Path) -> Iterator[tuple[Path, ...]]:
                 new_file.rename(target)
                 placed.append(target)
         is_done = True
+        _completed.extend(outs)
     except OSError as error:
         raise _unwritable_out_option_error(outs[0], error) from None
     finally:
@@ -210,15 +261,10 @@ def atomic_output_file(path: Path) -> Iterator[Path]:
         If it is a folder, cannot be written, or the disk is full.
     """
     target = Path(os.path.realpath(path))
-    temporary = target.with_name(f".{uuid.uuid4().hex[:12]}{target.suffix}")
+    hidden_file = target.with_name(f".{uuid.uuid4().hex[:12]}{target.suffix}")
     try:
-        try:
-            if target.is_dir():
-                raise IsADirectoryError(None, "a folder")
+        with _replaced_file(path, hidden_file) as temporary:
             yield temporary
-            temporary.replace(target)
-        finally:
-            temporary.unlink(missing_ok=True)
     except OSError as error:
         raise _unwritable_path_error(path, error) from None
 

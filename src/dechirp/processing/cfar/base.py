@@ -11,6 +11,7 @@ from dechirp.core.checks import check_integer_fields, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 from dechirp.core.values import frozen_dataclass
+from dechirp.processing.cfar.factor_cache import RowFactors, find_or_calibrate_factors
 from dechirp.processing.spectrum import Transform
 from dechirp.theory.cfar_calibration import CalibratedFactor, calibrate_factor
 from dechirp.theory.cfar_correlated_cells import CorrelatedWindow
@@ -384,6 +385,12 @@ def _threshold_factors_per_box_row_and_error(
     cfar: Cfar, noise: MapNoise
 ) -> tuple[np.ndarray, float]:
     """Return the factor for each row of the cell under test in the box, and the largest error."""
+    factors = find_or_calibrate_factors(cfar, noise, lambda: calibrate_row_factors(cfar, noise))
+    return np.array(factors.values, np.float32), factors.relative_error
+
+
+def calibrate_row_factors(cfar: Cfar, noise: MapNoise) -> RowFactors:
+    """Return the factor for each row of the cell under test in the box: seconds of computation."""
     pfa, window = cfar.false_alarm_probability, cfar.training_window
     assert pfa is not None
     last = window.half_range
@@ -424,5 +431,7 @@ def _threshold_factors_per_box_row_and_error(
         independent_factor(int(box_row)) for box_row in all_rows
     ]
     # Mirrored rows have mirrored covariances, and the same law.
-    values = np.concatenate([first_half, first_half[-2::-1]]).astype(np.float32)
-    return values, max(factor.relative_error for factor in factors)
+    return RowFactors(
+        values=tuple(np.concatenate([first_half, first_half[-2::-1]]).tolist()),
+        relative_error=max(factor.relative_error for factor in factors),
+    )

@@ -1,0 +1,114 @@
+"""Threshold factors that were calibrated before: those that the package contains, and on disk.
+
+A factor depends on the detector and, through the windows and the zero padding, on the correlation
+of the noise among neighbouring cells. This correlation is the same for all lengths of a transform
+under windows of cosines, such as Hann: `factors.json` therefore serves radars of any size.
+`python tests/physics/test_cfar_factor_cache.py` writes it anew.
+"""
+
+import hashlib
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dechirp.core.disk_cache import key_hash, read_cached_numbers, write_cached_numbers
+from dechirp.core.values import frozen_dataclass
+from dechirp.processing.spectrum import Transform
+from dechirp.theory import cfar_calibration
+
+if TYPE_CHECKING:
+    from dechirp.processing.cfar.base import Cfar, MapNoise
+
+SHIPPED_FACTORS_FILE = Path(__file__).with_name("factors.json")
+# Correlations are rounded to this number of decimals, so that those of transforms of different
+# lengths, and of other processors, are the same key: they differ by 1e-15.
+_CORRELATION_DECIMALS = 12
+
+
+@frozen_dataclass
+class RowFactors:
+    """Threshold factor for each row of the cell under test in the box."""
+
+    values: tuple[float, ...]
+    relative_error: float
+    """Largest relative standard error of the false-alarm probability; 0 if exact."""
+
+    def to_numbers(self) -> list[float]:
+        """Return the error and the factors, as files hold them."""
+        return [self.relative_error, *self.values]
+
+
+def find_or_calibrate_factors(
+    cfar: "Cfar", noise: "MapNoise", calibrate: Callable[[], RowFactors]
+) -> RowFactors:
+    """Return the factors of a detector from the package or the disk, else calibrate and keep them.
+
+    Detectors without a file, as in a notebook, or without fields that state all of their settings,
+    are calibrated in each process.
+    """
+    estimator_class = type(cfar.estimator)
+    key = factor_key(cfar, noise)
+    source_hash = (
+        _source_hash(estimator_class.__module__) if is_dataclass(estimator_class) else None
+    )
+    key_on_disk = {**key, "source": source_hash}
+    numbers = _shipped_factors().get(key_hash(key))
+    if numbers is None and source_hash is not None:
+        numbers = read_cached_numbers("cfar-factors", key_on_disk)
+    if numbers is not None and len(numbers) == 2 * cfar.training_window.half_range + 2:
+        return RowFactors(values=tuple(numbers[1:]), relative_error=numbers[0])
+    factors = calibrate()
+    if source_hash is not None:
+        write_cached_numbers("cfar-factors", key_on_disk, factors.to_numbers())
+    return factors
+
+
+def factor_key(cfar: "Cfar", noise: "MapNoise") -> dict[str, object]:
+    """Return everything on which the factors of a detector depend, apart from its code."""
+    window, estimator = cfar.training_window, cfar.estimator
+    return {
+        "estimator": f"{type(estimator).__module__}.{estimator!r}",
+        "window": list(window.training_and_guard_counts),
+        "false_alarm_probability": cfar.false_alarm_probability,
+        "n_channels": noise.n_channels,
+        "range_correlation": _correlation_hash(noise.range_transform, 2 * window.half_range + 1),
+        "velocity_correlation": _correlation_hash(
+            noise.doppler_transform, 2 * window.half_velocity + 1
+        ),
+    }
+
+
+def _correlation_hash(transform: Transform, n_neighbours: int) -> str:
+    """Return the hash of the rounded correlation of a cell with its neighbours."""
+    correlation = transform.noise_correlation_of_bins(n_neighbours)[0].astype(complex)
+    rounded = correlation.round(_CORRELATION_DECIMALS) + 0.0  # no negative zeros
+    return hashlib.sha256(rounded.tobytes()).hexdigest()[:16]
+
+
+@cache
+def _shipped_factors() -> dict[str, list[float]]:
+    """Return the factors that the package contains, by the hash of their key."""
+    try:
+        factors: dict[str, list[float]] = json.loads(SHIPPED_FACTORS_FILE.read_bytes())
+    except FileNotFoundError:  # while it is written anew
+        return {}
+    return factors
+
+
+@cache
+def _source_hash(estimator_module: str) -> str | None:
+    """Return the hash of the code behind a factor; None if the code of the detector has no file."""
+    own_folder, theory_folder = Path(__file__).parent, Path(cfar_calibration.__file__).parent
+    estimator_file = getattr(sys.modules.get(estimator_module), "__file__", None)
+    if estimator_file is None:
+        return None
+    files = {*own_folder.glob("*.py"), *theory_folder.glob("cfar*.py"), Path(estimator_file)}
+    try:
+        sources = [file.read_bytes() for file in sorted(files)]
+    except OSError:
+        return None
+    return hashlib.sha256(b"\0".join(sources)).hexdigest()[:16]
