@@ -33,6 +33,7 @@ from dechirp.certificate.sensitivity import count_trials_to_prove_snr_limit
 from dechirp.certificate.shared_trials import LIMIT_SNRS_DB
 from dechirp.certificate.tables import Table, build_report_tables
 from dechirp.certificate.trials import Job, count_trial_blocks, run_jobs
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.study.environment import versions_system_and_processor
@@ -92,6 +93,7 @@ class Certificate:
         return all(claim.passed for claim in (*self.claims, *extended_claims))
 
 
+@check_argument_types
 def verify(
     *,
     trials: int | None = None,

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import DechirpError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
@@ -37,6 +38,7 @@ class Inspection:
     findings: tuple[Finding, ...]
 
 
+@check_argument_types
 def inspect(
     path: str | Path,
     *,

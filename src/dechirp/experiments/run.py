@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.accessor import first_rows_display_table
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.display import Displayable, Table, format_count_with_noun
@@ -118,6 +119,7 @@ class Result(Displayable):
         return _iter_frame_cubes(self.source)
 
 
+@check_argument_types
 def run(
     scenario: Scenario,
     *,

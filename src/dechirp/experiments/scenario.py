@@ -11,6 +11,7 @@ import numpy as np
 
 from dechirp.config import loading
 from dechirp.config.validation import Readers
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_instances, check_integer_fields
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake
 from dechirp.core.findings import PhysicsWarning
@@ -220,6 +221,7 @@ def prefix_setting_of_errors(path: str, *, instead_of: str = "") -> Iterator[Non
         ) from None
 
 
+@check_argument_types
 def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     """Load a scenario from a YAML file; `PATH=VALUE` texts override its settings.
 
@@ -244,6 +246,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     return loading.read_settings(path, Scenario, overrides=overrides, readers=READERS)
 
 
+@check_argument_types
 def reference(overrides: Sequence[str] = ()) -> Scenario:
     """Load the reference scenario: a car at 50 m, receding at 10 m/s, in front of 77 GHz."""
     with resources.as_file(resources.files("dechirp.experiments") / "reference.yaml") as path:

@@ -9,6 +9,7 @@ from time import perf_counter
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
 from dechirp.core.findings import Finding
@@ -78,6 +79,7 @@ def open_stream(scenario: Scenario, *, idle_s: float) -> Stream:
     return stream
 
 
+@check_argument_types
 def process_stream(
     scenario: Scenario, stream: Stream, *, on_frame: Callable[[FrameReport], None] | None = None
 ) -> Result:

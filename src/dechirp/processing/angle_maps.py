@@ -7,6 +7,8 @@ import numba
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
+from dechirp.core.checks import check_integer
 from dechirp.core.conventions import axis_coordinate
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.threads import run_in_threads, split_range
@@ -28,6 +30,7 @@ from dechirp.processing.simd_beamforming import mirrored_beam_weights, raise_to_
 from dechirp.processing.spectrum import FrameTransform, Transform, range_doppler_real_and_imaginary
 from dechirp.processing.velocity_ambiguity import by_ramps
 from dechirp.processing.virtual_array import slot_phase_factors, split_chirps_into_slots
+from dechirp.radar.cube import check_frame_fits_radar
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
@@ -37,6 +40,7 @@ _SPECTRUM_OVERSAMPLING = 4
 _MAX_SUBTRACTED_TONES = 32
 
 
+@check_argument_types
 def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.DataArray:
     """Compute the power over azimuth and range of one frame, (chirp, rx, sample).
 
@@ -63,7 +67,7 @@ def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = No
     Raises
     ------
     InvalidSetting
-        If the array does not resolve azimuth.
+        If the radar cannot have taken the frame, or the array does not resolve azimuth.
 
     Notes
     -----
@@ -156,6 +160,7 @@ def _plan_range_azimuth_transforms(radar: Radar, chain: Chain) -> _MapPlan:
     )
 
 
+@check_argument_types
 def angle_spectrum(
     cube: xr.DataArray, radar: Radar, detections: xr.Dataset, index: int, chain: Chain | None = None
 ) -> xr.DataArray:
@@ -185,11 +190,13 @@ def angle_spectrum(
     Raises
     ------
     InvalidSetting
-        If the array resolves no direction.
+        If the radar cannot have taken the frame, the array resolves no direction, or `detections`
+        have no row `index`.
     """
     chain = chain or Chain()
     samples, radar = _rising_ramp_channels_and_radar(cube, radar)
     aperture = checked_direction_aperture(radar, chain.field_of_view)
+    check_integer("index", index, at_least=0, at_most=detections.sizes.get("detection", 0) - 1)
     tones, doppler_hz, noise = _refine_tone_with_doppler_and_noise(
         samples, radar, detections, index
     )
@@ -270,6 +277,7 @@ def _combine_single_transmitter_slots(spectrum: np.ndarray, radar: Radar) -> np.
 
 def _rising_ramp_channels_and_radar(cube: xr.DataArray, radar: Radar) -> tuple[np.ndarray, Radar]:
     """Return the channels of rising ramps, (chirp, channel, sample), and their radar."""
+    check_frame_fits_radar(cube, radar)
     kind = np.complex64 if radar.frame.chirp.sampling == "complex" else np.float32
     samples = np.ascontiguousarray(cube.variable.transpose("chirp", "rx", "sample").values, kind)
     samples = split_chirps_into_slots(samples, radar.frame)

@@ -4,6 +4,7 @@ import numba
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer_fields, check_positive_fields
 from dechirp.core.detection_columns import (
     TABLE,
@@ -88,6 +89,7 @@ class Dbscan:
 _DEFAULT = Dbscan()
 
 
+@check_argument_types
 def cluster(
     detections: xr.Dataset, radar: Radar, dbscan: Dbscan = _DEFAULT
 ) -> tuple[xr.Dataset, xr.Dataset]:

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.detection_columns import UNITS, detections_from_columns
-from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.processing.chain import Chain
 from dechirp.processing.frame import (
@@ -20,10 +20,11 @@ from dechirp.processing.frame import (
 from dechirp.processing.peaks import MAX_PEAKS
 from dechirp.processing.velocity_ambiguity.hypotheses import FramePeaks
 from dechirp.processing.velocity_ambiguity.resolve import resolve_across_frames
-from dechirp.radar.cube import check_samples_complex_or_real
+from dechirp.radar.cube import check_cube_fits_radar
 from dechirp.radar.radar import Radar
 
 
+@check_argument_types
 def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.Dataset:
     """Detect targets in each frame of a cube, simulated or recorded.
 
@@ -213,39 +214,6 @@ def process_cubes(
                 with_directions=with_directions,
             )
             number += 1
-
-
-def check_cube_fits_radar(cube: xr.DataArray, radar: Radar) -> None:
-    """Raise `InvalidSetting` unless the radar could have taken the cube."""
-    chirp = radar.frame.chirp
-    if not isinstance(cube, xr.DataArray):
-        raise InvalidSetting(
-            "cube",
-            value=f"a {type(cube).__name__}",
-            expected=f"an xarray.DataArray over {', '.join(CUBE_AXES)}",
-            fix="name its axes: xarray.DataArray(array, dims=(...))",
-        )
-    if set(cube.dims) == set(CUBE_AXES) and not cube.sizes["frame"]:
-        raise InvalidSetting(
-            "cube", value="0 frames", expected="1 or more", fix="pass a cube that has frames"
-        )
-    if set(cube.dims) != set(CUBE_AXES):
-        raise InvalidSetting(
-            "cube",
-            value=f"an array over {', '.join(map(str, cube.dims))}",
-            expected=f"an array over {', '.join(CUBE_AXES)}",
-            fix="rename its axes, and add missing ones of length 1 with expand_dims",
-        )
-    sizes = {"chirp": radar.frame.n_chirps_total, "rx": radar.array.n_rx, "sample": chirp.n_samples}
-    for name, size in sizes.items():
-        if cube.sizes[name] != size:
-            raise InvalidSetting(
-                "cube",
-                value=f"{cube.sizes[name]} along {name}",
-                expected=f"{size}, as the radar has",
-                fix="pass the radar that the cube was taken with",
-            )
-    check_samples_complex_or_real(chirp, cube, setting="cube")
 
 
 def warn_about_dropped_peaks(frame: FrameResult, *, stacklevel: int = 3) -> None:

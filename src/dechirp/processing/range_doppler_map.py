@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.conventions import axis_coordinate
 from dechirp.core.memory import check_free_memory
 from dechirp.processing.chain import Chain
@@ -18,16 +19,24 @@ from dechirp.processing.peaks import reject_sidelobes, strongest_local_maxima_an
 from dechirp.processing.range_walk import select_frame_transform
 from dechirp.processing.spectrum import mean_range_doppler_power, rows_with_circular_noise
 from dechirp.processing.virtual_array import split_chirps_into_slots
+from dechirp.radar.cube import check_frame_fits_radar
 from dechirp.radar.radar import Radar
 
 
+@check_argument_types
 def power_map(cube: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArray:
     """Compute the range-Doppler map of one frame, (chirp, rx, sample) to (velocity, range).
 
     Mean power over the channels, see `split_chirps_into_slots`; a tone on a bin keeps its power.
     Where mitigation attenuates velocities, the map is divided by the residual white noise, except
     in cells with less than a tenth of it, see `processing.mitigation.noise_loss`.
+
+    Raises
+    ------
+    InvalidSetting
+        If the radar cannot have taken the frame.
     """
+    check_frame_fits_radar(cube, radar)
     samples = cube.variable.transpose("chirp", "rx", "sample").values
     if chain.mitigation:
         samples = apply_mitigation(samples, radar.frame, chain.mitigation).samples
@@ -65,6 +74,7 @@ def _empty_labelled_map(radar: Radar, chain: Chain, samples_unit: str) -> xr.Dat
     )
 
 
+@check_argument_types
 def threshold_map(power: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArray:
     """Compute the threshold of each cell of a map; infinite where no false-alarm law holds.
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_finite_array, check_integer
 from dechirp.core.conventions import CUBE_AXES, axis_coordinate
 from dechirp.core.errors import InvalidSetting
@@ -20,6 +21,7 @@ _BODY_EXTENT_M = 2.0
 _MAX_GAP = 1e-3
 
 
+@check_argument_types
 def spectrogram(
     cube: xr.DataArray,
     radar: Radar,

@@ -64,6 +64,55 @@ def label_cube(
     )
 
 
+def check_cube_fits_radar(cube: xr.DataArray, radar: Radar) -> None:
+    """Raise `InvalidSetting` unless the radar could have taken the cube, one frame or more."""
+    _check_axes_and_sizes(cube, radar, CUBE_AXES)
+    if not cube.sizes["frame"]:
+        raise InvalidSetting(
+            "cube", value="0 frames", expected="1 or more", fix="pass a cube that has frames"
+        )
+
+
+def check_frame_fits_radar(cube: xr.DataArray, radar: Radar) -> None:
+    """Raise `InvalidSetting` unless the radar could have taken the frame, (chirp, rx, sample)."""
+    if isinstance(cube, xr.DataArray) and "frame" in cube.dims:
+        raise InvalidSetting(
+            "cube",
+            value=f"{cube.sizes['frame']} frames",
+            expected=f"one frame, over {', '.join(CUBE_AXES[1:])}",
+            fix="select one with isel(frame=0)",
+        )
+    _check_axes_and_sizes(cube, radar, CUBE_AXES[1:])
+
+
+def _check_axes_and_sizes(cube: xr.DataArray, radar: Radar, axes: tuple[str, ...]) -> None:
+    chirp = radar.frame.chirp
+    if not isinstance(cube, xr.DataArray):
+        raise InvalidSetting(
+            "cube",
+            value=f"a {type(cube).__name__}",
+            expected=f"an xarray.DataArray over {', '.join(axes)}",
+            fix="name its axes: xarray.DataArray(array, dims=(...))",
+        )
+    if set(cube.dims) != set(axes):
+        raise InvalidSetting(
+            "cube",
+            value=f"an array over {', '.join(map(str, cube.dims))}",
+            expected=f"an array over {', '.join(axes)}",
+            fix="rename its axes, and add missing ones of length 1 with expand_dims",
+        )
+    sizes = {"chirp": radar.frame.n_chirps_total, "rx": radar.array.n_rx, "sample": chirp.n_samples}
+    for name, size in sizes.items():
+        if cube.sizes[name] != size:
+            raise InvalidSetting(
+                "cube",
+                value=f"{cube.sizes[name]} along {name}",
+                expected=f"{size}, as the radar has",
+                fix="pass the radar that the cube was taken with",
+            )
+    check_samples_complex_or_real(chirp, cube, setting="cube")
+
+
 def check_samples_complex_or_real(
     chirp: Chirp, samples: np.ndarray | xr.DataArray, *, setting: str
 ) -> None:

@@ -7,6 +7,7 @@ from types import MappingProxyType
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.errors import InvalidSetting
 from dechirp.radar.cube import check_samples_complex_or_real
@@ -16,6 +17,7 @@ from dechirp.recordings.readers.base import Contents
 from dechirp.recordings.recording import Recording
 
 
+@check_argument_types
 def recording_from_cube(
     cube: xr.DataArray,
     radar: Radar,

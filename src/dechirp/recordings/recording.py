@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.conventions import CUBE_AXES, axis_coordinate
 from dechirp.core.display import Displayable, Table, format_count_with_noun
 from dechirp.core.errors import RecordingError
@@ -264,6 +265,7 @@ def label_frames_as_cube(
     return cube.assign_coords(gap=xr.Variable(("frame", "chirp"), gaps, attributes))
 
 
+@check_argument_types
 def open(
     path: str | Path,
     *,

@@ -7,6 +7,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 import dechirp.core.accessor  # noqa: F401  # for `truth(...).dechirp`
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
 from dechirp.radar.budget import noise_power_w as thermal_noise_w
@@ -16,6 +17,7 @@ from dechirp.scene.rcs import target_cross_sections_m2
 from dechirp.scene.scene import Scene
 
 
+@check_argument_types
 def truth(
     scene: Scene,
     radar: Radar,

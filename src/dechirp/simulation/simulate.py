@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import PhysicsWarning
@@ -48,6 +49,7 @@ _COPY_BLOCK_SAMPLES = 2**21
 _DOUBLE_PRECISION: np.dtype[np.complexfloating] = np.dtype(np.complex128)
 
 
+@check_argument_types
 def simulate(
     scene: Scene,
     radar: Radar,

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_finite_array, check_integer
 from dechirp.core.detection_columns import check_type
 from dechirp.core.errors import InvalidSetting
@@ -22,6 +23,7 @@ TrackHistory = dict[int, list[tuple[int, Track]]]
 """Frames and states of each track, by its number."""
 
 
+@check_argument_types
 def track(
     detections: xr.Dataset,
     times_s: ArrayLike,

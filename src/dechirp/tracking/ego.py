@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import chdtri
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import (
     check_integer,
     check_integer_fields,
@@ -100,6 +101,7 @@ class EgoMotion:
 _DEFAULT = EgoMotion()
 
 
+@check_argument_types
 def ego_motion(detections: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFAULT) -> xr.Dataset:
     r"""Estimate the velocity of the radar in each frame from its static detections.
 

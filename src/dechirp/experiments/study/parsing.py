@@ -34,6 +34,7 @@ from dechirp.config.yaml_tree import (
     join_setting_path,
     parse_yaml,
 )
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import (
     DechirpError,
     InvalidFile,
@@ -74,6 +75,7 @@ _PLAIN_SETTINGS = (
 _MAX_MISTAKES = 10  # invalid values of one setting before the rest is skipped
 
 
+@check_argument_types
 def load_study(path: str | Path, overrides: Iterable[str] = (), seed: int | None = None) -> Study:
     """Load a study from a YAML file.
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
 from dechirp.core.display import Displayable, Table
 from dechirp.core.errors import DechirpError, Mistake
@@ -71,6 +72,7 @@ class StudyOutcome(Displayable):
         yield from self.result._display_tables()
 
 
+@check_argument_types
 def run_study(
     study: Study,
     out: str | Path,

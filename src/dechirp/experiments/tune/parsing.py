@@ -40,6 +40,7 @@ from dechirp.config.quantities import parse_quantity
 from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import YamlNode, duplicate_key_mistakes, join_setting_path, parse_yaml
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting, Mistake
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.score.base import Score
@@ -71,6 +72,7 @@ class PlainSettings:
     confidence: float = 0.95
 
 
+@check_argument_types
 def load_tune(path: str | Path, overrides: Sequence[str] = (), *, seed: int | None = None) -> Tune:
     """Load a search from a settings file; `PATH=VALUE` texts override settings of its scenarios.
 

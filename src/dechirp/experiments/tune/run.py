@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from dechirp.config.dumping import dump_yaml
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.display import format_count_with_noun
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 from dechirp.core.findings import Finding
@@ -132,6 +133,7 @@ def run_search(
         return _Search(tune, ledger, workers, progress).run_search_and_confirmation()
 
 
+@check_argument_types
 def run_tune(
     tune: Tune,
     out: str | Path,

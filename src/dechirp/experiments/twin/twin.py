@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding, capture_warned_findings
@@ -131,6 +132,7 @@ def _differences_within_tolerance(
     )
 
 
+@check_argument_types
 def twin(
     recording: Recording,
     *,

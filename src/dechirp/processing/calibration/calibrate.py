@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import as_tuple_or_none, check_number
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
@@ -42,6 +43,7 @@ class CalibrationResult:
     """Findings that put the calibration in doubt."""
 
 
+@check_argument_types
 def calibrate(
     cubes: Frames | Sequence[Frames],
     radar: Radar,

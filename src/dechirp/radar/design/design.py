@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Any, Literal
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.display import Displayable, Table
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, findings_display_table
@@ -50,6 +51,7 @@ class Design(Displayable):
         yield Table("What follows", rows)
 
 
+@check_argument_types
 def design(
     requirements: Requirements | None = None,
     *,

@@ -2,6 +2,7 @@
 
 import re
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import InvalidSetting
 from dechirp.radar.devices.base import Device
 
@@ -23,6 +24,7 @@ _TI_KINDS = {
 _ALIASES = {"mmwcas": "cascade", "mmwcasrfevm": "cascade", "bgt60tr13": "bgt60tr13c"}
 
 
+@check_argument_types
 def device(name: str) -> Device:
     """Return the device of a name: a kind, or a chip as its vendor, a file or a user spells it.
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.radar.calibration import Calibration
@@ -121,6 +122,7 @@ class GrowingFile(Stream):
         )
 
 
+@check_argument_types
 def follow(
     path: str | Path,
     *,

@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_number
 from dechirp.core.errors import InvalidSetting
 from dechirp.recordings.live.udp import parse_udp_address
@@ -29,6 +30,7 @@ def iter_file_as_packets(path: Path) -> Iterator[bytes]:
             sequence += 1
 
 
+@check_argument_types
 def replay(path: str | Path, address: str = "127.0.0.1:4098", *, bytes_per_s: float = 21e6) -> int:
     """Send a DCA1000 capture, a file of raw samples (`.bin`), as UDP packets.
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import InvalidSetting, RecordingError
 from dechirp.core.findings import Finding
 from dechirp.radar.calibration import Calibration
@@ -201,6 +202,7 @@ def _note_without_fix(value: str, *, expected: str) -> Finding:
     )
 
 
+@check_argument_types
 def listen(
     address: str = "127.0.0.1:4098",
     *,

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_finite_array, check_integer
 from dechirp.core.detection_columns import TABLE
 from dechirp.core.errors import InvalidSetting
@@ -24,6 +25,7 @@ DETECTED = tuple(column.name for column in TABLE if column.in_object_lists)
 """Columns of detections and clusters that object lists keep."""
 
 
+@check_argument_types
 def object_list(
     dataset: xr.Dataset, times_s: ArrayLike | None = None, *, first: int = 0
 ) -> xr.Dataset:

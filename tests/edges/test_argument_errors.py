@@ -1,0 +1,78 @@
+"""Wrong arguments of public functions: one error of the package, which names the argument."""
+
+import inspect
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import dechirp as dc
+from dechirp.core.errors import InvalidSetting
+from radars import street_radar
+
+FUNCTIONS = {
+    name: getattr(dc, name) for name in dc.__all__ if inspect.isfunction(getattr(dc, name))
+}
+WRONG_VALUES = [3, None, np.zeros(3), xr.DataArray(np.zeros(3)), xr.Dataset(), object()]
+
+
+def required_arguments(function):
+    return [
+        parameter.name
+        for parameter in inspect.signature(function).parameters.values()
+        if parameter.default is parameter.empty and parameter.kind != parameter.VAR_KEYWORD
+    ]
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, function in FUNCTIONS.items() if required_arguments(function)]
+)
+def test_wrong_and_missing_arguments_are_named(name):
+    arguments = required_arguments(FUNCTIONS[name])
+    with pytest.raises(InvalidSetting, match=rf"^{name}\.{arguments[0]}: missing"):
+        FUNCTIONS[name]()
+
+    for value in WRONG_VALUES:
+        with pytest.raises(InvalidSetting) as caught:
+            FUNCTIONS[name](**dict.fromkeys(arguments, value))
+        setting = caught.value.mistakes[0].setting
+        assert setting.rpartition(".")[2] in arguments, (value, setting)
+
+
+@pytest.fixture(scope="module")
+def cube():
+    radar = street_radar(n_samples=64, n_chirps=16)
+    return dc.simulate(dc.Scene(targets=[dc.Target(position_m=(20, 0, 0))]), radar)
+
+
+@pytest.mark.parametrize("name", ["power_map", "range_azimuth_map", "angle_spectrum"])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda cube: cube, r"cube: 1 frames; expected one frame, over chirp, rx, sample"),
+        (lambda cube: cube[0, :8], r"cube: 8 along chirp; expected 16"),
+        (lambda cube: cube[0].real, r"cube: samples of type float32; expected complex"),
+        (lambda cube: cube[0].rename(rx="receiver"), r"cube: an array over chirp, receiver"),
+    ],
+    ids=["frames", "chirps", "real", "axes"],
+)
+def test_frame_that_radar_cannot_have_taken_is_refused(cube, name, change, message):
+    radar = street_radar(n_samples=64, n_chirps=16)
+    others = {"chain": dc.Chain()}
+    if name == "angle_spectrum":
+        others |= {"detections": dc.detect(cube, radar), "index": 0}
+
+    with pytest.raises(InvalidSetting, match=message):
+        FUNCTIONS[name](change(cube), radar, **others)
+
+
+def test_real_radar_refuses_complex_cube(cube):
+    with pytest.raises(InvalidSetting, match="cube: samples of type complex64; expected real"):
+        dc.detect(cube, street_radar(n_samples=64, n_chirps=16, sampling="real"))
+
+
+@pytest.mark.parametrize("index", [-1, 1000, 0.5])
+def test_index_of_no_detection_is_refused(cube, index):
+    radar = street_radar(n_samples=64, n_chirps=16)
+    with pytest.raises(InvalidSetting, match="index: "):
+        dc.angle_spectrum(cube[0], radar, dc.detect(cube, radar), index)
