@@ -76,3 +76,12 @@ def test_index_of_no_detection_is_refused(cube, index):
     radar = street_radar(n_samples=64, n_chirps=16)
     with pytest.raises(InvalidSetting, match="index: "):
         dc.angle_spectrum(cube[0], radar, dc.detect(cube, radar), index)
+
+
+def test_warnings_point_to_the_line_of_the_caller():
+    radar = street_radar(n_samples=64, n_chirps=16)
+    scene = dc.Scene(targets=[dc.Target(position_m=(90, 0, 0), rcs_m2=1e4)])  # 75 m are unambiguous
+    with pytest.warns(dc.PhysicsWarning, match="aliased") as warnings:
+        dc.simulate(scene, radar)
+
+    assert {warning.filename for warning in warnings} == {__file__}

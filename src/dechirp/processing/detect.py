@@ -111,7 +111,7 @@ def detect_columns(
     """
     processor = FrameProcessor(radar, chain or Chain())
     for frame in processor.process_cubes(cubes, first_frame_number=first_frame_number):
-        warn_about_dropped_peaks(frame, stacklevel=4)
+        warn_about_dropped_peaks(frame, stacklevel=5)
     return processor.joined_detection_columns()
 
 

@@ -125,11 +125,11 @@ def build_stages_with_warnings(
 ) -> Stages:
     """Build the stages, and issue all warnings of `simulate`."""
     for finding in scene_findings(scene, radar, n_frames=n_frames):
-        warnings.warn(PhysicsWarning(finding), stacklevel=3)
+        warnings.warn(PhysicsWarning(finding), stacklevel=4)
     stages = build_checked_stages(impairments, scene, radar)
     finding_slow = phase_error.slow_ramp_finding(radar) if stages.oscillators else None
     if finding_slow is not None:
-        warnings.warn(PhysicsWarning(finding_slow), stacklevel=3)
+        warnings.warn(PhysicsWarning(finding_slow), stacklevel=4)
     return stages
 
 

@@ -177,7 +177,7 @@ def _warn_of_ignored_rows(n_ignored: int, n_rows: int, row_axis: str) -> None:
             expected="range and azimuth with standard errors",
             fix="choose a direction estimator in chain.angle, and an array that resolves azimuth",
         )
-        warnings.warn(PhysicsWarning(finding), stacklevel=3)
+        warnings.warn(PhysicsWarning(finding), stacklevel=4)
 
 
 def _confirmed_tracks_to_dataset(

@@ -239,7 +239,7 @@ def _warn_rows_without_direction(n_without_direction: int, n_rows: int, dim: str
             expected="at least one angle, which their positions need",
             fix="use an array that resolves directions, or the detections; these positions are NaN",
         )
-        warnings.warn(PhysicsWarning(finding), stacklevel=4)
+        warnings.warn(PhysicsWarning(finding), stacklevel=5)
 
 
 def _unsuitable_dataset_error(value: str) -> InvalidSetting:
