@@ -221,6 +221,35 @@ def test_list_longer_than_cycle_is_truncated():
     assert assemble_object_list(frames, LAYOUT).sizes["object"] == 19
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("ObjectListPart: 64", "ObjectListPart: 640000000"),
+        ("48|2@", "48|200000000@"),
+        ("48|2@", "480000000|2@"),
+        ("(0.01,0)", "(0.01,1E999999)"),
+        ("-1310.71|", f"-{'9' * 5000}|"),
+        ("BU_: Radar Receiver", "BU_: Radar Receiver\nSG_MUL_VAL_ 769 X_0 Status_0 0-400000000;"),
+    ],
+    ids=["message", "signal", "start", "exponent", "digits", "multiplexer"],
+)
+def test_numbers_that_would_exhaust_the_parser_are_refused(tmp_path, monkeypatch, old, new):
+    # The parser takes up to 60 s and 6 GB for each.
+    dbc = tmp_path / "huge.dbc"
+    dbc.write_text(SHIPPED.replace(old, new))
+    monkeypatch.setattr(cantools.database, "load_string", lambda *_, **__: pytest.fail("parsed"))
+
+    with pytest.raises(InvalidSetting, match="at most"):
+        read_dbc_layout(dbc)
+
+
+def test_limits_of_floats_are_accepted(tmp_path):
+    dbc = tmp_path / "floats.dbc"
+    dbc.write_text(SHIPPED.replace("[0|255]", "[-3.4E+038|1.7E+308]", 1))
+
+    assert read_dbc_layout(dbc).codes == LAYOUT.codes
+
+
 def test_list_longer_than_dbc_counter_is_truncated(tmp_path):
     dbc = tmp_path / "short.dbc"
     dbc.write_text(SHIPPED.replace("16|8@1+ (1,0) [0|255]", "16|8@1+ (1,0) [0|20]"))

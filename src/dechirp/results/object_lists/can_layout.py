@@ -1,6 +1,7 @@
 """DBC layout of the object list: the signal and code of each column."""
 
 import math
+import re
 from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
@@ -15,6 +16,15 @@ from dechirp.results.object_lists.can_bus import FRAME_LENGTHS
 __all__ = ["DbcLayout", "read_dbc_layout"]
 
 HEADER, PART = "ObjectListHeader", "ObjectListPart"
+
+_MAX_DBC_CHARACTERS = 2_000_000  # half a minute of parsing; that of a whole car has a tenth
+_LONG_NUMBER = re.compile(r"\d{31,}|\d\.?[eE][+-]?0*[1-9]\d{3,}")
+_MESSAGE_LENGTH = re.compile(r"\bBO_\s+\d+\s+\w+\s*:\s*(\d+)")
+_SIGNAL_BITS = re.compile(r":\s*(\d+)\s*\|\s*(\d+)\s*@")
+_MULTIPLEXER_STATEMENT = re.compile(r"\bSG_MUL_VAL_[^;]*")
+_MULTIPLEXER_RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")
+_MAX_BYTES = 4095  # the longest message of ISO-TP
+_MAX_MULTIPLEXER_VALUES = 65536
 
 _UNKNOWN_NAMES = ("NotAvailable", "SNA")
 """Names, in a value table, of the code for unknown values."""
@@ -191,10 +201,16 @@ def read_dbc_layout(dbc: str | Path | None = None) -> DbcLayout:
 def _load_dbc_messages(path: Path) -> list[Any]:
     cantools = import_from_io_extra("cantools")
     try:
-        database = cantools.database.load_file(str(path), database_format="dbc", strict=True)
+        # As cantools reads files: the encoding of Vector's tools.
+        text = path.read_text(encoding="cp1252")
     except OSError as error:
         reason = error.strerror or str(error)
         raise _dbc_error(path, reason, "a readable DBC", "check the path") from None
+    except UnicodeDecodeError as error:
+        raise _dbc_error(path, f"not a DBC ({error.reason})", "a DBC", "correct it") from None
+    _check_number_sizes(path, text)
+    try:
+        database = cantools.database.load_string(text, database_format="dbc", strict=True)
     except (cantools.Error, ValueError, KeyError, AttributeError, TypeError, IndexError) as error:
         # The parser raises various exceptions for files that are not a DBC.
         reason = " ".join(str(error).split())[:200] or type(error).__name__
@@ -202,6 +218,42 @@ def _load_dbc_messages(path: Path) -> list[Any]:
             path, f"not a DBC ({reason})", "a DBC", "correct it, or use the shipped one"
         ) from None
     return list(database.messages)
+
+
+def _check_number_sizes(path: Path, text: str) -> None:
+    """Raise `InvalidSetting` for numbers for which the parser would take minutes or gigabytes.
+
+    It makes a list of the bits of each message and of the values of each multiplexer, and computes
+    with exact decimals: a message of 64e7 bytes takes 19 s and 5.7 GB.
+    """
+    if len(text) > _MAX_DBC_CHARACTERS:
+        raise _dbc_error(
+            path,
+            f"{len(text)} characters",
+            f"at most {_MAX_DBC_CHARACTERS}",
+            "leave out other messages",
+        )
+    if long_number := _LONG_NUMBER.search(text):
+        raise _dbc_error(
+            path,
+            f"a number of {len(long_number[0])} digits, or with its exponent",
+            "at most 30 digits, and exponents to 999",
+            "correct it",
+        )
+    n_bytes = [int(number) for number in _MESSAGE_LENGTH.findall(text)]
+    bits = [int(number) for pair in _SIGNAL_BITS.findall(text) for number in pair]
+    n_values = [
+        int(last) - int(first) + 1
+        for statement in _MULTIPLEXER_STATEMENT.findall(text)
+        for first, last in _MULTIPLEXER_RANGE.findall(statement)
+    ]
+    for name, numbers, largest in (
+        ("a message length of", n_bytes, _MAX_BYTES),
+        ("a signal at bit, or of length,", bits, 8 * _MAX_BYTES),
+        ("a number of multiplexer values of", n_values, _MAX_MULTIPLEXER_VALUES),
+    ):
+        if max(numbers, default=0) > largest:
+            raise _dbc_error(path, f"{name} {max(numbers)}", f"at most {largest}", "correct it")
 
 
 def _check_not_multiplexed_and_fd_length(path: Path, message: Any) -> None:
