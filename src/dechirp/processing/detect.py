@@ -9,6 +9,7 @@ import xarray as xr
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.detection_columns import UNITS, detections_from_columns
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.processing.chain import Chain
 from dechirp.processing.frame import (
