@@ -1,6 +1,7 @@
 """ROS 2 bags with radar point clouds, without samples.
 
-A folder with `metadata.yaml`, which names the message files (`.db3` or `.mcap`) in it.
+A folder with `metadata.yaml`, which names the message files (`.db3` or `.mcap`) in it; or a `.db3`
+file alone.
 
 References
 ----------
@@ -56,6 +57,7 @@ def iter_sqlite_messages(path: Path) -> Iterator[Message]:
 
 
 METADATA = "metadata.yaml"
+_SQLITE = b"SQLite format 3\0"
 
 _MARK = "rosbag2_bagfile_information"
 _MAX_METADATA_BYTES = 2**20  # bytes of metadata; a topic takes a few hundred
@@ -70,12 +72,15 @@ _EXPECTED = "a complete ROS 2 bag with storage sqlite3 or mcap, without bag comp
 class Ros2Bag(Format):
     """Detections in a ROS 2 bag: point clouds (`sensor_msgs/msg/PointCloud2`).
 
-    The folder of the bag, with storage sqlite3 or mcap. Needs the extra `io`.
+    The folder of the bag, with storage sqlite3 or mcap, or its `.db3` file. Needs the extra `io`.
     """
 
     options: ClassVar[tuple[str, ...]] = ("inner_name",)
 
     def recognise(self, path: Path) -> MatchQuality:
+        if path.is_file():
+            is_bag = _is_sqlite_bag(path)
+            return MatchQuality.SELF_DESCRIBING if is_bag else MatchQuality.NO
         metadata = path / METADATA
         if not metadata.is_file():
             return MatchQuality.NO
@@ -87,6 +92,8 @@ class Ros2Bag(Format):
             )
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
+        if path.is_file():
+            return messages_to_contents(path, iter_sqlite_messages(path), hints, _EXPECTED)
         with convert_parser_errors(path, _EXPECTED):
             metadata = _read_bag_metadata(path)
             storage, names = metadata["storage_identifier"], metadata["relative_file_paths"]
@@ -110,6 +117,19 @@ class Ros2Bag(Format):
                 yield from _STORAGES[storage](file)
 
         return messages_to_contents(path, messages(), hints, _EXPECTED)
+
+
+def _is_sqlite_bag(path: Path) -> bool:
+    """Return whether a file is an SQLite database with the tables of a bag, even if damaged."""
+    with path.open("rb") as file:
+        if file.read(len(_SQLITE)) != _SQLITE:
+            return False
+    address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
+    try:
+        with closing(sqlite3.connect(address, uri=True)) as database:
+            return bool(database.execute(_TABLES).fetchone() == (2,))
+    except (sqlite3.Error, OverflowError, MemoryError):
+        return path.suffix.lower() == ".db3"  # `read` reports the damage
 
 
 def _read_bag_metadata(path: Path) -> dict[str, Any]:
