@@ -1,6 +1,10 @@
 """Encodings of samples as numbers, and their conversion to full scale 1."""
 
+from dataclasses import replace
+
 import numpy as np
+
+from dechirp.recordings.arrays.lazy_array import ArrayPart, LazyArray
 
 # Smallest and largest possible number of each encoding.
 LIMITS = {
@@ -35,3 +39,14 @@ def scale_to_full_scale(numbers: np.ndarray, encoding: str) -> np.ndarray:
     if encoding != "full-scale":
         scaled /= 32768
     return scaled
+
+
+def scale_lazily_to_full_scale(codes: LazyArray) -> LazyArray:
+    """Scale integers of any size to full scale 1 when they are read."""
+    full_scale = np.float32(2.0 ** (8 * codes.dtype.itemsize - 1))
+    zero = np.float32(full_scale if codes.dtype.kind == "u" else 0)
+
+    def read(part: ArrayPart) -> np.ndarray:
+        return (codes.read(part).astype(np.float32) - zero) / full_scale
+
+    return replace(codes, dtype=np.dtype(np.float32), read=read)

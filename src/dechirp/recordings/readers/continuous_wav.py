@@ -5,7 +5,6 @@ I and Q are two files of one channel each, whose names differ in that letter (`w
 follow at the times of the radar's settings, pauses between frames included.
 """
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
@@ -17,7 +16,11 @@ from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.frame import Frame
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
-from dechirp.recordings.samples.continuous import check_single_receiver_and_sampling
+from dechirp.recordings.samples.continuous import (
+    check_single_receiver_and_sampling,
+    chirp_start_samples,
+    count_frames_with_pauses,
+)
 from dechirp.recordings.samples.iq_files import iq_file_names, other_iq_file
 from dechirp.recordings.samples.iq_order import negative_beat_frequency_findings
 from dechirp.recordings.settings.base import Iq
@@ -65,11 +68,11 @@ class ContinuousWav(Format):
                 fix="correct the settings",
             )
         n_samples = min(file.n_samples for file in files)
-        n_frames = _count_complete_frames(path, frame, n_samples)
+        n_frames = count_frames_with_pauses(path, frame, n_samples)
         iq = (hints.iq or "iq") if sampling == "complex" else None
 
         def decode(index: int, out: np.ndarray) -> None:
-            _decode_chirps(files, _chirp_starts(frame, index)[: len(out)], iq, out)
+            _decode_chirps(files, chirp_start_samples(frame, index)[: len(out)], iq, out)
 
         findings = [*settings.findings, *(note for file in files for note in file.findings)]
         if iq is not None:
@@ -124,40 +127,6 @@ def _open_files_of_recording(path: Path, *, is_complex: bool) -> tuple[Wav, ...]
             fix="copy both files of the recording to one folder",
         )
     return (wav, other_wav) if path.name == iq_file_names(path.name)["i"] else (other_wav, wav)
-
-
-def _chirp_starts(frame: Frame, index: int) -> np.ndarray:
-    """Return the first sample of each chirp of a frame, (chirp,) int64."""
-    chirp = frame.chirp
-    starts_s = frame.frame_start_s(index) + frame.for_frame(index).chirp_starts_s
-    return np.rint((starts_s + chirp.adc_start_s) * chirp.sample_rate_hz).astype(np.int64)
-
-
-def _count_complete_frames(path: Path, frame: Frame, n_samples: int) -> int:
-    """Return the number of frames whose last chirp is complete.
-
-    Raises
-    ------
-    RecordingError
-        If there is none.
-    """
-
-    def end_sample(index: int) -> int:
-        return int(_chirp_starts(frame, index)[-1]) + frame.chirp.n_samples
-
-    period_s = frame.frame_start_s(frame.n_intervals) / frame.n_intervals
-    n_frames = math.ceil(n_samples / (period_s * frame.chirp.sample_rate_hz)) + 1
-    while n_frames and end_sample(n_frames - 1) > n_samples:
-        n_frames -= 1
-    if n_frames:
-        return n_frames
-    raise RecordingError(
-        path,
-        value=f"{n_samples} samples",
-        expected=f"at least {end_sample(0)}, one frame of {frame.n_chirps_total} chirps"
-        " (radar.frame)",
-        fix="give a smaller radar.frame.n_chirps, or record for longer",
-    )
 
 
 def _decode_chirps(

@@ -17,9 +17,9 @@ import numpy as np
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
-from dechirp.recordings.arrays.encodings import LIMITS
+from dechirp.recordings.arrays.encodings import LIMITS, scale_lazily_to_full_scale
 from dechirp.recordings.arrays.json_columns import column_from_json
-from dechirp.recordings.arrays.lazy_array import ArrayPart, LazyArray, convert_parser_errors
+from dechirp.recordings.arrays.lazy_array import LazyArray, convert_parser_errors
 from dechirp.recordings.arrays.lazy_files import open_memory_mapped_array
 from dechirp.recordings.arrays.named_axes import (
     infer_shape_and_findings,
@@ -232,7 +232,7 @@ def _read_foreign_recording(meta: SigmfMetadata, hints: RecordingHints) -> Conte
     )
     return interpret_array_as_recording(
         meta.path,
-        samples if is_full_scale else _scale_lazily_to_full_scale(samples),
+        samples if is_full_scale else scale_lazily_to_full_scale(samples),
         complete_hints,
         file_bytes=file_bytes,
         findings=(
@@ -269,17 +269,6 @@ def _missing_samples_warning(meta: SigmfMetadata, numbers_per_frame: int) -> tup
             fix="cut the recording at its gaps and open each part",
         ),
     )
-
-
-def _scale_lazily_to_full_scale(codes: LazyArray) -> LazyArray:
-    """Scale integers of any size to full scale 1 when they are read."""
-    full_scale = np.float32(2.0 ** (8 * codes.dtype.itemsize - 1))
-    zero = np.float32(full_scale if codes.dtype.kind == "u" else 0)
-
-    def read(part: ArrayPart) -> np.ndarray:
-        return (codes.read(part).astype(np.float32) - zero) / full_scale
-
-    return replace(codes, dtype=np.dtype(np.float32), read=read)
 
 
 def _checksum_mismatch_findings(meta: SigmfMetadata) -> tuple[Finding, ...]:

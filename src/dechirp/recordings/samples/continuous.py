@@ -1,5 +1,6 @@
 """Continuous recordings: division of consecutive chirps into frames by the radar's settings."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -129,3 +130,37 @@ def _mean_frame_duration_s(frame: Frame) -> float:
     """Return the mean duration of the chirps of a frame, over all intervals."""
     durations_s = [frame.for_frame(index).duration_s for index in range(frame.n_intervals)]
     return sum(durations_s) / len(durations_s)
+
+
+def chirp_start_samples(frame: Frame, index: int) -> np.ndarray:
+    """Return the first sample of each chirp of a frame, (chirp,) int64, pauses included."""
+    chirp = frame.chirp
+    starts_s = frame.frame_start_s(index) + frame.for_frame(index).chirp_starts_s
+    return np.rint((starts_s + chirp.adc_start_s) * chirp.sample_rate_hz).astype(np.int64)
+
+
+def count_frames_with_pauses(path: Path, frame: Frame, n_samples: int) -> int:
+    """Return the number of frames whose last chirp is complete, pauses included.
+
+    Raises
+    ------
+    RecordingError
+        If there is none.
+    """
+
+    def end_sample(index: int) -> int:
+        return int(chirp_start_samples(frame, index)[-1]) + frame.chirp.n_samples
+
+    period_s = frame.frame_start_s(frame.n_intervals) / frame.n_intervals
+    n_frames = math.ceil(n_samples / (period_s * frame.chirp.sample_rate_hz)) + 1
+    while n_frames and end_sample(n_frames - 1) > n_samples:
+        n_frames -= 1
+    if n_frames:
+        return n_frames
+    raise RecordingError(
+        path,
+        value=f"{n_samples} samples",
+        expected=f"at least {end_sample(0)}, one frame of {frame.n_chirps_total} chirps"
+        " (radar.frame)",
+        fix="give a smaller radar.frame.n_chirps, or record for longer",
+    )
