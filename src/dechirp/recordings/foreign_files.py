@@ -63,7 +63,7 @@ _SIGNATURES = {
     ),
     b"LASF": ForeignFile("a LAS point cloud of a laser scanner", "give the radar's point cloud"),
     b"ASTM-E57": ForeignFile("an E57 point cloud of a laser scanner", "give the radar's points"),
-    b"LOGG": ForeignFile("a CAN log (BLF)", "read it with dechirp.read_objects"),
+    b"LOGG": ForeignFile("a CAN log (BLF)", "read it with dechirp.object_lists.read_objects"),
     b"MDF     ": ForeignFile("a measurement file (ASAM MDF)", _SAVE_ARRAY),
     b"TDSm": ForeignFile("a LabVIEW measurement file (TDMS)", _SAVE_ARRAY),
     b"PAR1": ForeignFile("a Parquet table", _SAVE_ARRAY),
@@ -105,7 +105,10 @@ _PATTERNS = {
         "a Python pickle, which dechirp does not load because it can run programs",
         "load it in Python where you trust it, and save its array with numpy.save",
     ),
-    rb"ply\r?\nformat ": ForeignFile("a PLY point cloud", "convert it to PCD"),
+    rb"ply\r?\nformat ": ForeignFile(
+        "a PLY point cloud",
+        "read an object list with dechirp.object_lists.read_objects; convert others to PCD",
+    ),
     rb"(?:\xef\xbb\xbf)?\s*(?i:<!doctype html|<html|<head)": ForeignFile(
         "a web page (HTML), such as the error or login page of a server, in place of the file",
         "download the file itself: the link to the raw file, with a login where it is needed",

@@ -1,1 +1,1 @@
-"""Messages of ROS 2 in MCAP and SQLite files."""
+"""Messages of ROS in MCAP, SQLite and bag files, and point clouds in files."""

@@ -8,6 +8,7 @@ References
 ROS Enhancement Proposal 103, Standard Units of Measure and Coordinate Conventions.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -47,35 +48,59 @@ def read_foreign_detections(
             expected="a topic of sensor_msgs/msg/PointCloud2, with velocities unless it is named",
             fix="append the topic to the recording, as in bag.mcap/front/radar",
         )
-    clouds = arrays.clouds[topic]
+    unread_topics = {
+        **arrays.unread_topics,
+        **{other_topic: "points" for other_topic in arrays.clouds if other_topic != topic},
+    }
+    return convert_clouds_to_contents(
+        path, arrays.clouds[topic], radar, source=topic, findings=_unread_topics_note(unread_topics)
+    )
+
+
+def convert_clouds_to_contents(
+    path: Path,
+    clouds: Sequence[PointCloud],
+    radar: Radar | None,
+    *,
+    source: str,
+    findings: Sequence[Finding] = (),
+) -> Contents:
+    """Return clouds as detections, a frame for each; `source` names them in messages.
+
+    Raises
+    ------
+    RecordingError
+        If the points have no coordinates.
+    """
     fields = clouds[0].points.dtype.names or ()
     names = {name.lower(): name for name in fields}
     if not names.keys() >= set(_XYZ):
         raise RecordingError(
             path,
-            value=f"points with fields {', '.join(fields) or '(none)'} on {topic}",
+            value=f"points with fields {', '.join(fields[:20]) or '(none)'} of {source}",
             expected="points with fields x, y and z",
-            fix="append another topic to the recording, as in bag.mcap/front/radar",
+            fix="give other points: of a bag, append the topic, as in bag.mcap/front/radar",
         )
     with np.errstate(all="ignore"):  # foreign numbers: overflow gives no valid position
         points = _clouds_to_detections(clouds, names)
-    unread_topics = {
-        **arrays.unread_topics,
-        **{other_topic: "points" for other_topic in arrays.clouds if other_topic != topic},
-    }
     return Contents(
         radar=radar,
         n_frames=len(clouds),
         points=points,
-        findings=_used_topic_and_fields_findings(topic, clouds[0].frame_id, names, unread_topics),
+        findings=(*_used_fields_findings(source, clouds[0].frame_id, names), *findings),
     )
 
 
-def _clouds_to_detections(clouds: list[PointCloud], field_names: dict[str, str]) -> xr.Dataset:
+def _clouds_to_detections(clouds: Sequence[PointCloud], field_names: dict[str, str]) -> xr.Dataset:
     """Convert clouds to detections; `field_names` maps lower-case field names to their spelling."""
     counts = [len(cloud.points) for cloud in clouds]
     frame = np.repeat(np.arange(len(clouds)), counts)
-    times_s = np.array([cloud.time_ns - clouds[0].time_ns for cloud in clouds]) / NANO
+    known = [cloud.time_ns for cloud in clouds if cloud.time_ns is not None]
+    times_s = (
+        np.array([time_ns - known[0] for time_ns in known]) / NANO
+        if len(known) == len(clouds)
+        else np.full(len(clouds), np.nan)
+    )
 
     def column(name: str) -> np.ndarray:
         return np.concatenate([cloud.points[field_names[name]] for cloud in clouds]).astype(float)
@@ -85,11 +110,17 @@ def _clouds_to_detections(clouds: list[PointCloud], field_names: dict[str, str])
     snr = next((name for name in _SNRS if name in field_names), None)
     ground = np.hypot(x, y)
     unknown = np.full(len(x), np.nan)
+    if velocity is not None:
+        radial_velocity = column(velocity)
+    elif {"vx", "vy"} <= field_names.keys():  # components of the radial velocity, as in nuScenes
+        radial_velocity = (column("vx") * x + column("vy") * y) / ground
+    else:
+        radial_velocity = unknown
     columns = {
         "frame": frame,
         "time": np.repeat(times_s, counts),
         "range": np.hypot(ground, z),
-        "velocity": unknown if velocity is None else column(velocity),
+        "velocity": radial_velocity,
         "azimuth": np.arctan2(y, x),
         "elevation": np.arctan2(z, ground),
         "snr": unknown if snr is None else from_decibels(column(snr)),
@@ -97,7 +128,7 @@ def _clouds_to_detections(clouds: list[PointCloud], field_names: dict[str, str])
     point_dtype = clouds[0].points.dtype
     used_names = {*columns, *_XYZ, velocity, snr}
     for name in field_names:  # in file order: the order of a set changes from run to run
-        if name not in used_names and not point_dtype[field_names[name]].shape:
+        if name[:1] != "_" and name not in used_names and not point_dtype[field_names[name]].shape:
             columns[name] = column(name)
     has_position = np.isfinite(columns["range"])  # the others pad an organised cloud
     return xr.Dataset(
@@ -112,36 +143,44 @@ def _clouds_to_detections(clouds: list[PointCloud], field_names: dict[str, str])
     )
 
 
-def _used_topic_and_fields_findings(
-    topic: str, frame_id: str, fields: dict[str, str], unread_topics: dict[str, str]
+def _used_fields_findings(
+    source: str, frame_id: str, fields: dict[str, str]
 ) -> tuple[Finding, ...]:
-    """Report the topic and the fields that were used, and topics that were not read."""
+    """Report the fields that were used."""
+    velocity_fields = (*VELOCITIES, *(("vx",) if {"vx", "vy"} <= fields.keys() else ()))
     used_fields = [
         f"{quantity} from {next((fields[key] for key in candidates if key in fields), 'nothing')}"
-        for quantity, candidates in (("velocity", VELOCITIES), ("snr in dB", _SNRS))
+        for quantity, candidates in (("velocity", velocity_fields), ("snr in dB", _SNRS))
     ]
-    findings = [
+    if used_fields[0].endswith(" vx"):
+        used_fields[0] += " and vy, along the line of sight"
+    frame_text = f" (frame_id {frame_id!r})" if frame_id else ""
+    return (
         Finding(
             level="warning" if "nothing" in used_fields[0] else "note",
             setting="points",
-            value=f"points of {topic} (frame_id {frame_id!r}), fields {', '.join(fields.values())};"
+            value=f"points of {source}{frame_text}, fields {', '.join(list(fields.values())[:30])};"
             f" {', '.join(used_fields)}",
             expected="x forward, y left, z up, and velocities along the line of sight, receding"
             " positive",
             fix="convert them if the driver of the radar uses other conventions",
-        )
-    ]
-    if unread_topics:
-        findings.append(
-            Finding(
-                level="note",
-                setting="recording",
-                value=f"other topics, not read: {_format_topics_with_types(unread_topics)}",
-                expected="one topic of points",
-                fix="append another topic to the recording, as in bag.mcap/front/radar",
-            )
-        )
-    return tuple(findings)
+        ),
+    )
+
+
+def _unread_topics_note(unread_topics: dict[str, str]) -> tuple[Finding, ...]:
+    """Return a note on topics that were not read."""
+    if not unread_topics:
+        return ()
+    return (
+        Finding(
+            level="note",
+            setting="recording",
+            value=f"other topics, not read: {_format_topics_with_types(unread_topics)}",
+            expected="one topic of points",
+            fix="append another topic to the recording, as in bag.mcap/front/radar",
+        ),
+    )
 
 
 def _format_topics_with_types(topics: dict[str, str]) -> str:

@@ -44,9 +44,10 @@ VELOCITIES = (
 
 @frozen_dataclass
 class PointCloud:
-    """Point cloud of one message."""
+    """Point cloud of one message or file."""
 
-    time_ns: int
+    time_ns: int | None
+    """None if unknown."""
     frame_id: str
     points: np.ndarray = field(repr=False)
     """(n,), with the fields of its points."""

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numba
 import numpy as np
@@ -173,8 +173,8 @@ def _make_decoder(
     `chirp_starts` gives the first sample of each chirp of a frame.
     """
     full_scale = 1.0 if dtype.kind == "f" else 2.0 ** (8 * dtype.itemsize - 1)
-    zero = np.float32(full_scale if dtype.kind == "u" else 0)
-    step = np.float32(1 / full_scale)
+    zero: Any = np.float32(full_scale if dtype.kind == "u" else 0)
+    step: Any = np.float32(1 / full_scale)
 
     def decode(index: int, out: np.ndarray) -> None:
         starts = chirp_starts(index)[: len(out)]
@@ -224,8 +224,11 @@ def holds_float32_numbers(path: Path) -> bool:
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     numbers = np.frombuffer(head[: len(head) // 4 * 4], "<f4")
-    is_ordinary = np.isfinite(numbers) & (abs(numbers) > 1e-7) & (abs(numbers) < 1e6)
-    return bool(np.mean(is_ordinary | (numbers == 0)) > 0.99 and is_ordinary.sum() >= 16)
+    with np.errstate(invalid="ignore"):  # signalling NaN
+        sizes = np.abs(numbers)
+        is_ordinary = (sizes > 1e-7) & (sizes < 1e6)
+    n_ordinary, n_zeros = int(np.count_nonzero(is_ordinary)), int(np.count_nonzero(sizes == 0))
+    return n_ordinary >= 16 and n_ordinary + n_zeros > 0.99 * numbers.size
 
 
 def _number_type_and_findings(path: Path, hints: RecordingHints) -> tuple[str, tuple[Finding, ...]]:

@@ -190,5 +190,5 @@ def _unreadable_point_cloud_error(path: Path, value: str) -> RecordingError:
         path,
         value=value,
         expected="a complete object list of write_points",
-        fix="write it again, or give a valid file",
+        fix="write it again; read a point cloud of another program with dechirp.open",
     )

@@ -1,0 +1,282 @@
+"""Point clouds of radars in PCD files and in float32 files: fields, times, damaged files."""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dechirp.core.errors import RecordingError
+from dechirp.recordings.readers.pcd import read_pcd_points
+from dechirp.recordings.recognise import recognise_formats
+from dechirp.recordings.recording import open as open_recording
+
+# The fields of a radar point of nuScenes, of mixed types.
+NUSCENES = np.dtype(
+    [
+        *((name, "<f4") for name in ("x", "y", "z")),
+        ("dyn_prop", "i1"),
+        ("id", "<i2"),
+        *((name, "<f4") for name in ("rcs", "vx", "vy")),
+        ("flags", "u1"),
+        ("histogram", "<u2", (3,)),
+    ]
+)
+
+
+def draw_points(n=50, dtype=NUSCENES, seed=1):
+    rng = np.random.default_rng(seed)
+    points = np.zeros(n, dtype)
+    for name in dtype.names:
+        shape = (n, *dtype[name].shape)
+        if dtype[name].base.kind == "f":
+            points[name] = rng.normal(0, 20, shape)
+        else:
+            points[name] = rng.integers(0, 100, shape)
+    points[dtype.names[0]] = abs(points[dtype.names[0]]) + 1
+    return points
+
+
+def compress_lzf(content):
+    """Compress by hand: repeats of at least 3 bytes within 8 KiB, else literal bytes."""
+    out, literals, position = bytearray(), bytearray(), 0
+
+    def flush():
+        for start in range(0, len(literals), 32):
+            part = literals[start : start + 32]
+            out.extend(bytes([len(part) - 1]) + part)
+        literals.clear()
+
+    while position < len(content):
+        length, start = 0, -1
+        for size in (264, 100, 9, 8, 5, 3):
+            start = content.rfind(content[position : position + size], 0, position + size - 1)
+            if position + size <= len(content) and start >= 0 and position - start <= 8192:
+                length = size
+                break
+        if not length:
+            literals.append(content[position])
+            position += 1
+            continue
+        flush()
+        distance = position - start - 1
+        code = length - 2
+        out.append(min(code, 7) << 5 | distance >> 8)
+        if code >= 7:
+            out.append(code - 7)
+        out.append(distance & 255)
+        position += length
+    flush()
+    return bytes(out)
+
+
+def encode_pcd(points, encoding="binary", *, newline="\n", points_line=True):
+    types = [points.dtype[name] for name in points.dtype.names]
+    lines = [
+        "# .PCD v0.7 - Point Cloud Data file format",
+        "VERSION 0.7",
+        f"FIELDS {' '.join(points.dtype.names)}",
+        f"SIZE {' '.join(str(kind.base.itemsize) for kind in types)}",
+        f"TYPE {' '.join(kind.base.kind.upper() for kind in types)}",
+        f"COUNT {' '.join(str(kind.shape[0] if kind.shape else 1) for kind in types)}",
+        f"WIDTH {len(points)}",
+        "HEIGHT 1",
+        "VIEWPOINT 0 0 0 1 0 0 0",
+        *([f"POINTS {len(points)}"] * points_line),
+        f"DATA {encoding}",
+    ]
+    if encoding == "binary":
+        body = points.tobytes()
+    elif encoding == "ascii":
+        rows = [
+            " ".join(repr(v.item()) for v in np.hstack(point.item()).ravel()) for point in points
+        ]
+        body = newline.join([*rows, ""]).encode()
+    else:
+        content = b"".join(points[name].tobytes() for name in points.dtype.names)
+        packed = compress_lzf(content)
+        body = struct.pack("<II", len(packed), len(content)) + packed
+    return newline.join([*lines, ""]).encode() + body
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
+@pytest.mark.parametrize("options", [{}, {"newline": "\r\n"}, {"points_line": False}])
+def test_every_encoding_gives_every_field(tmp_path, encoding, options):
+    points = draw_points()
+    points["histogram"][20:] = 7  # repeats for the compression
+    file = tmp_path / "cloud.pcd"
+    file.write_bytes(encode_pcd(points, encoding, **options))
+
+    decoded = read_pcd_points(file)
+
+    assert recognise_formats(file) == ("pcd",)
+    assert decoded.dtype == points.dtype
+    for name in points.dtype.names:
+        assert np.array_equal(decoded[name], points[name])
+
+
+def test_compression_repeats_overlapping_bytes_and_long_runs(tmp_path):
+    content = b"abc" * 100 + bytes(1000) + bytes(range(256)) * 3
+    packed = compress_lzf(content)
+    assert len(packed) < len(content) / 3
+    points = np.frombuffer(content, np.dtype([("x", "u1"), ("y", "u1"), ("z", "u1"), ("a", "u1")]))
+    # Field after field in the file; the compression does not know about fields.
+    header = encode_pcd(points).partition(b"DATA")[0] + b"DATA binary_compressed\n"
+    file = tmp_path / "cloud.pcd"
+    file.write_bytes(header + struct.pack("<II", len(packed), len(content)) + packed)
+
+    decoded = read_pcd_points(file)
+
+    assert b"".join(decoded[name].tobytes() for name in "xyza") == content
+
+
+def test_velocity_components_are_projected_on_the_line_of_sight(tmp_path):
+    points = draw_points()
+    file = tmp_path / "radar.pcd"
+    file.write_bytes(encode_pcd(points))
+
+    recording = open_recording(file)
+    detections = recording.points
+
+    x, y, z, vx, vy = (points[name].astype(float) for name in ("x", "y", "z", "vx", "vy"))
+    assert np.allclose(detections.range, np.sqrt(x**2 + y**2 + z**2))
+    assert np.allclose(detections.velocity, (vx * x + vy * y) / np.hypot(x, y))
+    assert np.allclose(detections.azimuth, np.arctan2(y, x))
+    assert np.array_equal(detections.rcs, points["rcs"])
+    assert recording.findings[0].level == "note"
+    assert "velocity from vx and vy, along the line of sight" in recording.findings[0].value
+    with pytest.raises(RecordingError, match="detections without samples"):
+        recording.check_has_samples()
+
+
+def test_folder_is_a_frame_a_file_in_order_of_its_numbers(tmp_path):
+    for number in (1, 2, 10):
+        file = tmp_path / f"radar_{number}.pcd"
+        file.write_bytes(encode_pcd(draw_points(number, seed=number)))
+
+    recording = open_recording(tmp_path)
+
+    assert (recording.format, recording.n_frames) == ("pcd", 3)
+    assert np.array_equal(recording.points.frame, np.repeat([0, 1, 2], [1, 2, 10]))
+    assert np.isnan(recording.points.time).all()  # unknown
+    assert recording.select_frames(2, 3).points.sizes["detection"] == 10
+    for number in (1, 2, 10):  # us since 1970, 75 ms apart
+        name = f"RADAR_FRONT__{1532402927612460 + 75_000 * number}.pcd"
+        (tmp_path / f"radar_{number}.pcd").rename(tmp_path / name)
+    assert np.allclose(np.unique(open_recording(tmp_path).points.time), [0, 0.075, 0.675])
+
+
+def test_organised_cloud_without_some_points_keeps_the_others(tmp_path):
+    points = draw_points(6, np.dtype([(name, "<f4") for name in ("x", "y", "z", "doppler")]))
+    points["x"][2] = np.nan
+    file = tmp_path / "cloud.pcd"
+    file.write_bytes(
+        encode_pcd(points, "ascii").replace(b"WIDTH 6\nHEIGHT 1", b"WIDTH 3\nHEIGHT 2")
+    )
+
+    detections = open_recording(file).points
+
+    assert np.allclose(detections.velocity, np.delete(points["doppler"], 2))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: text[:-1], "bytes for 50 points"),
+        (lambda text: text[:150], "no line DATA"),
+        (lambda text: text.replace(b"POINTS 50", b"POINTS 99999999999"), "99999999999 points"),
+        (lambda text: text.replace(b"POINTS 50", b"POINTS many"), "not readable"),
+        (lambda text: text.replace(b"FIELDS x y z", b"FIELDS x y z w"), "FIELDS"),
+        (lambda text: text.replace(b"FIELDS x y", b"FIELDS a b"), "fields x, y and z"),
+        (lambda text: text.replace(b"DATA binary", b"DATA zipped"), "DATA zipped"),
+        (lambda text: text.replace(b"COUNT 1", b"COUNT 0"), "COUNT"),
+        (lambda text: text.replace(b"TYPE F", b"TYPE X"), "TYPE X"),
+    ],
+)
+def test_damaged_file_names_the_mistake(tmp_path, change, message):
+    file = tmp_path / "cloud.pcd"
+    file.write_bytes(change(encode_pcd(draw_points())))
+
+    with pytest.raises(RecordingError, match=message) as error:
+        open_recording(file)
+
+    assert len(str(error.value)) < 700
+
+
+@given(data=st.data(), encoding=st.sampled_from(["ascii", "binary", "binary_compressed"]))
+@settings(max_examples=200, deadline=None)
+def test_mutated_file_gives_detections_or_error(tmp_path_factory, data, encoding):
+    content = bytearray(encode_pcd(draw_points(20), encoding))
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    file = tmp_path_factory.mktemp("pcd") / "cloud.pcd"
+    file.write_bytes(content[: data.draw(st.integers(1, len(content)))])
+    try:
+        points = open_recording(file).points
+    except RecordingError as error:
+        assert len(str(error)) < 2000
+        return
+    assert np.isfinite(points.range).all()
+
+
+# --- Files of float32 numbers ---------------------------------------------------------
+
+
+def draw_rows(n_columns, n=200, seed=2):
+    rng = np.random.default_rng(seed)
+    rows = np.zeros((n, n_columns), "<f4")
+    rows[:, 0] = rng.uniform(1, 80, n)
+    rows[:, 1:3] = rng.normal(0, 10, (n, 2))
+    if n_columns == 7:
+        rows[:, 3:6] = rng.normal(0, 8, (n, 3))
+    else:
+        rows[:, 3] = rng.random(n)
+        rows[:, 4:] = rng.integers(0, 32, (n, n_columns - 4))
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("n_columns", "names"),
+    [
+        (4, {3: "intensity"}),
+        (5, {3: "intensity", 4: "ring"}),
+        (7, {3: "rcs", 4: "velocity", 5: "v_r_compensated"}),
+    ],
+)
+def test_plain_rows_are_points(tmp_path, n_columns, names):
+    for number in range(2):
+        draw_rows(n_columns, 200 - number, seed=number).tofile(tmp_path / f"00{number}.bin")
+
+    for path, n_frames in ((tmp_path / "000.bin", 1), (tmp_path, 2)):
+        assert recognise_formats(path) == ("float-points",)
+        recording = open_recording(path)
+        rows = np.concatenate([draw_rows(n_columns, 200 - n, seed=n) for n in range(n_frames)])
+        assert recording.n_frames == n_frames
+        assert np.allclose(
+            recording.points.range, np.linalg.norm(rows[:, :3].astype(float), axis=1)
+        )
+        for column, name in names.items():
+            assert np.array_equal(recording.points[name], rows[:, column])
+
+
+def test_other_float_and_integer_files_are_no_points(tmp_path):
+    rng = np.random.default_rng(9)
+    files = {
+        "noise": rng.normal(0, 0.2, 4000).astype("<f4"),
+        "power": rng.random(4000).astype("<f4"),
+        "words": rng.integers(-2000, 2000, 8000).astype("<i2"),
+        "odd": draw_rows(4).ravel()[:-1],
+        "far": draw_rows(4) * np.float32(1e4),
+    }
+    for name, numbers in files.items():
+        numbers.tofile(tmp_path / f"{name}.bin")
+        assert "float-points" not in recognise_formats(tmp_path / f"{name}.bin"), name
+
+
+def test_truncated_file_of_a_folder_is_refused(tmp_path):
+    draw_rows(4, 300).tofile(tmp_path / "0.bin")
+    (tmp_path / "1.bin").write_bytes(draw_rows(4).tobytes()[:-3])
+
+    with pytest.raises(RecordingError, match=r"1\.bin.*rows of 4"):
+        open_recording(tmp_path)
