@@ -880,7 +880,8 @@ def test_rejects_wrong_format_or_option(tmp_path):
     file.write_bytes(encode_dca1000(draw_samples(3, 4, 2, 8)))
 
     assert (
-        "dca1000, hdf5, infineon" in catch_mistake(file, radar=make_radar(), format="wav").expected
+        "dca1000, float-points, hdf5, infineon"
+        in catch_mistake(file, radar=make_radar(), format="wav").expected
     )
     assert "format npy" in catch_mistake(file, radar=make_radar(), format="npy").expected
     assert "axes" in catch_mistake(file, radar=make_radar(), axes="chirp,sample").value

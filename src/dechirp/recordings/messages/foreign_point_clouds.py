@@ -77,7 +77,7 @@ def convert_clouds_to_contents(
     if not names.keys() >= set(_XYZ):
         raise RecordingError(
             path,
-            value=f"points with fields {', '.join(fields[:20]) or '(none)'} of {source}",
+            value=f"points with fields {', '.join(fields[:20]) or '(none)'} on {source}",
             expected="points with fields x, y and z",
             fix="give other points: of a bag, append the topic, as in bag.mcap/front/radar",
         )
