@@ -217,7 +217,7 @@ def _element_sidelobes(
     else:
         turns = _slot_alignment_factors(amplitudes, frame.n_slots)[rows]
         elements = np.einsum("nl,nlr->nr", turns, _split_slots(flat, frame.n_slots))
-    return np.asarray(elements * radar.element_corrections).reshape(n, n_components, -1)
+    return np.reshape(elements * radar.element_corrections, (n, n_components, elements.shape[1]))
 
 
 def sidelobe_dominated_mask(amplitudes: np.ndarray, sidelobes: SidelobeErrors | None) -> np.ndarray:
