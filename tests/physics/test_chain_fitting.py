@@ -159,6 +159,21 @@ def test_leakage_is_no_target_at_largest_range(leakage_cell):
     assert ranges[0] >= 0
 
 
+@pytest.mark.parametrize(("near_cell", "image_cell"), [(3.4, -3.6), (3.6, -3.4), (8.4, -8.6)])
+def test_image_of_near_echo_is_no_target_at_largest_range(near_cell, image_cell):
+    # I/Q image below zero range, 30 dB weaker; peaks in cells of unequal distance from zero.
+    chirp = replace(CHIRP, n_samples=512, ramp_duration_s=260e-6)
+    radar = replace(RADAR, frame=replace(RADAR.frame, chirp=chirp))
+    tones = (near_cell, 0, 80), (image_cell, 0, 50), (60, 0, 50)
+    cube = make_cube(*tones, radar=radar)
+
+    chain, choices = fit(cube, radar)
+
+    assert "chain.max_range" in [choice.setting for choice in choices]
+    ranges_m = np.sort(detect(cube, radar, chain).range.values)
+    assert ranges_m / chirp.range_resolution_m == pytest.approx([near_cell, 60], abs=0.05)
+
+
 def test_mirror_images_of_real_samples_are_no_targets():
     # Complex numbers that hold real samples, as of channels that were calibrated in phase.
     real_radar = replace(RADAR, frame=replace(RADAR.frame, chirp=replace(CHIRP, sampling="real")))

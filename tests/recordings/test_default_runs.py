@@ -8,8 +8,8 @@ from recordings.default_runs import TRUTHS, run_by_default
 @pytest.mark.parametrize(
     "known", [pytest.param(known, id=f"{known.name}: {known.truth}") for known in TRUTHS]
 )
-def test_default_run_shows_known_truth(real_data, known):
-    result = run_by_default(known, real_data)
+def test_default_run_shows_known_truth(request, known):
+    result = run_by_default(known, request.getfixturevalue(f"{known.collection}_data"))
 
     known.measure(result)
     ranges_m = result.detections.range.values

@@ -218,7 +218,8 @@ def _range_limit_and_reason(
     aliased = []
     for peak in static:
         below_zero_m = chirp.max_range_m - peak.range_m
-        is_image = abs(near_echoes_m - below_zero_m).min() <= chirp.range_resolution_m
+        # Both are centres of cells: each is up to half a cell from its peak, and noise moves it.
+        is_image = abs(near_echoes_m - below_zero_m).min() <= 1.5 * chirp.range_resolution_m
         if below_zero_m <= main_lobe_m or (below_zero_m <= near_m and is_image):
             aliased.append(peak)
     if not aliased and not any(peak.range_m == 0 for peak in static):
