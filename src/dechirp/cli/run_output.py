@@ -70,9 +70,10 @@ def _detection_table_cells(result: Result, detections: xr.Dataset) -> dict[str, 
                 format_fixed(value, column.decimals) for value in values.tolist()
             ]
             continue
-        # More digits are in detections.csv.
+        # More digits are in detections.csv; no array is calibrated to a hundredth of a degree.
         stds = std.to_shown_unit(detections[std.name].values)
-        decimals = decimals_for_column(stds, digits=1)
+        at_most = column.decimals if column.shown_unit == "deg" else 6
+        decimals = decimals_for_column(stds, digits=1, at_most=at_most)
         columns[column.heading] = [
             format_with_std(value, error, decimals) if np.isfinite(value) else EN_DASH
             for value, error in zip(values.tolist(), stds.tolist(), strict=True)

@@ -75,15 +75,15 @@ def decimals_for_std(std: float) -> int:
     return min(max(1 - exponent, 1), 9)
 
 
-def decimals_for_column(stds: np.ndarray, *, digits: int) -> int:
-    """Return the decimals that show some digits of the smallest standard error, 1 to 6.
+def decimals_for_column(stds: np.ndarray, *, digits: int, at_most: int = 6) -> int:
+    """Return the decimals that show some digits of the smallest standard error, 1 to `at_most`.
 
     All rows of a column share them, as columns of one unit do; 3 where no error is known.
     """
     known = stds[np.isfinite(stds) & (stds > 0)]
     if not known.size:
         return 3
-    return min(max(decimals_for_std(float(known.min())) + digits - 2, 1), 6)
+    return min(max(decimals_for_std(float(known.min())) + digits - 2, 1), at_most)
 
 
 def format_with_std(value: float, std: float, decimals: int) -> str:
