@@ -427,9 +427,10 @@ def test_terminal_table_shows_elevation_of_planar_array(radar, width):
     lines = screen.getvalue().splitlines()
 
     assert max(map(len, lines)) <= width
-    # The elevation is 8.2 degrees, to a tenth.
-    elevation = re.compile("8[.][12][0-9]* ±\N{NO-BREAK SPACE}0[.]0[0-9]")
-    assert any(elevation.search(line) for line in lines) == (width >= 80)
+    # The elevation is arctan(3 / 20.9) = 8.17 degrees, with an error of 0.001 degrees; range and
+    # velocity have 5 decimals for their errors of 0.04 mm and 0.02 mm/s.
+    elevation = re.compile("8[.]17 ±\N{NO-BREAK SPACE}<0[.]01")
+    assert any(elevation.search(line) for line in lines) == (width >= 100)
     assert any("target" in line for line in lines)
 
 
