@@ -24,6 +24,7 @@ from dechirp.experiments.scenario import Scenario
 from dechirp.processing.cfar.base import Cfar
 from dechirp.processing.cfar.cell_averaging import CellAveraging
 from dechirp.processing.chain import Chain
+from dechirp.processing.moving_targets import MovingTargetMap
 from dechirp.processing.range_doppler_map import power_map
 from dechirp.radar.array import Array
 from dechirp.radar.budget import received_power_w
@@ -32,7 +33,7 @@ from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
-from dechirp.report.figures import bars
+from dechirp.report.figures import bars, range_doppler
 from dechirp.report.figures.range_doppler import block_maxima
 from dechirp.report.figures.style import reduce_line_to_extremes
 from dechirp.report.page import render_report
@@ -369,6 +370,31 @@ def test_report_of_several_frames_shows_detections_over_time():
 
     assert "frames" in find_sections(page)
     assert '<th class="num">Frame</th>' in page
+
+
+def test_map_of_moving_targets_contains_no_static_echo(monkeypatch):
+    static = dataclasses.replace(CAR, name="post", velocity_m_per_s=(0, 0, 0))
+    moving_result = make_result(scene=Scene(targets=(CAR, static)), detections=make_detections(2))
+    moving_result.detections["moving"] = "detection", [1.0, 0.0]
+    chain = dataclasses.replace(moving_result.scenario.chain, moving_targets=MovingTargetMap())
+    moving_result.scenario.chain = chain.fit_to_radar(RADAR)
+    drawn, draw_map = [], range_doppler.draw_map
+
+    def record_map(axes, marked, **options):
+        drawn.append(marked)
+        return draw_map(axes, marked, **options)
+
+    monkeypatch.setattr(range_doppler, "draw_map", record_map)
+    page = render_page(moving_result)
+
+    assert page.count("Map of moving targets.") == 1
+    marked = drawn[-1]
+    assert marked.detections.velocity_m_per_s == pytest.approx([10.0034], abs=0.01)
+    # Both echoes of 54.5 - 10 dB over the noise: that of the post is below it in the second map.
+    near_post = {"range": slice(49, 51), "velocity": slice(-0.5, 0.5)}
+    assert drawn[0].power.sel(near_post).max() > 1e3 * drawn[0].power.median()
+    assert marked.power.sel(near_post).max() < 0.1 * marked.power.median()
+    assert marked.power.sel(range=slice(49, 51)).max() > 1e3 * marked.power.median()
 
 
 def test_figures_have_captions_and_pdf_contains_all_text(page):

@@ -1,5 +1,6 @@
 """Self-contained HTML report on a run of the processing chain."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -7,6 +8,7 @@ from markupsafe import Markup
 
 from dechirp.core.text import format_with_si_prefix
 from dechirp.evaluation.association import scatterer_range_and_range_rate
+from dechirp.processing.range_doppler_map import power_map
 from dechirp.processing.spectrogram import spectrogram
 from dechirp.report import detections_section, directions_section, objects_section
 from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene
@@ -140,6 +142,8 @@ def _draw_report_figures(context: PageContext) -> dict[str, Markup]:
     }
     if end_m < float(result.power.range.max()):
         figures |= {"whole_spectrum": draw_spectrum(None), "whole_map": draw_map(None)}
+    if chain.moving_targets is not None:
+        figures["moving_map"] = _draw_map_of_moving_targets(context, marked_map)
     if result.scenario.scene is not None:
         figures["scene"] = _draw_scene(context, result.scenario.scene)
     tracks = objects_section.draw_longest_tracks(context)
@@ -152,6 +156,31 @@ def _draw_report_figures(context: PageContext) -> dict[str, Markup]:
         figures["range_over_time"] = _draw_estimates_over_time(context, "range")
         figures["velocity_over_time"] = _draw_estimates_over_time(context, "velocity")
     return figures
+
+
+def _draw_map_of_moving_targets(
+    context: PageContext, all_echoes: range_doppler.MarkedMap
+) -> Markup:
+    """Draw the map without static echoes, with the moving detections and its own colour scale.
+
+    The scale of the map with all echoes would hide targets far below the static ones.
+    """
+    result, is_moving = context.result, context.first_frame_detections.moving.values == 1
+    moving_map = replace(
+        all_echoes,
+        power=power_map(
+            context.first_frame.isel(frame=0),
+            result.radar.for_frame(result.first_frame),
+            result.scenario.chain.moving_target_chain(),
+        ),
+        detections=RangeVelocity(*(values[is_moving] for values in context.peaks)),
+    )
+    return render_svg(
+        lambda figure: range_doppler.draw_map(
+            figure.subplots(), moving_map, end_m=context.range_axis_end_m
+        ),
+        height_in=TALL_IN,
+    )
 
 
 def _draw_scene(context: PageContext, scene_: Scene) -> Markup:
