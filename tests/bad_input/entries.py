@@ -58,7 +58,7 @@ def check_error_is_complete(error: DechirpError) -> None:
         assert str(mistake.value).strip(), f"no value: {mistake!r}"
         assert mistake.expected.strip(), f"no expectation: {mistake!r}"
         assert mistake.fix.strip(), f"no fix: {mistake!r}"
-        assert len(str(mistake)) < 6000, f"message too long: {str(mistake)[:300]}"
+        assert len(str(mistake)) < 4000, f"message too long: {str(mistake)[:300]}"
         assert "\n" not in str(mistake), f"more than one line: {mistake!r}"
         assert all(c.isprintable() for c in str(mistake)), (
             f"unprintable characters: {str(mistake)!r}"

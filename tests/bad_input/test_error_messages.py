@@ -6,17 +6,20 @@ interface; a new class without a case fails.
 
 import ast
 import builtins
+import json
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import pytest
+import zarr
 
 import dechirp
 import dechirp as dc
-from bad_input.entries import check_error_is_complete
-from dechirp.core.errors import DechirpError
+from bad_input.entries import RADAR_YAML, check_error_is_complete
+from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.memory import check_free_memory
 
@@ -225,6 +228,31 @@ def test_unprintable_characters_are_escaped_in_messages():
     with pytest.raises(DechirpError) as caught:
         dc.open("no\x1b[2J\n.bin")
     assert str(caught.value).isprintable() and "\\x1b" in str(caught.value)
+
+
+def test_long_foreign_texts_are_shortened_in_the_middle(tmp_path):
+    # A codec name of 5,000 characters was once quoted whole.
+    array = zarr.create_array(tmp_path / "x.zarr", shape=(2, 2), dtype="float32")
+    array[:] = 1
+    file = tmp_path / "x.zarr" / "zarr.json"
+    metadata = json.loads(file.read_text())
+    metadata["codecs"] = [{"name": f"first{'x' * 5000}last"}]
+    file.write_text(json.dumps(metadata))
+    with pytest.raises(RecordingError) as caught:
+        dc.open(tmp_path / "x.zarr", radar=_write_text(tmp_path, RADAR_YAML, "radar.yaml"))
+    (mistake,) = caught.value.mistakes
+    assert "codec firstxxx" in mistake.value and mistake.value.endswith("xlast")
+    assert "xxx ... xxx" in mistake.value and len(mistake.value) == 300
+    assert str(file.parent) in str(caught.value) and len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize(("part", "limit"), [("value", 300), ("expected", 1000), ("fix", 1000)])
+def test_parts_of_messages_are_shortened_once(part, limit):
+    texts = {"value": "1", "expected": "at least 2", "fix": "raise it"} | {part: "ab" * limit}
+    (mistake,) = dc.InvalidSetting("Chirp.n_samples", **texts).mistakes
+    shortened = getattr(mistake, part)
+    assert len(shortened) == limit and " ... " in shortened
+    assert replace(mistake, file="radar.yaml").value == mistake.value  # not shortened again
 
 
 # Messages in the source

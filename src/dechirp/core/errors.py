@@ -9,10 +9,18 @@ DechirpError
 
 from dechirp.core.values import frozen_dataclass
 
+_MAX_QUOTED_CHARACTERS = 300
+"""Largest length of a setting's name and its value in a message; both may quote a foreign file."""
+_MAX_ADVICE_CHARACTERS = 1000
+"""Largest length of the accepted values and of the fix, which may list all settings of a class."""
+
 
 @frozen_dataclass
 class Mistake:
-    """Mistake of a user: the setting, its value, the accepted values, and how to fix it."""
+    """Mistake of a user: the setting, its value, the accepted values, and how to fix it.
+
+    Longer texts keep their start and their end: files may contain values of any length.
+    """
 
     setting: str
     value: str
@@ -23,6 +31,16 @@ class Mistake:
     """Counted from 1."""
     column: int | None = None
     """Counted from 1."""
+
+    def __post_init__(self) -> None:
+        for name, max_characters in (
+            ("setting", _MAX_QUOTED_CHARACTERS),
+            ("value", _MAX_QUOTED_CHARACTERS),
+            ("expected", _MAX_ADVICE_CHARACTERS),
+            ("fix", _MAX_ADVICE_CHARACTERS),
+        ):
+            text = shorten_middle(getattr(self, name), max_characters)
+            object.__setattr__(self, name, text)
 
     def __str__(self) -> str:
         place = ":".join(str(part) for part in (self.file, self.line, self.column) if part)
@@ -87,6 +105,14 @@ class NotEnoughMemory(DechirpError, MemoryError):
                 fix=fix,
             )
         )
+
+
+def shorten_middle(text: str, max_characters: int) -> str:
+    """Replace the middle of a text by " ... " if it is longer than `max_characters`."""
+    if len(text) <= max_characters:
+        return text
+    n_tail = max_characters // 3
+    return f"{text[: max_characters - n_tail - 5]} ... {text[len(text) - n_tail :]}"
 
 
 def quote_for_message(text: str) -> str:
