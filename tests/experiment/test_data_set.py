@@ -5,6 +5,7 @@ import html
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -21,7 +22,7 @@ import data_set_study
 import dechirp as dc
 from data_set_study import file_digests, make_adaptive_study, make_study, run_to_folder
 from dechirp.cli.main import main
-from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting
+from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting, RecordingError
 from dechirp.experiments.study import trial as trials
 from dechirp.experiments.study.data_set import uncompressed_data_set_bytes
 from dechirp.experiments.study.data_set_items import TRUTH_COLUMNS
@@ -286,6 +287,54 @@ def test_full_disk_stops_data_set_and_counts_only_stored_items(
         open_data_set_groups(folder)
     run_to_folder(tmp_path)
     assert file_digests(tmp_path) == file_digests(undisturbed_folder)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda root: [],
+        lambda root: root | {"node_type": "array"},
+        lambda root: root | {"consolidated_metadata": {"kind": "inline", "metadata": {"made": 1}}},
+        lambda root: _change_consolidated_array(root, "made", codecs=[{"name": "unknown"}]),
+        lambda root: _change_consolidated_array(root, "made", chunk_key_encoding="c"),
+    ],
+)
+def test_damaged_metadata_raise_recording_error_with_folder_and_fix(
+    undisturbed_folder, tmp_path, change
+):
+    folder = tmp_path / "data.zarr"
+    shutil.copytree(undisturbed_folder / "data.zarr", folder)
+    root = json.loads((folder / "zarr.json").read_text())
+    (folder / "zarr.json").write_text(json.dumps(change(root)))
+    with pytest.raises(RecordingError) as caught:
+        open_data_set_groups(folder)
+    (mistake,) = caught.value.mistakes
+    assert mistake.file == str(folder) and mistake.fix
+
+
+@pytest.mark.parametrize(
+    ("length", "message"), [(10**12, "at most twice"), (10**6, "without 999999 of")]
+)
+def test_wrong_shape_of_coordinate_is_rejected_before_reading(
+    undisturbed_folder, tmp_path, length, message
+):
+    # Opening loads coordinates: 10^12 names exceed the memory, 10^6 absent chunks take minutes.
+    folder = tmp_path / "data.zarr"
+    shutil.copytree(undisturbed_folder / "data.zarr", folder)
+    file = folder / "truth" / "zarr.json"
+    grid = {"name": "regular", "configuration": {"chunk_shape": [1]}}
+    group = _change_consolidated_array(
+        json.loads(file.read_text()), "target", shape=[length], chunk_grid=grid
+    )
+    file.write_text(json.dumps(group))
+    with pytest.raises(RecordingError, match=message):
+        open_data_set_groups(folder)
+
+
+def _change_consolidated_array(root, name, **changes):
+    """Change the metadata of an array in the root group of a data set."""
+    root["consolidated_metadata"]["metadata"][name] |= changes
+    return root
 
 
 def test_disk_without_room_is_refused_and_folder_stays_free(tmp_path, monkeypatch):

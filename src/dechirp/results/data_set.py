@@ -15,10 +15,17 @@ import xarray as xr
 import zarr
 
 from dechirp.core.errors import DechirpError, Mistake
+from dechirp.recordings.arrays.lazy_array import (
+    LazyArray,
+    check_plausible_size,
+    convert_parser_errors,
+)
+from dechirp.recordings.arrays.zarr_arrays import find_absent_chunks, list_files_and_total_size
 from dechirp.results.shards import ShardedArray, is_temporary_shard_file
 
 FORMAT_VERSION = 1
 GROUPS = ("settings", "truth", "detections")
+EXPECTED = "an unchanged data set of a study"
 
 Store: TypeAlias = zarr.Group
 
@@ -222,6 +229,9 @@ def open_data_set_groups(folder: Path) -> dict[str, xr.Dataset]:
     ------
     DechirpError
         If the folder has no complete data set.
+    RecordingError
+        If its metadata or coordinates are damaged. Damage of other arrays raises the errors of
+        xarray when they are loaded; `convert_parser_errors` converts them.
     """
     if not is_data_set_complete(folder):
         raise DechirpError(
@@ -233,10 +243,31 @@ def open_data_set_groups(folder: Path) -> dict[str, xr.Dataset]:
             )
         )
     names = ("", *(group for group in GROUPS if (folder / group).is_dir()))
-    return {
-        name: xr.open_dataset(folder, engine="zarr", group=name or None, chunks=None)
-        for name in names
-    }
+    with convert_parser_errors(folder, EXPECTED):
+        for name in names:  # each has metadata of its own arrays, which xarray reads
+            _check_coordinate_sizes(folder, zarr.open_group(folder, path=name or None, mode="r"))
+        return {
+            name: xr.open_dataset(folder, engine="zarr", group=name or None, chunks=None)
+            for name in names
+        }
+
+
+def _check_coordinate_sizes(folder: Path, group: Store) -> None:
+    """Raise `RecordingError` if a coordinate, which opening loads, exceeds what files can hold."""
+    for name, array in group.arrays():
+        if getattr(array.metadata, "dimension_names", None) == (name,):
+            _check_array_size(folder, array)
+
+
+def _check_array_size(folder: Path, array: Any) -> None:
+    """Raise `RecordingError` if an array exceeds what its files can hold."""
+    lazy_array = LazyArray(
+        shape=array.shape, dtype=np.dtype(array.dtype), read=array.__getitem__, chunk=array.chunks
+    )
+    files, n_bytes = list_files_and_total_size(folder / array.path)
+    check_plausible_size(folder, lazy_array, file_bytes=n_bytes)
+    encode_key = array.metadata.encode_chunk_key
+    find_absent_chunks(folder, lazy_array, lambda index: encode_key(index) in files)
 
 
 def folder_size_bytes(folder: Path) -> int:

@@ -8,7 +8,7 @@ import itertools
 import json
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from dechirp.recordings.arrays.lazy_array import (
     choose_array_name,
     convert_parser_errors,
     count_chunks,
+    format_shape,
     unwritten_chunk_indices_or_none,
 )
 from dechirp.recordings.arrays.zarr_chunks import (
@@ -38,6 +39,10 @@ _MAX_METADATA_BYTES = 2**20
 _MAX_FOLDERS = 10_000
 _MAX_FILES = 2**22
 _MAX_DEPTH = 16
+_MAX_ABSENT_CHUNKS, _MAX_ABSENT_PER_PRESENT_CHUNK = 2**12, 100
+"""Absent chunks that are read as fill values. Each takes the Zarr library 0.2 ms, so that a wrong
+shape with 2^20 of them takes minutes.
+"""
 _KNOWN_CODECS = {
     *("bytes", "transpose", "sharding_indexed", "crc32c"),
     *("blosc", "gzip", "zlib", "zstd", "lz4", "bz2", "lzma"),
@@ -241,11 +246,29 @@ def _checked_lazy_array_and_disk_bytes(
         chunk=sizes,
     )
     check_plausible_size(path, lazy_array, file_bytes=n_bytes)
-    count_chunks(path, lazy_array)
-    absent_chunks = unwritten_chunk_indices_or_none(
-        lazy_array, lambda index: encode_key(index) in files
-    )
+    absent_chunks = find_absent_chunks(path, lazy_array, lambda index: encode_key(index) in files)
     return replace(lazy_array, absent_chunks=absent_chunks), n_bytes
+
+
+def find_absent_chunks(
+    path: Path, array: LazyArray, is_present: Callable[[tuple[int, ...]], bool]
+) -> np.ndarray | None:
+    """Return `LazyArray.absent_chunks`; raise `RecordingError` if too few chunks are present."""
+    n_chunks = count_chunks(path, array)
+    absent_chunks = unwritten_chunk_indices_or_none(array, is_present)
+    n_absent = 0 if absent_chunks is None else len(absent_chunks)
+    n_present = n_chunks - n_absent
+    if n_absent > _MAX_ABSENT_CHUNKS + _MAX_ABSENT_PER_PRESENT_CHUNK * n_present:
+        raise RecordingError(
+            path,
+            value=f"an array of shape {format_shape(array.shape)} without {n_absent} of its"
+            f" {n_chunks} chunks",
+            expected=f"at most {_MAX_ABSENT_CHUNKS} absent chunks, and"
+            f" {_MAX_ABSENT_PER_PRESENT_CHUNK} for each one present",
+            fix="copy the folder again with all of its files, or resize the array to its written"
+            " part",
+        )
+    return absent_chunks
 
 
 def _chunk_indices_of_part(

@@ -14,6 +14,7 @@ from dechirp.recordings.arrays.lazy_array import (
     convert_parser_errors,
 )
 from dechirp.recordings.arrays.zarr_arrays import (
+    find_absent_chunks,
     find_unsupported_codecs,
     list_files_and_total_size,
     open_zarr_array,
@@ -98,9 +99,14 @@ def _read_string_array(path: Path, folder: Path) -> np.ndarray:
     files, n_bytes = list_files_and_total_size(folder)
     array = open_zarr_array(folder)
     lengths = LazyArray(  # length of each text, 4 bytes
-        shape=array.shape, dtype=np.dtype(np.int32), read=array.__getitem__, chunk=array.chunks
+        shape=array.shape,
+        dtype=np.dtype(np.int32),
+        read=array.__getitem__,
+        chunk=array.shards or array.chunks,
     )
     check_plausible_size(path, lengths, file_bytes=n_bytes)
+    encode_key = array.metadata.encode_chunk_key
+    find_absent_chunks(path, lengths, lambda index: encode_key(index) in files)
     metadata = array.metadata.to_dict()
     other_codecs = [codec for codec in metadata["codecs"] if codec["name"] != _STRING_CODEC]
     layout = parse_chunk_compression(

@@ -11,7 +11,7 @@ from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.errors import RecordingError
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.encodings import LIMITS
-from dechirp.recordings.arrays.lazy_array import convert_parser_errors
+from dechirp.recordings.arrays.lazy_array import ArrayPart, convert_parser_errors
 from dechirp.recordings.arrays.named_axes import interpret_array_as_recording
 from dechirp.recordings.arrays.zarr_arrays import (
     EXPECTED,
@@ -100,7 +100,7 @@ class Zarr(Format):
             with convert_parser_errors(path, EXPECTED):
                 chunks = parse_uncompressed_chunks(folder / "cube", cube, samples.dtype)
         if chunks is not None:
-            samples = replace(samples, read=chunks.read_array_part)
+            samples = replace(samples, read=_make_checked_reader(path, chunks))
         cube_hints = RecordingHints(settings=settings, axes=axes, encoding="full-scale")
         contents = interpret_array_as_recording(path, samples, cube_hints, file_bytes=file_bytes)
         has_codes = samples.dtype == np.int16
@@ -119,6 +119,18 @@ class Zarr(Format):
             device=device,
             iq=iq,
         )
+
+
+def _make_checked_reader(
+    path: Path, chunks: UncompressedChunks
+) -> Callable[[ArrayPart], np.ndarray]:
+    """Return a function that reads a part of an array; it raises `RecordingError` if damaged."""
+
+    def read(part: ArrayPart) -> np.ndarray:
+        with convert_parser_errors(path, EXPECTED):
+            return chunks.read_array_part(part)
+
+    return read
 
 
 def _make_scaled_decoder(
