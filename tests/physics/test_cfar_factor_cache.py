@@ -14,11 +14,10 @@ import pytest
 from dechirp.core.disk_cache import key_hash
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar import base, factor_cache
-from dechirp.processing.cfar.base import Cells, Cfar, MapNoise, NoiseEstimator
+from dechirp.processing.cfar.base import Cells, Cfar, MapNoise, NoiseEstimator, factor_key
 from dechirp.processing.cfar.factor_cache import (
     SHIPPED_FACTORS_FILE,
     RowFactors,
-    factor_key,
     find_or_calibrate_factors,
 )
 from dechirp.processing.cfar.ordered_statistic import OrderedStatistic
@@ -59,6 +58,13 @@ def cache_dir(tmp_path, monkeypatch):
     return tmp_path / "cache"
 
 
+def find_factors(cfar, noise, calibrate):
+    """Return the kept factors of a detector, or those that `calibrate` computes."""
+    n_rows = 2 * cfar.training_window.half_range + 1
+    key = factor_key(cfar, noise)
+    return find_or_calibrate_factors(key, type(cfar.estimator), n_rows, calibrate)
+
+
 def kept_files(folder):
     return sorted(folder.rglob("*.json"))
 
@@ -68,11 +74,9 @@ def refuse_to_calibrate():
 
 
 def test_factors_are_calibrated_once_and_read_bit_for_bit_afterwards(cache_dir):
-    first = find_or_calibrate_factors(
-        SMALL, map_noise(), lambda: base.calibrate_row_factors(SMALL, map_noise())
-    )
+    first = find_factors(SMALL, map_noise(), lambda: base.calibrate_row_factors(SMALL, map_noise()))
 
-    again = find_or_calibrate_factors(SMALL, map_noise(), refuse_to_calibrate)
+    again = find_factors(SMALL, map_noise(), refuse_to_calibrate)
 
     assert len(kept_files(cache_dir)) == 1
     assert again == first
@@ -106,7 +110,7 @@ def test_everything_that_changes_factors_changes_the_key(cfar, noise):
 @pytest.mark.parametrize("damage", ["cut", "changed", "of another key", "a folder"])
 def test_damaged_entry_is_calibrated_again(cache_dir, damage):
     factors = RowFactors(values=tuple(np.arange(1.0, 12.0).tolist()), relative_error=0.01)
-    find_or_calibrate_factors(SMALL, map_noise(), lambda: factors)
+    find_factors(SMALL, map_noise(), lambda: factors)
     (file,) = kept_files(cache_dir)
     entry = json.loads(file.read_text())
     if damage == "cut":
@@ -119,7 +123,7 @@ def test_damaged_entry_is_calibrated_again(cache_dir, damage):
         file.unlink()
         file.mkdir()
 
-    assert find_or_calibrate_factors(SMALL, map_noise(), lambda: factors) == factors
+    assert find_factors(SMALL, map_noise(), lambda: factors) == factors
     if damage != "a folder":
         assert json.loads(file.read_text()) == entry
 
@@ -128,14 +132,14 @@ def test_folder_that_cannot_be_written_is_not_used(cache_dir):
     cache_dir.write_text("a file")
     factors = RowFactors(values=tuple(np.arange(1.0, 12.0).tolist()), relative_error=0.01)
 
-    assert find_or_calibrate_factors(SMALL, map_noise(), lambda: factors) == factors
+    assert find_factors(SMALL, map_noise(), lambda: factors) == factors
 
 
 def test_empty_variable_keeps_nothing(cache_dir, monkeypatch):
     monkeypatch.setenv("DECHIRP_CACHE_DIR", "")
     factors = RowFactors(values=tuple(np.arange(1.0, 12.0).tolist()), relative_error=0.01)
 
-    assert find_or_calibrate_factors(SMALL, map_noise(), lambda: factors) == factors
+    assert find_factors(SMALL, map_noise(), lambda: factors) == factors
     assert not cache_dir.exists()
 
 
@@ -147,7 +151,7 @@ def test_detector_without_file_is_not_kept(cache_dir, monkeypatch):
     monkeypatch.setattr(FromNotebook, "__module__", "a_notebook")
     cfar = replace(SMALL, estimator=FromNotebook())
     factors = RowFactors(values=tuple(np.arange(1.0, 12.0).tolist()), relative_error=0.01)
-    find_or_calibrate_factors(cfar, map_noise(), lambda: factors)
+    find_factors(cfar, map_noise(), lambda: factors)
 
     assert kept_files(cache_dir) == []
 

@@ -11,7 +11,11 @@ from dechirp.core.checks import check_integer_fields, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 from dechirp.core.values import frozen_dataclass
-from dechirp.processing.cfar.factor_cache import RowFactors, find_or_calibrate_factors
+from dechirp.processing.cfar.factor_cache import (
+    RowFactors,
+    correlation_hash,
+    find_or_calibrate_factors,
+)
 from dechirp.processing.spectrum import Transform
 from dechirp.theory.cfar_calibration import CalibratedFactor, calibrate_factor
 from dechirp.theory.cfar_correlated_cells import CorrelatedWindow
@@ -385,8 +389,28 @@ def _threshold_factors_per_box_row_and_error(
     cfar: Cfar, noise: MapNoise
 ) -> tuple[np.ndarray, float]:
     """Return the factor for each row of the cell under test in the box, and the largest error."""
-    factors = find_or_calibrate_factors(cfar, noise, lambda: calibrate_row_factors(cfar, noise))
+    factors = find_or_calibrate_factors(
+        factor_key(cfar, noise),
+        type(cfar.estimator),
+        2 * cfar.training_window.half_range + 1,
+        lambda: calibrate_row_factors(cfar, noise),
+    )
     return np.array(factors.values, np.float32), factors.relative_error
+
+
+def factor_key(cfar: Cfar, noise: MapNoise) -> dict[str, object]:
+    """Return everything on which the factors of a detector depend, apart from its code."""
+    window, estimator = cfar.training_window, cfar.estimator
+    return {
+        "estimator": f"{type(estimator).__module__}.{estimator!r}",
+        "window": list(window.training_and_guard_counts),
+        "false_alarm_probability": cfar.false_alarm_probability,
+        "n_channels": noise.n_channels,
+        "range_correlation": correlation_hash(noise.range_transform, 2 * window.half_range + 1),
+        "velocity_correlation": correlation_hash(
+            noise.doppler_transform, 2 * window.half_velocity + 1
+        ),
+    }
 
 
 def calibrate_row_factors(cfar: Cfar, noise: MapNoise) -> RowFactors:

@@ -9,19 +9,15 @@ under windows of cosines, such as Hann: `factors.json` therefore serves radars o
 import hashlib
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from dechirp.core.disk_cache import key_hash, read_cached_numbers, write_cached_numbers
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.spectrum import Transform
 from dechirp.theory import cfar_calibration
-
-if TYPE_CHECKING:
-    from dechirp.processing.cfar.base import Cfar, MapNoise
 
 SHIPPED_FACTORS_FILE = Path(__file__).with_name("factors.json")
 # Correlations are rounded to this number of decimals, so that those of transforms of different
@@ -43,23 +39,35 @@ class RowFactors:
 
 
 def find_or_calibrate_factors(
-    cfar: "Cfar", noise: "MapNoise", calibrate: Callable[[], RowFactors]
+    key: Mapping[str, object],
+    estimator_class: type,
+    n_rows: int,
+    calibrate: Callable[[], RowFactors],
 ) -> RowFactors:
     """Return the factors of a detector from the package or the disk, else calibrate and keep them.
 
     Detectors without a file, as in a notebook, or without fields that state all of their settings,
     are calibrated in each process.
+
+    Parameters
+    ----------
+    key : mapping
+        Everything on which the factors depend, apart from the code of the detector.
+    estimator_class : type
+        Class of the noise estimator, whose code is a part of the key on disk.
+    n_rows : int
+        Number of rows of the box.
+    calibrate : callable
+        Computes the factors.
     """
-    estimator_class = type(cfar.estimator)
-    key = factor_key(cfar, noise)
-    source_hash = (
-        _source_hash(estimator_class.__module__) if is_dataclass(estimator_class) else None
-    )
+    source_hash = None
+    if is_dataclass(estimator_class):
+        source_hash = _source_hash(estimator_class.__module__)
     key_on_disk = {**key, "source": source_hash}
     numbers = _shipped_factors().get(key_hash(key))
     if numbers is None and source_hash is not None:
         numbers = read_cached_numbers("cfar-factors", key_on_disk)
-    if numbers is not None and len(numbers) == 2 * cfar.training_window.half_range + 2:
+    if numbers is not None and len(numbers) == n_rows + 1:
         return RowFactors(values=tuple(numbers[1:]), relative_error=numbers[0])
     factors = calibrate()
     if source_hash is not None:
@@ -67,22 +75,7 @@ def find_or_calibrate_factors(
     return factors
 
 
-def factor_key(cfar: "Cfar", noise: "MapNoise") -> dict[str, object]:
-    """Return everything on which the factors of a detector depend, apart from its code."""
-    window, estimator = cfar.training_window, cfar.estimator
-    return {
-        "estimator": f"{type(estimator).__module__}.{estimator!r}",
-        "window": list(window.training_and_guard_counts),
-        "false_alarm_probability": cfar.false_alarm_probability,
-        "n_channels": noise.n_channels,
-        "range_correlation": _correlation_hash(noise.range_transform, 2 * window.half_range + 1),
-        "velocity_correlation": _correlation_hash(
-            noise.doppler_transform, 2 * window.half_velocity + 1
-        ),
-    }
-
-
-def _correlation_hash(transform: Transform, n_neighbours: int) -> str:
+def correlation_hash(transform: Transform, n_neighbours: int) -> str:
     """Return the hash of the rounded correlation of a cell with its neighbours."""
     correlation = transform.noise_correlation_of_bins(n_neighbours)[0].astype(complex)
     rounded = correlation.round(_CORRELATION_DECIMALS) + 0.0  # no negative zeros
