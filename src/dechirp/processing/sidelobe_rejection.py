@@ -20,12 +20,14 @@ power in phase with the channels of the peak.
 """
 
 from functools import lru_cache
-from itertools import pairwise
 from typing import NamedTuple
 
+import numba
 import numpy as np
+from scipy.fft import fft
 from scipy.special import gammaincinv
 
+from dechirp.core.threads import run_in_threads
 from dechirp.processing.refine import SidelobeErrors, Tones
 from dechirp.theory.windows import Window, window_weights
 
@@ -36,8 +38,8 @@ _MIN_POINTS = 16
 # Probability that noise beside a peak without neighbours is taken for an echo. It costs time only:
 # all windows are then compared, and the unwindowed estimate is kept.
 _FALSE_REMAINDER_PROBABILITY = 1e-3
-# Cells on each side of a peak that count as its own; tones nearer than that are not separated.
-_OWN_BINS = 1.5
+# Cells of half a bin on each side of a peak that count as its own.
+_OWN_CELLS = 1
 # Power of a cell of the remainder, relative to the noise, from which it counts as an echo.
 _MIN_EXCESS = 2.0
 # Vectors that describe the sidelobes of a peak along one axis: echoes come from few directions.
@@ -47,8 +49,34 @@ _N_COMPONENTS = 3
 _MAX_REMAINDER_OF_DESCRIBED_ECHO = 0.01
 # Other tones whose remains along one axis are subtracted from a peak's samples.
 _MAX_OTHER_TONES = 32
-# Numbers in a block of peaks: 64 MB.
+# Blocks of points in which the maximum of the periodogram is sought first.
+_N_COARSE_BLOCKS = 32
+# Numbers in a block of peaks: 32 MB.
 _MAX_BLOCK_VALUES = 2**22
+
+
+class _WindowSet(NamedTuple):
+    """Properties of the windows to choose from, for n points."""
+
+    weights: np.ndarray
+    """(window, point), sum 1."""
+    place: np.ndarray
+    """(window, point): points counted from the middle of the window."""
+    noise_gain: np.ndarray
+    """(window,): noise power in the mean relative to that without a window."""
+    slope_noise: np.ndarray
+    """(window,): n sum (w p)^2."""
+    second_moment: np.ndarray
+    """(window,): sum w p^2."""
+    remainder_weights: np.ndarray
+    """(window, point): window through which the remainder is seen. Hann for an unwindowed peak:
+    sidelobes of a remainder are not echoes."""
+    remainder_gain: np.ndarray
+    """(window,): noise power through that window relative to that without a window."""
+    response: np.ndarray
+    """(window, cell): |W|^2 in cells of half a bin."""
+    slope_response: np.ndarray
+    """(window, cell): squared response of w p."""
 
 
 class _WindowedAxis(NamedTuple):
@@ -106,44 +134,29 @@ def estimate_tones_without_sidelobes(
     )
     slow, fast = tones.slow.copy(), tones.fast.copy()
     energy, amplitude = tones.energy.copy(), tones.amplitude.copy()
-    for along_slow in (False, True):
-        rows_of_kind = np.flatnonzero(
-            has_remainder.any(axis=1) & (has_remainder[:, 0] == along_slow)
+    all_rows = np.flatnonzero(has_remainder.any(axis=1))
+    size = max(1, _MAX_BLOCK_VALUES // (n_channels * 8 * max(n_samples, n_chirps)))
+    for start in range(0, len(all_rows), size):
+        rows = all_rows[start : start + size]
+        along_fast = _estimate_along_fast_time(
+            samples, tones, rows, noise_power, is_described, has_remainder[:, 0], growth
         )
-        size = max(1, _MAX_BLOCK_VALUES // (n_channels * (2 * n_samples + 2 * n_chirps)))
-        slow_window: Window = "hann" if along_slow and n_chirps >= _MIN_POINTS else "rectangular"
-        for start in range(0, len(rows_of_kind), size):
-            rows = rows_of_kind[start : start + size]
-            along_fast = _estimate_along_fast_time(
-                samples, tones, rows, noise_power[rows], is_described, slow_window, growth
-            )
-            fast_now = tones.fast[rows] + along_fast.offset
-            along_chirps = _estimate_along_slow_time(
-                samples,
-                tones,
-                rows,
-                noise_power[rows],
-                is_described,
-                along_fast,
-                fast_now,
-                growth,
-            )
-            sidelobes.components[rows] = np.concatenate(
-                [along_fast.components, along_chirps.components], axis=1
-            )
-            is_windowed = (along_fast.window_index > 0) | (along_chirps.window_index > 0)
-            sidelobes.fast_variance_gain[rows] = along_fast.variance_gain
-            sidelobes.slow_variance_gain[rows] = along_chirps.variance_gain
-            rows, along_fast, along_chirps, fast_now = (
-                rows[is_windowed],
-                _WindowedAxis(*(array[is_windowed] for array in along_fast)),
-                _WindowedAxis(*(array[is_windowed] for array in along_chirps)),
-                fast_now[is_windowed],
-            )
-            sidelobes.noise_gain[rows] = along_chirps.noise_gain
-            slow[rows], fast[rows] = tones.slow[rows] + along_chirps.offset, fast_now
-            amplitude[rows] = along_chirps.amplitude
-            energy[rows] = np.sum(np.abs(amplitude[rows]) ** 2, axis=1) * n_chirps * n_samples
+        fast_now = tones.fast[rows] + along_fast.offset
+        along_chirps = _estimate_along_slow_time(
+            samples, tones, rows, noise_power, is_described, along_fast, fast_now, growth
+        )
+        sidelobes.components[rows] = np.concatenate(
+            [along_fast.components, along_chirps.components], axis=1
+        )
+        sidelobes.fast_variance_gain[rows] = along_fast.variance_gain
+        sidelobes.slow_variance_gain[rows] = along_chirps.variance_gain
+        is_windowed = (along_fast.window_index > 0) | (along_chirps.window_index > 0)
+        windowed = rows[is_windowed]
+        sidelobes.noise_gain[windowed] = along_chirps.noise_gain[is_windowed]
+        slow[windowed] = (tones.slow[rows] + along_chirps.offset)[is_windowed]
+        fast[windowed] = fast_now[is_windowed]
+        amplitude[windowed] = along_chirps.amplitude[is_windowed]
+        energy[windowed] = np.sum(np.abs(amplitude[windowed]) ** 2, axis=1) * n_chirps * n_samples
     return Tones(slow=slow, fast=fast, energy=energy, amplitude=amplitude), sidelobes
 
 
@@ -165,39 +178,41 @@ def _estimate_along_fast_time(
     rows: np.ndarray,
     noise_power: np.ndarray,
     is_described: np.ndarray,
-    slow_window: Window,
+    has_remainder_along_slow_time: np.ndarray,
     growth: float,
 ) -> _WindowedAxis:
-    """Estimate tones from the samples at their Doppler frequency, weighted by a window."""
+    """Estimate tones from the samples at their Doppler frequency.
+
+    Chirps are weighted by a Hann window where a remainder is beside the tone along slow time.
+    """
     n_chirps, n_channels, n_samples = samples.shape
-    weights = np.broadcast_to(_unit_gain_weights(slow_window, n_chirps), (len(rows), n_chirps))
+    windows = _window_set(n_chirps)
+    index = has_remainder_along_slow_time[rows] * min(1, len(windows.weights) - 1)
+    weights = windows.weights[index]
+    numbers = samples.view(np.float32)
     at_doppler = np.empty((len(rows), n_channels, n_samples), np.complex128)
-    for columns, walk in _walk_blocks(n_samples, tones.slow[rows], growth, n_chirps):
-        demodulation = weights * np.exp(
-            -1j
-            * (tones.slow[rows, None] * np.arange(n_chirps) + walk[:, None] * _centred(n_chirps))
+
+    def fill(i: int) -> None:
+        row = rows[i]
+        edges = _walk_block_edges(n_samples, n_chirps, tones.slow[row], growth)
+        at_doppler[i] = _sum_over_chirps(
+            numbers, n_samples, tones.slow[row], growth, weights[i], edges
         )
-        block = np.ascontiguousarray(samples[:, :, columns]).reshape(n_chirps, -1)
-        at_doppler[:, :, columns] = _multiply(demodulation, block).reshape(
-            len(rows), n_channels, -1
+        _subtract_other_tones(
+            at_doppler[i],
+            row,
+            tones.amplitude,
+            is_described,
+            tones.slow,
+            tones.slow[row],
+            weights[i],
+            tones.fast,
+            0.1 * np.sqrt(noise_power[row]),
         )
-    at_doppler -= _sum_of_other_tones(
-        tones,
-        rows,
-        is_described,
-        tones.slow,
-        tones.slow[rows],
-        weights,
-        tones.fast,
-        n_samples,
-        noise_power,
-    )
-    at_doppler *= np.exp(-1j * tones.fast[rows, None] * np.arange(n_samples))[:, None]
-    noise = noise_power * n_chirps * np.sum(weights**2, axis=1)
-    estimates = _choose_window(at_doppler, noise)
-    return estimates._replace(
-        noise_gain=estimates.noise_gain * noise / noise_power,
-        variance_gain=estimates.variance_gain * noise / noise_power,
+
+    run_in_threads(numba.get_num_threads(), fill, range(len(rows)))
+    return _choose_window(
+        at_doppler, tones.fast[rows], noise_power[rows], windows.noise_gain[index]
     )
 
 
@@ -213,241 +228,430 @@ def _estimate_along_slow_time(
 ) -> _WindowedAxis:
     """Estimate tones from the chirps at their beat frequency, with the window chosen for it."""
     n_chirps, n_channels, n_samples = samples.shape
-    weights = np.stack([_unit_gain_weights(window, n_samples) for window in WINDOWS])[
-        along_fast.window_index
-    ]
-    at_beat = np.zeros((len(rows), n_chirps, n_channels), np.complex128)
-    for columns, walk in _walk_blocks(n_samples, tones.slow[rows], growth, n_chirps):
-        demodulation = weights[:, columns] * np.exp(
-            -1j * fast[:, None] * np.arange(n_samples)[columns]
+    windows = _window_set(n_samples)
+    weights = windows.weights[along_fast.window_index]
+    numbers = samples.view(np.float32)
+    at_beat = np.empty((len(rows), n_channels, n_chirps), np.complex128)
+
+    def fill(i: int) -> None:
+        row = rows[i]
+        edges = _walk_block_edges(n_samples, n_chirps, tones.slow[row], growth)
+        at_beat[i] = _sum_over_samples(
+            numbers, n_samples, fast[i], tones.slow[row] * growth, weights[i], edges
         )
-        block = np.ascontiguousarray(samples[:, :, columns]).reshape(n_chirps * n_channels, -1)
-        part = _multiply(demodulation, block.T).reshape(len(rows), n_chirps, n_channels)
-        at_beat += part * np.exp(-1j * walk[:, None] * _centred(n_chirps))[:, :, None]
-    by_channel = np.ascontiguousarray(at_beat.swapaxes(1, 2))
-    by_channel -= _sum_of_other_tones(
-        tones, rows, is_described, tones.fast, fast, weights, tones.slow, n_chirps, noise_power
+        _subtract_other_tones(
+            at_beat[i],
+            row,
+            tones.amplitude,
+            is_described,
+            tones.fast,
+            fast[i],
+            weights[i],
+            tones.slow,
+            0.1 * np.sqrt(noise_power[row]),
+        )
+
+    run_in_threads(numba.get_num_threads(), fill, range(len(rows)))
+    return _choose_window(
+        at_beat, tones.slow[rows], noise_power[rows], windows.noise_gain[along_fast.window_index]
     )
-    by_channel *= np.exp(-1j * tones.slow[rows, None] * np.arange(n_chirps))[:, None]
-    noise = noise_power * n_samples * np.sum(weights**2, axis=1)
-    estimates = _choose_window(by_channel, noise)
-    return estimates._replace(
-        noise_gain=estimates.noise_gain * noise / noise_power,
-        variance_gain=estimates.variance_gain * noise / noise_power,
-    )
 
 
-def _walk_blocks(
-    n_samples: int, slow: np.ndarray, growth: float, n_chirps: int
-) -> list[tuple[slice, np.ndarray]]:
-    """Return blocks of samples, and the growth of the slow-time frequencies in each, (n,).
+def _walk_block_edges(n_samples: int, n_chirps: int, slow: float, growth: float) -> np.ndarray:
+    """Return the edges of blocks of samples in which the walk through range cells is constant.
 
-    One block where the walk through range cells changes the phase at the corners of the frame by
-    less than 0.05 rad.
+    One block where the walk changes the phase at the corners of the frame by less than 0.05 rad.
     """
-    largest = float(np.max(np.abs(slow), initial=0.0)) * abs(growth) * n_chirps * n_samples / 4
+    largest = abs(slow * growth) * n_chirps * n_samples / 4
     n_blocks = int(np.clip(np.ceil(largest / 0.05), 1, min(64, n_samples)))
-    edges = np.linspace(0, n_samples, n_blocks + 1).round().astype(int)
-    return [
-        (slice(first, stop), slow * growth * ((first + stop - n_samples) / 2))
-        for first, stop in pairwise(edges)
-    ]
+    return np.linspace(0, n_samples, n_blocks + 1).round().astype(np.int64)
 
 
-def _multiply(factors: np.ndarray, samples: np.ndarray) -> np.ndarray:
-    """Return the product of complex factors and complex or real samples in single precision."""
-    if samples.dtype == np.float32:
-        return np.asarray(
-            factors.real.astype(np.float32) @ samples
-            + 1j * (factors.imag.astype(np.float32) @ samples)
-        )
-    return np.asarray(factors.astype(np.complex64) @ samples)
-
-
-def _sum_of_other_tones(
-    tones: Tones,
-    rows: np.ndarray,
-    is_described: np.ndarray,
-    across: np.ndarray,
-    across_of_rows: np.ndarray,
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _sum_over_chirps(
+    numbers: np.ndarray,
+    n_samples: int,
+    slow: float,
+    growth: float,
     weights: np.ndarray,
-    along: np.ndarray,
-    n_points: int,
-    noise_power: np.ndarray,
+    edges: np.ndarray,
 ) -> np.ndarray:
-    """Return other described tones in the samples of each row, (rows, channel, n_points).
+    """Sum chirps times weights at a slow-time frequency, (channel, sample).
 
-    `across` are the frequencies along the other axis, which `weights` (rows, m) sum over.
+    Products with cosines and sines of re, im, re, im ... are summed apart, and joined at the end:
+    the loop over samples then reads eight numbers at a time.
     """
-    m = np.arange(weights.shape[1])
-    out = np.zeros((len(rows), tones.amplitude.shape[1], n_points), np.complex128)
-    largest = np.where(is_described, np.abs(tones.amplitude).max(axis=1), 0.0)
-    n = np.arange(n_points)
-    for i, row in enumerate(rows):
-        apart = np.abs(np.sin((along - along[row]) / 2)) * n_points
-        response = np.exp(1j * np.outer(across - across_of_rows[i], m)) @ weights[i]
-        relevance = largest * np.abs(response) / np.maximum(1.0, apart)
-        relevance[row] = 0.0
-        others = np.flatnonzero(relevance > 0.1 * np.sqrt(noise_power[i]))
-        others = others[np.argsort(-relevance[others], kind="stable")[:_MAX_OTHER_TONES]]
-        if others.size:
-            phases = np.exp(1j * np.outer(along[others], n))
-            out[i] = (tones.amplitude[others].T * response[others]) @ phases
+    n_chirps, n_channels, n_numbers = numbers.shape
+    per_sample = n_numbers // n_samples
+    out = np.empty((n_channels, n_samples), np.complex128)
+    cosines, sines = np.empty(n_chirps, np.float32), np.empty(n_chirps, np.float32)
+    by_cosine, by_sine = np.empty(n_numbers, np.float32), np.empty(n_numbers, np.float32)
+    for part in range(edges.size - 1):
+        first, stop = edges[part], edges[part + 1]
+        walk = slow * growth * (first + stop - n_samples) / 2
+        for m in range(n_chirps):
+            phase = slow * m + walk * (m + 0.5 - n_chirps / 2)
+            cosines[m], sines[m] = weights[m] * np.cos(phase), -weights[m] * np.sin(phase)
+        n_block = (stop - first) * per_sample
+        for k in range(n_channels):
+            by_cosine[:n_block] = 0.0
+            by_sine[:n_block] = 0.0
+            for m in range(0, n_chirps - 1, 2):
+                block = numbers[m, k, first * per_sample : stop * per_sample]
+                following = numbers[m + 1, k, first * per_sample : stop * per_sample]
+                for i in range(n_block):
+                    by_cosine[i] += cosines[m] * block[i] + cosines[m + 1] * following[i]
+                    by_sine[i] += sines[m] * block[i] + sines[m + 1] * following[i]
+            if n_chirps % 2:
+                block = numbers[-1, k, first * per_sample : stop * per_sample]
+                for i in range(n_block):
+                    by_cosine[i] += cosines[-1] * block[i]
+                    by_sine[i] += sines[-1] * block[i]
+            for n in range(stop - first):
+                if per_sample == 2:
+                    out[k, first + n] = complex(
+                        by_cosine[2 * n] - by_sine[2 * n + 1], by_cosine[2 * n + 1] + by_sine[2 * n]
+                    )
+                else:
+                    out[k, first + n] = complex(by_cosine[n], by_sine[n])
     return out
 
 
-def _choose_window(samples: np.ndarray, noise: np.ndarray) -> _WindowedAxis:
-    """Estimate tones near zero frequency with the window of the least variance.
-
-    `samples` (n_peaks, channel, point) contain white noise of `noise` (n_peaks,) in their mean.
-    """
-    n_points = samples.shape[2]
-    windows = WINDOWS if n_points >= _MIN_POINTS else WINDOWS[:1]
-    estimates = [
-        _estimate_with_window(samples, noise, window, index) for index, window in enumerate(windows)
-    ]
-    variances = np.stack(
-        [
-            noise * estimate.noise_gain
-            + np.sum(np.abs(estimate.components) ** 2, axis=1).mean(axis=1)
-            for estimate in estimates
-        ]
-    )
-    best = variances.argmin(axis=0)
-    peaks = np.arange(len(samples))
-    return _WindowedAxis(
-        *(np.stack(arrays)[best, peaks] for arrays in zip(*estimates, strict=True))
-    )
-
-
-def _estimate_with_window(
-    samples: np.ndarray, noise: np.ndarray, window: Window, index: int
-) -> _WindowedAxis:
-    n_peaks, _, n_points = samples.shape
-    weights = _unit_gain_weights(window, n_points)
-    place = np.arange(n_points) - np.sum(weights * np.arange(n_points))
-    offset = _maximise_windowed_periodogram(samples, weights, place)
-    tone = np.exp(1j * offset[:, None] * np.arange(n_points))[:, None]
-    amplitude = np.sum(weights * samples * tone.conj(), axis=2)
-    second_moment = np.sum(weights * place**2)
-    power = np.sum(np.abs(amplitude) ** 2, axis=1)
-    noise_gain = float(n_points * np.sum(weights**2))
-    slope_noise = float(n_points * np.sum((weights * place) ** 2))
-
-    spectrum, response, slope_response, grid_bandwidth = _remainder_spectrum(
-        samples * tone.conj() - amplitude[..., None], window
-    )
-    level = noise * noise_gain if index else noise * _noise_gain("hann", n_points)
-    cell_power = np.mean(np.abs(spectrum) ** 2, axis=1)
-    share = 1 - level[:, None] / np.maximum(cell_power, 1e-300)
-    share = np.where(cell_power > _MIN_EXCESS * level[:, None], share, 0.0) / grid_bandwidth
-    in_phase = np.abs(np.einsum("pk,pkc->pc", amplitude.conj(), spectrum)) ** 2
-    in_phase /= np.maximum(power, 1e-300)[:, None]
-    variance = noise * slope_noise + np.sum(share * in_phase * slope_response, axis=1)
-    variance_of_lone_tone = noise * (n_points**2 - 1) / 12  # second moment of the unwindowed mean
-    lone_second_moment = max((n_points**2 - 1) / 12, 1e-300)
-    variance_gain = (
-        (variance / second_moment**2)
-        / np.maximum(variance_of_lone_tone / lone_second_moment**2, 1e-300)
-        if n_points > 1
-        else np.ones(n_peaks)
-    )
-    leaking = spectrum * np.sqrt(share * response)[:, None]
-    return _WindowedAxis(
-        offset=offset,
-        amplitude=amplitude,
-        window_index=np.full(n_peaks, index),
-        noise_gain=np.full(n_peaks, noise_gain),
-        variance_gain=np.asarray(variance_gain),
-        components=_principal_components(leaking),
-    )
-
-
-def _remainder_spectrum(
-    remainder: np.ndarray, window: Window
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Return the spectrum of the remainder beside each peak, and the responses of a window there.
-
-    (n_peaks, channel, cell) in cells of half a bin, without the peak's own; |W|^2 (cell,), the
-    squared response of w p (cell,), and the number of cells to which one tone contributes. An
-    unwindowed peak is seen through a Hann window: sidelobes of a remainder are not echoes.
-    """
-    n_points = remainder.shape[2]
-    seen_through = "hann" if window == "rectangular" and n_points >= _MIN_POINTS else window
-    spectrum = np.fft.fft(
-        remainder * _unit_gain_weights(seen_through, n_points), 2 * n_points, axis=2
-    )
-    response, slope_response = _window_responses(window, n_points)
-    bins = np.fft.fftfreq(2 * n_points, 0.5 / n_points)
-    is_beside = np.abs(bins) > _OWN_BINS
-    bandwidth = 2 * _noise_gain(seen_through, n_points)
-    return spectrum[..., is_beside], response[is_beside], slope_response[is_beside], bandwidth
-
-
-def _maximise_windowed_periodogram(
-    samples: np.ndarray, weights: np.ndarray, place: np.ndarray
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _sum_over_samples(
+    numbers: np.ndarray,
+    n_samples: int,
+    fast: float,
+    walk_per_sample: float,
+    weights: np.ndarray,
+    edges: np.ndarray,
 ) -> np.ndarray:
-    """Return the frequencies of the maxima near zero, (n_peaks,), by Newton's method on the log."""
-    n_points = samples.shape[2]
-    offset = np.zeros(len(samples))
+    """Sum samples times weights at a fast-time frequency, (channel, chirp).
+
+    See `refine._demodulated_block_sums` for the order of the numbers.
+    """
+    n_chirps, n_channels, n_numbers = numbers.shape
+    per_sample = n_numbers // n_samples
+    to_real, to_imaginary = np.empty(n_numbers, np.float32), np.empty(n_numbers, np.float32)
+    for n in range(n_samples):
+        cosine, sine = weights[n] * np.cos(fast * n), weights[n] * np.sin(fast * n)
+        to_real[n * per_sample], to_imaginary[n * per_sample] = cosine, -sine
+        if per_sample == 2:
+            to_real[2 * n + 1], to_imaginary[2 * n + 1] = sine, cosine
+    out = np.zeros((n_channels, n_chirps), np.complex128)
+    for part in range(edges.size - 1):
+        start, stop = edges[part] * per_sample, edges[part + 1] * per_sample
+        walk = walk_per_sample * (edges[part] + edges[part + 1] - n_samples) / 2
+        cosines, sines = to_real[start:stop], to_imaginary[start:stop]
+        for m in range(n_chirps):
+            turn = np.exp(-1j * walk * (m + 0.5 - n_chirps / 2))
+            for k in range(n_channels):
+                block = numbers[m, k, start:stop]
+                real, imaginary = np.float32(0.0), np.float32(0.0)
+                for i in range(block.size):
+                    real += block[i] * cosines[i]
+                    imaginary += block[i] * sines[i]
+                out[k, m] += turn * complex(real, imaginary)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _subtract_other_tones(
+    values: np.ndarray,
+    row: int,
+    amplitude: np.ndarray,
+    is_described: np.ndarray,
+    across: np.ndarray,
+    across_of_row: float,
+    weights: np.ndarray,
+    along: np.ndarray,
+    negligible: float,
+) -> None:
+    """Subtract the other described tones from the values (channel, point) of a tone, in place.
+
+    `across` are the frequencies along the other axis, which `weights` sum over. The strongest
+    _MAX_OTHER_TONES of those above `negligible` are subtracted.
+    """
+    n_channels, n_points = values.shape
+    relevance, response = np.zeros(along.size), np.zeros(along.size, np.complex128)
+    for other in range(along.size):
+        if other == row or not is_described[other]:
+            continue
+        for k in range(n_channels):
+            relevance[other] = max(relevance[other], abs(amplitude[other, k]))
+        apart = abs(np.sin((along[other] - along[row]) / 2)) * n_points
+        relevance[other] /= max(1.0, apart)
+        if relevance[other] <= negligible:  # the response is at most 1
+            continue
+        step, turn = np.exp(1j * (across[other] - across_of_row)), 1.0 + 0j
+        for m in range(weights.size):
+            response[other] += weights[m] * turn
+            turn *= step
+        relevance[other] *= abs(response[other])
+    for _ in range(_MAX_OTHER_TONES):
+        other = int(np.argmax(relevance))
+        if relevance[other] <= negligible:
+            break
+        relevance[other] = 0.0
+        step = np.exp(1j * along[other])
+        for k in range(n_channels):
+            tone = amplitude[other, k] * response[other]
+            for n in range(n_points):
+                values[k, n] -= tone
+                tone *= step
+
+
+def _choose_window(
+    values: np.ndarray, frequency: np.ndarray, noise_power: np.ndarray, noise_gain: np.ndarray
+) -> _WindowedAxis:
+    """Estimate tones near given frequencies with the window of the least variance.
+
+    `values` (n_peaks, channel, point) contain white noise of noise_power * noise_gain (n_peaks,)
+    in their mean.
+    """
+    n_peaks, n_channels, n_points = values.shape
+    windows = _window_set(n_points)
+    n_windows = len(windows.weights)
+    noise = noise_power * noise_gain
+    offset = np.empty((n_peaks, n_windows))
+    amplitude = np.empty((n_peaks, n_windows, n_channels), np.complex128)
+    remainder = np.zeros((n_peaks, n_windows, n_channels, 2 * n_points), np.complex64)
+    scale = np.sqrt(noise)  # single precision has no numbers below 1e-38
+    for i in range(n_peaks):
+        _estimate_with_windows(
+            values[i],
+            frequency[i],
+            scale[i],
+            windows.weights,
+            windows.place,
+            windows.remainder_weights,
+            offset[i],
+            amplitude[i],
+            remainder[i],
+        )
+    spectrum = fft(remainder, axis=3, overwrite_x=True)
+    variance, slope_variance = np.empty((2, n_peaks, n_windows))
+    covariance = np.empty((n_peaks, n_channels, n_channels), np.complex128)
+    best = np.empty(n_peaks, np.int64)
+    for i in range(n_peaks):
+        best[i] = _write_variances(
+            spectrum[i],
+            amplitude[i],
+            windows.noise_gain,
+            windows.slope_noise,
+            windows.remainder_gain,
+            windows.response,
+            windows.slope_response,
+            variance[i],
+            slope_variance[i],
+            covariance[i],
+        )
+    peaks = np.arange(n_peaks)
+    variance_gain = np.ones(n_peaks)
+    if n_points > 1:
+        lone_second_moment = (n_points**2 - 1) / 12
+        variance_gain = (
+            slope_variance[peaks, best]
+            / windows.second_moment[best] ** 2
+            * lone_second_moment
+            * noise_gain
+        )
+    return _WindowedAxis(
+        offset=offset[peaks, best],
+        amplitude=amplitude[peaks, best],
+        window_index=best,
+        noise_gain=windows.noise_gain[best] * noise_gain,
+        variance_gain=variance_gain,
+        components=_principal_components(covariance) * scale[:, None, None],
+    )
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _estimate_with_windows(
+    values: np.ndarray,
+    frequency: float,
+    scale: float,
+    weights: np.ndarray,
+    place: np.ndarray,
+    remainder_weights: np.ndarray,
+    offset: np.ndarray,
+    amplitude: np.ndarray,
+    remainder: np.ndarray,
+) -> None:
+    """Write offset, amplitude and windowed remainder (over `scale`) of one tone, by window.
+
+    `values` (channel, point) are demodulated in place. The maximum is sought on sums of blocks,
+    and then on all points.
+    """
+    n_channels, n_points = values.shape
+    turns = np.exp(-1j * frequency * np.arange(n_points))
+    for k in range(n_channels):
+        for n in range(n_points):
+            values[k, n] *= turns[n]
+    size = max(1, n_points // _N_COARSE_BLOCKS)
+    n_blocks = (n_points + size - 1) // size
+    sums, middle = np.empty((n_channels, n_blocks), np.complex128), np.empty(n_blocks)
+    ones = np.ones(n_blocks)
+    for w in range(len(weights)):
+        sums[:] = 0.0
+        for n in range(n_points):
+            for k in range(n_channels):
+                sums[k, n // size] += weights[w, n] * values[k, n]
+        for block in range(n_blocks):
+            last = min((block + 1) * size, n_points) - 1
+            middle[block] = (place[w, block * size] + place[w, last]) / 2
+        curvature = 0.0
+        for n in range(n_points):
+            curvature += weights[w, n] * place[w, n] ** 2
+        coarse = _maximise_windowed_periodogram(sums, ones, middle, 0.0, n_points, curvature)
+        fine = _maximise_windowed_periodogram(
+            values, weights[w], place[w], coarse, n_points, curvature
+        )
+        offset[w] = fine if abs(fine) < 2 * np.pi / n_points else 0.0
+        turns = np.exp(-1j * offset[w] * np.arange(n_points))
+        for k in range(n_channels):
+            total = 0j
+            for n in range(n_points):
+                total += weights[w, n] * (values[k, n] * turns[n])
+            amplitude[w, k] = total
+            for n in range(n_points):
+                remainder[w, k, n] = (
+                    remainder_weights[w, n] / scale * (values[k, n] * turns[n] - total)
+                )
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _maximise_windowed_periodogram(
+    values: np.ndarray,
+    weights: np.ndarray,
+    place: np.ndarray,
+    offset: float,
+    n_points: int,
+    lone_curvature: float,
+) -> float:
+    """Return the frequency of the maximum near an offset, by Newton's method on the logarithm."""
     if n_points == 1:
-        return offset
-    moments = np.stack([weights, weights * place, weights * place**2], axis=1)
+        return 0.0
     largest_step = np.pi / n_points
-    lone_curvature = np.sum(weights * place**2)
     for _ in range(8):
-        turned = samples * np.exp(-1j * offset[:, None] * place)[:, None]
-        zeroth, first, second = np.moveaxis(turned @ moments, 2, 0)
-        power = np.maximum(np.sum(np.abs(zeroth) ** 2, axis=1), 1e-300)
-        slope = np.sum((zeroth.conj() * first).imag, axis=1) / power
-        curvature = np.sum(np.abs(first) ** 2 - (zeroth.conj() * second).real, axis=1) / power
-        curvature -= 2 * slope**2
-        curvature = np.where(curvature < 0, curvature, -lone_curvature)
-        offset += np.clip(-slope / curvature, -largest_step, largest_step)
-    return np.asarray(np.where(np.abs(offset) < 2 * largest_step, offset, 0.0))
+        turns = weights * np.exp(-1j * offset * place)
+        power, slope, curvature = 0.0, 0.0, 0.0
+        for k in range(len(values)):
+            zeroth, first, second = 0j, 0j, 0j
+            for n in range(place.size):
+                z = values[k, n] * turns[n]
+                zeroth += z
+                first += place[n] * z
+                second += place[n] * place[n] * z
+            power += zeroth.real**2 + zeroth.imag**2
+            slope += (np.conj(zeroth) * first).imag
+            curvature += first.real**2 + first.imag**2 - (np.conj(zeroth) * second).real
+        if power == 0.0:
+            return 0.0
+        slope /= power
+        curvature = curvature / power - 2 * slope**2
+        if curvature >= 0:
+            curvature = -lone_curvature
+        step = min(max(-slope / curvature, -largest_step), largest_step)
+        offset += step
+        # The error after a step is about its square, see `refine._maximise_periodogram`.
+        if abs(step) < 1e-4 * largest_step:
+            break
+    return offset
 
 
-def _principal_components(vectors: np.ndarray) -> np.ndarray:
-    """Return few vectors (n, components, channel) with the covariance of many (n, channel, m).
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _write_variances(
+    spectrum: np.ndarray,
+    amplitude: np.ndarray,
+    noise_gain: np.ndarray,
+    slope_noise: np.ndarray,
+    remainder_gain: np.ndarray,
+    response: np.ndarray,
+    slope_response: np.ndarray,
+    variance: np.ndarray,
+    slope_variance: np.ndarray,
+    covariance: np.ndarray,
+) -> int:
+    """Write the variances of a tone by window, relative to noise; return the best window.
+
+    `variance` of the amplitude, `slope_variance` of the frequency times 2 A^2 (sum w p^2)^2, and
+    the covariance of the sidelobes through the best window, (channel, channel).
+    """
+    n_windows, n_channels, n_cells = spectrum.shape
+    share = np.zeros((n_windows, n_cells))
+    cell_power, in_phase = np.empty(n_cells), np.empty(n_cells, np.complex128)
+    for w in range(n_windows):
+        power = 0.0
+        cell_power[:] = 0.0
+        in_phase[:] = 0.0
+        for k in range(n_channels):
+            conjugate = np.conj(amplitude[w, k])
+            power += conjugate.real**2 + conjugate.imag**2
+            for c in range(n_cells):
+                z = np.complex128(spectrum[w, k, c])
+                cell_power[c] += (z.real**2 + z.imag**2) / n_channels
+                in_phase[c] += conjugate * z
+        variance[w], slope_variance[w] = noise_gain[w], slope_noise[w]
+        power = max(power, 1e-300)
+        for c in range(n_cells):
+            is_own = min(c, n_cells - c) <= _OWN_CELLS
+            if is_own or cell_power[c] <= _MIN_EXCESS * remainder_gain[w]:
+                continue
+            # A tone contributes to 2 * remainder_gain cells of half a bin.
+            share[w, c] = (1 - remainder_gain[w] / cell_power[c]) / (2 * remainder_gain[w])
+            variance[w] += share[w, c] * response[w, c] * cell_power[c]
+            slope_variance[w] += (
+                share[w, c] * slope_response[w, c] * (in_phase[c].real ** 2 + in_phase[c].imag ** 2)
+            ) / power
+    best = int(np.argmin(variance))
+    covariance[:] = 0.0
+    for c in range(n_cells):
+        gain = share[best, c] * response[best, c]
+        if gain == 0.0:
+            continue
+        for k in range(n_channels):
+            scaled = gain * np.complex128(spectrum[best, k, c])
+            for j in range(n_channels):
+                covariance[k, j] += scaled * np.conj(np.complex128(spectrum[best, j, c]))
+    return best
+
+
+def _principal_components(covariance: np.ndarray) -> np.ndarray:
+    """Return few vectors (n, components, channel) with about a covariance (n, channel, channel).
 
     The strongest directions, scaled to the power of all.
     """
-    covariance = np.asarray(np.matmul(vectors, vectors.conj().swapaxes(1, 2)))
     values, directions = np.linalg.eigh(covariance)
     values = np.maximum(values, 0.0)
     kept = values[:, -_N_COMPONENTS:]
     total, kept_total = values.sum(axis=1), kept.sum(axis=1)
     scale = np.where(kept_total > 0, total / np.where(kept_total > 0, kept_total, 1.0), 0.0)
     components = np.sqrt(kept * scale[:, None])[:, None] * directions[:, :, -_N_COMPONENTS:]
-    out = np.zeros((len(vectors), _N_COMPONENTS, vectors.shape[1]), complex)
+    out = np.zeros((len(covariance), _N_COMPONENTS, covariance.shape[1]), complex)
     out[:, : components.shape[2]] = components.swapaxes(1, 2)
     return out
 
 
-def _centred(n: int) -> np.ndarray:
-    """Return the middle of each point relative to the middle of all."""
-    return np.arange(n) + 0.5 - n / 2
-
-
 @lru_cache(maxsize=32)
-def _unit_gain_weights(window: Window, n_points: int) -> np.ndarray:
-    weights = np.asarray(window_weights(window, n_points))
-    weights = weights / weights.sum()
-    weights.setflags(write=False)
-    return weights
-
-
-def _noise_gain(window: Window, n_points: int) -> float:
-    weights = _unit_gain_weights(window if n_points >= _MIN_POINTS else "rectangular", n_points)
-    return float(n_points * np.sum(weights**2))
-
-
-@lru_cache(maxsize=32)
-def _window_responses(window: Window, n_points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return |W|^2 and the squared response of w p in cells of half a bin, (2 n_points,) each."""
-    weights = _unit_gain_weights(window, n_points)
-    place = np.arange(n_points) - np.sum(weights * np.arange(n_points))
-    response, slope_response = (
-        np.abs(np.fft.fft(values, 2 * n_points)) ** 2 for values in (weights, weights * place)
+def _window_set(n_points: int) -> _WindowSet:
+    names = WINDOWS if n_points >= _MIN_POINTS else WINDOWS[:1]
+    weights = np.stack([np.asarray(window_weights(name, n_points)) for name in names])
+    weights = weights / weights.sum(axis=1, keepdims=True)
+    place = np.arange(n_points) - np.sum(weights * np.arange(n_points), axis=1, keepdims=True)
+    noise_gain = n_points * np.sum(weights**2, axis=1)
+    seen_through = [max(index, min(1, len(names) - 1)) for index in range(len(names))]
+    windows = _WindowSet(
+        weights=weights,
+        place=place,
+        noise_gain=noise_gain,
+        slope_noise=n_points * np.sum((weights * place) ** 2, axis=1),
+        second_moment=np.sum(weights * place**2, axis=1),
+        remainder_weights=weights[seen_through],
+        remainder_gain=noise_gain[seen_through],
+        response=np.abs(np.fft.fft(weights, 2 * n_points)) ** 2,
+        slope_response=np.abs(np.fft.fft(weights * place, 2 * n_points)) ** 2,
     )
-    return response, slope_response
+    for array in windows:
+        array.setflags(write=False)
+    return windows
