@@ -19,25 +19,27 @@ def check_argument_types(function: Callable[P, R]) -> Callable[P, R]:
     Arguments whose annotation is a class, or a union of classes and None, are checked, and missing
     ones are reported; numbers, sequences and functions are left to the checks of their values.
     """
-    signature = inspect.signature(function)
-    name = function.__name__
+    signature, name = inspect.signature(function), function.__name__
+    parameters = {
+        parameter.name: parameter
+        for parameter in signature.parameters.values()
+        if parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
+    }
 
     @cache
     def classes_by_argument() -> dict[str, tuple[type, ...]]:
         hints = typing.get_type_hints(function)
         return {
             argument: classes
-            for argument in signature.parameters
+            for argument in parameters
             if argument in hints and (classes := _checkable_classes(hints[argument]))
         }
 
     @wraps(function)
     def checked(*args: P.args, **kwargs: P.kwargs) -> R:
         arguments = signature.bind_partial(*args, **kwargs).arguments
-        for argument, parameter in signature.parameters.items():
-            is_variadic = parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
-            is_required = parameter.default is parameter.empty and not is_variadic
-            if is_required and argument not in arguments:
+        for argument, parameter in parameters.items():
+            if parameter.default is parameter.empty and argument not in arguments:
                 raise _argument_error(name, argument, "missing", classes_by_argument())
         for argument, classes in classes_by_argument().items():
             if argument in arguments and not isinstance(arguments[argument], classes):
@@ -67,7 +69,7 @@ def _checkable_classes(hint: Any) -> tuple[type, ...]:
     is_checkable = all(
         inspect.isclass(member)
         and typing.get_origin(member) is None
-        and member not in (int, float, bool, object)
+        and member not in (int, float, bool, object, Any)
         for member in members
     )
     return tuple(members) if is_checkable else ()
