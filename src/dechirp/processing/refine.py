@@ -340,9 +340,12 @@ def _highest_bin_power(values: np.ndarray) -> float:
     for j in range(1, n):
         power = 0.0
         for k in range(n_channels):
-            total = 0j
+            total, turn = 0j, 0
             for b in range(n):
-                total += values[k, b] * turns[(j * b) % n]
+                total += values[k, b] * turns[turn]
+                turn += j
+                if turn >= n:
+                    turn -= n
             power += total.real**2 + total.imag**2
         highest = max(highest, power / n_channels)
     return highest

@@ -19,6 +19,7 @@ p counted from the middle of the window, A^2 the sum of the powers of the channe
 power in phase with the channels of the peak.
 """
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -168,8 +169,12 @@ def _significant_remainder_mask(
     The highest of 30 bins of noise, each the mean of n_channels exponentials, exceeds the limit
     with a probability of 0.001.
     """
-    limit = gammaincinv(n_channels, 1 - _FALSE_REMAINDER_PROBABILITY / 30) / n_channels
-    return np.asarray(remaining_power > limit * noise_power[:, None])
+    return np.asarray(remaining_power > _highest_noise_power(n_channels) * noise_power[:, None])
+
+
+@lru_cache(maxsize=32)
+def _highest_noise_power(n_channels: int) -> float:
+    return float(gammaincinv(n_channels, 1 - _FALSE_REMAINDER_PROBABILITY / 30) / n_channels)
 
 
 def _estimate_along_fast_time(
@@ -263,8 +268,14 @@ def _walk_block_edges(n_samples: int, n_chirps: int, slow: float, growth: float)
     One block where the walk changes the phase at the corners of the frame by less than 0.05 rad.
     """
     largest = abs(slow * growth) * n_chirps * n_samples / 4
-    n_blocks = int(np.clip(np.ceil(largest / 0.05), 1, min(64, n_samples)))
-    return np.linspace(0, n_samples, n_blocks + 1).round().astype(np.int64)
+    return _equal_block_edges(n_samples, min(max(math.ceil(largest / 0.05), 1), 64, n_samples))
+
+
+@lru_cache(maxsize=128)
+def _equal_block_edges(n_points: int, n_blocks: int) -> np.ndarray:
+    edges = np.linspace(0, n_points, n_blocks + 1).round().astype(np.int64)
+    edges.setflags(write=False)
+    return edges
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
@@ -412,40 +423,42 @@ def _choose_window(
     n_peaks, n_channels, n_points = values.shape
     windows = _window_set(n_points)
     n_windows = len(windows.weights)
-    noise = noise_power * noise_gain
+    scale = np.sqrt(noise_power * noise_gain)  # single precision has no numbers below 1e-38
+    demodulated = values * np.exp(-1j * frequency[:, None] * np.arange(n_points))[:, None]
     offset = np.empty((n_peaks, n_windows))
     amplitude = np.empty((n_peaks, n_windows, n_channels), np.complex128)
-    remainder = np.zeros((n_peaks, n_windows, n_channels, 2 * n_points), np.complex64)
-    scale = np.sqrt(noise)  # single precision has no numbers below 1e-38
-    for i in range(n_peaks):
-        _estimate_with_windows(
-            values[i],
-            frequency[i],
-            scale[i],
-            windows.weights,
-            windows.place,
-            windows.remainder_weights,
-            offset[i],
-            amplitude[i],
-            remainder[i],
-        )
-    spectrum = fft(remainder, axis=3, overwrite_x=True)
-    variance, slope_variance = np.empty((2, n_peaks, n_windows))
-    covariance = np.empty((n_peaks, n_channels, n_channels), np.complex128)
-    best = np.empty(n_peaks, np.int64)
-    for i in range(n_peaks):
-        best[i] = _write_variances(
-            spectrum[i],
-            amplitude[i],
-            windows.noise_gain,
-            windows.slope_noise,
-            windows.remainder_gain,
-            windows.response,
-            windows.slope_response,
-            variance[i],
-            slope_variance[i],
-            covariance[i],
-        )
+    variance, slope_variance = np.full((2, n_peaks, n_windows), np.inf)
+    covariance = np.zeros((n_peaks, n_channels, n_channels), np.complex128)
+    rows = np.arange(n_peaks)
+    for w in range(n_windows):
+        # Sidelobes only add to the noise: most peaks need no other window.
+        rows = rows[variance[rows].min(axis=1) > windows.noise_gain[w]]
+        if not rows.size:
+            break
+        remainder = np.zeros((len(rows), n_channels, 2 * n_points), np.complex64)
+        for i, row in enumerate(rows):
+            offset[row, w] = _estimate_with_window(
+                demodulated[row],
+                windows.weights[w],
+                windows.place[w],
+                windows.remainder_weights[w] / scale[row],
+                amplitude[row, w],
+                remainder[i],
+            )
+        spectrum = fft(remainder, axis=2, overwrite_x=True)
+        for i, row in enumerate(rows):
+            variance[row, w], slope_variance[row, w] = _write_sidelobe_covariance(
+                spectrum[i],
+                amplitude[row, w],
+                windows.noise_gain[w],
+                windows.slope_noise[w],
+                windows.remainder_gain[w],
+                windows.response[w],
+                windows.slope_response[w],
+                variance[row].min(),
+                covariance[row],
+            )
+    best = variance.argmin(axis=1)
     peaks = np.arange(n_peaks)
     variance_gain = np.ones(n_peaks)
     if n_points > 1:
@@ -467,57 +480,46 @@ def _choose_window(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _estimate_with_windows(
+def _estimate_with_window(
     values: np.ndarray,
-    frequency: float,
-    scale: float,
     weights: np.ndarray,
     place: np.ndarray,
     remainder_weights: np.ndarray,
-    offset: np.ndarray,
     amplitude: np.ndarray,
     remainder: np.ndarray,
-) -> None:
-    """Write offset, amplitude and windowed remainder (over `scale`) of one tone, by window.
+) -> float:
+    """Return the offset of a tone of values (channel, point); write its amplitude and remainder.
 
-    `values` (channel, point) are demodulated in place. The maximum is sought on sums of blocks,
-    and then on all points.
+    The maximum is sought on sums of blocks, and then on all points. The remainder is weighted.
     """
     n_channels, n_points = values.shape
-    turns = np.exp(-1j * frequency * np.arange(n_points))
-    for k in range(n_channels):
-        for n in range(n_points):
-            values[k, n] *= turns[n]
     size = max(1, n_points // _N_COARSE_BLOCKS)
     n_blocks = (n_points + size - 1) // size
-    sums, middle = np.empty((n_channels, n_blocks), np.complex128), np.empty(n_blocks)
-    ones = np.ones(n_blocks)
-    for w in range(len(weights)):
-        sums[:] = 0.0
-        for n in range(n_points):
-            for k in range(n_channels):
-                sums[k, n // size] += weights[w, n] * values[k, n]
-        for block in range(n_blocks):
-            last = min((block + 1) * size, n_points) - 1
-            middle[block] = (place[w, block * size] + place[w, last]) / 2
-        curvature = 0.0
-        for n in range(n_points):
-            curvature += weights[w, n] * place[w, n] ** 2
-        coarse = _maximise_windowed_periodogram(sums, ones, middle, 0.0, n_points, curvature)
-        fine = _maximise_windowed_periodogram(
-            values, weights[w], place[w], coarse, n_points, curvature
-        )
-        offset[w] = fine if abs(fine) < 2 * np.pi / n_points else 0.0
-        turns = np.exp(-1j * offset[w] * np.arange(n_points))
+    sums, middle = np.zeros((n_channels, n_blocks), np.complex128), np.empty(n_blocks)
+    for block in range(n_blocks):
+        start, stop = block * size, min((block + 1) * size, n_points)
+        middle[block] = (place[start] + place[stop - 1]) / 2
         for k in range(n_channels):
-            total = 0j
-            for n in range(n_points):
-                total += weights[w, n] * (values[k, n] * turns[n])
-            amplitude[w, k] = total
-            for n in range(n_points):
-                remainder[w, k, n] = (
-                    remainder_weights[w, n] / scale * (values[k, n] * turns[n] - total)
-                )
+            for n in range(start, stop):
+                sums[k, block] += weights[n] * values[k, n]
+    curvature = 0.0
+    for n in range(n_points):
+        curvature += weights[n] * place[n] ** 2
+    coarse = _maximise_windowed_periodogram(
+        sums, np.ones(n_blocks), middle, 0.0, n_points, curvature
+    )
+    offset = _maximise_windowed_periodogram(values, weights, place, coarse, n_points, curvature)
+    if abs(offset) >= 2 * np.pi / n_points:
+        offset = 0.0
+    turns = np.exp(-1j * offset * np.arange(n_points))
+    for k in range(n_channels):
+        total = 0j
+        for n in range(n_points):
+            total += weights[n] * (values[k, n] * turns[n])
+        amplitude[k] = total
+        for n in range(n_points):
+            remainder[k, n] = remainder_weights[n] * (values[k, n] * turns[n] - total)
+    return offset
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
@@ -561,60 +563,56 @@ def _maximise_windowed_periodogram(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _write_variances(
+def _write_sidelobe_covariance(
     spectrum: np.ndarray,
     amplitude: np.ndarray,
-    noise_gain: np.ndarray,
-    slope_noise: np.ndarray,
-    remainder_gain: np.ndarray,
+    noise_gain: float,
+    slope_noise: float,
+    remainder_gain: float,
     response: np.ndarray,
     slope_response: np.ndarray,
-    variance: np.ndarray,
-    slope_variance: np.ndarray,
+    least_variance: float,
     covariance: np.ndarray,
-) -> int:
-    """Write the variances of a tone by window, relative to noise; return the best window.
+) -> tuple[float, float]:
+    """Return the variances of a tone through a window, relative to noise.
 
-    `variance` of the amplitude, `slope_variance` of the frequency times 2 A^2 (sum w p^2)^2, and
-    the covariance of the sidelobes through the best window, (channel, channel).
+    That of the amplitude, and that of the frequency times 2 A^2 (sum w p^2)^2. The covariance of
+    the sidelobes, (channel, channel), is written if the first is below `least_variance`.
     """
-    n_windows, n_channels, n_cells = spectrum.shape
-    share = np.zeros((n_windows, n_cells))
-    cell_power, in_phase = np.empty(n_cells), np.empty(n_cells, np.complex128)
-    for w in range(n_windows):
-        power = 0.0
-        cell_power[:] = 0.0
-        in_phase[:] = 0.0
-        for k in range(n_channels):
-            conjugate = np.conj(amplitude[w, k])
-            power += conjugate.real**2 + conjugate.imag**2
-            for c in range(n_cells):
-                z = np.complex128(spectrum[w, k, c])
-                cell_power[c] += (z.real**2 + z.imag**2) / n_channels
-                in_phase[c] += conjugate * z
-        variance[w], slope_variance[w] = noise_gain[w], slope_noise[w]
-        power = max(power, 1e-300)
+    n_channels, n_cells = spectrum.shape
+    share = np.zeros(n_cells)
+    cell_power, in_phase = np.zeros(n_cells), np.zeros(n_cells, np.complex128)
+    power = 1e-300
+    for k in range(n_channels):
+        conjugate = np.conj(amplitude[k])
+        power += conjugate.real**2 + conjugate.imag**2
         for c in range(n_cells):
-            is_own = min(c, n_cells - c) <= _OWN_CELLS
-            if is_own or cell_power[c] <= _MIN_EXCESS * remainder_gain[w]:
-                continue
-            # A tone contributes to 2 * remainder_gain cells of half a bin.
-            share[w, c] = (1 - remainder_gain[w] / cell_power[c]) / (2 * remainder_gain[w])
-            variance[w] += share[w, c] * response[w, c] * cell_power[c]
-            slope_variance[w] += (
-                share[w, c] * slope_response[w, c] * (in_phase[c].real ** 2 + in_phase[c].imag ** 2)
-            ) / power
-    best = int(np.argmin(variance))
+            z = np.complex128(spectrum[k, c])
+            cell_power[c] += (z.real**2 + z.imag**2) / n_channels
+            in_phase[c] += conjugate * z
+    variance, slope_variance = noise_gain, slope_noise
+    for c in range(n_cells):
+        is_own = min(c, n_cells - c) <= _OWN_CELLS
+        if is_own or cell_power[c] <= _MIN_EXCESS * remainder_gain:
+            continue
+        # A tone contributes to 2 * remainder_gain cells of half a bin.
+        share[c] = (1 - remainder_gain / cell_power[c]) / (2 * remainder_gain)
+        variance += share[c] * response[c] * cell_power[c]
+        slope_variance += (
+            share[c] * slope_response[c] * (in_phase[c].real ** 2 + in_phase[c].imag ** 2)
+        ) / power
+    if variance >= least_variance:
+        return variance, slope_variance
     covariance[:] = 0.0
     for c in range(n_cells):
-        gain = share[best, c] * response[best, c]
+        gain = share[c] * response[c]
         if gain == 0.0:
             continue
         for k in range(n_channels):
-            scaled = gain * np.complex128(spectrum[best, k, c])
+            scaled = gain * np.complex128(spectrum[k, c])
             for j in range(n_channels):
-                covariance[k, j] += scaled * np.conj(np.complex128(spectrum[best, j, c]))
-    return best
+                covariance[k, j] += scaled * np.conj(np.complex128(spectrum[j, c]))
+    return variance, slope_variance
 
 
 def _principal_components(covariance: np.ndarray) -> np.ndarray:
@@ -622,14 +620,17 @@ def _principal_components(covariance: np.ndarray) -> np.ndarray:
 
     The strongest directions, scaled to the power of all.
     """
-    values, directions = np.linalg.eigh(covariance)
+    n_peaks, n_channels, _ = covariance.shape
+    out = np.zeros((n_peaks, _N_COMPONENTS, n_channels), complex)
+    rows = np.flatnonzero(covariance.any(axis=(1, 2)))
+    if not rows.size:
+        return out
+    values, directions = np.linalg.eigh(covariance[rows])
     values = np.maximum(values, 0.0)
     kept = values[:, -_N_COMPONENTS:]
-    total, kept_total = values.sum(axis=1), kept.sum(axis=1)
-    scale = np.where(kept_total > 0, total / np.where(kept_total > 0, kept_total, 1.0), 0.0)
-    components = np.sqrt(kept * scale[:, None])[:, None] * directions[:, :, -_N_COMPONENTS:]
-    out = np.zeros((len(covariance), _N_COMPONENTS, covariance.shape[1]), complex)
-    out[:, : components.shape[2]] = components.swapaxes(1, 2)
+    kept = kept * (values.sum(axis=1) / kept.sum(axis=1))[:, None]
+    components = np.sqrt(kept)[:, None] * directions[:, :, -_N_COMPONENTS:]
+    out[rows, : kept.shape[1]] = components.swapaxes(1, 2)
     return out
 
 
