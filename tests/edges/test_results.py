@@ -360,6 +360,7 @@ def test_failed_rename_keeps_old_result(tmp_path, radar, monkeypatch):
         return rename(path, target)
 
     monkeypatch.setattr(type(out), "rename", fail_on_new_result)
+    monkeypatch.setattr(atomic_files, "_exchange_paths", lambda first, second: False)
     with pytest.raises(DechirpError, match="Input/output error"):
         write_result_folder(out, radar)
 
