@@ -48,7 +48,11 @@ def noise(n_chirps: int, amplitude: float) -> np.ndarray:
 
 
 def write_capture(path, samples: np.ndarray) -> None:
-    """Write samples (chirp, 1, sample) in pairs, I I Q Q, as a DCA1000 with two lanes does."""
+    """Write samples (chirp, 1, sample) in pairs, I I Q Q, as a DCA1000 with two lanes does.
+
+    Each of the four receivers of the board gets the same samples.
+    """
+    samples = samples.repeat(4, axis=1)
     codes = np.stack([samples.real, samples.imag], axis=-1).round().astype("<i2")
     path.write_bytes(codes.reshape(len(samples), -1, 2, 2).swapaxes(-1, -2).tobytes())
 

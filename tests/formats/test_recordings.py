@@ -384,8 +384,8 @@ def test_single_settings_file_of_folder_is_used(tmp_path):
 
 def test_rejects_ambiguous_settings_files(tmp_path):
     (tmp_path / "capture.bin").write_bytes(encode_dca1000(draw_samples(3, 4, 2, 8)))
-    for name in ("monday.txt", "tuesday.txt"):
-        (tmp_path / name).write_text(format_log())
+    for name, loops in (("monday.txt", 4), ("tuesday.txt", 2)):
+        (tmp_path / name).write_text(format_log(loops=loops))
 
     mistake = catch_mistake(tmp_path / "capture.bin")
 
@@ -401,7 +401,7 @@ def test_meta_json_is_not_settings_file(tmp_path):
 
 
 def test_yaml_file_of_recording_gives_radar(tmp_path):
-    samples = draw_samples(3, 4, 1, 8)
+    samples = draw_samples(3, 4, 4, 8)  # all four receivers of the board
     (tmp_path / "capture.bin").write_bytes(encode_dca1000(samples))
     (tmp_path / "capture.yaml").write_text(
         "frame:\n"
@@ -766,7 +766,7 @@ def test_rejects_samples_of_other_sampling_kind(tmp_path):
     )
     assert (
         "imaginary"
-        in catch_mistake(save_array(tmp_path, numbers + 1e-3j), radar=real_radar, **options).value
+        in catch_mistake(save_array(tmp_path, numbers + 1e-2j), radar=real_radar, **options).value
     )
     # Some tools save real samples as complex numbers.
     recording = open_recording(save_array(tmp_path, numbers + 0j), radar=real_radar, **options)
