@@ -43,7 +43,7 @@ def check_argument_types(function: Callable[P, R]) -> Callable[P, R]:
                 raise _argument_error(name, argument, "missing", classes_by_argument())
         for argument, classes in classes_by_argument().items():
             if argument in arguments and not isinstance(arguments[argument], classes):
-                given = f"a value of type {type(arguments[argument]).__name__}"
+                given = f"a {type(arguments[argument]).__name__}"
                 raise _argument_error(name, argument, given, classes_by_argument())
         return function(*args, **kwargs)
 
@@ -55,7 +55,7 @@ def _argument_error(
 ) -> InvalidSetting:
     names = ["None" if cls is types.NoneType else cls.__name__ for cls in classes.get(argument, ())]
     return InvalidSetting(
-        f"{function}.{argument}",
+        argument,
         value=value,
         expected=" or ".join(names) or "a value",
         fix=f"see help(dechirp.{function})",

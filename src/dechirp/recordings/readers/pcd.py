@@ -2,8 +2,8 @@
 
 References
 ----------
-Point Cloud Library, "The PCD (Point Cloud Data) file format", versions 0.6 and 0.7; M. Lehmann,
-LibLZF (the compression).
+Point Cloud Library, "The PCD (Point Cloud Data) file format", versions 0.6 and 0.7; LibLZF (the
+compression).
 """
 
 import re
