@@ -197,9 +197,11 @@ def _estimate_along_fast_time(
     numbers = samples.view(np.float32)
     at_doppler = np.empty((len(rows), n_channels, n_samples), np.complex128)
 
+    # Those of the fastest tone, since its sidelobes are subtracted from the others.
+    edges = _walk_block_edges(n_samples, n_chirps, float(abs(tones.slow[rows]).max()), growth)
+
     def fill(i: int) -> None:
         row = rows[i]
-        edges = _walk_block_edges(n_samples, n_chirps, tones.slow[row], growth)
         at_doppler[i] = _sum_over_chirps(
             numbers, n_samples, tones.slow[row], growth, weights[i], edges
         )
@@ -238,9 +240,11 @@ def _estimate_along_slow_time(
     numbers = samples.view(np.float32)
     at_beat = np.empty((len(rows), n_channels, n_chirps), np.complex128)
 
+    # Those of the fastest tone, since its sidelobes are subtracted from the others.
+    edges = _walk_block_edges(n_samples, n_chirps, float(abs(tones.slow[rows]).max()), growth)
+
     def fill(i: int) -> None:
         row = rows[i]
-        edges = _walk_block_edges(n_samples, n_chirps, tones.slow[row], growth)
         at_beat[i] = _sum_over_samples(
             numbers, n_samples, fast[i], tones.slow[row] * growth, weights[i], edges
         )
