@@ -525,7 +525,7 @@ def test_rejects_run_that_can_never_confirm_track():
         ),
         (build_detections([0], [40, 6, 15, 3]).drop_vars("frame"), np.arange(5.0), "without frame"),
         (build_detections([0], [40, 6, 15, 3]), [0.0, 1.0, np.nan], "times_s: nan"),
-        (None, np.arange(5.0), "detections: a table without range"),
+        (None, np.arange(5.0), "detections: a NoneType; expected Dataset"),
         (build_detections([0.5], [40, 6, 15, 3]), np.arange(5.0), "detections.frame: 0.5"),
         (
             build_detections([0], [40, 6, 15, 3]).assign(range=("detection", ["far"])),

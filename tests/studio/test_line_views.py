@@ -408,5 +408,6 @@ def test_standard_error_below_last_digit_is_no_zero():
     session = build_session("impairments=[]")  # noise of rounding only
     view = DetectionsView(session)
     frame_state = show_step(view)
-    assert 0 < frame_state.detections.range_std.values.max() < 1e-6
+    # 4e-6 m, where sidelobes that remain widen them; the table shows 4 decimals.
+    assert 0 < frame_state.detections.range_std.values.max() < 5e-5
     assert all(text.startswith("<0.0") for text in view.table.source.data["range_std"])

@@ -264,7 +264,8 @@ def test_errors_of_echoes_without_noise_are_not_magnified(page):
     frame_state = page.show(view)
     assert frame_state.detections.sizes["detection"] > 0
     assert len(view.top_view.errors.data_source.data["x"]) == 0
-    assert "○ detected" in view.top_view.note.text and "errors" not in view.top_view.note.text
+    view.update_caption(frame_state)
+    assert "detected" in view.caption.note and "errors" not in view.caption.note
 
 
 def test_scale_changes_only_when_target_leaves_view(page):

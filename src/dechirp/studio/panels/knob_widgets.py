@@ -88,7 +88,8 @@ class KnobWidget:
 
     def show_knob(self, knob: Knob) -> None:
         """Show the current setting and clear messages; keep a refused text, to be tried again."""
-        if knob == self._entry and (self.shows_current_setting or self.is_wrong):
+        has_refused_text = self.is_wrong and self.current_text != self._entry.text
+        if knob == self._entry and (self.shows_current_setting or has_refused_text):
             return
         self._entry = knob
         self._is_pending, self._has_value = False, True
