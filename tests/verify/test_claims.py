@@ -271,6 +271,7 @@ def test_independent_cell_factor_fails_under_hann_window(monkeypatch):
             pfa, n_training=box.n_training, n_summed=n_summed
         ),
     )
+    monkeypatch.setenv("DECHIRP_CACHE_DIR", "")  # no factors from the disk
     base._threshold_factors_per_box_row_and_error.cache_clear()
     try:
         counts = false_alarms.count_false_alarms_in_noise(
