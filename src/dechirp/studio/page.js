@@ -83,6 +83,7 @@ function begin(browser) {
     place = document.createElement("output");
     place.id = "place";
     place.className = "first";
+    place.ariaLive = "off";
     document.body.append(place);
   }
   const tellPlace = () => { place.textContent = browser.frame_status; };
