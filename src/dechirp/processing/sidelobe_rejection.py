@@ -34,6 +34,8 @@ from dechirp.theory.windows import Window, window_weights
 
 WINDOWS: tuple[Window, ...] = ("rectangular", "hann", "blackman-harris")
 """Windows to choose from: sidelobes of -13, -31 and -92 dB, noise bandwidths of 1, 1.5 and 2."""
+# Half the main lobe of a Hann window, and half a cell.
+_MAIN_LOBE_CELLS = 2.5
 # Axes of fewer points have no room for a window.
 _MIN_POINTS = 16
 # Probability that noise beside a peak without neighbours is taken for an echo. It costs time only:
@@ -136,6 +138,7 @@ def estimate_tones_without_sidelobes(
     slow, fast = tones.slow.copy(), tones.fast.copy()
     energy, amplitude = tones.energy.copy(), tones.amplitude.copy()
     all_rows = np.flatnonzero(has_remainder.any(axis=1))
+    has_neighbour = _near_neighbour_mask(tones, n_chirps, n_samples)
     size = max(1, _MAX_BLOCK_VALUES // (n_channels * 8 * max(n_samples, n_chirps)))
     for start in range(0, len(all_rows), size):
         rows = all_rows[start : start + size]
@@ -152,6 +155,7 @@ def estimate_tones_without_sidelobes(
         sidelobes.fast_variance_gain[rows] = along_fast.variance_gain
         sidelobes.slow_variance_gain[rows] = along_chirps.variance_gain
         is_windowed = (along_fast.window_index > 0) | (along_chirps.window_index > 0)
+        is_windowed &= ~has_neighbour[rows]
         windowed = rows[is_windowed]
         sidelobes.noise_gain[windowed] = along_chirps.noise_gain[is_windowed]
         slow[windowed] = (tones.slow[rows] + along_chirps.offset)[is_windowed]
@@ -159,6 +163,21 @@ def estimate_tones_without_sidelobes(
         amplitude[windowed] = along_chirps.amplitude[is_windowed]
         energy[windowed] = np.sum(np.abs(amplitude[windowed]) ** 2, axis=1) * n_chirps * n_samples
     return Tones(slow=slow, fast=fast, energy=energy, amplitude=amplitude), sidelobes
+
+
+def _near_neighbour_mask(tones: Tones, n_chirps: int, n_samples: int) -> np.ndarray:
+    """Return which tones have another one within the main lobe of a window, (n,).
+
+    Unwindowed samples separate tones 1.5 cells apart, a window merges them: such tones keep their
+    estimates from all samples together.
+    """
+    distances = [
+        abs(np.angle(np.exp(1j * (frequency[:, None] - frequency)))) * n / (2 * np.pi)
+        for frequency, n in ((tones.slow, n_chirps), (tones.fast, n_samples))
+    ]
+    is_near = (distances[0] < _MAIN_LOBE_CELLS) & (distances[1] < _MAIN_LOBE_CELLS)
+    np.fill_diagonal(is_near, False)
+    return np.asarray(is_near.any(axis=1))
 
 
 def _significant_remainder_mask(
