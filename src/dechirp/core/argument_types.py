@@ -43,8 +43,8 @@ def check_argument_types(function: Callable[P, R]) -> Callable[P, R]:
                 raise _argument_error(name, argument, "missing", classes_by_argument())
         for argument, classes in classes_by_argument().items():
             if argument in arguments and not isinstance(arguments[argument], classes):
-                given = f"a {type(arguments[argument]).__name__}"
-                raise _argument_error(name, argument, given, classes_by_argument())
+                type_text = f"a {type(arguments[argument]).__name__}"
+                raise _argument_error(name, argument, type_text, classes_by_argument())
         return function(*args, **kwargs)
 
     return checked

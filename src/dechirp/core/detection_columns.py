@@ -64,7 +64,7 @@ class DetectionColumn(NamedTuple):
 
     @property
     def is_hidden_if_unknown(self) -> bool:
-        """Whether tables for people leave the column out where no detection has a value."""
+        """True if tables for people leave the column out where no detection has a value."""
         return self.shown_unit == "deg" or self.is_integer
 
     def to_shown_unit(self, values: np.ndarray) -> np.ndarray:

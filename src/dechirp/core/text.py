@@ -80,10 +80,10 @@ def decimals_for_column(stds: np.ndarray, *, digits: int, at_most: int = 6) -> i
 
     All rows of a column share them, as columns of one unit do; 3 where no error is known.
     """
-    known = stds[np.isfinite(stds) & (stds > 0)]
-    if not known.size:
+    known_stds = stds[np.isfinite(stds) & (stds > 0)]
+    if not known_stds.size:
         return 3
-    return min(max(decimals_for_std(float(known.min())) + digits - 2, 1), at_most)
+    return min(max(decimals_for_std(float(known_stds.min())) + digits - 2, 1), at_most)
 
 
 def format_with_std(value: float, std: float, decimals: int) -> str:

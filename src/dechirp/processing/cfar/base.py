@@ -327,7 +327,7 @@ class Cfar:
 
     @property
     def has_default_window(self) -> bool:
-        """Whether the training and guard cells are the default ones."""
+        """True if the training and guard cells are the default ones."""
         return (self.n_training, self.n_guard) == (_DEFAULT_TRAINING, _DEFAULT_GUARD)
 
     @property
