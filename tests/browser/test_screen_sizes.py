@@ -74,6 +74,19 @@ def test_page_is_legible_at_every_width(live_page):
     assert small == []
 
 
+def test_figures_keep_their_size_from_frame_to_frame(live_page):
+    live_page.open()
+    plots = live_page.page.locator(".tile .plot")
+    live_page.act_and_wait_for_frame(lambda: live_page.press_button("Step"))
+    heights = [plot.bounding_box()["height"] for plot in plots.all()]
+    assert min(heights) > 130
+    for _ in range(5):
+        live_page.act_and_wait_for_frame(lambda: live_page.press_button("Step"))
+    later = [plot.bounding_box()["height"] for plot in plots.all()]
+    # A caption may grow by a line, once.
+    assert all(old - 20 < new <= old for old, new in zip(heights, later, strict=True))
+
+
 def test_finger_moves_cursor(browser, address):
     context = browser.new_context(
         viewport={"width": 500, "height": 900}, has_touch=True, reduced_motion="reduce"

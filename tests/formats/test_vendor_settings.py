@@ -866,6 +866,18 @@ def test_either_file_of_settings_pair_may_have_name_of_recording(tmp_path):
         find_settings_file(tmp_path / "walk.bin")
 
 
+def test_setup_file_belongs_to_only_settings_of_folder(tmp_path):
+    (tmp_path / "renamed.mmwave.json").write_text(format_studio())
+
+    settings = read_settings_text(tmp_path, json.dumps(SETUP), "a.setup.json")
+
+    assert settings.device == "xwr1843"
+    assert find_settings_file(tmp_path / "b.bin") == tmp_path / "a.setup.json"
+    (tmp_path / "second.mmwave.json").write_text(format_studio())
+    with pytest.raises(RecordingError, match="configUsed"):
+        read_settings(tmp_path / "a.setup.json")
+
+
 @pytest.mark.parametrize("folder", ["C:\\captures\\", "/home/someone/"])
 def test_setup_file_names_settings_with_folder_of_recording_computer(tmp_path, folder):
     (tmp_path / "a.mmwave.json").write_text(format_studio())
@@ -887,13 +899,11 @@ def test_parts_of_split_capture_share_settings(tmp_path):
         find_settings_file(tmp_path / "walk_0.bin")
 
 
-def test_two_files_with_equal_settings_are_one(tmp_path):
-    (tmp_path / "a.cfg").write_text(CFG)
-    (tmp_path / "b.cfg").write_text(CFG.replace("lowPower 0 0", "lowPower 0 1"))
+def test_error_of_two_settings_files_names_both(tmp_path):
+    for name in ("a.cfg", "b.cfg"):
+        (tmp_path / name).write_text(CFG)
 
-    assert find_settings_file(tmp_path / "capture.bin") == tmp_path / "a.cfg"
-    (tmp_path / "b.cfg").write_text(CFG.replace("0 1 32 0", "0 1 64 0"))
-    with pytest.raises(RecordingError, match="no settings in the recording; in the folder a"):
+    with pytest.raises(RecordingError, match=r"in the folder a\.cfg, b\.cfg.*--radar a\.cfg"):
         find_settings_file(tmp_path / "capture.bin")
 
 

@@ -188,7 +188,7 @@ async function followAddress(browser) {
     const address = text === atStart ? location.pathname : `#${await pack(text)}`;
     if (text === area.tags[0]) history.replaceState(null, "", address);
   });
-  if (shown) browser.shared_settings = await unpack(shown).catch(() => shown);
+  if (shown) browser.shared_settings = await unpack(shown);
 }
 
 const through = (bytes, stream) => new Response(new Blob([bytes]).stream().pipeThrough(stream));
@@ -199,10 +199,15 @@ async function pack(text) {
   return btoa(letters).replaceAll("+", "-").replaceAll("/", "_").replace(/=+$/, "");
 }
 
+// Text that is not packed is returned as it is; the server reports what is wrong with it.
 async function unpack(packed) {
-  const letters = atob(packed.replaceAll("-", "+").replaceAll("_", "/"));
-  const bytes = Uint8Array.from(letters, (letter) => letter.charCodeAt(0));
-  return through(bytes, new DecompressionStream("deflate-raw")).text();
+  try {
+    const letters = atob(packed.replaceAll("-", "+").replaceAll("_", "/"));
+    const bytes = Uint8Array.from(letters, (letter) => letter.charCodeAt(0));
+    return await through(bytes, new DecompressionStream("deflate-raw")).text();
+  } catch {
+    return packed;
+  }
 }
 
 document.getElementById("share")?.addEventListener("click", (event) => {

@@ -1,7 +1,8 @@
 """TI mmWave Studio: the file that names the settings of a capture (`.setup.json`).
 
 It names them with the folder of the computer that recorded. Of that path only the file name
-counts: captures are copied with their settings, and other folders are never read.
+counts: captures are copied with their settings, and other folders are never read. If the settings
+were renamed, they are the only `.mmwave.json` of the folder.
 """
 
 import re
@@ -29,9 +30,11 @@ def find_named_settings_and_chip(file: Path, text: str) -> tuple[Path, str]:
     name, chip = document.get("configUsed"), document.get("mmWaveDevice")
     base_name = re.split(r"[/\\]", name)[-1] if isinstance(name, str) else ""
     if _is_file_name(base_name) and base_name != file.name:
-        named_file = file.parent / base_name
-        if is_file_not_linked_outside_folder(named_file):
-            return named_file, chip if isinstance(chip, str) else ""
+        named_files = [file.parent / base_name]
+        if not named_files[0].exists():
+            named_files = [*file.parent.glob("*.mmwave.json")]
+        if len(named_files) == 1 and is_file_not_linked_outside_folder(named_files[0]):
+            return named_files[0], chip if isinstance(chip, str) else ""
     raise RecordingError(
         file,
         value=f"configUsed {format_json_excerpt(name)}",

@@ -27,7 +27,6 @@ from dechirp.recordings.settings.calibration import read_calibration
 
 _YAML = (".yaml", ".yml")
 _SUFFIXES = (*_YAML, ".txt", ".log", ".json", ".cfg", ".lua")
-_MAX_COMPARED_FILES = 16
 _MAX_BYTES = 16 * 2**20  # a log of years; each line takes 8 more bytes of memory
 
 
@@ -110,9 +109,10 @@ def _count_transmitters_without_array(file: Path, text: str) -> int:
 def find_settings_file(recording: Path) -> Path:
     """Find the settings file beside a recording: the one of the same name, else the only one.
 
-    A `.setup.json` and the `.mmwave.json` that it names count as one; of several files with equal
-    settings, the first is used. A script counts if there is nothing else, since one folder may
-    contain scripts of other measurements. Links that lead out of the folder are ignored.
+    A `.setup.json` and the `.mmwave.json` that it names count as one; of several equivalent files
+    with the recording's name, the first is used. A script counts if there is nothing else, since
+    a folder may contain scripts of other measurements. Links that lead out of the folder are
+    ignored.
 
     Raises
     ------
@@ -140,7 +140,9 @@ def find_settings_file(recording: Path) -> Path:
     scripts = [file for file in candidates if file.suffix.lower() == ".lua"]
     others = [file for file in candidates if file not in scripts] or scripts
     for choices in (exact, named, common, others):
-        if len(choices) == 1 or (choices and _have_equal_settings(choices)):
+        if len(choices) == 1 or (
+            choices and choices is not others and _have_equal_settings(choices)
+        ):
             return choices[0]
         if choices:
             break
@@ -149,7 +151,10 @@ def find_settings_file(recording: Path) -> Path:
         value="no settings in the recording"
         + (f"; in the folder {', '.join(file.name for file in choices)}" if candidates else ""),
         expected="the radar of the recording",
-        fix="give the radar: --radar FILE (radar=FILE in Python), a YAML file or the settings"
+        fix=f"give the one of this recording: --radar {candidates[0].name} (radar=... in Python),"
+        " or name it like the recording"
+        if candidates
+        else "give the radar: --radar FILE (radar=FILE in Python), a YAML file or the settings"
         " file of its vendor",
     )
 
@@ -177,8 +182,6 @@ def _find_settings_candidates(recording: Path) -> tuple[list[Path], dict[Path, P
 
 def _have_equal_settings(files: Sequence[Path]) -> bool:
     """Return whether several files contain the same radar and layout."""
-    if len(files) > _MAX_COMPARED_FILES:
-        return False
     try:
         settings = [replace(read_settings(file), path=None, findings=()) for file in files]
     except DechirpError:
