@@ -406,7 +406,7 @@ def test_terminal_table_shows_azimuth_within_its_width(radar, width):
     beside_truth = re.compile(azimuth.pattern + " +\N{MINUS SIGN}20[.]00")
     assert any(azimuth.search(line) for line in lines) == (width >= 80)
     assert any(beside_truth.search(line) for line in lines) == (width >= 100)
-    assert any("SNR (dB)" in line for line in lines) == (width >= 100)
+    assert any("SNR (dB)" in line for line in lines) == (width >= 80)
 
 
 @pytest.mark.parametrize("width", [60, 80, 100, 132])
@@ -427,11 +427,38 @@ def test_terminal_table_shows_elevation_of_planar_array(radar, width):
     lines = screen.getvalue().splitlines()
 
     assert max(map(len, lines)) <= width
-    # The elevation is arctan(3 / 20.9) = 8.17 degrees, with an error of 0.001 degrees; range and
-    # velocity have 5 decimals for their errors of 0.04 mm and 0.02 mm/s.
+    # The elevation is arctan(3 / 20.9) = 8.17 degrees, with an error of 0.001 degrees.
     elevation = re.compile("8[.]17 ±\N{NO-BREAK SPACE}<0[.]01")
-    assert any(elevation.search(line) for line in lines) == (width >= 100)
+    assert any(elevation.search(line) for line in lines) == (width >= 80)
+    # Range and velocity have errors of 0.04 mm and 0.02 mm/s: 5 decimals, or 3 where they would
+    # displace a column.
+    range_m = "21[.]09[0-9]{3} ±\N{NO-BREAK SPACE}0[.]0000[0-9]"
+    rounded_range_m = "21[.]095 ±\N{NO-BREAK SPACE}<0[.]001"
+    assert any(re.search(range_m, line) for line in lines) == (width >= 132)
+    assert any(re.search(rounded_range_m, line) for line in lines) == (width < 132)
+    assert any("SNR (dB)" in line for line in lines) == (width >= 100)
     assert any("target" in line for line in lines)
+
+
+@pytest.mark.parametrize("moving", [(0, 1), (0, 0)], ids=["differ", "equal"])
+def test_standard_terminal_shows_all_measured_columns(radar, moving):
+    detections = dc.detect(dc.simulate(dc.Scene(targets=[make_target(-20, 3)]), radar), radar)
+    rows = detections.isel(detection=[0, 0])
+    estimates = {"elevation": (8.17, 0.3), "azimuth": (-16.7, 0.2)}
+    for name, (value_deg, error_deg) in estimates.items():
+        rows[name] = ("detection", np.radians([value_deg, value_deg]))
+        rows[f"{name}_std"] = ("detection", np.radians([error_deg, error_deg]))
+    rows["moving"] = ("detection", np.array(moving, dtype=float))
+    result = dc.run(dc.Scenario(radar=radar, scene=dc.Scene(targets=[make_target(-20, 3)])))
+    result = replace(result, detections=rows, truth=None)
+
+    table = strongest_detections_table(result, at_most=20, width=80)
+
+    headings = [column.header for column in table.columns]
+    measured = ["Range (m)", "Velocity (m/s)", "Azimuth (°)", "Elevation (°)", "SNR (dB)"]
+    assert headings[:5] == measured
+    # 78 characters without the column that says the same in all rows.
+    assert ("Moving" in headings) == (moving == (0, 1))
 
 
 def test_empty_scene_yields_no_detections(radar):

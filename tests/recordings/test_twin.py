@@ -30,10 +30,12 @@ def test_noise_and_peaks_match_within_1_db_and_fifth_of_bin(real_data, folder, n
     assert np.all(abs(differences.range_cells)[judged] < 0.2)
     assert np.all(abs(differences.velocity_cells)[judged] < 0.2)
     # Point targets reproduce the peaks; the rest of the difference is the noise of the twin.
-    # Leakage in the rows about DC, where the mirror image of real samples overlaps it, does not.
+    # Leakage in the rows about 0 has a power only: the mirror image of real samples overlaps it and
+    # moves its peak, by 0.203 cells in the limit of the fit, where the power agrees to 0.003 dB.
     is_reproduced = twin.noise_free_peaks_within_tolerance(TwinTolerance())
     assert np.all(is_reproduced | ~differences.is_searched.values)
-    assert np.all(abs(to_decibels(differences.power_ratio_clean))[judged] < 0.1)
+    is_fitted = judged | differences.is_leakage.values
+    assert np.all(abs(to_decibels(differences.power_ratio_clean))[is_fitted] < 0.1)
     normalised_errors = to_decibels(differences.power_ratio)[judged] / (
         4.34 * differences.power_std[judged]
     )

@@ -16,13 +16,8 @@ from dechirp.report import objects_section
 
 # Columns dropped first on a narrow terminal: true values before measured ones.
 _FIRST_DROPPED = (
-    *(
-        c.heading
-        for c in SHOWN_COLUMNS
-        if c.name not in ("range", "velocity", "azimuth", "elevation", "snr", "moving")
-    ),
-    *("true elevation", "SNR", "true azimuth", "true velocity", "true range"),
-    *("elevation", "azimuth", "moving", "frame"),
+    *("true elevation", "true azimuth", "true velocity", "true range"),
+    *("SNR", "moving", "elevation", "azimuth", "frame"),
 )
 
 
@@ -35,6 +30,10 @@ def strongest_detections_table(result: Result, *, at_most: int, width: int) -> T
     if n_shown < n_all:
         title += f", the {n_shown} strongest (complete list: detections.csv)"
     columns = _detection_table_cells(result, strongest)
+    if _table_width(columns) > width:
+        columns = _detection_table_cells(result, strongest, is_rounded=True)
+        if len(set(columns.get("moving", ()))) == 1:
+            del columns["moving"]
     for name in _FIRST_DROPPED:
         if _table_width(columns) > width:
             columns.pop(name, None)
@@ -56,12 +55,23 @@ def _table_width(columns: dict[str, list[str]]) -> int:
     return sum(2 + max(map(cell_len, column)) for column in cells)  # with two spaces between
 
 
-def _detection_table_cells(result: Result, detections: xr.Dataset) -> dict[str, list[str]]:
-    """Return the cells of each column, from the left; angles and motion only if any is known."""
+def _detection_table_cells(
+    result: Result, detections: xr.Dataset, *, is_rounded: bool = False
+) -> dict[str, list[str]]:
+    """Return the cells of each column, from the left; angles and motion only if any is known.
+
+    Rounded cells have 3 decimals of a range and a velocity, or those of a hundredth of a resolution
+    cell where it is smaller, and a smaller error as `<0.001`.
+    """
     columns: dict[str, list[str]] = {}
     if result.n_frames > 1:
         columns["frame"] = [str(frame) for frame in detections.frame.values.tolist()]
     target = None if result.truth is None else _matched_target_indices(result, detections)
+    frame = result.radar.frame
+    cell_sizes = {
+        "range": frame.chirp.range_resolution_m,
+        "velocity": frame.velocity_resolution_m_per_s,
+    }
     for column in shown_columns(detections):
         values = column.to_shown_unit(detections[column.name].values)
         std = standard_error_column(column)
@@ -73,14 +83,17 @@ def _detection_table_cells(result: Result, detections: xr.Dataset) -> dict[str, 
         # More digits are in detections.csv; no array is calibrated to a hundredth of a degree.
         stds = std.to_shown_unit(detections[std.name].values)
         at_most = column.decimals if column.shown_unit == "deg" else 6
+        if is_rounded and column.name in cell_sizes:
+            hundredth = np.array([cell_sizes[column.name] / 100])
+            at_most = max(decimals_for_column(hundredth, digits=1), 3)
         decimals = decimals_for_column(stds, digits=1, at_most=at_most)
         columns[column.heading] = [
             format_with_std(value, error, decimals) if np.isfinite(value) else EN_DASH
             for value, error in zip(values.tolist(), stds.tolist(), strict=True)
         ]
         if result.truth is not None and target is not None and column.name in result.truth:
-            frame = detections.frame.values
-            true = _true_values_of_detections(result.truth[column.name], target, frame)
+            frame_numbers = detections.frame.values
+            true = _true_values_of_detections(result.truth[column.name], target, frame_numbers)
             columns[f"true {column.heading}"] = [
                 format_fixed(value, decimals) for value in column.to_shown_unit(true).tolist()
             ]

@@ -112,9 +112,10 @@ def _iterate_point_fit(
         twin = simulate_points_without_noise(points, radar, recorded, constants)
         twin_peaks = measure_peaks_near_cells(twin, cells)
         twin_spectrum = channel_spectra_at_cells(twin, cells)
-        worst = _peak_errors_relative_to_tolerance(twin_peaks, recorded_peaks, wanted_power_w)[
-            is_fitted
-        ].max(initial=0.0)
+        errors = _peak_errors_relative_to_tolerance(
+            twin_peaks, recorded_peaks, wanted_power_w, is_fitted
+        )
+        worst = errors[start.is_peak].max(initial=0.0)
         if worst < least:
             best, least, last = points, worst, number
         if least < 1 or number - last >= _PATIENCE:
@@ -140,15 +141,14 @@ def _second_points_beside_displaced_peaks(
     twin_peaks, recorded_peaks = (
         measure_peaks_near_cells(frame_map, points.map_cell) for frame_map in (twin, recorded)
     )
+    is_searched = is_in_searched_rows(recorded, points.map_cell)
     is_displaced = (
         _peak_errors_relative_to_tolerance(
-            twin_peaks, recorded_peaks, _recorded_echo_power_w(recorded, points)
+            twin_peaks, recorded_peaks, _recorded_echo_power_w(recorded, points), is_searched
         )
         > 1
     )
-    is_displaced &= (
-        points.is_peak & ~points.is_leakage & is_in_searched_rows(recorded, points.map_cell)
-    )
+    is_displaced &= points.is_peak & ~points.is_leakage & is_searched
     peak_indices, (n_velocity, n_rows) = np.flatnonzero(is_displaced), recorded.power.shape
     steps = np.array([(0, 1), (0, -1), (1, 0), (-1, 0)])
     around = points.map_cell[peak_indices][:, None] + steps
@@ -277,14 +277,19 @@ def _velocity_and_range_per_cell(radar: Radar, recorded: FrameMap) -> tuple[floa
 
 
 def _peak_errors_relative_to_tolerance(
-    twin_peaks: Peaks, recorded_peaks: Peaks, wanted_power_w: np.ndarray
+    twin_peaks: Peaks, recorded_peaks: Peaks, wanted_power_w: np.ndarray, is_searched: np.ndarray
 ) -> np.ndarray:
-    """Return the largest error of each peak, relative to its tolerance."""
+    """Return the largest error of each peak, relative to its tolerance.
+
+    Peaks outside the searched rows have a power only: about 0, the mirror image of real samples
+    moves them.
+    """
     level_error_db = abs(10 * np.log10(np.maximum(twin_peaks.power, 1e-300) / wanted_power_w))
     distance_cells = np.maximum(
         abs(twin_peaks.velocity_bin - recorded_peaks.velocity_bin),
         abs(twin_peaks.range_bin - recorded_peaks.range_bin),
     )
+    distance_cells = np.where(is_searched, distance_cells, 0.0)
     return np.asarray(
         np.maximum(level_error_db / _POWER_TOLERANCE_DB, distance_cells / _CELL_TOLERANCE)
     )
