@@ -132,16 +132,36 @@ def sum_echoes(scene, radar, noise):
 
 
 def measure_errors_db(scene, radar, noise, spread=None):
-    """Measure errors of the stage relative to the phase-noise power: first, last, inner samples."""
+    """Measure errors of the stage relative to the phase-noise power: first, last, inner samples.
+
+    Without the three cells at each end of the passed band, see `remove_band_ends`.
+    """
     expected = sum_echoes(scene, radar, noise)
     residue = expected - simulate_ideal_echoes(scene, radar).values[0]
-    error_power = abs(apply_stage(scene, radar, noise.phase_rad, spread) - expected) ** 2 / np.mean(
-        abs(residue) ** 2
-    )
-    error_power = error_power.mean(axis=(0, 1))
+    errors = apply_stage(scene, radar, noise.phase_rad, spread) - expected
+    inner_errors = remove_band_ends(errors, radar)
+    noise_power = np.mean(abs(residue) ** 2)
+    assert np.mean(abs(errors) ** 2) < 2e-4 * noise_power
+    error_power = np.mean(abs(inner_errors) ** 2, axis=(0, 1)) / noise_power
     n_end = len(error_power) // 8
-    ends = error_power[:4].mean(), error_power[-4:].mean()
-    return to_decibels([*ends, error_power[n_end:-n_end].mean()])
+    sections = error_power[:n_end], error_power[-n_end:], error_power[n_end:-n_end]
+    return np.array([to_decibels(np.mean(section)) for section in sections])
+
+
+def remove_band_ends(samples, radar):
+    """Subtract the sinusoids within three cells of the ends of the passed band, by least squares.
+
+    The band has steep ends. The reference passes a line by its frequency, as if it lasted for ever;
+    a finite time spreads it, and what a line spreads over an end of the band is left out there and
+    kept here. With these cells errors are at most -38 dB of the phase noise, without them -72 dB if
+    echoes fill up to 80 % of the band.
+    """
+    n = samples.shape[-1]
+    frequency = passed_band_hz(radar)[0] / radar.frame.chirp.sample_rate_hz
+    frequencies = frequency + np.linspace(-3, 3, 13) / n
+    sinusoids = np.exp(2j * np.pi * np.outer(np.arange(n), frequencies))
+    basis, _ = np.linalg.qr(sinusoids)
+    return samples - (samples @ basis.conj()) @ basis.T
 
 
 @pytest.mark.parametrize("is_steep", [False, True], ids=["white", "falling"])
@@ -153,11 +173,11 @@ def measure_errors_db(scene, radar, noise, spread=None):
         (10e12, 20e6, (5, 31.3, 150)),
         (30e12, 10e6, (2, 30)),
         (20e12, 20e6, (130,)),
-        (20e12, 20e6, (2, 60, 130)),
     ],
 )
 def test_echo_phase_error_is_difference_over_delay(slope, sample_rate_hz, ranges_m, band, is_steep):
-    # Nonlinear terms are 90 dB below the noise. Lines reach from one end of the band to the other.
+    # Nonlinear terms are 90 dB below the noise, single precision 85 dB. Lines reach from one end of
+    # the band to the other: an aliased line would be an error of -10 to 0 dB.
     radar, scene = (
         build_radar(slope=slope, sample_rate_hz=sample_rate_hz),
         build_static_scene(*ranges_m),
@@ -168,10 +188,8 @@ def test_echo_phase_error_is_difference_over_delay(slope, sample_rate_hz, ranges
 
     first_db, last_db, inner_db = measure_errors_db(scene, radar, noise)
 
-    # An aliased line would be an error of -10 to 0 dB. Echoes whose ends do not join spread lines
-    # over the ends of the band.
-    assert max(first_db, last_db) < (-28 if len(ranges_m) > 1 else -45)
-    assert inner_db < (-40 if len(ranges_m) > 1 else -50)
+    assert max(first_db, last_db) < -70
+    assert inner_db < -80
 
 
 def test_phase_error_within_band_is_difference_over_delay():
@@ -180,19 +198,25 @@ def test_phase_error_within_band_is_difference_over_delay():
 
     first_db, last_db, inner_db = measure_errors_db(scene, radar, noise)
 
-    assert max(first_db, last_db) < -50
-    assert inner_db < -60
+    assert max(first_db, last_db) < -70
+    assert inner_db < -80
 
 
-def test_phase_error_is_approximate_over_most_of_band():
-    radar = build_radar(slope=30e12, sample_rate_hz=20e6, n_samples=512)
-    scene = build_static_scene(0.5, 30, 85)
-    noise = draw_sinusoids(np.random.default_rng(1), scene, radar, band_hz=16e6, is_steep=True)
+@pytest.mark.parametrize("is_steep", [False, True], ids=["white", "falling"])
+@pytest.mark.parametrize(
+    ("slope", "n_samples", "ranges_m"), [(30e12, 512, (0.5, 30, 85)), (20e12, 256, (2, 60, 130))]
+)
+def test_phase_error_is_approximate_over_most_of_band(slope, n_samples, ranges_m, is_steep):
+    # Echoes over 0.85 of the band and an error over 0.95 of it: some lines need echoes from beyond
+    # the margins, a quarter of the window at most.
+    radar = build_radar(slope=slope, sample_rate_hz=20e6, n_samples=n_samples)
+    scene = build_static_scene(*ranges_m)
+    noise = draw_sinusoids(np.random.default_rng(1), scene, radar, band_hz=19e6, is_steep=is_steep)
 
     first_db, last_db, inner_db = measure_errors_db(scene, radar, noise)
 
-    assert max(first_db, last_db) < -20
-    assert inner_db < -32
+    assert max(first_db, last_db) < -38
+    assert inner_db < -47
 
 
 def build_slow_ramp_radar(array=None):
@@ -207,7 +231,7 @@ def test_fast_noise_on_slow_ramp_is_exact_for_one_delay():
     radar, scene = build_slow_ramp_radar(dc.Array()), build_static_scene(50)
     noise = draw_sinusoids(np.random.default_rng(2), scene, radar, band_hz=100e6, is_steep=False)
 
-    assert measure_errors_db(scene, radar, noise).max() < -45
+    assert measure_errors_db(scene, radar, noise).max() < -80
 
 
 def test_leakage_phase_error_is_exact_among_later_echoes():
@@ -230,7 +254,7 @@ def test_slow_noise_on_slow_ramp_is_exact_for_all_delays():
     # A quarter of the window, times the slope: 37 MHz.
     noise = draw_sinusoids(np.random.default_rng(2), scene, radar, band_hz=15e6, is_steep=False)
 
-    assert measure_errors_db(scene, radar, noise).max() < -45
+    assert measure_errors_db(scene, radar, noise).max() < -80
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
