@@ -54,6 +54,9 @@ _MAX_REMAINDER_OF_DESCRIBED_ECHO = 0.01
 _MAX_OTHER_TONES = 32
 # Blocks of points in which the maximum of the periodogram is sought first.
 _N_COARSE_BLOCKS = 32
+# Samples read, in all peaks, from which a second thread pays: 2 ms. It takes the interpreter lock
+# for 0.7 ms where other threads run Python, as in the studio.
+_MIN_SAMPLES_FOR_THREADS = 2**24
 # Numbers in a block of peaks: 32 MB.
 _MAX_BLOCK_VALUES = 2**22
 
@@ -236,7 +239,7 @@ def _estimate_along_fast_time(
             0.1 * np.sqrt(noise_power[row]),
         )
 
-    run_in_threads(numba.get_num_threads(), fill, range(len(rows)))
+    run_in_threads(_thread_count(len(rows) * samples.size), fill, range(len(rows)))
     return _choose_window(
         at_doppler, tones.fast[rows], noise_power[rows], windows.noise_gain[index]
     )
@@ -279,10 +282,14 @@ def _estimate_along_slow_time(
             0.1 * np.sqrt(noise_power[row]),
         )
 
-    run_in_threads(numba.get_num_threads(), fill, range(len(rows)))
+    run_in_threads(_thread_count(len(rows) * samples.size), fill, range(len(rows)))
     return _choose_window(
         at_beat, tones.slow[rows], noise_power[rows], windows.noise_gain[along_fast.window_index]
     )
+
+
+def _thread_count(n_samples_read: int) -> int:
+    return numba.get_num_threads() if n_samples_read >= _MIN_SAMPLES_FOR_THREADS else 1
 
 
 def _walk_block_edges(n_samples: int, n_chirps: int, slow: float, growth: float) -> np.ndarray:
