@@ -9,6 +9,7 @@ import pytest
 import dechirp as dc
 from dechirp.config import loading
 from dechirp.config.dumping import dump_yaml
+from dechirp.core.errors import InvalidSetting
 from dechirp.experiments.run import run
 from dechirp.experiments.scenario import READERS, RecordingSource, Scenario
 from dechirp.processing.cfar.base import Cells
@@ -185,6 +186,71 @@ def test_mirror_images_of_real_samples_are_no_targets():
 
     assert choices[-1].options == (f"chain.max_range={CHIRP.max_range_m / 2:.4g} m",)
     assert ranges_in_cells(detect(cube, RADAR, chain)) == pytest.approx([20, 33.4], abs=0.05)
+
+
+def add_mixer_image(cube, level_db):
+    """Add the image of an I/Q mixer with unequal branches: b conj(z) of the samples z."""
+    samples = cube.values + 10 ** (level_db / 20) * np.exp(0.4j) * cube.values.conj()
+    return label_cube(samples.astype(np.complex64), RADAR, units="full scale")
+
+
+MOVERS = [(20.3, 5.3, 60), (33.4, -7.2, 55)]
+
+
+@pytest.mark.parametrize("level_db", [-20, -6])
+def test_images_of_mixer_are_no_targets(level_db):
+    # Of the farther targets none is at the mirror of another: 100.2 cells at that of 27.8.
+    truth = [*MOVERS, (100.2, 3.4, 45), (110.6, 0, 50)]
+    cube = add_mixer_image(make_cube(*truth), level_db)
+    assert ranges_in_cells(detect(cube, RADAR)).size > len(truth)
+
+    chain, choices = fit(cube)
+
+    assert choices[-1].options == (f"chain.image_rejection={-level_db - 3} dB",)
+    detections = detect(cube, RADAR, chain)
+    assert ranges_in_cells(detections) == pytest.approx([tone[0] for tone in truth], abs=0.05)
+
+
+def test_images_of_mixer_with_delay_between_i_and_q_are_no_targets():
+    # A delay of half a sample makes images of tan^2(pi f / 2 fs): -12 and -7 dB.
+    levels_db = [20 * np.log10(np.tan(np.pi * cell / N_SAMPLES / 2)) for cell, *_ in MOVERS]
+    images = [
+        (-cell, -velocity, snr_db + level_db)
+        for (cell, velocity, snr_db), level_db in zip(MOVERS, levels_db, strict=True)
+    ]
+    cube = make_cube(*MOVERS, *images)
+
+    chain, _ = fit(cube)
+
+    assert chain.image_rejection == pytest.approx(10**0.4)
+    assert ranges_in_cells(detect(cube, RADAR, chain)) == pytest.approx(
+        [tone[0] for tone in MOVERS], abs=0.05
+    )
+
+
+@pytest.mark.parametrize(
+    "tones",
+    [
+        [(20, 0, 60), (-20, 0, 40), (30, 0, 60), (-30, 0, 40)],
+        [(20.3, 5.3, 60), (-20.3, -5.3, 40)],
+        [*MOVERS, (-20.3, 5.3, 40), (-33.4, -7.2, 35)],
+        MOVERS,
+    ],
+    ids=["static", "one", "velocities alike", "no image"],
+)
+def test_echoes_that_prove_no_mixer_image_are_kept(tones):
+    cube = make_cube(*tones)
+
+    chain, choices = fit(cube)
+
+    assert chain.image_rejection is None
+    assert "chain.image_rejection" not in [choice.setting for choice in choices]
+    assert detect(cube, RADAR, chain).sizes["detection"] == len(tones)
+
+
+def test_image_rejection_below_0_db_is_refused():
+    with pytest.raises(InvalidSetting, match="an image is weaker than its echo"):
+        Chain(image_rejection=0.01)
 
 
 def test_options_of_note_repeat_the_run(tmp_path):

@@ -48,6 +48,10 @@ class Chain(Displayable):
     map."""
     max_range_m: float | None = None
     """Largest range of detections, which leaves out those below zero range too; None for all."""
+    image_rejection: float | None = None
+    """Least ratio of an echo to its I/Q image, at the negative beat and Doppler frequencies, of a
+    complex mixer with unequal branches: peaks weaker than the mirrored cell by this ratio are
+    left out. None for all."""
     angle: DirectionEstimator | None = Fft()
     """Direction estimator; None for no directions. The default is dropped if the array resolves
     no direction."""
@@ -84,6 +88,15 @@ class Chain(Displayable):
                 )
         if self.max_range_m is not None:
             check_positive_fields(self, "max_range_m")
+        if self.image_rejection is not None:
+            check_positive_fields(self, "image_rejection", at_most=1e30)
+            if self.image_rejection <= 1:
+                raise InvalidSetting(
+                    "Chain.image_rejection",
+                    value=f"{self.image_rejection:.4g}",
+                    expected="more than 1 (0 dB): an image is weaker than its echo",
+                    fix="write an image of -20 dB as 20 dB, or leave it out",
+                )
         if not isinstance(self.moving_targets, MovingTargetMap | None):
             raise InvalidSetting(
                 "Chain.moving_targets",

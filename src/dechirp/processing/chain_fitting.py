@@ -12,6 +12,10 @@ Only settings with their default values are chosen. Rules:
   and within the last 1/32 of the axis an echo that mirrors one as near to zero range: true echoes
   of equal strength would differ by 120 dB in cross section.
   Real samples stored as complex ones have a spectrum symmetric about zero: half of it is images.
+* No I/Q images, of which each is at the negative beat and Doppler frequencies of a stronger echo.
+  Moving echoes prove them, as all static ones have one velocity: two, 20 dB over the noise, whose
+  levels agree to 6 dB (they depend on the beat frequency where I and Q differ in delay). Two other
+  echoes lie at mirrors of n stronger ones with a probability of (n / cells)^2.
 """
 
 import shlex
@@ -22,13 +26,15 @@ from typing import NamedTuple
 import numpy as np
 
 from dechirp.core.findings import Finding
-from dechirp.core.units import to_decibels
+from dechirp.core.units import from_decibels, to_decibels
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import Cells, Cfar
 from dechirp.processing.chain import Chain
 from dechirp.processing.frame import split_by_ramp_direction
 from dechirp.processing.mitigation.apply import apply_mitigation
+from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
 from dechirp.processing.moving_targets import MovingTargetMap
+from dechirp.processing.peaks import image_levels
 from dechirp.processing.range_doppler_map import (
     detect_peaks_and_count_dropped,
     fill_unusable_cells_with_noise,
@@ -42,6 +48,10 @@ from dechirp.radar.radar import Radar
 _MIN_CHIRPS_OF_MOVING_MAP = 8
 # Share of the range axis, at least a main lobe, in which echoes of leakage and their images lie.
 _LEAKAGE_SHARE = 1 / 32
+# Moving echoes that prove I/Q images: their number, least power over the median of the map, highest
+# level (real samples have 0 dB) and its differences; and the margin of the rejection.
+_MIN_IMAGES, _MIN_IMAGE_POWER, _MAX_IMAGE_LEVEL = 2, 100.0, 10**-0.1
+_IMAGE_SPREAD_DB, _IMAGE_MARGIN_DB = 6.0, 3
 # Largest difference between a spectrum and its mirror image, relative to its power, of real
 # samples; independent noise in both halves differs by about its own power.
 _MAX_ASYMMETRY = 0.01
@@ -83,7 +93,7 @@ def fit_chain_to_frames(
     choices, of which the settings that the user gave are never part.
     """
     default = chain.fit_to_radar(radar)
-    maps, map_radar = _range_doppler_maps(frames, radar, default)
+    maps, moving_maps, map_radar = _range_doppler_maps(frames, radar, default)
     if not maps:
         return default, ()
     fitted, choices = default, []
@@ -112,22 +122,45 @@ def fit_chain_to_frames(
         if reason:
             options = (f"chain.max_range={limit_m:.4g} m",)
             choices.append(ChosenSetting(setting="chain.max_range", options=options, reason=reason))
+    if chain.image_rejection is None and radar.frame.chirp.sampling == "complex":
+        level = _moving_image_level(moving_maps, map_radar, default)
+        if level is not None:
+            rejection_db = max(round(float(-to_decibels(level))) - _IMAGE_MARGIN_DB, 1)
+            fitted = replace(fitted, image_rejection=float(from_decibels(rejection_db)))
+            choices.append(_choice_of_image_rejection(rejection_db, level))
     return fitted, tuple(choices)
 
 
 def _range_doppler_maps(
     frames: Iterable[np.ndarray], radar: Radar, chain: Chain
-) -> tuple[list[np.ndarray], Radar]:
-    """Return the map of each frame that is not empty, of rising ramps alone, and their radar."""
-    maps, map_radar = [], radar
+) -> tuple[list[np.ndarray], list[np.ndarray], Radar]:
+    """Return the map of each frame that is not empty, of rising ramps alone, and their radar.
+
+    And a second list of maps without static echoes, of complex samples and enough chirps.
+    """
+    maps: list[np.ndarray] = []
+    moving_maps: list[np.ndarray] = []
+    map_radar = radar
     for samples in frames:
         clean = apply_mitigation(samples, radar.frame, chain.mitigation).samples
         channels = split_chirps_into_slots(clean, radar.frame)
         map_channels, map_radar = next(split_by_ramp_direction(channels, radar))
         power = range_doppler_power(map_channels, map_radar, chain)
-        if np.isfinite(power).all() and power.any():
-            maps.append(fill_unusable_cells_with_noise(power, map_radar, chain))
-    return maps, map_radar
+        if not (np.isfinite(power).all() and power.any()):
+            continue
+        maps.append(fill_unusable_cells_with_noise(power, map_radar, chain))
+        if np.iscomplexobj(clean) and len(map_channels) >= _MIN_CHIRPS_OF_MOVING_MAP:
+            map_channels = map_channels - map_channels.mean(axis=0)
+            moving_power = range_doppler_power(map_channels, map_radar, chain)
+            moving_maps.append(
+                fill_unusable_cells_with_noise(moving_power, map_radar, _moving_chain(chain))
+            )
+    return maps, moving_maps, map_radar
+
+
+def _moving_chain(chain: Chain) -> Chain:
+    """Return the chain of the maps without static echoes."""
+    return replace(chain, mitigation=(MeanSubtraction(),))
 
 
 def _cfar_along_velocity(default: Chain, radar: Radar) -> Cfar | None:
@@ -230,6 +263,40 @@ def _range_limit_and_reason(
         f" {chirp.max_range_m:.4g} m, where they are negative"
     )
     return limit_m, reason
+
+
+def _moving_image_level(
+    moving_maps: Sequence[np.ndarray], radar: Radar, chain: Chain
+) -> float | None:
+    """Return the highest level of moving I/Q images, relative to their echoes; None without proof.
+
+    The maps are those without static echoes.
+    """
+    powers, levels = [], []
+    for power in moving_maps:
+        cells, _ = detect_peaks_and_count_dropped(power, radar, _moving_chain(chain))
+        powers.append(power[tuple(cells.T)] / np.median(power))
+        levels.append(image_levels(power, cells))
+    if not levels:
+        return None
+    power_ratio, level = np.concatenate(powers), np.concatenate(levels)
+    is_image = (level < _MAX_IMAGE_LEVEL) & (power_ratio > _MIN_IMAGE_POWER)
+    if is_image.sum() < _MIN_IMAGES:
+        return None
+    power_ratio, level = power_ratio[is_image], level[is_image]
+    strongest = level[power_ratio.argmax()]
+    similar = level[abs(to_decibels(level / strongest)) <= _IMAGE_SPREAD_DB]
+    return float(similar.max()) if similar.size >= _MIN_IMAGES else None
+
+
+def _choice_of_image_rejection(rejection_db: int, level: float) -> ChosenSetting:
+    """Return the choice to leave out I/Q images."""
+    return ChosenSetting(
+        setting="chain.image_rejection",
+        options=(f"chain.image_rejection={rejection_db} dB",),
+        reason=f"moving echoes have I/Q images of up to {to_decibels(level):.0f} dB at the mirrored"
+        " range and velocity",
+    )
 
 
 def _asymmetry(power: np.ndarray) -> float:

@@ -66,6 +66,18 @@ def reject_sidelobes(
     return np.asarray(cells[keep])
 
 
+def image_levels(power: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Return the power of cells relative to that of the mirrored cells, (n,).
+
+    An I/Q mixer of unequal branches turns samples z into z + b conj(z), |b| < 1: each echo of a
+    complex map has an image of |b|^2 of its power at the negative beat and Doppler frequencies.
+    """
+    n_velocity, n_range = power.shape
+    velocity, row = cells.T
+    mirrored = (2 * (n_velocity // 2) - velocity) % n_velocity, -row % n_range
+    return np.asarray(power[velocity, row] / np.maximum(power[mirrored], 1e-300))
+
+
 @lru_cache(maxsize=32)
 def sidelobe_envelope(transform: Transform) -> np.ndarray:
     """Return the highest sidelobe amplitude at a distance of k bins or more from a peak.

@@ -15,7 +15,11 @@ from dechirp.processing.mitigation.noise_loss import (
     mitigation_noise_gain,
     sufficient_noise_gain_mask,
 )
-from dechirp.processing.peaks import reject_sidelobes, strongest_local_maxima_and_n_dropped
+from dechirp.processing.peaks import (
+    image_levels,
+    reject_sidelobes,
+    strongest_local_maxima_and_n_dropped,
+)
 from dechirp.processing.range_walk import select_frame_transform
 from dechirp.processing.spectrum import mean_range_doppler_power, rows_with_circular_noise
 from dechirp.processing.virtual_array import split_chirps_into_slots
@@ -202,4 +206,7 @@ def detect_peaks_and_count_dropped(
         is_over &= sufficient_noise_gain_mask(residual)
     cells, n_dropped = strongest_local_maxima_and_n_dropped(power, is_over)
     threshold = chain.cfar.threshold_at_cells(searched_power, cells - (0, rows.start), noise)
-    return reject_sidelobes(power, cells, threshold, noise), n_dropped
+    cells = reject_sidelobes(power, cells, threshold, noise)
+    if chain.image_rejection is not None and radar.frame.chirp.sampling == "complex":
+        cells = cells[image_levels(power, cells) > 1 / chain.image_rejection]
+    return cells, n_dropped

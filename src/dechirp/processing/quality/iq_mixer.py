@@ -94,7 +94,8 @@ def _iq_image_findings(recorded: RecordingMeasures) -> list[Finding]:
             expected="I and Q of equal gain in quadrature; errors of 1 % and 1 degree make an"
             " image of"
             " -40 dB",
-            fix="balance I and Q before processing, or search only the side on which echoes are"
+            fix="balance I and Q before processing, or leave images out of the detections by"
+            " chain.image_rejection, as run does where moving echoes prove them"
             if levels[worst] > _STRONG_IMAGE
             else "no action needed unless weak echoes at mirrored ranges matter",
         )
