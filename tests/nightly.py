@@ -1,8 +1,29 @@
 """Marker of long tests, which run if DECHIRP_NIGHTLY is set and take an hour together."""
 
 import os
+from collections.abc import Container, Iterable
 
 import pytest
 
 NIGHTLY = bool(os.environ.get("DECHIRP_NIGHTLY"))
-nightly = pytest.mark.skipif(not NIGHTLY, reason="takes minutes: DECHIRP_NIGHTLY")
+nightly = pytest.mark.skipif(not NIGHTLY, reason="long: runs with DECHIRP_NIGHTLY=1")
+
+_PARAMETERS = type(pytest.param())
+
+
+def nightly_except(kept: int | Container, cases: Iterable) -> list:
+    """Return cases of a parametrisation, nightly except the first ones or those that are kept.
+
+    As for pytest, a tuple has the values of several parameters.
+    """
+    marked = []
+    for number, case in enumerate(cases):
+        if number < kept if isinstance(kept, int) else case in kept:
+            marked.append(case)
+        elif isinstance(case, _PARAMETERS):
+            marked.append(pytest.param(*case.values, marks=(*case.marks, nightly), id=case.id))
+        else:
+            marked.append(
+                pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=nightly)
+            )
+    return marked

@@ -20,6 +20,7 @@ import pytest
 import dechirp
 from dechirp.core.families import Family
 from dechirp.core.namespaces import modules_by_public_name
+from nightly import nightly
 from test_layers import ROOT, parse_file
 
 API_TEXT = Path(__file__).with_name("api.txt")
@@ -220,6 +221,7 @@ dc.cfar.Sweep
 """
 
 
+@nightly
 def test_type_checker_resolves_names_of_the_package(tmp_path):
     script = tmp_path / "user.py"
     script.write_text(USER_SCRIPT, encoding="utf-8")

@@ -10,6 +10,7 @@ import dechirp as dc
 from dechirp.cli.main import main
 from dechirp.recordings.settings.calibration import format_calibration_json, read_calibration
 from dechirp.recordings.settings.read import read_radar
+from nightly import nightly
 
 RADAR = """\
 frame:
@@ -167,6 +168,7 @@ def test_calibration_file_reads_back_equal(tmp_path):
         assert read_calibration(tmp_path / "cal.json") == calibration
 
 
+@nightly
 def test_result_store_contains_calibration(folder, capsys):
     run_cli(capsys, *CALIBRATE_LEFT, "--out", "cal.json")
     expected = read_calibration("cal.json")

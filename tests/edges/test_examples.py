@@ -13,6 +13,7 @@ from dechirp.config.dumping import dump_yaml
 from dechirp.report import objects_section
 from dechirp.report.page import render_report
 from dechirp.theory.detection import required_snr
+from nightly import nightly
 
 EXAMPLES = Path(dc.__file__).parents[2] / "examples"
 SCENES = ["highway", "corner-radar", "parking-radar"]
@@ -154,6 +155,7 @@ def get_last_state(result: dc.Result, number: int) -> tuple[np.ndarray, np.ndarr
     return np.array([track[name] for name in ("x", "vx", "y", "vy")]), track.covariance.values
 
 
+@nightly
 def test_each_vehicle_with_measurable_velocity_has_one_track():
     result = dc.run(dc.load(EXAMPLES / "highway.yaml"))
     names, times_s = result.scenario.scene.names, result.truth.time.values
@@ -181,6 +183,7 @@ def test_each_vehicle_with_measurable_velocity_has_one_track():
     assert "Tracks cover 13 of 14 targets that move over ground, one each." in page
 
 
+@nightly
 def test_pedestrian_and_bicyclist_have_one_track_each():
     result = dc.run(dc.load(EXAMPLES / "crossing.yaml"))
 
@@ -270,6 +273,7 @@ def test_angle_limits_are_reported_in_degrees():
         dc.load(EXAMPLES / "corner-radar.yaml", ["scene.ego.yaw=400 deg"])
 
 
+@nightly
 def test_alternating_intervals_resolve_velocity_of_oncoming_traffic():
     result = dc.run(dc.load(EXAMPLES / "intervals-in-turn.yaml"))
     limit = max(result.radar.for_frame(k).frame.max_velocity_m_per_s for k in range(3))

@@ -33,6 +33,7 @@ from dechirp.results.object_lists.can_logs import (
     write_can_log,
 )
 from dechirp.results.object_lists.list_columns import build_object_list
+from nightly import nightly_except
 from sample_object_lists import (
     DBC_STEPS,
     check_object_lists_agree,
@@ -411,7 +412,7 @@ def test_rejects_log_with_foreign_frames_only(tmp_path):
         read_can_log(path)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", nightly_except(1, SUFFIXES))
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_damaged_logs_give_complete_lists_or_error(tmp_path, suffix):
     path = tmp_path / f"objects{suffix}"

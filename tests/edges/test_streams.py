@@ -22,6 +22,7 @@ from dechirp.experiments.streaming import open_stream
 from dechirp.recordings.live.reassembly import N_PACKETS, ReassemblyWindow
 from dechirp.recordings.live.replay import build_dca1000_packet, iter_file_as_packets
 from dechirp.recordings.live.socket_reader import PacketSlots, RecvfromReader, fastest_socket_reader
+from nightly import nightly_except
 from udp_packets import receive_packets, send_packets, wait_for_packets
 
 N_FRAMES = 12
@@ -533,7 +534,7 @@ def test_stream_result_contains_first_frame_only(capture, run_options, recorded_
     assert [line.split(":")[0] for line in err.splitlines()] == [f"frame {n}" for n in range(3, 9)]
 
 
-@pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("signal_number", nightly_except(1, [signal.SIGINT, signal.SIGTERM]))
 def test_signal_ends_run_on_udp_address_with_results(
     signal_number, capture, run_options, monkeypatch, capsys
 ):

@@ -14,6 +14,7 @@ from dechirp.cli.main import main
 from dechirp.experiments.study.ledger import LedgerReader
 from dechirp.experiments.study.run import replay_trial
 from dechirp.results.parquet import read_parquet
+from nightly import nightly
 
 EXAMPLES = Path(dc.__file__).parents[2] / "examples" / "studies"
 
@@ -83,6 +84,7 @@ def test_study_runs_and_repeated_call_gives_same_rows(study_file, tmp_path, caps
     assert json.loads(capsys.readouterr().out)["rows"] == document["rows"]
 
 
+@nightly
 def test_trials_are_bit_identical_in_threads_and_processes(study_file, tmp_path):
     study = dc.load_study(study_file)
     with ThreadPoolExecutor(3) as threads:
@@ -127,6 +129,7 @@ def read_blocks(out):
         return list(connection.execute("SELECT * FROM blocks"))
 
 
+@nightly
 def test_rejects_changed_study_in_same_folder(study_file, tmp_path, capsys):
     out = tmp_path / "out"
     assert get_exit_status(
@@ -156,6 +159,7 @@ def test_impossible_point_is_reported_as_failure(study_file, tmp_path, capsys):
     assert "Traceback" not in err
 
 
+@nightly
 def test_statistical_sensor_agrees_with_signal_simulation(study_file, tmp_path):
     # 150 trials each give Pd within 0.04: the limit is 5 standard deviations plus 0.02.
     probabilities = {}

@@ -19,6 +19,7 @@ from dechirp.certificate.document import certificate_as_json_data, checksum_of_n
 from dechirp.certificate.trials import Job
 from dechirp.cli.main import main
 from dechirp.results.text_files import to_json_text
+from nightly import nightly
 
 CLAIM_KEYS = ["id", "claim", "published", "required", "measured", "limit", "passed"]
 
@@ -125,6 +126,7 @@ def test_same_seed_gives_bit_identical_certificate():
     assert certificate_as_json_data(verify(seed=5))["claims"] != serial["claims"]
 
 
+@nightly
 def test_full_certificate_has_parts_and_progress_counts_all_jobs(monkeypatch):
     # Calibrations take seconds each; a rectangular window has closed forms.
     group = {"maps of noise": every_detector.MAP_GROUPS["maps of noise"][:1]}
@@ -246,6 +248,7 @@ def test_verify_function_rejects_invalid_arguments(arguments):
         verify(**arguments)
 
 
+@nightly
 @pytest.mark.parametrize(("signal_number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_interrupted_verify_exits_quietly_and_writes_nothing(tmp_path, signal_number, status):
     process = subprocess.Popen(

@@ -38,7 +38,7 @@ from dechirp.results.data_set import folder_size_bytes, open_data_set_groups
 from dechirp.simulation.adc_codes import extract_adc_codes
 from dechirp.simulation.impairments.noise import ThermalNoise
 from dechirp.simulation.impairments.quantisation import Quantisation
-from nightly import NIGHTLY
+from nightly import NIGHTLY, nightly
 from page_checks import check_captions, check_pdf_contains_page_text
 from trial_cases import small_radar
 
@@ -177,11 +177,13 @@ def test_block_larger_than_shard_is_divided_evenly(tmp_path, monkeypatch, undist
     np.testing.assert_array_equal(group["cube"][:], reference_group["cube"][:])
 
 
+@nightly
 def test_data_set_does_not_depend_on_number_of_workers(tmp_path, undisturbed_folder):
     dc.run_study(make_study(), tmp_path)
     assert file_digests(tmp_path) == file_digests(undisturbed_folder)
 
 
+@nightly
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
 def test_study_killed_at_random_moments_gives_same_data_set(tmp_path, undisturbed_folder):
     rng = np.random.default_rng(8)
@@ -223,6 +225,7 @@ def test_repeated_call_of_finished_study_changes_nothing(tmp_path):
     } == earlier_state
 
 
+@nightly
 def test_stopped_points_leave_no_items_past_their_end(tmp_path):
     run_to_folder(tmp_path, make_adaptive_study())
     with LedgerReader.open_read_only(tmp_path) as record:

@@ -15,6 +15,7 @@ from dechirp.experiments.twin.twin import TwinTolerance
 from dechirp.recordings.in_memory import recording_from_cube
 from dechirp.recordings.readers.base import Contents
 from dechirp.recordings.recording import Recording
+from nightly import nightly, nightly_except
 from page_checks import check_captions, check_pdf_contains_page_text
 
 NEAR = dc.Target(position_m=(12.3, 1.0, 0), velocity_m_per_s=(-4.7, 0, 0), rcs_m2=0.3)
@@ -45,7 +46,7 @@ def set_sampling(radar, sampling):
     return replace(radar, frame=replace(radar.frame, chirp=chirp))
 
 
-@pytest.mark.parametrize("sampling", ["complex", "real"])
+@pytest.mark.parametrize("sampling", nightly_except(1, ["complex", "real"]))
 def test_twin_recovers_targets_and_cross_sections(small_radar, sampling):
     small_radar = set_sampling(small_radar, sampling)
     targets = [NEAR, STATIC] if sampling == "real" else [NEAR, FAR, STATIC]
@@ -228,6 +229,7 @@ def test_clipped_samples_give_a_finding(small_radar):
     assert "recording.clipping" in [finding.setting for finding in twin.findings]
 
 
+@nightly
 def test_frame_of_4096_chirps_has_chain_that_can_be_calibrated(small_radar):
     long_radar = replace(small_radar, frame=replace(small_radar.frame, n_chirps=4096))
 

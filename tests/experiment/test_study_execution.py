@@ -27,7 +27,7 @@ from dechirp.experiments.study.executors import (
     workers_from_options,
 )
 from dechirp.experiments.study.ledger_reader import LedgerReader
-from nightly import NIGHTLY
+from nightly import NIGHTLY, nightly
 from tiny_study import TinyPlan, ledger_digest, run_tiny_study
 
 N_KILLS = 30 if NIGHTLY else 3
@@ -190,6 +190,7 @@ def test_killed_worker_is_replaced_and_result_is_unchanged(tmp_path, undisturbed
     assert ledger_digest(tmp_path) == expected
 
 
+@nightly
 def test_block_that_always_kills_its_worker_is_abandoned_with_message(tmp_path):
     with local_workers(1) as workers, pytest.raises(DechirpError, match="killed while they worked"):
         run_tiny_study(tmp_path, workers, work=_kill_worker_at_block_20)

@@ -19,6 +19,7 @@ from dechirp.experiments.tune.document import tune_result_as_dict
 from dechirp.experiments.tune.parsing import load_tune
 from dechirp.experiments.tune.run import TuneResult, run_search
 from dechirp.report.tune import describe_improvement_and_limits, format_headline, render_tune_page
+from nightly import nightly
 from page_checks import check_captions, check_pdf_contains_page_text
 
 RADAR = """\
@@ -100,6 +101,7 @@ def reference_result(folder) -> TuneResult:
     )
 
 
+@nightly
 def test_search_adds_missing_training_cells(reference_result):
     best = dict(reference_result.candidates[reference_result.best.number].settings)
     context = build_trial_context(reference_result.scenarios[0])
@@ -154,6 +156,7 @@ def test_settings_beyond_limit_are_not_chosen(reference_result):
     assert reference_result.best.scores["false_alarm_probability"].low <= 1e-3
 
 
+@nightly
 def test_stopped_search_continues_to_same_result(folder, reference_result, tmp_path):
     short_tune = load_tune(
         write_tune_file(tmp_path, TUNE.replace("candidates: 12", "candidates: 5"))
@@ -173,6 +176,7 @@ def test_stopped_search_continues_to_same_result(folder, reference_result, tmp_p
     assert tune_result_as_dict(repeated_result) == tune_result_as_dict(reference_result)
 
 
+@nightly
 def test_candidate_whose_workers_died_does_not_change_other_trials(
     folder, reference_result, tmp_path
 ):

@@ -11,6 +11,7 @@ from jsonschema import Draft202012Validator
 
 import dechirp as dc
 from dechirp.config.yaml_tree import parse_yaml
+from nightly import nightly
 
 SRC = Path(dc.__file__).parent.parent
 PLUGINS = SRC.parent / "examples" / "guests"
@@ -45,6 +46,7 @@ def plugin_folder(tmp_path_factory):
     return folder
 
 
+@nightly
 def test_example_plugins_pass_their_own_tests(plugin_folder, tmp_path):
     options = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist", "--basetemp", tmp_path / "made"]
     process = run_python(
@@ -68,6 +70,7 @@ def test_plugins_are_listed_with_their_settings(plugin_folder, tmp_path):
     assert "json-header" in families["format"]
 
 
+@nightly
 def test_plugins_are_in_schema_for_editors(plugin_folder, tmp_path):
     process = run_dechirp("schema", path=plugin_folder, cwd=tmp_path)
     assert process.stderr == ""

@@ -14,6 +14,7 @@ import dechirp
 import tiny_study
 from dechirp.experiments.study.executors import workers_from_executor
 from faults.conftest import read_folder
+from nightly import nightly
 
 SOURCES = sorted(Path(dechirp.__file__).parent.rglob("*.py"))
 
@@ -26,6 +27,7 @@ def jumping_clock(monkeypatch):
     monkeypatch.setattr(time, "time", lambda: now_s + next(jumps))
 
 
+@nightly
 def test_results_and_durations_of_run_do_not_depend_on_clock(
     folder, call, jumping_clock, monkeypatch
 ):
@@ -52,6 +54,7 @@ def test_study_result_and_time_left_do_not_depend_on_clock(tmp_path, jumping_clo
     assert all(0 <= step.seconds_left < 300 for step in progress)
 
 
+@nightly
 def test_files_dated_1970_are_read_and_converted(folder, call):
     for name in ("small.yaml", "in.npz"):
         os.utime(name, (0, 0))

@@ -11,8 +11,10 @@ import tiny_study
 from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.experiments.study.executors import workers_from_executor
 from faults.conftest import read_folder
+from nightly import nightly
 
 
+@nightly
 def test_removed_results_folder_is_created_again(folder, call, monkeypatch):
     assert call("run", "small.yaml", "--out", "a/out", "--quiet")[0] == 0
     first_content = read_folder(folder / "a")

@@ -6,6 +6,7 @@ import pytest
 
 from dechirp.report.template import format_date_and_time
 from faults.test_locale import read_results
+from nightly import nightly
 
 pytestmark = pytest.mark.skipif(
     not hasattr(time, "tzset"), reason="this platform cannot set a time zone"
@@ -33,6 +34,7 @@ def test_dates_are_shown_in_utc(iso, set_zone):
     assert format_date_and_time(iso) == "31 December 2026, 23:30 UTC"
 
 
+@nightly
 def test_results_do_not_depend_on_time_zone(folder, call, set_zone):
     set_zone("Asia/Kathmandu")
     assert time.timezone == -20700

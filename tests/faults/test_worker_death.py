@@ -11,6 +11,7 @@ import pytest
 from dechirp.certificate.trials import Job, run_jobs
 from dechirp.core.errors import DechirpError
 from dechirp.experiments.study.executors import local_workers
+from nightly import nightly
 
 
 def draw_normal(
@@ -32,6 +33,7 @@ class DeadExecutor(Executor):
         return future
 
 
+@nightly
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
 def test_certificate_continues_with_new_workers(tmp_path):
     job = Job(

@@ -11,6 +11,7 @@ from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.ddma import Ddma
 from dechirp.radar.multiplexing.phase_code import PhaseCode
 from dechirp.radar.multiplexing.tdm import Tdm
+from nightly import nightly_except
 from noise_cubes import add_noise
 
 HALF_M = 1.94e-3  # half a wavelength
@@ -51,7 +52,9 @@ def detect_strongest(radar, target):
 
 
 @pytest.mark.filterwarnings("ignore::dechirp.core.findings.PhysicsWarning")
-@pytest.mark.parametrize("code", CODES, ids=str)
+@pytest.mark.parametrize(
+    "code", nightly_except((CODES[2], CODES[8], CODES[14], CODES[-1]), CODES), ids=str
+)
 def test_angle_does_not_depend_on_velocity_for_any_transmit_order(radar, code):
     radar = make_mimo_radar(radar, code)
     max_velocity = radar.frame.max_velocity_m_per_s
@@ -71,7 +74,7 @@ def test_angle_does_not_depend_on_velocity_for_any_transmit_order(radar, code):
             assert abs(error_deg) < 0.1
 
 
-@pytest.mark.parametrize("code", [CODES[2], CODES[8], CODES[14]], ids=str)
+@pytest.mark.parametrize("code", nightly_except(1, [CODES[2], CODES[8], CODES[14]]), ids=str)
 def test_angle_standard_errors_of_moving_target_are_correct(radar, code):
     radar, rng = make_mimo_radar(radar, code), np.random.default_rng(2)
     scene = dc.Scene(targets=[make_target(25, -0.6 * radar.frame.max_velocity_m_per_s)])

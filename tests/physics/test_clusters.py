@@ -17,6 +17,7 @@ from dechirp.radar.velocity_ambiguity import (
     unambiguous_velocity_span_m_per_s,
 )
 from dechirp.scene.bodies.vehicle import Car
+from nightly import nightly_except
 
 COLUMNS = ("range", "velocity", "azimuth", "elevation", "snr", "ambiguity_number")
 STANDARD_ERRORS = ("range_std", "velocity_std", "azimuth_std", "elevation_std")
@@ -77,7 +78,7 @@ def cluster_by_brute_force(rows, radar, dbscan):
 
 
 @pytest.mark.parametrize("min_detections", [1, 3])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", nightly_except(1, range(5)))
 def test_clusters_match_definition_of_dbscan(radar, min_detections, seed):
     rng = np.random.default_rng(seed)
     n = 120

@@ -15,6 +15,7 @@ from dechirp.core.units import to_decibels
 from dechirp.radar.budget import sample_snr
 from dechirp.radar.design.design import TYPICAL_HARDWARE, design
 from dechirp.radar.design.requirements import BANDS_HZ, Limits, Requirements
+from nightly import nightly_except
 
 REPORT_REQUIREMENTS = Requirements(
     max_range_m=200.0, range_resolution_m=1.0, max_velocity_m_per_s=100.0
@@ -354,7 +355,10 @@ def test_rejects_implausible_requirements(settings):
 
 
 @pytest.mark.parametrize("rule", ["round-trips", "constraints"])
-@pytest.mark.parametrize("invalid_value", [5e-324, 1e-300, 1e-20, 1e20, 1e300, 1.7e308])
+@pytest.mark.parametrize(
+    "invalid_value",
+    nightly_except((5e-324, 1.7e308), [5e-324, 1e-300, 1e-20, 1e20, 1e300, 1.7e308]),
+)
 @pytest.mark.parametrize(
     "field",
     [

@@ -61,6 +61,7 @@ def archives(tracked_files, tmp_path_factory) -> dict[str, bytes]:
     return build_archives(folder / "tree", folder / "out", 0o022)
 
 
+@nightly
 def test_rebuild_from_source_archive_is_byte_identical(archives, tmp_path):
     with tarfile.open(fileobj=io.BytesIO(archives[".gz"])) as sdist:
         sdist.extractall(tmp_path, filter="data")

@@ -25,6 +25,7 @@ from dechirp.studio.compare import (
 from dechirp.studio.panels.compare import Compare
 from dechirp.studio.scenario_edits import PageLimits, apply_overrides
 from dechirp.studio.session import Session
+from nightly import nightly
 from trial_cases import make_target, small_radar
 
 # Confidence of each interval: together they fail by chance for one seed in 100,000.
@@ -50,6 +51,7 @@ def count_trials(a: Scenario, b: Scenario, n_trials: int) -> dict[str, Compariso
     return {row.score.kind(): row for row in comparison.comparison_rows_so_far()}
 
 
+@nightly
 def test_theory_lies_within_confidence_intervals():
     weak, strong = build_scenario(), build_scenario(snr_db=0.0)
     rows = count_trials(weak, strong, 400)
@@ -75,6 +77,7 @@ def test_common_noise_resolves_small_difference():
     assert row.change.value > 0 and row.change.certainty > 0.999
 
 
+@nightly
 def test_false_alarm_rate_follows_setting_over_three_decades():
     base = build_scenario(snr_db=0.0)
     rows = count_trials(

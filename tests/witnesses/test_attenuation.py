@@ -26,6 +26,7 @@ from dechirp.theory.rain_backscatter import (
     rain_reflectivity_per_m,
 )
 from dechirp.theory.water_permittivity import water_film_loss, water_relative_permittivity
+from nightly import nightly_except
 
 MM_PER_H = 1e-3 / 3600
 
@@ -157,7 +158,7 @@ def compute_mie_in_30_digits(x, permittivity=None):
         return float(abs(total) ** 2 / x**2)
 
 
-@pytest.mark.parametrize("x", [0.05, 0.8, 2.4, 7.0, 20.0])
+@pytest.mark.parametrize("x", nightly_except((0.05, 7.0), [0.05, 0.8, 2.4, 7.0, 20.0]))
 @pytest.mark.parametrize("epsilon", [None, 7.62 + 12.8j, 2.5 + 0.01j, 80 + 4j])
 def test_mie_series_matches_thirty_digits(x, epsilon):
     radius_m = x / (2 * np.pi)

@@ -23,6 +23,7 @@ from dechirp.theory.cfar_trimmed_mean import (
     trimmed_mean_false_alarm_probability,
 )
 from dechirp.theory.detection import exceedance_probability
+from nightly import nightly_except
 
 
 @pytest.mark.parametrize(
@@ -191,7 +192,7 @@ def test_calibrated_factor_of_mean_matches_exact_factor(
     assert calibrate_factor(1e-6, mean, correlated_window, n_summed=n_summed) == calibration
 
 
-@pytest.mark.parametrize("pfa", [1e-2, 1e-6, 1e-9])
+@pytest.mark.parametrize("pfa", nightly_except([1e-6], [1e-2, 1e-6, 1e-9]))
 @pytest.mark.parametrize("n_summed", [1, 4])
 def test_calibrated_factors_in_independent_cells_match_closed_forms(pfa, n_summed):
     correlated_window = make_correlated_window((4, 3), (2, 2))

@@ -14,6 +14,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import from_decibels, to_decibels
 from dechirp.theory import cfar, cfar_detection
 from dechirp.theory.detection import exceedance_probability
+from nightly import nightly_except
 
 SWERLING = (0, 1, 2, 3, 4)
 
@@ -257,7 +258,9 @@ def compute_exact_density(kind, x):
 
 @pytest.mark.parametrize("swerling", [0, 3])
 @pytest.mark.parametrize("kind", STATISTICS)
-@pytest.mark.parametrize(("pfa", "snr"), [(1e-9, 1.0), (1e-3, 0.1), (1e-3, 20.0)])
+@pytest.mark.parametrize(
+    ("pfa", "snr"), nightly_except([(1e-3, 20.0)], [(1e-9, 1.0), (1e-3, 0.1), (1e-3, 20.0)])
+)
 def test_detection_probability_over_statistic_keeps_nine_digits(kind, swerling, pfa, snr):
     find_factor, _, detection, law = STATISTICS[kind]
     factor = find_factor(pfa, **law)
