@@ -16,6 +16,7 @@ if _OWN_CACHE is not None:
 import pytest
 import xarray as xr
 from hypothesis import settings
+from markupsafe import Markup
 
 import dechirp as dc
 from radars import street_radar
@@ -46,3 +47,10 @@ def reference() -> dc.Scenario:
 def clean(reference) -> xr.DataArray:
     """The reference echo without noise."""
     return dc.simulate(reference.scene, reference.radar, impairments=())
+
+
+@pytest.fixture
+def without_figures(monkeypatch) -> None:
+    """Leave the figures out of reports of runs: they take four fifths of a small run."""
+    for module in ("page", "directions_section", "objects_section"):
+        monkeypatch.setattr(f"dechirp.report.{module}.render_svg", lambda *_, **__: Markup(""))

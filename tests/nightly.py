@@ -11,6 +11,11 @@ nightly = pytest.mark.skipif(not NIGHTLY, reason="long: runs with DECHIRP_NIGHTL
 _PARAMETERS = type(pytest.param())
 
 
+def n_examples(n: int) -> int:
+    """Return the number of examples of a property: a fifth of the nightly number by default."""
+    return n if NIGHTLY else n // 5
+
+
 def nightly_except(kept: int | Container, cases: Iterable) -> list:
     """Return cases of a parametrisation, nightly except the first ones or those that are kept.
 

@@ -15,10 +15,11 @@ from dechirp.radar.devices.base import Device
 from dechirp.recordings.writers.base import Writer
 from families.test_members import FAMILIES
 from test_api import NAMESPACES, namespace_names
-from test_layers import FILES, ROOT, imported_files, iter_imports, parse_file
+from test_layers import FILES, ROOT, imported_files, iter_imports, walk_file
 
 TESTS = Path(__file__).parent
 INDEX = TESTS / "index.txt"
+SOURCES = frozenset(FILES)
 MAX_LISTED = 6  # of 40 and more for widely used files: those with the most references
 HEADER = """\
 # Test files of each source file: those that refer to it most often, at most six.
@@ -33,10 +34,11 @@ def module_file(module: str) -> Path | None:
     return path if path.is_file() and module.startswith("dechirp.") else None
 
 
-def package_files(name: str) -> set[Path]:
+@cache
+def package_files(name: str) -> frozenset[Path]:
     """Return the files that the package of an imported name imports, such as those of lessons."""
     init = ROOT.parent.joinpath(*name.split(".")[:-1], "__init__.py")
-    return imported_files(init) if init in FILES else set()
+    return imported_files(init) if init in SOURCES else frozenset()
 
 
 @cache
@@ -88,7 +90,7 @@ def attribute_names(node: ast.Attribute) -> tuple[str, ...]:
 
 def iter_references(test_file: Path) -> Iterator[Path]:
     """Yield the source file of every import and every public name in a test file."""
-    for node in ast.walk(parse_file(test_file)):
+    for node in walk_file(test_file):
         owners: list[Path | None] = []
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("dechirp"):
             imported = [alias.name for alias in node.names]
@@ -125,7 +127,7 @@ def index_lines() -> list[str]:
     importers: dict[Path, list[Path]] = {path: [] for path in FILES}
     for path in FILES:
         packages = {file for _, name in iter_imports(path) for file in package_files(name)}
-        for imported in (imported_files(path) | packages) & importers.keys():
+        for imported in (imported_files(path) | packages) & SOURCES:
             importers[imported].append(path)
     lines = []
     for source in FILES:
@@ -153,10 +155,11 @@ def nearest_tested_file(
 
 
 def test_index_lists_tests_of_every_source_file():
-    assert INDEX.read_text(encoding="utf-8") == HEADER + "\n".join(index_lines()) + "\n", (
+    lines = index_lines()
+    assert INDEX.read_text(encoding="utf-8") == HEADER + "\n".join(lines) + "\n", (
         "run python tests/test_index.py"
     )
-    assert [line for line in index_lines() if "NO TEST" in line] == []
+    assert [line for line in lines if "NO TEST" in line] == []
 
 
 if __name__ == "__main__":

@@ -73,9 +73,15 @@ def parse_file(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+@cache
+def walk_file(path: Path) -> tuple[ast.AST, ...]:
+    """Return all nodes of a file."""
+    return tuple(ast.walk(parse_file(path)))
+
+
 def iter_imports(path: Path) -> Iterator[tuple[int, str]]:
     """Yield line and full name of every import of a file, at any level."""
-    for node in ast.walk(parse_file(path)):
+    for node in walk_file(path):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}:{node.lineno}: imports are absolute"
             for alias in node.names:
@@ -103,17 +109,18 @@ def test_file_imports_only_lower_layers(path):
             assert layer in ONLY_IN.get(package, {layer}), f"line {line}: {layer} imports {package}"
 
 
-def imported_files(path: Path) -> set[Path]:
+@cache
+def imported_files(path: Path) -> frozenset[Path]:
     """Return the package files that a file imports, lazily and for type checkers included."""
     names = {
         name
-        for node in ast.walk(parse_file(path))
+        for node in walk_file(path)
         if isinstance(node, ast.ImportFrom)
         for name in (str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names))
         if name.startswith("dechirp.")
     }
     files = {ROOT.parent.joinpath(*name.split(".")).with_suffix(".py") for name in names}
-    return {file for file in files if file.is_file()}
+    return frozenset(file for file in files if file.is_file())
 
 
 def test_imports_have_no_cycle():

@@ -12,6 +12,9 @@ from dechirp.recordings.settings.calibration import format_calibration_json, rea
 from dechirp.recordings.settings.read import read_radar
 from nightly import nightly
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
+
 RADAR = """\
 frame:
   chirp: {start_frequency: 77 GHz, slope: 20 MHz/us, adc_start: 2 us, ramp_duration: 16 us,

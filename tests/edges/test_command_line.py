@@ -20,6 +20,9 @@ from dechirp.results import results
 from dechirp.results.results import FILES
 from nightly import nightly, nightly_except
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
+
 HEAVY_LIBRARIES = ["numpy", "scipy", "xarray", "numba", "matplotlib", "pint", "pydantic", "zarr"]
 
 RUN_KEYS = (
@@ -138,7 +141,7 @@ def test_version_option_prints_package_version(run_cli):
 
 
 def test_closed_output_pipe_causes_no_error():
-    arguments = [sys.executable, "-m", "dechirp", "list"]
+    arguments = [sys.executable, "-m", "dechirp", "list", "cfar"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     with subprocess.Popen(
         arguments, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE

@@ -26,6 +26,9 @@ from formats.native_recordings import (
 from formats.test_ti_uart import encode_scene as points_of_frame
 from nightly import nightly_except
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
+
 WRITERS = Writer.members()
 SUFFIXES = [suffix for writer in WRITERS.values() for suffix in writer.suffixes]
 DETECTION_WRITERS = ("mcap", "ros2-bag")

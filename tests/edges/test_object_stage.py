@@ -16,6 +16,9 @@ from dechirp.processing.cluster import Dbscan
 from dechirp.tracking.ego import EgoMotion
 from dechirp.tracking.tracker import Tracker
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
+
 SPEED, N_FRAMES = 10.0, 6
 SCENE = """
 name: street

@@ -8,6 +8,9 @@ import pytest
 import dechirp as dc
 from dechirp.cli.main import main
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
+
 SMALL_SETTINGS = ["--set", "n_frames=2", "--set", "radar.frame.n_chirps=32"]
 
 

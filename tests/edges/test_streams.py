@@ -25,6 +25,9 @@ from dechirp.recordings.live.socket_reader import PacketSlots, RecvfromReader, f
 from nightly import nightly_except
 from udp_packets import receive_packets, send_packets, wait_for_packets
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
+
 N_FRAMES = 12
 RECORDING_OPTIONS = {"device": "xwr1843", "iq": "iq"}
 IDLE_S = 20.0  # of streams that receive all expected data; only a failure waits so long

@@ -10,6 +10,9 @@ from dechirp.cli.main import main
 from nightly import nightly_except
 from radars import street_radar
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
+
 AZIMUTH_DEG = 20.0
 RX_M = tuple((0.0, 1.9e-3 * rx, 0.0) for rx in range(4))
 

@@ -101,7 +101,7 @@ def input_folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def folder(input_folder, tmp_path, monkeypatch) -> Path:
+def folder(input_folder, tmp_path, monkeypatch, without_figures) -> Path:
     """Change to a folder with copies of the input files."""
     working_folder = tmp_path / "here"
     shutil.copytree(input_folder, working_folder)

@@ -11,6 +11,7 @@ from dechirp.core.errors import RecordingError
 from dechirp.recordings.readers.pcd import read_pcd_points
 from dechirp.recordings.recognise import recognise_formats
 from dechirp.recordings.recording import open as open_recording
+from nightly import n_examples
 
 # The fields of a radar point of nuScenes, of mixed types.
 NUSCENES = np.dtype(
@@ -205,7 +206,7 @@ def test_damaged_file_names_the_mistake(tmp_path, change, message):
 
 
 @given(data=st.data(), encoding=st.sampled_from(["ascii", "binary", "binary_compressed"]))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=n_examples(200), deadline=None)
 def test_mutated_file_gives_detections_or_error(tmp_path_factory, data, encoding):
     content = bytearray(encode_pcd(draw_points(20), encoding))
     for _ in range(data.draw(st.integers(1, 4))):

@@ -13,6 +13,7 @@ from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.complex_samples import holds_float32_numbers
 from dechirp.recordings.recognise import recognise_formats
 from dechirp.recordings.recording import open as open_recording
+from nightly import n_examples
 
 N, M, RATE = 64, 8, 10e6
 GAP = 26  # samples of each pause
@@ -188,7 +189,7 @@ def test_words_of_converters_are_not_taken_for_floats(tmp_path, width):
 
 
 @given(junk=st.binary(max_size=200), position=st.integers(0, 12_000), length=st.integers(0, 12_288))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=n_examples(150), deadline=None)
 def test_mutated_file_gives_finite_samples_or_error(tmp_path_factory, junk, position, length):
     content = bytearray(simulate_parts().astype("<f4").tobytes())
     content[position : position + len(junk)] = junk

@@ -17,6 +17,7 @@ from dechirp.recordings.readers.continuous_wav import ContinuousWav
 from dechirp.recordings.recognise import recognise_formats
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.base import RecordingSettings
+from nightly import n_examples
 
 RATE, PERIOD, N, M = 8000, 200.4, 90, 8
 SLOPE = 100e6 * RATE / N  # 1.5 m per range bin
@@ -154,7 +155,7 @@ def test_files_of_other_rates_are_refused(tmp_path):
 
 
 @given(st.binary(max_size=300), st.integers(0, 2000), st.integers(0, 1))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=n_examples(150), deadline=None)
 def test_mutated_bytes_decode_or_raise_recording_error(tmp_path_factory, junk, position, which):
     folder = tmp_path_factory.mktemp("wav")
     names = ("walk_I.wav", "walk_Q.wav")

@@ -15,6 +15,7 @@ from dechirp.radar.frame import Frame
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 from formats.corruption import assert_cube_or_error, corrupted_bytes
+from nightly import n_examples
 
 CHIRP = Chirp(
     start_frequency_hz=77e9,
@@ -75,7 +76,7 @@ def write_radical(folder: Path) -> dict[str, object]:
 @pytest.mark.parametrize(
     "writer", [write_infineon, write_coloradar, write_radial, write_raddet, write_radical]
 )
-@settings(max_examples=80)
+@settings(max_examples=n_examples(80))
 @given(data=st.data())
 def test_corrupted_file_gives_cube_or_error(tmp_path_factory, writer, data):
     folder = tmp_path_factory.mktemp(writer.__name__)

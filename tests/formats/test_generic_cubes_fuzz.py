@@ -30,6 +30,7 @@ from test_generic_cubes import (
 from dechirp.core.errors import RecordingError
 from dechirp.recordings.readers.base import RecordingHints
 from dechirp.recordings.settings.base import RecordingSettings
+from nightly import n_examples
 
 RADAR = make_radar(n_chirps=2, n_rx=2, n_samples=4)
 SHAPE = (2, 2, 2, 4)
@@ -114,7 +115,7 @@ EVERY_WRITER = pytest.mark.parametrize(
     "writer", FORMAT_BY_WRITER, ids=lambda writer: writer.__name__.removeprefix("write_")
 )
 FUZZ_SETTINGS = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+    max_examples=n_examples(60), deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 
 

@@ -15,6 +15,12 @@ from dechirp.radar.radar import Radar
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.samples.iq_order import guess_iq_order
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
+
+pytestmark = pytest.mark.usefixtures("without_figures")
+
+
 N_SAMPLES = 64
 
 

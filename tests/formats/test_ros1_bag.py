@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 import dechirp as dc
 from dechirp.core.errors import RecordingError
 from dechirp.recordings.recognise import recognise_formats
+from nightly import n_examples
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
@@ -145,7 +146,7 @@ def bag_bytes(tmp_path_factory):
 
 
 @given(data=st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=n_examples(150), deadline=None)
 def test_mutated_bag_gives_detections_or_error(bag_bytes, tmp_path_factory, data):
     content = bytearray(bag_bytes)
     for _ in range(data.draw(st.integers(1, 4))):

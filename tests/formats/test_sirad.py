@@ -21,7 +21,7 @@ from dechirp.recordings.readers.base import MatchQuality, RecordingHints
 from dechirp.recordings.readers.sirad import Sirad
 from dechirp.recordings.settings.base import RecordingSettings
 from formats.corruption import decode_frames
-from nightly import nightly, nightly_except
+from nightly import n_examples, nightly, nightly_except
 
 SPEED_OF_LIGHT = 299_792_458.0
 HEADER = {
@@ -298,7 +298,7 @@ def test_damaged_recording_error_gives_byte_offset(tmp_path):
         read_contents(tmp_path, text)
 
 
-@settings(max_examples=150)
+@settings(max_examples=n_examples(150))
 @given(st.data())
 def test_fuzzed_bytes_decode_or_raise_recording_error(tmp_path_factory, data):
     text = bytearray(VALID_TEXT.encode())

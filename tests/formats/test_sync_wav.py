@@ -16,6 +16,7 @@ from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import MatchQuality, RecordingHints
 from dechirp.recordings.readers.sync_wav import SyncWav
 from dechirp.recordings.settings.base import RecordingSettings
+from nightly import n_examples
 
 SPEED_OF_LIGHT = 299_792_458.0
 RATE = 8000
@@ -370,7 +371,7 @@ def test_recognises_wav_by_first_bytes(tmp_path):
     assert SyncWav().recognise(tmp_path) == MatchQuality.NO
 
 
-@settings(max_examples=150)
+@settings(max_examples=n_examples(150))
 @given(st.data())
 def test_fuzzed_bytes_decode_or_raise_recording_error(tmp_path_factory, data):
     format_chunk = data.draw(

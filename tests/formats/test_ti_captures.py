@@ -40,6 +40,7 @@ from dechirp.recordings.streams.packets import (
 from dechirp.recordings.streams.scan import scan_file_in_windows
 from dechirp.simulation.adc_codes import has_adc_codes
 from formats.corruption import assert_cube_or_error, corrupted_bytes
+from nightly import n_examples
 
 RADAR = Radar(
     frame=Frame(
@@ -808,7 +809,7 @@ def encode_valid_captures() -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("name", encode_valid_captures())
-@settings(max_examples=150)
+@settings(max_examples=n_examples(150))
 @given(data=st.data())
 def test_corrupted_file_gives_cube_or_error(tmp_path_factory, name, data):
     file = tmp_path_factory.mktemp("damaged") / name
@@ -817,7 +818,7 @@ def test_corrupted_file_gives_cube_or_error(tmp_path_factory, name, data):
     assert_cube_or_error(file, radar=RADAR, iq="iq")
 
 
-@settings(max_examples=200)
+@settings(max_examples=n_examples(200))
 @given(
     signature=st.sampled_from([b"", b"\xd4\xc3\xb2\xa1", b"\x0a\x0d\x0d\x0a"]), content=st.binary()
 )
@@ -828,7 +829,7 @@ def test_random_bytes_give_cube_or_error(tmp_path_factory, signature, content):
     assert_cube_or_error(file, radar=RADAR)
 
 
-@settings(max_examples=50)
+@settings(max_examples=n_examples(50))
 @given(data=st.data())
 def test_corrupted_cascade_gives_cube_or_error(tmp_path_factory, cascade_radar, data):
     folder = tmp_path_factory.mktemp("cascade")
@@ -841,6 +842,7 @@ def test_corrupted_cascade_gives_cube_or_error(tmp_path_factory, cascade_radar, 
     assert_cube_or_error(folder, radar=cascade_radar, iq="iq")
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_changed_radar_keeps_sample_layout(tmp_path, monkeypatch, capsys):
     """Cover receivers 1 and 3: setting the frame period must not select receivers 1 and 2."""
     settings = (

@@ -14,6 +14,7 @@ from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import MatchQuality, RecordingHints
 from dechirp.recordings.readers.ti_uart import TiUart
 from dechirp.recordings.settings.base import RecordingSettings
+from nightly import n_examples
 
 MAGIC = b"\x02\x01\x04\x03\x06\x05\x08\x07"
 SDK_4, SDK_2, SDK_1_0 = 0x04070001, 0x02010004, 0x01000005
@@ -348,7 +349,7 @@ STREAM = b"".join(encode_scene(number) for number in range(5)) + encode_packet(
 )
 
 
-@settings(max_examples=200)
+@settings(max_examples=n_examples(200))
 @given(st.data())
 def test_lost_bytes_never_create_points(tmp_path_factory, data):
     content = bytearray(STREAM)
@@ -364,7 +365,7 @@ def test_lost_bytes_never_create_points(tmp_path_factory, data):
     assert forward.values == pytest.approx(1.0 + points.frame_number.values, rel=1e-5)
 
 
-@settings(max_examples=200)
+@settings(max_examples=n_examples(200))
 @given(st.data())
 def test_fuzzed_bytes_decode_or_raise_recording_error(tmp_path_factory, data):
     content = bytearray(STREAM)

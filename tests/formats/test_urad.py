@@ -15,6 +15,7 @@ from dechirp.recordings.readers.urad import Urad
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.base import RecordingSettings
 from formats.corruption import decode_frames
+from nightly import n_examples
 
 SPEED_OF_LIGHT = 299_792_458.0
 N, RATE, SLOPE, START, INTERVAL = 100, 200e3, 240e6 / 0.5e-3, 24.005e9, 1e-3
@@ -335,7 +336,7 @@ def test_recognises_file_by_its_lines(tmp_path):
     assert Urad().recognise(tmp_path) == MatchQuality.NO
 
 
-@settings(max_examples=150)
+@settings(max_examples=n_examples(150))
 @given(st.data())
 def test_fuzzed_bytes_decode_or_raise_recording_error(tmp_path_factory, data):
     text = bytearray(VALID_TEXT.encode())

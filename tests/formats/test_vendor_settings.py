@@ -13,6 +13,7 @@ from dechirp.radar.devices.lookup import device
 from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.recordings.settings.read import find_settings_file, read_radar, read_settings
+from nightly import n_examples
 
 
 def read_settings_text(tmp_path, text, name="settings.cfg", device_name=None):
@@ -991,7 +992,7 @@ def assert_settings_or_error(folder, name, text):
         )
 
 
-@settings(max_examples=300)
+@settings(max_examples=n_examples(300))
 @given(data=st.data(), name=st.sampled_from(sorted(VALID_FILES)))
 def test_corrupted_settings_are_read_or_rejected(folder, data, name):
     words = re.split(r"(?<=[\s,:])|(?=[\s,:])", VALID_FILES[name])
@@ -1004,7 +1005,7 @@ def test_corrupted_settings_are_read_or_rejected(folder, data, name):
     assert_settings_or_error(folder, name, text[:cut] if cut % 3 == 0 else text)
 
 
-@settings(max_examples=100)
+@settings(max_examples=n_examples(100))
 @given(text=st.text(max_size=200), name=st.sampled_from(sorted(VALID_FILES)))
 def test_random_text_is_read_or_rejected(folder, text, name):
     assert_settings_or_error(folder, name, text)
@@ -1020,7 +1021,7 @@ JSON_VALUES = st.recursive(
 )
 
 
-@settings(max_examples=200)
+@settings(max_examples=n_examples(200))
 @given(data=st.data())
 def test_random_json_value_is_read_or_rejected(folder, data):
     document = json.loads(

@@ -21,6 +21,7 @@ from dechirp.simulation.adc_codes import extract_adc_codes
 from dechirp.simulation.impairments.noise import ThermalNoise
 from dechirp.simulation.impairments.quantisation import Quantisation
 from formats.corruption import assert_cube_or_error, corrupted_bytes
+from nightly import n_examples
 
 SCENE = dc.Scene(
     targets=[
@@ -450,7 +451,7 @@ def test_invalid_description_makes_file_foreign(tmp_path, small_radar):
         dc.open(path, radar=small_radar)
 
 
-@settings(max_examples=60)
+@settings(max_examples=n_examples(60))
 @given(data=st.data())
 def test_corrupted_file_gives_cube_or_error(tmp_path_factory, small_radar, data):
     path = tmp_path_factory.mktemp("damaged") / "cube.h5"

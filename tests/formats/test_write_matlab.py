@@ -30,6 +30,7 @@ from formats.native_recordings import (
     make_table_recording,
     open_real_capture,
 )
+from nightly import n_examples
 
 
 def test_scipy_reads_reversed_axes_and_table_structures(tmp_path):
@@ -205,7 +206,7 @@ def test_rejects_structure_that_decompresses_beyond_limit(tmp_path):
         dc.open(path)
 
 
-@settings(max_examples=60)
+@settings(max_examples=n_examples(60))
 @given(data=st.data())
 def test_corrupted_file_gives_cube_or_error(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("damaged") / "x.mat"
@@ -214,7 +215,7 @@ def test_corrupted_file_gives_cube_or_error(tmp_path_factory, data):
     assert_cube_or_error(path)
 
 
-@settings(max_examples=60)
+@settings(max_examples=n_examples(60))
 @given(data=st.data())
 def test_corrupted_tables_give_cube_or_error(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("damaged") / "x.mat"

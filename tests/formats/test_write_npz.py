@@ -26,6 +26,7 @@ from formats.native_recordings import (
     make_table_recording,
     open_real_capture,
 )
+from nightly import n_examples
 
 
 def test_numpy_reads_cube_and_tables(tmp_path):
@@ -183,7 +184,7 @@ def test_never_unpickles_objects(tmp_path):
         dc.open(path)
 
 
-@settings(max_examples=60)
+@settings(max_examples=n_examples(60))
 @given(data=st.data())
 def test_corrupted_file_gives_cube_or_error(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("damaged") / "x.npz"

@@ -30,7 +30,7 @@ from dechirp.recordings.messages import ros
 from dechirp.recordings.writers.point_clouds import iter_ros2_messages
 from dechirp.recordings.writers.ros_messages import build_cloud_message, build_text_message
 from formats.corruption import assert_cube_or_error, corrupted_bytes
-from nightly import nightly_except
+from nightly import n_examples, nightly_except
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
@@ -499,7 +499,7 @@ def bag(tmp_path_factory):
     return folder / "drive.ros2"
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=n_examples(80), deadline=None)
 @given(data=st.data())
 def test_corrupted_bag_gives_detections_or_error(bag, data):
     file = data.draw(st.sampled_from(sorted(bag.iterdir())))
@@ -514,7 +514,7 @@ def test_corrupted_bag_gives_detections_or_error(bag, data):
 MESSAGES = tuple(iter_ros2_messages(RECORDING))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=n_examples(150), deadline=None)
 @given(data=st.data())
 def test_corrupted_message_gives_detections_or_error(tmp_path_factory, data):
     """Corrupt messages before the MCAP checksums, which would otherwise catch the damage first."""

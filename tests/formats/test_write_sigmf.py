@@ -33,6 +33,7 @@ from formats.native_recordings import (
     make_tdm_recording,
     open_real_capture,
 )
+from nightly import n_examples
 
 META, DATA = "x.sigmf-meta", "x.sigmf-data"
 
@@ -432,7 +433,7 @@ def test_rejects_text_that_is_not_metadata(tmp_path, text, message):
         dc.open(tmp_path / META)
 
 
-@settings(max_examples=60)
+@settings(max_examples=n_examples(60))
 @given(data=st.data())
 def test_corrupted_file_gives_cube_or_error(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("damaged")
