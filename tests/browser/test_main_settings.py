@@ -3,6 +3,7 @@
 import pytest
 
 from conftest import LivePage
+from nightly import nightly
 
 SET_SLIDER_JS = """([title, value]) => {
   const models = Bokeh.documents[0].get_model_by_name("main_settings").references();
@@ -41,11 +42,13 @@ def test_slider_changes_radar_until_undo_and_address_carries_settings(live_page)
     live_page.act_and_wait_for_frame(lambda: live_page.press_button("Redo"))
 
 
+@nightly
 def test_damaged_address_is_reported(live_page):
     live_page.open("#not-settings")
     live_page.page.locator("[data-part=trouble]").get_by_text("expected").wait_for()
 
 
+@nightly
 def test_lists_are_folded(live_page):
     live_page.open()
     live_page.open_tab("Scene")

@@ -5,6 +5,7 @@ import pytest
 import dechirp as dc
 from dechirp.experiments.run import run
 from dechirp.report.page import render_report
+from nightly import nightly
 from trial_cases import make_target, small_radar
 
 DIALOG_IS_OPEN_JS, OPEN_FIGURE = "document.querySelector('dialog').open", "dialog[open] svg"
@@ -66,6 +67,7 @@ def test_click_opens_figure_that_zooms_pans_and_closes_with_escape(page):
     assert not page.evaluate(DIALOG_IS_OPEN_JS)
 
 
+@nightly
 def test_keyboard_opens_zooms_and_closes_figure(page):
     page.get_by_role("button", name="Enlarge").first.focus()
     page.keyboard.press("Enter")
@@ -91,6 +93,7 @@ def test_report_without_scripts_shows_all_figures(browser, report_file):
     context.close()
 
 
+@nightly
 def test_printed_report_has_no_controls_and_no_truncated_table(page):
     page.emulate_media(media="print")
 
