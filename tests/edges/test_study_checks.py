@@ -1,5 +1,7 @@
 """Checks of a study before its first trial, verdicts, and effective training cells."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -77,9 +79,9 @@ def test_rejects_score_that_fits_no_point_before_first_trial(
 
 def test_score_that_fits_some_points_runs(load_study, tmp_path):
     vary = "chain.cluster: [null, {min_detections: 1}]"
-    outcome = dc.run_study(
-        load_study("clusters_per_target", vary=vary, more="stop_after_failures: 1"), tmp_path
-    )
+    study = load_study("clusters_per_target", vary=vary, more="stop_after_failures: 1")
+    with ThreadPoolExecutor(1) as thread:
+        outcome = dc.run_study(study, tmp_path, executor=thread)
     assert outcome.result.n_failed_trials_per_point.tolist() == [4, 0]
 
 

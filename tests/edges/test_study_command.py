@@ -62,11 +62,12 @@ def get_exit_status(*arguments: object) -> int:
 
 def test_study_runs_and_repeated_call_gives_same_rows(study_file, tmp_path, capsys):
     out = tmp_path / "out"
-    assert get_exit_status("study", study_file, "--workers", 2, "--out", out, "--json") == 0
+    options = ("--set", "trials.at_most=20", "--out", out, "--json")
+    assert get_exit_status("study", study_file, "--workers", 1, *options) == 0
     document = json.loads(capsys.readouterr().out)
 
     assert {"version", "rows", "done", "total", "require", "files"} <= set(document)
-    assert document["done"] == document["total"] == 6 * 40
+    assert document["done"] == document["total"] == 6 * 20
     assert all(Path(path).is_file() for path in document["files"].values())
     (limit,) = document["require"]
     assert limit["decision"] == "met"
@@ -75,12 +76,12 @@ def test_study_runs_and_repeated_call_gives_same_rows(study_file, tmp_path, caps
         assert rate["low"] <= rate["value"] <= rate["high"]
         assert 0 <= rate["theory"] <= 1
     table = read_parquet(out / "points.parquet")
-    np.testing.assert_array_equal(table["trials"], 40)
-    assert len(read_parquet(out / "trials.parquet")["trial"]) == 240
+    np.testing.assert_array_equal(table["trials"], 20)
+    assert len(read_parquet(out / "trials.parquet")["trial"]) == 120
     page = (out / "report.html").read_text()
     assert 'src="http' not in page
 
-    assert get_exit_status("study", study_file, "--out", out, "--json") == 0
+    assert get_exit_status("study", study_file, *options) == 0
     assert json.loads(capsys.readouterr().out)["rows"] == document["rows"]
 
 
@@ -153,7 +154,8 @@ def test_impossible_point_is_reported_as_failure(study_file, tmp_path, capsys):
             "vary:\n  chain.cfar.n_training.velocity: [4, 13]\n  radar.frame.n_chirps: [16, 32]\n",
         )
     )
-    assert get_exit_status("study", study_file, "--out", tmp_path / "out") == 2
+    options = ("--workers", 1, "--set", "trials.at_most=15", "--out", tmp_path / "out")
+    assert get_exit_status("study", study_file, *options) == 2
     err = capsys.readouterr().err
     assert "n_training" in err
     assert "Traceback" not in err
