@@ -100,6 +100,7 @@ def test_report_of_recording_shows_detections_from_above_without_truth(result):
     assert "truth" not in re.sub(r"data:[^\"]+", "", page)
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_report_without_directions_omits_section(result):
     detections = result.detections.copy()
     for name in ("azimuth", "elevation", "azimuth_std", "elevation_std"):

@@ -320,6 +320,7 @@ def test_names_from_files_are_escaped():
     assert page.count("&lt;script&gt;alert(1)") >= 4  # table, scene, finding, settings
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_table_of_bodies_has_no_error_columns():
     page = render_page(make_result(scene=Scene(targets=(WALKER,))))
 
@@ -328,6 +329,7 @@ def test_table_of_bodies_has_no_error_columns():
     assert "Range error (m)" in render_page(make_result())
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_report_without_detections_has_notice():
     page = render_page(make_result(detections=make_detections(0)))
 
@@ -342,6 +344,7 @@ def test_report_of_empty_scene_has_scene_section():
     assert "No targets" in page
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_report_lists_strongest_fifty_of_many_detections():
     page = render_page(make_result(detections=make_detections(3000)))
 
@@ -557,6 +560,7 @@ def test_hidden_side_of_car_matches_no_detection():
     assert peaks.range_m.max() < 57
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_corner_reflector_facing_away_matches_no_detection():
     corner = dataclasses.replace(CAR, rcs_m2=1.0, body=CornerReflector(edge_m=0.1))
     scene = Scene(targets=(corner,))
@@ -584,6 +588,7 @@ def test_rotating_body_has_spectrogram_at_unaliased_and_aliased_range(away_m):
     assert "spectrogram" in find_sections(render_page(run_result))
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_report_of_few_chirps_has_no_spectrogram():
     cube, n_chirps = simulate_echoes(Scene(targets=(CAR,)), 1), 2
     radar = dataclasses.replace(RADAR, frame=dataclasses.replace(RADAR.frame, n_chirps=n_chirps))

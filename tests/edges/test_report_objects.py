@@ -44,6 +44,7 @@ def parse_object_rows(page: str) -> list[list[str]]:
     return [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall("<tr>.*?</tr>", body)]
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_track_table_shows_last_state_and_target(result):
     rows = parse_object_rows(render_report(result, yaml=""))
 
@@ -66,6 +67,7 @@ def test_track_table_shows_last_state_and_target(result):
         assert result.tracks.x.sel(track=int(number)).values[-1] == pytest.approx(x, abs=0.051)
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_report_counts_tracks_and_clusters(result):
     page = render_report(result, yaml="")
     assert "Tracks cover 2 of 2 targets, one each." in page

@@ -12,6 +12,7 @@ from functools import cache
 
 import psutil
 import pytest
+from markupsafe import Markup
 
 import dechirp as dc
 from dechirp.certificate import certificate, every_detector, extended, false_alarms
@@ -53,6 +54,12 @@ def reduced_trials(monkeypatch):
     single_thread.shutdown()
 
 
+@cache
+def default_certificate() -> certificate.Certificate:
+    """Return a certificate of few trials, computed in the first test that needs it."""
+    return verify()
+
+
 @pytest.fixture
 def run_cli(capsys, tmp_path, monkeypatch):
     """Return a function that runs the command line in an empty folder."""
@@ -83,6 +90,13 @@ def test_json_document_describes_each_claim(run_cli, tmp_path):
     assert set(document["files"]) == {path.name for path in (tmp_path / "dechirp-verify").iterdir()}
 
 
+@pytest.fixture
+def without_paper_figures(monkeypatch):
+    """Leave the figures out of the report: they take most of the time of a short certificate."""
+    monkeypatch.setattr("dechirp.certificate.paper_figures.render_svg", lambda *_, **__: Markup(""))
+
+
+@pytest.mark.usefixtures("without_paper_figures")
 def test_terminal_output_shows_failed_claims_and_limits(run_cli, tmp_path):
     status, out, _ = run_cli("--out", "here")
 
@@ -94,8 +108,9 @@ def test_terminal_output_shows_failed_claims_and_limits(run_cli, tmp_path):
     assert (tmp_path / "here" / "report.html").exists()
 
 
+@pytest.mark.usefixtures("without_paper_figures")
 def test_exit_status_is_zero_when_all_claims_hold(run_cli, monkeypatch):
-    result = verify(seed=2)
+    result = default_certificate()
     monkeypatch.setattr(
         certificate,
         "verify",
@@ -166,14 +181,11 @@ def test_full_certificate_has_parts_and_progress_counts_all_jobs(monkeypatch):
     assert document["checksum"] == checksum_of_numbers(json.loads(to_json_text(document)))
 
 
-@cache
-def default_certificate() -> dict:
-    """Return a certificate of few trials, computed in the first test that needs it."""
-    return certificate_as_json_data(verify())
-
-
 def test_tables_show_published_and_computed_numbers():
-    tables = {table["number"]: table for table in default_certificate()["tables"]}
+    tables = {
+        table["number"]: table
+        for table in certificate_as_json_data(default_certificate())["tables"]
+    }
 
     assert list(tables) == [5, 6, 7]
     waveform = {row["quantity"]: row for row in tables[6]["rows"]}
@@ -185,9 +197,8 @@ def test_tables_show_published_and_computed_numbers():
 
 
 def test_corrections_have_expected_values():
-    corrections = {
-        correction["subject"]: correction for correction in default_certificate()["corrections"]
-    }
+    document = certificate_as_json_data(default_certificate())
+    corrections = {correction["subject"]: correction for correction in document["corrections"]}
 
     assert corrections["residual video phase"]["correct"].startswith("1.138 cycles")
     assert corrections["measured velocity"]["correct"].startswith("11.50 m/s")
