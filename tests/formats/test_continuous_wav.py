@@ -115,6 +115,20 @@ def test_one_channel_is_a_real_beat_signal_with_pauses_between_frames(tmp_path):
     assert np.array_equal(last.values[0, :, 0], expected[2].astype(np.float32))
 
 
+def test_single_chirps_are_joined_and_their_ambiguity_is_reported(tmp_path):
+    codes = draw_iq(40 * 200 + 20)[0]
+    file = write_wav(tmp_path / "beat.wav", codes)
+
+    recording = open_recording(file, radar=make_radar("real", n_chirps=1))
+
+    assert recording.radar.frame.n_chirps == 8  # a power of two in 0.3 s
+    expected = expected_chirps(codes / 32768, recording.radar, recording.n_frames)
+    assert np.array_equal(recording.cube.values[:, :, 0], expected.astype(np.float32))
+    # lambda / (4 T): 0.1222 m / (4 * 25.05 ms) = 1.22 m/s, less than a person walks.
+    (aliasing,) = (found for found in recording.findings if found.level == "warning")
+    assert "beyond 1.22 m/s are aliased, off by multiples of 2.44 m/s" in aliasing.value
+
+
 def test_complete_frames_are_counted_to_the_sample(tmp_path):
     radar = make_radar("real", n_chirps=2)
     # The last chirp of frame 4 begins at round(9 * 200.4 + 5) = 1809.

@@ -524,6 +524,19 @@ def test_text_header_lines_are_skipped_with_finding(tmp_path):
     assert "2 lines before the first line of numbers" in contents.findings[0].value
 
 
+def test_numbers_with_fractions_need_no_encoding(tmp_path):
+    samples = 3 * draw_samples(8, 8) / 32768 * 40  # no ADC codes: they would be whole
+    np.savetxt(tmp_path / "cube.txt", samples)
+    options = {"axes": ("frame", "chirp", "sample")}
+
+    cube = decode_frames(
+        read_contents(tmp_path / "cube.txt", "text-columns", make_radar(n_rx=1), **options)
+    )
+
+    assert abs(samples).max() > 1
+    assert np.array_equal(cube[:, :, 0], samples.reshape(2, 4, 8).astype(np.complex64))
+
+
 def test_text_columns_of_i_and_q_are_complex_samples(tmp_path):
     samples = draw_samples(8, 8)
     numbers = np.stack([samples.real, samples.imag], axis=-1).reshape(8, 16)

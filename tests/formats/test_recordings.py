@@ -534,6 +534,22 @@ def test_device_gives_antenna_positions_of_infineon_radar(tmp_path):
     ).radar.array
     assert device_array == settings_array != open_recording(folder).radar.array
 
+    # The recording software names the chip in a second file.
+    (folder / "meta.json").write_text('{"description": "BGT60TR13C FMCW Radar Sensor"}')
+    assert open_recording(folder).radar.array == device_array
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"description": 1}', '{"description": ""}', '{"description": "x"}', "["]
+)
+def test_infineon_chip_that_is_not_named_leaves_assumed_positions(tmp_path, text):
+    folder = write_infineon_folder(tmp_path, draw_codes(2, 3, 4, 8))
+    assumed_array = open_recording(folder).radar.array
+
+    (folder / "meta.json").write_text(text)
+
+    assert open_recording(folder).radar.array == assumed_array
+
 
 def test_infineon_tdm_is_read_in_both_chirp_orders(tmp_path):
     samples = draw_codes(2, 4, 2, 3, 8)  # frame, chirp of a transmitter, transmitter, rx, sample

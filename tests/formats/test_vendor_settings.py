@@ -186,7 +186,9 @@ def test_unknown_device_gives_uniform_linear_virtual_array(tmp_path):
     half_m = settings.radar.frame.chirp.wavelength_m / 2
     array = settings.radar.array
     virtual = sorted(tx[1] + rx[1] for tx in array.tx_m for rx in array.rx_m)
-    assert virtual == pytest.approx([n * half_m for n in range(8)])
+    # From left to right, as the receivers of all boards of TI that have them in a row.
+    assert virtual == pytest.approx([n * half_m for n in range(-7, 1)])
+    assert array.rx_m[1][1] < 0
     (finding,) = settings.findings
     assert (finding.level, finding.setting) == ("note", "radar.array")
     assert settings.device is None

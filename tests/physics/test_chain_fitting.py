@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import dechirp as dc
 from dechirp.config import loading
 from dechirp.config.dumping import dump_yaml
+from dechirp.core.detection_columns import strongest_rows_with_motion
 from dechirp.core.errors import InvalidSetting
 from dechirp.experiments.run import run
 from dechirp.experiments.scenario import READERS, RecordingSource, Scenario
@@ -64,6 +66,25 @@ def ranges_in_cells(detections):
 
 
 STATIC = [(20.0, 0, 70), (24.2, 0, 68), (28.4, 0, 66), (31.8, 0, 44), (36.4, 0, 65), (40.2, 0, 67)]
+
+
+@pytest.mark.parametrize(
+    ("n_moving", "n_static", "expected"), [(30, 100, 10), (3, 100, 3), (30, 4, 16), (5, 5, 5)]
+)
+def test_table_for_people_leaves_half_its_rows_for_motion(n_moving, n_static, expected):
+    rng = np.random.default_rng(1)
+    moving = np.repeat([1.0, 0.0], [n_moving, n_static])
+    snr = rng.uniform(1, 2, moving.size) * np.where(moving == 1, 1, 1000)
+    detections = xr.Dataset({"snr": ("detection", snr), "moving": ("detection", moving)})
+
+    rows = strongest_rows_with_motion(detections, 20)
+
+    assert rows.size == len(set(rows.tolist())) == min(20, n_moving + n_static)
+    assert moving[rows].sum() == expected
+    assert (np.diff(snr[rows]) <= 0).all()
+    for value in (0, 1):  # the strongest of each
+        shown = snr[rows][moving[rows] == value]
+        assert (np.sort(snr[moving == value])[::-1][: shown.size] == shown).all()
 
 
 def test_static_echo_between_others_is_detected_with_cells_along_velocity():
@@ -293,4 +314,6 @@ def test_single_chirps_are_joined_to_frames_of_a_third_of_a_second(interval_s, n
     joined, findings = join_single_chirps(radar, n_chirps)
 
     assert joined.frame.n_chirps == n_joined
-    assert len(findings) == (n_joined > 1)
+    assert [found.setting for found in findings] == (
+        ["radar.frame.n_chirps", "radar.frame.interval"] if n_joined > 1 else []
+    )

@@ -8,7 +8,13 @@ from rich.cells import cell_len
 from rich.table import Table
 
 from dechirp.cli.console import new_table
-from dechirp.core.detection_columns import SHOWN_COLUMNS, shown_columns, standard_error_column
+from dechirp.core.detection_columns import (
+    SHOWN_COLUMNS,
+    shown_columns,
+    standard_error_column,
+    strongest_rows_with_motion,
+)
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import EN_DASH, decimals_for_column, format_fixed, format_with_std
 from dechirp.evaluation.association import associate_detections
 from dechirp.experiments.run import Result
@@ -23,12 +29,14 @@ _FIRST_DROPPED = (
 
 def strongest_detections_table(result: Result, *, at_most: int, width: int) -> Table:
     """Return a table of the strongest detections, with the columns that fit the width."""
-    order = np.argsort(-result.detections.snr.values, kind="stable")
-    n_all = order.size
-    strongest = result.detections.isel(detection=order[:at_most])
-    title, n_shown = f"{n_all} detection{'' if n_all == 1 else 's'}", min(n_all, at_most)
+    rows = strongest_rows_with_motion(result.detections, at_most)
+    n_all, n_shown = result.detections.sizes["detection"], rows.size
+    strongest = result.detections.isel(detection=rows)
+    title = format_count_with_noun(n_all, "detection")
     if n_shown < n_all:
-        title += f", the {n_shown} strongest (complete list: detections.csv)"
+        n_moving = int(np.sum(strongest.moving.values == 1)) if "moving" in strongest else 0
+        share = f" that move and the {n_shown - n_moving} strongest others" if n_moving else ""
+        title += f", the {n_moving or n_shown} strongest{share} (complete list: detections.csv)"
     columns = _detection_table_cells(result, strongest)
     if _table_width(columns) > width:
         columns = _detection_table_cells(result, strongest, is_rounded=True)

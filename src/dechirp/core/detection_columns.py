@@ -159,6 +159,23 @@ def shown_columns(detections: xr.Dataset) -> tuple[DetectionColumn, ...]:
     )
 
 
+def strongest_rows_with_motion(detections: xr.Dataset, at_most: int) -> np.ndarray:
+    """Return the rows to show to people, strongest first.
+
+    Static echoes are mostly the strongest of a recording: where more than `at_most` are detected,
+    half of the rows are left for detections that move, if there are as many.
+    """
+    order = np.argsort(-detections.snr.values, kind="stable")
+    if "moving" not in detections or order.size <= at_most:
+        return order[:at_most]
+    is_moving = detections.moving.values[order] == 1
+    n_moving, n_others = int(is_moving.sum()), int((~is_moving).sum())
+    n_moving = min(n_moving, max(at_most // 2, at_most - n_others))
+    is_shown = np.where(is_moving, np.cumsum(is_moving) <= n_moving, False)
+    is_shown |= ~is_moving & (np.cumsum(~is_moving) <= at_most - n_moving)
+    return order[is_shown]
+
+
 def standard_error_column(column: DetectionColumn) -> DetectionColumn | None:
     """Return the column with the standard error of another one, if there is one."""
     return BY_NAME.get(f"{column.name}_std")

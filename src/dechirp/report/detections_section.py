@@ -12,6 +12,7 @@ from dechirp.core.detection_columns import (
     DetectionColumn,
     shown_columns,
     standard_error_column,
+    strongest_rows_with_motion,
 )
 from dechirp.core.text import (
     EN_DASH,
@@ -89,7 +90,8 @@ def build_strongest_detection_cards(context: PageContext) -> list[Card]:
 def detection_table_rows(context: PageContext, max_rows: int) -> list[dict[str, str]]:
     """Return the rows of the detection table, strongest first, at most `max_rows`."""
     truth, matched = context.result.truth, context.matched
-    shown = context.strongest.isel(detection=slice(max_rows))
+    indices = strongest_rows_with_motion(context.strongest, max_rows)
+    shown = context.strongest.isel(detection=indices)
     columns = [column for column in SHOWN_COLUMNS if column.name in shown]
     estimates = {column.name: _format_estimates(shown, column) for column in columns}
     decimals = {
@@ -98,12 +100,12 @@ def detection_table_rows(context: PageContext, max_rows: int) -> list[dict[str, 
         if (errors := standard_error_column(column)) is not None
     }
     rows = []
-    for index in range(shown.sizes["detection"]):
+    for place, index in enumerate(indices.tolist()):
         detection = context.strongest.isel(detection=index)
         row = {
             "frame": str(int(detection.frame)),
             "time": format_fixed(float(detection.time) * 1e3, 3),
-            **{name: texts[index] for name, texts in estimates.items()},
+            **{name: texts[place] for name, texts in estimates.items()},
         }
         if truth is not None and matched is not None:
             target = int(matched.target[index])

@@ -324,13 +324,14 @@ def _infer_encoding(path: Path, dtype: np.dtype, cube: NamedArray) -> str:
 
 
 def _check_within_full_scale(path: Path, frame_index: int, parts: list[np.ndarray]) -> None:
-    """Raise `RecordingError` if floats exceed full scale 1.
+    """Raise `RecordingError` if floats may be ADC codes: whole numbers beyond full scale 1.
 
-    A first frame of small numbers, or of zeros, does not predict the others.
+    Numbers with fractions are kept as they are. A first frame of small numbers, or of zeros, does
+    not predict the others.
     """
     # NaN passes here: reading the samples raises its own error.
     largest = max(float(np.max(np.abs(part))) for part in parts)
-    if largest > 1:
+    if largest > 1 and all(bool(np.all(part == np.round(part))) for part in parts):
         description = f"{parts[0].dtype} with numbers up to {largest:.6g} in frame {frame_index}"
         raise _missing_encoding_error(path, description)
 

@@ -20,6 +20,7 @@ from dechirp.recordings.samples.continuous import (
     check_single_receiver_and_sampling,
     chirp_start_samples,
     count_frames_with_pauses,
+    join_single_chirps,
 )
 from dechirp.recordings.samples.iq_files import iq_file_names, other_iq_file
 from dechirp.recordings.samples.iq_order import negative_beat_frequency_findings
@@ -35,7 +36,7 @@ class ContinuousWav(Format):
     """WAV without a sync: the beat signal, or I and Q in two files or two channels.
 
     Either file of a pair names the recording. Chirps begin with the file, at the times of the
-    radar's settings.
+    radar's settings. Single chirps are joined, see `join_single_chirps`.
     """
 
     options: ClassVar[tuple[str, ...]] = ("iq",)
@@ -69,12 +70,21 @@ class ContinuousWav(Format):
             )
         n_samples = min(file.n_samples for file in files)
         n_frames = count_frames_with_pauses(path, frame, n_samples)
+        radar, joined_findings = settings.radar, tuple[Finding, ...]()
+        if frame.n_chirps_total == 1 and frame.period_s is None:
+            radar, joined_findings = join_single_chirps(settings.radar, n_chirps=n_frames)
+            frame = radar.frame
+            n_frames = count_frames_with_pauses(path, frame, n_samples)
         iq = (hints.iq or "iq") if sampling == "complex" else None
 
         def decode(index: int, out: np.ndarray) -> None:
             _decode_chirps(files, chirp_start_samples(frame, index)[: len(out)], iq, out)
 
-        findings = [*settings.findings, *(note for file in files for note in file.findings)]
+        findings = [
+            *settings.findings,
+            *joined_findings,
+            *(note for file in files for note in file.findings),
+        ]
         if iq is not None:
             sampled_chirps = np.empty(
                 (min(frame.n_chirps_total, _MAX_SAMPLED_CHIRPS), 1, frame.chirp.n_samples),
@@ -83,7 +93,7 @@ class ContinuousWav(Format):
             decode(0, sampled_chirps)
             findings += negative_beat_frequency_findings(sampled_chirps, iq)
         return Contents(
-            radar=settings.radar,
+            radar=radar,
             n_frames=n_frames,
             decode=decode,
             findings=(*findings, *_assumed_start_and_length_findings(files, frame)),

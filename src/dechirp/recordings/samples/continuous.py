@@ -8,6 +8,7 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
+from dechirp.core.text import format_number
 from dechirp.radar.chirp import Sampling
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
@@ -27,6 +28,7 @@ def check_single_receiver_and_sampling(path: Path, radar: Radar, sampling: Sampl
 
 # Duration of joined frames: 0.2 m of a walking person, 5 m of a car.
 _JOINED_FRAME_S = 0.3
+_WALKING_M_PER_S = 2.0
 # The fewest chirps with training cells along velocity, and the most.
 _MIN_JOINED_CHIRPS, _MAX_JOINED_CHIRPS = 8, 256
 
@@ -55,7 +57,20 @@ def join_single_chirps(
         expected="several chirps in a frame, to measure velocity and to remove static echoes",
         fix="give another number of 2 chirps or more for longer or shorter frames",
     )
-    return replace(radar, frame=replace(frame, n_chirps=n_joined, period_s=None)), (note,)
+    joined = replace(frame, n_chirps=n_joined, period_s=None)
+    limit_m_per_s = frame.chirp.wavelength_m / 4 / interval_s
+    aliasing = Finding(
+        level="warning" if limit_m_per_s < _WALKING_M_PER_S else "note",
+        setting="radar.frame.interval",
+        value=f"{interval_s * 1e3:.4g} ms between chirps: velocities beyond"
+        f" {format_number(limit_m_per_s, 3)} m/s are aliased, off by multiples of"
+        f" {format_number(2 * limit_m_per_s, 3)} m/s",
+        expected=f"at most {format_number(limit_m_per_s / _WALKING_M_PER_S * interval_s * 1e3, 3)}"
+        " ms, for persons who walk",
+        fix="take the velocities of fast targets from their ranges in several frames; those shown"
+        " still separate moving from static echoes",
+    )
+    return replace(radar, frame=joined), (note, aliasing)
 
 
 def divide_chirps_into_frames(

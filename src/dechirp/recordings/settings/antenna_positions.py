@@ -57,7 +57,7 @@ def find_device_of_geometry(
 
 
 def device_or_assumed_array(
-    chirp: Chirp, *, tx_mask: int, rx_mask: int, device: Device | None
+    chirp: Chirp, *, tx_mask: int, rx_mask: int, device: Device | None, is_ti: bool = False
 ) -> tuple[Array, tuple[Finding, ...]]:
     """Return the positions of the antennas of two masks, with a finding if they are assumed.
 
@@ -69,6 +69,8 @@ def device_or_assumed_array(
         A bit for each antenna in use, the lowest for the first of the chip.
     device : Device or None
         Device with the antennas; None if unknown.
+    is_ti : bool
+        Whether it is a chip of TI: on its boards with receivers in a row, the first is leftmost.
 
     Raises
     ------
@@ -81,23 +83,24 @@ def device_or_assumed_array(
     if device is not None:
         return device.select_antennas(tx_mask, rx_mask), ()
     n_rx, n_tx = rx_mask.bit_count(), tx_mask.bit_count()
-    findings = (assumed_positions_note(n_rx, n_tx),) if n_rx * n_tx > 1 else ()
-    return assumed_ula(chirp, n_rx, n_tx), findings
+    findings = (assumed_positions_note(n_rx, n_tx, is_ti=is_ti),) if n_rx * n_tx > 1 else ()
+    return assumed_ula(chirp, n_rx, n_tx, is_ti=is_ti), findings
 
 
-def assumed_ula(chirp: Chirp, n_rx: int, n_tx: int = 1) -> Array:
+def assumed_ula(chirp: Chirp, n_rx: int, n_tx: int = 1, *, is_ti: bool = False) -> Array:
     """Return an assumed array whose virtual array is a uniform linear array of half a wavelength.
 
-    Receivers are half a wavelength apart, transmitters the length of all receivers.
+    Receivers are half a wavelength apart, transmitters the length of all receivers; from right to
+    left, but from left to right for `is_ti`, see `device_or_assumed_array`.
     """
-    half_m = chirp.wavelength_m / 2
+    half_m = chirp.wavelength_m / 2 * (-1 if is_ti else 1)
     return Array(
         tx_m=tuple((0.0, n * n_rx * half_m, 0.0) for n in range(n_tx)),
         rx_m=tuple((0.0, n * half_m, 0.0) for n in range(n_rx)),
     )
 
 
-def assumed_positions_note(n_rx: int, n_tx: int = 1) -> Finding:
+def assumed_positions_note(n_rx: int, n_tx: int = 1, *, is_ti: bool = False) -> Finding:
     """Return the note that the positions are assumed."""
     if n_tx == 1:
         description = f"{n_rx} receivers at unknown positions, assumed half a wavelength apart"
@@ -109,7 +112,7 @@ def assumed_positions_note(n_rx: int, n_tx: int = 1) -> Finding:
     return Finding(
         level="note",
         setting="radar.array.rx" if n_tx == 1 else "radar.array",
-        value=f"{description} along y",
+        value=f"{description} {'from left to right, as on boards of TI' if is_ti else 'along y'}",
         expected="their true positions, which only directions depend on",
         fix="give the device (--device NAME), or the radar with its array",
     )

@@ -1,5 +1,6 @@
 """Infineon settings: the `config.json` that the recording software writes beside the samples."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,10 @@ from dechirp.radar.devices.base import Device
 from dechirp.radar.frame import Frame
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
-from dechirp.recordings.settings.antenna_positions import device_or_assumed_array
+from dechirp.recordings.settings.antenna_positions import (
+    device_or_assumed_array,
+    find_device_or_none,
+)
 from dechirp.recordings.settings.base import RecordingSettings, convert_setting_errors
 from dechirp.recordings.settings.json_text import (
     format_json_excerpt,
@@ -17,6 +21,7 @@ from dechirp.recordings.settings.json_text import (
     is_integer,
     parse_json,
 )
+from dechirp.recordings.settings.mmwave_setup import is_file_not_linked_outside_folder
 
 _COUNTS = ("num_samples_per_chirp", "num_chirps_per_frame")
 _NUMBERS = (
@@ -28,6 +33,7 @@ _NUMBERS = (
 )
 _LISTS = ("rx_antennas",)
 _BITS = 12
+_MAX_META_BYTES = 2**16
 _OFF, _TDM = ("off", 0), ("tdm", 1)  # mimo_mode, as words or numbers
 
 
@@ -43,11 +49,14 @@ def read_infineon_json(file: Path, text: str, device: Device | None = None) -> R
     transmitters, `num_chirps_per_frame` counts the chirps of each of the two, and
     `chirp_repetition_time_s` is the interval between consecutive chirps of either.
 
+    Without a given device, its antennas are those of the chip that `meta.json` names beside it.
+
     Raises
     ------
     RecordingError
         If it is not JSON, or keys are missing or of the wrong type; the message names all of them.
     """
+    device = device or _find_recording_device(file.parent)
     shape = _read_chirp_settings(file, parse_json(file, text))
     n_samples, sample_rate_hz = shape["num_samples_per_chirp"], float(shape["sample_rate_Hz"])
     mode = shape.get("mimo_mode", "off")
@@ -100,6 +109,18 @@ def read_infineon_json(file: Path, text: str, device: Device | None = None) -> R
         device=None if device is None else device.kind(),
         findings=findings,
     )
+
+
+def _find_recording_device(folder: Path) -> Device | None:
+    """Return the device that the recording software describes in `meta.json`; None if unknown."""
+    file = folder / "meta.json"
+    if not is_file_not_linked_outside_folder(file) or file.stat().st_size > _MAX_META_BYTES:
+        return None
+    try:
+        description = json.loads(file.read_text(errors="replace"))["description"]
+        return find_device_or_none(description.split()[0])  # "BGT60TR13C FMCW Radar Sensor"
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        return None
 
 
 def _read_chirp_settings(file: Path, document: Any) -> dict[str, Any]:

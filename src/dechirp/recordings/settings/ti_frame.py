@@ -126,7 +126,7 @@ def ti_frame_to_recording_settings(
         multiplexing = Bpm(order=tx_indices)
     tx_mask = sum(1 << transmitter for transmitter in order)
     array, findings = device_or_assumed_array(
-        ti_frame.chirp, tx_mask=tx_mask, rx_mask=ti_frame.rx_mask, device=known_device
+        ti_frame.chirp, tx_mask=tx_mask, rx_mask=ti_frame.rx_mask, device=known_device, is_ti=True
     )
     calibration = (
         None if known_device is None else known_device.sign_calibration(tx_mask, ti_frame.rx_mask)
