@@ -255,9 +255,10 @@ def test_images_of_mixer_with_delay_between_i_and_q_are_no_targets():
         [(20, 0, 60), (-20, 0, 40), (30, 0, 60), (-30, 0, 40)],
         [(20.3, 5.3, 60), (-20.3, -5.3, 40)],
         [*MOVERS, (-20.3, 5.3, 40), (-33.4, -7.2, 35)],
+        [(64, 0, 70), (64, 4, 50), (64, -4, 46), (64, 8, 45), (64, -8, 40)],
         MOVERS,
     ],
-    ids=["static", "one", "velocities alike", "no image"],
+    ids=["static", "one", "velocities alike", "vibration at half of the axis", "no image"],
 )
 def test_echoes_that_prove_no_mixer_image_are_kept(tones):
     cube = make_cube(*tones)

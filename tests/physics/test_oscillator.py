@@ -304,12 +304,15 @@ def test_real_samples_are_real_part_of_complex_samples():
         scene, build_radar(sampling="real"), impairments=nonlinearity, dtype=np.complex128
     )
 
-    np.testing.assert_allclose(
-        # Real samples pass half the sample rate on either side of 0, complex ones all above 0.
-        real_cube,
-        np.sqrt(2) * complex_cube.real,
-        atol=1e-4 * float(abs(complex_cube).max()),
-    )
+    difference = real_cube.values[0] - np.sqrt(2) * complex_cube.values[0].real
+    largest = float(abs(complex_cube).max())
+    # Real samples pass half the sample rate on either side of 0, complex ones all above 0: what the
+    # error spreads over the ends of these bands differs, by 2e-5 of the largest sample. In the
+    # cells from 4 on from the ends it is the sidelobes of that.
+    assert abs(difference).max() < 3e-5 * largest
+    hann = np.hanning(difference.shape[-1])
+    cells = abs(np.fft.rfft(difference * hann)) / hann.sum()
+    assert cells[..., 4:-4].max() < 1e-7 * largest
 
 
 def test_phases_of_all_errors_add():

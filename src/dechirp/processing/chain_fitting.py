@@ -275,6 +275,10 @@ def _moving_image_level(
     powers, levels = [], []
     for power in moving_maps:
         cells, _ = detect_peaks_and_count_dropped(power, radar, _moving_chain(chain))
+        # About zero and half the sample rate, the sidebands of a vibrating echo mirror each other.
+        half = power.shape[1] / 2
+        apart = half / 2 - abs(cells[:, 1] % half - half / 2)
+        cells = cells[apart >= chain.range_transform(radar.frame.chirp).main_lobe_half_width_bins]
         powers.append(power[tuple(cells.T)] / np.median(power))
         levels.append(image_levels(power, cells))
     if not levels:
