@@ -1,6 +1,8 @@
 """`dechirp calibrate`: measurement, calibration file, and its use in runs and settings."""
 
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,12 +33,12 @@ PHASES = (0.0, 0.5, -0.9, -0.6)
 RECORDING_OPTIONS = ("--radar", "radar.yaml", "--axes", "frame,chirp,rx,sample")
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """Recordings of reflectors at 25 and -40 degrees, 12 m away, with unequal receiver phases."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "radar.yaml").write_text(RADAR)
-    radar = read_radar("radar.yaml")
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory) -> Path:
+    """Record reflectors at 25 and -40 degrees, 12 m away, with unequal receiver phases."""
+    folder = tmp_path_factory.mktemp("recordings")
+    (folder / "radar.yaml").write_text(RADAR)
+    radar = read_radar(folder / "radar.yaml")
     mismatch = dc.impairments.ChannelMismatch(gains=(1.0,) * 4, phases_rad=PHASES)
     for name, azimuth_deg in (("left", 25.0), ("right", -40.0)):
         direction = np.array([np.cos(np.radians(azimuth_deg)), np.sin(np.radians(azimuth_deg)), 0])
@@ -44,7 +46,15 @@ def folder(tmp_path, monkeypatch):
         cube = dc.simulate(
             scene, radar, impairments=[mismatch, dc.impairments.ThermalNoise()], seed=1
         )
-        np.save(f"{name}.npy", cube.values / abs(cube.values).max())
+        np.save(folder / f"{name}.npy", cube.values / abs(cube.values).max())
+    return folder
+
+
+@pytest.fixture
+def folder(recordings, tmp_path, monkeypatch) -> Path:
+    """Change to a folder with the recordings and their radar."""
+    shutil.copytree(recordings, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
     return tmp_path
 
 

@@ -88,7 +88,7 @@ def read_all_files(folder):
     }
 
 
-@pytest.mark.parametrize("kind", FLOAT_WRITERS)
+@pytest.mark.parametrize("kind", nightly_except(("hdf5", "zarr"), FLOAT_WRITERS))
 @pytest.mark.parametrize(
     "make_recording",
     nightly_except(

@@ -155,6 +155,7 @@ def test_adc_codes_are_stored_unchanged(tmp_path):
     assert scale == cube.attrs["scale"]
 
 
+@nightly
 def test_real_samples_have_no_iq_axis(tmp_path):
     kept_study = make_study(
         scenario=replace(make_study().scenario, radar=small_radar(1, "real")), keep=("cubes",)
@@ -166,6 +167,7 @@ def test_real_samples_have_no_iq_axis(tmp_path):
     np.testing.assert_allclose(data.cube[0, 1] * scale, cube, rtol=0, atol=0.51 * scale)
 
 
+@nightly
 def test_block_larger_than_shard_is_divided_evenly(tmp_path, monkeypatch, undisturbed_folder):
     item_bytes = 2 * 32 * 2 * 64 * 2
     monkeypatch.setattr(shards, "SHARD_BYTES", 4 * item_bytes)  # blocks of 6: three, not four
@@ -265,6 +267,7 @@ def test_failed_trial_is_item_of_zeros_marked_not_made(tmp_path, monkeypatch, da
     assert stored_item["detections"].sizes["detection"] == rows.sizes["detection"] - n_lost
 
 
+@nightly
 def test_full_disk_stops_data_set_and_counts_only_stored_items(
     tmp_path, monkeypatch, undisturbed_folder
 ):
@@ -340,6 +343,7 @@ def _change_consolidated_array(root, name, **changes):
     return root
 
 
+@nightly
 def test_disk_without_room_is_refused_and_folder_stays_free(tmp_path, monkeypatch):
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr("shutil.disk_usage", lambda path: usage(10**6, 10**6 - 10**5, 10**5))
@@ -351,6 +355,7 @@ def test_disk_without_room_is_refused_and_folder_stays_free(tmp_path, monkeypatc
     assert open_data_set_groups(out / "data.zarr")
 
 
+@nightly
 def test_missing_data_set_files_are_reported_before_continuing(tmp_path):
     run_to_folder(tmp_path, make_study(keep=("maps",)))
     (tmp_path / "data.zarr" / "zarr.json").unlink()
@@ -359,6 +364,7 @@ def test_missing_data_set_files_are_reported_before_continuing(tmp_path):
         run_to_folder(tmp_path, make_study(keep=("maps",)))
 
 
+@nightly
 def test_data_set_without_ledger_is_not_overwritten(tmp_path):
     run_to_folder(tmp_path, make_study(keep=("detections",)))
     earlier_state = file_digests(tmp_path)
