@@ -1,4 +1,4 @@
-"""Marker of long tests, which run if DECHIRP_NIGHTLY is set and take an hour together."""
+"""Marker of long tests, which run if DECHIRP_NIGHTLY is set; by default a case of each runs."""
 
 import os
 from collections.abc import Container, Iterable

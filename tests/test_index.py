@@ -162,6 +162,12 @@ def test_index_lists_tests_of_every_source_file():
     assert [line for line in lines if "NO TEST" in line] == []
 
 
+def test_every_test_file_has_its_own_name():
+    # Files of one name in two folders are one module to pytest.
+    names = Counter(file.name for file in TESTS.rglob("test_*.py"))
+    assert [name for name, n in names.items() if n > 1] == []
+
+
 if __name__ == "__main__":
     INDEX.write_text(HEADER + "\n".join(index_lines()) + "\n", encoding="utf-8")
     print(INDEX)

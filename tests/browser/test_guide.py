@@ -13,7 +13,8 @@ GUIDE = Path(os.environ.get("DECHIRP_GUIDE") or "/nowhere")
 ALL_PAGES = sorted(page.relative_to(GUIDE) for page in GUIDE.rglob("*.html"))
 PAGES = [str(page) for page in ALL_PAGES if page.parts[0] != "_static"] or ["index.html"]
 pytestmark = pytest.mark.skipif(
-    not (GUIDE / "index.html").is_file(), reason="DECHIRP_GUIDE does not name a built guide"
+    not (GUIDE / "index.html").is_file(),
+    reason="no built guide: build it and set DECHIRP_GUIDE to its folder",
 )
 
 # Resources that a page loads automatically; links for readers are excluded.

@@ -41,7 +41,7 @@ def print_script(capsys):
     return print_for_shell
 
 
-@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash not found: install it")
 def test_bash_completes_commands_and_options(print_script, tmp_path):
     script = tmp_path / "dechirp"
     script.write_text(print_script("bash"), encoding="utf-8")
@@ -51,7 +51,7 @@ def test_bash_completes_commands_and_options(print_script, tmp_path):
         ) == [completion]
 
 
-@pytest.mark.skipif(shutil.which("fish") is None, reason="fish is not installed")
+@pytest.mark.skipif(shutil.which("fish") is None, reason="fish not found: install it")
 def test_fish_completes_commands_and_options(print_script, tmp_path):
     script = tmp_path / "dechirp.fish"
     script.write_text(print_script("fish"), encoding="utf-8")
@@ -66,7 +66,7 @@ def run_query(command):
     return process.stdout.split()
 
 
-@pytest.mark.skipif(shutil.which("zsh") is None, reason="zsh is not installed")
+@pytest.mark.skipif(shutil.which("zsh") is None, reason="zsh not found: install it")
 def test_zsh_completes_commands_and_options(print_script, tmp_path):
     # zsh runs the function only if the file has its name.
     (tmp_path / "_cyclopts_dechirp").write_text(print_script("zsh"), encoding="utf-8")

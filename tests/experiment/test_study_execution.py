@@ -171,7 +171,7 @@ def _fail_at_point_2(tiny: TinyPlan, point: int, number: int) -> Block:
 def test_killed_worker_is_replaced_and_result_is_unchanged(tmp_path, undisturbed_result):
     until, expected = undisturbed_result
     if until and not NIGHTLY:
-        pytest.skip("half of the cases run nightly")
+        pytest.skip("long: runs with DECHIRP_NIGHTLY=1")
     victims = [40, 300]
 
     def kill_one(progress) -> None:
@@ -225,7 +225,7 @@ def start_study(out: Path, *options: str) -> subprocess.Popen[str]:
 def test_parent_killed_at_random_moments_loses_nothing(tmp_path, undisturbed_result):
     until, expected = undisturbed_result
     if not (until or NIGHTLY):
-        pytest.skip("half of the cases run nightly")
+        pytest.skip("long: runs with DECHIRP_NIGHTLY=1")
     rng = np.random.default_rng(8)
     options = ("--until",) if until else ()
     block_counts: list[int] = []

@@ -232,7 +232,10 @@ def test_ledger_of_later_format_is_refused(tmp_path):
         open_ledger(tmp_path)
 
 
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root can write to any folder")
+@pytest.mark.skipif(
+    os.name != "posix" or os.geteuid() == 0,
+    reason="root can write to any folder: run as another user",
+)
 def test_rejects_folder_that_is_not_writable(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(DechirpError, match="not writable"):

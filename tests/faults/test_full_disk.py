@@ -45,7 +45,7 @@ def test_full_tmpfs_is_reported_in_message(command, folder, call):
     (folder / "disk").mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=16k", "none", "disk"]
     if os.name != "posix" or subprocess.run(mount, check=False, capture_output=True).returncode:
-        pytest.skip("this user cannot mount a small disk")
+        pytest.skip("cannot mount a small disk: run as root")
     try:
         status, _, errors = call(*command_arguments(command, folder / "disk" / "out"))
         content = read_folder(folder / "disk")

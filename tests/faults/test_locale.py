@@ -38,7 +38,7 @@ def comma_locale(tmp_path_factory, monkeypatch):
             subprocess.run(command, check=False, capture_output=True)
         monkeypatch.setenv("LOCPATH", str(locale_folder))
         if not set_german_locale():
-            pytest.skip("no locale with a decimal comma is available")
+            pytest.skip("no locale with a decimal comma: install de_DE.UTF-8")
     assert locale.localeconv()["decimal_point"] == ","
     yield
     locale.setlocale(locale.LC_ALL, original_locale)

@@ -19,7 +19,7 @@ def read_only(folder):
     is_root = hasattr(os, "geteuid") and os.geteuid() == 0
     bind = ["mount", "--bind", "-o", "ro", str(read_only_folder), str(read_only_folder)]
     if is_root and subprocess.run(bind, check=False, capture_output=True).returncode:
-        pytest.skip("root can write to any folder and cannot mount here")
+        pytest.skip("root can write to any folder and cannot mount here: run as another user")
     yield read_only_folder
     if is_root:
         subprocess.run(["umount", read_only_folder], check=True)

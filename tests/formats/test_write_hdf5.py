@@ -465,7 +465,10 @@ def test_corrupted_file_gives_cube_or_error(tmp_path_factory, small_radar, data)
 
 
 @EVERY_SUFFIX
-@pytest.mark.skipif("DECHIRP_REAL_DATA" not in os.environ, reason="DECHIRP_REAL_DATA is not set")
+@pytest.mark.skipif(
+    "DECHIRP_REAL_DATA" not in os.environ,
+    reason="no recordings: set DECHIRP_REAL_DATA to their folder",
+)
 @pytest.mark.parametrize(
     "name", ["awr1642_vibrating_pipe/vibration_2.bin", "bgt60_people_room/RadarIfxAvian_00"]
 )

@@ -64,7 +64,7 @@ def run_octave(folder: Path, script: str) -> None:
 
 
 NEEDS_OCTAVE = pytest.mark.skipif(
-    shutil.which("octave-cli") is None, reason="Octave is not installed"
+    shutil.which("octave-cli") is None, reason="octave-cli not found: install Octave"
 )
 
 
@@ -226,7 +226,10 @@ def test_corrupted_tables_give_cube_or_error(tmp_path_factory, data):
     assert_cube_or_error(path)
 
 
-@pytest.mark.skipif("DECHIRP_REAL_DATA" not in os.environ, reason="DECHIRP_REAL_DATA is not set")
+@pytest.mark.skipif(
+    "DECHIRP_REAL_DATA" not in os.environ,
+    reason="no recordings: set DECHIRP_REAL_DATA to their folder",
+)
 def test_real_recording_round_trip_is_exact(tmp_path):
     recording = open_real_capture(Path(os.environ["DECHIRP_REAL_DATA"]))
     assert_write_preserves_recording(recording, tmp_path / "x.mat")

@@ -443,7 +443,10 @@ def test_corrupted_file_gives_cube_or_error(tmp_path_factory, data):
     assert_cube_or_error(folder / META)
 
 
-@pytest.mark.skipif("DECHIRP_REAL_DATA" not in os.environ, reason="DECHIRP_REAL_DATA is not set")
+@pytest.mark.skipif(
+    "DECHIRP_REAL_DATA" not in os.environ,
+    reason="no recordings: set DECHIRP_REAL_DATA to their folder",
+)
 def test_real_recording_round_trip_is_exact(tmp_path):
     recording = open_real_capture(Path(os.environ["DECHIRP_REAL_DATA"]))
     assert_write_preserves_recording(recording, tmp_path / META)

@@ -32,7 +32,7 @@ def tracked_files(tmp_path_factory) -> dict[str, bytes]:
             check=True,
         )
     except (OSError, subprocess.CalledProcessError):
-        pytest.skip("not a checkout")
+        pytest.skip("not a checkout: clone the repository")
     names = listing.stdout.decode().split("\0")
     return {name: (ROOT / name).read_bytes() for name in names if (ROOT / name).is_file()}
 

@@ -348,7 +348,10 @@ def test_recording_obeys_limits_of_scenes(scenario, tmp_path):
         FramePlayer(padded_scenario).process_frame_at_step(0, None)
 
 
-@pytest.mark.skipif("DECHIRP_REAL_DATA" not in os.environ, reason="DECHIRP_REAL_DATA is not set")
+@pytest.mark.skipif(
+    "DECHIRP_REAL_DATA" not in os.environ,
+    reason="no recordings: set DECHIRP_REAL_DATA to their folder",
+)
 def test_real_recording_is_shown_in_units_of_full_scale():
     folder = Path(os.environ["DECHIRP_REAL_DATA"]) / "bgt60_two_reflectors"
     player = FramePlayer(
