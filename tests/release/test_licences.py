@@ -103,7 +103,7 @@ def test_non_permissive_licences_are_documented(extra):
     try:
         licences_by_name = collect_licences(extra)
     except PackageNotFoundError as error:
-        pytest.skip(f"{error} not found: install the extra {extra}")
+        pytest.skip(f"{error}: install the extra {extra}")
     restrictive = {
         name: licence for name, licence in licences_by_name.items() if not is_permissive(licence)
     }
