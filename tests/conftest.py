@@ -19,10 +19,13 @@ from hypothesis import settings
 from markupsafe import Markup
 
 import dechirp as dc
+from nightly import NIGHTLY
 from radars import street_radar
 
 # The same examples in every run; slow machines are not failures.
-settings.register_profile("fixed", derandomize=True, deadline=None)
+settings.register_profile(
+    "fixed", derandomize=True, deadline=None, max_examples=100 if NIGHTLY else 40
+)
 settings.load_profile("fixed")
 
 

@@ -8,6 +8,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.theory.attenuation import rain_db_per_km
+from nightly import nightly
 
 EXAMPLES = Path(dc.__file__).parents[2] / "examples"
 LIGHT_SPEED_M_PER_S = 299_792_458.0
@@ -69,6 +70,7 @@ def compute_spectrogram(crossing, range_m, n_window, target):
     return spectrum.time.values, spectrum.velocity.values, spectrum.values, target_velocity
 
 
+@nightly
 def test_pedestrian_torso_has_walking_velocity_and_feet_have_step_frequency(crossing):
     # Windows of 15 ms, 0.2 m/s wide.
     times_s, velocity, power, walking_velocity = compute_spectrogram(

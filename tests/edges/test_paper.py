@@ -25,6 +25,7 @@ from dechirp.report.check_values import (
     format_pair,
 )
 from dechirp.report.equations import equation_svg, typeset_equations
+from nightly import nightly
 from page_checks import check_captions, check_pdf_contains_page_text
 
 MINUS, DASH, TIMES = "\N{MINUS SIGN}", "\N{EN DASH}", "\N{MULTIPLICATION SIGN}"
@@ -334,6 +335,7 @@ def test_several_failed_claims_are_all_named(render_page, document):
     )
 
 
+@nightly
 @pytest.mark.parametrize("missing_value", [None, math.nan])
 def test_missing_measurements_do_not_stop_paper(document, missing_value):
     bare_document = json.loads(json.dumps(document))

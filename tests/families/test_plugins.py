@@ -55,6 +55,7 @@ def test_example_plugins_pass_their_own_tests(plugin_folder, tmp_path):
     assert process.returncode == 0, process.stdout
 
 
+@nightly
 def test_plugins_are_listed_with_their_settings(plugin_folder, tmp_path):
     process = run_dechirp("list", "--json", path=plugin_folder, cwd=tmp_path)
     families = json.loads(process.stdout)["families"]

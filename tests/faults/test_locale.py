@@ -56,6 +56,7 @@ def read_results(out: Path) -> dict[str, bytes]:
     return texts
 
 
+@nightly
 def test_files_do_not_depend_on_locale(folder, call, comma_locale):
     assert call("run", "small.yaml", "--out", "comma", "--quiet")[0] == 0
     assert call("convert", "in.npz", "comma.csv", "--quiet")[0] == 0

@@ -30,7 +30,7 @@ from formats.native_recordings import (
     make_table_recording,
     open_real_capture,
 )
-from nightly import n_examples
+from nightly import n_examples, nightly
 
 
 def test_scipy_reads_reversed_axes_and_table_structures(tmp_path):
@@ -193,6 +193,7 @@ def test_altered_native_file_error_names_mistake(tmp_path, change, message):
         dc.open(path)
 
 
+@nightly
 def test_rejects_structure_that_decompresses_beyond_limit(tmp_path):
     path = tmp_path / "x.mat"
     dc.write(make_table_recording(), path)

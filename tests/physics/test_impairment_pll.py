@@ -11,6 +11,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.echo_groups import frame_sampling_times
 from dechirp.simulation.impairments.pll import Pll
+from nightly import nightly_except
 
 STATIC_SCENE = dc.Scene(targets=[dc.Target(position_m=(40, 0, 0), rcs_m2=10)])
 STEP_S = 10e-9
@@ -32,7 +33,7 @@ def tuning_error_hz(pll, radar, times_s):
     return np.interp(times_s / chirp.ramp_duration_s, voltage, error_hz)
 
 
-@pytest.mark.parametrize("damping", [0.3, 0.7071, 1.0, 3.0])
+@pytest.mark.parametrize("damping", nightly_except((0.7071, 3.0), [0.3, 0.7071, 1.0, 3.0]))
 @pytest.mark.parametrize("gain_change", [(), (-0.3, 0.1)])
 def test_frequency_error_includes_settling_from_previous_chirps(radar, damping, gain_change):
     pll = Pll(natural_frequency_hz=250e3, damping=damping, gain_change=gain_change)

@@ -19,6 +19,7 @@ from dechirp.processing.detect import detect
 from dechirp.processing.range_doppler_map import power_map
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.recording import open as open_recording
+from nightly import nightly
 
 OPENRADAR = Path(__file__).parents[2] / "examples" / "radar.yaml"
 
@@ -162,6 +163,7 @@ def test_two_reflectors_are_detected_in_every_frame(real_data):
     assert reflectors.range.values[1::2] == pytest.approx(0.457, abs=range_bin)
 
 
+@nightly
 def test_changed_radar_keeps_iq_order_of_studio_log(real_data, tmp_path, capsys):
     capture = real_data / "awr1642_vibrating_pipe" / "vibration_2.bin"
     arguments = ["run", str(capture), "--set", "radar.frame.chirp.adc_start=5 us", "--json"]

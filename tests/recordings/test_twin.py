@@ -8,6 +8,7 @@ import pytest
 import dechirp as dc
 from dechirp.core.units import to_decibels
 from dechirp.experiments.twin.twin import TwinTolerance
+from nightly import nightly
 from recordings.real_recordings import open_real_recording
 
 RECORDINGS = [
@@ -44,6 +45,7 @@ def test_noise_and_peaks_match_within_1_db_and_fifth_of_bin(real_data, folder, n
         assert np.sqrt(np.mean(normalised_errors.values[is_weak] ** 2)) < 2
 
 
+@nightly
 def test_strongest_peak_of_long_recording_is_within_tolerance(real_data):
     path = real_data / "sirad122_walk" / "giulioCammina.json"
     radar = dc.open(path).radar

@@ -94,6 +94,7 @@ def test_false_alarm_rate_follows_setting_over_three_decades():
     assert frame.change.high < 0 and frame.change.certainty > CONFIDENCE
 
 
+@nightly
 def test_certainty_refers_to_sign_of_change():
     increase, decrease = (
         count_trials(*pair, 100)["detection_probability"].change

@@ -28,7 +28,7 @@ from dechirp.certificate.reference_trials import (
 from dechirp.certificate.shared_trials import LIMIT_SNRS_DB
 from dechirp.processing.cfar import base, cell_averaging
 from dechirp.theory.cfar import cell_averaging_factor
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 
 def claims_by_id(claims):
@@ -305,6 +305,7 @@ def test_two_targets_must_be_resolved_in_nine_of_ten_trials(resolved_rate, passe
     assert "detected in 50% of trials with rectangular windows" in claim.note
 
 
+@nightly
 def test_two_targets_are_resolved_at_required_separation_alone():
     for window, separation in resolution.REQUIRED_SEPARATION_BINS.items():
         trials = resolution.run_resolution_trials(
