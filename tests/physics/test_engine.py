@@ -10,7 +10,6 @@ import dechirp as dc
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import Body
 from dechirp.simulation.simulate import plan_kernels
-from nightly import nightly
 
 KERNELS = ("direct", "low-rank", "nufft")
 
@@ -122,7 +121,6 @@ def test_second_frame_equals_single_frame_of_moved_scene(radar):
     np.testing.assert_allclose(two_frames[1], second[0], atol=1e-9 * abs(second).max())
 
 
-@nightly
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_kernel_error_stays_below_tolerance(radar):
     scene = make_crowd(40, seed=7)

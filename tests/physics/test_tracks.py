@@ -30,7 +30,7 @@ from dechirp.tracking.measurements import usable_rows_to_measurements
 from dechirp.tracking.online import LiveTracker
 from dechirp.tracking.stone_soup import StateEstimate, StoneSoup
 from dechirp.tracking.tracker import Tracker
-from nightly import nightly, nightly_except
+from nightly import nightly_except
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "crossing-tracks.yaml"
 STD = {"range": 0.15, "azimuth": 0.01, "velocity": 0.1}
@@ -135,7 +135,6 @@ def test_unscented_track_has_consistent_covariance():
     assert np.all((low < detections) & (detections < high)), detections
 
 
-@nightly
 def test_too_little_process_noise_makes_covariance_too_small():
     trial = build_trial(
         tracker=replace(build_trial().tracker, filter="unscented", process_noise_m2_per_s3=1e-3)
