@@ -463,7 +463,8 @@ def test_strided_frames_are_read_in_bounded_memory(tmp_path):
         output.write(header)
         output.truncate(len(header) + 8 * math.prod(shape))
 
-    paths = [str(Path(dechirp.__file__).parent.parent), str(Path(__file__).parent)]
+    folders = (Path(dechirp.__file__).parents[1], *Path(__file__).parents[:2])
+    paths = [str(folder) for folder in folders]
     process = subprocess.run(
         [sys.executable, "-c", MEMORY_SCRIPT, str(file)],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
