@@ -53,6 +53,29 @@ chirpCfg 1 1 0 0 0 0 0 4
 frameCfg 0 1 16 0 100 1 0
 sensorStart
 """
+LUA = """\
+START_FREQ = 77 -- GHz
+local idle_us = 2 * 5
+ar1.SelectChipVersion("XWR1843")
+ar1.ChanNAdcConfig(1, 0, 1, 1, 0, 0, 0, 2, 1, 1)
+ar1.ProfileConfig(0, START_FREQ, idle_us, 6, 60, 0, 0, 0, 0, 0, 0, 30.0, 0, 8, 5e3, 0, 0, 30)
+ar1.ChirpConfig(0, 0, 0, 0, 0, 0, 0, 1, 0, 0)
+ar1.FrameConfig(0, 0, 8, 16, 50, 0, 0, 1)
+"""
+PCD = """\
+VERSION 0.7
+FIELDS x y z velocity
+SIZE 4 4 4 4
+TYPE F F F F
+COUNT 1 1 1 1
+WIDTH 3
+HEIGHT 1
+POINTS 3
+DATA ascii
+10 1 0.5 -2
+20 -3 0 0
+30 0 1 5
+"""
 
 
 def draw_cube() -> np.ndarray:
@@ -122,6 +145,16 @@ def text_columns() -> bytes:
     return "\n".join(";".join(f"{n:.0f}" for n in row) for row in rows).encode()
 
 
+def complex_text() -> bytes:
+    out = io.StringIO()
+    np.savetxt(out, draw_cube().reshape(-1, 8) / 32768)
+    return out.getvalue().encode()
+
+
+def complex_samples() -> bytes:
+    return (draw_cube() / 32768).astype(np.complex64).tobytes()
+
+
 def urad() -> bytes:
     return "\n".join(" ".join(str(1900 + n) for n in range(16)) for _ in range(4)).encode()
 
@@ -134,6 +167,16 @@ def sync_wav() -> bytes:
         file.setframerate(10_000_000)
         sync = np.where(np.arange(400) % 40 < 20, 9000, -9000)
         file.writeframes(np.stack([np.arange(400), sync], axis=-1).astype("<i2").tobytes())
+    return out.getvalue()
+
+
+def continuous_wav() -> bytes:
+    out = io.BytesIO()
+    with wave.open(out, "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(10_000_000)
+        file.writeframes(np.arange(4000).astype("<i2").tobytes())
     return out.getvalue()
 
 
@@ -198,17 +241,25 @@ RECORDINGS: dict[str, tuple[Callable[[], bytes], dict[str, object]]] = {
         text_columns,
         {"format": "text-columns", "axes": "frame,chirp,sample,iq", "encoding": "int16"},
     ),
+    "complex-text": (
+        complex_text,
+        {"format": "text-columns", "axes": "frame,chirp,sample"},
+    ),
+    "complex-samples": (complex_samples, {"format": "complex-samples", "encoding": "cf32"}),
     "urad": (urad, {"format": "urad"}),
     "sync-wav": (sync_wav, {"format": "sync-wav"}),
+    "continuous-wav": (continuous_wav, {"format": "continuous-wav"}),
     "sirad": (sirad, {}),
+    "pcd": (PCD.encode, {}),
     "ti-uart": (ti_uart, {}),
 }
-SELF_DESCRIBING = {"kept", "mcap", "sirad", "ti-uart"}
+SELF_DESCRIBING = {"kept", "mcap", "sirad", "ti-uart", "pcd"}
 """Kinds of recordings that contain their radar settings."""
 SETTINGS: dict[str, tuple[Callable[[], bytes], str]] = {
     "cfg": (CFG.encode, "x.cfg"),
     "log": (LOG.encode, "x_LogFile.txt"),
     "mmwave-json": (mmwave, "x.mmwave.json"),
+    "mmwave-lua": (LUA.encode, "x.lua"),
     "infineon-json": (infineon, "config.json"),
 }
 
@@ -218,7 +269,7 @@ def write_radar(kind: str, folder: Path) -> object:
     from dechirp.recordings.settings.read import read_settings
 
     file = folder / "radar.yaml"
-    file.write_text(RADAR_YAML.replace("complex", "real") if kind == "sync-wav" else RADAR_YAML)
+    file.write_text(RADAR_YAML.replace("complex", "real") if kind.endswith("wav") else RADAR_YAML)
     return read_settings(file).radar
 
 
