@@ -84,3 +84,30 @@ def test_warnings_point_to_the_line_of_the_caller():
         dc.simulate(scene, radar)
 
     assert {warning.filename for warning in warnings} == {__file__}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"frames": "abc"}, "frames: 'abc'; expected two whole numbers"),
+        ({"frames": 3}, "frames: 3; expected two whole numbers"),
+        ({"frames": (1,)}, "frames"),
+        ({"frames": (0.5, 2)}, "frames"),
+        ({"axes": 3}, "axes: 3; expected names"),
+        ({"axes": [1, 2]}, "axes"),
+    ],
+)
+def test_wrong_frames_and_axes_of_recordings_are_named(tmp_path, options, message):
+    np.save(tmp_path / "a.npy", np.zeros((2, 16, 1, 64), np.complex64))
+    for read in (dc.open, dc.inspect):
+        with pytest.raises(InvalidSetting, match=message):
+            read(tmp_path / "a.npy", radar=street_radar(n_samples=64, n_chirps=16), **options)
+
+
+def test_maps_and_detections_of_other_kinds_are_named(cube):
+    radar = street_radar(n_samples=64, n_chirps=16)
+    with pytest.raises(InvalidSetting, match="power: an array over frame, chirp, rx, sample"):
+        dc.threshold_map(cube, radar, dc.Chain())
+    detections = dc.detect(cube, radar).drop_vars("range")
+    with pytest.raises(InvalidSetting, match="range"):
+        dc.angle_spectrum(cube[0], radar, detections, 0)

@@ -926,3 +926,19 @@ def test_recorded_and_simulated_cubes_are_identical(tmp_path, radar):
     # Attributes alone differ: units, and the simulation kernels.
     assert recorded_cube.assign_attrs(simulated_cube.attrs).identical(simulated_cube)
     assert dc.detect(recorded_cube, radar).identical(dc.detect(simulated_cube, radar))
+
+
+def test_folder_that_contains_recordings_names_them(tmp_path):
+    (tmp_path / "notes.md").write_text("A walk.\n")
+    (tmp_path / "walk.cf32").write_bytes(np.zeros(64, np.complex64).tobytes())
+
+    with pytest.raises(RecordingError, match=r"give one file of it: walk\.cf32$"):
+        open_recording(tmp_path)
+
+
+def test_scenario_in_place_of_its_radar_is_recognised(tmp_path):
+    (tmp_path / "scenario.yaml").write_text("radar:\n  frame: {n_chirps: 2}\n")
+    (tmp_path / "walk.cf32").write_bytes(np.ones(64, np.complex64).tobytes())
+
+    with pytest.raises(RecordingError, match="a scenario, which contains a radar; expected"):
+        open_recording(tmp_path / "walk.cf32", radar=tmp_path / "scenario.yaml")

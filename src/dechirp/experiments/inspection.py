@@ -16,7 +16,7 @@ from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.lookup import device as known_device
 from dechirp.radar.radar import Radar
 from dechirp.recordings.recognise import recognise_formats
-from dechirp.recordings.recording import Recording
+from dechirp.recordings.recording import Recording, check_axes_and_frames
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.calibration import read_calibration
 from dechirp.recordings.settings.read import read_radar
@@ -78,6 +78,7 @@ def inspect(
         path, format, given_options=[name for name, option in options.items() if option is not None]
     )
     # Mistakes in given names or files are errors, not findings on the recording.
+    check_axes_and_frames(axes, frames)
     chip = None if device is None else known_device(device)
     if isinstance(radar, str | Path):
         read_radar(radar, chip)

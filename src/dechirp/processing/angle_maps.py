@@ -10,6 +10,7 @@ import xarray as xr
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
 from dechirp.core.conventions import axis_coordinate
+from dechirp.core.detection_columns import detection_columns_as_floats
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.threads import run_in_threads, split_range
 from dechirp.processing.angle.bartlett import Bartlett
@@ -36,6 +37,7 @@ from dechirp.radar.radar import Radar
 
 # Points of an angle spectrum over one angle, for each of the grid that peaks are searched on.
 _SPECTRUM_OVERSAMPLING = 4
+_REQUIRED_COLUMNS = ("range", "velocity", "azimuth", "elevation", "snr", "ambiguity_number")
 # Strongest other detections of a frame whose sidelobes are subtracted.
 _MAX_SUBTRACTED_TONES = 32
 
@@ -196,6 +198,7 @@ def angle_spectrum(
     chain = chain or Chain()
     samples, radar = _rising_ramp_channels_and_radar(cube, radar)
     aperture = checked_direction_aperture(radar, chain.field_of_view)
+    detection_columns_as_floats(detections, _REQUIRED_COLUMNS)  # raises if one is missing
     check_integer("index", index, at_least=0, at_most=detections.sizes.get("detection", 0) - 1)
     tones, doppler_hz, noise = _refine_tone_with_doppler_and_noise(
         samples, radar, detections, index

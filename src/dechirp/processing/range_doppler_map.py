@@ -7,6 +7,7 @@ import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.conventions import axis_coordinate
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
 from dechirp.processing.chain import Chain
 from dechirp.processing.mitigation.apply import apply_mitigation
@@ -86,8 +87,15 @@ def threshold_map(power: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArr
     `processing.spectrum.rows_with_circular_noise`, and in cells with less than a tenth of the noise
     left by mitigation; neither are training cells.
     """
-    labelled = power.transpose("velocity", "range")
+    if set(power.dims) != {"velocity", "range"}:
+        raise InvalidSetting(
+            "power",
+            value=f"an array over {', '.join(map(str, power.dims))}",
+            expected="a map over velocity, range",
+            fix="pass what power_map returns for this radar and chain",
+        )
     noise = chain.map_noise_statistics(radar)
+    labelled = power.transpose("velocity", "range")
     rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
     level = np.ascontiguousarray(
         fill_unusable_cells_with_noise(labelled.values, radar, chain)[:, rows]

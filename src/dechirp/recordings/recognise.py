@@ -23,6 +23,9 @@ from dechirp.recordings.readers.ros2_bag import Ros2Bag
 from dechirp.recordings.samples.sample_order import choose_sample_order
 from dechirp.recordings.settings.read import holds_settings
 
+# Files of a folder that are looked at, to name the recordings among them.
+_MAX_TRIED_FILES = 32
+
 
 def recognise_formats(
     path: str | Path, format: str | None = None, *, given_options: Collection[str] = ()
@@ -222,7 +225,21 @@ def _describe_path_content_and_fix(path: Path) -> tuple[str, str | None]:
         return identify_non_raw_content(path) or "bytes without a known signature", None
     names = sorted(file.name for file in path.iterdir())
     more = f" and {len(names) - 8} more" if len(names) > 8 else ""
-    return f"a folder with {', '.join(names[:8]) or 'nothing'}{more}", None
+    recognised = [file for file in sorted(path.iterdir())[:_MAX_TRIED_FILES] if _is_recording(file)]
+    fix = (
+        "give one file of it: " + ", ".join(file.name for file in recognised[:3])
+        if recognised
+        else None
+    )
+    return f"a folder with {', '.join(names[:8]) or 'nothing'}{more}", fix
+
+
+def _is_recording(path: Path) -> bool:
+    """Return whether a format fits a file of a folder."""
+    try:
+        return path.is_file() and not holds_settings(path) and bool(recognise_formats(path))
+    except RecordingError:
+        return False
 
 
 def check_choice(path: Path, name: str, value: str | None, choices: tuple[str, ...]) -> None:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from numbers import Integral
 from pathlib import Path
 from typing import cast
 
@@ -13,7 +14,7 @@ import xarray as xr
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.conventions import CUBE_AXES, axis_coordinate
 from dechirp.core.display import Displayable, Table, format_count_with_noun
-from dechirp.core.errors import RecordingError
+from dechirp.core.errors import InvalidSetting, RecordingError
 from dechirp.core.findings import Finding, findings_display_table
 from dechirp.core.memory import check_free_memory
 from dechirp.core.values import frozen_dataclass
@@ -326,6 +327,7 @@ def open(
         calibration = read_calibration(calibration)
     if isinstance(axes, str):
         axes = axes.replace(",", " ").split()
+    check_axes_and_frames(axes, frames)
     check_choice(path, "iq", iq, IQ_ORDERS)
     known_device_type = None if device is None else known_device(device)
     given_settings = combine_radar_and_layout_settings(radar, settings, known_device_type)
@@ -349,6 +351,32 @@ def open(
         calibrated = replace(recording.radar, calibration=calibration)
         recording = replace(recording, contents=replace(contents, radar=calibrated))
     return recording if frames is None else recording.select_frames(*frames)
+
+
+def check_axes_and_frames(axes: object, frames: object) -> None:
+    """Raise `InvalidSetting` unless the values are names, and a pair of integers, or None."""
+    is_names = isinstance(axes, str) or (
+        isinstance(axes, Sequence) and all(isinstance(name, str) for name in axes)
+    )
+    if axes is not None and not is_names:
+        raise InvalidSetting(
+            "axes",
+            value=repr(axes)[:80],
+            expected="names of axes, in the order of the array",
+            fix='give them as "frame,chirp,rx,sample", or as a list',
+        )
+    is_pair = (
+        isinstance(frames, Sequence)
+        and len(frames) == 2
+        and all(isinstance(number, Integral) for number in frames)
+    )
+    if frames is not None and not is_pair:
+        raise InvalidSetting(
+            "frames",
+            value=repr(frames)[:80],
+            expected="two whole numbers: the first frame, from 0, and the one after the last",
+            fix="give frames=(0, 10) for the first ten",
+        )
 
 
 def combine_radar_and_layout_settings(

@@ -81,6 +81,7 @@ def read_settings(file: Path, device: Device | None = None) -> RecordingSettings
 
 def _read_native_settings(file: Path, text: str, device: Device | None) -> RecordingSettings:
     """Read a radar from a YAML file; one without an array has the antennas of the device."""
+    _check_file_holds_radar_alone(file, text)
     readers: Readers = {Calibration: read_calibration}
     n_tx = 0 if device is None else _count_transmitters_without_array(file, text)
     if device is None or not 0 < n_tx <= len(device.tx_m):
@@ -91,6 +92,21 @@ def _read_native_settings(file: Path, text: str, device: Device | None) -> Recor
         file, Radar, readers=readers, overrides=[f"array={{tx: {tx}, rx: {rx}}}"]
     )
     return RecordingSettings(radar=radar).with_board_array(device)
+
+
+def _check_file_holds_radar_alone(file: Path, text: str) -> None:
+    """Raise `RecordingError` for a scenario, whose radar is a part of it."""
+    try:
+        settings = parse_yaml(text, str(file)).content
+    except InvalidFile:  # reported where the radar is read
+        return
+    if isinstance(settings, dict) and "radar" in settings and "frame" not in settings:
+        raise RecordingError(
+            file,
+            value="a scenario, which contains a radar",
+            expected="the settings of the radar alone, with frame at the top",
+            fix="copy what stands under radar to a file of its own",
+        )
 
 
 def _count_transmitters_without_array(file: Path, text: str) -> int:
