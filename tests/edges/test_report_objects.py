@@ -13,6 +13,7 @@ from dechirp.cli.run_output import track_table_and_object_sentences
 from dechirp.report import objects_section
 from dechirp.report.figures import tracks as figure
 from dechirp.report.page import render_report
+from nightly import nightly
 from radars import eight_receiver_radar
 
 RADAR = eight_receiver_radar(period_s=0.05)
@@ -87,6 +88,7 @@ def test_track_figure_labels_tracks_and_truth(result):
     assert {"0", "1", "truth", "track", "detection", "y (m, left positive)"} <= set(texts)
 
 
+@nightly
 def test_figure_shows_longest_of_many_tracks(result):
     short_tracks = result.tracks.isel(track=[0] * 100)
     short_tracks["status"] = short_tracks.status.where(short_tracks.frame < 4, "")
