@@ -84,6 +84,7 @@ def test_target_can_be_dragged(live_page, tmp_path):
     live_page.save_screenshot("dragged")
 
 
+@nightly
 def test_noise_factor_6_db_higher_raises_map_by_6_db(live_page):
     live_page.open()
     live_page.open_tab("Scene")
@@ -206,6 +207,7 @@ def test_keyboard_plays_changes_setting_and_opens_tab(live_page):
     )
 
 
+@nightly
 def test_page_is_loaded_again_after_back_and_reports_lost_connection(live_page):
     live_page.page.add_init_script(_REMEMBER_SOCKETS_JS)
     live_page.open("teach/1")

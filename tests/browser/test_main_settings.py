@@ -60,6 +60,7 @@ def test_lists_are_folded(live_page):
     live_page.save_screenshot("unfolded")
 
 
+@nightly
 def test_page_begins_to_play(browser, address):
     context = browser.new_context(viewport={"width": 1280, "height": 720})
     live_page = LivePage(context, address).open()

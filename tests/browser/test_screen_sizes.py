@@ -90,6 +90,7 @@ def test_figures_keep_their_size_from_frame_to_frame(live_page):
     assert all(old - 20 < new <= old for old, new in zip(heights, later, strict=True))
 
 
+@nightly
 def test_finger_moves_cursor(browser, address):
     context = browser.new_context(
         viewport={"width": 500, "height": 900}, has_touch=True, reduced_motion="reduce"
@@ -103,6 +104,7 @@ def test_finger_moves_cursor(browser, address):
     assert live_page.errors == []
 
 
+@nightly
 def test_tile_is_enlarged_saved_as_picture_and_read_at_pointer(live_page, tmp_path):
     live_page.open()
     page = live_page.page
