@@ -14,6 +14,7 @@ from dechirp.config.dumping import dump_yaml
 from dechirp.evaluation.association import associate_detections
 from dechirp.report.figures.top_view import GroundDetections
 from dechirp.report.page import render_report
+from nightly import nightly
 
 EXAMPLE = Path(dc.__file__).parents[2] / "examples" / "mimo.yaml"
 
@@ -71,6 +72,7 @@ def test_report_shows_directions_and_counts_posts_separately(result, page):
     assert len(page.encode()) < 1_500_000
 
 
+@nightly
 def test_report_of_recording_shows_detections_from_above_without_truth(result):
     scenario = SimpleNamespace(
         **{
@@ -100,6 +102,7 @@ def test_report_of_recording_shows_detections_from_above_without_truth(result):
     assert "truth" not in re.sub(r"data:[^\"]+", "", page)
 
 
+@nightly
 @pytest.mark.usefixtures("without_figures")
 def test_report_without_directions_omits_section(result):
     detections = result.detections.copy()

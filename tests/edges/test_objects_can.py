@@ -33,7 +33,7 @@ from dechirp.results.object_lists.can_logs import (
     write_can_log,
 )
 from dechirp.results.object_lists.list_columns import build_object_list
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 from sample_object_lists import (
     DBC_STEPS,
     check_object_lists_agree,
@@ -65,6 +65,7 @@ def count_bits_on_bus(data: bytes, identifier: int) -> tuple[int, int]:
     return len(stuffed_bits), 4 + crc + fixed + 1 + 1 + 1 + 7 + 3
 
 
+@nightly
 @given(st.sampled_from(FRAME_LENGTHS), st.integers(0, 2**11 - 1), st.integers(0), st.booleans())
 def test_frame_length_stays_below_worst_case(n_bytes, identifier, seed, is_constant):
     rng = np.random.default_rng(seed)

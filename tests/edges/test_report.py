@@ -51,7 +51,7 @@ from dechirp.scene.truth import truth
 from dechirp.scene.waypoints import Waypoint
 from dechirp.simulation.engine import Engine
 from dechirp.simulation.simulate import simulate
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 from page_checks import check_captions, check_pdf_contains_page_text
 
 CHIRP = Chirp(
@@ -353,6 +353,7 @@ def test_report_lists_strongest_fifty_of_many_detections():
     assert len(page) < 1_500_000
 
 
+@nightly
 def test_report_accepts_infinite_thresholds():
     run_result = make_result()
     run_result.threshold[:, :60] = np.inf
@@ -406,6 +407,7 @@ def test_figures_have_captions_and_pdf_contains_all_text(page):
     check_pdf_contains_page_text(page)
 
 
+@nightly
 def test_same_result_gives_same_page(page):
     assert render_page(make_result()) == page
 
@@ -622,6 +624,7 @@ def test_report_describes_bodies_paths_and_summation_kernel():
     assert "of the RMS value" not in render_page(make_recorded_result())
 
 
+@nightly
 def test_page_with_many_scatterers_stays_small():
     positions_m = np.random.default_rng(5).uniform(-3, 3, (20_000, 3))
     cloud = PointCloud(positions_m=positions_m, rcs_m2=np.full(20_000, 1e-4))

@@ -26,7 +26,7 @@ from dechirp.cli.main import main
 from dechirp.core.errors import InvalidSetting
 from dechirp.studio.access_control import allowed_host_headers
 from dechirp.studio.server import MAX_MESSAGE_BYTES, MAX_PAGES, BatchingConnection, StudioServer
-from nightly import nightly_except
+from nightly import nightly
 
 ACK = b'"msgtype": "ACK"'
 
@@ -312,9 +312,8 @@ def test_rejects_invalid_calls_before_serving(arguments, capsys):
     assert "; expected " in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "signal_number", nightly_except([signal.SIGTERM], [signal.SIGINT, signal.SIGTERM])
-)
+@nightly  # the browser tests start a server too
+@pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
 def test_sigint_and_sigterm_exit_cleanly_and_release_port(signal_number):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     process = subprocess.Popen(

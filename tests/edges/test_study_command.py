@@ -146,6 +146,7 @@ def test_rejects_changed_study_in_same_folder(study_file, tmp_path, capsys):
     assert read_blocks(out) == rows
 
 
+@nightly
 def test_impossible_point_is_reported_as_failure(study_file, tmp_path, capsys):
     # Each value is valid alone; 13 training cells with 16 velocities are not.
     study_file.write_text(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # Modules of the extras; the script below hides them from imports.
@@ -41,10 +41,8 @@ def run_without_extras(folder, *arguments):
     )
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    nightly_except(["list --json"], ["list --json", "schema scenario", "doctor --json"]),
-)
+@nightly  # tests/test_package.py runs without extras too
+@pytest.mark.parametrize("arguments", ["list --json", "schema scenario", "doctor --json"])
 def test_commands_without_extras_work(tmp_path, arguments):
     process = run_without_extras(tmp_path, *arguments.split())
     assert (process.returncode, process.stderr) == (0, "")

@@ -545,6 +545,7 @@ def test_python_code_of_datasheet_reads_an_item(undisturbed_folder, data, monkey
     assert dict(names["known"].sizes) == {"frame": 1, "target": 2}
 
 
+@nightly
 def test_command_writes_data_set_and_datasheet(tmp_path, capsys):
     file, out = tmp_path / "study.yaml", tmp_path / "out"
     file.write_text(dump_study_as_yaml(make_study(trials=TrialBudget(at_most=4, block=2), vary=())))

@@ -326,6 +326,7 @@ def test_command_writes_report_and_scenario_and_prints_differences(saved_capture
     assert json.loads((saved_capture / "dechirp-twin" / "twin.json").read_text()) == document
 
 
+@nightly
 def test_twin_of_noise_reports_no_peak_to_judge(small_radar, tmp_path, monkeypatch, capsys):
     from dechirp.config.dumping import dump_yaml
 
@@ -339,6 +340,7 @@ def test_twin_of_noise_reports_no_peak_to_judge(small_radar, tmp_path, monkeypat
     assert re.search(r"Noise difference [\d.]+ dB, no peak to judge", out)
 
 
+@nightly
 def test_failed_tolerance_exits_with_status_1(saved_capture, capsys):
     arguments = (
         "twin",

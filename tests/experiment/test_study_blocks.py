@@ -23,6 +23,7 @@ from dechirp.experiments.study.study import Study, SweptSetting, TrialBudget
 from dechirp.experiments.study.trial import create_trial_runner, run_trial_block
 from dechirp.simulation.impairments.bumper import Bumper
 from dechirp.simulation.impairments.noise import ThermalNoise
+from nightly import nightly
 from trial_cases import make_target, small_radar
 
 SCENE = dc.Scene(targets=(make_target(name="car"), make_target(41.3, -5.0, name="van", rcs_m2=3.0)))
@@ -50,6 +51,7 @@ def frequent_switches():
     sys.setswitchinterval(interval_s)
 
 
+@nightly
 def test_blocks_of_a_point_can_run_in_threads(frequent_switches):
     numbers = [*range(4)] * 3
     serial_plan, plan = Plan.from_study(make_study()), Plan.from_study(make_study())

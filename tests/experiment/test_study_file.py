@@ -14,6 +14,7 @@ from dechirp.experiments.study.dumping import dump_study_as_yaml
 from dechirp.experiments.study.parsing import load_study
 from dechirp.experiments.study.plan import Plan
 from dechirp.experiments.study.study import RandomSetting, Sampling, Study, SweptSetting
+from nightly import nightly
 
 SCENARIO = """\
 radar:
@@ -166,6 +167,7 @@ def test_counts_with_log_spacing_are_integers(load_swept_setting):
     assert axis.texts == ("16", "32", "64", "128", "256")
 
 
+@nightly
 @settings(max_examples=60, deadline=None)
 @given(
     low=st.decimals(-1000, 1000, places=3),

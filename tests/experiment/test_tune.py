@@ -203,6 +203,7 @@ def test_candidate_whose_workers_died_does_not_change_other_trials(
     ) == tune_result_as_dict(reference_result)
 
 
+@nightly
 def test_settings_that_fail_in_confirmation_trials_are_not_chosen(tmp_path):
     text = TUNE.replace("candidates: 12", "candidates: 4").replace("confirmation_trials: 80", "")
     tune = load_tune(write_tune_file(tmp_path, text + "confirmation_trials: 4\n"))
@@ -360,6 +361,7 @@ def write_recorded_tune_file(folder: Path) -> Path:
     return folder / "tune.yaml"
 
 
+@nightly
 def test_recording_is_searched_on_one_half_and_confirmed_on_other(tmp_path):
     tune_result = run_search(
         load_tune(write_recorded_tune_file(tmp_path)), tmp_path / "out", workers=immediate_workers()

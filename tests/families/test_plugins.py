@@ -106,6 +106,7 @@ def broken_plugin_folder(tmp_path):
     return tmp_path
 
 
+@nightly
 def test_broken_plugins_are_named_and_other_members_remain(broken_plugin_folder):
     listing = run_dechirp("list", "cfar", path=broken_plugin_folder, cwd=broken_plugin_folder)
     assert listing.returncode == 0 and "ordered-statistic" in listing.stdout

@@ -12,7 +12,7 @@ import dechirp as dc
 from dechirp.results.data_set import open_data_set_groups
 from dechirp.results.parquet import read_parquet
 from faults.conftest import command_arguments
-from nightly import nightly
+from nightly import nightly, nightly_except
 
 NAMES = {
     "spaces": b"two  spaces ",
@@ -23,6 +23,7 @@ NAMES = {
     "255 bytes": b"L" * 255,
 }
 each_odd_name = pytest.mark.parametrize("kind", NAMES)
+one_odd_name = pytest.mark.parametrize("kind", nightly_except(["not UTF-8"], NAMES))
 
 
 @pytest.fixture
@@ -39,7 +40,7 @@ def odd_folder(kind, folder, monkeypatch) -> Path:
     return odd_path
 
 
-@each_odd_name
+@one_odd_name
 def test_run_document_names_files_that_exist(odd_folder, call):
     arguments = ("run", str(odd_folder / "small.yaml"), "--out", str(odd_folder / "out"), "--json")
     status, out, errors = call(*arguments)
@@ -53,9 +54,7 @@ def test_run_document_names_files_that_exist(odd_folder, call):
     assert dc.open(json.loads(out)["written"][0]).n_frames == 1
 
 
-@pytest.mark.parametrize(
-    "kind", [name if name == "not UTF-8" else pytest.param(name, marks=nightly) for name in NAMES]
-)
+@one_odd_name
 def test_written_scenario_of_recording_reproduces_run(odd_folder, call):
     arguments = ("run", str(odd_folder / "in.npz"), "--out", "out", "--quiet")
     assert call(*arguments)[0] == 0

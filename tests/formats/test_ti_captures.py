@@ -40,7 +40,7 @@ from dechirp.recordings.streams.packets import (
 from dechirp.recordings.streams.scan import scan_file_in_windows
 from dechirp.simulation.adc_codes import has_adc_codes
 from formats.corruption import assert_cube_or_error, corrupted_bytes
-from nightly import n_examples
+from nightly import n_examples, nightly
 
 RADAR = Radar(
     frame=Frame(
@@ -842,6 +842,7 @@ def test_corrupted_cascade_gives_cube_or_error(tmp_path_factory, cascade_radar, 
     assert_cube_or_error(folder, radar=cascade_radar, iq="iq")
 
 
+@nightly
 @pytest.mark.usefixtures("without_figures")
 def test_changed_radar_keeps_sample_layout(tmp_path, monkeypatch, capsys):
     """Cover receivers 1 and 3: setting the frame period must not select receivers 1 and 2."""

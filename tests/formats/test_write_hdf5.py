@@ -21,7 +21,7 @@ from dechirp.simulation.adc_codes import extract_adc_codes
 from dechirp.simulation.impairments.noise import ThermalNoise
 from dechirp.simulation.impairments.quantisation import Quantisation
 from formats.corruption import assert_cube_or_error, corrupted_bytes
-from nightly import n_examples
+from nightly import n_examples, nightly
 
 SCENE = dc.Scene(
     targets=[
@@ -308,6 +308,7 @@ for room in range(0, least * 9 // 10, least // 12):
 """
 
 
+@nightly
 @EVERY_SUFFIX
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of file sizes")
 def test_full_disk_keeps_existing_file(tmp_path, small_radar, suffix):
@@ -418,6 +419,7 @@ def test_altered_native_file_error_names_mistake(tmp_path, small_radar, change, 
         dc.open(path)
 
 
+@nightly
 def test_round_trip_keeps_calibration_of_900_channels(tmp_path, small_radar):
     # The description exceeds 64 KiB, the attribute limit of the oldest HDF5 files.
     array = dc.Array(rx_m=[(0, 2e-3 * index, 0) for index in range(900)])

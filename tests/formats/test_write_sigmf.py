@@ -33,7 +33,7 @@ from formats.native_recordings import (
     make_tdm_recording,
     open_real_capture,
 )
-from nightly import n_examples
+from nightly import n_examples, nightly
 
 META, DATA = "x.sigmf-meta", "x.sigmf-data"
 
@@ -131,6 +131,7 @@ def test_folder_in_place_of_one_file_keeps_other_file(tmp_path):
     assert (tmp_path / DATA).read_bytes() == b"earlier"
 
 
+@nightly
 def test_rejects_tables_too_large_for_json_before_writing(tmp_path):
     large_table = xr.Dataset({"v": ("n", np.random.default_rng(1).normal(size=2**20))})
     recording = dc.recording_from_cube(

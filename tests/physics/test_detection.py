@@ -15,7 +15,7 @@ from dechirp.processing.peaks import find_peaks
 from dechirp.processing.spectrum import Transform
 from dechirp.theory.detection import detection_probability, detection_threshold
 from dechirp.theory.windows import Window
-from nightly import nightly_except
+from nightly import NIGHTLY, nightly_except
 from noise_cubes import add_noise, iter_noisy_trials, simulate_noise_cube
 
 
@@ -31,7 +31,7 @@ def make_chain(window, **bins):
 )
 def test_detects_reference_target_in_ninety_percent_of_trials(reference, clean, window, snr_db):
     radar, truth = reference.radar, dc.truth(reference.scene, reference.radar).isel(frame=0)
-    n_trials, hits = 2500, 0
+    n_trials, limit, hits = (2500, 0.9, 0) if NIGHTLY else (600, 0.88, 0)
     for cube in iter_noisy_trials(clean, snr_db, np.random.default_rng(21), n_trials):
         detections = detect_columns([cube], radar, make_chain(window))
         is_near = (
@@ -42,7 +42,8 @@ def test_detects_reference_target_in_ninety_percent_of_trials(reference, clean, 
             <= radar.frame.velocity_resolution_m_per_s
         )
         hits += bool(is_near.any())
-    assert hits / n_trials >= 0.9
+    # 600 trials have a standard error of 1.2 %, 2,500 of 0.6 %.
+    assert hits / n_trials >= limit
 
 
 def test_peak_to_noise_ratio_follows_integration_gain(reference, clean):

@@ -2,11 +2,23 @@
 
 import pytest
 
+from nightly import nightly
 from recordings.default_runs import TRUTHS, run_by_default
+
+# Another truth of the folder or of the sensor is quicker.
+LONG = ("people who move", "0.50, 0.74 and 0.45 m at 1, 32 and 51 s", "person at 0.327 m")
 
 
 @pytest.mark.parametrize(
-    "known", [pytest.param(known, id=f"{known.name}: {known.truth}") for known in TRUTHS]
+    "known",
+    [
+        pytest.param(
+            known,
+            id=f"{known.name}: {known.truth}",
+            marks=nightly if known.truth in LONG else (),
+        )
+        for known in TRUTHS
+    ],
 )
 def test_default_run_shows_known_truth(request, known):
     result = run_by_default(known, request.getfixturevalue(f"{known.collection}_data"))

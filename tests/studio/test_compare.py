@@ -69,6 +69,7 @@ def test_equal_settings_give_zero_change():
     assert rows["range_rmse"].change.high == rows["range_rmse"].change.low == 0
 
 
+@nightly
 def test_common_noise_resolves_small_difference():
     # 0.25 dB changes the detection probability by 0.02 where it is 0.5.
     rows = count_trials(build_scenario(), build_scenario(snr_db=-19.75), 400)

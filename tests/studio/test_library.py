@@ -22,6 +22,7 @@ from dechirp.studio.library import (
 )
 from dechirp.studio.option_hints import translate_cli_fix_to_page
 from dechirp.studio.scenario_edits import PageLimits, apply_overrides, parse_scenario
+from nightly import nightly
 from trial_cases import make_target, small_radar
 
 
@@ -127,6 +128,7 @@ def test_folder_with_links_to_outside_is_not_allowed(folder, tmp_path):
     assert not is_tree_inside(folder / "day", [folder])
 
 
+@nightly
 def test_scan_of_ten_thousand_files_inspects_five_hundred(folder, monkeypatch):
     inspected_paths = []
     monkeypatch.setattr(

@@ -25,6 +25,7 @@ from dechirp.studio.views.range_doppler import RangeDopplerView
 from dechirp.studio.views.scene import SceneView, format_position_setting, position_at_time_zero_m
 from dechirp.studio.views.tracks import TrackTails
 from dechirp.tracking.online import Track
+from nightly import nightly
 
 LIMITS = PageLimits()
 # Cells of 1 m and 1.2 m/s, to 64 m and 19 m/s; a beam of 13 degrees.
@@ -166,6 +167,7 @@ def test_noise_alone_stays_in_lower_half_of_colours(page, noise_factor):
     assert np.median(image) > 0  # and is not cut off
 
 
+@nightly
 def test_large_map_is_reduced_and_keeps_its_peak(page):
     page.scenario = apply_overrides(
         page.scenario, ["chain.n_range_bins=2048", "chain.n_velocity_bins=512"], LIMITS

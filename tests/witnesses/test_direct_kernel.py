@@ -17,6 +17,7 @@ from kernel_cases import (
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.simulation.kernels.direct import PreviousRamps, add_echoes
+from nightly import nightly
 
 # Specified error of the kernel, relative to the sum of the magnitudes of all echoes.
 MAX_RELATIVE_ERROR = 1e-9
@@ -173,6 +174,7 @@ def test_random_scenes_match_plain_sum(
     assert (abs(echoes - exact) <= MAX_RELATIVE_ERROR * sizes).all()
 
 
+@nightly
 def test_chirps_can_be_divided_among_threads():
     rng = np.random.default_rng(3)
     transmission, n_samples = make_transmission("middle", rng, n_tx=3, n_rx=4)
