@@ -92,8 +92,9 @@ def browser():
         chromium.close()
 
 
-@pytest.fixture(scope="module")
-def address(browser, folder) -> Iterator[str]:
+@pytest.fixture(scope="session")
+def studio_address(folder) -> Iterator[str]:
+    """Start the studio once: it imports and compiles for seconds."""
     call = [sys.executable, "-m", "dechirp", "studio", str(folder), "--port", "0", "--json"]
     with subprocess.Popen(call, stdout=subprocess.PIPE, text=True) as server:
         try:
@@ -101,6 +102,12 @@ def address(browser, folder) -> Iterator[str]:
         finally:
             server.terminate()
             server.wait(30)
+
+
+@pytest.fixture(scope="module")
+def address(request, browser) -> str:
+    """Return the address of the studio, which starts after the browser if there is one."""
+    return request.getfixturevalue("studio_address")
 
 
 class LivePage:
