@@ -92,10 +92,13 @@ _NAMESPACES = {
     "tuning": "experiments.tune.tune",
     # Functions
     "fixed_point": "processing.fixed_point",
+    "link_budget": "theory.link_budget",
+    "maps": "processing.maps",
     "object_lists": "results.object_lists",
     "slow_time": "processing.slow_time",
     "theory": "theory",
     "track_metrics": "evaluation.track_metrics",
+    "windows": "theory.windows",
 }
 """Packages and modules by the name of their namespace."""
 

@@ -30,6 +30,7 @@ from dechirp.experiments.twin.twin import twin as twin
 from dechirp.processing import angle as angle
 from dechirp.processing import cfar as cfar
 from dechirp.processing import fixed_point as fixed_point
+from dechirp.processing import maps as maps
 from dechirp.processing import mitigation as mitigation
 from dechirp.processing import slow_time as slow_time
 from dechirp.processing.angle.aperture import FieldOfView as FieldOfView
@@ -76,6 +77,8 @@ from dechirp.scene.waypoints import Waypoint as Waypoint
 from dechirp.simulation import impairments as impairments
 from dechirp.simulation.engine import Engine as Engine
 from dechirp.simulation.simulate import simulate as simulate
+from dechirp.theory import link_budget as link_budget
+from dechirp.theory import windows as windows
 from dechirp.tracking.batch import track as track
 from dechirp.tracking.ego import EgoMotion as EgoMotion
 from dechirp.tracking.ego import ego_motion as ego_motion

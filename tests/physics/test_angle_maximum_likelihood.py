@@ -6,7 +6,7 @@ import pytest
 from dechirp import InvalidSetting
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.angle.maximum_likelihood import MaximumLikelihood
-from dechirp.theory.bounds import angle_std_rad
+from dechirp.theory.bounds import crlb_angle
 from dechirp.theory.direction_bounds import direction_std_rad
 from snapshots import (
     HALF_POWER_WIDTH,
@@ -41,7 +41,7 @@ def test_single_source_reaches_crlb(n_elements):
     estimates = MaximumLikelihood().find_directions(x, array, np.full(N_TRIALS, NOISE_POWER))
 
     error = estimates.azimuth_rad - azimuth
-    bound = angle_std_rad(
+    bound = crlb_angle(
         snr=1 / NOISE_POWER, positions_m=array.positions[:, 1], wavelength_m=1.0, angle_rad=azimuth
     )
     ratio = np.sqrt(np.mean((error / bound) ** 2))

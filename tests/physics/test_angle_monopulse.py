@@ -6,7 +6,7 @@ import pytest
 import dechirp as dc
 from dechirp.processing.angle.aperture import Aperture, FieldOfView
 from dechirp.processing.angle.monopulse import Monopulse, displaced_element_pairs_per_angle
-from dechirp.theory.bounds import angle_std_rad
+from dechirp.theory.bounds import crlb_angle
 
 
 def linear_positions(y):
@@ -54,7 +54,7 @@ def test_linear_array_error_equals_bound_of_equivalent_element_pair(y, equivalen
     aperture, n = Aperture(linear_positions(y)), 2000
     (azimuth, _), estimates = estimate_trials(aperture, n, np.random.default_rng(91))
     error = estimates.azimuth_rad[:, 0] - azimuth
-    bound = angle_std_rad(
+    bound = crlb_angle(
         snr=100, positions_m=[0, equivalent_spacing], wavelength_m=1.0, angle_rad=azimuth
     )
     # The standard error of the ratio over 2,000 trials is 0.016.

@@ -10,7 +10,7 @@ from dechirp.processing.angle.covariance import Smoothing, array_smoothing_windo
 from dechirp.processing.angle.esprit import Esprit
 from dechirp.processing.angle.music import Music
 from dechirp.processing.angle.root_music import RootMusic
-from dechirp.theory.bounds import angle_std_rad
+from dechirp.theory.bounds import crlb_angle
 from snapshots import (
     HALF_POWER_WIDTH,
     random_azimuth_pairs,
@@ -45,7 +45,7 @@ def test_single_source_is_close_to_crlb_with_correct_standard_error(method, n_el
     estimates = method().find_directions(x, array, noise_powers(N_TRIALS))
 
     error = estimates.azimuth_rad - azimuth
-    bound = angle_std_rad(
+    bound = crlb_angle(
         snr=1 / NOISE_POWER, positions_m=array.positions[:, 1], wavelength_m=1.0, angle_rad=azimuth
     )
     ratio = np.sqrt(np.mean((error / bound) ** 2))

@@ -15,7 +15,7 @@ from dechirp.core.units import from_decibels, to_decibels
 from dechirp.radar.budget import noise_power_w, received_power_w, sample_snr
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.radar import Radar
-from dechirp.theory.bounds import decoupled_range_std_m, range_std_m, velocity_std_m_per_s
+from dechirp.theory.bounds import crlb_range, crlb_velocity, decoupled_range_std_m
 from dechirp.theory.detection import detection_probability, detection_threshold, required_snr
 from radars import REFERENCE_FRAME
 
@@ -131,13 +131,13 @@ def test_bounds_match_published_reference_scenario(
 ):
     integrated_snr = from_decibels(sample_snr_db) * RADAR.integration_gain
 
-    range_m = range_std_m(
+    range_m = crlb_range(
         snr=integrated_snr,
         n_samples=CHIRP.n_samples,
         sample_rate_hz=CHIRP.sample_rate_hz,
         slope_hz_per_s=CHIRP.slope_hz_per_s,
     )
-    velocity = velocity_std_m_per_s(
+    velocity = crlb_velocity(
         snr=integrated_snr,
         n_chirps=FRAME.n_chirps,
         interval_s=FRAME.interval_s,
@@ -152,13 +152,13 @@ def test_bounds_in_bins_match_asymptotic_tone_bound():
     # sigma = bin sqrt(6) / (2 pi sqrt(snr)) for many points; deviation 1 / 2 N^2 = 3e-5 for 128.
     bound_in_bins = np.sqrt(6) / (2 * np.pi * 10)
 
-    range_m = range_std_m(
+    range_m = crlb_range(
         snr=100.0,
         n_samples=CHIRP.n_samples,
         sample_rate_hz=CHIRP.sample_rate_hz,
         slope_hz_per_s=CHIRP.slope_hz_per_s,
     )
-    velocity = velocity_std_m_per_s(
+    velocity = crlb_velocity(
         snr=100.0,
         n_chirps=FRAME.n_chirps,
         interval_s=FRAME.interval_s,
@@ -191,7 +191,7 @@ def test_real_samples_double_range_variance_at_equal_snr_per_sample():
     real_radar = Radar(frame=replace(FRAME, chirp=replace(CHIRP, sampling="real")))
 
     complex_std_m, real_std_m = (
-        range_std_m(
+        crlb_range(
             snr=0.01 * radar.integration_gain,
             n_samples=CHIRP.n_samples,
             sample_rate_hz=CHIRP.sample_rate_hz,

@@ -24,7 +24,7 @@ from dechirp.processing.cfar.base import NoiseEstimator
 from dechirp.processing.range_doppler_map import range_doppler_power
 from dechirp.processing.spectrum import Transform
 from dechirp.simulation.impairments.base import Impairment
-from dechirp.theory.bounds import angle_std_rad
+from dechirp.theory.bounds import crlb_angle
 from dechirp.theory.windows import window_weights
 
 MEASUREMENTS_BY_KIND = {entry.kind: entry for entry in extended.IMPAIRMENT_MEASUREMENTS}
@@ -74,7 +74,7 @@ def test_direction_bound_matches_linear_array_bound():
     array, azimuth = directions.half_wavelength_linear_array(), rng.uniform(-1, 1, (5, 1))
     amplitudes = np.exp(1j * rng.uniform(0, 6, (5, 1)))
     bound = directions.azimuth_cramer_rao_bounds_rad(array, azimuth, amplitudes, 0.01)
-    expected = angle_std_rad(
+    expected = crlb_angle(
         snr=100.0, positions_m=array.positions[:, 1], wavelength_m=1.0, angle_rad=azimuth
     )
     np.testing.assert_allclose(bound, expected, rtol=1e-9)

@@ -6,13 +6,13 @@ import pytest
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT, from_decibels
 from dechirp.theory.bounds import (
-    angle_std_rad,
+    crlb_angle,
+    crlb_range,
+    crlb_velocity,
     decoupled_range_std_m,
     frequency_variance,
     monopulse_std_rad,
     noncoherent_effective_snr,
-    range_std_m,
-    velocity_std_m_per_s,
 )
 
 # Small radar whose samples are all computed explicitly.
@@ -55,10 +55,10 @@ def test_bounds_match_inverse_fisher_information(angle, coupled):
 
     element_snr = amplitude**2 / noise_power * N_SAMPLES * N_CHIRPS
     snr = element_snr * UNEVEN_M.size
-    velocity_std = velocity_std_m_per_s(
+    velocity_std = crlb_velocity(
         snr=snr, n_chirps=N_CHIRPS, interval_s=INTERVAL_S, wavelength_m=WAVELENGTH_M
     )
-    range_std = range_std_m(
+    range_std = crlb_range(
         snr=snr, n_samples=N_SAMPLES, sample_rate_hz=SAMPLE_RATE, slope_hz_per_s=SLOPE
     )
     if coupled:
@@ -68,7 +68,7 @@ def test_bounds_match_inverse_fisher_information(angle, coupled):
             mid_window_frequency_hz=MID_HZ,
             slope_hz_per_s=SLOPE,
         )
-    angle_std = angle_std_rad(
+    angle_std = crlb_angle(
         snr=element_snr, positions_m=UNEVEN_M, wavelength_m=WAVELENGTH_M, angle_rad=angle
     )
     # Error of the central differences: about 1e-6.
@@ -103,7 +103,7 @@ def test_frequency_bounds_match_published_maximum_likelihood_errors():
 def test_angle_bound_of_16_element_array_matches_published_value():
     # 18 dB per element, half-wavelength spacing, 20 degrees.
     array = {"positions_m": 0.5 * np.arange(16), "wavelength_m": 1.0}
-    std_rad = angle_std_rad(snr=from_decibels(18.0), angle_rad=np.deg2rad(20.0), **array)
+    std_rad = crlb_angle(snr=from_decibels(18.0), angle_rad=np.deg2rad(20.0), **array)
     assert np.rad2deg(std_rad) == pytest.approx(0.09369846731547442, rel=1e-9)
 
 
@@ -115,30 +115,28 @@ def test_angle_bound_of_uniform_array_follows_frequency_bound(n, spacing):
     phase_std = np.sqrt(frequency_variance(snr=n * snr, n_points=n))
     expected = phase_std / (2 * np.pi * spacing * np.cos(angle))
     positions_m = 0.004 * spacing * np.arange(n)
-    std = angle_std_rad(snr=snr, positions_m=positions_m, wavelength_m=0.004, angle_rad=angle)
+    std = crlb_angle(snr=snr, positions_m=positions_m, wavelength_m=0.004, angle_rad=angle)
     assert std == pytest.approx(expected, rel=1e-12)
 
 
 def test_angle_bound_does_not_depend_on_array_position_or_order():
     positions_m = np.array([0.0, 0.5, 1.7, 4.0])
     settings = {"snr": 10.0, "wavelength_m": 1.0, "angle_rad": 0.2}
-    std = angle_std_rad(positions_m=positions_m, **settings)
-    assert angle_std_rad(positions_m=100.0 - positions_m, **settings) == pytest.approx(
-        std, rel=1e-12
-    )
+    std = crlb_angle(positions_m=positions_m, **settings)
+    assert crlb_angle(positions_m=100.0 - positions_m, **settings) == pytest.approx(std, rel=1e-12)
 
 
 def test_coincident_elements_have_infinite_angle_bound():
     for positions_m in ([0.0], [0.3, 0.3, 0.3]):
         assert np.isinf(
-            angle_std_rad(snr=10.0, positions_m=positions_m, wavelength_m=1.0, angle_rad=0.1)
+            crlb_angle(snr=10.0, positions_m=positions_m, wavelength_m=1.0, angle_rad=0.1)
         )
 
 
 def test_monopulse_with_slope_1_6_reaches_bound_of_uniform_array():
     # The half-power width of a long uniform array is 0.8859 wavelengths over its length.
     n, snr = 400, 0.5
-    bound = angle_std_rad(snr=snr, positions_m=0.5 * np.arange(n), wavelength_m=1.0, angle_rad=0.0)
+    bound = crlb_angle(snr=snr, positions_m=0.5 * np.arange(n), wavelength_m=1.0, angle_rad=0.0)
     std = monopulse_std_rad(snr=n * snr, beamwidth_rad=0.8859 / (0.5 * n))
     # The best slope is 1.607.
     assert std == pytest.approx(bound, rel=0.006)
@@ -151,9 +149,9 @@ def test_bounds_fall_with_root_of_snr_from_minus_30_to_90_db(n):
     snr = from_decibels(np.linspace(-30, 90, 121))
     count = min(n, 10_000)
     for std in (
-        range_std_m(snr=snr, n_samples=n, sample_rate_hz=3e8, slope_hz_per_s=2e13),
-        velocity_std_m_per_s(snr=snr, n_chirps=n, interval_s=7e-6, wavelength_m=0.0039),
-        angle_std_rad(
+        crlb_range(snr=snr, n_samples=n, sample_rate_hz=3e8, slope_hz_per_s=2e13),
+        crlb_velocity(snr=snr, n_chirps=n, interval_s=7e-6, wavelength_m=0.0039),
+        crlb_angle(
             snr=snr, positions_m=0.002 * np.arange(count), wavelength_m=0.0039, angle_rad=1.5
         ),
         monopulse_std_rad(snr=snr, beamwidth_rad=1 / n),
@@ -179,7 +177,7 @@ def test_bounds_fall_with_points_and_grow_towards_endfire():
     variances = [frequency_variance(snr=1.0, n_points=n) for n in (2, 3, 10, 1000, 10**6)]
     assert np.all(np.diff(variances) < 0)
     angles = np.linspace(0, 1.57, 100)
-    std = angle_std_rad(snr=1.0, positions_m=[0, 1], wavelength_m=2.0, angle_rad=angles)
+    std = crlb_angle(snr=1.0, positions_m=[0, 1], wavelength_m=2.0, angle_rad=angles)
     assert np.all(np.diff(std) > 0)
 
 
@@ -202,9 +200,9 @@ NON_POSITIVE_VALUES = [0.0, -1.0, np.nan, np.inf, [1.0, -1.0]]
     ("bound", "valid_settings", "name", "invalid_value"),
     [
         *((frequency_variance, POINTS, "snr", value) for value in NON_POSITIVE_VALUES),
-        *((range_std_m, RANGE, "snr", value) for value in NON_POSITIVE_VALUES),
-        *((velocity_std_m_per_s, VELOCITY, "snr", value) for value in NON_POSITIVE_VALUES),
-        *((angle_std_rad, ANGLE, "snr", value) for value in NON_POSITIVE_VALUES),
+        *((crlb_range, RANGE, "snr", value) for value in NON_POSITIVE_VALUES),
+        *((crlb_velocity, VELOCITY, "snr", value) for value in NON_POSITIVE_VALUES),
+        *((crlb_angle, ANGLE, "snr", value) for value in NON_POSITIVE_VALUES),
         *((monopulse_std_rad, MONOPULSE, "snr", value) for value in NON_POSITIVE_VALUES),
         *((frequency_variance, POINTS, "n_points", n) for n in (1, 0, -4, 2.5, np.nan)),
         *(
@@ -212,12 +210,12 @@ NON_POSITIVE_VALUES = [0.0, -1.0, np.nan, np.inf, [1.0, -1.0]]
             for value in NON_POSITIVE_VALUES
         ),
         *((noncoherent_effective_snr, NONCOHERENT_SUM, "n_channels", n) for n in (0, -1, 1.5)),
-        *((range_std_m, RANGE, "n_samples", n) for n in (1, 128.0)),
-        *((velocity_std_m_per_s, VELOCITY, "n_chirps", n) for n in (1, "64")),
-        *((range_std_m, RANGE, "sample_rate_hz", value) for value in NON_POSITIVE_VALUES),
-        *((range_std_m, RANGE, "slope_hz_per_s", value) for value in NON_POSITIVE_VALUES),
-        *((velocity_std_m_per_s, VELOCITY, "interval_s", value) for value in NON_POSITIVE_VALUES),
-        *((velocity_std_m_per_s, VELOCITY, "wavelength_m", value) for value in NON_POSITIVE_VALUES),
+        *((crlb_range, RANGE, "n_samples", n) for n in (1, 128.0)),
+        *((crlb_velocity, VELOCITY, "n_chirps", n) for n in (1, "64")),
+        *((crlb_range, RANGE, "sample_rate_hz", value) for value in NON_POSITIVE_VALUES),
+        *((crlb_range, RANGE, "slope_hz_per_s", value) for value in NON_POSITIVE_VALUES),
+        *((crlb_velocity, VELOCITY, "interval_s", value) for value in NON_POSITIVE_VALUES),
+        *((crlb_velocity, VELOCITY, "wavelength_m", value) for value in NON_POSITIVE_VALUES),
         *(
             (decoupled_range_std_m, DECOUPLED_RANGE, "slope_hz_per_s", value)
             for value in NON_POSITIVE_VALUES
@@ -225,9 +223,9 @@ NON_POSITIVE_VALUES = [0.0, -1.0, np.nan, np.inf, [1.0, -1.0]]
         (decoupled_range_std_m, DECOUPLED_RANGE, "mid_window_frequency_hz", -77e9),
         (decoupled_range_std_m, DECOUPLED_RANGE, "range_std_m", -0.01),
         (decoupled_range_std_m, DECOUPLED_RANGE, "velocity_std_m_per_s", np.nan),
-        *((angle_std_rad, ANGLE, "wavelength_m", value) for value in NON_POSITIVE_VALUES),
-        *((angle_std_rad, ANGLE, "angle_rad", value) for value in (np.pi / 2, -2.0, [0, np.nan])),
-        *((angle_std_rad, ANGLE, "positions_m", value) for value in ([], 0.0, [0.0, np.inf])),
+        *((crlb_angle, ANGLE, "wavelength_m", value) for value in NON_POSITIVE_VALUES),
+        *((crlb_angle, ANGLE, "angle_rad", value) for value in (np.pi / 2, -2.0, [0, np.nan])),
+        *((crlb_angle, ANGLE, "positions_m", value) for value in ([], 0.0, [0.0, np.inf])),
         *((monopulse_std_rad, MONOPULSE, "beamwidth_rad", value) for value in NON_POSITIVE_VALUES),
         *((monopulse_std_rad, MONOPULSE, "slope", value) for value in NON_POSITIVE_VALUES),
     ],
@@ -240,9 +238,9 @@ def test_rejects_invalid_setting_by_name(bound, valid_settings, name, invalid_va
 
 def test_bounds_are_empty_without_targets_and_huge_for_tiny_snr():
     for bound, settings in (
-        (range_std_m, RANGE),
-        (velocity_std_m_per_s, VELOCITY),
-        (angle_std_rad, ANGLE),
+        (crlb_range, RANGE),
+        (crlb_velocity, VELOCITY),
+        (crlb_angle, ANGLE),
         (monopulse_std_rad, MONOPULSE),
     ):
         assert bound(**settings | {"snr": []}).shape == (0,)

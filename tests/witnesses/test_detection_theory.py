@@ -26,7 +26,7 @@ from dechirp.theory.detection import (
     exceedance_probability,
     required_snr,
 )
-from dechirp.theory.snr_approximations import albersheim_snr, shnidman_snr
+from dechirp.theory.snr_approximations import albersheim, shnidman
 from nightly import nightly_except
 
 CASES = range(5)
@@ -312,9 +312,9 @@ def test_known_phase_needs_12_6_db_and_less_than_unknown_phase():
 
 
 def test_albersheim_and_shnidman_give_published_snr():
-    assert to_decibels(albersheim_snr(0.9, 1e-6)) == pytest.approx(13.114, abs=6e-4)
-    assert to_decibels(shnidman_snr(0.9, 1e-6)) == pytest.approx(13.12, abs=0.005)
-    assert to_decibels(shnidman_snr(0.9, 1e-6, swerling=1)) == pytest.approx(21.35, abs=0.005)
+    assert to_decibels(albersheim(0.9, 1e-6)) == pytest.approx(13.114, abs=6e-4)
+    assert to_decibels(shnidman(0.9, 1e-6)) == pytest.approx(13.12, abs=0.005)
+    assert to_decibels(shnidman(0.9, 1e-6, swerling=1)) == pytest.approx(21.35, abs=0.005)
 
 
 @pytest.mark.parametrize(
@@ -323,7 +323,7 @@ def test_albersheim_and_shnidman_give_published_snr():
 )
 def test_albersheim_error_is_within_stated_range(pds, error_range_db):
     errors_db = [
-        to_decibels(albersheim_snr(pd, pfa, n_summed=n) / required_snr(pd, pfa, n_summed=n))
+        to_decibels(albersheim(pd, pfa, n_summed=n) / required_snr(pd, pfa, n_summed=n))
         for pd in pds
         for pfa in (1e-7, 1e-5, 1e-3)
         for n in (1, 5, 100, 8096)
@@ -340,7 +340,7 @@ def test_shnidman_error_is_within_stated_limit(swerling, max_error_db):
     for pd in (0.1, 0.5, 0.77, 0.87, 0.88, 0.97, 0.99):
         for pfa in (1e-9, 1e-6, 1e-3):
             for n in (1, 2, 39, 40, 100):
-                approximate_snr = shnidman_snr(pd, pfa, n_summed=n, swerling=swerling)
+                approximate_snr = shnidman(pd, pfa, n_summed=n, swerling=swerling)
                 exact_snr = required_snr(pd, pfa, n_summed=n, swerling=swerling)
                 assert to_decibels(approximate_snr / exact_snr) == pytest.approx(
                     0.0, abs=max_error_db
@@ -390,7 +390,7 @@ def test_m_of_n_reduces_to_any_and_all_trials():
         (lambda: detection_probability(None, 1e-6), "a real number"),
         (lambda: detection_threshold(1e-310), "from 1e-300"),
         (lambda: detection_probability(1.0, np.nextafter(1, 0)), "to 1 - 1e-9"),
-        (lambda: albersheim_snr(0.9, 1e-310), "from 1e-300"),
+        (lambda: albersheim(0.9, 1e-310), "from 1e-300"),
         (lambda: binary_integration_probability("0.5", m=1, n=2), "a real number"),
         (lambda: required_snr(1e-6, 1e-6, swerling=1), "above the false-alarm probability"),
         (lambda: required_snr(1.0, 1e-6), "detection_probability"),
@@ -398,21 +398,21 @@ def test_m_of_n_reduces_to_any_and_all_trials():
         (lambda: required_snr(0.9, 1e-6, swerling=1.0), "swerling"),
         (lambda: coherent_detection_probability(-1.0, 1e-6), "not dB"),
         (lambda: coherent_required_snr(1e-7, 1e-6), "above the false-alarm probability"),
-        (lambda: albersheim_snr(0.9, 1.0), "false_alarm_probability"),
-        (lambda: albersheim_snr(0.01, 1e-3), "exact"),
-        (lambda: albersheim_snr(0.9, 1e-6, n_summed=0), "n_summed"),
-        (lambda: shnidman_snr(1e-7, 1e-6), "false-alarm probability"),
-        (lambda: shnidman_snr(0.9, 1e-6, swerling=7), "swerling"),
+        (lambda: albersheim(0.9, 1.0), "false_alarm_probability"),
+        (lambda: albersheim(0.01, 1e-3), "exact"),
+        (lambda: albersheim(0.9, 1e-6, n_summed=0), "n_summed"),
+        (lambda: shnidman(1e-7, 1e-6), "false-alarm probability"),
+        (lambda: shnidman(0.9, 1e-6, swerling=7), "swerling"),
         (lambda: detection_threshold("1e-6"), "false_alarm_probability: 1e-6; expected between"),
         (lambda: detection_threshold(np.array([1e-6, 1e-4])), "false_alarm_probability"),
         (lambda: detection_threshold(True), "false_alarm_probability"),
-        (lambda: detection_probability(1.0, [1e-6]), "false_alarm_probability"),
+        (lambda: detection_probability([1.0, 2.0], [1e-6] * 3), "false_alarm_probability"),
         (lambda: detection_probability(1.0, None), "false_alarm_probability"),
         (lambda: detection_probability(1.0, math.nan), "false_alarm_probability"),
-        (lambda: required_snr(np.array([0.5, 0.9]), 1e-6), "detection_probability"),
+        (lambda: required_snr(np.array([0.5, 1.0]), 1e-6), "detection_probability"),
         (lambda: required_snr("0.9", 1e-6), "detection_probability"),
         (lambda: coherent_required_snr(0.9, "1e-6"), "false_alarm_probability"),
-        (lambda: albersheim_snr(0.9, np.array([1e-6])), "false_alarm_probability"),
+        (lambda: albersheim(0.9, np.array([1e-6, 2.0])), "false_alarm_probability"),
         (lambda: cell_averaging_factor("1e-6", n_training=16), "false_alarm_probability"),
         (lambda: greatest_of_factor([1e-6], n_training=16), "false_alarm_probability"),
         (lambda: binary_integration_probability(1.1, m=1, n=2), "from 0 to 1"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.theory.bounds import angle_std_rad
+from dechirp.theory.bounds import crlb_angle
 from dechirp.theory.direction_bounds import direction_std_rad, unit_vector_derivatives, unit_vectors
 
 RNG = np.random.default_rng(71)
@@ -72,7 +72,7 @@ def test_bound_for_one_source_and_linear_array_equals_angle_bound():
         bound = direction_std_rad(
             positions=positions, azimuth_rad=[azimuth], amplitudes=[3.0], noise_power=0.5
         )
-        angle_std = angle_std_rad(
+        angle_std = crlb_angle(
             snr=9 / 0.5, positions_m=sideways_m, wavelength_m=1.0, angle_rad=azimuth
         )
         assert bound == pytest.approx(np.array([[float(angle_std), 0.0]]), rel=1e-9)

@@ -60,12 +60,12 @@ def coherent_snr_db(case):
 
 
 def albersheim_db(case):
-    snr = snr_approximations.albersheim_snr(case["pd"], case["pfa"], n_summed=case["n_pulses"])
+    snr = snr_approximations.albersheim(case["pd"], case["pfa"], n_summed=case["n_pulses"])
     return to_decibels(snr)
 
 
 def shnidman_db(case):
-    return to_decibels(snr_approximations.shnidman_snr(case["pd"], case["pfa"], **sums(case)))
+    return to_decibels(snr_approximations.shnidman(case["pd"], case["pfa"], **sums(case)))
 
 
 def factor(case):
@@ -140,7 +140,7 @@ def integrated_snr(case):
 
 
 def range_bound(case):
-    return bounds.range_std_m(
+    return bounds.crlb_range(
         snr=integrated_snr(case),
         n_samples=case["n_samples"],
         sample_rate_hz=case["fs_hz"],
@@ -149,7 +149,7 @@ def range_bound(case):
 
 
 def velocity_bound(case):
-    return bounds.velocity_std_m_per_s(
+    return bounds.crlb_velocity(
         snr=integrated_snr(case),
         n_chirps=case["n_chirps"],
         interval_s=case["chirp_interval_s"],
@@ -160,7 +160,7 @@ def velocity_bound(case):
 def angle_bound_deg(case):
     positions_m = np.arange(case["n_elements"]) * case["spacing_wavelengths"]
     return np.degrees(
-        bounds.angle_std_rad(
+        bounds.crlb_angle(
             snr=from_decibels(case["snr_per_element_db"]),
             positions_m=positions_m,
             wavelength_m=1.0,

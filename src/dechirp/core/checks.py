@@ -119,6 +119,28 @@ def check_probability(setting: str, number: float) -> None:
         )
 
 
+def check_probabilities(setting: str, array: ArrayLike) -> np.ndarray:
+    """Return an array of floats, or raise `InvalidSetting` unless all are in (0, 1)."""
+    values = _to_float_array(setting, array)
+    for wrong in values[~((values > 0) & (values < 1))]:
+        check_probability(setting, float(wrong))
+    return values
+
+
+def broadcast_arguments(**arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Broadcast arguments against each other, or raise `InvalidSetting` that names their shapes."""
+    try:
+        return np.broadcast_arrays(*arrays.values())
+    except ValueError:
+        shapes = [f"{name} {array.shape}" for name, array in arrays.items() if array.ndim]
+        raise InvalidSetting(
+            " and ".join(name for name, array in arrays.items() if array.ndim),
+            value=f"arrays {', '.join(shapes)}",
+            expected="shapes that broadcast against each other",
+            fix="give arrays of equal shape, or add axes of length 1",
+        ) from None
+
+
 def check_false_alarm_probability(setting: str, number: float) -> None:
     """Raise `InvalidSetting` for `setting` unless 1e-300 <= number <= 1 - 1e-9.
 

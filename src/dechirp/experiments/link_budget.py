@@ -107,7 +107,7 @@ def _processing_budget_lines(
     pfa = chain.cfar.false_alarm_probability
     if pfa is None:
         return lines
-    needed_snr = required_snr(DETECTION_PROBABILITY, pfa, n_summed=n_summed)
+    needed_snr = float(required_snr(DETECTION_PROBABILITY, pfa, n_summed=n_summed))
     formula = f"Pd {DETECTION_PROBABILITY:g} at Pfa {pfa:g}, steady target"
     return (
         *lines,

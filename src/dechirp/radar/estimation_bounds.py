@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dechirp.radar.frame import Frame
-from dechirp.theory.bounds import decoupled_range_std_m, range_std_m, velocity_std_m_per_s
+from dechirp.theory.bounds import crlb_range, crlb_velocity, decoupled_range_std_m
 
 
 def range_and_velocity_crlb_std(
@@ -26,7 +26,7 @@ def range_and_velocity_crlb_std(
     target. A single triangle measures both from its two beats, with equal error shares.
     """
     chirp = frame.chirp
-    range_std_at_known_velocity = range_std_m(
+    range_std_at_known_velocity = crlb_range(
         snr=snr,
         n_samples=chirp.n_samples,
         sample_rate_hz=chirp.sample_rate_hz,
@@ -38,7 +38,7 @@ def range_and_velocity_crlb_std(
     if frame.n_chirps == 1:
         doppler_hz = chirp.beat_frequency_hz(1.0) * range_std_at_known_velocity
         return range_std_at_known_velocity, np.asarray(doppler_hz * wavelengths_m / 2)
-    velocity_std = velocity_std_m_per_s(
+    velocity_std = crlb_velocity(
         snr=snr,
         n_chirps=frame.n_chirps,
         interval_s=frame.repetition_s,

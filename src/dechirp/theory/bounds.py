@@ -24,13 +24,13 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 
 __all__ = [
-    "angle_std_rad",
+    "crlb_angle",
+    "crlb_range",
+    "crlb_velocity",
     "decoupled_range_std_m",
     "frequency_variance",
     "monopulse_std_rad",
     "noncoherent_effective_snr",
-    "range_std_m",
-    "velocity_std_m_per_s",
 ]
 
 
@@ -77,10 +77,10 @@ def noncoherent_effective_snr(*, snr: ArrayLike, n_channels: int) -> np.ndarray:
         return np.asarray(chi / (1.0 + n_channels / chi))
 
 
-def range_std_m(
+def crlb_range(
     *, snr: ArrayLike, n_samples: int, sample_rate_hz: float, slope_hz_per_s: float
 ) -> np.ndarray:
-    """Return the bound on the standard deviation of range, c fs / (4 pi S) times that of frequency.
+    """Return the bound on the standard deviation of range in m, c fs / (4 pi S) of frequency's.
 
     For a target of known velocity; see `decoupled_range_std_m` for an unknown one.
     """
@@ -91,7 +91,7 @@ def range_std_m(
     return np.asarray(SPEED_OF_LIGHT * sample_rate / (4 * np.pi * slope) * np.sqrt(variance))
 
 
-def velocity_std_m_per_s(
+def crlb_velocity(
     *, snr: ArrayLike, n_chirps: int, interval_s: float, wavelength_m: ArrayLike
 ) -> np.ndarray:
     """Return the bound on the standard deviation of velocity, lambda / (4 pi T) times frequency's.
@@ -125,7 +125,7 @@ def decoupled_range_std_m(
     return np.asarray(np.hypot(range_std, frequency / slope * velocity_std))
 
 
-def angle_std_rad(
+def crlb_angle(
     *, snr: ArrayLike, positions_m: ArrayLike, wavelength_m: float, angle_rad: ArrayLike
 ) -> np.ndarray:
     r"""Return the bound on the standard deviation of the angle of one target, for a linear array.
@@ -181,7 +181,7 @@ def monopulse_std_rad(
 
     `snr` is the ratio in the sum beam, all elements included, `beamwidth_rad` its half-power
     width and `slope` that of the difference over the sum, times the width. With 1.6 a
-    uniformly weighted line reaches `angle_std_rad`.
+    uniformly weighted line reaches `crlb_angle`.
 
     References
     ----------

@@ -238,7 +238,7 @@ def cell_averaging_loss(
     snr_in_known_noise = required_snr(
         detection_probability, false_alarm_probability, n_summed=n_summed, swerling=swerling
     )
-    return adaptive / snr_in_known_noise
+    return float(adaptive / snr_in_known_noise)
 
 
 def _greatest_or_smallest_of_detection_probability(

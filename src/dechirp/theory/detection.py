@@ -30,11 +30,13 @@ from scipy.optimize import brentq
 from scipy.special import erfc, erfcinv, gammainc, gammaincc, gammainccinv
 
 from dechirp.core.checks import (
+    broadcast_arguments,
     check_detection_probability,
     check_false_alarm_probability,
     check_integer,
     check_non_negative_ratios,
     check_number,
+    check_probabilities,
 )
 from dechirp.theory.swerling import (
     probability_count_at_least,
@@ -108,31 +110,63 @@ def exceedance_probability(
 
 
 def detection_probability(
-    snr: ArrayLike, false_alarm_probability: float, *, n_summed: int = 1, swerling: int = 0
+    snr: ArrayLike, false_alarm_probability: ArrayLike, *, n_summed: int = 1, swerling: int = 0
 ) -> np.ndarray:
     """Return the probability that a target exceeds the threshold of a false-alarm probability.
 
-    `exceedance_probability` at that threshold, in the shape of `snr`. For one power, 0.9 at
-    1e-6 takes 13.18 dB of a steady target, 21.14 dB of Swerling's 1 and 2, and 17.30 dB of
-    3 and 4. Raises `InvalidSetting` as that does, and as `detection_threshold` does.
+    `exceedance_probability` at that threshold, in the shape to which both arrays broadcast. For
+    one power, 0.9 at 1e-6 takes 13.18 dB of a steady target, 21.14 dB of Swerling's 1 and 2,
+    and 17.30 dB of 3 and 4. Raises `InvalidSetting` as that does, and as `detection_threshold`
+    does.
     """
-    limit = detection_threshold(false_alarm_probability, n_summed=n_summed)
-    return exceedance_probability(snr, limit, n_summed=n_summed, swerling=swerling)
+    chi, pfa = broadcast_arguments(
+        snr=check_non_negative_ratios("snr", snr),
+        false_alarm_probability=check_probabilities(
+            "false_alarm_probability", false_alarm_probability
+        ),
+    )
+    swerling_shape(swerling, n_summed)  # checks both, for empty arrays as well
+    probability = np.empty(chi.shape)
+    for single_pfa in np.unique(pfa):
+        limit = detection_threshold(float(single_pfa), n_summed=n_summed)
+        cells = pfa == single_pfa
+        probability[cells] = exceedance_probability(
+            chi[cells], limit, n_summed=n_summed, swerling=swerling
+        )
+    return probability
 
 
 def required_snr(
-    detection_probability: float,
-    false_alarm_probability: float,
+    detection_probability: ArrayLike,
+    false_alarm_probability: ArrayLike,
     *,
     n_summed: int = 1,
     swerling: int = 0,
-) -> float:
+) -> np.ndarray:
     """Return the mean SNR in each summed power that reaches a detection probability.
 
-    The inverse of `detection_probability`, to a relative error of 1e-10. Raises
-    `InvalidSetting` unless 1e-300 <= false-alarm probability < detection probability < 1, K
-    is a whole number from 1 and `swerling` one of 0 to 4.
+    The inverse of `detection_probability`, to a relative error of 1e-10, in the shape to which
+    both probabilities broadcast. Raises `InvalidSetting` unless 1e-300 <= false-alarm probability
+    < detection probability < 1, K is a whole number from 1 and `swerling` one of 0 to 4.
     """
+    pd, pfa = broadcast_arguments(
+        detection_probability=check_probabilities("detection_probability", detection_probability),
+        false_alarm_probability=check_probabilities(
+            "false_alarm_probability", false_alarm_probability
+        ),
+    )
+    swerling_shape(swerling, n_summed)  # checks both, for empty arrays as well
+    snr = [
+        _required_snr(float(pair[0]), float(pair[1]), n_summed, swerling)
+        for pair in zip(pd.flat, pfa.flat, strict=True)
+    ]
+    return np.array(snr, float).reshape(pd.shape)
+
+
+def _required_snr(
+    detection_probability: float, false_alarm_probability: float, n_summed: int, swerling: int
+) -> float:
+    """Return `required_snr` of one pair of probabilities."""
     check_detection_probability(detection_probability, false_alarm_probability)
     limit = detection_threshold(false_alarm_probability, n_summed=n_summed)
     law = _GammaMixture(limit, n_summed, swerling)

@@ -114,7 +114,7 @@ def direction_std_rad(
 
     References
     ----------
-    See `conditional_fisher_information`; for one source on a line it is `bounds.angle_std_rad`.
+    See `conditional_fisher_information`; for one source on a line it is `bounds.crlb_angle`.
     """
     element_positions = check_finite_array("positions", positions)
     if element_positions.ndim != 2 or element_positions.shape[1] != 3:

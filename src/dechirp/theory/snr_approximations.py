@@ -6,16 +6,24 @@ and to follow published link budgets that used them.
 
 import math
 
-from dechirp.core.checks import check_detection_probability, check_integer
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dechirp.core.checks import (
+    broadcast_arguments,
+    check_detection_probability,
+    check_integer,
+    check_probabilities,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.theory.swerling import swerling_shape
 
-__all__ = ["albersheim_snr", "shnidman_snr"]
+__all__ = ["albersheim", "shnidman"]
 
 
-def albersheim_snr(
-    detection_probability: float, false_alarm_probability: float, *, n_summed: int = 1
-) -> float:
+def albersheim(
+    detection_probability: ArrayLike, false_alarm_probability: ArrayLike, *, n_summed: int = 1
+) -> np.ndarray:
     r"""Return the SNR of a steady target in each summed power, by Albersheim's formula.
 
     .. math::
@@ -23,7 +31,8 @@ def albersheim_snr(
         \lg(A + 0.12 A B + 1.7 B),
         \quad A = \ln\frac{0.62}{P_{fa}}, \quad B = \ln\frac{P_d}{1 - P_d}
 
-    with K the summed powers, Albersheim's N, and chi the snr. Meant for detection
+    with K the summed powers, Albersheim's N, and chi the snr, a ratio; the shape is that to which
+    both probabilities broadcast. Meant for detection
     probabilities from 0.1 to 0.9, false-alarm probabilities from 1e-7 to 1e-3, up to 8096
     powers, and a linear detector: amplitudes summed. Against the exact square law it is
     within 0.34 dB from a detection probability of 0.3 (0.07 dB low for one power, 0.9 and
@@ -40,8 +49,15 @@ def albersheim_snr(
     W. J. Albersheim, A closed-form approximation to Robertson's detection characteristics,
     Proc. IEEE 69(7), 1981.
     """
-    check_detection_probability(detection_probability, false_alarm_probability)
     check_integer("n_summed", n_summed, at_least=1)
+    pairs = _broadcast_probabilities(detection_probability, false_alarm_probability)
+    return np.vectorize(_albersheim_snr, otypes=[float])(*pairs, n_summed)
+
+
+def _albersheim_snr(
+    detection_probability: float, false_alarm_probability: float, n_summed: int
+) -> float:
+    check_detection_probability(detection_probability, false_alarm_probability)
     a = math.log(0.62 / false_alarm_probability)
     b = math.log(detection_probability / (1 - detection_probability))
     argument = a + 0.12 * a * b + 1.7 * b
@@ -56,20 +72,21 @@ def albersheim_snr(
     return float(argument ** (slope / 10) / math.sqrt(n_summed))
 
 
-def shnidman_snr(
-    detection_probability: float,
-    false_alarm_probability: float,
+def shnidman(
+    detection_probability: ArrayLike,
+    false_alarm_probability: ArrayLike,
     *,
     n_summed: int = 1,
     swerling: int = 0,
-) -> float:
+) -> np.ndarray:
     r"""Return the mean SNR in each summed power, by Shnidman's formula.
 
     .. math:: \chi = 10^{C/10}\, \eta\, (\eta + 2 \sqrt{K/2 + \alpha - 1/4}) / K
 
     with K the summed powers, Shnidman's N; eta from both probabilities, alpha 1/4 from 40
     powers, and C, in dB, the fluctuation loss, proportional to 1 / kappa, kappa being the
-    shape of `theory.swerling` and Shnidman's K, and is 0 for a steady target. Meant for
+    shape of `theory.swerling` and Shnidman's K, and is 0 for a steady target. The shape is that to
+    which both probabilities broadcast. Meant for
     detection probabilities from 0.1 to 0.99, false-alarm probabilities from 1e-9 to 1e-3 and
     up to 100 powers. There it is within 0.3, 1.2, 1.2, 0.9 and 0.6 dB of the exact ratio for
     the cases 0 to 4.
@@ -84,8 +101,15 @@ def shnidman_snr(
     ----------
     D. A. Shnidman, Determination of required SNR values, IEEE Trans. AES 38(3), 2002.
     """
-    check_detection_probability(detection_probability, false_alarm_probability)
     shape = swerling_shape(swerling, n_summed)
+    pairs = _broadcast_probabilities(detection_probability, false_alarm_probability)
+    return np.vectorize(_shnidman_snr, otypes=[float])(*pairs, n_summed, shape)
+
+
+def _shnidman_snr(
+    detection_probability: float, false_alarm_probability: float, n_summed: int, shape: float
+) -> float:
+    check_detection_probability(detection_probability, false_alarm_probability)
     pd = detection_probability
     eta = _shnidman_quantile(pd) - _shnidman_quantile(false_alarm_probability)
     alpha = 0.0 if n_summed < 40 else 0.25
@@ -96,6 +120,17 @@ def shnidman_snr(
         alarms = 0.7 * math.log(1e-5 / false_alarm_probability) + (2 * n_summed - 20) / 80
         cost_db += (near_one + (pd - 0.8) * alarms) / shape
     return float(10 ** (cost_db / 10) * steady)
+
+
+def _broadcast_probabilities(
+    detection_probability: ArrayLike, false_alarm_probability: ArrayLike
+) -> tuple[np.ndarray, ...]:
+    return broadcast_arguments(
+        detection_probability=check_probabilities("detection_probability", detection_probability),
+        false_alarm_probability=check_probabilities(
+            "false_alarm_probability", false_alarm_probability
+        ),
+    )
 
 
 def _shnidman_quantile(probability: float) -> float:

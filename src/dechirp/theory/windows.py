@@ -7,15 +7,17 @@ weights: only then their sidelobes are as designed (a periodic Chebyshev window 
 Chebyshev window is 1 at its largest weight. A single weight is 1.
 
 `window_weights`, `chebyshev_weights`, `taylor_weights` and `kaiser_weights` return `n` weights, an
-integer of at least 1, and raise `InvalidSetting` if a parameter is out of bounds.
+integer of at least 1, and raise `InvalidSetting` if a parameter is out of bounds. Figures of merit
+raise it for weights that are not a row of finite numbers.
 """
 
 from functools import lru_cache
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_integer, check_number
+from dechirp.core.checks import check_finite_array, check_integer, check_number
 from dechirp.core.errors import InvalidSetting
 
 __all__ = [
@@ -27,6 +29,7 @@ __all__ = [
     "noise_bandwidth_bins",
     "scalloping_loss",
     "taylor_weights",
+    "window_names",
     "window_weights",
 ]
 
@@ -56,6 +59,11 @@ _TAYLOR_N_BAR_DB: dict[Window, tuple[int, float]] = {
     "taylor-50": (6, 50.0),
 }
 _KAISER_BETA: dict[Window, float] = {"kaiser-6": 6.0}
+
+
+def window_names() -> tuple[str, ...]:
+    """Return the names of the windows."""
+    return get_args(Window)
 
 
 def window_weights(window: Window, n: int) -> np.ndarray:
@@ -235,20 +243,35 @@ def _check_sidelobe_level(sidelobe_db: float) -> None:
     check_number("sidelobe_db", sidelobe_db, above=0, at_most=300)
 
 
-def coherent_gain(weights: np.ndarray) -> float:
+def coherent_gain(weights: ArrayLike) -> float:
     """Return the coherent gain, the amplitude of a tone after windowing: sum(w) / N."""
-    return float(weights.mean())
+    return float(_check_weights(weights).mean())
 
 
-def noise_bandwidth_bins(weights: np.ndarray) -> float:
+def noise_bandwidth_bins(weights: ArrayLike) -> float:
     """Return the equivalent noise bandwidth N sum(w^2) / sum(w)^2, the SNR loss as a ratio."""
+    weights = _check_weights(weights)
     return float(weights.size * np.sum(weights**2) / np.sum(weights) ** 2)
 
 
-def scalloping_loss(weights: np.ndarray) -> float:
+def scalloping_loss(weights: ArrayLike) -> float:
     """Return the power of a tone on a bin over that of one half a bin off, at least 1."""
+    weights = _check_weights(weights)
     half_bin_shift = np.exp(1j * np.pi * np.arange(weights.size) / weights.size)
     return float(np.sum(weights) ** 2 / abs(np.sum(weights * half_bin_shift)) ** 2)
+
+
+def _check_weights(weights: ArrayLike) -> np.ndarray:
+    """Return the weights of a window, (n,), with a sum above 0, or raise `InvalidSetting`."""
+    values = check_finite_array("weights", weights)
+    if values.ndim != 1 or not values.sum() > 0:
+        raise InvalidSetting(
+            "weights",
+            value=f"an array {values.shape} with the sum {values.sum():g}",
+            expected="one row of weights with a sum above 0",
+            fix="give the weights of one window, as of window_weights",
+        )
+    return values
 
 
 def bin_correlation(weights: np.ndarray, n_bins: int, lags: np.ndarray) -> np.ndarray:

@@ -8,4 +8,5 @@ from dechirp.processing.angle.iterative_adaptive import IterativeAdaptive as Ite
 from dechirp.processing.angle.maximum_likelihood import MaximumLikelihood as MaximumLikelihood
 from dechirp.processing.angle.monopulse import Monopulse as Monopulse
 from dechirp.processing.angle.music import Music as Music
+from dechirp.processing.angle.plain_arrays import estimate_directions as estimate_directions
 from dechirp.processing.angle.root_music import RootMusic as RootMusic

@@ -30,8 +30,8 @@ def detection_range_budget_and_findings(
     )
     noise_w = noise_power_w(radar)
     snr = echo_w / noise_w * radar.integration_gain / WINDOW_LOSS
-    required = required_snr(
-        requirements.detection_probability, requirements.false_alarm_probability
+    required = float(
+        required_snr(requirements.detection_probability, requirements.false_alarm_probability)
     )
     detection_range_m = requirements.max_range_m * (snr / required) ** 0.25
     target = f"rcs = {requirements.rcs_m2:.4g} m2 at R = {requirements.max_range_m:.6g} m"

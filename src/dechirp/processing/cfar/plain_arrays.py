@@ -1,0 +1,160 @@
+"""CFAR thresholds of plain arrays, without a `Radar`."""
+
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dechirp.core.checks import (
+    check_false_alarm_probability,
+    check_integer,
+    check_non_negative_ratios,
+)
+from dechirp.core.errors import InvalidSetting
+from dechirp.processing.cfar.base import Cells, Cfar, MapNoise, NoiseEstimator
+from dechirp.processing.maps import pair_of, scale_to_unity
+from dechirp.processing.spectrum import Transform
+from dechirp.theory.windows import Window
+
+__all__ = ["cfar_threshold"]
+
+
+def cfar_threshold(
+    power: ArrayLike,
+    n_training: int | tuple[int, int],
+    n_guard: int | tuple[int, int],
+    pfa: float,
+    kind: str | NoiseEstimator = "cell-averaging",
+    *,
+    n_summed: int = 1,
+    window: Window | tuple[Window, Window] = "rectangular",
+    n_points: tuple[int, int] | int | None = None,
+) -> np.ndarray:
+    """Compute the CFAR threshold of every cell of a power spectrum or a range-Doppler map.
+
+    A cell is detected where `power` exceeds the result. Noise alone does so with the probability
+    `pfa` in every cell, edges included, as in `dechirp.threshold_map`: velocity wraps round, and at
+    the ends of range the training cells are the nearest that exist.
+
+    Parameters
+    ----------
+    power : array (range,) or (velocity, range)
+        Powers of a square-law detector, not in dB: 0 or more.
+    n_training, n_guard : int or (int, int)
+        Training and guard cells on each side of the cell under test; a pair for velocity and range.
+    pfa : float
+        False-alarm probability of a cell.
+    kind : str or NoiseEstimator
+        A member of the family by its kind, or with its settings, as
+        `dechirp.cfar.OrderedStatistic(rank=0.9)`.
+    n_summed : int
+        Powers that were summed or averaged in each cell: receivers, or pulses.
+    window : str or (str, str)
+        Window before the transform of each axis. A window and zero padding correlate neighbouring
+        cells; the factor includes that, and detectors without a closed form for it are calibrated
+        by simulation, once.
+    n_points : int or (int, int), optional
+        Samples of each axis before zero padding; as many as cells by default.
+
+    Returns
+    -------
+    array
+        Thresholds in the shape and the unit of `power`. Computed in single precision, like those
+        of the chain.
+
+    Raises
+    ------
+    InvalidSetting
+        If powers are not finite, below 0 or in no such shape, the cells with the guard do not fit
+        on an axis, the probability is out of bounds, or a kind or a window is unknown.
+    """
+    cells = check_non_negative_ratios("power", power)
+    if cells.ndim not in (1, 2) or cells.size == 0:
+        raise InvalidSetting(
+            "power",
+            value=f"an array {cells.shape}",
+            expected="cells over (range,) or (velocity, range)",
+            fix="give one spectrum or one map, with filled axes",
+        )
+    check_false_alarm_probability("pfa", pfa)
+    check_integer("n_summed", n_summed, at_least=1)
+    cells_2d = np.atleast_2d(cells)
+    slow_points, fast_points = _pair_of_axes("n_points", n_points, cells, when_none=cells_2d.shape)
+    slow_window, fast_window = _pair_of_axes(
+        "window", window, cells, when_none=("rectangular", "rectangular")
+    )
+    noise = MapNoise(
+        range_transform=_transform_of_axis(fast_window, fast_points, cells_2d.shape[1]),
+        doppler_transform=_transform_of_axis(slow_window, slow_points, cells_2d.shape[0]),
+        n_channels=n_summed,
+    )
+    training, guard = _training_and_guard_cells(n_training, n_guard, cells)
+    detector = Cfar(
+        estimator=_noise_estimator(kind),
+        n_training=training,
+        n_guard=guard,
+        false_alarm_probability=float(pfa),
+    )
+    scaled, exponent = scale_to_unity(cells_2d)
+    threshold = detector.threshold(np.ascontiguousarray(scaled, np.float32), noise)
+    return np.ldexp(threshold.astype(float), exponent).reshape(cells.shape)
+
+
+def _pair_of_axes(
+    setting: str, value: Any, cells: np.ndarray, *, when_none: tuple[Any, Any]
+) -> tuple[Any, Any]:
+    """Return a setting of velocity and range; a spectrum has a single velocity, without window."""
+    if value is None:
+        return when_none
+    if cells.ndim == 2:
+        return pair_of(setting, value)
+    if isinstance(value, tuple | list):
+        raise InvalidSetting(
+            setting, value=value, expected="one value for a single axis", fix="give one value"
+        )
+    return when_none[0], value
+
+
+def _transform_of_axis(window: Window, n_points: int, n_bins: int) -> Transform:
+    check_integer("n_points", n_points, at_least=min(n_bins, 2), at_most=n_bins)
+    return Transform(window=window, n_points=n_points, n_bins=n_bins)
+
+
+def _training_and_guard_cells(
+    n_training: Any, n_guard: Any, cells: np.ndarray
+) -> tuple[Cells, Cells]:
+    """Return the numbers of training and guard cells, after a check that they fit on each axis."""
+    pairs = []
+    for setting, value in (("n_training", n_training), ("n_guard", n_guard)):
+        pair = _pair_of_axes(setting, value, cells, when_none=(0, 0))
+        for number in pair:
+            check_integer(setting, number, at_least=0)
+        pairs.append(cast("tuple[int, int]", pair))
+    for training, guard, size in zip(*pairs, np.atleast_2d(cells).shape, strict=True):
+        if 2 * (training + guard) + 1 > size:
+            raise InvalidSetting(
+                "n_training",
+                value=f"{training} training and {guard} guard cells on each side",
+                expected=f"at most {size} cells on this axis, with the cell under test",
+                fix="lower n_training or n_guard, or give a pair for velocity and range",
+            )
+    (slow_training, fast_training), (slow_guard, fast_guard) = pairs
+    if slow_training + fast_training == 0:
+        raise InvalidSetting(
+            "n_training", value=0, expected="training cells on an axis", fix="give at least one"
+        )
+    return (
+        Cells(range=int(fast_training), velocity=int(slow_training)),
+        Cells(range=int(fast_guard), velocity=int(slow_guard)),
+    )
+
+
+def _noise_estimator(kind: str | NoiseEstimator) -> NoiseEstimator:
+    if isinstance(kind, NoiseEstimator):
+        return kind
+    members = NoiseEstimator.members()
+    if not isinstance(kind, str) or kind not in members:
+        raise InvalidSetting(
+            "kind", value=kind, expected=" or ".join(members), fix="choose one of them"
+        )
+    return cast("NoiseEstimator", members[kind]())

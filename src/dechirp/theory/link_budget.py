@@ -1,0 +1,290 @@
+"""Radar equation and resolution of FMCW signals, on numbers and arrays.
+
+Arguments in SI units, gains, losses and noise factors as ratios (not in dB); arrays of any shape
+are broadcast against each other. Each function raises `InvalidSetting` that names an argument
+which is not finite or, unless stated otherwise, not above 0. `Radar` values have the same
+quantities as properties.
+
+References
+----------
+M. A. Richards, Fundamentals of Radar Signal Processing, 2nd ed., 2014. A. G. Stove, Linear FMCW
+radar techniques, IEE Proc. F 139(5), 1992. H. L. Van Trees, Optimum Array Processing, 2002.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+
+from dechirp.core.checks import broadcast_arguments, check_finite_array, check_integer
+from dechirp.core.units import BOLTZMANN, REFERENCE_TEMPERATURE, SPEED_OF_LIGHT
+
+__all__ = [
+    "beat_frequency",
+    "max_range",
+    "noise_power",
+    "range_from_beat",
+    "range_resolution",
+    "received_power",
+    "sample_snr",
+    "ula_beamwidth",
+    "unambiguous_range",
+    "unambiguous_velocity",
+    "velocity_resolution",
+]
+
+
+def beat_frequency(
+    range_m: ArrayLike,
+    *,
+    slope_hz_per_s: ArrayLike,
+    velocity_m_per_s: ArrayLike = 0.0,
+    frequency_hz: ArrayLike = 0.0,
+) -> np.ndarray:
+    """Return the beat frequency of an echo in Hz, (2 / c) (S R + f v).
+
+    Positive for a rising ramp, whose transmitted signal is mixed with the conjugate of the echo.
+    The Doppler term needs the carrier frequency; a receding target has a positive velocity.
+    Ranges and frequencies are 0 or more, velocities and slopes of either sign.
+    """
+    distance, slope, velocity, frequency = broadcast_arguments(
+        range_m=_check_non_negative("range_m", range_m),
+        slope_hz_per_s=check_finite_array("slope_hz_per_s", slope_hz_per_s),
+        velocity_m_per_s=check_finite_array("velocity_m_per_s", velocity_m_per_s),
+        frequency_hz=_check_non_negative("frequency_hz", frequency_hz),
+    )
+    return np.asarray(2 / SPEED_OF_LIGHT * (slope * distance + frequency * velocity))
+
+
+def range_from_beat(beat_frequency_hz: ArrayLike, *, slope_hz_per_s: ArrayLike) -> np.ndarray:
+    """Return the range of a static target in m, c f / 2 S; beat frequencies of either sign."""
+    beat, slope = broadcast_arguments(
+        beat_frequency_hz=check_finite_array("beat_frequency_hz", beat_frequency_hz),
+        slope_hz_per_s=check_finite_array("slope_hz_per_s", slope_hz_per_s, above=0),
+    )
+    return np.asarray(SPEED_OF_LIGHT * beat / (2 * slope))
+
+
+def received_power(
+    range_m: ArrayLike,
+    rcs_m2: ArrayLike,
+    *,
+    transmit_power_w: ArrayLike,
+    frequency_hz: ArrayLike,
+    tx_gain: ArrayLike = 1.0,
+    rx_gain: ArrayLike = 1.0,
+    loss: ArrayLike = 1.0,
+) -> np.ndarray:
+    r"""Return the power of the echo of a point target in W, by the radar equation.
+
+    .. math:: P_r = \frac{P_t G_t G_r \lambda^2 \sigma}{(4\pi)^3 R^4 L}
+    """
+    distance, *factors = broadcast_arguments(
+        range_m=check_finite_array("range_m", range_m, above=0),
+        **_radar_equation_arguments(rcs_m2, transmit_power_w, frequency_hz, tx_gain, rx_gain, loss),
+    )
+    return np.asarray(_power_at_one_metre(*factors) / distance**4)
+
+
+def noise_power(*, noise_factor: ArrayLike, sample_rate_hz: ArrayLike) -> np.ndarray:
+    """Return the thermal noise power in a sample in W, k T0 F fs, with T0 = 290 K."""
+    factor, rate = broadcast_arguments(
+        noise_factor=check_finite_array("noise_factor", noise_factor, above=0),
+        sample_rate_hz=check_finite_array("sample_rate_hz", sample_rate_hz, above=0),
+    )
+    return np.asarray(BOLTZMANN * REFERENCE_TEMPERATURE * factor * rate)
+
+
+def sample_snr(
+    range_m: ArrayLike,
+    rcs_m2: ArrayLike,
+    *,
+    transmit_power_w: ArrayLike,
+    frequency_hz: ArrayLike,
+    noise_factor: ArrayLike,
+    sample_rate_hz: ArrayLike,
+    tx_gain: ArrayLike = 1.0,
+    rx_gain: ArrayLike = 1.0,
+    loss: ArrayLike = 1.0,
+) -> np.ndarray:
+    """Return the SNR in one sample, `received_power` over `noise_power`.
+
+    N samples of M chirps give N M times this ratio in a cell of the map, divided by the noise
+    bandwidth of each window (`dechirp.windows.noise_bandwidth_bins`).
+    """
+    echo, noise = broadcast_arguments(
+        **{
+            "range_m with rcs_m2": received_power(
+                range_m,
+                rcs_m2,
+                transmit_power_w=transmit_power_w,
+                frequency_hz=frequency_hz,
+                tx_gain=tx_gain,
+                rx_gain=rx_gain,
+                loss=loss,
+            ),
+            "noise_factor with sample_rate_hz": noise_power(
+                noise_factor=noise_factor, sample_rate_hz=sample_rate_hz
+            ),
+        }
+    )
+    return np.asarray(echo / noise)
+
+
+def max_range(
+    required_snr: ArrayLike,
+    rcs_m2: ArrayLike,
+    *,
+    transmit_power_w: ArrayLike,
+    frequency_hz: ArrayLike,
+    noise_factor: ArrayLike,
+    sample_rate_hz: ArrayLike,
+    integration_gain: ArrayLike = 1.0,
+    tx_gain: ArrayLike = 1.0,
+    rx_gain: ArrayLike = 1.0,
+    loss: ArrayLike = 1.0,
+) -> np.ndarray:
+    """Return the range in m at which a target has the required SNR after integration.
+
+    The radar equation solved for the range, in free space. `integration_gain` is the number of
+    samples and chirps that are integrated coherently, over the noise bandwidths of the windows;
+    `dechirp.theory.required_snr` gives the SNR of a detection probability. Beat frequencies limit
+    the range as well, see `unambiguous_range`.
+    """
+    snr = check_finite_array("required_snr", required_snr, above=0)
+    gain = check_finite_array("integration_gain", integration_gain, above=0)
+    snr_at_one_metre = sample_snr(
+        1.0,
+        rcs_m2,
+        transmit_power_w=transmit_power_w,
+        frequency_hz=frequency_hz,
+        noise_factor=noise_factor,
+        sample_rate_hz=sample_rate_hz,
+        tx_gain=tx_gain,
+        rx_gain=rx_gain,
+        loss=loss,
+    )
+    snr, gain, snr_at_one_metre = broadcast_arguments(
+        required_snr=snr,
+        integration_gain=gain,
+        rcs_m2=snr_at_one_metre,
+    )
+    return np.asarray((snr_at_one_metre * gain / snr) ** 0.25)
+
+
+def range_resolution(bandwidth_hz: ArrayLike) -> np.ndarray:
+    """Return the width of a range bin in m, c / 2 B, with the bandwidth of the samples."""
+    return np.asarray(
+        SPEED_OF_LIGHT / (2 * check_finite_array("bandwidth_hz", bandwidth_hz, above=0))
+    )
+
+
+def unambiguous_range(
+    *, sample_rate_hz: ArrayLike, slope_hz_per_s: ArrayLike, is_complex: bool = True
+) -> np.ndarray:
+    """Return the range of the highest beat frequency in m: c fs / 2 S, half of it for real samples.
+
+    Farther echoes are aliased.
+    """
+    rate, slope = broadcast_arguments(
+        sample_rate_hz=check_finite_array("sample_rate_hz", sample_rate_hz, above=0),
+        slope_hz_per_s=check_finite_array("slope_hz_per_s", slope_hz_per_s, above=0),
+    )
+    return range_from_beat(rate if is_complex else rate / 2, slope_hz_per_s=slope)
+
+
+def velocity_resolution(*, frequency_hz: ArrayLike, duration_s: ArrayLike) -> np.ndarray:
+    """Return the width of a velocity bin in m/s, lambda / 2 M T: chirps times their interval."""
+    frequency, duration = broadcast_arguments(
+        frequency_hz=check_finite_array("frequency_hz", frequency_hz, above=0),
+        duration_s=check_finite_array("duration_s", duration_s, above=0),
+    )
+    return np.asarray(SPEED_OF_LIGHT / frequency / (2 * duration))
+
+
+def unambiguous_velocity(*, frequency_hz: ArrayLike, interval_s: ArrayLike) -> np.ndarray:
+    """Return the largest unambiguous velocity of either sign in m/s, lambda / 4 T.
+
+    T is the interval between chirps of the same transmitter.
+    """
+    frequency, interval = broadcast_arguments(
+        frequency_hz=check_finite_array("frequency_hz", frequency_hz, above=0),
+        interval_s=check_finite_array("interval_s", interval_s, above=0),
+    )
+    return np.asarray(SPEED_OF_LIGHT / frequency / (4 * interval))
+
+
+def ula_beamwidth(
+    n_elements: int, *, spacing: ArrayLike = 0.5, angle_rad: ArrayLike = 0.0
+) -> np.ndarray:
+    r"""Return the half-power width of the beam of a uniform linear array in rad.
+
+    The width between the directions on both sides of the steering angle at which
+
+    .. math:: \left|\frac{\sin(L u)}{L \sin u}\right|^2 = \frac12, \quad
+        u = \pi d (\sin\theta - \sin\theta_0)
+
+    0.886 lambda / (L d) for a long array at boresight. A beam whose power stays above one half up
+    to +-90 degrees ends there.
+
+    Parameters
+    ----------
+    n_elements : int
+        L, at least 2, with equal weights.
+    spacing : array
+        d, in wavelengths.
+    angle_rad : array
+        Steering angle from the normal of the array, within pi / 2 of it; broadcast with `spacing`.
+    """
+    check_integer("n_elements", n_elements, at_least=2)
+    distance, angle = broadcast_arguments(
+        spacing=check_finite_array("spacing", spacing, above=0),
+        angle_rad=check_finite_array("angle_rad", angle_rad, above=-np.pi / 2, below=np.pi / 2),
+    )
+    half_power_phase = brentq(
+        lambda u: np.sin(n_elements * u) / (n_elements * np.sin(u)) - np.sqrt(0.5),
+        1e-9 / n_elements,
+        np.pi / n_elements,
+        xtol=1e-15,
+    )
+    half_width = half_power_phase / (np.pi * distance)
+    sine = np.sin(angle)
+    last_angle = np.arcsin(np.minimum(sine + half_width, 1))
+    first_angle = np.arcsin(np.maximum(sine - half_width, -1))
+    return np.asarray(last_angle - first_angle)
+
+
+def _radar_equation_arguments(
+    rcs_m2: ArrayLike,
+    transmit_power_w: ArrayLike,
+    frequency_hz: ArrayLike,
+    tx_gain: ArrayLike,
+    rx_gain: ArrayLike,
+    loss: ArrayLike,
+) -> dict[str, np.ndarray]:
+    arguments = {
+        "rcs_m2": rcs_m2,
+        "transmit_power_w": transmit_power_w,
+        "frequency_hz": frequency_hz,
+        "tx_gain": tx_gain,
+        "rx_gain": rx_gain,
+        "loss": loss,
+    }
+    return {name: check_finite_array(name, array, above=0) for name, array in arguments.items()}
+
+
+def _power_at_one_metre(
+    rcs: np.ndarray,
+    transmit_power: np.ndarray,
+    frequency: np.ndarray,
+    tx_gain: np.ndarray,
+    rx_gain: np.ndarray,
+    loss: np.ndarray,
+) -> np.ndarray:
+    wavelength = SPEED_OF_LIGHT / frequency
+    return np.asarray(
+        transmit_power * tx_gain * rx_gain * wavelength**2 * rcs / ((4 * np.pi) ** 3 * loss)
+    )
+
+
+def _check_non_negative(setting: str, array: ArrayLike) -> np.ndarray:
+    return check_finite_array(setting, array, above=-5e-324)

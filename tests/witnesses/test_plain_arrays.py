@@ -1,0 +1,424 @@
+"""Functions on plain arrays: the chain's own results, SciPy, closed forms and published values."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.signal
+import scipy.stats
+import xarray as xr
+
+import dechirp as dc
+from dechirp.core.units import SPEED_OF_LIGHT, from_decibels, to_decibels
+from dechirp.processing.angle.aperture import Aperture
+from dechirp.processing.angle.base import DirectionEstimator
+from dechirp.radar.budget import sample_snr
+
+CASES = {
+    case["id"]: case
+    for case in json.loads((Path(__file__).parent / "theory_public.json").read_text())["cases"]
+}
+SCIPY_WINDOWS = {
+    "rectangular": "boxcar",
+    "hann": "hann",
+    "hamming": "hamming",
+    "blackman": "blackman",
+    "blackman-harris": "blackmanharris",
+}
+CHIRP = dc.Chirp(
+    start_frequency_hz=77e9,
+    slope_hz_per_s=20e12,
+    ramp_duration_s=30e-6,
+    sample_rate_hz=5e6,
+    n_samples=96,
+    sampling="complex",
+)
+HARDWARE = dc.Hardware(transmit_power_w=0.01, antenna_gain=10.0, noise_factor=15.0, loss=1.2)
+RADAR = dc.Radar(
+    frame=dc.Frame(chirp=CHIRP, n_chirps=40, interval_s=40e-6),
+    array=dc.Array(rx_m=[(0, 0, 0), (0, 1.9e-3, 0)]),
+    hardware=HARDWARE,
+)
+LINK = {
+    "transmit_power_w": 0.01,
+    "frequency_hz": SPEED_OF_LIGHT / CHIRP.wavelength_m,
+    "tx_gain": 10.0,
+    "rx_gain": 10.0,
+    "loss": 1.2,
+}
+NOISE = {"noise_factor": 15.0, "sample_rate_hz": 5e6}
+HALF_WAVE_LINE = 0.5 * np.arange(8)
+
+
+def assert_published(case_id, compute):
+    """Compare a function of the inputs with the expected value of a case."""
+    case = CASES[case_id]
+    expected = (
+        pytest.approx(case["expected"], abs=case["tol_abs"], rel=0)
+        if "tol_abs" in case
+        else pytest.approx(case["expected"], rel=case["tol_rel"], abs=0)
+    )
+    assert float(compute(case["inputs"])) == expected
+
+
+def noise_samples(*shape, seed):
+    """Draw circular white noise of unit power, complex64."""
+    rng = np.random.default_rng(seed)
+    parts = rng.standard_normal((2, *shape)) * np.sqrt(0.5)
+    return (parts[0] + 1j * parts[1]).astype(np.complex64)
+
+
+def chain_of(kind, windows, n_bins):
+    slow, fast = windows
+    return dc.Chain(
+        range_window=fast,
+        doppler_window=slow,
+        n_velocity_bins=n_bins[0],
+        n_range_bins=n_bins[1],
+        cfar=dc.Cfar(
+            estimator=kind,
+            n_training=dc.Cells(range=6, velocity=5),
+            n_guard=dc.Cells(range=2, velocity=3),
+            false_alarm_probability=1e-4,
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "windows", "n_bins"),
+    [
+        (dc.cfar.CellAveraging(), ("rectangular", "rectangular"), (40, 96)),
+        (dc.cfar.CellAveraging(), ("hann", "taylor-50"), (48, 128)),
+        (dc.cfar.OrderedStatistic(rank=0.6), ("rectangular", "rectangular"), (40, 96)),
+        (dc.cfar.GreatestOf(), ("rectangular", "rectangular"), (40, 96)),
+        (dc.cfar.TwoStep(), ("rectangular", "rectangular"), (40, 96)),
+    ],
+)
+def test_map_and_threshold_equal_those_of_chain_edges_included(kind, windows, n_bins):
+    tone = 3 * np.exp(2j * np.pi * (0.2 * np.arange(96) + 0.1 * np.arange(40)[:, None, None]))
+    samples = (1e-9 * (noise_samples(40, 2, 96, seed=5) + tone)).astype(np.complex64)
+    cube = xr.DataArray(samples, dims=("chirp", "rx", "sample"), attrs={"units": "sqrt(W)"})
+    chain = chain_of(kind, windows, n_bins)
+    chain_power = dc.power_map(cube, RADAR, chain)
+    chain_threshold = dc.threshold_map(chain_power, RADAR, chain)
+
+    power = dc.maps.range_doppler_map(samples.transpose(1, 0, 2), windows, n_bins=n_bins)
+    threshold = dc.cfar.cfar_threshold(
+        power, (5, 6), (3, 2), 1e-4, kind, n_summed=2, window=windows, n_points=(40, 96)
+    )
+
+    # Scaling by a power of two keeps every digit of single precision.
+    np.testing.assert_array_equal(power.astype(np.float32), chain_power.values)
+    np.testing.assert_array_equal(threshold.astype(np.float32), chain_threshold.values)
+
+
+def test_map_of_tone_has_its_power_in_its_cell():
+    chirp, sample = np.arange(32)[:, None], np.arange(64)
+    amplitude = 3e-30  # its power is below the range of single precision
+    tone = amplitude * np.exp(2j * np.pi * (5 * chirp / 32 + 20 * sample / 64))
+    for window in dc.windows.window_names():
+        power = dc.maps.range_doppler_map(tone, window)
+        assert power.shape == (32, 64)
+        assert np.unravel_index(power.argmax(), power.shape) == (16 + 5, 20)
+        assert power.max() == pytest.approx(amplitude**2, rel=1e-5)
+    real_power = dc.maps.range_doppler_map(tone.real)
+    assert real_power.shape == (32, 33)
+    assert real_power[16 + 5, 20] == pytest.approx(amplitude**2 / 2, rel=1e-5)
+
+
+def test_map_averages_power_of_channels():
+    samples = noise_samples(3, 16, 32, seed=8)
+    each = [dc.maps.range_doppler_map(channel) for channel in samples]
+    np.testing.assert_allclose(
+        dc.maps.range_doppler_map(samples), np.mean(each, axis=0), rtol=1e-5, atol=1e-7
+    )
+
+
+def test_threshold_of_spectrum_equals_training_means_by_hand():
+    power = np.random.default_rng(2).exponential(size=50)
+    n, guard, pfa = 4, 1, 1e-3
+    threshold = dc.cfar.cfar_threshold(power, n, guard, pfa)
+    for cell in range(50):
+        first = np.clip(cell - n - guard, 0, 50 - 2 * (n + guard) - 1)  # the nearest that exist
+        box = np.arange(first, first + 2 * (n + guard) + 1)
+        training = box[abs(box - cell) > guard]
+        factor = training.size * (pfa ** (-1 / training.size) - 1)
+        assert threshold[cell] == pytest.approx(factor * power[training].mean(), rel=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["cell-averaging", "ordered-statistic", "smallest-of"])
+def test_false_alarm_rate_of_spectrum_is_its_design_value_at_edges(kind):
+    rng, n_trials, pfa = np.random.default_rng(3), 400, 0.02
+    alarms = np.zeros(48)
+    for _ in range(n_trials):
+        power = rng.exponential(size=48)
+        alarms += power > dc.cfar.cfar_threshold(power, 8, 2, pfa, kind)
+    # The ten cells at either end, whose training cells lie to one side. Alarms of neighbouring
+    # cells share training cells: their correlation adds less than 1 to the variance.
+    n_alarms = alarms[:10].sum() + alarms[-10:].sum()
+    expected = 20 * n_trials * pfa
+    assert abs(n_alarms - expected) < 5.5 * np.sqrt(2 * expected)
+
+
+def test_windows_equal_those_of_scipy():
+    for name, scipy_name in SCIPY_WINDOWS.items():
+        np.testing.assert_allclose(
+            dc.windows.window_weights(name, 64),
+            scipy.signal.windows.get_window(scipy_name, 64, fftbins=True),
+            atol=1e-12,
+        )
+    np.testing.assert_allclose(
+        dc.windows.chebyshev_weights(64, 60), scipy.signal.windows.chebwin(64, 60), atol=1e-9
+    )
+    assert set(SCIPY_WINDOWS) < set(dc.windows.window_names())
+    assert dc.windows.noise_bandwidth_bins([1, 1, 1, 1]) == 1
+    assert dc.windows.coherent_gain(scipy.signal.windows.hann(8, sym=False)) == 0.5
+
+
+def test_detection_theory_broadcasts_and_equals_scipy():
+    snr, pfa = from_decibels(np.array([[3.0], [10.0], [14.0]])), np.array([1e-6, 1e-4])
+    limit = -2 * np.log(pfa)  # Marcum's function as the tail of noncentral chi-square
+    expected = scipy.stats.ncx2.sf(limit, 2, 2 * snr)
+    probability = dc.theory.detection_probability(snr, pfa)
+    np.testing.assert_allclose(probability, expected, rtol=1e-9)
+
+    required = dc.theory.required_snr(probability, pfa)
+    np.testing.assert_allclose(required, np.broadcast_to(snr, (3, 2)), rtol=1e-8)
+    # Albersheim's and Shnidman's formulas are within 0.34 and 0.3 dB in their range.
+    pd = np.array([[0.5], [0.9]])
+    exact = dc.theory.required_snr(pd, pfa)
+    for formula in (dc.theory.albersheim, dc.theory.shnidman):
+        assert formula(pd, pfa).shape == (2, 2)
+        assert np.max(abs(to_decibels(formula(pd, pfa) / exact))) < 0.34
+
+
+def test_cfar_factor_broadcasts_over_its_closed_forms():
+    pfa, cells = np.array([[1e-3], [1e-6]]), np.array([8, 24, 100])
+    np.testing.assert_allclose(
+        dc.theory.cfar_factor(pfa, cells), cells * (pfa ** (-1 / cells) - 1), rtol=1e-12
+    )
+    assert_published("goca_alpha_N20_pfa1em4", lambda case: cfar_factor(case, "greatest-of"))
+    assert_published("soca_alpha_N20_pfa1em4", lambda case: cfar_factor(case, "smallest-of"))
+    assert_published("os_alpha_N16_k10_pfa1em4", lambda case: cfar_factor(case, rank=case["k"]))
+    assert_published(
+        "ca_alpha_nci_K4_N24_pfa1em5",
+        lambda case: cfar_factor(case, n_summed=case["n_channels_summed"]),
+    )
+
+
+def cfar_factor(case, kind="cell-averaging", **settings):
+    kind = "ordered-statistic" if "rank" in settings else kind
+    return dc.theory.cfar_factor(case["pfa"], case["n_train"], kind, **settings)
+
+
+def test_tracking_gains_solve_the_steady_state_of_a_kalman_filter():
+    assert_published(
+        "alpha_L0p5", lambda case: dc.theory.alpha_beta_gains(case["tracking_index"]).alpha
+    )
+    index = np.array([1e-3, 0.1, 1.0, 30.0])
+    gains = dc.theory.alpha_beta_gains(index)
+    # The two equations of the steady state (Bar-Shalom, Li and Kirubarajan 2001, 6.5.3).
+    np.testing.assert_allclose(index**2, gains.beta**2 / (1 - gains.alpha), rtol=1e-10)
+    np.testing.assert_allclose(
+        gains.beta, 2 * (2 - gains.alpha) - 4 * np.sqrt(1 - gains.alpha), rtol=1e-9
+    )
+
+
+def test_gate_is_quantile_of_chi_square():
+    assert_published(
+        "gate_p0p95_d2",
+        lambda case: dc.theory.gate_threshold(case["probability"], case["dof"]),
+    )
+    probability = np.array([0.1, 0.99, 0.999])
+    np.testing.assert_allclose(
+        dc.theory.gate_threshold(probability, 3), scipy.stats.chi2.ppf(probability, 3), rtol=1e-10
+    )
+
+
+def test_link_budget_equals_that_of_radar():
+    ranges_m = np.array([1.0, 20.0, 300.0])
+    np.testing.assert_allclose(
+        dc.link_budget.sample_snr(ranges_m, 3.0, **LINK, **NOISE),
+        sample_snr(RADAR, range_m=ranges_m, rcs_m2=3.0),
+        rtol=1e-12,
+    )
+    assert_published("rx_power_pubcar80", received_power_dbm)
+    bandwidth_hz = CHIRP.sampled_bandwidth_hz
+    assert dc.link_budget.range_resolution(bandwidth_hz) == CHIRP.range_resolution_m
+    beat_hz = dc.link_budget.beat_frequency(20.0, slope_hz_per_s=20e12)
+    assert beat_hz == pytest.approx(CHIRP.beat_frequency_hz(20.0), rel=1e-15)
+    assert dc.link_budget.range_from_beat(beat_hz, slope_hz_per_s=20e12) == pytest.approx(20.0)
+    limits = {"sample_rate_hz": 5e6, "slope_hz_per_s": 20e12}
+    assert dc.link_budget.unambiguous_range(**limits) == pytest.approx(CHIRP.max_range_m)
+    frame, frequency_hz = RADAR.frame, LINK["frequency_hz"]
+    velocity = dc.link_budget.unambiguous_velocity(frequency_hz=frequency_hz, interval_s=40e-6)
+    assert velocity == pytest.approx(frame.max_velocity_m_per_s, rel=1e-12)
+    resolution = dc.link_budget.velocity_resolution(
+        frequency_hz=frequency_hz, duration_s=40 * 40e-6
+    )
+    assert resolution == pytest.approx(frame.velocity_resolution_m_per_s, rel=1e-12)
+
+
+def received_power_dbm(case):
+    power_w = dc.link_budget.received_power(
+        case["range_m"],
+        from_decibels(case["rcs_dbsm"]),
+        transmit_power_w=from_decibels(case["pt_dbm"] - 30),
+        frequency_hz=case["fc_hz"],
+        tx_gain=from_decibels(case["gt_dbi"]),
+        rx_gain=from_decibels(case["gr_dbi"]),
+        loss=from_decibels(case["loss_db"]),
+    )
+    return to_decibels(power_w) + 30
+
+
+def test_beat_frequency_includes_doppler_of_receding_target():
+    # The coupling v f / S of range (case rd_coupling_pub), as a frequency.
+    shift_hz = dc.link_budget.beat_frequency(
+        0.0, slope_hz_per_s=10e12, velocity_m_per_s=20.0, frequency_hz=77e9
+    )
+    assert dc.link_budget.range_from_beat(shift_hz, slope_hz_per_s=10e12) == pytest.approx(0.154)
+
+
+def test_max_range_has_the_required_snr():
+    required = dc.theory.required_snr([0.5, 0.9], 1e-6)
+    gain = 96 * 40 / 1.5**2
+    range_m = dc.link_budget.max_range(required, 2.0, integration_gain=gain, **LINK, **NOISE)
+    assert range_m.shape == (2,)
+    np.testing.assert_allclose(
+        gain * dc.link_budget.sample_snr(range_m, 2.0, **LINK, **NOISE), required, rtol=1e-12
+    )
+
+
+def test_beamwidth_of_line_halves_power_at_both_edges():
+    assert_published("hpbw_16", beamwidth_deg)
+    # Steered, the edges are no longer symmetric: power at both, from the sum of phasors.
+    width, angle = dc.link_budget.ula_beamwidth(12, spacing=0.6, angle_rad=0.4), 0.4
+    theta = np.linspace(angle - width, angle + width, 200_001)
+    phase = 2 * np.pi * 0.6 * np.arange(12)[:, None] * (np.sin(theta) - np.sin(angle))
+    inside = theta[abs(np.exp(1j * phase).mean(axis=0)) ** 2 >= 0.5]
+    assert np.ptp(inside) == pytest.approx(width, abs=3e-6 * width + 2 * np.diff(theta[:2])[0])
+    # Two elements an eighth of a wavelength apart stay above half power everywhere.
+    assert dc.link_budget.ula_beamwidth(2, spacing=0.125) == pytest.approx(np.pi)
+
+
+def beamwidth_deg(case):
+    width = dc.link_budget.ula_beamwidth(case["n_elements"], spacing=case["spacing_wavelengths"])
+    return np.degrees(width)
+
+
+@pytest.mark.parametrize("kind", sorted(DirectionEstimator.members()))
+def test_directions_equal_those_of_estimator(kind):
+    n_sources = 1 if kind == "monopulse" else 2
+    azimuth = np.array([0.35, -0.2])[:n_sources]
+    steering = np.exp(-2j * np.pi * HALF_WAVE_LINE * np.sin(azimuth)[:, None])
+    amplitudes = noise_samples(3, 30, n_sources, seed=4) * [1.0, 0.9][:n_sources]
+    snapshots = amplitudes @ steering + 0.02 * noise_samples(3, 30, 8, seed=6)
+
+    directions = dc.angle.estimate_directions(
+        snapshots, HALF_WAVE_LINE, n_sources, kind, noise_power=4e-4
+    )
+
+    positions = np.stack([np.zeros(8), HALF_WAVE_LINE, np.zeros(8)], axis=1)
+    estimator = DirectionEstimator.members()[kind](n_sources=n_sources)
+    expected = estimator.find_directions(
+        snapshots.astype(complex), Aperture(positions), np.full(3, 4e-4)
+    )
+    for values, expected_values in zip(directions, expected, strict=True):
+        np.testing.assert_array_equal(values, expected_values)
+    # 30 snapshots at 34 dB: the bound is 0.3 mrad, and 10 of it cover the leakage of two beams.
+    error = np.sort(directions.azimuth_rad, axis=1) - np.sort(azimuth)
+    assert np.max(abs(error)) < 3e-3
+    assert np.isnan(directions.elevation_rad).all()
+
+
+def test_directions_of_single_snapshot_and_of_planar_array():
+    azimuth, elevation = 0.3, -0.15
+    rows, columns = np.meshgrid(np.arange(4), np.arange(4))
+    plane = np.stack([np.zeros(16), 0.5 * rows.ravel(), 0.5 * columns.ravel()], axis=1)
+    line = dc.angle.estimate_directions(
+        np.exp(-2j * np.pi * HALF_WAVE_LINE * np.sin(azimuth)), HALF_WAVE_LINE, kind="fft"
+    )
+    unit = [np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    flat = dc.angle.estimate_directions(
+        np.exp(-2j * np.pi * plane[:, 1:] @ unit), plane, kind="maximum-likelihood"
+    )
+    assert line.azimuth_rad.shape == (1,)
+    assert line.azimuth_rad[0] == pytest.approx(azimuth, abs=1e-5)
+    assert np.isnan(line.azimuth_std_rad).all()  # without the noise
+    assert flat.azimuth_rad[0] == pytest.approx(azimuth, abs=1e-5)
+    assert flat.elevation_rad[0] == pytest.approx(elevation, abs=1e-5)
+
+
+POWER = np.ones((20, 30))
+SNAPSHOT = np.ones(8)
+
+
+@pytest.mark.parametrize(
+    ("call", "argument"),
+    [
+        (lambda: dc.maps.range_doppler_map(np.ones(8)), "samples"),
+        (lambda: dc.maps.range_doppler_map(np.empty((0, 8))), "samples"),
+        (lambda: dc.maps.range_doppler_map([[1.0, np.nan]]), "samples"),
+        (lambda: dc.maps.range_doppler_map(["a"]), "samples"),
+        (lambda: dc.maps.range_doppler_map(np.ones((4, 8)), "hanning"), "window"),
+        (lambda: dc.maps.range_doppler_map(np.ones((4, 8)), n_bins=(2, 8)), "n_bins"),
+        (lambda: dc.maps.range_doppler_map(np.ones((4, 8)), n_bins=(4, 8, 1)), "n_bins"),
+        (lambda: dc.cfar.cfar_threshold([], 1, 0, 0.1), "power"),
+        (lambda: dc.cfar.cfar_threshold(np.ones((2, 3, 4)), 1, 0, 0.1), "power"),
+        (lambda: dc.cfar.cfar_threshold([1.0, np.nan, 1.0], 1, 0, 0.1), "power"),
+        (lambda: dc.cfar.cfar_threshold(-POWER, 1, 0, 0.1), "power"),
+        (lambda: dc.cfar.cfar_threshold(POWER, 1, 0, 0.0), "pfa"),
+        (lambda: dc.cfar.cfar_threshold(POWER, 1, 0, 1.5), "pfa"),
+        (lambda: dc.cfar.cfar_threshold(POWER, 20, 0, 0.1), "n_training"),
+        (lambda: dc.cfar.cfar_threshold(POWER, 0, 0, 0.1), "n_training"),
+        (lambda: dc.cfar.cfar_threshold(POWER[0], (1, 1), 0, 0.1), "n_training"),
+        (lambda: dc.cfar.cfar_threshold(POWER, 1, 0.5, 0.1), "n_guard"),
+        (lambda: dc.cfar.cfar_threshold(POWER, 1, 0, 0.1, "os"), "kind"),
+        (lambda: dc.cfar.cfar_threshold(POWER, 1, 0, 0.1, n_summed=0), "n_summed"),
+        (lambda: dc.cfar.cfar_threshold(POWER, 1, 0, 0.1, window="kaiser"), "window"),
+        (lambda: dc.cfar.cfar_threshold(POWER, 1, 0, 0.1, n_points=25), "n_points"),
+        (lambda: dc.angle.estimate_directions([], HALF_WAVE_LINE), "snapshots"),
+        (lambda: dc.angle.estimate_directions(SNAPSHOT[:7], HALF_WAVE_LINE), "snapshots"),
+        (lambda: dc.angle.estimate_directions(SNAPSHOT * np.nan, HALF_WAVE_LINE), "snapshots"),
+        (lambda: dc.angle.estimate_directions(SNAPSHOT, []), "positions"),
+        (lambda: dc.angle.estimate_directions(SNAPSHOT, np.zeros(8)), "positions"),
+        (lambda: dc.angle.estimate_directions(SNAPSHOT, np.ones((8, 2))), "positions"),
+        (lambda: dc.angle.estimate_directions(SNAPSHOT, HALF_WAVE_LINE, 8), "n_sources"),
+        (lambda: dc.angle.estimate_directions(SNAPSHOT, HALF_WAVE_LINE, kind="esprit2"), "kind"),
+        (lambda: dc.angle.estimate_directions(SNAPSHOT, HALF_WAVE_LINE, "mdl"), "noise_power"),
+        (
+            lambda: dc.angle.estimate_directions(SNAPSHOT, HALF_WAVE_LINE, noise_power=[1.0, 2.0]),
+            "noise_power",
+        ),
+        (lambda: dc.windows.coherent_gain([]), "weights"),
+        (lambda: dc.windows.scalloping_loss([1.0, np.nan]), "weights"),
+        (lambda: dc.windows.noise_bandwidth_bins([[1.0]]), "weights"),
+        (lambda: dc.windows.noise_bandwidth_bins([1.0, -1.0]), "weights"),
+        (lambda: dc.theory.detection_probability([1.0, 2.0], [0.1] * 3), "snr and false_alarm"),
+        (lambda: dc.theory.cfar_factor(1.0, 8), "false_alarm_probability"),
+        (lambda: dc.theory.cfar_factor(0.1, 8.5), "n_training"),
+        (lambda: dc.theory.cfar_factor(0.1, 7, "greatest-of"), "n_training"),
+        (lambda: dc.theory.cfar_factor(0.1, 8, "median"), "kind"),
+        (lambda: dc.theory.cfar_factor(0.1, 8, "ordered-statistic"), "rank"),
+        (lambda: dc.theory.cfar_factor(0.1, 8, rank=3), "rank"),
+        (lambda: dc.theory.alpha_beta_gains([0.5, 0.0]), "tracking_index"),
+        (lambda: dc.theory.gate_threshold(1.0, 2), "gate_probability"),
+        (lambda: dc.theory.gate_threshold(0.9, 0), "n_dimensions"),
+        (lambda: dc.link_budget.beat_frequency(-1.0, slope_hz_per_s=1e12), "range_m"),
+        (lambda: dc.link_budget.received_power([0.0], 1.0, **LINK), "range_m"),
+        (lambda: dc.link_budget.received_power([1.0], [1.0, np.nan], **LINK), "rcs_m2"),
+        (lambda: dc.link_budget.sample_snr([1, 2], [1, 2, 3], **LINK, **NOISE), "range_m and rcs"),
+        (lambda: dc.link_budget.max_range("9", 1.0, **LINK, **NOISE), "required_snr"),
+        (lambda: dc.link_budget.range_resolution(0.0), "bandwidth_hz"),
+        (lambda: dc.link_budget.ula_beamwidth(1), "n_elements"),
+        (lambda: dc.link_budget.ula_beamwidth(8, angle_rad=2.0), "angle_rad"),
+    ],
+)
+def test_invalid_argument_is_named(call, argument):
+    with pytest.raises(dc.InvalidSetting) as caught:
+        call()
+
+    (mistake,) = caught.value.mistakes
+    assert argument in mistake.setting
