@@ -40,6 +40,8 @@ ONLY_IN = {
     "h5py": {"recordings"},
     "mcap": {"recordings"},
     "rosbags": {"recordings"},
+    "lz4": {"recordings"},
+    "zstandard": {"recordings"},
     "matplotlib": {"report", "certificate"},
     "jinja2": {"report", "certificate"},
     "markupsafe": {"report", "certificate"},
