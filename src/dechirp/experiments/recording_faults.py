@@ -1,7 +1,7 @@
-"""Faults of a recording that affect a run: reported, and left out where that is safe.
+"""Faults of a recording that affect a run: reported, and repaired where that is safe.
 
 Some frames decide before the run which receivers work, and whether chirps contain bursts. Every
-frame is measured during the run, and its outlier chirps are zeroed, as lost chirps are.
+frame is measured during the run, and its outlier and lost chirps are interpolated.
 """
 
 from collections.abc import Iterator
@@ -15,6 +15,10 @@ from dechirp.core.text import format_number_ranges
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.inspection import find_sample_findings
 from dechirp.processing.chain import Chain
+from dechirp.processing.mitigation.chirp_interpolation import (
+    interpolable_chirp_mask,
+    interpolate_chirps,
+)
 from dechirp.processing.mitigation.interference_repair import (
     InterferenceAutoregression,
     InterferenceRepair,
@@ -30,6 +34,8 @@ from dechirp.processing.quality.recording_measures import RecordingMeasures
 from dechirp.recordings.recording import Recording, label_frames_as_cube
 
 _N_SAMPLED_FRAMES = 8  # frames all over the recording that decide before the run
+_REPAIR_OPTION = "--set recording.repair_faults=true"
+_UNDO_TEXT = "--set recording.repair_faults=false keeps the samples as recorded"
 _MAX_BURST_SHARE = 0.5  # of the chirps; repair needs a background in the others
 
 
@@ -41,32 +47,42 @@ class FaultTreatment:
     """The recording without the receivers that do not work."""
     receivers: tuple[int, ...]
     """Receivers that are used, by their numbers in the recording."""
+    repairs_chirps: bool
+    """Whether outlier and lost chirps are interpolated."""
     chain: Chain
     findings: tuple[Finding, ...]
     """Notes on what was left out or chosen."""
 
 
 def treat_recording_faults(
-    recording: Recording, chain: Chain, *, chooses_repair: bool = True
+    recording: Recording, chain: Chain, *, repairs_faults: bool = True, fits_chain: bool = True
 ) -> FaultTreatment:
     """Leave out receivers that do not work, and choose a repair where chirps contain bursts.
 
-    Without `chooses_repair`, or with mitigation of its own, the chain stays unchanged.
+    Without `fits_chain`, or with mitigation of its own, the chain stays unchanged. Without
+    `repairs_faults`, the samples do too.
     """
-    measures = _measure_sampled_frames(recording)
-    findings: tuple[Finding, ...] = ()
     used = tuple(range(recording.radar.array.n_rx))
-    working = working_receivers(measures)
-    if 0 < working.size < len(used):
-        findings += (_left_out_receivers_note(np.setdiff1d(used, working), working),)
-        used = tuple(working.tolist())
-        recording = recording.select_receivers(used)
-    has_burst = has_burst_mask(measures)
-    is_repairable = has_burst.any() and has_burst.mean() < _MAX_BURST_SHARE
-    if is_repairable and chooses_repair and not chain.mitigation:
-        chain = replace(chain, mitigation=(InterferenceAutoregression(),))
-        findings += (_chosen_burst_repair_note(has_burst),)
-    return FaultTreatment(recording=recording, receivers=used, chain=chain, findings=findings)
+    findings: tuple[Finding, ...] = ()
+    if repairs_faults:
+        measures = _measure_sampled_frames(recording)
+        working = working_receivers(measures)
+        if 0 < working.size < len(used):
+            findings += (_left_out_receivers_note(np.setdiff1d(used, working), working),)
+            used = tuple(working.tolist())
+            recording = recording.select_receivers(used)
+        has_burst = has_burst_mask(measures)
+        is_repairable = has_burst.any() and has_burst.mean() < _MAX_BURST_SHARE
+        if is_repairable and fits_chain and not chain.mitigation:
+            chain = replace(chain, mitigation=(InterferenceAutoregression(),))
+            findings += (_chosen_burst_repair_note(has_burst),)
+    return FaultTreatment(
+        recording=recording,
+        receivers=used,
+        repairs_chirps=repairs_faults,
+        chain=chain,
+        findings=findings,
+    )
 
 
 def _measure_sampled_frames(recording: Recording) -> RecordingMeasures:
@@ -83,33 +99,53 @@ def _measure_sampled_frames(recording: Recording) -> RecordingMeasures:
 
 
 class MeasuredFrames:
-    """Frames of a recording for processing, measured on the way."""
+    """Frames of a recording for processing, measured and repaired on the way."""
 
     def __init__(self, recording: Recording, treatment: FaultTreatment) -> None:
         self._recording, self._treatment = recording, treatment
         self._measurer = QualityMeasurer(recording.radar, n_frames=recording.n_frames)
+        self._n_chirps = self._n_interpolated = self._n_zeroed = 0
 
     def __iter__(self) -> Iterator[xr.DataArray]:
-        """Yield cubes of one frame each of the receivers in use; outlier chirps are zero."""
+        """Yield cubes of one frame each of the receivers in use, without outlier chirps."""
         recording, receivers = self._recording, list(self._treatment.receivers)
         contents = self._treatment.recording.contents
+        n_slots = recording.radar.frame.n_slots
         for number, samples, is_lost in recording.iter_frame_samples():
             measures = self._measurer.add_frame(
                 samples, is_lost, recording.radar.frame.frame_start_s(number)
             )
-            kept = samples[None, :, receivers]
-            kept[0, outlier_chirp_mask(measures["unlike"], measures["burst"])] = 0
+            kept = samples[:, receivers]
+            if self._treatment.repairs_chirps:
+                is_missing = outlier_chirp_mask(measures["unlike"], measures["burst"])
+                is_missing |= measures["lost"]
+                if is_missing.any():
+                    kept = interpolate_chirps(kept, is_missing, n_slots)
+                    n_interpolated = int(interpolable_chirp_mask(is_missing, n_slots).sum())
+                    self._n_interpolated += n_interpolated
+                    self._n_zeroed += int(is_missing.sum()) - n_interpolated
+            self._n_chirps += len(kept)
             gaps = None if is_lost is None else is_lost[None]
-            yield label_frames_as_cube(kept, contents, first_frame=number, gaps=gaps)
+            yield label_frames_as_cube(kept[None], contents, first_frame=number, gaps=gaps)
+
+    def first_and_middle_frame(self) -> Iterator[xr.DataArray]:
+        """Yield the cubes of two frames, repaired as in the run: the first may be damaged."""
+        numbers = self._recording.frame_numbers
+        for number in sorted({numbers[0], numbers[len(numbers) // 2]}):
+            frame = self._recording.select_frames(number, number + 1)
+            yield from MeasuredFrames(frame, self._treatment)
 
     def findings(self) -> tuple[Finding, ...]:
-        """Return the warnings on the samples of all frames."""
+        """Return the warnings on the samples of all frames, and the repairs of their chirps."""
         measures = self._measurer.joined_measures(self._recording.contents.units)
         findings = find_sample_findings(self._recording, measures)
-        return tuple(
-            self._finding_after_repair(finding)
-            for finding in findings
-            if finding.level == "warning"
+        return (
+            *(
+                self._finding_after_repair(finding)
+                for finding in findings
+                if finding.level == "warning"
+            ),
+            *_chirp_repair_findings(self._n_interpolated, self._n_zeroed, self._n_chirps),
         )
 
     def _finding_after_repair(self, finding: Finding) -> Finding:
@@ -122,14 +158,17 @@ class MeasuredFrames:
 
 
 def _left_out_receivers_note(faulty: np.ndarray, working: np.ndarray) -> Finding:
+    faulty_text = format_number_ranges("receiver", faulty)
     return Finding(
         level="note",
         setting="radar.array.rx",
-        value=f"{format_number_ranges('receiver', faulty)} left out, without a signal of"
-        f" {'its' if faulty.size == 1 else 'their'} own;"
+        value=f"chosen {_REPAIR_OPTION} because {faulty_text}"
+        f" {'has' if faulty.size == 1 else 'have'} no signal of"
+        f" {'its' if faulty.size == 1 else 'their'} own: {faulty_text} left out,"
         f" {format_number_ranges('receiver', working)} used",
         expected="receivers that all work, since others corrupt directions",
-        fix="check the board, or the number of receivers and the sample order in the settings",
+        fix="check the board, or the number of receivers and the sample order in the settings;"
+        f" {_UNDO_TEXT}",
     )
 
 
@@ -140,5 +179,35 @@ def _chosen_burst_repair_note(has_burst: np.ndarray) -> Finding:
         value=f"chosen {BURST_REPAIR_OPTION} because of bursts in"
         f" {np.count_nonzero(has_burst)} of {has_burst.size} chirps",
         expected="samples without bursts, which raise the noise of a whole frame",
-        fix="give another mitigation to replace it",
+        fix=f"give another mitigation to replace it; {_UNDO_TEXT}",
     )
+
+
+def _chirp_repair_findings(
+    n_interpolated: int, n_zeroed: int, n_chirps: int
+) -> tuple[Finding, ...]:
+    """Return a note on interpolated chirps, and a warning about those that could not be."""
+    findings: tuple[Finding, ...] = ()
+    if n_interpolated:
+        note = Finding(
+            level="note",
+            setting="recording.repair_faults",
+            value=f"chosen {_REPAIR_OPTION} because {n_interpolated} of {n_chirps} chirps are lost"
+            " or unlike the others: interpolated among the chirps of the same transmitter",
+            expected="equal chirps, since an outlier adds to every velocity",
+            fix=_UNDO_TEXT,
+        )
+        findings += (note,)
+    if n_zeroed:
+        warning = Finding(
+            level="warning",
+            setting="recording.repair_faults",
+            value=f"{n_zeroed} of {n_chirps} chirps are zero, lost or unlike the others, in frames"
+            " with too many of them to interpolate",
+            expected="of 8 chirps or more of each transmitter, at most a quarter lost, and at most"
+            " an eighth in a row",
+            fix="select other frames with --frames, or record again: strong echoes have"
+            f" sidelobes over all velocities there; {_UNDO_TEXT}",
+        )
+        findings += (warning,)
+    return findings

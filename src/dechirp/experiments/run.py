@@ -157,13 +157,19 @@ def run(
     source_time_s = perf_counter()
     measured: MeasuredFrames | None = None
     if isinstance(source, Recording):
-        fits_chain = scenario.recording is not None and scenario.recording.fit_chain
-        treatment = treat_recording_faults(source, scenario.chain, chooses_repair=fits_chain)
+        assert scenario.recording is not None
+        treatment = treat_recording_faults(
+            source,
+            scenario.chain,
+            repairs_faults=scenario.recording.repair_faults,
+            fits_chain=scenario.recording.fit_chain,
+        )
         measured = MeasuredFrames(source, treatment)
         source, radar = treatment.recording, treatment.recording.radar
         scenario = replace(scenario, chain=treatment.chain)
         findings += treatment.findings
-    scenario, fit_findings = fit_scenario_to_recording(scenario, source, radar)
+    fit_cubes = () if measured is None else measured.first_and_middle_frame()
+    scenario, fit_findings = fit_scenario_to_recording(scenario, fit_cubes, radar)
     findings += fit_findings
     numbers = _frame_numbers_of_source(source)
     processor, frames = FrameProcessor(radar, scenario.chain), FrameTotals()
@@ -194,21 +200,14 @@ def run(
 
 
 def fit_scenario_to_recording(
-    scenario: Scenario, source: xr.DataArray | Recording, radar: Radar
+    scenario: Scenario, cubes: Iterable[xr.DataArray], radar: Radar
 ) -> tuple[Scenario, tuple[Finding, ...]]:
     """Return the scenario with the chain that fits its recording, and notes on what was chosen.
 
-    `source` is the recording, or some of its samples. Frames are looked at from its start and from
-    its middle, as the first may be damaged. Scenarios with a scene stay unchanged.
+    `cubes` are some frames of the recording. Scenarios with a scene stay unchanged.
     """
     if scenario.recording is None or not scenario.recording.fit_chain:
         return scenario, ()
-    if isinstance(source, Recording):
-        numbers = source.frame_numbers
-        selected = sorted({numbers[0], numbers[len(numbers) // 2]})
-        cubes = [source.select_frames(number, number + 1).cube for number in selected]
-    else:
-        cubes = [source]
     frames = (cube.transpose(*CUBE_AXES).values[0] for cube in cubes)
     chain, choices = fit_chain_to_frames(scenario.chain, radar, frames)
     # Readers join single chirps: the given radar may have fewer chirps than that of the recording.

@@ -61,6 +61,9 @@ class RecordingSource:
     """First frame, and the one after the last; None: all."""
     fit_chain: bool = True
     """Whether settings of the chain that have their defaults are chosen to fit the samples."""
+    repair_faults: bool = True
+    """Whether receivers without a signal of their own are left out, lost and outlier chirps are
+    interpolated, and a repair of bursts may be chosen; otherwise samples stay as recorded."""
 
     def __post_init__(self) -> None:
         if self.frames is not None and not 0 <= self.frames[0] < self.frames[1]:

@@ -115,7 +115,7 @@ def process_stream(
             arrival_s, number = perf_counter(), stream.number
             if first is None:
                 first, numbers = cube, range(number, number)
-                scenario, fit_findings = fit_scenario_to_recording(scenario, cube, radar)
+                scenario, fit_findings = fit_scenario_to_recording(scenario, [cube], radar)
                 chain = scenario.chain.fit_to_radar(radar)
             (frame,) = process_cubes([cube], radar, chain, first_frame_number=number)
             frames.add_frame_result(frame)

@@ -65,8 +65,8 @@ def outlier_chirp_findings(recorded: RecordingMeasures) -> list[Finding]:
             f" the ones before and after{size_text}:"
             f" {format_chirps_by_frame(is_outlier, recorded.frame_numbers)}",
             expected="equal chirps, since an outlier adds to every velocity",
-            fix="`dechirp run` leaves them out; if it is the first of each frame, let the radar"
-            " settle",
+            fix="`dechirp run` interpolates them from the others; if it is the first of each frame,"
+            " let the radar settle",
         )
     ]
 
