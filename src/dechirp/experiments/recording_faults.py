@@ -115,18 +115,18 @@ class MeasuredFrames:
             measures = self._measurer.add_frame(
                 samples, is_lost, recording.radar.frame.frame_start_s(number)
             )
-            kept = samples[:, receivers]
+            used_samples = samples[:, receivers]
             if self._treatment.repairs_chirps:
                 is_missing = outlier_chirp_mask(measures["unlike"], measures["burst"])
                 is_missing |= measures["lost"]
                 if is_missing.any():
-                    kept = interpolate_chirps(kept, is_missing, n_slots)
+                    used_samples = interpolate_chirps(used_samples, is_missing, n_slots)
                     n_interpolated = int(interpolable_chirp_mask(is_missing, n_slots).sum())
                     self._n_interpolated += n_interpolated
                     self._n_zeroed += int(is_missing.sum()) - n_interpolated
-            self._n_chirps += len(kept)
+            self._n_chirps += len(used_samples)
             gaps = None if is_lost is None else is_lost[None]
-            yield label_frames_as_cube(kept[None], contents, first_frame=number, gaps=gaps)
+            yield label_frames_as_cube(used_samples[None], contents, first_frame=number, gaps=gaps)
 
     def first_and_middle_frame(self) -> Iterator[xr.DataArray]:
         """Yield the cubes of two frames, repaired as in the run: the first may be damaged."""

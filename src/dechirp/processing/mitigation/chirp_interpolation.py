@@ -16,8 +16,7 @@ import numba
 import numpy as np
 import scipy.fft
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.signal.windows import hann
-from scipy.stats import gamma
+from scipy.special import gammainccinv, gammaincinv
 
 _MIN_ROUNDS = 8  # fewer chirps of a transmitter do not separate echoes from noise
 # Of the chirps of a transmitter. What remains of an echo 60 dB over the noise is below the noise
@@ -60,20 +59,23 @@ def interpolate_chirps(samples: np.ndarray, is_missing: np.ndarray, n_slots: int
     n_samples = samples.shape[2]
     is_complex = np.iscomplexobj(samples)
     spectra = scipy.fft.fft(out, axis=2) if is_complex else scipy.fft.rfft(out, axis=2)
-    by_slot = spectra.reshape(-1, n_slots, *spectra.shape[1:])
-    n_rounds = len(by_slot)
+    series = spectra.reshape(-1, n_slots, *spectra.shape[1:])
+    n_cells = 2 * len(series)
     missing_by_slot = is_missing.reshape(-1, n_slots)
-    interpolated_slots = np.flatnonzero(is_interpolated.reshape(-1, n_slots).any(axis=0))
-    given = {
-        slot: scipy.fft.fft(by_slot[:, slot], 2 * n_rounds, axis=0) for slot in interpolated_slots
-    }
+    # Only slots that are interpolated: the zeros of others have sidelobes.
+    slots = np.flatnonzero(is_interpolated.reshape(-1, n_slots).any(axis=0))
+    zero_filled_spectra = {slot: scipy.fft.fft(series[:, slot], n_cells, axis=0) for slot in slots}
     for _ in range(_N_PASSES):
-        power, noise, threshold = _slow_time_power_and_noise(by_slot[:, interpolated_slots])
-        for slot in interpolated_slots:
+        power, noise, threshold = _slow_time_power_and_noise(series[:, slots])
+        for slot in slots:
             missing = np.flatnonzero(missing_by_slot[:, slot])
-            kept_spectrum = scipy.fft.fft((~missing_by_slot[:, slot]).astype(float), 2 * n_rounds)
-            by_slot[missing, slot] = _evaluate_strong_cells(
-                given[slot], kept_spectrum, power, noise, threshold, missing
+            series[missing, slot] = _evaluate_strong_cells(
+                zero_filled_spectra[slot],
+                scipy.fft.fft((~missing_by_slot[:, slot]).astype(float), n_cells),
+                power,
+                noise,
+                threshold,
+                missing,
             )
     filled = spectra[is_interpolated]
     out[is_interpolated] = (
@@ -90,23 +92,23 @@ def _slow_time_power_and_noise(series: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """
     n_rounds, n_slots, n_rx, n_ranges = series.shape
     n_channels = n_slots * n_rx
-    taper = hann(n_rounds, sym=False).astype(np.float32)
+    taper = np.hanning(n_rounds + 1)[:-1].astype(np.float32)
     power = np.zeros((2 * n_rounds, n_ranges))
     for slot in range(n_slots):
         spectrum = scipy.fft.fft(series[:, slot] * taper[:, None, None], 2 * n_rounds, axis=0)
         power += np.sum(spectrum.real**2 + spectrum.imag**2, axis=1)
     power /= n_channels * float(np.sum(taper**2))
     # Means of n exponential powers have a gamma distribution.
-    quantile_of_noise = gamma.ppf(_NOISE_QUANTILE, n_channels) / n_channels
+    quantile_of_noise = gammaincinv(n_channels, _NOISE_QUANTILE) / n_channels
     noise = np.quantile(power, _NOISE_QUANTILE, axis=0) / quantile_of_noise
     noise = np.maximum(noise, _MIN_NOISE_RATIO * power.mean())
-    threshold = float(gamma.isf(_FALSE_CELL_PROBABILITY, n_channels)) / n_channels
+    threshold = float(gammainccinv(n_channels, _FALSE_CELL_PROBABILITY)) / n_channels
     return power, noise, threshold
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _evaluate_strong_cells(
-    given_spectrum: np.ndarray,
+    zero_filled_spectrum: np.ndarray,
     kept_spectrum: np.ndarray,
     power: np.ndarray,
     noise: np.ndarray,
@@ -116,11 +118,11 @@ def _evaluate_strong_cells(
     """Fit the strong cells to the given chirps; return their sum in the missing ones.
 
     Minimises |x - A c|^2 / noise + sum |c_k|^2 / P_k over the amplitudes c of the strong cells.
-    `given_spectrum` (velocity, rx, range) is the transform A^H x of the chirps with zeros in place
+    `zero_filled_spectrum` (velocity, rx, range) is the transform A^H x of the chirps with zeros in place
     of missing ones, `kept_spectrum` (velocity,) that of the mask of the others, which is a row of
     A^H A. Returns (missing, rx, range).
     """
-    n_cells, n_rx, n_ranges = given_spectrum.shape
+    n_cells, n_rx, n_ranges = zero_filled_spectrum.shape
     out = np.zeros((missing.size, n_rx, n_ranges), np.complex64)
     for row in range(n_ranges):
         cells = np.flatnonzero(power[:, row] > threshold * noise[row])
@@ -133,7 +135,7 @@ def _evaluate_strong_cells(
                 matrix[i, j] = kept_spectrum[(cells[i] - cells[j]) % n_cells]
             matrix[i, i] += noise[row] * n_cells / (power[cells[i], row] - noise[row])
             for k in range(n_rx):
-                right_side[i, k] = given_spectrum[cells[i], k, row]
+                right_side[i, k] = zero_filled_spectrum[cells[i], k, row]
         amplitudes = np.linalg.solve(matrix, right_side)
         for m in range(missing.size):
             for i in range(cells.size):
