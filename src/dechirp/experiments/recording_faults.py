@@ -204,7 +204,7 @@ def _chirp_repair_findings(
             setting="recording.repair_faults",
             value=f"{n_zeroed} of {n_chirps} chirps are zero, lost or unlike the others, in frames"
             " with too many of them to interpolate",
-            expected="of 8 chirps or more of each transmitter, at most a quarter lost, and at most"
+            expected="of 16 chirps or more of each transmitter, at most a quarter lost, and at most"
             " an eighth in a row",
             fix="select other frames with --frames, or record again: strong echoes have"
             f" sidelobes over all velocities there; {_UNDO_TEXT}",

@@ -18,22 +18,22 @@ import scipy.fft
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import gammainccinv, gammaincinv
 
-_MIN_ROUNDS = 8  # fewer chirps of a transmitter do not separate echoes from noise
+_MIN_ROUNDS = 16  # of fewer, the main lobe of an echo takes half of the velocities
 # Of the chirps of a transmitter. What remains of an echo 60 dB over the noise is below the noise
 # for a quarter spread over the frame, and 3 dB over it for an eighth in a row.
 _MAX_MISSING_SHARE, _MAX_SHARE_IN_A_ROW = 1 / 4, 1 / 8
-# The first pass sees the sidelobes of the zeros; with the second, the spectrum is that of the
-# echoes to -60 dB.
+# The first pass sees the sidelobes of the zeros, the later ones those of the errors before.
 _N_PASSES = 3
 _FALSE_CELL_PROBABILITY = 1e-7  # of a strong cell in noise, below that of usual detectors
 _NOISE_QUANTILE = 0.25  # of the velocities of a range: robust with echoes in half of them
-_MIN_NOISE_RATIO = 1e-12  # of the mean power, above rounding errors
+# Of the strongest velocity: extrapolation amplifies the rounding errors of single precision.
+_MIN_NOISE_RATIO = 1e-8
 
 
 def interpolable_chirp_mask(is_missing: np.ndarray, n_slots: int) -> np.ndarray:
     """Return the mask of missing chirps, (chirp,), that the others suffice to interpolate.
 
-    A transmitter needs at least 8 chirps, of which at most a quarter is missing, and at most an
+    A transmitter needs at least 16 chirps, of which at most a quarter is missing, and at most an
     eighth in a row. `n_slots` is the number of chirps after which the same transmitter sends again.
     """
     by_slot = is_missing.reshape(-1, n_slots)
@@ -101,7 +101,7 @@ def _slow_time_power_and_noise(series: np.ndarray) -> tuple[np.ndarray, np.ndarr
     # Means of n exponential powers have a gamma distribution.
     quantile_of_noise = gammaincinv(n_channels, _NOISE_QUANTILE) / n_channels
     noise = np.quantile(power, _NOISE_QUANTILE, axis=0) / quantile_of_noise
-    noise = np.maximum(noise, _MIN_NOISE_RATIO * power.mean())
+    noise = np.maximum(noise, _MIN_NOISE_RATIO * power.max(axis=0))
     threshold = float(gammainccinv(n_channels, _FALSE_CELL_PROBABILITY)) / n_channels
     return power, noise, threshold
 
@@ -118,9 +118,9 @@ def _evaluate_strong_cells(
     """Fit the strong cells to the given chirps; return their sum in the missing ones.
 
     Minimises |x - A c|^2 / noise + sum |c_k|^2 / P_k over the amplitudes c of the strong cells.
-    `zero_filled_spectrum` (velocity, rx, range) is the transform A^H x of the chirps with zeros in place
-    of missing ones, `kept_spectrum` (velocity,) that of the mask of the others, which is a row of
-    A^H A. Returns (missing, rx, range).
+    `zero_filled_spectrum` (velocity, rx, range) is the transform A^H x of the chirps with zeros in
+    place of missing ones, `kept_spectrum` (velocity,) that of the mask of the others, which is a
+    row of A^H A. Returns (missing, rx, range).
     """
     n_cells, n_rx, n_ranges = zero_filled_spectrum.shape
     out = np.zeros((missing.size, n_rx, n_ranges), np.complex64)
