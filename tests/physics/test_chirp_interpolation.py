@@ -185,5 +185,5 @@ def test_echoes_without_noise_are_stable(label):
     samples, is_missing = echo.astype(np.complex64), missing_mask(MISSING_ROUNDS[label], 1)
     error = interpolate_chirps(samples, is_missing, 1) - samples
     # The noise is taken for -80 dB of an echo in the map, -62 dB in a chirp; at the end of the
-    # frame it is amplified by up to 20 dB.
-    assert np.mean(np.abs(error[is_missing]) ** 2) < 1e-4 * np.mean(np.abs(samples) ** 2)
+    # frame, extrapolation over four chirps amplifies it by up to 30 dB.
+    assert np.mean(np.abs(error[is_missing]) ** 2) < 1e-3 * np.mean(np.abs(samples) ** 2)
