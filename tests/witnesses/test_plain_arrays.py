@@ -127,6 +127,16 @@ def test_map_of_tone_has_its_power_in_its_cell():
     assert real_power[16 + 5, 20] == pytest.approx(amplitude**2 / 2, rel=1e-5)
 
 
+@pytest.mark.parametrize("scale", [1e-310, 1e-200, 1e150, 1e300])
+def test_threshold_scales_with_power_over_range_of_double_precision(scale):
+    power = np.random.default_rng(9).exponential(size=(16, 32))
+    np.testing.assert_allclose(
+        dc.cfar.cfar_threshold(scale * power, 3, 1, 1e-3) / scale,
+        dc.cfar.cfar_threshold(power, 3, 1, 1e-3),
+        rtol=1e-6,
+    )
+
+
 def test_map_averages_power_of_channels():
     samples = noise_samples(3, 16, 32, seed=8)
     each = [dc.maps.range_doppler_map(channel) for channel in samples]

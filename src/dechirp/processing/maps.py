@@ -71,7 +71,8 @@ def scale_to_unity(array: np.ndarray) -> tuple[np.ndarray, int]:
     Returns the array and the exponent. Single precision ends at 1e-38: the power of an echo in
     square watts would not fit.
     """
-    exponent = int(np.frexp(np.max(np.abs(array), initial=0.0))[1])
+    # Beyond -1000, the inverse of the power of two would overflow.
+    exponent = max(int(np.frexp(np.max(np.abs(array), initial=0.0))[1]), -1000)
     return array * np.ldexp(1.0, -exponent), exponent
 
 
