@@ -6,7 +6,6 @@ The title and introduction of a page come from the folder's docstring.
 
 import importlib
 import inspect
-from collections import Counter
 from dataclasses import fields, is_dataclass
 from functools import cache
 from operator import attrgetter
@@ -63,10 +62,15 @@ def public_names() -> dict[str, str]:
 
 @cache
 def _unique_names() -> dict[str, str]:
-    """Map the last part of public names to the name, if it is unique."""
-    counts = Counter(name.rpartition(".")[2] for name in public_names())
-    last_parts = {name.rpartition(".")[2]: name for name in public_names()}
-    return {last: name for last, name in last_parts.items() if counts[last] == 1}
+    """Map the last part of public names to the first name, if all of them name one object."""
+    names: dict[str, list[str]] = {}
+    for name in public_names():
+        names.setdefault(name.rpartition(".")[2], []).append(name)
+    return {
+        last: same[0]
+        for last, same in names.items()
+        if all(_load(name) is _load(same[0]) for name in same)
+    }
 
 
 def names_by_folder() -> dict[str, list[str]]:
