@@ -249,6 +249,10 @@ def test_cfg_single_chirp_frames_become_one_frame(tmp_path):
     assert settings.has_merged_frames
     assert (settings.radar.frame.n_chirps, settings.n_frames) == (200, 1)
     assert settings.radar.frame.interval_s == pytest.approx(1e-3)
+    (note,) = (f for f in settings.findings if f.setting == "radar.frame.n_chirps")
+    assert "--set radar.frame.n_chirps=256" in note.fix  # at most 0.3 s
+    limit_m_per_s = settings.radar.frame.chirp.wavelength_m / 4 / 1e-3
+    assert f"velocities beyond {limit_m_per_s:.3g} m/s are aliased" in note.value
 
 
 def test_cfg_single_sub_frame_is_frame(tmp_path):

@@ -1,5 +1,6 @@
 """Frame settings common to all settings files of TI radars: chirps, transmitter masks, loops."""
 
+import math
 from collections.abc import Sequence
 
 from dechirp.core.errors import InvalidSetting
@@ -23,6 +24,8 @@ MAX_CHIRPS = 512
 
 BITS = {0: 12, 1: 14, 2: 16}
 """ADC bits, by the chip's code for them."""
+
+_SHORT_FRAME_S = 0.3  # in which a person walks 0.2 m
 
 
 @frozen_dataclass
@@ -136,7 +139,7 @@ def ti_frame_to_recording_settings(
         frame = Frame(
             chirp=ti_frame.chirp, n_chirps=ti_frame.n_frames, interval_s=ti_frame.period_s
         )
-        findings += (_merged_frames_note(ti_frame.n_frames, ti_frame.period_s),)
+        findings += (_merged_frames_note(frame),)
     else:
         frame = Frame(
             chirp=ti_frame.chirp,
@@ -170,13 +173,19 @@ def _format_transmitters_of_mask(mask: int) -> str:
     return "+".join(str(n + 1) for n in _mask_to_indices(mask)) or "none"
 
 
-def _merged_frames_note(n_frames: int, period_s: float) -> Finding:
-    """Return the note that frames of one chirp were merged."""
+def _merged_frames_note(frame: Frame) -> Finding:
+    """Return the note that frames of one chirp were merged into one frame."""
+    n_chirps, interval_s = frame.n_chirps, frame.repetition_s
+    limit_m_per_s = frame.chirp.wavelength_m / 4 / interval_s
+    n_short = 2 ** int(math.log2(min(max(_SHORT_FRAME_S / interval_s, 8), 256)))
     return Finding(
         level="note",
         setting="radar.frame.n_chirps",
-        value=f"{n_frames} frames of one chirp, read as one frame of {n_frames} chirps,"
-        f" {period_s * 1e3:g} ms apart",
+        value=f"{n_chirps} frames of one chirp, read as one frame of {n_chirps} chirps,"
+        f" {interval_s * 1e3:g} ms apart; velocities beyond {limit_m_per_s:.3g} m/s are aliased,"
+        f" and targets that change their velocity or range cell in {n_chirps * interval_s:.3g} s"
+        " are smeared",
         expected="several chirps in a frame, to measure velocity",
-        fix="give the radar with another number of chirps for other frames",
+        fix=f"for targets that move, run with --set radar.frame.n_chirps={n_short}: frames of"
+        f" {n_short * interval_s:.2g} s",
     )
