@@ -35,8 +35,11 @@ def strongest_detections_table(result: Result, *, at_most: int, width: int) -> T
     title = format_count_with_noun(n_all, "detection")
     if n_shown < n_all:
         n_moving = int(np.sum(strongest.moving.values == 1)) if "moving" in strongest else 0
-        share = f" that move and the {n_shown - n_moving} strongest others" if n_moving else ""
-        title += f", the {n_moving or n_shown} strongest{share} (complete list: detections.csv)"
+        if 0 < n_moving < n_shown:
+            title += f", the {n_moving} strongest that move and the {n_shown - n_moving} strongest"
+            title += " others (complete list: detections.csv)"
+        else:
+            title += f", the {n_shown} strongest (complete list: detections.csv)"
     columns = _detection_table_cells(result, strongest)
     if _table_width(columns) > width:
         columns = _detection_table_cells(result, strongest, is_rounded=True)

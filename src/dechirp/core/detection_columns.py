@@ -171,7 +171,7 @@ def strongest_rows_with_motion(detections: xr.Dataset, at_most: int) -> np.ndarr
     is_moving = detections.moving.values[order] == 1
     n_moving, n_others = int(is_moving.sum()), int((~is_moving).sum())
     n_moving = min(n_moving, max(at_most // 2, at_most - n_others))
-    is_shown = np.where(is_moving, np.cumsum(is_moving) <= n_moving, False)
+    is_shown = is_moving & (np.cumsum(is_moving) <= n_moving)
     is_shown |= ~is_moving & (np.cumsum(~is_moving) <= at_most - n_moving)
     return order[is_shown]
 
