@@ -11,8 +11,8 @@ import pytest
 import dechirp as dc
 from bad_input.entries import check_error_is_complete, run_command
 from dechirp.cli.main import main
-from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.core.errors import DechirpError
+from dechirp.core.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.experiments.run import fitted_chain_findings
 from dechirp.recordings.settings.calibration import read_calibration
 from dechirp.results.hex_vectors import read_vectors

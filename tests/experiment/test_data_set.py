@@ -337,6 +337,26 @@ def test_wrong_shape_of_coordinate_is_rejected_before_reading(
         open_data_set_groups(folder)
 
 
+@pytest.mark.parametrize(
+    ("group", "name"), [("", "cube"), ("", "made"), ("truth", "range"), ("detections", "range")]
+)
+def test_damaged_values_raise_recording_error_with_folder_when_loaded(
+    undisturbed_folder, tmp_path, group, name
+):
+    folder = tmp_path / "data.zarr"
+    shutil.copytree(undisturbed_folder / "data.zarr", folder)
+    files = [f for f in (folder / group / name).rglob("*") if f.is_file() and f.suffix != ".json"]
+    assert files
+    for file in files:
+        file.write_bytes(file.read_bytes()[:-5])
+    array = open_data_set_groups(folder)[group][name]
+    assert open_data_set_groups(undisturbed_folder / "data.zarr")[group][name].load().size
+    for load in (array.to_numpy, array[:1].load, array.mean):
+        with pytest.raises(RecordingError) as caught:
+            load()
+        assert caught.value.mistakes[0].file == str(folder)
+
+
 def _change_consolidated_array(root, name, **changes):
     """Change the metadata of an array in the root group of a data set."""
     root["consolidated_metadata"]["metadata"][name] |= changes

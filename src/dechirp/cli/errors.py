@@ -20,8 +20,8 @@ from cyclopts import (
     UnusedCliTokensError,
 )
 
-from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.core.errors import DechirpError, InvalidFile, Mistake, quote_for_message
+from dechirp.core.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 
 # The libraries alone reserve 0.65 GB of addresses with one thread and 0.06 GB more per thread.
 # With less, one of them retries for ever and raises no exception.

@@ -15,10 +15,10 @@ from dechirp.config.fields import (
     list_settings,
     setting_name_of_field,
 )
-from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix, nearest_name
 from dechirp.config.validation import ReferencedFileError
 from dechirp.config.yaml_tree import Location, YamlNode, join_setting_path
 from dechirp.core.errors import InvalidSetting, Mistake, quote_for_message
+from dechirp.core.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix, nearest_name
 
 
 @dataclass(frozen=True)

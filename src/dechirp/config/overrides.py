@@ -4,10 +4,10 @@ from dataclasses import replace
 
 from dechirp.config.dumping import dump_yaml
 from dechirp.config.error_messages import SettingNode
-from dechirp.config.suggestions import did_you_mean_fix
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import Location, YamlNode, join_setting_path, parse_yaml
 from dechirp.core.errors import InvalidFile, quote_for_message
+from dechirp.core.suggestions import did_you_mean_fix
 
 _OPTION_LOCATION = Location("--set")
 

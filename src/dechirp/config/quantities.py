@@ -4,9 +4,9 @@ import math
 import re
 from decimal import Decimal
 
-from dechirp.config.suggestions import nearest_name
 from dechirp.core.dimensions import DIMENSIONS, Dimension
 from dechirp.core.errors import InvalidSetting, quote_for_message
+from dechirp.core.suggestions import nearest_name
 
 _GRAMMAR = re.compile(
     r"(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>[A-Za-z]\S*)?", re.ASCII

@@ -14,7 +14,6 @@ from dechirp.config.error_messages import SettingNode
 from dechirp.config.fields import Setting, ValueType, is_family_type, list_settings
 from dechirp.config.loading import validate_and_build_value
 from dechirp.config.overrides import replace_node
-from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import (
     Location,
@@ -26,6 +25,7 @@ from dechirp.config.yaml_tree import (
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 from dechirp.core.findings import PhysicsWarning
+from dechirp.core.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 
 T = TypeVar("T")
 Steps: TypeAlias = tuple[str | int, ...]

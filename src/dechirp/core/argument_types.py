@@ -1,4 +1,4 @@
-"""Types of the arguments of public functions, checked at each call."""
+"""Names and types of the arguments of public functions and classes, checked at each call."""
 
 import inspect
 import types
@@ -8,6 +8,7 @@ from functools import cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.suggestions import did_you_mean_fix
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -17,9 +18,11 @@ def check_argument_types(function: Callable[P, R]) -> Callable[P, R]:
     """Make a function raise `InvalidSetting`, which names the argument, for one of a wrong type.
 
     Arguments whose annotation is a class, or a union of classes and None, are checked, and missing
-    ones are reported; numbers, sequences and functions are left to the checks of their values.
+    and unknown ones are reported; numbers, sequences and functions are left to the checks of their
+    values.
     """
-    signature, name = inspect.signature(function), function.__name__
+    signature = inspect.signature(function)
+    name = function.__qualname__.removesuffix(".__init__")
     parameters = {
         parameter.name: parameter
         for parameter in signature.parameters.values()
@@ -37,7 +40,11 @@ def check_argument_types(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def checked(*args: P.args, **kwargs: P.kwargs) -> R:
-        arguments = signature.bind_partial(*args, **kwargs).arguments
+        try:
+            arguments = signature.bind_partial(*args, **kwargs).arguments
+        except TypeError:
+            check_argument_names(signature, name, args, kwargs)
+            raise
         for argument, parameter in parameters.items():
             if parameter.default is parameter.empty and argument not in arguments:
                 raise _argument_error(name, argument, "missing", classes_by_argument())
@@ -50,6 +57,64 @@ def check_argument_types(function: Callable[P, R]) -> Callable[P, R]:
     return checked
 
 
+def check_argument_names(
+    signature: inspect.Signature, function: str, args: tuple[Any, ...], kwargs: dict[str, Any]
+) -> None:
+    """Raise `InvalidSetting` that names the first unknown, superfluous or missing argument.
+
+    Parameters
+    ----------
+    signature : inspect.Signature
+        Of a function or a class.
+    function : str
+        Name of the function or the class, for the message.
+    args, kwargs
+        Positional arguments, and arguments by name.
+    """
+    parameters = {name: p for name, p in signature.parameters.items() if name != "self"}
+    args = args[len(signature.parameters) - len(parameters) :]
+    names = list(parameters)
+    kinds = {name: parameter.kind for name, parameter in parameters.items()}
+    accepts_any_name = inspect.Parameter.VAR_KEYWORD in kinds.values()
+    by_position = [n for n in names if kinds[n] is inspect.Parameter.POSITIONAL_OR_KEYWORD]
+    for argument in kwargs:
+        if argument not in names and not accepts_any_name:
+            raise InvalidSetting(
+                f"{function}.{argument}",
+                value="unknown argument",
+                expected=f"one of {', '.join(names)}" if names else "no argument",
+                fix=did_you_mean_fix(argument, names),
+            )
+    if len(args) > len(by_position) and inspect.Parameter.VAR_POSITIONAL not in kinds.values():
+        raise InvalidSetting(
+            function,
+            value=f"{len(args)} given without a name",
+            expected=f"at most {len(by_position)}, all others by name",
+            fix=f"write {function}({names[-1]}=...)" if names else "omit them",
+        )
+    for argument in by_position[: len(args)]:
+        if argument in kwargs:
+            raise InvalidSetting(
+                f"{function}.{argument}",
+                value="two values, one without and one with the name",
+                expected="one value",
+                fix="omit one of them",
+            )
+    for argument, parameter in parameters.items():
+        is_given = argument in kwargs or argument in by_position[: len(args)]
+        is_variable = kinds[argument] in (
+            inspect.Parameter.VAR_POSITIONAL,
+            inspect.Parameter.VAR_KEYWORD,
+        )
+        if parameter.default is parameter.empty and not is_given and not is_variable:
+            raise InvalidSetting(
+                f"{function}.{argument}",
+                value="missing",
+                expected="a value",
+                fix=f"write {function}({argument}=...)",
+            )
+
+
 def _argument_error(
     function: str, argument: str, value: str, classes: dict[str, tuple[type, ...]]
 ) -> InvalidSetting:
@@ -58,7 +123,7 @@ def _argument_error(
         argument,
         value=value,
         expected=" or ".join(names) or "a value",
-        fix=f"see help(dechirp.{function})",
+        fix=f"see help({function})",
     )
 
 

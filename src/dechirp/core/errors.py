@@ -7,7 +7,7 @@ DechirpError
     NotEnoughMemory  a job that exceeds the free memory, refused before it starts
 """
 
-from dechirp.core.values import frozen_dataclass
+from dataclasses import dataclass
 
 _MAX_QUOTED_CHARACTERS = 300
 """Largest length of a setting's name and its value in a message; both may quote a foreign file."""
@@ -15,7 +15,7 @@ _MAX_ADVICE_CHARACTERS = 1000
 """Largest length of the accepted values and of the fix, which may list all settings of a class."""
 
 
-@frozen_dataclass
+@dataclass(frozen=True, kw_only=True)
 class Mistake:
     """Mistake of a user: the setting, its value, the accepted values, and how to fix it.
 
@@ -72,7 +72,7 @@ def _unpickle_error(kind: type[DechirpError], mistakes: tuple[Mistake, ...]) -> 
 
 
 class InvalidSetting(DechirpError, ValueError):
-    """Invalid value of a setting; `setting` reads `Class.field_with_unit`."""
+    """Invalid value of a setting or an argument; `setting` reads `Class.field_with_unit`."""
 
     def __init__(self, setting: str, *, value: object, expected: str, fix: str) -> None:
         super().__init__(Mistake(setting=setting, value=str(value), expected=expected, fix=fix))

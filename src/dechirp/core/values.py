@@ -1,8 +1,12 @@
 """Value classes: frozen dataclasses with keyword-only fields, the base of all settings."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import wraps
+from inspect import signature
 from typing import Any, TypeVar, dataclass_transform
 
+from dechirp.core.argument_types import check_argument_names
 from dechirp.core.display import Displayable
 
 T = TypeVar("T")
@@ -15,7 +19,7 @@ def frozen_dataclass(cls: type[T]) -> type[T]:
     Field names carry their SI unit (`slope_hz_per_s`); settings files use the name
     without it. `dataclasses.replace` creates a variant and checks it again. Zero-dimensional
     arrays become Python numbers, since arrays have no hash. A `Displayable` class keeps its
-    own `repr`.
+    own `repr`. Calls with unknown, missing or positional arguments raise `InvalidSetting`.
     """
     check = getattr(cls, "__post_init__", None)
 
@@ -30,4 +34,21 @@ def frozen_dataclass(cls: type[T]) -> type[T]:
 
     target: Any = cls
     target.__post_init__ = normalise_fields
-    return dataclass(frozen=True, kw_only=True, repr=not issubclass(cls, Displayable))(cls)
+    built = dataclass(frozen=True, kw_only=True, repr=not issubclass(cls, Displayable))(cls)
+    target.__init__ = _name_wrong_arguments(target.__init__)
+    return built
+
+
+def _name_wrong_arguments(initialise: Callable[..., None]) -> Callable[..., None]:
+    """Make the `__init__` of a class raise `InvalidSetting` that names a wrong argument."""
+
+    @wraps(initialise)
+    def checked(self: Any, *args: Any, **kwargs: Any) -> None:
+        try:
+            initialise(self, *args, **kwargs)
+        except TypeError:
+            # Checked after a failure only: values are also created within loops.
+            check_argument_names(signature(type(self)), type(self).__name__, args, kwargs)
+            raise
+
+    return checked

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_number
 from dechirp.evaluation.ospa import pairwise_distances_m
 
@@ -22,6 +23,7 @@ class Gospa(NamedTuple):
     n_false: int
 
 
+@check_argument_types
 def gospa(
     estimate_m: ArrayLike,
     truth_m: ArrayLike,

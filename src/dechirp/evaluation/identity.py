@@ -4,6 +4,7 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import linear_sum_assignment
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_number
 from dechirp.core.errors import InvalidSetting
 from dechirp.evaluation.ospa import pairwise_distances_m
@@ -11,6 +12,7 @@ from dechirp.evaluation.ospa import pairwise_distances_m
 NO_TRACK = -1
 
 
+@check_argument_types
 def track_identities(tracks: xr.Dataset, truth: xr.Dataset, *, cutoff_m: float) -> xr.Dataset:
     """Assign confirmed tracks to targets, and count the changes.
 

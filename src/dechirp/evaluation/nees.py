@@ -4,10 +4,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_finite_array, check_integer, check_probability
 from dechirp.core.errors import InvalidSetting
 
 
+@check_argument_types
 def nees(error: ArrayLike, covariance: ArrayLike) -> np.ndarray:
     """Compute the normalised estimation error squared, e' P^-1 e.
 
@@ -59,6 +61,7 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> np.ndarray:
     return np.sum(whitened**2, axis=-1)
 
 
+@check_argument_types
 def mean_nees_interval(
     n_states: int, n_independent: int, *, outside_probability: float
 ) -> tuple[float, float]:

@@ -5,12 +5,14 @@ from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_finite_array, check_number
 from dechirp.core.errors import InvalidSetting
 
 _LARGEST_ORDER = 100  # above, a thousandth of the cut-off underflows
 
 
+@check_argument_types
 def ospa_m(
     estimate_m: ArrayLike, truth_m: ArrayLike, *, cutoff_m: float, order: float = 1
 ) -> float:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import (
     check_integer_fields,
     check_number,
@@ -102,6 +103,7 @@ class TrackingOutcome(NamedTuple):
     """True if every target was acquired in time and kept one track to the end."""
 
 
+@check_argument_types
 def draw_truth_and_detections(trial: TrackTrial, trial_number: int) -> TrialData:
     """Draw targets and detections of the trial of that number."""
     rng = np.random.default_rng(np.random.SeedSequence(trial.seed, spawn_key=(trial_number,)))
@@ -118,6 +120,7 @@ def draw_truth_and_detections(trial: TrackTrial, trial_number: int) -> TrialData
     return TrialData(truth, _draw_detections(trial, state, rng))
 
 
+@check_argument_types
 def assess_track_completeness(
     trial: TrackTrial, data: TrialData, tracks: xr.Dataset
 ) -> TrackingOutcome:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.spectrum import Transform, mean_range_doppler_power
@@ -15,6 +16,7 @@ __all__ = ["range_doppler_map"]
 _MAX_BINS = 2**20
 
 
+@check_argument_types
 def range_doppler_map(
     samples: ArrayLike,
     window: Window | tuple[Window, Window] = "hann",

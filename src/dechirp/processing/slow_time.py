@@ -25,6 +25,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_finite_array
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
@@ -60,6 +61,7 @@ _MAX_PHASE_STEP = 0.75 * np.pi
 _RANGE_OVERSAMPLING = 8  # bins per resolution cell: straddling loss 0.06 dB
 
 
+@check_argument_types
 def slow_time(
     cube: xr.DataArray, radar: Radar, range_m: ArrayLike, *, window: Window = "hann"
 ) -> xr.DataArray:
@@ -131,6 +133,7 @@ def slow_time(
     )
 
 
+@check_argument_types
 def range_track(
     cube: xr.DataArray, radar: Radar, range_m: tuple[float, float], *, window: Window = "hann"
 ) -> xr.DataArray:
@@ -192,6 +195,7 @@ def range_track(
     )
 
 
+@check_argument_types
 def frame_means(trace: xr.DataArray) -> xr.DataArray:
     """Average a trace over the rounds of each frame, (time, channel), one value per frame.
 
@@ -206,6 +210,7 @@ def frame_means(trace: xr.DataArray) -> xr.DataArray:
     return means.swap_dims(frame="time").assign_attrs(trace.attrs).transpose("time", ...)
 
 
+@check_argument_types
 def displacement(trace: xr.DataArray, radar: Radar) -> xr.DataArray:
     """Compute the displacement of the target of a trace since its first value.
 
@@ -291,6 +296,7 @@ def _warn_about_zero_values(n_zeros: int, n_values: int) -> None:
         warnings.warn(PhysicsWarning(finding), stacklevel=3)
 
 
+@check_argument_types
 def displacement_spectrum(displacement: xr.DataArray, *, window: Window = "hann") -> xr.DataArray:
     """Compute the amplitude spectrum of a displacement.
 
@@ -366,6 +372,7 @@ def displacement_spectrum(displacement: xr.DataArray, *, window: Window = "hann"
     )
 
 
+@check_argument_types
 def strongest_oscillation(spectrum: xr.DataArray, frequency_hz: tuple[float, float]) -> xr.Dataset:
     """Find the strongest periodic movement between two frequencies.
 

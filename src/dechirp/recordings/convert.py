@@ -3,9 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-from dechirp.config.suggestions import did_you_mean_fix, nearest_name
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import DechirpError, Mistake
+from dechirp.core.suggestions import did_you_mean_fix, nearest_name
 from dechirp.recordings.frame_subset import renumber_frames_from_zero
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.base import Progress, Writer

@@ -13,6 +13,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import xarray as xr
 import zarr
+from xarray.backends import BackendArray
+from xarray.core import indexing
 
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.recordings.arrays.lazy_array import (
@@ -230,8 +232,8 @@ def open_data_set_groups(folder: Path) -> dict[str, xr.Dataset]:
     DechirpError
         If the folder has no complete data set.
     RecordingError
-        If its metadata or coordinates are damaged. Damage of other arrays raises the errors of
-        xarray when they are loaded; `convert_parser_errors` converts them.
+        If its metadata or coordinates are damaged. Damage of other arrays raises it when they
+        are loaded.
     """
     if not is_data_set_complete(folder):
         raise DechirpError(
@@ -246,10 +248,38 @@ def open_data_set_groups(folder: Path) -> dict[str, xr.Dataset]:
     with convert_parser_errors(folder, EXPECTED):
         for name in names:  # each has metadata of its own arrays, which xarray reads
             _check_coordinate_sizes(folder, zarr.open_group(folder, path=name or None, mode="r"))
-        return {
+        groups = {
             name: xr.open_dataset(folder, engine="zarr", group=name or None, chunks=None)
             for name in names
         }
+    return {name: _convert_errors_of_lazy_arrays(group, folder) for name, group in groups.items()}
+
+
+class _CheckedArray(BackendArray):
+    """Lazy array that raises `RecordingError` if its part of the data set is damaged."""
+
+    def __init__(self, variable: xr.Variable, folder: Path) -> None:
+        self._variable, self._folder = variable, folder
+        self.shape, self.dtype = variable.shape, variable.dtype
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(
+            key, self.shape, indexing.IndexingSupport.OUTER, self._read_part
+        )
+
+    def _read_part(self, part: tuple[Any, ...]) -> np.ndarray:
+        with convert_parser_errors(self._folder, EXPECTED):
+            return self._variable[part].to_numpy()
+
+
+def _convert_errors_of_lazy_arrays(group: xr.Dataset, folder: Path) -> xr.Dataset:
+    """Replace the lazy arrays of a group by ones that raise `RecordingError`."""
+    checked = {}
+    for name, array in group.data_vars.items():
+        lazy_array = indexing.LazilyIndexedArray(_CheckedArray(array.variable, folder))
+        cached = indexing.MemoryCachedArray(lazy_array)  # type: ignore[no-untyped-call]
+        checked[name] = (array.dims, cached, array.attrs, array.encoding)
+    return group.assign(checked)
 
 
 def _check_coordinate_sizes(folder: Path, group: Store) -> None:

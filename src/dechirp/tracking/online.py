@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_number
 from dechirp.core.detection_columns import check_type
 from dechirp.core.errors import InvalidSetting
@@ -99,6 +100,7 @@ class LiveTracker:
         If Stone Soup is not installed.
     """
 
+    @check_argument_types
     def __init__(self, tracker: Tracker, *, velocity_span_m_per_s: float | None = None) -> None:
         check_type("tracker", tracker, Tracker, fix="give Tracker(), its settings")
         if velocity_span_m_per_s is not None:

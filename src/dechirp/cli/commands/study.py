@@ -196,14 +196,12 @@ def _write_study_results(
 
 
 def _render_data_set_datasheet(study: "Study", out: Path) -> str:
-    from dechirp.recordings.arrays.lazy_array import convert_parser_errors
     from dechirp.report.data_set import render_data_set_page
-    from dechirp.results.data_set import EXPECTED, folder_size_bytes, open_data_set_groups
+    from dechirp.results.data_set import folder_size_bytes, open_data_set_groups
 
     folder = out / "data.zarr"
     data = open_data_set_groups(folder)
-    with convert_parser_errors(folder, EXPECTED):
-        return render_data_set_page(study, data, n_bytes=folder_size_bytes(folder))
+    return render_data_set_page(study, data, n_bytes=folder_size_bytes(folder))
 
 
 def _names_and_sha256_of_inputs(

@@ -25,7 +25,6 @@ from dechirp.config.loading import (
 )
 from dechirp.config.overrides import apply_override, parse_override
 from dechirp.config.setting_paths import SettingPath
-from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import (
     Location,
@@ -42,6 +41,7 @@ from dechirp.core.errors import (
     Mistake,
     quote_for_message,
 )
+from dechirp.core.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.evaluation.score.base import Score
 from dechirp.experiments.scenario import READERS, Scenario
 from dechirp.experiments.study.dumping import score_limit_unit

@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import Literal, get_args
 
-from dechirp.config.suggestions import did_you_mean_fix
 from dechirp.core.checks import (
     check_instances,
     check_integer_fields,
@@ -15,6 +14,7 @@ from dechirp.core.checks import (
 )
 from dechirp.core.display import Displayable, Table, format_count_with_noun
 from dechirp.core.errors import DechirpError, InvalidSetting
+from dechirp.core.suggestions import did_you_mean_fix
 from dechirp.core.text import format_quantity
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.score.base import Score

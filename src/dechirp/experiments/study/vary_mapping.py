@@ -11,10 +11,10 @@ from dechirp.config.quantities import (
     convert_quantity_to_unit,
     split_number_and_unit,
 )
-from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.config.yaml_tree import YamlNode
 from dechirp.core.dimensions import DIMENSIONS
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake, quote_for_message
+from dechirp.core.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 
 LEVEL_UNITS = {name for kind in DIMENSIONS.values() for name, _ in kind.db_units}
 """Units of levels, whose equal steps are equal ratios."""

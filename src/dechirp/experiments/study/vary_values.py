@@ -24,11 +24,11 @@ from dechirp.config.quantities import (
     split_number_and_unit,
 )
 from dechirp.config.setting_paths import with_absolute_file_paths
-from dechirp.config.suggestions import did_you_mean_fix, nearest_name
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import Location, YamlNode, parse_unquoted_scalar, parse_yaml
 from dechirp.core.dimensions import DIMENSIONS
 from dechirp.core.errors import InvalidFile, Mistake, quote_for_message
+from dechirp.core.suggestions import did_you_mean_fix, nearest_name
 from dechirp.experiments.study.study import RandomSetting, SweptSetting
 from dechirp.experiments.study.vary_mapping import (
     LEVEL_UNITS,

@@ -37,11 +37,11 @@ from dechirp.config.loading import (
     validate_and_build_value,
 )
 from dechirp.config.quantities import parse_quantity
-from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import YamlNode, duplicate_key_mistakes, join_setting_path, parse_yaml
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting, Mistake
+from dechirp.core.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.score.base import Score
 from dechirp.experiments.scenario import READERS, Scenario, load

@@ -6,6 +6,7 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_finite_array, check_non_negative_ratios
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.angle.aperture import Aperture, FieldOfView
@@ -14,6 +15,7 @@ from dechirp.processing.angle.base import DirectionEstimator, Directions
 __all__ = ["estimate_directions"]
 
 
+@check_argument_types
 def estimate_directions(
     snapshots: ArrayLike,
     positions: ArrayLike,

@@ -5,6 +5,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import (
     check_false_alarm_probability,
     check_integer,
@@ -19,6 +20,7 @@ from dechirp.theory.windows import Window
 __all__ = ["cfar_threshold"]
 
 
+@check_argument_types
 def cfar_threshold(
     power: ArrayLike,
     n_training: int | tuple[int, int],

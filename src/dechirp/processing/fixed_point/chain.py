@@ -7,6 +7,7 @@ import numba
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.conventions import axis_coordinate
 from dechirp.core.memory import check_free_memory
 from dechirp.processing.chain import Chain
@@ -42,6 +43,7 @@ class StageOutput(NamedTuple):
     """Number of saturated words in each stage."""
 
 
+@check_argument_types
 def fixed_point_map(
     cube: xr.DataArray, radar: Radar, chain: Chain | None = None, words: WordLengths | None = None
 ) -> xr.Dataset:

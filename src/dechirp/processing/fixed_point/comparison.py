@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
 from dechirp.core.units import to_decibels
 from dechirp.processing.chain import Chain
@@ -30,6 +31,7 @@ class DetectionAgreement(NamedTuple):
     """Median power of the cells over that in floating point: 1 where words keep the noise."""
 
 
+@check_argument_types
 def compare_detections(
     fixed_point: xr.Dataset, power: xr.DataArray, threshold: xr.DataArray
 ) -> DetectionAgreement:
@@ -48,6 +50,7 @@ def compare_detections(
     )
 
 
+@check_argument_types
 def compare_detections_over_bits(
     cube: xr.DataArray,
     radar: Radar,

@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.fixed_point.coefficients import INTEGER_BITS, integer_twiddle_factors
@@ -16,6 +17,7 @@ __all__ = ["predict_quantisation_noise", "signal_to_quantisation_noise_over_bits
 Signal = Literal["tone", "noise"]
 
 
+@check_argument_types
 def predict_quantisation_noise(
     shifts: np.ndarray, signal_power: np.ndarray, words: WordLengths
 ) -> np.ndarray:
@@ -114,6 +116,7 @@ def make_full_scale_signal(
     )
 
 
+@check_argument_types
 def signal_to_quantisation_noise_over_bits(
     bits: tuple[int, ...] = tuple(range(8, 25, 2)),
     *,

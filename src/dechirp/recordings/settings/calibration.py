@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from dechirp.config.dumping import to_json_data
-from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake, quote_for_message
+from dechirp.core.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.radar.calibration import Calibration
 
 _MAX_BYTES = 2**20  # 192 elements take 40 kB

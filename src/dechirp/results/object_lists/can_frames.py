@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import to_decibels
 from dechirp.results.object_lists.can_bus import CanFd
@@ -54,6 +55,7 @@ def max_objects_per_list(cycle_s: float | None, layout: DbcLayout, bus: CanFd) -
     return min(max(n_parts, 0) * layout.objects_per_part, layout.max_objects)
 
 
+@check_argument_types
 def largest_bus_load(objects: xr.Dataset, layout: DbcLayout, bus: CanFd) -> float:
     """Return the share of the bus that the longest list uses; NaN if the cycle time is unknown.
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.optional_imports import import_from_io_extra
 from dechirp.results.object_lists.can_bus import FRAME_LENGTHS
@@ -148,6 +149,7 @@ def shipped_dbc_path() -> Path:
     return Path(str(files("dechirp.results.object_lists") / "dechirp.dbc"))
 
 
+@check_argument_types
 def read_dbc_layout(dbc: str | Path | None = None) -> DbcLayout:
     """Read the layout of the object list from a DBC.
 

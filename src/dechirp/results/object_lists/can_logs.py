@@ -7,6 +7,7 @@ from typing import IO, Any
 
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.atomic_files import atomic_output_file, check_file_suffix
 from dechirp.core.checks import check_integer, check_number
 from dechirp.core.errors import InvalidSetting, RecordingError
@@ -24,6 +25,7 @@ _MODULES = {".blf": "blf.BLF", ".asc": "asc.ASC", ".log": "canutils.CanutilsLog"
 SUFFIXES = tuple(_MODULES)
 
 
+@check_argument_types
 def write_can_log(
     objects: xr.Dataset,
     path: str | Path,
@@ -62,6 +64,7 @@ def write_can_log(
             log.on_message_received(_to_can_message(frame))
 
 
+@check_argument_types
 def read_can_log(path: str | Path, *, dbc: str | Path | None = None) -> xr.Dataset:
     """Read the object list in the log of a CAN bus; other messages are ignored.
 
@@ -117,6 +120,7 @@ def read_can_log(path: str | Path, *, dbc: str | Path | None = None) -> xr.Datas
     return assemble_object_list(received, dbc_layout)
 
 
+@check_argument_types
 def send_can(
     objects: xr.Dataset,
     bus: Any,
@@ -159,6 +163,7 @@ def send_can(
     return (first + objects.sizes.get("cycle", 0)) % dbc_layout.counter_period
 
 
+@check_argument_types
 def receive_can(
     bus: Any,
     *,

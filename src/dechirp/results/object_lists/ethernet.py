@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer, check_number
 from dechirp.core.errors import InvalidSetting
 from dechirp.results.object_lists.datagrams import encode_datagrams, object_list_from_datagrams
@@ -15,6 +16,7 @@ __all__ = ["open_receiver", "receive_datagrams", "send_datagrams"]
 _RECEIVE_BUFFER = 2**22  # bytes; a system may grant less
 
 
+@check_argument_types
 def send_datagrams(objects: xr.Dataset, host: str, port: int, *, sequence: int = 0) -> int:
     """Send an object list by UDP, without pacing.
 
@@ -57,6 +59,7 @@ def send_datagrams(objects: xr.Dataset, host: str, port: int, *, sequence: int =
     return (sequence + len(sent)) % 2**32
 
 
+@check_argument_types
 def open_receiver(port: int, host: str = "127.0.0.1") -> socket.socket:
     """Open a socket that receives object lists; the caller closes it.
 
@@ -84,6 +87,7 @@ def open_receiver(port: int, host: str = "127.0.0.1") -> socket.socket:
     return udp_socket
 
 
+@check_argument_types
 def receive_datagrams(
     udp_socket: socket.socket, *, idle_s: float = 1.0, at_most_s: float = 3600.0
 ) -> xr.Dataset:

@@ -6,6 +6,7 @@ from tempfile import TemporaryDirectory
 
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.atomic_files import check_file_suffix, check_output_writable
 from dechirp.results.object_lists import can_logs, osi, point_cloud_files, tables
 from dechirp.results.object_lists.can_logs import read_can_log, write_can_log
@@ -31,6 +32,7 @@ _READERS: dict[str, Callable[[Path], xr.Dataset]] = {
 }
 
 
+@check_argument_types
 def write_objects(objects: xr.Dataset, path: str | Path) -> None:
     """Write an object list to a file, atomically, in the format of its suffix.
 
@@ -58,6 +60,7 @@ def write_objects(objects: xr.Dataset, path: str | Path) -> None:
     _WRITERS[output_path.suffix.lower()](objects, output_path)
 
 
+@check_argument_types
 def read_objects(path: str | Path) -> xr.Dataset:
     """Read an object list from a file, in the format of its suffix, as `write_objects` writes it.
 

@@ -1,0 +1,68 @@
+"""Unknown, superfluous and missing arguments of public functions and classes."""
+
+import dataclasses
+import inspect
+
+import pytest
+
+import dechirp as dc
+from bad_input.entries import check_error_is_complete
+from dechirp.core.values import frozen_dataclass
+
+# Closed forms are plain functions: Python's own TypeError names their arguments.
+CLOSED_FORMS = ("theory", "link_budget", "windows")
+NAMESPACES = [dc, *(getattr(dc, name) for name in dc._NAMESPACES if name not in CLOSED_FORMS)]
+CALLABLES = {
+    f"{space.__name__}.{name}": member
+    for space in NAMESPACES
+    for name in space.__all__
+    if callable(member := getattr(space, name))
+    # Exceptions and results are not called by users.
+    and not (inspect.isclass(member) and issubclass(member, Exception | tuple))
+}
+
+
+@pytest.mark.parametrize("name", CALLABLES)
+def test_unknown_argument_is_named(name):
+    with pytest.raises(
+        dc.InvalidSetting, match=r"\.unknown_argument: unknown argument; "
+    ) as caught:
+        CALLABLES[name](unknown_argument=1)
+    check_error_is_complete(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: dc.Chirp(slope=3),
+            r"Chirp\.slope: unknown argument; expected one of start_frequency_hz, slope_hz_per_s",
+        ),
+        (
+            lambda: dc.Cells(range=1),
+            r"Cells\.velocity: missing; .* write Cells\(velocity=",
+        ),
+        (lambda: dc.Cells(1, 2), r"Cells: 2 given without a name; expected at most 0"),
+        (
+            lambda: dataclasses.replace(dc.Dbscan(), min_detection=2),
+            r"Dbscan\.min_detection: .*; did you mean min_detections\?",
+        ),
+        (lambda: dc.detect(1, 2, 3, 4), r"detect: 4 given without a name; expected at most"),
+        (lambda: dc.detect(1, cube=2), r"detect\.cube: two values"),
+    ],
+)
+def test_wrong_call_is_explained(call, message):
+    with pytest.raises(dc.InvalidSetting, match=message):
+        call()
+
+
+def test_error_within_constructor_is_not_hidden():
+    @frozen_dataclass
+    class Value:
+        x: float
+
+        def __post_init__(self):
+            raise TypeError("from the class itself")
+
+    with pytest.raises(TypeError, match="from the class itself"):
+        Value(x=1.0)
