@@ -7,7 +7,6 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.findings import Finding, capture_warned_findings
-from dechirp.experiments.link_budget import added_noise_power_w
 from dechirp.experiments.run import open_scenario_recording
 from dechirp.experiments.scenario import Scenario
 from dechirp.radar.radar import Radar
@@ -77,7 +76,8 @@ class SceneFrames:
             n_frames=self.n_frames,
             engine=scenario.engine,
         )
-        self._noise_w = added_noise_power_w(scenario, self.radar)
+        # Without hardware, so that the truth has no SNR, which no view shows: 0.5 ms of 1.
+        self._truth_radar = replace(self.radar, hardware=None)
 
     def frame_number(self, step: int) -> int:
         return step % self.n_frames
@@ -87,8 +87,7 @@ class SceneFrames:
         return self._frames.simulate_frame(self.frame_number(step), np.random.default_rng(seed))
 
     def truth(self, step: int) -> xr.Dataset:
-        number = self.frame_number(step)
-        return truth(self._scene, self.radar, first_frame=number, noise_power_w=self._noise_w)
+        return truth(self._scene, self._truth_radar, first_frame=self.frame_number(step))
 
 
 class RecordingFrames:

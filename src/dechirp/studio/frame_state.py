@@ -57,7 +57,7 @@ class FrameState:
     tracks: tuple[Track, ...]
     """Tracks since the last rewind or jump; empty without a tracker."""
     truth: xr.Dataset | None
-    """Truth over `target` and `frame` of this frame; None for a recording."""
+    """Truth over `target` and `frame` of this frame, without SNR; None for a recording."""
     findings: tuple[Finding, ...]
     """Findings on the settings or the recording, and on this frame."""
     processing_time_s: float

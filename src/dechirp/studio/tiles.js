@@ -32,19 +32,35 @@ function beginTiles(tiles) {
 function showCaption(tile) {
   const caption = window.Bokeh.documents[0].get_model_by_name(`${tile.dataset.part}-caption`);
   const place = tile.querySelector("figcaption");
-  const show = () => {
-    tile.querySelector("h2").innerHTML = caption.title;
-    tile.querySelector("figcaption p").innerHTML = caption.note;
-    place.style.minHeight = `${place.offsetHeight}px`;
-  };
-  for (const property of [caption.properties.title, caption.properties.note])
+  for (const [property, words] of [
+    [caption.properties.title, tile.querySelector("h2")],
+    [caption.properties.note, tile.querySelector("figcaption p")],
+  ]) {
+    const show = () => {
+      words.innerHTML = property.get_value();
+      keepHeight(place);
+    };
     property.change.connect(show);
-  show();
+    show();
+  }
   new ResizeObserver(([entry]) => {
     const width = Math.round(entry.contentRect.width);
     if (place.dataset.width !== String(width)) place.style.minHeight = "";
     place.dataset.width = width;
   }).observe(tile);
+}
+
+// Heights are measured once a frame of the screen: after each text, the browser would lay out the
+// whole page to answer, 2.6 times a frame.
+const grown = new Set();
+
+function keepHeight(place) {
+  if (grown.size === 0) requestAnimationFrame(() => {
+    const heights = [...grown].map((changed) => [changed, `${changed.offsetHeight}px`]);
+    for (const [changed, height] of heights) changed.style.minHeight = height;
+    grown.clear();
+  });
+  grown.add(place);
 }
 
 function enlarge(tile) {
