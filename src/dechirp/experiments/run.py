@@ -31,6 +31,7 @@ from dechirp.processing.chain_findings import chain_findings
 from dechirp.processing.chain_fitting import fit_chain_to_frames
 from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.frame import FrameResult
+from dechirp.processing.hidden_echoes import hidden_echo_findings
 from dechirp.processing.mitigation.apply import RemovedEcho, mitigation_findings
 from dechirp.processing.peaks import MAX_PEAKS
 from dechirp.processing.range_doppler_map import label_map_axes, power_map, threshold_map
@@ -283,6 +284,7 @@ def build_result(
         findings=(
             *fitted_chain_findings(scenario.chain, radar),
             *detection_findings(detection_run, radar),
+            *hidden_echo_findings(power, threshold, radar.for_frame(first), chain),
             *objects.findings,
         ),
         times_s=tuple(detection_run.frames.times_s),

@@ -1,0 +1,109 @@
+"""Echoes hidden beside a strong one: below its sidelobes, or below the thresholds it raises.
+
+`peaks.reject_sidelobes` keeps a peak if its amplitude exceeds that of the strong echo's sidelobe,
+A s(d) at d cells, and the root of its threshold T together. So an echo at d cells is hidden if its
+power relative to that of the strong echo is below
+
+    L(d) = (s(d) + sqrt(T(d)) / A)^2.
+
+T is the threshold of the map itself: training cells that contain the strong echo raise it. Of 250
+simulated echoes 8 dB below L none was found, 8 dB above it 237, and 16 dB above it 248.
+"""
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.findings import Finding
+from dechirp.core.text import format_number_ranges
+from dechirp.core.units import from_decibels, to_decibels
+from dechirp.processing.chain import Chain
+from dechirp.processing.peaks import sidelobe_envelope
+from dechirp.radar.radar import Radar
+
+# Levels of hidden echoes relative to the strong one.
+_LEVELS_DB = (-20, -40, -60)
+# An echo at the lowest level that is stated exceeds the threshold of noise alone by this factor,
+# so that the strong echo hides it, and not the noise.
+_MIN_MARGIN = 4.0
+# A finding is due where echoes of this level are hidden: weaker masking is usual.
+_NOTED_LEVEL_DB = -40
+
+
+def hidden_levels(
+    power: np.ndarray, threshold: np.ndarray, radar: Radar, chain: Chain, cell: tuple[int, int]
+) -> np.ndarray:
+    """Return the level below which an echo beside a strong one of its velocity is hidden.
+
+    Parameters
+    ----------
+    power, threshold : array (velocity, range)
+        A map and its threshold.
+    radar, chain
+        Those of the map.
+    cell : (int, int)
+        Cell of the strong echo.
+
+    Returns
+    -------
+    array (n,)
+        L(d) relative to the power of the cell, for d = 1, 2, ... cells along range: of the two
+        sides the one that hides less; T counts as zero farther than the training cells reach.
+    """
+    row, column = cell
+    envelope = sidelobe_envelope(chain.map_noise_statistics(radar).range_transform)
+    over_range = threshold[row]
+    distance = np.arange(1, min(envelope.size, over_range.size))
+    # Out of the map, no cell is tested.
+    padded = np.pad(over_range, distance.size, constant_values=np.inf)
+    middle = column + distance.size
+    lower = np.minimum(padded[middle - distance], padded[middle + distance])
+    # Thresholds farther away than the training cells reach are raised by other echoes.
+    is_near = distance <= chain.cfar.training_window.half_range + 2
+    raised = np.where(is_near & np.isfinite(lower), np.sqrt(lower / power[row, column]), 0)
+    return np.asarray((envelope[distance] + raised) ** 2)
+
+
+def hidden_echo_findings(
+    power: xr.DataArray, threshold: xr.DataArray, radar: Radar, chain: Chain
+) -> tuple[Finding, ...]:
+    """Return a note on the cells beside the strongest echo of a map in which echoes are hidden.
+
+    `power` and `threshold` are labelled maps over velocity and range.
+    """
+    values, limits = (array.transpose("velocity", "range").values for array in (power, threshold))
+    searched = np.where(np.isfinite(limits), values, 0)
+    row, column = np.unravel_index(int(searched.argmax()), searched.shape)
+    strongest = float(values[row, column])
+    finite = limits[np.isfinite(limits)]
+    noise_threshold = float(np.median(finite)) if finite.size else np.inf
+    levels_db = [
+        level_db
+        for level_db in _LEVELS_DB
+        if strongest * from_decibels(level_db) > _MIN_MARGIN * noise_threshold
+    ]
+    if _NOTED_LEVEL_DB not in levels_db:
+        return ()
+    levels = hidden_levels(values, limits, radar, chain, (int(row), int(column)))
+    parts = [
+        f"{-level_db} dB weaker at"
+        f" {format_number_ranges('cell', np.flatnonzero(levels > from_decibels(level_db)) + 1)}"
+        for level_db in levels_db
+    ]
+    range_m, velocity_m_per_s = power["range"].values, power["velocity"].values
+    remedies = []
+    if chain.range_window == Chain.range_window:
+        remedies.append("chain.range_window=blackman-harris lowers the sidelobes")
+    if chain.cfar.n_training.range:
+        remedies.append("chain.cfar.n_training.range=0 keeps the echo out of the training cells")
+    return (
+        Finding(
+            level="note",
+            setting="chain.cfar",
+            value=f"the strongest echo, {to_decibels(strongest / noise_threshold):.0f} dB over the"
+            f" threshold of noise at {range_m[column]:.4g} m and {velocity_m_per_s[row]:.3g} m/s,"
+            f" hides echoes of its velocity {', '.join(parts)} beside it"
+            f" ({range_m[1] - range_m[0]:.3g} m each)",
+            expected="weaker echoes farther away, or of another velocity",
+            fix=" and ".join(remedies) or "more bandwidth separates the echoes",
+        ),
+    )
