@@ -68,10 +68,8 @@ def files_by_kind() -> dict[str, list[Path]]:
 @cache
 def public_owner(*names: str) -> Path | None:
     """Return the file that defines `dechirp.name` or `dechirp.namespace.name`, if it is public."""
-    if names and names[0] in NAMESPACES:
-        namespace = NAMESPACES[names[0]]
-        members = namespace_names(namespace) if len(names) > 1 else {}
-        return module_file(members.get(names[-1], namespace))
+    if len(names) > 1 and names[0] in NAMESPACES:
+        return module_file(namespace_names(names[0]).get(names[1], ""))
     if names and names[0] in dechirp._MODULES:
         return module_file(f"dechirp.{dechirp._MODULES[names[0]]}")
     return None
@@ -95,6 +93,7 @@ def iter_references(test_file: Path) -> Iterator[Path]:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("dechirp"):
             imported = [alias.name for alias in node.names]
             owners = [module_file(f"{node.module}.{name}") for name in imported]
+            owners += [public_owner(*f"{node.module}.{name}".split(".")[1:]) for name in imported]
             owners += [module_file(str(node.module))] * any(owner is None for owner in owners)
         elif isinstance(node, ast.Import):
             owners = [module_file(alias.name) for alias in node.names]

@@ -7,7 +7,7 @@
     detections = dc.detect(dc.simulate(scene, radar, seed=1), radar)
 
 Names are loaded on first use, so importing the package loads no other library. Families and
-other groups are namespaces: `dc.cfar.CellAveraging`, `dc.impairments.ThermalNoise`.
+other groups are modules: `dc.cfar.CellAveraging`, or `from dechirp.cfar import CellAveraging`.
 """
 
 import importlib
@@ -75,32 +75,17 @@ _NAMES = {
 }
 """Names by the module that defines them."""
 
-_NAMESPACES = {
+_NAMESPACES = (
     # Families: each member is a file of the package
-    "angle": "processing.angle",
-    "bodies": "scene.bodies",
-    "cfar": "processing.cfar",
-    "devices": "radar.devices",
-    "impairments": "simulation.impairments",
-    "mitigation": "processing.mitigation",
-    "modulations": "radar.modulations",
-    "multiplexing": "radar.multiplexing",
-    "patterns": "radar.patterns",
-    "scores": "evaluation.score",
+    *("angle", "bodies", "cfar", "devices", "impairments", "mitigation", "modulations"),
+    *("multiplexing", "patterns", "scores"),
     # Settings of studies and searches
-    "studies": "experiments.study.study",
-    "tuning": "experiments.tune.tune",
+    *("studies", "tuning"),
     # Functions
-    "fixed_point": "processing.fixed_point",
-    "link_budget": "theory.link_budget",
-    "maps": "processing.maps",
-    "object_lists": "results.object_lists",
-    "slow_time": "processing.slow_time",
-    "theory": "theory",
-    "track_metrics": "evaluation.track_metrics",
-    "windows": "theory.windows",
-}
-"""Packages and modules by the name of their namespace."""
+    *("fixed_point", "link_budget", "maps", "object_lists", "slow_time", "theory"),
+    *("track_metrics", "windows"),
+)
+"""Modules of public names: `dechirp.cfar` and so on."""
 
 _MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
@@ -109,7 +94,7 @@ __all__ = list(_MODULES)
 
 def __getattr__(name: str) -> object:
     if name in _NAMESPACES:
-        return importlib.import_module(f"dechirp.{_NAMESPACES[name]}")
+        return importlib.import_module(f"dechirp.{name}")
     if name in _MODULES:
         return getattr(importlib.import_module(f"dechirp.{_MODULES[name]}"), name)
     raise AttributeError(f"module 'dechirp' has no attribute {name!r}")

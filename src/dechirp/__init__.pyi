@@ -1,6 +1,25 @@
 # Written by tests/test_api.py.
 
+from dechirp import angle as angle
+from dechirp import bodies as bodies
+from dechirp import cfar as cfar
+from dechirp import devices as devices
+from dechirp import fixed_point as fixed_point
+from dechirp import impairments as impairments
+from dechirp import link_budget as link_budget
+from dechirp import maps as maps
+from dechirp import mitigation as mitigation
+from dechirp import modulations as modulations
+from dechirp import multiplexing as multiplexing
+from dechirp import object_lists as object_lists
+from dechirp import patterns as patterns
+from dechirp import scores as scores
+from dechirp import slow_time as slow_time
+from dechirp import studies as studies
 from dechirp import theory as theory
+from dechirp import track_metrics as track_metrics
+from dechirp import tuning as tuning
+from dechirp import windows as windows
 from dechirp.certificate.certificate import verify as verify
 from dechirp.core.errors import DechirpError as DechirpError
 from dechirp.core.errors import InvalidFile as InvalidFile
@@ -9,8 +28,6 @@ from dechirp.core.errors import NotEnoughMemory as NotEnoughMemory
 from dechirp.core.errors import RecordingError as RecordingError
 from dechirp.core.findings import Finding as Finding
 from dechirp.core.findings import PhysicsWarning as PhysicsWarning
-from dechirp.evaluation import score as _scores
-from dechirp.evaluation import track_metrics as track_metrics
 from dechirp.experiments.inspection import inspect as inspect
 from dechirp.experiments.run import Result as Result
 from dechirp.experiments.run import run as run
@@ -18,21 +35,13 @@ from dechirp.experiments.scenario import Scenario as Scenario
 from dechirp.experiments.scenario import load as load
 from dechirp.experiments.scenario import reference as reference
 from dechirp.experiments.streaming import process_stream as process_stream
-from dechirp.experiments.study import study as _studies
 from dechirp.experiments.study.parsing import load_study as load_study
 from dechirp.experiments.study.run import run_study as run_study
 from dechirp.experiments.study.study import Study as Study
-from dechirp.experiments.tune import tune as _tuning
 from dechirp.experiments.tune.parsing import load_tune as load_tune
 from dechirp.experiments.tune.run import run_tune as run_tune
 from dechirp.experiments.tune.tune import Tune as Tune
 from dechirp.experiments.twin.twin import twin as twin
-from dechirp.processing import angle as angle
-from dechirp.processing import cfar as cfar
-from dechirp.processing import fixed_point as fixed_point
-from dechirp.processing import maps as maps
-from dechirp.processing import mitigation as mitigation
-from dechirp.processing import slow_time as slow_time
 from dechirp.processing.angle.aperture import FieldOfView as FieldOfView
 from dechirp.processing.angle_maps import angle_spectrum as angle_spectrum
 from dechirp.processing.angle_maps import range_azimuth_map as range_azimuth_map
@@ -46,10 +55,6 @@ from dechirp.processing.detect import detect as detect
 from dechirp.processing.range_doppler_map import power_map as power_map
 from dechirp.processing.range_doppler_map import threshold_map as threshold_map
 from dechirp.processing.spectrogram import spectrogram as spectrogram
-from dechirp.radar import devices as devices
-from dechirp.radar import modulations as modulations
-from dechirp.radar import multiplexing as multiplexing
-from dechirp.radar import patterns as patterns
 from dechirp.radar.array import Array as Array
 from dechirp.radar.calibration import Calibration as Calibration
 from dechirp.radar.chirp import Chirp as Chirp
@@ -66,26 +71,18 @@ from dechirp.recordings.live.replay import replay as replay
 from dechirp.recordings.live.udp import listen as listen
 from dechirp.recordings.recording import Recording as Recording
 from dechirp.recordings.recording import open as open
-from dechirp.results import object_lists as object_lists
 from dechirp.results.object_lists.object_list import object_list as object_list
-from dechirp.scene import bodies as bodies
 from dechirp.scene.ego import Ego as Ego
 from dechirp.scene.scene import Scene as Scene
 from dechirp.scene.target import Target as Target
 from dechirp.scene.truth import truth as truth
 from dechirp.scene.waypoints import Waypoint as Waypoint
-from dechirp.simulation import impairments as impairments
 from dechirp.simulation.engine import Engine as Engine
 from dechirp.simulation.simulate import simulate as simulate
-from dechirp.theory import link_budget as link_budget
-from dechirp.theory import windows as windows
 from dechirp.tracking.batch import track as track
 from dechirp.tracking.ego import EgoMotion as EgoMotion
 from dechirp.tracking.ego import ego_motion as ego_motion
 from dechirp.tracking.online import LiveTracker as LiveTracker
 from dechirp.tracking.tracker import Tracker as Tracker
 
-scores = _scores
-studies = _studies
-tuning = _tuning
 __version__: str

@@ -1,6 +1,7 @@
 """Functions on plain arrays: the chain's own results, SciPy, closed forms and published values."""
 
 import json
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -137,6 +138,46 @@ def test_threshold_scales_with_power_over_range_of_double_precision(scale):
     )
 
 
+def test_map_takes_axes_in_any_order_within_memory_that_it_checks(monkeypatch):
+    samples = noise_samples(16, 3, 2, 32, seed=8)  # chirp, transmitter, receiver, sample
+    power = dc.maps.range_doppler_map(samples, axes=(0, -1))
+    channels = samples.transpose(1, 2, 0, 3).reshape(6, 16, 32)
+    np.testing.assert_array_equal(power, dc.maps.range_doppler_map(channels))
+
+    monkeypatch.setattr("dechirp.core.memory.available_memory_bytes", lambda: 2**26)
+    with pytest.raises(dc.NotEnoughMemory, match="the map of 8388608 samples"):
+        dc.maps.range_doppler_map(np.broadcast_to(np.complex64(1), (2, 2**11, 2**11)))
+
+
+@pytest.mark.parametrize("is_complex", [True, False])
+def test_spectrum_of_channels_has_powers_of_map_and_direct_phases(is_complex):
+    samples = 1e-30 * noise_samples(2, 3, 15, 32, seed=8)
+    samples = samples if is_complex else samples.real
+    options = {"window": ("hann", "rectangular"), "n_bins": (16, 40)}
+    spectrum = dc.maps.range_doppler_spectrum(samples, **options)
+
+    power = dc.maps.range_doppler_map(samples, **options)
+    np.testing.assert_allclose(np.mean(abs(spectrum) ** 2, axis=(0, 1)), power, rtol=1e-4)
+    # Bin (3, 5) as a sum, with windows that keep the power of a tone.
+    phase = np.arange(15)[:, None] * (3 - 8) / 16 + np.arange(32) * 5 / 40
+    weights = dc.windows.window_weights("hann", 15)[:, None] / np.sqrt(1 if is_complex else 0.5)
+    direct = np.sum(weights * samples * np.exp(-2j * np.pi * phase), axis=(2, 3))
+    direct /= dc.windows.window_weights("hann", 15).sum() * 32
+    scale = spectrum[..., 3, 5] / direct
+    np.testing.assert_allclose(abs(scale), abs(scale).mean(), rtol=1e-4)
+    np.testing.assert_allclose(scale.imag, 0, atol=1e-4 * abs(scale).max())
+
+
+def test_map_needs_less_memory_than_it_checks():
+    samples = noise_samples(4, 512, 512, seed=1)
+    dc.maps.range_doppler_map(samples)  # compiled
+    tracemalloc.start()
+    dc.maps.range_doppler_map(samples)
+    _, peak_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak_bytes < samples.size * 9 + 512 * 512 * 56
+
+
 def test_map_averages_power_of_channels():
     samples = noise_samples(3, 16, 32, seed=8)
     each = [dc.maps.range_doppler_map(channel) for channel in samples]
@@ -155,6 +196,24 @@ def test_threshold_of_spectrum_equals_training_means_by_hand():
         training = box[abs(box - cell) > guard]
         factor = training.size * (pfa ** (-1 / training.size) - 1)
         assert threshold[cell] == pytest.approx(factor * power[training].mean(), rel=1e-5)
+
+
+def test_thresholds_along_axes_equal_those_of_single_spectra_and_maps():
+    power = np.random.default_rng(7).exponential(size=(3, 24, 40)) * [[[1.0]], [[1e-60]], [[1e60]]]
+    maps = dc.cfar.cfar_threshold(power, 3, 1, 1e-3, window="hann")
+    spectra = dc.cfar.cfar_threshold(power, 3, 1, 1e-3, axis=1)
+    turned = dc.cfar.cfar_threshold(power.T, (2, 3), 1, 1e-3, axis=(1, 0))
+    for number, single in enumerate(power):
+        np.testing.assert_array_equal(
+            maps[number], dc.cfar.cfar_threshold(single, 3, 1, 1e-3, window="hann")
+        )
+        np.testing.assert_array_equal(
+            turned[..., number].T, dc.cfar.cfar_threshold(single, (2, 3), 1, 1e-3)
+        )
+        for column in (0, 39):
+            np.testing.assert_array_equal(
+                spectra[number, :, column], dc.cfar.cfar_threshold(single[:, column], 3, 1, 1e-3)
+            )
 
 
 @pytest.mark.parametrize("kind", ["cell-averaging", "ordered-statistic", "smallest-of"])
@@ -215,6 +274,18 @@ def test_cfar_factor_broadcasts_over_its_closed_forms():
         "ca_alpha_nci_K4_N24_pfa1em5",
         lambda case: cfar_factor(case, n_summed=case["n_channels_summed"]),
     )
+    # Without trimming the mean of all cells, and of one kept cell an ordered statistic.
+    for n_smallest, n_largest, other in (
+        (0, 0, {}),
+        (11, 4, {"kind": "ordered-statistic", "rank": 12}),
+    ):
+        np.testing.assert_allclose(
+            dc.theory.cfar_factor(
+                pfa, 16, "trimmed-mean", n_smallest=n_smallest, n_largest=n_largest
+            ),
+            dc.theory.cfar_factor(pfa, 16, **other),
+            rtol=1e-9,
+        )
 
 
 def cfar_factor(case, kind="cell-averaging", **settings):
@@ -335,8 +406,12 @@ def test_directions_equal_those_of_estimator(kind):
     expected = estimator.find_directions(
         snapshots.astype(complex), Aperture(positions), np.full(3, 4e-4)
     )
-    for values, expected_values in zip(directions, expected, strict=True):
+    by_name = getattr(dc.angle, kind.replace("-", "_"))(
+        np.moveaxis(snapshots, -1, 0), HALF_WAVE_LINE, n_sources, axis=0, noise_power=4e-4
+    )
+    for values, named_values, expected_values in zip(directions, by_name, expected, strict=True):
         np.testing.assert_array_equal(values, expected_values)
+        np.testing.assert_array_equal(named_values, expected_values)
     # 30 snapshots at 34 dB: the bound is 0.3 mrad, and 10 of it cover the leakage of two beams.
     error = np.sort(directions.azimuth_rad, axis=1) - np.sort(azimuth)
     assert np.max(abs(error)) < 3e-3
@@ -361,6 +436,29 @@ def test_directions_of_single_snapshot_and_of_planar_array():
     assert flat.elevation_rad[0] == pytest.approx(elevation, abs=1e-5)
 
 
+@pytest.mark.parametrize("kind", ["bartlett", "capon", "fft", "iterative-adaptive", "music"])
+def test_spectrum_peaks_at_source_with_its_power(kind):
+    azimuth = np.linspace(-0.5, 0.5, 1001)
+    amplitude = noise_samples(2, 40, 1, seed=3) * [[[3.0]], [[0.5]]]
+    steering = np.exp(-2j * np.pi * HALF_WAVE_LINE * np.sin(0.2))
+    snapshots = amplitude * steering + 1e-3 * noise_samples(2, 40, 8, seed=4)
+
+    spectrum = dc.angle.direction_spectrum(
+        snapshots, HALF_WAVE_LINE, azimuth[:, None], [0.0], kind=kind, noise_power=1e-6
+    )
+
+    assert spectrum.shape == (2, 1001, 1)
+    # The iterative spectrum peaks at its grid of 1 / 32 in the sine.
+    tolerance = 1 / 64 if kind == "iterative-adaptive" else 1.1e-3
+    np.testing.assert_allclose(azimuth[spectrum[..., 0].argmax(axis=1)], 0.2, atol=tolerance)
+    if kind in {"bartlett", "capon", "fft"}:
+        power = np.mean(abs(amplitude) ** 2, axis=(1, 2))
+        # Noise, 1e-6 / 0.25 of the weaker source, and the inverse of 40 snapshots of 8 elements.
+        np.testing.assert_allclose(spectrum.max(axis=(1, 2)), power, rtol=0.01)
+    empty = dc.angle.direction_spectrum(np.zeros(8), HALF_WAVE_LINE, azimuth, kind=kind)
+    assert np.isnan(empty).all()
+
+
 POWER = np.ones((20, 30))
 SNAPSHOT = np.ones(8)
 
@@ -376,7 +474,7 @@ SNAPSHOT = np.ones(8)
         (lambda: dc.maps.range_doppler_map(np.ones((4, 8)), n_bins=(2, 8)), "n_bins"),
         (lambda: dc.maps.range_doppler_map(np.ones((4, 8)), n_bins=(4, 8, 1)), "n_bins"),
         (lambda: dc.cfar.cfar_threshold([], 1, 0, 0.1), "power"),
-        (lambda: dc.cfar.cfar_threshold(np.ones((2, 3, 4)), 1, 0, 0.1), "power"),
+        (lambda: dc.cfar.cfar_threshold(1.0, 1, 0, 0.1), "power"),
         (lambda: dc.cfar.cfar_threshold([1.0, np.nan, 1.0], 1, 0, 0.1), "power"),
         (lambda: dc.cfar.cfar_threshold(-POWER, 1, 0, 0.1), "power"),
         (lambda: dc.cfar.cfar_threshold(POWER, 1, 0, 0.0), "pfa"),

@@ -2,13 +2,15 @@
 
 import math
 import reprlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.lib.array_utils import normalize_axis_tuple
 from numpy.typing import ArrayLike
 
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.memory import check_free_memory
 
 Vector = tuple[float, float, float]
 _T = TypeVar("_T")
@@ -121,7 +123,7 @@ def check_probability(setting: str, number: float) -> None:
 
 def check_probabilities(setting: str, array: ArrayLike) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are in (0, 1)."""
-    values = _to_float_array(setting, array)
+    values = check_real_array(setting, array)
     for wrong in values[~((values > 0) & (values < 1))]:
         check_probability(setting, float(wrong))
     return values
@@ -173,14 +175,14 @@ def check_detection_probability(
 
 def check_non_negative_ratios(setting: str, array: ArrayLike) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are finite and 0 or more."""
-    values = _to_float_array(setting, array)
+    values = check_real_array(setting, array)
     _check_ratios_by_mask(setting, values, values >= 0, "finite, 0 or more")
     return values
 
 
 def check_positive_ratios(setting: str, array: ArrayLike) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are finite and above 0."""
-    values = _to_float_array(setting, array)
+    values = check_real_array(setting, array)
     _check_ratios_by_mask(setting, values, values > 0, "finite and above 0")
     return values
 
@@ -189,7 +191,7 @@ def check_finite_array(
     setting: str, array: ArrayLike, *, above: float = -math.inf, below: float = math.inf
 ) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are finite, within bounds."""
-    values = _to_float_array(setting, array)
+    values = check_real_array(setting, array)
     wrong = values[~((above < values) & (values < below))]  # infinite is not below infinity
     if wrong.size:
         bounds = [(above, f"above {above:.6g}"), (below, f"below {below:.6g}")]
@@ -202,6 +204,73 @@ def check_finite_array(
             fix="check the sign and the unit",
         )
     return values
+
+
+def check_real_array(setting: str, array: ArrayLike) -> np.ndarray:
+    """Convert real numbers to a float array; refuse text and ragged rows by `InvalidSetting`."""
+    try:
+        values = np.asarray(array)
+    except ValueError:  # ragged rows
+        values = np.asarray(None)
+    # NumPy stores integers beyond 64 bits as objects.
+    if values.dtype.kind in "iuf" or all(_is_finite_number(value) for value in values.flat):
+        return values.astype(float)
+    raise InvalidSetting(
+        setting,
+        value=reprlib.repr(array),
+        expected="a real number or an array of them",
+        fix="give numbers, in rows of equal length",
+    )
+
+
+def check_finite_samples(
+    setting: str, samples: ArrayLike, *, axes: str, fits: Callable[[np.ndarray], bool]
+) -> np.ndarray:
+    """Return real or complex numbers as an array, or raise `InvalidSetting`.
+
+    Refused are text, empty arrays, values that are not finite, and shapes that do not fit `axes`,
+    their description.
+    """
+    try:
+        array = np.asarray(samples)
+    except ValueError:  # ragged rows
+        array = np.asarray(None)
+    if array.dtype.kind not in "iufc" or array.size == 0 or not fits(array):
+        raise InvalidSetting(
+            setting,
+            value=f"an array {array.shape} of {array.dtype}",
+            expected=f"numbers over {axes}",
+            fix="give real or complex numbers, with filled axes in this order",
+        )
+    check_free_memory(f"the check of {setting}", needed_bytes=array.size, fix="give fewer at once")
+    n_wrong = np.count_nonzero(~np.isfinite(array))
+    if n_wrong:
+        raise InvalidSetting(
+            setting,
+            value=f"{n_wrong} values that are not finite",
+            expected="finite numbers",
+            fix="set lost samples to 0, or leave them out: one NaN would invalidate the result",
+        )
+    return array
+
+
+def check_axes(
+    setting: str, axes: object, array: np.ndarray, *, n_axes: tuple[int, ...]
+) -> tuple[int, ...]:
+    """Return axes as numbers from 0, or raise `InvalidSetting` unless their number is allowed."""
+    try:
+        numbers = normalize_axis_tuple(as_tuple_or_none(axes) or axes, array.ndim)  # type: ignore[arg-type]
+        if len(numbers) in n_axes:
+            return numbers
+    except (TypeError, ValueError):  # among them AxisError
+        pass
+    raise InvalidSetting(
+        setting,
+        value=axes,
+        expected=f"{' or '.join(map(str, n_axes))} different axes of an array {array.shape}, from"
+        f" {-array.ndim} to {array.ndim - 1}",
+        fix="count axes from 0, or from the last with -1",
+    )
 
 
 def check_and_convert_vector_field(owner: object, name: str, *, max_magnitude: float) -> None:
@@ -272,23 +341,6 @@ def check_instances(setting: str, values: object, cls: type[_T], *, fix: str) ->
                 f"{setting}.{index}", value=reprlib.repr(member), expected=expected, fix=fix
             )
     return members
-
-
-def _to_float_array(setting: str, array: ArrayLike) -> np.ndarray:
-    """Convert real numbers to a float array; refuse text and ragged rows by `InvalidSetting`."""
-    try:
-        values = np.asarray(array)
-    except ValueError:  # ragged rows
-        values = np.asarray(None)
-    # NumPy stores integers beyond 64 bits as objects.
-    if values.dtype.kind in "iuf" or all(_is_finite_number(value) for value in values.flat):
-        return values.astype(float)
-    raise InvalidSetting(
-        setting,
-        value=reprlib.repr(array),
-        expected="a real number or an array of them",
-        fix="give numbers, in rows of equal length",
-    )
 
 
 def _check_ratios_by_mask(

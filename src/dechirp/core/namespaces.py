@@ -1,4 +1,4 @@
-"""Package namespaces: public names of the modules in a folder, loaded on first use."""
+"""Namespaces: modules that offer the public names of others, loaded on first use."""
 
 import importlib
 import importlib.util
@@ -11,38 +11,44 @@ from types import ModuleType
 from dechirp.core.families import Family
 
 
-def lazy_getattr_and_dir(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """Create the `__getattr__` and the `__dir__` of a package.
+def lazy_getattr_and_dir(
+    namespace: str, source: str | None = None
+) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+    """Create the `__getattr__` and the `__dir__` of a module with the public names of a source.
 
-    The package offers the names in `__all__` of its modules. A module without `__all__` offers
-    its final family members, so adding a member needs no list.
+    The source is a module or a package, by default the namespace itself. A package offers the
+    names in `__all__` of its modules. A module without `__all__` offers its final family members,
+    so adding a member needs no list.
     """
 
     def load_name(name: str) -> object:
-        is_module = not name.startswith("_") and importlib.util.find_spec(f"{package}.{name}")
-        if not is_module and (name == "__all__" or not name.startswith("_")):
-            names = modules_by_public_name(package)
+        # A package that is its own namespace is searched for submodules first.
+        is_module = source is None and importlib.util.find_spec(f"{namespace}.{name}")
+        if name == "__all__" or not (name.startswith("_") or is_module):
+            names = modules_by_public_name(source or namespace)
             if name == "__all__":
                 return sorted(names)
             if name in names:
                 return getattr(importlib.import_module(names[name]), name)
-        raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        raise AttributeError(f"module {namespace!r} has no attribute {name!r}")
 
-    return load_name, lambda: sorted(modules_by_public_name(package))
+    return load_name, lambda: sorted(modules_by_public_name(source or namespace))
 
 
 @cache
-def modules_by_public_name(package: str) -> dict[str, str]:
-    """Map each public name of a package to the module that defines it."""
-    folder = importlib.import_module(package)
+def modules_by_public_name(source: str) -> dict[str, str]:
+    """Map each public name of a module or a package to the module that defines it."""
+    module = importlib.import_module(source)
+    if not hasattr(module, "__path__"):
+        return {name: getattr(module, name).__module__ for name in module.__all__}
     modules = [
         importlib.import_module(module.name)
-        for module in pkgutil.iter_modules(folder.__path__, f"{package}.")
+        for module in pkgutil.iter_modules(module.__path__, f"{source}.")
     ]
     return {
         name: module.__name__
         for module in modules
-        for name in _public_names_of_module(module, package)
+        for name in _public_names_of_module(module, source)
     }
 
 

@@ -1,19 +1,26 @@
-"""Range-Doppler maps of plain arrays, without a `Radar`."""
+"""Range-Doppler maps and spectra of plain arrays, without a `Radar`."""
 
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
-from dechirp.core.checks import check_integer
+from dechirp.core.checks import check_axes, check_finite_samples, check_integer
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.memory import check_free_memory
 from dechirp.processing.spectrum import Transform, mean_range_doppler_power
+from dechirp.processing.spectrum import range_doppler_spectrum as transform_frame
+from dechirp.radar.chirp import Sampling
 from dechirp.theory.windows import Window
 
-__all__ = ["range_doppler_map"]
+__all__ = ["range_doppler_map", "range_doppler_spectrum"]
 
 _MAX_BINS = 2**20
+# Measured peaks: samples in single precision and their mask of finite values; four partial sums in
+# single precision, spectra of as many channels, and the map in double precision.
+_BYTES_PER_SAMPLE, _BYTES_PER_CELL = 9, 4 * (4 + 8) + 8
 
 
 @check_argument_types
@@ -21,16 +28,19 @@ def range_doppler_map(
     samples: ArrayLike,
     window: Window | tuple[Window, Window] = "hann",
     *,
+    axes: tuple[int, int] = (-2, -1),
     n_bins: tuple[int, int] | None = None,
 ) -> np.ndarray:
     """Compute the range-Doppler map of beat samples, as `dechirp.power_map` does for a `Radar`.
 
     Parameters
     ----------
-    samples : array (chirp, sample) or (channel, chirp, sample)
-        One frame, real or complex; `np.moveaxis` brings other orders into this one.
+    samples : array (..., chirp, sample)
+        One frame, real or complex.
     window : str or (str, str)
         Window over chirps and over samples; see `dechirp.windows.window_names`.
+    axes : (int, int)
+        Axes of the chirps and of the samples. All others are channels, such as receivers.
     n_bins : (int, int), optional
         Bins over velocity and range, for zero padding; as many as chirps and samples by default.
 
@@ -45,37 +55,100 @@ def range_doppler_map(
     Raises
     ------
     InvalidSetting
-        If the samples are no finite array of two or three axes, all of them filled, a window is
+        If the samples are no finite array of two or more axes, all of them filled, a window is
         unknown, or there are fewer bins than points.
+    NotEnoughMemory
+        If samples in single precision and spectra do not fit into the free memory.
     """
-    frame = _check_samples(samples)
-    _, n_chirps, n_samples = frame.shape
+    frame = _scale_frame(samples, window, axes, n_bins, bytes_per_value=0)
+    power = mean_range_doppler_power(frame.samples, *frame.transform)
+    return np.ldexp(power.astype(float), 2 * frame.exponent)
+
+
+@check_argument_types
+def range_doppler_spectrum(
+    samples: ArrayLike,
+    window: Window | tuple[Window, Window] = "hann",
+    *,
+    axes: tuple[int, int] = (-2, -1),
+    n_bins: tuple[int, int] | None = None,
+) -> np.ndarray:
+    """Compute the complex range-Doppler spectrum of each channel, (..., velocity, range).
+
+    Arguments, cells and errors as of `range_doppler_map`, which is the mean of the squared
+    magnitudes. Amplitudes of a cell in all receivers are a snapshot of `dechirp.angle`.
+    """
+    frame = _scale_frame(samples, window, axes, n_bins, bytes_per_value=8 + 16)
+    spectrum = transform_frame(frame.samples, *frame.transform)
+    spectrum = np.moveaxis(spectrum, 1, 0).reshape(*frame.channels, *spectrum.shape[::2])
+    return spectrum.astype(complex) * np.ldexp(1.0, frame.exponent)
+
+
+class _ScaledFrame(NamedTuple):
+    samples: np.ndarray
+    """Samples (chirp, channel, sample) in single precision, divided by 2^exponent."""
+    exponent: int
+    transform: tuple[Sampling, Transform, Transform]
+    """Sampling, and the transforms over range and velocity."""
+    channels: tuple[int, ...]
+    """Lengths of the other axes."""
+
+
+def _scale_frame(
+    samples: ArrayLike,
+    window: Window | tuple[Window, Window],
+    axes: tuple[int, int],
+    n_bins: tuple[int, int] | None,
+    *,
+    bytes_per_value: int,
+) -> _ScaledFrame:
+    """Check the arguments of a map, and scale the samples to the range of single precision.
+
+    `bytes_per_value` are needed for each cell of each channel, besides those of the map.
+    """
+    frame = check_finite_samples(
+        "samples", samples, axes="(..., chirp, sample)", fits=lambda array: array.ndim >= 2
+    )
+    frame = np.moveaxis(frame, check_axes("axes", axes, frame, n_axes=(2,)), (0, -1))
+    n_chirps, *channels, n_samples = frame.shape
     slow_window, fast_window = pair_of("window", window)
     n_velocity, n_range = (n_chirps, n_samples) if n_bins is None else pair_of("n_bins", n_bins)
     for n_of_axis, n_points in ((n_velocity, n_chirps), (n_range, n_samples)):
         # A single point has the same power in every bin.
         at_most = _MAX_BINS if n_points > 1 else 1
         check_integer("n_bins", n_of_axis, at_least=n_points, at_most=at_most)
-    frame, exponent = scale_to_unity(frame)
-    single = frame.astype(np.complex64 if np.iscomplexobj(frame) else np.float32)
-    power = mean_range_doppler_power(
-        single.transpose(1, 0, 2),
-        "complex" if np.iscomplexobj(frame) else "real",
-        Transform(window=fast_window, n_points=n_samples, n_bins=n_range),
-        Transform(window=slow_window, n_points=n_chirps, n_bins=n_velocity),
+    n_channels = math.prod(channels)
+    check_free_memory(
+        f"the map of {frame.size} samples",
+        needed_bytes=frame.size * _BYTES_PER_SAMPLE
+        + n_velocity * n_range * (_BYTES_PER_CELL + n_channels * bytes_per_value),
+        fix="give fewer channels at once, or lower n_bins",
     )
-    return np.ldexp(power.astype(float), 2 * exponent)
+    is_complex = np.iscomplexobj(frame)
+    exponent = unity_exponent(frame)
+    scaled = np.empty(frame.shape, np.complex64 if is_complex else np.float32)
+    np.multiply(frame, np.ldexp(1.0, -exponent), out=scaled, casting="same_kind")
+    return _ScaledFrame(
+        scaled.reshape(n_chirps, n_channels, n_samples),
+        exponent,
+        (
+            "complex" if is_complex else "real",
+            Transform(window=fast_window, n_points=n_samples, n_bins=n_range),
+            Transform(window=slow_window, n_points=n_chirps, n_bins=n_velocity),
+        ),
+        tuple(channels),
+    )
 
 
-def scale_to_unity(array: np.ndarray) -> tuple[np.ndarray, int]:
-    """Divide an array by a power of two, exactly, so that its largest magnitude is 0.5 to 1.
+def unity_exponent(array: np.ndarray) -> int:
+    """Return the power of two by which an array is divided so that its largest part is 0.5 to 1.
 
-    Returns the array and the exponent. Single precision ends at 1e-38: the power of an echo in
-    square watts would not fit.
+    Single precision ends at 1e-38: the power of an echo in square watts would not fit.
     """
+    parts = (array.real, array.imag) if np.iscomplexobj(array) else (array,)
+    largest = max(max(float(part.max()), -float(part.min())) for part in parts)
     # Beyond -1000, the inverse of the power of two would overflow.
-    exponent = max(int(np.frexp(np.max(np.abs(array), initial=0.0))[1]), -1000)
-    return array * np.ldexp(1.0, -exponent), exponent
+    return max(int(np.frexp(largest)[1]), -1000)
 
 
 def pair_of(setting: str, value: Any) -> tuple[Any, Any]:
@@ -90,24 +163,3 @@ def pair_of(setting: str, value: Any) -> tuple[Any, Any]:
             )
         return value[0], value[1]
     return value, value
-
-
-def _check_samples(samples: ArrayLike) -> np.ndarray:
-    """Return samples as (channel, chirp, sample), complex128 or float64."""
-    array = np.asarray(samples)
-    if array.dtype.kind not in "iufc" or array.ndim not in (2, 3) or array.size == 0:
-        raise InvalidSetting(
-            "samples",
-            value=f"an array {array.shape} of {array.dtype}",
-            expected="numbers over (chirp, sample) or (channel, chirp, sample)",
-            fix="give one frame, with filled axes",
-        )
-    if not np.isfinite(array).all():
-        raise InvalidSetting(
-            "samples",
-            value=f"{np.count_nonzero(~np.isfinite(array))} values that are not finite",
-            expected="finite numbers",
-            fix="set lost samples to 0: one NaN would invalidate the whole map",
-        )
-    array = array.astype(complex if np.iscomplexobj(array) else float)
-    return array if array.ndim == 3 else array[None]

@@ -19,7 +19,12 @@ not above 0.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_finite_array, check_integer, check_positive_ratios
+from dechirp.core.checks import (
+    check_finite_array,
+    check_integer,
+    check_positive_ratios,
+    check_real_array,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 
@@ -199,7 +204,7 @@ def _check_at_least_two_points(where: str, n: int) -> None:
 
 
 def _check_non_negative_deviations(where: str, array: ArrayLike) -> np.ndarray:
-    deviations = np.asarray(array, dtype=float)
+    deviations = check_real_array(where, array)
     wrong = deviations[~(deviations >= 0)]
     if wrong.size:
         raise InvalidSetting(

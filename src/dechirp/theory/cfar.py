@@ -43,7 +43,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import logsumexp
 
-from dechirp.core.checks import check_false_alarm_probability, check_positive_ratios
+from dechirp.core.checks import check_false_alarm_probability, check_integer, check_positive_ratios
 from dechirp.theory.cfar_ordered_statistic import OrderedStatisticLaw
 from dechirp.theory.training_cells import (
     count_training_powers,
@@ -102,6 +102,7 @@ def ordered_statistic_factor(
     of `theory.cfar_ordered_statistic`, relative to a summed cell.
     """
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
+    check_integer("n_summed", n_summed, at_least=1)
     rates = order_statistic_step_rates(n_training, rank)
     log_pfa = math.log(false_alarm_probability)
     if n_summed > 1:
@@ -183,6 +184,7 @@ def ordered_statistic_false_alarm_probability(
     factor: ArrayLike, *, n_training: int, rank: int, n_summed: int = 1
 ) -> np.ndarray:
     """Return the probability that noise exceeds factor times the k-th smallest training cell."""
+    check_integer("n_summed", n_summed, at_least=1)
     rates = order_statistic_step_rates(n_training, rank)
     factors = check_positive_ratios("factor", factor)
     if n_summed > 1:

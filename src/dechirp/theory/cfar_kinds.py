@@ -1,8 +1,7 @@
 """CFAR factors of all detectors with a closed form, on numbers and arrays."""
 
-from collections.abc import Callable
-from functools import partial
-from typing import Literal, get_args
+from collections.abc import Callable, Mapping
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,10 +19,20 @@ from dechirp.theory.cfar import (
     ordered_statistic_factor,
     smallest_of_factor,
 )
+from dechirp.theory.cfar_trimmed_mean import trimmed_mean_factor
 
 __all__ = ["cfar_factor"]
 
-CfarKind = Literal["cell-averaging", "greatest-of", "smallest-of", "ordered-statistic"]
+CfarKind = Literal[
+    "cell-averaging", "greatest-of", "smallest-of", "ordered-statistic", "trimmed-mean"
+]
+_SETTINGS_OF_KIND = {
+    "cell-averaging": {"n_summed"},
+    "greatest-of": {"n_summed"},
+    "smallest-of": {"n_summed"},
+    "ordered-statistic": {"n_summed", "rank"},
+    "trimmed-mean": {"n_smallest", "n_largest"},
+}
 
 
 def cfar_factor(
@@ -31,8 +40,10 @@ def cfar_factor(
     n_training: ArrayLike,
     kind: CfarKind = "cell-averaging",
     *,
-    rank: int | None = None,
     n_summed: int = 1,
+    rank: int | None = None,
+    n_smallest: int | None = None,
+    n_largest: int | None = None,
 ) -> np.ndarray:
     """Return the ratio of the threshold to the noise estimate of a CFAR detector.
 
@@ -47,11 +58,13 @@ def cfar_factor(
         Training cells, those of both halves together; broadcast with the probability.
     kind : str
         Noise estimate: the mean of all cells, the larger or the smaller of the means of both
-        halves, or the `rank`-th smallest cell.
+        halves, the `rank`-th smallest cell, or the mean without the smallest and largest cells.
+    n_summed : int
+        Powers that are summed in each cell: receivers, or pulses. 1 for a trimmed mean.
     rank : int, optional
         For an ordered statistic only: 1 for the smallest cell.
-    n_summed : int
-        Powers that are summed in each cell: receivers, or pulses.
+    n_smallest, n_largest : int, optional
+        For a trimmed mean only: numbers of cells left out.
 
     Returns
     -------
@@ -62,7 +75,7 @@ def cfar_factor(
     ------
     InvalidSetting
         If a probability is not between 0 and 1, a number of cells not whole and positive, an odd
-        number has halves, the kind is unknown, or the rank missing or superfluous.
+        number has halves, the kind is unknown, or one of its settings is missing or superfluous.
     """
     pfa, cells = broadcast_arguments(
         false_alarm_probability=check_probabilities(
@@ -70,34 +83,40 @@ def cfar_factor(
         ),
         n_training=check_finite_array("n_training", n_training),
     )
-    factor = _factor_function(kind, rank)
+    check_integer("n_summed", n_summed, at_least=1)
+    optional = {"rank": rank, "n_smallest": n_smallest, "n_largest": n_largest}
+    settings = {name: number for name, number in optional.items() if number is not None}
+    if n_summed != 1:
+        settings["n_summed"] = n_summed
+    _check_settings_of_kind(kind, settings)
+    functions: dict[str, Callable[..., float]] = {
+        "cell-averaging": cell_averaging_factor,
+        "greatest-of": greatest_of_factor,
+        "smallest-of": smallest_of_factor,
+        "ordered-statistic": ordered_statistic_factor,
+        "trimmed-mean": trimmed_mean_factor,
+    }
 
     def compute(single_pfa: float, n_cells: float) -> float:
         whole = int(n_cells) if n_cells == int(n_cells) else n_cells
         check_integer("n_training", whole, at_least=1)
-        return factor(float(single_pfa), n_training=whole, n_summed=n_summed)
+        return functions[kind](float(single_pfa), n_training=whole, **settings)
 
     return np.vectorize(compute, otypes=[float])(pfa, cells)
 
 
-def _factor_function(kind: CfarKind, rank: int | None) -> Callable[..., float]:
-    functions: dict[CfarKind, Callable[..., float]] = {
-        "cell-averaging": cell_averaging_factor,
-        "greatest-of": greatest_of_factor,
-        "smallest-of": smallest_of_factor,
-    }
-    is_ordered = kind == "ordered-statistic"
-    if is_ordered != (rank is not None):
+def _check_settings_of_kind(kind: CfarKind, settings: Mapping[str, int]) -> None:
+    if kind not in _SETTINGS_OF_KIND:
         raise InvalidSetting(
-            "rank",
-            value="missing" if is_ordered else f"{rank}, with {kind}",
-            expected="a rank for ordered-statistic, and for no other kind",
-            fix="give 3/4 of the training cells" if is_ordered else "leave it out",
+            "kind", value=kind, expected=" or ".join(_SETTINGS_OF_KIND), fix="choose one of them"
         )
-    if rank is not None:
-        return partial(ordered_statistic_factor, rank=rank)
-    if kind not in functions:
-        raise InvalidSetting(
-            "kind", value=kind, expected=" or ".join(get_args(CfarKind)), fix="choose one of them"
-        )
-    return functions[kind]
+    accepted = _SETTINGS_OF_KIND[kind]
+    for name in ("rank", "n_smallest", "n_largest", "n_summed"):
+        is_missing = name in accepted - {"n_summed"} and name not in settings
+        if is_missing or (name in settings and name not in accepted):
+            raise InvalidSetting(
+                name,
+                value="missing" if is_missing else f"{settings[name]}, with {kind}",
+                expected=f"{' and '.join(sorted(accepted))} with {kind}",
+                fix="give a number of cells" if is_missing else "leave it out",
+            )

@@ -69,6 +69,7 @@ def trimmed_mean_detection_probability(
 
     Its power is exponential, like that of noise 1 + snr times as strong.
     """
+    check_positive_ratios("factor", factor)
     return trimmed_mean_false_alarm_probability(
         factor / (1 + check_non_negative_ratios("snr", snr)),
         n_training=n_training,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import betainc, betaincc, gammainccinv, gammaincinv, stdtrit
 
-from dechirp.core.checks import check_integer, check_number, check_probability
+from dechirp.core.checks import check_finite_array, check_integer, check_number, check_probability
 from dechirp.core.errors import InvalidSetting
 
 __all__ = ["binomial_interval", "mean_interval", "rate_interval", "rms_interval"]
@@ -55,7 +55,7 @@ def rms_interval(values: ArrayLike, *, confidence: float) -> tuple[float, float]
     The sum of squares over the variance is chi-square with n degrees of freedom (S. M. Kay,
     Fundamentals of Statistical Signal Processing II: Detection Theory, 1998, 2.2.2).
     """
-    errors, tail = _check_two_or_more_finite_values(values), _tail_probability(confidence)
+    errors, tail = _check_two_or_more_values("values", values), _tail_probability(confidence)
     half_sum = np.sum(errors**2) / 2
     low = np.sqrt(half_sum / gammainccinv(errors.size / 2, tail))
     high = np.sqrt(half_sum / gammaincinv(errors.size / 2, tail))
@@ -68,7 +68,7 @@ def mean_interval(values: ArrayLike, *, confidence: float) -> tuple[float, float
     Mean -+ t s / sqrt(n), with s^2 the sample variance and t Student's quantile for n - 1
     degrees of freedom (Student, The probable error of a mean, Biometrika 6, 1908).
     """
-    sample = _check_two_or_more_finite_values(values)
+    sample = _check_two_or_more_values("values", values)
     return _student_mean_interval(sample, float(np.var(sample, ddof=1)), confidence)
 
 
@@ -95,7 +95,7 @@ def rate_interval(counts: ArrayLike, exposure: float, *, confidence: float) -> t
     confidence : float
         As for the others.
     """
-    events = _check_two_or_more_finite_values(counts)
+    events = _check_two_or_more_values("counts", counts)
     if np.any(events < 0):
         raise InvalidSetting(
             "counts",
@@ -134,12 +134,12 @@ def _tail_probability(confidence: float) -> float:
     return (1 - confidence) / 2
 
 
-def _check_two_or_more_finite_values(values: ArrayLike) -> np.ndarray:
-    sample = np.asarray(values, dtype=float)
-    if sample.ndim != 1 or sample.size < 2 or not np.all(np.isfinite(sample)):
+def _check_two_or_more_values(setting: str, values: ArrayLike) -> np.ndarray:
+    sample = check_finite_array(setting, values)
+    if sample.ndim != 1 or sample.size < 2:
         raise InvalidSetting(
-            "values",
-            value=f"an array {sample.shape}, {np.count_nonzero(~np.isfinite(sample))} not finite",
+            setting,
+            value=f"an array {sample.shape}",
             expected="two or more finite values in a row",
             fix="take more measurements, and omit failed ones",
         )

@@ -7,7 +7,7 @@ one snapshot as well as for many.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_finite_array, check_positive_ratios
+from dechirp.core.checks import check_finite_array, check_finite_samples, check_positive_ratios
 from dechirp.core.errors import InvalidSetting
 
 __all__ = ["direction_std_rad"]
@@ -129,7 +129,13 @@ def direction_std_rad(
         check_finite_array("elevation_rad", elevation_rad),
     )
     check_positive_ratios("noise_power", noise_power)
-    snapshots = np.asarray(amplitudes, complex).reshape(len(azimuth), -1)
+    snapshots = check_finite_samples(
+        "amplitudes",
+        amplitudes,
+        axes=f"({len(azimuth)},) or ({len(azimuth)}, n_snapshots)",
+        fits=lambda array: array.shape[:1] in {(), (len(azimuth),)},
+    )
+    snapshots = snapshots.astype(complex).reshape(len(azimuth), -1)
     steering = np.exp(-2j * np.pi * (unit_vectors(azimuth, elevation) @ element_positions.T))
     phase_derivatives = np.moveaxis(
         unit_vector_derivatives(azimuth, elevation)[:, list(unknown)] @ element_positions.T, -1, 0

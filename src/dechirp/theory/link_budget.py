@@ -78,19 +78,29 @@ def received_power(
 
     .. math:: P_r = \frac{P_t G_t G_r \lambda^2 \sigma}{(4\pi)^3 R^4 L}
     """
-    distance, *factors = broadcast_arguments(
-        range_m=check_finite_array("range_m", range_m, above=0),
-        **_radar_equation_arguments(rcs_m2, transmit_power_w, frequency_hz, tx_gain, rx_gain, loss),
+    distance, rcs, power, frequency, gain_tx, gain_rx, attenuation = _broadcast_positive(
+        range_m=range_m,
+        rcs_m2=rcs_m2,
+        transmit_power_w=transmit_power_w,
+        frequency_hz=frequency_hz,
+        tx_gain=tx_gain,
+        rx_gain=rx_gain,
+        loss=loss,
     )
-    return np.asarray(_power_at_one_metre(*factors) / distance**4)
+    wavelength = SPEED_OF_LIGHT / frequency
+    return np.asarray(
+        power
+        * gain_tx
+        * gain_rx
+        * wavelength**2
+        * rcs
+        / ((4 * np.pi) ** 3 * attenuation * distance**4)
+    )
 
 
 def noise_power(*, noise_factor: ArrayLike, sample_rate_hz: ArrayLike) -> np.ndarray:
     """Return the thermal noise power in a sample in W, k T0 F fs, with T0 = 290 K."""
-    factor, rate = broadcast_arguments(
-        noise_factor=check_finite_array("noise_factor", noise_factor, above=0),
-        sample_rate_hz=check_finite_array("sample_rate_hz", sample_rate_hz, above=0),
-    )
+    factor, rate = _broadcast_positive(noise_factor=noise_factor, sample_rate_hz=sample_rate_hz)
     return np.asarray(BOLTZMANN * REFERENCE_TEMPERATURE * factor * rate)
 
 
@@ -185,19 +195,13 @@ def unambiguous_range(
 
     Farther echoes are aliased.
     """
-    rate, slope = broadcast_arguments(
-        sample_rate_hz=check_finite_array("sample_rate_hz", sample_rate_hz, above=0),
-        slope_hz_per_s=check_finite_array("slope_hz_per_s", slope_hz_per_s, above=0),
-    )
+    rate, slope = _broadcast_positive(sample_rate_hz=sample_rate_hz, slope_hz_per_s=slope_hz_per_s)
     return range_from_beat(rate if is_complex else rate / 2, slope_hz_per_s=slope)
 
 
 def velocity_resolution(*, frequency_hz: ArrayLike, duration_s: ArrayLike) -> np.ndarray:
     """Return the width of a velocity bin in m/s, lambda / 2 M T: chirps times their interval."""
-    frequency, duration = broadcast_arguments(
-        frequency_hz=check_finite_array("frequency_hz", frequency_hz, above=0),
-        duration_s=check_finite_array("duration_s", duration_s, above=0),
-    )
+    frequency, duration = _broadcast_positive(frequency_hz=frequency_hz, duration_s=duration_s)
     return np.asarray(SPEED_OF_LIGHT / frequency / (2 * duration))
 
 
@@ -206,10 +210,7 @@ def unambiguous_velocity(*, frequency_hz: ArrayLike, interval_s: ArrayLike) -> n
 
     T is the interval between chirps of the same transmitter.
     """
-    frequency, interval = broadcast_arguments(
-        frequency_hz=check_finite_array("frequency_hz", frequency_hz, above=0),
-        interval_s=check_finite_array("interval_s", interval_s, above=0),
-    )
+    frequency, interval = _broadcast_positive(frequency_hz=frequency_hz, interval_s=interval_s)
     return np.asarray(SPEED_OF_LIGHT / frequency / (4 * interval))
 
 
@@ -253,36 +254,10 @@ def ula_beamwidth(
     return np.asarray(last_angle - first_angle)
 
 
-def _radar_equation_arguments(
-    rcs_m2: ArrayLike,
-    transmit_power_w: ArrayLike,
-    frequency_hz: ArrayLike,
-    tx_gain: ArrayLike,
-    rx_gain: ArrayLike,
-    loss: ArrayLike,
-) -> dict[str, np.ndarray]:
-    arguments = {
-        "rcs_m2": rcs_m2,
-        "transmit_power_w": transmit_power_w,
-        "frequency_hz": frequency_hz,
-        "tx_gain": tx_gain,
-        "rx_gain": rx_gain,
-        "loss": loss,
-    }
-    return {name: check_finite_array(name, array, above=0) for name, array in arguments.items()}
-
-
-def _power_at_one_metre(
-    rcs: np.ndarray,
-    transmit_power: np.ndarray,
-    frequency: np.ndarray,
-    tx_gain: np.ndarray,
-    rx_gain: np.ndarray,
-    loss: np.ndarray,
-) -> np.ndarray:
-    wavelength = SPEED_OF_LIGHT / frequency
-    return np.asarray(
-        transmit_power * tx_gain * rx_gain * wavelength**2 * rcs / ((4 * np.pi) ** 3 * loss)
+def _broadcast_positive(**arguments: ArrayLike) -> tuple[np.ndarray, ...]:
+    """Broadcast arguments, or raise `InvalidSetting` unless all are finite and above 0."""
+    return broadcast_arguments(
+        **{name: check_finite_array(name, array, above=0) for name, array in arguments.items()}
     )
 
 

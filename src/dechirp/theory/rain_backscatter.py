@@ -57,7 +57,6 @@ def drop_fall_speed_m_per_s(diameter_m: ArrayLike) -> np.ndarray:
     return np.maximum(9.65 - 10.3 * np.exp(-600 * diameters_m), 0.0)
 
 
-@lru_cache
 def rain_reflectivity_per_m4(
     frequency_hz: float, rate_m_per_s: float, *, temperature_k: float = 283.15
 ) -> np.ndarray:
@@ -71,6 +70,17 @@ def rain_reflectivity_per_m4(
     InvalidSetting
         Outside the validity of `drop_size_density_per_m4` and `water.water_relative_permittivity`.
     """
+    return _cached_rain_reflectivity_per_m4(
+        check_number("frequency_hz", frequency_hz),
+        check_number("rate_m_per_s", rate_m_per_s),
+        check_number("temperature_k", temperature_k),
+    )
+
+
+@lru_cache
+def _cached_rain_reflectivity_per_m4(
+    frequency_hz: float, rate_m_per_s: float, temperature_k: float
+) -> np.ndarray:
     epsilon = water_relative_permittivity(frequency_hz, temperature_k)
     wavelength_m = SPEED_OF_LIGHT / frequency_hz
     cross_sections_m2 = sphere_rcs_m2(DIAMETERS_M / 2, wavelength_m, permittivity=epsilon)

@@ -274,13 +274,18 @@ def _check_weights(weights: ArrayLike) -> np.ndarray:
     return values
 
 
-def bin_correlation(weights: np.ndarray, n_bins: int, lags: np.ndarray) -> np.ndarray:
+def bin_correlation(weights: ArrayLike, n_bins: int, lags: ArrayLike) -> np.ndarray:
     """Return the correlation of white noise between bins of a windowed, zero-padded transform.
 
     rho(k) = sum_n w[n]^2 exp(-2 pi i k n / n_bins) / sum_n w[n]^2 for each lag k (bins, any
-    shape); periodic in n_bins, as the bins are.
+    shape); periodic in n_bins, as the bins are. Raises `InvalidSetting` unless lags are whole.
     """
+    weights = _check_weights(weights)
+    check_integer("n_bins", n_bins, at_least=1)
+    whole_lags = check_finite_array("lags", lags)
+    for lag in whole_lags[whole_lags % 1 != 0]:
+        check_integer("lags", float(lag), at_least=0)
     weight_fractions = weights**2 / np.sum(weights**2)
     # One transform gives all lags: 0.3 ms for 2,200 points, instead of 0.4 s of exponentials.
     wrapped = np.bincount(np.arange(weights.size) % n_bins, weight_fractions, n_bins)
-    return np.asarray(np.fft.fft(wrapped)[np.asarray(lags) % n_bins])
+    return np.asarray(np.fft.fft(wrapped)[whole_lags.astype(int) % n_bins])

@@ -1,5 +1,1 @@
 """Scores of trials: a family, whose kinds are their names in study files."""
-
-from dechirp.core.namespaces import lazy_getattr_and_dir
-
-__getattr__, __dir__ = lazy_getattr_and_dir(__name__)

@@ -1,27 +1,174 @@
-"""Directions from plain arrays, without a `Radar`."""
+"""Directions from plain arrays, without a `Radar`: nine estimators, and spectra over directions."""
 
 from dataclasses import replace
-from typing import Literal, cast
+from typing import Literal, NamedTuple, TypedDict, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
-from dechirp.core.checks import check_finite_array, check_non_negative_ratios
+from dechirp.core.checks import (
+    broadcast_arguments,
+    check_axes,
+    check_finite_array,
+    check_finite_samples,
+    check_non_negative_ratios,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.angle.aperture import Aperture, FieldOfView
-from dechirp.processing.angle.base import DirectionEstimator, Directions
+from dechirp.processing.angle.base import DirectionEstimator, Directions, SpectralEstimator
 
-__all__ = ["estimate_directions"]
+__all__ = [
+    "bartlett",
+    "capon",
+    "direction_spectrum",
+    "esprit",
+    "estimate_directions",
+    "fft",
+    "iterative_adaptive",
+    "maximum_likelihood",
+    "monopulse",
+    "music",
+    "root_music",
+]
+
+NumberOfSources = int | Literal["mdl", "aic"]
+
+
+class _Options(TypedDict, total=False):
+    axis: int
+    noise_power: ArrayLike | None
+    field_of_view: FieldOfView | None
+
+
+@check_argument_types
+def bartlett(
+    snapshots: ArrayLike,
+    positions: ArrayLike,
+    n_sources: NumberOfSources = 1,
+    **options: Unpack[_Options],
+) -> Directions:
+    """Find the highest powers in beams (Bartlett); arguments as of `estimate_directions`."""
+    return estimate_directions(snapshots, positions, n_sources, "bartlett", **options)
+
+
+@check_argument_types
+def capon(
+    snapshots: ArrayLike,
+    positions: ArrayLike,
+    n_sources: NumberOfSources = 1,
+    **options: Unpack[_Options],
+) -> Directions:
+    """Find the highest powers of beams with least interference (Capon, MVDR).
+
+    Arguments as of `estimate_directions`.
+    """
+    return estimate_directions(snapshots, positions, n_sources, "capon", **options)
+
+
+@check_argument_types
+def esprit(
+    snapshots: ArrayLike,
+    positions: ArrayLike,
+    n_sources: NumberOfSources = 1,
+    **options: Unpack[_Options],
+) -> Directions:
+    """Find directions by rotational invariance (ESPRIT), on uniform linear arrays.
+
+    Arguments as of `estimate_directions`.
+    """
+    return estimate_directions(snapshots, positions, n_sources, "esprit", **options)
+
+
+@check_argument_types
+def fft(
+    snapshots: ArrayLike,
+    positions: ArrayLike,
+    n_sources: NumberOfSources = 1,
+    **options: Unpack[_Options],
+) -> Directions:
+    """Find the highest powers in beams by an FFT over the elements.
+
+    Arguments as of `estimate_directions`.
+    """
+    return estimate_directions(snapshots, positions, n_sources, "fft", **options)
+
+
+@check_argument_types
+def iterative_adaptive(
+    snapshots: ArrayLike,
+    positions: ArrayLike,
+    n_sources: NumberOfSources = 1,
+    **options: Unpack[_Options],
+) -> Directions:
+    """Find directions by the iterative adaptive approach (IAA).
+
+    Arguments as of `estimate_directions`.
+    """
+    return estimate_directions(snapshots, positions, n_sources, "iterative-adaptive", **options)
+
+
+@check_argument_types
+def maximum_likelihood(
+    snapshots: ArrayLike,
+    positions: ArrayLike,
+    n_sources: NumberOfSources = 1,
+    **options: Unpack[_Options],
+) -> Directions:
+    """Find the one or two directions of largest likelihood.
+
+    Arguments as of `estimate_directions`.
+    """
+    return estimate_directions(snapshots, positions, n_sources, "maximum-likelihood", **options)
+
+
+@check_argument_types
+def monopulse(
+    snapshots: ArrayLike,
+    positions: ArrayLike,
+    n_sources: NumberOfSources = 1,
+    **options: Unpack[_Options],
+) -> Directions:
+    """Find one direction by the phase between displaced elements.
+
+    Arguments as of `estimate_directions`.
+    """
+    return estimate_directions(snapshots, positions, n_sources, "monopulse", **options)
+
+
+@check_argument_types
+def music(
+    snapshots: ArrayLike,
+    positions: ArrayLike,
+    n_sources: NumberOfSources = 1,
+    **options: Unpack[_Options],
+) -> Directions:
+    """Find the directions in the signal subspace (MUSIC); arguments as of `estimate_directions`."""
+    return estimate_directions(snapshots, positions, n_sources, "music", **options)
+
+
+@check_argument_types
+def root_music(
+    snapshots: ArrayLike,
+    positions: ArrayLike,
+    n_sources: NumberOfSources = 1,
+    **options: Unpack[_Options],
+) -> Directions:
+    """Find directions as roots of a polynomial (root-MUSIC), on uniform linear arrays.
+
+    Arguments as of `estimate_directions`.
+    """
+    return estimate_directions(snapshots, positions, n_sources, "root-music", **options)
 
 
 @check_argument_types
 def estimate_directions(
     snapshots: ArrayLike,
     positions: ArrayLike,
-    n_sources: int | Literal["mdl", "aic"] = 1,
+    n_sources: NumberOfSources = 1,
     kind: str | DirectionEstimator = "music",
     *,
+    axis: int = -1,
     noise_power: ArrayLike | None = None,
     field_of_view: FieldOfView | None = None,
 ) -> Directions:
@@ -45,6 +192,8 @@ def estimate_directions(
     kind : str or DirectionEstimator
         A member of the family by its kind, such as `root-music`, `capon` or `maximum-likelihood`,
         or with its settings, as `dechirp.angle.Capon(loading=0.01)`.
+    axis : int
+        Axis of the elements; the snapshots are on the last of the others.
     noise_power : array (...), optional
         Noise power in one element, E|w|^2, of all cells or of each. Without it, standard errors
         are NaN and adaptive beams are loaded with the least that keeps them stable.
@@ -64,9 +213,7 @@ def estimate_directions(
         If snapshots are not finite or do not match the positions, elements share one position, the
         sources are too many for the array or the estimator, or a kind is unknown.
     """
-    elements = _element_positions(positions)
-    amplitudes = _checked_snapshots(snapshots, len(elements))
-    cells = amplitudes.shape[:-2]
+    estimator = _direction_estimator(kind, n_sources)
     if noise_power is None and n_sources in ("mdl", "aic"):
         raise InvalidSetting(
             "noise_power",
@@ -74,6 +221,110 @@ def estimate_directions(
             expected=f"the noise in one element, on which {n_sources} depends",
             fix="give noise_power, or a number of sources",
         )
+    cells = _array_cells(snapshots, positions, axis, noise_power, field_of_view)
+    directions = estimator.find_directions(cells.snapshots, cells.aperture, cells.noise_power)
+    if noise_power is None:
+        directions.azimuth_std_rad.fill(np.nan)
+        directions.elevation_std_rad.fill(np.nan)
+    return Directions(*(values.reshape(*cells.shape, -1) for values in directions))
+
+
+@check_argument_types
+def direction_spectrum(
+    snapshots: ArrayLike,
+    positions: ArrayLike,
+    azimuth_rad: ArrayLike,
+    elevation_rad: ArrayLike = 0.0,
+    *,
+    n_sources: int = 1,
+    kind: str | SpectralEstimator = "bartlett",
+    axis: int = -1,
+    noise_power: ArrayLike | None = None,
+) -> np.ndarray:
+    """Compute the spectrum of each cell over directions.
+
+    Parameters
+    ----------
+    snapshots, positions, axis, noise_power
+        As of `estimate_directions`.
+    azimuth_rad, elevation_rad : array
+        Directions, broadcast against each other.
+    n_sources : int
+        Sources in each cell; only for `music`.
+    kind : str or SpectralEstimator
+        `bartlett`, `capon`, `fft`, `iterative-adaptive` or `music`, or one with its settings.
+
+    Returns
+    -------
+    array (..., *directions)
+        Power of one element, for a single source in its direction; of `music` the pseudospectrum,
+        one over the squared distance of the steering vector from the signal subspace. That of
+        `iterative-adaptive` peaks at its grid, eight directions to a beam. NaN in cells of zeros.
+
+    Raises
+    ------
+    InvalidSetting
+        As `estimate_directions`, and if directions are not finite or the kind has no spectrum.
+    """
+    azimuth, elevation = broadcast_arguments(
+        azimuth_rad=check_finite_array("azimuth_rad", azimuth_rad),
+        elevation_rad=check_finite_array("elevation_rad", elevation_rad),
+    )
+    estimator = _direction_estimator(kind, n_sources)
+    if not isinstance(estimator, SpectralEstimator) or not isinstance(n_sources, int):
+        raise InvalidSetting(
+            "kind",
+            value=kind,
+            expected="an estimator with a spectrum, and a number of sources",
+            fix="choose bartlett, capon, fft, iterative-adaptive or music",
+        )
+    cells = _array_cells(snapshots, positions, axis, noise_power, None)
+    steering = cells.aperture.steering_vectors(np.ravel(azimuth), np.ravel(elevation))
+    has_signal = np.any(cells.snapshots != 0, axis=(1, 2))
+    spectrum = np.full((len(cells.snapshots), azimuth.size), np.nan)
+    if has_signal.any():
+        data = estimator.precompute_for_spectrum(
+            cells.snapshots[has_signal], cells.aperture, cells.noise_power[has_signal]
+        )
+        spectrum[has_signal] = estimator.spectrum_at(data, steering)
+    return spectrum.reshape(*cells.shape, *azimuth.shape)
+
+
+class _ArrayCells(NamedTuple):
+    snapshots: np.ndarray
+    """Amplitudes (n, n_snapshots, n_elements), complex."""
+    noise_power: np.ndarray
+    """Noise power (n,)."""
+    aperture: Aperture
+    shape: tuple[int, ...]
+    """Shape of the cells, of product n."""
+
+
+def _array_cells(
+    snapshots: ArrayLike,
+    positions: ArrayLike,
+    axis: int,
+    noise_power: ArrayLike | None,
+    field_of_view: FieldOfView | None,
+) -> _ArrayCells:
+    """Check the arguments that all functions share, and flatten the cells."""
+    elements = _element_positions(positions)
+    amplitudes = check_finite_samples(
+        "snapshots",
+        snapshots,
+        axes=f"(..., n_snapshots, {len(elements)}), one for each of the positions",
+        fits=lambda array: array.ndim > 0,
+    )
+    amplitudes = np.moveaxis(amplitudes, check_axes("axis", axis, amplitudes, n_axes=(1,)), [-1])
+    if amplitudes.shape[-1] != len(elements):
+        raise InvalidSetting(
+            "snapshots",
+            value=f"an array of {amplitudes.shape[-1]} elements on axis {axis}",
+            expected=f"{len(elements)} elements, one for each of the positions",
+            fix="give a position for each element, or the axis of the elements",
+        )
+    amplitudes = np.atleast_2d(amplitudes).astype(complex)
+    cells = amplitudes.shape[:-2]
     noise = check_non_negative_ratios("noise_power", 0.0 if noise_power is None else noise_power)
     try:
         noise = np.broadcast_to(noise, cells)
@@ -84,15 +335,12 @@ def estimate_directions(
             expected=f"one value, or {cells}: one for each cell",
             fix="give the noise of one element",
         ) from None
-    directions = _direction_estimator(kind, n_sources).find_directions(
+    return _ArrayCells(
         amplitudes.reshape(-1, *amplitudes.shape[-2:]),
-        Aperture(elements, field_of_view or FieldOfView()),
         np.ravel(noise),
+        Aperture(elements, field_of_view or FieldOfView()),
+        cells,
     )
-    if noise_power is None:
-        directions.azimuth_std_rad.fill(np.nan)
-        directions.elevation_std_rad.fill(np.nan)
-    return Directions(*(values.reshape(*cells, -1) for values in directions))
 
 
 def _element_positions(positions: ArrayLike) -> np.ndarray:
@@ -111,28 +359,8 @@ def _element_positions(positions: ArrayLike) -> np.ndarray:
     return array
 
 
-def _checked_snapshots(snapshots: ArrayLike, n_elements: int) -> np.ndarray:
-    """Return snapshots (..., n_snapshots, n_elements), or raise `InvalidSetting`."""
-    array = np.asarray(snapshots)
-    if array.dtype.kind not in "iufc" or not array.size or array.shape[-1:] != (n_elements,):
-        raise InvalidSetting(
-            "snapshots",
-            value=f"an array {array.shape} of {array.dtype}",
-            expected=f"(..., n_snapshots, {n_elements}): a number for each of the positions",
-            fix="put the elements on the last axis, and give a position for each",
-        )
-    if not np.isfinite(array).all():
-        raise InvalidSetting(
-            "snapshots",
-            value=f"{np.count_nonzero(~np.isfinite(array))} values that are not finite",
-            expected="finite amplitudes",
-            fix="leave those snapshots out",
-        )
-    return np.atleast_2d(array).astype(complex)
-
-
 def _direction_estimator(
-    kind: str | DirectionEstimator, n_sources: int | Literal["mdl", "aic"]
+    kind: str | DirectionEstimator, n_sources: NumberOfSources
 ) -> DirectionEstimator:
     if isinstance(kind, DirectionEstimator):
         return replace(kind, n_sources=n_sources)

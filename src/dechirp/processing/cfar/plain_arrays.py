@@ -7,13 +7,14 @@ from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import (
+    check_axes,
     check_false_alarm_probability,
     check_integer,
     check_non_negative_ratios,
 )
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.cfar.base import Cells, Cfar, MapNoise, NoiseEstimator
-from dechirp.processing.maps import pair_of, scale_to_unity
+from dechirp.processing.maps import pair_of, unity_exponent
 from dechirp.processing.spectrum import Transform
 from dechirp.theory.windows import Window
 
@@ -28,6 +29,7 @@ def cfar_threshold(
     pfa: float,
     kind: str | NoiseEstimator = "cell-averaging",
     *,
+    axis: int | tuple[int, int] | None = None,
     n_summed: int = 1,
     window: Window | tuple[Window, Window] = "rectangular",
     n_points: tuple[int, int] | int | None = None,
@@ -40,7 +42,7 @@ def cfar_threshold(
 
     Parameters
     ----------
-    power : array (range,) or (velocity, range)
+    power : array (range,), (velocity, range), or any number of them
         Powers of a square-law detector, not in dB: 0 or more.
     n_training, n_guard : int or (int, int)
         Training and guard cells on each side of the cell under test; a pair for velocity and range.
@@ -49,6 +51,9 @@ def cfar_threshold(
     kind : str or NoiseEstimator
         A member of the family by its kind, or with its settings, as
         `dechirp.cfar.OrderedStatistic(rank=0.9)`.
+    axis : int or (int, int), optional
+        Axis of the spectra, as range, or axes of the maps, as velocity and range; spectra or maps
+        along all other axes are independent. By default the last two, or the only one.
     n_summed : int
         Powers that were summed or averaged in each cell: receivers, or pulses.
     window : str or (str, str)
@@ -71,44 +76,55 @@ def cfar_threshold(
         on an axis, the probability is out of bounds, or a kind or a window is unknown.
     """
     cells = check_non_negative_ratios("power", power)
-    if cells.ndim not in (1, 2) or cells.size == 0:
+    if cells.size == 0 or cells.ndim == 0:
         raise InvalidSetting(
             "power",
             value=f"an array {cells.shape}",
             expected="cells over (range,) or (velocity, range)",
-            fix="give one spectrum or one map, with filled axes",
+            fix="give spectra or maps, with filled axes",
         )
     check_false_alarm_probability("pfa", pfa)
     check_integer("n_summed", n_summed, at_least=1)
-    cells_2d = np.atleast_2d(cells)
-    slow_points, fast_points = _pair_of_axes("n_points", n_points, cells, when_none=cells_2d.shape)
+    axes = check_axes(
+        "axis", (-2, -1)[-cells.ndim :] if axis is None else axis, cells, n_axes=(1, 2)
+    )
+    last_axes = tuple(range(-len(axes), 0))
+    maps = np.moveaxis(cells, axes, last_axes)
+    # Spectra become maps of a single velocity.
+    shape = maps.shape[-2:] if len(axes) == 2 else (1, maps.shape[-1])
+    slow_points, fast_points = _pair_of_axes("n_points", n_points, axes, when_none=shape)
     slow_window, fast_window = _pair_of_axes(
-        "window", window, cells, when_none=("rectangular", "rectangular")
+        "window", window, axes, when_none=("rectangular", "rectangular")
     )
     noise = MapNoise(
-        range_transform=_transform_of_axis(fast_window, fast_points, cells_2d.shape[1]),
-        doppler_transform=_transform_of_axis(slow_window, slow_points, cells_2d.shape[0]),
+        range_transform=_transform_of_axis(fast_window, fast_points, shape[1]),
+        doppler_transform=_transform_of_axis(slow_window, slow_points, shape[0]),
         n_channels=n_summed,
     )
-    training, guard = _training_and_guard_cells(n_training, n_guard, cells)
+    training, guard = _training_and_guard_cells(n_training, n_guard, axes, shape)
     detector = Cfar(
         estimator=_noise_estimator(kind),
         n_training=training,
         n_guard=guard,
         false_alarm_probability=float(pfa),
     )
-    scaled, exponent = scale_to_unity(cells_2d)
-    threshold = detector.threshold(np.ascontiguousarray(scaled, np.float32), noise)
-    return np.ldexp(threshold.astype(float), exponent).reshape(cells.shape)
+    thresholds = np.empty(maps.shape)
+    for values, threshold in zip(
+        maps.reshape(-1, *shape), thresholds.reshape(-1, *shape), strict=True
+    ):
+        exponent = unity_exponent(values)
+        single = (values * np.ldexp(1.0, -exponent)).astype(np.float32)
+        np.ldexp(detector.threshold(single, noise), exponent, out=threshold, dtype=float)
+    return np.moveaxis(thresholds, last_axes, axes)
 
 
 def _pair_of_axes(
-    setting: str, value: Any, cells: np.ndarray, *, when_none: tuple[Any, Any]
+    setting: str, value: Any, axes: tuple[int, ...], *, when_none: tuple[Any, Any]
 ) -> tuple[Any, Any]:
     """Return a setting of velocity and range; a spectrum has a single velocity, without window."""
     if value is None:
         return when_none
-    if cells.ndim == 2:
+    if len(axes) == 2:
         return pair_of(setting, value)
     if isinstance(value, tuple | list):
         raise InvalidSetting(
@@ -123,16 +139,16 @@ def _transform_of_axis(window: Window, n_points: int, n_bins: int) -> Transform:
 
 
 def _training_and_guard_cells(
-    n_training: Any, n_guard: Any, cells: np.ndarray
+    n_training: Any, n_guard: Any, axes: tuple[int, ...], shape: tuple[int, int]
 ) -> tuple[Cells, Cells]:
     """Return the numbers of training and guard cells, after a check that they fit on each axis."""
     pairs = []
     for setting, value in (("n_training", n_training), ("n_guard", n_guard)):
-        pair = _pair_of_axes(setting, value, cells, when_none=(0, 0))
+        pair = _pair_of_axes(setting, value, axes, when_none=(0, 0))
         for number in pair:
             check_integer(setting, number, at_least=0)
         pairs.append(cast("tuple[int, int]", pair))
-    for training, guard, size in zip(*pairs, np.atleast_2d(cells).shape, strict=True):
+    for training, guard, size in zip(*pairs, shape, strict=True):
         if 2 * (training + guard) + 1 > size:
             raise InvalidSetting(
                 "n_training",

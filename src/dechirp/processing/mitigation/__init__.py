@@ -1,5 +1,1 @@
 """Mitigation of static echoes, leakage and interference in the samples of a frame."""
-
-from dechirp.core.namespaces import lazy_getattr_and_dir
-
-__getattr__, __dir__ = lazy_getattr_and_dir(__name__)

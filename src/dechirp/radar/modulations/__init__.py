@@ -1,5 +1,1 @@
 """Modulations, a family: differences between the ramps of a round."""
-
-from dechirp.core.namespaces import lazy_getattr_and_dir
-
-__getattr__, __dir__ = lazy_getattr_and_dir(__name__)

@@ -1,5 +1,1 @@
 """Multiplexing, a family: sharing of the chirps of a frame among transmitters."""
-
-from dechirp.core.namespaces import lazy_getattr_and_dir
-
-__getattr__, __dir__ = lazy_getattr_and_dir(__name__)

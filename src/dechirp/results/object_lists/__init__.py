@@ -1,5 +1,1 @@
 """The object list for others: CAN FD, Ethernet, ASAM OSI, point clouds and tables."""
-
-from dechirp.core.namespaces import lazy_getattr_and_dir
-
-__getattr__, __dir__ = lazy_getattr_and_dir(__name__)

@@ -1,5 +1,1 @@
 """Bodies of many scatterers, a family."""
-
-from dechirp.core.namespaces import lazy_getattr_and_dir
-
-__getattr__, __dir__ = lazy_getattr_and_dir(__name__)

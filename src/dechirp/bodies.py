@@ -1,0 +1,5 @@
+"""Bodies of many scatterers, from points to meshes."""
+
+from dechirp.core.namespaces import lazy_getattr_and_dir
+
+__getattr__, __dir__ = lazy_getattr_and_dir(__name__, "dechirp.scene.bodies")

@@ -1,0 +1,5 @@
+"""Radar chips on boards: antenna positions and limits."""
+
+from dechirp.core.namespaces import lazy_getattr_and_dir
+
+__getattr__, __dir__ = lazy_getattr_and_dir(__name__, "dechirp.radar.devices")

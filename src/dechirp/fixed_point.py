@@ -1,0 +1,5 @@
+"""Fixed-point processing up to the detector, bit-accurate for given word lengths."""
+
+from dechirp.core.namespaces import lazy_getattr_and_dir
+
+__getattr__, __dir__ = lazy_getattr_and_dir(__name__, "dechirp.processing.fixed_point")

@@ -1,0 +1,5 @@
+"""Impairments of oscillator, propagation and receiver."""
+
+from dechirp.core.namespaces import lazy_getattr_and_dir
+
+__getattr__, __dir__ = lazy_getattr_and_dir(__name__, "dechirp.simulation.impairments")

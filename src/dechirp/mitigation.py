@@ -1,0 +1,5 @@
+"""Mitigation of static echoes, leakage and interference."""
+
+from dechirp.core.namespaces import lazy_getattr_and_dir
+
+__getattr__, __dir__ = lazy_getattr_and_dir(__name__, "dechirp.processing.mitigation")

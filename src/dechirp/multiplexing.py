@@ -1,0 +1,5 @@
+"""Multiplexing: sharing of the chirps of a frame among transmitters."""
+
+from dechirp.core.namespaces import lazy_getattr_and_dir
+
+__getattr__, __dir__ = lazy_getattr_and_dir(__name__, "dechirp.radar.multiplexing")

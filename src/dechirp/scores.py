@@ -1,0 +1,5 @@
+"""Scores of trials in studies and searches."""
+
+from dechirp.core.namespaces import lazy_getattr_and_dir
+
+__getattr__, __dir__ = lazy_getattr_and_dir(__name__, "dechirp.evaluation.score")

@@ -1,0 +1,5 @@
+"""Windows: weights, gain, bandwidth, scalloping loss and correlation of bins."""
+
+from dechirp.core.namespaces import lazy_getattr_and_dir
+
+__getattr__, __dir__ = lazy_getattr_and_dir(__name__, "dechirp.theory.windows")

@@ -1,0 +1,256 @@
+"""Invalid arguments of all public functions on plain arrays: one clear error with their name."""
+
+import inspect
+
+import numpy as np
+import pytest
+
+import dechirp as dc
+
+LINE = 0.5 * np.arange(8)
+SNAPSHOTS = np.exp(-2j * np.pi * LINE * np.sin(0.2)) * np.array([[1.0], [1.0j], [-1.0]])
+POWER = np.random.default_rng(1).exponential(size=(20, 30))
+DIRECTIONS = {"snapshots": SNAPSHOTS, "positions": LINE, "n_sources": 1, "noise_power": 0.1}
+DETECTION = {"detection_probability": 0.9, "false_alarm_probability": 1e-6}
+CELLS = {"n_training": 16}
+RADAR_EQUATION = {
+    "rcs_m2": 10.0,
+    "transmit_power_w": 0.01,
+    "frequency_hz": 77e9,
+    "tx_gain": 10.0,
+    "rx_gain": 10.0,
+    "loss": 1.2,
+}
+NOISE = {"noise_factor": 15.0, "sample_rate_hz": 5e6}
+ATMOSPHERE = {"pressure_pa": 1e5, "temperature_k": 288.0, "vapour_kg_per_m3": 0.0075}
+TRIMMED = {**CELLS, "n_smallest": 2, "n_largest": 4}
+WEIGHTS = {"weights": np.hanning(8)}
+FACTOR = {"factor": 12.0}
+SNR = {"snr": 20.0}
+PFA = {"false_alarm_probability": 1e-6}
+
+FRAME = {"samples": np.ones((4, 8)), "window": "hann", "axes": (0, 1), "n_bins": (4, 8)}
+
+VALID_ARGUMENTS = {
+    "maps.range_doppler_map": FRAME,
+    "maps.range_doppler_spectrum": FRAME,
+    "cfar.cfar_threshold": {
+        "power": POWER,
+        "n_training": 3,
+        "n_guard": 1,
+        "pfa": 1e-3,
+        "kind": "cell-averaging",
+        "axis": (0, 1),
+        "n_summed": 1,
+        "window": "rectangular",
+        "n_points": (20, 30),
+    },
+    "angle.estimate_directions": {**DIRECTIONS, "kind": "music", "axis": -1},
+    "angle.direction_spectrum": {
+        **DIRECTIONS,
+        "kind": "capon",
+        "axis": -1,
+        "azimuth_rad": [0.0, 0.1],
+        "elevation_rad": 0.0,
+    },
+    **{
+        f"angle.{name}": DIRECTIONS
+        for name in (
+            *("bartlett", "capon", "esprit", "fft", "iterative_adaptive", "maximum_likelihood"),
+            *("monopulse", "music", "root_music"),
+        )
+    },
+    "theory.detection_probability": {**SNR, **PFA, "n_summed": 2, "swerling": 1},
+    "theory.required_snr": {**DETECTION, "n_summed": 2, "swerling": 1},
+    "theory.detection_threshold": {**PFA, "n_summed": 2},
+    "theory.exceedance_probability": {**SNR, "threshold": 13.0, "n_summed": 2, "swerling": 1},
+    "theory.coherent_detection_probability": {**SNR, **PFA},
+    "theory.coherent_required_snr": DETECTION,
+    "theory.albersheim": {**DETECTION, "n_summed": 2},
+    "theory.shnidman": {**DETECTION, "n_summed": 2, "swerling": 1},
+    "theory.binary_integration_probability": {"probability": 0.5, "m": 2, "n": 4},
+    "theory.cfar_factor": {**PFA, **CELLS, "kind": "cell-averaging", "n_summed": 2},
+    "theory.cell_averaging_factor": {**PFA, **CELLS, "n_summed": 2},
+    "theory.cell_averaging_false_alarm_probability": {**FACTOR, **CELLS, "n_summed": 2},
+    "theory.cell_averaging_detection_probability": {
+        **SNR,
+        **FACTOR,
+        **CELLS,
+        "n_summed": 2,
+        "swerling": 1,
+    },
+    "theory.cell_averaging_loss": {**DETECTION, **CELLS, "n_summed": 2, "swerling": 1},
+    "theory.cell_averaging_required_snr": {**DETECTION, **CELLS, "n_summed": 2, "swerling": 1},
+    "theory.greatest_of_factor": {**PFA, **CELLS, "n_summed": 2},
+    "theory.greatest_of_false_alarm_probability": {**FACTOR, **CELLS, "n_summed": 2},
+    "theory.greatest_of_detection_probability": {**SNR, **FACTOR, **CELLS},
+    "theory.smallest_of_factor": {**PFA, **CELLS, "n_summed": 2},
+    "theory.smallest_of_false_alarm_probability": {**FACTOR, **CELLS, "n_summed": 2},
+    "theory.smallest_of_detection_probability": {**SNR, **FACTOR, **CELLS},
+    "theory.ordered_statistic_factor": {**PFA, **CELLS, "rank": 12, "n_summed": 2},
+    "theory.ordered_statistic_false_alarm_probability": {
+        **FACTOR,
+        **CELLS,
+        "rank": 12,
+        "n_summed": 2,
+    },
+    "theory.ordered_statistic_detection_probability": {**SNR, **FACTOR, **CELLS, "rank": 12},
+    "theory.trimmed_mean_factor": {**PFA, **TRIMMED},
+    "theory.trimmed_mean_false_alarm_probability": {**FACTOR, **TRIMMED},
+    "theory.trimmed_mean_detection_probability": {**SNR, **FACTOR, **TRIMMED},
+    "theory.binomial_interval": {"hits": 3, "trials": 10, "confidence": 0.95},
+    "theory.mean_interval": {"values": [1.0, 2.0, 3.0], "confidence": 0.95},
+    "theory.rms_interval": {"values": [1.0, 2.0, 3.0], "confidence": 0.95},
+    "theory.rate_interval": {"counts": [1, 2, 3], "exposure": 2.0, "confidence": 0.95},
+    "theory.crlb_range": {**SNR, "n_samples": 64, "sample_rate_hz": 5e6, "slope_hz_per_s": 20e12},
+    "theory.crlb_velocity": {**SNR, "n_chirps": 64, "interval_s": 40e-6, "wavelength_m": 4e-3},
+    "theory.crlb_angle": {
+        **SNR,
+        "positions_m": [0.0, 0.002],
+        "wavelength_m": 0.004,
+        "angle_rad": 0.1,
+    },
+    "theory.decoupled_range_std_m": {
+        "range_std_m": 0.01,
+        "velocity_std_m_per_s": 0.1,
+        "mid_window_frequency_hz": 77e9,
+        "slope_hz_per_s": 20e12,
+    },
+    "theory.frequency_variance": {**SNR, "n_points": 64},
+    "theory.monopulse_std_rad": {**SNR, "beamwidth_rad": 0.1},
+    "theory.noncoherent_effective_snr": {**SNR, "n_channels": 4},
+    "theory.direction_std_rad": {
+        "positions": [[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]],
+        "azimuth_rad": [0.1],
+        "elevation_rad": 0.0,
+        "amplitudes": [1.0],
+        "noise_power": 0.1,
+    },
+    "theory.alpha_beta_gains": {"tracking_index": 0.5},
+    "theory.gate_threshold": {"gate_probability": 0.99, "n_dimensions": 2},
+    "theory.drop_fall_speed_m_per_s": {"diameter_m": 1e-3},
+    "theory.drop_size_density_per_m4": {"diameter_m": 1e-3, "rate_m_per_s": 1e-6},
+    "theory.rain_db_per_km": {"frequency_hz": 77e9, "rate_m_per_s": 1e-6, "tilt_rad": 0.0},
+    "theory.rain_power_law": {"frequency_hz": 77e9},
+    "theory.rain_reflectivity_per_m": {
+        "frequency_hz": 77e9,
+        "rate_m_per_s": 1e-6,
+        "temperature_k": 283.0,
+    },
+    "theory.rain_reflectivity_per_m4": {
+        "frequency_hz": 77e9,
+        "rate_m_per_s": 1e-6,
+        "temperature_k": 283.0,
+    },
+    "theory.fog_db_per_km": {
+        "frequency_hz": 77e9,
+        "water_kg_per_m3": 1e-4,
+        "temperature_k": 283.0,
+    },
+    "theory.gas_db_per_km": {"frequency_hz": 77e9, **ATMOSPHERE},
+    "theory.oxygen_db_per_km": {"frequency_hz": 77e9, **ATMOSPHERE},
+    "theory.vapour_db_per_km": {"frequency_hz": 77e9, **ATMOSPHERE},
+    "theory.water_film_loss": {"frequency_hz": 77e9, "film_m": 1e-4, "temperature_k": 283.0},
+    "theory.water_relative_permittivity": {"frequency_hz": 77e9, "temperature_k": 283.0},
+    "theory.sphere_rcs_m2": {"radius_m": 1e-3, "wavelength_m": 4e-3},
+    "windows.window_weights": {"window": "hann", "n": 8},
+    "windows.chebyshev_weights": {"n": 8, "sidelobe_db": 60.0},
+    "windows.taylor_weights": {"n": 8, "n_bar": 4, "sidelobe_db": 30.0},
+    "windows.kaiser_weights": {"n": 8, "beta": 6.0},
+    "windows.half_main_lobe_bins": {"window": "hann"},
+    "windows.coherent_gain": WEIGHTS,
+    "windows.noise_bandwidth_bins": WEIGHTS,
+    "windows.scalloping_loss": WEIGHTS,
+    "windows.bin_correlation": {**WEIGHTS, "n_bins": 16, "lags": np.array([0, 1])},
+    "link_budget.beat_frequency": {
+        "range_m": 50.0,
+        "slope_hz_per_s": 20e12,
+        "velocity_m_per_s": 10.0,
+        "frequency_hz": 77e9,
+    },
+    "link_budget.range_from_beat": {"beat_frequency_hz": 1e6, "slope_hz_per_s": 20e12},
+    "link_budget.received_power": {"range_m": 50.0, **RADAR_EQUATION},
+    "link_budget.noise_power": NOISE,
+    "link_budget.sample_snr": {"range_m": 50.0, **RADAR_EQUATION, **NOISE},
+    "link_budget.max_range": {
+        "required_snr": 20.0,
+        **RADAR_EQUATION,
+        **NOISE,
+        "integration_gain": 1e3,
+    },
+    "link_budget.range_resolution": {"bandwidth_hz": 1e9},
+    "link_budget.unambiguous_range": {"sample_rate_hz": 5e6, "slope_hz_per_s": 20e12},
+    "link_budget.velocity_resolution": {"frequency_hz": 77e9, "duration_s": 5e-3},
+    "link_budget.unambiguous_velocity": {"frequency_hz": 77e9, "interval_s": 40e-6},
+    "link_budget.ula_beamwidth": {"n_elements": 8, "spacing": 0.5, "angle_rad": 0.1},
+}
+# Their first arguments are values of classes, which check themselves.
+OF_VALUES = {"theory.calibrate_factor", "theory.correlated_factor", "theory.local_maximum_fraction"}
+WITHOUT_ARGUMENTS = {"windows.window_names"}
+# A pulse may be detected surely or never.
+CERTAIN = {"theory.binary_integration_probability"}
+# Arguments that are no use when empty; others give an empty result, as in NumPy.
+REDUCED = {"samples", "power", "snapshots", "amplitudes", "positions", "positions_m"}
+REDUCED |= {"weights", "values", "counts"}
+
+
+def load_function(name):
+    namespace, _, function = name.partition(".")
+    return getattr(getattr(dc, namespace), function)
+
+
+def invalid_values(function, argument, valid):
+    """Yield values that the argument must refuse."""
+    yield "text"
+    yield np.nan
+    if argument in {"window", "kind"}:
+        return
+    yield [1.0, [2.0, 3.0]]
+    if argument in REDUCED:
+        yield []
+        yield np.full_like(valid, np.nan, dtype=float)
+    elif "probability" in argument or argument in {"pfa", "confidence"}:
+        yield from (-0.1, 1.5, *(() if function in CERTAIN else (0.0, 1.0)))
+    elif isinstance(valid, int) and argument != "axis":
+        yield from (-1, 2.5, True)
+    elif isinstance(valid, float):
+        yield [1.0, np.nan]
+        if "_std_" not in argument:  # an unknown value has an infinite deviation
+            yield np.inf
+
+
+@pytest.mark.parametrize("name", VALID_ARGUMENTS)
+def test_each_invalid_argument_is_named_in_one_error(name):
+    function, valid_arguments = load_function(name), VALID_ARGUMENTS[name]
+    function(**valid_arguments)
+
+    wrong = []
+    for argument, valid in valid_arguments.items():
+        for value in invalid_values(name, argument, valid):
+            try:
+                function(**{**valid_arguments, argument: value})
+                wrong.append(f"{argument}={value!r} is accepted")
+            except dc.InvalidSetting as error:
+                if not any(argument in mistake.setting for mistake in error.mistakes):
+                    wrong.append(f"{argument}={value!r} is not named: {error}")
+            except Exception as error:  # of another kind, and thus without the name
+                wrong.append(f"{argument}={value!r}: {error!r}")
+
+    assert wrong == []
+
+
+def test_cases_cover_all_public_functions_on_plain_arrays():
+    functions = {
+        name: thing
+        for namespace in ("angle", "cfar", "maps", "link_budget", "theory", "windows")
+        for name in getattr(dc, namespace).__all__
+        if inspect.isroutine(thing := getattr(getattr(dc, namespace), name))
+    }
+    skipped = {name.partition(".")[2] for name in OF_VALUES | WITHOUT_ARGUMENTS}
+    covered = {name.partition(".")[2] for name in VALID_ARGUMENTS}
+
+    assert covered | skipped == functions.keys()
+    for name, arguments in VALID_ARGUMENTS.items():
+        assert arguments.keys() <= inspect.signature(load_function(name)).parameters.keys() | {
+            "noise_power"
+        }
