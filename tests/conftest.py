@@ -19,6 +19,7 @@ from hypothesis import settings
 from markupsafe import Markup
 
 import dechirp as dc
+from dechirp.core import compiled_kernels
 from nightly import NIGHTLY
 from radars import street_radar
 
@@ -27,6 +28,9 @@ settings.register_profile(
     "fixed", derandomize=True, deadline=None, max_examples=100 if NIGHTLY else 40
 )
 settings.load_profile("fixed")
+
+# Small tests check the compiled kernels, too; tests/plain_twins compares the twins with them.
+compiled_kernels.MAX_PLAIN_SAMPLES = 0
 
 
 def pytest_unconfigure() -> None:

@@ -5,13 +5,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import SimpleNamespace
 
-import numba
 import numpy as np
 import pytest
 
 import dechirp as dc
 from dechirp.core.errors import DechirpError
-from dechirp.core.threads import single_numba_thread
+from dechirp.core.threads import exclusive_single_thread, thread_count
 from dechirp.evaluation.score.errors import RangeRmse, VelocityRmse
 from dechirp.evaluation.score.probabilities import DetectionProbability
 from dechirp.experiments.scenario import Scenario
@@ -64,11 +63,11 @@ def test_blocks_of_a_point_can_run_in_threads(frequent_switches):
 
 
 def test_single_threaded_restores_thread_count():
-    n_threads = numba.get_num_threads()
-    with pytest.raises(ZeroDivisionError), single_numba_thread():
-        assert numba.get_num_threads() == 1
+    n_threads = thread_count()
+    with pytest.raises(ZeroDivisionError), exclusive_single_thread():
+        assert thread_count() == 1
         raise ZeroDivisionError
-    assert numba.get_num_threads() == n_threads
+    assert thread_count() == n_threads
 
 
 def test_replayed_trial_equals_trial_of_study():

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 import dechirp as dc
 from dechirp.config import loading
 from dechirp.config.dumping import dump_yaml
+from dechirp.core.threads import limit_threads
 from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.spectrum import (
     Transform,
@@ -184,14 +185,14 @@ def test_frame_order_does_not_change_detections(radar_and_scene, seed):
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
 @pytest.mark.parametrize("code", CODES, ids=str)
-def test_detections_are_bit_identical_for_any_number_of_threads(monkeypatch, sampling, code):
+def test_detections_are_bit_identical_for_any_number_of_threads(sampling, code):
     radar = small_radar(sampling, code)
     targets = [dc.Target(position_m=(x, y, 0), rcs_m2=10) for x, y in ((10, 1), (18, -3), (27, 0))]
     results = []
     for n_threads in (1, 2, 5):
-        monkeypatch.setattr("numba.get_num_threads", lambda n=n_threads: n)
-        cube = dc.simulate(dc.Scene(targets=targets), radar, seed=3)
-        results.append(dc.detect(cube, radar, small_chain()))
+        with limit_threads(n_threads):
+            cube = dc.simulate(dc.Scene(targets=targets), radar, seed=3)
+            results.append(dc.detect(cube, radar, small_chain()))
     assert results[0].sizes["detection"] >= 3
     for result in results[1:]:
         assert result.identical(results[0])

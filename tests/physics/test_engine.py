@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 
 import dechirp as dc
+from dechirp.core.threads import limit_threads
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import Body
 from dechirp.simulation.simulate import plan_kernels
@@ -94,12 +94,8 @@ def test_number_of_threads_does_not_change_echoes(radar, kernel, sampling):
     radar = replace(radar, frame=replace(radar.frame, chirp=chirp))
     scene, engine = make_crowd(50, seed=5), dc.Engine(kernel=kernel)
     parallel = simulate_clean(scene, radar, engine=engine)
-    n_threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
+    with limit_threads(1):
         serial = simulate_clean(scene, radar, engine=engine)
-    finally:
-        numba.set_num_threads(n_threads)
     assert relative_error(parallel, serial) < 1e-5
 
 

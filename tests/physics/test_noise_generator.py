@@ -1,6 +1,5 @@
 """Counter-based noise: Philox words and normal variates generated from them."""
 
-import numba
 import numpy as np
 import pytest
 from scipy import special, stats
@@ -11,6 +10,7 @@ from dechirp.core.gaussian_noise import (
     add_white_noise,
     fill_philox_words,
 )
+from dechirp.core.threads import limit_threads
 
 # A correct generator fails a test once in 2e6 runs.
 CHANCE = 5e-7
@@ -161,13 +161,13 @@ def test_streams_and_successive_draws_are_independent():
 
 
 @pytest.mark.parametrize("dtype", [np.complex64, np.float32, np.complex128, np.float64])
-def test_noise_power_is_right_for_any_dtype_and_shape(dtype, monkeypatch):
+def test_noise_power_is_right_for_any_dtype_and_shape(dtype):
     shape = (3, 7, 14_303)
     noise_of_threads = []
     for n_threads in (1, 3):
-        monkeypatch.setattr(numba, "get_num_threads", lambda n=n_threads: n)
         samples = np.ones(shape, dtype)
-        add_white_noise(samples, 0.25, np.random.default_rng(1))
+        with limit_threads(n_threads):
+            add_white_noise(samples, 0.25, np.random.default_rng(1))
         noise_of_threads.append(samples)
     assert (noise_of_threads[0] == noise_of_threads[1]).all()
     noise = noise_of_threads[0].ravel() - 1

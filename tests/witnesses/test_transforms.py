@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
+from dechirp.core.threads import limit_threads
 from dechirp.processing import simd_fft, simd_range_doppler
 from dechirp.processing.detect import FrameProcessor, detect_columns
 from dechirp.processing.range_doppler_map import fill_unusable_cells_with_noise
@@ -50,9 +51,10 @@ SIZES = [
 
 @pytest.fixture(params=[1, 2], ids=["one_thread", "two_threads"])
 def _threads(request, monkeypatch):
-    monkeypatch.setattr("numba.get_num_threads", lambda: request.param)
     # Divide maps of any size among threads.
     monkeypatch.setattr(simd_range_doppler, "_FEWEST_CELLS", 1)
+    with limit_threads(request.param):
+        yield
 
 
 def simulate_exact_spectrum(n_chirps, n_samples, n_velocity, n_range, n_channels):

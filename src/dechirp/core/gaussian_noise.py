@@ -23,10 +23,10 @@ J. K. Salmon, M. A. Moraes, R. O. Dror and D. E. Shaw, Parallel random numbers: 
 Annals of Mathematical Statistics 29(2), 1958.
 """
 
-import numba
 import numpy as np
 
-from dechirp.core.threads import run_in_threads
+from dechirp.core.compiled_kernels import kernel
+from dechirp.core.threads import run_in_threads, thread_count
 
 BLOCK = 2**11
 """Normal numbers of one call of `fill_philox_words` and `add_box_muller_pairs`: 8 KiB, fit L1."""
@@ -77,10 +77,10 @@ def add_white_noise(samples: np.ndarray, power_w: float, rng: np.random.Generato
             piece_rng = np.random.default_rng(seeds[first // _PIECE])
             piece += std * piece_rng.standard_normal(piece.size, dtype=real)
 
-    run_in_threads(min(numba.get_num_threads(), len(firsts)), add_piece, firsts)
+    run_in_threads(min(thread_count(), len(firsts)), add_piece, firsts)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def fill_philox_words(
     first_counter_low: np.uint64, counter_high: np.uint64, key: np.uint64, words: np.ndarray
 ) -> None:
@@ -103,7 +103,7 @@ def fill_philox_words(
         words[2, i], words[3, i] = c2, c3
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def add_box_muller_pairs(
     numbers: np.ndarray, amplitude_words: np.ndarray, phase_words: np.ndarray, std: np.float32
 ) -> None:
@@ -145,7 +145,40 @@ def add_box_muller_pairs(
         numbers[np.uint64(2) * i + np.uint64(1)] += size * (cosine if is_across else sine)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _add_philox_noise_in_numpy(
+    numbers: np.ndarray,
+    first_counter_low: np.uint64,
+    counter_high: np.uint64,
+    key: np.uint64,
+    std: np.float32,
+) -> None:
+    """Plain twin of `_add_philox_noise`: equal words, and numbers within 2e-6 of `std`."""
+    n_blocks = -(-numbers.size // BLOCK)
+    counters = first_counter_low + np.arange(n_blocks * int(_COUNTERS), dtype=np.uint64)
+    c0, c1 = counters & _LOW, counters >> _32
+    c2, c3 = (np.full_like(counters, half) for half in (counter_high & _LOW, counter_high >> _32))
+    k0, k1 = key & _LOW, key >> _32
+    for _ in range(_ROUNDS):
+        p0, p1 = _TIMES_0 * c0, _TIMES_1 * c2
+        c0, c1 = (p1 >> _32) ^ c1 ^ k0, p1 & _LOW
+        c2, c3 = (p0 >> _32) ^ c3 ^ k1, p0 & _LOW
+        k0, k1 = (k0 + _PLUS_0) & _LOW, (k1 + _PLUS_1) & _LOW
+    # In each block the first words of all counters precede the second ones.
+    x, y = (
+        np.stack([word.reshape(n_blocks, -1) for word in words], axis=1).ravel()
+        for words in ((c0, c1), (c2, c3))
+    )
+    u = (x + ((y & np.uint64(255)) + 0.5) / 2**8) / 2**32
+    turn = ((y >> np.uint64(8)) & np.uint64(2**22 - 1)).astype(float) - 2**21 + 0.5
+    angle = turn * (np.pi / 2**23)
+    size = np.where(y & np.uint64(2**31), -std, std) * np.sqrt(-2 * np.log(u))
+    cosine, sine = size * np.cos(angle), size * np.sin(angle)
+    is_across = y & np.uint64(2**30) != 0
+    pairs = np.stack([np.where(is_across, sine, cosine), np.where(is_across, cosine, sine)], axis=1)
+    numbers += pairs.ravel()[: numbers.size].astype(np.float32)
+
+
+@kernel(plain=_add_philox_noise_in_numpy)
 def _add_philox_noise(
     numbers: np.ndarray,
     first_counter_low: np.uint64,

@@ -9,6 +9,7 @@ import xarray as xr
 
 from dechirp.core.accessor import first_rows_display_table
 from dechirp.core.argument_types import check_argument_types
+from dechirp.core.compiled_kernels import plain_twins_for_small_work
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.display import Displayable, Table, format_count_with_noun
@@ -144,6 +145,15 @@ def run(
     DechirpError
         If a setting is invalid, the recording cannot be read, or memory is insufficient.
     """
+    with plain_twins_for_small_work(scenario.n_simulated_samples):
+        return _run(scenario, rng, progress)
+
+
+def _run(
+    scenario: Scenario,
+    rng: np.random.Generator | None,
+    progress: Callable[[int, int], None] | None,
+) -> Result:
     start_s = perf_counter()
     n_simulated = 0 if scenario.scene is None else scenario.n_frames
     if scenario.tracker is not None:

@@ -1,5 +1,6 @@
 """Scenario: all settings of one experiment, as its settings file contains them."""
 
+import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -138,6 +139,13 @@ class Scenario:
             check_tracks_and_ego_motion_possible(
                 self, self.radar, None if self.scene is None else self.n_frames
             )
+
+    @property
+    def n_simulated_samples(self) -> float:
+        """Number of samples in all frames; infinite for a recording, which must be opened first."""
+        if self.radar is None or self.recording is not None:
+            return math.inf
+        return self.n_frames * self.radar.n_samples_per_frame
 
     def _check_scene_and_impairments(self, scene: Scene, radar: Radar) -> None:
         with prefix_setting_of_errors("radar.hardware", instead_of="Radar.hardware"):

@@ -3,7 +3,6 @@
 from functools import lru_cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 import xarray as xr
 
@@ -12,7 +11,7 @@ from dechirp.core.checks import check_integer
 from dechirp.core.conventions import axis_coordinate
 from dechirp.core.detection_columns import detection_columns_as_floats
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.threads import run_in_threads, split_range
+from dechirp.core.threads import run_in_threads, split_range, thread_count
 from dechirp.processing.angle.bartlett import Bartlett
 from dechirp.processing.angle.base import SpectralEstimator
 from dechirp.processing.chain import Chain
@@ -87,7 +86,7 @@ def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = No
         plan.doppler_transform,
         plan.transform,
     )
-    n_threads = numba.get_num_threads()
+    n_threads = thread_count()
     parts = split_range(len(spectrum), n_threads)
     powers = np.zeros((len(parts), *plan.empty_map.shape), np.float32)
 

@@ -1,11 +1,11 @@
 """Clustering of detections into objects (DBSCAN)."""
 
-import numba
 import numpy as np
 import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer_fields, check_positive_fields
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.detection_columns import (
     TABLE,
     UNITS,
@@ -211,7 +211,7 @@ def _find_neighbour_pairs(
     return first, second
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _count_and_write_near_pairs(
     frame: np.ndarray, cells: np.ndarray, velocity_period: np.ndarray, pairs: np.ndarray
 ) -> int:

@@ -1,9 +1,9 @@
 """Noise, range and velocity of peaks, with standard errors."""
 
-import numba
 import numpy as np
 from scipy.special import gammaincinv
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.cfar.base import TrainingWindow
 from dechirp.processing.refine import SidelobeErrors, Tones
@@ -29,7 +29,23 @@ def local_noise_power(
     return np.asarray(_training_corner_medians(power, cells, first, reach) / median)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _training_corner_medians_in_numpy(
+    power: np.ndarray, peaks: np.ndarray, first_rows: np.ndarray, reach: np.ndarray
+) -> np.ndarray:
+    """Plain twin of `_training_corner_medians`: equal within single precision."""
+    half_velocity, guard_velocity, n_rows, guard_range = reach
+    dv = np.arange(-half_velocity, half_velocity + 1)
+    dv = dv[abs(dv) > guard_velocity] if half_velocity > guard_velocity else np.array([0])
+    medians = np.empty(len(peaks))
+    for i, (velocity, row) in enumerate(peaks):
+        rows = np.arange(first_rows[i], first_rows[i] + n_rows)
+        distances = abs(rows - row)
+        is_corner = distances > guard_range if distances.max() > guard_range else distances == 0
+        medians[i] = np.median(power[np.ix_((velocity + dv) % len(power), rows[is_corner])])
+    return medians
+
+
+@kernel(plain=_training_corner_medians_in_numpy)
 def _training_corner_medians(
     power: np.ndarray, peaks: np.ndarray, first_rows: np.ndarray, reach: np.ndarray
 ) -> np.ndarray:

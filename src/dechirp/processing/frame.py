@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dechirp.core.compiled_kernels import compiled_kernels_for_large_work
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.chain import Chain
 from dechirp.processing.direction_finding import (
@@ -129,14 +130,10 @@ def process_frame(
     )
     exponent = binary_scaling_exponent(clean)
     channels = split_chirps_into_slots(divide_by_power_of_two(clean, exponent), radar.frame)
-    maps = []
-    for map_channels, map_radar in split_by_ramp_direction(channels, radar):
-        power = range_doppler_power(map_channels, map_radar, chain)
-        equalised = fill_unusable_cells_with_noise(power, map_radar, chain)
-        _check_power_finite(equalised)
-        cells, n_dropped = detect_peaks_and_count_dropped(equalised, map_radar, chain)
-        refined = _refine_peaks(map_channels, equalised, cells, map_radar, chain)
-        maps.append(_MapPeaks(power, equalised, refined, n_dropped))
+    maps = [
+        _find_peaks_of_map(map_channels, map_radar, chain)
+        for map_channels, map_radar in split_by_ramp_direction(channels, radar)
+    ]
     resolved = resolve_velocity_ambiguity(
         [map_peaks.peaks for map_peaks in maps], radar, chain.field_of_view
     )
@@ -161,6 +158,17 @@ def process_frame(
             sidelobe_dominated_mask(resolved.peaks.tones.amplitude, resolved.peaks.sidelobes).sum()
         ),
     )
+
+
+def _find_peaks_of_map(samples: np.ndarray, radar: Radar, chain: Chain) -> _MapPeaks:
+    """Compute the map of samples (chirp, channel, sample), and find and refine its peaks."""
+    power = range_doppler_power(samples, radar, chain)
+    with compiled_kernels_for_large_work(power.size):
+        equalised = fill_unusable_cells_with_noise(power, radar, chain)
+        _check_power_finite(equalised)
+        cells, n_dropped = detect_peaks_and_count_dropped(equalised, radar, chain)
+        refined = _refine_peaks(samples, equalised, cells, radar, chain)
+    return _MapPeaks(power, equalised, refined, n_dropped)
 
 
 def frame_detection_columns(

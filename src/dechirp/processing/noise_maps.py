@@ -14,11 +14,11 @@ Proc. IEEE 66(1), 1978.
 
 from functools import lru_cache
 
-import numba
 import numpy as np
 
 from dechirp.core.buffers import scratch_complex64_array
 from dechirp.core.checks import check_number
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.gaussian_noise import add_white_noise
 from dechirp.core.memory import check_free_memory
@@ -123,7 +123,7 @@ def _window_convolution_factors(transform: Transform) -> np.ndarray | None:
     return factors
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _add_convolved_power(
     sums: np.ndarray,
     white: np.ndarray,
@@ -156,7 +156,7 @@ def _add_convolved_power(
             _add_convolved_squares(out, line, range_factors, power_factor)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _add_convolved_squares(
     out: np.ndarray, line: np.ndarray, factors: np.ndarray, power_factor: np.float32
 ) -> None:

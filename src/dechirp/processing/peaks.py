@@ -2,9 +2,9 @@
 
 from functools import lru_cache
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.cfar.base import MapNoise
 from dechirp.processing.spectrum import Transform
 
@@ -96,7 +96,26 @@ def sidelobe_envelope(transform: Transform) -> np.ndarray:
     return np.minimum(np.maximum.accumulate(highest[::-1])[::-1], 1.0)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _find_local_maxima_in_numpy(power: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Plain twin of `_find_local_maxima`: equal cells."""
+    cells = np.argwhere(mask)
+    n_v, n_r = power.shape
+    velocity, row = cells.T
+    levels = power[velocity, row]
+    is_peak = np.ones(len(cells), bool)
+    for dv in range(-1, 2) if n_v > 1 else (0,):
+        for dr in (-1, 1) if dv == 0 else (-1, 0, 1):
+            is_inside = (row + dr >= 0) & (row + dr < n_r)
+            others = power[(velocity + dv) % n_v, np.clip(row + dr, 0, n_r - 1)]
+            if dv == 0:
+                is_before = np.full(len(cells), dr < 0)
+            else:
+                is_before = (dv < 0) & ((n_v > 2) | (velocity > 0))
+            is_peak &= ~(is_inside & ((others > levels) | (is_before & (others == levels))))
+    return cells[is_peak]
+
+
+@kernel(plain=_find_local_maxima_in_numpy)
 def _find_local_maxima(power: np.ndarray, mask: np.ndarray) -> np.ndarray:
     n_v, n_r = power.shape
     cells = [(v, 0) for v in range(0)]  # empty, typed for the compiler
@@ -117,7 +136,7 @@ def _find_local_maxima(power: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return indices
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _is_local_maximum(power: np.ndarray, velocity_row: int, range_row: int) -> bool:
     n_v, n_r = power.shape
     for dv in range(-1, 2):
@@ -137,7 +156,26 @@ def _is_local_maximum(power: np.ndarray, velocity_row: int, range_row: int) -> b
     return True
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _mask_of_peaks_above_sidelobes_in_numpy(
+    cells: np.ndarray,
+    amplitude: np.ndarray,
+    threshold: np.ndarray,
+    velocity_envelope: np.ndarray,
+    range_envelope: np.ndarray,
+    n_velocity_bins: int,
+    n_range_bins: int,
+) -> np.ndarray:
+    """Plain twin of `_mask_of_peaks_above_sidelobes`: equal apart from rounding."""
+    keep = np.ones(len(cells), bool)
+    for i in range(1, len(cells)):
+        dv, dr = abs(cells[:i] - cells[i]).T
+        dv, dr = np.minimum(dv, n_velocity_bins - dv), np.minimum(dr, n_range_bins - dr)
+        lobes = amplitude[:i] * (velocity_envelope[dv] * range_envelope[dr] + ROUNDING)
+        keep[i] = not np.any(keep[:i] & (amplitude[i] < lobes + threshold[i]))
+    return keep
+
+
+@kernel(plain=_mask_of_peaks_above_sidelobes_in_numpy)
 def _mask_of_peaks_above_sidelobes(
     cells: np.ndarray,
     amplitude: np.ndarray,

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
-from dechirp.core.threads import run_in_threads
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
+from dechirp.core.threads import run_in_threads, thread_count
 
 # Blocks per axis that demodulated samples are summed into: the phase of a tone 0.3 bins off changes
 # by 7 degrees within a block, which costs 0.05 % of its amplitude.
@@ -151,7 +151,7 @@ def refine_tones_and_residuals(
             -1j * slow[i] * growth * np.outer(_block_centres(rows), _block_centres(columns))
         )
 
-    run_in_threads(numba.get_num_threads(), add, range(len(slow)))
+    run_in_threads(thread_count(), add, range(len(slow)))
     n_samples_each = n_chirps * n_samples
     # A tenth of the standard deviation that noise gives an amplitude.
     negligible = 0.1 * np.sqrt(noise_power / n_samples_each)
@@ -173,7 +173,24 @@ def _block_centres(edges: np.ndarray) -> np.ndarray:
     return np.asarray((edges[1:] + edges[:-1] - edges[-1]) / 2)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _demodulated_block_sums_in_numpy(
+    numbers: np.ndarray,
+    n_samples: int,
+    slow: float,
+    fast: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> np.ndarray:
+    """Plain twin of `_demodulated_block_sums`: equal within 1e-6 of the largest sum."""
+    n_chirps, _, n_numbers = numbers.shape
+    samples = numbers if n_numbers == n_samples else numbers.view(np.complex64)
+    turned = samples * np.exp(-1j * fast * np.arange(n_samples)).astype(np.complex64)
+    sums = np.add.reduceat(turned, columns[:-1], axis=2, dtype=complex)
+    sums *= np.exp(-1j * slow * np.arange(n_chirps))[:, None, None]
+    return np.ascontiguousarray(np.add.reduceat(sums, rows[:-1], axis=0).transpose(1, 0, 2))
+
+
+@kernel(plain=_demodulated_block_sums_in_numpy, fastmath={"contract", "reassoc"})
 def _demodulated_block_sums(
     numbers: np.ndarray,
     n_samples: int,
@@ -214,7 +231,7 @@ def _demodulated_block_sums(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(plain=AS_WRITTEN)
 def _estimate_tones(
     sums: np.ndarray,
     slow: np.ndarray,
@@ -291,7 +308,20 @@ def _estimate_tones(
     return slow + d_slow, fast + d_fast, energy, amplitude, remaining_power
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _subtract_tone_at_in_numpy(
+    sums: np.ndarray,
+    amplitude: np.ndarray,
+    slow: float,
+    fast: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> None:
+    """Plain twin of `_subtract_tone_at`."""
+    tone = np.multiply.outer(_tone_block_sums(slow, rows), _tone_block_sums(fast, columns))
+    sums -= amplitude[:, None, None] * tone
+
+
+@kernel(plain=_subtract_tone_at_in_numpy)
 def _subtract_tone_at(
     sums: np.ndarray,
     amplitude: np.ndarray,
@@ -308,7 +338,21 @@ def _subtract_tone_at(
                 sums[k, a, b] -= amplitude[k] * over_rows[a] * over_columns[b]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _highest_power_beside_in_numpy(
+    sums: np.ndarray, slow: float, fast: float, rows: np.ndarray, columns: np.ndarray
+) -> tuple[float, float]:
+    """Plain twin of `_highest_power_beside`."""
+    turn_rows = np.exp(-0.5j * slow * (rows[1:] + rows[:-1] - 1))
+    turn_columns = np.exp(-0.5j * fast * (columns[1:] + columns[:-1] - 1))
+    turned = sums * turn_rows[:, None] * turn_columns
+    scale = 1.0 / (float(rows[-1]) * columns[-1]) ** 2
+    return (
+        _highest_bin_power(turned.sum(axis=2)) * scale,
+        _highest_bin_power(turned.sum(axis=1)) * scale,
+    )
+
+
+@kernel(plain=_highest_power_beside_in_numpy)
 def _highest_power_beside(
     sums: np.ndarray, slow: float, fast: float, rows: np.ndarray, columns: np.ndarray
 ) -> tuple[float, float]:
@@ -331,7 +375,13 @@ def _highest_power_beside(
     return _highest_bin_power(row_sums) * scale, _highest_bin_power(column_sums) * scale
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _highest_bin_power_in_numpy(values: np.ndarray) -> float:
+    """Plain twin of `_highest_bin_power`."""
+    power = np.mean(abs(np.fft.fft(values, axis=1)) ** 2, axis=0)
+    return float(power[1:].max(initial=0.0))
+
+
+@kernel(plain=_highest_bin_power_in_numpy)
 def _highest_bin_power(values: np.ndarray) -> float:
     """Return the highest mean power over channels of the transform of (channel, block)."""
     n_channels, n = values.shape
@@ -351,14 +401,14 @@ def _highest_bin_power(values: np.ndarray) -> float:
     return highest
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(plain=AS_WRITTEN)
 def _write_half_angle_sines_and_cosines(slow: float, fast: float, out: np.ndarray) -> None:
     """Write sine and cosine of half of each, from which those of half a difference follow."""
     out[0], out[1] = np.sin(slow / 2), np.cos(slow / 2)
     out[2], out[3] = np.sin(fast / 2), np.cos(fast / 2)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(plain=AS_WRITTEN)
 def _min_attenuation_by_mean(half_step_sine: float, n_points: int) -> float:
     """Return the least attenuation of a tone by the mean of n points.
 
@@ -367,7 +417,28 @@ def _min_attenuation_by_mean(half_step_sine: float, n_points: int) -> float:
     return max(1.0, n_points * abs(half_step_sine))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _subtract_separable_tone_in_numpy(
+    sums: np.ndarray,
+    amplitude: np.ndarray,
+    apart_slow: float,
+    apart_fast: float,
+    walk: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> None:
+    """Plain twin of `_subtract_separable_tone`."""
+    bins_slow = abs((apart_slow + np.pi) % (2 * np.pi) - np.pi) * rows[-1] / (2 * np.pi)
+    bins_fast = abs((apart_fast + np.pi) % (2 * np.pi) - np.pi) * columns[-1] / (2 * np.pi)
+    if max(bins_slow, bins_fast) < 1.5:
+        return
+    tone = np.multiply.outer(
+        _tone_block_sums(apart_slow, rows), _tone_block_sums(apart_fast, columns)
+    )
+    turns = np.multiply.outer(_block_centres(rows), _block_centres(columns))
+    sums -= amplitude[:, None, None] * (tone * np.exp(1j * walk * turns))
+
+
+@kernel(plain=_subtract_separable_tone_in_numpy)
 def _subtract_separable_tone(
     sums: np.ndarray,
     amplitude: np.ndarray,
@@ -404,7 +475,14 @@ def _subtract_separable_tone(
                 sums[k, a, b] -= amplitude[k] * tone[a, b]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _tone_block_sums_in_numpy(frequency: float, edges: np.ndarray) -> np.ndarray:
+    """Plain twin of `_tone_block_sums`."""
+    if abs(np.sin(frequency / 2)) < 1e-9:
+        return np.diff(edges).astype(complex)
+    return np.asarray(np.diff(np.exp(1j * frequency * edges)) / (np.exp(1j * frequency) - 1))
+
+
+@kernel(plain=_tone_block_sums_in_numpy)
 def _tone_block_sums(frequency: float, edges: np.ndarray) -> np.ndarray:
     """Sum exp(i frequency n) over each block, (blocks,)."""
     sums = np.empty(edges.size - 1, np.complex128)
@@ -417,7 +495,15 @@ def _tone_block_sums(frequency: float, edges: np.ndarray) -> np.ndarray:
     return sums
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _blockwise_demodulation_gain_in_numpy(frequency: float, edges: np.ndarray) -> float:
+    """Plain twin of `_blockwise_demodulation_gain`."""
+    centres = (edges[1:] + edges[:-1] - 1) / 2
+    return float(
+        np.sum(_tone_block_sums(frequency, edges) * np.exp(-1j * frequency * centres)).real
+    )
+
+
+@kernel(plain=_blockwise_demodulation_gain_in_numpy)
 def _blockwise_demodulation_gain(frequency: float, edges: np.ndarray) -> float:
     """Return the sum of a unit tone demodulated block by block: a little less than N."""
     gain = 0.0
@@ -428,7 +514,19 @@ def _blockwise_demodulation_gain(frequency: float, edges: np.ndarray) -> float:
     return gain
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _periodogram_moments_in_numpy(
+    sums: np.ndarray, rows: np.ndarray, columns: np.ndarray, slow: float, fast: float
+) -> np.ndarray:
+    """Plain twin of `_periodogram_moments`."""
+    p, q = (rows[1:] + rows[:-1] - 1) / 2, (columns[1:] + columns[:-1] - 1) / 2
+    turn_p, turn_q = np.exp(-1j * slow * p), np.exp(-1j * fast * q)
+    p, q = p - (rows[-1] - 1) / 2, q - (columns[-1] - 1) / 2
+    powers_p, powers_q = turn_p * (np.ones_like(p), p, p * p), turn_q * (np.ones_like(q), q, q * q)
+    moments = powers_p @ sums @ powers_q.T
+    return np.stack([moments[:, i, j] for i, j in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))])
+
+
+@kernel(plain=_periodogram_moments_in_numpy, fastmath={"contract", "reassoc"})
 def _periodogram_moments(
     sums: np.ndarray, rows: np.ndarray, columns: np.ndarray, slow: float, fast: float
 ) -> np.ndarray:
@@ -461,7 +559,7 @@ def _periodogram_moments(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(plain=AS_WRITTEN)
 def _maximise_periodogram(
     sums: np.ndarray, rows: np.ndarray, columns: np.ndarray, slow: float, fast: float
 ) -> tuple[float, float]:

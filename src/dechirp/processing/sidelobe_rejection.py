@@ -23,12 +23,12 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from scipy.fft import fft
 from scipy.special import gammaincinv
 
-from dechirp.core.threads import run_in_threads
+from dechirp.core.compiled_kernels import kernel
+from dechirp.core.threads import run_in_threads, thread_count
 from dechirp.processing.refine import SidelobeErrors, Tones
 from dechirp.theory.windows import Window, window_weights
 
@@ -289,7 +289,7 @@ def _estimate_along_slow_time(
 
 
 def _thread_count(n_samples_read: int) -> int:
-    return numba.get_num_threads() if n_samples_read >= _MIN_SAMPLES_FOR_THREADS else 1
+    return thread_count() if n_samples_read >= _MIN_SAMPLES_FOR_THREADS else 1
 
 
 def _walk_block_edges(n_samples: int, n_chirps: int, slow: float, growth: float) -> np.ndarray:
@@ -308,7 +308,7 @@ def _equal_block_edges(n_points: int, n_blocks: int) -> np.ndarray:
     return edges
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _sum_over_chirps(
     numbers: np.ndarray,
     n_samples: int,
@@ -358,7 +358,7 @@ def _sum_over_chirps(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _sum_over_samples(
     numbers: np.ndarray,
     n_samples: int,
@@ -396,7 +396,7 @@ def _sum_over_samples(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _subtract_other_tones(
     values: np.ndarray,
     row: int,
@@ -509,7 +509,7 @@ def _choose_window(
     )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _estimate_with_window(
     values: np.ndarray,
     weights: np.ndarray,
@@ -552,7 +552,7 @@ def _estimate_with_window(
     return offset
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _maximise_windowed_periodogram(
     values: np.ndarray,
     weights: np.ndarray,
@@ -592,7 +592,7 @@ def _maximise_windowed_periodogram(
     return offset
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _write_sidelobe_covariance(
     spectrum: np.ndarray,
     amplitude: np.ndarray,

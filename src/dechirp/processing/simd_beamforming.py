@@ -19,9 +19,9 @@ beam, where plain complex weights take 48.
 from functools import lru_cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.theory.direction_bounds import unit_vectors
 
@@ -67,7 +67,7 @@ def mirrored_beam_weights(aperture: Aperture) -> MirroredBeams:
     return MirroredBeams(pair_sums.astype(np.complex64), weights.astype(np.float32))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def raise_to_largest_beam_power(
     power: np.ndarray,
     spectrum: np.ndarray,
@@ -115,7 +115,7 @@ def raise_to_largest_beam_power(
                 _raise_to_beam_powers(power[azimuth, block], power[last - azimuth, block], sums)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _sum_element_pairs(
     out: np.ndarray, spectrum: np.ndarray, compensation: np.ndarray, pair_sums: np.ndarray
 ) -> None:
@@ -133,7 +133,7 @@ def _sum_element_pairs(
                 imag[i] += factor.real * y[i] + factor.imag * x[i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _sum_weighted_rows(total: np.ndarray, rows: np.ndarray, weights: np.ndarray) -> None:
     """Sum an even number of rows times their weights."""
     for k in range(0, len(weights), 2):
@@ -143,7 +143,7 @@ def _sum_weighted_rows(total: np.ndarray, rows: np.ndarray, weights: np.ndarray)
             total[i] = partial_sum + a * x[i] + b * y[i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _raise_to_beam_powers(direct: np.ndarray, mirrored: np.ndarray, sums: np.ndarray) -> None:
     """Raise powers to those of P + iQ and P - iQ, in place."""
     n = len(direct)

@@ -13,11 +13,12 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
+
+from dechirp.core.compiled_kernels import kernel
 
 WIDTH = 16
 """Series that are transformed together; a point takes twice as many floats."""
@@ -234,7 +235,7 @@ _turn2, _turn3, _turn4, _turn5, _turn7, _turn8, _turn11, _turn13 = (
 )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _run_radix_stage(
     work: np.ndarray,
     place: int,
@@ -268,7 +269,7 @@ def _run_radix_stage(
                 _turn13(work, start_q, stride, twiddles, twiddle_q)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def fft_sixteen_series_in_place(
     work: np.ndarray, place: int, n: int, radices: np.ndarray, twiddles: np.ndarray
 ) -> None:

@@ -2,17 +2,17 @@
 
 from collections.abc import Callable
 from functools import cached_property, lru_cache, partial
+from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 import scipy.fft
 import xarray as xr
 
+from dechirp.core.compiled_kernels import kernel, uses_compiled_kernels
 from dechirp.core.conventions import axis_coordinate
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.threads import run_in_threads, split_range
+from dechirp.core.threads import run_in_threads, split_range, thread_count
 from dechirp.core.values import frozen_dataclass
-from dechirp.processing import simd_range_doppler
 from dechirp.radar.chirp import Chirp, Sampling
 from dechirp.theory.windows import (
     Window,
@@ -21,6 +21,9 @@ from dechirp.theory.windows import (
     noise_bandwidth_bins,
     window_weights,
 )
+
+if TYPE_CHECKING:
+    from dechirp.processing.simd_range_doppler import AxisTransform
 
 # Partial maps that threads sum in parallel: at most half the size of the samples.
 _N_PARTS = 4
@@ -188,13 +191,15 @@ def mean_range_doppler_power(
     """
     n_channels = samples.shape[1]
     n_rows = range_transform.n_bins if sampling == "complex" else range_transform.n_bins // 2 + 1
-    n_threads = numba.get_num_threads()
+    n_threads = thread_count()
     parts = split_range(n_channels, _N_PARTS)
     threads_per_part = max(n_threads // len(parts), 1)
     shape = len(parts), doppler_transform.n_bins, n_rows
     share = 1 / n_channels
     axes = _simd_axis_transforms(samples, sampling, range_transform, doppler_transform, transform)
     if axes is not None:
+        from dechirp.processing import simd_range_doppler
+
         slow, fast = axes
         contiguous = np.ascontiguousarray(samples, np.complex64)
         sums = np.empty(shape, np.float32)
@@ -238,12 +243,14 @@ def range_doppler_real_and_imaginary(
 
     Like `range_doppler_spectrum`; separate parts let compiled loops over ranges use vectors.
     """
-    n_threads = numba.get_num_threads()
+    n_threads = thread_count()
     axes = _simd_axis_transforms(samples, sampling, range_transform, doppler_transform, transform)
     if axes is None:
         with scipy.fft.set_workers(n_threads):
             spectrum = transform(samples, sampling, range_transform, doppler_transform)
         return np.stack([spectrum.real, spectrum.imag], axis=2, dtype=np.float32)
+    from dechirp.processing import simd_range_doppler
+
     slow, fast = axes
     contiguous = np.ascontiguousarray(samples, np.complex64)
     n_channels = samples.shape[1]
@@ -262,11 +269,15 @@ def _simd_axis_transforms(
     range_transform: Transform,
     doppler_transform: Transform,
     transform: FrameTransform,
-) -> tuple[simd_range_doppler.AxisTransform, simd_range_doppler.AxisTransform] | None:
-    """Return the axes for `simd_range_doppler`; None if it cannot transform them."""
+) -> "tuple[AxisTransform, AxisTransform] | None":
+    """Return the axes for `simd_range_doppler`; None for small work, or if it cannot do them."""
     is_plain = transform is range_doppler_spectrum and sampling == "complex"
     n_bins = doppler_transform.n_bins, range_transform.n_bins
-    if not is_plain or not simd_range_doppler.can_transform_sizes(*n_bins, samples.shape[2]):
+    if not (is_plain and uses_compiled_kernels()):
+        return None
+    from dechirp.processing import simd_range_doppler
+
+    if not simd_range_doppler.can_transform_sizes(*n_bins, samples.shape[2]):
         return None
     return (
         simd_range_doppler.AxisTransform(
@@ -311,7 +322,15 @@ def amplitude_range_weights(transform: Transform, sampling: Sampling) -> np.ndar
     return (gain * transform.weights / transform.weights.sum()).astype(np.float32)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _apply_windows_in_numpy(
+    numbers: np.ndarray, slow_weights: np.ndarray, fast_weights: np.ndarray
+) -> np.ndarray:
+    """Plain twin of `_apply_windows`: equal bits."""
+    weights = np.multiply.outer(slow_weights, np.repeat(fast_weights, 2))
+    return np.asarray(numbers * weights[:, None, :])
+
+
+@kernel(plain=_apply_windows_in_numpy)
 def _apply_windows(
     numbers: np.ndarray, slow_weights: np.ndarray, fast_weights: np.ndarray
 ) -> np.ndarray:
@@ -326,7 +345,14 @@ def _apply_windows(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _add_scaled_power_in_numpy(
+    out: np.ndarray, spectrum: np.ndarray, power_factor: np.float32
+) -> None:
+    """Plain twin of `_add_scaled_power`: equal within single precision."""
+    out += power_factor * (spectrum.real**2 + spectrum.imag**2)
+
+
+@kernel(plain=_add_scaled_power_in_numpy, fastmath={"contract", "reassoc"})
 def _add_scaled_power(out: np.ndarray, spectrum: np.ndarray, power_factor: np.float32) -> None:
     """Add a share of the power of each cell, in place, both (velocity, range)."""
     for i in range(out.shape[0]):

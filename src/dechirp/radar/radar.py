@@ -97,6 +97,12 @@ class Radar(Displayable):
         return self.array.n_rx * len(self.array.tx_m)
 
     @property
+    def n_samples_per_frame(self) -> int:
+        """Number of samples of all receivers in one frame."""
+        frame = self.frame
+        return frame.n_chirps_total * self.array.n_rx * frame.chirp.n_samples
+
+    @property
     def n_summed_maps(self) -> int:
         """Number of maps whose powers are added: one for each slot of a round and each receiver."""
         return self.frame.n_slots * self.array.n_rx

@@ -1,9 +1,9 @@
 """Integer ADC codes of quantised samples."""
 
-import numba
 import numpy as np
 import xarray as xr
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.errors import InvalidSetting
 
 _BLOCK_SIZE = 2**20  # numbers; invalid ones are counted in 32 bits, which vectorises
@@ -72,7 +72,7 @@ def _not_adc_codes_error() -> InvalidSetting:
     )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _fill_codes_and_count_invalid(
     sample_values: np.ndarray, scale: float, inverse_scale: float, codes: np.ndarray
 ) -> int:

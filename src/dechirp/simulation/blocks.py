@@ -2,10 +2,9 @@
 
 from collections.abc import Callable
 
-import numba
 import numpy as np
 
-from dechirp.core.threads import run_in_threads, split_range
+from dechirp.core.threads import run_in_threads, split_range, thread_count
 
 _BLOCK_SAMPLES = 2**16  # samples: 0.5 MiB in complex64
 
@@ -20,4 +19,4 @@ def apply_to_chirp_blocks(
     chirps = samples.reshape(-1, *samples.shape[2:])
     n_pieces = -(-samples.size // _BLOCK_SAMPLES)
     parts = split_range(len(chirps), max(1, min(n_pieces, len(chirps))))
-    run_in_threads(numba.get_num_threads(), lambda part: in_place_operation(chirps[part]), parts)
+    run_in_threads(thread_count(), lambda part: in_place_operation(chirps[part]), parts)

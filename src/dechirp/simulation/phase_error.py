@@ -39,12 +39,11 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from scipy.fft import fft, fftfreq, ifft, next_fast_len
 
 from dechirp.core.findings import Finding
-from dechirp.core.threads import run_in_threads
+from dechirp.core.threads import run_in_threads, thread_count
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.radar.radar import Radar
 from dechirp.simulation.echo_groups import EchoGroup, SampleWindow
@@ -228,7 +227,7 @@ def apply_phase_error(
     def process_rows(block: slice) -> None:
         out[block] = _apply_phase_error_to_chirps(echo[block], phase_rad[block], delays, deskew)
 
-    run_in_threads(min(numba.get_num_threads(), len(rows)), process_rows, rows)
+    run_in_threads(min(thread_count(), len(rows)), process_rows, rows)
     return out
 
 

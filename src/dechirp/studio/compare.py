@@ -14,7 +14,7 @@ import numpy as np
 from dechirp.config.dumping import to_yaml_data
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import capture_warned_findings
-from dechirp.core.threads import single_numba_thread
+from dechirp.core.threads import exclusive_single_thread
 from dechirp.evaluation.detector_law import find_detector_law
 from dechirp.evaluation.score.base import Score
 from dechirp.evaluation.score.errors import AzimuthRmse, RangeRmse, VelocityRmse
@@ -103,7 +103,7 @@ class Comparison:
 
     def __init__(self, a: Scenario, b: Scenario, *, confidence: float = 0.95) -> None:
         self._confidence = confidence
-        with single_numba_thread(), capture_warned_findings():
+        with exclusive_single_thread(), capture_warned_findings():
             self._a, self._b = _Variant(a, a.seed), _Variant(b, a.seed)
         self._pending_steps = self._compute_theory_and_trials_stepwise()
         self.n_trials = 0
@@ -125,7 +125,7 @@ class Comparison:
             If a trial fails.
         """
         until_s = perf_counter() + duration_s
-        with single_numba_thread(), capture_warned_findings():
+        with exclusive_single_thread(), capture_warned_findings():
             for _ in self._pending_steps:
                 if perf_counter() >= until_s:
                     return

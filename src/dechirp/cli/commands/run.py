@@ -54,6 +54,7 @@ def run(
     from dechirp.cli.console import progress_bar
     from dechirp.cli.scenario_source import build_scenario
     from dechirp.cli.stream import is_live_source, process_live_frames
+    from dechirp.core.compiled_kernels import plain_twins_for_small_work
     from dechirp.core.errors import DechirpError
     from dechirp.experiments.run import run as run_scenario
     from dechirp.report.pdf import check_typst_installed
@@ -71,11 +72,12 @@ def run(
         seed=seed,
         metadata=options.given_metadata(),
     )
-    if is_live_source(scenario, follow=follow, idle=idle):
-        result = process_live_frames(scenario, idle=idle, quiet=quiet)
-    else:
-        with progress_bar("steps", quiet=quiet) as report:
-            result = run_scenario(scenario, progress=report)
+    with plain_twins_for_small_work(scenario.n_simulated_samples):
+        if is_live_source(scenario, follow=follow, idle=idle):
+            result = process_live_frames(scenario, idle=idle, quiet=quiet)
+        else:
+            with progress_bar("steps", quiet=quiet) as report:
+                result = run_scenario(scenario, progress=report)
     if objects:
         try:
             result = _write_object_lists_and_add_findings(result, objects)

@@ -11,9 +11,9 @@ Sidelobes are rejected as in `processing.peaks`.
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.experiments.statistical.axis_statistics import (
     N_OFFSETS,
     N_SUMS,
@@ -105,7 +105,7 @@ def max_normal_numbers_per_candidate(
     return 2 * n_channels * over_velocity * over_range
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _circular_difference(a: float, b: float, n_bins: float) -> float:
     """Return the shorter signed difference a - b modulo n bins."""
     difference = a - b
@@ -116,7 +116,7 @@ def _circular_difference(a: float, b: float, n_bins: float) -> float:
     return difference
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _interpolated_lobe_amplitude(axis: AxisStatistics, offset: float) -> complex:
     position = (
         (offset + axis.reach) * ((axis.lobe.size - 1) / (2 * axis.reach)) if axis.reach else 0.0
@@ -130,7 +130,7 @@ def _interpolated_lobe_amplitude(axis: AxisStatistics, offset: float) -> complex
     return axis.lobe[low] * (1 - fraction) + axis.lobe[low + 1] * fraction
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _interpolated_tone_moment(axis: AxisStatistics, order: int, offset: float) -> float:
     position = (offset + REFINEMENT_BINS) * POINTS_PER_BIN
     low = min(max(int(position), 0), axis.moments.shape[1] - 2)
@@ -138,7 +138,7 @@ def _interpolated_tone_moment(axis: AxisStatistics, order: int, offset: float) -
     return axis.moments[order, low] * (1 - fraction) + axis.moments[order, low + 1] * fraction
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _tabulated_lobe_energy(energy_table: LobeEnergy, offset: float) -> float:
     if energy_table.table.size == 1:
         return energy_table.table[0]
@@ -169,7 +169,7 @@ class Workspace(NamedTuple):
 _FAST = {"contract", "reassoc"}
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@kernel(fastmath=_FAST)
 def sample_peaks(
     echoes: FrameEchoes,
     over_velocity: AxisStatistics,
@@ -250,7 +250,7 @@ def sample_peaks(
     )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _is_merged_with_stronger_echo(
     echoes: FrameEchoes,
     frame: int,
@@ -276,7 +276,7 @@ def _is_merged_with_stronger_echo(
     return False
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@kernel(fastmath=_FAST)
 def _try_sampling_detection_at_position(
     echoes: FrameEchoes,
     frame: int,
@@ -353,7 +353,7 @@ def _try_sampling_detection_at_position(
     return True
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@kernel(fastmath=_FAST)
 def _fill_cell_signals_and_sum_window_power(
     echoes: FrameEchoes,
     frame: int,
@@ -432,7 +432,7 @@ def _fill_cell_signals_and_sum_window_power(
     return window_power
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@kernel(fastmath=_FAST)
 def _fill_channel_mean_power(cell_signals: np.ndarray, cell_power: np.ndarray) -> None:
     """Compute the mean power over channels in each cell."""
     n_channels = cell_signals.shape[3]
@@ -444,7 +444,7 @@ def _fill_channel_mean_power(cell_signals: np.ndarray, cell_power: np.ndarray) -
             cell_power[a, b] = total / n_channels
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@kernel(fastmath=_FAST)
 def _fill_channel_mean_power_with_noise(
     cell_signals: np.ndarray, cell_noise: np.ndarray, cell_power: np.ndarray
 ) -> None:
@@ -462,7 +462,7 @@ def _fill_channel_mean_power_with_noise(
             cell_power[a, b] = total / len(cell_noise)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _add_noise_to_estimator_sums(normal_numbers: np.ndarray, sums: np.ndarray) -> None:
     """Add noise to the sums alone; that of their second moments is neglected."""
     half = np.sqrt(0.5)
@@ -476,7 +476,7 @@ def _add_noise_to_estimator_sums(normal_numbers: np.ndarray, sums: np.ndarray) -
         sums[2, k] += complex(channel_numbers[4], channel_numbers[5])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@kernel(fastmath=_FAST)
 def _draw_correlated_cell_noise(
     normal_numbers: np.ndarray,
     velocity_factor: np.ndarray,
@@ -505,7 +505,7 @@ def _draw_correlated_cell_noise(
         _add_noise_to_sums_of_channel(sums, k, noise)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _add_noise_to_sums_of_channel(sums: np.ndarray, channel: int, noise: np.ndarray) -> None:
     sums[0, channel] += noise[0, 0]
     sums[1, channel] += noise[1, 0]
@@ -515,7 +515,7 @@ def _add_noise_to_sums_of_channel(sums: np.ndarray, channel: int, noise: np.ndar
     sums[5, channel] += noise[0, 2]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _scale_noise_to_alarm_power(
     alarm_power: float,
     velocity_covariance: np.ndarray,
@@ -535,7 +535,7 @@ def _scale_noise_to_alarm_power(
         _add_noise_to_sums_of_channel(sums, k, more)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _has_higher_cell_beside_sampled_ones(
     peak_power: float, echo_power: np.ndarray, peak_v: int, peak_r: int
 ) -> bool:
@@ -548,7 +548,7 @@ def _has_higher_cell_beside_sampled_ones(
     return False
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _refine_peak_by_newton_step(
     sums: np.ndarray, has_one_chirp: bool, out_amplitude: np.ndarray
 ) -> tuple[float, float]:
@@ -589,7 +589,7 @@ def _refine_peak_by_newton_step(
     return step_v, step_r
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _indices_of_peaks_without_sidelobes(
     peak_amplitude: np.ndarray,
     threshold: np.ndarray,

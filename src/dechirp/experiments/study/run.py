@@ -13,7 +13,7 @@ from dechirp.core.checks import check_integer
 from dechirp.core.display import Displayable, Table
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.findings import Finding, findings_display_table
-from dechirp.core.threads import single_numba_thread
+from dechirp.core.threads import exclusive_single_thread
 from dechirp.evaluation.trial import TrialResult
 from dechirp.experiments.run import Result, run
 from dechirp.experiments.study import data_set
@@ -243,7 +243,7 @@ def replay_trial(study: Study, trial: int, *, point: int = 0) -> ReplayedTrial:
     """
     check_integer("--trial", trial, at_least=0, at_most=study.trials.at_most - 1)
     plan = Plan.from_study(study)
-    with single_numba_thread():  # as in the study
+    with exclusive_single_thread():  # as in the study
         runner = create_trial_runner(plan, point, trial)
         trial_result = runner.run_trial(trial)
         return ReplayedTrial(

@@ -12,7 +12,7 @@ import xarray as xr
 from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 from dechirp.core.findings import Finding, PhysicsWarning, capture_warned_findings
-from dechirp.core.threads import single_numba_thread
+from dechirp.core.threads import exclusive_single_thread
 from dechirp.evaluation.association import Associator
 from dechirp.evaluation.false_alarms import count_noise_alarms
 from dechirp.evaluation.score.base import Need, Score
@@ -250,7 +250,7 @@ def run_trial_block(
     first = block_number * trials.block
     numbers = range(first, min(first + trials.block, trials.at_most))
     block_writer = None if writer is None else writer.create_block_writer(point, first)
-    with single_numba_thread(), capture_warned_findings() as findings:
+    with exclusive_single_thread(), capture_warned_findings() as findings:
         started = perf_counter()
         sums, failures = _run_trials_for_sums_and_failures(plan, point, numbers, block_writer)
         items = (

@@ -12,7 +12,7 @@ import xarray as xr
 from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import capture_warned_findings
-from dechirp.core.threads import single_numba_thread
+from dechirp.core.threads import exclusive_single_thread
 from dechirp.evaluation.association import Associator
 from dechirp.evaluation.score.base import Score
 from dechirp.evaluation.trial import NoiseMap, TrialContext, TrialResult
@@ -185,7 +185,7 @@ def run_trial_block_of_source(
     sums = np.full((len(trials), n_sums), np.nan)
     failures: tuple[Failure, ...] = ()
     started = perf_counter()
-    with single_numba_thread(), capture_warned_findings():
+    with exclusive_single_thread(), capture_warned_findings():
         for row, trial in enumerate(trials):
             try:
                 runner = create_runner_of_source(source, scores, seed)

@@ -1,8 +1,8 @@
 """Bartlett beamformer: power in a beam towards each direction, for arrays of any shape."""
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import likelihood
 from dechirp.processing.angle.aperture import Aperture
@@ -60,7 +60,7 @@ def mean_beam_power_over_snapshots(beams: np.ndarray, n_elements: int) -> np.nda
     return np.asarray(_sum_beam_power_over_snapshots(beams, scale))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _sum_beam_power_over_snapshots(beams: np.ndarray, scale: float) -> np.ndarray:
     """Sum scaled |beam|^2 over snapshots, (n, m), in half the time of NumPy."""
     n, n_snapshots, m = beams.shape

@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
-import numba
 import numpy as np
 
 from dechirp.core.checks import check_number
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle.aperture import Aperture
@@ -153,7 +153,7 @@ class SlidingWindows:
         )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _bilinear_noise_variances(
     left_vectors: np.ndarray,
     right_vectors: np.ndarray,

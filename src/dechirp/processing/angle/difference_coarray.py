@@ -7,9 +7,9 @@ equal phase differences. A uniform line of N elements has N^2 pairs and 2 N - 1 
 from functools import lru_cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.angle.aperture import Aperture
 
 # Phases of all lags towards all directions of a grid: 64 MiB.
@@ -82,7 +82,7 @@ def quadratic_forms_from_lags(lag_sums: np.ndarray, lag_phase_factors: np.ndarra
     )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def quadratic_forms_per_detection(
     lag_sums: np.ndarray, steering: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
@@ -101,7 +101,7 @@ def quadratic_forms_per_detection(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _sum_matrices_over_equal_lags(
     matrices: np.ndarray, lag_of_pair: np.ndarray, n_lags: int
 ) -> np.ndarray:
@@ -117,7 +117,7 @@ def _sum_matrices_over_equal_lags(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _sum_real_matrices_over_equal_lags(
     matrices: np.ndarray, lag_of_pair: np.ndarray, n_lags: int
 ) -> np.ndarray:

@@ -6,9 +6,9 @@ least squares (the conditional or deterministic model).
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.theory.direction_bounds import crlb_variances
 
@@ -102,7 +102,7 @@ def _convert_to_compiled_kernel_arrays(
     return data, aperture.positions, np.flatnonzero(aperture.resolves_azimuth_and_elevation), angles
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _source_powers_and_fisher_information(
     snapshots: np.ndarray, positions: np.ndarray, resolved_axes: np.ndarray, angles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -135,7 +135,7 @@ def _source_powers_and_fisher_information(
     return power, information
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _maximise_likelihood_of_detections(
     snapshots: np.ndarray, start_sines: np.ndarray, search: Search
 ) -> np.ndarray:
@@ -150,7 +150,7 @@ def _maximise_likelihood_of_detections(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _maximise_likelihood_of_detection(
     snapshots: np.ndarray, start_sines: np.ndarray, search: Search
 ) -> np.ndarray:
@@ -185,7 +185,7 @@ def _maximise_likelihood_of_detection(
     return current
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _add_step_within_view(
     sines: np.ndarray, step: np.ndarray, resolved_axes: np.ndarray, max_sines: np.ndarray
 ) -> np.ndarray:
@@ -199,7 +199,7 @@ def _add_step_within_view(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _gradient_curvature_and_residual(
     snapshots: np.ndarray, positions: np.ndarray, resolved_axes: np.ndarray, sines: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
@@ -217,7 +217,7 @@ def _gradient_curvature_and_residual(
     return gradient, information, residual
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _fit_amplitudes_and_derivatives(
     snapshots: np.ndarray, positions: np.ndarray, resolved_axes: np.ndarray, angles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
@@ -268,7 +268,7 @@ def _fit_amplitudes_and_derivatives(
     return amplitudes, gradient, information, residual
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _write_steering_and_derivatives(
     steering: np.ndarray,
     derivatives: np.ndarray,
@@ -293,7 +293,7 @@ def _write_steering_and_derivatives(
             derivatives[p, e] = 1j * phase_slope * steering[e]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _inner_product(first: np.ndarray, second: np.ndarray) -> complex:
     """Return the inner product, the first vector conjugated."""
     real, imaginary = 0.0, 0.0

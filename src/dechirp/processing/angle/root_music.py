@@ -1,9 +1,9 @@
 """Root-MUSIC: roots of the null spectrum of a uniform linear array."""
 
-import numba
 import numpy as np
 import scipy.fft
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle.uniform_linear_array import UlaEstimator
 
@@ -50,7 +50,7 @@ class RootMusic(UlaEstimator):
         return np.swapaxes(slopes, 1, 2)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _polynomial_roots_within_unit_circle(coefficients: np.ndarray) -> np.ndarray:
     """Return the roots within the unit circle of the sum of c_d z^d, d = 1 - size ... size - 1.
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.angle.aperture import Aperture, DirectionGrid
 
 # Halvings of a grid step: to a 256th, a 2000th of a beam on one axis; then a parabola.
@@ -28,7 +28,7 @@ def find_grid_peak_directions(
     return azimuth, np.where(is_peak, grid.elevation_rad[row], np.nan)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _peak_indices_in_maps(maps: np.ndarray, n_sources: np.ndarray, max_peaks: int) -> np.ndarray:
     """Return flat indices of the highest local maxima in each map, highest first, -1 for none."""
     n, n_rows, n_columns = maps.shape
@@ -55,7 +55,7 @@ def _peak_indices_in_maps(maps: np.ndarray, n_sources: np.ndarray, max_peaks: in
     return peak_index
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _is_local_maximum(spectrum: np.ndarray, row: int, column: int) -> bool:
     """Return True for a local maximum; on a plateau, for its first cell."""
     n_rows, n_columns = spectrum.shape

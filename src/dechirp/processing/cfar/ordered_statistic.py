@@ -5,10 +5,10 @@ Rohling, Radar CFAR thresholding in clutter and multiple target situations, IEEE
 1983.
 """
 
-import numba
 import numpy as np
 
 from dechirp.core.checks import check_positive_fields
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
@@ -98,7 +98,7 @@ class OrderedStatistic(NoiseEstimator):
         return n_cells, cell_count_from_setting(n_cells, self.rank)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _mask_of_exceeding_candidates(
     power: np.ndarray,
     candidates: np.ndarray,

@@ -4,9 +4,9 @@
 Velocity wraps round; the box stays within the map along range.
 """
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.cfar.window_means import scaled_window_means
 
 SideCounts = tuple[int, int, int, int]
@@ -56,7 +56,7 @@ def candidate_detection_cells(
     return _cells_above_bound(power, means, sum_factors, level_offsets)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _clip_map_at_block_quantiles(
     power: np.ndarray, quantile: float, side_counts: SideCounts, box_clip_levels: np.ndarray
 ) -> np.ndarray:
@@ -89,7 +89,7 @@ def _clip_map_at_block_quantiles(
     return clipped
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _cells_above_bound(
     power: np.ndarray, means: np.ndarray, sum_factors: np.ndarray, level_offsets: np.ndarray
 ) -> np.ndarray:
@@ -115,7 +115,7 @@ def _cells_above_bound(
     return cells
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def gather_training_cells(
     power: np.ndarray, velocity_row: int, range_row: int, side_counts: SideCounts, cells: np.ndarray
 ) -> int:
@@ -144,7 +144,7 @@ def gather_training_cells(
     return n
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def kth_smallest(cells: np.ndarray, n: int, k: int) -> np.float32:
     """Return the k-th smallest of the first n cells, k from 1; reorders them."""
     low, high, target = 0, n - 1, k - 1
@@ -202,7 +202,7 @@ def _order_statistic_of_range_part(
     return _sliding_order_statistics(power, order, rank_of_cell, side_counts, ranks)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _sliding_order_statistics(
     power: np.ndarray,
     order: np.ndarray,
@@ -268,7 +268,7 @@ def _sliding_order_statistics(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _update_marks_and_count_below(
     rank_of_cell: np.ndarray,
     marks: np.ndarray,

@@ -10,9 +10,9 @@ from abc import abstractmethod
 from functools import lru_cache
 from typing import ClassVar
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
 from dechirp.processing.cfar.window_means import (
@@ -114,7 +114,7 @@ def _half_window_splits_and_weights(
     return np.ceil(middles).astype(int), np.floor(middles).astype(int) + 1, per_cell
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _half_means_along_range(
     power: np.ndarray,
     train_r: int,
@@ -169,7 +169,7 @@ def _half_means_along_range(
     return first, second
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _half_means_along_velocity(
     power: np.ndarray, train_v: int, guard_r: int, guard_v: int
 ) -> tuple[np.ndarray, np.ndarray]:

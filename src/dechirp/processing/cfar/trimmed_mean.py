@@ -4,10 +4,10 @@ It lies between cell averaging and an ordered statistic. P. P. Gandhi and S. A. 
 of CFAR processors in nonhomogeneous background, IEEE Trans. AES 24(4), 1988.
 """
 
-import numba
 import numpy as np
 
 from dechirp.core.checks import check_non_negative_fields
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
@@ -123,7 +123,7 @@ class TrimmedMean(NoiseEstimator):
         )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _trimmed_mean_thresholds(
     power: np.ndarray,
     side_counts: SideCounts,
@@ -149,7 +149,7 @@ def _trimmed_mean_thresholds(
     return highest
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _mask_of_exceeding_candidates(
     power: np.ndarray,
     candidates: np.ndarray,
@@ -178,7 +178,7 @@ def _mask_of_exceeding_candidates(
     return mask
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _is_mean_without_largest_above(cells: np.ndarray, n_largest: int, level: np.float32) -> bool:
     """Test if the mean without the largest exceeds a level, as in `candidate_detection_cells`.
 
@@ -195,7 +195,7 @@ def _is_mean_without_largest_above(cells: np.ndarray, n_largest: int, level: np.
     return False
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _trimmed_mean(
     cells: np.ndarray, n_smallest: int, n_largest: int, lowest: np.float32, highest: np.float32
 ) -> np.float32:

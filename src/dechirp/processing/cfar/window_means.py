@@ -1,10 +1,11 @@
 """Means of training windows for every cell of a map, as compiled kernels."""
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+
+@kernel(fastmath={"contract", "reassoc"})
 def initial_guard_and_training_column_sums(
     power: np.ndarray, half_v: int, guard_v: int
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -26,7 +27,7 @@ def initial_guard_and_training_column_sums(
     return inner, outer
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def slide_column_sums(
     power: np.ndarray,
     velocity_row: int,
@@ -57,7 +58,45 @@ def slide_column_sums(
         all_columns[j] = now_in + now_out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _scaled_window_means_in_numpy(
+    power: np.ndarray, factors: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
+) -> np.ndarray:
+    """Plain twin of `scaled_window_means`: equal within 2e-6, without any subtraction."""
+    half_v, half_r = train_v + guard_v, train_r + guard_r
+    n_v, n_r = power.shape
+    width = 2 * half_r + 1
+    wrapped = power.take(np.arange(-half_v, n_v + half_v), axis=0, mode="wrap").astype(float)
+    inner, outer = np.zeros((2, n_v, n_r))
+    for row in range(2 * half_v + 1):
+        (inner if abs(row - half_v) <= guard_v else outer)[:] += wrapped[row : row + n_v]
+    both = inner + outer
+    means = np.zeros((n_v, n_r))
+    middle = means[:, half_r : n_r - half_r]
+    for column in range(width):
+        sums = outer if abs(column - half_r) <= guard_r else both
+        middle += sums[:, column : column + n_r - 2 * half_r]
+    n_rows = np.full(n_r, 2 * guard_r + 1)
+    for row in range(half_r):  # the box stops at the ends of the map
+        is_guard = abs(np.arange(width) - row) <= guard_r
+        n_rows[row] = n_rows[n_r - 1 - row] = is_guard.sum()
+        means[:, row] = outer[:, :width].sum(axis=1) + inner[:, :width] @ ~is_guard
+        means[:, n_r - 1 - row] = (
+            outer[:, n_r - width :].sum(axis=1) + inner[:, n_r - width :] @ ~is_guard[::-1]
+        )
+    n_cells = width * (2 * half_v + 1) - n_rows * (2 * guard_v + 1)
+    return np.asarray(means / n_cells * factors, np.float32)
+
+
+def _exceeds_scaled_window_means_in_numpy(
+    power: np.ndarray, factors: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
+) -> np.ndarray:
+    """Plain twin of `exceeds_scaled_window_means`."""
+    return np.asarray(
+        power > _scaled_window_means_in_numpy(power, factors, train_r, train_v, guard_r, guard_v)
+    )
+
+
+@kernel(plain=_scaled_window_means_in_numpy, fastmath={"contract", "reassoc"})
 def scaled_window_means(
     power: np.ndarray, factors: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
 ) -> np.ndarray:
@@ -84,7 +123,7 @@ def scaled_window_means(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(plain=_exceeds_scaled_window_means_in_numpy, fastmath={"contract", "reassoc"})
 def exceeds_scaled_window_means(
     power: np.ndarray, factors: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
 ) -> np.ndarray:
@@ -107,12 +146,12 @@ def exceeds_scaled_window_means(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _allocate_scratch_rows(n_r: int) -> np.ndarray:
     return np.zeros((36, n_r + 1), np.float32)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _factors_per_training_cell(
     factors: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
 ) -> np.ndarray:
@@ -122,7 +161,7 @@ def _factors_per_training_cell(
     return factors[half_r : factors.size - half_r] / np.float32(n_cells)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _write_scaled_window_means_of_row(
     power: np.ndarray,
     v: int,
@@ -172,7 +211,7 @@ def _write_scaled_window_means_of_row(
         far_end[j] *= factors[n_r - half_r + j]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _write_window_means_at_map_end(
     inner: np.ndarray,
     outer: np.ndarray,
@@ -202,7 +241,7 @@ def _write_window_means_at_map_end(
         out[i] = total / np.float32(n_corner + n_sides * (2 * guard_v + 1))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def write_moving_sums(row: np.ndarray, length: int, out: np.ndarray, work: np.ndarray) -> None:
     """Compute out[i] = row[i] + ... + row[i + length - 1] by doubling; the last ones are unused."""
     n = row.size

@@ -1,10 +1,11 @@
 """Fixed-point cell averaging: exact sums of the training cells times an integer factor."""
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+
+@kernel()
 def cell_averaging_thresholds(
     power: np.ndarray,
     factors: np.ndarray,
@@ -60,7 +61,7 @@ def cell_averaging_thresholds(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _product_shifted_right(total: int, factor: int, shift: int) -> int:
     """Return floor(total x factor / 2^shift), total to 63 bits and factor to 24, in two halves.
 

@@ -10,10 +10,10 @@ an insurer's ruin).
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.mitigation.base import all_zero_chirp_mask
 from dechirp.processing.quality.background import Background, estimate_background
 from dechirp.processing.quality.interference_bursts import measure_bursts_over_background
@@ -148,7 +148,7 @@ def _smaller_prediction_error_power(moving: np.ndarray, predictor: np.ndarray) -
     return np.minimum(forward, backward)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _mark_bursts(excess: np.ndarray, min_summed_excess: float, is_burst: np.ndarray) -> None:
     """Mark stretches whose sums exceed a limit, each as long as its sum still grows."""
     n = 0

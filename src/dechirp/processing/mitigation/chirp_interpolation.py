@@ -12,11 +12,12 @@ P. Stoica, J. Li and J. Ling, "Missing data recovery via a nonparametric iterati
 approach", IEEE Signal Processing Letters 16(4), 2009.
 """
 
-import numba
 import numpy as np
 import scipy.fft
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import gammainccinv, gammaincinv
+
+from dechirp.core.compiled_kernels import kernel
 
 _MIN_ROUNDS = 16  # of fewer, the main lobe of an echo takes half of the velocities
 # Of the chirps of a transmitter. What remains of an echo 60 dB over the noise is below the noise
@@ -106,7 +107,7 @@ def _slow_time_power_and_noise(series: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return power, noise, threshold
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _evaluate_strong_cells(
     zero_filled_spectrum: np.ndarray,
     kept_spectrum: np.ndarray,

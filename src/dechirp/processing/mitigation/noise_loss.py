@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from functools import lru_cache
 from itertools import product
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.mitigation.base import Mitigation
 from dechirp.processing.spectrum import Transform
 from dechirp.radar.chirp import Chirp
@@ -103,7 +103,7 @@ def sufficient_noise_gain_mask(noise_gain: np.ndarray) -> np.ndarray:
     return np.asarray(noise_gain >= MIN_NOISE_GAIN)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def equalise_map_noise(power: np.ndarray, noise_gain: np.ndarray) -> np.ndarray:
     """Divide a map (velocity, range) by the noise gain, so that white noise is level; float32.
 

@@ -7,8 +7,9 @@ by those before, and leaves white noise.
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+
+from dechirp.core.compiled_kernels import kernel
 
 MIN_CHIRPS = 4  # of one transmitter; fewer do not determine static echoes
 MIN_SAMPLES = 16
@@ -113,7 +114,7 @@ def estimate_static_samples(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _write_median_of_group_means(
     numbers: np.ndarray,
     chirps: np.ndarray,
@@ -154,7 +155,7 @@ def _write_median_of_group_means(
             )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _moving_and_total_power(
     numbers: np.ndarray, static_samples: np.ndarray, inverse_scale: np.float32
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -211,7 +212,7 @@ def _fit_linear_predictor(
     return np.linalg.solve(autocorrelation, cross_correlation)[::-1]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _sum_lag_products(rows: np.ndarray, order: int) -> np.ndarray:
     """Return sums over rows and n of conj(x[n + i]) x[n + j], (order + 1, order + 1).
 
@@ -237,9 +238,7 @@ def _sum_lag_products(rows: np.ndarray, order: int) -> np.ndarray:
 
 
 # Without NaN handling, which is not needed here, eight samples are vectorised.
-@numba.njit(
-    cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nnan", "nsz"}
-)
+@kernel(fastmath={"contract", "reassoc", "nnan", "nsz"})
 def write_prediction_errors(
     parts: np.ndarray, predictor: np.ndarray, n_parts: int, errors: np.ndarray
 ) -> None:

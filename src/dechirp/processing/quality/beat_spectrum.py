@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import scipy.fft
 from scipy.special import gammainccinv, gammaincinv
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.theory.windows import window_weights
 
 NEAR_BINS = 3
@@ -68,7 +68,7 @@ def mean_spectrum_and_mirror_products(
     )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _add_powers_and_mirror_products(
     spectra: np.ndarray, power: np.ndarray, mirror: np.ndarray, mirror_difference: np.ndarray
 ) -> None:

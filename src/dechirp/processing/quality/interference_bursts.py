@@ -10,10 +10,10 @@ the mean. It is measured for the text of the finding.
 from dataclasses import dataclass
 from functools import lru_cache
 
-import numba
 import numpy as np
 from scipy.special import betainccinv
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.quality.background import (
     Background,
     estimate_background,
@@ -124,7 +124,7 @@ def _stretch_lengths_and_energy_limits(
     return lengths, betainccinv(half * lengths, half * (n_samples - lengths), chance)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@kernel(fastmath=_FAST)
 def _write_chirp_burst_measures(
     numbers: np.ndarray,
     is_lost: np.ndarray,
@@ -177,7 +177,7 @@ def _write_chirp_burst_measures(
         share[m] = _fraction_of_burst_samples(energy) if excess[m] > 1 else 0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@kernel(fastmath=_FAST)
 def _largest_energy_share_over_limit(
     energy: np.ndarray, lengths: np.ndarray, limits: np.ndarray, floor: float
 ) -> float:
@@ -203,7 +203,7 @@ def _largest_energy_share_over_limit(
     return excess
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _fraction_of_burst_samples(energy: np.ndarray) -> float:
     # The median of noise is 0.69 of its mean, and more of receivers summed.
     threshold = _BURST_THRESHOLD * np.median(energy) / 0.69

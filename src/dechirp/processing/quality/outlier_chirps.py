@@ -1,9 +1,9 @@
 """Outlier chirps, such as the first of a frame of an unsettled radar."""
 
-import numba
 import numpy as np
 from scipy.ndimage import median_filter
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.quality.background import ROUNDING_POWER
 
 _MIN_CHANGES = 4  # of one transmitter, for a meaningful median
@@ -50,7 +50,7 @@ def measure_outlier_chirp_excess(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _chirp_changes_and_powers(
     numbers: np.ndarray, is_lost: np.ndarray, n_slots: int, inverse_scale: np.float32
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+
+from dechirp.core.compiled_kernels import kernel
 
 SILENT = 1e-30
 """Largest magnitude of silence, in sqrt(W) or of full scale; squares of smaller values underflow
@@ -70,7 +71,7 @@ def compute_sample_statistics(
     )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _centred_sums_and_squares(
     numbers: np.ndarray,
     is_lost: np.ndarray,
@@ -97,7 +98,7 @@ def _centred_sums_and_squares(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nnan", "nsz"})
+@kernel(fastmath={"contract", "nnan", "nsz"})
 def _write_extreme_levels_and_find_step(
     numbers: np.ndarray, is_lost: np.ndarray, n_parts: int, level: np.ndarray, count: np.ndarray
 ) -> np.float32:
@@ -118,7 +119,7 @@ def _write_extreme_levels_and_find_step(
     return step
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nnan", "nsz"})
+@kernel(fastmath={"contract", "nnan", "nsz"})
 def _smallest_nonzero_difference(row: np.ndarray, other: np.ndarray) -> np.float32:
     """Return the smallest non-zero difference; branch-free, so that eight are vectorised."""
     smallest = np.float32(_NO_STEP)
@@ -128,7 +129,7 @@ def _smallest_nonzero_difference(row: np.ndarray, other: np.ndarray) -> np.float
     return smallest
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _update_extreme_levels(
     row: np.ndarray, part: int, n_parts: int, level: np.ndarray, count: np.ndarray
 ) -> None:
@@ -147,7 +148,7 @@ def _update_extreme_levels(
             low = level[1, 1]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _insert_extreme_level(x: float, is_beyond: bool, level: np.ndarray, count: np.ndarray) -> None:
     if is_beyond:
         level[1], count[1] = level[0], count[0]

@@ -11,10 +11,10 @@ Ghosts of a clock that is closer than that are not distinguished from echoes her
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import scipy.fft
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.findings import Finding
 from dechirp.core.text import format_number_ranges
 from dechirp.core.units import SPEED_OF_LIGHT
@@ -133,7 +133,7 @@ def _interpolated_row_peak_bins(power: np.ndarray) -> np.ndarray:
     return np.asarray(top + np.clip((below - above) / (2 * curvature), -0.5, 0.5))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _find_line_through_most_beats(
     times: np.ndarray, beats: np.ndarray, min_slope: float, step: int, tolerance: float
 ) -> tuple[float, float]:

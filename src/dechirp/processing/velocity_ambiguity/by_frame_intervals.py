@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.velocity_ambiguity.hypotheses import AmbiguityHypotheses
 from dechirp.radar.frame import Frame
 from dechirp.radar.velocity_ambiguity import (
@@ -142,7 +142,7 @@ def _own_frame_probability(
     return np.where(is_known, np.maximum(prior, _MIN_PRIOR), 1.0)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _log_evidence_from_other_frame(
     range_m: np.ndarray,
     velocity: np.ndarray,

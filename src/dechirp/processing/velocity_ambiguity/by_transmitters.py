@@ -10,10 +10,10 @@ they the response to a wave from some direction (all transmitters), or are empty
 from functools import lru_cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from scipy.special import gammaincinv
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.velocity_ambiguity.hypotheses import (
     AmbiguityHypotheses,
@@ -156,7 +156,7 @@ def _upper_noise_residual_quantile(n_channels: int) -> float:
     return float(gammaincinv(max(n_channels - 2.0, 1.0), 0.999))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _log_evidence_over_directions(
     beams: np.ndarray,
     n_azimuths: int,
@@ -201,7 +201,7 @@ def _log_evidence_over_directions(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _parabola_vertex_gain(power: np.ndarray, top: int) -> float:
     """Return the gain of the parabola through a maximum and its neighbours over the maximum.
 

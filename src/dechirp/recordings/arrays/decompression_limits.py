@@ -11,8 +11,9 @@ import zlib
 from collections.abc import Mapping
 from typing import Any
 
-import numba
 import numpy as np
+
+from dechirp.core.compiled_kernels import kernel
 
 HEADER_BYTES = 16
 """Bytes at the start of a chunk that `declared_decompressed_size` needs."""
@@ -121,7 +122,7 @@ def _zstd_decompresses_within(compressed: bytes, max_bytes: int) -> bool:
     return True
 
 
-@numba.njit(cache=True)
+@kernel(nogil=False, error_model="python")
 def lzf_decompressed_size(compressed: np.ndarray) -> int:
     """Return the decompressed size of LZF data (n,) uint8."""
     size, offset = 0, 0

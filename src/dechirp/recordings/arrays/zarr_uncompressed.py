@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.lazy_array import ArrayPart
 
@@ -113,7 +113,7 @@ def parse_uncompressed_chunks(
     )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def scale_codes_into_samples(codes: np.ndarray, scale: float, samples: np.ndarray) -> None:
     """Fill float32 samples with int16 codes times `scale`, float32; both flat."""
     for k in range(len(codes)):

@@ -12,9 +12,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
@@ -208,7 +208,7 @@ def _make_decoder(
     return decode
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _scale_numbers(numbers: np.ndarray, zero: float, step: float, out: np.ndarray) -> None:
     """Fill float32 with numbers minus `zero` times `step`, in single precision; all flat."""
     for k in range(len(numbers)):

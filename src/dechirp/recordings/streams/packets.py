@@ -8,9 +8,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
@@ -242,7 +242,7 @@ def _packet_order_note(value: str) -> Finding:
     )
 
 
-@numba.njit(cache=True)
+@kernel(nogil=False, error_model="python")
 def read_unsigned(content: np.ndarray, offset: int, n_bytes: int, is_little_endian: bool) -> int:
     """Read an unsigned integer of at most 8 bytes, in either byte order."""
     value = np.int64(0)

@@ -2,10 +2,10 @@
 
 import warnings
 
-import numba
 import numpy as np
 
 from dechirp.core.checks import check_positive_fields
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.units import to_decibels
 from dechirp.core.values import frozen_dataclass
@@ -81,7 +81,7 @@ class Compression(Receiver):
             warnings.warn(PhysicsWarning(finding), stacklevel=2)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _compress_complex_and_find_peak_power(
     interleaved_iq: np.ndarray, coefficients: np.ndarray
 ) -> float:
@@ -103,7 +103,7 @@ def _compress_complex_and_find_peak_power(
     return largest_power
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _compress_real_and_find_peak_power(real_samples: np.ndarray, coefficients: np.ndarray) -> float:
     """Compress real numbers; return the largest x^2."""
     slope, limit, unity, two_thirds = coefficients

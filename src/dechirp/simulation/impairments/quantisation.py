@@ -2,10 +2,10 @@
 
 import warnings
 
-import numba
 import numpy as np
 
 from dechirp.core.checks import check_integer_fields, check_positive_fields
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
@@ -89,7 +89,7 @@ class Quantisation(Receiver):
             warnings.warn(PhysicsWarning(finding), stacklevel=2)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _quantise_and_count_clipped(sample_values: np.ndarray, step_and_code_bounds: np.ndarray) -> int:
     """Round to steps within bounds, in place; return the number of clipped values.
 

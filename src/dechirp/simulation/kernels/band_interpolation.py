@@ -11,8 +11,9 @@ with W the width of the band over the rate of the known samples (Laakso et al. 1
 from functools import cache, lru_cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
+
+from dechirp.core.compiled_kernels import kernel
 
 TAPS = 10
 _FIRST_TAP = 1 - TAPS // 2
@@ -96,7 +97,7 @@ def _least_squares_weights_and_error(
     return weights.T, float(np.sqrt(max(residual.max(), 0.0)))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _add_interpolated_rows(
     out: np.ndarray,
     rows: np.ndarray,

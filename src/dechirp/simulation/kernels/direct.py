@@ -17,10 +17,11 @@ the positions in a block are independent: 0.3 ns for each sample and scatterer w
 import math
 from typing import Literal, NamedTuple
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.phasors import phasors
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.kernels.base import Scatterers, Transmission
 
@@ -31,13 +32,15 @@ _TOLERANCE = 1e-10
 # Longest block, and largest number of blocks in a segment: rounding grows with their square, to
 # 1e-12.
 _WIDTH, _BLOCKS = 64, 128
+# Samples that the plain twin sums together.
+_PLAIN_BLOCK_SAMPLES = 2**14
 # Offsets of the tables: real and imaginary parts of I, U and V for each position, then of exp g for
 # each block. Constant unsigned offsets into one array let the compiler see that they do not
 # overlap. Views would cost 20 ns each in atomic counts.
 _RE_I, _IM_I, _RE_U, _IM_U, _RE_V, _IM_V, _RE_G = (np.uint64(_WIDTH * i) for i in range(7))
 _IM_G = np.uint64(6 * _WIDTH + _BLOCKS + 8)
 
-_compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+_compiled = kernel(fastmath={"contract"})
 
 
 class PreviousRamps(NamedTuple):
@@ -175,7 +178,76 @@ def _zeros_with_aligned_rows(shape: tuple[int, ...]) -> np.ndarray:
     return zeros[first : first + size].reshape(*outer, inner)
 
 
-@_compiled
+def _add_echoes_in_numpy(
+    out: np.ndarray,
+    path_terms_m: np.ndarray,
+    amplitudes: np.ndarray,
+    tx_gains: np.ndarray,
+    rx_gains: np.ndarray,
+    chirp_factors: np.ndarray,
+    starts_s: np.ndarray,
+    weights: np.ndarray,
+    weight_cycles: np.ndarray,
+    gaps_s: np.ndarray,
+    gap_cycles: np.ndarray,
+    low_s: np.ndarray,
+    high_s: np.ndarray,
+    tx_m: np.ndarray,
+    rx_m: np.ndarray,
+    start_frequency_hz: float,
+    slope_hz_per_s: float,
+    adc_start_s: float,
+    sample_rate_hz: float,
+    *_buffers: np.ndarray,
+) -> None:
+    """Plain twin of `_add_echoes_chirp_by_chirp`: the law in `base`, within 1e-9 of the echoes.
+
+    Sample by sample without series, so that the rounding of the range is the only error: 0.1 us
+    for each sample and scatterer. The samples of a block of chirps stay in the L2 cache.
+    """
+    n_chirps, _, n_samples = out.shape
+    on_ramp_s = adc_start_s + np.arange(n_samples) / sample_rate_hz
+    block = max(_PLAIN_BLOCK_SAMPLES // n_samples, 1)
+    for first in range(0, n_chirps, block):
+        m = slice(first, min(first + block, n_chirps))
+        times_s = starts_s[m, None] + on_ramp_s
+        sums = np.zeros((out.shape[1], *times_s.shape), complex)
+        for i, amplitude in enumerate(amplitudes):
+            factors = chirp_factors[m if len(chirp_factors) > 1 else slice(None), i, None]
+            position_m = _position_at_times(path_terms_m[:, :, i], times_s)
+            to_tx_m, to_rx_m = (
+                [
+                    np.linalg.norm(position_m - antenna[:, None, None], axis=0)
+                    for antenna in antennas
+                ]
+                for antennas in (tx_m, rx_m)
+            )
+            for turn, j, k in np.ndindex(len(weights), len(tx_m), len(rx_m)):
+                if not weights[turn, m, j].any():
+                    continue
+                delay_s = (to_tx_m[j] + to_rx_m[k]) / SPEED_OF_LIGHT
+                behind_s = delay_s - gaps_s[turn, m, None]
+                cycles = start_frequency_hz * delay_s
+                cycles -= np.floor(cycles)
+                cycles += slope_hz_per_s * behind_s * (on_ramp_s - behind_s / 2)
+                cycles += weight_cycles[turn, m, j, None] - gap_cycles[turn, m, None]
+                gain = amplitude * tx_gains[j, i] * rx_gains[k, i] * weights[turn, m, j, None]
+                size = gain * factors / (to_tx_m[j] * to_rx_m[k])
+                since_s = on_ramp_s - delay_s
+                is_present = (since_s >= low_s[turn, m, None]) & (since_s < high_s[turn, m, None])
+                sums[k] += np.where(is_present, size, 0.0) * phasors(cycles)
+        out[m] += sums.swapaxes(0, 1)
+
+
+def _position_at_times(path_terms_m: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+    """Return the position at each time, (3, *times), from its polynomial (term, axis)."""
+    position_m = np.zeros((3, *times_s.shape))
+    for term_m in path_terms_m[::-1]:
+        position_m = position_m * times_s + term_m[:, None, None]
+    return position_m
+
+
+@kernel(plain=_add_echoes_in_numpy, fastmath={"contract"})
 def _add_echoes_chirp_by_chirp(
     out: np.ndarray,
     path_terms_m: np.ndarray,

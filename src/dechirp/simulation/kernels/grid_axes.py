@@ -3,10 +3,10 @@
 from functools import lru_cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 import scipy.fft
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.kernels.band_interpolation import (
     MAX_OVERHANG,
@@ -144,7 +144,7 @@ def _beat_band_and_max_doppler_hz(
     return float(ends.min()), float(ends.max()), doppler_hz
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@kernel(fastmath={"contract", "reassoc"})
 def _distance_and_speed_bounds(
     path_terms_m: np.ndarray, centre_m: np.ndarray, max_time_s: float
 ) -> tuple[float, float, float]:

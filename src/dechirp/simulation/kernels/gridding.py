@@ -20,10 +20,10 @@ with real and imaginary parts in turn; WIDTH extra columns hold the values that 
 from functools import cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from scipy.special import i0
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.simulation.kernels.simd import WIDTH, add_line, add_patch, set_weighted_sum
 from dechirp.simulation.kernels.taylor import (
     BLOCK,
@@ -40,11 +40,9 @@ from dechirp.simulation.kernels.taylor import (
     polynomial_time_shift_matrix,
 )
 
-_compiled = numba.njit(
-    cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"}
-)
+_compiled = kernel(fastmath={"contract", "reassoc"})
 # Functions that call others are inlined, as in `taylor`.
-_inlined = numba.njit(inline="always", nogil=True, error_model="numpy", fastmath={"contract"})
+_inlined = kernel(inline="always", fastmath={"contract"}, cache=False)
 
 TAPS = 2 * WIDTH
 """Number of weights of one grid position: each twice, for real and imaginary parts."""

@@ -20,9 +20,9 @@ Scatterers with long series, near and fast ones or those that pass through many 
 few chirps, are left to the direct kernel.
 """
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.phasors import cosine_and_sine
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.kernels import direct
@@ -41,7 +41,7 @@ _COST_SAMPLE = 16
 # direct kernel.
 _TERM_NS, _TABLE_NS, _ENTRY_NS, _DIRECT_NS = 0.035, 0.7, 0.15, 0.3
 
-_compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+_compiled = kernel(fastmath={"contract"})
 
 
 def add_echoes(

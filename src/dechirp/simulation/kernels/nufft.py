@@ -12,10 +12,10 @@ With n scatterers and N samples, runs take O(n + N log N), and chirps O(n chirps
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from dechirp.core.buffers import scratch_complex64_array
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.threads import run_in_threads, split_range
 from dechirp.simulation.kernels import direct, low_rank, nufft_by_chirp, nufft_by_run
 from dechirp.simulation.kernels.base import Scatterers, Transmission
@@ -106,9 +106,7 @@ def _sort_by_range_and_split(scatterers: Scatterers) -> list[ScattererPaths]:
     ]
 
 
-_compiled = numba.njit(
-    cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"}
-)
+_compiled = kernel(fastmath={"contract", "reassoc"})
 
 
 @_compiled

@@ -8,11 +8,11 @@ and receiver. It is best for up to some thousand scatterers.
 from collections.abc import Iterator
 from math import comb
 
-import numba
 import numpy as np
 import scipy.fft
 
 from dechirp.core.buffers import scratch_complex64_array
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.threads import run_in_threads
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.kernels import direct
@@ -284,9 +284,7 @@ def _add_by_direct_kernel(
         )
 
 
-_compiled = numba.njit(
-    cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"}
-)
+_compiled = kernel(fastmath={"contract", "reassoc"})
 
 
 @_compiled

@@ -10,14 +10,18 @@ segments and the low-rank kernel passes on to it, are estimated from a sample.
 
 from typing import Literal, NamedTuple
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import (
+    can_compile,
+    compiled_kernels_for_large_work,
+    uses_compiled_kernels,
+)
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.threads import run_in_threads, split_range
+from dechirp.core.threads import run_in_threads, split_range, thread_count
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.engine import MIN_TOLERANCE, Engine
-from dechirp.simulation.kernels import direct, low_rank, nufft
+from dechirp.simulation.kernels import direct, low_rank
 from dechirp.simulation.kernels.base import Scatterers, Transmission
 
 Kernel = Literal["direct", "low-rank", "nufft"]
@@ -54,7 +58,12 @@ def predict_kernel_times(
     n_lines = int(np.count_nonzero(transmission.weights)) * n_rx
     n_pairs = int(np.count_nonzero(transmission.weights.any(axis=0))) * n_rx
     not_applicable = float("inf")
-    extra_segments = direct.estimate_segments_per_chirp(scatterers, transmission, n_samples) - 1
+    is_compiled = uses_compiled_kernels()
+    extra_segments = (
+        direct.estimate_segments_per_chirp(scatterers, transmission, n_samples) - 1
+        if is_compiled
+        else 0.0
+    )
     scatterer_s = n_samples * 0.29e-9 + 170e-9 + 300e-9 * extra_segments
     predicted = KernelCosts(
         direct=n_lines * (n_samples * 0.5e-9 + n * scatterer_s),
@@ -65,7 +74,7 @@ def predict_kernel_times(
         if tolerance >= MIN_TOLERANCE["nufft"] and scatterers.chirp_factors is None
         else not_applicable,
     )
-    if predicted.cheapest_kernel != "low-rank":
+    if predicted.cheapest_kernel != "low-rank" or not is_compiled:
         return predicted
     share = low_rank.estimate_fraction_cheaper_direct(
         scatterers, transmission, n_samples, tolerance=tolerance
@@ -90,8 +99,15 @@ def choose_kernel_and_predict_times(
     predicted = predict_kernel_times(
         cube_shape, scatterers, transmission, engine.effective_tolerance(dtype)
     )
-    if engine.kernel == "auto":
-        return predicted.cheapest_kernel, predicted
+    if engine.kernel == "auto":  # the direct kernel alone has a plain twin
+        return predicted.cheapest_kernel if uses_compiled_kernels() else "direct", predicted
+    if engine.kernel != "direct" and not can_compile():
+        raise InvalidSetting(
+            "Engine.kernel",
+            value=f"{engine.kernel}, without Numba",
+            expected="direct or auto, which have a plain form",
+            fix="choose auto, or run pip install numba and unset NUMBA_DISABLE_JIT",
+        )
     if np.isinf(predicted.predicted_time_s(engine.kernel)):
         raise InvalidSetting(
             "Engine.kernel",
@@ -121,7 +137,6 @@ def add_echoes(
         If a number is not finite, or the chosen kernel is not applicable.
     """
     _check_inputs_finite(scatterers, transmission)
-    tolerance = engine.effective_tolerance(out.dtype)
     used: set[str] = set()
     if engine.late != "held":
         late = _mask_of_late_scatterers(scatterers, transmission)
@@ -133,6 +148,16 @@ def add_echoes(
         scatterers = select_scatterers(scatterers, ~late)
     if not len(scatterers.amplitudes):
         return used
+    n_products = out.size * len(scatterers.amplitudes) * len(transmission.tx_m)
+    with compiled_kernels_for_large_work(n_products):
+        return used | _add_by_suitable_kernel(out, scatterers, transmission, engine)
+
+
+def _add_by_suitable_kernel(
+    out: np.ndarray, scatterers: Scatterers, transmission: Transmission, engine: Engine
+) -> set[str]:
+    """Add echoes by the kernel of the engine; return its name."""
+    tolerance = engine.effective_tolerance(out.dtype)
     kernel, predicted = choose_kernel_and_predict_times(
         out.shape, scatterers, transmission, engine, out.dtype
     )
@@ -148,8 +173,10 @@ def add_echoes(
 
         run_in_threads(n_threads, sum_rows, split_range(len(out), n_threads))
     else:
+        from dechirp.simulation.kernels import nufft
+
         nufft.add_echoes(out, scatterers, transmission, tolerance=tolerance, n_threads=n_threads)
-    return used | {kernel}
+    return {kernel}
 
 
 def select_scatterers(scatterers: Scatterers, selected: np.ndarray | slice) -> Scatterers:
@@ -202,7 +229,7 @@ def _add_by_direct_kernel(
 
 def _thread_count_for_duration(predicted_s: float) -> int:
     """Return one thread for short work, since another takes 0.05 ms to start."""
-    return numba.get_num_threads() if predicted_s > 0.3e-3 else 1
+    return thread_count() if predicted_s > 0.3e-3 else 1
 
 
 def _mask_of_late_scatterers(scatterers: Scatterers, transmission: Transmission) -> np.ndarray:

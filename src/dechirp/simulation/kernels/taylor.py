@@ -18,9 +18,9 @@ and S tau_0 the frequency D.
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.units import SPEED_OF_LIGHT
 
 ORDER = 7
@@ -50,10 +50,10 @@ WORK = _INBOUND + LANES * (_TERMS + 3)
 # Compilers keep divisions: with them a tone took 4.7 ns, with products 2.7.
 _PER_M, _THIRD, _FIFTH, _SIXTH = 1 / SPEED_OF_LIGHT, 1 / 3, 1 / 5, 1 / 6
 
-_compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+_compiled = kernel(fastmath={"contract"})
 # A function that calls others counts references to all of its arrays, 5 ns a tone, unless it is
 # inlined.
-_inlined = numba.njit(inline="always", nogil=True, error_model="numpy", fastmath={"contract"})
+_inlined = kernel(inline="always", fastmath={"contract"}, cache=False)
 
 
 class AntennaPairView(NamedTuple):

@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.threads import run_in_threads, split_range
 from dechirp.simulation.kernels.base import Transmission
 from dechirp.simulation.kernels.chebyshev import economised_monomials_and_rms_errors
@@ -24,9 +24,7 @@ from dechirp.simulation.kernels.taylor import (
     polynomial_time_shift_matrix,
 )
 
-_compiled = numba.njit(
-    cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"}
-)
+_compiled = kernel(fastmath={"contract", "reassoc"})
 
 MAX_FIELDS = 6
 """Largest number of fields of a series; scatterers that need more are summed in another way."""

@@ -1,0 +1,148 @@
+"""Kernels: loops that Numba compiles, each with a plain twin for small work and without Numba.
+
+Compiling the kernels of a first frame takes 30 s of CPU time, once for each installation, and
+loading them again takes 1.5 s in every process; the plain twins of NumPy and SciPy take 0.2 s for a
+frame of the reference scenario. Therefore
+
+* a run of few samples uses the twins, see `plain_twins_for_small_work`;
+* larger runs, studies and live pages use the compiled kernels;
+* without Numba, or with its setting NUMBA_DISABLE_JIT=1, everything uses the twins.
+
+The choice depends on the size of the work alone, not on time, caches or threads, so that equal
+calls return equal bits. Numba is imported when a compiled kernel is called for the first time.
+"""
+
+import functools
+import importlib.util
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cache, cached_property
+from typing import Any, Final, TypeVar, cast
+
+import numpy as np
+
+from dechirp.core.errors import InvalidSetting
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+AS_WRITTEN: Final = "as written"
+"""Plain twin of a kernel whose own body is fast enough: short loops, or calls of other kernels."""
+
+MAX_PLAIN_SAMPLES = 2**21
+"""Samples, times echoes in a simulation, up to which the plain twins cost less than loading the
+compiled kernels: 0.5 us each."""
+
+_uses_plain_twins: ContextVar[bool | None] = ContextVar("_uses_plain_twins", default=None)
+
+
+class Kernel:
+    """Function with a compiled and a plain form; calls use the one that suits the work."""
+
+    def __init__(
+        self, function: Callable[..., Any], plain: Callable[..., Any] | str | None, options: Any
+    ) -> None:
+        functools.update_wrapper(self, function)
+        self.function = function
+        self.plain = function if plain == AS_WRITTEN else cast(Callable[..., Any] | None, plain)
+        """The twin; None if the kernel needs Numba."""
+        self.options = options
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the plain twin in small work and without Numba, else the compiled function."""
+        if uses_compiled_kernels():
+            return self.dispatcher(*arguments)
+        if self.plain is not None:
+            with np.errstate(all="ignore"):  # as in compiled code
+                return self.plain(*arguments)
+        if not can_compile():
+            raise InvalidSetting(
+                self.__qualname__,
+                value=f"a compiled loop of {self.__module__}, without Numba",
+                expected="Numba, and NUMBA_DISABLE_JIT unset: this loop has no plain form",
+                fix="run pip install numba, or unset NUMBA_DISABLE_JIT",
+            )
+        return self.dispatcher(*arguments)
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """The function as Numba's dispatcher, compiled for each signature when called with it."""
+        return _import_numba().njit(**self.options)(self.function)
+
+    def __getattr__(self, name: str) -> Any:
+        # Numba reads these of a function that another one calls, to inline it.
+        if name in ("targetoptions", "py_func"):
+            return getattr(self.dispatcher, name)
+        raise AttributeError(name)
+
+
+def kernel(
+    *,
+    plain: Callable[..., Any] | str | None = None,
+    cache: bool = True,
+    nogil: bool = True,
+    error_model: str = "numpy",
+    **options: Any,
+) -> Callable[[F], F]:
+    """Return a decorator that makes a kernel of a function, with options of `numba.njit`.
+
+    `plain` is a function of the same arguments and results in NumPy and SciPy, or AS_WRITTEN.
+    Kernels that only other compiled kernels call need none.
+    """
+    options |= {"cache": cache, "nogil": nogil, "error_model": error_model}
+
+    def make_kernel(function: F) -> F:
+        return cast(F, Kernel(function, plain, options))
+
+    return make_kernel
+
+
+@cache
+def can_compile() -> bool:
+    """Return True if Numba is installed and not switched off by NUMBA_DISABLE_JIT."""
+    is_off = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+    return not is_off and importlib.util.find_spec("numba") is not None
+
+
+def uses_compiled_kernels() -> bool:
+    """Return True if kernels that have a plain twin are called in their compiled form."""
+    return not _uses_plain_twins.get() and can_compile()
+
+
+@contextmanager
+def plain_twins_for_small_work(n_samples: float) -> Iterator[None]:
+    """Use plain twins inside the block if it processes few samples, see MAX_PLAIN_SAMPLES.
+
+    An enclosing block for more samples decides for those within it.
+    """
+    is_within_large_work = _uses_plain_twins.get() is False
+    token = _uses_plain_twins.set(not is_within_large_work and n_samples <= MAX_PLAIN_SAMPLES)
+    try:
+        yield
+    finally:
+        _uses_plain_twins.reset(token)
+
+
+@contextmanager
+def compiled_kernels_for_large_work(n_samples: float) -> Iterator[None]:
+    """Use compiled kernels inside the block if it processes many samples; else change nothing."""
+    token = _uses_plain_twins.set(
+        False if n_samples > MAX_PLAIN_SAMPLES else _uses_plain_twins.get()
+    )
+    try:
+        yield
+    finally:
+        _uses_plain_twins.reset(token)
+
+
+@cache
+def _import_numba() -> Any:
+    import numba
+    from numba.extending import typeof_impl
+
+    @typeof_impl.register(Kernel)
+    def type_of_kernel(kernel: Kernel, context: Any) -> Any:  # in the code of other kernels
+        return typeof_impl(kernel.dispatcher, context)
+
+    return numba
