@@ -1,7 +1,8 @@
 """Faults of a recording that affect a run: reported, and repaired where that is safe.
 
 Some frames decide before the run which receivers work, and whether chirps contain bursts. Every
-frame is measured during the run, and its outlier and lost chirps are interpolated.
+frame is measured during the run, its outlier and lost chirps are interpolated, and chirps that
+begin between two samples are aligned.
 """
 
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ from dechirp.core.text import format_number_ranges
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.inspection import find_sample_findings
 from dechirp.processing.chain import Chain
+from dechirp.processing.mitigation.chirp_alignment import MIN_OFFSET, align_chirps
 from dechirp.processing.mitigation.chirp_interpolation import (
     interpolable_chirp_mask,
     interpolate_chirps,
@@ -105,6 +107,7 @@ class MeasuredFrames:
         self._recording, self._treatment = recording, treatment
         self._measurer = QualityMeasurer(recording.radar, n_frames=recording.n_frames)
         self._n_chirps = self._n_interpolated = self._n_zeroed = 0
+        self._largest_offset = 0.0
 
     def __iter__(self) -> Iterator[xr.DataArray]:
         """Yield cubes of one frame each of the receivers in use, without outlier chirps."""
@@ -117,6 +120,10 @@ class MeasuredFrames:
             )
             used_samples = samples[:, receivers]
             if self._treatment.repairs_chirps:
+                if contents.start_offsets is not None:
+                    offsets = contents.start_offsets[number]
+                    used_samples = align_chirps(used_samples, offsets)
+                    self._largest_offset = max(self._largest_offset, float(abs(offsets).max()))
                 is_missing = outlier_chirp_mask(measures["unlike"], measures["burst"])
                 is_missing |= measures["lost"]
                 if is_missing.any():
@@ -145,6 +152,7 @@ class MeasuredFrames:
                 for finding in findings
                 if finding.level == "warning"
             ),
+            *_chirp_alignment_findings(self._largest_offset),
             *_chirp_repair_findings(self._n_interpolated, self._n_zeroed, self._n_chirps),
         )
 
@@ -181,6 +189,22 @@ def _chosen_burst_repair_note(has_burst: np.ndarray) -> Finding:
         expected="samples without bursts, which raise the noise of a whole frame",
         fix=f"give another mitigation to replace it; {_UNDO_TEXT}",
     )
+
+
+def _chirp_alignment_findings(largest_offset: float) -> tuple[Finding, ...]:
+    """Return a note on chirps that begin between two samples; `largest_offset` in intervals."""
+    if largest_offset <= MIN_OFFSET:
+        return ()
+    note = Finding(
+        level="note",
+        setting="recording.repair_faults",
+        value=f"chosen {_REPAIR_OPTION} because chirps begin up to {largest_offset:.2f} sample"
+        " intervals from their first sample: interpolated at equal times of each ramp",
+        expected="a sample clock synchronous with the ramps, else static echoes have images at"
+        " other velocities",
+        fix=_UNDO_TEXT,
+    )
+    return (note,)
 
 
 def _chirp_repair_findings(

@@ -38,6 +38,9 @@ def renumber_frames_from_zero(recording: Recording) -> Recording:
         n_frames=n_frames,
         decode=None if decode is None else decode_later,
         gaps=None if contents.gaps is None else contents.gaps[first : first + n_frames],
+        start_offsets=None
+        if contents.start_offsets is None
+        else contents.start_offsets[first : first + n_frames],
         frame_starts_s=None if starts_s is None else starts_s[first : first + n_frames] - start_s,
         points=None
         if recording.points is None

@@ -66,6 +66,10 @@ class Contents:
     """Units of the samples; "full scale" means that full scale is 1."""
     gaps: np.ndarray | None = field(default=None, repr=False)
     """(frame, chirp), True where samples of the chirp were lost (zero); None without losses."""
+    start_offsets: np.ndarray | None = field(default=None, repr=False)
+    """(frame, chirp): start of each chirp after its first sample, in sample intervals; None if all
+    begin with it. See `processing.mitigation.chirp_alignment`.
+    """
     frame_starts_s: np.ndarray | None = field(default=None, repr=False)
     """(frame,), measured start of each frame from that of the first; None: those of the radar."""
     points: xr.Dataset | None = field(default=None, repr=False)

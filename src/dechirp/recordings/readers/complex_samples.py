@@ -33,7 +33,11 @@ from dechirp.recordings.readers.base import (
     RecordingHints,
     identify_non_raw_content,
 )
-from dechirp.recordings.samples.continuous import chirp_start_samples, count_frames_with_pauses
+from dechirp.recordings.samples.continuous import (
+    chirp_start_offsets,
+    chirp_start_samples,
+    count_frames_with_pauses,
+)
 from dechirp.recordings.samples.iq_order import negative_beat_frequency_findings
 from dechirp.recordings.samples.sample_order import choose_sample_order, spectral_concentration
 from dechirp.recordings.settings.base import Iq
@@ -150,7 +154,8 @@ def _choose_without_or_with_pauses(
         n_frames = count_frames_with_pauses(path, frame, n_samples)
     except RecordingError:
         return packed
-    orders = [packed, replace(continuous, n_frames=n_frames)]
+    offsets = chirp_start_offsets(frame, n_frames)
+    orders = [packed, replace(continuous, n_frames=n_frames, start_offsets=offsets)]
     best_index, findings = choose_sample_order(
         [
             "chirps one after the other, without pauses",

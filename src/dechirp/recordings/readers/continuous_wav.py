@@ -18,6 +18,7 @@ from dechirp.radar.frame import Frame
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.samples.continuous import (
     check_single_receiver_and_sampling,
+    chirp_start_offsets,
     chirp_start_samples,
     count_frames_with_pauses,
     join_single_chirps,
@@ -96,6 +97,7 @@ class ContinuousWav(Format):
             radar=radar,
             n_frames=n_frames,
             decode=decode,
+            start_offsets=chirp_start_offsets(frame, n_frames),
             findings=(*findings, *_assumed_start_and_length_findings(files, frame)),
             iq=iq,
         )

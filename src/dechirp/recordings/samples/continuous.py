@@ -149,9 +149,20 @@ def _mean_frame_duration_s(frame: Frame) -> float:
 
 def chirp_start_samples(frame: Frame, index: int) -> np.ndarray:
     """Return the first sample of each chirp of a frame, (chirp,) int64, pauses included."""
+    return np.rint(_chirp_starts(frame, index)).astype(np.int64)
+
+
+def chirp_start_offsets(frame: Frame, n_frames: int) -> np.ndarray:
+    """Return the starts of the chirps after their first samples, (frame, chirp) in intervals."""
+    starts = np.array([_chirp_starts(frame, index) for index in range(n_frames)])
+    return np.asarray(starts - np.rint(starts))
+
+
+def _chirp_starts(frame: Frame, index: int) -> np.ndarray:
+    """Return the start of each chirp of a frame, (chirp,) in sample intervals."""
     chirp = frame.chirp
     starts_s = frame.frame_start_s(index) + frame.for_frame(index).chirp_starts_s
-    return np.rint((starts_s + chirp.adc_start_s) * chirp.sample_rate_hz).astype(np.int64)
+    return np.asarray((starts_s + chirp.adc_start_s) * chirp.sample_rate_hz)
 
 
 def count_frames_with_pauses(path: Path, frame: Frame, n_samples: int) -> int:
