@@ -3,7 +3,7 @@
     python fuzz/all.py                   60 s for each of about thirty kinds of input
     python fuzz/all.py --seconds 600
 
-The file readers need atheris (`pip install -e ".[fuzz]"`, Linux) and are skipped without it.
+The file readers need atheris (`pip install --group fuzz`, Linux) and are skipped without it.
 """
 
 import argparse

@@ -63,8 +63,8 @@ def declared_libraries() -> dict[str, list[str]]:
     """Return the libraries that users can install, by extra; `core` for those without extra."""
     project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    user_extras = {name for name in extras if name not in {"all", "dev", "docs", "fuzz", "release"}}
-    requirements = {"core": project["dependencies"], **{name: extras[name] for name in user_extras}}
+    requirements = {"core": project["dependencies"], **extras}
+    del requirements["all"]
     return {
         name: [library_name(requirement) for requirement in entries]
         for name, entries in requirements.items()

@@ -905,7 +905,7 @@ def fake_installation(folder, monkeypatch):
 
 
 def test_doctor_reports_dependencies_extras_and_kernels(run_cli, fake_installation):
-    fake_installation("numpy>=2.0", 'pytest>=8; extra == "dev"', "no-such-thing; extra == 'web'")
+    fake_installation("numpy>=2.0", 'pytest>=8; extra == "track"', "no-such-thing; extra == 'web'")
 
     status, out, _ = run_cli("doctor", "--json")
 
@@ -913,7 +913,7 @@ def test_doctor_reports_dependencies_extras_and_kernels(run_cli, fake_installati
     assert status == 0
     assert document["dependencies"] == {"numpy": np.__version__}
     assert document["extras"] == {
-        "dev": {"pytest": pytest.__version__},
+        "track": {"pytest": pytest.__version__},
         "web": {"no-such-thing": None},
     }
     assert "simd_range_doppler.transform_sample_blocks_over_chirps" in document["kernels"]

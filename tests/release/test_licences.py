@@ -9,9 +9,10 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from release.pinned_requirements import PROJECT, ROOT
+from release.pinned_requirements import GROUPS, PROJECT, ROOT
 
-EXTRAS = PROJECT["optional-dependencies"]
+EXTRAS = {**PROJECT["optional-dependencies"], **GROUPS}
+"""Requirements by the name of their extra or dependency group."""
 # These licences require their text in copies, and nothing of code that imports the package.
 PERMISSIVE = {
     *("0BSD", "BSD", "BSD License", "BSD-2-Clause", "BSD-3-Clause", "BSD 3-Clause"),
@@ -21,7 +22,7 @@ PERMISSIVE = {
     *("Apache-2.0", "Apache 2.0", "Apache License 2.0", "Apache Software License"),
     "LLVM-exception",
 }
-# Licence and extra by package name; `docs/supply.md` gives the reasons.
+# Licence and extra or group by package name; `docs/supply.md` gives the reasons.
 PAGE = (ROOT / "docs" / "supply.md").read_text(encoding="utf-8")
 DOCUMENTED_LICENCES = {
     name: (licence, extra)
@@ -77,7 +78,7 @@ def read_licence(package: Distribution) -> str:
 
 @cache
 def collect_licences(extra: str | None) -> dict[str, str]:
-    """Collect the licences of all packages that an extra installs, by package name."""
+    """Collect the licences of all packages that an extra or group installs, by package name."""
     lines = PROJECT["dependencies"] if extra is None else EXTRAS[extra]
     return {
         canonicalize_name(package.name): read_licence(package)
@@ -103,7 +104,7 @@ def test_non_permissive_licences_are_documented(extra):
     try:
         licences_by_name = collect_licences(extra)
     except PackageNotFoundError as error:
-        pytest.skip(f"{error}: install the extra {extra}")
+        pytest.skip(f"{error}: install {extra}")
     restrictive = {
         name: licence for name, licence in licences_by_name.items() if not is_permissive(licence)
     }

@@ -1,15 +1,16 @@
 """Pinned requirements of CI: hashes, and agreement with pyproject.toml."""
 
 import re
+from collections.abc import Iterable
 from itertools import product
 
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from release.pinned_requirements import PROJECT, read_pins, read_requirements
+from release.pinned_requirements import GROUPS, PROJECT, ROOT, read_pins, read_requirements
 
-PINNED_EXTRAS = {"all.txt": ["all"], "ci.txt": ["dev", "docs"]}
+PINNED_GROUPS = {"all.txt": [], "ci.txt": ["dev", "docs"]}
 PLATFORMS = [
     {"python_version": ".".join(full.split(".")[:2]), "python_full_version": full, **system}
     for full, system in product(
@@ -29,24 +30,14 @@ def is_applicable(requirement: Requirement, platform: dict[str, str]) -> bool:
     return requirement.marker is None or requirement.marker.evaluate({**cpython, **platform})
 
 
-def collect_requirements(extras: list[str]) -> list[Requirement]:
-    """Collect the requirements of the package and of extras, including nested extras."""
-    lines = list(PROJECT["dependencies"])
-    pending, visited = list(extras), set()
-    while pending:
-        if (extra := pending.pop()) in visited:
-            continue
-        visited.add(extra)
-        for line in PROJECT["optional-dependencies"][extra]:
-            requirement = Requirement(line)
-            if requirement.name == PROJECT["name"]:
-                pending += requirement.extras
-            else:
-                lines.append(line)
-    return [Requirement(line) for line in lines]
+def collect_requirements(groups: Iterable[str]) -> list[Requirement]:
+    """Collect the requirements of the package, of its extras, and of dependency groups."""
+    extras = [lines for name, lines in PROJECT["optional-dependencies"].items() if name != "all"]
+    sources = [PROJECT["dependencies"], *extras, *(GROUPS[name] for name in groups)]
+    return [Requirement(line) for lines in sources for line in lines]
 
 
-@pytest.mark.parametrize("name", PINNED_EXTRAS)
+@pytest.mark.parametrize("name", PINNED_GROUPS)
 def test_every_pin_has_hashes_and_no_source_url(name):
     lines = read_requirements(name).splitlines()
     pin_lines = [line for line in lines if line and not line.startswith(("#", " "))]
@@ -57,7 +48,7 @@ def test_every_pin_has_hashes_and_no_source_url(name):
     assert not re.search(r"://|index-url|find-links|trusted-host| @ ", read_requirements(name))
 
 
-@pytest.mark.parametrize("name", PINNED_EXTRAS)
+@pytest.mark.parametrize("name", PINNED_GROUPS)
 @pytest.mark.parametrize("platform", PLATFORMS, ids=lambda place: "-".join(place.values()))
 def test_each_dependency_has_one_valid_pin_per_platform(name, platform):
     pinned_versions: dict[str, list[str]] = {}
@@ -69,7 +60,7 @@ def test_each_dependency_has_one_valid_pin_per_platform(name, platform):
         package: versions for package, versions in pinned_versions.items() if len(versions) > 1
     } == {}
 
-    for requirement in collect_requirements(PINNED_EXTRAS[name]):
+    for requirement in collect_requirements(PINNED_GROUPS[name]):
         if is_applicable(requirement, platform):
             (version,) = pinned_versions.get(canonicalize_name(requirement.name), [None])
             assert version, f"{requirement.name} has no pin: bash .ci/lock"
@@ -80,16 +71,37 @@ def test_each_dependency_has_one_valid_pin_per_platform(name, platform):
 
 def test_user_pins_are_among_ci_pins():
     user_pins, ci_pins = (
-        {f"{pin.name}{pin.specifier}" for pin, _ in read_pins(name)} for name in PINNED_EXTRAS
+        {f"{pin.name}{pin.specifier}" for pin, _ in read_pins(name)} for name in PINNED_GROUPS
     )
     assert user_pins <= ci_pins
 
 
 def test_every_dependency_has_lower_bound():
-    extras = [name for name in PROJECT["optional-dependencies"] if name != "all"]
     unbounded = [
         str(requirement)
-        for requirement in collect_requirements(extras)
+        for requirement in collect_requirements(GROUPS)
         if ">=" not in str(requirement.specifier)
     ]
     assert unbounded == []
+
+
+def test_extra_all_names_all_others():
+    extras = dict(PROJECT["optional-dependencies"])
+    (line,) = extras.pop("all")
+    assert Requirement(line).extras == extras.keys()
+
+
+def test_groups_are_not_published_as_extras():
+    assert GROUPS.keys() == {"dev", "docs", "fuzz", "release"}
+    assert not GROUPS.keys() & PROJECT["optional-dependencies"].keys()
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
+def test_shown_commands_install_existing_groups_with_new_pip(name):
+    text = (ROOT / name).read_text(encoding="utf-8")
+    groups = re.findall(r"--group (\w+)", text)
+    extras = re.findall(r'install -e "\.\[(\w+)\]"', text)
+    assert "dev" in groups and set(groups) <= GROUPS.keys()
+    assert extras and set(extras) <= PROJECT["optional-dependencies"].keys()
+    # pip 23, which comes with Python 3.11, has no --group.
+    assert text.index("python -m pip install --upgrade pip\n") < text.index("--group")
