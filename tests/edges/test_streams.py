@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -499,6 +500,27 @@ def run_options(sensor, tmp_path, monkeypatch) -> list[str]:
     monkeypatch.chdir(tmp_path)
     Path("radar.yaml").write_text(dump_yaml(sensor))
     return ["--radar", "radar.yaml", "--device", "xwr1843", "--iq", "iq", "--out", "out"]
+
+
+def test_live_stream_repairs_faults_as_run_does(capture, sensor, tmp_path):
+    codes = np.frombuffer(capture.read_bytes(), "<i2").copy()
+    codes.reshape(-1, sensor.array.n_rx, 2 * sensor.frame.chirp.n_samples)[:, 2] = 0
+    path = tmp_path / "dead_receiver.bin"
+    path.write_bytes(codes.tobytes())
+    source = RecordingSource(path=str(path), device="xwr1843", iq="iq")
+    scenario = dc.Scenario(recording=source, radar=sensor)
+
+    live_result = dc.process_stream(scenario, open_stream(scenario, idle_s=0.05))
+    recorded_result = dc.run(scenario)
+
+    assert live_result.radar.array.n_rx == sensor.array.n_rx - 1
+    assert live_result.cube.sizes["rx"] == sensor.array.n_rx - 1
+    xr.testing.assert_identical(live_result.detections, recorded_result.detections)
+    assert any("receiver 2 left out" in f.value for f in live_result.findings)
+    assert any(f.setting == "recording.receivers" for f in live_result.findings)
+    as_recorded = replace(scenario, recording=replace(source, repair_faults=False))
+    live_result = dc.process_stream(as_recorded, open_stream(as_recorded, idle_s=0.05))
+    assert live_result.radar.array.n_rx == sensor.array.n_rx
 
 
 def test_live_stream_gives_same_result_as_recording(capture, sensor):

@@ -1,12 +1,17 @@
 """Faults of recordings in `dechirp run`: reported, and left out or repaired where that is safe."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import dechirp as dc
 from dechirp.cli.main import main
+from dechirp.experiments.scenario import RecordingSource
+from dechirp.experiments.tune.trial_sources import RecordingTrialRunner
+from dechirp.experiments.tune.tune import LabelledRecording
 from nightly import nightly_except
 from radars import street_radar
 
@@ -177,6 +182,63 @@ def test_samples_as_recorded_and_undo_of_repair(tmp_path, capsys):
     assert len(document["radar"]["array"]["rx_m"]) == 4
     assert finding_text(document, "recording.repair_faults") == ""
     assert "chirp 20 of frames 0 to 1" in finding_text(document, "recording.chirps")
+
+
+@pytest.fixture
+def damaged_recording(tmp_path) -> dc.Recording:
+    """Recording with a dead receiver, and noise in place of chirp 20."""
+    radar = make_radar()
+    samples = simulate_static_samples(radar, [20])
+    samples[:, :, 2] = 0
+    cube = dc.simulate(dc.Scene(targets=[]), radar, n_frames=2, impairments=[])
+    dc.write(dc.recording_from_cube(cube.copy(data=samples), radar), tmp_path / "x.zarr")
+    return dc.open(tmp_path / "x.zarr")
+
+
+def assert_repaired(cube, damaged_recording):
+    """Check that a cube has the working receivers, and chirp 20 like its neighbours."""
+    recorded = damaged_recording.cube.values[:, :, [0, 1, 3]]
+    assert cube.sizes["rx"] == 3
+    others = np.arange(64) != 20
+    assert np.array_equal(cube.values[:, others], recorded[:, others])
+    difference = np.abs(cube.values[:, 20] - cube.values[:, 19])
+    # The target is static: chirps differ by noise, 40 dB below the noise that replaced chirp 20.
+    assert np.mean(difference**2) < 0.1 * np.mean(np.abs(recorded[:, 20]) ** 2)
+
+
+def test_result_contains_processed_samples(damaged_recording):
+    source = RecordingSource(path=str(damaged_recording.path))
+    result = dc.run(dc.Scenario(recording=source))
+
+    assert_repaired(result.cube, damaged_recording)
+    assert_repaired(xr.concat(result.frames(), "frame"), damaged_recording)
+    as_recorded = dc.run(dc.Scenario(recording=replace(source, repair_faults=False)))
+    assert np.array_equal(as_recorded.cube.values, damaged_recording.cube.values)
+
+
+def test_tune_processes_repaired_frames(damaged_recording):
+    source = RecordingSource(path=str(damaged_recording.path))
+    recorded = LabelledRecording(
+        scenario=dc.Scenario(recording=source),
+        truth=dc.Scene(targets=[dc.Target(name="t", position_m=(12, 0, 0), rcs_m2=1000)]),
+    )
+    runner = RecordingTrialRunner(recorded, (dc.scores.DetectionProbability(),))
+
+    assert_repaired(runner.recording.cube, damaged_recording)
+    assert runner.radar.array.n_rx == 3
+
+
+def test_twin_simulates_repaired_frame(damaged_recording):
+    twin = dc.twin(damaged_recording)
+
+    assert twin.scenario.radar.array.n_rx == 3
+    # Noise in place of a chirp adds to all velocities, 13 dB over the noise of the others.
+    assert len(twin.scenario.scene.targets) <= 3
+    text = "; ".join(f"{f.value}: {f.fix}" for f in twin.findings)
+    assert "chosen repair_faults=True because receiver 2" in text
+    assert "chosen repair_faults=True because 1 of 64 chirps" in text
+    assert "dc.twin(recording, repair_faults=False)" in text
+    assert dc.twin(damaged_recording, repair_faults=False).scenario.radar.array.n_rx == 4
 
 
 def test_too_many_damaged_chirps_are_reported(tmp_path, capsys):

@@ -127,13 +127,16 @@ def _first_frame_map_and_sample_findings(
         if progress is not None:
             progress(measurer.n_frames, recording.n_frames)
     measures = measurer.joined_measures(recording.contents.units)
-    return power, recording.findings + find_sample_findings(recording, measures)
+    findings = recording.findings
+    return power, findings + find_sample_findings(measures, recording.radar, findings)
 
 
-def find_sample_findings(recording: Recording, measures: xr.Dataset) -> tuple[Finding, ...]:
-    """Return the findings on the samples of a recording that its reader has not reported."""
-    findings = recording_findings(measures, recording.radar)
-    warned_settings = {f.setting for f in recording.findings if f.level == "warning"}
+def find_sample_findings(
+    measures: xr.Dataset, radar: Radar, reader_findings: tuple[Finding, ...]
+) -> tuple[Finding, ...]:
+    """Return the findings on measured samples that the reader of a recording has not reported."""
+    findings = recording_findings(measures, radar)
+    warned_settings = {f.setting for f in reader_findings if f.level == "warning"}
     if "iq" in warned_settings:  # the reader has checked the sign of beat frequencies
         return tuple(finding for finding in findings if finding.setting != "recording.iq")
     return findings

@@ -33,6 +33,7 @@ from dechirp.processing.quality.chirp_findings import (
 from dechirp.processing.quality.measures import QualityMeasurer
 from dechirp.processing.quality.receivers import working_receivers
 from dechirp.processing.quality.recording_measures import RecordingMeasures
+from dechirp.radar.radar import Radar
 from dechirp.recordings.recording import Recording, label_frames_as_cube
 
 _N_SAMPLED_FRAMES = 8  # frames all over the recording that decide before the run
@@ -43,14 +44,12 @@ _MAX_BURST_SHARE = 0.5  # of the chirps; repair needs a background in the others
 
 @frozen_dataclass
 class FaultTreatment:
-    """Treatment of the faults of a recording in a run."""
+    """Treatment of the faults of a recording or a stream."""
 
-    recording: Recording
-    """The recording without the receivers that do not work."""
     receivers: tuple[int, ...]
     """Receivers that are used, by their numbers in the recording."""
     repairs_chirps: bool
-    """Whether outlier and lost chirps are interpolated."""
+    """Whether outlier and lost chirps are interpolated, and chirps aligned."""
     chain: Chain
     findings: tuple[Finding, ...]
     """Notes on what was left out or chosen."""
@@ -59,32 +58,37 @@ class FaultTreatment:
 def treat_recording_faults(
     recording: Recording, chain: Chain, *, repairs_faults: bool = True, fits_chain: bool = True
 ) -> FaultTreatment:
+    """Choose the treatment of a recording by some of its frames, see `treat_measured_faults`."""
+    if not repairs_faults:
+        return keep_faults(recording.radar, chain)
+    return treat_measured_faults(_measure_sampled_frames(recording), chain, fits_chain=fits_chain)
+
+
+def keep_faults(radar: Radar, chain: Chain) -> FaultTreatment:
+    """Return the treatment that keeps the samples of all receivers as recorded."""
+    receivers = tuple(range(radar.array.n_rx))
+    return FaultTreatment(receivers=receivers, repairs_chirps=False, chain=chain, findings=())
+
+
+def treat_measured_faults(
+    measures: RecordingMeasures, chain: Chain, *, fits_chain: bool
+) -> FaultTreatment:
     """Leave out receivers that do not work, and choose a repair where chirps contain bursts.
 
-    Without `fits_chain`, or with mitigation of its own, the chain stays unchanged. Without
-    `repairs_faults`, the samples do too.
+    Without `fits_chain`, or with mitigation of its own, the chain stays unchanged.
     """
-    used = tuple(range(recording.radar.array.n_rx))
+    used = tuple(range(measures.radar.array.n_rx))
     findings: tuple[Finding, ...] = ()
-    if repairs_faults:
-        measures = _measure_sampled_frames(recording)
-        working = working_receivers(measures)
-        if 0 < working.size < len(used):
-            findings += (_left_out_receivers_note(np.setdiff1d(used, working), working),)
-            used = tuple(working.tolist())
-            recording = recording.select_receivers(used)
-        has_burst = has_burst_mask(measures)
-        is_repairable = has_burst.any() and has_burst.mean() < _MAX_BURST_SHARE
-        if is_repairable and fits_chain and not chain.mitigation:
-            chain = replace(chain, mitigation=(InterferenceAutoregression(),))
-            findings += (_chosen_burst_repair_note(has_burst),)
-    return FaultTreatment(
-        recording=recording,
-        receivers=used,
-        repairs_chirps=repairs_faults,
-        chain=chain,
-        findings=findings,
-    )
+    working = working_receivers(measures)
+    if 0 < working.size < len(used):
+        findings += (_left_out_receivers_note(np.setdiff1d(used, working), working),)
+        used = tuple(working.tolist())
+    has_burst = has_burst_mask(measures)
+    is_repairable = has_burst.any() and has_burst.mean() < _MAX_BURST_SHARE
+    if is_repairable and fits_chain and not chain.mitigation:
+        chain = replace(chain, mitigation=(InterferenceAutoregression(),))
+        findings += (_chosen_burst_repair_note(has_burst),)
+    return FaultTreatment(receivers=used, repairs_chirps=True, chain=chain, findings=findings)
 
 
 def _measure_sampled_frames(recording: Recording) -> RecordingMeasures:
@@ -100,52 +104,60 @@ def _measure_sampled_frames(recording: Recording) -> RecordingMeasures:
     )
 
 
-class MeasuredFrames:
-    """Frames of a recording for processing, measured and repaired on the way."""
+class FrameRepair:
+    """Repair of successive frames, which are measured on the way."""
 
-    def __init__(self, recording: Recording, treatment: FaultTreatment) -> None:
-        self._recording, self._treatment = recording, treatment
-        self._measurer = QualityMeasurer(recording.radar, n_frames=recording.n_frames)
+    def __init__(self, radar: Radar, treatment: FaultTreatment, *, n_frames: int = 1) -> None:
+        self._radar, self._treatment = radar, treatment
+        self._measurer = QualityMeasurer(radar, n_frames=n_frames)
         self._n_chirps = self._n_interpolated = self._n_zeroed = 0
         self._largest_offset = 0.0
 
-    def __iter__(self) -> Iterator[xr.DataArray]:
-        """Yield cubes of one frame each of the receivers in use, without outlier chirps."""
-        recording, receivers = self._recording, list(self._treatment.receivers)
-        contents = self._treatment.recording.contents
-        n_slots = recording.radar.frame.n_slots
-        for number, samples, is_lost in recording.iter_frame_samples():
-            measures = self._measurer.add_frame(
-                samples, is_lost, recording.radar.frame.frame_start_s(number)
-            )
-            used_samples = samples[:, receivers]
-            if self._treatment.repairs_chirps:
-                if contents.start_offsets is not None:
-                    offsets = contents.start_offsets[number]
-                    used_samples = align_chirps(used_samples, offsets)
-                    self._largest_offset = max(self._largest_offset, float(abs(offsets).max()))
-                is_missing = outlier_chirp_mask(measures["unlike"], measures["burst"])
-                is_missing |= measures["lost"]
-                if is_missing.any():
-                    used_samples = interpolate_chirps(used_samples, is_missing, n_slots)
-                    n_interpolated = int(interpolable_chirp_mask(is_missing, n_slots).sum())
-                    self._n_interpolated += n_interpolated
-                    self._n_zeroed += int(is_missing.sum()) - n_interpolated
-            self._n_chirps += len(used_samples)
-            gaps = None if is_lost is None else is_lost[None]
-            yield label_frames_as_cube(used_samples[None], contents, first_frame=number, gaps=gaps)
+    @property
+    def has_changed_samples(self) -> bool:
+        """True if a chirp of a receiver in use was changed."""
+        return self._n_interpolated + self._n_zeroed > 0 or self._largest_offset > MIN_OFFSET
 
-    def first_and_middle_frame(self) -> Iterator[xr.DataArray]:
-        """Yield the cubes of two frames, repaired as in the run: the first may be damaged."""
-        numbers = self._recording.frame_numbers
-        for number in sorted({numbers[0], numbers[len(numbers) // 2]}):
-            frame = self._recording.select_frames(number, number + 1)
-            yield from MeasuredFrames(frame, self._treatment)
+    def repair_samples(
+        self,
+        samples: np.ndarray,
+        is_lost: np.ndarray | None,
+        number: int,
+        start_offsets: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Return the samples (chirp, rx, sample) of the receivers in use, without outlier chirps.
 
-    def findings(self) -> tuple[Finding, ...]:
+        `is_lost` and `start_offsets` (chirp,) are those of the frame, see `Contents`.
+        """
+        frame = self._radar.frame
+        measures = self._measurer.add_frame(samples, is_lost, frame.frame_start_s(number))
+        used_samples = samples[:, list(self._treatment.receivers)]
+        self._n_chirps += len(samples)
+        if not self._treatment.repairs_chirps:
+            return used_samples
+        if start_offsets is not None:
+            used_samples = align_chirps(used_samples, start_offsets)
+            self._largest_offset = max(self._largest_offset, float(abs(start_offsets).max()))
+        is_missing = outlier_chirp_mask(measures["unlike"], measures["burst"]) | measures["lost"]
+        if is_missing.any():
+            used_samples = interpolate_chirps(used_samples, is_missing, frame.n_slots)
+            n_interpolated = int(interpolable_chirp_mask(is_missing, frame.n_slots).sum())
+            self._n_interpolated += n_interpolated
+            self._n_zeroed += int(is_missing.sum()) - n_interpolated
+        return used_samples
+
+    def repair_cube(self, cube: xr.DataArray, number: int) -> xr.DataArray:
+        """Return the cube of one frame (frame, chirp, rx, sample) with the repaired samples."""
+        is_lost = np.array(cube["gap"].values[0], bool) if "gap" in cube.coords else None
+        samples = self.repair_samples(cube.values[0], is_lost, number)
+        if not self.has_changed_samples and samples.shape == cube.shape[1:]:
+            return cube
+        return cube.isel(rx=list(self._treatment.receivers)).copy(data=samples[None])
+
+    def findings(self, units: str, reader_findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
         """Return the warnings on the samples of all frames, and the repairs of their chirps."""
-        measures = self._measurer.joined_measures(self._recording.contents.units)
-        findings = find_sample_findings(self._recording, measures)
+        measures = self._measurer.joined_measures(units)
+        findings = find_sample_findings(measures, self._radar, reader_findings)
         return (
             *(
                 self._finding_after_repair(finding)
@@ -163,6 +175,73 @@ class MeasuredFrames:
         if finding.setting != "recording.interference" or not is_repaired:
             return finding
         return replace(finding, fix="no action needed: chain.mitigation repairs these chirps")
+
+
+def repair_recording(recording: Recording, treatment: FaultTreatment) -> Recording:
+    """Return the recording of the receivers in use, whose frames are repaired when decoded."""
+    used = recording.select_receivers(treatment.receivers)
+    if not treatment.repairs_chirps:
+        return used
+    all_contents = recording.contents
+
+    def decode(number: int, out: np.ndarray) -> None:
+        assert all_contents.decode is not None
+        samples = np.empty((len(out), recording.radar.array.n_rx, out.shape[2]), out.dtype)
+        all_contents.decode(number, samples)
+        gaps, offsets = (
+            None if values is None else values[number]
+            for values in (all_contents.gaps, all_contents.start_offsets)
+        )
+        out[:] = FrameRepair(recording.radar, treatment).repair_samples(
+            samples, gaps, number, offsets
+        )
+
+    # Interpolated samples are no integers of the converter, and equal times need no alignment.
+    contents = replace(used.contents, decode=decode, scale=None, start_offsets=None)
+    return replace(used, contents=contents)
+
+
+class MeasuredFrames:
+    """Frames of a recording for processing, measured and repaired on the way."""
+
+    def __init__(self, recording: Recording, treatment: FaultTreatment) -> None:
+        self._recording, self._treatment = recording, treatment
+        self.radar = recording.radar.select_receivers(treatment.receivers)
+        """The radar of the frames, with the receivers in use."""
+        self._repair = FrameRepair(recording.radar, treatment, n_frames=recording.n_frames)
+
+    def __iter__(self) -> Iterator[xr.DataArray]:
+        """Yield cubes of one frame each of the receivers in use, without outlier chirps."""
+        contents = self._recording.contents
+        used_contents, offsets = replace(contents, radar=self.radar), contents.start_offsets
+        for number, samples, is_lost in self._recording.iter_frame_samples():
+            used_samples = self._repair.repair_samples(
+                samples, is_lost, number, None if offsets is None else offsets[number]
+            )
+            gaps = None if is_lost is None else is_lost[None]
+            yield label_frames_as_cube(
+                used_samples[None], used_contents, first_frame=number, gaps=gaps
+            )
+
+    def first_and_middle_frame(self) -> Iterator[xr.DataArray]:
+        """Yield the cubes of two frames, repaired as in the run: the first may be damaged."""
+        numbers = self._recording.frame_numbers
+        for number in sorted({numbers[0], numbers[len(numbers) // 2]}):
+            frame = self._recording.select_frames(number, number + 1)
+            yield from MeasuredFrames(frame, self._treatment)
+
+    def processed_recording(self) -> Recording:
+        """Return the recording with the samples that were processed, after the last frame.
+
+        Without repairs those as recorded, with the codes of their converter.
+        """
+        if self._repair.has_changed_samples:
+            return repair_recording(self._recording, self._treatment)
+        return self._recording.select_receivers(self._treatment.receivers)
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return the warnings on the samples of all frames, and the repairs of their chirps."""
+        return self._repair.findings(self._recording.contents.units, self._recording.findings)
 
 
 def _left_out_receivers_note(faulty: np.ndarray, working: np.ndarray) -> Finding:

@@ -54,7 +54,9 @@ class Result(Displayable):
     scenario: Scenario
     radar: Radar
     source: xr.DataArray | Recording
-    """The simulated cube, or the recording; of a stream the cube of its first frame."""
+    """The simulated cube, or the recording as processed, see `recording.repair_faults`; of a stream
+    the cube of its first frame.
+    """
     first_frame: int
     """Number of the first processed frame, whose maps are kept."""
     power: xr.DataArray
@@ -176,7 +178,7 @@ def _run(
             fits_chain=scenario.recording.fit_chain,
         )
         measured = MeasuredFrames(source, treatment)
-        source, radar = treatment.recording, treatment.recording.radar
+        radar = measured.radar
         scenario = replace(scenario, chain=treatment.chain)
         findings += treatment.findings
     fit_cubes = () if measured is None else measured.first_and_middle_frame()
@@ -196,6 +198,7 @@ def _run(
     )
     if measured is not None:
         findings += measured.findings()
+        source = measured.processed_recording()
     detection_time_s = perf_counter()
     result = build_result(scenario, radar, source, detection_run)
     return replace(

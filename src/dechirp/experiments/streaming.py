@@ -14,6 +14,12 @@ from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.recording_faults import (
+    FaultTreatment,
+    FrameRepair,
+    keep_faults,
+    treat_measured_faults,
+)
 from dechirp.experiments.run import (
     DetectionRun,
     FrameTotals,
@@ -29,6 +35,9 @@ from dechirp.experiments.scenario import (
     prefix_setting_of_errors,
 )
 from dechirp.processing.detect import process_cubes
+from dechirp.processing.quality.measures import measure_frame_quality
+from dechirp.processing.quality.recording_measures import RecordingMeasures
+from dechirp.radar.radar import Radar
 from dechirp.recordings.live.growing_file import follow
 from dechirp.recordings.live.stream import Stream
 from dechirp.recordings.live.udp import is_udp_address, listen
@@ -85,7 +94,8 @@ def process_stream(
 ) -> Result:
     """Process every frame of a stream as it arrives, until the stream ends.
 
-    Samples are kept of the first frame only; velocity ambiguity is resolved frame by frame.
+    Samples are kept of the first frame only; velocity ambiguity is resolved frame by frame. Faults
+    are repaired as in `run`, by a treatment that the first frame decides.
 
     Parameters
     ----------
@@ -104,6 +114,7 @@ def process_stream(
         If a frame cannot be processed.
     """
     source, radar = _checked_stream_source(scenario), stream.radar
+    repair: FrameRepair | None = None
     first: xr.DataArray | None = None
     numbers = range(0)
     columns = {name: array("d") for name in UNITS}
@@ -111,11 +122,19 @@ def process_stream(
     fit_findings: tuple[Finding, ...] = ()
     processing_s, start_s = 0.0, perf_counter()
     with stream:
-        for cube in islice(stream, *(source.frames or (0, None))):
+        for received in islice(stream, *(source.frames or (0, None))):
             arrival_s, number = perf_counter(), stream.number
+            if repair is None:
+                treatment = _treat_stream_faults(received, stream.radar, scenario)
+                repair = FrameRepair(stream.radar, treatment)
+                radar = stream.radar.select_receivers(treatment.receivers)
+                scenario = replace(scenario, chain=treatment.chain)
+                fit_findings = treatment.findings
+            cube = repair.repair_cube(received, number)
             if first is None:
                 first, numbers = cube, range(number, number)
-                scenario, fit_findings = fit_scenario_to_recording(scenario, [cube], radar)
+                scenario, choices = fit_scenario_to_recording(scenario, [cube], radar)
+                fit_findings += choices
                 chain = scenario.chain.fit_to_radar(radar)
             (frame,) = process_cubes([cube], radar, chain, first_frame_number=number)
             frames.add_frame_result(frame)
@@ -127,7 +146,7 @@ def process_stream(
                 detections = detections_from_columns(frame.detections)
                 on_frame(FrameReport(number=number, detections=detections, n_gaps=n_gaps))
             processing_s += perf_counter() - arrival_s
-    if first is None:
+    if first is None or repair is None:
         raise RecordingError(
             source.path,
             value="a stream that ended before the requested frames",
@@ -157,6 +176,7 @@ def process_stream(
             _only_first_frame_kept_finding(),
             *_ambiguity_resolved_per_frame_findings(radar.frame.n_intervals),
             *fit_findings,
+            *repair.findings(str(first.attrs["units"]), stream.findings),
             *result.findings,
         ),
         timing_s={"wait": waiting_s, "process": processing_s + result.timing_s["process"]},
@@ -183,6 +203,19 @@ def _checked_stream_source(scenario: Scenario) -> RecordingSource:
                 fix=f"remove --{name}, or read the complete file without --follow",
             )
     return source
+
+
+def _treat_stream_faults(cube: xr.DataArray, radar: Radar, scenario: Scenario) -> FaultTreatment:
+    """Choose the treatment of the faults of a stream by its first frame."""
+    assert scenario.recording is not None
+    if not scenario.recording.repair_faults:
+        return keep_faults(radar, scenario.chain)
+    measures = measure_frame_quality(cube, radar)
+    return treat_measured_faults(
+        RecordingMeasures(measures=measures, radar=radar),
+        scenario.chain,
+        fits_chain=scenario.recording.fit_chain,
+    )
 
 
 def _only_first_frame_kept_finding() -> Finding:

@@ -17,6 +17,7 @@ from dechirp.evaluation.association import Associator
 from dechirp.evaluation.score.base import Score
 from dechirp.evaluation.trial import NoiseMap, TrialContext, TrialResult
 from dechirp.experiments.object_stage import estimate_ego_motion_clusters_tracks
+from dechirp.experiments.recording_faults import repair_recording, treat_recording_faults
 from dechirp.experiments.run import label_frame_power_map, open_scenario_recording
 from dechirp.experiments.scenario import Scenario
 from dechirp.experiments.study.block import Block, Failure
@@ -25,6 +26,7 @@ from dechirp.experiments.study.trial import TrialRunner
 from dechirp.experiments.tune.tune import LabelledRecording
 from dechirp.processing.detect import process_cubes, warn_about_dropped_peaks
 from dechirp.processing.range_doppler_map import threshold_map
+from dechirp.recordings.recording import Recording
 from dechirp.scene.truth import truth
 
 
@@ -39,7 +41,7 @@ class RecordingTrialRunner:
 
     def __init__(self, recorded: LabelledRecording, scores: tuple[Score, ...]) -> None:
         self.recorded, self.scores = recorded, scores
-        self.recording = open_scenario_recording(recorded.scenario)
+        self.recording = _open_repaired_recording(recorded.scenario)
         self.radar = self.recording.radar
         self.chain = recorded.scenario.chain.fit_to_radar(self.radar)
         last = self.recording.frame_numbers[-1]
@@ -123,6 +125,22 @@ class RecordingTrialRunner:
             n_over=int((power_inside > threshold_inside).sum()),
             n_peaks=int(inside.sum()),
         )
+
+
+def _open_repaired_recording(scenario: Scenario) -> Recording:
+    """Open the recording of a scenario with its faults repaired as in `run`.
+
+    A repair of bursts is a setting of the chain: candidates try it.
+    """
+    assert scenario.recording is not None
+    recording = open_scenario_recording(scenario)
+    treatment = treat_recording_faults(
+        recording,
+        scenario.chain,
+        repairs_faults=scenario.recording.repair_faults,
+        fits_chain=False,
+    )
+    return repair_recording(recording, treatment)
 
 
 def _check_score_needs_single_frames(score: Score) -> None:

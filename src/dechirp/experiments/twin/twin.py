@@ -12,6 +12,7 @@ from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding, capture_warned_findings
 from dechirp.core.units import to_decibels
 from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.recording_faults import MeasuredFrames, treat_recording_faults
 from dechirp.experiments.scenario import Scenario
 from dechirp.experiments.twin.compare import compare_noise_floors, compare_peaks
 from dechirp.experiments.twin.fitting import (
@@ -31,8 +32,6 @@ from dechirp.experiments.twin.receiver import (
 from dechirp.processing.cfar.base import Cells, Cfar
 from dechirp.processing.cfar.ordered_statistic import OrderedStatistic
 from dechirp.processing.chain import Chain
-from dechirp.processing.quality.findings import recording_findings
-from dechirp.processing.quality.measures import measure_frame_quality
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.radar import Radar
 from dechirp.recordings.recording import Recording
@@ -139,6 +138,7 @@ def twin(
     chain: Chain | None = None,
     seed: int = 0,
     max_peaks: int = DEFAULT_MAX_PEAKS,
+    repair_faults: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Twin:
     """Simulate the first frame of a recording: its radar, its noise, and a point for each peak.
@@ -154,6 +154,9 @@ def twin(
         Seed of the noise of the twin.
     max_peaks : int
         Number of the strongest peaks to simulate.
+    repair_faults : bool
+        False keeps the samples of all receivers as recorded. By default receivers that do not work
+        are left out, and outlier and lost chirps interpolated, as in `run`.
     progress : callable, optional
         Called with the number of finished rounds and of all.
 
@@ -180,10 +183,16 @@ def twin(
     check_integer("max_peaks", max_peaks, at_least=1, at_most=MAX_PEAKS_LIMIT)
     recording.check_has_samples()
     number = recording.frame_numbers.start
-    recorded_radar = recording.radar.for_frame(number)
-    _check_no_falling_ramps(recording, recorded_radar)
-    frame = next(recording.select_frames(number, number + 1).frames()).isel(frame=0)
-    _check_samples_finite_and_not_all_zero(recording, frame)
+    _check_no_falling_ramps(recording, recording.radar)
+    first = recording.select_frames(number, number + 1)
+    _check_samples_finite_and_not_all_zero(recording, next(first.frames()))
+    treatment = treat_recording_faults(
+        first, Chain(), repairs_faults=repair_faults, fits_chain=False
+    )
+    measured = MeasuredFrames(first, treatment)
+    frame = next(iter(measured)).isel(frame=0)
+    recorded_radar = measured.radar.for_frame(number)
+    repair_findings = map(_name_twin_argument, (*treatment.findings, *measured.findings()))
     chain = (chain or default_twin_chain(recorded_radar)).fit_to_radar(recorded_radar)
     radar = replace(
         recorded_radar, hardware=recorded_radar.hardware or ASSUMED_HARDWARE, calibration=None
@@ -224,7 +233,7 @@ def twin(
         frame_number=number,
         findings=(
             *recording.findings,
-            *_frame_quality_warnings(frame, recorded_radar),
+            *repair_findings,
             *_omitted_peak_findings(len(peaks), max_peaks),
             *_assumption_and_omission_findings(recording, recorded_radar, watts),
             # Target positions are measured, so findings on them do not matter.
@@ -280,12 +289,14 @@ def _check_samples_finite_and_not_all_zero(recording: Recording, frame: xr.DataA
     )
 
 
-def _frame_quality_warnings(frame: xr.DataArray, radar: Radar) -> Sequence[Finding]:
-    """Return warnings on the frame's quality: defects would be mistaken for echoes or noise."""
-    measures = measure_frame_quality(frame.expand_dims("frame"), radar)
-    return [
-        finding for finding in recording_findings(measures, radar) if finding.level == "warning"
-    ]
+def _name_twin_argument(finding: Finding) -> Finding:
+    """Return a finding on repairs with the argument of `twin` in place of the option of `run`."""
+    keep = "in Python: dc.twin(recording, repair_faults=False)"
+    return replace(
+        finding,
+        value=finding.value.replace("--set recording.repair_faults=true", "repair_faults=True"),
+        fix=finding.fix.replace("--set recording.repair_faults=false", keep),
+    )
 
 
 def _omitted_peak_findings(n_peaks: int, max_simulated_peaks: int) -> Sequence[Finding]:
