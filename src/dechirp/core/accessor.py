@@ -1,6 +1,7 @@
-"""Accessors `array.dechirp` of xarray: tables and power maps in the units that people read."""
+"""Accessors `array.dechirp` of xarray: tables, plots, and maps in the units that people read."""
 
-from typing import TYPE_CHECKING
+import importlib
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -64,6 +65,14 @@ class TableAccessor:
 
         return pd.DataFrame(dataset_to_columns(self._dataset))
 
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the rows from above, as the report does, and return the axes.
+
+        Detections without an azimuth are drawn as ranges over time. Without `axes`, an `Axes` of
+        matplotlib, the current ones of pyplot are used.
+        """
+        return load_plots().plot_table(self._dataset, axes, dim=self._dim)
+
     def __repr__(self) -> str:
         return self._describe_row_count_and_ranges()
 
@@ -110,6 +119,19 @@ class PowerMapAccessor:
             return f"no cells: {cells}"
         return f"{cells}, {format_number(level.min(), 3)} to {format_number(level.max(), 3)} {unit}"
 
+    def plot(self, axes: Any = None, *, detections: xr.Dataset | None = None) -> Any:
+        """Draw the map, spectrogram or spectrum as the report does, and return the axes.
+
+        Parameters
+        ----------
+        axes : Axes, optional
+            Axes of matplotlib, whose space the colour bar shares; by default the current ones of
+            pyplot.
+        detections : Dataset over `detection`, optional
+            Detections to mark.
+        """
+        return load_plots().plot_power(self._power, axes, units=self._units, detections=detections)
+
     def db(self) -> xr.DataArray:
         """Return the map in dBm or dBFS, with the angles along its axes in degrees."""
         power = self._power
@@ -121,6 +143,11 @@ class PowerMapAccessor:
             if axis.attrs.get("units") == "rad"
         }
         return level.assign_coords(in_degrees)
+
+
+def load_plots() -> Any:
+    """Load the drawing functions: found by name, because the layers of this module draw nothing."""
+    return importlib.import_module("dechirp.report.plots")
 
 
 def first_rows_display_table(dataset: xr.Dataset, title: str = "") -> Table:

@@ -3,11 +3,12 @@
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from dechirp.core.accessor import first_rows_display_table
+from dechirp.core.accessor import first_rows_display_table, load_plots
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.compiled_kernels import plain_twins_for_small_work
 from dechirp.core.conventions import CUBE_AXES
@@ -117,6 +118,15 @@ class Result(Displayable):
         yield first_rows_display_table(self.detections, "Detections")
         if self.tracks is not None:
             yield first_rows_display_table(self.tracks, "Tracks")
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the first figure of the report and return its axes.
+
+        The scene from above with the detections of the first frame, for a recording its tracks, or
+        without tracks the samples of the first chirp. Without `axes`, an `Axes` of matplotlib, the
+        current ones of pyplot are used.
+        """
+        return load_plots().plot_result(self, axes)
 
     def frames(self) -> Iterator[xr.DataArray]:
         """Yield the kept frames as cubes of one frame each; recordings are decoded on the fly."""

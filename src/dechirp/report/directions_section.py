@@ -20,17 +20,25 @@ def first_frame_detections_with_azimuth(context: PageContext) -> top_view.Ground
     if not detections.sizes["detection"]:
         return None
     radar = context.result.radar.for_frame(context.result.first_frame)
-    is_unambiguous = np.isfinite(detections.ambiguity_number.values)
+    is_unambiguous = np.isfinite(detections.ambiguity_number.values) | (len(radar.array.tx_m) == 1)
+    field_of_view = context.result.scenario.chain.field_of_view
+    return ground_detections(
+        detections, is_unambiguous=is_unambiguous, field_of_view_rad=field_of_view.azimuth_rad
+    )
+
+
+def ground_detections(
+    detections: xr.Dataset, *, is_unambiguous: np.ndarray, field_of_view_rad: float
+) -> top_view.GroundDetections:
+    """Return detections or clusters with an azimuth for a top view."""
     return top_view.GroundDetections(
         range_m=detections.range.values,
         azimuth_rad=detections.azimuth.values,
         elevation_rad=np.nan_to_num(detections.elevation.values),
         range_std_m=detections.range_std.values,
         azimuth_std_rad=detections.azimuth_std.values,
-        is_unambiguous=is_unambiguous
-        if len(radar.array.tx_m) > 1
-        else np.ones_like(is_unambiguous),
-        field_of_view_rad=context.result.scenario.chain.field_of_view.azimuth_rad,
+        is_unambiguous=is_unambiguous,
+        field_of_view_rad=field_of_view_rad,
     )
 
 

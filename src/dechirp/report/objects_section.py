@@ -199,18 +199,20 @@ def draw_longest_tracks(context: PageContext) -> Markup | None:
     tracks = context.result.tracks
     if tracks is None or not tracks.sizes["track"]:
         return None
+    lines, background = longest_track_lines(tracks), detections_and_true_paths(context)
+    return render_svg(
+        lambda page: figure.draw_tracks(page.subplots(), lines, background),
+        height_in=figure.figure_height_in(lines),
+    )
+
+
+def longest_track_lines(tracks: xr.Dataset) -> list[figure.TrackLine]:
+    """Return the lines of the longest tracks."""
     n_confirmed = np.sum(tracks.status.transpose("track", "frame").values == "confirmed", axis=1)
     longest = np.argsort(-n_confirmed, kind="stable")[:MAX_TRACKS]
     tracks = tracks.isel(track=np.sort(longest))
     step = max(tracks.sizes["track"] * tracks.sizes["frame"] // _MAX_POINTS, 1)
-    lines, around = (
-        [_track_line(track, step) for track in _iter_tracks(tracks)],
-        _detections_and_true_paths(context),
-    )
-    return render_svg(
-        lambda page: figure.draw_tracks(page.subplots(), lines, around),
-        height_in=figure.figure_height_in(lines),
-    )
+    return [_track_line(track, step) for track in _iter_tracks(tracks)]
 
 
 def _track_line(track: xr.Dataset, frame_step: int) -> figure.TrackLine:
@@ -229,7 +231,8 @@ def _track_line(track: xr.Dataset, frame_step: int) -> figure.TrackLine:
     )
 
 
-def _detections_and_true_paths(context: PageContext) -> figure.TrackBackground:
+def detections_and_true_paths(context: PageContext) -> figure.TrackBackground:
+    """Return the detections and the true paths behind the tracks."""
     detections, scene, truth = (
         context.strongest,
         context.result.scenario.scene,

@@ -4,14 +4,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 from markupsafe import Markup
+from matplotlib.axes import Axes
 
 from dechirp.core.text import format_with_si_prefix
 from dechirp.evaluation.association import scatterer_range_and_range_rate
 from dechirp.processing.range_doppler_map import power_map
 from dechirp.processing.spectrogram import spectrogram
 from dechirp.report import detections_section, directions_section, objects_section
-from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene
+from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene, tracks
 from dechirp.report.figures import spectrogram as over
 from dechirp.report.figures.common import MapAxis
 from dechirp.report.figures.style import TALL_IN, render_svg
@@ -85,14 +87,40 @@ def render_report(result: "Result", *, yaml: str) -> str:
     )
 
 
+def draw_first_figure(axes: Axes, result: "Result") -> Axes:
+    """Draw the first figure of the page: the scene, else the tracks, else the first chirp."""
+    context = sort_match_and_locate_detections(result)
+    if result.scenario.scene is not None:
+        return _draw_scene_from_above(axes, context, result.scenario.scene)
+    if result.tracks is not None and result.tracks.sizes["track"]:
+        return tracks.draw_tracks(
+            axes,
+            objects_section.longest_track_lines(result.tracks),
+            objects_section.detections_and_true_paths(context),
+        )
+    return beat.draw_first_chirp_signal(
+        axes, _same_slot_chirps(context), doppler_frequency_hz=_strongest_doppler_hz(context)
+    )
+
+
+def _same_slot_chirps(context: PageContext) -> xr.DataArray:
+    """Return chirps of one slot: slots differ in phase (TDM) or in beat frequency (ramps)."""
+    n_slots = context.result.radar.frame.n_slots
+    return context.first_frame.isel(chirp=slice(None, None, n_slots))
+
+
+def _strongest_doppler_hz(context: PageContext) -> float | None:
+    """Return the Doppler frequency of the strongest detection of complex samples, if any."""
+    if not context.peaks.range_m.size or not np.iscomplexobj(context.first_frame):
+        return None
+    radar = context.result.radar.for_frame(context.result.first_frame)
+    return 2 * float(context.peaks.velocity_m_per_s[0]) / radar.frame.chirp.wavelength_m
+
+
 def _draw_report_figures(context: PageContext) -> dict[str, Markup]:
     result, expected = context.result, context.point_target_map_positions
     radar, chain = result.radar.for_frame(result.first_frame), result.scenario.chain
-    doppler_hz = None
-    if context.peaks.range_m.size:
-        doppler_hz = 2 * float(context.peaks.velocity_m_per_s[0]) / radar.frame.chirp.wavelength_m
-    # Slots differ in phase (TDM) or in beat frequency (falling ramps), so one slot is shown.
-    same_slot_chirps = context.first_frame.isel(chirp=slice(None, None, radar.frame.n_slots))
+    same_slot_chirps = _same_slot_chirps(context)
     truth_m = [
         place.range_m for place in (expected, context.scatterer_map_positions) if place is not None
     ]
@@ -126,7 +154,7 @@ def _draw_report_figures(context: PageContext) -> dict[str, Markup]:
     figures = {
         "signal": render_svg(
             lambda figure: beat.draw_first_chirp_signal_parts(
-                figure, same_slot_chirps, doppler_frequency_hz=doppler_hz
+                figure, same_slot_chirps, doppler_frequency_hz=_strongest_doppler_hz(context)
             )
         ),
         "spectrum": draw_spectrum(end_m),
@@ -146,9 +174,9 @@ def _draw_report_figures(context: PageContext) -> dict[str, Markup]:
         figures["moving_map"] = _draw_map_of_moving_targets(context, marked_map)
     if result.scenario.scene is not None:
         figures["scene"] = _draw_scene(context, result.scenario.scene)
-    tracks = objects_section.draw_longest_tracks(context)
-    if tracks is not None:
-        figures["tracks"] = tracks
+    longest_tracks = objects_section.draw_longest_tracks(context)
+    if longest_tracks is not None:
+        figures["tracks"] = longest_tracks
     moving_m = _nonrigid_body_range_interval_m(context)
     if moving_m is not None:
         figures["spectrogram"] = _draw_spectrogram(result, moving_m)
@@ -184,17 +212,21 @@ def _draw_map_of_moving_targets(
 
 
 def _draw_scene(context: PageContext, scene_: Scene) -> Markup:
+    return render_svg(
+        lambda figure: _draw_scene_from_above(figure.subplots(), context, scene_),
+        height_in=scene.figure_height_in(scene_),
+    )
+
+
+def _draw_scene_from_above(axes: Axes, context: PageContext, scene_: Scene) -> Axes:
     detections = context.first_frame_detections
     has_no_azimuth = np.isnan(detections.azimuth.values)
-    return render_svg(
-        lambda figure: scene.draw_scene(
-            figure.subplots(),
-            scene_,
-            time_s=context.result.radar.for_frame(context.result.first_frame).frame.mid_frame_s,
-            detected_m=detections.range.values[has_no_azimuth].tolist(),
-            detections=directions_section.first_frame_detections_with_azimuth(context),
-        ),
-        height_in=scene.figure_height_in(scene_),
+    return scene.draw_scene(
+        axes,
+        scene_,
+        time_s=context.result.radar.for_frame(context.result.first_frame).frame.mid_frame_s,
+        detected_m=detections.range.values[has_no_azimuth].tolist(),
+        detections=directions_section.first_frame_detections_with_azimuth(context),
     )
 
 

@@ -1,0 +1,122 @@
+"""Plots of arrays and results: figures of the report on axes of the user.
+
+The methods `plot` of results and of the accessors `array.dechirp` call these functions.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.processing.angle.aperture import FieldOfView
+from dechirp.report import objects_section, page
+from dechirp.report.directions_section import ground_detections
+from dechirp.report.figures import (
+    birds_eye,
+    directions,
+    frames,
+    range_doppler,
+    recording,
+    spectrogram,
+    tracks,
+)
+from dechirp.report.figures.style import user_axes
+from dechirp.scene.aliasing import RangeVelocity
+
+if TYPE_CHECKING:
+    from dechirp.experiments.run import Result
+
+
+def plot_result(result: "Result", axes: Axes | None) -> Axes:
+    """Draw the first figure of the report: the scene, else the tracks, else the first chirp."""
+    with user_axes(axes) as panel:
+        return page.draw_first_figure(panel, result)
+
+
+def plot_power(
+    power: xr.DataArray, axes: Axes | None, *, units: str, detections: xr.Dataset | None
+) -> Axes:
+    """Draw a map, a spectrogram or a spectrum, with detections circled on maps.
+
+    `units` are those of the samples.
+    """
+    dims = set(power.dims)
+    with user_axes(axes) as panel:
+        if dims == {"velocity", "range"} and detections is not None:
+            marked = range_doppler.MarkedMap(
+                power=power.transpose("velocity", "range"),
+                units=units,
+                detections=RangeVelocity(detections.range.values, detections.velocity.values),
+            )
+            return range_doppler.draw_map(panel, marked)
+        if dims in ({"velocity", "range"}, {"range"}):
+            rows = power.expand_dims("velocity") if dims == {"range"} else power
+            rows = rows.transpose("velocity", "range")
+            return recording.draw_map_or_range_profile(panel, rows, units=units)
+        if dims == {"azimuth", "range"}:
+            places = None
+            if detections is not None:
+                places = detections.azimuth.values, detections.range.values
+            return directions.draw_range_azimuth_map(
+                panel, directions.RangeAzimuthMap(power=power, units=units, detections=places)
+            )
+        if dims == {"azimuth", "elevation"}:
+            azimuth, elevation = (
+                np.empty(0) if detections is None else np.nan_to_num(detections[name].values)
+                for name in ("azimuth", "elevation")
+            )
+            estimates = directions.Directions(azimuth, elevation)
+            return directions.draw_angle_spectrum(panel, power, estimates=estimates)
+        if dims == {"time", "velocity"}:
+            return spectrogram.draw_spectrogram(panel, power)
+    raise InvalidSetting(
+        "array.dechirp.plot",
+        value=f"an array over {', '.join(map(str, power.dims))}",
+        expected="velocity and range, range, azimuth and range, azimuth and elevation, or time and"
+        " velocity",
+        fix="select one value of other axes, as with isel(frame=0)",
+    )
+
+
+def plot_table(table: xr.Dataset, axes: Axes | None, *, dim: str) -> Axes:
+    """Draw detections, clusters, tracks or truth, with rows along `dim`, from above.
+
+    Detections without an azimuth are drawn as ranges over time.
+    """
+    if dim == "frame" or not table.sizes[dim]:
+        raise InvalidSetting(
+            "array.dechirp.plot",
+            value="ego motion" if dim == "frame" else f"a dataset without a {dim}",
+            expected="detections, clusters, tracks or truth, at least one",
+            fix="use the plot method of xarray" if dim == "frame" else "lower the threshold",
+        )
+    with user_axes(axes) as panel:
+        if dim == "track":
+            lines = objects_section.longest_track_lines(table)
+            background = tracks.TrackBackground(
+                detections_m=np.empty((0, 2)),
+                is_static=np.empty(0, bool),
+                paths_m=np.empty((0, 1, 2)),
+            )
+            return tracks.draw_tracks(panel, lines, background)
+        if dim == "target":
+            points = table.stack(
+                detection=[name for name in ("target", "frame") if name in table.dims]
+            )
+            return recording.draw_points_from_above(panel, points)
+        strongest = table.isel({dim: np.argsort(-table.snr.values, kind="stable")})
+        located = strongest.isel({dim: np.flatnonzero(np.isfinite(strongest.azimuth.values))})
+        if not located.sizes[dim]:
+            return frames.draw_estimates_over_time(panel, strongest, variable="range")
+        is_known = np.isfinite(located.ambiguity_number.values)
+        return birds_eye.draw_detections_from_above(
+            panel,
+            ground_detections(
+                located,
+                # Arrays with a single transmitter estimate no ambiguity numbers, and need none.
+                is_unambiguous=is_known | ~is_known.any(),
+                field_of_view_rad=FieldOfView().azimuth_rad,
+            ),
+        )

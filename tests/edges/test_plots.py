@@ -1,0 +1,159 @@
+"""Plots of arrays and results: the figures of the report, on axes of the user."""
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+
+import dechirp as dc
+from dechirp.report.page import render_report
+
+mpl.use("agg")
+HARDWARE = dc.Hardware(transmit_power_w=0.01, antenna_gain=10.0, noise_factor=15.0)
+CHIRP = dc.Chirp(
+    start_frequency_hz=77e9,
+    slope_hz_per_s=20e12,
+    ramp_duration_s=15e-6,
+    sample_rate_hz=5e6,
+    n_samples=64,
+    sampling="complex",
+)
+RADAR = dc.Radar(
+    frame=dc.Frame(chirp=CHIRP, n_chirps=32, interval_s=20e-6, period_s=20e-3),
+    array=dc.Array(rx_m=[(0, 1.9e-3 * n, 0) for n in range(4)]),
+    hardware=HARDWARE,
+)
+SCENE = dc.Scene(
+    targets=[
+        dc.Target(name="car", position_m=(20, 4, 0), velocity_m_per_s=(10, 0, 0), rcs_m2=10),
+        dc.Target(name="post", position_m=(12, -3, 0), rcs_m2=3),
+    ]
+)
+CHAIN = dc.Chain(angle=dc.angle.Fft())
+CUBE = dc.simulate(SCENE, RADAR, impairments=[dc.impairments.ThermalNoise()], seed=1)
+POWER = dc.power_map(CUBE.isel(frame=0), RADAR, CHAIN)
+DETECTIONS = dc.detect(CUBE, RADAR, CHAIN)
+
+
+@pytest.fixture
+def axes():
+    return Figure().subplots()
+
+
+def labels(axes):
+    return axes.get_xlabel(), axes.get_ylabel()
+
+
+def points_of(axes, name):
+    """Return the points (x, y) of the line whose label starts with a name."""
+    (line,) = [line for line in axes.get_lines() if str(line.get_label()).startswith(name)]
+    return np.transpose(line.get_data())
+
+
+def test_map_circles_detections_and_keeps_levels(axes):
+    assert POWER.dechirp.plot(axes, detections=DETECTIONS) is axes
+    assert labels(axes) == ("Range (m)", "Velocity (m/s, receding positive)")
+    (image,) = axes.get_images()
+    assert image.get_array().max() == pytest.approx(POWER.dechirp.db().max().item(), abs=1e-3)
+    circles = points_of(axes, "detection")
+    expected = np.transpose([DETECTIONS.range, DETECTIONS.velocity])
+    np.testing.assert_allclose(np.sort(circles, axis=0), np.sort(expected, axis=0))
+
+
+def test_profile_spectrogram_and_angle_maps_have_their_axes():
+    profile = POWER.isel(velocity=16).drop_vars("velocity")
+    strongest = DETECTIONS.isel(detection=[int(DETECTIONS.snr.values.argmax())])
+    arrays = {
+        ("Range (m)", "Power (dBm)"): profile,
+        ("Azimuth (°, left positive)", "Range (m)"): dc.range_azimuth_map(
+            CUBE.isel(frame=0), RADAR, CHAIN
+        ),
+    }
+    for expected, power in arrays.items():
+        axes = Figure().subplots()
+        assert power.dechirp.plot(axes) is axes
+        assert labels(axes) == expected
+    axes = Figure().subplots()
+    marked = arrays[("Azimuth (°, left positive)", "Range (m)")].dechirp.plot(
+        axes, detections=strongest
+    )
+    np.testing.assert_allclose(
+        points_of(marked, "detection"), [[np.sin(strongest.azimuth.item()), strongest.range.item()]]
+    )
+
+
+def test_detections_are_drawn_from_above(axes):
+    assert DETECTIONS.dechirp.plot(axes) is axes
+    x, y = (DETECTIONS.range * f(DETECTIONS.azimuth) for f in (np.cos, np.sin))
+    places = points_of(axes, "detection")
+    np.testing.assert_allclose(np.sort(places, axis=0), np.sort(np.transpose([y, x]), axis=0))
+
+
+def test_detections_without_azimuth_are_drawn_over_time(axes):
+    unlocated = DETECTIONS.assign(azimuth=DETECTIONS.azimuth * np.nan)
+    assert unlocated.dechirp.plot(axes).get_ylabel() == "Range (m)"
+
+
+def test_truth_separates_targets_at_rest(axes):
+    dc.truth(SCENE, RADAR).dechirp.plot(axes)
+    np.testing.assert_allclose(points_of(axes, "at rest"), [[-3, 12]], atol=1e-6)
+    np.testing.assert_allclose(points_of(axes, "moving"), [[4, 20]], atol=0.01)
+
+
+def test_tracks_are_drawn_with_their_numbers(axes):
+    state = ("x", "y", "vx", "vy")
+    covariance = np.broadcast_to(0.01 * np.eye(4), (1, 3, 4, 4))
+    tracks = xr.Dataset(
+        {
+            **{
+                name: (("track", "frame"), [values])
+                for name, values in zip(
+                    state, ([10.0, 11, 12], [2.0, 2, 2], [10.0] * 3, [0.0] * 3), strict=True
+                )
+            },
+            "status": (("track", "frame"), [["tentative", "confirmed", "confirmed"]]),
+            "covariance": (("track", "frame", "state", "other_state"), covariance),
+        },
+        {
+            "track": [7],
+            "state": list(state),
+            "other_state": list(state),
+            "time": ("frame", [0, 1, 2]),
+        },
+    )
+    tracks.dechirp.plot(axes)
+    assert "7" in {text.get_text() for text in axes.texts}
+
+
+def test_result_plots_first_figure_of_its_page():
+    scenario = dc.Scenario(name="two targets", radar=RADAR, scene=SCENE, chain=CHAIN, seed=2)
+    result = dc.run(scenario)
+    axes = result.plot(Figure().subplots())
+    page = render_report(result, yaml="")
+    assert page.index('aria-label="') == page.index(f'aria-label="{axes.get_label()}')
+    for target in SCENE.targets:
+        assert any(target.name in text.get_text() for text in axes.texts)
+
+
+def test_plot_without_axes_takes_the_current_ones():
+    current = plt.figure().subplots()
+    try:
+        assert POWER.dechirp.plot() is current
+    finally:
+        plt.close("all")
+    assert mpl.rcParams["font.size"] == mpl.rcParamsDefault["font.size"]
+
+
+@pytest.mark.parametrize(
+    ("plot", "message"),
+    [
+        (lambda: POWER.dechirp.plot("axes"), "axes: a str"),
+        (lambda: POWER.expand_dims("frame").dechirp.plot(Figure().subplots()), "over frame"),
+        (lambda: DETECTIONS.isel(detection=[]).dechirp.plot(Figure().subplots()), "without a det"),
+    ],
+)
+def test_what_has_no_figure_is_named(plot, message):
+    with pytest.raises(dc.InvalidSetting, match=message):
+        plot()
