@@ -8,6 +8,7 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 import dechirp as dc
+from dechirp.report import plots
 from dechirp.report.page import render_report
 
 mpl.use("agg")
@@ -151,6 +152,7 @@ def test_plot_without_axes_takes_the_current_ones():
     [
         (lambda: POWER.dechirp.plot("axes"), "axes: a str"),
         (lambda: POWER.expand_dims("frame").dechirp.plot(Figure().subplots()), "over frame"),
+        (lambda: plots.plot_table(DETECTIONS, None, dim="frame"), "ego motion"),
         (lambda: DETECTIONS.isel(detection=[]).dechirp.plot(Figure().subplots()), "without a det"),
     ],
 )
