@@ -241,16 +241,43 @@ def test_cfg_flush_discards_earlier_commands(tmp_path):
     assert "missing" in str(error.value)
 
 
-def test_cfg_single_chirp_frames_become_one_frame(tmp_path):
+@pytest.mark.parametrize(
+    ("n_frames", "period_ms", "merged"),
+    # About 0.3 s of chirps, 8 to 256, of which the fewest are left out.
+    [
+        (200, 1, (200, 1)),
+        (1000, 1, (250, 4)),
+        (500, 40, (8, 62)),
+        (600, 10, (30, 20)),
+        (5, 40, (5, 1)),
+    ],
+)
+def test_cfg_single_chirp_frames_are_merged(tmp_path, n_frames, period_ms, merged):
+    settings = read_settings_text(
+        tmp_path,
+        CFG.replace("frameCfg 0 1 32 0 50", f"frameCfg 0 0 1 {n_frames} {period_ms}"),
+    )
+
+    assert settings.has_merged_frames
+    assert (settings.radar.frame.n_chirps, settings.n_frames) == merged
+    assert settings.radar.frame.interval_s == pytest.approx(period_ms * 1e-3)
+
+
+def test_cfg_endless_single_chirp_frames_are_merged(tmp_path):
+    settings = read_settings_text(
+        tmp_path, CFG.replace("frameCfg 0 1 32 0 50", "frameCfg 0 0 1 0 10")
+    )
+
+    assert (settings.radar.frame.n_chirps, settings.n_frames) == (16, None)
+
+
+def test_cfg_merged_frames_state_option_and_aliasing(tmp_path):
     settings = read_settings_text(
         tmp_path, CFG.replace("frameCfg 0 1 32 0 50", "frameCfg 0 0 1 200 1")
     )
 
-    assert settings.has_merged_frames
-    assert (settings.radar.frame.n_chirps, settings.n_frames) == (200, 1)
-    assert settings.radar.frame.interval_s == pytest.approx(1e-3)
     (note,) = (f for f in settings.findings if f.setting == "radar.frame.n_chirps")
-    assert "--set radar.frame.n_chirps=256" in note.fix  # at most 0.3 s
+    assert "chosen --set radar.frame.n_chirps=200 because" in note.value
     limit_m_per_s = settings.radar.frame.chirp.wavelength_m / 4 / 1e-3
     assert f"velocities beyond {limit_m_per_s:.3g} m/s are aliased" in note.value
 

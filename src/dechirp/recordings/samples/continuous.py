@@ -96,16 +96,7 @@ def divide_chirps_into_frames(
         )
     findings = []
     if n_left:
-        findings.append(
-            Finding(
-                level="note",
-                setting="recording",
-                value=f"{n_frames} complete frames of {frame.n_chirps_total} chirps, and {n_left}"
-                " chirps that are left out",
-                expected="complete frames",
-                fix="give another radar.frame.n_chirps to read them",
-            )
-        )
+        findings.append(chirps_left_out_note(n_frames, frame, n_left))
     period_s = frame.period_s
     if period_s is not None and period_s > 1.01 * _mean_frame_duration_s(frame):
         findings.append(
@@ -119,6 +110,18 @@ def divide_chirps_into_frames(
         )
         radar = replace(radar, frame=replace(frame, period_s=None))
     return radar, n_frames, tuple(findings)
+
+
+def chirps_left_out_note(n_frames: int, frame: Frame, n_left: int) -> Finding:
+    """Return the note on chirps after the last complete frame."""
+    return Finding(
+        level="note",
+        setting="recording",
+        value=f"{n_frames} complete frames of {frame.n_chirps_total} chirps, and {n_left} chirps"
+        " that are left out",
+        expected="complete frames",
+        fix="give another radar.frame.n_chirps to read them",
+    )
 
 
 def chirp_interval_findings(

@@ -12,6 +12,7 @@ from dechirp.core.text import format_number_ranges
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import Contents, RecordingHints
+from dechirp.recordings.samples.continuous import chirps_left_out_note
 from dechirp.recordings.samples.iq_order import guess_iq_order, negative_beat_frequency_findings
 from dechirp.recordings.samples.layouts import FourLanes, Layout, Pairs, SampleCode, TwoLanes
 from dechirp.recordings.samples.sample_order import choose_sample_order, spectral_concentration
@@ -290,6 +291,11 @@ def _locate_first_frame_and_count_frames(
             0,
             1,
         )
+    # Merged frames of one chirp may leave some over.
+    n_left, rest_of_chirp = divmod(rest, chirp_bytes)
+    if settings.has_merged_frames and n_frames and n_left and not rest_of_chirp:
+        settings = settings.with_findings(chirps_left_out_note(n_frames, frame, n_left))
+        size, rest = size - rest, 0
     if (
         n_frames < 1
         or size % 8

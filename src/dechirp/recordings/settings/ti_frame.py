@@ -3,6 +3,8 @@
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
@@ -25,7 +27,8 @@ MAX_CHIRPS = 512
 BITS = {0: 12, 1: 14, 2: 16}
 """ADC bits, by the chip's code for them."""
 
-_SHORT_FRAME_S = 0.3  # in which a person walks 0.2 m
+_MERGED_FRAME_S = 0.3  # in which a person walks 0.2 m, see `join_single_chirps`
+_MIN_MERGED, _MAX_MERGED = 8, 256
 
 
 @frozen_dataclass
@@ -134,12 +137,11 @@ def ti_frame_to_recording_settings(
     calibration = (
         None if known_device is None else known_device.sign_calibration(tx_mask, ti_frame.rx_mask)
     )
-    is_merged = n_chirps == len(order) == 1 and ti_frame.n_frames > 0 and not ti_frame.is_sub_frame
+    is_merged = n_chirps == len(order) == 1 and not ti_frame.is_sub_frame and ti_frame.n_frames != 1
     if is_merged:
-        frame = Frame(
-            chirp=ti_frame.chirp, n_chirps=ti_frame.n_frames, interval_s=ti_frame.period_s
-        )
-        findings += (_merged_frames_note(frame),)
+        n_merged = _count_merged_frames(ti_frame)
+        frame = Frame(chirp=ti_frame.chirp, n_chirps=n_merged, interval_s=ti_frame.period_s)
+        findings += (_merged_frames_note(frame, ti_frame.n_frames),)
     else:
         frame = Frame(
             chirp=ti_frame.chirp,
@@ -151,7 +153,7 @@ def ti_frame_to_recording_settings(
     return RecordingSettings(
         radar=Radar(frame=frame, array=array, calibration=calibration),
         iq=iq if ti_frame.chirp.sampling == "complex" else None,
-        n_frames=1 if is_merged else ti_frame.n_frames or None,
+        n_frames=(ti_frame.n_frames // frame.n_chirps if is_merged else ti_frame.n_frames) or None,
         has_merged_frames=is_merged,
         is_interleaved=interleaved,
         bits=bits,
@@ -173,19 +175,32 @@ def _format_transmitters_of_mask(mask: int) -> str:
     return "+".join(str(n + 1) for n in _mask_to_indices(mask)) or "none"
 
 
-def _merged_frames_note(frame: Frame) -> Finding:
-    """Return the note that frames of one chirp were merged into one frame."""
+def _count_merged_frames(ti_frame: TiFrame) -> int:
+    """Return the number of frames of one chirp that become one: about 0.3 s, from 8 to 256 chirps.
+
+    Of these numbers, from the largest to half of it, the one that leaves out the fewest chirps.
+    """
+    n_most = int(np.clip(_MERGED_FRAME_S / ti_frame.period_s, _MIN_MERGED, _MAX_MERGED))
+    if not ti_frame.n_frames:  # until it is stopped
+        return 2 ** int(math.log2(n_most))
+    if ti_frame.n_frames <= n_most:
+        return ti_frame.n_frames
+    numbers = range(n_most, max(n_most // 2, _MIN_MERGED - 1), -1)
+    return min(numbers, key=lambda number: ti_frame.n_frames % number)
+
+
+def _merged_frames_note(frame: Frame, n_frames: int) -> Finding:
+    """Return the note that frames of one chirp were merged; `n_frames` 0 is without end."""
     n_chirps, interval_s = frame.n_chirps, frame.repetition_s
     limit_m_per_s = frame.chirp.wavelength_m / 4 / interval_s
-    n_short = 2 ** int(math.log2(min(max(_SHORT_FRAME_S / interval_s, 8), 256)))
+    total = f"{n_frames} frames" if n_frames else "frames"
     return Finding(
         level="note",
         setting="radar.frame.n_chirps",
-        value=f"{n_chirps} frames of one chirp, read as one frame of {n_chirps} chirps,"
-        f" {interval_s * 1e3:g} ms apart; velocities beyond {limit_m_per_s:.3g} m/s are aliased,"
-        f" and targets that change their velocity or range cell in {n_chirps * interval_s:.3g} s"
-        " are smeared",
+        value=f"chosen --set radar.frame.n_chirps={n_chirps} because frames of one chirp have no"
+        f" velocity: {total} of one chirp, {interval_s * 1e3:g} ms apart, merged; velocities beyond"
+        f" {limit_m_per_s:.3g} m/s are aliased",
         expected="several chirps in a frame, to measure velocity",
-        fix=f"for targets that move, run with --set radar.frame.n_chirps={n_short}: frames of"
-        f" {n_short * interval_s:.2g} s",
+        fix="give another number of 2 chirps or more: longer frames resolve slower motion, and"
+        " smear targets that change their velocity or range cell",
     )
