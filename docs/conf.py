@@ -16,6 +16,7 @@ extensions = [
     "api",
     "command",
     "family",
+    "notebooks",
     "settings",
     "sources",
     "myst_nb",
@@ -27,7 +28,10 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "sphinx-mathjax-offline",
 ]
-exclude_patterns = ["gallery", "_build", "_ext", "_templates", "verification/README.md"]
+exclude_patterns = [
+    *("gallery", "_build", "_ext", "_templates", "verification/README.md"),
+    "gallery_built/**/*.ipynb",  # downloads; as pages MyST-NB would run the scripts a second time
+]
 nitpicky = False
 
 # The build runs every block of the guide; a failure is a warning, with -W an error.
@@ -53,7 +57,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"/plot_",
     "abort_on_example_error": True,
     "reset_modules": ("gallery_style.reset",),
-    "notebook_extensions": [],  # MyST-NB would run them a second time
+    "notebook_extensions": [".py"],
     "capture_repr": (),  # printed output only, no values
     "image_srcset": ["2x"],
     "download_all_examples": False,
@@ -80,6 +84,7 @@ html_theme_options = {
     "navbar_persistent": [],
     "navbar_end": ["search-button-field", "theme-switcher"],
     "article_header_start": [],
+    "article_footer_items": ["notebook"],
     "footer_start": ["copyright"],
     "footer_end": [],
     "pygments_light_style": "a11y-high-contrast-light",

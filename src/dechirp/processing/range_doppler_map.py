@@ -29,8 +29,10 @@ from dechirp.radar.radar import Radar
 
 
 @check_argument_types
-def power_map(cube: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArray:
+def power_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.DataArray:
     """Compute the range-Doppler map of one frame, (chirp, rx, sample) to (velocity, range).
+
+    Without a chain, that of `detect` with its defaults.
 
     Mean power over the channels, see `split_chirps_into_slots`; a tone on a bin keeps its power.
     Where mitigation attenuates velocities, the map is divided by the residual white noise, except
@@ -42,6 +44,7 @@ def power_map(cube: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArray:
         If the radar cannot have taken the frame.
     """
     check_frame_fits_radar(cube, radar)
+    chain = chain or Chain()
     samples = cube.variable.transpose("chirp", "rx", "sample").values
     if chain.mitigation:
         samples = apply_mitigation(samples, radar.frame, chain.mitigation).samples
@@ -80,8 +83,10 @@ def _empty_labelled_map(radar: Radar, chain: Chain, samples_unit: str) -> xr.Dat
 
 
 @check_argument_types
-def threshold_map(power: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArray:
+def threshold_map(power: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.DataArray:
     """Compute the threshold of each cell of a map; infinite where no false-alarm law holds.
+
+    Without a chain, that of `detect` with its defaults, which fit the training cells to the map.
 
     Infinite in the rows about DC and about half the sample rate of real sampling, see
     `processing.spectrum.rows_with_circular_noise`, and in cells with less than a tenth of the noise
@@ -94,6 +99,7 @@ def threshold_map(power: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArr
             expected="a map over velocity, range",
             fix="pass what power_map returns for this radar and chain",
         )
+    chain = chain or Chain().fit_to_radar(radar)
     noise = chain.map_noise_statistics(radar)
     labelled = power.transpose("velocity", "range")
     rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
