@@ -18,8 +18,10 @@ _OPTIONS = re.compile(r"(?:^:([\w-]+): *(.*)\n)", re.MULTILINE)
 _FRONT_MATTER = re.compile(r"\A---\n.*?^---\n", re.MULTILINE | re.DOTALL)
 _ROLE = re.compile(r"\{[\w:-]+\}`(.+?)`")
 _FOLDER = "_notebooks"
-_FIRST_CELL = """This notebook is a page of the guide of dechirp. Its commands and files need the command `dechirp`, \
-and the folder `examples` of the project beside it."""
+_FIRST_CELL = (
+    "This notebook is a page of the guide of dechirp. Its commands and files need the command "
+    "`dechirp`, and the folder `examples` of the project beside it."
+)
 
 
 def page_as_notebook(page: Path) -> nbformat.NotebookNode:
