@@ -25,7 +25,7 @@ from radars import street_radar
 
 # The same examples in every run; slow machines are not failures.
 settings.register_profile(
-    "fixed", derandomize=True, deadline=None, max_examples=100 if NIGHTLY else 40
+    "fixed", derandomize=True, deadline=None, max_examples=100 if NIGHTLY else 25
 )
 settings.load_profile("fixed")
 

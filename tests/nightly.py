@@ -12,8 +12,8 @@ _PARAMETERS = type(pytest.param())
 
 
 def n_examples(n: int) -> int:
-    """Return the number of examples of a property: a fifth of the nightly number by default."""
-    return n if NIGHTLY else n // 5
+    """Return the number of examples of a property: a tenth of the nightly number by default."""
+    return n if NIGHTLY else n // 10
 
 
 def nightly_except(kept: int | Container, cases: Iterable) -> list:

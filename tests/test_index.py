@@ -15,7 +15,7 @@ from dechirp.radar.devices.base import Device
 from dechirp.recordings.writers.base import Writer
 from families.test_members import FAMILIES
 from test_api import NAMESPACES, namespace_names
-from test_layers import FILES, ROOT, imported_files, iter_imports, walk_file
+from test_layers import FILES, ROOT, find_nodes, imported_files, iter_imports
 
 TESTS = Path(__file__).parent
 INDEX = TESTS / "index.txt"
@@ -88,7 +88,8 @@ def attribute_names(node: ast.Attribute) -> tuple[str, ...]:
 
 def iter_references(test_file: Path) -> Iterator[Path]:
     """Yield the source file of every import and every public name in a test file."""
-    for node in walk_file(test_file):
+    types = (ast.ImportFrom, ast.Import, ast.Attribute, ast.Constant, ast.Call, ast.List, ast.Tuple)
+    for node in find_nodes(test_file, *types):
         owners: list[Path | None] = []
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("dechirp"):
             imported = [alias.name for alias in node.names]

@@ -10,6 +10,7 @@ from importlib import metadata
 from pathlib import Path
 
 import dechirp
+from dechirp.results.results import FILES as RESULT_FILES
 from test_layers import FILES, ONLY_IN, ROOT, ROOT_FILES, iter_imports, parse_file
 
 PYPROJECT = ROOT.parents[1] / "pyproject.toml"
@@ -149,11 +150,11 @@ assert loaded() & (optional | other) == {"cyclopts", "rich"}, loaded() & (option
 
 # None in place of a library: it is not installed.
 sys.modules.update(dict.fromkeys(optional))
-assert status("run", "--quiet", "--set", "radar.frame.n_chirps=32") == 0
+assert status("run") == 0
 """
 
 
-def test_start_loads_few_libraries_and_run_needs_no_extra(tmp_path):
+def test_start_loads_few_libraries_and_first_run_finds_car_without_extras(tmp_path):
     declared = declared_libraries()
     core_libraries = {import_name(library) for library in declared.pop("core")}
     optional = {import_name(library) for libraries in declared.values() for library in libraries}
@@ -168,6 +169,8 @@ def test_start_loads_few_libraries_and_run_needs_no_extra(tmp_path):
         timeout=300,
     )
 
-    assert process.returncode == 0, process.stderr
-    assert (tmp_path / "dechirp-run" / "report.html").is_file()
+    assert (process.returncode, process.stderr) == (0, "")
+    output = process.stdout
+    assert "50.0" in output and "10.0" in output and "dechirp-run/report.html" in output
+    assert {file.name for file in (tmp_path / "dechirp-run").iterdir()} == set(RESULT_FILES)
     assert dechirp.__version__ in metadata.version("dechirp")

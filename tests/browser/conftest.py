@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
 from urllib.parse import urlsplit
@@ -108,6 +109,16 @@ def studio_address(folder) -> Iterator[str]:
 def address(request, browser) -> str:
     """Return the address of the studio, which starts after the browser if there is one."""
     return request.getfixturevalue("studio_address")
+
+
+def is_apart(box: dict[str, float], other: dict[str, float]) -> bool:
+    """Check that two boxes of the page do not overlap."""
+    return (
+        box["x"] + box["width"] <= other["x"]
+        or other["x"] + other["width"] <= box["x"]
+        or box["y"] + box["height"] <= other["y"]
+        or other["y"] + other["height"] <= box["y"]
+    )
 
 
 class LivePage:
@@ -236,15 +247,29 @@ class LivePage:
             self.page.screenshot(path=Path(SCREENSHOT_FOLDER) / f"{name}.png")
 
 
-@pytest.fixture(params=["1280x720"])
-def live_page(request, browser, address) -> Iterator[LivePage]:
-    width, height = re.findall(r"\d+", request.param)
+@contextmanager
+def new_live_page(browser, address: str, width: int, height: int) -> Iterator[LivePage]:
+    """Create a page that is not opened yet, and check its requests and errors at the end."""
     # With reduced motion the page does not begin to play.
     context = browser.new_context(
-        viewport={"width": int(width), "height": int(height)}, reduced_motion="reduce"
+        viewport={"width": width, "height": height}, reduced_motion="reduce"
     )
     page = LivePage(context, address)
     yield page
     context.close()
     assert page.external_urls == []
     assert page.errors == []
+
+
+@pytest.fixture(params=["1280x720"])
+def live_page(request, browser, address) -> Iterator[LivePage]:
+    width, height = re.findall(r"\d+", request.param)
+    with new_live_page(browser, address, int(width), int(height)) as page:
+        yield page
+
+
+@pytest.fixture(scope="module")
+def shared_page(browser, address) -> Iterator[LivePage]:
+    """Open the live page once for tests that do not depend on what earlier ones changed."""
+    with new_live_page(browser, address, 1280, 720) as page:
+        yield page.open()

@@ -1,4 +1,7 @@
-"""Pages of the built guide, opened from disk without network access."""
+"""Pages of the built guide, opened from disk without network access.
+
+By default a page of each kind opens, and all formulas are typeset on one page; at night all open.
+"""
 
 import os
 import re
@@ -8,10 +11,19 @@ from pathlib import Path
 import pytest
 
 import dechirp
+from nightly import nightly_except
 
 GUIDE = Path(os.environ.get("DECHIRP_GUIDE") or "/nowhere")
 ALL_PAGES = sorted(page.relative_to(GUIDE) for page in GUIDE.rglob("*.html"))
-PAGES = [str(page) for page in ALL_PAGES if page.parts[0] != "_static"] or ["index.html"]
+PAGES = [page.as_posix() for page in ALL_PAGES if page.parts[0] != "_static"] or ["index.html"]
+PAGES_OF_EACH_KIND = (
+    "index.html",
+    "angles.html",
+    "api/theory.html",
+    "gallery_built/index.html",
+    "gallery_built/velocity/plot_rotor.html",
+    "guide/phase-2-range.html",
+)
 pytestmark = pytest.mark.skipif(
     not (GUIDE / "index.html").is_file(),
     reason="no built guide: build it and set DECHIRP_GUIDE to its folder",
@@ -27,6 +39,8 @@ EXTERNAL_CSS_RESOURCE = re.compile(
     r"""url\(\s*["']?(?:https?:)?//[^)]*|@import\s+["'](?:https?:)?//"""
 )
 
+IMAGE = re.compile(r"""<img\b[^>]*\bsrc="([^"#?]+)""")
+
 # Formulas that were not typeset, and images that did not load.
 UNTYPESET_FORMULAS_JS = """() => [...document.querySelectorAll(".math")]
   .filter((one) => !one.querySelector("mjx-container")).map((one) => one.textContent)"""
@@ -35,6 +49,13 @@ BROKEN_IMAGES_JS = """() => [...document.images]
 WAIT_FOR_TYPESETTING_JS = (
     "() => window.MathJax?.startup?.promise ? MathJax.startup.promise.then(() => true) : true"
 )
+TYPESET_FORMULAS_JS = """(pages) => {
+  const container = document.body.appendChild(document.createElement("div"));
+  for (const page of pages)
+    container.append(...new DOMParser().parseFromString(page, "text/html")
+      .querySelectorAll(".math"));
+  return MathJax.typesetPromise([container]).then(() => container.childElementCount);
+}"""
 HAS_SEARCH_RESULTS_JS = "() => document.querySelectorAll('#search-results li a').length > 0"
 
 
@@ -72,7 +93,7 @@ def guide_page(browser):
     guide_page.context.close()
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", nightly_except(PAGES_OF_EACH_KIND, PAGES))
 def test_page_opens_completely_from_disk(guide_page, page):
     guide_page.open(page)
     guide_page.page.evaluate(WAIT_FOR_TYPESETTING_JS)
@@ -81,6 +102,29 @@ def test_page_opens_completely_from_disk(guide_page, page):
     assert guide_page.page.evaluate(BROKEN_IMAGES_JS) == []
     assert guide_page.external_urls == []
     assert guide_page.errors == []
+
+
+def test_formulas_of_all_pages_are_typeset(guide_page):
+    texts = [(GUIDE / page).read_text(encoding="utf-8") for page in PAGES]
+    with_formulas = [text for text in texts if 'class="math' in text]
+    guide_page.open("guide/phase-2-range.html")
+    guide_page.page.evaluate(WAIT_FOR_TYPESETTING_JS)
+
+    n_formulas = guide_page.page.evaluate(TYPESET_FORMULAS_JS, with_formulas)
+
+    assert n_formulas >= len(with_formulas) > 1
+    assert guide_page.page.evaluate(UNTYPESET_FORMULAS_JS) == []
+    assert guide_page.errors == []
+
+
+def test_images_of_all_pages_exist():
+    missing = {
+        (page, source)
+        for page in PAGES
+        for source in IMAGE.findall((GUIDE / page).read_text(encoding="utf-8"))
+        if not source.startswith("data:") and not (GUIDE / page).parent.joinpath(source).is_file()
+    }
+    assert missing == set()
 
 
 def test_search_finds_page(guide_page):

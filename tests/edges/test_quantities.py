@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from dechirp.config.quantities import format_exact_quantity, parse_quantity
 from dechirp.core.dimensions import DIMENSIONS
 from dechirp.core.errors import InvalidSetting
+from nightly import n_examples
 
 
 @pytest.mark.parametrize(
@@ -115,7 +116,7 @@ def test_quantity_is_formatted_with_readable_unit(number, unit, text):
     assert format_exact_quantity(number, unit) == text
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=n_examples(500), deadline=None)
 @given(
     number=st.floats(allow_nan=False, allow_infinity=False),
     unit=st.sampled_from(list(DIMENSIONS)),
@@ -124,7 +125,7 @@ def test_any_number_reads_back_exactly(number, unit):
     assert parse_quantity(format_exact_quantity(number, unit), unit) == number
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=n_examples(500), deadline=None)
 @given(
     text=st.text() | st.from_regex(r"[-+]?[0-9.e]{1,20} ?[A-Za-z/^]{0,8}", fullmatch=True),
     unit=st.sampled_from(list(DIMENSIONS)),

@@ -337,6 +337,7 @@ def test_report_without_detections_has_notice():
     assert "No peak of the map exceeds its threshold." in page
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_report_of_empty_scene_has_scene_section():
     page = render_page(make_result(scene=Scene(), detections=make_detections(0), budget=None))
 
@@ -370,6 +371,7 @@ def test_silent_recording_has_report():
     assert "Nothing detected" in render_page(run_result)
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_report_of_several_frames_shows_detections_over_time():
     page = render_page(make_result(n_frames=3, detections=make_detections(6, n_frames=3)))
 
@@ -578,6 +580,7 @@ def test_corner_reflector_facing_away_matches_no_detection():
     assert re.sub(r"<[^>]*>", " ", row).split() == [EN_DASH, "50.00", "10.00", "0.0", EN_DASH, "no"]
 
 
+@pytest.mark.usefixtures("without_figures")
 @pytest.mark.parametrize("away_m", nightly_except(1, [50.0, 5000.0]))
 def test_rotating_body_has_spectrogram_at_unaliased_and_aliased_range(away_m):
     turn = Rotation(center_m=(0, 0, 0), rate_rad_per_s=100.0)

@@ -7,9 +7,9 @@ import shutil
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from jsonschema import Draft202012Validator
 
 import dechirp as dc
 from dechirp.cli.main import main
@@ -20,6 +20,9 @@ from dechirp.core.errors import DechirpError
 from dechirp.experiments.scenario import READERS
 from dechirp.experiments.study.dumping import dump_study_as_yaml
 from nightly import nightly_except
+
+if TYPE_CHECKING:
+    from jsonschema import Draft202012Validator
 
 EXAMPLES = Path(dc.__file__).parents[2] / "examples"
 KINDS = ["scenario", "study", "tune", "radar", "requirements"]
@@ -41,10 +44,12 @@ FILES = {
 
 
 @cache
-def make_validator(kind: str) -> Draft202012Validator:
+def make_validator(kind: str) -> "Draft202012Validator":
     """Return a validator of the schema that `dechirp schema` prints."""
     import contextlib
     import io
+
+    from jsonschema import Draft202012Validator  # takes 1.7 s, which collection need not
 
     output = io.StringIO()
     with contextlib.redirect_stdout(output), pytest.raises(SystemExit) as exit_info:

@@ -26,6 +26,7 @@ from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
 from dechirp.simulation.impairments.base import Impairment
 from dechirp.simulation.impairments.noise import ThermalNoise, WhiteNoise
+from nightly import n_examples
 
 RADAR = """\
 frame:
@@ -224,7 +225,7 @@ def test_dumped_radar_keeps_units_and_omits_none():
     assert "hardware" not in text
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=n_examples(200), deadline=None)
 @given(
     name=st.text(st.characters(codec="utf-8", exclude_categories=["C"]), min_size=1),
     rcs_m2=st.floats(1e-12, 1e12),
@@ -551,7 +552,7 @@ TEXT_PIECES = st.sampled_from(list(" \n\t:-,[]{}'\"|>&*!#?%@~\\0e")) | st.sample
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=n_examples(500), deadline=None)
 @given(
     st.text()
     | st.lists(TEXT_PIECES, max_size=40).map(" ".join)
@@ -564,7 +565,7 @@ def test_any_text_gives_radar_or_mistakes(text):
         assert error.mistakes
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=n_examples(500), deadline=None)
 @given(
     st.sampled_from(RADAR.replace(",", " ,").replace("}", " }").split()),
     st.text(max_size=8) | st.lists(TEXT_PIECES, max_size=4).map("".join),
@@ -576,7 +577,7 @@ def test_radar_text_with_any_changed_word_gives_radar_or_mistakes(original, repl
         assert all(mistake.fix for mistake in error.mistakes)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=n_examples(300), deadline=None)
 @given(st.text() | st.lists(TEXT_PIECES, max_size=9).map(".".join).map("frame.{}=1".format))
 def test_any_override_is_accepted_or_rejected(option):
     try:

@@ -4,13 +4,16 @@ import json
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 
 import dechirp as dc
 from dechirp.cli.main import main
+from dechirp.experiments.study import executors
 from dechirp.experiments.study.ledger import LedgerReader
 from dechirp.experiments.study.run import replay_trial
 from dechirp.results.parquet import read_parquet
@@ -54,12 +57,18 @@ def study_file(tmp_path) -> Path:
     return path
 
 
+@pytest.fixture
+def without_study_figures(monkeypatch) -> None:
+    monkeypatch.setattr("dechirp.report.study.figures.render_svg", lambda *_, **__: Markup(""))
+
+
 def get_exit_status(*arguments: object) -> int:
     with pytest.raises(SystemExit) as exit_info:
         main([str(word) for word in arguments])
     return int(exit_info.value.code)
 
 
+@pytest.mark.usefixtures("without_study_figures")
 def test_study_runs_and_repeated_call_gives_same_rows(study_file, tmp_path, capsys):
     out = tmp_path / "out"
     options = ("--set", "trials.at_most=20", "--out", out, "--json")
@@ -111,6 +120,7 @@ def test_trials_are_bit_identical_in_threads_and_processes(study_file, tmp_path)
     )
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_trial_option_writes_report_of_one_trial(study_file, tmp_path, capsys):
     point = ("impairments.white-noise.snr=-20 dB", "chain.range_window=hann")
     options = [word for setting in point for word in ("--set", setting)]
@@ -192,7 +202,12 @@ def test_statistical_sensor_agrees_with_signal_simulation(study_file, tmp_path):
         (["--set", "scene.targets.cra.rcs=1 dBsm"], "car"),
     ],
 )
-def test_rejects_invalid_calls_with_message(study_file, tmp_path, capsys, arguments, message):
+def test_rejects_invalid_calls_with_message(
+    study_file, tmp_path, capsys, monkeypatch, arguments, message
+):
+    # No scheduler answers; a user waits for one for 10 s.
+    impatient = partial(executors.dask_workers, timeout_s=0.2)
+    monkeypatch.setattr(executors, "dask_workers", impatient)
     out = tmp_path / "out"
     assert get_exit_status("study", study_file, *arguments, "--out", out) == 2
     err = capsys.readouterr().err

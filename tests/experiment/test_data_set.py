@@ -144,7 +144,9 @@ def test_data_set_opens_with_zarr_and_has_one_file_per_block(undisturbed_folder)
 def test_adc_codes_are_stored_unchanged(tmp_path):
     noise = (ThermalNoise(), Quantisation(bits=10, full_scale_w=1e-9))
     kept_study = make_study(
-        scenario=replace(make_study().scenario, impairments=noise), keep=("cubes",)
+        scenario=replace(make_study().scenario, impairments=noise),
+        trials=TrialBudget(at_most=5, block=5),
+        keep=("cubes",),
     )
     run_to_folder(tmp_path, kept_study)
     data = open_data_set_groups(tmp_path / "data.zarr")
@@ -218,10 +220,10 @@ def test_study_killed_at_random_moments_gives_same_data_set(tmp_path, undisturbe
     assert file_digests(tmp_path) == file_digests(undisturbed_folder)
 
 
-def test_repeated_call_of_finished_study_changes_nothing(tmp_path):
-    run_to_folder(tmp_path, make_study(keep=("detections",)))
+def test_repeated_call_of_finished_study_changes_nothing(tmp_path, undisturbed_folder):
+    shutil.copytree(undisturbed_folder, tmp_path, dirs_exist_ok=True)
     earlier_state = {file: file.stat().st_mtime_ns for file in (tmp_path / "data.zarr").rglob("*")}
-    run_to_folder(tmp_path, make_study(keep=("detections",)))
+    run_to_folder(tmp_path)
     assert {
         file: file.stat().st_mtime_ns for file in (tmp_path / "data.zarr").rglob("*")
     } == earlier_state
@@ -395,7 +397,8 @@ def test_data_set_without_ledger_is_not_overwritten(tmp_path):
 
 
 def test_statistical_detections_make_a_data_set(tmp_path):
-    kept_study = make_study(sensor="statistical", keep=("detections",))
+    budget = TrialBudget(at_most=12, block=5)
+    kept_study = make_study(sensor="statistical", trials=budget, keep=("detections",))
     run_to_folder(tmp_path, kept_study)
     data = open_data_set_groups(tmp_path / "data.zarr")
     assert "cube" not in data[""]

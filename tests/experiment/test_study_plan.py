@@ -26,7 +26,7 @@ from dechirp.processing.cfar.base import NoiseEstimator
 from dechirp.scene.bodies.base import Body
 from dechirp.simulation.impairments.base import Impairment
 from dechirp.theory.confidence_intervals import binomial_interval
-from nightly import nightly
+from nightly import nightly, nightly_except
 
 RICH = """\
 radar:
@@ -116,7 +116,8 @@ def make_other_value(node):
 
 
 @pytest.mark.parametrize(
-    ("part", "at_least"), [("radar", 20), ("scene", 15), ("chain", 8), ("impairments", 4)]
+    ("part", "at_least"),
+    nightly_except(3, [("scene", 15), ("chain", 8), ("impairments", 4), ("radar", 20)]),
 )
 def test_every_setting_changes_by_value_as_by_text(rich_scenario, part, at_least):
     settings_value = getattr(rich_scenario, part)

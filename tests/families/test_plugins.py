@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from jsonschema import Draft202012Validator
 
 import dechirp as dc
 from dechirp.config.yaml_tree import parse_yaml
@@ -73,6 +72,8 @@ def test_plugins_are_listed_with_their_settings(plugin_folder, tmp_path):
 
 @nightly
 def test_plugins_are_in_schema_for_editors(plugin_folder, tmp_path):
+    from jsonschema import Draft202012Validator
+
     process = run_dechirp("schema", path=plugin_folder, cwd=tmp_path)
     assert process.stderr == ""
     schema = json.loads(process.stdout)

@@ -234,7 +234,12 @@ def test_rejects_transmitter_axis_for_simultaneous_transmitters(tmp_path, axes):
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1)])
-@pytest.mark.parametrize("names", ["chirp,tx,rx,sample", "rx,sample,tx,chirp", "element"])
+@pytest.mark.parametrize(
+    "names",
+    nightly_except(
+        ["rx,sample,tx,chirp", "element"], ["chirp,tx,rx,sample", "rx,sample,tx,chirp", "element"]
+    ),
+)
 def test_tdm_transmitter_axis_is_sorted_by_transmit_order(tmp_path, write_cube, order, names):
     by_tx = draw_samples(4, 3, 2, 8)  # chirp, tx, rx, sample
     if names == "element":

@@ -15,7 +15,7 @@ from dechirp.core.units import to_decibels
 from dechirp.radar.budget import sample_snr
 from dechirp.radar.design.design import TYPICAL_HARDWARE, design
 from dechirp.radar.design.requirements import BANDS_HZ, Limits, Requirements
-from nightly import nightly_except
+from nightly import n_examples, nightly_except
 
 REPORT_REQUIREMENTS = Requirements(
     max_range_m=200.0, range_resolution_m=1.0, max_velocity_m_per_s=100.0
@@ -137,7 +137,7 @@ random_requirements = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=n_examples(400))
 @given(requirements=random_requirements, rule=st.sampled_from(RULES))
 def test_radar_meets_requirements_without_finding(requirements, rule):
     result = design(requirements, rule=rule)

@@ -24,14 +24,15 @@ def make_chain(window, **bins):
 
 
 # Theory predicts 0.93 and 0.95 for this target at known noise level, without neighbouring cells.
-# The standard error of 2,500 trials is 0.005: a chain as good as theory fails once in 1e8.
+# The standard error of 2,500 trials is 0.005: a chain as good as theory fails once in 1e8. Of 200
+# trials 166 or fewer detect it once in 1e6.
 @pytest.mark.parametrize(
     ("window", "snr_db"),
     nightly_except([("hann", -37.0)], [("rectangular", -40.5), ("hann", -37.0)]),
 )
 def test_detects_reference_target_in_ninety_percent_of_trials(reference, clean, window, snr_db):
     radar, truth = reference.radar, dc.truth(reference.scene, reference.radar).isel(frame=0)
-    n_trials, limit, hits = (2500, 0.9, 0) if NIGHTLY else (600, 0.88, 0)
+    n_trials, limit, hits = (2500, 0.9, 0) if NIGHTLY else (200, 0.835, 0)
     for cube in iter_noisy_trials(clean, snr_db, np.random.default_rng(21), n_trials):
         detections = detect_columns([cube], radar, make_chain(window))
         is_near = (
@@ -42,7 +43,6 @@ def test_detects_reference_target_in_ninety_percent_of_trials(reference, clean, 
             <= radar.frame.velocity_resolution_m_per_s
         )
         hits += bool(is_near.any())
-    # 600 trials have a standard error of 1.2 %, 2,500 of 0.6 %.
     assert hits / n_trials >= limit
 
 
@@ -75,15 +75,17 @@ def test_peak_to_noise_ratio_follows_integration_gain(reference, clean):
 
 def test_strong_target_is_one_detection_under_any_window(reference, clean):
     rng = np.random.default_rng(23)
+    # Noise adds 0.28 false alarms per map, 5.6 in 20 maps; 23 or more once in 3e7; 1.7 in 6 maps,
+    # 13 or more once in 1e7.
+    n_maps, limit = (20, 23) if NIGHTLY else (6, 13)
     for window in get_args(Window):
         n_false_alarms = 0
-        for _ in range(20):
+        for _ in range(n_maps):
             detections = dc.detect(add_noise(clean, 0, rng), reference.radar, make_chain(window))
             is_target = abs(detections.range - 50) < 1
             assert int(is_target.sum()) == 1
             n_false_alarms += int((~is_target).sum())
-        # Noise adds 0.28 false alarms per map, 5.6 in 20 maps; 23 or more once in 3e7.
-        assert n_false_alarms < 23
+        assert n_false_alarms < limit
 
 
 @pytest.mark.parametrize("window", ["hann", "blackman-harris"])
@@ -116,7 +118,7 @@ def test_detection_probability_of_tone_on_bin_matches_theory(radar, n_rx):
     frame = replace(radar.frame, chirp=chirp, n_chirps=64)
     array = dc.Array(rx_m=[(0, 0.002 * k, 0) for k in range(n_rx)])
     radar = replace(radar, frame=frame, array=array)
-    snr, pfa, n_trials = 4.0, 1e-3, 3000
+    snr, pfa, n_trials = 4.0, 1e-3, 3000 if NIGHTLY else 1000
     # Theory gives a factor for the sum over receivers; the map contains their mean.
     cfar = dc.Cfar(
         estimator=dc.cfar.CellAveraging(), offset=detection_threshold(pfa, n_summed=n_rx) / n_rx
@@ -133,10 +135,12 @@ def test_detection_probability_of_tone_on_bin_matches_theory(radar, n_rx):
         threshold = dc.threshold_map(power, radar, chain)
         hits += bool(power[32 + 5, 20] > threshold[32 + 5, 20])
 
-    # The mean of 644 cells varies by 4 %, which changes the probability by 0.001; the standard
-    # error of the trials is at most 0.009.
+    # The mean of 644 cells varies by 4 %, which changes the probability by 0.001. Five
+    # standard errors of the trials are allowed.
     expected = float(detection_probability(snr, pfa, n_summed=n_rx))
-    assert hits / n_trials == pytest.approx(expected, abs=0.001 + 5 * 0.009)
+    assert hits / n_trials == pytest.approx(
+        expected, abs=0.001 + 5 * np.sqrt(expected * (1 - expected) / n_trials)
+    )
 
 
 def test_velocity_wraps_around_at_map_limits(radar):
@@ -297,7 +301,7 @@ def test_sidelobe_suppression_wraps_around_doppler_axis(n_bins):
 
 
 @pytest.mark.parametrize("n_chirps", [1, 2, 3, 4, 5, 8, 16, 24])
-@pytest.mark.parametrize("n_samples", [8, 20, 64])
+@pytest.mark.parametrize("n_samples", nightly_except([8, 64], [8, 20, 64]))
 def test_default_chain_works_for_every_map_size(radar, n_chirps, n_samples):
     chirp = replace(radar.frame.chirp, n_samples=n_samples)
     small_radar = replace(radar, frame=replace(radar.frame, chirp=chirp, n_chirps=n_chirps))

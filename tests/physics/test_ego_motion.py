@@ -82,7 +82,7 @@ def draw_sightings(rng, n, v, azimuth_std, velocity_std, model_error, centre_rad
 )
 def test_velocity_fit_covariance_is_correct(azimuth_std, velocity_std, model_error):
     rng = np.random.default_rng(2)
-    n_trials, v = 2500, np.array([30.0, 1.0])
+    n_trials, v = 800, np.array([30.0, 1.0])
     squares = np.empty(n_trials)
     for trial in range(n_trials):
         fit = fit_radar_velocity(
@@ -91,9 +91,9 @@ def test_velocity_fit_covariance_is_correct(azimuth_std, velocity_std, model_err
         error = fit.velocity - v
         squares[trial] = error @ np.linalg.solve(fit.covariance, error) / 2
 
-    # The mean has a standard error of 0.02. It is 0.9 to 0.95 if all errors are included, since the
-    # estimated model error is never negative.
-    assert 0.85 < squares.mean() < 1.15
+    # The mean has a standard error of 0.035. It is 0.9 to 0.95 if all errors are included, since
+    # the estimated model error is never negative.
+    assert 0.74 < squares.mean() < 1.18
 
 
 def test_azimuth_errors_do_not_bias_velocity_fit():
@@ -337,7 +337,7 @@ def draw_ego_motions(rng, n_frames, yaw, speed, covariance):
 
 def test_mounting_angle_standard_error_is_correct():
     rng = np.random.default_rng(7)
-    n_trials, n_frames, yaw = 3000, 50, np.radians(-110.0)
+    n_trials, n_frames, yaw = 1000, 50, np.radians(-110.0)
     # A sector to one side correlates longitudinal and lateral errors.
     covariance = np.tile(np.array([[1.0, -1.6], [-1.6, 4.0]]) * 1e-3, (n_frames, 1, 1))
     speed = rng.uniform(4, 30, n_frames)
@@ -346,9 +346,9 @@ def test_mounting_angle_standard_error_is_correct():
         mounting = mounting_angle(draw_ego_motions(rng, n_frames, yaw, speed, covariance))
         normalised_squares[trial] = ((mounting.yaw_rad - yaw) / mounting.yaw_std_rad) ** 2
 
-    # The standard error is 0.026; frames whose scatter raises their errors by chance lower the mean
+    # The standard error is 0.045; frames whose scatter raises their errors by chance lower the mean
     # by 0.02.
-    assert 0.85 < np.mean(normalised_squares) < 1.15
+    assert 0.75 < np.mean(normalised_squares) < 1.23
 
 
 def test_excess_scatter_raises_standard_error():

@@ -28,8 +28,8 @@ def estimate_errors(clean, radar, truth, snr_db, n_trials, seed):
 
 # 2,300 trials in nightly runs: the mean of squared normal errors over their variance has a standard
 # error of 2.9 %, so that 0.85 to 1.15 is five of them; the root-mean-square has 1.5 %, the mean
-# 2.1 % of the bound. 700 trials otherwise: 5.3 %, 2.7 % and 3.8 %.
-N_TRIALS, SQUARE_TOLERANCE = (2300, 0.15) if NIGHTLY else (700, 0.28)
+# 2.1 % of the bound. 400 trials otherwise: 7.1 %, 3.5 % and 5 %.
+N_TRIALS, SQUARE_TOLERANCE, MAX_RMSE = (2300, 0.15, 1.15) if NIGHTLY else (400, 0.36, 1.2)
 
 
 @pytest.mark.parametrize("snr_db", nightly_except([-24], [-24, -10, 0]))
@@ -47,7 +47,7 @@ def test_reference_target_estimates_reach_crlb(reference, clean, snr_db):
         range_and_velocity_crlb_std(radar.frame, snr=snr),
         strict=True,
     ):
-        assert np.sqrt(np.mean(error**2)) <= 1.15 * bound
+        assert np.sqrt(np.mean(error**2)) <= MAX_RMSE * bound
         assert abs(np.mean(error)) < 0.3 * bound
         assert np.mean(error**2 / std**2) == pytest.approx(1, abs=SQUARE_TOLERANCE)
     assert to_decibels(np.mean(found_snr)) == pytest.approx(to_decibels(snr), abs=0.3)
@@ -66,9 +66,9 @@ def test_estimates_reach_crlb_for_several_receivers_and_real_samples(radar, samp
     snr_db = -10
     snr = 10 ** (snr_db / 10) * radar.integration_gain
     range_m, velocity, range_std, velocity_std, found_snr = estimate_errors(
-        clean, radar, truth, snr_db, 600, seed=41
+        clean, radar, truth, snr_db, 300, seed=41
     )
-    # 600 trials have standard errors of 5.8 % for squares, 2.9 % for the root-mean-square and 4.1 %
+    # 300 trials have standard errors of 8.2 % for squares, 4.1 % for the root-mean-square and 5.8 %
     # of the bound for the mean; five of each are allowed.
     for error, std, bound in zip(
         (range_m, velocity),
@@ -76,9 +76,9 @@ def test_estimates_reach_crlb_for_several_receivers_and_real_samples(radar, samp
         range_and_velocity_crlb_std(radar.frame, snr=snr),
         strict=True,
     ):
-        assert np.sqrt(np.mean(error**2)) == pytest.approx(bound, rel=0.15)
-        assert abs(np.mean(error)) < 0.25 * bound
-        assert np.mean(error**2 / std**2) == pytest.approx(1, abs=0.3)
+        assert np.sqrt(np.mean(error**2)) == pytest.approx(bound, rel=0.21)
+        assert abs(np.mean(error)) < 0.3 * bound
+        assert np.mean(error**2 / std**2) == pytest.approx(1, abs=0.42)
     assert to_decibels(np.mean(found_snr)) == pytest.approx(to_decibels(snr), abs=0.3)
 
 
@@ -214,7 +214,7 @@ def test_fast_strong_target_does_not_bias_target_80_db_weaker():
 
 
 @pytest.mark.parametrize("bins", [(None, None), (400, 65), (777, 200)], ids=str)
-@pytest.mark.parametrize("velocity", [-27.0, -1.0, 27.0])
+@pytest.mark.parametrize("velocity", nightly_except([-27.0], [-27.0, -1.0, 27.0]))
 def test_odd_numbers_of_chirps_samples_and_bins_cause_no_bias(radar, bins, velocity):
     chirp = replace(radar.frame.chirp, n_samples=255)
     radar = replace(radar, frame=replace(radar.frame, chirp=chirp, n_chirps=63))

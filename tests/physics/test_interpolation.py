@@ -137,17 +137,17 @@ def test_standard_errors_are_correct_for_every_window(three_targets, windows, n_
         ),
     )
     truth = dc.truth(scene, radar)
-    clean = dc.simulate(scene, radar, impairments=()).isel(frame=np.zeros(1000, int))
+    clean = dc.simulate(scene, radar, impairments=()).isel(frame=np.zeros(400, int))
     cube = add_noise(clean, -8, np.random.default_rng(61))
 
     detections = dc.detect(cube, radar, chain)
 
     distances_m = abs(detections.range.values[:, None] - truth.range.values[:, 0])
     is_matched, target_index = distances_m.min(axis=1) < 1, distances_m.argmin(axis=1)
-    assert is_matched.sum() >= 2998
-    # The mean of 3,000 squared normal errors over their variance has a standard error of 2.6 %; the
+    assert is_matched.sum() >= 1198
+    # The mean of 1,200 squared normal errors over their variance has a standard error of 4.1 %; the
     # inverse of the measured SNR is 2 % above that of the true one, at 26 dB.
     for name in ("range", "velocity", "azimuth"):
         error = detections[name].values - truth[name].values[target_index, 0]
         squared = (error / detections[f"{name}_std"].values)[is_matched] ** 2
-        assert 0.85 < np.mean(squared) < 1.15, name
+        assert 0.78 < np.mean(squared) < 1.22, name

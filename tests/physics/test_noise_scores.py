@@ -241,7 +241,7 @@ def test_measured_roc_encloses_design_and_theory(radar):
     ).values[0]
     assert clean.shape[1:] == steady_echo.shape
     rows = []
-    for _ in range(1500):
+    for _ in range(500):
         samples = simulate_noise_cube(radar, rng).values[0] * np.float32(np.sqrt(noise_w))
         samples += np.float32(np.sqrt(rng.exponential())) * steady_echo
         maps = (range_doppler_power(split_chirps_into_slots(samples, radar.frame), radar, chain),)
@@ -257,7 +257,7 @@ def test_measured_roc_encloses_design_and_theory(radar):
         (curve.false_alarm_low < curve.designed) & (curve.designed < curve.false_alarm_high)
     )
     assert np.all((curve.detection_low < law) & (law < curve.detection_high))
-    assert np.all(curve.detection_high - curve.detection_low < 0.14)
+    assert np.all(curve.detection_high - curve.detection_low < 0.24)
     area = score.estimate_with_interval(sums, confidence=CONFIDENCE)
     assert area.low < score.theoretical_values(context)[0] < area.high
     # Trapezoidal rule over equal decades: the ends count half.

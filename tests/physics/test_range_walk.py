@@ -51,7 +51,9 @@ def measure_peak_db(power, samples):
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 @pytest.mark.parametrize("sampling", ["complex", "real"])
 @pytest.mark.parametrize("window", ["rectangular", "hann"])
-@pytest.mark.parametrize("velocity_m_per_s", [-25.0, -11.0, 0.0, 4.0, 24.0])
+@pytest.mark.parametrize(
+    "velocity_m_per_s", nightly_except([-25.0, 4.0], [-25.0, -11.0, 0.0, 4.0, 24.0])
+)
 @pytest.mark.parametrize("name", ["keystone", "segmented"])
 def test_range_walk_compensation_restores_gain(name, velocity_m_per_s, window, sampling):
     radar = build_radar(sampling)

@@ -47,7 +47,7 @@ def measure_detection_probability(case, n_trials: int):
 def test_detection_probability_matches_theory():
     case = trial_context(small_radar(4), HANN, 17.0)
 
-    estimate = measure_detection_probability(case, 600)
+    estimate = measure_detection_probability(case, 300)
 
     (theory,) = DetectionProbability().theoretical_values(case)
     assert 0.5 < theory < 0.75

@@ -50,13 +50,13 @@ def test_false_alarm_rate_of_one_chirp_matches_design(radar):
     )
     rng = np.random.default_rng(2)
     n_alarms = n_cells = 0
-    for _ in range(1000):
+    for _ in range(400):
         power = dc.power_map(simulate_noise_cube(radar, rng).isel(frame=0), radar, chain)
         n_alarms += int((power > dc.threshold_map(power, radar, chain)).sum())
         n_cells += power.size
 
-    # 2,560 alarms in clusters of up to 2.5: five standard errors of 3 %.
-    assert n_alarms / n_cells == pytest.approx(1e-2, rel=0.15)
+    # 1,020 alarms in clusters of up to 2.5: five standard errors of 5 %.
+    assert n_alarms / n_cells == pytest.approx(1e-2, rel=0.25)
 
 
 def test_fast_target_is_detected_at_beat_range_without_velocity_aliasing(radar):

@@ -140,7 +140,8 @@ def test_too_little_process_noise_makes_covariance_too_small():
         tracker=replace(build_trial().tracker, filter="unscented", process_noise_m2_per_s3=1e-3)
     )
 
-    assert measure_mean_nees(trial, 6)[-1] > mean_nees_interval(**NEES_INTERVAL)[1]
+    wider_interval = NEES_INTERVAL | {"n_independent": 20}  # of two trials instead of six
+    assert measure_mean_nees(trial, 2)[-1] > mean_nees_interval(**wider_interval)[1]
 
 
 @pytest.mark.parametrize("number", nightly_except(1, range(2)))

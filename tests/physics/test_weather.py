@@ -181,14 +181,14 @@ def test_rain_is_speckle_with_exponential_powers(radar):
         dc.Scene(),
         shorten_frame(radar),
         impairments=[RainBackscatter(rate_m_per_s=HEAVY_RAIN_M_PER_S)],
-        n_frames=300,
+        n_frames=150,
     )
     taper = np.hanning(256)
     power = abs(np.fft.fft(cube.values[:, 0, 0] * taper, axis=-1))[:, 40:200:4] ** 2
     power = power / power.mean(axis=0)
-    # Exponential distribution: variance equals squared mean. 12,000 powers with a fourth moment of
-    # 24: a standard error of 0.03.
-    assert power.var() == pytest.approx(1.0, abs=0.12)
+    # Exponential distribution: variance equals squared mean. 6,000 powers with a fourth moment of
+    # 24: a standard error of 0.04.
+    assert power.var() == pytest.approx(1.0, abs=0.2)
 
 
 def test_rain_approaches_upward_looking_radar(radar):

@@ -27,6 +27,7 @@ from dechirp.studio.panels.settings_file import SettingsFile
 from dechirp.studio.panels.targets import Targets, replace_noise_model
 from dechirp.studio.scenario_edits import PageLimits, apply_overrides, parse_scenario
 from dechirp.studio.session import Session
+from nightly import n_examples
 
 SETTINGS = """
 name: street
@@ -337,7 +338,7 @@ def test_design_keeps_receivers_and_hardware_of_radar() -> None:
 @pytest.mark.parametrize("rule", ["constraints", "round-trips"])
 def test_design_rounded_to_six_digits_meets_requirements(rule: Any) -> None:
     rng = np.random.default_rng(10)
-    for _ in range(50):
+    for _ in range(n_examples(50)):
         max_range_m, range_resolution_m, max_velocity_m_per_s = rng.uniform(
             (20, 0.3, 1), (200, 2, 15)
         )

@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import linecache
 import textwrap
 import types
 from collections.abc import Collection
@@ -108,15 +109,25 @@ def field_docstrings(cls: type[Any]) -> dict[str, str]:
 
 
 def _own_field_docstrings(cls: type[Any]) -> dict[str, str]:
-    body = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
-    assert isinstance(body, ast.ClassDef)
+    definition = _parse_top_level_classes(str(inspect.getsourcefile(cls))).get(cls.__qualname__)
+    if definition is None:
+        definition = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
+    assert isinstance(definition, ast.ClassDef)
     docstrings = {}
-    for statement, next_statement in zip(body.body, [*body.body[1:], ast.Pass()], strict=True):
+    body = definition.body
+    for statement, next_statement in zip(body, [*body[1:], ast.Pass()], strict=True):
         if isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name):
             match next_statement:
                 case ast.Expr(value=ast.Constant(value=str(text))):
                     docstrings[statement.target.id] = " ".join(text.split())
     return docstrings
+
+
+@cache
+def _parse_top_level_classes(file: str) -> dict[str, ast.ClassDef]:
+    """Return the classes of a source file by name: `inspect.getsource` takes ten times as long."""
+    nodes = ast.parse("".join(linecache.getlines(file))).body
+    return {node.name: node for node in nodes if isinstance(node, ast.ClassDef)}
 
 
 def setting_name_of_field(cls: type, field: str) -> str:
