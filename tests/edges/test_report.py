@@ -363,6 +363,7 @@ def test_report_accepts_infinite_thresholds():
     assert "Cut along range" in render_page(run_result)
 
 
+@nightly
 def test_silent_recording_has_report():
     run_result = make_recorded_result()
     run_result.cube[:] = 0
