@@ -109,7 +109,8 @@ def field_docstrings(cls: type[Any]) -> dict[str, str]:
 
 
 def _own_field_docstrings(cls: type[Any]) -> dict[str, str]:
-    definition = _parse_top_level_classes(str(inspect.getsourcefile(cls))).get(cls.__qualname__)
+    classes = _parse_top_level_classes(str(inspect.getsourcefile(cls)))
+    definition: ast.stmt | None = classes.get(cls.__qualname__)
     if definition is None:
         definition = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
     assert isinstance(definition, ast.ClassDef)
