@@ -117,7 +117,6 @@ def test_missing_pdf_extra_is_reported_before_run(monkeypatch, tmp_path, capsys)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.usefixtures("without_figures")
 def test_pdf_option_writes_pdf_and_next_run_removes_it(tmp_path, capsys):
     scenario = tmp_path / "small.yaml"
     scenario.write_text(
