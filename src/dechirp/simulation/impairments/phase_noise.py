@@ -35,6 +35,11 @@ class PhaseNoise(Oscillator):
 
     .. math:: 4 \sin^2(\pi f \tau) L(f).
 
+    A map shows the mean of the skirt over the main lobe of its window, which matters beside the
+    zeros of the sine and where the mask is steep: at 75 to 130 m the skirt itself differs by up to
+    0.9 dB with 40 dB a decade and by 3.6 dB with 50 dB, where the square of the sine is above 0.1.
+    Cells of a map of N chirps scatter by 4.3 / sqrt(N) dB.
+
     Frames are independent. The process has offsets from 0 to the sample rate, so that the skirt of
     an echo at one end of the band of beats extends to the other; what the receiver does not pass is
     left out (`phase_error.py`). Chirps begin at the half sample nearest to their start.
