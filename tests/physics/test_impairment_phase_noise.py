@@ -157,7 +157,7 @@ def test_single_cells_of_steep_skirt_scatter_by_number_of_chirps_alone(range_m):
     echo_cell = round(radar.frame.chirp.beat_frequency_hz(range_m) / 20e6 * 256) - 2
     excess_db = np.delete(excess_db, np.arange(echo_cell - 3, min(echo_cell + 4, 252)))
     # Means of 2000 exponentials scatter by 1 / sqrt(2000), 0.097 dB; neighbours are correlated,
-    # so about 160 of 245 cells are independent: 6 % of the standard deviation, 0.008 dB of the mean.
+    # so of 245 cells 160 are independent: 6 % of the standard deviation, 0.008 dB of the mean.
     assert excess_db.std() == pytest.approx(0.097, rel=0.3)
     assert abs(excess_db.mean()) < 0.04
     assert abs(excess_db).max() < 0.6
