@@ -110,8 +110,8 @@ def iter_imports(path: Path) -> Iterator[tuple[int, str]]:
                 yield node.lineno, f"{node.module}.{alias.name}"
         elif isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
-        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "import_from_io_extra":
-            name = getattr(node.args[0], "value", None)  # as of import_optional("mcap.writer")
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "import_from_extra":
+            name = getattr(node.args[1], "value", None)  # as of ("io", "mcap.writer")
             yield from [(node.lineno, name)] if isinstance(name, str) else ()
 
 

@@ -193,6 +193,53 @@ def test_csv_columns_have_units(tmp_path):
     assert len(row) == len(COLUMNS)
 
 
+def test_parquet_needs_its_extra_and_csv_does_not(tmp_path, monkeypatch):
+    objects = random_object_list(5, 9)
+    write_objects(objects, tmp_path / "objects.parquet")
+    monkeypatch.setitem(sys.modules, "duckdb", None)
+
+    write_objects(objects, tmp_path / "objects.csv")
+    check_object_lists_agree(read_objects(tmp_path / "objects.csv"), objects, {"snr": 1e-12})
+    for call in (
+        lambda: read_objects(tmp_path / "objects.parquet"),
+        lambda: write_objects(objects, tmp_path / "others.parquet"),
+        lambda: check_object_list_path_writable(tmp_path / "others.parquet"),
+    ):
+        with pytest.raises(InvalidSetting, match=r"run pip install 'dechirp\[parquet\]'"):
+            call()
+    assert {file.name for file in tmp_path.iterdir()} == {"objects.csv", "objects.parquet"}
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ((b"\n0,", b"\n0,0,"), "row 1 with 17 cells for 16 columns"),
+        ((b"confirmed,", b""), "row 1 with 15 cells for 16 columns"),
+        ((b"\n0,", b"\nfirst,"), "frame: could not convert string to float: 'first'"),
+        ((b"confirmed", b"\xff"), "can't decode byte 0xff"),
+        ((b"confirmed", b'"confirmed'), "unexpected end of data"),
+    ],
+)
+def test_damaged_csv_rows_are_described(tmp_path, change, problem):
+    path = tmp_path / "objects.csv"
+    write_objects(single_object_list(), path)
+    path.write_bytes(path.read_bytes().replace(*change))
+
+    with pytest.raises(RecordingError, match=re.escape(problem)):
+        read_objects(path)
+
+
+def test_csv_from_spreadsheet_is_read(tmp_path):
+    path = tmp_path / "objects.csv"
+    objects = random_object_list(3)
+    write_objects(objects, path)
+    header, rows = path.read_text(encoding="utf-8").split("\n", 1)
+    text = "\ufeff" + header.upper() + "\n" + rows + "\n"  # byte-order mark and an empty line
+    path.write_bytes(text.replace("\n", "\r\n").encode())
+
+    check_object_lists_agree(read_objects(path), objects, {"snr": 1e-12})
+
+
 def test_parquet_columns_have_types(tmp_path):
     write_objects(random_object_list(4), tmp_path / "objects.parquet")
 

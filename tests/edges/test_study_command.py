@@ -2,12 +2,14 @@
 
 import json
 import sqlite3
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from markupsafe import Markup
 
@@ -92,6 +94,29 @@ def test_study_runs_and_repeated_call_gives_same_rows(study_file, tmp_path, caps
 
     assert get_exit_status("study", study_file, *options) == 0
     assert json.loads(capsys.readouterr().out)["rows"] == document["rows"]
+
+
+def test_tables_are_csv_files_without_parquet_extra(study_file, tmp_path, capsys, monkeypatch):
+    out = tmp_path / "out"
+    command = ("study", study_file, "--workers", 1, "--set", "trials.at_most=4", "--out", out)
+    monkeypatch.setitem(sys.modules, "duckdb", None)
+    get_exit_status(*command)
+    assert "'dechirp[parquet]'" in capsys.readouterr().out
+    without_extra = {name: pd.read_csv(out / f"{name}.csv") for name in ("points", "trials")}
+    assert not list(out.glob("*.parquet"))
+    get_exit_status(*command, "--json")
+    files = json.loads(capsys.readouterr().out)["files"]
+    assert {"points.csv", "trials.csv"} < set(files)
+    assert all(Path(path).is_file() for path in files.values())
+
+    monkeypatch.undo()
+    get_exit_status(*command)
+    assert "dechirp[parquet]" not in capsys.readouterr().out
+    for name, table in without_extra.items():
+        with_extra = read_parquet(out / f"{name}.parquet")
+        assert list(table) == list(with_extra)
+        np.testing.assert_array_equal(table["point"], with_extra["point"])
+    assert not list(out.glob("*.csv"))
 
 
 @nightly

@@ -178,6 +178,18 @@ def test_point_table_has_columns_per_target_and_counts_omitted_points():
     assert float(table.rows[0][column_index]) == pytest.approx(1e3 * value_m, rel=0.01)
 
 
+def test_page_names_file_with_omitted_points(monkeypatch):
+    monkeypatch.setattr(
+        "dechirp.report.study.page.build_point_table",
+        lambda result: build_point_table(result, max_rows=3),
+    )
+    study_result, _ = make_result(RCS)
+
+    html = render_study_page(study_result, [], yaml="", origin=ORIGIN, points_file="points.csv")
+
+    assert "4 more are in <code>points.csv</code>" in html
+
+
 @pytest.mark.parametrize(
     ("path", "text"),
     [

@@ -14,6 +14,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 BLOCKED_MODULES = (
     *("bokeh", "tornado", "stonesoup", "cantools", "can", "osi3", "mcap", "rosbags", "dask"),
     *("distributed", "dask_jobqueue", "optuna", "sklearn", "typst", "trimesh", "embreex"),
+    "duckdb",
 )
 SCRIPT = f"""
 import sys
@@ -59,6 +60,7 @@ def test_commands_without_extras_work(tmp_path, arguments):
             (["run", "--pdf"], "pdf"),
             (["run", EXAMPLES / "crossing.yaml"], "track"),
             (["convert", EXAMPLES / "mimo.yaml", "out.mcap"], "io"),
+            (["run", "--objects", "objects.parquet"], "parquet"),
         ],
     ),
 )

@@ -1,5 +1,6 @@
 """Results of studies: dataset, rows and Parquet files against the sums of trials."""
 
+import csv
 from functools import reduce
 from operator import getitem
 
@@ -11,11 +12,12 @@ from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.experiments.study.results import (
     StudyResult,
     iter_trial_numbers_and_sums,
-    write_points_parquet,
-    write_trials_parquet,
+    write_points_table,
+    write_trials_table,
 )
 from dechirp.experiments.study.study import SweptSetting
 from dechirp.results.parquet import read_parquet, write_parquet
+from dechirp.results.table_files import write_table
 from dechirp.theory import confidence_intervals
 from sample_studies import (
     DISTANCE,
@@ -195,7 +197,7 @@ def test_points_in_parquet_equal_rows(tmp_path):
         RCS, WINDOW, targets=("car", "truck"), failed=[(3, 1, "ValueError: no")]
     )
 
-    write_points_parquet(study_result, tmp_path / "points.parquet", metadata={"seed": "7"})
+    write_points_table(study_result, tmp_path / "points.parquet", metadata={"seed": "7"})
 
     table = read_parquet(tmp_path / "points.parquet")
     rows = study_result.points_as_dicts
@@ -219,7 +221,7 @@ def test_trials_in_parquet_reproduce_estimates(tmp_path):
     score_layout = make_layout(targets=("car", "truck"))
 
     trial_rows = ((point, np.arange(len(sums)), sums) for point, sums in enumerate(point_sums))
-    write_trials_parquet(score_layout, trial_rows, tmp_path / "trials.parquet", metadata={})
+    write_trials_table(score_layout, trial_rows, tmp_path / "trials.parquet", metadata={})
 
     table = read_parquet(tmp_path / "trials.parquet")
     assert table["failed"].sum() == 1
@@ -304,6 +306,37 @@ def test_parquet_preserves_names_numbers_and_text(tmp_path):
     np.testing.assert_array_equal(table["Car_2"], rows["Car"])
     assert table['a "b" c'].tolist() == ["it's", None]
     assert table["yes"].tolist() == [True, False]
+
+
+def test_csv_and_parquet_tables_are_equal(tmp_path):
+    columns = {"car": "DOUBLE", "Car": "DOUBLE", "a,b": "VARCHAR", "yes": "BOOLEAN", "n": "BIGINT"}
+    rng = np.random.default_rng(5)
+    pieces = [
+        {
+            "car": rng.standard_normal(50) * 10.0 ** rng.integers(-300, 300, 50),
+            "Car": np.where(rng.random(50) < 0.5, np.nan, -np.inf),
+            "a,b": np.array(['it\'s "so"', None] * 25, dtype=object),
+            "yes": rng.random(50) < 0.5,
+            "n": rng.integers(-(2**62), 2**62, 50),
+        }
+        for _ in range(2)
+    ]
+    for suffix in (".csv", ".parquet"):
+        write_table(tmp_path / f"table{suffix}", columns, iter(pieces))
+        write_table(tmp_path / f"empty{suffix}", columns, [])
+
+    parquet = read_parquet(tmp_path / "table.parquet")
+    with (tmp_path / "table.csv").open(newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    assert header == list(parquet) == ["car", "Car_2", "a,b", "yes", "n"]
+    table = dict(zip(header, zip(*rows, strict=True), strict=True))
+    for name in ("car", "Car_2"):
+        numbers = [float(text or "nan") for text in table[name]]
+        np.testing.assert_array_equal(numbers, parquet[name])
+    assert table["a,b"] == tuple(text or "" for text in parquet["a,b"])
+    assert table["yes"] == tuple(map(str, parquet["yes"]))
+    assert table["n"] == tuple(map(str, parquet["n"]))
+    assert (tmp_path / "empty.csv").read_text().rstrip("\n") == 'car,Car_2,"a,b",yes,n'
 
 
 def test_sums_of_scores_are_separate():

@@ -137,7 +137,7 @@ def study_points_table(result: "StudyResult", *, width: int) -> Table:
     """Return the final table of points: settings, trials, and scores with their intervals.
 
     It has the first 40 points and the scores that fit the width in characters, per target if
-    there are several; `points.parquet` has all.
+    there are several; the file of points has all.
     """
     import numpy as np
 
@@ -162,11 +162,11 @@ def study_points_table(result: "StudyResult", *, width: int) -> Table:
     )
 
 
-def omitted_point_count_line(result: "StudyResult") -> Iterator[str]:
-    """Yield a line with the number of points that the table omits."""
+def omitted_point_count_line(result: "StudyResult", points_file: str) -> Iterator[str]:
+    """Yield a line with the number of points that the table omits, and the file with all."""
     n_omitted = result.n_points - _MAX_ROWS
     if n_omitted > 0:
-        yield f"{n_omitted} more points are in points.parquet."
+        yield f"{n_omitted} more points are in {points_file}."
 
 
 def requirement_paragraphs(verdicts: Sequence["Verdict"], result: "StudyResult") -> Iterator[Text]:

@@ -6,8 +6,8 @@ from typing import Any
 from dechirp.core.errors import InvalidSetting
 
 
-def import_from_io_extra(name: str, *, setting: str = "objects") -> Any:
-    """Import a module of the extra `io`, or raise `InvalidSetting` with the install command.
+def import_from_extra(extra: str, name: str, *, setting: str = "objects") -> Any:
+    """Import a module of an extra, or raise `InvalidSetting` with the install command.
 
     `setting`: what it would read or write, in the words of the setting.
     """
@@ -17,6 +17,6 @@ def import_from_io_extra(name: str, *, setting: str = "objects") -> Any:
         raise InvalidSetting(
             setting,
             value=f"a format that needs {error.name or name}, which is not installed",
-            expected="a format without optional dependencies, or the extra io installed",
-            fix="run pip install 'dechirp[io]'",
+            expected=f"a format without optional dependencies, or the extra {extra} installed",
+            fix=f"run pip install 'dechirp[{extra}]'",
         ) from None

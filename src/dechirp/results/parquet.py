@@ -19,6 +19,7 @@ from dechirp.core.duckdb_memory import (
     utf8_path_alias,
 )
 from dechirp.core.errors import RecordingError
+from dechirp.core.optional_imports import import_from_extra
 
 ColumnType = Literal["BIGINT", "DOUBLE", "BOOLEAN", "VARCHAR"]
 """SQL type of a column."""
@@ -51,8 +52,7 @@ def write_parquet(
     DechirpError
         If it cannot be written, or the disk is full.
     """
-    import duckdb
-
+    duckdb = import_from_extra("parquet", "duckdb", setting="table")
     metadata_sql = ", ".join(
         f"{_quote_sql_identifier(name)}: {quote_sql_string(text)}"
         for name, text in metadata.items()
@@ -63,7 +63,7 @@ def write_parquet(
         utf8_path_alias(temporary) as name,
         connect_duckdb_in_memory() as duck,
     ):
-        named_types = zip(_distinct_column_names(columns), columns.values(), strict=True)
+        named_types = zip(distinct_column_names(columns), columns.values(), strict=True)
         typed = ", ".join(f"{_quote_sql_identifier(name)} {kind}" for name, kind in named_types)
         try:
             duck.execute(f"CREATE TABLE rows ({typed})")
@@ -84,8 +84,7 @@ def read_parquet(path: Path) -> dict[str, np.ndarray]:
     RecordingError
         If the file does not exist or is not Parquet.
     """
-    import duckdb
-
+    duckdb = import_from_extra("parquet", "duckdb", setting="table")
     with utf8_path_alias(path) as name, connect_duckdb_in_memory() as duck:
         try:
             columns = duck.execute(
@@ -117,7 +116,7 @@ def _insert_rows_with_duckdb(
         duck.unregister("piece")
 
 
-def _distinct_column_names(names: Iterable[str]) -> Iterator[str]:
+def distinct_column_names(names: Iterable[str]) -> Iterator[str]:
     """Yield names that differ in more than case, with a number appended to repeated ones."""
     taken: set[str] = set()
     for name in names:

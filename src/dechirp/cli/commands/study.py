@@ -104,15 +104,23 @@ def _check_study_folder_replaceable(out: Path) -> None:
     from dechirp.core.atomic_files import check_output_folder_replaceable
     from dechirp.experiments.study.ledger import LEDGER_FILES
     from dechirp.experiments.study.ledger_reader import LEDGER_NAME
+    from dechirp.results.table_files import TABLE_SUFFIXES
 
     check_output_folder_replaceable(
         out,
         marker_file=LEDGER_NAME,
-        own_names={*_STUDY_FILES, *LEDGER_FILES, *_DATA_SET_FILES, *_PDF_FILES},
+        own_names={
+            *_STUDY_FILES,
+            *(name + suffix for name in _TABLES for suffix in TABLE_SUFFIXES),
+            *LEDGER_FILES,
+            *_DATA_SET_FILES,
+            *_PDF_FILES,
+        },
     )
 
 
-_STUDY_FILES = ("report.html", "study.yaml", "study.json", "points.parquet", "trials.parquet")
+_STUDY_FILES = ("report.html", "study.yaml", "study.json")
+_TABLES = ("points", "trials")
 _DATA_SET_FILES = ("data.zarr", "datasheet.html")
 _PDF_FILES = ("report.pdf", "datasheet.pdf")
 
@@ -142,11 +150,12 @@ def _write_study_results(
     from dechirp.experiments.study.ledger_reader import LEDGER_NAME
     from dechirp.experiments.study.results import (
         iter_trial_numbers_and_sums,
-        write_points_parquet,
-        write_trials_parquet,
+        write_points_table,
+        write_trials_table,
     )
     from dechirp.report.pdf import write_or_remove_pdf
     from dechirp.report.study.page import StudyOrigin, render_study_page
+    from dechirp.results.table_files import TABLE_SUFFIXES, available_table_suffix
     from dechirp.results.text_files import to_json_text
 
     study = outcome.result.study
@@ -154,13 +163,20 @@ def _write_study_results(
     pdfs = _PDF_FILES[: 2 if study.keep else 1] if with_pdf else ()
     yaml = dump_study_as_yaml(study)
     metadata = {"dechirp": dechirp.__version__, "study": yaml}
-    write_points_parquet(outcome.result, out / "points.parquet", metadata=metadata)
-    write_trials_parquet(
+    suffix = available_table_suffix()
+    write_points_table(outcome.result, out / f"points{suffix}", metadata=metadata)
+    write_trials_table(
         outcome.result.layout,
         iter_trial_numbers_and_sums(ledger),
-        out / "trials.parquet",
+        out / f"trials{suffix}",
         metadata=metadata,
     )
+    # Tables of an earlier call, with or without the extra, would contradict these.
+    for other in {*TABLE_SUFFIXES} - {suffix}:
+        for name in _TABLES:
+            (out / f"{name}{other}").unlink(missing_ok=True)
+    tables = (f"{name}{suffix}" for name in _TABLES)
+    names = (*_STUDY_FILES, *tables, LEDGER_NAME, *data_set, *pdfs)
     n_trials = int(outcome.result.trials.sum())
     text = to_json_text(
         study_json_document(
@@ -169,13 +185,14 @@ def _write_study_results(
             version=dechirp.__version__,
             n_done=n_trials,
             n_total=n_trials,
-            files={name: out / name for name in (*_STUDY_FILES, LEDGER_NAME, *data_set, *pdfs)},
+            files={name: out / name for name in names},
         )
     )
     page = render_study_page(
         outcome.result,
         outcome.verdicts,
         yaml=yaml,
+        points_file=f"points{suffix}",
         origin=StudyOrigin(
             date=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             source=str(source),
@@ -228,10 +245,12 @@ def _print_study_results(outcome: "StudyOutcome", shown_findings: Sequence[Any],
         requirement_paragraphs,
         study_points_table,
     )
+    from dechirp.results.table_files import available_table_suffix
 
     screen = open_stdout_console()
     screen.print(study_points_table(outcome.result, width=screen.width))
-    for line in omitted_point_count_line(outcome.result):
+    suffix = available_table_suffix()
+    for line in omitted_point_count_line(outcome.result, f"points{suffix}"):
         screen.print(line)
     for paragraph in requirement_paragraphs(outcome.verdicts, outcome.result):
         screen.print(paragraph)
@@ -241,6 +260,12 @@ def _print_study_results(outcome: "StudyOutcome", shown_findings: Sequence[Any],
     n_failed = len(outcome.result.failures)
     if n_failed:
         screen.print(f"{n_failed} trials failed; the report names them.")
+    if suffix == ".csv":
+        screen.print(
+            "Points and trials are CSV files; for Parquet files, run pip install"
+            " 'dechirp[parquet]' and repeat the command.",
+            markup=False,
+        )
     screen.print(f"Report: {out / 'report.html'}", soft_wrap=True)
     if outcome.result.study.keep:
         screen.print(f"Data set: {out / 'data.zarr'}, {out / 'datasheet.html'}", soft_wrap=True)

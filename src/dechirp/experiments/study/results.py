@@ -18,7 +18,8 @@ from dechirp.evaluation.score.roc import Roc, RocCurve
 from dechirp.experiments.study.block import Failure
 from dechirp.experiments.study.layout import ScoreColumnLayout
 from dechirp.experiments.study.study import RandomSetting, Study, SweptSetting
-from dechirp.results.parquet import ColumnType, write_parquet
+from dechirp.results.parquet import ColumnType
+from dechirp.results.table_files import write_table
 
 if TYPE_CHECKING:
     from dechirp.experiments.study.ledger_reader import LedgerReader
@@ -344,8 +345,8 @@ def has_valid_trials(sums: np.ndarray) -> bool:
     return bool(len(sums)) and not bool(np.isnan(sums).all())
 
 
-def write_points_parquet(result: StudyResult, path: Path, *, metadata: Mapping[str, str]) -> None:
-    """Write `points.parquet`, one row a point.
+def write_points_table(result: StudyResult, path: Path, *, metadata: Mapping[str, str]) -> None:
+    """Write the table of points as `.parquet` or `.csv`, one row a point.
 
     Columns: `point`; settings, named by path and unit (`scene.targets.car.rcs_dBsm`, numbers;
     `chain.range_window`, labels); `trials`, `failures`; and the keys of
@@ -380,17 +381,17 @@ def write_points_parquet(result: StudyResult, path: Path, *, metadata: Mapping[s
                 table[f"{label}.{owner}{part}"] = ("DOUBLE", values[:, column, index])
     columns = {name: kind for name, (kind, _) in table.items()}
     piece = {name: values for name, (_, values) in table.items()}
-    write_parquet(path, columns, [piece] if result.n_points else [], metadata=metadata)
+    write_table(path, columns, [piece] if result.n_points else [], metadata=metadata)
 
 
-def write_trials_parquet(
+def write_trials_table(
     layout: ScoreColumnLayout,
     points: Iterable[tuple[int, np.ndarray, np.ndarray]],
     path: Path,
     *,
     metadata: Mapping[str, str],
 ) -> None:
-    """Write `trials.parquet`, one row a trial: the sums from which all estimates follow.
+    """Write the table of trials, one row a trial: the sums from which all estimates follow.
 
     Columns: `point`, `trial`, `failed`, and the sums of each score and target in the order of
     its formula, as `detection_probability.car.0`; NaN where the trial failed. These numbers
@@ -404,9 +405,9 @@ def write_trials_parquet(
         Number of each point, numbers of its trials and their sums (n_trials, n_columns);
         several points are held at a time. See `iter_trial_numbers_and_sums`.
     path : Path
-        File to write.
+        File to write, `.parquet` or `.csv`.
     metadata : mapping
-        Text metadata stored with the table.
+        Text metadata stored in a Parquet file.
 
     Raises
     ------
@@ -416,7 +417,7 @@ def write_trials_parquet(
     names = list(_sum_column_names(layout))
     kinds: dict[str, ColumnType] = {"point": "BIGINT", "trial": "BIGINT", "failed": "BOOLEAN"}
     columns: dict[str, ColumnType] = {**kinds, **dict.fromkeys(names, "DOUBLE")}
-    write_parquet(path, columns, _iter_trial_table_chunks(points, names), metadata=metadata)
+    write_table(path, columns, _iter_trial_table_chunks(points, names), metadata=metadata)
 
 
 def label_of_swept_value(study: Study, path: str, value_text: str) -> str:

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from dechirp.core.optional_imports import import_from_io_extra
+from dechirp.core.optional_imports import import_from_extra
 from dechirp.recordings.messages.ros import Message
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -27,8 +27,8 @@ def iter_mcap_messages(path: Path) -> Iterator[Message]:
 
     Raises any error of the library for damaged bytes.
     """
-    stream = import_from_io_extra("mcap.stream_reader", setting="recording")
-    records = import_from_io_extra("mcap.records", setting="recording")
+    stream = import_from_extra("io", "mcap.stream_reader", setting="recording")
+    records = import_from_extra("io", "mcap.records", setting="recording")
     schemas: dict[int, Any] = {}
     channels: dict[int, Any] = {}
     # A mapping never returns more bytes than the file has, whatever length is requested.
@@ -66,10 +66,10 @@ def _decompress_chunk(chunk: Any) -> Any:
     if size > _MAX_CHUNK_BYTES:
         raise ValueError(f"a chunk of {size} bytes")
     if chunk.compression == "zstd":
-        unpacker = import_from_io_extra("zstandard", setting="recording").ZstdDecompressor()
+        unpacker = import_from_extra("io", "zstandard", setting="recording").ZstdDecompressor()
         content = unpacker.stream_reader(chunk.data).read(size)
     elif chunk.compression == "lz4":
-        unpacker = import_from_io_extra("lz4.frame", setting="recording").LZ4FrameDecompressor()
+        unpacker = import_from_extra("io", "lz4.frame", setting="recording").LZ4FrameDecompressor()
         content = unpacker.decompress(chunk.data, max_length=size)
     else:
         raise ValueError(f"compression {chunk.compression!r}")

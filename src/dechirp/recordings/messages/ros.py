@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dechirp.core.optional_imports import import_from_io_extra
+from dechirp.core.optional_imports import import_from_extra
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 TEXT = "std_msgs/msg/String"
@@ -42,7 +42,7 @@ class Message(NamedTuple):
 @cache
 def ros2_message_type_store() -> Any:
     """Return the store of message types, which serialises messages."""
-    stores = import_from_io_extra("rosbags.typesys", setting="recording")
+    stores = import_from_extra("io", "rosbags.typesys", setting="recording")
     return stores.get_typestore(stores.Stores.ROS2_HUMBLE)
 
 

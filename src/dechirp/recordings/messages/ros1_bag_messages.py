@@ -15,7 +15,7 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
-from dechirp.core.optional_imports import import_from_io_extra
+from dechirp.core.optional_imports import import_from_extra
 from dechirp.recordings.messages.ros import CLOUD, NANO, Message, ros2_message_type_store
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -105,7 +105,7 @@ def _decompress_chunk(fields: dict[bytes, bytes], data: bytes) -> bytes:
     elif compression == b"bz2":
         chunk = bz2.BZ2Decompressor().decompress(data, size)
     elif compression == b"lz4":
-        unpacker = import_from_io_extra("lz4.frame", setting="recording").LZ4FrameDecompressor()
+        unpacker = import_from_extra("io", "lz4.frame", setting="recording").LZ4FrameDecompressor()
         chunk = unpacker.decompress(data, max_length=size)
     else:
         raise ValueError(f"compression {compression[:20]!r}")

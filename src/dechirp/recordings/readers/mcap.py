@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import ClassVar
 
-from dechirp.core.optional_imports import import_from_io_extra
+from dechirp.core.optional_imports import import_from_extra
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.messages.contents import messages_to_contents
 from dechirp.recordings.messages.mcap_messages import MAGIC, iter_mcap_messages
@@ -28,5 +28,5 @@ class Mcap(Format):
             )
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        import_from_io_extra("mcap", setting="recording")
+        import_from_extra("io", "mcap", setting="recording")
         return messages_to_contents(path, iter_mcap_messages(path), hints, "a complete MCAP file")

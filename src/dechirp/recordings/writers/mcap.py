@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from dechirp.core.atomic_files import atomic_file
-from dechirp.core.optional_imports import import_from_io_extra
+from dechirp.core.optional_imports import import_from_extra
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.messages.ros import CLOUD, ros2_message_type_store
 from dechirp.recordings.recording import Recording
@@ -26,7 +26,7 @@ class Mcap(Writer):
     holds_detections: ClassVar[bool] = True
 
     def check_recording(self, recording: Recording) -> None:
-        import_from_io_extra("mcap", setting="recording")
+        import_from_extra("io", "mcap", setting="recording")
         ros2_message_type_store()
         check_has_detections(recording)
 
@@ -35,7 +35,7 @@ class Mcap(Writer):
     ) -> tuple[Path, ...]:
         channels: dict[str, int] = {}
         with atomic_file(out) as temporary, temporary.open("wb") as file:
-            bag = import_from_io_extra("mcap.writer", setting="recording").Writer(
+            bag = import_from_extra("io", "mcap.writer", setting="recording").Writer(
                 file, enable_data_crcs=True
             )
             bag.start(profile="ros2", library="dechirp")
@@ -55,5 +55,5 @@ def _rosbag_qos_metadata(kind: str) -> dict[str, str]:
     """Return the rosbag2 metadata of a channel for its message type."""
     if kind == CLOUD:
         return {}
-    metadata = import_from_io_extra("rosbags.rosbag2.metadata", setting="recording")
+    metadata = import_from_extra("io", "rosbags.rosbag2.metadata", setting="recording")
     return {"offered_qos_profiles": metadata.dump_qos_v8([transient_local_qos()])}

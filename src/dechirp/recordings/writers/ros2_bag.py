@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from dechirp.core.atomic_files import atomic_folder, check_output_folder_replaceable
-from dechirp.core.optional_imports import import_from_io_extra
+from dechirp.core.optional_imports import import_from_extra
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.messages.ros import CLOUD, Message, ros2_message_type_store
 from dechirp.recordings.readers.ros2_bag import METADATA
@@ -54,7 +54,7 @@ class Ros2Bag(Writer):
 
 def _write_bag(folder: Path, messages: Iterable[Message]) -> None:
     topics: dict[str, Any] = {}
-    with import_from_io_extra("rosbags.rosbag2", setting="recording").Writer(
+    with import_from_extra("io", "rosbags.rosbag2", setting="recording").Writer(
         folder, version=_VERSION
     ) as bag:
         for topic, kind, time_ns, data in messages:

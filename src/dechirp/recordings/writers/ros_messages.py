@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from dechirp.core.optional_imports import import_from_io_extra
+from dechirp.core.optional_imports import import_from_extra
 from dechirp.recordings.messages.ros import (
     CLOUD,
     FIELD_TYPES,
@@ -93,7 +93,7 @@ def _serialise_to_message(topic: str, time_ns: int, content: Any) -> Message:
 
 def transient_local_qos() -> Any:
     """Return the quality of service that delivers a message to late subscribers, too."""
-    interfaces = import_from_io_extra("rosbags.interfaces", setting="recording")
+    interfaces = import_from_extra("io", "rosbags.interfaces", setting="recording")
     no_limit = interfaces.QosTime(0, 0)
     return interfaces.Qos(
         interfaces.QosHistory.KEEP_LAST,

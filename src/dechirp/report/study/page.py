@@ -50,7 +50,12 @@ class StudyOrigin:
 
 
 def render_study_page(
-    result: StudyResult, judged: Sequence[Verdict], *, yaml: str, origin: StudyOrigin
+    result: StudyResult,
+    judged: Sequence[Verdict],
+    *,
+    yaml: str,
+    origin: StudyOrigin,
+    points_file: str = "points.parquet",
 ) -> str:
     """Return the HTML of the page; equal arguments give equal pages.
 
@@ -64,6 +69,8 @@ def render_study_page(
         Study of the run, for reproduction.
     origin : StudyOrigin
         Provenance to show.
+    points_file : str
+        Name of the file with all points.
 
     Returns
     -------
@@ -75,6 +82,7 @@ def render_study_page(
     rows = _finding_rows_with_point_counts(result)
     return load_template("study/study.html").render(
         study=study,
+        points_file=points_file,
         headline=format_headline(result, judged),
         lead=_describe_scores_and_sensor(result),
         cards=_build_point_and_trial_cards(result, origin),

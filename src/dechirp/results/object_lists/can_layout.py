@@ -11,7 +11,7 @@ import numpy as np
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.optional_imports import import_from_io_extra
+from dechirp.core.optional_imports import import_from_extra
 from dechirp.results.object_lists.can_bus import FRAME_LENGTHS
 
 __all__ = ["DbcLayout", "read_dbc_layout"]
@@ -201,7 +201,7 @@ def read_dbc_layout(dbc: str | Path | None = None) -> DbcLayout:
 
 
 def _load_dbc_messages(path: Path) -> list[Any]:
-    cantools = import_from_io_extra("cantools")
+    cantools = import_from_extra("io", "cantools")
     try:
         # As cantools reads files: the encoding of Vector's tools.
         text = path.read_text(encoding="cp1252")

@@ -11,7 +11,7 @@ from dechirp.core.argument_types import check_argument_types
 from dechirp.core.atomic_files import atomic_output_file, check_file_suffix
 from dechirp.core.checks import check_integer, check_number
 from dechirp.core.errors import InvalidSetting, RecordingError
-from dechirp.core.optional_imports import import_from_io_extra
+from dechirp.core.optional_imports import import_from_extra
 from dechirp.results.object_lists.can_bus import CanFd
 from dechirp.results.object_lists.can_frames import CanFrame, encode_can_frames
 from dechirp.results.object_lists.can_layout import DbcLayout, read_dbc_layout
@@ -158,7 +158,7 @@ def send_can(
     try:
         for frame in sent:
             bus.send(_to_can_message(frame))
-    except import_from_io_extra("can").CanError as error:
+    except import_from_extra("io", "can").CanError as error:
         raise _bus_error(f"a bus that fails with: {error}") from None
     return (first + objects.sizes.get("cycle", 0)) % dbc_layout.counter_period
 
@@ -214,12 +214,12 @@ def _iter_bus_frames(bus: Any, idle_s: float, at_most_s: float) -> Iterator[CanF
     try:
         while time.monotonic() < end_s and (message := bus.recv(idle_s)) is not None:
             yield _from_can_message(message)
-    except import_from_io_extra("can").CanError as error:
+    except import_from_extra("io", "can").CanError as error:
         raise _bus_error(f"a bus that fails with: {error}") from None
 
 
 def _check_python_can_bus(bus: object) -> None:
-    if not isinstance(bus, import_from_io_extra("can").BusABC):
+    if not isinstance(bus, import_from_extra("io", "can").BusABC):
         raise _bus_error(repr(bus))
 
 
@@ -236,11 +236,11 @@ def _open_log_file(path: Path) -> IO[Any]:
 
 def _python_can_log_class(path: Path, reader_or_writer: str) -> Callable[[object], Any]:
     module, name = _MODULES[path.suffix.lower()].split(".")
-    return getattr(import_from_io_extra(f"can.io.{module}"), f"{name}{reader_or_writer}")
+    return getattr(import_from_extra("io", f"can.io.{module}"), f"{name}{reader_or_writer}")
 
 
 def _to_can_message(frame: CanFrame) -> Any:
-    return import_from_io_extra("can").Message(
+    return import_from_extra("io", "can").Message(
         timestamp=frame.time_s,
         arbitration_id=frame.identifier,
         is_extended_id=frame.extended,

@@ -34,7 +34,7 @@ import xarray as xr
 
 from dechirp.core.atomic_files import atomic_output_file, check_file_suffix
 from dechirp.core.errors import RecordingError
-from dechirp.core.optional_imports import import_from_io_extra
+from dechirp.core.optional_imports import import_from_extra
 from dechirp.core.units import from_decibels, to_decibels
 from dechirp.results.object_lists.list_columns import (
     MEASURED,
@@ -95,7 +95,7 @@ def write_osi(objects: xr.Dataset, path: str | Path) -> None:
 def osi_messages(objects: xr.Dataset) -> Iterator[Any]:
     """Yield an `osi3` message of type `SensorData` for each cycle of an object list."""
     objects = check_object_list(objects)
-    sensor_data = import_from_io_extra("osi3.osi_sensordata_pb2").SensorData
+    sensor_data = import_from_extra("io", "osi3.osi_sensordata_pb2").SensorData
     ends = np.searchsorted(cycle_indices(objects), np.arange(objects.sizes["cycle"] + 1))
     rows = _objects_as_rows(objects)
     for cycle, (start, end) in enumerate(pairwise(ends)):
@@ -148,7 +148,7 @@ def read_osi(path: str | Path) -> xr.Dataset:
 
 
 def _set_sensor_data_header(message: Any, frame: int, time_s: float) -> None:
-    version = import_from_io_extra("osi3.osi_version_pb2")
+    version = import_from_extra("io", "osi3.osi_version_pb2")
     options = version.DESCRIPTOR.GetOptions()
     message.version.CopyFrom(options.Extensions[version.current_interface_version])
     message.sensor_id.value = 0
@@ -284,8 +284,8 @@ def _field_or_nan(message: Any, field: str) -> float:
 
 def _iter_trace_messages(path: Path) -> Iterator[Any]:
     """Yield the messages of a trace."""
-    sensor_data = import_from_io_extra("osi3.osi_sensordata_pb2").SensorData
-    unparsable = import_from_io_extra("google.protobuf.message").DecodeError
+    sensor_data = import_from_extra("io", "osi3.osi_sensordata_pb2").SensorData
+    unparsable = import_from_extra("io", "google.protobuf.message").DecodeError
     expected, fix = "a complete trace of SensorData", "write it again, or give a valid file"
     try:
         content = path.read_bytes()

@@ -1,10 +1,13 @@
-"""Object lists as tables: CSV and Parquet, a row for each object, through DuckDB.
+"""Object lists as tables: CSV, and Parquet through DuckDB, a row for each object.
 
 Columns carry their units (`x_m`), the ratio is in dB (`snr_db`), and unknown values are empty.
 Frames without objects have no row.
 """
 
+import csv
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -18,6 +21,7 @@ from dechirp.core.duckdb_memory import (
     utf8_path_alias,
 )
 from dechirp.core.errors import RecordingError
+from dechirp.core.optional_imports import import_from_extra
 from dechirp.results.object_lists.list_columns import (
     COLUMNS,
     MEASURED,
@@ -35,13 +39,8 @@ _NAMES = {
 
 _WRITE_TYPES = {"frame": "BIGINT", "number": "BIGINT", "status": "VARCHAR"}
 _READ_TYPES = {"status": "VARCHAR"}  # so that half a frame is not rounded to a whole one
-_DUCKDB_FORMATS = {
-    ".csv": ("FORMAT csv, HEADER", "read_csv({}, header=true, delim=',', all_varchar=true)"),
-    ".parquet": ("FORMAT parquet", "read_parquet({})"),
-}
-"""Options of DuckDB to write and read each suffix."""
 
-SUFFIXES = tuple(_DUCKDB_FORMATS)
+SUFFIXES = (".csv", ".parquet")
 
 
 def write_object_table(objects: xr.Dataset, path: str | Path) -> None:
@@ -50,33 +49,22 @@ def write_object_table(objects: xr.Dataset, path: str | Path) -> None:
     Raises
     ------
     InvalidSetting
-        If it is not an object list, or the path cannot be written.
+        If it is not an object list, the path cannot be written, or the extra `parquet` is missing
+        for a `.parquet` file.
     """
-    import duckdb
-
     path = check_file_suffix(path, SUFFIXES)
     objects = check_object_list(objects)
-    options, _ = _DUCKDB_FORMATS[path.suffix.lower()]
     shown_columns = {
         name: ("object", column.to_shown_unit(objects[name].values))
         for name, column in _DETECTED.items()
     }
     objects = objects.assign(shown_columns)
     rows = objects[list(COLUMNS)].to_dataframe()[list(COLUMNS)].rename(columns=_NAMES)
-    with (
-        atomic_output_file(path) as temporary,
-        utf8_path_alias(temporary) as name,
-        connect_duckdb_in_memory() as duck,
-    ):
-        # Not every DuckDB version supports the type that pandas has for texts.
-        duck.register("rows", rows.astype({"status": object}))
-        try:
-            duck.execute(
-                f"COPY (SELECT {_sql_select_columns(_WRITE_TYPES)} FROM rows)"
-                f" TO {quote_sql_string(name)} ({options})"
-            )
-        except duckdb.IOException as error:
-            raise OSError(None, _error_text_without_query(error)) from None
+    if path.suffix.lower() == ".parquet":
+        _write_parquet_rows(rows, path)
+        return
+    with atomic_output_file(path) as temporary:
+        rows.to_csv(temporary, index=False, lineterminator="\n")
 
 
 def read_object_table(path: str | Path) -> xr.Dataset:
@@ -87,26 +75,14 @@ def read_object_table(path: str | Path) -> xr.Dataset:
     RecordingError
         If it cannot be read, or has other columns.
     InvalidSetting
-        If its values are not an object list.
+        If its values are not an object list, or the extra `parquet` is missing for a `.parquet`
+        file.
     """
-    import duckdb
-
     path = check_file_suffix(path, SUFFIXES)
-    _, reader = _DUCKDB_FORMATS[path.suffix.lower()]
+    is_parquet = path.suffix.lower() == ".parquet"
     if not path.is_file():
         raise _unreadable_table_error(path, "no file")
-    with utf8_path_alias(path) as name, connect_duckdb_in_memory() as duck:
-        table = reader.format(quote_sql_string(escape_glob_wildcards(name)))
-        try:
-            description = duck.execute(f"DESCRIBE SELECT * FROM {table}").fetchall()
-            present = {str(row[0]).lower() for row in description}  # as DuckDB compares names
-            if missing := [name for name in _NAMES.values() if name not in present]:
-                raise _unreadable_table_error(path, f"without columns {', '.join(missing)}")
-            rows = duck.execute(
-                f"SELECT {_sql_select_columns(_READ_TYPES)} FROM {table}"
-            ).fetchnumpy()
-        except duckdb.Error as error:
-            raise _unreadable_table_error(path, _error_text_without_query(error)) from None
+    rows = _read_parquet_rows(path) if is_parquet else _read_csv_rows(path)
     for name in ("frame", "time", "number", "status"):
         if np.ma.getmaskarray(rows[_NAMES[name]]).any():
             raise _unreadable_table_error(path, f"a row without {_NAMES[name]}")
@@ -116,6 +92,75 @@ def read_object_table(path: str | Path) -> xr.Dataset:
     }
     detected = {name: column.from_shown_unit(columns[name]) for name, column in _DETECTED.items()}
     return object_list_from_rows({**columns, **detected})
+
+
+def _read_csv_rows(path: Path) -> dict[str, np.ndarray]:
+    """Read the columns of a CSV file, masked where a cell is empty."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            lines = csv.reader(file, strict=True)
+            header = [name.lower() for name in next(lines, [])]
+            _check_columns_present(path, header)
+            cells = [line for line in lines if line]
+    except (csv.Error, UnicodeError, OSError) as error:
+        raise _unreadable_table_error(path, str(error)[:200]) from None
+    for number, line in enumerate(cells, 1):
+        if len(line) != len(header):
+            value = f"row {number} with {len(line)} cells for {len(header)} columns"
+            raise _unreadable_table_error(path, value)
+    texts = np.array(cells, dtype=object).reshape(len(cells), len(header))
+    rows: dict[str, np.ndarray] = {}
+    for name in COLUMNS:
+        column = texts[:, header.index(_NAMES[name])]
+        is_empty = column == ""
+        values: np.ndarray = column
+        if name not in _READ_TYPES:
+            try:
+                values = np.where(is_empty, "nan", column).astype(float)
+            except ValueError as error:
+                raise _unreadable_table_error(path, f"{_NAMES[name]}: {error}"[:200]) from None
+        rows[_NAMES[name]] = np.ma.array(values, mask=is_empty)
+    return rows
+
+
+def _write_parquet_rows(rows: Any, path: Path) -> None:
+    duckdb = import_from_extra("parquet", "duckdb")
+    with (
+        atomic_output_file(path) as temporary,
+        utf8_path_alias(temporary) as name,
+        connect_duckdb_in_memory() as duck,
+    ):
+        # Not every DuckDB version supports the type that pandas has for texts.
+        duck.register("rows", rows.astype({"status": object}))
+        try:
+            duck.execute(
+                f"COPY (SELECT {_sql_select_columns(_WRITE_TYPES)} FROM rows)"
+                f" TO {quote_sql_string(name)} (FORMAT parquet)"
+            )
+        except duckdb.IOException as error:
+            raise OSError(None, _error_text_without_query(error)) from None
+
+
+def _read_parquet_rows(path: Path) -> dict[str, np.ndarray]:
+    """Read the columns of a Parquet file, masked where a value is null."""
+    duckdb = import_from_extra("parquet", "duckdb")
+    with utf8_path_alias(path) as name, connect_duckdb_in_memory() as duck:
+        table = f"read_parquet({quote_sql_string(escape_glob_wildcards(name))})"
+        try:
+            description = duck.execute(f"DESCRIBE SELECT * FROM {table}").fetchall()
+            # DuckDB compares names without case.
+            _check_columns_present(path, [str(row[0]).lower() for row in description])
+            rows: dict[str, np.ndarray] = duck.execute(
+                f"SELECT {_sql_select_columns(_READ_TYPES)} FROM {table}"
+            ).fetchnumpy()
+        except duckdb.Error as error:
+            raise _unreadable_table_error(path, _error_text_without_query(error)) from None
+    return rows
+
+
+def _check_columns_present(path: Path, present: Sequence[str]) -> None:
+    if missing := [name for name in _NAMES.values() if name not in present]:
+        raise _unreadable_table_error(path, f"without columns {', '.join(missing)}")
 
 
 def _sql_select_columns(types: dict[str, str]) -> str:
