@@ -45,6 +45,20 @@ def test_target_in_last_cell_is_not_at_negative_range(cells_below_end, velocity_
     assert error_m < 5 * detections.range_std.item() + 1e-4 * CELL_M
 
 
+@pytest.mark.parametrize(
+    ("cells_below_end", "velocity_m_per_s"), [(0.02, -5.0), (0.04, -20.0), (0.04, 20.0)]
+)
+def test_moving_target_at_end_is_no_leakage(cells_below_end, velocity_m_per_s):
+    # Static, it could be leakage below zero range, by a twentieth of a cell.
+    range_m = SPAN_M - cells_below_end * CELL_M
+    detections, true_m = detect_target(range_m, velocity_m_per_s, rcs_m2=1e5)
+
+    assert detections.sizes["detection"] == 1
+    assert 3 * detections.range_std.item() < 0.02 * CELL_M
+    error_m = abs(detections.range.item() - true_m)
+    assert error_m < 5 * detections.range_std.item() + 1e-4 * CELL_M
+
+
 def test_approaching_target_near_the_radar_is_not_beyond_the_largest_range():
     # At 20 m/s its Doppler frequency, -10 kHz, exceeds its beat frequency.
     detections, true_m = detect_target(0.06, -20.0, rcs_m2=1e-4)
