@@ -11,6 +11,10 @@ other groups are modules: `dc.cfar.CellAveraging`, or `from dechirp.cfar import 
 """
 
 import importlib
+import logging
+
+# Applications choose handlers; without any, nothing is printed.
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 __version__ = "0.1.0"
 

@@ -35,6 +35,7 @@ from dechirp.radar.modulations.triangular import Triangular
 from dechirp.report.data_set import render_data_set_page
 from dechirp.results import shards
 from dechirp.results.data_set import folder_size_bytes, open_data_set_groups
+from dechirp.results.xarray_engine import DechirpBackend
 from dechirp.simulation.adc_codes import extract_adc_codes
 from dechirp.simulation.impairments.noise import ThermalNoise
 from dechirp.simulation.impairments.quantisation import Quantisation
@@ -55,6 +56,16 @@ def undisturbed_folder(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def data(undisturbed_folder) -> dict[str, xr.Dataset]:
     return open_data_set_groups(undisturbed_folder / "data.zarr")
+
+
+def test_engine_of_xarray_opens_groups_lazily(undisturbed_folder, data):
+    folder = undisturbed_folder / "data.zarr"
+    samples = xr.open_dataset(folder, engine=DechirpBackend)
+    assert not isinstance(samples.cube.variable._data, np.ndarray)
+    assert samples.cube.encoding["preferred_chunks"]["trial"] == 1
+    xr.testing.assert_identical(samples.load(), data[""].load())
+    truth = xr.open_dataset(folder, engine=DechirpBackend, group="truth")
+    xr.testing.assert_identical(truth, data["truth"])
 
 
 def read_samples(data, point, trial):

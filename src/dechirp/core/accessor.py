@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from dechirp.core.arrow_stream import export_arrow_stream
 from dechirp.core.detection_columns import SHOWN_COLUMNS
 from dechirp.core.display import (
     Table,
@@ -64,6 +65,10 @@ class TableAccessor:
         import pandas as pd
 
         return pd.DataFrame(dataset_to_columns(self._dataset))
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Return the table as an Arrow stream: `polars.DataFrame(detections.dechirp)`."""
+        return export_arrow_stream(dataset_to_columns(self._dataset))
 
     def plot(self, axes: Any = None) -> Any:
         """Draw the rows from above, as the report does, and return the axes.

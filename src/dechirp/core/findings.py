@@ -1,5 +1,6 @@
 """Findings: notes, warnings and errors about a result that is nevertheless valid."""
 
+import logging
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -38,6 +39,13 @@ class Finding:
 def findings_display_table(findings: Iterable[Finding]) -> Table:
     """Return the table of findings that a notebook shows."""
     return Table("Findings", [(finding.level, str(finding)) for finding in findings])
+
+
+def log_findings(logger: logging.Logger, findings: Iterable[Finding]) -> None:
+    """Log findings: notes as information, warnings and errors at their levels."""
+    levels = {"note": logging.INFO, "warning": logging.WARNING, "error": logging.ERROR}
+    for finding in findings:
+        logger.log(levels[finding.level], "%s", finding)
 
 
 class PhysicsWarning(UserWarning):

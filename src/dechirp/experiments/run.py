@@ -1,5 +1,6 @@
 """Run of one experiment: simulate or read samples, and process them."""
 
+import logging
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from time import perf_counter
@@ -15,7 +16,12 @@ from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.display import Displayable, Table, format_count_with_noun
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.findings import Finding, capture_warned_findings, findings_display_table
+from dechirp.core.findings import (
+    Finding,
+    capture_warned_findings,
+    findings_display_table,
+    log_findings,
+)
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.link_budget import added_noise_power_w, link_budget_of_first_target
 from dechirp.experiments.object_stage import estimate_ego_motion_clusters_tracks
@@ -46,6 +52,8 @@ from dechirp.results.object_lists.object_list import object_list
 from dechirp.scene.truth import truth
 from dechirp.simulation.simulate import simulate
 from dechirp.tracking.online import LiveTracker
+
+_LOGGER = logging.getLogger(__name__)
 
 
 @frozen_dataclass
@@ -158,7 +166,11 @@ def run(
         If a setting is invalid, the recording cannot be read, or memory is insufficient.
     """
     with plain_twins_for_small_work(scenario.n_simulated_samples):
-        return _run(scenario, rng, progress)
+        result = _run(scenario, rng, progress)
+    log_findings(_LOGGER, result.findings)
+    stages = ", ".join(f"{name} {time_s:.3f} s" for name, time_s in result.timing_s.items())
+    _LOGGER.info("%s: %s", result._display_line(), stages)
+    return result
 
 
 def _run(

@@ -6,10 +6,11 @@ from dataclasses import replace
 from functools import cached_property
 from numbers import Integral
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import xarray as xr
+from xarray.core import indexing
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.conventions import CUBE_AXES, axis_coordinate
@@ -24,6 +25,7 @@ from dechirp.radar.cube import label_cube
 from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.lookup import device as known_device
 from dechirp.radar.radar import Radar
+from dechirp.recordings.lazy_frames import LazyFrames
 from dechirp.recordings.readers.base import IQ_ORDERS, Contents, RecordingHints
 from dechirp.recordings.recognise import (
     check_choice,
@@ -199,6 +201,19 @@ class Recording(Displayable):
             self._decode_frame(number, samples[index])
         return self._label_samples_as_cube(samples, self.frame_numbers)
 
+    @property
+    def lazy_cube(self) -> xr.DataArray:
+        """The selected frames as a lazy array, which decodes a frame when its samples are loaded.
+
+        Raises `RecordingError` as `cube` does, for invalid samples when they are loaded.
+        """
+        frames = LazyFrames(
+            self._decode_frame, self.frame_numbers, self._cube_shape()[1:], self._sample_dtype()
+        )
+        cube = self._label_samples_as_cube(indexing.LazilyIndexedArray(frames), self.frame_numbers)
+        cube.encoding["preferred_chunks"] = {"frame": 1}
+        return cube
+
     def frames(self) -> Iterator[xr.DataArray]:
         """Yield cubes of one frame each, decoded one by one; raises as `cube` does."""
         shape, dtype = self._cube_shape(), self._sample_dtype()
@@ -236,7 +251,7 @@ class Recording(Displayable):
         except OSError as error:
             raise unreadable_path_error(self.path, error) from None
 
-    def _label_samples_as_cube(self, samples: np.ndarray, frame_numbers: range) -> xr.DataArray:
+    def _label_samples_as_cube(self, samples: Any, frame_numbers: range) -> xr.DataArray:
         gaps = self.contents.gaps
         return label_frames_as_cube(
             samples,
@@ -247,7 +262,7 @@ class Recording(Displayable):
 
 
 def label_frames_as_cube(
-    samples: np.ndarray, contents: Contents, *, first_frame: int, gaps: np.ndarray | None
+    samples: Any, contents: Contents, *, first_frame: int, gaps: np.ndarray | None
 ) -> xr.DataArray:
     """Label samples (frame, chirp, rx, sample) of contents, from the frame number `first_frame` on.
 
