@@ -34,6 +34,7 @@ FRAME = {"samples": np.ones((4, 8)), "window": "hann", "axes": (0, 1), "n_bins":
 VALID_ARGUMENTS = {
     "maps.range_doppler_map": FRAME,
     "maps.range_doppler_spectrum": FRAME,
+    "maps.range_spectrum": {"samples": np.ones((4, 8)), "window": "hann", "axis": 1, "n_bins": 8},
     "cfar.cfar_threshold": {
         "power": POWER,
         "n_training": 3,

@@ -168,6 +168,18 @@ def test_spectrum_of_channels_has_powers_of_map_and_direct_phases(is_complex):
     np.testing.assert_allclose(scale.imag, 0, atol=1e-4 * abs(scale).max())
 
 
+def test_range_spectrum_of_tone_has_its_power_along_any_axis():
+    tone = 3 * np.exp(2j * np.pi * 5 * np.arange(32) / 32)
+    samples = np.stack([tone, 2 * tone], axis=1)
+    power = abs(dc.maps.range_spectrum(samples, axis=0, n_bins=64)) ** 2
+    assert power.shape == (64, 2)
+    # Range windows are in single precision.
+    np.testing.assert_allclose(power[10], [9, 36], rtol=1e-6)
+    real_power = abs(dc.maps.range_spectrum(samples.real, "rectangular", axis=0)) ** 2
+    assert real_power.shape == (17, 2)
+    np.testing.assert_allclose(real_power[5], [4.5, 18], rtol=1e-6)
+
+
 def test_map_needs_less_memory_than_it_checks():
     samples = noise_samples(4, 512, 512, seed=1)
     dc.maps.range_doppler_map(samples)  # compiled

@@ -12,10 +12,11 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
 from dechirp.processing.spectrum import Transform, mean_range_doppler_power
 from dechirp.processing.spectrum import range_doppler_spectrum as transform_frame
+from dechirp.processing.spectrum import range_spectrum as transform_samples
 from dechirp.radar.chirp import Sampling
 from dechirp.theory.windows import Window
 
-__all__ = ["range_doppler_map", "range_doppler_spectrum"]
+__all__ = ["range_doppler_map", "range_doppler_spectrum", "range_spectrum"]
 
 _MAX_BINS = 2**20
 # Measured peaks: samples in single precision and their mask of finite values; four partial sums in
@@ -82,6 +83,54 @@ def range_doppler_spectrum(
     spectrum = transform_frame(frame.samples, *frame.transform)
     spectrum = np.moveaxis(spectrum, 1, 0).reshape(*frame.channels, *spectrum.shape[::2])
     return spectrum.astype(complex) * np.ldexp(1.0, frame.exponent)
+
+
+@check_argument_types
+def range_spectrum(
+    samples: ArrayLike, window: Window = "hann", *, axis: int = -1, n_bins: int | None = None
+) -> np.ndarray:
+    """Compute the complex range spectrum of each chirp.
+
+    Parameters
+    ----------
+    samples : array
+        Samples of one or more chirps, real or complex.
+    window : str
+        Window over the samples; see `dechirp.windows.window_names`.
+    axis : int
+        Axis of the samples.
+    n_bins : int, optional
+        Bins, for zero padding; as many as samples by default.
+
+    Returns
+    -------
+    array
+        The spectrum, with ranges in place of the samples; real samples give n_bins // 2 + 1. The
+        squared magnitude of a tone on a bin is its mean power.
+
+    Raises
+    ------
+    InvalidSetting
+        If the samples are not finite or empty, the window is unknown, or there are fewer bins than
+        samples.
+    """
+    array = check_finite_samples(
+        "samples", samples, axes="(..., sample)", fits=lambda array: array.ndim >= 1
+    )
+    (sample_axis,) = check_axes("axis", axis, array, n_axes=(1,))
+    chirps = np.moveaxis(array, sample_axis, -1)
+    n_samples = chirps.shape[-1]
+    n_range = n_samples if n_bins is None else n_bins
+    check_integer("n_bins", n_range, at_least=n_samples, at_most=_MAX_BINS)
+    check_free_memory(
+        f"spectra of {array.size} samples",
+        needed_bytes=16.0 * (array.size + array.size // n_samples * n_range),
+        fix="give fewer chirps at once, or lower n_bins",
+    )
+    transform = Transform(window=window, n_points=n_samples, n_bins=n_range)
+    sampling: Sampling = "complex" if np.iscomplexobj(array) else "real"
+    chirps = chirps.astype(complex if sampling == "complex" else float)
+    return np.moveaxis(transform_samples(chirps, sampling, transform), -1, sample_axis)
 
 
 class _ScaledFrame(NamedTuple):
