@@ -4,7 +4,8 @@ Compiling the kernels of a first frame takes 30 s of CPU time, once for each ins
 loading them again takes 1.5 s in every process; the plain twins of NumPy and SciPy take 0.2 s for a
 frame of the reference scenario. Therefore
 
-* a run of few samples uses the twins, see `plain_twins_for_small_work`;
+* a run of few samples, and the inspection of a small recording, use the twins, see
+  `plain_twins_for_small_work`;
 * larger runs, studies and live pages use the compiled kernels;
 * without Numba, or with its setting NUMBA_DISABLE_JIT=1, everything uses the twins.
 

@@ -1,11 +1,13 @@
 """Inspection of a recording: its format, its radar, its first map, and its defects."""
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
+from dechirp.core.compiled_kernels import plain_twins_for_small_work
 from dechirp.core.errors import DechirpError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
@@ -102,7 +104,8 @@ def inspect(
     power, findings = None, recording.findings
     try:
         if recording.sizes:
-            power, findings = _first_frame_map_and_sample_findings(recording, progress)
+            with plain_twins_for_small_work(math.prod(recording.sizes.values())):
+                power, findings = _first_frame_map_and_sample_findings(recording, progress)
     except DechirpError as error:
         return _inspection_of_unreadable_recording(path, kinds, error)
     if chip is not None and recording.contents.radar is not None:

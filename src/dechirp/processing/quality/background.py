@@ -114,7 +114,21 @@ def estimate_static_samples(
     return out
 
 
-@kernel(fastmath={"contract", "reassoc"})
+def _write_median_of_group_means_in_numpy(
+    numbers: np.ndarray,
+    chirps: np.ndarray,
+    starts: np.ndarray,
+    inverse_scale: np.float32,
+    out: np.ndarray,
+) -> None:
+    if not chirps.size:
+        return
+    sums = np.add.reduceat(numbers[chirps], starts[:-1], axis=0)
+    sizes = np.diff(starts).astype(np.float32)[:, None, None]
+    np.median(sums * (inverse_scale / sizes), axis=0, out=out)
+
+
+@kernel(plain=_write_median_of_group_means_in_numpy, fastmath={"contract", "reassoc"})
 def _write_median_of_group_means(
     numbers: np.ndarray,
     chirps: np.ndarray,
@@ -155,7 +169,16 @@ def _write_median_of_group_means(
             )
 
 
-@kernel(fastmath={"contract", "reassoc"})
+def _moving_and_total_power_in_numpy(
+    numbers: np.ndarray, static_samples: np.ndarray, inverse_scale: np.float32
+) -> tuple[np.ndarray, np.ndarray]:
+    scaled = numbers * inverse_scale
+    moving = scaled - static_samples[np.arange(len(numbers)) % len(static_samples)]
+    powers = [np.einsum("mki,mki->mk", x, x) for x in (moving, scaled)]
+    return powers[0] / numbers.shape[2], powers[1] / numbers.shape[2]
+
+
+@kernel(plain=_moving_and_total_power_in_numpy, fastmath={"contract", "reassoc"})
 def _moving_and_total_power(
     numbers: np.ndarray, static_samples: np.ndarray, inverse_scale: np.float32
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -212,7 +235,23 @@ def _fit_linear_predictor(
     return np.linalg.solve(autocorrelation, cross_correlation)[::-1]
 
 
-@kernel()
+def _sum_lag_products_in_numpy(rows: np.ndarray, order: int) -> np.ndarray:
+    n_whole = rows.shape[1] - order
+    out = np.zeros((order + 1, order + 1), rows.dtype)
+    first, last = rows[:, :order], rows[:, n_whole:]
+    for lag in range(order + 1):
+        total = np.vdot(rows[:, :n_whole], rows[:, lag : lag + n_whole])
+        added, left_out = (
+            np.einsum("ri,ri->i", ends[:, : order - lag].conj(), ends[:, lag:order])
+            for ends in (last, first)
+        )
+        diagonal = np.concatenate([[total], total + np.cumsum(added - left_out)])
+        i = np.arange(order + 1 - lag)
+        out[i, i + lag], out[i + lag, i] = diagonal, diagonal.conj()
+    return out
+
+
+@kernel(plain=_sum_lag_products_in_numpy)
 def _sum_lag_products(rows: np.ndarray, order: int) -> np.ndarray:
     """Return sums over rows and n of conj(x[n + i]) x[n + j], (order + 1, order + 1).
 

@@ -68,7 +68,18 @@ def mean_spectrum_and_mirror_products(
     )
 
 
-@kernel(fastmath={"contract", "reassoc"})
+def _add_powers_and_mirror_products_in_numpy(
+    spectra: np.ndarray, power: np.ndarray, mirror: np.ndarray, mirror_difference: np.ndarray
+) -> None:
+    squares = spectra.real**2 + spectra.imag**2
+    power += squares.sum(axis=0, dtype=float)
+    n = mirror.size
+    mirror += (spectra[:, 1 : n + 1] * spectra[:, : -n - 1 : -1]).sum(axis=0, dtype=complex)
+    differences = squares[:, 1 : n + 1] - squares[:, : -n - 1 : -1]
+    mirror_difference += abs(differences).sum(axis=0, dtype=float)
+
+
+@kernel(plain=_add_powers_and_mirror_products_in_numpy, fastmath={"contract", "reassoc"})
 def _add_powers_and_mirror_products(
     spectra: np.ndarray, power: np.ndarray, mirror: np.ndarray, mirror_difference: np.ndarray
 ) -> None:

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import betainccinv
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.processing.quality.background import (
     Background,
     estimate_background,
@@ -124,7 +124,64 @@ def _stretch_lengths_and_energy_limits(
     return lengths, betainccinv(half * lengths, half * (n_samples - lengths), chance)
 
 
-@kernel(fastmath=_FAST)
+def _write_chirp_burst_measures_in_numpy(
+    numbers: np.ndarray,
+    is_lost: np.ndarray,
+    static_samples: np.ndarray,
+    inverse_scale: np.float32,
+    weight: np.ndarray,
+    predictor: np.ndarray,
+    lengths: np.ndarray,
+    limits: np.ndarray,
+    floor: float,
+    n_parts: int,
+    excess: np.ndarray,
+    share: np.ndarray,
+    kurtosis: np.ndarray,
+) -> None:
+    kept, order = np.flatnonzero(~is_lost), predictor.shape[1]
+    n_predicted = numbers.shape[2] // n_parts - order
+    taps = predictor[0] if n_parts == 1 else predictor[0] + np.complex64(1j) * predictor[1]
+    energy = np.zeros((kept.size, n_predicted), np.float32)
+    largest = np.zeros(kept.size)
+    for k in np.flatnonzero(weight):
+        moving = numbers[kept, k] * inverse_scale - static_samples[kept % len(static_samples), k]
+        moving = moving if n_parts == 1 else moving.view(np.complex64)
+        white = moving[:, order:].copy()
+        for j in range(order):
+            white -= taps[j] * moving[:, order - 1 - j :][:, :n_predicted]
+        energies = weight[k] * (white.real**2 + white.imag**2)
+        energy += energies
+        squares, fourth_powers = energies.sum(axis=1), (energies**2).sum(axis=1)
+        ratio = np.divide(
+            n_predicted * fourth_powers, squares**2, out=0 * squares, where=squares > 0
+        )
+        largest = np.maximum(largest, ratio)
+    kurtosis[kept] = largest
+    excess[kept] = _largest_energy_shares_over_limit(energy, lengths, limits, floor)
+    share[kept] = 0
+    for row in np.flatnonzero(excess[kept] > 1):
+        share[kept[row]] = _fraction_of_burst_samples(energy[row])
+
+
+def _largest_energy_shares_over_limit(
+    energy: np.ndarray, lengths: np.ndarray, limits: np.ndarray, floor: float
+) -> np.ndarray:
+    """Return `_largest_energy_share_over_limit` of each row of (chirp, sample)."""
+    total, stretch_energy = energy.sum(axis=1), energy.copy()
+    excess = np.zeros(len(energy))
+    for length, limit in zip(lengths, limits, strict=True):
+        n_starts = energy.shape[1] - length + 1
+        if length > 1:
+            half = length // 2
+            stretch_energy[:, :n_starts] += stretch_energy[:, half : half + n_starts]
+        highest = stretch_energy[:, :n_starts].max(axis=1)
+        is_above_floor = highest > length * floor
+        excess = np.maximum(excess, np.where(is_above_floor, highest / (total * limit), 0))
+    return excess
+
+
+@kernel(plain=_write_chirp_burst_measures_in_numpy, fastmath=_FAST)
 def _write_chirp_burst_measures(
     numbers: np.ndarray,
     is_lost: np.ndarray,
@@ -203,7 +260,7 @@ def _largest_energy_share_over_limit(
     return excess
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _fraction_of_burst_samples(energy: np.ndarray) -> float:
     # The median of noise is 0.69 of its mean, and more of receivers summed.
     threshold = _BURST_THRESHOLD * np.median(energy) / 0.69

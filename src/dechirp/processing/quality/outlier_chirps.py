@@ -1,7 +1,7 @@
 """Outlier chirps, such as the first of a frame of an unsettled radar."""
 
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.lib.stride_tricks import sliding_window_view
 
 from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.quality.background import ROUNDING_POWER
@@ -37,7 +37,7 @@ def measure_outlier_chirp_excess(
         if np.count_nonzero(is_known) < _MIN_CHANGES:
             continue
         filled = np.where(is_known, slot_changes, np.median(slot_changes[is_known]))
-        local_median = median_filter(filled, size=min(_MEDIAN_LENGTH, filled.size), mode="mirror")
+        local_median = _moving_median(filled, min(_MEDIAN_LENGTH, filled.size))
         ratio = np.maximum(slot_changes, smallest) / np.maximum(local_median, smallest)
         # The median absolute logarithm is a standard deviation robust against outliers.
         scatter = 1.48 * float(np.median(np.abs(np.log(ratio[is_known]))))
@@ -50,7 +50,28 @@ def measure_outlier_chirp_excess(
     return out
 
 
-@kernel(fastmath={"contract", "reassoc"})
+def _moving_median(values: np.ndarray, length: int) -> np.ndarray:
+    """Return the medians of `length` values about each, mirrored at the ends.
+
+    (As scipy.ndimage.median_filter, whose import takes 0.07 s.)
+    """
+    padded = np.pad(values, (length // 2, (length - 1) // 2), mode="reflect")
+    windows = sliding_window_view(padded, length)
+    return np.partition(windows, length // 2, axis=-1)[:, length // 2]
+
+
+def _chirp_changes_and_powers_in_numpy(
+    numbers: np.ndarray, is_lost: np.ndarray, n_slots: int, inverse_scale: np.float32
+) -> tuple[np.ndarray, np.ndarray]:
+    scaled = (numbers * inverse_scale).reshape(len(numbers), -1)
+    changes = np.full(len(scaled), np.nan)
+    differences = scaled[n_slots:] - scaled[:-n_slots]
+    is_known = ~(is_lost[n_slots:] | is_lost[:-n_slots])
+    changes[:-n_slots][is_known] = np.mean(differences**2, axis=1, dtype=float)[is_known]
+    return changes, np.mean(scaled**2, axis=1, dtype=float)
+
+
+@kernel(plain=_chirp_changes_and_powers_in_numpy, fastmath={"contract", "reassoc"})
 def _chirp_changes_and_powers(
     numbers: np.ndarray, is_lost: np.ndarray, n_slots: int, inverse_scale: np.float32
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -71,7 +71,20 @@ def compute_sample_statistics(
     )
 
 
-@kernel(fastmath={"contract", "reassoc"})
+def _centred_sums_and_squares_in_numpy(
+    numbers: np.ndarray,
+    is_lost: np.ndarray,
+    n_parts: int,
+    origin: np.ndarray,
+    inverse_scale: np.float32,
+) -> np.ndarray:
+    kept = numbers[~is_lost].reshape(-1, numbers.shape[1], numbers.shape[2] // n_parts, n_parts)
+    centred = kept * inverse_scale - (origin * inverse_scale)[:, None]
+    sums = [np.sum(x, axis=(0, 2), dtype=float) for x in (centred, centred**2)]
+    return np.stack(sums, axis=-1)
+
+
+@kernel(plain=_centred_sums_and_squares_in_numpy, fastmath={"contract", "reassoc"})
 def _centred_sums_and_squares(
     numbers: np.ndarray,
     is_lost: np.ndarray,
@@ -98,7 +111,31 @@ def _centred_sums_and_squares(
     return out
 
 
-@kernel(fastmath={"contract", "nnan", "nsz"})
+def _write_extreme_levels_and_find_step_in_numpy(
+    numbers: np.ndarray, is_lost: np.ndarray, n_parts: int, level: np.ndarray, count: np.ndarray
+) -> np.float32:
+    kept = numbers[~is_lost]
+    for k, part in np.ndindex(level.shape[:2]):
+        values = kept[:, k, part::n_parts].ravel()
+        for end, sign in enumerate((1, -1)):
+            rest = sign * values
+            for rank in range(2):
+                if rest.size:
+                    highest = rest.max()
+                    level[k, part, end, rank] = sign * highest
+                    count[k, part, end, rank] = np.count_nonzero(rest == highest)
+                    rest = rest[rest < highest]
+    first, is_first_lost = numbers[:_N_STEP_CHIRPS], is_lost[:_N_STEP_CHIRPS]
+    within = first[~is_first_lost]
+    steps = [
+        abs(within[..., n_parts:] - within[..., :-n_parts]),
+        abs(first[1:] - first[:-1])[~(is_first_lost[1:] | is_first_lost[:-1])],
+    ]
+    nonzero = np.concatenate([step[step > 0] for step in steps])
+    return np.float32(nonzero.min(initial=_NO_STEP))
+
+
+@kernel(plain=_write_extreme_levels_and_find_step_in_numpy, fastmath={"contract", "nnan", "nsz"})
 def _write_extreme_levels_and_find_step(
     numbers: np.ndarray, is_lost: np.ndarray, n_parts: int, level: np.ndarray, count: np.ndarray
 ) -> np.float32:

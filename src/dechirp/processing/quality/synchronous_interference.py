@@ -133,7 +133,24 @@ def _interpolated_row_peak_bins(power: np.ndarray) -> np.ndarray:
     return np.asarray(top + np.clip((below - above) / (2 * curvature), -0.5, 0.5))
 
 
-@kernel()
+def _find_line_through_most_beats_in_numpy(
+    times: np.ndarray, beats: np.ndarray, min_slope: float, step: int, tolerance: float
+) -> tuple[float, float]:
+    max_count, start, slope = 2, np.nan, np.nan
+    for share in (8, 4, 2):
+        gap = beats.size // share
+        first = np.arange(0, beats.size - gap, step)
+        rates = (beats[first + gap] - beats[first]) / (times[first + gap] - times[first])
+        origins = beats[first] - rates * times[first]
+        distances = abs(beats - origins[:, None] - rates[:, None] * times)
+        counts = np.where(abs(rates) < min_slope, 0, np.sum(distances <= tolerance, axis=1))
+        best = int(counts.argmax())
+        if counts[best] > max_count:
+            max_count, start, slope = int(counts[best]), origins[best], rates[best]
+    return start, slope
+
+
+@kernel(plain=_find_line_through_most_beats_in_numpy)
 def _find_line_through_most_beats(
     times: np.ndarray, beats: np.ndarray, min_slope: float, step: int, tolerance: float
 ) -> tuple[float, float]:
