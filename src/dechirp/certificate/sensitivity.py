@@ -4,8 +4,7 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
-from scipy.special import ive
+import scipy
 
 from dechirp.certificate import published
 from dechirp.certificate.reference_trials import (
@@ -60,7 +59,7 @@ def fit_snr_limit(trials: np.ndarray, curve: DetectionCurve) -> LimitFit:
         return -float(np.sum(n_hits * np.log(p) + (n_trials - n_hits) * np.log1p(-p)))
 
     shift_db = float(
-        minimize_scalar(
+        scipy.optimize.minimize_scalar(
             negative_log_likelihood, bounds=(-MAX_SHIFT_DB, MAX_SHIFT_DB), method="bounded"
         ).x
     )
@@ -82,7 +81,11 @@ def fit_snr_limit(trials: np.ndarray, curve: DetectionCurve) -> LimitFit:
 
 def theoretical_limit_db(curve: DetectionCurve) -> float:
     """Return the SNR per sample at which the curve reaches 0.9."""
-    return float(brentq(lambda s: float(curve(np.array(s))) - DETECTION_PROBABILITY, -60.0, 0.0))
+    return float(
+        scipy.optimize.brentq(
+            lambda s: float(curve(np.array(s))) - DETECTION_PROBABILITY, -60.0, 0.0
+        )
+    )
 
 
 def count_trials_to_prove_snr_limit(window: Window) -> int:
@@ -170,7 +173,9 @@ def report_rule_curve() -> DetectionCurve:
     def detection_probability(snr_db: np.ndarray) -> np.ndarray:
         snr = from_decibels(np.asarray(snr_db, float))[..., None]
         half = snr * training_gains / 2
-        means = np.sqrt(np.pi / 4) * ((1 + 2 * half) * ive(0, half) + 2 * half * ive(1, half))
+        means = np.sqrt(np.pi / 4) * (
+            (1 + 2 * half) * scipy.special.ive(0, half) + 2 * half * scipy.special.ive(1, half)
+        )
         variance = (1 + 2 * half - means**2).mean(axis=-1) / n_independent
         amplitude = means.mean(axis=-1)[..., None] + np.sqrt(variance)[..., None] * deviations
         threshold = (from_decibels(published.OFFSET_DB) * amplitude) ** 2
@@ -198,4 +203,4 @@ def _snr_at_required_detection_probability(detection_curve: DetectionCurve) -> f
     def excess(snr_db: float) -> float:
         return float(detection_curve(from_decibels(np.array(snr_db)))) - DETECTION_PROBABILITY
 
-    return float(from_decibels(brentq(excess, 0.0, 50.0)))
+    return float(from_decibels(scipy.optimize.brentq(excess, 0.0, 50.0)))

@@ -7,14 +7,14 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from dechirp.certificate.claim import CONFIDENCE
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.values import frozen_dataclass
 
 # Half width of an interval at this confidence in standard deviations, 4.42.
-Z_SCORE = float(ndtri((1 + CONFIDENCE) / 2))
+Z_SCORE = float(scipy.special.ndtri((1 + CONFIDENCE) / 2))
 
 MAX_QUEUED_BLOCKS = 64
 """Largest number of submitted blocks: enough for as many workers, few to cancel."""

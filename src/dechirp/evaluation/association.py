@@ -6,9 +6,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.spatial import KDTree
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.radar.radar import Radar
@@ -254,7 +254,9 @@ class _FrameTargets:
     """Target of each cell position, (n_positions,)."""
     cells: np.ndarray
     """Positions in resolution cells, (n_positions, 4), aliased."""
-    _trees: dict[tuple[bool, ...], KDTree] = field(default_factory=dict, init=False, repr=False)
+    _trees: "dict[tuple[bool, ...], scipy.spatial.KDTree]" = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     def nearest_target_indices(self, detections: _Columns) -> np.ndarray:
         """Return the target of each detection, -1 for none."""
@@ -302,12 +304,12 @@ class _FrameTargets:
             owners[has_axes] = np.where(is_near, self.owners[nearest % len(self.owners)], -1)
         return owners
 
-    def _cached_kd_tree(self, axes: np.ndarray) -> KDTree:
+    def _cached_kd_tree(self, axes: np.ndarray) -> "scipy.spatial.KDTree":
         """Return the search tree of the positions on the given axes; cached."""
         key = tuple(axes.tolist())
         if key not in self._trees:
             periods = np.array([0, self.radar.frame.n_chirps, 0, 0])
-            self._trees[key] = KDTree(self.cells[:, axes], boxsize=periods[axes])
+            self._trees[key] = scipy.spatial.KDTree(self.cells[:, axes], boxsize=periods[axes])
         return self._trees[key]
 
 

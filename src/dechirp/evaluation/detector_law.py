@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import betainc, gammainc
+import scipy
 
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import Cfar, MapNoise
@@ -48,9 +48,9 @@ class DetectorLaw:
         level = np.asarray(power) / self.factor
         if self.rank is not None:
             others = self.n_training - self.rank + 1
-            return np.asarray(betainc(self.rank, others, -np.expm1(-level)))
+            return np.asarray(scipy.special.betainc(self.rank, others, -np.expm1(-level)))
         n_powers = self.n_training * self.n_summed
-        return np.asarray(gammainc(n_powers, n_powers * level))
+        return np.asarray(scipy.special.gammainc(n_powers, n_powers * level))
 
 
 @lru_cache(maxsize=64)

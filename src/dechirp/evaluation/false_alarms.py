@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from dechirp.evaluation.trial import NoiseMap
 from dechirp.processing.cfar.base import Cfar, MapNoise
@@ -106,7 +106,7 @@ def _false_alarm_probability_at_row(cfar: Cfar, noise: MapNoise, training_row: i
         high, low = low, 1.5 * low
         if low < np.log(_MIN_PROBABILITY):
             return np.nan
-    return float(np.exp(brentq(missing, low, high, xtol=1e-9)))
+    return float(np.exp(scipy.optimize.brentq(missing, low, high, xtol=1e-9)))
 
 
 def count_noise_alarms(power: np.ndarray, radar: Radar, chain: Chain) -> NoiseMap:

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import linear_sum_assignment
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_number
@@ -68,7 +68,7 @@ def gospa(
     distances_m = np.minimum(pairwise_distances_m(estimate_m, truth_m), cutoff_m)
     n_estimates, n_truth = distances_m.shape
     cost = (distances_m / cutoff_m) ** order  # relative to the cut-off, to avoid overflow
-    pairs = linear_sum_assignment(cost)
+    pairs = scipy.optimize.linear_sum_assignment(cost)
     pair_costs = cost[pairs]
     if alpha == 2:  # a pair at the cut-off costs as much as a miss and a false track
         pair_costs = pair_costs[pair_costs < 1]

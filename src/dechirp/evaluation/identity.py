@@ -1,8 +1,8 @@
 """Track identity: the assignment of tracks to targets, frame by frame."""
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.optimize import linear_sum_assignment
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_number
@@ -106,7 +106,7 @@ def _assign_tracks_keeping_previous(
     # A pair beyond the cut-off costs more than all near pairs together, so it is assigned last.
     too_far_m = cutoff_m * (1 + min(len(free_tracks), len(open_targets)))
     cost = np.where(is_near, distances_m, too_far_m)[np.ix_(free_tracks, open_targets)]
-    for i, j in zip(*linear_sum_assignment(cost), strict=True):
+    for i, j in zip(*scipy.optimize.linear_sum_assignment(cost), strict=True):
         if is_near[free_tracks[i], open_targets[j]]:
             assignment[open_targets[j]] = free_tracks[i]
     return assignment

@@ -1,8 +1,8 @@
 """NEES: the normalised estimation error squared, a test of filter consistency."""
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import chdtri
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_finite_array, check_integer, check_probability
@@ -75,7 +75,7 @@ def mean_nees_interval(
     check_probability("outside_probability", outside_probability)
     degrees = n_states * n_independent
     low, high = (
-        chdtri(degrees, 1 - outside_probability / 2),
-        chdtri(degrees, outside_probability / 2),
+        scipy.special.chdtri(degrees, 1 - outside_probability / 2),
+        scipy.special.chdtri(degrees, outside_probability / 2),
     )
     return float(low / n_independent), float(high / n_independent)

@@ -1,9 +1,8 @@
 """OSPA: a metric distance between two sets of positions."""
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial.distance import cdist
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_finite_array, check_number
@@ -48,7 +47,7 @@ def ospa_m(
         return 0.0
     # Relative to the cut-off, to avoid overflow.
     cost = (distances_m / cutoff_m) ** order
-    total = cost[linear_sum_assignment(cost)].sum() + (more - fewer)
+    total = cost[scipy.optimize.linear_sum_assignment(cost)].sum() + (more - fewer)
     return float(cutoff_m * (total / more) ** (1 / order))
 
 
@@ -71,4 +70,4 @@ def pairwise_distances_m(estimate_m: ArrayLike, truth_m: ArrayLike) -> np.ndarra
             expected="a row for each point, with as many coordinates as the truth",
             fix="give both as [[x, y], ...]",
         )
-    return np.asarray(cdist(estimates, truth))
+    return np.asarray(scipy.spatial.distance.cdist(estimates, truth))

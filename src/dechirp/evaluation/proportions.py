@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+import scipy
 
 from dechirp.evaluation.score.base import NO_ESTIMATE, Estimate
 from dechirp.theory.confidence_intervals import binomial_interval
@@ -80,5 +80,7 @@ def _effective_number_of_attempts(
     )
     p = hits.sum() / attempts.sum()
     variance = np.mean((hits - p * attempts) ** 2) / mean_attempts**2
-    student_correction = ndtri(tail_probability) / stdtrit(n_trials + 1, tail_probability)
+    student_correction = scipy.special.ndtri(tail_probability) / scipy.special.stdtrit(
+        n_trials + 1, tail_probability
+    )
     return float(n_trials * p * (1 - p) / variance * student_correction**2)

@@ -6,7 +6,7 @@ only summed. Rows of NaN are failed trials and are omitted. A single trial gives
 """
 
 import numpy as np
-from scipy.special import gammainccinv, gammaincinv, stdtrit
+import scipy
 
 from dechirp.evaluation.score.base import NO_ESTIMATE, Estimate
 from dechirp.theory import confidence_intervals
@@ -57,9 +57,15 @@ def estimate_rate(counts: np.ndarray, exposures: np.ndarray, *, confidence: floa
     deviations = counts - n_events * exposures / exposure
     variance = float(np.sum(deviations**2)) / (len(counts) - 1)
     events_per_cluster = max(variance * len(counts) / n_events, 1.0) if n_events else 1.0
-    low = events_per_cluster * gammaincinv(n_events / events_per_cluster, tail) if n_events else 0.0
-    high = events_per_cluster * gammainccinv(n_events / events_per_cluster + 1, tail)
-    half_width = -stdtrit(len(counts) - 1, tail) * np.sqrt(events_per_cluster * n_events)
+    low = (
+        events_per_cluster * scipy.special.gammaincinv(n_events / events_per_cluster, tail)
+        if n_events
+        else 0.0
+    )
+    high = events_per_cluster * scipy.special.gammainccinv(n_events / events_per_cluster + 1, tail)
+    half_width = -scipy.special.stdtrit(len(counts) - 1, tail) * np.sqrt(
+        events_per_cluster * n_events
+    )
     low, high = min(low, max(n_events - half_width, 0.0)), max(high, n_events + half_width)
     return Estimate(n_events / exposure, float(low) / exposure, float(high) / exposure)
 

@@ -1,7 +1,7 @@
 """Noise, range and velocity of peaks, with standard errors."""
 
 import numpy as np
-from scipy.special import gammaincinv
+import scipy
 
 from dechirp.core.compiled_kernels import kernel
 from dechirp.core.units import SPEED_OF_LIGHT
@@ -22,7 +22,7 @@ def local_noise_power(
     exponentials: the sidelobes of a separable window lie on the cross that the corners leave out,
     and other targets shift a median little. All cells of a training window along one axis count.
     """
-    median = gammaincinv(n_channels, 0.5) / n_channels
+    median = scipy.special.gammaincinv(n_channels, 0.5) / n_channels
     guard, rows = training_window.n_guard, 2 * training_window.half_range + 1
     first = cells[:, 1] - training_window.tested_rows_in_training_box(power.shape[1])[cells[:, 1]]
     reach = np.array([training_window.half_velocity, guard.velocity, rows, guard.range])

@@ -1,8 +1,8 @@
 """Near-field limit of an array: detections whose wavefronts are curved over it."""
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.spatial.distance import pdist
 
 from dechirp.core.findings import Finding
 from dechirp.radar.radar import Radar
@@ -15,7 +15,7 @@ def far_field_range_m(radar: Radar) -> float:
     farther from the target than its middle, 22.5 degrees of phase
     (IEEE Std 145-2013, far-field region).
     """
-    length_m = float(np.max(pdist(radar.element_positions_m), initial=0.0))
+    length_m = float(np.max(scipy.spatial.distance.pdist(radar.element_positions_m), initial=0.0))
     return 2 * length_m**2 / radar.frame.chirp.wavelength_m
 
 

@@ -28,7 +28,7 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from dechirp.processing.spectrum import (
     FrameTransform,

@@ -24,8 +24,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.fft import fft
-from scipy.special import gammaincinv
+import scipy
 
 from dechirp.core.compiled_kernels import kernel
 from dechirp.core.threads import run_in_threads, thread_count
@@ -196,7 +195,9 @@ def _significant_remainder_mask(
 
 @lru_cache(maxsize=32)
 def _highest_noise_power(n_channels: int) -> float:
-    return float(gammaincinv(n_channels, 1 - _FALSE_REMAINDER_PROBABILITY / 30) / n_channels)
+    return float(
+        scipy.special.gammaincinv(n_channels, 1 - _FALSE_REMAINDER_PROBABILITY / 30) / n_channels
+    )
 
 
 def _estimate_along_fast_time(
@@ -475,7 +476,7 @@ def _choose_window(
                 amplitude[row, w],
                 remainder[i],
             )
-        spectrum = fft(remainder, axis=2, overwrite_x=True)
+        spectrum = scipy.fft.fft(remainder, axis=2, overwrite_x=True)
         for i, row in enumerate(rows):
             variance[row, w], slope_variance[row, w] = _write_sidelobe_covariance(
                 spectrum[i],

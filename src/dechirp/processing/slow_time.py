@@ -21,9 +21,9 @@ sensors for noncontact healthcare monitoring, IEEE Trans. MTT 61(5), 2013.
 import warnings
 
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_finite_array
@@ -350,7 +350,7 @@ def displacement_spectrum(displacement: xr.DataArray, *, window: Window = "hann"
     line = np.stack([np.ones_like(times_s), even_times_s - even_times_s.mean()], axis=1)
     flat = values.reshape(len(times_s), -1)
     if np.ptp(steps_s) > 1e-2 * np.mean(steps_s):
-        flat = CubicSpline(times_s, flat)(even_times_s)
+        flat = scipy.interpolate.CubicSpline(times_s, flat)(even_times_s)
     flat = flat - line @ np.linalg.lstsq(line, flat, rcond=None)[0]
     weights = Transform(window=window, n_points=len(flat), n_bins=len(flat)).weights
     amplitude = 2 * abs(np.fft.rfft(flat * weights[:, None], axis=0)) / weights.sum()

@@ -5,7 +5,7 @@ from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.fft
+import scipy
 import xarray as xr
 
 from dechirp.core.compiled_kernels import kernel, uses_compiled_kernels

@@ -3,17 +3,19 @@
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-import zarr
 
 from dechirp.config.dumping import to_yaml_data
 from dechirp.core.conventions import CUBE_AXES, axis_coordinate, chirp_time_coordinate
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.radar import Radar
 from dechirp.simulation.adc_codes import extract_adc_codes, has_adc_codes, samples_to_codes
+
+if TYPE_CHECKING:
+    import zarr
 
 FORMAT_VERSION = 1
 
@@ -56,6 +58,8 @@ def write_cube_store(
     device, iq : str, optional
         Kind of the chip that recorded the samples, and the order of their I and Q parts.
     """
+    import zarr  # takes 0.15 s, and this module has names that others need
+
     attributes = {"format_version": FORMAT_VERSION, "radar": to_yaml_data(radar, None)}
     attributes |= {
         name: text for name, text in (("device", device), ("iq", iq)) if text is not None
@@ -119,7 +123,9 @@ def _calibration_to_dataset(calibration: Calibration) -> xr.Dataset:
     return dataset
 
 
-def _create_cube_array(store: zarr.Group, frame: xr.DataArray, n_frames: int) -> zarr.Array[Any]:
+def _create_cube_array(
+    store: "zarr.Group", frame: xr.DataArray, n_frames: int
+) -> "zarr.Array[Any]":
     n_chirps = frame.sizes["chirp"]
     chirps = max(1, min(n_chirps, _CHUNK_BYTES * n_chirps // frame.nbytes))
     frames = max(1, min(n_frames, min(_FILE_BYTES, _CHUNK_BYTES) // frame.nbytes))
@@ -141,7 +147,7 @@ def _create_cube_array(store: zarr.Group, frame: xr.DataArray, n_frames: int) ->
 
 
 def _append_frame_to_chunks(
-    folder: Path, array: zarr.Array[Any], index: int, samples: np.ndarray
+    folder: Path, array: "zarr.Array[Any]", index: int, samples: np.ndarray
 ) -> None:
     """Append a frame to its chunk files; zarr needs 2 ms a chunk and holds all of it."""
     frames, chirps = array.chunks[:2]
@@ -167,7 +173,7 @@ def _non_axis_coordinates_attribute(frame: xr.DataArray) -> dict[str, str]:
     return {"coordinates": " ".join(names)} if names else {}
 
 
-def _add_array(store: zarr.Group, name: str, array: xr.DataArray) -> None:
+def _add_array(store: "zarr.Group", name: str, array: xr.DataArray) -> None:
     store.create_array(
         name,
         data=array.values,

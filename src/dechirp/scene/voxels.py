@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from dechirp.core.errors import InvalidSetting
 
@@ -59,7 +59,7 @@ def cut_triangles_into_cells(corners_m: np.ndarray, size_m: float) -> SurfaceCel
     )
     sums_m = np.stack([np.bincount(cell, area_m2 * x_m) for x_m in centres_m.T], axis=1)
     cubes = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1)
-    _, nearest = cKDTree(cubes[occupied]).query(cubes)
+    _, nearest = scipy.spatial.cKDTree(cubes[occupied]).query(cubes)
     return SurfaceCells(
         low_m,
         size_m,

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from dechirp.radar.chirp import Chirp
 
@@ -50,14 +50,14 @@ def impulse_response(
             (analog_cycles - low - 1) / _CROSSOVER
         )
         total += share * response(analog_cycles * chirp.sample_rate_hz)
-    impulse = fft.ifft(total)
+    impulse = scipy.fft.ifft(total)
     return impulse if chirp.sampling == "complex" else impulse.real
 
 
 def significant_impulse_extent(impulse: np.ndarray, tolerance: float = TOLERANCE) -> ImpulseExtent:
     """Return the extent outside which all samples, added in phase, are within the tolerance."""
     size, half = np.abs(impulse), len(impulse) // 2
-    least = tolerance / 2 * np.abs(fft.fft(impulse)).max()
+    least = tolerance / 2 * np.abs(scipy.fft.fft(impulse)).max()
     return ImpulseExtent(
         _index_before_negligible_tail(size[:half], least),
         _index_before_negligible_tail(size[:half:-1], least) + 1,
@@ -73,7 +73,7 @@ def make_chirp_convolver(
     `impulse_response`. Output samples that depend on missing input samples are 0.
     """
     n_samples, is_real = example_samples.shape[-1], not np.iscomplexobj(example_samples)
-    n = max(fft.next_fast_len(n_samples, real=is_real), extent.n_before + extent.n_after + 1)
+    n = max(scipy.fft.next_fast_len(n_samples, real=is_real), extent.n_before + extent.n_after + 1)
     taps = np.zeros((*impulses.shape[:-1], n), impulses.dtype)
     residual = impulses[..., extent.n_before + 1 : impulses.shape[-1] - extent.n_after].sum(axis=-1)
     residual_per_tap = residual[..., None] / (extent.n_before + extent.n_after + 1)
@@ -81,13 +81,13 @@ def make_chirp_convolver(
     taps[..., n - extent.n_after :] = (
         impulses[..., impulses.shape[-1] - extent.n_after :] + residual_per_tap
     )
-    gains = fft.rfft(taps) if is_real else fft.fft(taps)
+    gains = scipy.fft.rfft(taps) if is_real else scipy.fft.fft(taps)
     gains = gains.astype(np.result_type(example_samples, np.complex64))
 
     def convolve(chirps: np.ndarray) -> np.ndarray:
-        spectrum = fft.rfft(chirps, n) if is_real else fft.fft(chirps, n)
+        spectrum = scipy.fft.rfft(chirps, n) if is_real else scipy.fft.fft(chirps, n)
         spectrum *= gains
-        inverse_fft = fft.irfft if is_real else fft.ifft
+        inverse_fft = scipy.fft.irfft if is_real else scipy.fft.ifft
         filtered = inverse_fft(spectrum, n, overwrite_x=True)[..., :n_samples]
         filtered[..., : extent.n_before] = 0
         filtered[..., max(n_samples - extent.n_after, 0) :] = 0

@@ -40,7 +40,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.fft import fft, fftfreq, ifft, next_fast_len
+import scipy
 
 from dechirp.core.findings import Finding
 from dechirp.core.threads import run_in_threads, thread_count
@@ -169,7 +169,7 @@ def find_delay_spread(
     # A jump where the ends are joined has frequencies that need echoes beyond the margin.
     n_taper = math.ceil(min(8 * echo_distance / margin, max_margin) + _PHASE_CROSSFADE_SAMPLES)
     n_wide = window.n_times + 2 * margin
-    n_around = next_fast_len(n_wide + math.ceil(latest_s * rate_hz) + 1 + n_taper)
+    n_around = scipy.fft.next_fast_len(n_wide + math.ceil(latest_s * rate_hz) + 1 + n_taper)
     # The first echo, often the strongest with the least residual noise, lies on a bin: it wraps
     # round without a jump.
     bin_apart = echo_distance / n_around
@@ -295,7 +295,7 @@ def _make_deskew_filter(
 ) -> _DeskewFilter:
     n_fine = PHASE_OVERSAMPLING * delays.n_fft
     slope = slope_hz_per_s / rate_hz**2  # cycles for each sample squared
-    frequency = fftfreq(n_fine, 1 / PHASE_OVERSAMPLING)
+    frequency = scipy.fft.fftfreq(n_fine, 1 / PHASE_OVERSAMPLING)
     q = frequency**2 / (2 * slope)
     error_response = _cycles_to_phasors(q - frequency * delays.mid_delay)
     downmixer = _cycles_to_phasors(-slope * delays.mid_delay * np.arange(delays.n_echo_samples))
@@ -323,17 +323,22 @@ def _apply_phase_error_to_chirps(
 ) -> np.ndarray:
     kept_samples = slice(delays.n_before, delays.n_before + delays.n_kept)
     phasors = _phasors(_extend_phase_periodically(phase_rad, delays, deskew), echo.dtype)
-    error = fft(phasors.conj(), overwrite_x=True)
+    error = scipy.fft.fft(phasors.conj(), overwrite_x=True)
     error *= deskew.error_response
-    echo_spectrum = fft(_extend_echoes_periodically(echo, delays, deskew), overwrite_x=True)
+    echo_spectrum = scipy.fft.fft(
+        _extend_echoes_periodically(echo, delays, deskew), overwrite_x=True
+    )
     product = _filter_and_upsample(echo_spectrum, deskew.response)
-    product *= ifft(error, overwrite_x=True)[:, None]
-    product = fft(product, overwrite_x=True)
+    product *= scipy.fft.ifft(error, overwrite_x=True)[:, None]
+    product = scipy.fft.fft(product, overwrite_x=True)
     product *= deskew.response.conj()
-    product = ifft(product, overwrite_x=True)
+    product = scipy.fft.ifft(product, overwrite_x=True)
     product *= phasors[:, None]
-    passed = _select_passed_bins(fft(product, overwrite_x=True), echo_spectrum, delays)
-    return ifft(passed, overwrite_x=True)[..., kept_samples] * deskew.downmixer[kept_samples].conj()
+    passed = _select_passed_bins(scipy.fft.fft(product, overwrite_x=True), echo_spectrum, delays)
+    return (
+        scipy.fft.ifft(passed, overwrite_x=True)[..., kept_samples]
+        * deskew.downmixer[kept_samples].conj()
+    )
 
 
 def _phasors(phase_rad: np.ndarray, dtype: np.dtype[np.complexfloating]) -> np.ndarray:
@@ -407,7 +412,7 @@ def _filter_and_upsample(spectrum: np.ndarray, filter_response: np.ndarray) -> n
     np.multiply(
         spectrum[..., above:], filter_response[n_fine - below :], out=fine[..., n_fine - below :]
     )
-    return ifft(fine, overwrite_x=True)
+    return scipy.fft.ifft(fine, overwrite_x=True)
 
 
 def _select_passed_bins(

@@ -11,7 +11,7 @@ D. Aldous, Probability Approximations via the Poisson Clumping Heuristic, Spring
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import gammainccinv
+import scipy
 
 from dechirp.core.checks import check_false_alarm_probability, check_integer
 from dechirp.core.values import frozen_dataclass
@@ -62,7 +62,7 @@ def _simulate_local_maximum_fraction(
     values, vectors = np.linalg.eigh(conditional_covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     rng = np.random.default_rng(1)
-    power = gammainccinv(n_summed, false_alarm_probability * (1 - rng.random(_DRAWS)))
+    power = scipy.special.gammainccinv(n_summed, false_alarm_probability * (1 - rng.random(_DRAWS)))
     # Channels can be rotated so that the whole power of the cell is in the first.
     gaussian = rng.standard_normal((2, _DRAWS, n_summed, 8))
     amplitude = (gaussian[0] + 1j * gaussian[1]) / np.sqrt(2) @ root.T

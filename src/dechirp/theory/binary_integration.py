@@ -1,8 +1,8 @@
 """Binary integration: detection in at least M of N looks."""
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import betainc
 
 from dechirp.core.checks import check_finite_array, check_integer
 from dechirp.core.errors import InvalidSetting
@@ -49,4 +49,4 @@ def binary_integration_probability(probability: ArrayLike, *, m: int, n: int) ->
         raise InvalidSetting(
             "probability", value=p[wrong].flat[0], expected="from 0 to 1", fix="give probabilities"
         )
-    return np.asarray(betainc(m, n - m + 1, p))
+    return np.asarray(scipy.special.betainc(m, n - m + 1, p))

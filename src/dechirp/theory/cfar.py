@@ -40,8 +40,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import logsumexp
 
 from dechirp.core.checks import check_false_alarm_probability, check_integer, check_positive_ratios
 from dechirp.theory.cfar_ordered_statistic import OrderedStatisticLaw
@@ -85,7 +85,9 @@ def cell_averaging_factor(
     def excess(log_a: float) -> float:
         # Logarithms of a / (1 + a) and 1 / (1 + a), for the smallest probabilities as well.
         go, stop = -np.logaddexp(0, -log_a), -np.logaddexp(0, log_a)
-        log_probability = shape * stop + logsumexp(np.concatenate([[0], np.cumsum(growth + go)]))
+        log_probability = shape * stop + scipy.special.logsumexp(
+            np.concatenate([[0], np.cumsum(growth + go)])
+        )
         return float(log_probability - np.log(false_alarm_probability))
 
     from scipy.optimize import brentq  # 0.2 s, unused by most commands

@@ -29,7 +29,7 @@ import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from scipy.special import gammaincc
+import scipy
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
@@ -215,7 +215,7 @@ class _FactorEstimate:
         self, factor: float, levels: np.ndarray, weights: np.ndarray
     ) -> np.ndarray:
         """Return the alarm probability of each draw times its weight."""
-        return np.asarray(weights * gammaincc(self._n_summed, factor * levels))
+        return np.asarray(weights * scipy.special.gammaincc(self._n_summed, factor * levels))
 
     def _statistic_with_leakage(self, amplitudes: np.ndarray, factor: float) -> np.ndarray:
         """Return the statistic, (n_draws,), with the leakage of a cell that just exceeds it."""

@@ -24,7 +24,7 @@ normal variables, Biometrika 48, 1961.
 """
 
 import numpy as np
-from scipy.special import eval_laguerre
+import scipy
 
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
@@ -158,7 +158,7 @@ class CorrelatedWindow:
         """
         above = 1.0 - quantile_level
         orders = np.arange(_MAX_LAGUERRE_ORDER + 1)
-        values = eval_laguerre(orders, -np.log(above))
+        values = scipy.special.eval_laguerre(orders, -np.log(above))
         terms = (above * np.diff(values)) ** 2  # of k = 1, 2, ...
         n = self.n_training
         # Pairs of a cell with itself are the variance, and need no series.

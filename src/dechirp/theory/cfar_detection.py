@@ -36,9 +36,8 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
-from scipy.special import betaincinv, gammaincinv
 
 from dechirp.core.checks import check_detection_probability, check_non_negative_ratios, check_number
 from dechirp.core.errors import InvalidSetting
@@ -122,7 +121,7 @@ def ordered_statistic_detection_probability(
         steps = [np.sum(factor / (scale * rates + factor)) for scale in c.flat]
         return np.asarray(exceedance * (1 + (c - 1) / c * np.reshape(steps, c.shape)))
     # The largest expected statistic: -ln of a beta variate.
-    longest = -math.log(betaincinv(n_training - rank + 1, rank, NEGLIGIBLE))
+    longest = -math.log(scipy.special.betaincinv(n_training - rank + 1, rank, NEGLIGIBLE))
     return _detection_probability_from_event_counts(
         chi,
         target_shape,
@@ -203,7 +202,11 @@ def cell_averaging_required_snr(
     snr_in_known_noise = required_snr(
         detection_probability, false_alarm_probability, n_summed=n_summed, swerling=swerling
     )
-    limit = factor / n_training * gammaincinv(n_training * n_summed, detection_probability)
+    limit = (
+        factor
+        / n_training
+        * scipy.special.gammaincinv(n_training * n_summed, detection_probability)
+    )
     low = high = math.log(max(snr_in_known_noise, limit / n_summed))
     step = 0.01
     while excess(high) < 0:
@@ -212,7 +215,7 @@ def cell_averaging_required_snr(
         if low < -60:  # both probabilities agree up to the last digit
             return math.exp(low)
         low, high, step = low - step, low, 2 * step
-    return math.exp(brentq(excess, low, high, xtol=1e-12))
+    return math.exp(scipy.optimize.brentq(excess, low, high, xtol=1e-12))
 
 
 def cell_averaging_loss(

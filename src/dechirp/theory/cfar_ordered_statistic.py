@@ -18,7 +18,7 @@ AES 19(4), 1983. H. A. David and H. N. Nagaraja, Order Statistics, 3rd ed., 2003
 import math
 
 import numpy as np
-from scipy.special import gammainc, gammaln, logsumexp
+import scipy
 
 from dechirp.core.checks import check_integer
 from dechirp.core.values import frozen_dataclass
@@ -52,18 +52,27 @@ class OrderedStatisticLaw:
                 break
             first, last = bounds
         log_s, step = np.linspace(*bounds, _N_STEPS, retstep=True)
-        return float(logsumexp(self._log_density_times_exceedance(log_s, factor)) + math.log(step))
+        return float(
+            scipy.special.logsumexp(self._log_density_times_exceedance(log_s, factor))
+            + math.log(step)
+        )
 
     def _log_density_times_exceedance(self, log_s: np.ndarray, factor: float) -> np.ndarray:
         """Return the logarithm of density times exceedance probability, over ln s."""
         n, k, shape = self.n_training, self.rank, self.n_summed
-        choose = gammaln(n + 1) - gammaln(k) - gammaln(n - k + 1)
+        choose = (
+            scipy.special.gammaln(n + 1)
+            - scipy.special.gammaln(k)
+            - scipy.special.gammaln(n - k + 1)
+        )
         s = np.exp(log_s)
-        below = gammainc(shape, s)
+        below = scipy.special.gammainc(shape, s)
         with np.errstate(divide="ignore"):
             # May be as small as s^K / K!, which underflows.
-            log_below = np.where(below > 1e-280, np.log(below), shape * log_s - gammaln(shape + 1))
-        density = shape * log_s - s - gammaln(shape)
+            log_below = np.where(
+                below > 1e-280, np.log(below), shape * log_s - scipy.special.gammaln(shape + 1)
+            )
+        density = shape * log_s - s - scipy.special.gammaln(shape)
         log_beyond, exceeds = (
             self._log_noise_exceedance_probability(s),
             self._log_noise_exceedance_probability(factor * s),
@@ -74,5 +83,8 @@ class OrderedStatisticLaw:
         """Return ln of Q(K, x) = exp(-x) sum_{j<K} x^j / j!."""
         j = np.arange(self.n_summed)
         return np.asarray(
-            logsumexp(np.log(threshold)[:, None] * j - gammaln(j + 1), axis=1) - threshold
+            scipy.special.logsumexp(
+                np.log(threshold)[:, None] * j - scipy.special.gammaln(j + 1), axis=1
+            )
+            - threshold
         )

@@ -25,9 +25,8 @@ M. A. Richards, Fundamentals of Radar Signal Processing, 2nd ed., 2014.
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
-from scipy.special import erfc, erfcinv, gammainc, gammaincc, gammainccinv
 
 from dechirp.core.checks import (
     broadcast_arguments,
@@ -63,7 +62,7 @@ def detection_threshold(false_alarm_probability: float, *, n_summed: int = 1) ->
     """
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
     check_integer("n_summed", n_summed, at_least=1)
-    return float(gammainccinv(n_summed, false_alarm_probability))
+    return float(scipy.special.gammainccinv(n_summed, false_alarm_probability))
 
 
 def exceedance_probability(
@@ -181,7 +180,7 @@ def _required_snr(
         return math.log(miss) - math.log(law.miss_probability(ratio) + _TINY)
 
     # From 1e-26 to 1e26: beyond the SNR of any two distinct probabilities.
-    return math.exp(brentq(excess, -60.0, 60.0, xtol=1e-12))
+    return math.exp(scipy.optimize.brentq(excess, -60.0, 60.0, xtol=1e-12))
 
 
 def coherent_detection_probability(snr: ArrayLike, false_alarm_probability: float) -> np.ndarray:
@@ -195,7 +194,9 @@ def coherent_detection_probability(snr: ArrayLike, false_alarm_probability: floa
     """
     chi = check_non_negative_ratios("snr", snr)
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
-    return np.asarray(erfc(erfcinv(2 * false_alarm_probability) - np.sqrt(chi)) / 2)
+    return np.asarray(
+        scipy.special.erfc(scipy.special.erfcinv(2 * false_alarm_probability) - np.sqrt(chi)) / 2
+    )
 
 
 def coherent_required_snr(detection_probability: float, false_alarm_probability: float) -> float:
@@ -205,7 +206,9 @@ def coherent_required_snr(detection_probability: float, false_alarm_probability:
     1e-300 <= false-alarm probability < detection probability < 1.
     """
     check_detection_probability(detection_probability, false_alarm_probability)
-    amplitude = erfcinv(2 * false_alarm_probability) - erfcinv(2 * detection_probability)
+    amplitude = scipy.special.erfcinv(2 * false_alarm_probability) - scipy.special.erfcinv(
+        2 * detection_probability
+    )
     return float(amplitude**2)
 
 
@@ -235,8 +238,8 @@ class _GammaMixture:
         # From ratios, since p itself underflows; the sum is known.
         log_p = np.cumsum(np.log(threshold / (n_summed + self._i)))
         p = np.exp(log_p - log_p.max())
-        self._p = p * (gammainc(n_summed, threshold) / p.sum())
-        self._noise = float(gammaincc(n_summed, threshold))
+        self._p = p * (scipy.special.gammainc(n_summed, threshold) / p.sum())
+        self._noise = float(scipy.special.gammaincc(n_summed, threshold))
 
     def exceedance_probability(self, snr: float) -> float:
         """Return the probability that the sum exceeds the threshold."""

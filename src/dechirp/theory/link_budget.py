@@ -12,8 +12,8 @@ radar techniques, IEE Proc. F 139(5), 1992. H. L. Van Trees, Optimum Array Proce
 """
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from dechirp.core.checks import broadcast_arguments, check_finite_array, check_integer
 from dechirp.core.units import BOLTZMANN, REFERENCE_TEMPERATURE, SPEED_OF_LIGHT
@@ -241,7 +241,7 @@ def ula_beamwidth(
         spacing=check_finite_array("spacing", spacing, above=0),
         angle_rad=check_finite_array("angle_rad", angle_rad, above=-np.pi / 2, below=np.pi / 2),
     )
-    half_power_phase = brentq(
+    half_power_phase = scipy.optimize.brentq(
         lambda u: np.sin(n_elements * u) / (n_elements * np.sin(u)) - np.sqrt(0.5),
         1e-9 / n_elements,
         np.pi / n_elements,

@@ -1,8 +1,8 @@
 """Radar cross section of a sphere of any size, by the Mie series."""
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import spherical_jn, spherical_yn
 
 from dechirp.core.checks import check_number, check_positive_ratios
 from dechirp.core.errors import InvalidSetting
@@ -70,14 +70,14 @@ def sphere_rcs_m2(
     n_terms = int(needed.max(initial=1))
     orders = np.arange(n_terms + 1)[:, None]
     n = orders[1:]
-    psi = x * spherical_jn(orders, x)
+    psi = x * scipy.special.spherical_jn(orders, x)
 
     def coefficient(slope: np.ndarray) -> np.ndarray:
         return (slope * psi[1:] - psi[:-1]) / (slope * xi[1:] - xi[:-1])
 
     # Terms beyond those of small spheres are infinite over infinite.
     with np.errstate(invalid="ignore", over="ignore"):
-        xi = psi + 1j * x * spherical_yn(orders, x)
+        xi = psi + 1j * x * scipy.special.spherical_yn(orders, x)
         if permittivity is None:
             difference = coefficient(n / x) - psi[1:] / xi[1:]
         else:

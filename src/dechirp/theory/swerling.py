@@ -31,7 +31,7 @@ D. A. Shnidman, Expanded Swerling target models, IEEE Trans. AES 39(3), 2003.
 import math
 
 import numpy as np
-from scipy.special import betainc, gammainc, gammaincc, gammainccinv, gammaincinv
+import scipy
 
 from dechirp.core.checks import check_integer
 
@@ -49,23 +49,23 @@ def swerling_shape(swerling: int, n_summed: int) -> float:
 def probability_count_at_least(min_count: np.ndarray, mean: float, shape: float) -> np.ndarray:
     """Return P(J >= j) for j > 0, any shape of array."""
     if math.isinf(shape):
-        return np.asarray(gammainc(min_count, mean))
-    return np.asarray(betainc(min_count, shape, mean / (shape + mean)))
+        return np.asarray(scipy.special.gammainc(min_count, mean))
+    return np.asarray(scipy.special.betainc(min_count, shape, mean / (shape + mean)))
 
 
 def probability_count_below(upper_count: np.ndarray, mean: float, shape: float) -> np.ndarray:
     """Return P(J < j) for j > 0, any shape of array."""
     if math.isinf(shape):
-        return np.asarray(gammaincc(upper_count, mean))
-    return np.asarray(betainc(shape, upper_count, shape / (shape + mean)))
+        return np.asarray(scipy.special.gammaincc(upper_count, mean))
+    return np.asarray(scipy.special.betainc(shape, upper_count, shape / (shape + mean)))
 
 
 def likely_count_range(mean: float, shape: float) -> tuple[int, int]:
     """Return the range of J, up to a probability of `NEGLIGIBLE` at each end."""
     low = high = mean
     if shape < math.inf:
-        low = mean / shape * float(gammaincinv(shape, NEGLIGIBLE))
-        high = mean / shape * float(gammainccinv(shape, NEGLIGIBLE))
+        low = mean / shape * float(scipy.special.gammaincinv(shape, NEGLIGIBLE))
+        high = mean / shape * float(scipy.special.gammainccinv(shape, NEGLIGIBLE))
     # Chernoff's bounds of the two tails of a Poisson count.
     log_rare = -math.log(NEGLIGIBLE)
     below = math.sqrt(2 * log_rare * low)

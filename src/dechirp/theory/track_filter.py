@@ -10,8 +10,8 @@ Estimation with Applications to Tracking and Navigation, 2001.
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import gammaincinv
 
 from dechirp.core.checks import check_finite_array, check_integer, check_probabilities
 
@@ -61,4 +61,4 @@ def gate_threshold(gate_probability: ArrayLike, n_dimensions: int) -> np.ndarray
     """
     probability = check_probabilities("gate_probability", gate_probability)
     check_integer("n_dimensions", n_dimensions, at_least=1)
-    return np.asarray(2 * gammaincinv(n_dimensions / 2, probability))
+    return np.asarray(2 * scipy.special.gammaincinv(n_dimensions / 2, probability))

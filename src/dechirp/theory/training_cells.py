@@ -4,7 +4,7 @@ Noise is independent from cell to cell, its power exponential.
 """
 
 import numpy as np
-from scipy.special import betainc, betaincc
+import scipy
 
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
@@ -63,8 +63,8 @@ def noise_sum_exceeds_probability(
     # The smaller fraction keeps all its digits.
     return np.where(
         fraction < 0.5,
-        betaincc(n_powers, n_other_powers, fraction),
-        betainc(n_other_powers, n_powers, 1 / (1 + np.asarray(ratio))),
+        scipy.special.betaincc(n_powers, n_other_powers, fraction),
+        scipy.special.betainc(n_other_powers, n_powers, 1 / (1 + np.asarray(ratio))),
     )
 
 
@@ -72,4 +72,6 @@ def noise_sum_below_probability(
     n_powers: int | np.ndarray, ratio: float | np.ndarray, n_other_powers: int
 ) -> np.ndarray:
     """Return the probability that a sum of n noise powers is below a times a sum of n_others."""
-    return np.asarray(betainc(n_powers, n_other_powers, ratio / (1 + np.asarray(ratio))))
+    return np.asarray(
+        scipy.special.betainc(n_powers, n_other_powers, ratio / (1 + np.asarray(ratio)))
+    )

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.special import chdtri
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import (
@@ -95,7 +95,7 @@ class EgoMotion:
     @property
     def max_normalised_squared_residual(self) -> float:
         """Largest squared residual over its variance that passes."""
-        return float(chdtri(1, 1 - self.gate_probability))
+        return float(scipy.special.chdtri(1, 1 - self.gate_probability))
 
 
 _DEFAULT = EgoMotion()

@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.special import chdtri
 
 from dechirp.core.checks import check_number
 from dechirp.core.errors import InvalidSetting
@@ -70,6 +70,10 @@ def mounting_angle(ego: xr.Dataset, min_speed_m_per_s: float = 3.0) -> MountingA
         information = np.sum(forward**2 / variance)
         heading += np.sum(sideways * forward / variance) / information
     scatter, n_free = float(np.sum(sideways**2 / variance)), int(is_fast.sum()) - 1
-    birge = scatter / n_free if scatter > chdtri(n_free, 1 - _SCATTER_PROBABILITY) else 1.0
+    birge = (
+        scatter / n_free
+        if scatter > scipy.special.chdtri(n_free, 1 - _SCATTER_PROBABILITY)
+        else 1.0
+    )
     yaw = math.remainder(-heading, 2 * math.pi)
     return MountingAngle(yaw, math.sqrt(birge / information), n_free + 1)

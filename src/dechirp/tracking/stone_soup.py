@@ -13,9 +13,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.special import chdtri
+import scipy
 from stonesoup.dataassociator.neighbour import GNNWith2DAssignment
 from stonesoup.dataassociator.probability import JPDAwithEHM2, JPDAwithLBP
 from stonesoup.models.measurement.nonlinear import CartesianToBearingRangeRate2D
@@ -82,7 +80,7 @@ class StoneSoup:
         joint = tracker.association == "joint"
         # A mixture of updates, since each detection has its own error.
         self._updater = PDAUpdater(None, gm_method=True) if joint else self._measurement_updater
-        self._gate = chdtri(3, 1 - tracker.gate_probability)
+        self._gate = scipy.special.chdtri(3, 1 - tracker.gate_probability)
         self._tracker = tracker
 
     def predict_associate_and_update(
@@ -254,8 +252,12 @@ def _group_tracks_sharing_detections(
     ]
     rows, columns = np.array(pairs, int).reshape(-1, 2).T
     n = len(hypotheses_by_track) + len(detections)
-    links = coo_array((np.ones(len(pairs)), (rows, columns)), shape=(n, n))
-    return np.asarray(connected_components(links, directed=False)[1][: len(hypotheses_by_track)])
+    links = scipy.sparse.coo_array((np.ones(len(pairs)), (rows, columns)), shape=(n, n))
+    return np.asarray(
+        scipy.sparse.csgraph.connected_components(links, directed=False)[1][
+            : len(hypotheses_by_track)
+        ]
+    )
 
 
 def _innovations_and_covariances(

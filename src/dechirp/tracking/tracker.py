@@ -3,7 +3,7 @@
 from typing import Literal, get_args
 
 import numpy as np
-from scipy.special import bdtrc
+import scipy
 
 from dechirp.core.checks import (
     as_tuple_or_none,
@@ -103,7 +103,7 @@ class Tracker:
                 fix=f"require at most {frames} detections, or allow {hits} frames",
             )
         # The first detection starts the track; the others are a binomial number.
-        chance = bdtrc(hits - 2, frames - 1, self.hit_probability)
+        chance = scipy.special.bdtrc(hits - 2, frames - 1, self.hit_probability)
         if chance < _MIN_CONFIRMATION_PROBABILITY:
             raise InvalidSetting(
                 "Tracker.confirm_after",

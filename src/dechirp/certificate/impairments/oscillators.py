@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import j0, j1
+import scipy
 
 from dechirp.certificate.impairments.measurement import MeasuredPair, Measurement, Quantity
 from dechirp.certificate.impairments.reference_radar import (
@@ -113,7 +113,7 @@ def _measure_paired_echoes_by_sinusoidal_ramp_error(
     ripple = SinusoidalNonlinearity(deviation_hz=_DEVIATION_HZ, rate_hz=rate_hz)
     results = simulate_samples(equal_power_stationary_scene(_RANGE_M), ripple)[0, 0, 0]
     beta = 2 * _DEVIATION_HZ / rate_hz * np.sin(np.pi * rate_hz * round_trip_delay_s(_RANGE_M))
-    formula_db = float(2 * to_decibels(abs(j1(beta) / j0(beta))))
+    formula_db = float(2 * to_decibels(abs(scipy.special.j1(beta) / scipy.special.j0(beta))))
     middle_hz = beat_frequency_hz(_RANGE_M)
     echo = tone_power_w(results, middle_hz)
     return [

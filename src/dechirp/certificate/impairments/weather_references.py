@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from scipy.special import spherical_jn, spherical_yn
+import scipy
 
 from dechirp.core.units import SPEED_OF_LIGHT
 
@@ -79,9 +79,9 @@ def evaluate_rain_reflectivity_per_m(
     x = np.pi * diameter_m / wavelength_m
     amplitude = np.zeros(len(x), complex)
     for n in range(1, 26):
-        psi, d_psi = _riccati_bessel(n, x, spherical_jn)
-        chi, d_chi = _riccati_bessel(n, x, spherical_yn)
-        inner, d_inner = _riccati_bessel(n, index * x, spherical_jn)
+        psi, d_psi = _riccati_bessel(n, x, scipy.special.spherical_jn)
+        chi, d_chi = _riccati_bessel(n, x, scipy.special.spherical_yn)
+        inner, d_inner = _riccati_bessel(n, index * x, scipy.special.spherical_jn)
         xi, d_xi = psi + 1j * chi, d_psi + 1j * d_chi
         a = (index * inner * d_psi - psi * d_inner) / (index * inner * d_xi - xi * d_inner)
         b = (inner * d_psi - index * psi * d_inner) / (inner * d_xi - index * xi * d_inner)

@@ -3,7 +3,7 @@
 from typing import ClassVar, Literal
 
 import numpy as np
-from scipy.special import gammainccinv, gammaincinv, ndtri, stdtrit
+import scipy
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
@@ -132,7 +132,7 @@ class RmseScore(ErrorScore):
         if n > 1:
             spread = np.sum((squares - mean * counts) ** 2) * n / (n - 1)
             variance = float(spread / counts.sum() ** 2)
-            student_correction = ndtri(tail) / stdtrit(n - 1, tail)
+            student_correction = scipy.special.ndtri(tail) / scipy.special.stdtrit(n - 1, tail)
             n_equivalent = float(counts.sum())
             if variance > 0:
                 n_equivalent = max(
@@ -141,7 +141,10 @@ class RmseScore(ErrorScore):
         half_degrees = n_equivalent / 2
         low, high = (
             mean * half_degrees / inverse_gamma
-            for inverse_gamma in (gammainccinv(half_degrees, tail), gammaincinv(half_degrees, tail))
+            for inverse_gamma in (
+                scipy.special.gammainccinv(half_degrees, tail),
+                scipy.special.gammaincinv(half_degrees, tail),
+            )
         )
         return Estimate(*np.sqrt([mean, low, high]).tolist())
 

@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import bdtr
+import scipy
 
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.score.base import NO_ESTIMATE, Better, Estimate, Score
@@ -40,6 +40,8 @@ class ProcessingTime(Score):
         n = times.size
         if not n:
             return NO_ESTIMATE
-        rank = int(np.count_nonzero(bdtr(np.arange(n // 2), n, 0.5) <= (1 - confidence) / 2))
+        rank = int(
+            np.count_nonzero(scipy.special.bdtr(np.arange(n // 2), n, 0.5) <= (1 - confidence) / 2)
+        )
         low, high = (times[rank - 1], times[n - rank]) if rank else (np.nan, np.nan)
         return Estimate(float(np.median(times)), float(low), float(high))

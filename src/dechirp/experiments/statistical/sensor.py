@@ -4,8 +4,8 @@ import warnings
 from functools import cached_property
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.special import gammaincc, gammainccinv
 
 from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import InvalidSetting
@@ -214,10 +214,12 @@ class StatisticalSensor:
         factors = windows.factors[positions[:, 1]]
         window_draw = np.searchsorted(self._cumulative_alarm_distribution_over_draws, rng.random(n))
         window_draw = np.minimum(window_draw, len(windows.statistic) - 1)
-        tail_probability = gammaincc(
+        tail_probability = scipy.special.gammaincc(
             n_channels, n_channels * factors * windows.statistic[window_draw]
         )
-        power = gammainccinv(n_channels, tail_probability * rng.random(n)) / n_channels
+        power = (
+            scipy.special.gammainccinv(n_channels, tail_probability * rng.random(n)) / n_channels
+        )
         first = np.concatenate([[0], np.cumsum(counts)])
         return NoiseAlarms(first, positions, power, window_draw)
 
@@ -315,7 +317,9 @@ class StatisticalSensor:
             self._training_window_statistics,
         )
         factor = np.median(windows.factors[np.isfinite(windows.factors)])
-        return np.asarray(gammaincc(n_channels, n_channels * factor * windows.statistic))
+        return np.asarray(
+            scipy.special.gammaincc(n_channels, n_channels * factor * windows.statistic)
+        )
 
     @cached_property
     def _cumulative_alarm_distribution_over_draws(self) -> np.ndarray:

@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaincinv
+import scipy
 
 from dechirp.processing.cfar.base import Cfar, MapNoise
 
@@ -55,7 +55,7 @@ def draw_training_window_statistics(cfar: Cfar, noise: MapNoise) -> TrainingStat
     ):
         if half > guarded:
             is_corner &= abs(offsets[:, dimension]) > guarded
-    median = gammaincinv(n_channels, 0.5) / n_channels
+    median = scipy.special.gammaincinv(n_channels, 0.5) / n_channels
     n_draws = int(np.clip(_NUMBERS / (n_rows * n_columns * n_channels), _MIN_DRAWS, _MAX_DRAWS))
     step = max(_NUMBERS_PER_STEP // (n_rows * n_columns * n_channels), 1)
     rng = np.random.default_rng(1)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import betainc, stdtr, stdtrit
+import scipy
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.theory.confidence_intervals import binomial_interval
@@ -101,7 +101,7 @@ def _hit_or_miss_gain(
     )
     low, high = 2 * share[0] - 1, 2 * share[1] - 1
     # P(better or more | n, 1/2), under the null hypothesis.
-    by_chance = float(betainc(n_better, n_worse + 1, 0.5)) if n_better else 1.0
+    by_chance = float(scipy.special.betainc(n_better, n_worse + 1, 0.5)) if n_better else 1.0
     return Gain(
         estimated_gain,
         low * (least if low > 0 else most),
@@ -134,6 +134,6 @@ def _jackknife_gain(
             estimated_gain,
             1 - 0.5**n_groups if estimated_gain > 0 else 0.0,
         )
-    reach = -float(stdtrit(n_groups - 1, (1 - confidence) / 2)) * error
-    certainty = float(stdtr(n_groups - 1, estimated_gain / error))
+    reach = -float(scipy.special.stdtrit(n_groups - 1, (1 - confidence) / 2)) * error
+    certainty = float(scipy.special.stdtr(n_groups - 1, estimated_gain / error))
     return Gain(estimated_gain, estimated_gain - reach, estimated_gain + reach, certainty)

@@ -5,8 +5,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.special import gammaincinv
 
 from dechirp.processing.chain import Chain
 from dechirp.processing.peak_interpolation import interpolate_peak_frequencies
@@ -43,7 +43,7 @@ class FrameMap:
     def theoretical_noise_median_over_mean(self) -> float:
         """Ratio of median to mean of the noise in a cell: of a mean of exponentials."""
         n_channels = self.radar.n_summed_maps
-        return float(gammaincinv(n_channels, 0.5) / n_channels)
+        return float(scipy.special.gammaincinv(n_channels, 0.5) / n_channels)
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.fft import next_fast_len
 
 from dechirp.core.checks import check_positive_fields
 from dechirp.core.errors import InvalidSetting
@@ -148,7 +148,7 @@ class Aperture:
         lengths = np.maximum(np.ptp(self.positions, axis=0)[1:], _MIN_GRID_EXTENT)
         spacings = self.element_grid.spacing if self.element_grid else (1.0, 1.0)
         azimuth, elevation = (
-            1 / (spacing * next_fast_len(int(np.ceil(per_beam * length / spacing))))
+            1 / (spacing * scipy.fft.next_fast_len(int(np.ceil(per_beam * length / spacing))))
             if is_resolved
             else 0.0
             for is_resolved, length, spacing in zip(

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
+import scipy
 
 from dechirp.core.checks import check_positive_fields
 from dechirp.core.values import frozen_dataclass
@@ -158,9 +158,9 @@ def _first_window_element_indices(windows: SlidingWindows) -> tuple[int, ...]:
 
 def _inverse_covariance_lower_halves(covariances: np.ndarray) -> np.ndarray:
     """Return the lower halves of the inverses of Hermitian (n, size, size), in double precision."""
-    factor, invert = lapack.dpotrf, lapack.dpotri
+    factor, invert = scipy.linalg.lapack.dpotrf, scipy.linalg.lapack.dpotri
     if np.iscomplexobj(covariances):
-        factor, invert = lapack.zpotrf, lapack.zpotri
+        factor, invert = scipy.linalg.lapack.zpotrf, scipy.linalg.lapack.zpotri
     out = np.ascontiguousarray(covariances, np.result_type(covariances, float))
     for matrix in out:
         # LAPACK reads the upper halves of the transposed matrices.

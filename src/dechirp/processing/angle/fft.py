@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import likelihood

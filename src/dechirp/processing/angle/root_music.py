@@ -1,7 +1,7 @@
 """Root-MUSIC: roots of the null spectrum of a uniform linear array."""
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from dechirp.core.compiled_kernels import kernel
 from dechirp.core.values import frozen_dataclass

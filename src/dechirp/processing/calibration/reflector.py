@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.special import gammainccinv, gammaincinv
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.chain import Chain
@@ -74,7 +74,9 @@ def measure_static_reflector(
         power[:, rows], noise.doppler_transform.main_lobe_half_width_bins, noise.n_channels
     )
     threshold = np.full_like(power, np.inf)
-    factor = gammainccinv(noise.n_channels, _FALSE_ALARM_PROBABILITY) / noise.n_channels
+    factor = (
+        scipy.special.gammainccinv(noise.n_channels, _FALSE_ALARM_PROBABILITY) / noise.n_channels
+    )
     threshold[middle, rows] = factor * cell_noise
     peaks = find_peaks(power, threshold, noise)
 
@@ -115,7 +117,7 @@ def _noise_power_from_moving_rows(
     """Return the mean noise in a cell: by the median of moving rows, or of all if none is free."""
     is_far = abs(np.arange(len(power)) - len(power) // 2) > np.ceil(main_lobe_bins)
     cells = power[is_far] if is_far.any() else power
-    return float(np.median(cells) * n_channels / gammaincinv(n_channels, 0.5))
+    return float(np.median(cells) * n_channels / scipy.special.gammaincinv(n_channels, 0.5))
 
 
 def _choose_reflector_and_rank_others(

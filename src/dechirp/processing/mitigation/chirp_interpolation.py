@@ -13,9 +13,8 @@ approach", IEEE Signal Processing Letters 16(4), 2009.
 """
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.special import gammainccinv, gammaincinv
 
 from dechirp.core.compiled_kernels import kernel
 
@@ -100,10 +99,10 @@ def _slow_time_power_and_noise(series: np.ndarray) -> tuple[np.ndarray, np.ndarr
         power += np.sum(spectrum.real**2 + spectrum.imag**2, axis=1)
     power /= n_channels * float(np.sum(taper**2))
     # Means of n exponential powers have a gamma distribution.
-    quantile_of_noise = gammaincinv(n_channels, _NOISE_QUANTILE) / n_channels
+    quantile_of_noise = scipy.special.gammaincinv(n_channels, _NOISE_QUANTILE) / n_channels
     noise = np.quantile(power, _NOISE_QUANTILE, axis=0) / quantile_of_noise
     noise = np.maximum(noise, _MIN_NOISE_RATIO * power.max(axis=0))
-    threshold = float(gammainccinv(n_channels, _FALSE_CELL_PROBABILITY)) / n_channels
+    threshold = float(scipy.special.gammainccinv(n_channels, _FALSE_CELL_PROBABILITY)) / n_channels
     return power, noise, threshold
 
 

@@ -9,8 +9,7 @@ signals that can be modeled as autoregressive processes", IEEE Trans. ASSP-34(2)
 from abc import abstractmethod
 
 import numpy as np
-from scipy import sparse
-from scipy.linalg import solveh_banded
+import scipy
 
 from dechirp.core.checks import check_integer_fields
 from dechirp.core.findings import Finding
@@ -116,9 +115,11 @@ class InterferenceAutoregression(InterferenceRepair):
         """Minimise the squared errors of forward and backward prediction."""
         n, order = is_burst.size, predictor.size
         shape = (n - order, n)
-        forward = sparse.diags([*-predictor[::-1], 1], range(order + 1), shape, dtype=complex)
-        backward = sparse.diags([1, *-predictor.conj()], range(order + 1), shape, dtype=complex)
-        errors = sparse.vstack([forward, backward]).tocsc()
+        forward = scipy.sparse.diags([*-predictor[::-1], 1], range(order + 1), shape, dtype=complex)
+        backward = scipy.sparse.diags(
+            [1, *-predictor.conj()], range(order + 1), shape, dtype=complex
+        )
+        errors = scipy.sparse.vstack([forward, backward]).tocsc()
         burst_free = np.where(is_burst, 0, moving)
         unknown = errors[:, is_burst]
         normal_matrix = (unknown.conj().T @ unknown).todia()
@@ -128,6 +129,6 @@ class InterferenceAutoregression(InterferenceRepair):
             diagonal = normal_matrix.diagonal(-k)
             band[k, : diagonal.size] = diagonal
         out = moving.copy()
-        solved = solveh_banded(band, right_side, lower=True).T
+        solved = scipy.linalg.solveh_banded(band, right_side, lower=True).T
         out[:, is_burst] = solved if np.iscomplexobj(moving) else solved.real
         return out

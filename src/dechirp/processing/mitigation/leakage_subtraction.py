@@ -8,7 +8,7 @@ of echoes between bins; six sequences more than the band is wide leave -60 dB.
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal.windows import dpss
+import scipy
 
 from dechirp.core.checks import check_positive_fields
 from dechirp.core.errors import InvalidSetting
@@ -119,7 +119,7 @@ def _slepian_sequences(n_samples: int, n_range_cells: float, is_complex: bool) -
     high = max(n_range_cells, _CELLS_BELOW_ZERO)
     half = (high - low) / 2  # time times half the bandwidth
     n = min(round(2 * half) + _EXTRA_SEQUENCES, n_samples)
-    slepian = dpss(n_samples, half, n)
+    slepian = scipy.signal.windows.dpss(n_samples, half, n)
     if not is_complex:
         return np.asarray(slepian)
     cycles = (high + low) / 2 / n_samples * np.arange(n_samples)

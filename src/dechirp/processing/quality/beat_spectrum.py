@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
-from scipy.special import gammainccinv, gammaincinv
+import scipy
 
 from dechirp.core.compiled_kernels import kernel
 from dechirp.theory.windows import window_weights
@@ -136,7 +135,8 @@ def measure_echoes_and_mirror_images(spectrum: MeanSpectrum, is_alive: np.ndarra
     )
     # Receivers may share their noise, so they count as one: at worst a weak echo is missed.
     threshold = (
-        gammainccinv(spectrum.n_chirps, _FALSE_ALARM_PROBABILITY / n_bins) / spectrum.n_chirps
+        scipy.special.gammainccinv(spectrum.n_chirps, _FALSE_ALARM_PROBABILITY / n_bins)
+        / spectrum.n_chirps
     )
     n_echoes = float(np.count_nonzero(over_noise[is_counted] > threshold))
     is_echo = is_counted & (over_noise > max(threshold, _MIN_SIDE_RATIO))
@@ -174,7 +174,7 @@ def _noise_power_per_bin(power: np.ndarray, n_chirps: int) -> np.ndarray:
     """Return the mean noise power in a bin, (rx, 1), from the median over bins."""
     median = np.median(power, axis=1, keepdims=True)
     smallest = np.maximum(power.max(axis=1, keepdims=True) * 1e-15, 1e-300)
-    return np.maximum(median, smallest) / (gammaincinv(n_chirps, 0.5) / n_chirps)
+    return np.maximum(median, smallest) / (scipy.special.gammaincinv(n_chirps, 0.5) / n_chirps)
 
 
 def _mirror_similarity(power: np.ndarray, mirror_difference: np.ndarray, n_chirps: int) -> float:

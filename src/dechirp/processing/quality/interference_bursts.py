@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import betainccinv
+import scipy
 
 from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.processing.quality.background import (
@@ -121,7 +121,7 @@ def _stretch_lengths_and_energy_limits(
     lengths = 2 ** np.arange(max(1, int(np.log2(n_samples * max_share)) + 1))
     chance = _FALSE_ALARM_PROBABILITY / (lengths.size * n_samples)
     half = n_parts / 2
-    return lengths, betainccinv(half * lengths, half * (n_samples - lengths), chance)
+    return lengths, scipy.special.betainccinv(half * lengths, half * (n_samples - lengths), chance)
 
 
 def _write_chirp_burst_measures_in_numpy(

@@ -1,7 +1,7 @@
 """Quality measures of a frame of samples; `findings` evaluates them."""
 
 import numpy as np
-import scipy.fft
+import scipy
 import xarray as xr
 
 from dechirp.core.conventions import CUBE_AXES, axis_coordinate

@@ -11,7 +11,7 @@ receiver phases or several echoes in a cell: indoors the right order often has a
 from itertools import combinations, permutations
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.quality.beat_spectrum import NEAR_BINS, MeanSpectrum

@@ -12,7 +12,7 @@ Ghosts of a clock that is closer than that are not distinguished from echoes her
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from dechirp.core.compiled_kernels import kernel
 from dechirp.core.findings import Finding

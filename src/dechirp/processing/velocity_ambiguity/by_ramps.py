@@ -1,7 +1,7 @@
 """Velocity ambiguity resolved by ramps of one transmitter at other times or frequencies."""
 
 import numpy as np
-from scipy.special import gammaincinv, logsumexp
+import scipy
 
 from dechirp.processing.velocity_ambiguity.hypotheses import (
     AmbiguityHypotheses,
@@ -92,8 +92,10 @@ def ambiguity_probabilities(
     noise = noise_power + _MODEL_ERROR**2 * total / amplitudes.shape[1]
     unfitted = total - power.max(axis=(1, 2), initial=0.0)
     noise = np.where(
-        unfitted > gammaincinv(residual_freedom, 0.999) * noise, unfitted / residual_freedom, noise
+        unfitted > scipy.special.gammaincinv(residual_freedom, 0.999) * noise,
+        unfitted / residual_freedom,
+        noise,
     )
-    log_p = logsumexp(power / noise[:, None, None] - errors**2 / 2, axis=2)
+    log_p = scipy.special.logsumexp(power / noise[:, None, None] - errors**2 / 2, axis=2)
     weight = np.exp(log_p - log_p.max(axis=1, keepdims=True, initial=-np.inf))
     return AmbiguityHypotheses(weight / weight.sum(axis=1, keepdims=True), numbers)

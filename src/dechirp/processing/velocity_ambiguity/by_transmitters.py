@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaincinv
+import scipy
 
 from dechirp.core.compiled_kernels import kernel
 from dechirp.processing.angle.aperture import Aperture
@@ -153,7 +153,7 @@ def ambiguity_probabilities(
 def _upper_noise_residual_quantile(n_channels: int) -> float:
     """Return the residual of the best beam that noise exceeds with probability 0.001."""
     # One amplitude and at most two angles are fitted.
-    return float(gammaincinv(max(n_channels - 2.0, 1.0), 0.999))
+    return float(scipy.special.gammaincinv(max(n_channels - 2.0, 1.0), 0.999))
 
 
 @kernel()

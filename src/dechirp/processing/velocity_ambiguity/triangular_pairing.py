@@ -3,8 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.special import gammainccinv
+import scipy
 
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.refine import RefinedPeaks, Tones, average_sidelobe_errors
@@ -115,10 +114,12 @@ def _assign_peak_pairs(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> Pe
     """Find the likeliest assignment, and the probability of each of its pairs."""
     # A peak without a partner costs as much as a pair at the limit.
     unpaired_cost = float(
-        gammainccinv(_degrees_of_freedom_of_pair_cost(up, frame) / 2, _REJECTION_PROBABILITY)
+        scipy.special.gammainccinv(
+            _degrees_of_freedom_of_pair_cost(up, frame) / 2, _REJECTION_PROBABILITY
+        )
     )
     costs = np.minimum(_pair_costs(up, down, frame), unpaired_cost)
-    u, d = linear_sum_assignment(costs)
+    u, d = scipy.optimize.linear_sum_assignment(costs)
     is_pair = costs[u, d] < unpaired_cost
     u, d = u[is_pair], d[is_pair]
     order = np.argsort(-(up.snr[u] + down.snr[d]), kind="stable")

@@ -4,8 +4,8 @@ import math
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import beta
 
 from dechirp.core.checks import check_positive_fields
 from dechirp.core.values import frozen_dataclass
@@ -62,7 +62,11 @@ class Cosine(Pattern):
         :math:`\int_{-\pi/2}^{\pi/2} \cos^k = B((k + 1)/2, 1/2)`, exact.
         """
         m, n = self._cosine_exponents
-        return float(4 * math.pi / (beta((m + 1) / 2, 0.5) * beta(n / 2 + 1, 0.5)))
+        return float(
+            4
+            * math.pi
+            / (scipy.special.beta((m + 1) / 2, 0.5) * scipy.special.beta(n / 2 + 1, 0.5))
+        )
 
     def gain_towards(self, azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> np.ndarray:
         """Return the power gain towards directions, a ratio; zero beyond 90 deg from the beam."""

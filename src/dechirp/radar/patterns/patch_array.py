@@ -4,8 +4,8 @@ import math
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize_scalar
 
 from dechirp.core.checks import (
     as_tuple_or_none,
@@ -217,7 +217,7 @@ class PatchArray(Pattern):
         z = np.linspace(-1, 1, 32 * self.n_patches + 33)
         peak_index = int(np.argmax(self._relative_radiated_power(np.zeros_like(z), z)))
         low, high = z[max(peak_index - 1, 0)], z[min(peak_index + 1, z.size - 1)]
-        minimum = minimize_scalar(
+        minimum = scipy.optimize.minimize_scalar(
             negative_power, bounds=(low, high), method="bounded", options={"xatol": 1e-9}
         )
         return max(-negative_power(float(minimum.x)), -negative_power(float(z[peak_index])))

@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
@@ -90,6 +91,8 @@ def render_svg(paint: Paint, *, height_in: float = HEIGHT_IN) -> Markup:
     text = io.StringIO()
     with mpl.rc_context(_STYLE):
         figure, label = _paint_figure_with_description(paint, height_in)
+        FigureCanvasSVG(figure)
+        _lay_out_once(figure)
         figure.savefig(text, format="svg", transparent=True, metadata={"Date": None})
     markup = text.getvalue()
     markup = markup[markup.index("<svg") :]
@@ -141,6 +144,14 @@ def _paint_figure_with_description(paint: Paint, height_in: float) -> tuple[Figu
     rows_in = max(map(_legend_height_in, panels))
     figure.set_figheight(height_in + max(rows_in - _ROW_IN, 0.0))
     return figure, "; ".join(dict.fromkeys(str(axes.get_label()) for axes in panels))
+
+
+def _lay_out_once(figure: Figure) -> None:
+    """Place the axes now; `savefig` would first draw the whole figure invisibly to do so."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
 
 
 def _legend_height_in(axes: Axes) -> float:

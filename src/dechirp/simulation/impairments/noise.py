@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from dechirp.core.checks import check_numbers, check_positive_fields
 from dechirp.core.errors import InvalidSetting
@@ -131,7 +131,7 @@ class ColouredNoise(Receiver):
         chirp = radar.frame.chirp
         is_real, n_samples = not np.iscomplexobj(samples), samples.shape[-1]
         # Noise of a transform is periodic, so the period is twice the needed length.
-        n_points = 2 * int(fft.next_fast_len(n_samples, real=True))
+        n_points = 2 * int(scipy.fft.next_fast_len(n_samples, real=True))
         gains = np.sqrt(noise_power_w(radar) * self._densities_over_thermal(chirp, n_points))
         if is_real:  # the other half of the spectrum is its mirror image
             gains = gains[: len(gains) // 2 + 1]
@@ -143,9 +143,11 @@ class ColouredNoise(Receiver):
             noise = np.zeros((*block.shape[:-1], n_points), samples.dtype)
             add_white_noise(noise, 1.0, rng)
             if is_real:
-                noise = fft.irfft(fft.rfft(noise, overwrite_x=True) * gains, n_points)
+                noise = scipy.fft.irfft(scipy.fft.rfft(noise, overwrite_x=True) * gains, n_points)
             else:
-                noise = fft.ifft(fft.fft(noise, overwrite_x=True) * gains, overwrite_x=True)
+                noise = scipy.fft.ifft(
+                    scipy.fft.fft(noise, overwrite_x=True) * gains, overwrite_x=True
+                )
             block += noise[..., :n_samples]
 
     def _densities_over_thermal(self, chirp: Chirp, n_points: int) -> np.ndarray:

@@ -5,8 +5,8 @@ import warnings
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.fft import irfft, next_fast_len
 
 from dechirp.core.checks import as_tuple_or_none, check_numbers
 from dechirp.core.errors import InvalidSetting
@@ -131,7 +131,7 @@ class PhaseNoise(Oscillator):
         n_needed = int(firsts[-1]) + window.n_times
         # A process made in the frequency domain is periodic: half of one of twice the length is
         # not.
-        n = next_fast_len(2 * n_needed, real=True)
+        n = scipy.fft.next_fast_len(2 * n_needed, real=True)
         check_free_memory(
             "phase noise", needed_bytes=_SAMPLE_BYTES * n, fix="simulate fewer chirps in a frame"
         )
@@ -141,7 +141,7 @@ class PhaseNoise(Oscillator):
         normals = spectrum[1:].view(np.float32)
         rng.standard_normal(dtype=np.float32, out=normals)
         spectrum[1:] *= _bin_standard_deviations(self, n, window.rate_hz)
-        process_rad = irfft(spectrum, n, overwrite_x=True)
+        process_rad = scipy.fft.irfft(spectrum, n, overwrite_x=True)
         return sliding_window_view(process_rad, window.n_times)[firsts].astype(float)
 
     def _issue_setting_warning(self, setting: str, *, value: str, expected: str, fix: str) -> None:

@@ -4,7 +4,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from dechirp.core.compiled_kernels import kernel
 from dechirp.core.units import SPEED_OF_LIGHT

@@ -21,7 +21,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import i0
+import scipy
 
 from dechirp.core.compiled_kernels import kernel
 from dechirp.simulation.kernels.simd import WIDTH, add_line, add_patch, set_weighted_sum
@@ -73,7 +73,7 @@ class SpreadingKernel(NamedTuple):
 
 def _kaiser_bessel_transform(beta: float, phase_step_rad: np.ndarray) -> np.ndarray:
     root = np.sqrt(beta**2 - (np.asarray(phase_step_rad) * WIDTH / 2) ** 2)
-    return np.asarray(WIDTH * np.sinh(root) / (root * i0(beta)))
+    return np.asarray(WIDTH * np.sinh(root) / (root * scipy.special.i0(beta)))
 
 
 @cache
@@ -83,7 +83,7 @@ def make_spreading_kernel(oversampling: float) -> SpreadingKernel:
     beta = 0.98 * np.pi * WIDTH * (1 - 0.5 / oversampling)
     fractions = np.cos(np.pi * (np.arange(64) + 0.5) / 64)
     z = (fractions[:, None] / 2 + 0.5 + np.arange(WIDTH)) * 2 / WIDTH - 1
-    weights = i0(beta * np.sqrt(np.maximum(1 - z**2, 0))) / i0(beta)
+    weights = scipy.special.i0(beta * np.sqrt(np.maximum(1 - z**2, 0))) / scipy.special.i0(beta)
     squares = (1 + fractions) / 2
     return SpreadingKernel(
         oversampling,

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from math import comb
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from dechirp.core.buffers import scratch_complex64_array
 from dechirp.core.compiled_kernels import kernel

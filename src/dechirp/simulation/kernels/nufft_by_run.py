@@ -8,7 +8,7 @@ therefore that of scatterers + samples x log samples, independent of their speed
 """
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from dechirp.core.buffers import scratch_complex64_array
 from dechirp.core.threads import run_in_threads, split_range
