@@ -5,7 +5,7 @@ import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer_fields, check_positive_fields
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.detection_columns import (
     TABLE,
     UNITS,
@@ -211,7 +211,7 @@ def _find_neighbour_pairs(
     return first, second
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _count_and_write_near_pairs(
     frame: np.ndarray, cells: np.ndarray, velocity_period: np.ndarray, pairs: np.ndarray
 ) -> int:

@@ -123,7 +123,23 @@ def _window_convolution_factors(transform: Transform) -> np.ndarray | None:
     return factors
 
 
-@kernel(fastmath={"contract", "reassoc"})
+def _add_convolved_power_in_numpy(
+    sums: np.ndarray,
+    white: np.ndarray,
+    velocity_factors: np.ndarray,
+    range_factors: np.ndarray,
+    power_factor: np.float32,
+) -> None:
+    """Plain twin of `_add_convolved_power`: equal within rounding."""
+    for axis, factors in ((0, velocity_factors), (2, range_factors)):
+        convolved = white.copy()
+        for m, factor in enumerate(factors[1:], start=1):
+            convolved += factor * (np.roll(white, m, axis) + np.roll(white, -m, axis))
+        white = convolved
+    sums += power_factor * np.sum(white**2, axis=1)
+
+
+@kernel(plain=_add_convolved_power_in_numpy, fastmath={"contract", "reassoc"})
 def _add_convolved_power(
     sums: np.ndarray,
     white: np.ndarray,

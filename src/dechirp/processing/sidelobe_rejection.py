@@ -21,6 +21,7 @@ power in phase with the channels of the peak.
 
 import math
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -309,7 +310,26 @@ def _equal_block_edges(n_points: int, n_blocks: int) -> np.ndarray:
     return edges
 
 
-@kernel(fastmath={"contract", "reassoc"})
+def _sum_over_chirps_in_numpy(
+    numbers: np.ndarray,
+    n_samples: int,
+    slow: float,
+    growth: float,
+    weights: np.ndarray,
+    edges: np.ndarray,
+) -> np.ndarray:
+    """Plain twin of `_sum_over_chirps`: equal within single precision."""
+    samples = numbers if numbers.shape[2] == n_samples else numbers.view(np.complex64)
+    chirps = np.arange(len(samples))
+    out = np.empty(samples.shape[1:], complex)
+    for first, stop in pairwise(edges):
+        walk = slow * growth * (first + stop - n_samples) / 2
+        turns = weights * np.exp(-1j * (slow * chirps + walk * (chirps + 0.5 - len(chirps) / 2)))
+        out[:, first:stop] = np.tensordot(turns, samples[:, :, first:stop], 1)
+    return out
+
+
+@kernel(plain=_sum_over_chirps_in_numpy, fastmath={"contract", "reassoc"})
 def _sum_over_chirps(
     numbers: np.ndarray,
     n_samples: int,
@@ -359,7 +379,27 @@ def _sum_over_chirps(
     return out
 
 
-@kernel(fastmath={"contract", "reassoc"})
+def _sum_over_samples_in_numpy(
+    numbers: np.ndarray,
+    n_samples: int,
+    fast: float,
+    walk_per_sample: float,
+    weights: np.ndarray,
+    edges: np.ndarray,
+) -> np.ndarray:
+    """Plain twin of `_sum_over_samples`: equal within single precision."""
+    samples = numbers if numbers.shape[2] == n_samples else numbers.view(np.complex64)
+    turns = weights * np.exp(-1j * fast * np.arange(n_samples))
+    from_middle = np.arange(len(samples)) + 0.5 - len(samples) / 2
+    out = np.zeros(samples.shape[:2], complex)
+    for first, stop in pairwise(edges):
+        walk = walk_per_sample * (first + stop - n_samples) / 2
+        sums = samples[:, :, first:stop] @ turns[first:stop]
+        out += np.exp(-1j * walk * from_middle)[:, None] * sums
+    return np.ascontiguousarray(out.T)
+
+
+@kernel(plain=_sum_over_samples_in_numpy, fastmath={"contract", "reassoc"})
 def _sum_over_samples(
     numbers: np.ndarray,
     n_samples: int,
@@ -397,7 +437,34 @@ def _sum_over_samples(
     return out
 
 
-@kernel()
+def _subtract_other_tones_in_numpy(
+    values: np.ndarray,
+    row: int,
+    amplitude: np.ndarray,
+    is_described: np.ndarray,
+    across: np.ndarray,
+    across_of_row: float,
+    weights: np.ndarray,
+    along: np.ndarray,
+    negligible: float,
+) -> None:
+    """Plain twin of `_subtract_other_tones`: equal within 1e-9 of the tones."""
+    n_points = values.shape[1]
+    apart = abs(np.sin((along - along[row]) / 2)) * n_points
+    relevance = abs(amplitude).max(axis=1) / np.maximum(1.0, apart)
+    relevance[~is_described] = 0.0
+    relevance[row] = 0.0
+    others = np.flatnonzero(relevance > negligible)
+    turns = np.exp(1j * np.outer(across[others] - across_of_row, np.arange(weights.size)))
+    response = turns @ weights
+    relevance[others] *= abs(response)
+    strongest = np.argsort(-relevance[others], kind="stable")[:_MAX_OTHER_TONES]
+    for other in strongest[relevance[others[strongest]] > negligible]:
+        tone = np.exp(1j * along[others[other]] * np.arange(n_points))
+        values -= np.multiply.outer(amplitude[others[other]] * response[other], tone)
+
+
+@kernel(plain=_subtract_other_tones_in_numpy)
 def _subtract_other_tones(
     values: np.ndarray,
     row: int,
@@ -510,7 +577,34 @@ def _choose_window(
     )
 
 
-@kernel()
+def _estimate_with_window_in_numpy(
+    values: np.ndarray,
+    weights: np.ndarray,
+    place: np.ndarray,
+    remainder_weights: np.ndarray,
+    amplitude: np.ndarray,
+    remainder: np.ndarray,
+) -> float:
+    """Plain twin of `_estimate_with_window`."""
+    n_points = values.shape[1]
+    starts = np.arange(0, n_points, max(1, n_points // _N_COARSE_BLOCKS))
+    ends = np.append(starts[1:], n_points)
+    sums = np.add.reduceat(weights * values, starts, axis=1)
+    middle = (place[starts] + place[ends - 1]) / 2
+    curvature = float(weights @ place**2)
+    coarse = _maximise_windowed_periodogram(
+        sums, np.ones(len(starts)), middle, 0.0, n_points, curvature
+    )
+    offset = _maximise_windowed_periodogram(values, weights, place, coarse, n_points, curvature)
+    if abs(offset) >= 2 * np.pi / n_points:
+        offset = 0.0
+    turned = values * np.exp(-1j * offset * np.arange(n_points))
+    amplitude[:] = turned @ weights
+    remainder[:, :n_points] = remainder_weights * (turned - amplitude[:, None])
+    return offset
+
+
+@kernel(plain=_estimate_with_window_in_numpy)
 def _estimate_with_window(
     values: np.ndarray,
     weights: np.ndarray,
@@ -553,7 +647,38 @@ def _estimate_with_window(
     return offset
 
 
-@kernel(fastmath={"contract", "reassoc"})
+def _maximise_windowed_periodogram_in_numpy(
+    values: np.ndarray,
+    weights: np.ndarray,
+    place: np.ndarray,
+    offset: float,
+    n_points: int,
+    lone_curvature: float,
+) -> float:
+    """Plain twin of `_maximise_windowed_periodogram`."""
+    if n_points == 1:
+        return 0.0
+    largest_step = np.pi / n_points
+    places = np.stack([np.ones_like(place), place, place**2])
+    for _ in range(8):
+        turns = weights * np.exp(-1j * offset * place)
+        zeroth, first, second = (turns * places) @ values.T
+        power = float(np.sum(abs(zeroth) ** 2))
+        if power == 0.0:
+            return 0.0
+        slope = float(np.sum(zeroth.conj() * first).imag) / power
+        curvature = float(np.sum(abs(first) ** 2 - (zeroth.conj() * second).real))
+        curvature = curvature / power - 2 * slope**2
+        if curvature >= 0:
+            curvature = -lone_curvature
+        step = min(max(-slope / curvature, -largest_step), largest_step)
+        offset += step
+        if abs(step) < 1e-4 * largest_step:
+            break
+    return offset
+
+
+@kernel(plain=_maximise_windowed_periodogram_in_numpy, fastmath={"contract", "reassoc"})
 def _maximise_windowed_periodogram(
     values: np.ndarray,
     weights: np.ndarray,
@@ -593,7 +718,34 @@ def _maximise_windowed_periodogram(
     return offset
 
 
-@kernel()
+def _write_sidelobe_covariance_in_numpy(
+    spectrum: np.ndarray,
+    amplitude: np.ndarray,
+    noise_gain: float,
+    slope_noise: float,
+    remainder_gain: float,
+    response: np.ndarray,
+    slope_response: np.ndarray,
+    least_variance: float,
+    covariance: np.ndarray,
+) -> tuple[float, float]:
+    """Plain twin of `_write_sidelobe_covariance`."""
+    cells = np.arange(spectrum.shape[1])
+    wide = spectrum.astype(complex)
+    cell_power = np.mean(abs(wide) ** 2, axis=0)
+    in_phase = amplitude.conj() @ wide
+    power = 1e-300 + np.sum(abs(amplitude) ** 2)
+    is_own = np.minimum(cells, cells.size - cells) <= _OWN_CELLS
+    is_excess = ~is_own & (cell_power > _MIN_EXCESS * remainder_gain)
+    share = np.where(is_excess, (1 - remainder_gain / cell_power) / (2 * remainder_gain), 0.0)
+    variance = float(noise_gain + np.sum(share * response * cell_power))
+    slope_variance = slope_noise + np.sum(share * slope_response * abs(in_phase) ** 2) / power
+    if variance < least_variance:
+        covariance[:] = (share * response * wide) @ wide.conj().T
+    return variance, float(slope_variance)
+
+
+@kernel(plain=_write_sidelobe_covariance_in_numpy)
 def _write_sidelobe_covariance(
     spectrum: np.ndarray,
     amplitude: np.ndarray,

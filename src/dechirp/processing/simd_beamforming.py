@@ -67,7 +67,25 @@ def mirrored_beam_weights(aperture: Aperture) -> MirroredBeams:
     return MirroredBeams(pair_sums.astype(np.complex64), weights.astype(np.float32))
 
 
-@kernel(fastmath={"contract"})
+def _raise_to_largest_beam_power_in_numpy(
+    power: np.ndarray,
+    spectrum: np.ndarray,
+    compensation: np.ndarray,
+    pair_sums: np.ndarray,
+    weights: np.ndarray,
+) -> None:
+    """Plain twin of `raise_to_largest_beam_power`: equal within single precision."""
+    n_pairs, n = weights.shape[1:]
+    azimuths = np.arange(n_pairs) % len(power)
+    for factors, channels in zip(compensation, spectrum, strict=True):
+        amplitudes = channels[:, 0] + 1j * channels[:, 1]
+        terms = (factors[:, None] * pair_sums).T @ amplitudes
+        p, q = weights[0] @ terms[:n], 1j * (weights[1] @ terms[n:])
+        np.maximum.at(power, azimuths, abs(p + q) ** 2)
+        np.maximum.at(power, len(power) - 1 - azimuths, abs(p - q) ** 2)
+
+
+@kernel(plain=_raise_to_largest_beam_power_in_numpy, fastmath={"contract"})
 def raise_to_largest_beam_power(
     power: np.ndarray,
     spectrum: np.ndarray,

@@ -72,7 +72,16 @@ def _not_adc_codes_error() -> InvalidSetting:
     )
 
 
-@kernel()
+def _fill_codes_in_numpy(
+    sample_values: np.ndarray, scale: float, inverse_scale: float, codes: np.ndarray
+) -> int:
+    """Plain twin of `_fill_codes_and_count_invalid`: equal codes of valid samples."""
+    rounded = np.nan_to_num(np.rint(sample_values * inverse_scale))
+    codes[:] = np.clip(rounded, -(2**31), 2**31 - 1).astype(np.int64).astype(np.int16)
+    return int(np.count_nonzero(codes.astype(sample_values.dtype) * scale != sample_values))
+
+
+@kernel(plain=_fill_codes_in_numpy)
 def _fill_codes_and_count_invalid(
     sample_values: np.ndarray, scale: float, inverse_scale: float, codes: np.ndarray
 ) -> int:

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from dechirp.core.checks import check_number
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle.aperture import Aperture
@@ -153,7 +153,7 @@ class SlidingWindows:
         )
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _bilinear_noise_variances(
     left_vectors: np.ndarray,
     right_vectors: np.ndarray,

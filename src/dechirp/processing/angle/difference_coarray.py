@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.processing.angle.aperture import Aperture
 
 # Phases of all lags towards all directions of a grid: 64 MiB.
@@ -82,7 +82,16 @@ def quadratic_forms_from_lags(lag_sums: np.ndarray, lag_phase_factors: np.ndarra
     )
 
 
-@kernel(fastmath={"contract", "reassoc"})
+def _quadratic_forms_in_numpy(
+    lag_sums: np.ndarray, steering: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Plain twin of `quadratic_forms_per_detection`: equal within rounding."""
+    products = steering[:, :, pairs[0]] * steering[:, :, pairs[1]].conj()
+    sums = lag_sums[:, None]
+    return np.asarray(np.sum(sums.real * products.real + sums.imag * products.imag, axis=2))
+
+
+@kernel(plain=_quadratic_forms_in_numpy, fastmath={"contract", "reassoc"})
 def quadratic_forms_per_detection(
     lag_sums: np.ndarray, steering: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
@@ -101,7 +110,20 @@ def quadratic_forms_per_detection(
     return out
 
 
-@kernel()
+def _sum_matrices_in_numpy(
+    matrices: np.ndarray, lag_of_pair: np.ndarray, n_lags: int
+) -> np.ndarray:
+    """Plain twin of `_sum_matrices_over_equal_lags`: equal within rounding."""
+    lower = np.tril(matrices, -1)
+    diagonal = matrices * np.eye(matrices.shape[1])
+    hermitian = lower + lower.conj().swapaxes(1, 2) + diagonal
+    out = np.zeros((len(matrices), n_lags), complex)
+    for i, matrix in enumerate(hermitian):
+        np.add.at(out[i], lag_of_pair, matrix)
+    return out
+
+
+@kernel(plain=_sum_matrices_in_numpy)
 def _sum_matrices_over_equal_lags(
     matrices: np.ndarray, lag_of_pair: np.ndarray, n_lags: int
 ) -> np.ndarray:
@@ -117,7 +139,7 @@ def _sum_matrices_over_equal_lags(
     return out
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _sum_real_matrices_over_equal_lags(
     matrices: np.ndarray, lag_of_pair: np.ndarray, n_lags: int
 ) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.theory.direction_bounds import crlb_variances
 
@@ -102,7 +102,7 @@ def _convert_to_compiled_kernel_arrays(
     return data, aperture.positions, np.flatnonzero(aperture.resolves_azimuth_and_elevation), angles
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _source_powers_and_fisher_information(
     snapshots: np.ndarray, positions: np.ndarray, resolved_axes: np.ndarray, angles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -135,7 +135,7 @@ def _source_powers_and_fisher_information(
     return power, information
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _maximise_likelihood_of_detections(
     snapshots: np.ndarray, start_sines: np.ndarray, search: Search
 ) -> np.ndarray:
@@ -150,7 +150,7 @@ def _maximise_likelihood_of_detections(
     return out
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _maximise_likelihood_of_detection(
     snapshots: np.ndarray, start_sines: np.ndarray, search: Search
 ) -> np.ndarray:
@@ -185,7 +185,7 @@ def _maximise_likelihood_of_detection(
     return current
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _add_step_within_view(
     sines: np.ndarray, step: np.ndarray, resolved_axes: np.ndarray, max_sines: np.ndarray
 ) -> np.ndarray:
@@ -199,7 +199,7 @@ def _add_step_within_view(
     return out
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _gradient_curvature_and_residual(
     snapshots: np.ndarray, positions: np.ndarray, resolved_axes: np.ndarray, sines: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
@@ -217,7 +217,7 @@ def _gradient_curvature_and_residual(
     return gradient, information, residual
 
 
-@kernel(fastmath={"contract", "reassoc"})
+@kernel(plain=AS_WRITTEN, fastmath={"contract", "reassoc"})
 def _fit_amplitudes_and_derivatives(
     snapshots: np.ndarray, positions: np.ndarray, resolved_axes: np.ndarray, angles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
@@ -268,7 +268,7 @@ def _fit_amplitudes_and_derivatives(
     return amplitudes, gradient, information, residual
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _write_steering_and_derivatives(
     steering: np.ndarray,
     derivatives: np.ndarray,
@@ -293,7 +293,7 @@ def _write_steering_and_derivatives(
             derivatives[p, e] = 1j * phase_slope * steering[e]
 
 
-@kernel(fastmath={"contract", "reassoc"})
+@kernel(plain=np.vdot, fastmath={"contract", "reassoc"})
 def _inner_product(first: np.ndarray, second: np.ndarray) -> complex:
     """Return the inner product, the first vector conjugated."""
     real, imaginary = 0.0, 0.0

@@ -3,7 +3,7 @@
 import numpy as np
 import scipy
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle.uniform_linear_array import UlaEstimator
 
@@ -50,7 +50,7 @@ class RootMusic(UlaEstimator):
         return np.swapaxes(slopes, 1, 2)
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _polynomial_roots_within_unit_circle(coefficients: np.ndarray) -> np.ndarray:
     """Return the roots within the unit circle of the sum of c_d z^d, d = 1 - size ... size - 1.
 

@@ -28,7 +28,25 @@ def find_grid_peak_directions(
     return azimuth, np.where(is_peak, grid.elevation_rad[row], np.nan)
 
 
-@kernel()
+def _peak_indices_in_numpy(maps: np.ndarray, n_sources: np.ndarray, max_peaks: int) -> np.ndarray:
+    """Plain twin of `_peak_indices_in_maps`: equal indices."""
+    n, n_rows, n_columns = maps.shape
+    padded = np.pad(maps, ((0, 0), (1, 1), (1, 1)), constant_values=-np.inf)
+    is_peak = np.ones(maps.shape, bool)
+    for row, column in np.ndindex(3, 3):
+        if (row, column) != (1, 1):
+            neighbour = padded[:, row : row + n_rows, column : column + n_columns]
+            is_earlier = (row, column) < (1, 1)
+            is_peak &= maps > neighbour if is_earlier else maps >= neighbour
+    peak_index = np.full((n, max_peaks), -1)
+    for i in range(n):
+        cells = np.flatnonzero(is_peak[i])
+        highest = np.argsort(-maps[i].ravel()[cells], kind="stable")[: n_sources[i]]
+        peak_index[i, : len(highest)] = cells[highest]
+    return peak_index
+
+
+@kernel(plain=_peak_indices_in_numpy)
 def _peak_indices_in_maps(maps: np.ndarray, n_sources: np.ndarray, max_peaks: int) -> np.ndarray:
     """Return flat indices of the highest local maxima in each map, highest first, -1 for none."""
     n, n_rows, n_columns = maps.shape

@@ -8,7 +8,7 @@ Rohling, Radar CFAR thresholding in clutter and multiple target situations, IEEE
 import numpy as np
 
 from dechirp.core.checks import check_positive_fields
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import can_compile, kernel
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
@@ -56,6 +56,8 @@ class OrderedStatistic(NoiseEstimator):
     def threshold(
         self, power: np.ndarray, window: TrainingWindow, factors: np.ndarray
     ) -> np.ndarray:
+        if not can_compile():
+            return super().threshold(power, window, factors)
         threshold = order_statistic_map(
             power,
             window.training_and_guard_counts,
@@ -71,6 +73,8 @@ class OrderedStatistic(NoiseEstimator):
         The k-th smallest is no less than the mean of the k smallest, which few cells of noise
         exceed by the factor: training cells are counted only for those.
         """
+        if not can_compile():
+            return super().exceeds_threshold(power, window, factors)
         n_cells, ranks = self._training_counts_and_ranks_per_row(power, window)
         candidates = candidate_detection_cells(
             power, window.training_and_guard_counts, factors, n_cells, ranks

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import can_compile, kernel
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
 from dechirp.processing.cfar.window_means import (
@@ -41,6 +41,8 @@ class SplitWindowEstimator(NoiseEstimator):
     def threshold(
         self, power: np.ndarray, window: TrainingWindow, factors: np.ndarray
     ) -> np.ndarray:
+        if not can_compile():
+            return super().threshold(power, window, factors)
         first, second = half_window_mean_maps(power, window)
         self.select_mean(first, second, out=first)
         return np.multiply(first, factors, out=first)

@@ -7,7 +7,7 @@ of CFAR processors in nonhomogeneous background, IEEE Trans. AES 24(4), 1988.
 import numpy as np
 
 from dechirp.core.checks import check_non_negative_fields
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import can_compile, kernel
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
@@ -64,6 +64,8 @@ class TrimmedMean(NoiseEstimator):
     def threshold(
         self, power: np.ndarray, window: TrainingWindow, factors: np.ndarray
     ) -> np.ndarray:
+        if not can_compile():
+            return super().threshold(power, window, factors)
         n_cells, n_smallest, n_largest = self._training_and_trim_counts_per_row(power, window)
         if n_smallest.any():
             lowest = order_statistic_map(power, window.training_and_guard_counts, n_smallest + 1)
@@ -82,6 +84,8 @@ class TrimmedMean(NoiseEstimator):
         The mean without the smallest is no less than with them, which few cells of noise exceed
         by the factor: training cells are put in order only for those.
         """
+        if not can_compile():
+            return super().exceeds_threshold(power, window, factors)
         n_cells, n_smallest, n_largest = self._training_and_trim_counts_per_row(power, window)
         candidates = candidate_detection_cells(
             power, window.training_and_guard_counts, factors, n_cells, n_cells - n_largest

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.processing.mitigation.base import all_zero_chirp_mask
 from dechirp.processing.quality.background import Background, estimate_background
 from dechirp.processing.quality.interference_bursts import measure_bursts_over_background
@@ -148,7 +148,7 @@ def _smaller_prediction_error_power(moving: np.ndarray, predictor: np.ndarray) -
     return np.minimum(forward, backward)
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _mark_bursts(excess: np.ndarray, min_summed_excess: float, is_burst: np.ndarray) -> None:
     """Mark stretches whose sums exceed a limit, each as long as its sum still grows."""
     n = 0

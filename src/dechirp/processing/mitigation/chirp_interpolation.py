@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 
 _MIN_ROUNDS = 16  # of fewer, the main lobe of an echo takes half of the velocities
 # Of the chirps of a transmitter. What remains of an echo 60 dB over the noise is below the noise
@@ -106,7 +106,7 @@ def _slow_time_power_and_noise(series: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return power, noise, threshold
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _evaluate_strong_cells(
     zero_filled_spectrum: np.ndarray,
     kept_spectrum: np.ndarray,

@@ -103,7 +103,25 @@ def sufficient_noise_gain_mask(noise_gain: np.ndarray) -> np.ndarray:
     return np.asarray(noise_gain >= MIN_NOISE_GAIN)
 
 
-@kernel()
+def _equalise_map_noise_in_numpy(power: np.ndarray, noise_gain: np.ndarray) -> np.ndarray:
+    """Plain twin of `equalise_map_noise`: equal within rounding."""
+    is_usable = noise_gain >= MIN_NOISE_GAIN
+    level = np.divide(power, noise_gain, out=np.zeros_like(power), where=is_usable)
+    out = level.copy()
+    for column in np.flatnonzero(~is_usable.all(axis=0)):
+        usable, missing = (
+            np.flatnonzero(is_usable[:, column]),
+            np.flatnonzero(~is_usable[:, column]),
+        )
+        if not usable.size:
+            continue
+        after = usable[np.searchsorted(usable, missing) % usable.size]
+        before = usable[np.searchsorted(usable, missing) - 1]
+        out[missing, column] = (level[after, column] + level[before, column]) / 2
+    return out
+
+
+@kernel(plain=_equalise_map_noise_in_numpy)
 def equalise_map_noise(power: np.ndarray, noise_gain: np.ndarray) -> np.ndarray:
     """Divide a map (velocity, range) by the noise gain, so that white noise is level; float32.
 

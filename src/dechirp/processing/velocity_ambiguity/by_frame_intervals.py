@@ -142,7 +142,33 @@ def _own_frame_probability(
     return np.where(is_known, np.maximum(prior, _MIN_PRIOR), 1.0)
 
 
-@kernel()
+def _log_evidence_in_numpy(
+    range_m: np.ndarray,
+    velocity: np.ndarray,
+    estimates: np.ndarray,
+    other_estimates: np.ndarray,
+    span: np.ndarray,
+    coupling_m: float,
+    density: float,
+) -> np.ndarray:
+    """Plain twin of `_log_evidence_from_other_frame`: equal within rounding."""
+    likelihood = np.zeros(range_m.shape)
+    for other, other_span in zip(other_estimates.T, span, strict=True):
+        late_s = (other[0] - estimates[0])[:, None]
+        changed = (_ACCELERATION * late_s) ** 2
+        own_r, own_v = estimates[3, :, None], estimates[4, :, None]
+        var_v = own_v + other[4] + changed
+        var_r = own_r + other[3] + changed * late_s**2 / 4 + own_v * late_s**2
+        dv = other[2] - velocity
+        ambiguities = np.round(dv / other_span)
+        z = (dv - ambiguities * other_span) ** 2 / var_v
+        dr = other[1] + ambiguities * coupling_m - range_m - velocity * late_s
+        density_there = np.exp(-(z + dr**2 / var_r) / 2) / (2 * np.pi * np.sqrt(var_v * var_r))
+        likelihood += np.where(z > 50.0, 0.0, density_there)
+    return np.log(1 - _DETECTION_PROBABILITY + _DETECTION_PROBABILITY * likelihood / density)
+
+
+@kernel(plain=_log_evidence_in_numpy)
 def _log_evidence_from_other_frame(
     range_m: np.ndarray,
     velocity: np.ndarray,

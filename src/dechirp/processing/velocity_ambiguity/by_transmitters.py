@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.velocity_ambiguity.hypotheses import (
     AmbiguityHypotheses,
@@ -156,7 +156,45 @@ def _upper_noise_residual_quantile(n_channels: int) -> float:
     return float(scipy.special.gammaincinv(max(n_channels - 2.0, 1.0), 0.999))
 
 
-@kernel()
+def _log_evidence_in_numpy(
+    beams: np.ndarray,
+    n_azimuths: int,
+    total: np.ndarray,
+    noise_power: np.ndarray,
+    max_residual: float,
+    model_error: float,
+    grid_error: float,
+) -> np.ndarray:
+    """Plain twin of `_log_evidence_over_directions`: equal within rounding."""
+    out = np.empty(beams.shape[:2])
+    for i, spectra in enumerate(beams):
+        power = (spectra.real * spectra.real + spectra.imag * spectra.imag).astype(float)
+        best = power.argmax(axis=1)
+        top = power[np.arange(len(power)), best]
+        gain = np.array(
+            [
+                _parabola_vertex_gain(maps[row], column)
+                + _parabola_vertex_gain(maps[:, column], row)
+                for maps, row, column in zip(
+                    power.reshape(len(power), -1, n_azimuths),
+                    best // n_azimuths,
+                    best % n_azimuths,
+                    strict=True,
+                )
+            ]
+        )
+        gain = np.minimum(gain, total[i] - top)  # at most the total power
+        unfitted = total[i] - np.max(top + gain)
+        noise = noise_power[i] + grid_error * total[i]
+        if unfitted > max_residual * (noise_power[i] + model_error * total[i]):
+            noise = max(noise, unfitted)
+        down = (power - top[:, None]) / noise
+        weight = np.sum(np.where(down > -30.0, np.exp(down), 0.0), axis=1)
+        out[i] = (top + gain) / noise + np.log(weight)
+    return out
+
+
+@kernel(plain=_log_evidence_in_numpy)
 def _log_evidence_over_directions(
     beams: np.ndarray,
     n_azimuths: int,
@@ -201,7 +239,7 @@ def _log_evidence_over_directions(
     return out
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _parabola_vertex_gain(power: np.ndarray, top: int) -> float:
     """Return the gain of the parabola through a maximum and its neighbours over the maximum.
 

@@ -81,7 +81,17 @@ class Compression(Receiver):
             warnings.warn(PhysicsWarning(finding), stacklevel=2)
 
 
-@kernel(fastmath={"contract", "reassoc"})
+def _compress_complex_in_numpy(interleaved_iq: np.ndarray, coefficients: np.ndarray) -> float:
+    """Plain twin of `_compress_complex_and_find_peak_power`: equal within rounding."""
+    slope, limit, unity, two_thirds = coefficients
+    parts = interleaved_iq.reshape(-1, 2)
+    power = np.sum(parts * parts, axis=1)
+    gain = np.where(power < limit, unity - slope * power, two_thirds * np.sqrt(limit / power))
+    parts *= gain[:, None]
+    return power.max(initial=0)
+
+
+@kernel(plain=_compress_complex_in_numpy, fastmath={"contract", "reassoc"})
 def _compress_complex_and_find_peak_power(
     interleaved_iq: np.ndarray, coefficients: np.ndarray
 ) -> float:
@@ -103,7 +113,17 @@ def _compress_complex_and_find_peak_power(
     return largest_power
 
 
-@kernel(fastmath={"contract", "reassoc"})
+def _compress_real_in_numpy(real_samples: np.ndarray, coefficients: np.ndarray) -> float:
+    """Plain twin of `_compress_real_and_find_peak_power`: equal within rounding."""
+    slope, limit, unity, two_thirds = coefficients
+    power = real_samples * real_samples
+    real_samples *= np.where(
+        power < limit, unity - slope * power, two_thirds * np.sqrt(limit / power)
+    )
+    return power.max(initial=0)
+
+
+@kernel(plain=_compress_real_in_numpy, fastmath={"contract", "reassoc"})
 def _compress_real_and_find_peak_power(real_samples: np.ndarray, coefficients: np.ndarray) -> float:
     """Compress real numbers; return the largest x^2."""
     slope, limit, unity, two_thirds = coefficients

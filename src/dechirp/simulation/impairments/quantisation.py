@@ -89,7 +89,16 @@ class Quantisation(Receiver):
             warnings.warn(PhysicsWarning(finding), stacklevel=2)
 
 
-@kernel(fastmath={"contract", "reassoc"})
+def _quantise_in_numpy(sample_values: np.ndarray, step_and_code_bounds: np.ndarray) -> int:
+    """Plain twin of `_quantise_and_count_clipped`: equal bits."""
+    step, per_step, min_code, max_code, tolerance = step_and_code_bounds
+    steps = sample_values * per_step
+    is_clipped = (steps > max_code + tolerance) | (steps < min_code - tolerance)
+    sample_values[:] = np.clip(np.rint(steps), min_code, max_code) * step
+    return int(is_clipped.sum())
+
+
+@kernel(plain=_quantise_in_numpy, fastmath={"contract", "reassoc"})
 def _quantise_and_count_clipped(sample_values: np.ndarray, step_and_code_bounds: np.ndarray) -> int:
     """Round to steps within bounds, in place; return the number of clipped values.
 
