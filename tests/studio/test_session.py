@@ -9,12 +9,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import SimpleNamespace
 
-import numba
 import pytest
 from bokeh.document import Document
 from bokeh.models import Div
-from numba.core import event
 
+from dechirp.core.compiled_kernels import compilation_listeners, kernel
 from dechirp.experiments.scenario import Scenario, reference
 from dechirp.processing.cfar import base as cfar_base
 from dechirp.studio import page as pages
@@ -296,7 +295,7 @@ def test_compilation_starts_with_server_and_is_counted():
     counter = compilation_counter()
     n_initial = counter.n_compiled
 
-    @numba.njit
+    @kernel(cache=False)
     def double(value):
         return 2 * value
 
@@ -309,7 +308,7 @@ def test_compilation_starts_with_server_and_is_counted():
         with pytest.raises(RuntimeError, match="ended"):
             double(2.0)
     finally:
-        event.unregister("numba:compile", stopped)
+        compilation_listeners.remove(stopped)
     with ThreadPoolExecutor(1) as worker:
         submitted = []
         worker.submit = lambda *job: submitted.append(job)

@@ -20,6 +20,7 @@ from cyclopts import App, CycloptsError, Parameter
 
 import dechirp
 from dechirp.cli import commands
+from dechirp.cli.compilation_notice import announced_compilation
 from dechirp.cli.errors import (
     low_memory_limit_mistake,
     memory_error_to_mistake,
@@ -115,7 +116,8 @@ def _run_command(words: list[str]) -> int:
         print_errors([mistake], as_json=as_json)
         return 2
     try:
-        return int(build_command_line_app()(words, exit_on_error=False, print_error=False) or 0)
+        with announced_compilation(quiet=as_json or "--quiet" in words):
+            return int(build_command_line_app()(words, exit_on_error=False, print_error=False) or 0)
     except CycloptsError as error:
         print_errors(parser_error_to_mistakes(error), as_json=as_json)
     except DechirpError as error:

@@ -20,9 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, cached_property
-from typing import Any, Final, TypeVar, cast
-
-import numpy as np
+from typing import Any, Final, Protocol, TypeVar, cast
 
 from dechirp.core.errors import InvalidSetting
 
@@ -34,6 +32,20 @@ AS_WRITTEN: Final = "as written"
 MAX_PLAIN_SAMPLES = 2**21
 """Samples, times echoes in a simulation, up to which the plain twins cost less than loading the
 compiled kernels: 0.5 us each."""
+
+
+class CompilationListener(Protocol):
+    """Object that is told about each compilation; one may be part of another."""
+
+    def start_compilation(self) -> None:
+        """Note the start; an error stops the compilation."""
+
+    def end_compilation(self) -> None:
+        """Note the end."""
+
+
+compilation_listeners: list[CompilationListener] = []
+"""Listeners to the compilations of this process; loading from disk is none."""
 
 _uses_plain_twins: ContextVar[bool | None] = ContextVar("_uses_plain_twins", default=None)
 
@@ -55,6 +67,8 @@ class Kernel:
         if uses_compiled_kernels():
             return self.dispatcher(*arguments)
         if self.plain is not None:
+            import numpy as np  # here, as the command line imports this module
+
             with np.errstate(all="ignore"):  # as in compiled code
                 return self.plain(*arguments)
         if not can_compile():
@@ -70,6 +84,11 @@ class Kernel:
     def dispatcher(self) -> Any:
         """The function as Numba's dispatcher, compiled for each signature when called with it."""
         return _import_numba().njit(**self.options)(self.function)
+
+    @property
+    def used_dispatcher(self) -> Any:
+        """The dispatcher if the compiled form has been used, else None."""
+        return self.__dict__.get("dispatcher")
 
     def __getattr__(self, name: str) -> Any:
         # Numba reads these of a function that another one calls, to inline it.
@@ -140,7 +159,19 @@ def compiled_kernels_for_large_work(n_samples: float) -> Iterator[None]:
 @cache
 def _import_numba() -> Any:
     import numba
+    from numba.core import event
     from numba.extending import typeof_impl
+
+    class Forwarder(event.Listener):
+        def on_start(self, event: object) -> None:
+            for listener in compilation_listeners:
+                listener.start_compilation()
+
+        def on_end(self, event: object) -> None:
+            for listener in compilation_listeners:
+                listener.end_compilation()
+
+    event.register("numba:compile", Forwarder())  # type: ignore[no-untyped-call]
 
     @typeof_impl.register(Kernel)
     def type_of_kernel(kernel: Kernel, context: Any) -> Any:  # in the code of other kernels

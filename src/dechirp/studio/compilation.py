@@ -6,22 +6,19 @@ After an installation, compiled loops are not on disk yet, and the first frame t
 from concurrent.futures import Executor
 from functools import cache
 
-from numba.core import event
-
+from dechirp.core.compiled_kernels import compilation_listeners
 from dechirp.experiments.scenario import Scenario
 from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.scenario_edits import PageLimits
 
-_COMPILATION = "numba:compile"
 
-
-class CompilationCounter(event.Listener):
+class CompilationCounter:
     """Counter of the loops that this process compiled instead of loading them from disk."""
 
     def __init__(self) -> None:
         self.n_compiled = 0
         self._is_stopped = False
-        event.register(_COMPILATION, self)  # type: ignore[no-untyped-call]
+        compilation_listeners.append(self)
 
     @property
     def progress_text(self) -> str:
@@ -37,12 +34,12 @@ class CompilationCounter(event.Listener):
         """Let the next compilation fail, so that a server that ends does not wait for it."""
         self._is_stopped = True
 
-    def on_start(self, _event: event.Event) -> None:
+    def start_compilation(self) -> None:
         """Fail if the server ends."""
         if self._is_stopped:
             raise RuntimeError("the studio has ended")
 
-    def on_end(self, _event: event.Event) -> None:
+    def end_compilation(self) -> None:
         """Count a loop."""
         self.n_compiled += 1
 

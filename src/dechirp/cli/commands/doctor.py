@@ -15,10 +15,9 @@ def doctor(*, as_json: Json = False) -> int:
     import os
     import platform
 
-    import numba
-
     import dechirp
     from dechirp.core.memory import available_memory_bytes
+    from dechirp.core.threads import thread_count
     from dechirp.results.text_files import to_json_text
 
     dependencies, extras = _dependency_and_extra_versions()
@@ -30,7 +29,7 @@ def doctor(*, as_json: Json = False) -> int:
         "dependencies": dependencies,
         "extras": extras,
         "cores": os.cpu_count(),
-        "threads": numba.get_num_threads(),
+        "threads": thread_count(),
         "free_memory_bytes": available_memory_bytes(),
         "kernels": kernels,
         "problem": problem,
@@ -68,22 +67,26 @@ def _dependency_and_extra_versions() -> tuple[
 
 def _try_run_and_find_kernel_origins() -> tuple[dict[str, str], str | None]:
     """Run a small scenario; return the origin of each compiled kernel and the error, if any."""
-    from numba.core.dispatcher import Dispatcher
+    import math
 
+    from dechirp.core.compiled_kernels import Kernel, plain_twins_for_small_work
     from dechirp.experiments.run import run
     from dechirp.experiments.scenario import reference
 
     try:
-        run(reference(["radar.frame.n_chirps=32"]))
+        with plain_twins_for_small_work(math.inf):  # compiled kernels, even for small work
+            run(reference(["radar.frame.n_chirps=32"]))
     except Exception as error:  # any failure is the result of this check
         return {}, f"{type(error).__name__}: {error}"
     kernels: dict[str, str] = {}
     for module in [m for name, m in sys.modules.items() if name.startswith("dechirp.")]:
         for name, kernel in vars(module).items():
-            if isinstance(kernel, Dispatcher) and kernel.signatures:
-                file = kernel.py_func.__module__.rpartition(".")[2]
-                cache_state = "kept for later" if kernel.stats.cache_path else "not kept: no cache"
-                origin = "from the cache" if kernel.stats.cache_hits else f"compiled, {cache_state}"
+            dispatcher = kernel.used_dispatcher if isinstance(kernel, Kernel) else None
+            if dispatcher is not None and dispatcher.signatures:
+                file = dispatcher.py_func.__module__.rpartition(".")[2]
+                stats = dispatcher.stats
+                cache_state = "kept for later" if stats.cache_path else "not kept: no cache"
+                origin = "from the cache" if stats.cache_hits else f"compiled, {cache_state}"
                 kernels[f"{file}.{name.lstrip('_')}"] = origin
     return kernels, None
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def cell_averaging_thresholds(
     power: np.ndarray,
     factors: np.ndarray,
@@ -61,7 +61,7 @@ def cell_averaging_thresholds(
     return out
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _product_shifted_right(total: int, factor: int, shift: int) -> int:
     """Return floor(total x factor / 2^shift), total to 63 bits and factor to 24, in two halves.
 

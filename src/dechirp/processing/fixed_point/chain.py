@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.conventions import axis_coordinate
 from dechirp.core.memory import check_free_memory
 from dechirp.processing.chain import Chain
@@ -273,7 +273,7 @@ def _power_per_map_unit(plan: LookupTables, step: float, exponent: int, radar: R
     return float(sides * amplitude**2 / plan.n_channels * 2.0**-plan.power_left_shift)
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def apply_window_and_pad(
     points: np.ndarray,
     weights: np.ndarray,
@@ -318,7 +318,7 @@ def apply_window_and_pad(
     return out, n_overflows
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def sum_channel_powers(spectrum: np.ndarray, shifts: np.ndarray, rounding_code: int) -> np.ndarray:
     """Sum squares of words (channel, range, velocity, 2) over channels, (velocity, range) int64.
 
@@ -336,7 +336,7 @@ def sum_channel_powers(spectrum: np.ndarray, shifts: np.ndarray, rounding_code: 
     return out
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def log2_of_powers(
     power: np.ndarray, table: np.ndarray, table_bits: int, fraction_bits: int
 ) -> np.ndarray:

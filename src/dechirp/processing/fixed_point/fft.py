@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dechirp.core.checks import check_integer
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.fixed_point.coefficients import INTEGER_BITS, integer_twiddle_factors
 from dechirp.processing.fixed_point.word_lengths import (
@@ -126,7 +126,7 @@ def _check_points_fit_bits(points: np.ndarray, bits: int) -> None:
         )
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _fft_in_place(
     points: np.ndarray,
     order: np.ndarray,

@@ -3,7 +3,7 @@
 from typing import Literal, get_args
 
 from dechirp.core.checks import check_integer_fields
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 
@@ -77,7 +77,7 @@ ROUNDING_CODES: dict[Rounding, int] = {"convergent": 0, "half-up": 1, "truncate"
 _MAX_SHIFT = 62  # of 64-bit words; beyond it only the sign remains
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def shift_right_rounded(x: int, shift: int, rounding_code: int) -> int:
     """Return the rounded integer x / 2^shift; x is below 2^61 where the shift is positive."""
     if shift <= 0:
@@ -92,7 +92,7 @@ def shift_right_rounded(x: int, shift: int, rounding_code: int) -> int:
     return (x + half - 1 + ((x >> shift) & 1)) >> shift
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def saturate(x: int, bits: int) -> int:
     """Return the nearest value that a word of this many bits can hold."""
     top = (1 << (bits - 1)) - 1

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 
 HEADER_BYTES = 16
 """Bytes at the start of a chunk that `declared_decompressed_size` needs."""
@@ -122,7 +122,7 @@ def _zstd_decompresses_within(compressed: bytes, max_bytes: int) -> bool:
     return True
 
 
-@kernel(nogil=False, error_model="python")
+@kernel(plain=AS_WRITTEN, nogil=False, error_model="python")
 def lzf_decompressed_size(compressed: np.ndarray) -> int:
     """Return the decompressed size of LZF data (n,) uint8."""
     size, offset = 0, 0

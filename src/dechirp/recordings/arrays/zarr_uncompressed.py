@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.lazy_array import ArrayPart
 
@@ -113,7 +113,7 @@ def parse_uncompressed_chunks(
     )
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def scale_codes_into_samples(codes: np.ndarray, scale: float, samples: np.ndarray) -> None:
     """Fill float32 samples with int16 codes times `scale`, float32; both flat."""
     for k in range(len(codes)):

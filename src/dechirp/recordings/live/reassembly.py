@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.memory import check_free_memory
 from dechirp.recordings.live.socket_reader import PacketSlots
 from dechirp.recordings.streams.packets import MAX_PAYLOAD_BYTES, read_unsigned
@@ -139,7 +139,7 @@ class ReassemblyWindow:
         self.counters[_OLDEST_FRAME] += 1
 
 
-@kernel(error_model="python")
+@kernel(plain=AS_WRITTEN, error_model="python")
 def _has_conflicting_bytes(
     payload: np.ndarray, start_byte: int, content: np.ndarray, received: np.ndarray
 ) -> bool:
@@ -158,7 +158,7 @@ def _has_conflicting_bytes(
     return False
 
 
-@kernel(error_model="python")
+@kernel(plain=AS_WRITTEN, error_model="python")
 def _copy_payload_to_frames(
     payload: np.ndarray,
     start_byte: int,
@@ -185,7 +185,7 @@ def _copy_payload_to_frames(
     return n_new
 
 
-@kernel(error_model="python")
+@kernel(plain=AS_WRITTEN, error_model="python")
 def _insert_packets_into_frames(
     packets: np.ndarray,
     sizes: np.ndarray,

@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.native import check_device_and_iq_hints
@@ -280,7 +280,7 @@ def _cut_packet_warning(path: Path, stop: int) -> Finding:
     )
 
 
-@kernel(nogil=False, error_model="python")
+@kernel(plain=AS_WRITTEN, nogil=False, error_model="python")
 def _scan_packet_headers(content: np.ndarray, offset: int, stop: int) -> tuple[int, np.ndarray]:
     """Return the next offset and rows (number, bytes before, payload offset, payload size).
 

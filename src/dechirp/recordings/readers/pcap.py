@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
@@ -165,7 +165,7 @@ def _cut_packet_warning(n_bytes: int, stop: int) -> Finding:
     )
 
 
-@kernel(nogil=False, error_model="python")
+@kernel(plain=AS_WRITTEN, nogil=False, error_model="python")
 def _find_ipv4_header(content: np.ndarray, offset: int, stop: int, link_type: int) -> int:
     """Return the offset of the IPv4 header in a captured frame; `stop` if there is none."""
     if link_type == _RAW_IP:
@@ -184,7 +184,7 @@ def _find_ipv4_header(content: np.ndarray, offset: int, stop: int, link_type: in
     return offset if ethertype == 0x0800 else stop
 
 
-@kernel(nogil=False, error_model="python")
+@kernel(plain=AS_WRITTEN, nogil=False, error_model="python")
 def _fill_row_if_sample_packet(
     content: np.ndarray,
     offset: int,
@@ -226,7 +226,7 @@ def _fill_row_if_sample_packet(
     return True
 
 
-@kernel(nogil=False, error_model="python")
+@kernel(plain=AS_WRITTEN, nogil=False, error_model="python")
 def _find_sample_packets_in_pcap(
     content: np.ndarray,
     offset: int,
@@ -259,7 +259,7 @@ def _find_sample_packets_in_pcap(
     return offset, rows[:n].copy()
 
 
-@kernel(nogil=False, error_model="python")
+@kernel(plain=AS_WRITTEN, nogil=False, error_model="python")
 def _find_sample_packets_in_pcapng(
     content: np.ndarray,
     offset: int,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.lazy_array import convert_parser_errors
 from dechirp.recordings.messages.cloud_files import list_cloud_files, read_cloud_files
@@ -162,7 +162,7 @@ def _decompress_points(body: memoryview, dtype: np.dtype, n_points: int) -> np.n
     return points
 
 
-@kernel(error_model="python")
+@kernel(plain=AS_WRITTEN, error_model="python")
 def _decompress_lzf(packed: np.ndarray, out: np.ndarray) -> int:
     """Fill `out` with the decompressed bytes; return their number, -1 for damaged bytes.
 

@@ -17,7 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp
 from dechirp.recordings.settings.base import Iq
@@ -212,7 +212,7 @@ def _decode_alternating_receivers(
 # Chirp by chirp, the sorted words stay in the nearest cache.
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _words_to_full_scale(
     words: np.ndarray, out: np.ndarray, unused_bits: int, sign_mask: int
 ) -> None:
@@ -223,7 +223,7 @@ def _words_to_full_scale(
             out[m, n] = scale * np.int16((words[m, n] << unused_bits) ^ sign_mask)
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _reorder_iiqq_to_iqiq(groups: np.ndarray) -> None:
     """Sort words I0 I1 Q0 Q1 to I0 Q0 I1 Q1; the first of a group is its lowest."""
     outer, second, third = (
@@ -237,7 +237,7 @@ def _reorder_iiqq_to_iqiq(groups: np.ndarray) -> None:
         groups[n] = (x & outer) | ((x >> shift) & second) | ((x << shift) & third)
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _reorder_qqii_to_iqiq(groups: np.ndarray) -> None:
     """Sort words Q0 Q1 I0 I1 to I0 Q0 I1 Q1; the first of a group is its lowest."""
     first, second, third, fourth = (
@@ -257,7 +257,7 @@ def _reorder_qqii_to_iqiq(groups: np.ndarray) -> None:
         )
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _iq_word_pairs_to_full_scale(
     pairs: np.ndarray, out: np.ndarray, q_first: bool, unused_bits: int, sign_mask: int
 ) -> None:
@@ -270,7 +270,7 @@ def _iq_word_pairs_to_full_scale(
     _words_to_full_scale(pairs.view(np.int16), out, unused_bits, sign_mask)
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _decode_four_lane_iq(
     words: np.ndarray,
     out: np.ndarray,
@@ -297,7 +297,7 @@ def _decode_four_lane_iq(
         )
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _decode_alternating_iq_pairs(
     words: np.ndarray,
     out: np.ndarray,
@@ -318,7 +318,7 @@ def _decode_alternating_iq_pairs(
         _iq_word_pairs_to_full_scale(pairs, out[m], q_first, unused_bits, sign_mask)
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _decode_alternating_real(
     words: np.ndarray,
     out: np.ndarray,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
@@ -242,7 +242,7 @@ def _packet_order_note(value: str) -> Finding:
     )
 
 
-@kernel(nogil=False, error_model="python")
+@kernel(plain=AS_WRITTEN, nogil=False, error_model="python")
 def read_unsigned(content: np.ndarray, offset: int, n_bytes: int, is_little_endian: bool) -> int:
     """Read an unsigned integer of at most 8 bytes, in either byte order."""
     value = np.int64(0)
