@@ -10,6 +10,7 @@ from packaging.requirements import Requirement
 ROOT = Path(__file__).parents[2]
 _PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = _PYPROJECT["project"]
+BUILD_REQUIREMENTS: list[str] = _PYPROJECT["build-system"]["requires"]
 GROUPS: dict[str, list[str]] = _PYPROJECT["dependency-groups"]
 
 

@@ -1,6 +1,7 @@
 """Format recognition of a path, from its content and the options of the user."""
 
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -119,6 +120,9 @@ def _best_fitting_format_names(
     if error is not None:
         raise error
     if not path.exists():
+        # From Python 3.14 on, a name that is too long does not exist; `stat` gives the reason.
+        with suppress(FileNotFoundError, NotADirectoryError, ValueError):
+            path.stat()
         raise FileNotFoundError(2, "no such file or folder")
     if not (path.is_file() or path.is_dir()):
         raise OSError(0, "neither a file nor a folder")
