@@ -6,6 +6,7 @@ import pickle
 import sqlite3
 import tarfile
 import zipfile
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ def write_tar():
 
 
 def write_database(path):
-    with sqlite3.connect(path) as database:
+    with closing(sqlite3.connect(path)) as database:
         database.execute("CREATE TABLE other (x)")
     return path.read_bytes()
 
