@@ -29,7 +29,7 @@ settings.register_profile(
 )
 settings.load_profile("fixed")
 
-# Small tests check the compiled kernels, too; tests/plain_twins compares the twins with them.
+# Small runs check the compiled kernels, too; test_plain_twins.py compares the twins with them.
 compiled_kernels.MAX_PLAIN_SAMPLES = 0
 
 

@@ -1,12 +1,13 @@
 """Kernels: loops that Numba compiles, each with a plain twin for small work and without Numba.
 
-Compiling the kernels of a first frame takes 30 s of CPU time, once for each installation, and
-loading them again takes 1.5 s in every process; the plain twins of NumPy and SciPy take 0.2 s for a
-frame of the reference scenario. Therefore
+Compiling the kernels of a first frame takes 35 s of CPU time, once for each installation, and
+loading them again takes a second in every process. The plain twins of NumPy and SciPy take 0.08 s
+for a frame of the reference scenario, the compiled kernels 0.01 s. Therefore
 
 * a run of few samples, and the inspection of a small recording, use the twins, see
   `plain_twins_for_small_work`;
-* larger runs, studies and live pages use the compiled kernels;
+* larger runs, studies, live pages, and functions that a program may call many times use the
+  compiled kernels;
 * without Numba, or with its setting NUMBA_DISABLE_JIT=1, everything uses the twins.
 
 The choice depends on the size of the work alone, not on time, caches or threads, so that equal
@@ -31,7 +32,7 @@ AS_WRITTEN: Final = "as written"
 
 MAX_PLAIN_SAMPLES = 2**21
 """Samples, times echoes in a simulation, up to which the plain twins cost less than loading the
-compiled kernels: 0.5 us each."""
+compiled kernels: 0.3 us each, 0.2 of them to simulate one echo."""
 
 
 class CompilationListener(Protocol):

@@ -10,7 +10,6 @@ import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
-from dechirp.core.compiled_kernels import plain_twins_for_small_work
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import PhysicsWarning
 from dechirp.core.memory import check_free_memory
@@ -118,8 +117,7 @@ def simulate(
     rng = _rng_from_seed(seed)
     sample_type = _check_complex_dtype(dtype)
     stages = build_stages_with_warnings(impairments, scene, radar, n_frames=n_frames)
-    with plain_twins_for_small_work(n_frames * radar.n_samples_per_frame):
-        return _simulate_frames(scene, radar, stages, n_frames, sample_type, rng, engine, progress)
+    return _simulate_frames(scene, radar, stages, n_frames, sample_type, rng, engine, progress)
 
 
 def build_stages_with_warnings(
