@@ -4,6 +4,7 @@ import math
 import re
 from decimal import Decimal
 
+from dechirp.config.units import convert_unit
 from dechirp.core.dimensions import DIMENSIONS, Dimension
 from dechirp.core.errors import InvalidSetting, quote_for_message
 from dechirp.core.suggestions import nearest_name
@@ -12,7 +13,6 @@ _GRAMMAR = re.compile(
     r"(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>[A-Za-z]\S*)?", re.ASCII
 )
 _SPELLINGS = str.maketrans({"µ": "u", "μ": "u", "²": "2", "°": "deg"})
-_PREFIX_EXPONENTS = {"": 0, "n": -9, "u": -6, "m": -3, "k": 3, "M": 6, "G": 9}
 _MAX_LENGTH = 100  # characters: more than any number needs, and quick to parse
 
 
@@ -94,8 +94,6 @@ def convert_quantity_to_unit(
         number, own_symbol = Decimal(f"{si_value:.12g}"), kind.si_unit
     if not own_symbol or not target_unit:
         return number  # without a unit, or 0, which is the same in all units
-    from dechirp.config.units import convert_unit  # as in `_convert_to_si_or_none`
-
     return convert_unit(number, own_symbol.replace("^", ""), target_unit.replace("^", ""))
 
 
@@ -184,20 +182,10 @@ def _convert_to_si_or_none(number_text: str, unit: str, dimension: Dimension) ->
         return None
     # Decimal has larger exponents than float.
     exact = Decimal(number_text) if math.isfinite(number) and number else Decimal(0)
-    converted = _convert_exactly(exact, unit, dimension)
+    converted = convert_unit(exact, unit, dimension.si_unit.replace("^", ""))
     if converted is None:
         return None
     return float(converted) if math.isfinite(number) else number
-
-
-def _convert_exactly(number: Decimal, unit: str, dimension: Dimension) -> Decimal | None:
-    """Convert to SI; None if the unit does not fit. Prefixes need no pint, which takes 0.2 s."""
-    exponent = _PREFIX_EXPONENTS.get(unit.removesuffix(dimension.si_unit))
-    if exponent is not None and unit in dimension.scaled_units:
-        return number.scaleb(exponent)
-    from dechirp.config.units import convert_unit
-
-    return convert_unit(number, unit, dimension.si_unit.replace("^", ""))
 
 
 def _level_to_ratio(level_db: float, zero_level_db: float) -> float:

@@ -1,7 +1,6 @@
 """Near-field limit of an array: detections whose wavefronts are curved over it."""
 
 import numpy as np
-import scipy
 import xarray as xr
 
 from dechirp.core.findings import Finding
@@ -15,7 +14,8 @@ def far_field_range_m(radar: Radar) -> float:
     farther from the target than its middle, 22.5 degrees of phase
     (IEEE Std 145-2013, far-field region).
     """
-    length_m = float(np.max(scipy.spatial.distance.pdist(radar.element_positions_m), initial=0.0))
+    positions_m = radar.element_positions_m
+    length_m = max(float(np.linalg.norm(positions_m - p_m, axis=1).max()) for p_m in positions_m)
     return 2 * length_m**2 / radar.frame.chirp.wavelength_m
 
 
