@@ -17,7 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp
 from dechirp.recordings.settings.base import Iq
@@ -212,7 +212,14 @@ def _decode_alternating_receivers(
 # Chirp by chirp, the sorted words stay in the nearest cache.
 
 
-@kernel(plain=AS_WRITTEN)
+def _words_to_full_scale_in_numpy(
+    words: np.ndarray, out: np.ndarray, unused_bits: int, sign_mask: int
+) -> None:
+    numbers = ((words.astype(np.int32) << unused_bits) ^ sign_mask).astype(np.int16)
+    np.multiply(numbers, np.float32(1 / 32768), out=out)
+
+
+@kernel(plain=_words_to_full_scale_in_numpy)
 def _words_to_full_scale(
     words: np.ndarray, out: np.ndarray, unused_bits: int, sign_mask: int
 ) -> None:
@@ -223,7 +230,12 @@ def _words_to_full_scale(
             out[m, n] = scale * np.int16((words[m, n] << unused_bits) ^ sign_mask)
 
 
-@kernel(plain=AS_WRITTEN)
+def _reorder_iiqq_to_iqiq_in_numpy(groups: np.ndarray) -> None:
+    words = groups.view(np.uint16).reshape(-1, 4)
+    words[:] = words[:, [0, 2, 1, 3]]
+
+
+@kernel(plain=_reorder_iiqq_to_iqiq_in_numpy)
 def _reorder_iiqq_to_iqiq(groups: np.ndarray) -> None:
     """Sort words I0 I1 Q0 Q1 to I0 Q0 I1 Q1; the first of a group is its lowest."""
     outer, second, third = (
@@ -237,7 +249,12 @@ def _reorder_iiqq_to_iqiq(groups: np.ndarray) -> None:
         groups[n] = (x & outer) | ((x >> shift) & second) | ((x << shift) & third)
 
 
-@kernel(plain=AS_WRITTEN)
+def _reorder_qqii_to_iqiq_in_numpy(groups: np.ndarray) -> None:
+    words = groups.view(np.uint16).reshape(-1, 4)
+    words[:] = words[:, [2, 0, 3, 1]]
+
+
+@kernel(plain=_reorder_qqii_to_iqiq_in_numpy)
 def _reorder_qqii_to_iqiq(groups: np.ndarray) -> None:
     """Sort words Q0 Q1 I0 I1 to I0 Q0 I1 Q1; the first of a group is its lowest."""
     first, second, third, fourth = (
@@ -257,7 +274,7 @@ def _reorder_qqii_to_iqiq(groups: np.ndarray) -> None:
         )
 
 
-@kernel(plain=AS_WRITTEN)
+@kernel()
 def _iq_word_pairs_to_full_scale(
     pairs: np.ndarray, out: np.ndarray, q_first: bool, unused_bits: int, sign_mask: int
 ) -> None:
@@ -270,7 +287,21 @@ def _iq_word_pairs_to_full_scale(
     _words_to_full_scale(pairs.view(np.int16), out, unused_bits, sign_mask)
 
 
-@kernel(plain=AS_WRITTEN)
+def _decode_four_lane_iq_in_numpy(
+    words: np.ndarray,
+    out: np.ndarray,
+    receiver_positions: np.ndarray,
+    n_present: int,
+    q_first: bool,
+    unused_bits: int,
+    sign_mask: int,
+) -> None:
+    parts = words.view(np.int16).reshape(len(words), -1, 2, n_present)[..., receiver_positions]
+    pairs = np.moveaxis(parts[:, :, ::-1] if q_first else parts, 3, 1)
+    _words_to_full_scale_in_numpy(pairs.reshape(out.shape), out, unused_bits, sign_mask)
+
+
+@kernel(plain=_decode_four_lane_iq_in_numpy)
 def _decode_four_lane_iq(
     words: np.ndarray,
     out: np.ndarray,
@@ -297,7 +328,21 @@ def _decode_four_lane_iq(
         )
 
 
-@kernel(plain=AS_WRITTEN)
+def _decode_alternating_iq_pairs_in_numpy(
+    words: np.ndarray,
+    out: np.ndarray,
+    receiver_positions: np.ndarray,
+    n_present: int,
+    q_first: bool,
+    unused_bits: int,
+    sign_mask: int,
+) -> None:
+    parts = words.view(np.int16).reshape(len(words), -1, n_present, 2)[:, :, receiver_positions]
+    pairs = np.moveaxis(parts[..., ::-1] if q_first else parts, 2, 1)
+    _words_to_full_scale_in_numpy(pairs.reshape(out.shape), out, unused_bits, sign_mask)
+
+
+@kernel(plain=_decode_alternating_iq_pairs_in_numpy)
 def _decode_alternating_iq_pairs(
     words: np.ndarray,
     out: np.ndarray,
@@ -318,7 +363,19 @@ def _decode_alternating_iq_pairs(
         _iq_word_pairs_to_full_scale(pairs, out[m], q_first, unused_bits, sign_mask)
 
 
-@kernel(plain=AS_WRITTEN)
+def _decode_alternating_real_in_numpy(
+    words: np.ndarray,
+    out: np.ndarray,
+    receiver_positions: np.ndarray,
+    n_present: int,
+    unused_bits: int,
+    sign_mask: int,
+) -> None:
+    turns = words.reshape(len(words), -1, n_present)[:, :, receiver_positions]
+    _words_to_full_scale_in_numpy(np.moveaxis(turns, 2, 1), out, unused_bits, sign_mask)
+
+
+@kernel(plain=_decode_alternating_real_in_numpy)
 def _decode_alternating_real(
     words: np.ndarray,
     out: np.ndarray,
