@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.lazy_array import ArrayPart
 
@@ -113,7 +113,13 @@ def parse_uncompressed_chunks(
     )
 
 
-@kernel(plain=AS_WRITTEN)
+def _scale_codes_into_samples_in_numpy(
+    codes: np.ndarray, scale: float, samples: np.ndarray
+) -> None:
+    np.multiply(codes, np.float32(scale), out=samples)
+
+
+@kernel(plain=_scale_codes_into_samples_in_numpy)
 def scale_codes_into_samples(codes: np.ndarray, scale: float, samples: np.ndarray) -> None:
     """Fill float32 samples with int16 codes times `scale`, float32; both flat."""
     for k in range(len(codes)):

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
+from dechirp.core.compiled_kernels import kernel
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
@@ -213,7 +213,12 @@ def _make_decoder(
     return decode
 
 
-@kernel(plain=AS_WRITTEN)
+def _scale_numbers_in_numpy(numbers: np.ndarray, zero: float, step: float, out: np.ndarray) -> None:
+    np.subtract(numbers.astype(np.float32), np.float32(zero), out=out)
+    out *= np.float32(step)
+
+
+@kernel(plain=_scale_numbers_in_numpy)
 def _scale_numbers(numbers: np.ndarray, zero: float, step: float, out: np.ndarray) -> None:
     """Fill float32 with numbers minus `zero` times `step`, in single precision; all flat."""
     for k in range(len(numbers)):

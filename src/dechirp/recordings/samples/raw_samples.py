@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dechirp.core.compiled_kernels import plain_twins_for_small_work
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.text import format_number_ranges
@@ -156,7 +157,8 @@ class _Interpretation:
         index = 0 if gaps is None else int(np.argmin(gaps[:, :n_chirps].sum(axis=1)))
         shape = (n_chirps, self.radar.array.n_rx, frame.chirp.n_samples)
         samples = np.empty(shape, np.complex64 if frame.chirp.sampling == "complex" else np.float32)
-        self.decode_frame(index, samples)
+        with plain_twins_for_small_work(samples.size):
+            self.decode_frame(index, samples)
         return samples
 
     def decode_spread_chirps(self) -> np.ndarray:
@@ -176,8 +178,9 @@ class _Interpretation:
         n_chirps = min(frame.n_chirps, n_rounds // n_selected) * frame.n_slots
         shape = (n_selected, n_chirps, self.radar.array.n_rx, frame.chirp.n_samples)
         samples = np.empty(shape, np.complex64 if frame.chirp.sampling == "complex" else np.float32)
-        for index, frame_samples in zip(selected.tolist(), samples, strict=True):
-            self.decode_frame(index, frame_samples)
+        with plain_twins_for_small_work(samples.size):
+            for index, frame_samples in zip(selected.tolist(), samples, strict=True):
+                self.decode_frame(index, frame_samples)
         return samples.reshape(-1, *shape[2:])
 
     def decode_frame(self, frame_index: int, out: np.ndarray) -> None:
