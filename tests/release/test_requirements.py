@@ -14,7 +14,7 @@ PINNED_GROUPS = {"all.txt": [], "ci.txt": ["dev", "docs"]}
 PLATFORMS = [
     {"python_version": ".".join(full.split(".")[:2]), "python_full_version": full, **system}
     for full, system in product(
-        ("3.11.9", "3.12.8", "3.13.1"),
+        ("3.11.9", "3.12.8", "3.13.1", "3.14.0"),
         (
             {"sys_platform": "linux", "platform_system": "Linux", "platform_machine": "x86_64"},
             {"sys_platform": "linux", "platform_system": "Linux", "platform_machine": "aarch64"},
