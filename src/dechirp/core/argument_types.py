@@ -21,7 +21,7 @@ def check_argument_types(function: Callable[P, R]) -> Callable[P, R]:
     and unknown ones are reported; numbers, sequences and functions are left to the checks of their
     values.
     """
-    signature = inspect.signature(function)
+    signature = _unpack_options(inspect.signature(function))
     name = function.__qualname__.removesuffix(".__init__")
     parameters = {
         parameter.name: parameter
@@ -113,6 +113,21 @@ def check_argument_names(
                 expected="a value",
                 fix=f"write {function}({argument}=...)",
             )
+
+
+def _unpack_options(signature: inspect.Signature) -> inspect.Signature:
+    """Return a signature with the keys of a `TypedDict` as arguments, in place of `**options`."""
+    parameters: list[inspect.Parameter] = []
+    for parameter in signature.parameters.values():
+        if typing.get_origin(parameter.annotation) is typing.Unpack:
+            (options,) = typing.get_args(parameter.annotation)
+            parameters += [
+                inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None)
+                for name in options.__annotations__
+            ]
+        else:
+            parameters.append(parameter)
+    return signature.replace(parameters=parameters)
 
 
 def _argument_error(
