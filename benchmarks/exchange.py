@@ -64,7 +64,7 @@ class Case:
         shape = (n_frames, N_CHIRPS, N_RX, N_SAMPLES, 2)
         self.numbers = rng.normal(0, 40, shape).round().astype(np.int16)
         samples = (self.numbers * np.float32(SCALE)).view(np.complex64)[..., 0]
-        self.cube = label_cube(samples, RADAR, units="full scale").assign_attrs(scale=SCALE)
+        self.cube = label_cube(samples, RADAR, units="1").assign_attrs(scale=SCALE)
         self.codes = extract_adc_codes(self.cube)
         self.frames_of_codes, self.frames_of_cube = (
             [cube[index : index + 1] for index in range(n_frames)]

@@ -47,7 +47,7 @@ def echoes(x: Inputs) -> Timed:
 def power_map(x: Inputs) -> Timed:
     n_chirps, n_samples = x["samples"].shape
     radar = build_radar(n_samples, n_chirps, 1, 1)
-    cube = label_cube(x["samples"][None, :, None], radar, units="sqrt(W)").isel(frame=0)
+    cube = label_cube(x["samples"][None, :, None], radar, units="W**0.5").isel(frame=0)
     chain = dc.Chain(n_range_bins=int(x["n_bins"]))
     return lambda: dc.power_map(cube, radar, chain).values
 
@@ -82,7 +82,7 @@ def frame(x: Inputs) -> Timed:
     n_tx, n_rx, n_chirps, n_samples = x["sizes"].tolist()
     radar = build_radar(n_samples, n_chirps, n_tx, n_rx)
     samples = x["samples"].reshape(1, n_chirps * n_tx, n_rx, n_samples)
-    cube = label_cube(samples, radar, units="sqrt(W)")
+    cube = label_cube(samples, radar, units="W**0.5")
 
     def detected_positions() -> np.ndarray:
         dataset = dc.detect(cube, radar)

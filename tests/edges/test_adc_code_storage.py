@@ -44,7 +44,7 @@ def test_adc_codes_are_stored_as_int16_and_read_back_as_samples(tmp_path, radar,
         assert store.cube.attrs["bits"] == 12
     samples = dc.open(tmp_path / "cube.zarr").cube
     np.testing.assert_array_equal(samples.values, cube.values)
-    assert samples.attrs["units"] == "sqrt(W)"
+    assert samples.attrs["units"] == "W**0.5"
 
 
 def test_scaled_samples_are_stored_as_complex64(tmp_path, radar):

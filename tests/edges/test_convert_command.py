@@ -240,7 +240,7 @@ def test_csv_map_has_ranges_in_columns_velocities_in_rows_and_dbm(folder, capsys
 def test_map_of_uncalibrated_samples_is_in_dbfs(folder, capsys):
     radar = make_radar()
     cube = make_complex_code_recording().cube.isel(frame=slice(0, 1))
-    cube = (cube / abs(cube).max()).assign_attrs(units="full scale")
+    cube = (cube / abs(cube).max()).assign_attrs(units="1")
     dc.write(dc.recording_from_cube(cube, radar), "in.npz")
     assert run_cli(capsys, "in.npz", "map.csv")[0] == 0
     with Path("map.csv").open(newline="") as file:

@@ -87,7 +87,7 @@ def example() -> SimpleNamespace:
         chain=result.scenario.chain,
         marked_map=range_doppler.MarkedMap(
             power=result.power,
-            units="sqrt(W)",
+            units="W**0.5",
             detections=RangeVelocity(peaks.range.values, peaks.velocity.values),
             truth=RangeVelocity(np.array([30.6, 20.6]), np.array([-8.0, 6.0])),
         ),
@@ -179,7 +179,7 @@ DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
     ),
     "cfar.draw_threshold_cut": lambda area, run: cfar.draw_threshold_cut(
         area, run.result.power, run.result.threshold, run.chain.cfar,
-        along="range", cell=(32, 40), units="full scale",
+        along="range", cell=(32, 40), units="1",
     ),
     "curves.draw_detection_curves": lambda area, _: curves.draw_detection_curves(
         area, [DETECTION_CURVE], confidence=0.95,
@@ -210,7 +210,7 @@ DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
         area,
         directions.RangeAzimuthMap(
             power=range_azimuth_map(run.cube.isel(frame=0), RADAR, run.chain),
-            units="sqrt(W)",
+            units="W**0.5",
             detections=(run.peaks.azimuth.values, run.peaks.range.values),
         ),
     ),
@@ -248,11 +248,11 @@ DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
         ],
     ),
     "recording.draw_map_or_range_profile": lambda area, run: (
-        recording.draw_map_or_range_profile(area, run.result.power, units="sqrt(W)")
+        recording.draw_map_or_range_profile(area, run.result.power, units="W**0.5")
     ),
     "recording.draw_map_or_range_profile of one chirp":
         lambda area, run: recording.draw_map_or_range_profile(
-        area, run.result.power.isel(velocity=[0]), units="full scale"
+        area, run.result.power.isel(velocity=[0]), units="1"
     ),
     "recording.draw_points_from_above": lambda area, _: (
         recording.draw_points_from_above(area, POINTS)
@@ -290,7 +290,7 @@ DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
         area, TUNE_DOCUMENT | {"objective": TUNE_DOCUMENT["objective"] | {"limits": []}}
     ),
     "twin.draw_recorded_and_twin_cut": lambda area, run: twin.draw_recorded_and_twin_cut(
-        area, run.result.power, run.result.power, along="velocity", cell=(32, 40), units="sqrt(W)"
+        area, run.result.power, run.result.power, along="velocity", cell=(32, 40), units="W**0.5"
     ),
     "twin.draw_noise_levels_over_range": lambda area, _: twin.draw_noise_levels_over_range(
         area, [{"range_m": n, "recorded_db": -n, "twin_db": None} for n in N], unit="dBm"
@@ -437,7 +437,7 @@ def test_legend_rows_enlarge_figure_instead_of_shrinking_axes():
 def test_png_has_figure_width_and_title(example):
     png = render_png(
         lambda figure: recording.draw_map_or_range_profile(
-            figure.subplots(), example.result.power, units="sqrt(W)"
+            figure.subplots(), example.result.power, units="W**0.5"
         ),
         title="a",
     )

@@ -205,8 +205,8 @@ def test_map_in_decibels_has_reference_unit(result):
     peak = float(level.max())
     assert peak == pytest.approx(10 * np.log10(float(power.max())) + 30, abs=1e-6)
     assert level.velocity.attrs["units"] == "m/s"
-    full_scale_level = power.assign_attrs(units="full scale squared").dechirp.db()
-    assert full_scale_level.attrs["units"] == "dBFS"
+    full_scale_level = power.assign_attrs(units="1").dechirp.db()
+    assert full_scale_level.attrs["units"] == "dB"
     assert float(full_scale_level.max()) == pytest.approx(peak - 30, abs=1e-4)
 
 

@@ -94,7 +94,7 @@ def simulate_echoes(scene: Scene, n_frames: int) -> xr.DataArray:
             "chirp": axis_coordinate("chirp", slow_s),
             "sample": axis_coordinate("sample", fast_s),
         },
-        attrs={"units": "sqrt(W)"},
+        attrs={"units": "W**0.5"},
     )
 
 
@@ -217,7 +217,7 @@ def make_recorded_result() -> SimpleNamespace:
     )
     run_result.scenario.scene = None
     run_result.scenario.recording = SimpleNamespace(path="captures/street.bin")
-    run_result.cube.attrs["units"] = "full scale"
+    run_result.cube.attrs["units"] = "1"
     return run_result
 
 

@@ -58,7 +58,7 @@ def make_cube(radar: dc.Radar, n_frames: int) -> xr.DataArray:
         name: axis_coordinate(name, np.arange(n) / 10)
         for name, n in zip(CUBE_AXES, shape, strict=True)
     }
-    return xr.DataArray(values, dims=CUBE_AXES, coords=coords, attrs={"units": "sqrt(W)"})
+    return xr.DataArray(values, dims=CUBE_AXES, coords=coords, attrs={"units": "W**0.5"})
 
 
 def write_result_folder(out, radar, cube=None, **changes):
@@ -91,7 +91,7 @@ def test_xarray_reads_cube_unchanged(tmp_path, radar):
     with xr.open_zarr(tmp_path / "out" / "cube.zarr", consolidated=False) as store:
         xr.testing.assert_equal(store.cube.load(), cube)
         assert store.cube.dtype == np.complex64
-        assert store.cube.attrs["units"] == "sqrt(W)"
+        assert store.cube.attrs["units"] == "W**0.5"
         assert store.sample.attrs["units"] == "s"
         assert store.attrs["format_version"] == 1
 

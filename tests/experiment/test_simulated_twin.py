@@ -37,7 +37,7 @@ def make_recording(radar, *targets, impairments=None, full_scale_w=None, n_frame
     cube = dc.simulate(scene, radar, impairments=impairments, n_frames=n_frames, seed=3)
     if full_scale_w is None:
         return recording_from_cube(cube, radar)
-    cube = (cube / np.sqrt(full_scale_w)).astype(cube.dtype).assign_attrs(units="full scale")
+    cube = (cube / np.sqrt(full_scale_w)).astype(cube.dtype).assign_attrs(units="1")
     return recording_from_cube(cube, replace(radar, hardware=None))
 
 
@@ -208,7 +208,7 @@ def test_full_scale_without_noise_is_set_below_transmit_power(small_radar):
 
 def test_constant_samples_are_leakage_of_their_power(small_radar):
     cube = dc.simulate(dc.Scene(), small_radar, impairments=[])
-    constant = (cube + 0.7).astype(cube.dtype).assign_attrs(units="full scale")
+    constant = (cube + 0.7).astype(cube.dtype).assign_attrs(units="1")
 
     twin = dc.twin(recording_from_cube(constant, replace(small_radar, hardware=None)))
 
@@ -222,7 +222,7 @@ def test_clipped_samples_give_a_finding(small_radar):
     clipped_samples = amplified_samples.copy(
         data=np.clip(amplified_samples.real, -1, 1) + 1j * np.clip(amplified_samples.imag, -1, 1)
     )
-    clipped_samples = clipped_samples.astype(cube.dtype).assign_attrs(units="full scale")
+    clipped_samples = clipped_samples.astype(cube.dtype).assign_attrs(units="1")
 
     twin = dc.twin(recording_from_cube(clipped_samples, replace(small_radar, hardware=None)))
 

@@ -85,7 +85,7 @@ def make_cube(codes: np.ndarray, radar: dc.Radar, scale=2.0**-15, **attributes) 
     parts = codes.astype(np.float32) * np.float32(scale)
     is_complex = radar.frame.chirp.sampling == "complex"
     samples = parts.view(np.complex64)[..., 0] if is_complex else parts
-    cube = label_cube(samples, radar, units="full scale")
+    cube = label_cube(samples, radar, units="1")
     cube.attrs.update(scale=scale, **attributes)
     return cube
 
@@ -162,7 +162,7 @@ def test_simulated_capture_round_trip_is_bit_exact(tmp_path, mimo):
     assert copy.format == "dca1000"
     assert copy.radar == radar
     np.testing.assert_array_equal(copy.cube.values, cube.values)
-    assert copy.cube.attrs["units"] == "sqrt(W)"
+    assert copy.cube.attrs["units"] == "W**0.5"
     assert copy.cube.attrs["scale"] == cube.attrs["scale"]
     assert {name: table.identical(tables[name]) for name, table in copy.tables.items()} == {
         "truth": True,
@@ -314,7 +314,7 @@ def test_float_samples_are_rounded_within_half_smallest_step(
     samples = rng.uniform(-1, 1, (2, 1, 1, 8, 2)).astype(np.float32)
     samples.flat[rng.integers(samples.size)] = largest
     samples *= np.float32(2.0**exponent)
-    cube = label_cube(samples.view(np.complex64)[..., 0], radar, units="sqrt(W)")
+    cube = label_cube(samples.view(np.complex64)[..., 0], radar, units="W**0.5")
     file = tmp_path_factory.mktemp("rounded") / "x.bin"
 
     write(recording_from_cube(cube, radar), file)
@@ -325,7 +325,7 @@ def test_float_samples_are_rounded_within_half_smallest_step(
     assert np.log2(step) % 1 == 0
     assert 2**14 - 1 <= np.abs(words).max() < 2**15
     (finding,) = [candidate for candidate in dc.open(file).findings if candidate.setting == "scale"]
-    assert f"rounded to steps of {step:.6g} sqrt(W)" in finding.value
+    assert f"rounded to steps of {step:.6g} W**0.5" in finding.value
 
 
 def test_codes_beyond_16_bits_are_rounded_without_wrapping(tmp_path):

@@ -36,7 +36,7 @@ def test_numpy_reads_cube_and_tables(tmp_path):
     with np.load(tmp_path / "x.npz", allow_pickle=False) as file:
         assert np.array_equal(file["cube"], recording.cube.values)
         assert np.array_equal(file["truth.range"], recording.tables["truth"]["range"].values)
-        assert json.loads(str(file["dechirp"]))["units"] == "sqrt(W)"
+        assert json.loads(str(file["dechirp"]))["units"] == "W**0.5"
         assert "gap" not in file.files
 
 
@@ -67,7 +67,7 @@ def test_named_array_is_read_as_foreign_archive(tmp_path):
     dc.write(recording, tmp_path / "x.npz")
     axes = "frame,chirp,rx,sample,iq"
     array_recording = dc.open(tmp_path / "x.npz" / "cube", radar=make_radar(), axes=axes)
-    assert array_recording.cube.attrs["units"] == "full scale"
+    assert array_recording.cube.attrs["units"] == "1"
     assert (
         array_recording.cube.values.real.max()
         == extract_adc_codes(recording.cube).values[..., 0].max() / 32768
@@ -146,7 +146,7 @@ def edit_description(path: Path, old: str, new: str) -> dict[str, bytes]:
             lambda path: edit_description(path, '"dechirp_exchange": 1', '"dechirp_exchange": 7'),
             "version 7",
         ),
-        (lambda path: edit_description(path, "sqrt(W)", "volt"), "volt"),
+        (lambda path: edit_description(path, "W**0.5", "volt"), "volt"),
         (lambda path: edit_description(path, "n_samples", "n_sampels"), "unreadable radar"),
         (lambda path: edit_description(path, '"scale": null', '"scale": 0.5'), "scale of 0.5"),
         (

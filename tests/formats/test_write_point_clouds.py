@@ -92,7 +92,7 @@ EGO = xr.Dataset(
 
 def make_recording(**tables):
     shape = (N_FRAMES, 4, 2, 8)
-    cube = label_cube(np.zeros(shape, np.complex64), RADAR, units="full scale")
+    cube = label_cube(np.zeros(shape, np.complex64), RADAR, units="1")
     return recording_from_cube(cube, RADAR, tables=tables)
 
 
@@ -163,7 +163,7 @@ def test_round_trip_keeps_detections_truth_and_radar(tmp_path, name):
 
     assert copy.n_frames == N_FRAMES
     assert copy.radar == RADAR
-    assert copy.contents.units == "full scale"
+    assert copy.contents.units == "1"
     assert_tables_equal(copy.points, DETECTIONS)
     assert list(copy.tables) == ["detections", "truth", "ego"]
     for key, table in (("detections", DETECTIONS), ("truth", TRUTH), ("ego", EGO)):

@@ -53,7 +53,7 @@ def make_cube(*tones, radar=RADAR, seed=1):
         tone = amplitude * np.exp(2j * np.pi * turns)
         samples = samples + (np.sqrt(2) * tone.real if is_real else tone)
     return label_cube(
-        samples[None].astype(np.float32 if is_real else np.complex64), radar, units="full scale"
+        samples[None].astype(np.float32 if is_real else np.complex64), radar, units="1"
     )
 
 
@@ -200,7 +200,7 @@ def test_mirror_images_of_real_samples_are_no_targets():
     # Complex numbers that hold real samples, as of channels that were calibrated in phase.
     real_radar = replace(RADAR, frame=replace(RADAR.frame, chirp=replace(CHIRP, sampling="real")))
     real_cube = make_cube((20, 0, 60), (33.4, 6, 50), radar=real_radar)
-    cube = label_cube(real_cube.values * np.complex64(np.exp(0.7j)), RADAR, units="full scale")
+    cube = label_cube(real_cube.values * np.complex64(np.exp(0.7j)), RADAR, units="1")
     assert ranges_in_cells(detect(cube, RADAR))[-1] > 100
 
     chain, choices = fit(cube)
@@ -212,7 +212,7 @@ def test_mirror_images_of_real_samples_are_no_targets():
 def add_mixer_image(cube, level_db):
     """Add the image of an I/Q mixer with unequal branches: b conj(z) of the samples z."""
     samples = cube.values + 10 ** (level_db / 20) * np.exp(0.4j) * cube.values.conj()
-    return label_cube(samples.astype(np.complex64), RADAR, units="full scale")
+    return label_cube(samples.astype(np.complex64), RADAR, units="1")
 
 
 MOVERS = [(20.3, 5.3, 60), (33.4, -7.2, 55)]

@@ -210,7 +210,7 @@ def simulate_noisy_target(radar, *, range_m, velocity_m_per_s, snr):
     samples = simulate_slow_time(radar.frame, velocity_m_per_s=velocity_m_per_s, echoes=tone)
     samples = samples.astype(np.complex64)
     add_white_noise(samples, 1 / snr, np.random.default_rng(73))
-    return label_cube(samples[None], radar, units="sqrt(W)")
+    return label_cube(samples[None], radar, units="W**0.5")
 
 
 @pytest.mark.parametrize("code", SIMULTANEOUS_CODES, ids=str)
@@ -267,7 +267,7 @@ def test_simultaneous_codes_have_no_transmitter_label(radar):
         coded_radar = build_coded_radar(radar, code, n_chirps=2)
         samples = np.zeros((1, coded_radar.frame.n_chirps_total, 2, 256), np.complex64)
         assert coded_radar.frame.tdm_order is None
-        assert "transmitter" not in label_cube(samples, coded_radar, units="sqrt(W)").coords
+        assert "transmitter" not in label_cube(samples, coded_radar, units="W**0.5").coords
 
 
 @pytest.mark.parametrize("member", [Tdm, Bpm, Ddma])

@@ -70,7 +70,7 @@ def simulate_recording(radar, targets=STREET_TARGETS, *, n_frames=2, seed=0, pea
     step = 2.0 ** (1 - bits)
     numbers *= peak / np.max(np.abs(numbers))
     numbers[:] = np.round(numbers / step) * step
-    return cube.assign_attrs(units="full scale")
+    return cube.assign_attrs(units="1")
 
 
 def measure_frames(cube, radar):
@@ -153,7 +153,7 @@ def test_noise_only_recording_causes_one_warning(sampling):
     radar = make_radar(sampling=sampling)
     rng = np.random.default_rng(5)
     frames = [simulate_noise_cube(radar, rng) for _ in range(3)]
-    findings = find_by_setting(xr.concat(frames, "frame").assign_attrs(units="sqrt(W)"), radar)
+    findings = find_by_setting(xr.concat(frames, "frame").assign_attrs(units="W**0.5"), radar)
 
     assert list(findings) == ["recording"]
     assert findings["recording"].level == "warning"
@@ -163,7 +163,7 @@ def test_noise_only_recording_causes_one_warning(sampling):
 def test_echo_visible_after_integration_only_is_not_called_noise():
     radar = make_radar(1)
     rng = np.random.default_rng(6)
-    cube = simulate_noise_cube(radar, rng).assign_attrs(units="sqrt(W)")
+    cube = simulate_noise_cube(radar, rng).assign_attrs(units="W**0.5")
     tone = np.exp(2j * np.pi * (26 / 256 * np.arange(256) + 13 / 64 * np.arange(64)[:, None]))
     # -24 dB per sample is 18 dB above the noise of all 64 x 256 samples, and 1.5 dB below the
     # scatter of bins in the mean spectrum.
@@ -238,7 +238,7 @@ def test_crest_of_low_frequency_echo_is_not_clipping():
     # Crests have runs of 8 equal numbers, where several samples stay within a step.
     tone = np.round(500 * np.cos(2 * np.pi * 1.37 * np.arange(1024) / 1024)) / 2048
     samples = np.broadcast_to(tone.astype(np.float32), (1, 64, 1, 1024)).copy()
-    cube = label_cube(samples, radar, units="full scale")
+    cube = label_cube(samples, radar, units="1")
 
     assert np.count_nonzero(tone == tone.max()) > 10
     assert "recording.clipping" not in find_by_setting(cube, radar)
@@ -483,7 +483,7 @@ def test_reports_frames_of_inverted_first_chirp(sampling):
 
 def test_reports_zero_chirp_in_noise():
     radar = make_radar(1)
-    cube = simulate_noise_cube(radar, np.random.default_rng(10)).assign_attrs(units="sqrt(W)")
+    cube = simulate_noise_cube(radar, np.random.default_rng(10)).assign_attrs(units="W**0.5")
     cube.values[0, 40] = 0
 
     assert find_by_setting(cube, radar)["recording.chirps"].value.endswith("chirp 40 of frame 0")
@@ -511,7 +511,7 @@ def test_silent_recording_causes_one_finding(number, description):
     radar = make_radar(2)
     samples = np.full((2, 64, 2, 256), number, np.complex64)
     (finding,) = recording_findings(
-        measure_frames(label_cube(samples, radar, units="full scale"), radar), radar
+        measure_frames(label_cube(samples, radar, units="1"), radar), radar
     )
 
     assert finding.level == "warning"
@@ -522,7 +522,7 @@ def test_findings_use_absolute_frame_numbers():
     radar = make_radar(1)
     samples = simulate_recording(radar, n_frames=3).values
     samples[1] = 0
-    cube = label_cube(samples, radar, units="full scale", first_frame=10)
+    cube = label_cube(samples, radar, units="1", first_frame=10)
 
     assert find_by_setting(cube, radar)["recording"].value.startswith("silent in frame 11:")
 
@@ -533,7 +533,7 @@ def test_findings_do_not_depend_on_sample_scale(scale):
     cube = simulate_recording(radar, TARGETS_ALL_AROUND)
     cube.values[:, 7] *= -1
     cube.values[:] += 0.05 * cube.values.conj()
-    cube = cube.assign_attrs(units="sqrt(W)")
+    cube = cube.assign_attrs(units="W**0.5")
     scaled = cube.copy(data=cube.values * np.float32(scale))
 
     expected, result = find_by_setting(cube, radar), find_by_setting(scaled, radar)
@@ -560,7 +560,7 @@ def test_accepts_any_finite_samples(data):
     numbers = hnp.arrays(np.float32, (*shape[:3], n_parts * n_samples), elements=finite)
     samples = data.draw(numbers).view(kind)
     gap = data.draw(hnp.arrays(bool, shape[:2]))
-    units = data.draw(st.sampled_from(["full scale", "sqrt(W)"]))
+    units = data.draw(st.sampled_from(["1", "W**0.5"]))
     cube = label_cube(samples, radar, units=units)
     cube = cube.assign_coords(gap=(("frame", "chirp"), gap))
 

@@ -33,7 +33,7 @@ def simulate_noise(radar, n_frames=1, seed=5):
     frame, rng = radar.frame, np.random.default_rng(seed)
     shape = (n_frames, frame.n_chirps_total, radar.array.n_rx, frame.chirp.n_samples)
     samples = rng.standard_normal((*shape, 2)) @ np.array([1, 1j]) / np.sqrt(2)
-    return label_cube(samples.astype(np.complex64), radar, units="sqrt(W)")
+    return label_cube(samples.astype(np.complex64), radar, units="W**0.5")
 
 
 def build_moving_scene(velocity_m_per_s, **settings):
@@ -122,7 +122,7 @@ def test_windows_span_contiguous_frames(slow_radar):
     short_radar = replace(slow_radar, frame=replace(slow_radar.frame, n_chirps=64))
     cube = simulate_noise(slow_radar)
     quarters = cube.values.reshape(4, 64, 1, -1)
-    short_frames = label_cube(quarters, short_radar, units="sqrt(W)")
+    short_frames = label_cube(quarters, short_radar, units="W**0.5")
 
     expected = spectrogram(cube, slow_radar, range_m=(0, 50), n_window=100, hop=30)
     assert expected.sizes["time"] == 6
@@ -262,7 +262,7 @@ def test_figure_has_units_and_leaves_gaps_empty(slow_radar):
         assert axes.get_ylabel() == "Velocity (m/s, receding positive)"
         assert axes.figure.axes[1].get_ylabel() == "Power (dBm)"
         assert len(axes.images) == n_images
-    uncalibrated = spectrogram(cube.assign_attrs(units="full scale"), radar)
+    uncalibrated = spectrogram(cube.assign_attrs(units="1"), radar)
     axes = draw_spectrogram(Figure().subplots(), uncalibrated)
     assert axes.figure.axes[1].get_ylabel() == "Power (dBFS)"
 

@@ -99,7 +99,7 @@ def chain_of(kind, windows, n_bins):
 def test_map_and_threshold_equal_those_of_chain_edges_included(kind, windows, n_bins):
     tone = 3 * np.exp(2j * np.pi * (0.2 * np.arange(96) + 0.1 * np.arange(40)[:, None, None]))
     samples = (1e-9 * (noise_samples(40, 2, 96, seed=5) + tone)).astype(np.complex64)
-    cube = xr.DataArray(samples, dims=("chirp", "rx", "sample"), attrs={"units": "sqrt(W)"})
+    cube = xr.DataArray(samples, dims=("chirp", "rx", "sample"), attrs={"units": "W**0.5"})
     chain = chain_of(kind, windows, n_bins)
     chain_power = dc.power_map(cube, RADAR, chain)
     chain_threshold = dc.threshold_map(chain_power, RADAR, chain)

@@ -50,7 +50,7 @@ def test_recording_gives_same_detections_as_cube(tmp_path, radar, cube):
 
 def test_full_scale_is_one_without_step(tmp_path, radar, cube):
     recording = dc.open(write_recording(tmp_path / "logged.dat", cube, radar, step=None))
-    assert recording.contents.units == "full scale"
+    assert recording.contents.units == "1"
     assert abs(recording.cube).max() == pytest.approx(1, abs=1e-4)
 
 

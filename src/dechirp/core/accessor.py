@@ -23,6 +23,7 @@ from dechirp.core.text import (
     power_level_unit,
     power_to_dbm_or_dbfs,
 )
+from dechirp.core.units import current_units, is_absolute
 
 if TYPE_CHECKING:
     import pandas as pd  # type: ignore[import-untyped]
@@ -36,7 +37,7 @@ _REQUIRED_VARIABLES = {
 }
 _REQUIRED_VARIABLES |= {"frame": "vx"}  # last, since truth and tracks have frames as well
 # Units of the samples by the units of the map, which holds their squares.
-_SAMPLE_UNITS = {"W": "sqrt(W)", "full scale squared": "full scale"}
+_SAMPLE_UNITS = {"W": "W**0.5", "1": "1"}
 _SUMMARY_UNITS = {
     column.name: None if column.unit == "1" else column.unit.replace("/", "_per_")
     for column in SHOWN_COLUMNS
@@ -105,7 +106,7 @@ class PowerMapAccessor:
     """Accessor of power maps: decibels and degrees."""
 
     def __init__(self, power: xr.DataArray) -> None:
-        units = _SAMPLE_UNITS.get(str(power.attrs.get("units")))
+        units = _SAMPLE_UNITS.get(current_units(power.attrs.get("units")))
         if units is None or power.dtype.kind not in "fiu":
             raise _invalid_array_error(
                 f"an array of {power.dtype} in {power.attrs.get('units', 'no unit')}",
@@ -141,7 +142,11 @@ class PowerMapAccessor:
         """Return the map in dBm or dBFS, with the angles along its axes in degrees."""
         power = self._power
         level = power.copy(data=power_to_dbm_or_dbfs(power.values, self._units))
-        level = level.assign_attrs(units=power_level_unit(self._units), long_name="power")
+        # Libraries for units know dB, and no dBFS.
+        units, name = (
+            ("dBm", "power") if is_absolute(self._units) else ("dB", "power over full scale")
+        )
+        level = level.assign_attrs(units=units, long_name=name)
         in_degrees = {
             name: axis.copy(data=np.degrees(axis.values)).assign_attrs(units="deg")
             for name, axis in level.coords.items()

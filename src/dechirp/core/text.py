@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from dechirp.core.dimensions import DIMENSIONS
-from dechirp.core.units import to_decibels
+from dechirp.core.units import is_absolute, to_decibels
 
 MINUS_SIGN, EN_DASH, TIMES_SIGN = "\N{MINUS SIGN}", "\N{EN DASH}", "\N{MULTIPLICATION SIGN}"
 
@@ -107,12 +107,17 @@ def ratio_db(ratio: float) -> float:
 def power_to_dbm_or_dbfs(power: np.ndarray, sample_units: str) -> np.ndarray:
     """Convert power to dBm for samples in sqrt(W), else to dB relative to full scale."""
     floor = np.maximum(np.asarray(power, dtype=float), _SMALLEST_POWER)
-    return to_decibels(floor) + (30.0 if sample_units == "sqrt(W)" else 0.0)
+    return to_decibels(floor) + (30.0 if is_absolute(sample_units) else 0.0)
+
+
+def sample_unit_symbol(sample_units: object) -> str:
+    """Return the unit of samples as figures show it."""
+    return "√W" if is_absolute(sample_units) else "full scale"
 
 
 def power_level_unit(sample_units: str) -> str:
     """Return the unit of `power_to_dbm_or_dbfs` for samples in these units."""
-    return "dBm" if sample_units == "sqrt(W)" else "dBFS"
+    return "dBm" if is_absolute(sample_units) else "dBFS"
 
 
 def format_quantity(amount: float, unit: str | None, digits: int = 4) -> str:

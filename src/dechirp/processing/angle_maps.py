@@ -12,6 +12,7 @@ from dechirp.core.conventions import axis_coordinate
 from dechirp.core.detection_columns import detection_columns_as_floats
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.threads import run_in_threads, split_range, thread_count
+from dechirp.core.units import power_units
 from dechirp.processing.angle.bartlett import Bartlett
 from dechirp.processing.angle.base import SpectralEstimator
 from dechirp.processing.chain import Chain
@@ -335,4 +336,4 @@ def _oversample_angles(angle_rad: np.ndarray) -> np.ndarray:
 
 
 def _power_unit(cube: xr.DataArray) -> str:
-    return "W" if cube.attrs.get("units") == "sqrt(W)" else "full scale squared"
+    return power_units(cube.attrs.get("units"))

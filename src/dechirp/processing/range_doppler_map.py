@@ -9,6 +9,7 @@ from dechirp.core.argument_types import check_argument_types
 from dechirp.core.conventions import axis_coordinate
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
+from dechirp.core.units import power_units
 from dechirp.processing.chain import Chain
 from dechirp.processing.mitigation.apply import apply_mitigation
 from dechirp.processing.mitigation.noise_loss import (
@@ -76,7 +77,7 @@ def _empty_labelled_map(radar: Radar, chain: Chain, samples_unit: str) -> xr.Dat
             "range": axis_coordinate("range", range_m),
         },
         attrs={
-            "units": "W" if samples_unit == "sqrt(W)" else "full scale squared",
+            "units": power_units(samples_unit),
             "long_name": "power",
         },
     )

@@ -124,7 +124,7 @@ def slow_time(
             )
         )
         check_finite(traces[-1])
-    units = cube.attrs.get("units", "full scale")
+    units = cube.attrs.get("units", "1")
     return xr.DataArray(
         np.concatenate(traces).astype(np.complex64),
         dims=("time", "channel"),

@@ -10,6 +10,7 @@ from dechirp.core.checks import check_finite_array, check_integer
 from dechirp.core.conventions import CUBE_AXES, axis_coordinate
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
+from dechirp.core.units import power_units
 from dechirp.processing.spectrum import Transform, range_profiles
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.radar import Radar
@@ -121,7 +122,7 @@ def spectrogram(
         times_s.append(first_s + middles * frame.repetition_s)
     power = np.array(powers) / range_transform.noise_bandwidth_bins
     check_finite(power)
-    units = "W" if cube.attrs.get("units") == "sqrt(W)" else "full scale squared"
+    units = power_units(cube.attrs.get("units"))
     return xr.DataArray(
         power.astype(np.float32),
         dims=("time", "velocity"),

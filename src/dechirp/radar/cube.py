@@ -20,7 +20,7 @@ def label_cube(
     samples: np.ndarray,
     radar: Radar,
     *,
-    units: Literal["sqrt(W)", "full scale"],
+    units: Literal["W**0.5", "1"],
     first_frame: int = 0,
 ) -> xr.DataArray:
     """Label samples (frame, chirp, rx, sample) with the times of the radar, without copying.

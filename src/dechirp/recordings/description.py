@@ -18,13 +18,13 @@ from dechirp.config import loading
 from dechirp.config.dumping import to_yaml_data
 from dechirp.core.dataset_arrays import dataset_from_arrays, dataset_to_arrays_and_description
 from dechirp.core.errors import DechirpError, RecordingError
+from dechirp.core.units import SAMPLE_UNITS, current_units
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import IQ_ORDERS, Contents, Units
 from dechirp.recordings.settings.base import Iq
 
 VERSION = 1
-UNITS = ("sqrt(W)", "full scale")
 
 
 @frozen_dataclass
@@ -112,17 +112,17 @@ def parse_description(path: Path, text: str, radar: Radar | None = None) -> Desc
         If it is damaged, or of another version.
     """
     parsed = json.loads(text)
-    version, units = parsed.get("dechirp_exchange"), parsed.get("units")
+    version, units = parsed.get("dechirp_exchange"), current_units(parsed.get("units"))
     scale, tables = parsed.get("scale"), parsed.get("tables")
     device, iq = parsed.get("device"), parsed.get("iq")
     is_valid = isinstance(tables, dict) and isinstance(device, str | None)
     is_valid &= iq in (None, *IQ_ORDERS) and isinstance(scale, int | float | None)
-    if version != VERSION or units not in UNITS or not is_valid:
+    if version != VERSION or units not in SAMPLE_UNITS or not is_valid:
         raise RecordingError(
             path,
             value=f"description of version {version!r}, in units of {units!r}",
-            expected=f"described in version {VERSION}, in {' or '.join(UNITS)}, with its scale,"
-            " tables and device",
+            expected=f"described in version {VERSION}, in {' or '.join(SAMPLE_UNITS)}, with its"
+            " scale, tables and device",
             fix="read it with the version of dechirp that wrote it",
         )
     return Description(

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import cast
 
 import numpy as np
 import xarray as xr
@@ -10,10 +11,10 @@ import xarray as xr
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.units import SAMPLE_UNITS, current_units
 from dechirp.radar.cube import check_samples_complex_or_real
 from dechirp.radar.radar import Radar
-from dechirp.recordings.description import UNITS
-from dechirp.recordings.readers.base import Contents
+from dechirp.recordings.readers.base import Contents, Units
 from dechirp.recordings.recording import Recording
 
 
@@ -48,13 +49,13 @@ def recording_from_cube(
     check_samples_complex_or_real(radar.frame.chirp, samples, setting="cube")
     frame = radar.frame
     expected_shape = (frame.n_chirps_total, radar.array.n_rx, frame.chirp.n_samples)
-    units = cube.attrs.get("units")
-    if samples.shape[1:] != expected_shape or not len(samples) or units not in UNITS:
+    units = current_units(cube.attrs.get("units"))
+    if samples.shape[1:] != expected_shape or not len(samples) or units not in SAMPLE_UNITS:
         raise InvalidSetting(
             "cube",
             value=f"{len(samples)} frames of {samples.shape[1:]} in units of {units!r}",
             expected=f"at least one, of {expected_shape} (chirp, rx, sample), as in the"
-            f" radar, in {' or '.join(UNITS)}",
+            f" radar, in {' or '.join(SAMPLE_UNITS)}",
             fix="give the radar of the cube; set cube.attrs['units']",
         )
 
@@ -67,7 +68,7 @@ def recording_from_cube(
         radar=radar,
         n_frames=len(samples),
         decode=decode,
-        units=units,
+        units=cast(Units, units),
         gaps=gaps,
         scale=None if scale is None else float(scale),
         tables=dict(tables),

@@ -136,7 +136,7 @@ class DataSetFigures:
             detections = range_doppler_map_position(estimates, radar.for_frame(0))
         return range_doppler.MarkedMap(
             power=power,
-            units="sqrt(W)",
+            units="W**0.5",
             detections=detections,
             truth=RangeVelocity(item_truth.map_range.values, item_truth.map_velocity.values),
         )

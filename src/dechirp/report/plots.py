@@ -3,6 +3,8 @@
 The methods `plot` of results and of the accessors `array.dechirp` call these functions.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,11 +24,29 @@ from dechirp.report.figures import (
     spectrogram,
     tracks,
 )
-from dechirp.report.figures.style import user_axes
+from dechirp.report.figures.style import report_style
 from dechirp.scene.aliasing import RangeVelocity
 
 if TYPE_CHECKING:
     from dechirp.experiments.run import Result
+
+
+@contextmanager
+def user_axes(axes: Axes | None) -> Iterator[Axes]:
+    """Yield the axes of the user, or the current ones of pyplot, in the style of the report."""
+    with report_style():
+        if axes is None:
+            from matplotlib import pyplot as plt  # loads a window system, unused with axes
+
+            axes = plt.gca()
+        if not isinstance(axes, Axes):
+            raise InvalidSetting(
+                "axes",
+                value=f"a {type(axes).__name__}",
+                expected="axes of matplotlib, or None for the current ones",
+                fix="pass figure.subplots() or the second result of plt.subplots()",
+            )
+        yield axes
 
 
 def plot_result(result: "Result", axes: Axes | None) -> Axes:

@@ -260,7 +260,7 @@ def label_samples_as_cube(
     first_frame: int = 0,
 ) -> xr.DataArray:
     """Return samples as a labelled cube with the attributes of the last receiver."""
-    cube = label_cube(samples, radar, units="sqrt(W)", first_frame=first_frame)
+    cube = label_cube(samples, radar, units="W**0.5", first_frame=first_frame)
     attributes = stages.receivers[-1].cube_attributes(radar) if stages.receivers else {}
     cube.attrs |= {"kernels": ", ".join(sorted(kernels)), **attributes}
     return cube

@@ -64,7 +64,7 @@ class JsonHeader(Format):
             radar=radar,
             n_frames=n_frames,
             decode=decode,
-            units="full scale" if step is None else "sqrt(W)",
+            units="1" if step is None else "W**0.5",
             scale=scale,
             findings=extra_bytes_finding(n_extra_bytes, 2 * n_codes),
         )

@@ -230,7 +230,7 @@ def _define_cube_and_map_arrays(plan: Plan, shapes: ItemShapes) -> Iterator[Shar
     size = (plan.n_points, trials.at_most, trials.block)
     if shapes.cube:
         cube_attributes = {
-            "units": "sqrt(W)",
+            "units": "W**0.5",
             "long_name": "samples; times cube_scale of the item, in single precision",
             "convention": "beat = Tx x conj(Rx), receding positive",
         }

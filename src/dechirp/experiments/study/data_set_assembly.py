@@ -154,7 +154,7 @@ def _write_truth_and_detection_columns(
     truth_dims, shape = ("frame", "target"), (shapes.n_frames, len(shapes.targets))
     columns = [TrialColumn("made", "bool", attributes={"long_name": "whether there is this item"})]
     if shapes.cube:
-        attributes = {"units": "sqrt(W)", "long_name": "size of a step of the samples"}
+        attributes = {"units": "W**0.5", "long_name": "size of a step of the samples"}
         columns.append(
             TrialColumn("cube_scale", "float64", fill_value=np.nan, attributes=attributes)
         )

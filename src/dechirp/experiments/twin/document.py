@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from dechirp.config.dumping import to_json_data
-from dechirp.core.units import to_decibels
+from dechirp.core.units import is_absolute, to_decibels
 from dechirp.experiments.twin.twin import Twin, TwinTolerance
 
 
@@ -20,9 +20,9 @@ def twin_comparison_as_dict(twin: Twin, tolerance: TwinTolerance) -> dict[str, A
         "name": twin.scenario.name,
         "frame": twin.frame_number,
         "seed": twin.scenario.seed,
-        "unit": "dBm" if units == "sqrt(W)" else "dBFS",
+        "unit": "dBm" if is_absolute(units) else "dBFS",
         "full_scale_dbm": None
-        if units == "sqrt(W)"
+        if is_absolute(units)
         else _ratio_to_decibels(twin.watts_per_unit * 1e3),
         "within": {"power_db": _ratio_to_decibels(tolerance.power), "bins": tolerance.cells},
         "passed": twin.is_twin_within_tolerance(tolerance),
@@ -89,7 +89,7 @@ def _noise_floors_as_dict(twin: Twin) -> dict[str, Any]:
 
 
 def _power_in_recording_level_db(twin: Twin, power_w: np.ndarray) -> np.ndarray:
-    milli = 1e3 if twin.recording_units == "sqrt(W)" else 1.0
+    milli = 1e3 if is_absolute(twin.recording_units) else 1.0
     return _ratios_to_decibels_without_warnings(power_w / twin.watts_per_unit * milli)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import xarray as xr
 
+from dechirp.core.units import is_absolute
 from dechirp.experiments.twin.measure import (
     FrameMap,
     has_noise_in_all_segments,
@@ -25,7 +26,7 @@ def estimate_watts_per_unit(frame: xr.DataArray, radar: Radar, chain: Chain) -> 
 
     Without noise, the factor that puts the strongest cell 60 dB below the transmit power.
     """
-    if frame.attrs.get("units") == "sqrt(W)":
+    if is_absolute(frame.attrs.get("units")):
         return 1.0
     frame_map = FrameMap(samples=frame, radar=radar, chain=chain)
     if not has_noise_in_all_segments(frame_map):

@@ -199,7 +199,7 @@ def twin(
     )
     watts = estimate_watts_per_unit(frame, radar, chain)
     samples = frame.copy(data=frame.values * np.sqrt(watts).astype(np.float32))
-    recorded_map = FrameMap(samples=samples.assign_attrs(units="sqrt(W)"), radar=radar, chain=chain)
+    recorded_map = FrameMap(samples=samples.assign_attrs(units="W**0.5"), radar=radar, chain=chain)
     peaks, leaks = find_peak_cells(recorded_map), find_leakage_cell_in_unsearched_rows(recorded_map)
     cells = peaks[:max_peaks]
     constants = estimate_dc_offsets(recorded_map) if len(leaks) else ()

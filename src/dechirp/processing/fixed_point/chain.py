@@ -10,6 +10,7 @@ from dechirp.core.argument_types import check_argument_types
 from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.conventions import axis_coordinate
 from dechirp.core.memory import check_free_memory
+from dechirp.core.units import power_units
 from dechirp.processing.chain import Chain
 from dechirp.processing.fixed_point.cfar import cell_averaging_thresholds
 from dechirp.processing.fixed_point.fft import fft
@@ -97,7 +98,7 @@ def fixed_point_map(
     range_exponent = outputs["range_shifts"].integers.sum(axis=-1)
     doppler_exponent = outputs["doppler_shifts"].integers.sum(axis=-1)
     exponent = int(range_exponent.max() + doppler_exponent.max())
-    units = "W" if cube.attrs.get("units") == "sqrt(W)" else "full scale squared"
+    units = power_units(cube.attrs.get("units"))
     scale = {"scale": _power_per_map_unit(plan, step, exponent, radar), "units": units}
     fraction = {"fraction_bits": plan.words.log_fraction_bits}
     attributes = {"power": scale, "log_power": fraction, "threshold": scale}

@@ -229,7 +229,7 @@ def measure_frame_quality(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
     """
     measurer = QualityMeasurer(radar)
     measurer.add_cube(frame)
-    measures = measurer.joined_measures(frame.attrs.get("units", "full scale"))
+    measures = measurer.joined_measures(frame.attrs.get("units", "1"))
     return measures if "frame" in frame.coords else measures.drop_vars("frame")
 
 

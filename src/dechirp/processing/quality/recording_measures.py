@@ -5,6 +5,7 @@ from functools import cached_property
 import numpy as np
 import xarray as xr
 
+from dechirp.core.units import is_absolute
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 
@@ -28,7 +29,7 @@ class RecordingMeasures:
     @property
     def is_normalised_to_full_scale(self) -> bool:
         """True if 1 is the end of the converter's range."""
-        return self.measures.attrs["units"] == "full scale"
+        return not is_absolute(self.measures.attrs["units"])
 
     @cached_property
     def frame_numbers(self) -> np.ndarray:

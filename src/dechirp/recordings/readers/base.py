@@ -21,7 +21,7 @@ from dechirp.recordings.settings.base import Iq, RecordingSettings
 
 IQ_ORDERS = ("iq", "qi")
 
-Units = Literal["sqrt(W)", "full scale"]
+Units = Literal["W**0.5", "1"]
 """Units of a cube: absolute (sqrt(W)) where the recording is calibrated."""
 
 
@@ -62,8 +62,8 @@ class Contents:
     n_frames: int
     decode: Callable[[int, np.ndarray], None] | None = field(default=None, repr=False)
     """Function that fills (chirp, rx, sample), complex64 or float32, with one frame."""
-    units: Units = "full scale"
-    """Units of the samples; "full scale" means that full scale is 1."""
+    units: Units = "1"
+    """Units of the samples; "1" means that full scale is 1."""
     gaps: np.ndarray | None = field(default=None, repr=False)
     """(frame, chirp), True where samples of the chirp were lost (zero); None without losses."""
     start_offsets: np.ndarray | None = field(default=None, repr=False)

@@ -9,6 +9,7 @@ import numpy as np
 
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.errors import RecordingError
+from dechirp.core.units import SAMPLE_UNITS, current_units
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.encodings import LIMITS
 from dechirp.recordings.arrays.lazy_array import ArrayPart, convert_parser_errors
@@ -26,7 +27,7 @@ from dechirp.recordings.arrays.zarr_uncompressed import (
     parse_uncompressed_chunks,
     scale_codes_into_samples,
 )
-from dechirp.recordings.description import UNITS, parse_radar
+from dechirp.recordings.description import parse_radar
 from dechirp.recordings.native import (
     MAX_SCALE,
     check_device_and_iq_hints,
@@ -75,7 +76,10 @@ class Zarr(Format):
             attributes = read_json_object(folder / _MARK)["attributes"]
             cube = read_json_object(folder / "cube" / _MARK)
             cube_attributes = cube["attributes"]
-            units, scale = cube_attributes["units"], float(cube_attributes.get("scale", 1.0))
+            units, scale = (
+                current_units(cube_attributes["units"]),
+                float(cube_attributes.get("scale", 1.0)),
+            )
             if not 0 < scale < MAX_SCALE:
                 raise ValueError(f"its scale is {scale}")
             axes = tuple(cube.get("dimension_names") or CUBE_AXES)
@@ -84,11 +88,11 @@ class Zarr(Format):
             if not isinstance(device, str | None) or iq not in (None, *IQ_ORDERS):
                 raise ValueError(f"its device is {device!r} and its order {iq!r}")
             check_device_and_iq_hints(path, hints, device=device, iq=iq)
-        if attributes.get("format_version") != _VERSION or units not in UNITS:
+        if attributes.get("format_version") != _VERSION or units not in SAMPLE_UNITS:
             raise RecordingError(
                 path,
                 value=f"format version {attributes.get('format_version')!r}, units {units!r}",
-                expected=f"version {_VERSION}, units {' or '.join(UNITS)}",
+                expected=f"version {_VERSION}, units {' or '.join(SAMPLE_UNITS)}",
                 fix="read them with the version of dechirp that wrote them",
             )
         settings = hints.settings or RecordingSettings(radar=parse_radar(folder / _MARK, radar))

@@ -160,11 +160,7 @@ def _format_sidecar(
 def _converter_bits(recording: Recording, quantisation_step: float) -> int:
     """Return the bits of a converter with full scale 1; 16 for any other."""
     steps = {2.0 ** (1 - bits): bits for bits in BITS.values()}
-    return (
-        steps.get(quantisation_step, CFG_BITS)
-        if recording.contents.units == "full scale"
-        else CFG_BITS
-    )
+    return steps.get(quantisation_step, CFG_BITS) if recording.contents.units == "1" else CFG_BITS
 
 
 def _checked_capture_paths(out: Path) -> tuple[Path, ...]:

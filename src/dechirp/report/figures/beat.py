@@ -9,7 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
 from dechirp.core.display import format_count_with_noun
-from dechirp.core.text import format_power_of_ten, power_level_unit, power_to_dbm_or_dbfs
+from dechirp.core.text import (
+    format_power_of_ten,
+    power_level_unit,
+    power_to_dbm_or_dbfs,
+    sample_unit_symbol,
+)
 from dechirp.processing.chain import Chain
 from dechirp.processing.spectrum import range_profiles
 from dechirp.radar.chirp import Chirp
@@ -72,7 +77,7 @@ def draw_first_chirp_signal(
         )
     reach = 1.1 * float(max(abs(scaled.real).max(), abs(scaled.imag).max())) or 1.0
     axes.set(ylim=(-reach, reach), xlim=(time_us[0], time_us[-1]))
-    unit = cube.attrs.get("units", "").replace("sqrt(W)", "√W")
+    unit = sample_unit_symbol(cube.attrs.get("units"))
     unit = unit if exponent == 0 else f"{format_power_of_ten(exponent)} {unit}"
     name = f"{part.capitalize()} part" if is_complex else "Samples"
     axes.set_ylabel(f"{name}\n({unit})")

@@ -39,7 +39,7 @@ def draw_spectrogram(
     power = power.transpose("velocity", "time")
     if fastest_m_per_s is not None:
         power = power.isel(velocity=abs(power.velocity.values) <= fastest_m_per_s)
-    units = "sqrt(W)" if power.attrs.get("units") == "W" else "full scale"
+    units = "W**0.5" if power.attrs.get("units") == "W" else "1"
     highest_db = float(power_to_dbm_or_dbfs(power.values.max(), units))
     noise_db = float(power_to_dbm_or_dbfs(np.asarray(noise_power_from_median(power.values)), units))
     lowest_db = max(noise_db - 6, highest_db - _LARGEST_SPAN_DB)

@@ -2,8 +2,8 @@
 
 import io
 import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from typing import Any
 
 import matplotlib as mpl
@@ -14,7 +14,6 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 
 # Okabe and Ito's colours, which colour-blind readers can distinguish, darkened for thin lines.
@@ -118,22 +117,9 @@ def render_png(paint: Paint, *, title: str = "", height_in: float = HEIGHT_IN) -
     return picture.getvalue()
 
 
-@contextmanager
-def user_axes(axes: Axes | None) -> Iterator[Axes]:
-    """Yield the axes of the user, or the current ones of pyplot, in the style of the report."""
-    with mpl.rc_context(_STYLE):
-        if axes is None:
-            from matplotlib import pyplot as plt  # a window system, which the report does without
-
-            axes = plt.gca()
-        if not isinstance(axes, Axes):
-            raise InvalidSetting(
-                "axes",
-                value=f"a {type(axes).__name__}",
-                expected="axes of matplotlib, or None for the current ones",
-                fix="pass figure.subplots() or the second result of plt.subplots()",
-            )
-        yield axes
+def report_style() -> AbstractContextManager[None]:
+    """Return a context in which matplotlib draws in the style of the report."""
+    return mpl.rc_context(_STYLE)
 
 
 def _paint_figure_with_description(paint: Paint, height_in: float) -> tuple[Figure, str]:

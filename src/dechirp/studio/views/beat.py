@@ -9,6 +9,7 @@ from dechirp.core.text import (
     format_power_of_ten,
     power_level_unit,
     power_to_dbm_or_dbfs,
+    sample_unit_symbol,
 )
 from dechirp.report.figures.beat import engineering_exponent
 from dechirp.report.figures.style import reduce_line_to_extremes
@@ -115,7 +116,7 @@ class BeatView(View):
             self.signal.set_data(name, x=x, y=y)
         limit = top / 10.0**exponent
         self.signal.set_axis_limits(x=(float(time_us[0]), float(time_us[-1])), y=(-limit, limit))
-        unit = units.replace("sqrt(W)", "√W")
+        unit = sample_unit_symbol(units)
         unit = unit if exponent == 0 else f"{format_power_of_ten(exponent)} {unit}"
         self.signal.figure.yaxis.axis_label = f"Amplitude ({unit})"
         level_db = float(power_to_dbm_or_dbfs(np.mean(abs(samples) ** 2), units))
