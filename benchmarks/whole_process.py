@@ -10,8 +10,10 @@ times     Time of `--help` divided by `python -c "import numpy"`, at most 3. Tim
 memory    Additional peak memory of `dechirp run` with a cube of 288 MB, compared with a cube of
           2 MB, in multiples of the larger cube; at most 3.
 imports   Import times by package, and by module of dechirp, from `python -X importtime`.
-first     Time of the first `dechirp run` without compiled code, and the functions that take the
-          most processor time to compile, including the functions that they call.
+first     Processor time of the first `run` after an installation, at most 6 s, of the next one and
+          of `list`: cold with empty caches of compiled code, factors and fonts, then warm. And of a
+          run of 20 frames, which compiles, with the functions that take the most processor time to
+          compile, including the functions that they call.
 factors   Time to compute the false-alarm factor of each detector for new settings: complex samples
           of the reference radar with one and with two receivers.
 
@@ -58,6 +60,8 @@ class ProcessRun(NamedTuple):
     peak_bytes: float
     text: str
     """Text on standard error."""
+    cpu_s: float = 0.0
+    """Processor time, of the user and of the system."""
 
 
 def run_process(*command: str, folder: str, **environment: str) -> ProcessRun:
@@ -80,7 +84,8 @@ def run_process(*command: str, folder: str, **environment: str) -> ProcessRun:
         text = error_file.read()
     if running.returncode not in (0, 1):  # 1: too few trials to confirm a claim of `verify`
         raise SystemExit(f"{' '.join(command)} failed:\n{text}")
-    return ProcessRun(seconds, usage.ru_maxrss * 1024.0, text)
+    cpu_s = usage.ru_utime + usage.ru_stime
+    return ProcessRun(seconds, usage.ru_maxrss * 1024.0, text, cpu_s)
 
 
 def run_repeatedly(*command: str, folder: str) -> ProcessRun:
@@ -202,14 +207,24 @@ class Listener(event.Listener):
 event.register("numba:compile", Listener())
 from dechirp.cli.main import main
 try:
-    main(["run", "--quiet", "--out", "first"])
+    main(["run", "--quiet", "--out", "first", "--set", "n_frames=20"])
 finally:
     print(json.dumps(Listener.finished), file=sys.stderr)
 """
 
 
 def measure_first_run(folder: str) -> Measurement:
-    """Measure the first run without compiled code, and the second run."""
+    """Measure the first commands with empty caches, and a run that compiles."""
+    cpu_s: dict[str, float] = {}
+    for name in ("run", "list"):
+        with tempfile.TemporaryDirectory() as cache_folder:
+            caches = ("NUMBA_CACHE_DIR", "DECHIRP_CACHE_DIR", "MPLCONFIGDIR")
+            environment = {variable: f"{cache_folder}/{variable}" for variable in caches}
+            for state in ("cold", "warm"):
+                run = run_process(*DECHIRP, *COMMANDS[name], folder=folder, **environment)
+                cpu_s[f"{name}, {state}"] = run.cpu_s
+    for name, seconds in cpu_s.items():
+        print(f"{name:12} {seconds:6.2f} s of processor time", file=sys.stderr)
     with tempfile.TemporaryDirectory() as cache_folder:
         command = (sys.executable, "-c", COMPILING)
         first_run = run_process(*command, folder=folder, NUMBA_CACHE_DIR=cache_folder)
@@ -221,7 +236,7 @@ def measure_first_run(folder: str) -> Measurement:
             compile_times[name] = compile_times.get(name, 0.0) + seconds
     compile_times = dict(sorted(compile_times.items(), key=lambda pair: -pair[1]))
     print(
-        f"first run {first_run.seconds:.1f} s, second run {second_run.seconds:.1f} s;"
+        f"20 frames: first run {first_run.seconds:.1f} s, second run {second_run.seconds:.1f} s;"
         f" {len(compiled)} functions compiled in {sum(compile_times.values()):.1f} s"
         " of processor time",
         file=sys.stderr,
@@ -229,6 +244,7 @@ def measure_first_run(folder: str) -> Measurement:
     for name, seconds in list(compile_times.items())[:MAX_ROWS]:
         print(f"    {name:56} {seconds:6.2f} s", file=sys.stderr)
     return {
+        "cpu_s": cpu_s,
         "first_s": first_run.seconds,
         "next_s": second_run.seconds,
         "n_functions": len(compiled),
