@@ -72,6 +72,10 @@ def test_page_is_legible_at_every_width(shared_page):
     shared_page.press_button("Settings")
     assert page.locator("#side").is_visible()
     assert page.locator("#fold").get_attribute("aria-expanded") == "true"
+    for width, height in SIZES[:3]:
+        page.set_viewport_size({"width": width, "height": height})
+        panel = page.locator("#side [role=tabpanel]:visible").bounding_box()
+        assert panel["height"] > 200 and panel["width"] > width - 50  # as its sliders need
     small = [entry for entry in page.evaluate(TEXT_SIZES_JS) if entry[0] < 12]
     assert small == []
 
@@ -113,7 +117,7 @@ def test_tile_is_enlarged_saved_as_picture_and_read_at_pointer(live_page, tmp_pa
     range_m = sum(x**2 for x in car.position_m) ** 0.5
     page.mouse.move(*live_page.screen_position("range_doppler", range_m, 0.0))
     text = tile.locator(".readout").text_content()
-    assert text.startswith("Range 4") and "Velocity" in text and text.endswith(" dB"), text
+    assert text.startswith("Range 4") and "Velocity" in text and text.endswith(" dBm"), text
     level_db = float(text.split()[-2].replace("\N{MINUS SIGN}", "-"))
     assert level_db > live_page.median_db + 20  # the echo, not the noise
     with page.expect_download() as download_event:

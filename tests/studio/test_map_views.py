@@ -291,14 +291,28 @@ def make_track(x: float, y: float) -> Track:
     return Track(number=0, state=(x, 0.0, y, 0.0), covariance=covariance, status="confirmed", age=0)
 
 
-def test_track_tail_grows_with_steps_and_restarts_after_rewind(page):
+@pytest.mark.parametrize("restart_step", [0, 2, 3])  # rewind, other settings while paused, played
+def test_track_tail_grows_with_steps_until_tracker_restarts(page, restart_step):
     frame_state, tails = page.show(SceneView(page)), TrackTails()
+
+    def add_track(step: int, x: float, n_frames_since_start: int) -> None:
+        tails.add_tracks_of_frame(
+            replace(
+                frame_state,
+                step=step,
+                tracks=(make_track(x, 4.0),),
+                history=frame_state.history * n_frames_since_start,
+            )
+        )
+
     for step, x in ((0, 30.0), (1, 29.0), (2, 28.0), (2, 27.5)):
-        tails.add_tracks_of_frame(replace(frame_state, step=step, tracks=(make_track(x, 4.0),)))
+        add_track(step, x, step + 1)
     (line,) = tails.track_lines_m
     assert line.tolist() == [[4, 30], [4, 29], [4, 27.5]]
-    tails.add_tracks_of_frame(replace(frame_state, step=0, tracks=(make_track(30.0, 4.0),)))
-    assert len(tails.track_lines_m[0]) == 1
+
+    add_track(restart_step, 50.0, 1)  # another target, which the new tracker gives the same number
+
+    assert [line.tolist() for line in tails.track_lines_m] == [[[4, 50]]]
 
 
 def test_joined_lines_are_separated_by_gaps():

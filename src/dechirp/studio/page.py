@@ -80,6 +80,7 @@ def build_live_page(
     slow: list[Callable[[FrameState], object]] = [
         *(view.show_frame for view in views if not view.is_shown_every_frame),
         *(view.update_caption for view in views),
+        *(panel.show_frame_number for panel in panels),
         lambda _: update_status(),
     ]
     session.on_frame.append(
@@ -135,7 +136,7 @@ def _update_frame_status(
         parts.append("outdated")
     if is_waiting:
         progress = compilation_counter().progress_text if frame is None else ""
-        parts.append(progress or "computing ...")
+        parts.append(progress or f"{session.activity} ...")
     browser.update(
         frame_status="; ".join(parts),
         is_outdated=not session.shows_current_settings and frame is not None,

@@ -80,6 +80,8 @@ class Session:
         self._retried_keys: set[str] = set()
         """Keys of the edits that are tried again after a refusal."""
         self._has_work, self._draw_confirmed = asyncio.Event(), asyncio.Event()
+        self.activity = "computing"
+        """Word for what the page waits for."""
         self._n_shown = self._n_drawn = 0
         self._task: asyncio.Task[None] | None = None
         self._next_frame: _PendingFrame | None = None
@@ -142,6 +144,11 @@ class Session:
         """Move the cursor of all views; None selects the strongest detection."""
         self.cursor = cursor
         self._has_work.set()
+
+    def stop_and_mark_outdated(self, mistake: Mistake) -> None:
+        """Stop playback and mark the shown frame as outdated, with the reason."""
+        self.playing = self.shows_current_settings = False
+        self._notify_mistake_listeners((mistake,))
 
     def confirm_frames_drawn(self, n_frames: int) -> None:
         """Record the number of frames that the browser has drawn."""
@@ -217,9 +224,13 @@ class Session:
         """Calibrate the detector on another thread: on the worker, all pages would stop."""
         player, scenario = self._player, self.scenario
         source = await self.run_on_worker(player.open_source)
-        await asyncio.get_running_loop().run_in_executor(
-            _calibration_thread(), partial(calibrate_detector, scenario, source.radar)
-        )
+        self.activity = "calibrating the threshold"
+        try:
+            await asyncio.get_running_loop().run_in_executor(
+                _calibration_thread(), partial(calibrate_detector, scenario, source.radar)
+            )
+        finally:
+            self.activity = "computing"
 
     async def _wait_for_browser(self) -> None:
         """Wait until the browser can take another frame."""

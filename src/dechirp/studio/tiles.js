@@ -82,19 +82,43 @@ function savePicture(tile) {
   const scale = plot.width / figureView(tile).el.offsetWidth;
   const picture = document.createElement("canvas");
   const colour = (role) => getComputedStyle(document.documentElement).getPropertyValue(`--${role}`);
-  [picture.width, picture.height] = [plot.width, plot.height + 42 * scale];
   const pen = picture.getContext("2d");
+  const lines = [["h2", "bold 13px", "ink"], ["figcaption p", "12px", "muted"]].flatMap(
+    ([place, size, role]) => {
+      pen.font = `${size} system-ui, sans-serif`;
+      const font = pen.font;
+      return wrapped(pen, plainText(tile.querySelector(place)), plot.width / scale - 16)
+        .map((text) => ({ text, font, role }));
+    },
+  );
+  const top = 17 * lines.length + 8;
+  [picture.width, picture.height] = [plot.width, plot.height + top * scale];
   pen.fillStyle = colour("tile");
   pen.fillRect(0, 0, picture.width, picture.height);
-  pen.drawImage(plot, 0, 42 * scale);
+  pen.drawImage(plot, 0, top * scale);
   pen.scale(scale, scale);
-  pen.fillStyle = colour("ink");
-  pen.font = "bold 13px system-ui, sans-serif";
-  pen.fillText(tile.querySelector("h2").textContent, 8, 18);
-  pen.fillStyle = colour("muted");
-  pen.font = "12px system-ui, sans-serif";
-  pen.fillText(tile.querySelector("figcaption p").textContent, 8, 35);
+  for (const [i, { text, font, role }] of lines.entries()) {
+    [pen.font, pen.fillStyle] = [font, colour(role)];
+    pen.fillText(text, 8, 18 + 17 * i);
+  }
   picture.toBlob((blob) => saveFile(blob, `${tile.dataset.part.replace("_", "-")}.png`));
+}
+
+// Text without markup; the turned brackets of a caption become letters of that shape.
+function plainText(place) {
+  const copy = place.cloneNode(true);
+  for (const turned of copy.querySelectorAll(".turned")) turned.textContent = "\u2293\u2294";
+  return copy.textContent.trim();
+}
+
+function wrapped(pen, text, width) {
+  const lines = [];
+  for (const word of text.split(/ +/)) {
+    const longer = lines.length ? `${lines.at(-1)} ${word}` : word;
+    if (lines.length && pen.measureText(longer).width <= width) lines[lines.length - 1] = longer;
+    else lines.push(word);
+  }
+  return lines;
 }
 
 function showValues(tile) {
@@ -125,7 +149,7 @@ function valuesAt(view, x, y) {
   const image = renderers.find((one) => one.glyph.type === "Image");
   const places = [quantity(model.below[0], x)];
   if (image) {
-    places.push(quantity(model.left[0], y), powerAt(image, model.right[0].color_mapper, x, y));
+    places.push(quantity(model.left[0], y), powerAt(image, model.right[0], x, y));
     return places.filter(Boolean).join(", ");
   }
   const lines = renderers.filter((one) => one.glyph.type === "Line" && one.tags.length);
@@ -141,7 +165,7 @@ function valuesAt(view, x, y) {
   return places.join(", ");
 }
 
-function powerAt({ glyph, data_source }, { low, high }, x, y) {
+function powerAt({ glyph, data_source }, { color_mapper: { low, high }, title }, x, y) {
   const is = (spec) => spec?.value ?? spec;
   const levels = data_source.data.image[0], [height, width] = levels.shape;
   const column = Math.floor((x - is(glyph.x)) / is(glyph.dw) * width);
@@ -149,7 +173,8 @@ function powerAt({ glyph, data_source }, { low, high }, x, y) {
   if (column < 0 || column >= width || row < 0 || row >= height || width < 2) return "";
   const level = levels[row * width + column];
   const sign = level === 0 ? "≤ " : level === 255 ? "≥ " : "";
-  return `${sign}${(low + (high - low) * level / 255).toFixed(1)} dB`.replace("-", "−");
+  const unit = /\((.*)\)/.exec(title?.text ?? title)?.[1] ?? "dB";
+  return `${sign}${(low + (high - low) * level / 255).toFixed(1)} ${unit}`.replace("-", "−");
 }
 
 const number = (value) => String(Number(value.toPrecision(3))).replace("-", "−");

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 from bokeh.models import UIElement
 
+from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 
@@ -26,3 +27,6 @@ class Panel(ABC):
     @abstractmethod
     def apply_theme(self, theme: Theme) -> None:
         """Apply the colours of a theme."""
+
+    def show_frame_number(self, frame_state: FrameState) -> None:  # noqa: B027
+        """Show which frame it is, as often as texts change; nothing by default."""

@@ -39,6 +39,7 @@ PRESETS = {
         (
             "scene.targets=[{name: car, position: [50 m, -3 m, 0 m],"
             " velocity: [3 m/s, 0 m/s, 0 m/s], rcs: 10 dBsm}]",
+            "tracker=null",  # would begin a track at each of the many false detections
             "impairments=[{kind: thermal-noise}, {kind: interference, interferers: [{name: other,"
             " start_frequency: 76.9 GHz, slope: 40 MHz/us, ramp_duration: 12 us, interval: 15.3 us,"
             " transmit_power: 12 dBm, antenna_gain: 12 dBi, position: [60 m, 5 m, 0 m]}]}]",

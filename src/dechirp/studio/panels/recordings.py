@@ -9,6 +9,7 @@ from typing import Any
 
 from bokeh.models import Button, Column, Div, InlineStyleSheet, Row, Select, Slider, UIElement
 
+from dechirp.core.errors import Mistake
 from dechirp.core.text import format_with_si_prefix
 from dechirp.experiments.scenario import Scenario
 from dechirp.studio.browser_events import is_bounded_number
@@ -52,6 +53,8 @@ class Recordings(Panel):
         super().__init__(session)
         self._items: dict[str, LibraryItem] = {}
         self._scene = session.scenario if session.scenario.scene is not None else None
+        self._opened_name = ""
+        """Name of the file whose frames are shown."""
         self._task: asyncio.Task[None] | None = None
         self._file = Select(title="Recording or scenario", options=[_NONE], value=_NONE)
         self._radar = Select(title="Settings of its radar", options=[_NONE], value=_NONE)
@@ -79,7 +82,6 @@ class Recordings(Panel):
             spacing=4,
         )
         session.on_settings.append(self._remember_scene_and_hide_slider)
-        session.on_frame.append(self._update_frame_slider)
         session.document.on_session_destroyed(lambda _: self._replace_running_task(None))
         self._rescan_folders()
 
@@ -97,12 +99,16 @@ class Recordings(Panel):
         self._back_button.disabled = not (is_recording and self._scene)
         self._frame.visible = False  # until its first frame is known
 
-    def _update_frame_slider(self, frame_state: FrameState) -> None:
+    def show_frame_number(self, frame_state: FrameState) -> None:
+        """Move the slider to the frame, with the number of frames and the name of the file."""
         if self.session.scenario.recording is None or frame_state.n_frames < 2:
             return
         last, frame = frame_state.n_frames - 1, frame_state.step % frame_state.n_frames
         self._frame.update(
-            end=last, value=frame, title=f"Frame, of {frame_state.n_frames}", visible=True
+            end=last,
+            value=frame,
+            title=f"Frame, of {frame_state.n_frames} of {self._opened_name}",
+            visible=True,
         )
 
     def _rescan_folders(self) -> None:
@@ -130,6 +136,7 @@ class Recordings(Panel):
         if item is not None:
             limits = self.session.limits
             edit = partial(open_item_as_scenario, item=item, radar_settings=radar, limits=limits)
+            self._opened_name = item.name
             self.session.go_to_step(0)
             self.session.queue_edit("", edit)
 
@@ -200,7 +207,15 @@ class Recordings(Panel):
     def _show_inspection(self, inspected: InspectedRecording) -> None:
         self._open_button.disabled = inspected.n_frames is None
         if inspected.n_frames is None:
-            lead = "It cannot be played without radar settings, which can be chosen above:"
+            lead = "It cannot be played:"
+            self.session.stop_and_mark_outdated(
+                Mistake(
+                    setting=str(self._file.value),
+                    value="a file that cannot be played",
+                    expected="a recording with the settings of its radar",
+                    fix="see the reasons under Recordings; Play continues what was shown before",
+                )
+            )
         else:
             part = (
                 f"the first {inspected.n_inspected} of "

@@ -19,17 +19,15 @@ _MAX_FRAMES = 40  # frames
 
 
 class TrackTails:
-    """Positions of tracks by step; a rewind or a jump discards them."""
+    """Positions of tracks by step; a rewind, a jump or other settings discard them."""
 
     def __init__(self) -> None:
-        self._step = 0
         self._places: dict[int, dict[int, tuple[float, float]]] = {}
 
     def add_tracks_of_frame(self, frame_state: FrameState) -> None:
         """Add the tracks of a frame; a frame that is shown again replaces itself."""
-        if frame_state.step not in (self._step, self._step + 1):
+        if len(frame_state.history) == 1:  # the tracker started here, with new numbers
             self._places = {}
-        self._step = frame_state.step
         oldest = frame_state.step - _MAX_FRAMES
         places = {}
         for track in frame_state.tracks:
@@ -50,7 +48,7 @@ _HEADINGS = {
     "status": Heading("status", width=70),
     "age": Heading("frames", "0", 45),
     "range": Heading("Range (m)", "0.00"),
-    "velocity": Heading("Velocity (m/s)", "0.00", 75),
+    "velocity": Heading("Velocity (m/s)", "0.00", 88),
     "x": Heading("Ahead (m)", "0.00"),
     "x_std": Heading("± m", "0.00", 50),
     "y": Heading("Left (m)", "0.00"),
