@@ -1,6 +1,7 @@
 """Names and types of the arguments of public functions and classes, checked at each call."""
 
 import inspect
+import sys
 import types
 import typing
 from collections.abc import Callable
@@ -133,12 +134,14 @@ def _unpack_options(signature: inspect.Signature) -> inspect.Signature:
 def _argument_error(
     function: str, argument: str, value: str, classes: dict[str, tuple[type, ...]]
 ) -> InvalidSetting:
+    public_names = getattr(sys.modules.get("dechirp"), "__all__", ())
+    prefix = "dechirp." if function.partition(".")[0] in public_names else ""
     names = ["None" if cls is types.NoneType else cls.__name__ for cls in classes.get(argument, ())]
     return InvalidSetting(
         argument,
         value=value,
         expected=" or ".join(names) or "a value",
-        fix=f"see help({function})",
+        fix=f"see help({prefix}{function})",
     )
 
 
