@@ -83,11 +83,12 @@ def _replace_closed_streams() -> None:
 def _can_write_streams() -> bool:
     """Return True if both standard streams accept their buffers and one more line.
 
-    A long text that failed is in no buffer; only the additional line reveals the failure.
+    A long text that failed is in no buffer, from Python 3.14 on no text that failed; only the
+    additional line reveals the failure. Errors go first: results must not end with that line.
     """
     try:
         for end in ("", "\n"):
-            for stream in (sys.stdout, sys.stderr):
+            for stream in (sys.stderr, sys.stdout):
                 print(end=end, file=stream, flush=True)
     except OSError:
         return False
