@@ -14,6 +14,7 @@ import dechirp
 from dechirp.radar.devices.base import Device
 from dechirp.recordings.writers.base import Writer
 from families.test_members import FAMILIES
+from nightly import nightly
 from test_api import NAMESPACES, namespace_names
 from test_layers import FILES, ROOT, find_nodes, imported_files, iter_imports
 
@@ -154,6 +155,7 @@ def nearest_tested_file(
     return source
 
 
+@nightly
 def test_index_lists_tests_of_every_source_file():
     lines = index_lines()
     assert INDEX.read_text(encoding="utf-8") == HEADER + "\n".join(lines) + "\n", (

@@ -188,6 +188,7 @@ def extract_text(page: str) -> str:
     return " ".join(page.replace("\N{NO-BREAK SPACE}", " ").split())
 
 
+@nightly
 def test_paper_loads_no_external_resources(page):
     resources = re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?\s*([^"')> ]+)""", page)
     assert all(resource.startswith(("#", "data:")) for resource in resources)

@@ -12,6 +12,7 @@ from dechirp.report import pdf
 from dechirp.report.page import render_report
 from dechirp.report.pdf import html_to_pdf
 from dechirp.report.typst_inline import UnknownElementError
+from nightly import nightly
 from page_checks import (
     check_captions,
     check_pdf_contains_page_text,
@@ -40,6 +41,7 @@ def page() -> str:
     return render_report(result, yaml=f"name: {MARKUP}")
 
 
+@nightly
 def test_markup_in_names_is_escaped(page):
     check_captions(page)
     text = extract_pdf_text(check_pdf_contains_page_text(page))

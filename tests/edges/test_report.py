@@ -503,6 +503,7 @@ def test_truth_over_time_is_aliased_like_its_detections_and_map_like_one_tx(n_tx
     )
 
 
+@nightly
 def test_beat_signal_shows_full_echo_amplitude_with_tdm():
     """Echoes of elements two wavelengths apart differ by half a cycle at a sine of 1/4."""
     chirp = dataclasses.replace(CHIRP, n_samples=128)
@@ -605,6 +606,7 @@ def test_report_of_few_chirps_has_no_spectrogram():
     assert "spectrogram" not in find_sections(render_page(run_result))
 
 
+@nightly
 def test_report_describes_bodies_paths_and_summation_kernel():
     bike = Target(
         name="bike",

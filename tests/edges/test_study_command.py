@@ -96,6 +96,7 @@ def test_study_runs_and_repeated_call_gives_same_rows(study_file, tmp_path, caps
     assert json.loads(capsys.readouterr().out)["rows"] == document["rows"]
 
 
+@nightly
 def test_tables_are_csv_files_without_parquet_extra(study_file, tmp_path, capsys, monkeypatch):
     out = tmp_path / "out"
     command = ("study", study_file, "--workers", 1, "--set", "trials.at_most=4", "--out", out)

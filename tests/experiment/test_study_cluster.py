@@ -97,6 +97,7 @@ def run_undisturbed(out: Path, *, until: bool = False) -> str:
     return ledger_digest(out)
 
 
+@nightly
 def test_dask_matches_one_thread_and_loses_nothing_when_killed(tmp_path, monkeypatch):
     expected = run_undisturbed(tmp_path / "alone")
     expected_until = run_undisturbed(tmp_path / "alone-until", until=True)

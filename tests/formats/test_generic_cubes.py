@@ -37,7 +37,7 @@ from dechirp.recordings.readers.base import Contents, Format, MatchQuality, Reco
 from dechirp.recordings.recognise import recognise_formats
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.base import RecordingSettings
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 FORMATS = {kind: member() for kind, member in Format.members().items()}
 AXES = ("frame", "chirp", "rx", "sample")
@@ -458,6 +458,7 @@ print(peak_mib() - base_mib, out.any())
 """
 
 
+@nightly
 @pytest.mark.skipif(
     sys.platform != "linux", reason="memory is measured with /proc, which only Linux has"
 )

@@ -30,7 +30,7 @@ from dechirp.tracking.measurements import usable_rows_to_measurements
 from dechirp.tracking.online import LiveTracker
 from dechirp.tracking.stone_soup import StateEstimate, StoneSoup
 from dechirp.tracking.tracker import Tracker
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "crossing-tracks.yaml"
 STD = {"range": 0.15, "azimuth": 0.01, "velocity": 0.1}
@@ -126,6 +126,7 @@ def measure_mean_nees(trial: TrackTrial, n_trials: int) -> np.ndarray:
 NEES_INTERVAL = {"n_states": 4, "n_independent": 60, "outside_probability": 1e-6 / 20}
 
 
+@nightly
 def test_unscented_track_has_consistent_covariance():
     trial = build_trial(tracker=replace(build_trial().tracker, filter="unscented"))
     low, high = mean_nees_interval(**NEES_INTERVAL)
@@ -144,6 +145,7 @@ def test_too_little_process_noise_makes_covariance_too_small():
     assert measure_mean_nees(trial, 2)[-1] > mean_nees_interval(**wider_interval)[1]
 
 
+@nightly
 @pytest.mark.parametrize("number", nightly_except(1, range(2)))
 def test_ten_crossing_targets_are_neither_lost_nor_swapped(number):
     trial = loading.read_settings(EXAMPLE, TrackTrial)

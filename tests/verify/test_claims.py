@@ -181,6 +181,7 @@ def test_lower_detection_rates_fail_detection_claims(changes, failed):
     assert {name for name, claim in claims.items() if not claim.passed} == failed
 
 
+@nightly
 def test_every_claim_is_made_by_exactly_one_module():
     rng = np.random.default_rng(13)
     results = {
