@@ -17,7 +17,9 @@ from nightly import nightly
     ],
     ids=["no HOME", "HOME not there", "no cache of compiled loops"],
 )
-def test_results_do_not_depend_on_home_or_cache(environment, folder, call):
+def test_results_do_not_depend_on_home_or_cache(environment, folder, call, monkeypatch):
+    # Plain twins for the small run, as in the other process.
+    monkeypatch.setattr("dechirp.core.compiled_kernels.MAX_PLAIN_SAMPLES", 2**21)
     assert call("run", "small.yaml", "--out", "usual", "--quiet")[0] == 0
     process = run_shell('"$@"', "run", "small.yaml", "--out", "out", "--quiet", **environment)
 
