@@ -104,10 +104,11 @@ class Recordings(Panel):
         if self.session.scenario.recording is None or frame_state.n_frames < 2:
             return
         last, frame = frame_state.n_frames - 1, frame_state.step % frame_state.n_frames
+        name = self._opened_name  # empty if the studio was started with the recording
         self._frame.update(
             end=last,
             value=frame,
-            title=f"Frame, of {frame_state.n_frames} of {self._opened_name}",
+            title=f"Frame, of {frame_state.n_frames}" + (name and f" of {name}"),
             visible=True,
         )
 
