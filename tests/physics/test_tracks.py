@@ -387,9 +387,8 @@ def test_extended_filter_matches_textbook_equations():
         z = np.array([detections[name].values[k] for name in ("azimuth", "range", "velocity")])
         mean = mean + gain @ (z - h)
         covariance = (np.eye(4) - gain @ jacobian) @ covariance
-        # Stone Soup differentiates numerically with steps of 1e-8.
-        assert stack_states(tracks)[0, k] == pytest.approx(mean, rel=1e-6)
-        assert tracks.covariance.values[0, k] == pytest.approx(covariance, rel=1e-5, abs=1e-9)
+        assert stack_states(tracks)[0, k] == pytest.approx(mean, rel=1e-10)
+        assert tracks.covariance.values[0, k] == pytest.approx(covariance, rel=1e-9, abs=1e-12)
 
 
 def test_joint_shares_match_enumeration_of_joint_events():
