@@ -176,5 +176,5 @@ def check_accessibility(live_page: LivePage) -> None:
         for violation in violations
         if violation["impact"] in ("critical", "serious")
     ] == []
-    # Text that changes four times a second is not read out.
+    # Text that changes five times a second is not read out.
     assert live_page.page.locator("output:not([aria-live=off])").count() == 0

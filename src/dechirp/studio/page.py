@@ -37,8 +37,8 @@ from dechirp.studio.views.scene import SceneView
 from dechirp.studio.views.threshold_cuts import ThresholdCutView
 from dechirp.studio.views.tracks import TracksView
 
-_SLOW_INTERVAL_S = 0.248
-"""Shortest time between two changes of texts and tables during playback: 4 per second."""
+_SLOW_INTERVAL_S = 0.198
+"""Shortest time between two changes of texts and tables during playback: 5 per second."""
 _VIEWS: tuple[type[View], ...] = (
     SceneView,
     RangeDopplerView,

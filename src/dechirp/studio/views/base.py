@@ -17,7 +17,7 @@ class View(ABC):
     name: ClassVar[str]
     """Name of its position in page.html."""
     is_shown_every_frame: ClassVar[bool] = False
-    """True for maps; other tiles are updated 4 times a second during playback."""
+    """True for maps; other tiles are updated 5 times a second during playback."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -35,7 +35,7 @@ class View(ABC):
         """Show a frame."""
 
     def update_caption(self, frame_state: FrameState) -> None:  # noqa: B027 - not every view has one
-        """Update title and note; at most 4 times a second, so that they can be read."""
+        """Update title and note; at most 5 times a second, so that they can be read."""
 
     @abstractmethod
     def apply_theme(self, theme: Theme) -> None:
