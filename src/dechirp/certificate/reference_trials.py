@@ -1,7 +1,7 @@
 """Trials of the reference radar and its processing chain with one target in noise."""
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -88,6 +88,7 @@ def reference_echo_zero_before_arrival() -> np.ndarray:
     return np.asarray(samples / np.float32(np.sqrt(np.mean(abs(samples) ** 2))))
 
 
+@lru_cache(maxsize=64)  # 1 ms, for each frame of a lesson
 def motion_at_mid_frame(start: TargetMotion) -> TargetMotion:
     """Return range and velocity at mid-frame, to which estimates refer."""
     values = truth(target_scene(*start), reference_radar()).isel(frame=0, target=0)
