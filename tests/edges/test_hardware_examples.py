@@ -98,6 +98,7 @@ def test_pedestrian_torso_has_walking_velocity_and_feet_have_step_frequency(cros
         assert 3 < peak < 4
 
 
+@nightly
 def test_bicycle_frame_is_single_doppler_line_surrounded_by_feet(crossing):
     _, velocity, power, frame_velocity = compute_spectrogram(
         crossing, (13.5, 22.5), 512, "bicyclist"

@@ -221,6 +221,7 @@ def start_study(out: Path, *options: str) -> subprocess.Popen[str]:
     return process
 
 
+@nightly
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
 def test_parent_killed_at_random_moments_loses_nothing(tmp_path, undisturbed_result):
     until, expected = undisturbed_result

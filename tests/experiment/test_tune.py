@@ -133,6 +133,7 @@ def is_near_theory(
     )
 
 
+@nightly
 def test_gain_in_confirmation_trials_matches_theory(reference_result):
     assert is_near_theory(
         reference_result, reference_result.tune.scenarios[0], reference_result.scenarios[0]

@@ -11,7 +11,7 @@ from dechirp.processing.detect import detect_columns
 from dechirp.processing.refine import refine_tones
 from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
 from dechirp.theory.bounds import frequency_variance, noncoherent_effective_snr
-from nightly import NIGHTLY, nightly_except
+from nightly import NIGHTLY, nightly, nightly_except
 from noise_cubes import add_noise, iter_noisy_trials
 
 
@@ -113,6 +113,7 @@ def test_noncoherent_sum_reaches_variance_of_effective_snr(n_channels, snr_db):
     assert 0.85 < np.mean(squared) < 1.15
 
 
+@nightly
 def test_standard_errors_of_weak_targets_on_twelve_channels_are_correct(radar):
     frame = replace(radar.frame, chirp=replace(radar.frame.chirp, n_samples=64), n_chirps=32)
     array = dc.Array(rx_m=[(0, 0.0019 * (k - 5.5), 0) for k in range(12)])

@@ -29,7 +29,7 @@ from dechirp.processing.fixed_point.quantisation_noise import (
 from dechirp.processing.fixed_point.word_lengths import WordLengths
 from dechirp.processing.peaks import find_peaks
 from dechirp.simulation.adc_codes import extract_adc_codes
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 from noise_cubes import simulate_noise_cube
 
 NO_SCALING = WordLengths(scaling="none")
@@ -340,6 +340,7 @@ def test_tdm_slots_are_channels_as_in_floating_point_chain(radar):
 # --- False alarms over word lengths ------------------------------------------------------------
 
 
+@nightly
 def test_false_alarm_rate_of_noise_holds_down_to_8_bits(radar):
     # 32,768 cells at 1e-2 in each of 6 maps yield 1,966 alarms in clusters of at most 4, so the
     # standard error of the rate is 4.5 %. Most alarms are those of floating point.

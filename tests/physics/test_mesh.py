@@ -16,6 +16,7 @@ from dechirp.scene.mesh_files import read_mesh
 from dechirp.scene.rays import Rays, Surface, trace_bounce_echoes
 from dechirp.scene.rcs import scatterer_cross_sections_m2
 from dechirp.scene.scene import Scene
+from nightly import nightly
 
 WAVELENGTH_M = 0.0039  # 77 GHz
 EDGE_M = 0.1  # 26 wavelengths
@@ -233,6 +234,7 @@ def test_each_ball_becomes_scatterer_with_its_rcs(save_mesh):
     assert compute_error_db(rcs_m2[order], np.pi * radii_m**2) == pytest.approx(0, abs=0.7)
 
 
+@nightly
 def test_sum_over_cells_is_phase_averaged_rcs(save_mesh):
     # Phases between 12 balls change by many cycles from aspect to aspect: the coherent RCS is
     # exponentially distributed, its mean over 20 aspects has a standard error of 1 dB. Two of them.

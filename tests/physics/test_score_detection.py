@@ -77,6 +77,7 @@ def test_theory_is_within_0_02_of_20_000_trials(radar, chain, snr_db):
     assert estimate.low < theory < estimate.high
 
 
+@nightly
 def test_neighbouring_cells_add_detections_as_predicted():
     """Four cells are equally strong half a cell off on both axes: a quarter more detections."""
     case = trial_context(small_radar(), HANN, 17.0, make_target(20.4745, 4.3397))

@@ -21,6 +21,7 @@ from dechirp.evaluation.score.errors import (
 from dechirp.evaluation.trial import TrialResult
 from dechirp.processing.chain import Chain
 from dechirp.scene.bodies.vehicle import Car
+from nightly import nightly
 from trial_cases import iter_trials, make_target, small_radar, trial_context
 
 CONFIDENCE = 1 - 1e-6
@@ -30,6 +31,7 @@ def build_radar_with_array(rx_m) -> dc.Radar:
     return replace(small_radar(), array=dc.Array(rx_m=rx_m))
 
 
+@nightly
 def test_errors_reach_bound_without_bias_on_all_axes():
     """2 x 4 receivers, one chain, 300 trials at 35 dB: noncoherent summing costs 0.1 %."""
     planar_radar = build_radar_with_array(

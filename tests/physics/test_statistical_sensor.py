@@ -192,6 +192,7 @@ def test_windows_padding_and_estimators_agree_with_samples(chain):
     )
 
 
+@nightly
 def test_errors_match_stated_standard_errors():
     scenario = build_scenario(build_radar(8), snr_db=26.0)
     share, _, errors, stds = score_detections(scenario, make_statistical_source(scenario, 3), 150)
@@ -204,7 +205,7 @@ def test_errors_match_stated_standard_errors():
     assert np.all(means < 5 / np.sqrt(900) + 0.1)
 
 
-@pytest.mark.parametrize("n_elements", [1, 8])
+@pytest.mark.parametrize("n_elements", nightly_except(1, [1, 8]))
 def test_number_of_noise_peaks_matches_sample_maps(n_elements):
     scenario = build_scenario(build_radar(n_elements), target_cells=[], pfa=1e-3)
     n_maps, n_draws = 16, 200
