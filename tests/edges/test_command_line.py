@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 import dechirp as dc
@@ -73,8 +74,11 @@ def run_cli(capsys):
 
 
 @pytest.fixture
-def collect_errors(run_cli):
+def collect_errors(run_cli, monkeypatch):
     """Return a function that runs an invalid call as text and as JSON, and returns its errors."""
+    # Both messages name the free memory, which other processes change between the calls.
+    memory = psutil.virtual_memory()
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: memory)
 
     def run_twice(*arguments: str) -> list[dict]:
         status, out, err = run_cli(*arguments)
