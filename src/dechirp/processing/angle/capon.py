@@ -98,25 +98,23 @@ class Capon(SmoothedEstimator):
                 aperture,
                 noise_power[rows],
                 (angles[0][rows], angles[1][rows]),
-                inverse_covariances=self._inverse_covariances(
-                    windows, snapshots[rows], noise_power[rows]
-                ),
+                covariances=self._loaded_covariances(windows, snapshots[rows], noise_power[rows]),
             )
             for rows in windows.memory_limited_slices(n, n_snapshots)
         ]
         n_angles = sum(aperture.resolves_azimuth_and_elevation)
         return np.concatenate([np.empty((0, angles[0].shape[1], n_angles)), *parts])
 
-    def _inverse_covariances(
+    def _loaded_covariances(
         self, windows: SlidingWindows, snapshots: np.ndarray, noise_power: np.ndarray
     ) -> np.ndarray:
-        """Return the inverses of the loaded covariances, (n, size, size)."""
+        """Return the covariances with their loading, (n, size, size)."""
         data = windows.window_data_matrices(snapshots.astype(np.complex128))
         covariance = data @ np.swapaxes(data, 1, 2).conj() / data.shape[2]
         power = np.einsum("nii->n", covariance).real / windows.n_window_points
         loading = np.fmax(self.loading * noise_power, _MIN_LOADING * power + 1e-30)
         np.einsum("nii->ni", covariance)[:] += loading[:, None]
-        return np.asarray(np.linalg.inv(covariance))
+        return np.asarray(covariance)
 
     def spectrum_at(self, precomputed: InverseCovariances, steering: np.ndarray) -> np.ndarray:
         """Return the power in the beam towards each direction, as of one element."""

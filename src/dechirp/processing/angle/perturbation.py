@@ -28,13 +28,13 @@ def null_spectrum_angle_standard_errors(
     noise_power: np.ndarray,
     angles: Angles,
     *,
-    inverse_covariances: np.ndarray | None = None,
+    covariances: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return standard errors of minima of a null spectrum, (n, n_sources, n_angles).
 
     `angles` are (n, n_sources) each, NaN where there are fewer. MUSIC and root-MUSIC weight all of
-    the noise subspace equally; Capon weights it by the inverse covariance, (n, size, size), which
-    few windows leave uneven: that costs up to a fifth of the variance.
+    the noise subspace equally; Capon weights it by the inverse of the covariance, (n, size, size),
+    which few windows leave uneven: that costs up to a fifth of the variance.
     """
     n_angles = sum(aperture.resolves_azimuth_and_elevation)
     out = np.full((*angles[0].shape, n_angles), np.nan)
@@ -50,8 +50,11 @@ def null_spectrum_angle_standard_errors(
         basis = np.linalg.qr(steering)[0][:, None]
         slopes = slopes - (slopes @ basis.conj()) @ np.swapaxes(basis, 2, 3)
         weighted = slopes
-        if inverse_covariances is not None:
-            weighted = slopes @ np.swapaxes(inverse_covariances[rows], 1, 2)[:, None]
+        if covariances is not None:
+            # A third of the time of the inverse.
+            columns = np.swapaxes(slopes.reshape(len(slopes), -1, slopes.shape[-1]), 1, 2)
+            solved = np.linalg.solve(covariances[rows], columns)
+            weighted = np.swapaxes(solved, 1, 2).reshape(slopes.shape)
         # Newton's step: the inverse of the curvature times the slope caused by noise.
         curvature = np.real(slopes.conj() @ np.swapaxes(weighted, 2, 3))
         left_vectors = np.linalg.pinv(curvature, hermitian=True) @ weighted
