@@ -188,9 +188,13 @@ class StoneSoup:
             for prediction in predictions
         ]
         return _PredictedMeasurements(
-            mean=np.array([np.asarray(each.state_vector, float)[:, 0] for each in expected]),
-            covariance=np.array([np.asarray(each.covar, float) for each in expected]),
-            cross_covariance=np.array([np.asarray(each.cross_covar, float) for each in expected]),
+            mean=np.array(
+                [np.asarray(measurement.state_vector, float)[:, 0] for measurement in expected]
+            ),
+            covariance=np.array([np.asarray(measurement.covar, float) for measurement in expected]),
+            cross_covariance=np.array(
+                [np.asarray(measurement.cross_covar, float) for measurement in expected]
+            ),
         )
 
     def _weighted_hypothesis(
