@@ -316,6 +316,8 @@ def print_table(folders: dict[str, Path]) -> None:
             found = f"no: {type(error).__name__} {str(error)[:80]}"
         time_s = process_time() - start_s
         bare = opens_bare(known, data)
+        if known.is_calibrated:
+            bare += ", calibration"
         print(
             f"| `{known.folder}/{known.name}` | {bare} | {known.truth} | {found} | {time_s:.1f} |",
             flush=True,
