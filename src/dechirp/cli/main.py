@@ -5,9 +5,11 @@ is no; 2 an invalid call or input, or output that cannot be written; 130 interru
 reader of the output has closed it.
 """
 
-import ast
+import atexit
+import gc
 import io
 import os
+import re
 import signal
 import sys
 from collections.abc import Sequence
@@ -34,6 +36,7 @@ from dechirp.core.errors import DechirpError, Mistake
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run a command line (by default that of the process) and raise SystemExit."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    _collect_garbage_rarely()
     _replace_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -60,6 +63,16 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         _discard_remaining_output()
         status = 2
     raise SystemExit(status)
+
+
+def _collect_garbage_rarely() -> None:
+    """Let the garbage collector of cycles skip the many objects that libraries create for good.
+
+    Of the 1.9 s CPU of `dechirp inspect`, collections during imports took 0.1 s, and 0.3 s those at
+    exit, which free memory that the system frees anyway.
+    """
+    gc.set_threshold(50_000)
+    atexit.register(gc.freeze)
 
 
 def _describe_interrupt(outputs: Sequence[Path]) -> str:
@@ -171,11 +184,15 @@ def build_command_line_app() -> App:
 def _read_command_name_and_help(file: Path) -> tuple[str, str]:
     """Read the name and the first docstring line of the first function of a command file.
 
-    Parsing 15 files takes 20 ms; importing them, with NumPy and xarray, would take a second.
+    Searching 15 files takes 1 ms, parsing them 20; importing them, with NumPy and xarray, a second.
     """
-    tree = ast.parse(file.read_text(encoding="utf-8"))
-    function = next(node for node in tree.body if isinstance(node, ast.FunctionDef))
-    return function.name, (ast.get_docstring(function) or "").partition("\n")[0]
+    found = re.search(
+        r'^def (\w+)\(.*?"""(.*?)("""|\n)',
+        file.read_text(encoding="utf-8"),
+        re.DOTALL | re.MULTILINE,
+    )
+    assert found is not None
+    return found[1], found[2]
 
 
 def _exit_on_signal(signal_number: int, _frame: FrameType | None) -> NoReturn:

@@ -13,8 +13,10 @@ forward (boresight), y left, z up; azimuth grows to the left, elevation up.
 """
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
+import pandas as pd  # type: ignore[import-untyped]
 import xarray as xr
 
 import dechirp.core.accessor  # noqa: F401  # registers the accessor `.dechirp`
@@ -51,4 +53,6 @@ def chirp_time_coordinate(times_s: np.ndarray) -> xr.Variable:
 def axis_coordinate(name: str, values: np.ndarray) -> xr.Variable:
     """Return the coordinate of an axis, with the unit and long name of `AXES`."""
     units, long_name = AXES[name]
-    return xr.Variable(name, values, {"units": units, "long_name": long_name})
+    # xarray would import pint, 0.05 s, to convert another array to the index that it needs.
+    attributes = {"units": units, "long_name": long_name}
+    return cast(xr.Variable, xr.IndexVariable(name, pd.Index(values), attributes))  # type: ignore[no-untyped-call]

@@ -14,7 +14,6 @@ from typing import Any, cast
 import numpy as np
 import xarray as xr
 
-from dechirp.config import loading
 from dechirp.config.dumping import to_yaml_data
 from dechirp.core.dataset_arrays import dataset_from_arrays, dataset_to_arrays_and_description
 from dechirp.core.errors import DechirpError, RecordingError
@@ -145,8 +144,10 @@ def _to_float_or_infinity(number: float | None) -> float | None:
 
 def parse_radar(path: Path, radar_settings: Any) -> Radar:
     """Parse the radar of a native file; raise `RecordingError` if it is damaged."""
+    from dechirp.config.loading import parse_settings  # takes 0.07 s
+
     try:
-        return loading.parse_settings(json.dumps(radar_settings), Radar, file=f"{path}: radar")
+        return parse_settings(json.dumps(radar_settings), Radar, file=f"{path}: radar")
     except DechirpError as error:
         raise RecordingError(
             path,

@@ -8,6 +8,7 @@ by those before, and leaves white noise.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from dechirp.core.compiled_kernels import kernel
 
@@ -125,7 +126,10 @@ def _write_median_of_group_means_in_numpy(
         return
     sums = np.add.reduceat(numbers[chirps], starts[:-1], axis=0)
     sizes = np.diff(starts).astype(np.float32)[:, None, None]
-    np.median(sums * (inverse_scale / sizes), axis=0, out=out)
+    means = sums * (inverse_scale / sizes)
+    below, above = (len(means) - 1) // 2, len(means) // 2
+    means.partition([below, above], axis=0)
+    np.multiply(means[below] + means[above], np.float32(0.5), out=out)
 
 
 @kernel(plain=_write_median_of_group_means_in_numpy, fastmath={"contract", "reassoc"})
@@ -237,17 +241,14 @@ def _fit_linear_predictor(
 
 def _sum_lag_products_in_numpy(rows: np.ndarray, order: int) -> np.ndarray:
     n_whole = rows.shape[1] - order
-    out = np.zeros((order + 1, order + 1), rows.dtype)
+    out = np.empty((order + 1, order + 1), rows.dtype)
+    lagged = sliding_window_view(rows, n_whole, axis=1)
+    out[0] = np.einsum("rn,rln->l", rows[:, :n_whole].conj(), lagged)
+    out[:, 0] = out[0].conj()
     first, last = rows[:, :order], rows[:, n_whole:]
-    for lag in range(order + 1):
-        total = np.vdot(rows[:, :n_whole], rows[:, lag : lag + n_whole])
-        added, left_out = (
-            np.einsum("ri,ri->i", ends[:, : order - lag].conj(), ends[:, lag:order])
-            for ends in (last, first)
-        )
-        diagonal = np.concatenate([[total], total + np.cumsum(added - left_out)])
-        i = np.arange(order + 1 - lag)
-        out[i, i + lag], out[i + lag, i] = diagonal, diagonal.conj()
+    end_terms = last.conj().T @ last - first.conj().T @ first
+    for i in range(order):
+        out[i + 1, 1:] = out[i, :-1] + end_terms[i]
     return out
 
 

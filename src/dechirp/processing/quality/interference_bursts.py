@@ -140,23 +140,20 @@ def _write_chirp_burst_measures_in_numpy(
     kurtosis: np.ndarray,
 ) -> None:
     kept, order = np.flatnonzero(~is_lost), predictor.shape[1]
+    used = np.flatnonzero(weight)
     n_predicted = numbers.shape[2] // n_parts - order
     taps = predictor[0] if n_parts == 1 else predictor[0] + np.complex64(1j) * predictor[1]
-    energy = np.zeros((kept.size, n_predicted), np.float32)
-    largest = np.zeros(kept.size)
-    for k in np.flatnonzero(weight):
-        moving = numbers[kept, k] * inverse_scale - static_samples[kept % len(static_samples), k]
-        moving = moving if n_parts == 1 else moving.view(np.complex64)
-        white = moving[:, order:].copy()
-        for j in range(order):
-            white -= taps[j] * moving[:, order - 1 - j :][:, :n_predicted]
-        energies = weight[k] * (white.real**2 + white.imag**2)
-        energy += energies
-        squares, fourth_powers = energies.sum(axis=1), (energies**2).sum(axis=1)
-        ratio = np.divide(
-            n_predicted * fourth_powers, squares**2, out=0 * squares, where=squares > 0
-        )
-        largest = np.maximum(largest, ratio)
+    moving = numbers[np.ix_(kept, used)] * inverse_scale
+    moving -= static_samples[np.ix_(kept % len(static_samples), used)]
+    moving = moving if n_parts == 1 else moving.view(np.complex64)
+    white = moving[..., order:].copy()
+    for j in range(order):
+        white -= taps[j] * moving[..., order - 1 - j :][..., :n_predicted]
+    energies = weight[used, None] * (white.real**2 + white.imag**2)
+    squares, fourth_powers = energies.sum(axis=2), (energies**2).sum(axis=2)
+    ratio = np.divide(n_predicted * fourth_powers, squares**2, out=0 * squares, where=squares > 0)
+    energy = energies.sum(axis=1)
+    largest = ratio.max(axis=1, initial=0.0)
     kurtosis[kept] = largest
     excess[kept] = _largest_energy_shares_over_limit(energy, lengths, limits, floor)
     share[kept] = 0

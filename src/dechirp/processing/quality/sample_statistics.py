@@ -115,16 +115,17 @@ def _write_extreme_levels_and_find_step_in_numpy(
     numbers: np.ndarray, is_lost: np.ndarray, n_parts: int, level: np.ndarray, count: np.ndarray
 ) -> np.float32:
     kept = numbers[~is_lost]
-    for k, part in np.ndindex(level.shape[:2]):
-        values = kept[:, k, part::n_parts].ravel()
+    if kept.size:
+        values = kept.reshape(len(kept), len(level), -1, n_parts).transpose(1, 3, 0, 2)
         for end, sign in enumerate((1, -1)):
-            rest = sign * values
+            rest = (sign * values).reshape(*level.shape[:2], -1)
             for rank in range(2):
-                if rest.size:
-                    highest = rest.max()
-                    level[k, part, end, rank] = sign * highest
-                    count[k, part, end, rank] = np.count_nonzero(rest == highest)
-                    rest = rest[rest < highest]
+                highest = rest.max(axis=2, keepdims=True)
+                is_highest = rest == highest
+                level[:, :, end, rank] = sign * highest[..., 0]
+                count[:, :, end, rank] = is_highest.sum(axis=2)
+                rest[is_highest] = -np.inf
+        count[np.isinf(level)] = 0
     first, is_first_lost = numbers[:_N_STEP_CHIRPS], is_lost[:_N_STEP_CHIRPS]
     within = first[~is_first_lost]
     steps = [

@@ -30,6 +30,7 @@ COLORS = LinearSegmentedColormap.from_list(
 
 WIDTH_IN = 5.2  # 500 CSS pixels: two side by side at 1280, and 11 px letters stay legible at 400
 HEIGHT_IN, TALL_IN = 3.2, 3.6  # of most figures; of maps and top views
+_PNG_DPI = 300
 _ROW_IN = 0.25  # height of a legend of one row
 
 Paint = Callable[[Figure], Axes | Sequence[Axes]]
@@ -112,8 +113,10 @@ def render_png(paint: Paint, *, title: str = "", height_in: float = HEIGHT_IN) -
         figure, label = _paint_figure_with_description(paint, height_in)
         if title:
             figure.suptitle(title)
+        figure.set_dpi(_PNG_DPI)
+        _lay_out_once(figure)
         metadata = {"Software": None, "Description": label}
-        figure.savefig(picture, format="png", dpi=300, facecolor="white", metadata=metadata)
+        figure.savefig(picture, format="png", dpi=_PNG_DPI, facecolor="white", metadata=metadata)
     return picture.getvalue()
 
 
