@@ -6,6 +6,8 @@ The files are written byte by byte, not with the package.
 import json
 import pickle
 import struct
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -484,6 +486,28 @@ def test_infineon_frames_are_timed_by_their_time_stamps(tmp_path, header, scale,
     note = next(f for f in recording.findings if f.setting == "radar_timestamp.csv")
     assert note.level == "note"
     assert "up to 0.037 s off" in note.value
+
+
+def test_inspection_of_vendor_file_loads_no_library_of_settings_and_units(tmp_path):
+    folder = write_infineon_folder(tmp_path, draw_codes(2, 3, 4, 8))
+    script = (
+        "import sys; from dechirp.cli.main import main\n"
+        "try: main(['inspect', sys.argv[1], '--quiet'])\n"
+        "except SystemExit as end: assert not end.code, end.code\n"
+        "print(sorted({'pydantic', 'pint', 'numba', 'matplotlib.pyplot'} & set(sys.modules)))"
+    )
+
+    process = subprocess.run(
+        [sys.executable, "-c", script, str(folder)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+    assert (process.stdout, process.stderr) == ("[]\n", "")
+    assert (tmp_path / "dechirp-inspect" / "map.png").is_file()
 
 
 def test_infineon_time_stamps_reveal_missing_frames_and_survive_conversion(tmp_path):
