@@ -33,6 +33,14 @@ def test_slowdown_by_quarter_faster_jobs_and_new_jobs_pass(guard):
     assert guard.find_slower_jobs({"map": 0.2, "frame": 0.4}, [time_ratios] * 3) == []
 
 
+def test_added_work_raises_limit_of_its_job_alone(guard):
+    release, added_work = {"map": 0.2, "frame": 0.4}, {"frame": {"factor": 1.5, "reason": "more"}}
+    (message,) = guard.find_slower_jobs(release, [{"map": 0.3, "frame": 0.7}] * 3, added_work)
+    assert message.startswith("map: ")
+    (message,) = guard.find_slower_jobs(release, [{"map": 0.2, "frame": 0.8}] * 3, added_work)
+    assert message.startswith("frame: ")
+
+
 def test_job_of_last_release_without_measurement_fails(guard):
     (message,) = guard.find_slower_jobs({"map": 0.2}, [{"map": 0.2}, {}, {"map": 0.2}])
     assert message.startswith("map: not measured")
