@@ -1,5 +1,6 @@
 """Capon beamformer: least power that passes a signal from each direction undistorted."""
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -65,17 +66,7 @@ class Capon(SmoothedEstimator):
         coarray = difference_coarray_of_elements(aperture, _first_window_element_indices(windows))
         lag_sums = np.empty((n, len(coarray.pairs[0])), np.complex128)
         for rows in windows.memory_limited_slices(n, n_snapshots):
-            x = snapshots[rows].astype(np.complex64)
-            data = (
-                windows.real_valued_data_matrices(x)
-                if windows.backward
-                else windows.window_data_matrices(x)
-            )
-            covariance = data @ np.swapaxes(data, 1, 2).conj() / data.shape[2]
-            power = np.einsum("nii->n", covariance).real / windows.n_window_points
-            # A snapshot of zeros has no direction, but must not raise for the others.
-            loading = np.fmax(self.loading * noise_power[rows], _MIN_LOADING * power + 1e-30)
-            np.einsum("nii->ni", covariance)[:] += loading[:, None]
+            covariance = self._loaded_covariances(windows, snapshots[rows], noise_power[rows])
             lag_sums[rows] = coarray.sum_over_equal_lags(
                 _inverse_covariance_lower_halves(covariance)
             )
@@ -91,27 +82,37 @@ class Capon(SmoothedEstimator):
         """
         windows = self.sliding_windows(aperture)
         n, n_snapshots, _ = snapshots.shape
-        parts = [
-            perturbation.null_spectrum_angle_standard_errors(
+        parts = []
+        for rows in windows.memory_limited_slices(n, n_snapshots):
+            covariances = self._loaded_covariances(windows, snapshots[rows], noise_power[rows])
+            errors = perturbation.null_spectrum_angle_standard_errors(
                 windows,
                 snapshots[rows],
                 aperture,
                 noise_power[rows],
                 (angles[0][rows], angles[1][rows]),
-                covariances=self._loaded_covariances(windows, snapshots[rows], noise_power[rows]),
+                weigh=partial(_apply_inverse_covariances, windows, covariances),
             )
-            for rows in windows.memory_limited_slices(n, n_snapshots)
-        ]
+            parts.append(errors)
         n_angles = sum(aperture.resolves_azimuth_and_elevation)
         return np.concatenate([np.empty((0, angles[0].shape[1], n_angles)), *parts])
 
     def _loaded_covariances(
         self, windows: SlidingWindows, snapshots: np.ndarray, noise_power: np.ndarray
     ) -> np.ndarray:
-        """Return the covariances with their loading, (n, size, size)."""
-        data = windows.window_data_matrices(snapshots.astype(np.complex128))
+        """Return the covariances with their loading, (n, size, size).
+
+        Those of windows that are also read backwards are rotated and real.
+        """
+        x = snapshots.astype(np.complex64)
+        data = (
+            windows.real_valued_data_matrices(x)
+            if windows.backward
+            else windows.window_data_matrices(x)
+        )
         covariance = data @ np.swapaxes(data, 1, 2).conj() / data.shape[2]
         power = np.einsum("nii->n", covariance).real / windows.n_window_points
+        # A snapshot of zeros has no direction, but must not raise for the others.
         loading = np.fmax(self.loading * noise_power, _MIN_LOADING * power + 1e-30)
         np.einsum("nii->ni", covariance)[:] += loading[:, None]
         return np.asarray(covariance)
@@ -148,6 +149,19 @@ class Capon(SmoothedEstimator):
             ],
             axis=1,
         )
+
+
+def _apply_inverse_covariances(
+    windows: SlidingWindows, covariances: np.ndarray, rows: np.ndarray, vectors: np.ndarray
+) -> np.ndarray:
+    """Return inverse covariances, of the given rows, times vectors (n, size, k)."""
+    matrices = covariances[rows].astype(np.result_type(covariances, float))
+    if not windows.backward:
+        return np.linalg.solve(matrices, vectors)
+    rotated = windows.rotated_vectors(vectors)
+    solved = np.linalg.solve(matrices, np.concatenate([rotated.real, rotated.imag], axis=2))
+    real, imaginary = np.split(solved, 2, axis=2)
+    return windows.complex_vectors_from_rotated(real + 1j * imaginary)
 
 
 def _first_window_element_indices(windows: SlidingWindows) -> tuple[int, ...]:

@@ -124,14 +124,21 @@ class SlidingWindows:
         imaginary[..., self.n_window_points - half :] = differences.real
         return np.swapaxes(rotated, 1, 2)
 
-    def complex_vectors_from_real(self, real_vectors: np.ndarray) -> np.ndarray:
-        """Convert vectors of `real_valued_data_matrices` to complex ones, (n, size, k)."""
+    def rotated_vectors(self, vectors: np.ndarray) -> np.ndarray:
+        """Rotate vectors (n, size, k) to the basis of `real_valued_data_matrices`."""
         half = self.n_window_points // 2
-        even, odd = real_vectors[:, :half], real_vectors[:, self.n_window_points - half :]
-        top = (even + 1j * odd) / 2**0.5
-        return np.concatenate(
-            [top, real_vectors[:, half : self.n_window_points - half], top[:, ::-1].conj()], axis=1
-        )
+        top, bottom = vectors[:, :half], vectors[:, : -half - 1 : -1]
+        middle = vectors[:, half : self.n_window_points - half]
+        even, odd = (top + bottom) / 2**0.5, (top - bottom) / (1j * 2**0.5)
+        return np.concatenate([even, middle, odd], axis=1)
+
+    def complex_vectors_from_rotated(self, rotated: np.ndarray) -> np.ndarray:
+        """Rotate vectors (n, size, k) of `real_valued_data_matrices` back."""
+        half = self.n_window_points // 2
+        even, odd = rotated[:, :half], rotated[:, self.n_window_points - half :]
+        top, bottom = (even + 1j * odd) / 2**0.5, (even - 1j * odd) / 2**0.5
+        middle = rotated[:, half : self.n_window_points - half]
+        return np.concatenate([top, middle, bottom[:, ::-1]], axis=1)
 
     def bilinear_noise_variance(
         self, left_vectors: np.ndarray, right_vectors: np.ndarray

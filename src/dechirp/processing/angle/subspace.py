@@ -38,7 +38,7 @@ def leading_eigenpairs(
             else _eigenpairs_by_subspace_iteration
         )(data, n_pairs)
         vectors[rows] = (
-            windows.complex_vectors_from_real(eigenvectors) if windows.backward else eigenvectors
+            windows.complex_vectors_from_rotated(eigenvectors) if windows.backward else eigenvectors
         )
     return values, vectors
 
