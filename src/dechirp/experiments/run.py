@@ -37,6 +37,7 @@ from dechirp.processing.cfar.base import Cfar
 from dechirp.processing.chain import Chain
 from dechirp.processing.chain_findings import chain_findings
 from dechirp.processing.chain_fitting import fit_chain_to_frames
+from dechirp.processing.channel_errors import channel_error_findings
 from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.frame import FrameResult
 from dechirp.processing.hidden_echoes import hidden_echo_findings
@@ -264,6 +265,8 @@ class FrameTotals:
         """Frames with more peaks than are kept."""
         self.n_masked_directions = 0
         """Detections without directions since the sidelobes of other echoes dominate them."""
+        self.channel_phase_rms_rad: list[float] = []
+        """RMS error of the phases of the channels in each frame, see `FrameResult`."""
         self.first_power: tuple[np.ndarray, ...] = ()
         """Map of the first frame, see `FrameResult.power`."""
 
@@ -277,6 +280,7 @@ class FrameTotals:
             self.removed.append(frame.removed)
         self.n_crowded += frame.n_dropped_peaks > 0
         self.n_masked_directions += frame.n_masked_directions
+        self.channel_phase_rms_rad.append(frame.channel_phase_rms_rad)
 
 
 @frozen_dataclass
@@ -344,6 +348,7 @@ def detection_findings(detection_run: DetectionRun, radar: Radar) -> tuple[Findi
         *near_field.near_field_findings(radar, detection_run.detections),
         *_dropped_peak_findings(detection_run.frames.n_crowded),
         *_masked_direction_findings(detection_run.frames.n_masked_directions),
+        *channel_error_findings(detection_run.frames.channel_phase_rms_rad, radar),
         *(
             mitigation_findings(detection_run.frames.removed)
             if detection_run.frames.removed

@@ -72,7 +72,8 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
             ambiguity number changes the phases between transmitters, and with them the angle.
         azimuth_std : rad, elevation_std : rad
             Standard errors, from the Cramer-Rao bound. Those beside echoes that point targets do
-            not describe include their sidelobes; see `processing.sidelobe_rejection`.
+            not describe include their sidelobes; see `processing.sidelobe_rejection`. Phases of
+            the channels that the amplitudes show are included, see `processing.channel_errors`.
         ambiguity_number, ambiguity_confidence
             Number of unambiguous velocity spans added, and its probability: from the phases
             between transmitters or ramps, from the beats of a triangle, or from frames with other

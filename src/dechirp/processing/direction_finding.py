@@ -7,6 +7,7 @@ import numpy as np
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.angle.aperture import Aperture, FieldOfView, radar_aperture
 from dechirp.processing.angle.base import DirectionEstimator, Directions
+from dechirp.processing.channel_errors import ChannelErrors, estimate_channel_errors
 from dechirp.processing.refine import SidelobeErrors
 from dechirp.processing.virtual_array import (
     can_separate_transmitters,
@@ -35,6 +36,8 @@ class Sources(NamedTuple):
     elevation_rad: np.ndarray
     azimuth_std_rad: np.ndarray
     elevation_std_rad: np.ndarray
+    channel_phase_rms_rad: np.ndarray
+    """RMS error of the phases of its detection, see `channel_errors.ChannelErrors`."""
 
 
 def checked_direction_aperture(radar: Radar, field_of_view: FieldOfView) -> Aperture:
@@ -89,7 +92,7 @@ def can_resolve_directions(radar: Radar) -> bool:
 def sources_without_directions(n_detections: int) -> Sources:
     """Return one source without direction for each of n detections."""
     return Sources(
-        np.arange(n_detections), np.ones(n_detections), *np.full((4, n_detections), np.nan)
+        np.arange(n_detections), np.ones(n_detections), *np.full((5, n_detections), np.nan)
     )
 
 
@@ -295,14 +298,20 @@ def estimate_sources(
     sidelobes : SidelobeErrors, optional
         Other echoes in the amplitudes. It widens the standard errors; detections that it dominates
         have no directions, see `sidelobe_dominated_mask`.
+
+    Notes
+    -----
+    Phase errors of the channels widen the standard errors too, see `channel_errors`.
     """
     snapshots, noise = element_snapshots_and_noise(amplitudes, doppler_hz, noise_power, radar)
     if sidelobes is None:
         directions = estimator.find_directions(snapshots, virtual_aperture, noise)
+        element_noise = noise
     else:
         components = _element_sidelobes(sidelobes.components, amplitudes, doppler_hz, radar)
         sidelobe_power = np.sum(np.abs(components) ** 2, axis=1).mean(axis=1)
-        directions = estimator.find_directions(snapshots, virtual_aperture, noise + sidelobe_power)
+        element_noise = noise + sidelobe_power
+        directions = estimator.find_directions(snapshots, virtual_aperture, element_noise)
         factors = _standard_error_factors(directions, components, noise, virtual_aperture)
         is_masked = sidelobe_dominated_mask(amplitudes, sidelobes)
         for angle, std, factor in (
@@ -311,6 +320,11 @@ def estimate_sources(
         ):
             std[:] = np.where(is_masked[:, None], np.nan, std * factor)
             angle[is_masked] = np.nan
+    n_tx = 1 if radar.frame.multiplexing is None else len(radar.array.tx_m)
+    channel_errors = estimate_channel_errors(
+        snapshots[:, 0], directions, element_noise, virtual_aperture, n_tx
+    )
+    _widen_standard_errors(directions, channel_errors, virtual_aperture)
     is_source = np.isfinite(directions.azimuth_rad) | np.isfinite(directions.elevation_rad)
     is_source[:, 0] = True
     detection, source = np.nonzero(is_source)
@@ -320,5 +334,25 @@ def estimate_sources(
     return Sources(
         detection,
         power_share[detection, source],
-        *(angle[detection, source] for angle in directions[:4]),
+        directions.azimuth_rad[detection, source],
+        directions.elevation_rad[detection, source],
+        directions.azimuth_std_rad[detection, source],
+        directions.elevation_std_rad[detection, source],
+        channel_errors.phase_rms_rad[detection],
     )
+
+
+def _widen_standard_errors(
+    directions: Directions, channel_errors: ChannelErrors, aperture: Aperture
+) -> None:
+    """Add the errors of the channels to the standard errors of the strongest sources, in place.
+
+    They stay at most that of a uniform distribution over the field of view.
+    """
+    limits = np.array([aperture.field_of_view.azimuth_rad, aperture.field_of_view.elevation_rad])
+    is_resolved = aperture.resolves_azimuth_and_elevation
+    stds = directions.azimuth_std_rad, directions.elevation_std_rad
+    for place, angle in enumerate(np.flatnonzero(is_resolved)):
+        variance = channel_errors.direction_variance_rad2[:, place]
+        widened = np.minimum(np.sqrt(stds[angle][:, 0] ** 2 + variance), limits[angle] / np.sqrt(3))
+        stds[angle][:, 0] = np.where(variance > 0, widened, stds[angle][:, 0])

@@ -12,6 +12,7 @@ import numpy as np
 from dechirp.core.compiled_kernels import compiled_kernels_for_large_work
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.chain import Chain
+from dechirp.processing.channel_errors import median_or_nan
 from dechirp.processing.direction_finding import (
     Sources,
     checked_direction_aperture,
@@ -76,6 +77,8 @@ class FrameResult(NamedTuple):
     """Peaks beyond the 2,000 strongest of a map."""
     n_masked_directions: int
     """Detections without directions since the sidelobes of other echoes dominate them."""
+    channel_phase_rms_rad: float
+    """RMS error of the phases of the channels, see `channel_errors`; NaN if noise hides it."""
 
 
 class _MapPeaks(NamedTuple):
@@ -157,6 +160,7 @@ def process_frame(
         else int(
             sidelobe_dominated_mask(resolved.peaks.tones.amplitude, resolved.peaks.sidelobes).sum()
         ),
+        channel_phase_rms_rad=median_or_nan(sources.channel_phase_rms_rad),
     )
 
 
