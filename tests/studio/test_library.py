@@ -1,6 +1,7 @@
 """Library of the studio: classification, inspection and access limits of files in its folders."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 import dechirp as dc
 from dechirp.config.dumping import dump_yaml
 from dechirp.core.errors import DechirpError
-from dechirp.experiments.scenario import reference
+from dechirp.experiments.scenario import RecordingSource, reference
 from dechirp.processing.chain import Chain
 from dechirp.studio import library
 from dechirp.studio.folders import MAX_DEPTH, is_tree_inside
@@ -210,27 +211,26 @@ def test_frame_above_page_limit_is_reported_before_reading(folder):
     assert "2,048 samples" in finding.value and "2,047" in finding.expected
 
 
-def test_opened_recording_keeps_chain_settings(folder):
+def test_recording_opened_from_scene_is_processed_as_by_run(folder):
     limits = PageLimits(folders=(folder,))
-    scenario = apply_overrides(reference(), ["chain.cfar.false_alarm_probability=1e-4"], limits)
-    recording_scenario = open_item_as_scenario(
-        scenario, make_item(write_recording(folder / "walk.npz")), None, limits
-    )
-    assert (
-        recording_scenario.recording.path == str(folder / "walk.npz")
-        and recording_scenario.scene is None
-    )
-    assert recording_scenario.chain == scenario.chain
+    options = ["chain.cfar.false_alarm_probability=1e-4", "chain.cluster={}"]
+    scenario = apply_overrides(reference(), options, limits)
+    item = make_item(write_recording(folder / "walk.npz"))
+    opened = open_item_as_scenario(scenario, item, None, limits)
+    assert opened.recording.path == str(folder / "walk.npz") and opened.scene is None
+    assert opened.chain == Chain(cluster=scenario.chain.cluster)  # clusters change no detection
+    changed = apply_overrides(opened, options[:1], limits)
+    assert open_item_as_scenario(changed, item, None, limits).chain == changed.chain
 
 
 def test_training_cells_of_opened_recording_fit_its_map(folder):
     limits = PageLimits(folders=(folder,))
     frame = small_radar().frame
     options = [f"chain.cfar.n_training={{range: 6, velocity: {frame.n_chirps}}}"]
-    scenario = apply_overrides(reference(), options, limits)
-    opened = open_item_as_scenario(
-        scenario, make_item(write_recording(folder / "walk.npz")), None, limits
-    )
+    item = make_item(write_recording(folder / "walk.npz"))
+    longer = apply_overrides(reference(), options, limits)
+    scenario = replace(longer, scene=None, recording=RecordingSource(path=str(item.path)))
+    opened = open_item_as_scenario(scenario, item, None, limits)
     assert opened.chain.cfar.n_training == Chain().cfar.n_training
     assert FramePlayer(opened, limits).process_frame_at_step(0, None).power.size
 

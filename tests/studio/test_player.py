@@ -15,6 +15,7 @@ from dechirp.processing.range_doppler_map import power_map, threshold_map
 from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
 from dechirp.studio.cursor import Cursor, cursor_at_followed_detection, nearest_cell_indices
 from dechirp.studio.frame_player import FramePlayer
+from dechirp.studio.option_hints import translate_finding_to_page
 from dechirp.studio.scenario_edits import PageLimits
 
 CHIRP = dc.Chirp(
@@ -346,6 +347,36 @@ def test_recording_obeys_limits_of_scenes(scenario, tmp_path):
         )
     with pytest.raises(dc.InvalidSetting, match="5,242,880 cells of the map"):  # 40 chirps
         FramePlayer(padded_scenario).process_frame_at_step(0, None)
+
+
+def test_damaged_recording_is_repaired_and_fitted_as_by_run(scenario, tmp_path):
+    samples = dc.simulate(scenario.scene, RADAR, n_frames=3, seed=5).values.copy()
+    samples[:, :, 2] = samples[:, :, 1]  # a receiver without a signal of its own
+    samples[0, 7] *= -3  # a chirp unlike the others
+    bursts = np.random.default_rng(4).normal(size=(3, 40, 8)) > 1.5  # of 8 samples each
+    burst = 30 * abs(samples).max() * np.exp(2j * np.arange(96) ** 2 / 96)
+    samples[:, :, :, 40:48] += np.where(bursts.any(-1), 1, 0)[:, :, None, None] * burst[40:48]
+    path = tmp_path / "cube.npy"
+    np.save(path, samples)
+    source = RecordingSource(path=str(path), axes=("frame", "chirp", "rx", "sample"))
+    recording_scenario = dc.Scenario(radar=RADAR, recording=source)
+    result, player = dc.run(recording_scenario), FramePlayer(recording_scenario)
+    for number in range(3):
+        frame_state = player.process_frame_at_step(number, None)
+        indices = np.flatnonzero(result.detections["frame"].values == number)
+        assert indices.size
+        xr.testing.assert_identical(
+            frame_state.detections, result.detections.isel(detection=indices)
+        )
+    assert frame_state.samples.sizes["rx"] == result.radar.array.n_rx == 3
+    chosen = {finding.setting for finding in result.findings}
+    assert {"radar.array.rx", "chain.mitigation", "recording.repair_faults"} <= chosen
+    # The last frame reports on all; the page has no command line.
+    expected = {translate_finding_to_page(finding).value for finding in result.findings}
+    shown = {finding.value for finding in frame_state.findings}
+    counted = ("no direction for", "chirps repaired,")  # in the shown frame there, in all here
+    assert {value for value in expected ^ shown if not any(c in value for c in counted)} == set()
+    assert not any("--set" in str(finding) for finding in frame_state.findings)
 
 
 @pytest.mark.skipif(

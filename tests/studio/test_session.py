@@ -244,7 +244,7 @@ def test_frame_after_calibration_needs_no_other():
     player = FramePlayer(scenario)
     factors = cfar_base._threshold_factors_per_box_row_and_error
     n_initial = factors.cache_info().misses
-    calibrate_detector(scenario, player.open_source().radar)
+    calibrate_detector(player.open_source())
     assert factors.cache_info().misses == n_initial + 1
     player.process_frame_at_step(0, None)
     assert factors.cache_info().misses == n_initial + 1

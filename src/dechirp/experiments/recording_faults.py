@@ -209,19 +209,21 @@ class MeasuredFrames:
         self.radar = recording.radar.select_receivers(treatment.receivers)
         """The radar of the frames, with the receivers in use."""
         self._repair = FrameRepair(recording.radar, treatment, n_frames=recording.n_frames)
+        self._measured_numbers: set[int] = set()
 
     def __iter__(self) -> Iterator[xr.DataArray]:
         """Yield cubes of one frame each of the receivers in use, without outlier chirps."""
-        contents = self._recording.contents
-        used_contents, offsets = replace(contents, radar=self.radar), contents.start_offsets
-        for number, samples, is_lost in self._recording.iter_frame_samples():
-            used_samples = self._repair.repair_samples(
-                samples, is_lost, number, None if offsets is None else offsets[number]
-            )
-            gaps = None if is_lost is None else is_lost[None]
-            yield label_frames_as_cube(
-                used_samples[None], used_contents, first_frame=number, gaps=gaps
-            )
+        yield from self._iter_repaired_cubes(self._recording, self._repair)
+
+    def read_frame(self, number: int) -> xr.DataArray:
+        """Return the cube of one frame, which is measured when it is read first."""
+        repair = self._repair
+        if number in self._measured_numbers:
+            repair = FrameRepair(self._recording.radar, self._treatment)
+        (cube,) = self._iter_repaired_cubes(
+            self._recording.select_frames(number, number + 1), repair
+        )
+        return cube
 
     def first_and_middle_frame(self) -> Iterator[xr.DataArray]:
         """Yield the cubes of two frames, repaired as in the run: the first may be damaged."""
@@ -229,6 +231,26 @@ class MeasuredFrames:
         for number in sorted({numbers[0], numbers[len(numbers) // 2]}):
             frame = self._recording.select_frames(number, number + 1)
             yield from MeasuredFrames(frame, self._treatment)
+
+    @property
+    def n_measured(self) -> int:
+        """Number of frames that were read."""
+        return len(self._measured_numbers)
+
+    def _iter_repaired_cubes(
+        self, recording: Recording, repair: FrameRepair
+    ) -> Iterator[xr.DataArray]:
+        contents = recording.contents
+        used_contents, offsets = replace(contents, radar=self.radar), contents.start_offsets
+        for number, samples, is_lost in recording.iter_frame_samples():
+            used_samples = repair.repair_samples(
+                samples, is_lost, number, None if offsets is None else offsets[number]
+            )
+            self._measured_numbers.add(number)
+            gaps = None if is_lost is None else is_lost[None]
+            yield label_frames_as_cube(
+                used_samples[None], used_contents, first_frame=number, gaps=gaps
+            )
 
     def processed_recording(self) -> Recording:
         """Return the recording with the samples that were processed, after the last frame.

@@ -193,20 +193,9 @@ def _run(
     source_time_s = perf_counter()
     measured: MeasuredFrames | None = None
     if isinstance(source, Recording):
-        assert scenario.recording is not None
-        treatment = treat_recording_faults(
-            source,
-            scenario.chain,
-            repairs_faults=scenario.recording.repair_faults,
-            fits_chain=scenario.recording.fit_chain,
-        )
-        measured = MeasuredFrames(source, treatment)
-        radar = measured.radar
-        scenario = replace(scenario, chain=treatment.chain)
-        findings += treatment.findings
-    fit_cubes = () if measured is None else measured.first_and_middle_frame()
-    scenario, fit_findings = fit_scenario_to_recording(scenario, fit_cubes, radar)
-    findings += fit_findings
+        prepared = prepare_recording(source, scenario)
+        scenario, measured = prepared.scenario, prepared.frames
+        radar, findings = measured.radar, findings + prepared.findings
     numbers = _frame_numbers_of_source(source)
     processor, frames = FrameProcessor(radar, scenario.chain), FrameTotals()
     cubes = _iter_frame_cubes(source) if measured is None else measured
@@ -233,6 +222,35 @@ def _run(
             "simulate" if scenario.scene is not None else "open": source_time_s - start_s,
             "process": detection_time_s - source_time_s + result.timing_s["process"],
         },
+    )
+
+
+@frozen_dataclass
+class PreparedRecording:
+    """Recording whose faults are repaired, with the chain that fits it."""
+
+    scenario: Scenario
+    """The scenario with the fitted chain."""
+    frames: MeasuredFrames
+    findings: tuple[Finding, ...]
+    """Notes on what was chosen."""
+
+
+def prepare_recording(recording: Recording, scenario: Scenario) -> PreparedRecording:
+    """Choose the repair and the chain of a scenario's recording by some of its frames."""
+    assert scenario.recording is not None
+    treatment = treat_recording_faults(
+        recording,
+        scenario.chain,
+        repairs_faults=scenario.recording.repair_faults,
+        fits_chain=scenario.recording.fit_chain,
+    )
+    frames = MeasuredFrames(recording, treatment)
+    fitted, choices = fit_scenario_to_recording(
+        replace(scenario, chain=treatment.chain), frames.first_and_middle_frame(), frames.radar
+    )
+    return PreparedRecording(
+        scenario=fitted, frames=frames, findings=(*treatment.findings, *choices)
     )
 
 

@@ -23,6 +23,8 @@ from dechirp.experiments.scenario import Scenario
 from dechirp.processing.angle_maps import range_azimuth_map
 from dechirp.processing.detect import process_cubes
 from dechirp.processing.direction_finding import can_resolve_directions, checked_direction_aperture
+from dechirp.processing.hidden_echoes import hidden_echo_findings
+from dechirp.processing.range_doppler_map import threshold_map
 from dechirp.radar.radar import Radar
 from dechirp.studio.cursor import Cursor, cursor_at_followed_detection
 from dechirp.studio.frame_sources import FrameSource, open_frame_source
@@ -72,7 +74,7 @@ class FramePlayer:
         check_integer("step", step, at_least=0)
         is_first = self._prepared is None
         if self._prepared is None:
-            self._prepared = _PreparedScenario(self._scenario, self.open_source())
+            self._prepared = _PreparedScenario(self.open_source())
         prepared = self._prepared
         processed = next((recent for recent in self._recent_steps if recent.step == step), None)
         if processed is None:
@@ -110,8 +112,8 @@ class FramePlayer:
         return state
 
 
-def calibrate_detector(scenario: Scenario, radar: Radar) -> None:
-    """Calibrate the threshold factors of a detector, which are then kept: seconds for some.
+def calibrate_detector(source: FrameSource) -> None:
+    """Calibrate the threshold factors of the detector of a source: seconds for some. They are kept.
 
     Another thread may call this while the worker computes frames.
 
@@ -120,8 +122,8 @@ def calibrate_detector(scenario: Scenario, radar: Radar) -> None:
     InvalidSetting
         If a factor cannot be calibrated.
     """
-    chain = scenario.chain.fit_to_radar(radar)
-    chain.cfar.false_alarm_probability_error(chain.map_noise_statistics(radar))
+    chain = source.scenario.chain.fit_to_radar(source.radar)
+    chain.cfar.false_alarm_probability_error(chain.map_noise_statistics(source.radar))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,10 +150,12 @@ class _ProcessedStep:
 class _PreparedScenario:
     """Scenario prepared for processing, with the state kept from frame to frame."""
 
-    def __init__(self, scenario: Scenario, frames: FrameSource) -> None:
-        self.frames, radar = frames, frames.radar
+    def __init__(self, frames: FrameSource) -> None:
+        self.frames, scenario, radar = frames, frames.scenario, frames.radar
         self.chain = scenario.chain.fit_to_radar(radar)
-        self.findings = (*self.frames.findings, *fitted_chain_findings(scenario.chain, radar))
+        self._chain_findings = fitted_chain_findings(scenario.chain, radar)
+        self._hidden_echo_findings: tuple[Finding, ...] | None = None
+        """Those of the first processed frame, as in `run`."""
         self.history = FrameHistory(scenario.tracker, radar)
         self._scenario = scenario
         self._followed: Cursor | None = None
@@ -161,6 +165,15 @@ class _PreparedScenario:
             and checked_direction_aperture(
                 radar, self.chain.field_of_view
             ).resolves_azimuth_and_elevation[0]
+        )
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings on the source, the chain, and the first processed frame."""
+        return (
+            *self.frames.findings,
+            *self._chain_findings,
+            *(self._hidden_echo_findings or ()),
         )
 
     def process_step(self, step: int, *, follows_previous_step: bool) -> _ProcessedStep:
@@ -173,6 +186,9 @@ class _PreparedScenario:
             self.history.reset()
         samples = cube.isel(frame=0)
         run, power = self._detections_and_power_map(cube, number)
+        if self._hidden_echo_findings is None:
+            threshold = threshold_map(power, radar, self.chain)
+            self._hidden_echo_findings = hidden_echo_findings(power, threshold, radar, self.chain)
         grouped = estimate_ego_motion_and_clusters(
             run.detections, self._scenario, self.frames.radar
         )

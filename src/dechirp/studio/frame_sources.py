@@ -7,18 +7,26 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.findings import Finding, capture_warned_findings
-from dechirp.experiments.run import open_scenario_recording
+from dechirp.experiments.run import open_scenario_recording, prepare_recording
 from dechirp.experiments.scenario import Scenario
 from dechirp.radar.radar import Radar
 from dechirp.scene.truth import truth
 from dechirp.simulation.frame_by_frame import FrameSimulator
 from dechirp.simulation.simulate import build_stages_with_warnings
-from dechirp.studio.option_hints import translate_cli_fix_to_page, translate_error_fixes_to_page
+from dechirp.studio.option_hints import translate_error_fixes_to_page, translate_finding_to_page
 from dechirp.studio.scenario_edits import PageLimits, check_settings_within_limits
+
+_FRAMES_GROWTH = 1.1
+"""Growth of the number of read frames after which they are judged again."""
 
 
 class FrameSource(Protocol):
     """Sequence of frames with random access."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """Scenario whose chain processes the frames: that of a recording fits its samples."""
+        ...
 
     @property
     def radar(self) -> Radar:
@@ -32,7 +40,7 @@ class FrameSource(Protocol):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings on the source as a whole."""
+        """Findings on the source as a whole, and on the samples of the frames shown so far."""
         ...
 
     def frame_number(self, step: int) -> int:
@@ -62,7 +70,7 @@ class SceneFrames:
 
     def __init__(self, scenario: Scenario) -> None:
         assert scenario.scene is not None and scenario.radar is not None
-        self.radar, self.n_frames = scenario.radar, scenario.n_frames
+        self.scenario, self.radar, self.n_frames = scenario, scenario.radar, scenario.n_frames
         self._scene, self._seed = scenario.scene, scenario.seed
         with capture_warned_findings() as findings:
             build_stages_with_warnings(
@@ -91,29 +99,41 @@ class SceneFrames:
 
 
 class RecordingFrames:
-    """Frames of a recording, decoded on demand.
+    """Frames of a recording, decoded and repaired on demand, with the chain fitted as in `run`.
 
     Their size is known only from the file, so the limits are checked here.
     """
 
     def __init__(self, scenario: Scenario, limits: PageLimits) -> None:
         with translate_error_fixes_to_page():
-            self._recording = open_scenario_recording(scenario)
-        check_settings_within_limits(
-            {"radar": self._recording.radar, "chain": scenario.chain}, limits
-        )
-        self.radar, self.n_frames = self._recording.radar, self._recording.n_frames
-        self.findings = tuple(
-            replace(finding, fix=translate_cli_fix_to_page(finding.fix))
-            for finding in self._recording.findings
-        )
+            recording = open_scenario_recording(scenario)
+        check_settings_within_limits({"radar": recording.radar, "chain": scenario.chain}, limits)
+        prepared = prepare_recording(recording, scenario)
+        self.scenario, self._frames = prepared.scenario, prepared.frames
+        self.radar, self.n_frames = self._frames.radar, recording.n_frames
+        self._numbers = recording.frame_numbers
+        self._choices = (*recording.findings, *prepared.findings)
+        self._findings: tuple[Finding, ...] = ()
+        self._n_judged = -1
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings on the recording, and on its frames read so far: after all, those of `run`."""
+        n_read = self._frames.n_measured
+        # Joining the measures of n frames takes 2 ms and more: not after each of many frames.
+        if n_read > _FRAMES_GROWTH * self._n_judged or n_read == self.n_frames > self._n_judged:
+            on_samples = self._frames.findings() if n_read else ()
+            self._findings = tuple(
+                translate_finding_to_page(finding) for finding in (*self._choices, *on_samples)
+            )
+            self._n_judged = n_read
+        return self._findings
 
     def frame_number(self, step: int) -> int:
-        return self._recording.frame_numbers[step % self.n_frames]
+        return self._numbers[step % self.n_frames]
 
     def cube(self, step: int) -> xr.DataArray:
-        number = self.frame_number(step)
-        return next(self._recording.select_frames(number, number + 1).frames())
+        return self._frames.read_frame(self.frame_number(step))
 
     def truth(self, step: int) -> None:
         """Return None: the truth of a recording is unknown."""

@@ -28,7 +28,7 @@ from dechirp.recordings.recognise import recognise_formats
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.read import holds_settings
 from dechirp.studio.folders import MAX_DEPTH, MAX_NAMES, is_file_or_folder_inside, is_tree_inside
-from dechirp.studio.option_hints import translate_cli_fix_to_page, translate_error_fixes_to_page
+from dechirp.studio.option_hints import translate_error_fixes_to_page, translate_finding_to_page
 from dechirp.studio.scenario_edits import PageLimits, check_settings_within_limits, parse_scenario
 
 MAX_SCANNED = 500
@@ -116,10 +116,12 @@ def inspect_first_frames(
 def open_item_as_scenario(
     scenario: Scenario, item: LibraryItem, radar_settings: LibraryItem | None, limits: PageLimits
 ) -> Scenario:
-    """Open an item: a scenario file, or a recording with the chain of the current scenario.
+    """Open an item: a scenario file, or a recording.
 
-    The tracker is removed if the recording does not support it, and training cells that do not
-    fit into its map are replaced by the default ones, which adapt.
+    After a scene, a recording has the default chain, as in `dechirp run FILE`, with the clusters
+    and the tracker of the scene. After a recording it keeps the chain, but training cells that do
+    not fit into its map are replaced by the default ones, which adapt. A tracker that the
+    recording does not support is removed.
 
     Raises
     ------
@@ -142,7 +144,11 @@ def open_item_as_scenario(
         scene=None,
         radar=None,
         recording=source,
-        chain=_chain_for_recording(scenario.chain, recording.radar),
+        chain=(
+            replace(Chain(), cluster=scenario.chain.cluster)
+            if scenario.recording is None
+            else _chain_for_recording(scenario.chain, recording.radar)
+        ),
     )
     try:
         check_tracks_and_ego_motion_possible(opened_scenario, recording.radar, recording.n_frames)
@@ -239,7 +245,7 @@ def _allowed_path_or_raise(item: LibraryItem, limits: PageLimits) -> Path:
 
 def _adapt_fix_and_hide_folders(finding: Finding, limits: PageLimits) -> Finding:
     """Return a finding without folder paths, with a fix that the page offers."""
-    finding = replace(finding, fix=translate_cli_fix_to_page(finding.fix))
+    finding = translate_finding_to_page(finding)
     parts = {name: getattr(finding, name) for name in ("value", "expected", "fix")}
     for folder in limits.folders:
         parts = {name: text.replace(f"{folder}/", "") for name, text in parts.items()}

@@ -6,13 +6,15 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from dechirp.core.errors import DechirpError
+from dechirp.core.findings import Finding
 
 _PYTHON_HINT = re.compile(r" \(\w+=[^()]*\)")
 _PANEL_BY_OPTION = (
     ("give the radar: --radar FILE", "choose settings of its radar, under Recordings"),
     ("with --radar", "as settings of its radar, under Recordings"),
 )
-_RECORDING_OPTION = re.compile(r"--(axes|device|encoding|format|iq)\b(?: ([\w,-]+))?")
+_RECORDING_OPTION = re.compile(r"--(axes|device|encoding|format|frames|iq)\b(?: ([\w,-]+))?")
+_SET_OPTION = re.compile(r"--set (?:'([^']*)'|(\S+))")
 
 
 def translate_cli_fix_to_page(fix: str) -> str:
@@ -20,7 +22,14 @@ def translate_cli_fix_to_page(fix: str) -> str:
     fix = _PYTHON_HINT.sub("", fix)
     for option, panel in _PANEL_BY_OPTION:
         fix = fix.replace(option, panel)
+    fix = _SET_OPTION.sub(lambda option: f"{option[1] or option[2]} (under File)", fix)
     return _RECORDING_OPTION.sub(_option_as_recording_setting, fix)
+
+
+def translate_finding_to_page(finding: Finding) -> Finding:
+    """Translate the options in a finding: chosen ones to settings, a fix to the page's panels."""
+    value = _SET_OPTION.sub(lambda option: option[1] or option[2], finding.value)
+    return replace(finding, value=value, fix=translate_cli_fix_to_page(finding.fix))
 
 
 def _option_as_recording_setting(option_match: re.Match[str]) -> str:

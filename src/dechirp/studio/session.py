@@ -222,12 +222,11 @@ class Session:
 
     async def _calibrate_off_worker(self) -> None:
         """Calibrate the detector on another thread: on the worker, all pages would stop."""
-        player, scenario = self._player, self.scenario
-        source = await self.run_on_worker(player.open_source)
+        source = await self.run_on_worker(self._player.open_source)
         self.activity = "calibrating the threshold"
         try:
             await asyncio.get_running_loop().run_in_executor(
-                _calibration_thread(), partial(calibrate_detector, scenario, source.radar)
+                _calibration_thread(), partial(calibrate_detector, source)
             )
         finally:
             self.activity = "computing"
