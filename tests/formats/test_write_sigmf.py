@@ -334,12 +334,8 @@ def test_rejects_data_file_behind_link(tmp_path):
         dc.open(file, radar=make_radar())
 
 
-def test_missing_data_file_and_archive_errors_give_fix(tmp_path):
+def test_missing_data_file_error_names_file(tmp_path):
     file = write_foreign(tmp_path, draw_codes(1, 6, 32, 2), "ci16_le")
-    with tarfile.open(tmp_path / "x.sigmf", "w") as archive:
-        archive.add(file, "x/" + META)
-    with pytest.raises(RecordingError, match="tar -xf"):
-        dc.open(tmp_path / "x.sigmf", radar=make_radar())
     (tmp_path / DATA).unlink()
     with pytest.raises(RecordingError, match=f"no {DATA} next to it"):
         dc.open(file, radar=make_radar())
@@ -358,6 +354,85 @@ def test_wrong_checksum_gives_warning(tmp_path):
         write_foreign(tmp_path, numbers, "ci16_le", **fields), radar=make_radar()
     ).findings
     assert (warning.level, warning.setting) == ("warning", "core:sha512")
+
+
+# --- Archives -------------------------------------------------------------------------
+
+
+def pack(archive: Path, *names: str, folder="x/") -> Path:
+    """Write an archive of files next to it."""
+    with tarfile.open(archive, "w") as tar:
+        for name in names:
+            tar.add(archive.with_name(name), folder + name)
+    return archive
+
+
+@pytest.mark.parametrize(
+    "make_recording", [make_table_recording, make_gap_recording, make_real_code_recording]
+)
+def test_archive_of_sigmf_library_is_read_bit_exact(tmp_path, make_recording):
+    sigmf = pytest.importorskip("sigmf")
+    recording = make_recording()
+    dc.write(recording, tmp_path / META)
+    sigmf.fromfile(str(tmp_path / META)).archive(str(tmp_path / "x.sigmf"))
+
+    copy = dc.open(tmp_path / "x.sigmf")
+
+    assert copy.format == "sigmf"
+    assert not copy.findings
+    assert_recordings_equal(copy, recording)
+
+
+@pytest.mark.parametrize("datatype", ["ci16_le", "cf32_le"])
+def test_foreign_archive_is_read_as_its_pair(tmp_path, datatype):
+    codes = draw_codes(3, 6, 32, 2)
+    numbers = codes if datatype == "ci16_le" else (codes / 16).astype("<f4")
+    checksum = hashlib.sha512(numbers.tobytes()).hexdigest()
+    file = write_foreign(tmp_path, numbers, datatype, core__sha512=checksum)
+    (tmp_path / "readme").write_bytes(b"read me")
+    archive = pack(tmp_path / "y.sigmf", "readme", META, DATA)
+
+    copy, pair = (dc.open(path, radar=make_radar()) for path in (archive, file))
+
+    assert copy.findings == pair.findings == ()
+    assert copy.cube.equals(pair.cube)
+
+
+def test_wrong_checksum_of_archive_gives_warning(tmp_path):
+    write_foreign(tmp_path, draw_codes(1, 6, 32, 2), "ci16_le", core__sha512="0" * 128)
+    archive = pack(tmp_path / "x.sigmf", DATA, META, folder="")
+    (warning,) = dc.open(archive, radar=make_radar()).findings
+    assert (warning.level, warning.setting) == ("warning", "core:sha512")
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("many",), "0 recordings"),
+        ((DATA,), "0 recordings"),
+        ((META,), "x.sigmf-meta.? without its"),
+        ((META, "other.sigmf-data"), "x.sigmf-meta.? without its"),
+        ((META, DATA, "other.sigmf-meta", "other.sigmf-data"), "2 recordings.*tar -xf x.sigmf"),
+        (("link.sigmf-meta", DATA), "0 recordings"),
+        (("many",) * 1001, "more than 1000 members"),
+    ],
+)
+def test_rejects_archive_without_exactly_one_recording(tmp_path, names, message):
+    file = write_foreign(tmp_path, draw_codes(1, 6, 32, 2), "ci16_le")
+    for name in ("other.sigmf-meta", "other.sigmf-data", "many"):
+        (tmp_path / name).write_bytes(b"{}")
+    (tmp_path / "link.sigmf-meta").symlink_to(file)
+    with pytest.raises(RecordingError, match=message):
+        dc.open(pack(tmp_path / "x.sigmf", *names), radar=make_radar())
+
+
+def test_truncated_archive_error_names_member(tmp_path):
+    dc.write(make_complex_recording(), tmp_path / META)
+    archive = pack(tmp_path / "x.sigmf", META, DATA)
+    n_bytes = (tmp_path / DATA).stat().st_size
+    archive.write_bytes(archive.read_bytes()[: -n_bytes // 2 - 10240])
+    with pytest.raises(RecordingError, match=f"truncated within .?{DATA}|unexpected end of data"):
+        dc.open(archive)
 
 
 # --- Damaged files --------------------------------------------------------------------
@@ -439,9 +514,10 @@ def test_rejects_text_that_is_not_metadata(tmp_path, text, message):
 def test_corrupted_file_gives_cube_or_error(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("damaged")
     dc.write(make_gap_recording(), folder / META)
-    file = folder / data.draw(st.sampled_from([META, META, DATA]))
+    pack(folder / "x.sigmf", META, DATA)
+    file = folder / data.draw(st.sampled_from([META, META, DATA, "x.sigmf"]))
     file.write_bytes(data.draw(corrupted_bytes(file.read_bytes())))
-    assert_cube_or_error(folder / META)
+    assert_cube_or_error(folder / (META if file.name == DATA else file.name))
 
 
 @pytest.mark.skipif(

@@ -1,11 +1,17 @@
-"""Metadata of a SigMF recording (`.sigmf-meta`): type, layout and position of its numbers.
+"""Metadata of a SigMF recording: type, layout and position of its numbers.
+
+They are in a file (`.sigmf-meta`), or with the numbers in an uncompressed archive (`.sigmf`). The
+package sigmf, version 1.14, would replace 30 lines of these checks, and is not used: it accepts
+types such as ci8_le and ci16_lexx, takes metadata and numbers from different recordings of an
+archive, and needs 0.3 to 1.1 s to be imported. The tests read and write with it.
 
 SigMF, Signal Metadata Format specification, version 1.2.6.
 """
 
 import json
 import re
-from pathlib import Path
+import tarfile
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -13,6 +19,7 @@ import numpy as np
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
+from dechirp.recordings.arrays.lazy_array import convert_parser_errors
 from dechirp.recordings.readers.base import check_stays_in_folder
 from dechirp.recordings.settings.json_text import (
     format_json_excerpt,
@@ -27,7 +34,9 @@ _SERIES = "1."  # compatible versions
 MAX_BYTES = 2**24
 """Maximum size: parsed, the text takes 20 times as much, plus 100 bytes per object and list."""
 _MAX_BRACKETS = 2**18
+_MAX_MEMBERS = 1000  # of an archive; its recording has two or three
 _MAX_CHANNELS = 4096  # more than any radar has; each would get an assumed position
+_TAR_OFFSET, _TAR = 257, b"ustar"
 _DATATYPE = re.compile(r"([cr])([fiu])(8|16|32|64)(?:_(le|be))?")
 
 
@@ -36,9 +45,12 @@ class SigmfMetadata:
     """Contents of a metadata file."""
 
     path: Path
-    """The metadata file."""
+    """The metadata file, or the archive."""
     data: Path
-    """The file of its numbers."""
+    """The file with the numbers."""
+    data_offset: int
+    """Position of the first number in this file, bytes."""
+    data_bytes: int
     dtype: np.dtype
     """Type of one number."""
     is_complex: bool
@@ -66,16 +78,71 @@ def meta_and_data_paths(path: Path) -> tuple[Path, Path]:
     return path.with_name(stem + META), path.with_name(stem + DATA)
 
 
-def parse_metadata_file(path: Path) -> dict[str, Any]:
-    """Parse a metadata file to its JSON object.
+def parse_metadata(path: Path) -> dict[str, Any]:
+    """Parse the metadata of a metadata file or an archive to their JSON object.
 
     Raises
     ------
     RecordingError
-        If it is damaged or too long.
+        If they are damaged or too long.
     """
+    if path.name.endswith(ARCHIVE):
+        return _parse_json(path, _read_archive(path)[0])
     with path.open("rb") as file:
-        content = file.read(MAX_BYTES + 1)
+        return _parse_json(path, file.read(MAX_BYTES + 1))
+
+
+def is_tar_archive(path: Path) -> bool:
+    """Return whether a file is a tar archive."""
+    with path.open("rb") as file:
+        return file.read(_TAR_OFFSET + len(_TAR))[_TAR_OFFSET:] == _TAR
+
+
+def _read_archive(path: Path) -> tuple[bytes, tarfile.TarInfo]:
+    """Return metadata and data member of the recording in an archive.
+
+    Raises
+    ------
+    RecordingError
+        If it is damaged, or has no recording or several.
+    """
+    expected = f"an uncompressed tar archive of one recording, a {META} and its {DATA}"
+    with convert_parser_errors(path, expected), tarfile.open(path, "r:") as archive:
+        members: dict[str, tarfile.TarInfo] = {}
+        for number, member in enumerate(archive):
+            if number == _MAX_MEMBERS:
+                raise _metadata_error(path, f"more than {number} members", expected)
+            if member.isreg() and member.name.endswith((META, DATA)):
+                members[member.name] = member
+        metas = [name for name in members if name.endswith(META)]
+        if len(metas) != 1:
+            names = ", ".join(map(_format_member_name, metas[:3]))
+            raise _metadata_error(
+                path,
+                f"{len(metas)} recordings{f' ({names})' if names else ''}",
+                expected,
+                fix=f"unpack it (tar -xf {path.name}) and open one {META}",
+            )
+        data = members.get(metas[0].removesuffix(META) + DATA)
+        if data is None or data.issparse():
+            raise _metadata_error(
+                path, f"{_format_member_name(metas[0])} without its {DATA}", expected
+            )
+        if data.offset_data + data.size > path.stat().st_size:
+            raise _metadata_error(
+                path, f"truncated within {_format_member_name(data.name)}", expected
+            )
+        content = archive.extractfile(members[metas[0]])
+        assert content is not None
+        return content.read(MAX_BYTES + 1), data
+
+
+def _format_member_name(name: str) -> str:
+    return format_json_excerpt(PurePosixPath(name).name)
+
+
+def _parse_json(path: Path, content: bytes) -> dict[str, Any]:
+    """Parse metadata within their limits."""
     if len(content) > MAX_BYTES:
         raise _metadata_error(path, f"more than {MAX_BYTES} bytes", f"at most {MAX_BYTES} bytes")
     if content.count(b"{") + content.count(b"[") > _MAX_BRACKETS:
@@ -93,21 +160,30 @@ def parse_metadata_file(path: Path) -> dict[str, Any]:
 
 
 def read_metadata(path: Path) -> SigmfMetadata:
-    """Read the metadata of a recording, given either of its files.
+    """Read the metadata of a recording, given either of its files or an archive.
 
     Raises
     ------
     RecordingError
         If it is damaged, or needs an unsupported feature.
     """
-    meta, data = meta_and_data_paths(path)
-    partner = data if path == meta else meta
-    if not partner.is_file():
-        raise _metadata_error(path, f"no {partner.name} next to it", f"a pair of {META} and {DATA}")
-    check_stays_in_folder(path.parent, partner)
-    tree = parse_metadata_file(meta)
+    if path.name.endswith(ARCHIVE):
+        content, member = _read_archive(path)
+        tree = _parse_json(path, content)
+        meta, data, data_name = path, path, PurePosixPath(member.name).name
+        data_offset, data_bytes = member.offset_data, member.size
+    else:
+        meta, data = meta_and_data_paths(path)
+        partner = data if path == meta else meta
+        if not partner.is_file():
+            raise _metadata_error(
+                path, f"no {partner.name} next to it", f"a pair of {META} and {DATA}"
+            )
+        check_stays_in_folder(path.parent, partner)
+        tree = parse_metadata(meta)
+        data_name, data_offset, data_bytes = data.name, 0, data.stat().st_size
     global_fields: dict[str, Any] = tree["global"]
-    _check_conforming_dataset(meta, data, global_fields)
+    _check_conforming_dataset(meta, data_name, global_fields)
     dtype, is_complex = _parse_dtype_and_is_complex(meta, global_fields["core:datatype"])
     n_channels, rate_hz = (
         global_fields.get("core:num_channels", 1),
@@ -127,6 +203,8 @@ def read_metadata(path: Path) -> SigmfMetadata:
     return SigmfMetadata(
         path=meta,
         data=data,
+        data_offset=data_offset,
+        data_bytes=data_bytes,
         dtype=dtype,
         is_complex=is_complex,
         n_channels=n_channels,
@@ -153,9 +231,9 @@ def _read_segment_list(path: Path, tree: dict[str, Any], name: str) -> list[dict
     return segments
 
 
-def _check_conforming_dataset(meta: Path, data: Path, global_fields: dict[str, Any]) -> None:
+def _check_conforming_dataset(meta: Path, data_name: str, global_fields: dict[str, Any]) -> None:
     """Raise `RecordingError` unless the numbers are one block in the data file."""
-    if global_fields.get("core:dataset", data.name) != data.name:
+    if global_fields.get("core:dataset", data_name) != data_name:
         raise _non_conforming_dataset_error(meta, "core:dataset")
     for name in ("core:trailing_bytes", "core:metadata_only"):
         if global_fields.get(name):

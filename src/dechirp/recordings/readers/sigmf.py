@@ -1,4 +1,6 @@
-"""SigMF recordings: a pair of `.sigmf-meta` and `.sigmf-data`; either file names the recording.
+"""SigMF recordings: a pair of `.sigmf-meta` and `.sigmf-data`, or both in an archive, `.sigmf`.
+
+Either file of a pair names the recording. An archive is read in place, without unpacking it.
 
 Samples of all channels alternate: those of the receivers at each instant. With the extension
 `radar` (docs/sigmf-radar.md) a recording is complete; without it, its numbers are the consecutive
@@ -31,8 +33,9 @@ from dechirp.recordings.arrays.sigmf_meta import (
     EXTENSION,
     META,
     SigmfMetadata,
+    is_tar_archive,
     meta_and_data_paths,
-    parse_metadata_file,
+    parse_metadata,
     read_metadata,
 )
 from dechirp.recordings.description import VERSION as DESCRIPTION_VERSION
@@ -43,7 +46,6 @@ from dechirp.recordings.settings.json_text import format_json_excerpt, is_intege
 from dechirp.recordings.settings_lookup import find_recording_settings
 
 AXES = ("frame", "chirp", "sample", "rx")
-_TAR_AT, _TAR = 257, b"ustar"
 _BLOCK_BYTES = 2**20
 _HASHED_BYTES = 2**27  # 0.2 s, half of it for reading
 _EXPECTED = "a SigMF recording"
@@ -62,13 +64,12 @@ class Sigmf(Format):
     def recognise(self, path: Path) -> MatchQuality:
         if not path.is_file() or not path.name.endswith((META, DATA, ARCHIVE)):
             return MatchQuality.NO
-        if path.name.endswith(ARCHIVE):
-            return MatchQuality.CONTAINER if _is_tar_archive(path) else MatchQuality.NO
-        meta, _ = meta_and_data_paths(path)
-        if not meta.is_file():
+        is_archive = path.name.endswith(ARCHIVE)
+        meta = path if is_archive else meta_and_data_paths(path)[0]
+        if not (is_tar_archive(path) if is_archive else meta.is_file()):
             return MatchQuality.NO
         try:
-            global_fields = parse_metadata_file(meta)["global"]
+            global_fields = parse_metadata(meta)["global"]
         except RecordingError:  # `read` reports the damage
             return MatchQuality.CONTAINER
         return (
@@ -78,13 +79,6 @@ class Sigmf(Format):
         )
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        if path.name.endswith(ARCHIVE):
-            raise RecordingError(
-                path,
-                value="an archive of SigMF recordings",
-                expected=f"one recording: a {META} and its {DATA}",
-                fix=f"unpack it (tar -xf {path.name}) and open its {META}",
-            )
         meta = read_metadata(path)
         is_layout_given = hints.axes or hints.encoding
         contents = (
@@ -98,25 +92,19 @@ class Sigmf(Format):
         )
 
 
-def _is_tar_archive(path: Path) -> bool:
-    """Return whether a file is a tar archive."""
-    with path.open("rb") as file:
-        return file.read(_TAR_AT + len(_TAR))[_TAR_AT:] == _TAR
-
-
 def _open_lazy_samples(meta: SigmfMetadata, shape: tuple[int, ...]) -> LazyArray:
     """Open the data file with a shape; both parts of complex floats as one number."""
     if meta.dtype.kind == "f" and meta.is_complex:
         size = 2 * meta.dtype.itemsize
-        return open_memory_mapped_array(meta.data, np.dtype(f"{meta.dtype.str[0]}c{size}"), shape)
-    return open_memory_mapped_array(
-        meta.data, meta.dtype, (*shape, 2) if meta.is_complex else shape
-    )
+        dtype = np.dtype(f"{meta.dtype.str[0]}c{size}")
+    else:
+        dtype, shape = meta.dtype, (*shape, 2) if meta.is_complex else shape
+    return open_memory_mapped_array(meta.data, dtype, shape, offset=meta.data_offset)
 
 
 def _read_native_recording(meta: SigmfMetadata, hints: RecordingHints) -> Contents:
     """Read a recording with the extension `radar`."""
-    fields, file_bytes = meta.global_fields, meta.data.stat().st_size
+    fields, file_bytes = meta.global_fields, meta.data_bytes
     names = ("n_frames", "n_chirps", "n_samples")
     sizes = [fields.get(f"{EXTENSION}:{name}") for name in names]
     sample_bytes = meta.dtype.itemsize * (2 if meta.is_complex else 1)
@@ -133,7 +121,7 @@ def _read_native_recording(meta: SigmfMetadata, hints: RecordingHints) -> Conten
             meta.data,
             value=f"{file_bytes} bytes",
             expected=f"{expected_bytes} bytes, from {meta.path.name}",
-            fix="copy both files again from their source",
+            fix="copy the recording again from its source",
         )
     with convert_parser_errors(meta.path, _EXPECTED):
         tables = fields.get(f"{EXTENSION}:tables", {})
@@ -208,14 +196,14 @@ def _read_foreign_recording(meta: SigmfMetadata, hints: RecordingHints) -> Conte
             settings.radar, meta.n_channels, file=meta.path
         )
         settings = replace(settings, radar=radar).with_findings(*receiver_findings)
-    file_bytes = meta.data.stat().st_size
+    file_bytes = meta.data_bytes
     n_values, rest = divmod(file_bytes, meta.dtype.itemsize * (2 if meta.is_complex else 1))
     if rest or n_values % meta.n_channels or not n_values:
         raise RecordingError(
             meta.data,
             value=f"{file_bytes} bytes",
             expected=f"complete samples of {meta.n_channels} channels, from {meta.path.name}",
-            fix="copy both files again from their source",
+            fix="copy the recording again from its source",
         )
     description = f"a file of {n_values} samples,"
     axes = hints.axes or AXES
@@ -275,7 +263,7 @@ def _checksum_mismatch_findings(meta: SigmfMetadata) -> tuple[Finding, ...]:
     """Compare the data file with its SHA-512, and report a difference or a file too large."""
     if meta.sha512 is None:
         return ()
-    n_bytes = meta.data.stat().st_size
+    n_bytes = meta.data_bytes
     if n_bytes > _HASHED_BYTES:
         return (
             Finding(
@@ -283,13 +271,14 @@ def _checksum_mismatch_findings(meta: SigmfMetadata) -> tuple[Finding, ...]:
                 setting="core:sha512",
                 value=f"not compared: {meta.data.name} has {n_bytes} bytes",
                 expected=f"at most {_HASHED_BYTES} bytes to be compared each time it is opened",
-                fix=f"compare it once with sha512sum {meta.data.name}",
+                fix=f"compare it once: {_checksum_command(meta)}",
             ),
         )
     checksum = hashlib.sha512()
     with meta.data.open("rb") as file:
-        while block := file.read(_BLOCK_BYTES):
-            checksum.update(block)
+        file.seek(meta.data_offset)
+        for start in range(0, n_bytes, _BLOCK_BYTES):
+            checksum.update(file.read(min(_BLOCK_BYTES, n_bytes - start)))
     if checksum.hexdigest() == meta.sha512:
         return ()
     return (
@@ -298,9 +287,17 @@ def _checksum_mismatch_findings(meta: SigmfMetadata) -> tuple[Finding, ...]:
             setting="core:sha512",
             value=f"not the checksum of {meta.data.name}, which was changed or damaged",
             expected="the samples that were recorded",
-            fix="copy both files again from their source",
+            fix="copy the recording again from its source",
         ),
     )
+
+
+def _checksum_command(meta: SigmfMetadata) -> str:
+    """Return the shell command that prints the checksum of the samples."""
+    name = meta.data.name
+    if name.endswith(ARCHIVE):
+        return f"tar -xOf {name} --wildcards '*{DATA}' | sha512sum"
+    return f"sha512sum {name}"
 
 
 def _damaged_metadata_error(meta: SigmfMetadata, value: str, expected: str) -> RecordingError:
