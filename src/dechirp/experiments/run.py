@@ -44,6 +44,11 @@ from dechirp.processing.hidden_echoes import hidden_echo_findings
 from dechirp.processing.mitigation.apply import RemovedEcho, mitigation_findings
 from dechirp.processing.peaks import MAX_PEAKS
 from dechirp.processing.range_doppler_map import label_map_axes, power_map, threshold_map
+from dechirp.processing.velocity_ambiguity.by_range_rate import (
+    can_resolve_by_range_rate,
+    range_rate_findings,
+    resolve_by_range_rate,
+)
 from dechirp.processing.virtual_array import can_separate_transmitters
 from dechirp.radar.budget import BudgetLine
 from dechirp.radar.radar import Radar
@@ -203,10 +208,13 @@ def _run(
         frames.add_frame_result(frame)
         if progress is not None:
             progress(n_simulated + len(frames.times_s), n_simulated + len(numbers))
+    columns = processor.joined_detection_columns()
+    if _resolves_by_range_rate(scenario, radar):
+        resolved = resolve_by_range_rate(columns, radar.frame)
+        findings += range_rate_findings(columns, resolved)
+        columns = resolved
     detection_run = DetectionRun(
-        first_frame=numbers.start,
-        detections=detections_from_columns(processor.joined_detection_columns()),
-        frames=frames,
+        first_frame=numbers.start, detections=detections_from_columns(columns), frames=frames
     )
     if measured is not None:
         findings += measured.findings()
@@ -269,6 +277,12 @@ def fit_scenario_to_recording(
     given_radar = None if scenario.radar is None else radar
     fitted = replace(scenario, radar=given_radar, chain=chain)
     return fitted, tuple(choice.to_finding() for choice in choices)
+
+
+def _resolves_by_range_rate(scenario: Scenario, radar: Radar) -> bool:
+    """Return whether the ranges in successive frames may resolve the ambiguity of velocities."""
+    source = scenario.recording
+    return source is not None and source.fit_chain and can_resolve_by_range_rate(radar.frame)
 
 
 class FrameTotals:

@@ -67,8 +67,8 @@ def join_single_chirps(
         f" {format_number(2 * limit_m_per_s, 3)} m/s",
         expected=f"at most {format_number(limit_m_per_s / _WALKING_M_PER_S * interval_s * 1e3, 3)}"
         " ms, for persons who walk",
-        fix="take the velocities of fast targets from their ranges in several frames; those shown"
-        " still separate moving from static echoes",
+        fix="nothing is to be done for detections with an ambiguity_number, which their ranges in"
+        " successive frames give; velocities of others still separate moving from static echoes",
     )
     return replace(radar, frame=joined), (note, aliasing)
 

@@ -1,0 +1,133 @@
+"""Ambiguity numbers of velocities from the ranges of targets in successive frames."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dechirp as dc
+from dechirp.core.detection_columns import UNITS
+from dechirp.experiments.scenario import RecordingSource
+from dechirp.processing.velocity_ambiguity.by_range_rate import resolve_by_range_rate
+from dechirp.radar.velocity_ambiguity import (
+    range_shift_per_ambiguity_m,
+    unambiguous_velocity_span_m_per_s,
+)
+
+SOUND_CARD = dc.Radar(
+    frame=dc.Frame(
+        chirp=dc.Chirp(
+            start_frequency_hz=2.2e9,
+            slope_hz_per_s=7e9,
+            sample_rate_hz=44.1e3,
+            n_samples=882,
+            ramp_duration_s=20e-3,
+            sampling="real",
+        ),
+        n_chirps=8,
+        interval_s=41e-3,
+    ),
+    array=dc.Array(rx_m=((0, 0, 0),)),
+)
+"""A cell of 1.07 m, velocities modulo 1.6 m/s and 3.0 frames in a second."""
+FRAME_S = 8 * 41e-3
+
+
+def make_columns(frame, time_s, range_m, velocity):
+    """Return columns of moving detections with aliased velocities, and the ranges of those."""
+    span = unambiguous_velocity_span_m_per_s(range_m, SOUND_CARD.frame)
+    number = np.round(velocity / span)
+    columns = {name: np.full(len(frame), np.nan) for name in UNITS}
+    columns |= {
+        "frame": frame,
+        "time": time_s,
+        "range": range_m + number * range_shift_per_ambiguity_m(SOUND_CARD.frame),
+        "velocity": velocity - number * span,
+        "velocity_std": np.full(len(frame), 0.01),
+        "snr": np.full(len(frame), 100.0),
+        "moving": np.ones(len(frame)),
+    }
+    return columns, number
+
+
+def test_stated_probabilities_are_those_of_correct_numbers():
+    rng, frame = np.random.default_rng(2), np.arange(10)
+    time_s = frame * FRAME_S
+    n_certain = n_wrong = 0
+    expected_wrong = 0.0
+    wrong = n_all = 0
+    for _ in range(300):
+        speed, acceleration = rng.uniform(-20, 20), rng.uniform(-1, 1)
+        velocity = speed + acceleration * time_s
+        range_m = 120 + speed * time_s + acceleration * time_s**2 / 2
+        columns, number = make_columns(frame, time_s, range_m + 0.5 * rng.normal(size=10), velocity)
+
+        resolved = resolve_by_range_rate(columns, SOUND_CARD.frame)
+
+        # One frame of each trial, since neighbours share their line.
+        confidence = resolved["ambiguity_confidence"][5]
+        if np.isnan(confidence):
+            continue
+        is_wrong = abs(resolved["velocity"][5] - velocity[5]) > 0.5
+        n_all, wrong = n_all + 1, wrong + is_wrong
+        expected_wrong += 1 - confidence
+        if not np.isnan(resolved["ambiguity_number"][5]):
+            n_certain, n_wrong = n_certain + 1, n_wrong + is_wrong
+            if not is_wrong:
+                assert resolved["ambiguity_number"][5] == number[5]
+                assert resolved["range"][5] == pytest.approx(range_m[5], abs=2.5)
+    assert n_all > 240 and n_certain > 200
+    assert n_wrong < 12  # the share of 1 % gives 12 of 300 once in 10^4
+    assert wrong < expected_wrong + 5 * np.sqrt(expected_wrong) + 3
+
+
+def test_detections_at_random_ranges_are_no_targets():
+    rng = np.random.default_rng(7)
+    frame = np.repeat(np.arange(12), 6)
+    for _ in range(20):
+        columns, _ = make_columns(
+            frame, frame * FRAME_S, rng.uniform(0, 200, 72), rng.uniform(-0.7, 0.7, 72)
+        )
+        resolved = resolve_by_range_rate(columns, SOUND_CARD.frame)
+        # Each detection becomes part of a line once in 10^3: 1.4 of 1,440, in groups of five.
+        assert np.isfinite(resolved["ambiguity_confidence"]).sum() <= 12
+        assert np.array_equal(
+            resolved["velocity"][np.isnan(resolved["ambiguity_confidence"])],
+            columns["velocity"][np.isnan(resolved["ambiguity_confidence"])],
+        )
+
+
+@pytest.mark.filterwarnings("ignore::dechirp.core.findings.PhysicsWarning")  # aliased
+def test_run_shows_velocity_of_fast_car_by_its_ranges(radar, tmp_path):
+    radar = replace(SOUND_CARD, hardware=radar.hardware)
+    scene = dc.Scene(
+        targets=[
+            dc.Target(
+                name="car", position_m=(100, 0, 0), velocity_m_per_s=(-14.3, 0, 0), rcs_m2=10
+            ),
+            dc.Target(position_m=(30, 0, 0), rcs_m2=10),
+        ]
+    )
+    cube = dc.simulate(
+        scene,
+        radar,
+        impairments=(dc.impairments.WhiteNoise(snr=1.0, target="car"),),
+        n_frames=12,
+        seed=3,
+    )
+    path = tmp_path / "car.h5"
+    dc.write(dc.recording_from_cube(cube, radar), path)
+
+    result = dc.run(dc.Scenario(recording=RecordingSource(path=str(path))))
+
+    moving = result.detections.isel(detection=np.flatnonzero(result.detections.moving.values == 1))
+    assert moving.sizes["detection"] >= 6
+    # The car crosses four cells in a frame, in which its range is uncertain by a cell.
+    assert np.allclose(moving.velocity, -14.3, atol=0.15)
+    assert np.allclose(moving.range, 100 - 14.3 * moving.time, atol=1.6)
+    assert np.allclose(moving.ambiguity_number, -9)
+    (note,) = (str(finding) for finding in result.findings if "successive frames" in str(finding))
+    assert "-14.2 m/s" in note.replace("\N{MINUS SIGN}", "-")
+
+    unresolved = dc.run(dc.Scenario(recording=RecordingSource(path=str(path), fit_chain=False)))
+    assert np.isnan(unresolved.detections.ambiguity_number).all()
