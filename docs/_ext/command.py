@@ -7,6 +7,7 @@
 
 The blocks of a page run in order in its scratch folder, so that later blocks can read the files of
 earlier ones. An exit status other than `status` is a warning, which `-W` makes an error.
+sphinxcontrib-programoutput runs all commands of a page after its cells, which need their files.
 """
 
 import os

@@ -2,7 +2,8 @@
 
     {cite}`rohling` leads to Rohling 1983 in the list that the directive `sources` prints.
 
-The list is `certificate/paper.py`, what the reference report cites, and `docs/sources.txt`.
+The list is `certificate/paper.py`, what the reference report cites, and `docs/sources.txt`: one
+line for each source, where sphinxcontrib-bibtex needs six to ten, and the report a second list.
 """
 
 import re

@@ -1,4 +1,8 @@
-"""Namespaces: modules that offer the public names of others, loaded on first use."""
+"""Namespaces: modules that offer the public names of others, loaded on first use.
+
+lazy_loader, version 0.6, accepts only names from within a package, and these are from others. It
+also needs a list of the members of a family.
+"""
 
 import importlib
 import importlib.util

@@ -1,7 +1,8 @@
 """WAV files: samples of several channels, read block by block.
 
-Available libraries load 24-bit samples whole, and refuse the unfinished header of an interrupted
-recorder.
+Of an interrupted recorder's header with size 0, libsndfile (soundfile 0.14) reads no samples, and
+it does not report a truncated file. SciPy 1.17 loads 24-bit samples whole and refuses both, and the
+module wave of Python 3.11 refuses floats, WAVE_FORMAT_EXTENSIBLE and RF64 as well.
 """
 
 import struct
