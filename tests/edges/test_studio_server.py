@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from contextlib import contextmanager
 from html import unescape
 from http.client import HTTPConnection
@@ -25,7 +26,14 @@ from tornado.ioloop import IOLoop
 from dechirp.cli.main import main
 from dechirp.core.errors import InvalidSetting
 from dechirp.studio.access_control import allowed_host_headers
-from dechirp.studio.server import MAX_MESSAGE_BYTES, MAX_PAGES, BatchingConnection, StudioServer
+from dechirp.studio.browser_events import read_studio_asset_text
+from dechirp.studio.server import (
+    MAX_MESSAGE_BYTES,
+    MAX_PAGES,
+    UNUSED_LIFETIME_MS,
+    BatchingConnection,
+    StudioServer,
+)
 from nightly import nightly
 
 ACK = b'"msgtype": "ACK"'
@@ -165,6 +173,23 @@ def test_page_limit_returns_503_and_keeps_server_running(studio):
     assert [send_request(studio, path)[0] for path in ("/lesson", "/lesson/")] == [503, 503]
     assert (status, text) == (503, f"{MAX_PAGES} pages are open, the maximum. Close one.\n")
     assert send_request(studio, "/healthz")[0] == 200
+
+
+def test_slow_browser_finds_its_session_until_it_loads_the_page_again():
+    wait_ms = re.search(r"CONNECT_MS = ([\d_]+)", read_studio_asset_text("connection.js"))[1]
+    # Sessions are checked every second, from when the page is built, before its browser waits.
+    assert 1.25 * int(wait_ms) <= UNUSED_LIFETIME_MS
+
+
+def test_closed_page_makes_room_within_seconds(studio):
+    pages = [send_request(studio)[2] for _ in range(MAX_PAGES)]
+    assert send_request(studio)[0] == 503
+    assert open_websocket(studio, extract_token(pages[0]))[0] == 101  # and closes it
+    give_up = time.monotonic() + 8
+    while send_request(studio)[0] != 200:
+        assert time.monotonic() < give_up
+        time.sleep(0.1)
+    assert open_websocket(studio, extract_token(pages[1]))[0] == 101  # it has not connected yet
 
 
 def test_simultaneous_changes_are_sent_as_one_message():

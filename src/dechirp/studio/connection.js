@@ -1,6 +1,6 @@
 // Connection to the studio: a page whose session has ended says so, or is loaded again.
 
-const CONNECT_MS = 20_000;  // a busy machine takes seconds; the server waits for 10 s
+const CONNECT_MS = 20_000;  // a busy machine takes seconds; the server keeps the session for 30 s
 const RELOAD_INTERVAL_MS = 60_000;
 
 // A page that the browser shows again after "back" has lost its connection.

@@ -49,6 +49,12 @@ class BatchingConnection(ServerConnection):
         self._browser = socket
         self._changes: list[DocumentPatchedEvent] = []
 
+    def detach_session(self) -> None:
+        """End the session with its browser: a closed page takes no place among `MAX_PAGES`."""
+        if self._session is not None:
+            self._session.request_expiration()
+        super().detach_session()
+
     def send_patch_document(self, event: DocumentPatchedEvent) -> Awaitable[None]:
         """Send a change with all others that are made before it is awaited."""
         self._changes.append(event)
@@ -103,8 +109,9 @@ class _LazySerializer(Serializer):
 MAX_PAGES = 8
 MAX_MESSAGE_BYTES = 2**20
 """Largest message from a browser: the text of a settings file."""
-_UNUSED_LIFETIME_MS = 10_000
-"""Time after which a closed or unused page is discarded; a slow browser connects earlier."""
+UNUSED_LIFETIME_MS = 30_000
+"""Time after which a page that never connected is discarded. A page waits 20 s for its connection,
+see `connection.js`, and is then loaded again, so it never finds its session discarded before."""
 
 _SCRIPTS: tuple[Component, ...] = ("bokeh", "bokeh-widgets", "bokeh-tables")
 """Parts of Bokeh that the pages use; mathematics in texts and WebGL take 1.98 MB more."""
@@ -202,7 +209,7 @@ class _GuardedBokeh(BokehTornado):
             include_cookies=[],
             websocket_max_message_size_bytes=MAX_MESSAGE_BYTES,
             check_unused_sessions_milliseconds=1000,
-            unused_session_lifetime_milliseconds=_UNUSED_LIFETIME_MS,
+            unused_session_lifetime_milliseconds=UNUSED_LIFETIME_MS,
             ico_path="none",
         )
         self._access = access
