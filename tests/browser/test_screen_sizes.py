@@ -39,8 +39,18 @@ TEXT_SIZES_JS = """() => {
 SHOW_ALL_TABS_JS = """() => {
   for (const page of document.querySelectorAll("[role=tabpanel]")) page.hidden = false;
 }"""
-OVERFLOWING_TITLES_JS = """() => [...document.querySelectorAll("h2, figcaption p")]
-  .filter((one) => one.scrollWidth > one.clientWidth + 1).map((one) => one.textContent)"""
+OVERFLOWING_TITLES_JS = """() => {
+  const titles = [...document.querySelectorAll("h2, figcaption p")];
+  const visit = (node) => {
+    titles.push(...node.querySelectorAll(".slick-column-name"));
+    for (const child of node.querySelectorAll("*")) if (child.shadowRoot) visit(child.shadowRoot);
+  };
+  visit(document);
+  return titles.filter((one) => one.offsetWidth
+      && (one.scrollWidth > one.clientWidth + 1 || one.scrollHeight > one.clientHeight + 1
+        || one.offsetHeight > one.parentElement.clientHeight))
+    .map((one) => one.textContent);
+}"""
 
 
 def test_page_is_legible_at_every_width(shared_page):
@@ -78,6 +88,26 @@ def test_page_is_legible_at_every_width(shared_page):
         assert panel["height"] > 200 and panel["width"] > width - 50  # as its sliders need
     small = [entry for entry in page.evaluate(TEXT_SIZES_JS) if entry[0] < 12]
     assert small == []
+
+
+def test_error_note_covers_no_title(shared_page):
+    page = shared_page.page
+    page.set_viewport_size({"width": 1280, "height": 720})
+    shared_page.open_tab("Radar")
+    shared_page.type_setting("radar.frame.interval", "2 us")
+    note = page.locator("[data-part=trouble]").get_by_text("ramp").first
+    note.wait_for()
+    page.wait_for_timeout(400)
+    box = page.locator("[data-part=trouble]").bounding_box()
+    assert box["height"] > 20
+    assert all(is_apart(box, tile.bounding_box()) for tile in page.locator(".tile").all())
+    page.set_viewport_size({"width": 500, "height": 900})
+    box = page.locator("[data-part=trouble]").bounding_box()
+    assert box["y"] > 450 and box["y"] + box["height"] <= 900  # in sight, at the lower edge
+    page.set_viewport_size({"width": 1280, "height": 720})
+    shared_page.act_and_wait_for_frame(
+        lambda: shared_page.type_setting("radar.frame.interval", "35 us")
+    )
 
 
 @nightly

@@ -190,6 +190,22 @@ def test_cut_title_gives_margin_to_threshold():
     assert view.caption.title.endswith(" dB under the threshold")
 
 
+def test_threshold_is_shown_below_echoes_that_fill_the_cut():
+    view = ThresholdCutView(build_session())
+    frame_state = show_step(view)
+    over_range, over_velocity = frame_state.cuts_through_cursor
+    strong = np.full_like(over_range.power, 1e-9)  # 50 dB over a threshold along velocity
+    frame_state.__dict__["cuts_through_cursor"] = (
+        over_range._replace(power=strong, threshold=1e-5 * strong),
+        over_velocity,
+    )
+    view.show_frame(frame_state)
+
+    figure = view.drawings["range"].figure
+    threshold_dbm = get_line_data(figure, "threshold")["y"]
+    assert figure.y_range.start < np.nanmin(threshold_dbm) < figure.y_range.end
+
+
 def test_shaded_spans_match_training_and_guard_cells():
     view = ThresholdCutView(
         build_session("chain.cfar.n_training.range=6", "chain.cfar.n_guard.range=2")
@@ -306,8 +322,28 @@ def test_detection_table_title_counts_detected_and_missed_targets():
     view = DetectionsView(build_session("scene.targets.1.rcs=-60 dBsm"))
     show_step(view)
 
-    assert view.table.title.text == "<b>1 detection: 1 of 2 targets found, 0 of no target</b>"
+    assert view.table.title.text == (
+        "<b>1 detection: 1 of 2 targets found at the true range, 0 of no target</b>"
+    )
     assert view.table.source.data["target"].tolist() == ["post"]
+
+
+def test_target_beyond_largest_range_is_aliased_and_not_found():
+    largest_m = build_session().scenario.radar.frame.chirp.max_range_m
+    beyond = f"[{1.75 * largest_m} m, 0 m, 0 m]"  # appears at 0.75 of it
+    view = DetectionsView(
+        build_session(f"scene.targets.1.position={beyond}", "scene.targets.1.rcs=30 dBsm")
+    )
+    table = show_step(view)
+
+    names = view.table.source.data["target"].tolist()
+    assert "car (aliased)" in names and "post" in names
+    aliased = view.table.source.data["range"][names.index("car (aliased)")]
+    true_m = float(table.truth["range"].sel(target="car").item())
+    assert true_m > largest_m > aliased
+    title = view.table.title.text
+    assert "1 of 2 targets found at the true range, " in title
+    assert f"{names.count('car (aliased)')} aliased to a wrong range" in title
 
 
 def test_detection_table_title_states_that_nothing_is_detected():

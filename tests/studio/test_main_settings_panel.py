@@ -1,12 +1,21 @@
 """Main settings of the studio: sliders, presets, undo and edits in any order."""
 
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
 import pytest
+from bokeh.document import Document
 
 from dechirp.config.dumping import dump_yaml
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.studio.panels.main_settings import MAIN_SETTINGS, change_main_setting
+from dechirp.studio.panels.main_settings import (
+    MAIN_SETTINGS,
+    MainSettings,
+    change_main_setting,
+)
 from dechirp.studio.panels.presets import PRESETS, preset_scenario
 from dechirp.studio.scenario_edits import PageLimits, check_scenario_within_limits, parse_scenario
+from dechirp.studio.session import Session
 
 LIMITS = PageLimits()
 START = preset_scenario("crossroads", LIMITS)
@@ -39,3 +48,24 @@ def test_preset_is_a_settings_file_within_the_limits(name):
     scenario = preset_scenario(name, LIMITS)
     check_scenario_within_limits(scenario, LIMITS)
     assert parse_scenario(dump_yaml(scenario), LIMITS) == scenario
+
+
+def test_choice_of_scenes_shows_the_one_in_effect():
+    session = Session(Document(), ThreadPoolExecutor(1), START, LIMITS)
+    panel = MainSettings(session)
+
+    def take(scenario) -> str:
+        session.scenario = scenario
+        for listen in session.on_settings:
+            listen(scenario)
+        return dict(panel._preset.options)[panel._preset.value]
+
+    assert take(START) == PRESETS["crossroads"][0]
+    other = preset_scenario("two-cells", LIMITS)
+    assert take(other) == PRESETS["two-cells"][0]
+    assert not session.has_queued_edit("")  # showing it opens nothing
+    changed = change_main_setting(other, "bandwidth", 300, LIMITS)
+    assert take(changed) == f"{PRESETS['two-cells'][0]}, changed"
+    panel._preset.value = "two-cells"  # undoes the changes
+    assert session.has_queued_edit("")
+    assert take(replace(START, name="mine")) == "mine"

@@ -1,7 +1,9 @@
 """Lessons of the studio: displayed numbers against formulas, knobs and pages."""
 
 import asyncio
+import re
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -398,3 +400,12 @@ def test_lesson_plays_without_waiting_for_unconfirmed_frames(worker, monkeypatch
     assert browser.n_frames_sent == 20
     asyncio.run(draw_frames(40, n_frames=40, confirms=False))
     assert browser.n_frames_sent == 23  # a browser that draws none receives no more
+
+
+@pytest.mark.parametrize("lesson", LESSONS)
+def test_lessons_say_whose_report_they_mean(lesson):
+    texts = [lesson.introduction, *(words for _, words in lesson.formulas)]
+    texts += [part for trial in lesson.experiments for part in (trial.question, trial.answer)]
+    for text in texts:
+        for before, _ in pairwise(re.split(r"\breport\b", text)):
+            assert before.endswith("students' ")

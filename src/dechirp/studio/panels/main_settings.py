@@ -181,10 +181,11 @@ class MainSettings(Panel):
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
+        self._presets: dict[str, Scenario] = {}
+        """Presets that were compared with the settings, by name."""
         self._preset = Select(
             title="Scene",
             value="",
-            options=[("", "choose one"), *((name, title) for name, (title, _) in PRESETS.items())],
             sizing_mode="stretch_width",
         )
         self._preset.on_change("value", lambda attr, old, new: self._open_preset(str(new)))
@@ -213,10 +214,10 @@ class MainSettings(Panel):
         """Do nothing: the widgets inherit the colours of the page."""
 
     def _open_preset(self, name: str) -> None:
-        if name in PRESETS:
+        # Also called when the page selects the preset in effect.
+        if name in PRESETS and not self._is_preset(name, self.session.scenario):
             self.session.go_to_step(0)
             self.session.queue_edit("", lambda _: preset_scenario(name, self.session.limits))
-            self._preset.value = ""
 
     def _change_setting(self, name: str, attr: str, old: object, new: object) -> None:
         current = MAIN_SETTINGS[name].read(self.session.scenario)
@@ -230,7 +231,27 @@ class MainSettings(Panel):
             partial(change_main_setting, name=name, value=value, limits=self.session.limits),
         )
 
+    def _show_scene_of(self, scenario: Scenario) -> None:
+        """Select the preset in effect; changed ones and other scenes have an entry of their own."""
+        name, is_unchanged = scenario.name, self._is_preset(scenario.name, scenario)
+        is_changed = name in PRESETS and scenario.scene is not None
+        own_entry = f"{PRESETS[name][0]}, changed" if is_changed else name
+        presets = [(preset, title) for preset, (title, _) in PRESETS.items()]
+        self._preset.update(
+            options=presets if is_unchanged else [("", own_entry), *presets],
+            value=name if is_unchanged else "",
+        )
+
+    def _is_preset(self, name: str, scenario: Scenario) -> bool:
+        """Return True if a scenario is the preset of a name."""
+        if name not in PRESETS or scenario.name != name:
+            return False
+        if name not in self._presets:
+            self._presets[name] = preset_scenario(name, self.session.limits)
+        return scenario == self._presets[name]
+
     def _show_settings_of(self, scenario: Scenario) -> None:
+        self._show_scene_of(scenario)
         for name, main in MAIN_SETTINGS.items():
             slider, value = self._sliders[name], main.read(scenario)
             if slider.visible != (value is not None):

@@ -21,7 +21,11 @@ class Errors(Panel):
     def __init__(self, session: Session) -> None:
         super().__init__(session)
         self._root = Div(
-            name=self.name, visible=False, sizing_mode="stretch_width", disable_math=True
+            name=self.name,
+            visible=False,
+            sizing_mode="stretch_width",
+            margin=(0, 0, 6, 0),
+            disable_math=True,
         )
         session.on_mistakes.append(self._show_mistakes)
 

@@ -83,8 +83,9 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
         Experiment(
             "The carrier with an approaching target",
             {"ramp": NO_RAMP, "velocity_m_per_s": -20},
-            "The right map is the same as before, the left one is not. The report states that one"
-            " mixer loses the sign of the velocity. This is true only without a ramp.",
+            "The right map is the same as before, the left one is not. The students' report, whose"
+            " radar these lessons use, states that one mixer loses the sign of the velocity. This"
+            " is true only without a ramp.",
         ),
         Experiment(
             "Remove the guard cells",

@@ -36,14 +36,15 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
     title = "Noise and the weakest detectable echo"
     introduction = (
         "In a sample, the echo can be thousands of times weaker than the noise. Both transforms"
-        " concentrate it in one cell. The report stops at -24 dB, because its rule treats"
-        " amplitudes as powers; this radar detects down to -40 dB."
+        " concentrate it in one cell. The students' report, whose radar these lessons use, stops"
+        " at -24 dB, as its rule treats amplitudes as powers; this radar detects down to -40 dB."
     )
     formulas = (
         (r"g = N\,M", "gain: 281,600, or 54.5 dB"),
         (
             r"T = \dfrac{\pi}{4}\left(10^{\Delta/10}\right)^2",
-            "the report's threshold over the mean noise: Δ = 15 dB of amplitude are 29 dB of power",
+            "the students' threshold over the mean noise: Δ = 15 dB of amplitude are 29 dB of"
+            " power",
         ),
     )
     knobs: ClassVar = {
@@ -56,7 +57,7 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
     animated_dial = ("snr_db", -1)
     experiments = (
         Experiment(
-            "The report's limit: -24 dB",
+            "The limit of the students' report: -24 dB",
             {"snr_db": -24},
             "The peak just reaches the upper threshold, at 29 dB. It is far above the lower one, at"
             " 11.5 dB, which noise alone exceeds in one cell in a million.",
@@ -65,7 +66,7 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
             "A little more noise: -27 dB",
             {"snr_db": -27},
             "The peak is 27 dB above the noise and 15 dB above the lower threshold, so it is easy"
-            " to see. The report's rule misses it.",
+            " to see. The students' rule misses it.",
         ),
         Experiment(
             "Forty decibels below the noise: -40 dB",
@@ -94,7 +95,7 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
             x=RANGE_LABEL, y=POWER_OVER_NOISE_LABEL, x_range=_SHOWN_M, y_range=(-8, 56)
         )
         self._cut.add_line("power", "echo", label="power", line_width=1.5)
-        self._cut.add_line("report", "track", label="the report's threshold", line_width=2)
+        self._cut.add_line("report", "track", label="the students' threshold", line_width=2)
         self._cut.add_line("chain", "threshold", label="cell averaging, 1e-6", line_width=2)
         self._cut.add_vertical_lines(
             "truth", "truth", label="target", line_width=2, line_dash="dotted"
@@ -109,7 +110,7 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
         self._shares.add_vertical_lines("now", "cursor", line_width=1, line_dash="dashed")
         for detector, role, label, marker in (
             ("chain", "threshold", "cell averaging", "circle"),
-            ("report", "track", "the report's rule", "square"),
+            ("report", "track", "the students' rule", "square"),
         ):
             self._shares.add_line(f"{detector} theory", role, label=label, line_width=2)
             self._shares.add_vertical_lines(
@@ -147,7 +148,7 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
         }
         for detector, name, curve, offset_db in (
             ("chain", "cell averaging", frame.theory, -0.1),
-            ("report", "the report's rule", frame.report_theory, 0.1),
+            ("report", "the students' rule", frame.report_theory, 0.1),
         ):
             shares = self._hits.hit_rates_with_intervals(settings.window, detector)
             self._shares.set_data(f"{detector} theory", x=frame.theory_db, y=curve)
@@ -161,7 +162,7 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
             numbers[name] = f"{row[1] * row[4]:.0f} of {row[4]:.0f}; theory {expected:.0%}"
         self._cut.set_title(
             f"One frame at {settings.snr_db:.0f} dB: cell averaging {_hit_verb(frame.hits[0])}"
-            f" the target, the report's rule {_hit_verb(frame.report_hits[0])} it"
+            f" the target, the students' rule {_hit_verb(frame.report_hits[0])} it"
         )
         self._shares.set_title(
             "Detection probability: theory (lines), and counted frames (marks) with 95 % intervals"

@@ -8,7 +8,9 @@ from bokeh.models import UIElement
 from dechirp.core.detection_columns import BY_NAME, SHOWN_COLUMNS, standard_error_column
 from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import EN_DASH, format_std
-from dechirp.evaluation.association import Associator
+from dechirp.evaluation.association import GATE_CELLS, Associator
+from dechirp.radar.resolution_cells import to_resolution_cells
+from dechirp.scene.aliasing import apparent_range_and_velocity
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
@@ -41,6 +43,7 @@ _ERRORS = {
 }
 """Decimals of standard errors by name."""
 _NO_TARGET = "none"
+_ALIASED = " (aliased)"
 
 
 class DetectionsView(View):
@@ -58,6 +61,7 @@ class DetectionsView(View):
 
     def show_frame(self, frame_state: FrameState) -> None:
         targets = self._nearest_target_names(frame_state)
+        is_aliased = np.isin(targets, _names_of_targets_aliased_in_range(frame_state))
         columns = shown_detection_columns(frame_state)
         map_positions, _ = detection_map_positions_and_azimuths(frame_state)
         cursors = [Cursor(*map(float, place)) for place in zip(*map_positions, strict=True)]
@@ -69,10 +73,10 @@ class DetectionsView(View):
         for name in _ERRORS.keys() & columns.keys():
             texts = [format_std(error, _ERRORS[name]) for error in columns[name].tolist()]
             columns[name] = np.array(texts, dtype=object)
-        columns["target"] = targets
+        columns["target"] = np.where(is_aliased, targets + _ALIASED, targets)
         self.table.set_column_visibility(visible | {"target": frame_state.truth is not None})
         self.table.show_rows(
-            _detections_title(targets, frame_state),
+            _detections_title(targets, is_aliased, frame_state),
             columns,
             cursors=cursors,
             selected=row_at_cursor(map_positions, frame_state),
@@ -105,8 +109,25 @@ def shown_detection_columns(frame_state: FrameState) -> dict[str, np.ndarray]:
     }
 
 
-def _detections_title(target_names: np.ndarray, frame_state: FrameState) -> str:
-    """Return the numbers of detections and of detected targets as a title."""
+def _names_of_targets_aliased_in_range(frame_state: FrameState) -> list[str]:
+    """Return the targets whose echoes appear two cells or more from their true range."""
+    truth, radar = frame_state.truth, frame_state.radar
+    if truth is None:
+        return []
+    apparent = apparent_range_and_velocity(truth, frame_state.radar)
+    at_rest, unknown = np.zeros(truth.sizes["target"]), np.full(truth.sizes["target"], np.nan)
+    true_cells, apparent_cells = (
+        to_resolution_cells(range_m, at_rest, unknown, unknown, radar)[:, 0]
+        for range_m in (truth["range"].values[:, 0], apparent.range_m[:, 0])
+    )
+    is_aliased = abs(apparent_cells - true_cells) > GATE_CELLS
+    return list(truth.target.values[is_aliased].astype(str))
+
+
+def _detections_title(
+    target_names: np.ndarray, is_aliased: np.ndarray, frame_state: FrameState
+) -> str:
+    """Return the numbers of detections and of targets found at their true range as a title."""
     n = target_names.size
     title = "Nothing detected" if n == 0 else format_count_with_noun(n, "detection")
     if n > MAX_ROWS:
@@ -114,8 +135,10 @@ def _detections_title(target_names: np.ndarray, frame_state: FrameState) -> str:
     if frame_state.truth is None:
         return title
     names = frame_state.truth.target.values.tolist()
-    n_detected = len(set(target_names.tolist()) & set(names))
-    title += (
-        f": {n_detected} of {format_count_with_noun(len(names), 'target')} found" if names else ""
-    )
+    n_found = len(set(target_names[~is_aliased].tolist()) & set(names))
+    if names:
+        title += f": {n_found} of {format_count_with_noun(len(names), 'target')} found"
+        title += " at the true range" if n_found else ""
+    if is_aliased.any():
+        title += f", {is_aliased.sum()} aliased to a wrong range"
     return f"{title}, {int(np.sum(target_names == _NO_TARGET))} of no target" if n else title

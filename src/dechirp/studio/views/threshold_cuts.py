@@ -68,9 +68,13 @@ class ThresholdCutView(View):
             ends = np.reshape(edges_of_marked_runs(line.positions, cells), (-1, 2))
             drawing.set_data(name, left=ends[:, 0], right=ends[:, 1])
         highest_db = max(float(level_db.max()), float(np.nanmax(threshold_db, initial=-np.inf)))
+        # Strong echoes over most of a small map lift its median above the threshold.
+        lowest_db = min(
+            level_12_db_below_median(level_db), float(np.nanmin(threshold_db, initial=np.inf)) - 2
+        )
         drawing.set_axis_limits(
             x=outer_cell_edges(line.positions),
-            y=limits_rounded_to_10_db(level_12_db_below_median(level_db), highest_db),
+            y=limits_rounded_to_10_db(lowest_db, highest_db),
         )
         drawing.figure.yaxis.axis_label = power_label(power_level_unit(units))
         range_m, velocity_m_per_s = frame_state.cursor
