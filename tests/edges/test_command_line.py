@@ -13,10 +13,12 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.commands.list import family_base_classes
+from dechirp.cli.console import finding_paragraphs, open_stdout_console
 from dechirp.cli.main import main
 from dechirp.config import loading
 from dechirp.config.dumping import dump_yaml
 from dechirp.config.fields import list_settings
+from dechirp.core.findings import Finding
 from dechirp.core.table_columns import COLUMNS
 from dechirp.results import results
 from dechirp.results.results import FILES
@@ -120,6 +122,7 @@ def run_python(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
 def test_help_imports_no_heavy_library():
     script = f"""
 import sys
+from dechirp.cli.console import finding_paragraphs, open_stdout_console
 from dechirp.cli.main import main
 try:
     main(["--help"])
@@ -198,6 +201,7 @@ def test_error_stays_off_standard_output_when_standard_error_is_closed():
 def test_worker_processes_work_with_closed_standard_output(folder):
     script = """
 import sys
+from dechirp.cli.console import finding_paragraphs, open_stdout_console
 from dechirp.cli.main import main
 try:
     main(["list"])
@@ -439,6 +443,48 @@ def test_set_option_changes_radar_of_recording(run_cli, recording_arguments, rad
 
     strongest = max(document["detections"], key=lambda row: row["snr_db"])
     assert strongest["velocity_m_per_s"] == pytest.approx(-4, abs=0.8)
+
+
+@pytest.mark.parametrize("is_given", [True, False])
+def test_set_option_changes_settings_that_do_not_fit_capture(run_cli, folder, is_given):
+    # A quarter of a frame: 8 chirps of 64 complex samples.
+    samples = np.random.default_rng(2).integers(-99, 99, 8 * 64 * 2).astype(np.int16)
+    (folder / "capture.bin").write_bytes(samples.tobytes())
+    lines = [
+        "channelCfg 1 1 0",
+        "adcCfg 2 1",
+        "adcbufCfg -1 0 0 1 1",
+        "profileCfg 0 77 10 5 30 0 0 60 1 64 4000 0 0 30",
+        "chirpCfg 0 0 0 0 0 0 0 1",
+        "frameCfg 0 0 32 0 50 1 0",
+    ]
+    (folder / "radar.cfg").write_text("\n".join(["% xWR18xx", *lines]))
+    arguments = ["run", "capture.bin", *(["--radar", "radar.cfg"] if is_given else []), "--quiet"]
+
+    status, _, message = run_cli(*arguments)
+    assert status == 2
+    assert "according to radar.cfg" in message
+    assert "--set radar.frame.n_chirps=8" in message
+
+    change = ("--set", "radar.frame.n_chirps=8")
+    assert run_cli(*arguments, *change) == (0, "", "")
+    assert dc.load("dechirp-run/scenario.yaml").radar.frame.n_chirps == 8
+
+
+def test_options_in_findings_are_never_broken(capsys):
+    option = "--set chain.detector.training='range: 8, velocity: 8'"
+    finding = Finding(
+        level="note",
+        setting="chain",
+        value="x" * 30,
+        expected="another value",
+        fix=f"{'word ' * 6}{option}",
+    )
+
+    for paragraph in finding_paragraphs([finding]):
+        open_stdout_console().print(paragraph)
+
+    assert option in capsys.readouterr().out
 
 
 def test_scenario_of_recording_omits_unused_settings(run_cli, recording_arguments):

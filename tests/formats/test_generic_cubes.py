@@ -1000,13 +1000,24 @@ def test_never_uses_codec_that_unpickles(tmp_path):
     assert "codec pickle" in mistake.value
 
 
+def test_matlab_structure_is_named_with_its_fields(tmp_path):
+    points = np.array([(1.0, 2.0)] * 3, [("range", "O"), ("azimuth", "O")])
+    scipy.io.savemat(tmp_path / "cube.mat", {"history": points})
+
+    for path in ("cube.mat", "cube.mat/history"):
+        mistake = catch_mistake(tmp_path / path, "matlab")
+        assert "history (structure of 1 x 3 with the fields range, azimuth)" in mistake.value
+        assert "/cube" not in mistake.fix and "/history" not in mistake.fix
+
+
 def test_rejects_matlab_cells_and_texts(tmp_path):
     cells = np.empty((4, 8), object)
     cells[:] = 1.0
     scipy.io.savemat(tmp_path / "cube.mat", {"cells": cells, "text": ["abcdefgh"] * 4})
 
     assert (
-        "no array" in catch_mistake(tmp_path / "cube.mat", "matlab", axes=("chirp", "sample")).value
+        "cells (cell array of 4 x 8), text (text"
+        in catch_mistake(tmp_path / "cube.mat", "matlab", axes=("chirp", "sample")).value
     )
 
 

@@ -15,8 +15,10 @@ import psutil
 import pytest
 
 import dechirp as dc
+from dechirp.config.dumping import dump_yaml
 from dechirp.core import memory
 from dechirp.core.errors import NotEnoughMemory, RecordingError
+from dechirp.experiments.inspection import inspect
 from dechirp.experiments.run import run
 from dechirp.experiments.scenario import RecordingSource, Scenario
 from dechirp.radar.array import Array
@@ -952,12 +954,108 @@ def test_recorded_and_simulated_cubes_are_identical(tmp_path, radar):
     assert dc.detect(recorded_cube, radar).identical(dc.detect(simulated_cube, radar))
 
 
-def test_folder_that_contains_recordings_names_them(tmp_path):
-    (tmp_path / "notes.md").write_text("A walk.\n")
-    (tmp_path / "walk.cf32").write_bytes(np.zeros(64, np.complex64).tobytes())
+def write_capture_folder(folder, name="capture", radar=None):
+    """Write a capture with its radar into a folder; return the path of the capture."""
+    folder.mkdir(exist_ok=True)
+    (folder / "radar.yaml").write_text(dump_yaml(radar or make_radar()))
+    file = folder / f"{name}.bin"
+    file.write_bytes(encode_dca1000(draw_samples(3, 4, 2, 8)))
+    return file
 
-    with pytest.raises(RecordingError, match=r"give one file of it: walk\.cf32$"):
-        open_recording(tmp_path)
+
+def test_folder_with_one_recording_and_other_files_opens(tmp_path):
+    file = write_capture_folder(tmp_path)
+    (tmp_path / "README.md").write_text("A walk.\n")
+    (tmp_path / "map.png").write_bytes(b"\x89PNG\r\n" + bytes(50))
+    (tmp_path / "cut.jpg").write_bytes(b"\xff\xd8")
+    (tmp_path / "meta.json").write_text('{"truth": [1, 2]}')
+    (tmp_path / ".DS_Store").write_bytes(bytes(4096))
+    (tmp_path / "gone.bin").symlink_to("absent.bin")
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "dechirp-run").mkdir()
+    (tmp_path / "dechirp-run" / "run.json").write_text("{}")
+    (tmp_path / "dechirp-run" / ".zattrs").write_text("{}")
+
+    recording = open_recording(tmp_path)
+
+    assert recording.path == file
+    assert recording.cube.identical(open_recording(file).cube)
+    assert inspect(tmp_path).recording.path == file
+
+
+def test_folder_names_truth_table_that_it_does_not_read(tmp_path):
+    file = write_capture_folder(tmp_path)
+    np.save(tmp_path / "truth.npy", np.arange(6.0).reshape(2, 3))
+
+    recording = open_recording(tmp_path)
+
+    assert recording.path == file
+    assert "truth.npy" in recording.findings[0].value
+
+
+def test_folder_with_several_recordings_names_all_with_command(tmp_path):
+    folder = tmp_path / "two walks"
+    write_capture_folder(folder, "a")
+    write_capture_folder(folder, "b")
+
+    mistake = catch_mistake(folder)
+
+    assert mistake.value == "a folder with 2 recordings: a.bin, b.bin"
+    assert mistake.fix == f"give one of them: dechirp run '{folder / 'a.bin'}'"
+
+
+def test_recordings_with_one_stem_are_both_named(tmp_path):
+    write_capture_folder(tmp_path, "walk")
+    (tmp_path / "walk.cf32").write_bytes(draw_samples(3, 4, 2, 8).astype(np.complex64).tobytes())
+
+    assert "walk.bin, walk.cf32" in catch_mistake(tmp_path).value
+
+
+def test_parts_of_split_capture_are_one_recording_of_folder(tmp_path):
+    content = write_capture_folder(tmp_path, "whole_0").read_bytes()
+    (tmp_path / "whole_0.bin").write_bytes(content[:-100])
+    (tmp_path / "whole_1.bin").write_bytes(content[-100:])
+
+    recording = open_recording(tmp_path)
+
+    assert (recording.path.name, recording.n_frames) == ("whole_0.bin", 3)
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ([], "an empty folder"),
+        (["map.png"], "a folder with map.png, no recording among them"),
+        (["radar.yaml"], "the settings of a recording, without its samples: radar.yaml"),
+    ],
+)
+def test_folder_without_recording_is_described(tmp_path, names, message):
+    for name in names:
+        text = dump_yaml(make_radar()).encode() if name.endswith("yaml") else b"\x89PNG\r\n"
+        (tmp_path / name).write_bytes(text)
+
+    assert message in catch_mistake(tmp_path).value
+
+
+def test_folder_of_pointer_or_nested_recording_names_next_step(tmp_path):
+    nested = tmp_path / "outer" / "inner"
+    (tmp_path / "outer").mkdir()
+    write_capture_folder(nested)
+    pointers = tmp_path / "pointers"
+    pointers.mkdir()
+    (pointers / "walk.bin").write_text("version https://git-lfs.github.com/spec/v1\nsize 9\n")
+
+    assert catch_mistake(tmp_path / "outer").fix.endswith(f"dechirp run {nested}")
+    assert "a pointer of Git LFS" in catch_mistake(pointers).value
+
+
+def test_text_document_gets_short_message(tmp_path):
+    (tmp_path / "README.md").write_text("# A walk\n\nRecorded on Monday.\n")
+
+    mistake = catch_mistake(tmp_path / "README.md")
+
+    assert mistake.value == "a text document"
+    assert "raddet" not in str(mistake) and "copy it again" not in str(mistake)
 
 
 def test_scenario_in_place_of_its_radar_is_recognised(tmp_path):

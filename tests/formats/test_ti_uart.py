@@ -381,3 +381,50 @@ def test_fuzzed_bytes_decode_or_raise_recording_error(tmp_path_factory, data):
     assert np.isfinite(points.range.values).all()
     assert np.isfinite(points.velocity.values).all()
     assert points.frame.size == 0 or points.frame.max() < contents.n_frames
+
+
+def encode_viewer_frame(number, points=(), n_targets=0):
+    items = []
+    if points:
+        items.append(encode_item(6, b"".join(struct.pack("<4f", *point) for point in points)))
+    if n_targets:
+        items.append(encode_item(7, bytes(28 * n_targets)))
+        items.append(encode_item(8, bytes(len(points))))
+    return struct.pack("<II", number, len(items)) + b"".join(items)
+
+
+def test_file_of_people_counting_viewer_gives_points(tmp_path):
+    content = b"".join(
+        [
+            encode_viewer_frame(1),
+            encode_viewer_frame(2, [(5.0, -0.25, -0.5, 12.6)]),
+            encode_viewer_frame(4, [(5.5, 0.25, 0.5, 20.0), (6.0, 0.0, 0.0, 30.0)], n_targets=1),
+        ]
+    )
+    cut = encode_viewer_frame(5, [(1.0, 0.0, 0.0, 20.0)])[:-4]
+
+    contents = read_contents(tmp_path, content + cut)
+
+    points = contents.points
+    assert TiUart().recognise(tmp_path / "stream.dat") == MatchQuality.SELF_DESCRIBING
+    assert contents.n_frames == 3
+    assert points.frame.values.tolist() == [1, 2, 2]
+    assert points.frame_number.values.tolist() == [2, 4, 4]
+    assert points.range.values.tolist() == [5.0, 5.5, 6.0]
+    assert points.velocity.values.tolist() == [-0.5, 0.5, 0.0]
+    # To the right in the file, to the left in the package.
+    assert points.azimuth.values.tolist() == [0.25, -0.25, 0.0]
+    assert points.snr.values == pytest.approx([12.6, 20, 30])
+    assert list_warnings(contents) == [f"3 complete frames; {len(cut)} bytes after them left out"]
+
+
+@pytest.mark.parametrize("kind", ["noise", "counter", "zeros"])
+def test_raw_samples_are_not_taken_for_frames_of_viewer(tmp_path, kind):
+    words = {
+        "noise": np.random.default_rng(1).integers(-2000, 2000, 4096, np.int16),
+        "counter": np.arange(4096, dtype=np.int16),
+        "zeros": np.zeros(4096, np.int16),
+    }[kind]
+    (tmp_path / "capture.bin").write_bytes(words.tobytes())
+
+    assert TiUart().recognise(tmp_path / "capture.bin") == MatchQuality.NO

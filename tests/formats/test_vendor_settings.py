@@ -937,7 +937,9 @@ def test_error_of_two_settings_files_names_both(tmp_path):
     for name in ("a.cfg", "b.cfg"):
         (tmp_path / name).write_text(CFG)
 
-    with pytest.raises(RecordingError, match=r"in the folder a\.cfg, b\.cfg.*--radar a\.cfg"):
+    with pytest.raises(
+        RecordingError, match=r"in the folder a\.cfg, b\.cfg; .*/a\.cfg, --radar /.*/b\.cfg$"
+    ):
         find_settings_file(tmp_path / "capture.bin")
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.io
 
 from dechirp.recordings.recording import open as open_recording
 
@@ -54,3 +55,16 @@ def test_urad_opens_i_and_q_in_two_files(witness_data, name):
     assert np.median(peaks[315:335]) == pytest.approx(31, abs=1)
     # The mean interval of the times in the file.
     assert recording.radar.frame.single_interval_s == pytest.approx(14.582 / 343, rel=1e-3)
+
+
+def test_people_counting_points_equal_those_of_matlab_file(witness_data):
+    folder = witness_data / "people_counting"
+
+    points = open_recording(folder).points
+
+    history = scipy.io.loadmat(
+        folder / "fHistScene4_0001.mat", struct_as_record=False, squeeze_me=True
+    )["fHist"]
+    expected = np.concatenate([np.reshape(frame.pointCloud, (4, -1)) for frame in history], axis=1)
+    columns = [points[name].values for name in ("range", "azimuth", "velocity", "snr")]
+    assert np.array_equal(columns, expected * np.array([[1], [-1], [1], [1]]))

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Protocol
+from typing import Any, Protocol
 
 from rich import box
 from rich.console import Console
@@ -17,6 +17,12 @@ _STYLES = {"note": "cyan", "warning": "yellow", "error": "red"}
 
 
 class _Console(Console):
+    def print(self, *parts: Any, soft_wrap: bool | None = None, **options: Any) -> None:
+        """Leave the wrapping of text to the terminal, so that options in it can be copied."""
+        if all(isinstance(part, str | Text) for part in parts):
+            soft_wrap = True
+        super().print(*parts, soft_wrap=soft_wrap, **options)
+
     def on_broken_pipe(self) -> None:
         """Raise the error for `main` to handle."""
         raise BrokenPipeError

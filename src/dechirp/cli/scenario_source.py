@@ -13,12 +13,14 @@ from dechirp.config.dumping import dump_yaml
 from dechirp.config.validation import Readers
 from dechirp.core.errors import DechirpError, InvalidFile, Mistake, quote_for_message
 from dechirp.experiments.scenario import READERS, RecordingSource, Scenario, load, reference
+from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.lookup import device as known_device
 from dechirp.radar.radar import Radar
 from dechirp.recordings.live.udp import is_udp_address
 from dechirp.recordings.recording import open as open_recording
+from dechirp.recordings.settings.base import Iq
 from dechirp.recordings.settings.calibration import read_calibration
-from dechirp.recordings.settings.read import read_radar
+from dechirp.recordings.settings.read import find_settings_file, read_radar
 
 _OPTIONS = {
     "Scenario.n_frames": "--frames",
@@ -91,11 +93,9 @@ def _load_scenario_from_source(
     path, iq, opened_radar, layout = source.absolute(), None, None, None
     chip = known_device(metadata["device"]) if "device" in metadata else None
     if _has_radar_changes(changes):
-        # Changes need a radar to start from. Its file also describes the sample layout.
-        recording = open_recording(source, **{"radar": radar, **metadata})
-        iq, opened_radar = recording.contents.iq, recording.radar
-        if recording.contents.settings_path is not None:
-            layout = str(recording.contents.settings_path.absolute())
+        iq, opened_radar, settings_path = _open_unchanged_recording(source, radar, chip, metadata)
+        if settings_path is not None:
+            layout = str(settings_path.absolute())
         if radar is None:
             changes = [f"radar={_path_as_yaml_string(path)}", *changes]
 
@@ -110,6 +110,25 @@ def _load_scenario_from_source(
         if changes
         else scenario
     )
+
+
+def _open_unchanged_recording(
+    source: Path, radar: Path | None, chip: Device | None, metadata: Mapping[str, Any]
+) -> tuple[Iq | None, Radar, Path | None]:
+    """Return I/Q order, radar and settings file of a recording, from which changes start.
+
+    Settings that fit the recording only after the changes are read without the recording.
+    """
+    try:
+        recording = open_recording(source, **{"radar": radar, **metadata})
+    except DechirpError as error:
+        try:
+            settings_path = radar or find_settings_file(source)
+        except DechirpError:
+            raise error from None
+        return None, read_radar(settings_path, chip), settings_path
+    contents = recording.contents
+    return contents.iq, recording.radar, contents.settings_path
 
 
 def format_source_as_typed(source: Path) -> str:

@@ -163,6 +163,13 @@ def format_number_ranges(noun: str, numbers: Iterable[int], *, max_ranges: int =
     return f"{noun}{'s' if values.size > 1 else ''} {text}"
 
 
+def join_names(names: Iterable[str], *, at_most: int = 16) -> str:
+    """Join names with commas, and count those that are left out: `a, b and 7 more`."""
+    names = list(names)
+    more = f" and {len(names) - at_most} more" if len(names) > at_most else ""
+    return ", ".join(names[:at_most]) + more
+
+
 def _unit_to_base_factor(name: str, base: str) -> float | None:
     """Return the size of a unit in base units; None if the two differ by more than prefixes."""
     parts = [

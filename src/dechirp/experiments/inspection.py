@@ -17,11 +17,15 @@ from dechirp.radar.calibration import Calibration
 from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.lookup import device as known_device
 from dechirp.radar.radar import Radar
-from dechirp.recordings.recognise import recognise_formats
-from dechirp.recordings.recording import Recording, check_axes_and_frames
+from dechirp.recordings.readers.base import RecordingHints
+from dechirp.recordings.recognise import find_recording_in_folder, recognise_formats
+from dechirp.recordings.recording import (
+    Recording,
+    check_axes_and_frames,
+    combine_radar_and_layout_settings,
+)
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.calibration import read_calibration
-from dechirp.recordings.settings.read import read_radar
 
 _FRAME_SETTINGS = ("radar.frame.n_chirps", "radar.frame.period")
 
@@ -76,14 +80,16 @@ def inspect(
     """
     path = Path(path)
     options = {"axes": axes, "encoding": encoding, "iq": iq}
-    kinds = recognise_formats(
-        path, format, given_options=[name for name, option in options.items() if option is not None]
-    )
     # Mistakes in given names or files are errors, not findings on the recording.
     check_axes_and_frames(axes, frames)
     chip = None if device is None else known_device(device)
-    if isinstance(radar, str | Path):
-        read_radar(radar, chip)
+    hints = RecordingHints(
+        settings=combine_radar_and_layout_settings(radar, None, chip), device=chip
+    )
+    file, _ = find_recording_in_folder(path, format, hints)
+    kinds = recognise_formats(
+        file, format, given_options=[name for name, option in options.items() if option is not None]
+    )
     if isinstance(calibration, str | Path):
         calibration = read_calibration(calibration)
     try:

@@ -1,14 +1,18 @@
 """Format recognition of a path, from its content and the options of the user."""
 
+import shlex
 from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from dechirp.core.errors import RecordingError
+from dechirp.core.errors import DechirpError, RecordingError
+from dechirp.core.findings import Finding
+from dechirp.core.text import join_names
 from dechirp.recordings.foreign_files import (
     describe_foreign_file,
     identify_foreign_file,
+    is_text,
     read_head,
     stand_in_error,
 )
@@ -24,8 +28,15 @@ from dechirp.recordings.readers.ros2_bag import Ros2Bag
 from dechirp.recordings.samples.sample_order import choose_sample_order
 from dechirp.recordings.settings.read import holds_settings
 
-# Files of a folder that are looked at, to name the recordings among them.
-_MAX_TRIED_FILES = 32
+# Files of a folder that are looked at, to find the recordings among them; each takes 2 to 5 ms.
+_MAX_TRIED_FILES = 256
+# Files that file managers of macOS and Windows leave in folders.
+_FILES_OF_FILE_MANAGERS = ("thumbs.db", "desktop.ini")
+# Damaged ones have no signature, and are no raw samples either.
+_SUFFIXES_WITHOUT_SAMPLES = {
+    *(".bmp", ".gif", ".heic", ".jpeg", ".jpg", ".png", ".svg", ".tif", ".tiff", ".webp"),
+    *(".avi", ".mkv", ".mov", ".mp4", ".pdf", ".pyc"),
+}
 
 
 def recognise_formats(
@@ -153,18 +164,14 @@ def _best_fitting_format_names(
         if is_empty
         else _describe_path_content_and_fix(path)
     )
-    if wanted_format:
-        expected = f"a recording of the format {wanted_format}"
-    elif fix:
-        expected = "a recording of one of the formats of `dechirp list format`"
-    else:
-        expected = f"a recording of one of the formats {', '.join(formats)}"
     named = "another format" if wanted_format else "its format"
     raise RecordingError(
         path,
         value=content,
-        expected=expected,
-        fix=fix or f"copy it again from its source, or give {named}: --format (format=...)",
+        expected=f"a recording of the format {wanted_format}"
+        if wanted_format
+        else "a recording of one of the formats of `dechirp list format`",
+        fix=fix or f"give the recording; if this is one, give {named}: --format (format=...)",
     )
 
 
@@ -226,24 +233,136 @@ def _describe_path_content_and_fix(path: Path) -> tuple[str, str | None]:
         kind = identify_foreign_file(read_head(path))
         if kind is not None:
             return describe_foreign_file(path, kind), kind.fix
+        if is_text(read_head(path)):
+            return "a text document", "give the recording, or the folder that contains it"
         return identify_non_raw_content(path) or "bytes without a known signature", None
-    names = sorted(file.name for file in path.iterdir())
-    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
-    recognised = [file for file in sorted(path.iterdir())[:_MAX_TRIED_FILES] if _is_recording(file)]
-    fix = (
-        "give one file of it: " + ", ".join(file.name for file in recognised[:3])
-        if recognised
-        else None
-    )
-    return f"a folder with {', '.join(names[:8]) or 'nothing'}{more}", fix
+    return _describe_folder_and_fix(path)
 
 
-def _is_recording(path: Path) -> bool:
-    """Return whether a format fits a file of a folder."""
+def find_recording_in_folder(
+    path: Path, wanted_format: str | None, hints: RecordingHints
+) -> tuple[Path, tuple[Finding, ...]]:
+    """Return the only recording in a folder, and a note on files that cannot be read beside it.
+
+    Return the path itself if it is no folder, or a folder that a format reads as a whole. Settings,
+    documents and pictures are no recordings, nor are tables of another file type that cannot be
+    read as one, such as the truth.
+
+    Raises
+    ------
+    RecordingError
+        If the folder contains several recordings or none.
+    """
+    if not path.is_dir():
+        return path, ()
+    formats = _load_all_formats_by_kind(path, wanted_format)
+    if any(
+        member.recognise(path)
+        for kind, member in formats.items()
+        if wanted_format == kind or not member.must_be_named
+    ):
+        return path, ()
+    candidates = _list_recordings(path, wanted_format, hints)
+    if len(candidates) == 1:
+        return candidates[0], ()
+    unreadable = {}
+    if len({file.suffix for file in candidates}) > 1:
+        for file in candidates:
+            if not file.is_file() or identify_non_raw_content(file) is None:
+                continue
+            try:
+                read_as_best_format(file, wanted_format, hints)
+            except DechirpError as error:
+                unreadable[file] = error.mistakes[0].value
+    readable = [file for file in candidates if file not in unreadable]
+    if len(readable) == 1 and readable[0].suffix not in {file.suffix for file in unreadable}:
+        values = (f"{file.name} ({value})" for file, value in unreadable.items())
+        note = Finding(
+            level="note",
+            setting="recording",
+            value=f"{readable[0].name} of the folder; not read: {join_names(values)}",
+            expected="one recording in the folder",
+            fix="no action needed; to read another file, give its path",
+        )
+        return readable[0], (note,)
+    if candidates:
+        raise RecordingError(
+            path,
+            value=f"a folder with {len(candidates)} recordings:"
+            f" {join_names(file.name for file in candidates)}",
+            expected="one recording",
+            fix=f"give one of them: dechirp run {shlex.quote(str(candidates[0]))}",
+        )
+    for file in _list_folder(path)[:_MAX_TRIED_FILES]:
+        error = stand_in_error(file)
+        if error is not None:
+            raise error
+    value, fix = _describe_folder_and_fix(path)
+    raise RecordingError(path, value=value, expected="a folder with a recording", fix=fix)
+
+
+def _list_folder(path: Path) -> list[Path]:
+    """Return the files and folders in a folder, without hidden ones."""
     try:
-        return path.is_file() and not holds_settings(path) and bool(recognise_formats(path))
-    except RecordingError:
-        return False
+        return sorted(
+            file
+            for file in path.iterdir()
+            if not file.name.startswith(".") and file.name.lower() not in _FILES_OF_FILE_MANAGERS
+        )
+    except OSError as error:
+        raise unreadable_path_error(path, error) from None
+
+
+def _list_recordings(path: Path, wanted_format: str | None, hints: RecordingHints) -> list[Path]:
+    """Return the recordings in a folder; of several files of one recording, the leading one."""
+    given_options = [name for name in ("axes", "encoding", "iq") if getattr(hints, name)]
+    leading_files = {}
+    for file in _list_folder(path)[:_MAX_TRIED_FILES]:
+        try:
+            # `dechirp run` writes its results into the folder in which it is called.
+            is_result = (file / "run.json").is_file()
+            if (
+                is_result
+                or file.suffix.lower() in _SUFFIXES_WITHOUT_SAMPLES
+                or holds_settings(file)
+            ):
+                continue
+            kinds = recognise_formats(file, wanted_format, given_options=given_options)
+        except RecordingError:
+            continue
+        leading_files[file] = {Format.members()[kind]().leading_file(file, hints) for kind in kinds}
+    return [
+        file
+        for file, leading in leading_files.items()
+        if not (leading - {file}) & leading_files.keys()
+    ]
+
+
+def _describe_folder_and_fix(path: Path) -> tuple[str, str]:
+    """Describe a folder without a recording, and how to go on."""
+    members = _list_folder(path)
+    settings = [file for file in members if holds_settings(file)]
+    if settings:
+        names = join_names(file.name for file in settings)
+        return (
+            f"a folder with the settings of a recording, without its samples: {names}",
+            "copy the recording into the folder, or give it with its settings: dechirp run"
+            f" RECORDING --radar {shlex.quote(str(settings[0]))}",
+        )
+    names = join_names(
+        file.name + (" (broken link)" if file.is_symlink() and not file.exists() else "")
+        for file in members
+    )
+    folders = [file for file in members if file.is_dir()]
+    return (
+        f"a folder with {names or 'nothing'}, no recording among them"
+        if names
+        else "an empty folder",
+        f"give the recording, or the folder that contains it: dechirp run"
+        f" {shlex.quote(str(folders[0]))}"
+        if folders
+        else "give the recording, or the folder that contains it",
+    )
 
 
 def check_choice(path: Path, name: str, value: str | None, choices: tuple[str, ...]) -> None:

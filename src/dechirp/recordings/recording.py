@@ -29,6 +29,7 @@ from dechirp.recordings.lazy_frames import LazyFrames
 from dechirp.recordings.readers.base import IQ_ORDERS, Contents, RecordingHints
 from dechirp.recordings.recognise import (
     check_choice,
+    find_recording_in_folder,
     read_as_best_format,
     split_file_and_inner_path,
     unreadable_path_error,
@@ -300,8 +301,8 @@ def open(
     Parameters
     ----------
     path : path
-        A file, or a folder for formats that are folders. The name of an array in a file of several
-        follows it: `capture.mat/CollectionA`.
+        A file, or a folder: a recording itself, or with one recording in it. The name of an array
+        in a file of several follows it: `capture.mat/CollectionA`.
     radar : Radar or path, optional
         The radar, or its settings file (YAML, TI .cfg, .mmwave.json or .setup.json, mmWave
         Studio log, Infineon config.json). Default: the settings in the recording, else the
@@ -356,11 +357,15 @@ def open(
             encoding=encoding,
             iq=cast(Iq | None, iq),
         )
+        file, folder_findings = find_recording_in_folder(file, format, hints)
         kind, contents = read_as_best_format(file, format, hints)
     except OSError as error:
         raise unreadable_path_error(path, error) from None
     recording = Recording(
-        path=path, format=kind, contents=contents, frame_numbers=range(contents.n_frames)
+        path=path if inner_name is not None else file,
+        format=kind,
+        contents=replace(contents, findings=(*folder_findings, *contents.findings)),
+        frame_numbers=range(contents.n_frames),
     )
     if calibration is not None:
         calibrated = replace(recording.radar, calibration=calibration)

@@ -293,10 +293,10 @@ def _print_calibration(
         rows.add_row(*cells)
     screen.print(rows)
     for path, range_m in zip(recordings, result.range_m, strict=True):
-        screen.print(f"{path}: reflector seen at {range_m:.4g} m", soft_wrap=True)
+        screen.print(f"{path}: reflector seen at {range_m:.4g} m")
     if calibration.range_offset_m:
         screen.print(f"Range offset: {calibration.range_offset_m * 1e3:.1f} mm")
     screen.print(f"Residual: {calibration.residual:.2g} of the echo")
     for paragraph in finding_paragraphs(shown_findings):
         screen.print(paragraph)
-    screen.print(f"Calibration: {out}", soft_wrap=True)
+    screen.print(f"Calibration: {out}")

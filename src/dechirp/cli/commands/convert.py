@@ -191,6 +191,6 @@ def _print_written_files(
         screen.print(paragraph)
     more = f" and {len(paths) - 1} more" if len(paths) > 6 else ""
     for path in paths[:1] if more else paths:
-        screen.print(f"Written: {path}{more}", soft_wrap=True)
+        screen.print(f"Written: {path}{more}")
     n_frames = recording.n_frames
     screen.print(f"{n_frames} frame{'s' if n_frames > 1 else ''}; kept: {writer.summary}")

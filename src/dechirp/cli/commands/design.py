@@ -208,4 +208,4 @@ def _print_design(design: "Design", out: Path | None) -> None:
     for paragraph in finding_paragraphs(design.findings):
         screen.print(paragraph)
     if out is not None:
-        screen.print(f"Radar: {out}", soft_wrap=True)
+        screen.print(f"Radar: {out}")

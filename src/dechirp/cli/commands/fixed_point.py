@@ -128,4 +128,4 @@ def _print_fixed_point_comparison(
         screen.print(f"These cells lie within {compared.farthest_db:.2g} dB of their threshold.")
     n_over = int(stages.overflows.sum())
     screen.print(f"{n_over} words saturated." if n_over else "No word overflowed.")
-    screen.print(f"Vectors: {out}", soft_wrap=True)
+    screen.print(f"Vectors: {out}")

@@ -114,7 +114,7 @@ def _print_inspection(inspection: "Inspection", picture: Path | None) -> None:
     from dechirp.report.settings_summary import format_waveform_and_limits
 
     screen = open_stdout_console()
-    screen.print(str(inspection.path), soft_wrap=True)
+    screen.print(str(inspection.path))
     rows = new_table("", text_columns=["", ""])
     rows.show_header, rows.title = False, None
     rows.add_row("format", " or ".join(inspection.formats))
@@ -130,4 +130,4 @@ def _print_inspection(inspection: "Inspection", picture: Path | None) -> None:
     if not inspection.findings:
         screen.print("No faults were found.")
     if picture is not None:
-        screen.print(f"Picture: {picture}", soft_wrap=True)
+        screen.print(f"Picture: {picture}")

@@ -189,5 +189,5 @@ def print_run_results(result: "Result", out: Path, objects: Sequence[Path]) -> N
     for paragraph in finding_paragraphs(result.findings):
         screen.print(paragraph)
     for file in objects:
-        screen.print(f"Object list: {file}", soft_wrap=True)
-    screen.print(f"Report: {out / 'report.html'}", soft_wrap=True)
+        screen.print(f"Object list: {file}")
+    screen.print(f"Report: {out / 'report.html'}")

@@ -266,9 +266,9 @@ def _print_study_results(outcome: "StudyOutcome", shown_findings: Sequence[Any],
             " 'dechirp[parquet]' and repeat the command.",
             markup=False,
         )
-    screen.print(f"Report: {out / 'report.html'}", soft_wrap=True)
+    screen.print(f"Report: {out / 'report.html'}")
     if outcome.result.study.keep:
-        screen.print(f"Data set: {out / 'data.zarr'}, {out / 'datasheet.html'}", soft_wrap=True)
+        screen.print(f"Data set: {out / 'data.zarr'}, {out / 'datasheet.html'}")
 
 
 def _replay_trial(

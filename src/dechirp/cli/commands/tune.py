@@ -88,10 +88,10 @@ def _print_tune_results(tuned: "TuneResult", document: Mapping[str, Any], out: P
     screen.print(describe_improvement_and_limits(document))
     if tuned.best is not None:
         for path, text in tuned.candidates[tuned.best.number].settings:
-            screen.print(f"  --set '{path}={text}'", soft_wrap=True)
+            screen.print(f"  --set '{path}={text}'")
     for paragraph in finding_paragraphs(tuned.findings):
         screen.print(paragraph)
-    screen.print(f"Report: {out / 'report.html'}", soft_wrap=True)
+    screen.print(f"Report: {out / 'report.html'}")
 
 
 def _check_tune_folder_replaceable(out: Path) -> None:

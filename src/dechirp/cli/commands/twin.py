@@ -154,7 +154,7 @@ def _print_twin_comparison(document: Mapping[str, Any], out: Path) -> None:
         Finding(**difference) for difference in document["findings"]
     ):
         screen.print(paragraph)
-    screen.print(f"Report: {out / 'report.html'}", soft_wrap=True)
+    screen.print(f"Report: {out / 'report.html'}")
 
 
 _MAX_ROWS = 20

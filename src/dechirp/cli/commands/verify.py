@@ -116,5 +116,5 @@ def _print_claim_verdicts(document: dict[str, Any], out: Path) -> None:
         )
     n_passed = sum(claim["passed"] for claim in claim_list)
     screen.print(f"{n_passed} of {len(claim_list)} claims hold.")
-    screen.print(f"Checksum of the numbers: {document['checksum']}", soft_wrap=True)
-    screen.print(f"Paper: {out / 'report.html'}", soft_wrap=True)
+    screen.print(f"Checksum of the numbers: {document['checksum']}")
+    screen.print(f"Paper: {out / 'report.html'}")

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dechirp.core.text import join_names
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.lazy_array import (
     ArrayPart,
@@ -40,6 +41,8 @@ _MAX_ELEMENTS = 10_000
 
 _MATRIX, _COMPRESSED = 14, 15
 _COMPLEX, _LOGICAL = 0x0800, 0x0200
+_STRUCTURE = 2
+_CLASS_NAMES = {1: "cell array", _STRUCTURE: "structure", 3: "object", 4: "text", 5: "sparse array"}
 _WITHOUT_SIZES = (0, 16, 17)  # functions and objects, whose elements have another structure
 # NumPy types of the classes double, single, int8 and so on, by class number.
 CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4"} | {
@@ -308,6 +311,33 @@ def parse_numeric_variable_by_name(element: Element) -> dict[str, Variable]:
     )
     # MATLAB's internal variables have no name.
     return {header.name: variable} if header.name else {}
+
+
+def describe_variable(element: Element) -> str:
+    """Describe a variable of any class: name, class and sizes, and the fields of a structure."""
+    header = parse_array_header(element.head, 0, element.byte_order)
+    if not header.name:
+        return ""
+    sizes = " x ".join(map(str, header.shape))
+    text = f"{header.name} ({_CLASS_NAMES.get(header.class_code, 'array')} of {sizes}"
+    fields: list[str] = []
+    if header.class_code == _STRUCTURE:
+        fields = parse_structure_field_names(element.head, header, element.byte_order)[0]
+    return f"{text}{' with the fields ' if fields else ''}{join_names(fields)})"
+
+
+def parse_structure_field_names(
+    data: bytes, header: ArrayHeader, byte_order: str
+) -> tuple[list[str], int]:
+    """Return the names of the fields of a structure, and the offset of the first field."""
+    _, _, offset, next_offset = parse_element_tag(data, header.data_offset, byte_order)
+    (width,) = struct.unpack_from(f"{byte_order}I", data, offset)
+    _, n_bytes, offset, next_offset = parse_element_tag(data, next_offset, byte_order)
+    names = [
+        data[start : start + width].split(b"\0")[0].decode("latin-1")
+        for start in range(offset, min(offset + n_bytes, len(data)), max(width, 1))
+    ]
+    return names, next_offset
 
 
 def parse_element_tag(head: bytes, offset: int, byte_order: str) -> tuple[int, int, int, int]:

@@ -1,7 +1,6 @@
 """Small values of MATLAB files (version 5 to 7): texts, arrays and structures, read at once."""
 
 import math
-import struct
 from collections.abc import Iterator
 
 import numpy as np
@@ -13,6 +12,7 @@ from dechirp.recordings.arrays.mat5 import (
     Element,
     parse_array_header,
     parse_element_tag,
+    parse_structure_field_names,
 )
 
 Value = str | np.ndarray | dict[str, np.ndarray]
@@ -56,11 +56,8 @@ def _iter_structure_fields(
     """Yield name and array of each field of a structure."""
     if math.prod(header.shape) != 1:
         raise ValueError(f"an array of {header.shape} structures")
-    _, _, offset, next_offset = parse_element_tag(data, header.data_offset, byte_order)
-    (width,) = struct.unpack_from(f"{byte_order}I", data, offset)
-    _, n_bytes, offset, next_offset = parse_element_tag(data, next_offset, byte_order)
-    for start in range(offset, offset + n_bytes, max(width, 1)):
-        name = data[start : start + width].split(b"\0")[0].decode("latin-1")
+    names, next_offset = parse_structure_field_names(data, header, byte_order)
+    for name in names:
         field_offset, (_, _, _, next_offset) = (
             next_offset,
             parse_element_tag(data, next_offset, byte_order),

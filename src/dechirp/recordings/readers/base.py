@@ -118,6 +118,10 @@ class Format(Family):
             If the settings file has mistakes.
         """
 
+    def leading_file(self, path: Path, hints: RecordingHints) -> Path:
+        """Return the file that stands for a recording of several files; else the file itself."""
+        return path
+
 
 # Suffixes of file types that begin with a signature; without it, the file is damaged.
 _SUFFIXES_WITH_SIGNATURE = {

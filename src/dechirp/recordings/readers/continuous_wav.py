@@ -23,7 +23,7 @@ from dechirp.recordings.samples.continuous import (
     count_frames_with_pauses,
     join_single_chirps,
 )
-from dechirp.recordings.samples.iq_files import iq_file_names, other_iq_file
+from dechirp.recordings.samples.iq_files import iq_file_names, leading_iq_file, other_iq_file
 from dechirp.recordings.samples.iq_order import negative_beat_frequency_findings
 from dechirp.recordings.settings.base import Iq
 from dechirp.recordings.settings_lookup import find_recording_settings
@@ -54,6 +54,9 @@ class ContinuousWav(Format):
             return MatchQuality.POSSIBLE
         # Two channels are mostly a beat signal and its sync.
         return MatchQuality.CONTAINER if n_channels == 1 else MatchQuality.POSSIBLE
+
+    def leading_file(self, path: Path, hints: RecordingHints) -> Path:
+        return leading_iq_file(path)
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         settings = find_recording_settings(path, hints)

@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
+from dechirp.core.errors import DechirpError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.native import check_device_and_iq_hints
@@ -65,6 +66,21 @@ class Dca1000(Format):
         if has_packet_headers(path):
             return MatchQuality.CONTAINER
         return MatchQuality.POSSIBLE if identify_non_raw_content(path) is None else MatchQuality.NO
+
+    def leading_file(self, path: Path, hints: RecordingHints) -> Path:
+        first = _first_capture_part(path)
+        if first == path:
+            return path
+        if has_packet_headers(first):
+            # A capture of its own begins with packet 1.
+            with path.open("rb") as file:
+                number = int.from_bytes(file.read(4), "little")
+            return path if number == 1 and has_packet_headers(path) else first
+        try:
+            settings = find_sub_frame_settings(first, hints)
+        except DechirpError:
+            return path
+        return first if path in _find_capture_parts(first, settings) else path
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         if has_sidecar(path):
@@ -152,9 +168,8 @@ def _joined_parts_note(parts: list[Path]) -> tuple[Finding, ...]:
 
 def _later_capture_part_warning(path: Path, settings: RecordingSettings) -> tuple[Finding, ...]:
     """Warn if a file is a later part of a split capture, whose frames began in an earlier file."""
-    name_match = re.fullmatch(r"(.*_)[1-9]\d*(\.\w+)", path.name)
-    first = path if name_match is None else path.with_name(f"{name_match[1]}0{name_match[2]}")
-    if first == path or not first.is_file() or path not in _find_capture_parts(first, settings):
+    first = _first_capture_part(path)
+    if first == path or path not in _find_capture_parts(first, settings):
         return ()
     return (
         Finding(
@@ -240,6 +255,13 @@ def _find_capture_parts(path: Path, settings: RecordingSettings) -> list[Path]:
         if following.stat().st_size < size:
             break
     return parts
+
+
+def _first_capture_part(path: Path) -> Path:
+    """Return the file of the same name with the number 0; the path itself if there is none."""
+    name_match = re.fullmatch(r"(.*_)[1-9]\d*(\.\w+)", path.name)
+    first = path if name_match is None else path.with_name(f"{name_match[1]}0{name_match[2]}")
+    return first if first.is_file() else path
 
 
 def find_next_capture_part(parts: list[Path]) -> Path | None:

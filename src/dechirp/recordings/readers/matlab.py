@@ -15,6 +15,8 @@ from typing import ClassVar
 import numpy as np
 
 from dechirp.core.conventions import CUBE_AXES
+from dechirp.core.errors import RecordingError
+from dechirp.core.text import join_names
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.encodings import LIMITS
 from dechirp.recordings.arrays.hdf5_datasets import open_lazy_dataset
@@ -29,6 +31,7 @@ from dechirp.recordings.arrays.lazy_array import (
 from dechirp.recordings.arrays.mat5 import (
     EXPECTED,
     Element,
+    describe_variable,
     find_numeric_variables,
     iter_elements,
     parse_numeric_variable_by_name,
@@ -98,10 +101,27 @@ def _read_signature(path: Path) -> bytes:
 def _open_mat5_array(path: Path, hints: RecordingHints) -> LazyArray:
     """Open the array to read in a file of version 5 to 7."""
     variables = find_numeric_variables(path)
+    if not variables:
+        raise _no_numeric_array_error(path)
     name = choose_array_name(
         path, {key: (variable.shape, variable.dtype) for key, variable in variables.items()}, hints
     )
     return variables[name].to_lazy_array()
+
+
+def _no_numeric_array_error(path: Path) -> RecordingError:
+    """Return the error of a file without a numeric array, which names its variables."""
+    with convert_parser_errors(path, EXPECTED):
+        described = [
+            text for element in iter_elements(path) if (text := describe_variable(element))
+        ]
+    return RecordingError(
+        path,
+        value=f"a file without a numeric array: {join_names(described) or 'nothing'}",
+        expected="samples as a numeric array",
+        fix="in MATLAB, save the samples alone: x = VARIABLE.FIELD; save('samples.mat', 'x');"
+        " for points that a radar detected, give the file that its program recorded",
+    )
 
 
 def _open_mat73_array(path: Path, hints: RecordingHints) -> LazyArray:

@@ -78,6 +78,9 @@ class Sigmf(Format):
             else MatchQuality.CONTAINER
         )
 
+    def leading_file(self, path: Path, hints: RecordingHints) -> Path:
+        return path if path.name.endswith(ARCHIVE) else meta_and_data_paths(path)[0]
+
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         meta = read_metadata(path)
         is_layout_given = hints.axes or hints.encoding

@@ -5,7 +5,8 @@ Points are four floats, x y z and velocity (type 1); before SDK 3 a count and a 
 item (type 7). In TI's axes x points right and y forward.
 
 Serial lines lose bytes: `recordings.streams.tlv` finds the complete packets, and a finding
-reports the loss.
+reports the loss. Files of the viewer of TI's people-counting demo have no magic words; see
+`recordings.streams.people_counting`.
 
 TI, Understanding the Out of Box Demo Data Output (mmWave industrial toolbox).
 """
@@ -24,6 +25,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.settings_lookup import find_optional_settings
+from dechirp.recordings.streams.people_counting import parse_viewer_frames
 from dechirp.recordings.streams.tlv import (
     FIXED_POINT,
     MAGIC,
@@ -66,11 +68,16 @@ class TiUart(Format):
             if parse_packet_header(head, offset) is not None:
                 return MatchQuality.SELF_DESCRIBING
             offset = head.find(MAGIC, offset + 1)
-        return MatchQuality.NO
+        is_viewer_file = len(parse_viewer_frames(head).points) > 0
+        return MatchQuality.SELF_DESCRIBING if is_viewer_file else MatchQuality.NO
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         if not path.stat().st_size:
             raise _no_packet_error(path, 0, 0)
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+        if len(parse_viewer_frames(head).points):
+            return _read_viewer_file(path, hints)
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
             stream = find_complete_packets(text)
             if not len(stream.packets):
@@ -88,6 +95,49 @@ class TiUart(Format):
             points=points,
             findings=(*findings, *_lost_packets_warning(stream), *_unread_tlv_items_note(stream)),
         )
+
+
+def _read_viewer_file(path: Path, hints: RecordingHints) -> Contents:
+    """Read a file of TI's people-counting viewer."""
+    frames = parse_viewer_frames(path.read_bytes())
+    settings, findings = find_optional_settings(path, hints)
+    distance, azimuth, velocity, snr = frames.points.T
+    columns = {
+        "range": distance,
+        "velocity": velocity,
+        "azimuth": -azimuth,  # to the left, as everywhere in the package
+        "elevation": np.full(len(distance), np.nan, np.float32),
+        "snr": snr,
+    }
+    radar = None if settings is None else settings.radar
+    findings += (
+        Finding(
+            level="note",
+            setting="points",
+            value=f"targets tracked by the radar in {frames.n_frames_with_targets} of"
+            f" {frames.counts.size} frames, not read",
+            expected="the points from which they were tracked",
+            fix="no action needed",
+        ),
+    )
+    if frames.n_bytes_left:
+        findings += (
+            Finding(
+                level="warning",
+                setting="recording",
+                value=f"{frames.counts.size} complete frames; {frames.n_bytes_left} bytes after"
+                " them left out",
+                expected="complete frames, as the viewer saves them",
+                fix="if more than the end is missing, copy the whole file again",
+            ),
+        )
+    return Contents(
+        radar=radar,
+        settings_path=None if settings is None else settings.path,
+        n_frames=frames.counts.size,
+        points=_label_points(frames.frame_numbers, frames.counts, columns, radar),
+        findings=findings,
+    )
 
 
 _UNITS = {
@@ -132,15 +182,24 @@ def _points_to_detections(
     azimuth = np.arctan2(y_left, x_forward, out=y_left)
     distance = np.hypot(ground, z_up, out=x_forward)
     elevation = np.arctan2(z_up, ground, out=z_up)
-    counts, numbers = packets["n_points"], packets["frame_number"]
     columns = {
-        "frame": np.repeat(np.arange(len(packets), dtype=np.int32), counts),
-        "frame_number": np.repeat(numbers.astype(np.uint32), counts),
         "range": distance,
         "velocity": velocity,
         "azimuth": azimuth,
         "elevation": elevation,
         "snr": snr,
+    }
+    return _label_points(packets["frame_number"], packets["n_points"], columns, radar)
+
+
+def _label_points(
+    numbers: np.ndarray, counts: np.ndarray, columns: dict[str, np.ndarray], radar: Radar | None
+) -> xr.Dataset:
+    """Label the columns of points, with the numbers and times of their frames."""
+    columns = {
+        "frame": np.repeat(np.arange(len(numbers), dtype=np.int32), counts),
+        "frame_number": np.repeat(numbers.astype(np.uint32), counts),
+        **columns,
     }
     if radar is not None:
         # Time since the first packet; the frame numbers also count lost frames.

@@ -34,7 +34,7 @@ from dechirp.recordings.samples.continuous import (
     divide_chirps_into_frames,
     join_single_chirps,
 )
-from dechirp.recordings.samples.iq_files import iq_file_names, other_iq_file
+from dechirp.recordings.samples.iq_files import iq_file_names, leading_iq_file, other_iq_file
 from dechirp.recordings.samples.iq_order import negative_beat_frequency_findings
 from dechirp.recordings.settings.base import Iq, RecordingSettings
 from dechirp.recordings.settings.read import list_settings_files
@@ -88,6 +88,9 @@ class Urad(Format):
         if n_numbers not in _NUMBERS_PER_LINE and 2 * n_numbers not in _NUMBERS_PER_LINE:
             return MatchQuality.POSSIBLE
         return MatchQuality.CONTAINER if _has_times(lines) else MatchQuality.LIKELY
+
+    def leading_file(self, path: Path, hints: RecordingHints) -> Path:
+        return leading_iq_file(path)
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         ramp = hints.encoding or "up"

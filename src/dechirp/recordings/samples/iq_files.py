@@ -33,3 +33,8 @@ def other_iq_file(path: Path) -> Path | None:
         ),
         None,
     )
+
+
+def leading_iq_file(path: Path) -> Path:
+    """Return the I file of an I/Q pair; the path itself if it belongs to none."""
+    return path if other_iq_file(path) is None else path.with_name(iq_file_names(path.name)["i"])

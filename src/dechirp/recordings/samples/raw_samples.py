@@ -278,6 +278,7 @@ def _locate_first_frame_and_count_frames(
         f" {n_rx} receivers, {frame.chirp.n_samples} {frame.chirp.sampling} samples,"
         f" {layout.name}"
         f"{'; and other sub-frames' if settings.sub_frames else ''})"
+        f"{'' if settings.path is None else f', according to {settings.path.name}'}"
     )
     # A capture that stopped early ends with a whole network packet, 182 groups of 8 bytes.
     # It can be shorter than the transmitted data, but never longer.
@@ -309,11 +310,17 @@ def _locate_first_frame_and_count_frames(
             if expected_frames is None
             else f"{expected_frames * frame_bytes}"
         )
+        n_chirps = size // (chirp_bytes * frame.n_slots)
+        shorter = (
+            f", or shorter frames: --set radar.frame.n_chirps={n_chirps}"
+            if n_frames < 1 and n_chirps and not settings.sub_frames
+            else ""
+        )
         raise RecordingError(
             path,
             value=f"{size} bytes",
             expected=f"{expected} bytes, a multiple of 8: {frame_text}",
-            fix="copy the whole file again, or give the settings of the recording",
+            fix=f"copy the whole file again, or give its settings: --radar FILE{shorter}",
         )
     if not rest and expected_frames in (None, n_frames):
         return settings, first_frame, n_frames

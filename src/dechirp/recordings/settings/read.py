@@ -1,11 +1,13 @@
 """Settings of a recording from any supported settings file, and the search for that file."""
 
 import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from dechirp.core.errors import DechirpError, RecordingError
+from dechirp.core.text import join_names
 from dechirp.radar.devices.base import Device
 from dechirp.radar.radar import Radar
 from dechirp.recordings.foreign_files import stand_in_error
@@ -119,10 +121,10 @@ def find_settings_file(recording: Path) -> Path:
     raise RecordingError(
         recording,
         value="no settings in the recording"
-        + (f"; in the folder {', '.join(file.name for file in choices)}" if candidates else ""),
+        + (f"; in the folder {join_names(file.name for file in choices)}" if candidates else ""),
         expected="the radar of the recording",
-        fix=f"give the one of this recording: --radar {candidates[0].name} (radar=... in Python),"
-        " or name it like the recording"
+        fix="give the one of this recording (radar=... in Python), or name it like the recording: "
+        + join_names(f"--radar {shlex.quote(str(file))}" for file in choices)
         if candidates
         else "give the radar: --radar FILE (radar=FILE in Python), a YAML file or the settings"
         " file of its vendor",
