@@ -13,6 +13,7 @@ sphinxcontrib-programoutput runs all commands of a page after its cells, which n
 import os
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from sphinx.application import Sphinx
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 
+_COLUMNS = 76
 _LONGEST_S = 120
 # `dechirp` and `python` of the environment that builds the guide, activated or not.
 _PATH = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
@@ -50,7 +52,7 @@ class Command(SphinxDirective):
             env={
                 **os.environ,
                 "PATH": _PATH,
-                "COLUMNS": "76",
+                "COLUMNS": str(_COLUMNS),
                 "NO_COLOR": "1",
                 "MPLBACKEND": "agg",
             },
@@ -73,7 +75,19 @@ class Command(SphinxDirective):
         blocks: list[nodes.Node] = [
             nodes.literal_block(typed, typed, language="bash", classes=["typed"])
         ]
-        printed = process.stdout.rstrip().splitlines()
+        # Terminals wrap the text of findings; tables fit.
+        printed = [
+            part
+            for line in process.stdout.rstrip().splitlines()
+            for part in textwrap.wrap(
+                line,
+                _COLUMNS,
+                break_long_words=False,
+                break_on_hyphens=False,
+                drop_whitespace=len(line) > _COLUMNS,
+            )
+            or [""]
+        ]
         last_lines = printed[-self.options.get("lines", 12) :]
         if last_lines and self.options.get("lines") != 0:
             text = "\n".join(

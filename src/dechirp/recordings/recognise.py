@@ -294,9 +294,9 @@ def find_recording_in_folder(
             fix=f"give one of them: dechirp run {shlex.quote(str(candidates[0]))}",
         )
     for file in _list_folder(path)[:_MAX_TRIED_FILES]:
-        error = stand_in_error(file)
-        if error is not None:
-            raise error
+        stand_in = stand_in_error(file)
+        if stand_in is not None:
+            raise stand_in
     value, fix = _describe_folder_and_fix(path)
     raise RecordingError(path, value=value, expected="a folder with a recording", fix=fix)
 
