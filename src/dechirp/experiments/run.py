@@ -301,6 +301,8 @@ class FrameTotals:
         """Frames with more peaks than are kept."""
         self.n_masked_directions = 0
         """Detections without directions since the sidelobes of other echoes dominate them."""
+        self.n_unknown_angles = 0
+        """Sources with an angle that their amplitudes do not determine."""
         self.channel_phase_rms_rad: list[float] = []
         """RMS error of the phases of the channels in each frame, see `FrameResult`."""
         self.first_power: tuple[np.ndarray, ...] = ()
@@ -316,6 +318,7 @@ class FrameTotals:
             self.removed.append(frame.removed)
         self.n_crowded += frame.n_dropped_peaks > 0
         self.n_masked_directions += frame.n_masked_directions
+        self.n_unknown_angles += frame.n_unknown_angles
         self.channel_phase_rms_rad.append(frame.channel_phase_rms_rad)
 
 
@@ -384,6 +387,7 @@ def detection_findings(detection_run: DetectionRun, radar: Radar) -> tuple[Findi
         *near_field.near_field_findings(radar, detection_run.detections),
         *_dropped_peak_findings(detection_run.frames.n_crowded),
         *_masked_direction_findings(detection_run.frames.n_masked_directions),
+        *_unknown_angle_findings(detection_run.frames.n_unknown_angles),
         *channel_error_findings(detection_run.frames.channel_phase_rms_rad, radar),
         *(
             mitigation_findings(detection_run.frames.removed)
@@ -554,6 +558,23 @@ def _masked_direction_findings(n_detections: int) -> tuple[Finding, ...]:
             " sidelobes contain more than a tenth of their power",
             expected="echoes at least 10 dB above the sidelobes of others, with every window",
             fix="more bandwidth or a longer frame separates the echoes; else nothing is to be done",
+        ),
+    )
+
+
+def _unknown_angle_findings(n_sources: int) -> tuple[Finding, ...]:
+    """Return a note if the amplitudes of detections do not determine an angle."""
+    if not n_sources:
+        return ()
+    return (
+        Finding(
+            level="note",
+            setting="chain.field_of_view",
+            value=f"an angle of {format_count_with_noun(n_sources, 'detection')} is left unknown:"
+            " at the limit of the field of view, or with an error of more than 22.5 degrees",
+            expected="plane waves from within the field of view",
+            fix="widen chain.field_of_view if targets may be there; else they are no plane waves:"
+            " near, extended, or several echoes in a cell",
         ),
     )
 

@@ -18,6 +18,10 @@ from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.theory.direction_bounds import unit_vectors
 
+# Largest standard error of an angle: two of them to each side are half of the front.
+_MAX_STD_RAD = float(np.radians(22.5))
+# Share of the largest sine from which the maximum is at the limit of the search.
+_LIMIT_SHARE = 1 - 1e-3
 # 10 dB: the phase of an element then changes by 0.3 rad at most.
 _MIN_SIGNAL_TO_SIDELOBES = 10.0
 
@@ -38,6 +42,8 @@ class Sources(NamedTuple):
     elevation_std_rad: np.ndarray
     channel_phase_rms_rad: np.ndarray
     """RMS error of the phases of its detection, see `channel_errors.ChannelErrors`."""
+    has_unknown_angle: np.ndarray
+    """Whether an angle was estimated but is left unknown, see `_leave_out_unusable_angles`."""
 
 
 def checked_direction_aperture(radar: Radar, field_of_view: FieldOfView) -> Aperture:
@@ -91,8 +97,16 @@ def can_resolve_directions(radar: Radar) -> bool:
 
 def sources_without_directions(n_detections: int) -> Sources:
     """Return one source without direction for each of n detections."""
+    unknown = np.full(n_detections, np.nan)
     return Sources(
-        np.arange(n_detections), np.ones(n_detections), *np.full((5, n_detections), np.nan)
+        detection=np.arange(n_detections),
+        power_share=np.ones(n_detections),
+        azimuth_rad=unknown,
+        elevation_rad=unknown,
+        azimuth_std_rad=unknown,
+        elevation_std_rad=unknown,
+        channel_phase_rms_rad=unknown,
+        has_unknown_angle=np.zeros(n_detections, bool),
     )
 
 
@@ -301,7 +315,8 @@ def estimate_sources(
 
     Notes
     -----
-    Phase errors of the channels widen the standard errors too, see `channel_errors`.
+    Phase errors of the channels widen the standard errors too, see `channel_errors`. Angles at the
+    limit of the field of view or with errors of more than 22.5 degrees are NaN.
     """
     snapshots, noise = element_snapshots_and_noise(amplitudes, doppler_hz, noise_power, radar)
     if sidelobes is None:
@@ -325,6 +340,7 @@ def estimate_sources(
         snapshots[:, 0], directions, element_noise, virtual_aperture, n_tx
     )
     _widen_standard_errors(directions, channel_errors, virtual_aperture)
+    has_unknown_angle = _leave_out_unusable_angles(directions, virtual_aperture)
     is_source = np.isfinite(directions.azimuth_rad) | np.isfinite(directions.elevation_rad)
     is_source[:, 0] = True
     detection, source = np.nonzero(is_source)
@@ -339,6 +355,7 @@ def estimate_sources(
         directions.azimuth_std_rad[detection, source],
         directions.elevation_std_rad[detection, source],
         channel_errors.phase_rms_rad[detection],
+        has_unknown_angle[detection, source],
     )
 
 
@@ -356,3 +373,19 @@ def _widen_standard_errors(
         variance = channel_errors.direction_variance_rad2[:, place]
         widened = np.minimum(np.sqrt(stds[angle][:, 0] ** 2 + variance), limits[angle] / np.sqrt(3))
         stds[angle][:, 0] = np.where(variance > 0, widened, stds[angle][:, 0])
+
+
+def _leave_out_unusable_angles(directions: Directions, aperture: Aperture) -> np.ndarray:
+    """Set angles to NaN that the amplitudes do not determine, in place; return where, (n, source).
+
+    Angles at the limit of the field of view, where the search ends but not the likelihood: the wave
+    comes from beyond, or is not plane. And angles with a standard error of more than 22.5 degrees.
+    """
+    is_unknown = np.zeros(directions.azimuth_rad.shape, bool)
+    for angle, std, max_sine in zip(
+        directions[:2], directions[2:4], aperture.field_of_view.max_angle_sines, strict=True
+    ):
+        is_unusable = (abs(np.sin(angle)) >= _LIMIT_SHARE * max_sine) | (std > _MAX_STD_RAD)
+        angle[is_unusable] = std[is_unusable] = np.nan
+        is_unknown |= is_unusable
+    return is_unknown

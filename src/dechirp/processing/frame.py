@@ -77,6 +77,8 @@ class FrameResult(NamedTuple):
     """Peaks beyond the 2,000 strongest of a map."""
     n_masked_directions: int
     """Detections without directions since the sidelobes of other echoes dominate them."""
+    n_unknown_angles: int
+    """Sources with an angle at the limit of the field of view, or of a useless error."""
     channel_phase_rms_rad: float
     """RMS error of the phases of the channels, see `channel_errors`; NaN if noise hides it."""
 
@@ -160,6 +162,7 @@ def process_frame(
         else int(
             sidelobe_dominated_mask(resolved.peaks.tones.amplitude, resolved.peaks.sidelobes).sum()
         ),
+        n_unknown_angles=int(sources.has_unknown_angle.sum()),
         channel_phase_rms_rad=median_or_nan(sources.channel_phase_rms_rad),
     )
 
@@ -214,9 +217,15 @@ def _process_frame_with_and_without_static_echoes(
         )
         for map_chain in (replace(chain, moving_targets=None), chain.moving_target_chain())
     )
+    chirp = radar.frame.chirp
+    transform = chain.range_transform(chirp)
+    bin_m = chirp.sample_rate_hz / transform.n_bins * chirp.range_m(1.0)
     return with_static._replace(
         detections=join_moving_detections(
-            with_static.detections, without_static.detections, radar.for_frame(number)
+            with_static.detections,
+            without_static.detections,
+            radar.for_frame(number),
+            range_main_lobe_m=transform.main_lobe_half_width_bins * bin_m,
         ),
         n_dropped_peaks=with_static.n_dropped_peaks + without_static.n_dropped_peaks,
     )
