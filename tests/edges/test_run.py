@@ -76,8 +76,7 @@ def test_impairment_warning_becomes_one_finding_of_run(radar):
         dc.impairments.Interference(interferers=[interferer]),
     ]
     scenario = dc.Scenario(radar=radar, scene=dc.Scene(), impairments=impairments)
-    result = dc.run(scenario)
-    (finding,) = (finding for finding in result.findings if finding.setting == "chain.cfar")
+    (finding,) = dc.run(scenario).findings
     assert finding.setting == "impairments.interference.interferers.far off"
 
 
