@@ -56,7 +56,7 @@ ONLY_IN = {
     "loky": {"experiments"},
     "cloudpickle": {"experiments"},
     "trimesh": {"scene"},
-    "typst": {"report"},
+    "weasyprint": {"report"},
     "bokeh": {"studio"},
     "tornado": {"studio"},
     "cyclopts": {"cli"},

@@ -1,6 +1,9 @@
-"""Reports as PDF: escaped names, figures, wide tables, and unsupported elements."""
+"""Reports as PDF: escaped names, figures, wide tables, and no files or networks opened."""
 
 import json
+import socket
+import sys
+from importlib.resources import files
 
 import pytest
 
@@ -8,16 +11,15 @@ import dechirp as dc
 from dechirp.cli.main import main
 from dechirp.config.dumping import dump_yaml
 from dechirp.experiments.run import run
-from dechirp.report import pdf
 from dechirp.report.page import render_report
 from dechirp.report.pdf import html_to_pdf
-from dechirp.report.typst_inline import UnknownElementError
 from nightly import nightly
 from page_checks import (
     check_captions,
     check_pdf_contains_page_text,
     extract_pdf_text,
     remove_spaces_and_dashes,
+    skip_without_pdf,
 )
 from trial_cases import make_target, small_radar
 
@@ -27,7 +29,11 @@ MARKUP = (
 
 
 def make_page(body: str, kind: str = "page") -> str:
-    return f'<title>A title</title><main class="{kind}">{body}</main>'
+    style = files("dechirp.report").joinpath("page.css").read_text(encoding="utf-8")
+    return (
+        f"<!doctype html><title>A title</title><style>{style}</style>"
+        f'<main class="{kind}">{body}</main>'
+    )
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +56,7 @@ def test_markup_in_names_is_escaped(page):
 
 
 def test_pdf_contains_figures_with_text_labels(page):
+    skip_without_pdf()
     text = extract_pdf_text(html_to_pdf(page))
 
     assert page.count("<figure") > 8
@@ -79,6 +86,7 @@ def test_table_fits_page_with_any_number_of_columns(n_columns):
 
 
 def test_wide_numbers_wrap_before_page_becomes_landscape():
+    skip_without_pdf()
     import pypdfium2
 
     row = '<td class="num">62.31574 ±&nbsp;0.00100</td>' * 10
@@ -96,15 +104,38 @@ def test_wide_numbers_wrap_before_page_becomes_landscape():
     assert sum("±" in line and "62" not in line for line in lines) >= 1
 
 
-@pytest.mark.parametrize("body", ["<video></video>", "<p>a <kbd>key</kbd></p>", "<p><b>open</p>"])
-def test_rejects_elements_that_no_template_uses(body):
-    with pytest.raises((UnknownElementError, ValueError)):
-        html_to_pdf(make_page(body))
+def test_equal_pages_give_equal_pdfs():
+    skip_without_pdf()
+    page = make_page("<h1>Title</h1><p>Text</p>")
+    assert html_to_pdf(page) == html_to_pdf(page)
 
 
-def test_missing_pdf_extra_is_reported_before_run(monkeypatch, tmp_path, capsys):
+@pytest.mark.parametrize("scheme", ["file", "http"])
+def test_page_opens_no_files_and_no_network(tmp_path, scheme):
+    skip_without_pdf()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        (tmp_path / "a.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
+        host, port = server.getsockname()
+        address = {"file": (tmp_path / "a.svg").as_uri(), "http": f"http://{host}:{port}/a.svg"}
+        picture = f'<img alt="" src="{address[scheme]}">'
+        assert html_to_pdf(make_page(picture)) == html_to_pdf(make_page('<img alt="" src="x:">'))
+        server.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            server.accept()
+
+
+@pytest.mark.parametrize(
+    ("text", "fix"),
+    [
+        ("raise ImportError", "pip install 'dechirp[pdf]'"),
+        ("raise OSError('cannot load library libpango-1.0-0')", "brew install pango"),
+    ],
+)
+def test_missing_library_is_reported_before_run(monkeypatch, tmp_path, capsys, text, fix):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(pdf, "find_spec", lambda name: None)
+    (tmp_path / "weasyprint.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "weasyprint", raising=False)
     for arguments in (
         ["run"],
         ["verify"],
@@ -115,11 +146,14 @@ def test_missing_pdf_extra_is_reported_before_run(monkeypatch, tmp_path, capsys)
         with pytest.raises(SystemExit) as exit_info:
             main([*arguments, "--pdf"])
         assert exit_info.value.code == 2
-        assert "pip install 'dechirp[pdf]'" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
+        message = capsys.readouterr().err
+        assert fix in message
+        assert "print the .html file to PDF in a browser" in message
+    assert [path.name for path in tmp_path.iterdir()] == ["weasyprint.py"]
 
 
 def test_pdf_option_writes_pdf_and_next_run_removes_it(tmp_path, capsys):
+    skip_without_pdf()
     scenario = tmp_path / "small.yaml"
     scenario.write_text(
         dump_yaml(dc.Scenario(radar=small_radar(), scene=dc.Scene(targets=(make_target(),))))

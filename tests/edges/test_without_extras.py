@@ -13,7 +13,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 # Modules of the extras; the script below hides them from imports.
 BLOCKED_MODULES = (
     *("bokeh", "tornado", "stonesoup", "cantools", "can", "osi3", "mcap", "rosbags", "dask"),
-    *("distributed", "dask_jobqueue", "optuna", "sklearn", "typst", "trimesh", "embreex"),
+    *("distributed", "dask_jobqueue", "optuna", "sklearn", "weasyprint", "trimesh", "embreex"),
     "duckdb",
 )
 SCRIPT = f"""

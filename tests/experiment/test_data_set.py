@@ -40,7 +40,7 @@ from dechirp.simulation.adc_codes import extract_adc_codes
 from dechirp.simulation.impairments.noise import ThermalNoise
 from dechirp.simulation.impairments.quantisation import Quantisation
 from nightly import NIGHTLY, nightly
-from page_checks import check_captions, check_pdf_contains_page_text
+from page_checks import check_captions, check_pdf_contains_page_text, skip_without_pdf
 from trial_cases import small_radar
 
 ITEMS = [(0, 0), (1, 22), (2, 7)]
@@ -581,6 +581,7 @@ def test_python_code_of_datasheet_reads_an_item(undisturbed_folder, data, monkey
 
 @nightly
 def test_command_writes_data_set_and_datasheet(tmp_path, capsys):
+    skip_without_pdf()
     file, out = tmp_path / "study.yaml", tmp_path / "out"
     file.write_text(dump_study_as_yaml(make_study(trials=TrialBudget(at_most=4, block=2), vary=())))
     for _ in range(2):  # the second call finds the study finished

@@ -16,7 +16,7 @@ from dechirp.recordings.in_memory import recording_from_cube
 from dechirp.recordings.readers.base import Contents
 from dechirp.recordings.recording import Recording
 from nightly import nightly, nightly_except
-from page_checks import check_captions, check_pdf_contains_page_text
+from page_checks import check_captions, check_pdf_contains_page_text, skip_without_pdf
 
 NEAR = dc.Target(position_m=(12.3, 1.0, 0), velocity_m_per_s=(-4.7, 0, 0), rcs_m2=0.3)
 FAR = dc.Target(position_m=(31.7, -6.0, 0), velocity_m_per_s=(2.2, 0, 0), rcs_m2=30.0)
@@ -308,6 +308,7 @@ def saved_capture(small_radar, tmp_path, monkeypatch):
 
 
 def test_command_writes_report_and_scenario_and_prints_differences(saved_capture, capsys):
+    skip_without_pdf()
     status, out, err = run_command(
         capsys, "twin", "walk.npy", "--axes", "frame,chirp,rx,sample", "--pdf", "--json"
     )

@@ -17,7 +17,7 @@ EXTRAS = {**PROJECT["optional-dependencies"], **GROUPS}
 PERMISSIVE = {
     *("0BSD", "BSD", "BSD License", "BSD-2-Clause", "BSD-3-Clause", "BSD 3-Clause"),
     *("3-Clause BSD License", "3-clause BSD", "ISC license", "ISC License", "Zlib", "CC0-1.0"),
-    *("MIT", "MIT License", "MIT license", "MIT-CMU"),
+    *("MIT", "MIT License", "MIT license", "MIT-0", "MIT-CMU"),
     *("PSF-2.0", "PSFL", "Python Software Foundation License"),
     *("Apache-2.0", "Apache 2.0", "Apache License 2.0", "Apache Software License"),
     "LLVM-exception",

@@ -25,7 +25,7 @@ Pdf: TypeAlias = Annotated[
     Parameter(
         name="--pdf",
         show_default=False,
-        help="Also write each page as PDF; requires the extra pdf.",
+        help="Also write each page as PDF; requires the extra pdf and the library Pango.",
     ),
 ]
 

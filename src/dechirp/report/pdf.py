@@ -1,51 +1,78 @@
-"""PDF output of pages, set by Typst."""
+"""PDF output of pages, laid out by WeasyPrint with the style sheet that browsers print with."""
 
-from collections.abc import Callable
-from importlib.resources import files
-from importlib.util import find_spec
 from pathlib import Path
 
 import matplotlib as mpl
 
 from dechirp.core.atomic_files import atomic_file
 from dechirp.core.errors import InvalidSetting
-from dechirp.report.typst_source import html_to_typst
+
+_FACES = {
+    "DejaVu Sans": ("DejaVuSans", "DejaVuSans-Bold", "DejaVuSans-Oblique"),
+    "DejaVu Sans Mono": ("DejaVuSansMono", "DejaVuSansMono-Bold", "DejaVuSansMono-Oblique"),
+    "STIX": ("STIXGeneral", "STIXGeneralBol", "STIXGeneralItalic"),
+}
+"""Files of matplotlib, the fonts of figures: regular, bold and italic."""
 
 
-def check_typst_installed() -> None:
-    """Raise `InvalidSetting` if the extra `pdf` is missing; call it before a long run."""
-    if find_spec("typst") is None:
-        raise InvalidSetting(
-            "--pdf",
-            value="the package typst is not installed",
-            expected="the extra pdf",
-            fix="run pip install 'dechirp[pdf]'",
-        )
+def check_pdf_available() -> None:
+    """Raise `InvalidSetting` if WeasyPrint cannot be used; call it before a long run."""
+    try:
+        import weasyprint  # noqa: F401
+    except ImportError:
+        raise _unavailable_error(
+            "the package weasyprint is not installed", "run pip install 'dechirp[pdf]'"
+        ) from None
+    except OSError:  # the package, without the library that it calls
+        raise _unavailable_error(
+            "weasyprint does not find the library Pango",
+            "install it (apt install libpango-1.0-0 libpangoft2-1.0-0, brew install pango; on"
+            " Windows as WeasyPrint's page of first steps says)",
+        ) from None
+
+
+def _unavailable_error(value: str, fix: str) -> InvalidSetting:
+    return InvalidSetting(
+        "--pdf",
+        value=value,
+        expected="the extra pdf, and Pango",
+        fix=f"{fix}; or leave out --pdf and print the .html file to PDF in a browser, which looks"
+        " the same",
+    )
 
 
 def html_to_pdf(html: str) -> bytes:
     """Return the PDF of a page of this package; equal pages give equal PDFs.
 
-    It uses no system fonts, no files and no network.
-
-    Parameters
-    ----------
-    html : str
-        Result of a render function of this folder. Elements that its templates do not use raise
-        `UnknownElementError`.
+    It opens no files but the fonts of matplotlib, and no network. System fonts are used only for
+    letters that those lack.
     """
-    import typst
+    from weasyprint import CSS, HTML
+    from weasyprint.text.fonts import FontConfiguration
+    from weasyprint.urls import URLFetcher
 
-    body, drawings = html_to_typst(html)
-    look = files("dechirp.report").joinpath("page.typ").read_text(encoding="utf-8")
-    contents = {"main.typ": look + body, **drawings}
-    # The type hints of typst do not cover several files in memory.
-    compiled: Callable[..., bytes] = typst.compile
-    return compiled(
-        {name: text.encode() for name, text in contents.items()},
-        font_paths=[str(Path(mpl.get_data_path(), "fonts", "ttf"))],  # fonts of the figures
-        ignore_system_fonts=True,
+    fonts = FontConfiguration()
+    styles = CSS(string=_font_style_sheet(), font_config=fonts)
+    page = HTML(string=html, url_fetcher=URLFetcher(allowed_protocols=("data",)))
+    # WeasyPrint has no type hints.
+    pdf: bytes = page.write_pdf(stylesheets=[styles], font_config=fonts, pdf_tags=True)
+    return pdf
+
+
+def _font_style_sheet() -> str:
+    """Return the style sheet that replaces system fonts by those of matplotlib."""
+    folder = Path(mpl.get_data_path(), "fonts", "ttf").as_uri()
+    looks = ("", "font-weight: bold;", "font-style: italic;")
+    faces = [
+        f'@font-face {{ font-family: "{family}"; {look} src: url("{folder}/{name}.ttf") }}'
+        for family, names in _FACES.items()
+        for name, look in zip(names, looks, strict=True)
+    ]
+    families = (
+        ':root { --sans: "DejaVu Sans" !important; --mono: "DejaVu Sans Mono" !important; }'
+        ' .paper { font-family: STIX, "DejaVu Sans" !important; }'
     )
+    return "\n".join([*faces, families])
 
 
 def write_or_remove_pdf(out: Path, html: str | None) -> None:

@@ -57,12 +57,12 @@ def run(
     from dechirp.core.compiled_kernels import plain_twins_for_small_work
     from dechirp.core.errors import DechirpError
     from dechirp.experiments.run import run as run_scenario
-    from dechirp.report.pdf import check_typst_installed
+    from dechirp.report.pdf import check_pdf_available
     from dechirp.results.results import check_results_folder_replaceable
 
     check_results_folder_replaceable(out)
     if pdf:
-        check_typst_installed()
+        check_pdf_available()
     _check_object_files_writable(objects or ())
     scenario = build_scenario(
         source,

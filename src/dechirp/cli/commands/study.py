@@ -66,13 +66,13 @@ def study(
         run_missing_trials,
     )
     from dechirp.experiments.study.trial import score_column_layout_of_study
-    from dechirp.report.pdf import check_typst_installed
+    from dechirp.report.pdf import check_pdf_available
 
     n_workers = None if workers is None else parse_integer_option("--workers", workers, 1, 10_000)
     first_seed = None if seed is None else parse_integer_option("--seed", seed, 0, 2**63 - 1)
     number = None if trial is None else parse_integer_option("--trial", trial, 0, 2**53)
     if pdf:
-        check_typst_installed()
+        check_pdf_available()
     settings = load_study(file, changes or [], seed=first_seed)
     if number is not None:
         folder = Path("dechirp-trial") if out == Path("dechirp-study") else out

@@ -53,13 +53,13 @@ def tune(
     from dechirp.experiments.study.executors import workers_from_options
     from dechirp.experiments.tune.parsing import load_tune
     from dechirp.experiments.tune.run import run_search
-    from dechirp.report.pdf import check_typst_installed
+    from dechirp.report.pdf import check_pdf_available
     from dechirp.results.text_files import to_json_text
 
     n_workers = None if workers is None else parse_integer_option("--workers", workers, 1, 10_000)
     first_seed = None if seed is None else parse_integer_option("--seed", seed, 0, 2**63 - 1)
     if pdf:
-        check_typst_installed()
+        check_pdf_available()
     settings = load_tune(file, changes or [], seed=first_seed)
     _check_tune_folder_replaceable(out)
     with (

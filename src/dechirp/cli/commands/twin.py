@@ -58,7 +58,7 @@ def twin(
     from dechirp.experiments.twin.document import twin_comparison_as_dict
     from dechirp.experiments.twin.twin import twin as fit_twin
     from dechirp.recordings.recording import open as open_recording
-    from dechirp.report.pdf import check_typst_installed, html_to_pdf
+    from dechirp.report.pdf import check_pdf_available, html_to_pdf
     from dechirp.report.twin import render_twin_page
     from dechirp.results.text_files import (
         check_folder_replaceable,
@@ -70,7 +70,7 @@ def twin(
     number = 0 if seed is None else parse_integer_option("--seed", seed, 0, 2**63 - 1)
     check_folder_replaceable(out, (*_TWIN_FILES, "report.pdf"))
     if pdf:
-        check_typst_installed()
+        check_pdf_available()
     names = (*_TWIN_FILES, "report.pdf") if pdf else _TWIN_FILES
     recording = open_recording(source, **options.open_keyword_arguments())
     with progress_bar("rounds", quiet=quiet) as report:

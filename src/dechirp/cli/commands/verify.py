@@ -44,7 +44,7 @@ def verify(
     from dechirp.certificate.document import certificate_as_json_data
     from dechirp.certificate.paper import render_paper
     from dechirp.cli.console import progress_bar
-    from dechirp.report.pdf import check_typst_installed, html_to_pdf
+    from dechirp.report.pdf import check_pdf_available, html_to_pdf
     from dechirp.results.text_files import (
         check_folder_replaceable,
         to_json_text,
@@ -55,7 +55,7 @@ def verify(
     first_seed = 1 if seed is None else parse_integer_option("--seed", seed, 0, 2**63 - 1)
     check_folder_replaceable(out, (*_CERTIFICATE_FILES, "report.pdf"))
     if pdf:
-        check_typst_installed()
+        check_pdf_available()
     names = (*_CERTIFICATE_FILES, "report.pdf") if pdf else _CERTIFICATE_FILES
     if not (quiet or as_json):
         print(_DURATION_NOTES[full], file=sys.stderr, flush=True)
