@@ -32,7 +32,7 @@ def _column_headings() -> Iterator[tuple[str, Heading]]:
             yield std.name, Heading(f"± {column.shown_unit_symbol}", width=45)
 
 
-_HEADINGS = {**dict(_column_headings()), "target": Heading("target", width=90)}
+_HEADINGS = {**dict(_column_headings()), "target": Heading("target", width=110)}
 _HIDDEN_IF_UNKNOWN = tuple(
     name for name in _HEADINGS if name in BY_NAME and BY_NAME[name].is_hidden_if_unknown
 )

@@ -86,4 +86,5 @@ def _strongest_detection_text(azimuth_deg: np.ndarray, range_m: np.ndarray) -> s
     if not finite.size:
         return "no directions"
     first = finite[0]
-    return f"peak {format_azimuth(azimuth_deg[first])}, {format_number(range_m[first], 3)} m"
+    range_text = f"{format_number(range_m[first], 3)}\N{NO-BREAK SPACE}m"
+    return f"peak {format_azimuth(azimuth_deg[first])}, {range_text}"

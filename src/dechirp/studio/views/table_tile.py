@@ -25,6 +25,8 @@ from dechirp.studio.frame_state import FrameState
 
 MAX_ROWS = 50
 _ROW_PX = 22
+_SHARE_OF_MIN_WIDTH = 0.85
+"""Share of its usual width at which a column has room for its numbers; narrower tables scroll."""
 
 
 class Heading(NamedTuple):
@@ -74,7 +76,8 @@ class TableTile:
             stylesheets=[InlineStyleSheet(css=css)],
         )
         self.root_element: UIElement = column(self.title, self.table, name=name, margin=0)
-        self.root_element.sizing_mode = "stretch_both"
+        self.root_element.update(sizing_mode="stretch_both", styles={"overflow-x": "auto"})
+        self._fit_min_width_to_visible_columns()
 
     def show_rows(
         self,
@@ -97,6 +100,11 @@ class TableTile:
             shown = visible.get(table_column.field)
             if shown is not None and table_column.visible != shown:
                 table_column.visible = shown
+        self._fit_min_width_to_visible_columns()
+
+    def _fit_min_width_to_visible_columns(self) -> None:
+        width = sum(column.width for column in self.table.columns if column.visible)
+        self.table.min_width = round(_SHARE_OF_MIN_WIDTH * width)
 
     def _move_cursor_to_selected_row(self, attr: str, old: list[int], new: list[int]) -> None:
         if new and new != self._selected and new[-1] < len(self._cursors):

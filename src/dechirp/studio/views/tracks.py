@@ -45,7 +45,7 @@ class TrackTails:
 
 _HEADINGS = {
     "number": Heading("track", "0", 40),
-    "status": Heading("status", width=70),
+    "status": Heading("status", width=84),
     "age": Heading("frames", "0", 45),
     "range": Heading("Range (m)", "0.00"),
     "velocity": Heading("Velocity (m/s)", "0.00", 88),
