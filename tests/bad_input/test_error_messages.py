@@ -62,8 +62,8 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
         "InvalidSetting",
         lambda _: _make_chirp(ramp_duration_s=9.9999999e-6, sample_rate_hz=6.3e6),
         "Chirp.ramp_duration_s",
-        "9.9999999e-06 s",
-        "at least 1e-05 s, the time of the last sample",
+        "9.9999999 us",
+        "at least 10 us, the time of the last sample",
         "lengthen the ramp",
     ),
     (

@@ -917,7 +917,9 @@ def test_list_describes_every_setting(run_cli):
 def test_list_writes_defaults_for_readers(run_cli):
     _, out, _ = run_cli("list", "angle")
 
-    assert "(default share: 0.6667)" in out
+    assert re.search(
+        r"smoothing\.share: .* \(default 0\.6667\)\. Share of each", " ".join(out.split())
+    )
     assert not re.search(r"\{|\d\.\d{5}", out)
 
 

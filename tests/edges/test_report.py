@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from dechirp.config.quantities import parse_quantity
 from dechirp.core.conventions import axis_coordinate
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.text import (
@@ -15,6 +16,7 @@ from dechirp.core.text import (
     decimals_for_column,
     decimals_for_std,
     format_probability,
+    format_si,
     format_with_si_prefix,
     format_with_std,
 )
@@ -265,8 +267,24 @@ def test_rows_of_column_share_digits_of_smallest_standard_error(stds, digits, de
 
 
 @pytest.mark.parametrize(
+    ("amount", "unit", "text"),
+    [
+        (2e-5, "s", "20 us"),
+        (-3e13, "hz_per_s", "-30 MHz/us"),
+        (1.6e-2, "w", "12.041 dBm"),
+        (0.0, "s", "0 s"),
+        (np.inf, "hz", "inf Hz"),
+    ],
+)
+def test_quantity_in_message_has_prefix_and_is_accepted_as_setting(amount, unit, text):
+    assert format_si(amount, unit) == text
+    if np.isfinite(amount):
+        assert parse_quantity(text, unit) == pytest.approx(amount, rel=1e-4)
+
+
+@pytest.mark.parametrize(
     ("std", "text"),
-    [(0.0021, "1.234 ± 0.002"), (2e-9, "1.234 ± <0.001"), (0.0, "1.234 ± 0.000")],
+    [(0.0021, "1.234 ± 0.002"), (2e-9, "1.234 ± 0.001"), (0.0, "1.234 ± 0.000")],
 )
 def test_known_standard_error_is_never_written_as_zero(std, text):
     assert format_with_std(1.2341, std, 3).replace("\N{NO-BREAK SPACE}", " ") == text

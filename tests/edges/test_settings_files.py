@@ -196,7 +196,7 @@ def test_excessive_frequency_step_is_reported_with_setting():
     step = "  modulation: {kind: frequency-shift-keying, step: 90 GHz}\n"
     mistake = expect_mistake(RADAR.replace("  period: 50 ms\n", "  period: 50 ms\n" + step), Radar)
 
-    assert (mistake.setting, mistake.value) == ("frame.modulation.step", "9e+10 Hz")
+    assert (mistake.setting, mistake.value) == ("frame.modulation.step", "90 GHz")
 
 
 def test_override_changes_multiplexing():
@@ -281,7 +281,7 @@ def test_all_mistakes_in_file_are_reported_in_order():
         ("10 MHz,", "-10 MHz,", "frame.chirp.sample_rate", "-10 MHz", "above 0"),
         ("10 MHz,", "{a: 1},", "frame.chirp.sample_rate", "a mapping", "a frequency"),
         ("10 MHz,", "1e300 GHz,", "frame.chirp.sample_rate", "1e300 GHz", "below 1e308"),
-        ("29 us", "2 us", "frame.chirp.ramp_duration", "2e-06 s", "at least 2.85e-05 s"),
+        ("29 us", "2 us", "frame.chirp.ramp_duration", "2 us", "at least 28.5 us"),
         ("complex}", "complx}", "frame.chirp.sampling", "complx", "one of complex, real"),
         ("[0 mm, 1.944 mm, 0 mm]", "[0 mm]", "array.rx.1", "a list of 1", "a list of 3"),
         ("1.944 mm", "1.944 s", "array.rx.1.1", "1.944 s", "a length"),

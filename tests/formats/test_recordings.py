@@ -487,7 +487,7 @@ def test_infineon_frames_are_timed_by_their_time_stamps(tmp_path, header, scale,
     assert np.allclose([frame.frame.item() for frame in part.frames()], [0.305, 0.4], atol=1e-6)
     note = next(f for f in recording.findings if f.setting == "radar_timestamp.csv")
     assert note.level == "note"
-    assert "up to 0.037 s off" in note.value
+    assert "up to 37 ms off" in note.value
 
 
 def test_inspection_of_vendor_file_loads_no_library_of_settings_and_units(tmp_path):

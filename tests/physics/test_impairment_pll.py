@@ -119,7 +119,7 @@ def test_warns_of_unsettled_loop(radar):
 
 
 def test_rejects_loop_slower_than_ramp(radar):
-    with pytest.raises(InvalidSetting, match=r"natural_frequency: 1000 Hz; expected"):
+    with pytest.raises(InvalidSetting, match=r"natural_frequency: 1 kHz; expected"):
         Pll(natural_frequency_hz=1e3).check(STATIC_SCENE, radar)
 
 

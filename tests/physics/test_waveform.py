@@ -241,7 +241,7 @@ def test_rejects_sampling_before_ramp():
 
 
 def test_rejects_samples_after_end_of_ramp():
-    with pytest.raises(InvalidSetting, match=r"Chirp\.ramp_duration_s: 5e-05 s"):
+    with pytest.raises(InvalidSetting, match=r"Chirp\.ramp_duration_s: 50 us"):
         replace(CHIRP_WITH_MARGINS, ramp_duration_s=50e-6)
 
 

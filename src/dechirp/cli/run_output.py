@@ -72,7 +72,7 @@ def _detection_table_cells(
     """Return the cells of each column, from the left; angles and motion only if any is known.
 
     Rounded cells have 3 decimals of a range and a velocity, or those of a hundredth of a resolution
-    cell where it is smaller, and a smaller error as `<0.001`.
+    cell where it is smaller, and an error that is smaller as 0.001.
     """
     columns: dict[str, list[str]] = {}
     if result.n_frames > 1:

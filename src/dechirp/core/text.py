@@ -92,10 +92,10 @@ def format_with_std(value: float, std: float, decimals: int) -> str:
 
 
 def format_std(std: float, decimals: int) -> str:
-    """Write a standard error; one that rounds to zero as `<0.000001`."""
+    """Write a standard error; one that rounds to zero as one of the last decimal, never smaller."""
     error = format_fixed(std, decimals)
     if std > 0 and math.isfinite(std) and float(error) == 0:
-        return f"<{10.0**-decimals:.{decimals}f}"
+        return f"{10.0**-decimals:.{decimals}f}"
     return error
 
 
@@ -143,6 +143,19 @@ def format_quantity(amount: float, unit: str | None, digits: int = 4) -> str:
     fitting_units = [pair for pair in factors if pair[1] <= abs(amount) * min_amount * (1 + 1e-9)]
     name, factor = (fitting_units or factors[-1:])[0] if amount else (kind.si_unit, 1.0)
     return f"{format_number(amount / factor, digits)} {format_unit(name)}"
+
+
+def format_si(amount: float, unit: str, digits: int = 6) -> str:
+    """Write a quantity for a message in ASCII, as settings files accept it: 20 us, 30 MHz/us.
+
+    `unit` is the suffix of the field's name, a key of `DIMENSIONS`.
+    """
+    if not math.isfinite(amount):
+        return f"{amount} {DIMENSIONS[unit].si_unit}"
+    text = format_quantity(float(amount), unit, digits)
+    for symbol, letters in (("µ", "u"), (MINUS_SIGN, "-"), ("²", "^2"), ("³", "^3"), ("°", " deg")):
+        text = text.replace(symbol, letters)
+    return text
 
 
 def format_unit(unit: str) -> str:

@@ -29,6 +29,7 @@ from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_finite_array
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.core.text import format_si
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.peak_interpolation import tone_bin_offsets
 from dechirp.processing.spectrogram import (
@@ -342,7 +343,11 @@ def displacement_spectrum(displacement: xr.DataArray, *, window: Window = "hann"
         raise InvalidSetting(
             "displacement",
             value=f"{len(times_s)} times"
-            + (f", {steps_s.min():.3g} to {steps_s.max():.3g} s apart" if len(steps_s) else ""),
+            + (
+                f", {format_si(steps_s.min(), 's', 3)} to {format_si(steps_s.max(), 's', 3)} apart"
+                if len(steps_s)
+                else ""
+            ),
             expected="four or more at nearly equal steps",
             fix="take one value of each frame with frame_means, or the chirps of one frame",
         )
@@ -413,8 +418,8 @@ def strongest_oscillation(spectrum: xr.DataArray, frequency_hz: tuple[float, flo
         raise InvalidSetting(
             "frequency_hz",
             value=frequency_hz,
-            expected=f"an interval with three bins or more, {step_hz:.3g} Hz apart up to"
-            f" {bins_hz[-1]:.4g} Hz",
+            expected=f"an interval with three bins or more, {format_si(step_hz, 'hz', 3)} apart"
+            f" up to {format_si(bins_hz[-1], 'hz', 4)}",
             fix="give the lowest frequency, then the highest; record longer for finer bins",
         )
     n_points = spectrum.attrs["n_times"]

@@ -12,7 +12,7 @@ from dechirp.core.checks import (
 )
 from dechirp.core.display import Displayable, Table, property_display_rows, settings_display_table
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.text import format_quantity
+from dechirp.core.text import format_quantity, format_si
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import frozen_dataclass
 
@@ -60,8 +60,9 @@ class Chirp(Displayable):
             raise InvalidSetting(
                 "Chirp.ramp_duration_s",
                 # Fewer than ten digits would print 9.9999999 s as 10 s in a message about 10 s.
-                value=f"{self.ramp_duration_s:.10g} s",
-                expected=f"at least {last_sample_s:.10g} s, the time of the last sample",
+                value=format_si(self.ramp_duration_s, "s", 10),
+                expected=f"at least {format_si(last_sample_s, 's', 10)}, the time of the last"
+                " sample",
                 fix="lengthen the ramp, start sampling earlier, take fewer samples or sample"
                 " faster",
             )

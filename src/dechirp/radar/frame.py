@@ -22,7 +22,7 @@ from dechirp.core.display import (
     settings_display_table,
 )
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.text import format_quantity
+from dechirp.core.text import format_quantity, format_si
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.modulations.base import Modulation, Ramp
@@ -72,8 +72,8 @@ class Frame(Displayable):
         if self.period_s < longest_s * (1 - 1e-9):
             raise InvalidSetting(
                 "Frame.period_s",
-                value=f"{self.period_s:.10g} s",
-                expected=f"at least {longest_s:.10g} s, the duration of the chirps",
+                value=format_si(self.period_s, "s", 10),
+                expected=f"at least {format_si(longest_s, 's', 10)}, the duration of the chirps",
                 fix="lengthen the period, or send fewer chirps at a shorter interval",
             )
 
@@ -102,8 +102,9 @@ class Frame(Displayable):
             if interval_s < self.chirp.ramp_duration_s * (1 - 1e-9):
                 raise InvalidSetting(
                     setting,
-                    value=f"{interval_s:.10g} s",
-                    expected=f"at least {self.chirp.ramp_duration_s:.10g} s, the duration of the"
+                    value=format_si(interval_s, "s", 10),
+                    expected=f"at least {format_si(self.chirp.ramp_duration_s, 's', 10)}, the"
+                    " duration of the"
                     " ramp",
                     fix="lengthen the interval or shorten the ramp",
                 )
@@ -128,7 +129,7 @@ class Frame(Displayable):
         if lowest_hz <= 0:
             raise InvalidSetting(
                 "Frame.modulation",
-                value=f"a ramp that starts at {lowest_hz:.6g} Hz",
+                value=f"a ramp that starts at {format_si(lowest_hz, 'hz')}",
                 expected="frequencies above 0",
                 fix="lower the step",
             )
@@ -155,7 +156,7 @@ class Frame(Displayable):
             return self.interval_s
         raise InvalidSetting(
             "Frame.interval_s",
-            value=f"a list: {', '.join(f'{one_s:.6g} s' for one_s in self.interval_s)}",
+            value="a list: " + ", ".join(format_si(one_s, "s") for one_s in self.interval_s),
             expected="a single interval, since this value belongs to one frame",
             fix="use the radar of a single frame: radar.for_frame(0)",
         )

@@ -36,7 +36,7 @@ class Rays:
     """Ray sampling of a surface."""
 
     spacing_m: float | None = None
-    """Spacing of neighbouring rays. None: half a wavelength. Over the main lobes of a plate, a
+    """Spacing of neighbouring rays. Unset: half a wavelength. Over the main lobes of a plate, a
     dihedral and a trihedral with edges of 26 wavelengths and of a sphere with such a radius,
     errors are at most 0.2 dB, of the sphere 0.4 dB; at one wavelength 0.3 and 0.7 dB; at two 0.5
     and 2 dB."""

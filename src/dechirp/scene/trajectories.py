@@ -8,6 +8,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.text import format_si
 from dechirp.radar.frame import Frame
 from dechirp.scene.scene import Scene
 
@@ -175,7 +176,8 @@ def _check_fit_errors(
     name = scene.names[scene.target_index_of_scatterer[scatterers[worst]]]
     raise InvalidSetting(
         f"scene.targets.{name}",
-        value=f"a motion in the chirp at {time_s:.6g} s that deviates by {error_m[worst]:.2g} m"
+        value=f"a motion in the chirp at {format_si(time_s, 's')} that deviates by"
+        f" {error_m[worst]:.2g} m"
         f" from a polynomial of degree {_DEGREE}",
         expected=f"a deviation of at most {_MAX_ERROR_M:g} m in each chirp",
         fix="slow down the parts of the body, or give it a heading",

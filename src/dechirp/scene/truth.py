@@ -10,6 +10,7 @@ import dechirp.core.accessor  # noqa: F401  # for `truth(...).dechirp`
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.text import format_si
 from dechirp.radar.budget import noise_power_w as thermal_noise_w
 from dechirp.radar.budget import received_power_w
 from dechirp.radar.radar import Radar
@@ -127,7 +128,7 @@ def _check_distances_from_radar(scene: Scene, range_m: np.ndarray, times_s: np.n
         frame, target = too_near[0]
         raise InvalidSetting(
             f"scene.targets.{scene.names[target]}.position",
-            value=f"at the radar after {times_s[frame]:.4g} s",
+            value=f"at the radar after {format_si(times_s[frame], 's', 4)}",
             expected="a position with a direction from the radar",
             fix="move the target, or put the origin of its body among its scatterers",
         )

@@ -3,6 +3,7 @@
 import numpy as np
 
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.text import format_si
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.scene.speed_limit import check_speed_limit
@@ -61,7 +62,7 @@ def check_scene_echoes_finite(scene: Scene, radar: Radar, *, n_frames: int = 1) 
                 for scatterer in near_scatterers[distances_m < _MIN_DISTANCE_M]:
                     raise InvalidSetting(
                         f"scene.targets.{scene.names[scene.target_index_of_scatterer[scatterer]]}.position",
-                        value=f"at {name} after {time_s:.4g} s",
+                        value=f"at {name} after {format_si(time_s, 's', 4)}",
                         expected="another position: the echo would be infinite",
                         fix="move the target",
                     )
@@ -69,4 +70,6 @@ def check_scene_echoes_finite(scene: Scene, radar: Radar, *, n_frames: int = 1) 
     speeds = np.linalg.norm(scene.target_velocities_m_per_s([end_s])[0], axis=-1)
     for target_index in np.flatnonzero(scene.accelerating_target_mask):
         setting = f"scene.targets.{scene.names[target_index]}.acceleration"
-        check_speed_limit(setting, speeds[target_index], context=f" after {end_s:.4g} s")
+        check_speed_limit(
+            setting, speeds[target_index], context=f" after {format_si(end_s, 's', 4)}"
+        )

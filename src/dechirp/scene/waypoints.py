@@ -4,6 +4,7 @@ import numpy as np
 
 from dechirp.core.checks import Vector, check_and_convert_vector_field, check_positive_fields
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
 
 
@@ -60,7 +61,8 @@ def check_waypoint_times_ascend(waypoints: tuple[Waypoint, ...], target_name: st
         if time_s <= previous_s:
             raise InvalidSetting(
                 f"Target.waypoints.{index}.time_s",
-                value=f"{time_s:.6g} s after {previous_s:.6g} s: the path of {target_name} goes"
+                value=f"{format_si(time_s, 's')} after {format_si(previous_s, 's')}: the path of"
+                f" {target_name} goes"
                 " back in time",
                 expected="a time after that of the previous waypoint",
                 fix="sort the waypoints by time, without duplicates",

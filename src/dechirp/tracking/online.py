@@ -10,6 +10,7 @@ from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_number
 from dechirp.core.detection_columns import check_type
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
 from dechirp.tracking.measurements import (
     Measurements,
@@ -149,7 +150,8 @@ class LiveTracker:
         if self._time_s is not None and not now_s > self._time_s:
             raise InvalidSetting(
                 "time_s",
-                value=f"{now_s:.9g} s, after a frame at {self._time_s:.9g} s",
+                value=f"{format_si(now_s, 's', 9)}, after a frame at"
+                f" {format_si(self._time_s, 's', 9)}",
                 expected="later than the frame before",
                 fix="pass frames in the order of their times, each once; drop late ones",
             )

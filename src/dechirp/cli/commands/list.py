@@ -1,5 +1,6 @@
 """`dechirp list`: families of members that settings select by `kind`."""
 
+import re
 import sys
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -74,27 +75,45 @@ def family_base_classes() -> dict[str, "type[Family]"]:
 
 def help_and_settings_by_kind(base: "type[Family]") -> dict[str, Any]:
     """Return the help and settings of each member by kind, as a settings file writes them."""
-    from dechirp.config.fields import describe_accepted_values, field_docstrings, list_settings
     from dechirp.core.families import Family
 
     settings_by_kind = {}
     for kind, member in base.members().items():
         assert issubclass(member, Family)
-        help_by_field = field_docstrings(member)
         settings_by_kind[kind] = {
             "help": (member.__doc__ or "").partition("\n")[0],
             "experimental": member.experimental,
-            "settings": {
-                name: {
-                    "expected": describe_accepted_values(setting.value_type),
-                    "required": setting.is_required,
-                    "default": _format_default(setting.default, setting.value_type.unit),
-                    "help": help_by_field[setting.field],
-                }
-                for name, setting in list_settings(member).items()
-            },
+            "settings": _describe_settings(member),
         }
     return settings_by_kind
+
+
+def _describe_settings(value_class: type, default_values: Any = None) -> dict[str, Any]:
+    """Describe the settings of a class by name; those of a mapping follow as `mapping.name`."""
+    from dataclasses import is_dataclass
+
+    from dechirp.config.fields import (
+        describe_accepted_values,
+        field_docstrings,
+        is_family_type,
+        list_settings,
+    )
+
+    help_by_field = field_docstrings(value_class)
+    settings = {}
+    for name, setting in list_settings(value_class).items():
+        default = getattr(default_values, setting.field, setting.default)
+        settings[name] = {
+            "expected": describe_accepted_values(setting.value_type),
+            "required": setting.is_required,
+            "default": _format_default(default, setting.value_type.unit),
+            "help": help_by_field[setting.field],
+        }
+        for choice in setting.value_type.types_without_none:
+            if isinstance(choice, type) and is_dataclass(choice) and not is_family_type(choice):
+                members = _describe_settings(choice, default)
+                settings |= {f"{name}.{member}": text for member, text in members.items()}
+    return settings
 
 
 def _format_default(default: Any, unit: str | None) -> Any:
@@ -123,9 +142,12 @@ def _print_members(families: dict[str, Any]) -> None:
                 Padding(Text.assemble((kind, "bold"), f"{mark}  {member['help']}"), (0, 2))
             )
             for name, setting in member["settings"].items():
-                default = f"default {_format_default_for_reader(setting['default'])}"
-                requirement = "required" if setting["required"] else default
-                line = f"{name}: {setting['expected']} ({requirement}). {setting['help']}"
+                default = f" (default {_format_default_for_reader(setting['default'])})"
+                if setting["required"]:
+                    default = " (required)"
+                elif isinstance(setting["default"], dict) and "kind" not in setting["default"]:
+                    default = ""  # the settings of the mapping follow
+                line = f"{name}: {setting['expected']}{default}. {setting['help']}"
                 screen.print(Padding(line, (0, 6)))
 
 
@@ -139,6 +161,9 @@ def _format_default_for_reader(value: Any) -> str:
         return f"[{', '.join(map(_format_default_for_reader, value))}]"
     if value is None:
         return "null"
+    if isinstance(value, str) and re.fullmatch(r"-?\d+\.\d+", value):
+        value = float(value)  # without a unit
     if isinstance(value, float):
-        return f"{value:.4g}"
+        # 1e-5 in place of 1e-05.
+        return re.sub(r"e([+-])0*", lambda match: "e" + match[1].strip("+"), f"{value:.4g}")
     return str(value).lower() if isinstance(value, bool) else str(value)

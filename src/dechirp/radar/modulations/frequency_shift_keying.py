@@ -2,6 +2,7 @@
 
 from dechirp.core.checks import check_number
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.modulations.base import Modulation, Ramp
@@ -36,8 +37,9 @@ class FrequencyShiftKeying(Modulation):
         if abs(self.step_hz) > chirp.ramp_bandwidth_hz:
             raise InvalidSetting(
                 "Frame.modulation.step_hz",
-                value=f"{self.step_hz:.6g} Hz",
-                expected=f"at most the bandwidth of the ramp, {chirp.ramp_bandwidth_hz:.6g} Hz:"
+                value=format_si(self.step_hz, "hz"),
+                expected=f"at most the bandwidth of the ramp,"
+                f" {format_si(chirp.ramp_bandwidth_hz, 'hz')}:"
                 " beyond,"
                 " the range is too inaccurate to predict the phase of the step",
                 fix="lower the step",

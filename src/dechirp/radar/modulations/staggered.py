@@ -2,6 +2,7 @@
 
 from dechirp.core.checks import check_numbers
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.modulations.base import Modulation, Ramp
@@ -27,7 +28,7 @@ class Staggered(Modulation):
         if len(set(pauses_s)) < 2:
             raise InvalidSetting(
                 "Staggered.pauses_s",
-                value=f"{', '.join(f'{pause_s:.6g} s' for pause_s in pauses_s) or 'empty'}",
+                value=", ".join(format_si(pause_s, "s") for pause_s in pauses_s) or "empty",
                 expected="two or more pauses that differ; equal pauses are a longer interval",
                 fix="give one for each ramp of a round, such as [0 s, 5 us]",
             )

@@ -13,6 +13,7 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
+from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.frame import Frame
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
@@ -68,8 +69,9 @@ class ContinuousWav(Format):
         if abs(frame.chirp.sample_rate_hz / rate_hz - 1) > 1e-6:
             raise RecordingError(
                 path,
-                value=f"samples at {rate_hz} Hz",
-                expected=f"{frame.chirp.sample_rate_hz:.6g} Hz, the radar.frame.chirp.sample_rate",
+                value=f"samples at {format_si(rate_hz, 'hz')}",
+                expected=f"{format_si(frame.chirp.sample_rate_hz, 'hz')}, the"
+                " radar.frame.chirp.sample_rate",
                 fix="correct the settings",
             )
         n_samples = min(file.n_samples for file in files)
@@ -137,8 +139,9 @@ def _open_files_of_recording(path: Path, *, is_complex: bool) -> tuple[Wav, ...]
     if (other_wav.n_channels, other_wav.sample_rate_hz) != (1, wav.sample_rate_hz):
         raise RecordingError(
             other,
-            value=f"{other_wav.n_channels} channels, sampled at {other_wav.sample_rate_hz} Hz",
-            expected=f"one channel at {wav.sample_rate_hz} Hz, as in {path.name}",
+            value=f"{other_wav.n_channels} channels, sampled at"
+            f" {format_si(other_wav.sample_rate_hz, 'hz')}",
+            expected=f"one channel at {format_si(wav.sample_rate_hz, 'hz')}, as in {path.name}",
             fix="copy both files of the recording to one folder",
         )
     return (wav, other_wav) if path.name == iq_file_names(path.name)["i"] else (other_wav, wav)
@@ -174,7 +177,7 @@ def _assumed_start_and_length_findings(files: Sequence[Wav], frame: Frame) -> tu
             level="note",
             setting="recording",
             value="no sync: the first chirp is assumed to begin with the file, the others every"
-            f" {interval_s:.6g} s after it (radar.frame.interval)",
+            f" {format_si(interval_s, 's')} after it (radar.frame.interval)",
             expected="a recording that starts with a ramp",
             fix="if it starts later, add the delay to radar.frame.chirp.adc_start and"
             " radar.frame.interval stays",

@@ -15,6 +15,7 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
+from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.readers.base import (
     Contents,
@@ -137,14 +138,15 @@ def _read_frame_starts_and_findings(
     step = float(np.median(steps)) if len(steps) else period_s
     unit_s = next((unit for unit in _TIME_UNITS_S if 1 / 3 < step * unit / period_s < 3), None)
     if not problem and unit_s is None:
-        problem = f"time stamps {step:.4g} s apart in the median"
+        problem = f"time stamps {format_si(step, 's', 4)} apart in the median"
     if problem or unit_s is None:
         return None, (
             Finding(
                 level="warning",
                 setting=_TIMES,
                 value=f"{problem}; frames are timed by their period",
-                expected=f"an increasing time in seconds for each frame, about {period_s:.6g} s"
+                expected=f"an increasing time in seconds for each frame, about"
+                f" {format_si(period_s, 's')}"
                 " apart",
                 fix="copy the file again from its source if frame times matter",
             ),
@@ -180,8 +182,9 @@ def _frame_time_findings(starts_s: np.ndarray, period_s: float) -> tuple[Finding
         Finding(
             level="note",
             setting=_TIMES,
-            value=f"frames are timed by it: {mean_s:.6g} s apart on average, and up to"
-            f" {deviation_s:.3g} s off the times of radar.frame.period {period_s:.6g} s",
+            value=f"frames are timed by it: {format_si(mean_s, 's')} apart on average, and up to"
+            f" {format_si(deviation_s, 's', 3)} off the times of radar.frame.period"
+            f" {format_si(period_s, 's')}",
             expected="the times at which frames were recorded; the computer adds a few ms",
             fix="no action needed",
         )
@@ -193,8 +196,8 @@ def _frame_time_findings(starts_s: np.ndarray, period_s: float) -> tuple[Finding
                 level="warning",
                 setting=_TIMES,
                 value=f"{n_missing} frames missing by the time stamps; the longest pause,"
-                f" {steps_s[longest]:.4g} s, follows frame {longest}",
-                expected=f"a frame every {period_s:.6g} s",
+                f" {format_si(steps_s[longest], 's', 4)}, follows frame {longest}",
+                expected=f"a frame every {format_si(period_s, 's')}",
                 fix="no action needed: frames keep their measured times",
             )
         )

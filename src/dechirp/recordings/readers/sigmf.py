@@ -18,6 +18,7 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
+from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.encodings import LIMITS, scale_lazily_to_full_scale
 from dechirp.recordings.arrays.json_columns import column_from_json
@@ -190,8 +191,8 @@ def _read_foreign_recording(meta: SigmfMetadata, hints: RecordingHints) -> Conte
     if rate_hz is not None and abs(chirp.sample_rate_hz / rate_hz - 1) > 1e-6:
         raise RecordingError(
             meta.path,
-            value=f"sample rate {rate_hz:.6g} Hz",
-            expected=f"{chirp.sample_rate_hz:.6g} Hz, the radar.frame.chirp.sample_rate",
+            value=f"sample rate {format_si(rate_hz, 'hz')}",
+            expected=f"{format_si(chirp.sample_rate_hz, 'hz')}, the radar.frame.chirp.sample_rate",
             fix="correct the settings, or core:sample_rate",
         )
     if hints.axes is None:

@@ -20,6 +20,7 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
+from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.samples.continuous import (
@@ -82,9 +83,9 @@ class SyncWav(Format):
         if recording.n_channels != 2 or abs(chirp.sample_rate_hz / rate_hz - 1) > 1e-6:
             raise RecordingError(
                 path,
-                value=f"{recording.n_channels} channels, sampled at {rate_hz} Hz",
+                value=f"{recording.n_channels} channels, sampled at {format_si(rate_hz, 'hz')}",
                 expected="2 channels, the beat signal and its sync, sampled at"
-                f" {chirp.sample_rate_hz:.6g} Hz, the radar.frame.chirp.sample_rate",
+                f" {format_si(chirp.sample_rate_hz, 'hz')}, the radar.frame.chirp.sample_rate",
                 fix="correct the settings, or record both channels",
             )
         recording = _put_sync_last(recording)
@@ -285,9 +286,9 @@ def _assign_ramp_numbers_by_spacing(
                 value=f"an irregular sync: {int((periods - 1).sum())} ramps missing,"
                 f" {int(is_uneven.sum())} intervals off by more than 1 %, pulses too short"
                 f" {n_short_pulses} times; the longest interval,"
-                f" {steps[longest] / sample_rate_hz:.4g} s, begins"
-                f" {starts[longest] / sample_rate_hz:.4g} s after the start",
-                expected=f"a ramp every {median_step / sample_rate_hz:.6g} s",
+                f" {format_si(steps[longest] / sample_rate_hz, 's', 4)}, begins"
+                f" {format_si(starts[longest] / sample_rate_hz, 's', 4)} after the start",
+                expected=f"a ramp every {format_si(median_step / sample_rate_hz, 's')}",
                 fix="leave out those frames; samples of missing ramps are zero and marked as gaps",
             )
         )

@@ -8,7 +8,7 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
-from dechirp.core.text import format_number
+from dechirp.core.text import format_number, format_si
 from dechirp.radar.chirp import Sampling
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
@@ -103,8 +103,8 @@ def divide_chirps_into_frames(
             Finding(
                 level="warning",
                 setting="radar.frame.period",
-                value=f"{period_s:.6g} s, ignored: the recording has no pauses",
-                expected=f"{_mean_frame_duration_s(frame):.6g} s, the chirps of a frame",
+                value=f"{format_si(period_s, 's')}, ignored: the recording has no pauses",
+                expected=f"{format_si(_mean_frame_duration_s(frame), 's')}, the chirps of a frame",
                 fix="leave out radar.frame.period",
             )
         )
@@ -136,7 +136,8 @@ def chirp_interval_findings(
         Finding(
             level="warning",
             setting="radar.frame.interval",
-            value=f"{expected_s:.6g} s, but {measured_interval_s:.6g} s on average by {source}",
+            value=f"{format_si(expected_s, 's')}, but {format_si(measured_interval_s, 's')} on"
+            f" average by {source}",
             expected="the interval at which the chirps were sent",
             fix=f"give the measured one: true times are {ratio:.4g} of those shown, true velocities"
             f" {1 / ratio:.4g}",

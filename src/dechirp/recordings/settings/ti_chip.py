@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from dechirp.core.errors import DechirpError, InvalidSetting
+from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.lookup import device as device_named
@@ -72,7 +73,8 @@ def check_fits_single_chip(radar: Radar) -> None:
     if relative_error > _MAX_RANGE_ERROR:
         raise InvalidSetting(
             "Radar.frame.chirp",
-            value=f"{chirp.sample_rate_hz:.6g} samples/s and {chirp.slope_hz_per_s:.6g} Hz/s",
+            value=f"{format_si(chirp.sample_rate_hz, 'hz')} and"
+            f" {format_si(chirp.slope_hz_per_s, 'hz_per_s')}",
             expected="a rate in steps of 1 kS/s and a slope in steps of 0.1 kHz/us, to 0.1 %",
             fix="write another format, such as .h5",
         )

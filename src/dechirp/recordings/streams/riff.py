@@ -12,6 +12,7 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
+from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
 
 _PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
@@ -148,7 +149,7 @@ def _unfinished_header_warning(
         level="warning",
         setting="recording",
         value=f"{present_bytes} bytes of samples instead of the {declared_bytes} of the header; all"
-        f" are read, {duration_s:.6g} s",
+        f" are read, {format_si(duration_s, 's')}",
         expected="a file that its recorder has finished",
         fix="copy the whole file again if it should be longer",
     )

@@ -14,6 +14,7 @@ import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.text import format_si
 from dechirp.core.units import to_decibels
 from dechirp.results.object_lists.can_bus import CanFd
 from dechirp.results.object_lists.can_layout import OBJECT_SIGNALS, DbcLayout
@@ -160,7 +161,7 @@ def _limit_objects_to_bus_load(objects: xr.Dataset, layout: DbcLayout, bus: CanF
     if cycle_s is not None and max_objects < layout.max_objects:
         reason = (
             f"the longest takes {largest_bus_load(objects, layout, bus):.0%} of the bus at one"
-            f" every {cycle_s:.4g} s, and {bus.largest_load:.0%} are allowed"
+            f" every {format_si(cycle_s, 's', 4)}, and {bus.largest_load:.0%} are allowed"
         )
         fix = "Raise the bit rates or the largest load."
     return keep_most_important(objects, max_objects, reason=reason, fix=fix)

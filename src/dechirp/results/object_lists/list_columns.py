@@ -17,6 +17,7 @@ from dechirp.core.checks import check_finite_array
 from dechirp.core.detection_columns import TABLE
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.core.text import format_si
 
 STATUSES = ("detection", "tentative", "confirmed")
 
@@ -127,8 +128,8 @@ def _check_cycles_ascend(frame: np.ndarray, time_s: np.ndarray) -> None:
         index = descending[0]
         raise InvalidSetting(
             "objects.time",
-            value=f"{time_s[index + 1]:.9g} s in frame {frame[index + 1]}, after "
-            f"{time_s[index]:.9g} s in frame {frame[index]}",
+            value=f"{format_si(time_s[index + 1], 's', 9)} in frame {frame[index + 1]}, after "
+            f"{format_si(time_s[index], 's', 9)} in frame {frame[index]}",
             expected="times that increase from frame to frame",
             fix="sort them by time, and give each frame a unique time and number",
         )
@@ -152,7 +153,8 @@ def _check_rows_match_cycles(
         index = mismatched[0]
         raise InvalidSetting(
             "objects.time",
-            value=f"{time_s[index]:.9g} s, in frame {frame[index]} at {expected_s[index]:.9g} s",
+            value=f"{format_si(time_s[index], 's', 9)}, in frame {frame[index]} at"
+            f" {format_si(expected_s[index], 's', 9)}",
             expected="the time of its frame",
             fix="give all objects of a frame the time of its middle",
         )

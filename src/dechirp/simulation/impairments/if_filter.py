@@ -7,6 +7,7 @@ import numpy as np
 from dechirp.core.checks import check_integer_fields, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.core.text import format_si
 from dechirp.core.units import to_decibels
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp
@@ -70,8 +71,9 @@ class IfFilter(Receiver):
         if low_hz is not None and high_hz is not None and low_hz <= high_hz:
             raise InvalidSetting(
                 "IfFilter.low_pass_hz",
-                value=f"{low_hz:.6g} Hz",
-                expected=f"above that of the high-pass, {high_hz:.6g} Hz: else nothing passes",
+                value=format_si(low_hz, "hz"),
+                expected=f"above that of the high-pass, {format_si(high_hz, 'hz')}: else nothing"
+                " passes",
                 fix="swap the corners, or check their units",
             )
 

@@ -19,6 +19,7 @@ from dechirp.core.checks import (
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.memory import check_free_memory
+from dechirp.core.text import format_si
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp
@@ -116,14 +117,16 @@ class Interferer:
         if self.interval_s < self.ramp_duration_s * (1 - 1e-9):
             raise InvalidSetting(
                 "Interferer.interval_s",
-                value=f"{self.interval_s:.6g} s",
-                expected=f"at least {self.ramp_duration_s:.6g} s, the duration of the ramp",
+                value=format_si(self.interval_s, "s"),
+                expected=f"at least {format_si(self.ramp_duration_s, 's')}, the duration of the"
+                " ramp",
                 fix="lengthen the interval or shorten the ramp",
             )
         if self.band_hz[0] <= 0:
             raise InvalidSetting(
                 "Interferer.slope_hz_per_s",
-                value=f"{self.slope_hz_per_s:.6g} Hz/s: the ramp ends at {self.band_hz[0]:.4g} Hz",
+                value=f"{format_si(self.slope_hz_per_s, 'hz_per_s')}: the ramp ends at"
+                f" {format_si(self.band_hz[0], 'hz', 4)}",
                 expected="a ramp that stays above 0 Hz",
                 fix="check the units of slope and duration",
             )
@@ -143,8 +146,8 @@ class Interferer:
         if self.period_s < frame_s * (1 - 1e-9):
             raise InvalidSetting(
                 "Interferer.period_s",
-                value=f"{self.period_s:.6g} s",
-                expected=f"at least {frame_s:.6g} s, the duration of its chirps",
+                value=format_si(self.period_s, "s"),
+                expected=f"at least {format_si(frame_s, 's')}, the duration of its chirps",
                 fix="lengthen the period, or send fewer chirps at a shorter interval",
             )
 

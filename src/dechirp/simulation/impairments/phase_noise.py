@@ -12,6 +12,7 @@ from dechirp.core.checks import as_tuple_or_none, check_numbers
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.memory import check_free_memory
+from dechirp.core.text import format_si
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
@@ -64,7 +65,8 @@ class PhaseNoise(Oscillator):
             if offsets[index] <= offsets[index - 1]:
                 raise InvalidSetting(
                     f"PhaseNoise.offset_hz.{index}",
-                    value=f"{offsets[index]:.6g} Hz, after {offsets[index - 1]:.6g} Hz",
+                    value=f"{format_si(offsets[index], 'hz')}, after"
+                    f" {format_si(offsets[index - 1], 'hz')}",
                     expected="above the one before it",
                     fix="put the offsets in ascending order, each once",
                 )
@@ -84,8 +86,9 @@ class PhaseNoise(Oscillator):
         if self.offset_hz[0] >= highest_hz:
             self._issue_setting_warning(
                 "offset",
-                value=f"from {self.offset_hz[0]:.4g} Hz on",
-                expected=f"an offset below {highest_hz:.4g} Hz, the sample rate; the level of the"
+                value=f"from {format_si(self.offset_hz[0], 'hz', 4)} on",
+                expected=f"an offset below {format_si(highest_hz, 'hz', 4)}, the sample rate; the"
+                " level of the"
                 " first offset is used for all",
                 fix="add nearer offsets, or check their unit",
             )

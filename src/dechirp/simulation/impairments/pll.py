@@ -7,6 +7,7 @@ from numpy.polynomial import Polynomial
 
 from dechirp.core.checks import as_tuple_or_none, check_numbers, check_positive_fields
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
@@ -80,8 +81,9 @@ class Pll(FrequencyError):
         if self.natural_frequency_hz < slowest_hz:
             raise InvalidSetting(
                 "natural_frequency",
-                value=f"{self.natural_frequency_hz:.6g} Hz",
-                expected=f"at least {slowest_hz:.6g} Hz: a slower loop does not follow a ramp of"
+                value=format_si(self.natural_frequency_hz, "hz"),
+                expected=f"at least {format_si(slowest_hz, 'hz')}: a slower loop does not follow"
+                " a ramp of"
                 f" {ramp_s * 1e6:.6g} us",
                 fix="choose a faster loop, usually 100 kHz to 1 MHz",
             )

@@ -7,6 +7,7 @@ import numpy as np
 from dechirp.core.checks import check_integer_fields, check_positive_fields
 from dechirp.core.compiled_kernels import kernel
 from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
@@ -82,7 +83,8 @@ class Quantisation(Receiver):
             finding = Finding(
                 level="warning",
                 setting="impairments.quantisation.full_scale",
-                value=f"{self.full_scale_w:.3g} W, which clips {clipped_share:.2%} of the samples",
+                value=f"{format_si(self.full_scale_w, 'w', 3)}, which clips {clipped_share:.2%}"
+                " of the samples",
                 expected="a full scale above the peak power of all signals together",
                 fix="raise it, or attenuate the strongest signal with a filter before the ADC",
             )
