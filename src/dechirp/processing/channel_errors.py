@@ -119,7 +119,9 @@ def estimate_channel_errors(
     excess = np.where(
         power > threshold * phase_noise, np.maximum(power - n_residuals * phase_noise, 0), 0
     )
-    antenna_variance = excess / np.maximum(total, np.finfo(float).tiny)
+    # Nothing is left of antennas whose phases all look like directions, but for rounding.
+    shows_antennas = total > 1e-9 * np.sum(antennas**2)
+    antenna_variance = np.divide(excess, total, out=np.zeros_like(excess), where=shows_antennas)
     shows_array = phase_noise <= _MAX_PHASE_NOISE_RAD**2
     if shows_array.any():
         # Weak echoes have the errors of the array too, which their noise hides.
