@@ -198,6 +198,15 @@ def test_missing_radar_settings_give_fix_for_page(folder):
             "Name what it is with recording.format (under File).",
         ),
         ("Copy it again -- from its source.", "Copy it again -- from its source."),
+        (
+            "Run with --calibration cal.json",
+            "Run with recording.calibration: cal.json (under File)",
+        ),
+        ("Select with --frames, or wait.", "Select with recording.frames (under File), or wait."),
+        (
+            "--set recording.repair_faults=false keeps them",
+            "recording.repair_faults=false (under File) keeps them",
+        ),
     ],
 )
 def test_command_line_options_in_fixes_become_settings(fix, expected):

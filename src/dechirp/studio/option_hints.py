@@ -13,7 +13,9 @@ _PANEL_BY_OPTION = (
     ("give the radar: --radar FILE", "choose settings of its radar, under Recordings"),
     ("with --radar", "as settings of its radar, under Recordings"),
 )
-_RECORDING_OPTION = re.compile(r"--(axes|device|encoding|format|frames|iq)\b(?: ([\w,-]+))?")
+_RECORDING_OPTION = re.compile(
+    r"--(axes|calibration|device|encoding|format|frames|iq)\b(?: ([\w,-]+(?:\.\w+)*))?"
+)
 _SET_OPTION = re.compile(r"--set (?:'([^']*)'|(\S+))")
 
 

@@ -179,7 +179,8 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
 
     def draw_frame_and_format_numbers(self, frame: ChirpFrame) -> Mapping[str, str]:
         chirp, now_us = frame.chirp, frame.now_s * 1e6
-        ends_us = (0.0, chirp.ramp_duration_s * 1e6 * 1.14)
+        # Room for the text beside the end of the ramp, also at 500 pixels.
+        ends_us = (0.0, chirp.ramp_duration_s * 1e6 * 1.22)
         top_mhz = chirp.ramp_bandwidth_hz / 1e6
         self._ramps.set_axis_limits(x=ends_us, y=(0.0, top_mhz * 1.05))
         self._beat.set_axis_limits(x=ends_us, y=(-1.2, 1.7))
