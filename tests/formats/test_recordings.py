@@ -4,6 +4,7 @@ The files are written byte by byte, not with the package.
 """
 
 import json
+import os
 import pickle
 import struct
 import subprocess
@@ -1047,6 +1048,23 @@ def test_folder_of_pointer_or_nested_recording_names_next_step(tmp_path):
 
     assert catch_mistake(tmp_path / "outer").fix.endswith(f"dechirp run {nested}")
     assert "a pointer of Git LFS" in catch_mistake(pointers).value
+
+
+@pytest.mark.parametrize("read", [open_recording, inspect])
+def test_unreadable_recording_or_folder_is_named(tmp_path, read, monkeypatch):
+    file = write_capture_folder(tmp_path / "locked file")
+    monkeypatch.setattr(os, "access", lambda path, _: path != file)
+    real_open = type(file).open
+
+    def refuse(path, *args, **options):
+        if path == file:
+            raise PermissionError(13, "Permission denied", str(path))
+        return real_open(path, *args, **options)
+
+    monkeypatch.setattr(type(file), "open", refuse)
+
+    with pytest.raises(RecordingError, match=r"capture\.bin: recording: not readable \(Permission"):
+        read(file.parent)
 
 
 def test_text_document_gets_short_message(tmp_path):

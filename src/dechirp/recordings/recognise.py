@@ -1,5 +1,6 @@
 """Format recognition of a path, from its content and the options of the user."""
 
+import os
 import shlex
 from collections.abc import Collection
 from contextlib import suppress
@@ -251,8 +252,18 @@ def find_recording_in_folder(
     Raises
     ------
     RecordingError
-        If the folder contains several recordings or none.
+        If the folder contains several recordings or none, or cannot be read.
     """
+    try:
+        return _find_recording_in_folder(path, wanted_format, hints)
+    except OSError as error:
+        raise unreadable_path_error(Path(error.filename or path), error) from None
+
+
+def _find_recording_in_folder(
+    path: Path, wanted_format: str | None, hints: RecordingHints
+) -> tuple[Path, tuple[Finding, ...]]:
+    """Find the recording as `find_recording_in_folder` does, which converts operating errors."""
     if not path.is_dir():
         return path, ()
     formats = _load_all_formats_by_kind(path, wanted_format)
@@ -303,14 +314,11 @@ def find_recording_in_folder(
 
 def _list_folder(path: Path) -> list[Path]:
     """Return the files and folders in a folder, without hidden ones."""
-    try:
-        return sorted(
-            file
-            for file in path.iterdir()
-            if not file.name.startswith(".") and file.name.lower() not in _FILES_OF_FILE_MANAGERS
-        )
-    except OSError as error:
-        raise unreadable_path_error(path, error) from None
+    return sorted(
+        file
+        for file in path.iterdir()
+        if not file.name.startswith(".") and file.name.lower() not in _FILES_OF_FILE_MANAGERS
+    )
 
 
 def _list_recordings(path: Path, wanted_format: str | None, hints: RecordingHints) -> list[Path]:
@@ -318,6 +326,9 @@ def _list_recordings(path: Path, wanted_format: str | None, hints: RecordingHint
     given_options = [name for name in ("axes", "encoding", "iq") if getattr(hints, name)]
     leading_files = {}
     for file in _list_folder(path)[:_MAX_TRIED_FILES]:
+        if file.exists() and not os.access(file, os.R_OK):
+            leading_files[file] = {file}  # may be a recording: `read` reports the reason
+            continue
         try:
             # `dechirp run` writes its results into the folder in which it is called.
             is_result = (file / "run.json").is_file()

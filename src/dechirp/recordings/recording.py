@@ -347,6 +347,7 @@ def open(
     check_choice(path, "iq", iq, IQ_ORDERS)
     known_device_type = None if device is None else known_device(device)
     given_settings = combine_radar_and_layout_settings(radar, settings, known_device_type)
+    file = path
     try:
         file, inner_name = split_file_and_inner_path(path)
         hints = RecordingHints(
@@ -360,7 +361,7 @@ def open(
         file, folder_findings = find_recording_in_folder(file, format, hints)
         kind, contents = read_as_best_format(file, format, hints)
     except OSError as error:
-        raise unreadable_path_error(path, error) from None
+        raise unreadable_path_error(file, error) from None
     recording = Recording(
         path=path if inner_name is not None else file,
         format=kind,
