@@ -471,6 +471,18 @@ def test_set_option_changes_settings_that_do_not_fit_capture(run_cli, folder, is
     assert dc.load("dechirp-run/scenario.yaml").radar.frame.n_chirps == 8
 
 
+@pytest.mark.parametrize(
+    ("change", "fix"), [("n_frames=2", "--frames 10"), ("impairments=[]", "remove it")]
+)
+def test_settings_of_simulations_are_refused_for_recordings(
+    collect_errors, recording_arguments, change, fix
+):
+    (error,) = collect_errors(*recording_arguments, "--set", change)
+
+    assert error["setting"] == f"--set {change.partition('=')[0]}"
+    assert fix in error["fix"]
+
+
 def test_options_in_findings_are_never_broken(capsys):
     option = "--set chain.detector.training='range: 8, velocity: 8'"
     finding = Finding(

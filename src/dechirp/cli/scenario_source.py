@@ -22,6 +22,10 @@ from dechirp.recordings.settings.base import Iq
 from dechirp.recordings.settings.calibration import read_calibration
 from dechirp.recordings.settings.read import find_settings_file, read_radar
 
+_FIXES_OF_SIMULATION_SETTINGS = {
+    "n_frames": "select frames with --frames, such as --frames 10 or --frames 20:30",
+    "impairments": "remove it; the samples already contain those of the radar",
+}
 _OPTIONS = {
     "Scenario.n_frames": "--frames",
     "RecordingSource.frames": "--frames",
@@ -63,6 +67,7 @@ def build_scenario(
         recording = scenario.recording
         if recording is None:
             return _set_simulated_frame_count(scenario, frames, metadata)
+        _check_changes_affect_recording(changes)
         if frames is not None:
             metadata = {**metadata, "frames": parse_frame_range(frames)}
         if "calibration" in metadata:
@@ -168,6 +173,23 @@ def _apply_setting_changes(
 
 def _has_radar_changes(changes: Sequence[str]) -> bool:
     return any(change.lstrip().startswith("radar.") for change in changes)
+
+
+def _check_changes_affect_recording(changes: Sequence[str]) -> None:
+    """Refuse changes of settings that only simulations use."""
+    mistakes = [
+        Mistake(
+            setting=f"--set {name}",
+            value="given for a recording",
+            expected="settings of the recording, its radar or its processing",
+            fix=_FIXES_OF_SIMULATION_SETTINGS[setting],
+        )
+        for change in changes
+        if (setting := re.split(r"[.\[=]", name := change.partition("=")[0].strip())[0])
+        in _FIXES_OF_SIMULATION_SETTINGS
+    ]
+    if mistakes:
+        raise InvalidFile(*mistakes)
 
 
 def _set_simulated_frame_count(

@@ -297,12 +297,14 @@ def _find_recording_in_folder(
         )
         return readable[0], (note,)
     if candidates:
+        # A capture of commands, or one that was stopped at once, is smaller than the others.
+        example = max(candidates, key=lambda file: file.stat().st_size)
         raise RecordingError(
             path,
             value=f"a folder with {len(candidates)} recordings:"
             f" {join_names(file.name for file in candidates)}",
             expected="one recording",
-            fix=f"give one of them: dechirp run {shlex.quote(str(candidates[0]))}",
+            fix=f"give one of them: dechirp run {shlex.quote(str(example))}",
         )
     for file in _list_folder(path)[:_MAX_TRIED_FILES]:
         stand_in = stand_in_error(file)

@@ -1,6 +1,7 @@
 """Recordings: samples in a file or folder, read as the cube that a simulation would return."""
 
 import math
+import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -166,7 +167,8 @@ class Recording(Displayable):
                 self.path,
                 value=f"of the format {self.format}, which contains detections without samples",
                 expected="a recording with samples",
-                fix="use its `points`, or `dechirp inspect` to see them",
+                fix=f"see them with dechirp inspect {shlex.quote(str(self.path))}, or use `points`"
+                " of the recording in Python",
             )
 
     @property
