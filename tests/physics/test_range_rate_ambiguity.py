@@ -44,6 +44,7 @@ def make_columns(frame, time_s, range_m, velocity):
         "range": range_m + number * range_shift_per_ambiguity_m(SOUND_CARD.frame),
         "velocity": velocity - number * span,
         "velocity_std": np.full(len(frame), 0.01),
+        "range_std": np.full(len(frame), 0.1),
         "snr": np.full(len(frame), 100.0),
         "moving": np.ones(len(frame)),
     }
@@ -124,7 +125,9 @@ def test_run_shows_velocity_of_fast_car_by_its_ranges(radar, tmp_path):
     assert moving.sizes["detection"] >= 6
     # The car crosses four cells in a frame, in which its range is uncertain by a cell.
     assert np.allclose(moving.velocity, -14.3, atol=0.15)
-    assert np.allclose(moving.range, 100 - 14.3 * moving.time, atol=1.6)
+    error_m = moving.range - (100 - 14.3 * moving.time)
+    assert (abs(error_m) < 3 * moving.range_std).all()
+    assert (moving.range_std < 2).all()
     assert np.allclose(moving.ambiguity_number, -9)
     (note,) = (str(finding) for finding in result.findings if "successive frames" in str(finding))
     assert "-14.2 m/s" in note.replace("\N{MINUS SIGN}", "-")

@@ -54,6 +54,8 @@ class _Track(NamedTuple):
     """Slope of the ranges after the integral of the aliased velocities, m/s."""
     slope_std: float
     n_free: int
+    range_rms_m: float
+    """Deviation of the ranges from the track."""
     unwrapped: np.ndarray
     """Velocities without jumps by a span."""
 
@@ -78,7 +80,8 @@ def resolve_by_range_rate(columns: Mapping[str, np.ndarray], frame: Frame) -> di
     dict of arrays
         The columns, with velocity and range (by range-Doppler coupling) of the likeliest ambiguity
         number, and its probability as `ambiguity_confidence`. `velocity_std` contains what the
-        other numbers would change. `ambiguity_number` is NaN for a probability below 0.99.
+        other numbers would change, and `range_std` the deviations from the line for targets that
+        cross cells within a frame. `ambiguity_number` is NaN for a probability below 0.99.
     """
     resolved = {name: column.copy() for name, column in columns.items()}
     rows = _strongest_moving_rows(columns)
@@ -91,7 +94,7 @@ def resolve_by_range_rate(columns: Mapping[str, np.ndarray], frame: Frame) -> di
     shift_m = range_shift_per_ambiguity_m(frame)
     range_m = columns["range"][rows] + shift_m * velocity / spans
     tolerance_m = _TOLERANCE_CELLS * frame.chirp.range_resolution_m
-    number, variance = np.zeros(len(rows)), np.zeros(len(rows))
+    number, variance, range_rms_m = np.zeros((3, len(rows)))
     confidence, has_own_line = np.zeros(len(rows)), np.zeros(len(rows), bool)
     for index in range(len(rows)):
         near = np.flatnonzero(abs(frame_number - frame_number[index]) <= _HALF_WINDOW)
@@ -114,6 +117,7 @@ def resolve_by_range_rate(columns: Mapping[str, np.ndarray], frame: Frame) -> di
         jumps = np.round((track.unwrapped - velocity[on_line]) / span)
         number[taking] = (likeliest + jumps)[takes]
         confidence[taking], variance[taking] = probability, track_variance
+        range_rms_m[taking] = track.range_rms_m
         has_own_line[index] = True
     is_known = confidence > 0
     known = rows[is_known]
@@ -122,6 +126,11 @@ def resolve_by_range_rate(columns: Mapping[str, np.ndarray], frame: Frame) -> di
     resolved["range"][known] -= number * shift_m
     resolved["velocity_std"][known] = np.sqrt(
         columns["velocity_std"][known] ** 2 + variance[is_known]
+    )
+    # Where a target crosses cells within a frame, its echo is spread over them.
+    crosses_cells = abs(resolved["velocity"][known]) * frame.duration_s > tolerance_m / 2
+    resolved["range_std"][known] = np.hypot(
+        columns["range_std"][known], np.where(crosses_cells, range_rms_m[is_known], 0.0)
     )
     resolved["ambiguity_confidence"][known] = confidence[is_known]
     is_certain = confidence[is_known] >= MIN_CONFIDENCE
@@ -195,8 +204,9 @@ def _fit_track(
     moment = float(deviation_s @ deviation_s)
     slope = float(deviation_s @ rest_m) / moment
     residual_m = rest_m - rest_m.mean() - slope * deviation_s
-    variance = float(residual_m @ residual_m) / n_free / moment
-    return _Track(members, slope, float(np.sqrt(variance)) + 1e-9, n_free, unwrapped)
+    range_rms_m = float(np.sqrt(residual_m @ residual_m / n_free))
+    slope_std = range_rms_m / np.sqrt(moment) + 1e-9
+    return _Track(members, slope, slope_std, n_free, range_rms_m, unwrapped)
 
 
 def _likeliest_common_number(track: _Track, span: float) -> tuple[float, float, float]:
