@@ -111,10 +111,10 @@ def estimate_channel_errors(
     # Responses of the angles to the errors of transmitters and receivers, (n, angle, antenna), and
     # the squared responses of the residual, B^T (I - J J^+) B.
     antennas = _antenna_indicators(aperture.n_elements, n_tx)
-    moved = inverse @ antennas
-    left = antennas.T @ antennas - (design @ antennas).swapaxes(1, 2) @ moved
-    total = np.trace(left, axis1=1, axis2=2)
-    effective = total**2 / np.maximum(np.sum(left**2, axis=(1, 2)), np.finfo(float).tiny)
+    antenna_responses = inverse @ antennas
+    residual_gram = antennas.T @ antennas - (design @ antennas).swapaxes(1, 2) @ antenna_responses
+    total = np.trace(residual_gram, axis1=1, axis2=2)
+    effective = total**2 / np.maximum(np.sum(residual_gram**2, axis=(1, 2)), np.finfo(float).tiny)
     student = 1 + 2 / np.maximum(effective - 2, _MIN_EXCESS_FREEDOM)
     excess = np.where(
         power > threshold * phase_noise, np.maximum(power - n_residuals * phase_noise, 0), 0
@@ -126,7 +126,9 @@ def estimate_channel_errors(
     if shows_array.any():
         # Weak echoes have the errors of the array too, which their noise hides.
         antenna_variance = np.maximum(antenna_variance, np.median(antenna_variance[shows_array]))
-    variance[rows] = (antenna_variance * student)[:, None] * np.sum(moved[:, 1:] ** 2, axis=2)
+    variance[rows] = (antenna_variance * student)[:, None] * np.sum(
+        antenna_responses[:, 1:] ** 2, axis=2
+    )
     phase_rms[rows[shows_array]] = np.sqrt(excess[shows_array] / n_residuals)
     return ChannelErrors(variance, phase_rms)
 
@@ -146,8 +148,8 @@ def _antenna_indicators(n_elements: int, n_tx: int) -> np.ndarray:
 
 def median_or_nan(values: np.ndarray) -> float:
     """Return the median of the values that are not NaN; NaN without any."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else np.nan
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else np.nan
 
 
 def channel_error_findings(phase_rms_rad: Sequence[float], radar: Radar) -> tuple[Finding, ...]:

@@ -57,9 +57,9 @@ def leave_out_multiple_echoes(
     for number in numbers:
         rows = np.flatnonzero(columns["frame"] == number)
         frame_columns = {name: column[rows] for name, column in columns.items()}
-        found = _find_multiples(frame_columns, radar, _MAX_PROBABILITY / len(numbers))
-        is_kept[rows[list(found)]] = False
-        multiples += found.values()
+        multiples_by_row = _find_multiples(frame_columns, radar, _MAX_PROBABILITY / len(numbers))
+        is_kept[rows[list(multiples_by_row)]] = False
+        multiples += multiples_by_row.values()
     return {name: column[is_kept] for name, column in columns.items()}, tuple(multiples)
 
 
@@ -71,9 +71,9 @@ def _find_multiples(
     cell_m = radar.frame.chirp.range_resolution_m
     is_strong = (snr >= _MIN_SNR) & (range_m >= _MIN_RANGE_CELLS * cell_m)
     strong_rows = np.flatnonzero(is_strong)[np.argsort(-snr[is_strong], kind="stable")]
-    found: dict[int, MultipleEcho] = {}
+    multiples: dict[int, MultipleEcho] = {}
     for strong in strong_rows:
-        if strong in found:
+        if strong in multiples:
             continue
         beyond = np.flatnonzero(range_m > 1.5 * range_m[strong])
         order, chance = _match_multiples(columns, strong, beyond, radar)
@@ -81,11 +81,11 @@ def _find_multiples(
         expected = float(chance.sum())
         probability = scipy.special.pdtrc(is_multiple.sum() - 1, expected)
         if is_multiple.any() and probability * len(strong_rows) < max_probability:
-            found |= {
+            multiples |= {
                 int(row): MultipleEcho(float(range_m[row]), int(k), float(range_m[strong]))
                 for row, k in zip(beyond[is_multiple], order[is_multiple], strict=True)
             }
-    return found
+    return multiples
 
 
 def _match_multiples(

@@ -120,21 +120,21 @@ def resolve_by_range_rate(columns: Mapping[str, np.ndarray], frame: Frame) -> di
         range_rms_m[taking] = track.range_rms_m
         has_own_line[index] = True
     is_known = confidence > 0
-    known = rows[is_known]
+    resolved_rows = rows[is_known]
     number = number[is_known]
-    resolved["velocity"][known] += number * spans[is_known]
-    resolved["range"][known] -= number * shift_m
-    resolved["velocity_std"][known] = np.sqrt(
-        columns["velocity_std"][known] ** 2 + variance[is_known]
+    resolved["velocity"][resolved_rows] += number * spans[is_known]
+    resolved["range"][resolved_rows] -= number * shift_m
+    resolved["velocity_std"][resolved_rows] = np.sqrt(
+        columns["velocity_std"][resolved_rows] ** 2 + variance[is_known]
     )
     # Where a target crosses cells within a frame, its echo is spread over them.
-    crosses_cells = abs(resolved["velocity"][known]) * frame.duration_s > tolerance_m / 2
-    resolved["range_std"][known] = np.hypot(
-        columns["range_std"][known], np.where(crosses_cells, range_rms_m[is_known], 0.0)
+    crosses_cells = abs(resolved["velocity"][resolved_rows]) * frame.duration_s > tolerance_m / 2
+    resolved["range_std"][resolved_rows] = np.hypot(
+        columns["range_std"][resolved_rows], np.where(crosses_cells, range_rms_m[is_known], 0.0)
     )
-    resolved["ambiguity_confidence"][known] = confidence[is_known]
+    resolved["ambiguity_confidence"][resolved_rows] = confidence[is_known]
     is_certain = confidence[is_known] >= MIN_CONFIDENCE
-    resolved["ambiguity_number"][known[is_certain]] = number[is_certain]
+    resolved["ambiguity_number"][resolved_rows[is_certain]] = number[is_certain]
     return resolved
 
 
