@@ -146,7 +146,6 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
 """Class, trigger, and parts of its message: location, value, expectation, fix."""
 
 INTERNAL_CLASSES = {
-    "UnknownElementError": "for authors of report templates: a test of the PDF covers it",
     "_ConfirmationFailed": "caught for a candidate, whose mistakes become warnings",
     "_NotACodeError": "caught in the module that raises it",
     "WorkerStopped": "ends a loop, never reaches a user",

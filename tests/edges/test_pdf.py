@@ -132,9 +132,12 @@ def test_page_opens_no_files_and_no_network(tmp_path, scheme):
     ],
 )
 def test_missing_library_is_reported_before_run(monkeypatch, tmp_path, capsys, text, fix):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "weasyprint.py").write_text(text)
-    monkeypatch.syspath_prepend(tmp_path)
+    libraries, folder = tmp_path / "libraries", tmp_path / "empty"
+    libraries.mkdir()
+    folder.mkdir()
+    (libraries / "weasyprint.py").write_text(text)
+    monkeypatch.syspath_prepend(libraries)
+    monkeypatch.chdir(folder)
     monkeypatch.delitem(sys.modules, "weasyprint", raising=False)
     for arguments in (
         ["run"],
@@ -149,7 +152,7 @@ def test_missing_library_is_reported_before_run(monkeypatch, tmp_path, capsys, t
         message = capsys.readouterr().err
         assert fix in message
         assert "print the .html file to PDF in a browser" in message
-    assert [path.name for path in tmp_path.iterdir()] == ["weasyprint.py"]
+    assert list(folder.iterdir()) == []
 
 
 def test_pdf_option_writes_pdf_and_next_run_removes_it(tmp_path, capsys):

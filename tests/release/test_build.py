@@ -81,7 +81,7 @@ def test_wheel_contains_only_package(archives, tracked_files):
     assert package == {
         name: tracked_files[name] for name in tracked_files if name.startswith("src/dechirp/")
     }
-    assert {"src/dechirp/py.typed", "src/dechirp/report/page.typ"} <= package.keys()
+    assert {"src/dechirp/py.typed", "src/dechirp/report/page.css"} <= package.keys()
     metadata = {name.partition("/")[2]: content[name] for name in content if ".dist-info/" in name}
     assert metadata.keys() == {
         "METADATA",
