@@ -395,6 +395,24 @@ def test_range_axis_ends_at_round_number_from_twice_farthest_range(ranges_m, ful
     assert range_axis_end_m(np.array(ranges_m), full_m) == pytest.approx(end_m, rel=1e-12)
 
 
+def test_threshold_and_weak_echoes_are_shown_below_echoes_that_fill_the_axis(example):
+    power = example.result.power.copy(data=np.full(example.result.power.shape, 1e-9))
+    axes = cfar.draw_threshold_cut(
+        Figure().subplots(), power, 1e-3 * power, example.chain.cfar,
+        along="range", cell=(32, 40), units="1",
+    )  # fmt: skip
+    assert axes.get_ylim()[0] < -120  # the threshold
+
+    # One of 64 chirps has a signal: the mean lies 18 dB below it.
+    cube = example.cube.copy()
+    cube.values[:, 1:] = 0
+    axes = beat.draw_beat_spectrum_over_range(
+        Figure().subplots(), cube, RADAR.frame.chirp, example.chain
+    )
+    mean = axes.lines[1].get_ydata()
+    assert np.quantile(mean, 0.05) > axes.get_ylim()[0]
+
+
 def test_figure_without_layout_keeps_user_style_and_avoids_pyplot(example):
     figure = Figure()
     axes = range_doppler.draw_map(figure.subplots(), example.marked_map)

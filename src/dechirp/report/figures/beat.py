@@ -155,8 +155,10 @@ def draw_beat_spectrum_over_range(
         power_to_dbm_or_dbfs(power[0], units),
         power_to_dbm_or_dbfs(power.mean(axis=0), units),
     )
-    # Single noise cells can be arbitrarily low; the axis ends 12 dB below their median.
-    lowest, highest = float(np.median(first)) - 12, float(max(first.max(), mean.max()))
+    # Single noise cells can be arbitrarily low: the axis ends 12 dB below their median, or below
+    # all but 5 % of the mean power where strong echoes fill the axis.
+    lowest = min(float(np.median(first)) - 12, float(np.quantile(mean, 0.05)) - 3)
+    highest = float(max(first.max(), mean.max()))
     axes.plot(
         *reduce_line_to_extremes(range_m, np.maximum(first, lowest)),
         color="#b4bec8",

@@ -60,7 +60,9 @@ def draw_threshold_cut(
     n_shown = max(3 * _half_window_cells(cfar, along), _FEWEST_CELLS)
     shown_cells = slice(max(centre - n_shown, 0), centre + n_shown + 1)
     power_level_db = power_to_dbm_or_dbfs(power_w, units)
-    lowest = float(np.median(power_level_db)) - 15
+    # Strong echoes may fill the cut, and raise its median over the threshold.
+    lowest_threshold = float(np.nanmin(threshold_db[shown_cells], initial=np.inf))
+    lowest = min(float(np.median(power_level_db)) - 15, lowest_threshold - 2)
     highest = float(
         max(power_level_db[shown_cells].max(), np.nanmax(threshold_db, initial=-np.inf))
     )
