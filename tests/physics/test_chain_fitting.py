@@ -10,7 +10,7 @@ import xarray as xr
 import dechirp as dc
 from dechirp.config import loading
 from dechirp.config.dumping import dump_yaml
-from dechirp.core.detection_columns import strongest_rows_with_motion
+from dechirp.core.detection_columns import rows_to_show
 from dechirp.core.errors import InvalidSetting
 from dechirp.experiments.run import run
 from dechirp.experiments.scenario import READERS, RecordingSource, Scenario
@@ -75,16 +75,41 @@ def test_table_for_people_leaves_half_its_rows_for_motion(n_moving, n_static, ex
     rng = np.random.default_rng(1)
     moving = np.repeat([1.0, 0.0], [n_moving, n_static])
     snr = rng.uniform(1, 2, moving.size) * np.where(moving == 1, 1, 1000)
-    detections = xr.Dataset({"snr": ("detection", snr), "moving": ("detection", moving)})
+    places = rng.permutation(1000)[: moving.size]  # all different
+    columns = {"snr": snr, "moving": moving, "range": 4.0 * places, "velocity": 0 * snr}
+    columns["ambiguity_number"] = np.where(snr > 1.9, np.nan, 0.0)
+    detections = xr.Dataset({name: ("detection", column) for name, column in columns.items()})
 
-    rows = strongest_rows_with_motion(detections, 20)
+    rows = rows_to_show(detections, 20, range_cell_m=1.0, velocity_cell_m_per_s=0.1)
 
     assert rows.size == len(set(rows.tolist())) == min(20, n_moving + n_static)
     assert moving[rows].sum() == expected
     assert (np.diff(snr[rows]) <= 0).all()
-    for value in (0, 1):  # the strongest of each
-        shown = snr[rows][moving[rows] == value]
-        assert (np.sort(snr[moving == value])[::-1][: shown.size] == shown).all()
+    # The strongest of each; those that move and have a known ambiguity number before others.
+    for is_kind in (moving == 0, (moving == 1) & (snr <= 1.9)):
+        shown = np.sort(snr[rows][is_kind[rows]])[::-1]
+        assert (np.sort(snr[is_kind])[::-1][: shown.size] == shown).all()
+    is_unknown = (moving == 1) & (snr > 1.9)
+    if is_unknown[rows].any():
+        assert ((moving == 1) & (snr <= 1.9)).sum() < 10
+
+
+def test_table_for_people_shows_each_place_before_repetitions_in_other_frames():
+    rng = np.random.default_rng(2)
+    strong, weak = rng.normal(0.30, 0.002, 64), rng.normal(0.46, 0.002, 64)
+    columns = {
+        "range": np.concatenate([strong, weak]),
+        "velocity": rng.normal(0, 1e-4, 128),
+        "snr": np.concatenate([rng.uniform(1e6, 2e6, 64), rng.uniform(1e5, 2e5, 64)]),
+        "moving": np.zeros(128),
+        "ambiguity_number": np.full(128, np.nan),
+    }
+    detections = xr.Dataset({name: ("detection", column) for name, column in columns.items()})
+
+    rows = rows_to_show(detections, 20, range_cell_m=0.03, velocity_cell_m_per_s=0.06)
+
+    assert {columns["snr"][:64].argmax(), 64 + columns["snr"][64:].argmax()} < set(rows.tolist())
+    assert (rows < 64).sum() == 19
 
 
 def test_static_echo_between_others_is_detected_with_cells_along_velocity():

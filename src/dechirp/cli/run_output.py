@@ -10,9 +10,9 @@ from rich.table import Table
 from dechirp.cli.console import new_table
 from dechirp.core.detection_columns import (
     SHOWN_COLUMNS,
+    rows_to_show,
     shown_columns,
     standard_error_column,
-    strongest_rows_with_motion,
 )
 from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import EN_DASH, decimals_for_column, format_fixed, format_with_std
@@ -29,17 +29,22 @@ _FIRST_DROPPED = (
 
 def strongest_detections_table(result: Result, *, at_most: int, width: int) -> Table:
     """Return a table of the strongest detections, with the columns that fit the width."""
-    rows = strongest_rows_with_motion(result.detections, at_most)
+    frame = result.radar.frame
+    rows = rows_to_show(
+        result.detections,
+        at_most,
+        range_cell_m=frame.chirp.range_resolution_m,
+        velocity_cell_m_per_s=frame.velocity_resolution_m_per_s,
+    )
     n_all, n_shown = result.detections.sizes["detection"], rows.size
     strongest = result.detections.isel(detection=rows)
     title = format_count_with_noun(n_all, "detection")
     if n_shown < n_all:
         n_moving = int(np.sum(strongest.moving.values == 1)) if "moving" in strongest else 0
+        parts = f": {n_shown}"
         if 0 < n_moving < n_shown:
-            title += f", the {n_moving} strongest that move and the {n_shown - n_moving} strongest"
-            title += " others (complete list: detections.csv)"
-        else:
-            title += f", the {n_shown} strongest (complete list: detections.csv)"
+            parts = f": {n_moving} that move and {n_shown - n_moving} others"
+        title += f"{parts}, the strongest of each place first (complete list: detections.csv)"
     columns = _detection_table_cells(result, strongest)
     if _table_width(columns) > width:
         columns = _detection_table_cells(result, strongest, is_rounded=True)

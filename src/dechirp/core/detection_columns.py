@@ -159,21 +159,39 @@ def shown_columns(detections: xr.Dataset) -> tuple[DetectionColumn, ...]:
     )
 
 
-def strongest_rows_with_motion(detections: xr.Dataset, at_most: int) -> np.ndarray:
+def rows_to_show(
+    detections: xr.Dataset, at_most: int, *, range_cell_m: float, velocity_cell_m_per_s: float
+) -> np.ndarray:
     """Return the rows to show to people, strongest first.
 
-    Static echoes are mostly the strongest of a recording: where more than `at_most` are detected,
-    half of the rows are left for detections that move, if there are as many.
+    Where more than `at_most` are detected, the strongest one of each place on the map is shown
+    before any repetition in other frames: a target at rest would fill the table. Static echoes are
+    mostly the strongest of a recording: half of the rows are left for detections that move, if
+    there are as many, those with a known ambiguity number first.
     """
     order = np.argsort(-detections.snr.values, kind="stable")
-    if "moving" not in detections or order.size <= at_most:
-        return order[:at_most]
-    is_moving = detections.moving.values[order] == 1
+    if order.size <= at_most:
+        return order
+    # Squares of two cells.
+    places = np.column_stack(
+        [
+            np.round(detections[name].values[order] / (2 * cell))
+            for name, cell in (("range", range_cell_m), ("velocity", velocity_cell_m_per_s))
+        ]
+    )
+    is_repeated = np.ones(order.size, bool)
+    is_repeated[np.unique(np.nan_to_num(places), axis=0, return_index=True)[1]] = False
+    is_ambiguous = np.zeros(order.size, bool)
+    is_moving = np.zeros(order.size, bool)
+    if "moving" in detections:
+        is_moving = detections.moving.values[order] == 1
+        is_ambiguous = is_moving & np.isnan(detections.ambiguity_number.values[order])
     n_moving, n_others = int(is_moving.sum()), int((~is_moving).sum())
     n_moving = min(n_moving, max(at_most // 2, at_most - n_others))
-    is_shown = is_moving & (np.cumsum(is_moving) <= n_moving)
-    is_shown |= ~is_moving & (np.cumsum(~is_moving) <= at_most - n_moving)
-    return order[is_shown]
+    preferred = np.lexsort([is_repeated, is_ambiguous])  # stable: the strongest first in each
+    movers, others = preferred[is_moving[preferred]], preferred[~is_moving[preferred]]
+    shown = np.concatenate([movers[:n_moving], others[: at_most - n_moving]])
+    return np.asarray(order[np.sort(shown)])
 
 
 def standard_error_column(column: DetectionColumn) -> DetectionColumn | None:

@@ -10,9 +10,9 @@ import xarray as xr
 from dechirp.core.detection_columns import (
     SHOWN_COLUMNS,
     DetectionColumn,
+    rows_to_show,
     shown_columns,
     standard_error_column,
-    strongest_rows_with_motion,
 )
 from dechirp.core.text import (
     EN_DASH,
@@ -90,7 +90,13 @@ def build_strongest_detection_cards(context: PageContext) -> list[Card]:
 def detection_table_rows(context: PageContext, max_rows: int) -> list[dict[str, str]]:
     """Return the rows of the detection table, strongest first, at most `max_rows`."""
     truth, matched = context.result.truth, context.matched
-    indices = strongest_rows_with_motion(context.strongest, max_rows)
+    frame = context.result.radar.frame
+    indices = rows_to_show(
+        context.strongest,
+        max_rows,
+        range_cell_m=frame.chirp.range_resolution_m,
+        velocity_cell_m_per_s=frame.velocity_resolution_m_per_s,
+    )
     shown = context.strongest.isel(detection=indices)
     columns = [column for column in SHOWN_COLUMNS if column.name in shown]
     estimates = {column.name: _format_estimates(shown, column) for column in columns}
