@@ -42,7 +42,7 @@ from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.frame import FrameResult
 from dechirp.processing.hidden_echoes import hidden_echo_findings
 from dechirp.processing.mitigation.apply import RemovedEcho, mitigation_findings
-from dechirp.processing.multiple_echoes import leave_out_multiple_echoes, multiple_echo_findings
+from dechirp.processing.multiple_echoes import find_multiple_echoes, multiple_echo_findings
 from dechirp.processing.peaks import MAX_PEAKS
 from dechirp.processing.range_doppler_map import label_map_axes, power_map, threshold_map
 from dechirp.processing.velocity_ambiguity.by_range_rate import (
@@ -214,9 +214,8 @@ def _run(
         resolved = resolve_by_range_rate(columns, radar.frame)
         findings += range_rate_findings(columns, resolved)
         columns = resolved
-    if scenario.recording is not None and scenario.recording.fit_chain:
-        columns, multiples = leave_out_multiple_echoes(columns, radar)
-        findings += multiple_echo_findings(multiples)
+    if scenario.recording is not None:
+        findings += multiple_echo_findings(find_multiple_echoes(columns, radar))
     detection_run = DetectionRun(
         first_frame=numbers.start, detections=detections_from_columns(columns), frames=frames
     )

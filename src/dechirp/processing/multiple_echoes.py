@@ -1,4 +1,4 @@
-"""Echoes at multiples of the range of a strong echo, which are no targets of their own.
+"""Echoes at multiples of the range of a strong echo, which may be no targets of their own.
 
 Two effects place echoes at k times the range R and k times the radial velocity v of a strong one:
 
@@ -7,11 +7,15 @@ Two effects place echoes at k times the range R and k times the radial velocity 
 * Harmonics of its beat tone from a receiver that saturates, with k times its phase in each channel,
   so that the sine of the direction is k times as large, modulo what the array confuses.
 
-Other targets lie there by chance. With n other detections beyond 1.5 R, and a share p of range,
-velocity and direction that counts as a multiple, n p of them are expected, and the number found has
-a Poisson probability. Detections count as multiples only if that probability is below 2 % for all
-strong echoes of all frames together. So an echo alone needs a matching direction and a sparse map,
-and a series does not; in rooms full of static echoes nothing is recognised.
+Targets may lie there too. With n other detections beyond 1.5 R at random places, and a share p of
+range, velocity and direction that counts as a multiple, n p of them are expected, and the number
+found has a Poisson probability. Detections are reported as multiples only if that probability is
+below 2 % for all strong echoes of all frames together. So an echo alone needs a matching direction
+and a sparse map, and a series does not; in rooms full of static echoes nothing is recognised.
+
+Places are not random where equal posts stand at equal distances, or where one person walks twice as
+fast as another at half the range. One frame cannot tell these from multiples, so all detections are
+kept, and a finding names those that may be multiples.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.findings import Finding
 from dechirp.core.text import format_number
 from dechirp.core.units import SPEED_OF_LIGHT
@@ -44,29 +49,26 @@ class MultipleEcho(NamedTuple):
     strong_range_m: float
 
 
-def leave_out_multiple_echoes(
+def find_multiple_echoes(
     columns: Mapping[str, np.ndarray], radar: Radar
-) -> tuple[dict[str, np.ndarray], tuple[MultipleEcho, ...]]:
-    """Return the columns of detections without echoes at multiples of strong ones, and these.
+) -> tuple[MultipleEcho, ...]:
+    """Return the detections that may be multiples of strong echoes.
 
     `columns` are those of `core.detection_columns`, of one or more frames.
     """
-    is_kept = np.ones(len(columns["range"]), bool)
     multiples: list[MultipleEcho] = []
     numbers = np.unique(columns["frame"])
     for number in numbers:
-        rows = np.flatnonzero(columns["frame"] == number)
-        frame_columns = {name: column[rows] for name, column in columns.items()}
-        multiples_by_row = _find_multiples(frame_columns, radar, _MAX_PROBABILITY / len(numbers))
-        is_kept[rows[list(multiples_by_row)]] = False
-        multiples += multiples_by_row.values()
-    return {name: column[is_kept] for name, column in columns.items()}, tuple(multiples)
+        in_frame = columns["frame"] == number
+        frame_columns = {name: column[in_frame] for name, column in columns.items()}
+        multiples += _find_frame_multiples(frame_columns, radar, _MAX_PROBABILITY / len(numbers))
+    return tuple(multiples)
 
 
-def _find_multiples(
+def _find_frame_multiples(
     columns: Mapping[str, np.ndarray], radar: Radar, max_probability: float
-) -> dict[int, MultipleEcho]:
-    """Return the multiples in one frame, by their rows."""
+) -> tuple[MultipleEcho, ...]:
+    """Return the multiples in one frame, each of one strong echo."""
     range_m, snr = columns["range"], columns["snr"]
     cell_m = radar.frame.chirp.range_resolution_m
     is_strong = (snr >= _MIN_SNR) & (range_m >= _MIN_RANGE_CELLS * cell_m)
@@ -85,7 +87,7 @@ def _find_multiples(
                 int(row): MultipleEcho(float(range_m[row]), int(k), float(range_m[strong]))
                 for row, k in zip(beyond[is_multiple], order[is_multiple], strict=True)
             }
-    return multiples
+    return tuple(multiples.values())
 
 
 def _match_multiples(
@@ -139,7 +141,7 @@ def _ambiguous_sine_step(radar: Radar, angle: str) -> float:
 
 
 def multiple_echo_findings(multiples: Sequence[MultipleEcho]) -> tuple[Finding, ...]:
-    """Return a note that lists the echoes left out, those of the first ten ranges."""
+    """Return a note that lists the echoes, those of the first ten ranges."""
     if not multiples:
         return ()
     by_order: dict[tuple[float, int], MultipleEcho] = {}
@@ -153,12 +155,14 @@ def multiple_echo_findings(multiples: Sequence[MultipleEcho]) -> tuple[Finding, 
     return (
         Finding(
             level="note",
-            setting="recording.fit_chain",
-            value=f"{len(multiples)} detections left out, at {', '.join(listed)}: at multiples of"
-            " the range, velocity and direction of a strong echo, as of waves that travel several"
-            " times between target and radar, or of a receiver that saturates",
-            expected="targets that are at such places only by chance",
-            fix="--set recording.fit_chain=false keeps them; turn or move a strong reflector to see"
-            " whether they follow it",
+            setting="recording",
+            value="detections that may be no targets of their own:"
+            f" {format_count_with_noun(len(multiples), 'detection')} at {', '.join(listed)}, at"
+            " multiples of the range, velocity and direction of a strong echo, as of waves that"
+            " travel several times between target and radar, or of harmonics of a receiver that"
+            " saturates",
+            expected="targets at such places only by chance, or by design, such as a row of posts",
+            fix="move the strong reflector by 1 m: its k-th multiple moves by k m, a target stays;"
+            " or lower the gain by 6 dB: a k-th harmonic falls by k x 6 dB",
         ),
     )
