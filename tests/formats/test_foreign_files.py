@@ -50,6 +50,12 @@ KINDS = {
     "html": (b"\n<!DOCTYPE html>\n<html><title>404</title>", "web page", "download the file"),
     "html table": (b"<html>\n1,2,3\n4,5,6\n", "web page", "download the file"),
     "s3": (b'<?xml version="1.0"?>\n<Error><Code>AccessDenied', "error message", "download"),
+    "dbc": (
+        b'VERSION ""\n\nNS_ :\n\tCM_\n\nBO_ 1 Radar: 8 ECU\n',
+        "CAN database",
+        "recording itself",
+    ),
+    "osi": (b"\xf3\1\0\0\x0a\6\x08\3\x10\5\x18\0" + bytes(500), "ASAM OSI", "read_objects"),
     "zip": (write_zip("adc_data_0.bin", "a.cfg"), "with adc_data_0.bin, a.cfg", "unpack"),
     "xlsx": (write_zip("[Content_Types].xml", "xl/a.xml"), "office program", "unpack"),
     "tar": (write_tar(), "tar archive", "tar -xf"),

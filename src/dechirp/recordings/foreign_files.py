@@ -109,6 +109,14 @@ _PATTERNS = {
         "a PLY point cloud",
         "read an object list with dechirp.object_lists.read_objects; convert others to PCD",
     ),
+    rb'(?:\xef\xbb\xbf)?\s*VERSION\s+"': ForeignFile(
+        "a CAN database (DBC), which describes messages",
+        "give the recording itself; dechirp.object_lists.read_objects reads CAN logs",
+    ),
+    # A length, and a message that begins with its version, 3 or higher.
+    rb"....\n[\2-\x0c]\x08[\3-\5]\x10": ForeignFile(
+        "a trace of ASAM OSI messages", "read it with dechirp.object_lists.read_objects"
+    ),
     rb"(?:\xef\xbb\xbf)?\s*(?i:<!doctype html|<html|<head)": ForeignFile(
         "a web page (HTML), such as the error or login page of a server, in place of the file",
         "download the file itself: the link to the raw file, with a login where it is needed",

@@ -21,7 +21,7 @@ _START_BYTES, _HEAD_BYTES = 2**12, 2**16
 _MAX_FIELDS = 256
 _MAX_POINTS = 2**31
 _MAX_EXPANSION = 300  # LZF: three bytes stand for at most 264
-_START = re.compile(rb"(?:#[^\n]*\n|\s)*(?:VERSION|FIELDS)\s")
+_START = re.compile(rb"(?:#[^\n]*\n|\s)*(?:VERSION\s+\.?\d|FIELDS\s)")
 _DATA_LINE = re.compile(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", re.MULTILINE)
 _EXPECTED = "a complete PCD point cloud"
 
