@@ -137,6 +137,7 @@ def test_directions_masked_by_sidelobes_are_reported():
     assert n_reported == n_nan > 0
     (finding,) = _masked_direction_findings(n_nan)
     assert finding.setting == "chain.angle" and f"{n_nan} detections" in finding.value
+    assert "no direction for 1 detection beside" in _masked_direction_findings(1)[0].value
 
 
 @pytest.mark.parametrize("offset_cells", [(5, 0), (0, 6), (4, 4)], ids=str)

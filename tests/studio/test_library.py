@@ -202,6 +202,26 @@ def test_missing_radar_settings_give_fix_for_page(folder):
             "Run with --calibration cal.json",
             "Run with recording.calibration: cal.json (under File)",
         ),
+        (
+            'measure it by "dechirp calibrate REFLECTOR", and run with --calibration cal.json',
+            'measure it by "dechirp calibrate REFLECTOR", and set recording.calibration: cal.json'
+            " (under File)",
+        ),
+        (
+            "give the one of this recording (radar=... in Python), or name it like the recording:"
+            " --radar angles/radar_1GHz.cfg, --radar 'full band.cfg'",
+            "choose the one of this recording as settings of its radar, under Recordings, or name"
+            " it like the recording: angles/radar_1GHz.cfg, full band.cfg",
+        ),
+        (
+            "give its settings: --radar FILE (radar=FILE in Python)",
+            "choose settings of its radar, under Recordings",
+        ),
+        (
+            "give the radar as a YAML file (--radar FILE) if they were others",
+            "give the radar as a YAML file (settings of its radar, under Recordings) if they were"
+            " others",
+        ),
         ("Select with --frames, or wait.", "Select with recording.frames (under File), or wait."),
         (
             "--set recording.repair_faults=false keeps them",

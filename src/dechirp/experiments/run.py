@@ -553,8 +553,8 @@ def _masked_direction_findings(n_detections: int) -> tuple[Finding, ...]:
         Finding(
             level="note",
             setting="chain.angle",
-            value=f"no direction for {n_detections} detections beside much stronger echoes, whose"
-            " sidelobes contain more than a tenth of their power",
+            value=f"no direction for {format_count_with_noun(n_detections, 'detection')} beside"
+            " much stronger echoes, whose sidelobes contain more than a tenth of the power",
             expected="echoes at least 10 dB above the sidelobes of others, with every window",
             fix="more bandwidth or a longer frame separates the echoes; else nothing is to be done",
         ),
@@ -586,8 +586,9 @@ def _dropped_peak_findings(n_affected_frames: int) -> tuple[Finding, ...]:
         Finding(
             level="warning",
             setting="chain.cfar",
-            value=f"more than {MAX_PEAKS} peaks over threshold in {n_affected_frames} frames, of"
-            " which the strongest are kept",
+            value=f"more than {MAX_PEAKS} peaks over threshold in"
+            f" {format_count_with_noun(n_affected_frames, 'frame')}, of which the strongest are"
+            " kept",
             expected=f"at most {MAX_PEAKS} in a frame",
             fix="lower the false-alarm probability",
         ),

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from time import perf_counter
 
+import numpy as np
 import xarray as xr
 
 from dechirp.core.checks import check_integer
@@ -23,6 +24,7 @@ from dechirp.experiments.scenario import Scenario
 from dechirp.processing.angle_maps import range_azimuth_map
 from dechirp.processing.detect import process_cubes
 from dechirp.processing.direction_finding import can_resolve_directions, checked_direction_aperture
+from dechirp.processing.frame import FrameResult
 from dechirp.processing.hidden_echoes import hidden_echo_findings
 from dechirp.processing.range_doppler_map import threshold_map
 from dechirp.radar.radar import Radar
@@ -30,6 +32,7 @@ from dechirp.studio.cursor import Cursor, cursor_at_followed_detection
 from dechirp.studio.frame_sources import FrameSource, open_frame_source
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.history import FrameHistory, HistoryEntry
+from dechirp.studio.option_hints import translate_finding_to_page
 from dechirp.studio.scenario_edits import PageLimits
 from dechirp.tracking.online import Track
 
@@ -104,7 +107,10 @@ class FramePlayer:
             clusters=processed.clusters,
             tracks=processed.tracks,
             truth=prepared.frames.truth(step),
-            findings=(*prepared.findings, *processed.findings),
+            findings=tuple(
+                translate_finding_to_page(finding)
+                for finding in (*prepared.findings, *processed.findings)
+            ),
             processing_time_s=perf_counter() - started,
         )
         if is_first:  # compile here, for seconds, not when the page reads it
@@ -154,6 +160,7 @@ class _PreparedScenario:
         self.frames, scenario, radar = frames, frames.scenario, frames.radar
         self.chain = scenario.chain.fit_to_radar(radar)
         self._chain_findings = fitted_chain_findings(scenario.chain, radar)
+        self._counts = _DetectionCounts(radar)
         self._hidden_echo_findings: tuple[Finding, ...] | None = None
         """Those of the first processed frame, as in `run`."""
         self.history = FrameHistory(scenario.tracker, radar)
@@ -169,10 +176,11 @@ class _PreparedScenario:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings on the source, the chain, and the first processed frame."""
+        """Findings on the source, the chain, the frames processed so far, and the first of them."""
         return (
             *self.frames.findings,
             *self._chain_findings,
+            *self._counts.findings(),
             *(self._hidden_echo_findings or ()),
         )
 
@@ -185,15 +193,18 @@ class _PreparedScenario:
         if not (follows_previous_step and self.history.is_after_last_frame(time_s)):
             self.history.reset()
         samples = cube.isel(frame=0)
-        run, power = self._detections_and_power_map(cube, number)
+        (result,) = process_cubes([cube], self.frames.radar, self.chain, first_frame_number=number)
+        detections = detections_from_columns(result.detections)
+        self._counts.add_frame(number, result, detections)
+        # Copy: the map may be a view of a larger array.
+        power_values = tuple(part.copy() for part in result.equalised_power)
+        power = label_frame_power_map(power_values, cube, number, self.frames.radar, self.chain)
         if self._hidden_echo_findings is None:
             threshold = threshold_map(power, radar, self.chain)
             self._hidden_echo_findings = hidden_echo_findings(power, threshold, radar, self.chain)
-        grouped = estimate_ego_motion_and_clusters(
-            run.detections, self._scenario, self.frames.radar
-        )
+        grouped = estimate_ego_motion_and_clusters(detections, self._scenario, self.frames.radar)
         peak = cursor_at_followed_detection(
-            power, run.detections, radar, self._followed if self.history.frames else None
+            power, detections, radar, self._followed if self.history.frames else None
         )
         self._followed = peak
         tracks = self.history.update_tracks(
@@ -218,19 +229,39 @@ class _PreparedScenario:
             clusters=grouped.clusters,
             tracks=tracks,
             history=self.history.frames,
-            findings=(*detection_findings(run, radar), *grouped.findings),
+            findings=grouped.findings,
         )
 
-    def _detections_and_power_map(
-        self, cube: xr.DataArray, frame_number: int
-    ) -> tuple[DetectionRun, xr.DataArray]:
-        """Return the detections of a frame and its map."""
-        radar = self.frames.radar
-        (frame,) = process_cubes([cube], radar, self.chain, first_frame_number=frame_number)
-        totals = FrameTotals()
-        totals.add_frame_result(frame)
-        detections = detections_from_columns(frame.detections)
-        run = DetectionRun(first_frame=frame_number, detections=detections, frames=totals)
-        # Copy: the map may be a view of a larger array.
-        power = tuple(part.copy() for part in frame.equalised_power)
-        return run, label_frame_power_map(power, cube, frame_number, radar, self.chain)
+
+class _DetectionCounts:
+    """Totals of `run` over the frames processed so far, each of which counts once."""
+
+    def __init__(self, radar: Radar) -> None:
+        self._radar, self._totals = radar, FrameTotals()
+        self._numbers: set[int] = set()
+        self._nearest: xr.Dataset | None = None
+        """Nearest detection with a direction, which determines the note on the near field."""
+        self._nearest_m = np.inf
+
+    def add_frame(self, number: int, result: FrameResult, detections: xr.Dataset) -> None:
+        """Add a frame, unless it was added before."""
+        if number in self._numbers:
+            return
+        self._numbers.add(number)
+        self._totals.add_frame_result(result)
+        has_angle = np.isfinite(detections.azimuth.values) | np.isfinite(
+            detections.elevation.values
+        )
+        ranges_m = np.where(has_angle, detections.range.values, np.inf)
+        nearest_m = float(ranges_m.min(initial=np.inf))
+        if self._nearest is None or nearest_m < self._nearest_m:
+            self._nearest = detections.isel(detection=np.argsort(ranges_m)[:1])
+            self._nearest_m = nearest_m
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return the findings on these frames: after all of them those of `run`."""
+        if self._nearest is None:
+            return ()
+        return detection_findings(
+            DetectionRun(first_frame=0, detections=self._nearest, frames=self._totals), self._radar
+        )

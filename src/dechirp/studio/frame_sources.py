@@ -13,7 +13,7 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.truth import truth
 from dechirp.simulation.frame_by_frame import FrameSimulator
 from dechirp.simulation.simulate import build_stages_with_warnings
-from dechirp.studio.option_hints import translate_error_fixes_to_page, translate_finding_to_page
+from dechirp.studio.option_hints import translate_error_fixes_to_page
 from dechirp.studio.scenario_edits import PageLimits, check_settings_within_limits
 
 _FRAMES_GROWTH = 1.1
@@ -123,9 +123,7 @@ class RecordingFrames:
         # Joining the measures of n frames takes 2 ms and more: not after each of many frames.
         if n_read > _FRAMES_GROWTH * self._n_judged or n_read == self.n_frames > self._n_judged:
             on_samples = self._frames.findings() if n_read else ()
-            self._findings = tuple(
-                translate_finding_to_page(finding) for finding in (*self._choices, *on_samples)
-            )
+            self._findings = (*self._choices, *on_samples)
             self._n_judged = n_read
         return self._findings
 

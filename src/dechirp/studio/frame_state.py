@@ -59,7 +59,8 @@ class FrameState:
     truth: xr.Dataset | None
     """Truth over `target` and `frame` of this frame, without SNR; None for a recording."""
     findings: tuple[Finding, ...]
-    """Findings on the settings or the recording, and on this frame."""
+    """Findings on the settings or the recording, and on the frames shown so far, in the terms of
+    the page."""
     processing_time_s: float
     """Processing time of the frame."""
 

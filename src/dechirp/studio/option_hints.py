@@ -9,10 +9,16 @@ from dechirp.core.errors import DechirpError
 from dechirp.core.findings import Finding
 
 _PYTHON_HINT = re.compile(r" \(\w+=[^()]*\)")
+_RADAR_CHOICE = "settings of its radar, under Recordings"
 _PANEL_BY_OPTION = (
-    ("give the radar: --radar FILE", "choose settings of its radar, under Recordings"),
-    ("with --radar", "as settings of its radar, under Recordings"),
+    ("give the radar: --radar FILE", f"choose {_RADAR_CHOICE}"),
+    ("give its settings: --radar FILE", f"choose {_RADAR_CHOICE}"),
+    ("give the one of this recording", f"choose the one of this recording as {_RADAR_CHOICE}"),
+    ("with --radar", f"as {_RADAR_CHOICE}"),
+    ("--radar FILE", _RADAR_CHOICE),
+    ("run with --calibration", "set --calibration"),
 )
+_RADAR_OPTION = re.compile(r"(?<!RECORDING )--radar (?:'([^']*)'|([^\s,;]+))")
 _RECORDING_OPTION = re.compile(
     r"--(axes|calibration|device|encoding|format|frames|iq)\b(?: ([\w,-]+(?:\.\w+)*))?"
 )
@@ -24,6 +30,7 @@ def translate_cli_fix_to_page(fix: str) -> str:
     fix = _PYTHON_HINT.sub("", fix)
     for option, panel in _PANEL_BY_OPTION:
         fix = fix.replace(option, panel)
+    fix = _RADAR_OPTION.sub(lambda option: option[1] or option[2], fix)
     fix = _SET_OPTION.sub(lambda option: f"{option[1] or option[2]} (under File)", fix)
     return _RECORDING_OPTION.sub(_option_as_recording_setting, fix)
 
