@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dechirp.studio.views.ground import centred_label_boxes, choose_label_offsets
+from dechirp.studio.views.ground import TopView, choose_label_offsets
 
 
 def test_single_label_lies_on_outer_side():
@@ -31,13 +31,24 @@ def test_label_avoids_marker_of_other_target():
     assert (labels["align"][0], labels["down"][0]) != ("left", 0)
 
 
-def test_label_avoids_range_ring_label():
-    position, ring = np.array([[-0.2, 0.4]]), np.array([[-0.35, 0.4]])
-    free_label = choose_label_offsets(position, ["car"])
-    displaced_label = choose_label_offsets(position, ["car"], centred_label_boxes(ring, ["50 m"]))
+def test_axes_name_rings_and_no_text_stands_among_targets():
+    view = TopView("scene")
+    view.set_max_range_and_field_of_view(150.0, np.pi / 3)
 
-    assert (free_label["align"], free_label["down"]) == (["left"], [0])
-    assert (displaced_label["align"], displaced_label["down"]) != (
-        free_label["align"],
-        free_label["down"],
+    (axis_x,), (axis_y,) = view.figure.xaxis, view.figure.yaxis
+    assert axis_x.ticker.ticks == [-200.0, -150.0, -100.0, -50.0, 0.0, 50.0, 100.0, 150.0, 200.0]
+    assert axis_y.ticker.ticks == [0.0, 50.0, 100.0, 150.0, 200.0]
+    rings = next(
+        renderer.data_source.data
+        for renderer in view.figure.renderers
+        if np.nanmax(np.hypot(*map(renderer.data_source.data.get, "xy")), initial=0) > 199
+        and np.isnan(renderer.data_source.data["x"]).any()
     )
+    radii_m = np.hypot(rings["x"], rings["y"])
+    assert sorted(set(radii_m[np.isfinite(radii_m)].round().tolist())) == [50, 100, 150, 200]
+    texts = [
+        text
+        for renderer in view.figure.renderers
+        for text in renderer.data_source.data.get("text", [])
+    ]
+    assert texts == []

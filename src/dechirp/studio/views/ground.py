@@ -1,12 +1,19 @@
 """Top view: range rings, field of view and marks."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 
 import numpy as np
-from bokeh.models import Arrow, ColumnDataSource, DataRange1d, GlyphRenderer, NormalHead
+from bokeh.models import (
+    Arrow,
+    ColumnDataSource,
+    DataRange1d,
+    FixedTicker,
+    GlyphRenderer,
+    NoOverlap,
+    NormalHead,
+)
 
-from dechirp.core.text import format_number
 from dechirp.report.figures.top_view import round_down_to_1_2_5
 from dechirp.report.labels import X_LABEL, Y_LABEL
 from dechirp.studio.theme import Theme
@@ -25,17 +32,8 @@ Box = tuple[float, float, float, float]
 """Right, left, bottom, top."""
 
 
-def centred_label_boxes(positions: np.ndarray, names: Sequence[str]) -> list[Box]:
-    """Return the boxes of centred labels, for `choose_label_offsets`."""
-    halves = [len(name) * _LETTER / 2 for name in names]
-    return [
-        (x - half, x + half, y - _LINE / 2, y + _LINE / 2)
-        for (x, y), half in zip(positions.astype(float), halves, strict=True)
-    ]
-
-
 def choose_label_offsets(
-    positions: np.ndarray, names: Sequence[str], occupied_boxes: Sequence[Box] = ()
+    positions: np.ndarray, names: Sequence[str]
 ) -> dict[str, Sequence[object]]:
     """Return alignment and pixel offsets of labels beside their marks.
 
@@ -48,12 +46,9 @@ def choose_label_offsets(
         (n, 2), left and forward, as fractions of the figure height.
     names : sequence of str
         Labels of the positions.
-    occupied_boxes : sequence of Box
-        Boxes of existing labels.
     """
     occupied: list[Box] = [
-        *occupied_boxes,
-        *((x - _MARK, x + _MARK, y - _MARK, y + _MARK) for x, y in positions.astype(float)),
+        (x - _MARK, x + _MARK, y - _MARK, y + _MARK) for x, y in positions.astype(float)
     ]
     choices: list[tuple[int, int]] = []
     for (x, y), name in zip(positions.astype(float), names, strict=True):
@@ -95,9 +90,7 @@ def _boxes_overlap(box: Box, other: Box) -> bool:
 
 _MAX_NAMES = 12
 _PICK_DISTANCE = 0.08  # of the largest range
-# alignment, and pixels from its position
-_CENTRED_LABEL = {"align": "center", "away": 0, "down": 0}
-_RING_LABEL_ANGLE_RAD = np.radians(35)  # to the right, where few marks are
+_LABEL_OFFSETS = ("align", "away", "down")
 
 
 class TopView:
@@ -108,10 +101,10 @@ class TopView:
         self.figure.name = name
         self.figure.match_aspect = True
         self.figure.grid.visible = False
+        for axis in (*self.figure.xaxis, *self.figure.yaxis):
+            axis.update(ticker=FixedTicker(ticks=[]), major_label_policy=NoOverlap(min_distance=3))
         self.max_range_m = 0.0
         """Largest range shown ahead."""
-        self._ring_label_boxes: Sequence[Box] = ()
-        """Boxes of the ring labels."""
         self._limits = self._add_marks("circle", size=0)
         # Equal scales: the browser widens the axis that has space.
         self.figure.x_range, self.figure.y_range = (
@@ -129,7 +122,6 @@ class TopView:
         self.detections = self._add_marks("circle", size=13)
         self.tracks = self._add_marks("diamond", size=18)
         self._radar = self._add_marks("triangle", size=11)
-        self._ring_names = self._add_empty_labels()
         self._names = self._add_empty_labels()
         self._arrows = Arrow(
             source=ColumnDataSource({"x": [], "y": [], "to_x": [], "to_y": []}),
@@ -150,7 +142,7 @@ class TopView:
         return _PICK_DISTANCE * self.max_range_m
 
     def set_max_range_and_field_of_view(self, max_range_m: float, half_view_rad: float) -> None:
-        """Set the largest range, with rings at round ranges and the field of view."""
+        """Set the largest range, with rings and ticks at round ranges, and the field of view."""
         self.max_range_m = max_range_m
         self.targets.tags = [self.pick_distance_m]
         move_marks(self._limits, max_range_m * np.array([[-0.5, -0.06], [0.5, 1.0]]))
@@ -160,14 +152,9 @@ class TopView:
             self._rings,
             join_lines_with_gaps([arc_positions_m(radius_m, np.pi) for radius_m in radii_m]),
         )
-        labelled_m = radii_m[radii_m * np.cos(_RING_LABEL_ANGLE_RAD) < 0.95 * max_range_m]
-        labels_m = labelled_m[:, None] * (
-            -np.sin(_RING_LABEL_ANGLE_RAD),
-            np.cos(_RING_LABEL_ANGLE_RAD),
-        )
-        names = [f"{format_number(radius_m)} m" for radius_m in labelled_m]
-        write_labels(self._ring_names, labels_m, names)
-        self._ring_label_boxes = centred_label_boxes(labels_m / max_range_m, names)
+        # The axes name the rings where these end: labels among targets read as their ranges.
+        self.figure.yaxis.ticker.ticks = [0.0, *radii_m.tolist()]
+        self.figure.xaxis.ticker.ticks = [*(-radii_m[::-1]).tolist(), 0.0, *radii_m.tolist()]
         origin = np.zeros((1, 2))
         move_marks(
             self._field_of_view,
@@ -184,9 +171,7 @@ class TopView:
             self._names,
             labels_m,
             shown_names,
-            **choose_label_offsets(
-                labels_m / self.max_range_m, shown_names, self._ring_label_boxes
-            ),
+            choose_label_offsets(labels_m / self.max_range_m, shown_names),
         )
         moves = np.any(positions_m != arrow_tips_m, axis=1)
         self._arrows.source.data = {
@@ -214,7 +199,7 @@ class TopView:
         ):
             renderer.glyph.line_color = color
         self.targets.glyph.fill_color, self._radar.glyph.fill_color = theme.truth, theme.ink
-        self._names.glyph.text_color, self._ring_names.glyph.text_color = theme.ink, theme.muted
+        self._names.glyph.text_color = theme.ink
         self._arrows.line_color = theme.truth
         self._arrows.end.line_color = self._arrows.end.fill_color = theme.truth
 
@@ -238,7 +223,7 @@ class TopView:
             "x",
             "y",
             "text",
-            source=ColumnDataSource({column: [] for column in ("x", "y", "text", *_CENTRED_LABEL)}),
+            source=ColumnDataSource({column: [] for column in ("x", "y", "text", *_LABEL_OFFSETS)}),
             x_offset="away",
             y_offset="down",
             text_align="align",
@@ -256,14 +241,10 @@ def write_labels(
     renderer: GlyphRenderer,
     positions_m: np.ndarray,
     texts: Sequence[str],
-    **offsets: Sequence[object],
+    offsets: Mapping[str, Sequence[object]],
 ) -> None:
-    """Write labels at positions, centred or offset."""
-    columns = {
-        column: offsets.get(column, [default] * len(texts))
-        for column, default in _CENTRED_LABEL.items()
-    }
-    renderer.data_source.data = {**_xy_columns(positions_m), "text": list(texts), **columns}
+    """Write labels at positions, with the offsets of `choose_label_offsets`."""
+    renderer.data_source.data = {**_xy_columns(positions_m), "text": list(texts), **offsets}
 
 
 def arc_positions_m(radius_m: float, half_angle_rad: float) -> np.ndarray:
