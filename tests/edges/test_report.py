@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from dechirp.cli.run_output import _detection_table_cells
 from dechirp.config.quantities import parse_quantity
 from dechirp.core.conventions import axis_coordinate
 from dechirp.core.findings import Finding, PhysicsWarning
@@ -320,6 +321,22 @@ def test_detection_table_shows_values_with_standard_errors(page):
     assert f"{error_m:+.4f}".replace("-", "\N{MINUS SIGN}") in page
     assert f"{abs(error_m) / 0.0039:.1f}\N{NO-BREAK SPACE}\N{GREEK SMALL LETTER SIGMA}" in page
     assert f"{10 * np.log10(12_500):.1f}" in page
+
+
+def test_tables_of_report_and_terminal_write_motion_in_words():
+    run_result = make_recorded_result()
+    run_result.detections = make_detections(3)
+    run_result.detections["moving"] = "detection", [1.0, 0.0, np.nan]
+
+    rows = re.findall(r"<tr>(.*?)</tr>", render_page(run_result), flags=re.DOTALL)
+    heading = next(row for row in rows if ">Moving<" in row)
+    column = re.findall(r"<th.*?>(.*?)</th>", heading).index("Moving")
+    in_report = [
+        re.findall(r"<td.*?>(.*?)</td>", row)[column]
+        for row in rows[rows.index(heading) + 1 : rows.index(heading) + 4]
+    ]
+    assert in_report == ["yes", "no", ""]
+    assert _detection_table_cells(run_result, run_result.detections)["moving"] == in_report
 
 
 def test_names_from_files_are_escaped():

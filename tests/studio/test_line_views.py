@@ -316,6 +316,24 @@ def test_detection_table_uses_degrees_and_decibels_strongest_first():
     headers = {column.field: column.title for column in view.table.table.columns}
     assert headers["azimuth"] == "Azimuth (°)"
     assert headers["snr"] == "SNR (dB)"
+    formats = {column.field: column.formatter for column in view.table.table.columns}
+    for key in ("range", "velocity", "azimuth"):
+        estimate_decimals = len(formats[key].format.partition(".")[2])
+        assert {len(text.partition(".")[2]) for text in table[f"{key}_std"]} == {estimate_decimals}
+
+
+def test_detection_table_writes_motion_in_words():
+    view = DetectionsView(build_session())
+    frame_state = show_step(view)
+    order = np.argsort(frame_state.detections.snr.values)
+    motion = np.full(order.size, np.nan)
+    motion[order[-1]], motion[order[-2]] = 0.0, 1.0
+    detections = frame_state.detections.assign(moving=("detection", motion))
+    view.show_frame(replace(frame_state, detections=detections))
+
+    assert view.table.source.data["moving"].tolist()[:3] == ["no", "yes", ""][: order.size]
+    (column,) = (column for column in view.table.table.columns if column.field == "moving")
+    assert column.visible
 
 
 def test_detection_table_title_counts_detected_and_missed_targets():

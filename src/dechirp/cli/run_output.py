@@ -92,9 +92,7 @@ def _detection_table_cells(
         values = column.to_shown_unit(detections[column.name].values)
         std = standard_error_column(column)
         if std is None:
-            columns[column.heading] = [
-                format_fixed(value, column.decimals) for value in values.tolist()
-            ]
+            columns[column.heading] = column.format_shown_values(values)
             continue
         # More digits are in detections.csv; no array is calibrated to a hundredth of a degree.
         stds = std.to_shown_unit(detections[std.name].values)

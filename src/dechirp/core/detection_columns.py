@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.text import format_fixed
 from dechirp.core.units import from_decibels, to_decibels
 
 _SUFFIXES = {"m": "_m", "m/s": "_m_per_s", "s": "_s", "rad": "_rad", "deg": "_deg", "dB": "_db"}
@@ -37,6 +38,8 @@ class DetectionColumn(NamedTuple):
     """Whether clusters have a column with its largest less its smallest value."""
     is_integer: bool = False
     """Whether files write known values as integers."""
+    is_flag: bool = False
+    """Whether the values are 1 for yes and 0 for no."""
     in_object_lists: bool = False
     """Whether object lists of detections and clusters keep it."""
 
@@ -75,6 +78,12 @@ class DetectionColumn(NamedTuple):
             with np.errstate(divide="ignore"):  # no signal at all is minus infinity
                 return np.asarray(to_decibels(values))
         return values
+
+    def format_shown_values(self, values: np.ndarray) -> list[str]:
+        """Write values in the shown unit for people; a flag in words, empty where unknown."""
+        if self.is_flag:
+            return [{1.0: "yes", 0.0: "no"}.get(value, "") for value in values.tolist()]
+        return [format_fixed(value, self.decimals) for value in values.tolist()]
 
     def from_shown_unit(self, values: np.ndarray) -> np.ndarray:
         """Convert values in the unit that files and tables show to SI units."""
@@ -132,9 +141,9 @@ TABLE = (
     DetectionColumn(
         *("moving", "1", "1 if found without static echoes, 0 if only with them, NaN if unknown"),
         heading="moving",
-        decimals=0,
         cluster="strongest",
         is_integer=True,
+        is_flag=True,
     ),
 )
 """Columns of detections in the order of their datasets. `x_std` is the standard error of `x`."""

@@ -255,17 +255,17 @@ def _threshold_margin_cards(context: PageContext) -> list[Card]:
 
 def _format_estimates(detections: xr.Dataset, column: DetectionColumn) -> list[str]:
     """Write a column of the table of detections, with standard errors where there are some."""
-    estimates = column.to_shown_unit(detections[column.name].values).tolist()
+    estimates = column.to_shown_unit(detections[column.name].values)
     std = standard_error_column(column)
     if std is None:
-        return [format_fixed(estimate, column.decimals) for estimate in estimates]
+        return column.format_shown_values(estimates)
     stds = std.to_shown_unit(detections[std.name].values)
     decimals = decimals_for_column(stds, digits=2)
     return [
         format_with_std(estimate, error, decimals)
         if math.isfinite(estimate) or column.shown_unit != "deg"
         else EN_DASH
-        for estimate, error in zip(estimates, stds.tolist(), strict=True)
+        for estimate, error in zip(estimates.tolist(), stds.tolist(), strict=True)
     ]
 
 

@@ -25,9 +25,10 @@ from dechirp.studio.views.table_tile import MAX_ROWS, Heading, TableTile, row_at
 
 def _column_headings() -> Iterator[tuple[str, Heading]]:
     for column in SHOWN_COLUMNS:
-        title, form = column.heading_with_unit, f"0.{'0' * column.decimals}".rstrip(".")
+        title, std = column.heading_with_unit, standard_error_column(column)
+        # An estimate has the decimals of its error.
+        form = "" if column.is_flag else f"0.{'0' * (column if std is None else std).decimals}"
         yield column.name, Heading(title, form, 75 if len(title) > 12 else 60)
-        std = standard_error_column(column)
         if std is not None:
             yield std.name, Heading(f"± {column.shown_unit_symbol}", width=45)
 
@@ -42,6 +43,7 @@ _ERRORS = {
     if std is not None and std.name in _HEADINGS
 }
 """Decimals of standard errors by name."""
+_FLAGS = {column.name for column in SHOWN_COLUMNS if column.is_flag}
 _NO_TARGET = "none"
 _ALIASED = " (aliased)"
 
@@ -73,6 +75,8 @@ class DetectionsView(View):
         for name in _ERRORS.keys() & columns.keys():
             texts = [format_std(error, _ERRORS[name]) for error in columns[name].tolist()]
             columns[name] = np.array(texts, dtype=object)
+        for name in _FLAGS & columns.keys():
+            columns[name] = np.array(BY_NAME[name].format_shown_values(columns[name]), dtype=object)
         columns["target"] = np.where(is_aliased, targets + _ALIASED, targets)
         self.table.set_column_visibility(visible | {"target": frame_state.truth is not None})
         self.table.show_rows(

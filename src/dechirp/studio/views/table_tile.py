@@ -27,6 +27,12 @@ MAX_ROWS = 50
 _ROW_PX = 22
 _SHARE_OF_MIN_WIDTH = 0.85
 """Share of its usual width at which a column has room for its numbers; narrower tables scroll."""
+_TITLE_PX = 78
+"""Width of the longest title, "Velocity (m/s)", on one line; some tables have equal columns."""
+_TWO_LINE_TITLES_CSS = """@container (max-width: %dpx) { /* the unit is below its quantity */
+  .slick-header-column.ui-state-default { height: 2.7em; }
+  .slick-column-name { white-space: normal; line-height: 1.3; }
+}"""
 
 
 class Heading(NamedTuple):
@@ -64,6 +70,7 @@ class TableTile:
             text="", margin=(3, 8, 1, 8), sizing_mode="stretch_width", css_classes=["line"]
         )
         css = resources.files("dechirp.studio.views").joinpath("table.css").read_text("utf-8")
+        css += _TWO_LINE_TITLES_CSS % (len(heads) * _TITLE_PX)
         self.table = DataTable(
             source=self.source,
             columns=[_create_table_column(key, head) for key, head in heads.items()],
