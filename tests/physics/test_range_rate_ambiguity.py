@@ -98,6 +98,70 @@ def test_detections_at_random_ranges_are_no_targets():
         )
 
 
+def test_targets_of_frames_without_map_of_moving_targets_are_resolved():
+    frame = np.arange(10)
+    time_s, velocity = frame * FRAME_S, np.full(10, -14.3)
+    rng = np.random.default_rng(1)
+    columns, number = make_columns(
+        frame, time_s, 100 - 14.3 * time_s + 0.1 * rng.normal(size=10), velocity
+    )
+    columns["moving"][:] = np.nan
+
+    resolved = resolve_by_range_rate(columns, SOUND_CARD.frame)
+
+    assert np.array_equal(resolved["ambiguity_number"], number)
+    assert np.allclose(resolved["velocity"], -14.3, atol=1e-6)
+
+
+def test_echoes_that_stay_keep_their_velocity():
+    rng = np.random.default_rng(3)
+    frame = np.repeat(np.arange(13), 2)
+    for _ in range(20):  # a tree in the wind, and another echo anywhere
+        range_m = np.stack([46 + rng.uniform(-0.5, 0.5, 13), rng.uniform(0, 200, 13)], axis=1)
+        columns, _ = make_columns(
+            frame, frame * FRAME_S, range_m.ravel(), rng.uniform(-0.75, 0.75, 26)
+        )
+        resolved = resolve_by_range_rate(columns, SOUND_CARD.frame)
+        assert np.array_equal(resolved["velocity"][::2], columns["velocity"][::2])
+
+
+def test_slopes_of_no_whole_number_of_spans_resolve_nothing():
+    frame = np.arange(10)
+    time_s, velocity = frame * FRAME_S, np.full(10, -14.3)
+    rng = np.random.default_rng(1)
+    columns, _ = make_columns(
+        # A bandwidth that is wrong by 5 % puts the slope at 0.45 spans beside the velocity.
+        frame,
+        time_s,
+        1.05 * (100 - 14.3 * time_s) + 0.02 * rng.normal(size=10),
+        velocity,
+    )
+
+    resolved = resolve_by_range_rate(columns, SOUND_CARD.frame)
+
+    assert np.isnan(resolved["ambiguity_confidence"]).all()
+    assert np.array_equal(resolved["velocity"], columns["velocity"])
+
+
+@pytest.mark.parametrize("acceleration", [1.5, 2.0, 2.5, 3.0])
+def test_targets_that_turn_get_no_wrong_number(acceleration):
+    frame = np.arange(24)
+    time_s = frame * FRAME_S
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        turn_s = rng.uniform(3, 5)
+        velocity = np.clip(-acceleration * (time_s - turn_s), -2.5, 2.5)
+        fine_s = np.linspace(0, time_s[-1], 2000)
+        steps_m = np.clip(-acceleration * (fine_s - turn_s), -2.5, 2.5) * fine_s[1]
+        range_m = 30 + np.interp(time_s, fine_s, np.cumsum(steps_m))
+        columns, _ = make_columns(frame, time_s, range_m + 0.3 * rng.normal(size=24), velocity)
+
+        resolved = resolve_by_range_rate(columns, SOUND_CARD.frame)
+
+        is_known = np.isfinite(resolved["ambiguity_number"])
+        assert np.allclose(resolved["velocity"][is_known], velocity[is_known], atol=0.3)
+
+
 @pytest.mark.filterwarnings("ignore::dechirp.core.findings.PhysicsWarning")  # aliased
 def test_run_shows_velocity_of_fast_car_by_its_ranges(radar, tmp_path):
     radar = replace(SOUND_CARD, hardware=radar.hardware)

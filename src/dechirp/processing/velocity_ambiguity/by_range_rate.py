@@ -13,7 +13,13 @@ with an expected number of more than 1e-3 of that kind are not taken for targets
 The velocities v_j of a line, unwrapped from frame to frame, are those of the target less a common
 multiple k of the span. So its ranges follow R_0 + k span t + integral of v dt, whatever it
 accelerates, and k span is the slope of what remains after the integral. Errors of the slope follow
-from the residuals, with Student's distribution. They give the probability of each k.
+from the residuals, with Student's distribution. They give the probability of each k. Velocities
+that change by more than a third of the span from frame to frame, as of targets that turn, end the
+line there: which way they changed is not known.
+
+Numbers stay unresolved if the slope of the ranges is no whole number of spans within its errors,
+and if the range of the detection is occupied in as many frames as the line: an echo that stays
+there, such as a tree in the wind, has a Doppler frequency too.
 """
 
 from collections.abc import Mapping
@@ -41,6 +47,10 @@ _MAX_CHANCE_LINES = 1e-3
 _MAX_DETECTIONS_PER_FRAME = 20
 # Largest standard error of a slope, in spans: a third of the numbers would be wrong with 0.5.
 _MAX_SLOPE_STD = 0.25
+# Largest change of the velocity between frames of a line, in spans: half a span has either sign.
+_MAX_VELOCITY_STEP = 1 / 3
+# Probability of a slope of the correct number to be rejected as no whole number of spans.
+_REJECTION_PROBABILITY = 1e-4
 # Ambiguity numbers with a probability, on each side of the likeliest.
 _NUMBERS = np.arange(-50, 51)
 
@@ -89,7 +99,7 @@ def resolve_by_range_rate(columns: Mapping[str, np.ndarray], frame: Frame) -> di
         return resolved
     frame_number, time_s = columns["frame"][rows], columns["time"][rows]
     spans = unambiguous_velocity_span_m_per_s(columns["range"][rows], frame)
-    velocity = columns["velocity"][rows]
+    velocity, velocity_std = columns["velocity"][rows], columns["velocity_std"][rows]
     # The range of the beat frequency does not depend on the ambiguity number.
     shift_m = range_shift_per_ambiguity_m(frame)
     range_m = columns["range"][rows] + shift_m * velocity / spans
@@ -105,17 +115,29 @@ def resolve_by_range_rate(columns: Mapping[str, np.ndarray], frame: Frame) -> di
         if members is None:
             continue
         span = spans[index]
-        track = _fit_track(time_s[near], range_m[near], velocity[near], members, span)
-        if track.slope_std > _MAX_SLOPE_STD * span:
+        members = _members_without_jumps(time_s[near], velocity[near], members, origin, span)
+        if len(members) < _MIN_FRAMES:
             continue
+        track = _fit_track(
+            time_s[near], range_m[near], velocity[near], velocity_std[near], members, span
+        )
         likeliest, probability, track_variance = _likeliest_common_number(track, span)
+        is_uncertain = track.slope_std > _MAX_SLOPE_STD * span
+        if is_uncertain or not _is_whole_number_of_spans(track, likeliest, span):
+            continue
         # Ends of a line have few frames on one side, and take the number from its middle.
         on_line = near[track.members]
         is_own = on_line == index
         takes = is_own | (~has_own_line[on_line] & (probability > confidence[on_line]))
+        numbers = likeliest + np.round((track.unwrapped - velocity[on_line]) / span)
+        n_staying = _count_frames_at_ranges(
+            range_m[on_line], frame_number[near], range_m[near], tolerance_m
+        )
+        takes &= (numbers == 0) | (n_staying < len(members))
+        if not takes[is_own].all():
+            continue
         taking = on_line[takes]
-        jumps = np.round((track.unwrapped - velocity[on_line]) / span)
-        number[taking] = (likeliest + jumps)[takes]
+        number[taking] = numbers[takes]
         confidence[taking], variance[taking] = probability, track_variance
         range_rms_m[taking] = track.range_rms_m
         has_own_line[index] = True
@@ -138,15 +160,29 @@ def resolve_by_range_rate(columns: Mapping[str, np.ndarray], frame: Frame) -> di
     return resolved
 
 
+def _movement_candidate_mask(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return which detections may move: all of frames without a map of moving targets."""
+    return np.asarray(columns["moving"] != 0)
+
+
 def _strongest_moving_rows(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the rows of the strongest moving detections of each frame with unknown numbers."""
-    is_open = (columns["moving"] == 1) & np.isnan(columns["ambiguity_number"])
+    is_open = _movement_candidate_mask(columns) & np.isnan(columns["ambiguity_number"])
     rows = np.flatnonzero(is_open & np.isfinite(columns["velocity"]))
     order = np.lexsort([-columns["snr"][rows], columns["frame"][rows]])
     rows = rows[order]
     frames = columns["frame"][rows]
     rank = np.arange(len(rows)) - np.searchsorted(frames, frames)
     return np.asarray(rows[rank < _MAX_DETECTIONS_PER_FRAME])
+
+
+def _count_frames_at_ranges(
+    ranges_m: np.ndarray, frame_number: np.ndarray, range_m: np.ndarray, tolerance_m: float
+) -> np.ndarray:
+    """Return in how many frames there are detections at some ranges; detections by frame."""
+    is_there = abs(ranges_m[:, None] - range_m) <= tolerance_m
+    _, starts = np.unique(frame_number, return_index=True)
+    return np.asarray(np.logical_or.reduceat(is_there, starts, axis=1).sum(axis=1))
 
 
 def _detections_on_best_line(
@@ -188,15 +224,26 @@ def _detections_on_best_line(
     return np.array(nearest)[is_on_line[best]]
 
 
+def _members_without_jumps(
+    time_s: np.ndarray, velocity: np.ndarray, members: np.ndarray, origin: int, span: float
+) -> np.ndarray:
+    """Return the members around one, by time, whose velocities follow each other without jumps."""
+    members = members[np.argsort(time_s[members])]
+    steps = np.diff(velocity[members])
+    is_jump = abs(steps - span * np.round(steps / span)) > _MAX_VELOCITY_STEP * span
+    part = np.concatenate([[0], np.cumsum(is_jump)])
+    return np.asarray(members[part == part[members == origin]])
+
+
 def _fit_track(
     time_s: np.ndarray,
     range_m: np.ndarray,
     velocity: np.ndarray,
+    velocity_std: np.ndarray,
     members: np.ndarray,
     span: float,
 ) -> _Track:
     """Fit the slope of the ranges of some detections after the integral of their velocities."""
-    members = members[np.argsort(time_s[members])]
     t, unwrapped = time_s[members], np.unwrap(velocity[members], period=span)
     steps_m = np.diff(t) * (unwrapped[1:] + unwrapped[:-1]) / 2
     rest_m = range_m[members] - np.concatenate([[0.0], np.cumsum(steps_m)])
@@ -205,7 +252,8 @@ def _fit_track(
     slope = float(deviation_s @ rest_m) / moment
     residual_m = rest_m - rest_m.mean() - slope * deviation_s
     range_rms_m = float(np.sqrt(residual_m @ residual_m / n_free))
-    slope_std = range_rms_m / np.sqrt(moment) + 1e-9
+    mean_velocity_std = float(np.sqrt(np.sum(velocity_std[members] ** 2))) / len(t)
+    slope_std = float(np.hypot(range_rms_m / np.sqrt(moment), mean_velocity_std)) + 1e-9
     return _Track(members, slope, slope_std, n_free, range_rms_m, unwrapped)
 
 
@@ -225,6 +273,12 @@ def _likeliest_common_number(track: _Track, span: float) -> tuple[float, float, 
     )
 
 
+def _is_whole_number_of_spans(track: _Track, number: float, span: float) -> bool:
+    """Return whether a slope is a number of spans within its errors."""
+    quantile = scipy.special.stdtrit(track.n_free, 1 - _REJECTION_PROBABILITY / 2)
+    return bool(abs(track.slope - number * span) <= quantile * track.slope_std)
+
+
 def range_rate_findings(
     columns: Mapping[str, np.ndarray], resolved: Mapping[str, np.ndarray]
 ) -> tuple[Finding, ...]:
@@ -233,7 +287,7 @@ def range_rate_findings(
     changed = np.flatnonzero(is_changed & np.isfinite(columns["velocity"]))
     if not changed.size:
         return ()
-    n_moving = int(np.sum(columns["moving"] == 1))
+    n_moving = int(np.sum(_movement_candidate_mask(columns)))
     is_certain = np.isfinite(resolved["ambiguity_number"][changed])
     strongest = changed[
         np.argmax(resolved["snr"][changed] * (is_certain if is_certain.any() else 1))
@@ -248,7 +302,8 @@ def range_rate_findings(
             f" {format_number(columns['velocity'][strongest], 3)} m/s at"
             f" {format_number(resolved['range'][strongest], 3)} m",
             expected="a correct sweep bandwidth, to which the slopes of ranges are proportional;"
-            " velocities of other detections, without ambiguity_number, may still be aliased",
+            " velocities of other detections, without ambiguity_number, may still be aliased, and"
+            " their ranges shifted by range-Doppler coupling",
             fix="--set recording.fit_chain=false keeps the velocities within the unambiguous span",
         ),
     )

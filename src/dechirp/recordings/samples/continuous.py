@@ -12,6 +12,7 @@ from dechirp.core.text import format_number, format_si
 from dechirp.radar.chirp import Sampling
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
+from dechirp.radar.velocity_ambiguity import range_shift_per_ambiguity_m
 
 
 def check_single_receiver_and_sampling(path: Path, radar: Radar, sampling: Sampling) -> None:
@@ -59,16 +60,19 @@ def join_single_chirps(
     )
     joined = replace(frame, n_chirps=n_joined, period_s=None)
     limit_m_per_s = frame.chirp.wavelength_m / 4 / interval_s
+    shift_m = abs(range_shift_per_ambiguity_m(joined))
     aliasing = Finding(
         level="warning" if limit_m_per_s < _WALKING_M_PER_S else "note",
         setting="radar.frame.interval",
         value=f"{interval_s * 1e3:.4g} ms between chirps: velocities beyond"
         f" {format_number(limit_m_per_s, 3)} m/s are aliased, off by multiples of"
-        f" {format_number(2 * limit_m_per_s, 3)} m/s",
+        f" {format_number(2 * limit_m_per_s, 3)} m/s, and with each of them ranges by"
+        f" {format_number(shift_m, 2)} m",
         expected=f"at most {format_number(limit_m_per_s / _WALKING_M_PER_S * interval_s * 1e3, 3)}"
         " ms, for persons who walk",
         fix="nothing is to be done for detections with an ambiguity_number, which their ranges in"
-        " successive frames give; velocities of others still separate moving from static echoes",
+        " successive frames give; velocities of others still separate moving from static echoes,"
+        " but they and their ranges may be wrong",
     )
     return replace(radar, frame=joined), (note, aliasing)
 
