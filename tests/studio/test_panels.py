@@ -12,7 +12,7 @@ from bokeh.events import ButtonClick
 from bokeh.models import Button, Checkbox, Div, Select, TextAreaInput, TextInput
 
 import dechirp as dc
-from dechirp.core.errors import DechirpError
+from dechirp.core.errors import DechirpError, Mistake
 from dechirp.experiments.run import run
 from dechirp.experiments.scenario import Scenario, load
 from dechirp.radar.budget import noise_power_w
@@ -220,6 +220,29 @@ def test_bare_number_in_field_of_decibels_has_its_unit(
         "transmit_power": hardware.transmit_power_w,
     }[path.rpartition(".")[2]]
     assert setting == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("typed", "message"),
+    [
+        (
+            "",
+            "empty; expected a number or a ratio, such as 4 or 6 dB; type one, or press Escape for"
+            " the value before",
+        ),
+        (
+            "-5",
+            "-5 dB; expected at least 0 dB; give a noise factor without a minus sign, such as 3 dB",
+        ),
+    ],
+)
+def test_refused_field_of_decibels_states_what_is_expected(typed: str, message: str) -> None:
+    page = Page(Hardware)
+    mistakes: list[Mistake] = []
+    page.session.on_mistakes.append(mistakes.extend)
+    page.type_setting("radar.hardware.noise_factor", typed)
+    assert page.messages == [message]
+    assert {mistake.setting for mistake in mistakes} == {"radar.hardware.noise_factor"}
 
 
 def test_typed_value_is_shown_in_settings_file_format() -> None:

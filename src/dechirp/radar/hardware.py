@@ -40,9 +40,9 @@ class Hardware:
                 raise InvalidSetting(
                     f"Hardware.{name}",
                     value=f"{getattr(self, name):.4g}",
-                    expected="a ratio of at least 1 (0 dB)",
-                    fix=f"give a {name.replace('_', ' ')} of 3 dB as a ratio of 2, in files as"
-                    " 3 dB; not as 0.5 or -3 dB",
+                    expected="at least 0 dB",
+                    fix=f"give a {name.replace('_', ' ')} without a minus sign, such as 3 dB"
+                    f" ({name}=2 in Python, a ratio of 1 or more)",
                 )
         check_positive_fields(self, "noise_factor", "loss", at_least=1.0, at_most=1e12)
 

@@ -53,8 +53,8 @@ class ChannelMismatch(Receiver):
             raise InvalidSetting(
                 "ChannelMismatch.gain_std",
                 value=f"{self.gain_std:.4g}",
-                expected="a ratio of at least 1 (0 dB)",
-                fix="write half a decibel as 0.5 dB, or 1.122",
+                expected="at least 0 dB, a ratio of 1",
+                fix="write half a decibel as 0.5 dB (gain_std=1.122 in Python)",
             )
         check_non_negative_fields(self, "phase_std_rad", at_most=np.pi)
         if self.gains is not None:

@@ -38,7 +38,7 @@ class Leakage(Propagation):
             raise InvalidSetting(
                 "Leakage.isolation",
                 value=f"{self.isolation:.4g}",
-                expected="a ratio of at least 1 (0 dB)",
+                expected="at least 0 dB, a ratio of 1",
                 fix="write an isolation of 30 dB as 30 dB, not -30 dB",
             )
         check_non_negative_fields(self, "extra_length_m", at_most=1e6)

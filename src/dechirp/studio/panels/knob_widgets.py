@@ -9,6 +9,7 @@ from bokeh.models import Checkbox, Column, Div, Select, TextInput, UIElement
 
 from dechirp.core.errors import Mistake
 from dechirp.experiments.scenario import Scenario
+from dechirp.studio.option_hints import translate_error_fixes_to_page
 from dechirp.studio.panels.fold import Fold
 from dechirp.studio.panels.knobs import (
     NONE,
@@ -167,9 +168,10 @@ def make_setting_changer(session: Session) -> ChangeSetting:
 
     def change(path: str, text: str) -> None:
         def edit(scenario: Scenario) -> Scenario:
-            return apply_overrides(
-                scenario, overrides_for_knob_text(scenario, path, text), session.limits
-            )
+            with translate_error_fixes_to_page():
+                return apply_overrides(
+                    scenario, overrides_for_knob_text(scenario, path, text), session.limits
+                )
 
         session.queue_edit(path, edit, retry=True)
 

@@ -16,6 +16,7 @@ from dechirp.config.fields import (
 )
 from dechirp.config.setting_paths import SettingPath, find_setting
 from dechirp.config.yaml_tree import join_setting_path, replace_repeated_labels_by_index
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 
 NONE = "null"
@@ -118,8 +119,22 @@ def family_of_parent_list(root_value: Any, path: str) -> type[Family] | None:
 
 
 def overrides_for_knob_text(root_value: Any, path: str, text: str) -> tuple[str, ...]:
-    """Return PATH=VALUE for the text of a knob; for a kind in a list, the whole list."""
+    """Return PATH=VALUE for the text of a knob; for a kind in a list, the whole list.
+
+    Raises
+    ------
+    InvalidSetting
+        If the text is empty and the setting needs a value.
+    """
     if family_of_parent_list(root_value, path) is None:
+        value_type = find_setting(root_value, path).leaf_value_type
+        if not (text.strip() or value_type.is_optional):
+            raise InvalidSetting(
+                path,
+                value="empty",
+                expected=describe_accepted_values(value_type),
+                fix="type one, or press Escape for the value before",
+            )
         return (f"{path}={text}",)
     parent_path, _, kind = path.rpartition(".")
     other_members = [

@@ -23,6 +23,7 @@ from dechirp.radar.hardware import Hardware
 from dechirp.studio.panels.arrays import replace_radar_and_adapt_processing
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.knob_widgets import KnobForm
+from dechirp.studio.panels.knobs import overrides_for_knob_text
 from dechirp.studio.scenario_edits import check_scenario_within_limits
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
@@ -225,12 +226,15 @@ def change_requirement(
 
     Raises
     ------
-    InvalidFile
-        As `dechirp design` refuses its options.
+    DechirpError
+        As `dechirp design` refuses its options, or if the text of a needed one is empty.
     """
     try:
         return parse_settings(
-            dump_yaml(requirements), DesignRequirements, file="", overrides=[f"{path}={text}"]
+            dump_yaml(requirements),
+            DesignRequirements,
+            file="",
+            overrides=overrides_for_knob_text(requirements, path, text),
         )
     except InvalidFile as error:
         mistakes = (
