@@ -29,7 +29,7 @@ _FIRST_DROPPED = (
 
 def strongest_detections_table(result: Result, *, at_most: int, width: int) -> Table:
     """Return a table of the strongest detections, with the columns that fit the width."""
-    frame = result.radar.frame
+    frame = result.radar.for_frame(0).frame
     rows = rows_to_show(
         result.detections,
         at_most,
@@ -83,7 +83,7 @@ def _detection_table_cells(
     if result.n_frames > 1:
         columns["frame"] = [str(frame) for frame in detections.frame.values.tolist()]
     target = None if result.truth is None else _matched_target_indices(result, detections)
-    frame = result.radar.frame
+    frame = result.radar.for_frame(0).frame
     cell_sizes = {
         "range": frame.chirp.range_resolution_m,
         "velocity": frame.velocity_resolution_m_per_s,

@@ -90,7 +90,7 @@ def build_strongest_detection_cards(context: PageContext) -> list[Card]:
 def detection_table_rows(context: PageContext, max_rows: int) -> list[dict[str, str]]:
     """Return the rows of the detection table, strongest first, at most `max_rows`."""
     truth, matched = context.result.truth, context.matched
-    frame = context.result.radar.frame
+    frame = context.result.radar.for_frame(0).frame
     indices = rows_to_show(
         context.strongest,
         max_rows,
