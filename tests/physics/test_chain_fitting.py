@@ -330,6 +330,43 @@ def test_options_of_note_repeat_the_run(tmp_path):
         np.testing.assert_array_equal(repeated.detections[name], column)
 
 
+@pytest.mark.parametrize("place", ["option", "file"])
+def test_given_settings_stay_with_default_values(tmp_path, place):
+    path = tmp_path / "frame.h5"
+    dc.write(dc.recording_from_cube(make_cube(*STATIC, (31.8, 5.3, 30)), RADAR), path)
+    cells = {"n_training": Cells(range=10, velocity=8), "n_guard": Cells(range=4, velocity=4)}
+    options = ["chain.cfar.n_training.velocity=8", "chain.moving_targets=null"]
+    file = tmp_path / "scenario.yaml"
+    detector = "estimator: {kind: cell-averaging}, false_alarm_probability: 1e-6"
+    cfar = f"{{{detector}, n_guard: {{range: 4, velocity: 4}}}}"
+    chain = f"chain: {{cfar: {cfar}, moving_targets: null}}"
+    file.write_text(f"recording: {{path: {path}}}\n{chain if place == 'file' else ''}\n")
+
+    result = run(dc.load(file, options if place == "option" else []))
+    written = loading.parse_settings(dump_yaml(result.scenario), Scenario, file="", readers=READERS)
+    repeated = run(written)
+
+    assert not [finding for finding in result.findings if "chosen" in finding.value]
+    assert {name: getattr(result.scenario.chain.cfar, name) for name in cells} == cells
+    assert result.scenario.chain.moving_targets is None
+    assert written == repeated.scenario == result.scenario
+    xr.testing.assert_identical(repeated.detections, result.detections)
+
+
+def test_other_settings_of_a_detector_leave_its_cells_to_be_chosen(tmp_path):
+    path = tmp_path / "frame.h5"
+    dc.write(dc.recording_from_cube(make_cube(*STATIC), RADAR), path)
+    file = tmp_path / "scenario.yaml"
+    file.write_text(
+        f"recording: {{path: {path}}}\nchain: {{cfar: {{estimator: {{kind: cell-averaging}},"
+        f" false_alarm_probability: 1e-5}}}}\n"
+    )
+
+    result = run(dc.load(file, ["chain.cfar.false_alarm_probability=1e-4"]))
+
+    assert result.scenario.chain.cfar.n_training == Cells(range=0, velocity=8)
+
+
 @pytest.mark.parametrize(
     ("interval_s", "n_chirps", "n_joined"),
     [(41e-3, 486, 8), (15.8e-3, 3536, 16), (12e-3, 1024, 16), (1e-3, 5000, 256), (41e-3, 7, 1)],

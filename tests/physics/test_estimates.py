@@ -53,6 +53,27 @@ def test_reference_target_estimates_reach_crlb(reference, clean, snr_db):
     assert to_decibels(np.mean(found_snr)) == pytest.approx(to_decibels(snr), abs=0.3)
 
 
+@pytest.mark.parametrize("n_chirps", [2, 3, 4])
+@pytest.mark.parametrize("velocity", [0.0, 3.0])
+def test_few_chirps_reach_crlb(radar, n_chirps, velocity):
+    radar = replace(radar, frame=replace(radar.frame, n_chirps=n_chirps))
+    target = dc.Target(position_m=(30.0, 0, 0), velocity_m_per_s=(velocity, 0, 0))
+    scene = dc.Scene(targets=[target])
+    clean, truth = dc.simulate(scene, radar, seed=1, impairments=[]), dc.truth(scene, radar)
+    # 25 dB after integration, above the threshold of the maximum-likelihood estimate.
+    snr_db = 25 - to_decibels(radar.integration_gain)
+
+    range_m, velocity_m_per_s, range_std, velocity_std, _ = estimate_errors(
+        clean, radar, truth, snr_db, 150, seed=n_chirps
+    )
+
+    # The mean of 150 squared normal errors over their variance has a standard error of 0.115.
+    for error, std in ((range_m, range_std), (velocity_m_per_s, velocity_std)):
+        assert np.mean(error**2 / std**2) == pytest.approx(1, abs=0.6)
+    _, bound = range_and_velocity_crlb_std(radar.frame, snr=10**2.5)
+    assert np.median(velocity_std) == pytest.approx(bound, rel=0.15)
+
+
 @pytest.mark.parametrize("sampling", nightly_except(["real"], ["complex", "real"]))
 @pytest.mark.parametrize("n_rx", nightly_except([4], [1, 4]))
 def test_estimates_reach_crlb_for_several_receivers_and_real_samples(radar, sampling, n_rx):

@@ -12,7 +12,14 @@ from dechirp.config import loading
 from dechirp.config.dumping import dump_yaml
 from dechirp.config.validation import Readers
 from dechirp.core.errors import DechirpError, InvalidFile, Mistake, quote_for_message
-from dechirp.experiments.scenario import READERS, RecordingSource, Scenario, load, reference
+from dechirp.experiments.scenario import (
+    READERS,
+    RecordingSource,
+    Scenario,
+    keep_given_chain_settings,
+    load,
+    reference,
+)
 from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.lookup import device as known_device
 from dechirp.radar.radar import Radar
@@ -160,7 +167,10 @@ def _apply_setting_changes(
 ) -> Scenario:
     text = dump_yaml(scenario)
     try:
-        return loading.parse_settings(text, Scenario, file="", overrides=changes, readers=readers)
+        changed = loading.parse_settings(
+            text, Scenario, file="", overrides=changes, readers=readers
+        )
+        return keep_given_chain_settings(changed, changes)
     except InvalidFile as error:
         # Places in generated text have no meaning to the user.
         raise InvalidFile(

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from time import perf_counter
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import xarray as xr
@@ -36,7 +36,7 @@ from dechirp.processing import near_field
 from dechirp.processing.cfar.base import Cfar
 from dechirp.processing.chain import Chain
 from dechirp.processing.chain_findings import chain_findings
-from dechirp.processing.chain_fitting import fit_chain_to_frames
+from dechirp.processing.chain_fitting import ChosenSettingName, fit_chain_to_frames
 from dechirp.processing.channel_errors import channel_error_findings
 from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.frame import FrameResult
@@ -254,7 +254,7 @@ def prepare_recording(recording: Recording, scenario: Scenario) -> PreparedRecor
         recording,
         scenario.chain,
         repairs_faults=scenario.recording.repair_faults,
-        fits_chain=scenario.recording.fit_chain,
+        fits_chain=scenario.recording.may_choose_mitigation,
     )
     frames = MeasuredFrames(recording, treatment)
     fitted, choices = fit_scenario_to_recording(
@@ -275,10 +275,14 @@ def fit_scenario_to_recording(
     if scenario.recording is None or not scenario.recording.fit_chain:
         return scenario, ()
     frames = (cube.transpose(*CUBE_AXES).values[0] for cube in cubes)
-    chain, choices = fit_chain_to_frames(scenario.chain, radar, frames)
+    chain, choices = fit_chain_to_frames(
+        scenario.chain, radar, frames, kept=scenario.recording.kept_settings
+    )
     # Readers join single chirps: the given radar may have fewer chirps than that of the recording.
     given_radar = None if scenario.radar is None else radar
-    fitted = replace(scenario, radar=given_radar, chain=chain)
+    # The fitted scenario, run again, gives the same result.
+    source = replace(scenario.recording, kept_settings=get_args(ChosenSettingName))
+    fitted = replace(scenario, radar=given_radar, recording=source, chain=chain)
     return fitted, tuple(choice.to_finding() for choice in choices)
 
 

@@ -2,16 +2,19 @@
 
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from dechirp.config import loading
+from dechirp.config.overrides import parse_override
 from dechirp.config.validation import Readers
+from dechirp.config.yaml_tree import YamlNode, parse_yaml
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_instances, check_integer_fields
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake
@@ -19,6 +22,7 @@ from dechirp.core.findings import PhysicsWarning
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle.fft import Fft
 from dechirp.processing.chain import Chain, n_searched_range_rows
+from dechirp.processing.chain_fitting import ChosenSettingName
 from dechirp.processing.direction_finding import checked_direction_aperture
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.radar import Radar
@@ -36,6 +40,14 @@ from dechirp.tracking.tracker import Tracker
 
 READERS: Readers = {Radar: read_radar, Calibration: read_calibration}
 """Readers of values that a scenario may give as the name of a file."""
+
+_PATHS_OF_CHOSEN_SETTINGS: dict[ChosenSettingName, tuple[str, ...]] = {
+    "mitigation": ("chain.mitigation",),
+    "cfar": ("chain.cfar.n_training", "chain.cfar.n_guard"),
+    "moving_targets": ("chain.moving_targets",),
+    "max_range": ("chain.max_range",),
+    "image_rejection": ("chain.image_rejection",),
+}
 
 
 @frozen_dataclass
@@ -61,7 +73,10 @@ class RecordingSource:
     frames: tuple[int, int] | None = None
     """First frame, and the one after the last; None: all."""
     fit_chain: bool = True
-    """Whether settings of the chain that have their defaults are chosen to fit the samples."""
+    """Whether settings of the chain are chosen to fit the samples."""
+    kept_settings: tuple[ChosenSettingName, ...] = ()
+    """Settings of the chain that stay as they are, with their defaults too: those of settings files
+    and `--set`, and after a run all."""
     repair_faults: bool = True
     """Whether receivers without a signal of their own are left out, lost and outlier chirps are
     interpolated, and a repair of bursts may be chosen; otherwise samples stay as recorded."""
@@ -74,6 +89,11 @@ class RecordingSource:
                 expected="the first frame, counted from 0, and a later one to stop before",
                 fix="give 0 and 10 for the first ten frames",
             )
+
+    @property
+    def may_choose_mitigation(self) -> bool:
+        """Whether a repair of bursts may be chosen."""
+        return self.fit_chain and "mitigation" not in self.kept_settings
 
 
 @frozen_dataclass
@@ -254,7 +274,55 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
                 file=str(path),
             )
         )
-    return loading.read_settings(path, Scenario, overrides=overrides, readers=READERS)
+    scenario = loading.read_settings(path, Scenario, overrides=overrides, readers=READERS)
+    if scenario.recording is None:
+        return scenario
+    tree = parse_yaml(loading.read_settings_text(path), str(path))
+    return keep_given_chain_settings(scenario, overrides, tree)
+
+
+def keep_given_chain_settings(
+    scenario: Scenario, overrides: Iterable[str], tree: YamlNode | None = None
+) -> Scenario:
+    """Return the scenario of a recording with the settings of its chain that were given kept.
+
+    Given are those in `overrides`, PATH=VALUE, and in the tree of its file. Files that this package
+    wrote contain every setting, and name those to keep.
+    """
+    source = scenario.recording
+    if source is None:
+        return scenario
+    given = [parse_override(override) for override in overrides]
+    if tree is not None and not _contains_setting(tree, "recording.kept_settings"):
+        given.append(("", tree))
+    kept = {
+        name
+        for name, paths in _PATHS_OF_CHOSEN_SETTINGS.items()
+        for path in paths
+        for start, node in given
+        if _is_given(path, start, node)
+    }
+    names = tuple(
+        name for name in get_args(ChosenSettingName) if name in kept.union(source.kept_settings)
+    )
+    return replace(scenario, recording=replace(source, kept_settings=names))
+
+
+def _is_given(path: str, start: str, node: YamlNode) -> bool:
+    """Return whether the node at the path `start` sets a setting, a part of it, or all around."""
+    if f"{start}.".startswith(f"{path}."):
+        return True
+    prefix = f"{start}." if start else ""
+    return path.startswith(prefix) and _contains_setting(node, path.removeprefix(prefix))
+
+
+def _contains_setting(node: YamlNode, path: str) -> bool:
+    """Return whether a tree contains a setting."""
+    for name in path.split("."):
+        if not isinstance(node.content, dict) or name not in node.content:
+            return False
+        node = node.content[name]
+    return True
 
 
 @check_argument_types

@@ -214,7 +214,7 @@ def _treat_stream_faults(cube: xr.DataArray, radar: Radar, scenario: Scenario) -
     return treat_measured_faults(
         RecordingMeasures(measures=measures, radar=radar),
         scenario.chain,
-        fits_chain=scenario.recording.fit_chain,
+        fits_chain=scenario.recording.may_choose_mitigation,
     )
 
 

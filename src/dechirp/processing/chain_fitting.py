@@ -1,6 +1,6 @@
 """Settings of the chain that fit a recording, chosen from some of its frames.
 
-Only settings with their default values are chosen. Rules:
+Only settings that have their default values and were not given are chosen. Rules:
 
 * Training cells along velocity alone, where they show static echoes that the default window hides.
   A static echo occupies one velocity, so the cells of its range at other velocities contain noise,
@@ -19,9 +19,9 @@ Only settings with their default values are chosen. Rules:
 """
 
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,10 @@ from dechirp.processing.range_doppler_map import (
 )
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.radar import Radar
+
+ChosenSettingName = Literal["mitigation", "cfar", "moving_targets", "max_range", "image_rejection"]
+"""Setting of the chain that may be chosen for a recording: of `cfar` the training and guard cells,
+of `mitigation` the repair of bursts, see `experiments.recording_faults`."""
 
 # Fewest chirps of a frame for the map of moving targets: the filter takes the three cells about
 # zero, and the window correlates the others with them.
@@ -74,7 +78,7 @@ class ChosenSetting:
             setting=self.setting,
             value=f"chosen {options} because {self.reason}",
             expected="settings that fit the recording",
-            fix="give another value to replace it",
+            fix="give a value, the default one too, to replace it",
         )
 
 
@@ -85,12 +89,16 @@ class _StaticPeak(NamedTuple):
 
 
 def fit_chain_to_frames(
-    chain: Chain, radar: Radar, frames: Iterable[np.ndarray]
+    chain: Chain,
+    radar: Radar,
+    frames: Iterable[np.ndarray],
+    *,
+    kept: Collection[ChosenSettingName] = (),
 ) -> tuple[Chain, tuple[ChosenSetting, ...]]:
     """Choose the settings of a chain that have their defaults by frames of a recording.
 
-    `frames` are arrays (chirp, rx, sample). Returns the chain, fitted to the radar, and the
-    choices, of which the settings that the user gave are never part.
+    `frames` are arrays (chirp, rx, sample); the settings in `kept` stay as they are. Returns the
+    chain, fitted to the radar, and the choices.
     """
     default = chain.fit_to_radar(radar)
     maps, moving_maps, map_radar = _range_doppler_maps(frames, radar, default)
@@ -99,7 +107,8 @@ def fit_chain_to_frames(
     fitted, choices = default, []
     filters_slow_time = any(method.filters_slow_time for method in chain.mitigation)
     along_velocity = _cfar_along_velocity(default, radar)
-    if along_velocity is not None and chain.cfar.has_default_window and not filters_slow_time:
+    may_choose_cells = "cfar" not in kept and chain.cfar.has_default_window
+    if along_velocity is not None and may_choose_cells and not filters_slow_time:
         candidate = replace(default, cfar=along_velocity)
         hidden = _static_peaks_hidden_by(default, candidate, maps, map_radar)
         if hidden:
@@ -108,6 +117,7 @@ def fit_chain_to_frames(
     static = [peak for power in maps for peak in _static_peaks(power, map_radar, fitted)]
     if (
         static
+        and "moving_targets" not in kept
         and chain.moving_targets is None
         and not filters_slow_time
         and radar.frame.n_chirps >= _MIN_CHIRPS_OF_MOVING_MAP
@@ -116,13 +126,14 @@ def fit_chain_to_frames(
         moving = MovingTargetMap(cfar=chain.cfar)
         fitted = replace(fitted, moving_targets=moving).fit_to_radar(radar)
         choices.append(_choice_of_moving_target_map(static))
-    if chain.max_range_m is None:
+    if "max_range" not in kept and chain.max_range_m is None:
         limit_m, reason = _range_limit_and_reason(maps, static, map_radar, fitted)
         fitted = replace(fitted, max_range_m=limit_m)
         if reason:
             options = (f"chain.max_range={limit_m:.4g} m",)
             choices.append(ChosenSetting(setting="chain.max_range", options=options, reason=reason))
-    if chain.image_rejection is None and radar.frame.chirp.sampling == "complex":
+    may_reject_images = "image_rejection" not in kept and chain.image_rejection is None
+    if may_reject_images and radar.frame.chirp.sampling == "complex":
         level = _moving_image_level(moving_maps, map_radar, default)
         if level is not None:
             rejection_db = max(round(float(-to_decibels(level))) - _IMAGE_MARGIN_DB, 1)
@@ -173,7 +184,7 @@ def _cfar_along_velocity(default: Chain, radar: Radar) -> Cfar | None:
     half = (transform.n_bins - 1) // 2
     half = min(half, default_cfar.n_training.velocity + default_cfar.n_guard.velocity)
     guard = min(default_cfar.n_guard.velocity, half // 2)
-    if guard < transform.main_lobe_half_width_bins - 1:
+    if guard == half or guard < transform.main_lobe_half_width_bins - 1:
         return None  # the main lobe of an echo would raise its own threshold
     return replace(
         default.cfar,

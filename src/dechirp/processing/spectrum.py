@@ -54,10 +54,19 @@ class Transform:
                 fix="leave the number of bins out",
             )
 
+    @property
+    def _effective_window(self) -> Window:
+        """Window that is applied: two points have equal weights.
+
+        A periodic window of two drops one of them, and with it the frequency; a main lobe of two
+        bins or more leaves no sidelobes to suppress.
+        """
+        return "rectangular" if self.n_points == 2 else self.window
+
     @cached_property
     def weights(self) -> np.ndarray:
         """Window, (n_points,)."""
-        return window_weights(self.window, self.n_points)
+        return window_weights(self._effective_window, self.n_points)
 
     @cached_property
     def noise_bandwidth_bins(self) -> float:
@@ -67,12 +76,12 @@ class Transform:
     @property
     def keeps_noise_white(self) -> bool:
         """Return whether noise in different bins is independent."""
-        return self.window == "rectangular" and self.n_bins == self.n_points
+        return self._effective_window == "rectangular" and self.n_bins == self.n_points
 
     @property
     def main_lobe_half_width_bins(self) -> float:
         """Half the width of the main lobe of a tone, in bins of the transform."""
-        return half_main_lobe_bins(self.window) * self.n_bins / self.n_points
+        return half_main_lobe_bins(self._effective_window) * self.n_bins / self.n_points
 
     def straddling_loss(self, cycles_per_point: float) -> float:
         """Return the straddling loss of a tone: power in the nearest bin over that on a bin."""

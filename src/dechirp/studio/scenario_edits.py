@@ -31,7 +31,7 @@ from dechirp.core.errors import (
     quote_for_message,
 )
 from dechirp.core.values import frozen_dataclass
-from dechirp.experiments.scenario import READERS, Scenario
+from dechirp.experiments.scenario import READERS, Scenario, keep_given_chain_settings
 from dechirp.experiments.study.variants import check_settings_do_not_overlap
 from dechirp.processing.chain import Chain
 from dechirp.radar.radar import Radar
@@ -90,7 +90,8 @@ def apply_overrides(scenario: Scenario, overrides: Iterable[str], limits: PageLi
     for option in overrides:
         _check_text_length(quote_for_message(option.partition("=")[0]), option, limits)
     try:
-        return _apply_overrides_without_reparsing(scenario, overrides, limits)
+        changed = _apply_overrides_without_reparsing(scenario, overrides, limits)
+        return keep_given_chain_settings(changed, overrides)
     except DechirpError:
         pass  # parse as text for a complete error message: 50 ms instead of 1 ms
     try:
@@ -161,8 +162,9 @@ def _check_text_length(setting: str, text: str, limits: PageLimits) -> None:
 
 
 def _parse_with_overrides(text: str, overrides: Iterable[str], limits: PageLimits) -> Scenario:
-    context = _validation_context(limits)
-    node = SettingNode("", parse_yaml(text, _FILE), ValueType(Scenario))
+    context, overrides = _validation_context(limits), tuple(overrides)
+    tree = parse_yaml(text, _FILE)
+    node = SettingNode("", tree, ValueType(Scenario))
     _check_no_forbidden_files(node, context, limits)
     for option in overrides:
         node = replace(node, node=apply_override(node, option, context))
@@ -177,7 +179,7 @@ def _parse_with_overrides(text: str, overrides: Iterable[str], limits: PageLimit
     except InvalidSetting as error:
         raise InvalidFile(*locate_mistakes_in_file(error, node)) from None
     scenario: Scenario = validate_and_build_value(node, context)
-    return scenario
+    return keep_given_chain_settings(scenario, overrides, tree)
 
 
 def _apply_overrides_without_reparsing(

@@ -17,7 +17,7 @@ from dechirp.config.setting_paths import (
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import parse_yaml
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting
-from dechirp.experiments.scenario import READERS, Scenario
+from dechirp.experiments.scenario import READERS, Scenario, keep_given_chain_settings
 
 ABSOLUTE_CONTEXT = ValidationContext(folder=Path(), readers=READERS)
 """Context for texts that name files by absolute paths."""
@@ -47,6 +47,7 @@ class ScenarioVariants:
         """
         if not value_texts_by_path:
             return self.scenario
+        options = [f"{path}={text}" for path, text in value_texts_by_path.items()]
         try:
             ways = [self.locate_setting(path) for path in value_texts_by_path]
             check_settings_do_not_overlap(ways)
@@ -55,14 +56,14 @@ class ScenarioVariants:
                 for way in ways
             }
             if len(values) == len(ways):
-                return replace_settings(self.scenario, values)
+                return keep_given_chain_settings(replace_settings(self.scenario, values), options)
         except DechirpError:
             pass  # repeated as text, for its error messages
-        options = [f"{path}={text}" for path, text in value_texts_by_path.items()]
         try:
-            return loading.parse_settings(
+            changed = loading.parse_settings(
                 self.scenario_yaml, Scenario, file="", overrides=options, readers=READERS
             )
+            return keep_given_chain_settings(changed, options)
         except InvalidFile as error:
             # Positions in a file that does not exist are dropped.
             raise InvalidFile(

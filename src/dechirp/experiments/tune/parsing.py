@@ -44,7 +44,7 @@ from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting, Mista
 from dechirp.core.suggestions import CHOOSE_OR_OMIT, did_you_mean_fix
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.score.base import Score
-from dechirp.experiments.scenario import READERS, Scenario, load
+from dechirp.experiments.scenario import READERS, Scenario, keep_given_chain_settings, load
 from dechirp.experiments.study.dumping import score_limit_unit
 from dechirp.experiments.study.study import RandomSetting, SweptSetting
 from dechirp.experiments.study.variants import ScenarioVariants, check_settings_do_not_overlap
@@ -180,7 +180,11 @@ class _TuneParser:
             )
             return None
         return self._value_or_none_recording_mistakes(
-            lambda: build_value_from_tree(node, Scenario, self.context, overrides=self.overrides)
+            lambda: keep_given_chain_settings(
+                build_value_from_tree(node, Scenario, self.context, overrides=self.overrides),
+                self.overrides,
+                node,
+            )
         )
 
     def _parse_labelled_recording(self, path: str, node: YamlNode) -> LabelledRecording | None:
