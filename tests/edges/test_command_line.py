@@ -1,10 +1,13 @@
 """Command line: start-up, runs, recordings, invalid calls and files, design, list and doctor."""
 
+import ctypes
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -378,6 +381,34 @@ def test_interrupted_run_writes_nothing_and_keeps_old_result(run_cli, folder, mo
     }
     assert new_times_ns == old_times_ns
     assert {file.name for file in folder.iterdir()} == {"small.yaml", "dechirp-run"}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("library_fails", [True, False])
+def test_signal_in_callback_of_library_ends_command(
+    run_cli, folder, monkeypatch, number, library_fails
+):
+    @ctypes.CFUNCTYPE(None)
+    def call_back() -> None:  # as LLVM does while Numba compiles; its exceptions are lost
+        signal.raise_signal(number)
+
+    def compile_loop(*_, **__):
+        call_back()
+        if library_fails:
+            raise RuntimeError("no compiled object yet")
+        time.sleep(60)
+
+    monkeypatch.setattr(results, "write_cube_store", compile_loop)
+    # Background processes of a shell ignore SIGINT.
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        status, out, err = run_cli("run", "small.yaml")
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+    assert (status, out, err) == (128 + number, "", "Interrupted; nothing was written.\n")
+    assert {file.name for file in folder.iterdir()} == {"small.yaml"}
 
 
 # Recordings

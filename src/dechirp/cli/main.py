@@ -2,7 +2,7 @@
 
 A command is imported when it is called. Exit status: 0 success; 1 the command ran and its answer
 is no; 2 an invalid call or input, or output that cannot be written; 130 interrupted; 141 the
-reader of the output has closed it.
+reader of the output has closed it; 143 ended by SIGTERM.
 """
 
 import atexit
@@ -15,7 +15,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import FrameType
 from typing import NoReturn
 
 from cyclopts import App, CycloptsError, Parameter
@@ -29,6 +28,7 @@ from dechirp.cli.errors import (
     parser_error_to_mistakes,
     print_errors,
 )
+from dechirp.cli.signals import interrupted_by_signals
 from dechirp.core.atomic_files import completed_outputs
 from dechirp.core.errors import DechirpError, Mistake
 
@@ -41,28 +41,36 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # not every terminal has a minus sign
-    signal.signal(signal.SIGTERM, _exit_on_signal)
     n_earlier_outputs = len(completed_outputs())
+    received_signals: list[int] = []
     try:
-        status = _run_command(words)
-        sys.stdout.flush()
-    except KeyboardInterrupt as error:
-        print(
-            str(error) or _describe_interrupt(completed_outputs()[n_earlier_outputs:]),
-            file=sys.stderr,
-        )
-        status = 128 + signal.SIGINT
-    except BrokenPipeError:
-        _discard_remaining_output()
-        status = 128 + 13
-    except OSError as error:
-        if _can_write_streams():
+        with interrupted_by_signals() as received_signals:
+            status = _run_command(words, received_signals)
+            sys.stdout.flush()
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) or received_signals:
+            message = str(error) if isinstance(error, KeyboardInterrupt) else ""
+            outputs = completed_outputs()[n_earlier_outputs:]
+            print(message or _describe_interrupt(outputs), file=sys.stderr)
+            status = 128 + (received_signals or [signal.SIGINT])[0]
+        elif isinstance(error, OSError):
+            status = _handle_output_error(error)
+        else:
             raise
-        with suppress(OSError):
-            print_errors([_unwritable_output_mistake(error)], as_json=False)
-        _discard_remaining_output()
-        status = 2
     raise SystemExit(status)
+
+
+def _handle_output_error(error: OSError) -> int:
+    """Return the status after an error of the standard streams; raise any other error again."""
+    if isinstance(error, BrokenPipeError):
+        _discard_remaining_output()
+        return 128 + 13
+    if _can_write_streams():
+        raise error
+    with suppress(OSError):
+        print_errors([_unwritable_output_mistake(error)], as_json=False)
+    _discard_remaining_output()
+    return 2
 
 
 def _collect_garbage_rarely() -> None:
@@ -124,7 +132,8 @@ def _unwritable_output_mistake(error: OSError) -> Mistake:
     )
 
 
-def _run_command(words: list[str]) -> int:
+def _run_command(words: list[str], received_signals: Sequence[int]) -> int:
+    """Run a command, print its errors, and return its status; after a signal errors are raised."""
     as_json = any(word.startswith("--json") for word in words)  # includes --json=true
     if mistake := low_memory_limit_mistake():
         print_errors([mistake], as_json=as_json)
@@ -132,16 +141,22 @@ def _run_command(words: list[str]) -> int:
     try:
         with announced_compilation(quiet=as_json or "--quiet" in words):
             return int(build_command_line_app()(words, exit_on_error=False, print_error=False) or 0)
-    except CycloptsError as error:
-        print_errors(parser_error_to_mistakes(error), as_json=as_json)
-    except DechirpError as error:
-        print_errors(error.mistakes, as_json=as_json)
     except Exception as error:
-        mistake = memory_error_to_mistake(error) or _removed_working_folder_mistake(error)
-        if mistake is None:
+        mistakes = [] if received_signals else _mistakes_of_error(error)
+        if not mistakes:
             raise
-        print_errors([mistake], as_json=as_json)
+        print_errors(mistakes, as_json=as_json)
     return 2
+
+
+def _mistakes_of_error(error: Exception) -> Sequence[Mistake]:
+    """Return the mistakes of the user that an error reports; none for an unexpected error."""
+    if isinstance(error, CycloptsError):
+        return parser_error_to_mistakes(error)
+    if isinstance(error, DechirpError):
+        return error.mistakes
+    mistake = memory_error_to_mistake(error) or _removed_working_folder_mistake(error)
+    return [] if mistake is None else [mistake]
 
 
 def _removed_working_folder_mistake(error: Exception) -> Mistake | None:
@@ -193,8 +208,3 @@ def _read_command_name_and_help(file: Path) -> tuple[str, str]:
     )
     assert found is not None
     return found[1], found[2]
-
-
-def _exit_on_signal(signal_number: int, _frame: FrameType | None) -> NoReturn:
-    # An exception lets unfinished files be removed.
-    raise SystemExit(128 + signal_number)
