@@ -247,7 +247,7 @@ def test_full_standard_error_keeps_exit_status(redirection):
 
 
 def test_other_os_errors_are_not_reported_as_output_errors(monkeypatch):
-    def fail(_words):
+    def fail(*_):
         raise OSError(5, "Input/output error")
 
     monkeypatch.setattr("dechirp.cli.main._run_command", fail)
