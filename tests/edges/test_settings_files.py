@@ -290,7 +290,7 @@ def test_all_mistakes_in_file_are_reported_in_order():
             "noise_factor: -3 dB",
             "hardware.noise_factor",
             "-3 dB",
-            "1 (0 dB)",
+            "at least 0 dB",
         ),
     ],
 )
