@@ -21,6 +21,7 @@ from dechirp.cli.main import main
 from dechirp.config import loading
 from dechirp.config.dumping import dump_yaml
 from dechirp.config.fields import list_settings
+from dechirp.core.compiled_kernels import compilation_listeners
 from dechirp.core.findings import Finding
 from dechirp.core.table_columns import COLUMNS
 from dechirp.results import results
@@ -354,6 +355,24 @@ def test_quiet_option_prints_nothing(run_cli):
     assert run_cli("run", "small.yaml", "--quiet") == (0, "", "")
 
 
+@pytest.mark.parametrize(("options", "n_lines"), [((), 1), (("--json",), 1), (("--quiet",), 0)])
+def test_compilation_is_announced_once_in_redirected_streams(
+    run_cli, folder, monkeypatch, options, n_lines
+):
+    def compile_loops(*_, **__) -> None:
+        for listener in compilation_listeners * 2:
+            listener.start_compilation()
+            listener.end_compilation()
+
+    monkeypatch.setattr("dechirp.cli.compilation_notice.MIN_NOTED_S", 0.0)
+    monkeypatch.setattr(results, "check_results_folder_replaceable", compile_loops)
+
+    _, out, err = run_cli("run", "small.yaml", *options)
+
+    assert err.count("Compiling loops") == err.count("\n") == n_lines
+    assert "Compiling" not in out
+
+
 def test_interrupt_after_results_are_in_place_names_them(run_cli, folder, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
@@ -503,7 +522,13 @@ def test_set_option_changes_settings_that_do_not_fit_capture(run_cli, folder, is
 
 
 @pytest.mark.parametrize(
-    ("change", "fix"), [("n_frames=2", "--frames 10"), ("impairments=[]", "remove it")]
+    ("change", "fix"),
+    [
+        ("n_frames=2", "--frames 10"),
+        ("impairments=[]", "remove it"),
+        ("seed=3", "only the noise of a simulation has a seed"),
+        ("engine.kernel=direct", "only a simulation has an engine"),
+    ],
 )
 def test_settings_of_simulations_are_refused_for_recordings(
     collect_errors, recording_arguments, change, fix
@@ -512,6 +537,12 @@ def test_settings_of_simulations_are_refused_for_recordings(
 
     assert error["setting"] == f"--set {change.partition('=')[0]}"
     assert fix in error["fix"]
+
+
+def test_seed_is_refused_for_recordings(collect_errors, recording_arguments):
+    (error,) = collect_errors(*recording_arguments, "--seed", "3")
+
+    assert (error["setting"], error["value"]) == ("--seed", "given for a recording")
 
 
 def test_options_in_findings_are_never_broken(capsys):

@@ -2,6 +2,7 @@
 
 import json
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -81,13 +82,38 @@ def test_known_format_without_axes_reports_axes_option(folder, capsys):
     status, out, _ = run_cli(capsys, "cube.npy", "--radar", "radar.yaml", "--json")
 
     document = json.loads(out)
-    assert status == 0
+    assert status == 1
     assert document["format"] == "npy"
     assert (document["dims"], document["radar"]) == (None, None)
     (finding,) = document["findings"]
     assert finding["level"] == "error"
     assert "--axes" in finding["fix"]
     assert set(document["files"]) == {"inspect.json"}
+
+
+def test_status_states_whether_samples_can_be_read(folder, capsys):
+    clipped = make_samples()
+    clipped[0, 5, 0, 10:20] = 32767
+    np.save("clipped.npy", clipped)
+    Path("cut.npy").write_bytes(Path("cube.npy").read_bytes()[:5000])
+
+    readable = run_cli(capsys, "clipped.npy", *RECORDING_OPTIONS, "--quiet")
+    damaged = run_cli(capsys, "cut.npy", *RECORDING_OPTIONS, "--quiet")
+
+    assert readable == (0, "", "")
+    assert damaged[:2] == (1, "")
+    assert damaged[2].startswith("error: recording: a file of 5000 bytes; expected")
+
+
+def test_empty_path_is_refused_instead_of_the_current_folder(folder, capsys):
+    status, _, err = run_cli(capsys, "", *RECORDING_OPTIONS)
+
+    assert status == 2
+    assert err.startswith("command line: an empty argument after inspect; expected a name")
+    assert not (folder / "dechirp-inspect").exists()
+    for read in (dc.open, dc.inspect):
+        with pytest.raises(dc.DechirpError, match="^path: empty; expected the name of a file"):
+            read("", radar="radar.yaml", axes="frame,chirp,rx,sample,iq")
 
 
 def test_unknown_and_missing_files_exit_with_2(folder, capsys):

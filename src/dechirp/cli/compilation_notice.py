@@ -7,12 +7,19 @@ from time import perf_counter
 
 from dechirp.core.compiled_kernels import compilation_listeners
 
+MIN_NOTED_S = 1.0
+"""Time of compilation after which the line is printed."""
+
 
 @contextmanager
 def announced_compilation(*, quiet: bool) -> Iterator[None]:
-    """Announce the compilations of the block on a terminal, as progress bars are."""
+    """Announce the compilations of the block, on a terminal and in a redirected stream.
+
+    The first run of a recording compiles for up to 45 s of CPU time, and logs of build servers show
+    nothing else in that time.
+    """
     notice = CompilationNotice()
-    if quiet or not sys.stderr.isatty():
+    if quiet:
         yield
         return
     compilation_listeners.append(notice)
@@ -23,7 +30,7 @@ def announced_compilation(*, quiet: bool) -> Iterator[None]:
 
 
 class CompilationNotice:
-    """Line on standard error, once a command has compiled loops for a second."""
+    """Line on standard error, once a command has compiled loops for `MIN_NOTED_S`."""
 
     def __init__(self) -> None:
         self._depth, self._start_s, self._total_s = 0, 0.0, 0.0
@@ -35,14 +42,15 @@ class CompilationNotice:
         self._depth += 1
 
     def end_compilation(self) -> None:
-        """Print the line when a second has passed."""
+        """Print the line when that time has passed."""
         self._depth -= 1
         if self._depth == 0:
             self._total_s += perf_counter() - self._start_s
-        if self._total_s > 1 and not self._is_printed:
+        if self._total_s > MIN_NOTED_S and not self._is_printed:
             self._is_printed = True
             print(
                 "Compiling loops for this processor, once after the installation: half a minute"
                 " in all ...",
                 file=sys.stderr,
+                flush=True,
             )

@@ -30,7 +30,7 @@ from dechirp.cli.errors import (
 )
 from dechirp.cli.signals import interrupted_by_signals
 from dechirp.core.atomic_files import completed_outputs
-from dechirp.core.errors import DechirpError, Mistake
+from dechirp.core.errors import DechirpError, Mistake, quote_for_message
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -138,8 +138,11 @@ def _run_command(words: list[str], received_signals: Sequence[int]) -> int:
     if mistake := low_memory_limit_mistake():
         print_errors([mistake], as_json=as_json)
         return 2
+    if mistake := _empty_argument_mistake(words):
+        print_errors([mistake], as_json=as_json)
+        return 2
     try:
-        with announced_compilation(quiet=as_json or "--quiet" in words):
+        with announced_compilation(quiet="--quiet" in words):
             return int(build_command_line_app()(words, exit_on_error=False, print_error=False) or 0)
     except Exception as error:
         mistakes = [] if received_signals else _mistakes_of_error(error)
@@ -147,6 +150,27 @@ def _run_command(words: list[str], received_signals: Sequence[int]) -> int:
             raise
         print_errors(mistakes, as_json=as_json)
     return 2
+
+
+def _empty_argument_mistake(words: Sequence[str]) -> Mistake | None:
+    """Return the mistake if an argument is empty, as by an empty variable of a shell, else None.
+
+    An empty path would be the current folder, from which recordings are read and into which
+    results are written.
+    """
+    for index, word in enumerate(words):
+        option, equals, value = word.partition("=")
+        is_empty_option = option.startswith("--") and bool(equals) and not value
+        if word.strip() and not is_empty_option:
+            continue
+        previous = quote_for_message(words[index - 1]) if index else "dechirp"
+        return Mistake(
+            setting=option if is_empty_option else "command line",
+            value="an empty value" if is_empty_option else f"an empty argument after {previous}",
+            expected="a name or a value",
+            fix="give it, or check the variable of the shell that is empty; . is the current folder",
+        )
+    return None
 
 
 def _mistakes_of_error(error: Exception) -> Sequence[Mistake]:

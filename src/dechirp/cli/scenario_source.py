@@ -30,6 +30,8 @@ from dechirp.recordings.settings.calibration import read_calibration
 from dechirp.recordings.settings.read import find_settings_file, read_radar
 
 _FIXES_OF_SIMULATION_SETTINGS = {
+    "seed": "remove it; only the noise of a simulation has a seed",
+    "engine": "remove it; only a simulation has an engine",
     "n_frames": "select frames with --frames, such as --frames 10 or --frames 20:30",
     "impairments": "remove it; the samples already contain those of the radar",
 }
@@ -68,7 +70,8 @@ def build_scenario(
     """
     options = _OPTIONS
     if seed is not None:
-        changes, options = [*changes, f"seed={seed}"], {**options, "seed": "--seed"}
+        changes = [*changes, f"seed={seed}"]
+        options = {**options, "seed": "--seed", "--set seed": "--seed"}
     try:
         scenario = _load_scenario_from_source(source, changes, radar, metadata)
         recording = scenario.recording

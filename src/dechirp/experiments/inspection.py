@@ -23,6 +23,7 @@ from dechirp.recordings.recording import (
     Recording,
     check_axes_and_frames,
     combine_radar_and_layout_settings,
+    recording_path,
 )
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.calibration import read_calibration
@@ -76,9 +77,9 @@ def inspect(
     InvalidFile
         If the given settings have mistakes.
     InvalidSetting
-        If no device of that name is known.
+        If no device of that name is known, or the path is empty.
     """
-    path = Path(path)
+    path = recording_path(path)
     options = {"axes": axes, "encoding": encoding, "iq": iq}
     # Mistakes in given names or files are errors, not findings on the recording.
     check_axes_and_frames(axes, frames)

@@ -340,7 +340,7 @@ def open(
     InvalidSetting
         If the calibration is for another array, or the device is unknown.
     """
-    path = Path(path)
+    path = recording_path(path)
     if isinstance(calibration, str | Path):
         calibration = read_calibration(calibration)
     if isinstance(axes, str):
@@ -374,6 +374,21 @@ def open(
         calibrated = replace(recording.radar, calibration=calibration)
         recording = replace(recording, contents=replace(contents, radar=calibrated))
     return recording if frames is None else recording.select_frames(*frames)
+
+
+def recording_path(path: str | Path) -> Path:
+    """Return the path of a recording; raise `InvalidSetting` if it is an empty text.
+
+    `Path("")` is the current folder.
+    """
+    if isinstance(path, str) and not path.strip():
+        raise InvalidSetting(
+            "path",
+            value="empty",
+            expected="the name of a file or a folder",
+            fix="give it; . is the current folder",
+        )
+    return Path(path)
 
 
 def check_axes_and_frames(axes: object, frames: object) -> None:

@@ -1,5 +1,6 @@
 """`dechirp inspect`: contents, settings and faults of a recording."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,9 @@ def inspect(
 ) -> int:
     """Describe a recording, the limits of its radar and its faults.
 
-    The exit status is 0 if the format is known, even if settings are missing to read the samples.
+    The exit status is 0 if its samples or points can be read, with warnings too; 1 if its format is
+    known but it cannot be read as given, because it is damaged or settings are missing; 2 if it is
+    no recording.
 
     Parameters
     ----------
@@ -56,7 +59,11 @@ def inspect(
         print(document, end="")
     elif not quiet:
         _print_inspection(inspection, out / names[1] if picture is not None else None)
-    return 0
+    is_unreadable = inspection.recording is None
+    if is_unreadable and quiet:
+        for finding in inspection.findings:
+            print(f"error: {finding}", file=sys.stderr)
+    return int(is_unreadable)
 
 
 def _render_map_or_points_png(inspection: "Inspection") -> bytes | None:
