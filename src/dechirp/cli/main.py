@@ -168,7 +168,7 @@ def _empty_argument_mistake(words: Sequence[str]) -> Mistake | None:
             setting=option if is_empty_option else "command line",
             value="an empty value" if is_empty_option else f"an empty argument after {previous}",
             expected="a name or a value",
-            fix="give it, or check the variable of the shell that is empty; . is the current folder",
+            fix="give it, or check for an empty variable of the shell; . is the current folder",
         )
     return None
 
