@@ -4,6 +4,7 @@ import csv
 import errno
 import json
 import math
+import os
 import shutil
 import sys
 from dataclasses import replace
@@ -385,7 +386,7 @@ def test_leftovers_of_killed_run_are_restored_or_removed(tmp_path, radar, monkey
     (out / "report.html").write_text("old")
     if moment == "between the renames":
         out.rename(tmp_path / ".out.0123abcd.before")
-        (tmp_path / ".out.0123abcd").mkdir()
+        (tmp_path / ".out.0123abcd.new").mkdir()
     else:
         (tmp_path / ".out.0123abcd.before").mkdir()
     (tmp_path / ".out.mine.before").mkdir()
@@ -396,6 +397,26 @@ def test_leftovers_of_killed_run_are_restored_or_removed(tmp_path, radar, monkey
 
     assert (out / "report.html").read_text() == "old"
     assert {path.name for path in tmp_path.iterdir()} == {"out", ".out.mine.before"}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no locks of folders")
+def test_next_write_removes_folders_of_killed_runs_only(tmp_path, radar):
+    import fcntl
+
+    names = (".out.0123abcd.new", ".out.89abcdef.new", ".out.0123abcd")
+    killed, running, other = (tmp_path / name for name in names)
+    for folder in (killed, running, other):
+        folder.mkdir()
+        (folder / "run.json").write_text("{")
+    descriptor = os.open(running, os.O_RDONLY)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    try:
+        write_result_folder(tmp_path / "out", radar)
+    finally:
+        os.close(descriptor)
+
+    assert {path.name for path in tmp_path.iterdir()} == {"out", running.name, other.name}
+    assert (running / "run.json").read_text() == "{"
 
 
 @pytest.mark.skipif(sys.platform not in ("linux", "darwin"), reason="no exchange of folders")

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,6 +11,8 @@ import time
 import psutil
 import pytest
 
+from dechirp.cli.signals import interrupted_by_signals
+from dechirp.core.atomic_files import atomic_folder
 from dechirp.core.errors import DechirpError
 from dechirp.experiments.study.ledger_reader import LedgerReader
 from faults.conftest import each_write_command
@@ -22,6 +25,33 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals"
 @each_write_command
 def test_sigterm_leaves_old_results_unchanged(command, folder, call, monkeypatch):
     assert run_with_signal(command, signal.SIGTERM, folder, call, monkeypatch) == 143
+
+
+@pytest.mark.parametrize("n_signals", [1, 2])
+def test_sigterm_during_clean_up_leaves_no_hidden_folder(n_signals, tmp_path, monkeypatch):
+    """A signal while old files are removed, also as the second one: `timeout` sends it twice."""
+    out = tmp_path / "out"
+    with atomic_folder(out) as folder:
+        (folder / "file").write_text("old")
+    remove_tree = shutil.rmtree
+
+    def remove_tree_during_signal(path, **options):
+        os.kill(os.getpid(), signal.SIGTERM)
+        remove_tree(path, **options)
+
+    monkeypatch.setattr(shutil, "rmtree", remove_tree_during_signal)
+    with (
+        pytest.raises(KeyboardInterrupt),
+        interrupted_by_signals() as received,
+        atomic_folder(out) as folder,
+    ):
+        (folder / "file").write_text("new")
+        if n_signals == 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    assert received == [signal.SIGTERM] * n_signals
+    assert list(tmp_path.iterdir()) == [out]
+    assert (out / "file").read_text() == ("old" if n_signals == 2 else "new")
 
 
 def count_blocks(out) -> int:

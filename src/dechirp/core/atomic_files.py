@@ -4,16 +4,22 @@ import ctypes
 import os
 import re
 import shutil
+import signal
 import sys
+import threading
 import uuid
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FrameType
 
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 
 _FILE_MANAGER_FILES = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
 _AT_WORKING_FOLDER, _RENAME_EXCHANGE, _RENAME_SWAP = -100, 2, 2  # of Linux and macOS
+
+if sys.platform != "win32":
+    import fcntl
 
 _completed: list[Path] = []
 
@@ -69,7 +75,8 @@ def atomic_folder(out: Path) -> Iterator[Path]:
 
     After an error `out` is unchanged and the new folder is removed. Linux and macOS exchange the
     folders in one step; elsewhere, a process that is killed between two renames leaves none until
-    the next call restores it.
+    the next call restores it. The next call also removes the hidden folder of a killed process; on
+    Windows, which cannot lock a folder, that one stays.
 
     Raises
     ------
@@ -77,28 +84,99 @@ def atomic_folder(out: Path) -> Iterator[Path]:
         If it cannot be written, or the disk is full.
     """
     target = out.resolve()
-    new_folder = _unique_hidden_sibling(target)
-    backup = new_folder.with_name(f"{new_folder.name}.before")
+    new_folder = _unique_hidden_sibling(target, suffix=".new")
+    backup = new_folder.with_suffix(".before")
     new_identity = None
     try:
-        _undo_interrupted_replacement(target)
-        new_folder.mkdir(parents=True)
-        new_identity = _file_identity(new_folder)
-        yield new_folder
-        if not target.exists():
-            new_folder.rename(target)
-        elif not _exchange_paths(new_folder, target):
-            target.rename(backup)
-            new_folder.rename(target)
+        _clean_up_after_killed_processes(target)
+        new_folder.parent.mkdir(parents=True, exist_ok=True)
+        with _locked_new_folder(new_folder):
+            new_identity = _file_identity(new_folder)
+            yield new_folder
+            if not target.exists():
+                new_folder.rename(target)
+            elif not _exchange_paths(new_folder, target):
+                target.rename(backup)
+                new_folder.rename(target)
     except OSError as error:
         raise _unwritable_out_option_error(out, error) from None
     finally:
-        if backup.exists() and not target.exists():
-            backup.rename(target)
-        if new_identity is not None and _file_identity(target) == new_identity:
-            _completed.append(out)
-        shutil.rmtree(backup, ignore_errors=True)
-        shutil.rmtree(new_folder, ignore_errors=True)
+        with _signals_deferred():
+            if backup.exists() and not target.exists():
+                backup.rename(target)
+            if new_identity is not None and _file_identity(target) == new_identity:
+                _completed.append(out)
+            shutil.rmtree(backup, ignore_errors=True)
+            shutil.rmtree(new_folder, ignore_errors=True)
+
+
+@contextmanager
+def _signals_deferred() -> Iterator[None]:
+    """Deliver SIGINT and SIGTERM after the block, so that they do not end a removal half-way.
+
+    `timeout` and terminals signal a process and its group, so that one comes twice: the second
+    while the files of the first are being removed.
+    """
+    if threading.current_thread() is not threading.main_thread():  # gets no signals
+        yield
+        return
+    received: list[int] = []
+
+    def record(number: int, _frame: FrameType | None) -> None:
+        received.append(number)
+
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    handlers = {n: handler for n in numbers if (handler := signal.getsignal(n)) is not None}
+    try:
+        for number in handlers:
+            signal.signal(number, record)
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if received:
+            signal.raise_signal(received[0])
+
+
+@contextmanager
+def _locked_new_folder(folder: Path) -> Iterator[None]:
+    """Create a folder and lock it, so that other processes do not remove it as abandoned."""
+    descriptor = None
+    while descriptor is None:
+        folder.mkdir(exist_ok=True)
+        if sys.platform == "win32":
+            break
+        with suppress(FileNotFoundError):
+            descriptor = os.open(folder, os.O_RDONLY)
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(descriptor, fcntl.LOCK_EX)
+            if not os.fstat(descriptor).st_nlink:  # removed before it was locked
+                os.close(descriptor)
+                descriptor = None
+    try:
+        yield
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _is_locked(folder: Path) -> bool | None:
+    """Return True if a running process has locked a folder, or None if that cannot be known."""
+    if sys.platform == "win32":
+        return None
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # a file system without locks
+        return None
+    finally:
+        os.close(descriptor)
+    return False
 
 
 def _file_identity(path: Path) -> tuple[int, int] | None:
@@ -123,15 +201,23 @@ def _exchange_paths(first: Path, second: Path) -> bool:
         return False
 
 
-def _undo_interrupted_replacement(target: Path) -> None:
-    """Restore the folder that a process left behind when killed between its two renames."""
-    pattern = re.compile(rf"{re.escape(f'.{target.name}.')}[0-9a-f]{{8}}\.before")
+def _clean_up_after_killed_processes(target: Path) -> None:
+    """Restore a folder that a process moved away before it was killed; remove what it left.
+
+    A hidden folder without a lock belongs to no process.
+    """
+    pattern = re.compile(rf"{re.escape(f'.{target.name}.')}[0-9a-f]{{8}}\.(new|before)")
     siblings = target.parent.iterdir() if target.parent.is_dir() else ()
-    for backup in [folder for folder in siblings if pattern.fullmatch(folder.name)]:
+    leftovers = [path for path in siblings if pattern.fullmatch(path.name)]
+    for backup in [path for path in leftovers if path.suffix == ".before"]:
+        if _is_locked(backup.with_suffix(".new")):
+            continue
         if not target.exists():
             backup.rename(target)
         shutil.rmtree(backup, ignore_errors=True)
-        shutil.rmtree(backup.with_suffix(""), ignore_errors=True)
+    for new_folder in [path for path in leftovers if path.suffix == ".new"]:
+        if _is_locked(new_folder) is False:
+            shutil.rmtree(new_folder, ignore_errors=True)
 
 
 @contextmanager
@@ -164,9 +250,10 @@ def _replaced_file(out: Path, new_file: Path) -> Iterator[Path]:
         new_identity = _file_identity(new_file)
         new_file.replace(target)
     finally:
-        if new_identity is not None and _file_identity(target) == new_identity:
-            _completed.append(out)
-        new_file.unlink(missing_ok=True)
+        with _signals_deferred():
+            if new_identity is not None and _file_identity(target) == new_identity:
+                _completed.append(out)
+            new_file.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -206,15 +293,16 @@ def atomic_files(*outs: Path) -> Iterator[tuple[Path, ...]]:
     except OSError as error:
         raise _unwritable_out_option_error(outs[0], error) from None
     finally:
-        if not is_done:
-            for target in placed:
-                target.unlink(missing_ok=True)
-            for target, backup in zip(targets, backups, strict=True):
-                if backup.exists():
-                    backup.rename(target)
-        for file in (*new_files, *backups):
-            with suppress(OSError):  # absent, or its folder is a file
-                file.unlink()
+        with _signals_deferred():
+            if not is_done:
+                for target in placed:
+                    target.unlink(missing_ok=True)
+                for target, backup in zip(targets, backups, strict=True):
+                    if backup.exists():
+                        backup.rename(target)
+            for file in (*new_files, *backups):
+                with suppress(OSError):  # absent, or its folder is a file
+                    file.unlink()
 
 
 def write_text_atomically(out: Path, text: str) -> None:
@@ -301,9 +389,9 @@ def _check_folder_creatable(out: Path) -> None:
             trial.rmdir()
 
 
-def _unique_hidden_sibling(path: Path) -> Path:
+def _unique_hidden_sibling(path: Path, *, suffix: str = "") -> Path:
     """Return a hidden, unique name in the same folder."""
-    return path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}{suffix}")
 
 
 def _unwritable_out_option_error(out: Path, error: OSError) -> DechirpError:
