@@ -35,8 +35,11 @@ import numpy as np
 from sides.plain_echoes import HAS_FINUFFT, direct_sum, low_rank_product, with_finufft
 from sides.scenes import Case, cube_a, long_chirp, mimo
 
+from dechirp.core.compiled_kernels import use_compiled_kernels
 from dechirp.simulation.engine import Engine
 from dechirp.simulation.kernels import selection
+
+use_compiled_kernels()  # warm from the first call on
 
 
 def measure_baseline(

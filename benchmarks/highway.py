@@ -30,9 +30,12 @@ os.environ["NUMBA_NUM_THREADS"] = str(options.threads)
 import numpy as np
 
 import dechirp as dc
+from dechirp.core.compiled_kernels import use_compiled_kernels
 from dechirp.simulation import phase_error
 from dechirp.simulation.echo_groups import direct_echo_groups, frame_sampling_times
 from dechirp.simulation.impairments.base import Impairment
+
+use_compiled_kernels()  # warm from the first call on
 
 warnings.simplefilter("ignore", dc.PhysicsWarning)
 WAVELENGTH_M = 299_792_458.0 / 77e9

@@ -31,6 +31,9 @@ import numpy as np
 import xarray as xr
 
 import dechirp as dc
+from dechirp.core.compiled_kernels import use_compiled_kernels
+
+use_compiled_kernels()  # warm from the first call on
 
 FRAMES_PER_S = 20
 CHIRP = dc.Chirp(

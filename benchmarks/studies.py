@@ -38,10 +38,13 @@ import numpy as np
 import scipy.fft
 
 import dechirp as dc
+from dechirp.core.compiled_kernels import use_compiled_kernels
 from dechirp.core.gaussian_noise import add_white_noise
 from dechirp.processing.detect import detect_columns
 from dechirp.processing.range_doppler_map import range_doppler_power
 from dechirp.simulation.monte_carlo import MonteCarloSimulator
+
+use_compiled_kernels()  # warm from the first call on
 
 TRIALS_PER_S, CELLS_PER_S = 600.0, 1e8
 """Required rates on two cores."""

@@ -5,6 +5,9 @@ from pathlib import Path
 import xarray as xr
 
 import dechirp as dc
+from dechirp.core.compiled_kernels import use_compiled_kernels
+
+use_compiled_kernels()  # warm from the first call on
 
 CROSSING = Path(__file__).parents[2] / "examples" / "crossing-tracks.yaml"
 

@@ -1,5 +1,7 @@
 """Python blocks of the README, run as they are shown."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -61,3 +63,24 @@ def test_block_of_arrays_prints_directions(is_complex, tmp_path, monkeypatch, ca
     nearest = np.where(strong_deg < 0, -20, 12)
     assert np.max(abs(strong_deg - nearest)) < 1
     assert set(nearest) == {-20, 12}
+
+
+def test_blocks_compile_nothing_in_a_new_installation(tmp_path, monkeypatch):
+    """Compiling what they need takes 50 s of processor time."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
+    rng = np.random.default_rng(1)
+    tone = np.exp(0.6j * np.pi * np.arange(128)) * np.ones((8, 64, 1))
+    noise = rng.standard_normal((8, 64, 128)) + 1j * rng.standard_normal((8, 64, 128))
+    np.save(tmp_path / "samples.npy", tone + noise)
+    script = "\n".join([*BLOCKS, 'import sys; print("numba" in sys.modules)'])
+
+    process = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    )
+
+    assert process.stdout.splitlines()[-1] == "False"

@@ -165,6 +165,33 @@ def test_size_of_work_selects_twin(monkeypatch):
     assert calls == [3]
 
 
+def test_first_calls_of_process_use_twin_until_samples_add_up(monkeypatch):
+    monkeypatch.setattr(compiled_kernels, "MAX_PLAIN_SAMPLES", 1000)
+    monkeypatch.setattr(compiled_kernels._calls, "n_samples", 0)
+    calls = []
+
+    @kernel(plain=calls.append, cache=False)
+    def double(value):
+        return 2 * value
+
+    def call(value, n_samples):
+        with compiled_kernels.plain_twins_in_first_calls(n_samples):
+            return double(value)
+
+    with plain_twins_for_small_work(1001):
+        assert call(1, 1) == 2  # the enclosing work is large
+    call(2, 600)
+    call(3, 400)
+    with plain_twins_for_small_work(1000):
+        call(4, 10_000)  # the enclosing work is small
+    assert calls == [2, 3, 4]
+    assert call(5, 1) == 10
+    monkeypatch.setattr(compiled_kernels._calls, "n_samples", 0)
+    compiled_kernels.use_compiled_kernels()
+    assert call(6, 1) == 12
+    assert calls == [2, 3, 4]
+
+
 def test_kernel_without_twin_raises_without_numba(monkeypatch):
     monkeypatch.setattr(compiled_kernels, "can_compile", lambda: False)
 

@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 
 from dechirp.certificate.claim import CONFIDENCE
+from dechirp.core.compiled_kernels import use_compiled_kernels
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.values import frozen_dataclass
 
@@ -128,6 +129,7 @@ def _run_trial_block(
     n_trials: int,
     arguments: dict[str, Any],
 ) -> np.ndarray:
+    use_compiled_kernels()
     return work(np.random.default_rng(sequence), n_trials, **arguments)
 
 

@@ -6,21 +6,25 @@ for a frame of the reference scenario, the compiled kernels 0.01 s. Therefore
 
 * a run of few samples, and the inspection of a small recording, use the twins, see
   `plain_twins_for_small_work`;
-* larger runs, studies, live pages, and functions that a program may call many times use the
-  compiled kernels;
+* functions that a program calls with samples, such as `dechirp.detect`, use the twins in the first
+  calls of a process, and then the compiled kernels, see `plain_twins_in_first_calls`;
+* larger runs, studies and live pages use the compiled kernels;
 * without Numba, or with its setting NUMBA_DISABLE_JIT=1, everything uses the twins.
 
-The choice depends on the size of the work alone, not on time, caches or threads, so that equal
-calls return equal bits. Numba is imported when a compiled kernel is called for the first time.
+The choice depends on the size of the work alone, not on time or caches, so that equal runs and
+equal scripts return equal bits. Numba is imported when a compiled kernel is called for the first
+time.
 """
 
 import functools
 import importlib.util
+import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, cached_property
+from types import SimpleNamespace
 from typing import Any, Final, Protocol, TypeVar, cast
 
 from dechirp.core.errors import InvalidSetting
@@ -49,6 +53,9 @@ compilation_listeners: list[CompilationListener] = []
 """Listeners to the compilations of this process; loading from disk is none."""
 
 _uses_plain_twins: ContextVar[bool | None] = ContextVar("_uses_plain_twins", default=None)
+
+_calls = SimpleNamespace(n_samples=0.0)
+"""Samples in the calls of this process, see `plain_twins_in_first_calls`."""
 
 
 class Kernel:
@@ -143,6 +150,27 @@ def plain_twins_for_small_work(n_samples: float) -> Iterator[None]:
         yield
     finally:
         _uses_plain_twins.reset(token)
+
+
+@contextmanager
+def plain_twins_in_first_calls(n_samples: float) -> Iterator[None]:
+    """Use plain twins inside the block until the calls of the process have processed many samples.
+
+    A script of few calls thus ends before the compiled kernels are loaded, and a program of many
+    calls loses 0.6 s at most: MAX_PLAIN_SAMPLES counts the samples of all calls together. An
+    enclosing block decides for the calls within it.
+    """
+    if _uses_plain_twins.get() is not None:
+        yield
+        return
+    _calls.n_samples += n_samples
+    with plain_twins_for_small_work(_calls.n_samples):
+        yield
+
+
+def use_compiled_kernels() -> None:
+    """Use compiled kernels from the first call on: in trials, which must not depend on others."""
+    _calls.n_samples = math.inf
 
 
 @contextmanager

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
+from dechirp.core.compiled_kernels import plain_twins_in_first_calls
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import InvalidSetting
@@ -96,7 +97,8 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
     PhysicsWarning
         If a map has more than 2,000 peaks: the weaker ones are dropped.
     """
-    return detections_from_columns(detect_columns([cube], radar, chain))
+    with plain_twins_in_first_calls(cube.size):
+        return detections_from_columns(detect_columns([cube], radar, chain))
 
 
 def detect_columns(

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_axes, check_finite_samples, check_integer
+from dechirp.core.compiled_kernels import plain_twins_in_first_calls
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
 from dechirp.processing.spectrum import Transform, mean_range_doppler_power
@@ -62,7 +63,8 @@ def range_doppler_map(
         If samples in single precision and spectra do not fit into the free memory.
     """
     frame = _scale_frame(samples, window, axes, n_bins, bytes_per_value=0)
-    power = mean_range_doppler_power(frame.samples, *frame.transform)
+    with plain_twins_in_first_calls(frame.samples.size):
+        power = mean_range_doppler_power(frame.samples, *frame.transform)
     return np.ldexp(power.astype(float), 2 * frame.exponent)
 
 
@@ -80,7 +82,8 @@ def range_doppler_spectrum(
     magnitudes. Amplitudes of a cell in all receivers are a snapshot of `dechirp.angle`.
     """
     frame = _scale_frame(samples, window, axes, n_bins, bytes_per_value=8 + 16)
-    spectrum = transform_frame(frame.samples, *frame.transform)
+    with plain_twins_in_first_calls(frame.samples.size):
+        spectrum = transform_frame(frame.samples, *frame.transform)
     spectrum = np.moveaxis(spectrum, 1, 0).reshape(*frame.channels, *spectrum.shape[::2])
     return spectrum.astype(complex) * np.ldexp(1.0, frame.exponent)
 
@@ -130,7 +133,9 @@ def range_spectrum(
     transform = Transform(window=window, n_points=n_samples, n_bins=n_range)
     sampling: Sampling = "complex" if np.iscomplexobj(array) else "real"
     chirps = chirps.astype(complex if sampling == "complex" else float)
-    return np.moveaxis(transform_samples(chirps, sampling, transform), -1, sample_axis)
+    with plain_twins_in_first_calls(chirps.size):
+        spectrum = transform_samples(chirps, sampling, transform)
+    return np.moveaxis(spectrum, -1, sample_axis)
 
 
 class _ScaledFrame(NamedTuple):

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
+from dechirp.core.compiled_kernels import plain_twins_in_first_calls
 from dechirp.core.conventions import axis_coordinate
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
@@ -47,14 +48,11 @@ def power_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> x
     check_frame_fits_radar(cube, radar)
     chain = chain or Chain()
     samples = cube.variable.transpose("chirp", "rx", "sample").values
-    if chain.mitigation:
-        samples = apply_mitigation(samples, radar.frame, chain.mitigation).samples
-    return label_map_axes(
-        range_doppler_power(split_chirps_into_slots(samples, radar.frame), radar, chain),
-        radar,
-        chain,
-        samples_unit=str(cube.attrs.get("units")),
-    )
+    with plain_twins_in_first_calls(samples.size):
+        if chain.mitigation:
+            samples = apply_mitigation(samples, radar.frame, chain.mitigation).samples
+        power = range_doppler_power(split_chirps_into_slots(samples, radar.frame), radar, chain)
+    return label_map_axes(power, radar, chain, samples_unit=str(cube.attrs.get("units")))
 
 
 def label_map_axes(
@@ -108,7 +106,8 @@ def threshold_map(power: xr.DataArray, radar: Radar, chain: Chain | None = None)
         fill_unusable_cells_with_noise(labelled.values, radar, chain)[:, rows]
     )
     threshold = np.full_like(labelled.values, np.inf)
-    threshold[:, rows] = chain.cfar.threshold(level, noise)
+    with plain_twins_in_first_calls(level.size):
+        threshold[:, rows] = chain.cfar.threshold(level, noise)
     if (residual := residual_noise_gain(radar, chain)) is not None:
         threshold[~sufficient_noise_gain_mask(residual)] = np.inf
     return labelled.copy(data=threshold).assign_attrs(long_name="threshold")

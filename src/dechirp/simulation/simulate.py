@@ -10,6 +10,7 @@ import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
+from dechirp.core.compiled_kernels import plain_twins_in_first_calls
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import PhysicsWarning
 from dechirp.core.memory import check_free_memory
@@ -117,7 +118,9 @@ def simulate(
     rng = _rng_from_seed(seed)
     sample_type = _check_complex_dtype(dtype)
     stages = build_stages_with_warnings(impairments, scene, radar, n_frames=n_frames)
-    return _simulate_frames(scene, radar, stages, n_frames, sample_type, rng, engine, progress)
+    n_samples = n_frames * radar.n_samples_per_frame
+    with plain_twins_in_first_calls(n_samples * max(scene.n_scatterers, 1)):
+        return _simulate_frames(scene, radar, stages, n_frames, sample_type, rng, engine, progress)
 
 
 def build_stages_with_warnings(

@@ -33,6 +33,7 @@ from tornado.httputil import HTTPMessageDelegate, HTTPServerRequest
 from tornado.ioloop import IOLoop
 from tornado.web import RequestHandler
 
+from dechirp.core.compiled_kernels import use_compiled_kernels
 from dechirp.core.errors import InvalidSetting
 from dechirp.studio.access_control import AccessControl, Refusal, SecurityHeaders, is_loopback
 
@@ -153,6 +154,7 @@ class StudioServer:
 
     async def serve(self, stop_event: asyncio.Event) -> None:
         """Serve requests until the event is set."""
+        use_compiled_kernels()
         settings.resources = "server"  # overrides the environment: no external resources
         settings.compression_level = 0  # compressing arrays would take longer than sending them
         pages = {path: Application(FunctionHandler(make)) for path, make in self._pages.items()}

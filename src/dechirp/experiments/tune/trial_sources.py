@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 import xarray as xr
 
+from dechirp.core.compiled_kernels import use_compiled_kernels
 from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import capture_warned_findings
@@ -203,6 +204,7 @@ def run_trial_block_of_source(
     sums = np.full((len(trials), n_sums), np.nan)
     failures: tuple[Failure, ...] = ()
     started = perf_counter()
+    use_compiled_kernels()
     with exclusive_single_thread(), capture_warned_findings():
         for row, trial in enumerate(trials):
             try:

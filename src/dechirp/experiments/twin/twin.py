@@ -8,6 +8,7 @@ import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
+from dechirp.core.compiled_kernels import use_compiled_kernels
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding, capture_warned_findings
 from dechirp.core.units import to_decibels
@@ -181,6 +182,7 @@ def twin(
     its effect on the peak.
     """
     check_integer("max_peaks", max_peaks, at_least=1, at_most=MAX_PEAKS_LIMIT)
+    use_compiled_kernels()  # thousands of small calls
     recording.check_has_samples()
     number = recording.frame_numbers.start
     _check_no_falling_ramps(recording, recording.radar)

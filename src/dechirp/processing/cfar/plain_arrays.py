@@ -12,6 +12,7 @@ from dechirp.core.checks import (
     check_integer,
     check_non_negative_ratios,
 )
+from dechirp.core.compiled_kernels import plain_twins_in_first_calls
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.cfar.base import Cells, Cfar, MapNoise, NoiseEstimator
 from dechirp.processing.maps import pair_of, unity_exponent
@@ -114,7 +115,9 @@ def cfar_threshold(
     ):
         exponent = unity_exponent(values)
         single = (values * np.ldexp(1.0, -exponent)).astype(np.float32)
-        np.ldexp(detector.threshold(single, noise), exponent, out=threshold, dtype=float)
+        with plain_twins_in_first_calls(single.size):
+            single_threshold = detector.threshold(single, noise)
+        np.ldexp(single_threshold, exponent, out=threshold, dtype=float)
     return np.moveaxis(thresholds, last_axes, axes)
 
 
