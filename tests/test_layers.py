@@ -21,7 +21,7 @@ ORDER = (
     "results",
     "experiments",
     "report",
-    "certificate",
+    "certificate|witnesses",
     "studio",
     "cli",
 )
@@ -40,7 +40,7 @@ ONLY_IN = {
     "rosbags": {"recordings"},
     "lz4": {"recordings"},
     "zstandard": {"recordings"},
-    "matplotlib": {"report", "certificate"},
+    "matplotlib": {"report", "certificate", "witnesses"},
     "jinja2": {"report", "certificate"},
     "markupsafe": {"report", "certificate"},
     "stonesoup": {"tracking"},

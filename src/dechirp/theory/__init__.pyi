@@ -67,6 +67,7 @@ from dechirp.theory.rain_backscatter import rain_reflectivity_per_m as rain_refl
 from dechirp.theory.rain_backscatter import rain_reflectivity_per_m4 as rain_reflectivity_per_m4
 from dechirp.theory.snr_approximations import albersheim as albersheim
 from dechirp.theory.snr_approximations import shnidman as shnidman
+from dechirp.theory.source_bounds import crlb_directions as crlb_directions
 from dechirp.theory.track_filter import alpha_beta_gains as alpha_beta_gains
 from dechirp.theory.track_filter import gate_threshold as gate_threshold
 from dechirp.theory.water_permittivity import water_film_loss as water_film_loss

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from dechirp.cli.options import IntegerText, Json, Pdf, Quiet, parse_integer_option
+from dechirp.core.errors import InvalidSetting
 
 
 def verify(
@@ -18,13 +19,17 @@ def verify(
     as_json: Json = False,
     quiet: Quiet = False,
     seed: IntegerText = None,
+    witnesses: Annotated[bool, Parameter(show_default=False)] = False,
 ) -> int:
     """Test every claim of the reference report against theory and write the paper.
 
     With --full, also the false alarms of every detector under every window, the errors of every
     direction estimator, and every impairment against its formula.
 
-    The exit status is 1 if a claim fails.
+    With --witnesses, compare dechirp with published answers of other people instead, from the
+    folder in the environment variable DECHIRP_WITNESS_DATA, and write the board.
+
+    The exit status is 1 if a claim or a comparison fails.
 
     Parameters
     ----------
@@ -38,7 +43,14 @@ def verify(
         Folder for the paper and its numbers. Existing ones are replaced.
     seed
         Seed of all noise; 1 by default.
+    witnesses
+        Write the witness board: witnesses.md, its numbers and its figure.
     """
+    if witnesses:
+        from dechirp.cli.witness_board import write_witness_board
+
+        _refuse_options_beside_witnesses(trials=trials, full=full, pdf=pdf, seed=seed)
+        return write_witness_board(out, as_json=as_json, quiet=quiet)
     import dechirp
     from dechirp.certificate.certificate import verify as certify
     from dechirp.certificate.document import certificate_as_json_data
@@ -75,6 +87,18 @@ def verify(
     elif not quiet:
         _print_claim_verdicts(result, out)
     return 0 if certificate.passed else 1
+
+
+def _refuse_options_beside_witnesses(**options: Any) -> None:
+    """Raise `InvalidSetting` for an option of the certificate beside --witnesses."""
+    given = [name for name, option in options.items() if option]
+    if given:
+        raise InvalidSetting(
+            "--witnesses",
+            value=f"beside --{given[0]}",
+            expected="--witnesses with --out, --json or --quiet only",
+            fix=f"leave out --{given[0]}, or --witnesses",
+        )
 
 
 _CERTIFICATE_FILES = ("verify.json", "report.html")

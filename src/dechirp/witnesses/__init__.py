@@ -1,0 +1,1 @@
+"""The witness board: results compared with answers of other people, from their published files."""

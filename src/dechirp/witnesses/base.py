@@ -1,0 +1,96 @@
+"""Witnesses: foreign answers in published files, and their comparison with results of dechirp.
+
+The files are not part of dechirp. A witness reads them from its folder under the folder that
+`DECHIRP_WITNESS_DATA` names.
+"""
+
+import math
+from abc import abstractmethod
+from collections.abc import Iterator
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dechirp.core.families import Family
+from dechirp.core.values import frozen_dataclass
+
+
+@frozen_dataclass
+class Comparison:
+    """One number of a witness beside the number of dechirp."""
+
+    quantity: str
+    theirs: float
+    ours: float
+    unit: str
+    """SI unit, dB, or 1 for ratios and counts."""
+    tolerance: float
+    """Largest allowed difference, in the unit."""
+    basis: str
+    """Where the tolerance comes from."""
+    cause: str = ""
+    """Known cause of a difference beyond the tolerance."""
+
+    @property
+    def difference(self) -> float:
+        """Ours minus theirs."""
+        return self.ours - self.theirs
+
+    @property
+    def passed(self) -> bool:
+        """True if both numbers are finite and differ by the tolerance at most."""
+        return math.isfinite(self.difference) and abs(self.difference) <= self.tolerance
+
+
+def compare_arrays(
+    quantity: str,
+    theirs: ArrayLike,
+    ours: ArrayLike,
+    *,
+    unit: str,
+    basis: str,
+    absolute: float = 0.0,
+    relative: float = 0.0,
+    cause: str = "",
+) -> Comparison:
+    """Return the comparison of the two elements that exceed their tolerance most.
+
+    The tolerance of an element is `absolute` plus `relative` times the magnitude of theirs.
+
+    Raises
+    ------
+    ValueError
+        If the arrays are empty or differ in shape.
+    """
+    theirs_flat, ours_flat = np.ravel(theirs).astype(float), np.ravel(ours).astype(float)
+    if np.shape(theirs) != np.shape(ours) or theirs_flat.size == 0:
+        raise ValueError(f"{quantity}: shapes {np.shape(theirs)} and {np.shape(ours)}")
+    tolerance = absolute + relative * np.abs(theirs_flat)
+    excess = np.abs(ours_flat - theirs_flat) / np.maximum(tolerance, np.finfo(float).tiny)
+    worst = int(np.argmax(np.where(np.isnan(excess), np.inf, excess)))
+    return Comparison(
+        quantity=quantity,
+        theirs=float(theirs_flat[worst]),
+        ours=float(ours_flat[worst]),
+        unit=unit,
+        tolerance=float(tolerance[worst]),
+        basis=basis,
+        cause=cause,
+    )
+
+
+class Witness(Family):
+    """Base class of the sets of foreign answers, one file each."""
+
+    group: ClassVar[str] = "dechirp.witness"
+    folder: ClassVar[str]
+    """Folder of the files, within that of all witnesses."""
+    source: ClassVar[str]
+    """Who published the files, with the revision."""
+    licence: ClassVar[str]
+
+    @abstractmethod
+    def compare(self, folder: Path) -> Iterator[Comparison]:
+        """Yield one comparison for each number; raise `FileNotFoundError` if a file is missing."""
