@@ -8,6 +8,7 @@ Only metadata that a recording lacks is given: the radar, the axes of bare array
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from time import process_time
 
@@ -136,6 +137,32 @@ def walk(ranges_m: dict[float, float], tolerance_m: float) -> Measure:
     return measure
 
 
+def walk_away_and_back(ranges_m: dict[float, float], tolerance_m: float) -> Measure:
+    """Expect a walk, away until the middle of three times (s) and back, with resolved velocities.
+
+    Velocities are those of the range rates between the times, within 30 %: their median, and the
+    sign of each.
+    """
+
+    def measure(result: Result) -> str:
+        measured = walk(ranges_m, tolerance_m)(result)
+        targets = select(result, moving=True)
+        times_s, medians = list(ranges_m), []
+        for start_s, stop_s in pairwise(times_s):
+            rate = (ranges_m[stop_s] - ranges_m[start_s]) / (stop_s - start_s)
+            # A second beside the times, the person turns.
+            is_between = (targets.time.values > start_s + 1) & (targets.time.values < stop_s - 1)
+            is_known = np.isfinite(targets.ambiguity_number.values)
+            velocity = targets.velocity.values[is_between & is_known]
+            assert velocity.size >= 0.5 * np.count_nonzero(is_between), (start_s, velocity)
+            assert (np.sign(velocity) == np.sign(rate)).all(), (start_s, velocity)
+            medians.append(float(np.median(velocity)))
+            assert abs(medians[-1] / rate - 1) < 0.3, (start_s, medians)
+        return f"{measured}; " + " and ".join(f"{v:.2f}" for v in medians) + " m/s"
+
+    return measure
+
+
 def two_reflectors(result: Result) -> str:
     """Expect the two strongest echoes from 0.2 to 0.85 m of every frame at 0.300 and 0.457 m."""
     ranges_m = []
@@ -198,8 +225,10 @@ TRUTHS = (
     KnownTruth(
         "kth_walker",
         "single_target_range.wav",
-        "3, 11 and 4 m at 1.5, 9 and 14.5 s",
-        walk({1.5: 3, 9: 11, 14.5: 4}, 1.7),
+        "3, 11 and 4 m at 1, 9 and 14.5 s, 1.0 and -1.3 m/s",
+        # Read from a map of falling ramps: to half a cell, 0.86 m, and shifted by their coupling,
+        # 0.64 m at 1.1 m/s.
+        walk_away_and_back({1: 3, 9: 11, 14.5: 4}, 1.5),
     ),
     *(
         KnownTruth(

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from time import perf_counter
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,7 +12,6 @@ import xarray as xr
 from dechirp.core.accessor import first_rows_display_table, load_plots
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.compiled_kernels import plain_twins_for_small_work
-from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.display import Displayable, Table, format_count_with_noun
 from dechirp.core.errors import InvalidSetting
@@ -23,38 +22,25 @@ from dechirp.core.findings import (
     log_findings,
 )
 from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.frame_totals import FrameTotals
 from dechirp.experiments.link_budget import added_noise_power_w, link_budget_of_first_target
 from dechirp.experiments.object_stage import estimate_ego_motion_clusters_tracks
-from dechirp.experiments.recording_faults import MeasuredFrames, treat_recording_faults
-from dechirp.experiments.scenario import (
-    Scenario,
-    check_chain_fits_radar,
-    check_tracks_and_ego_motion_possible,
-    prefix_setting_of_errors,
-)
+from dechirp.experiments.recording_stage import detect_in_recording, open_scenario_recording
+from dechirp.experiments.scenario import Scenario, prefix_setting_of_errors
 from dechirp.processing import near_field
 from dechirp.processing.cfar.base import Cfar
 from dechirp.processing.chain import Chain
 from dechirp.processing.chain_findings import chain_findings
-from dechirp.processing.chain_fitting import ChosenSettingName, fit_chain_to_frames
 from dechirp.processing.channel_errors import channel_error_findings
 from dechirp.processing.detect import FrameProcessor
-from dechirp.processing.frame import FrameResult
 from dechirp.processing.hidden_echoes import hidden_echo_findings
-from dechirp.processing.mitigation.apply import RemovedEcho, mitigation_findings
-from dechirp.processing.multiple_echoes import find_multiple_echoes, multiple_echo_findings
+from dechirp.processing.mitigation.apply import mitigation_findings
 from dechirp.processing.peaks import MAX_PEAKS
 from dechirp.processing.range_doppler_map import label_map_axes, power_map, threshold_map
-from dechirp.processing.velocity_ambiguity.by_range_rate import (
-    can_resolve_by_range_rate,
-    range_rate_findings,
-    resolve_by_range_rate,
-)
 from dechirp.processing.virtual_array import can_separate_transmitters
 from dechirp.radar.budget import BudgetLine
 from dechirp.radar.radar import Radar
 from dechirp.recordings.recording import Recording
-from dechirp.recordings.recording import open as open_recording
 from dechirp.results.object_lists.object_list import object_list
 from dechirp.scene.truth import truth
 from dechirp.simulation.simulate import simulate
@@ -197,31 +183,32 @@ def _run(
 
     source, radar, findings = _simulate_cube_or_open_recording(scenario, report_simulated, rng)
     source_time_s = perf_counter()
-    measured: MeasuredFrames | None = None
-    if isinstance(source, Recording):
-        prepared = prepare_recording(source, scenario)
-        scenario, measured = prepared.scenario, prepared.frames
-        radar, findings = measured.radar, findings + prepared.findings
-    numbers = _frame_numbers_of_source(source)
-    processor, frames = FrameProcessor(radar, scenario.chain), FrameTotals()
-    cubes = _iter_frame_cubes(source) if measured is None else measured
-    for frame in processor.process_cubes(cubes, first_frame_number=numbers.start):
-        frames.add_frame_result(frame)
+
+    def report_processed(n_done: int, n_steps: int) -> None:
         if progress is not None:
-            progress(n_simulated + len(frames.times_s), n_simulated + len(numbers))
-    columns = processor.joined_detection_columns()
-    if _resolves_by_range_rate(scenario, radar):
-        resolved = resolve_by_range_rate(columns, radar.frame)
-        findings += range_rate_findings(columns, resolved)
-        columns = resolved
-    if scenario.recording is not None:
-        findings += multiple_echo_findings(find_multiple_echoes(columns, radar))
+            progress(n_simulated + n_done, n_simulated + n_steps)
+
+    if isinstance(source, Recording):
+        numbers = source.frame_numbers
+        detected = detect_in_recording(source, scenario, progress=report_processed)
+        scenario, radar = detected.scenario, detected.frames.radar
+        totals, columns = detected.totals, detected.columns
+        source = detected.frames.processed_recording()
+        findings = (
+            *detected.reader_findings,
+            *detected.findings,
+            *detected.frames.findings(),
+        )
+    else:
+        numbers = range(source.sizes["frame"])
+        processor, totals = FrameProcessor(radar, scenario.chain), FrameTotals()
+        for frame in processor.process_cubes(_iter_frame_cubes(source)):
+            totals.add_frame_result(frame)
+            report_processed(len(totals.times_s), len(numbers))
+        columns = processor.joined_detection_columns()
     detection_run = DetectionRun(
-        first_frame=numbers.start, detections=detections_from_columns(columns), frames=frames
+        first_frame=numbers.start, detections=detections_from_columns(columns), frames=totals
     )
-    if measured is not None:
-        findings += measured.findings()
-        source = measured.processed_recording()
     detection_time_s = perf_counter()
     result = build_result(scenario, radar, source, detection_run)
     return replace(
@@ -234,95 +221,6 @@ def _run(
             "process": detection_time_s - source_time_s + result.timing_s["process"],
         },
     )
-
-
-@frozen_dataclass
-class PreparedRecording:
-    """Recording whose faults are repaired, with the chain that fits it."""
-
-    scenario: Scenario
-    """The scenario with the fitted chain."""
-    frames: MeasuredFrames
-    findings: tuple[Finding, ...]
-    """Notes on what was chosen."""
-
-
-def prepare_recording(recording: Recording, scenario: Scenario) -> PreparedRecording:
-    """Choose the repair and the chain of a scenario's recording by some of its frames."""
-    assert scenario.recording is not None
-    treatment = treat_recording_faults(
-        recording,
-        scenario.chain,
-        repairs_faults=scenario.recording.repair_faults,
-        fits_chain=scenario.recording.may_choose_mitigation,
-    )
-    frames = MeasuredFrames(recording, treatment)
-    fitted, choices = fit_scenario_to_recording(
-        replace(scenario, chain=treatment.chain), frames.first_and_middle_frame(), frames.radar
-    )
-    return PreparedRecording(
-        scenario=fitted, frames=frames, findings=(*treatment.findings, *choices)
-    )
-
-
-def fit_scenario_to_recording(
-    scenario: Scenario, cubes: Iterable[xr.DataArray], radar: Radar
-) -> tuple[Scenario, tuple[Finding, ...]]:
-    """Return the scenario with the chain that fits its recording, and notes on what was chosen.
-
-    `cubes` are some frames of the recording. Scenarios with a scene stay unchanged.
-    """
-    if scenario.recording is None or not scenario.recording.fit_chain:
-        return scenario, ()
-    frames = (cube.transpose(*CUBE_AXES).values[0] for cube in cubes)
-    chain, choices = fit_chain_to_frames(
-        scenario.chain, radar, frames, kept=scenario.recording.kept_settings
-    )
-    # Readers join single chirps: the given radar may have fewer chirps than that of the recording.
-    given_radar = None if scenario.radar is None else radar
-    # The fitted scenario, run again, gives the same result.
-    source = replace(scenario.recording, kept_settings=get_args(ChosenSettingName))
-    fitted = replace(scenario, radar=given_radar, recording=source, chain=chain)
-    return fitted, tuple(choice.to_finding() for choice in choices)
-
-
-def _resolves_by_range_rate(scenario: Scenario, radar: Radar) -> bool:
-    """Return whether the ranges in successive frames may resolve the ambiguity of velocities."""
-    source = scenario.recording
-    return source is not None and source.fit_chain and can_resolve_by_range_rate(radar.frame)
-
-
-class FrameTotals:
-    """Totals over the frames of a run beside their detections, and the map of the first frame."""
-
-    def __init__(self) -> None:
-        self.times_s: list[float] = []
-        """Middle of each frame."""
-        self.removed: list[tuple[RemovedEcho, ...]] = []
-        """Power that mitigation removed from each frame; empty without mitigation."""
-        self.n_crowded = 0
-        """Frames with more peaks than are kept."""
-        self.n_masked_directions = 0
-        """Detections without directions since the sidelobes of other echoes dominate them."""
-        self.n_unknown_angles = 0
-        """Sources with an angle that their amplitudes do not determine."""
-        self.channel_phase_rms_rad: list[float] = []
-        """RMS error of the phases of the channels in each frame, see `FrameResult`."""
-        self.first_power: tuple[np.ndarray, ...] = ()
-        """Map of the first frame, see `FrameResult.power`."""
-
-    def add_frame_result(self, frame: FrameResult) -> None:
-        """Add the result of the next frame."""
-        if not self.times_s:
-            # Copied: the map may be a view of a larger array.
-            self.first_power = tuple(power.copy() for power in frame.power)
-        self.times_s.append(frame.time_s)
-        if frame.removed:
-            self.removed.append(frame.removed)
-        self.n_crowded += frame.n_dropped_peaks > 0
-        self.n_masked_directions += frame.n_masked_directions
-        self.n_unknown_angles += frame.n_unknown_angles
-        self.channel_phase_rms_rad.append(frame.channel_phase_rms_rad)
 
 
 @frozen_dataclass
@@ -473,34 +371,6 @@ def simulate_cube_truth_and_findings(
     )
     assert isinstance(source, xr.DataArray)  # the scenario has a scene
     return source, _scene_truth(scenario, radar), findings
-
-
-def open_scenario_recording(scenario: Scenario) -> Recording:
-    """Open the recording of a scenario.
-
-    Raises
-    ------
-    DechirpError
-        If it cannot be read, or does not fit the scenario's settings.
-    """
-    assert scenario.recording is not None
-    source = scenario.recording
-    recording = open_recording(
-        source.path,
-        radar=scenario.radar,
-        settings=source.settings_path,
-        device=source.device,
-        format=source.format,
-        axes=source.axes,
-        encoding=source.encoding,
-        iq=source.iq,
-        calibration=source.calibration,
-        frames=source.frames,
-    )
-    recording.check_has_samples()
-    check_chain_fits_radar(scenario.chain, recording.radar)
-    check_tracks_and_ego_motion_possible(scenario, recording.radar, len(recording.frame_numbers))
-    return recording
 
 
 def _reduced_training_cell_findings(configured: Cfar, fitted: Cfar) -> tuple[Finding, ...]:

@@ -14,19 +14,15 @@ from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.frame_totals import FrameTotals
 from dechirp.experiments.recording_faults import (
     FaultTreatment,
     FrameRepair,
     keep_faults,
     treat_measured_faults,
 )
-from dechirp.experiments.run import (
-    DetectionRun,
-    FrameTotals,
-    Result,
-    build_result,
-    fit_scenario_to_recording,
-)
+from dechirp.experiments.recording_stage import fit_scenario_to_recording
+from dechirp.experiments.run import DetectionRun, Result, build_result
 from dechirp.experiments.scenario import (
     RecordingSource,
     Scenario,

@@ -9,13 +9,13 @@ import xarray as xr
 from dechirp.core.checks import check_integer
 from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.findings import Finding
+from dechirp.experiments.frame_totals import FrameTotals
 from dechirp.experiments.object_stage import (
     drop_static_rows_and_unresolved_velocities,
     estimate_ego_motion_and_clusters,
 )
 from dechirp.experiments.run import (
     DetectionRun,
-    FrameTotals,
     detection_findings,
     fitted_chain_findings,
     label_frame_power_map,

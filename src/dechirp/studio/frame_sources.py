@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.findings import Finding, capture_warned_findings
-from dechirp.experiments.run import open_scenario_recording, prepare_recording
+from dechirp.experiments.recording_stage import open_scenario_recording, prepare_recording
 from dechirp.experiments.scenario import Scenario
 from dechirp.radar.radar import Radar
 from dechirp.scene.truth import truth

@@ -120,7 +120,7 @@ def _open_or_simulate_source(
 ) -> "tuple[Recording, Sequence[Finding]]":
     """Open the recording or simulate the scene; return the recording and its findings."""
     from dechirp.cli.scenario_source import build_scenario
-    from dechirp.experiments.run import open_scenario_recording
+    from dechirp.experiments.recording_stage import open_scenario_recording
     from dechirp.recordings.recording import open as open_recording
 
     if source.suffix.lower() not in (".yaml", ".yml"):

@@ -19,7 +19,8 @@ from dechirp.evaluation.score.base import Score
 from dechirp.evaluation.trial import NoiseMap, TrialContext, TrialResult
 from dechirp.experiments.object_stage import estimate_ego_motion_clusters_tracks
 from dechirp.experiments.recording_faults import repair_recording, treat_recording_faults
-from dechirp.experiments.run import label_frame_power_map, open_scenario_recording
+from dechirp.experiments.recording_stage import open_scenario_recording
+from dechirp.experiments.run import label_frame_power_map
 from dechirp.experiments.scenario import Scenario
 from dechirp.experiments.study.block import Block, Failure
 from dechirp.experiments.study.layout import ScoreColumnLayout

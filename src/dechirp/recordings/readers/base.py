@@ -85,6 +85,8 @@ class Contents:
     """Size of one ADC step in `units`, if every sample is an integer multiple of it."""
     tables: Mapping[str, xr.Dataset] = field(default_factory=dict, repr=False)
     """Tables stored with the samples, by name: `detections`, `truth` and others."""
+    other_ramps_encoding: str | None = None
+    """Encoding that reads the other ramps of a triangle, where it was assumed which ones rise."""
     concentration: float | None = None
     """Concentration of the energy in few beat frequencies, at most 1; raw samples read in a wrong
     order have a lower one. None if the format is unambiguous.

@@ -7,7 +7,9 @@ of the sync.
 
 The sync of a triangular radar is high for half of the time, so the opposite polarity selects the
 down-ramps. Their beat frequencies are as good, but the range-Doppler coupling and the velocities
-of moving targets have the opposite sign.
+of moving targets have the opposite sign. The file does not state the polarity; a run reads the
+other ramps if the ranges of moving targets show the opposite sign, see
+`processing.velocity_ambiguity.sign_by_range_rate`.
 """
 
 import math
@@ -137,6 +139,7 @@ class SyncWav(Format):
             gaps=missing if missing.any() else None,
             start_offsets=start_offsets,
             findings=findings,
+            other_ramps_encoding=None if hints.encoding else "upright",
         )
 
 
@@ -359,5 +362,7 @@ def _assumed_sync_polarity_note() -> Finding:
         setting="encoding",
         value="missing, assumed to be inverted, as by sound cards",
         expected="the polarity of the sync, which distinguishes up-ramps from down-ramps",
-        fix="give --encoding upright if the signals were not inverted, or to read the down-ramps",
+        fix="give --encoding upright if the signals were not inverted, or to read the down-ramps;"
+        " a run reads the other ramps if ranges of moving targets show that their velocities have"
+        " the wrong sign",
     )

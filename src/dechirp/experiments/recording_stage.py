@@ -1,0 +1,248 @@
+"""Detections in a recording: its faults repaired, its chain fitted, its velocities resolved.
+
+A run processes every frame of a recording. Then the ranges of moving targets in successive frames
+decide what one frame cannot: the ambiguity numbers of their velocities, and which ramps of a
+triangle rise. If a format leaves that open, and the ranges show the opposite sign of the
+velocities, the other ramps are processed; they are taken if their velocities have the sign of the
+ranges.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.conventions import CUBE_AXES
+from dechirp.core.errors import DechirpError
+from dechirp.core.findings import Finding
+from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.frame_totals import FrameTotals
+from dechirp.experiments.recording_faults import MeasuredFrames, treat_recording_faults
+from dechirp.experiments.scenario import (
+    Scenario,
+    check_chain_fits_radar,
+    check_tracks_and_ego_motion_possible,
+)
+from dechirp.processing.chain_fitting import ChosenSettingName, fit_chain_to_frames
+from dechirp.processing.detect import FrameProcessor
+from dechirp.processing.multiple_echoes import find_multiple_echoes, multiple_echo_findings
+from dechirp.processing.velocity_ambiguity.by_range_rate import (
+    can_resolve_by_range_rate,
+    range_rate_findings,
+    resolve_by_range_rate,
+)
+from dechirp.processing.velocity_ambiguity.sign_by_range_rate import (
+    DECISIVE_LOG_LIKELIHOOD_RATIO,
+    velocity_sign_log_likelihood_ratio,
+)
+from dechirp.radar.radar import Radar
+from dechirp.recordings.recording import Recording
+from dechirp.recordings.recording import open as open_recording
+
+
+def open_scenario_recording(scenario: Scenario) -> Recording:
+    """Open the recording of a scenario.
+
+    Raises
+    ------
+    DechirpError
+        If it cannot be read, or does not fit the scenario's settings.
+    """
+    assert scenario.recording is not None
+    source = scenario.recording
+    recording = open_recording(
+        source.path,
+        radar=scenario.radar,
+        settings=source.settings_path,
+        device=source.device,
+        format=source.format,
+        axes=source.axes,
+        encoding=source.encoding,
+        iq=source.iq,
+        calibration=source.calibration,
+        frames=source.frames,
+    )
+    recording.check_has_samples()
+    check_chain_fits_radar(scenario.chain, recording.radar)
+    check_tracks_and_ego_motion_possible(scenario, recording.radar, len(recording.frame_numbers))
+    return recording
+
+
+@frozen_dataclass
+class PreparedRecording:
+    """Recording whose faults are repaired, with the chain that fits it."""
+
+    scenario: Scenario
+    """The scenario with the fitted chain."""
+    frames: MeasuredFrames
+    findings: tuple[Finding, ...]
+    """Notes on what was chosen."""
+
+
+def prepare_recording(recording: Recording, scenario: Scenario) -> PreparedRecording:
+    """Choose the repair and the chain of a scenario's recording by some of its frames."""
+    assert scenario.recording is not None
+    treatment = treat_recording_faults(
+        recording,
+        scenario.chain,
+        repairs_faults=scenario.recording.repair_faults,
+        fits_chain=scenario.recording.may_choose_mitigation,
+    )
+    frames = MeasuredFrames(recording, treatment)
+    fitted, choices = fit_scenario_to_recording(
+        replace(scenario, chain=treatment.chain), frames.first_and_middle_frame(), frames.radar
+    )
+    return PreparedRecording(
+        scenario=fitted, frames=frames, findings=(*treatment.findings, *choices)
+    )
+
+
+def fit_scenario_to_recording(
+    scenario: Scenario, cubes: Iterable[xr.DataArray], radar: Radar
+) -> tuple[Scenario, tuple[Finding, ...]]:
+    """Return the scenario with the chain that fits its recording, and notes on what was chosen.
+
+    `cubes` are some frames of the recording. Scenarios with a scene stay unchanged.
+    """
+    if scenario.recording is None or not scenario.recording.fit_chain:
+        return scenario, ()
+    frames = (cube.transpose(*CUBE_AXES).values[0] for cube in cubes)
+    chain, choices = fit_chain_to_frames(
+        scenario.chain, radar, frames, kept=scenario.recording.kept_settings
+    )
+    # Readers join single chirps: the given radar may have fewer chirps than that of the recording.
+    given_radar = None if scenario.radar is None else radar
+    # The fitted scenario, run again, gives the same result.
+    source = replace(scenario.recording, kept_settings=get_args(ChosenSettingName))
+    fitted = replace(scenario, radar=given_radar, recording=source, chain=chain)
+    return fitted, tuple(choice.to_finding() for choice in choices)
+
+
+@frozen_dataclass
+class DetectedRecording:
+    """Detections in all frames of a recording, with what was chosen to find them."""
+
+    scenario: Scenario
+    """The scenario with the fitted chain, and the encoding that was chosen."""
+    reader_findings: tuple[Finding, ...]
+    """Findings of the reader, and notes on what was chosen."""
+    frames: MeasuredFrames
+    totals: FrameTotals
+    columns: Mapping[str, np.ndarray]
+    """Columns of `core.detection_columns`."""
+    findings: tuple[Finding, ...] = ()
+    """Findings on the detections of all frames together."""
+
+
+def detect_in_recording(
+    recording: Recording,
+    scenario: Scenario,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+) -> DetectedRecording:
+    """Process all frames of the opened recording of a scenario, and resolve their velocities.
+
+    `progress` is called with the number of finished frames and of all.
+    """
+    detected = _process_frames(recording, scenario, progress)
+    ratio = _velocity_sign_ratio(detected)
+    if ratio < -DECISIVE_LOG_LIKELIHOOD_RATIO:
+        detected = _process_other_ramps(detected, recording, scenario, progress)
+    return resolve_detected_velocities(detected)
+
+
+def resolve_detected_velocities(detected: DetectedRecording) -> DetectedRecording:
+    """Return the detections with the ambiguity numbers that the ranges of targets give."""
+    columns, radar = detected.columns, detected.frames.radar
+    findings = detected.findings
+    if _resolves_by_range_rate(detected.scenario, radar):
+        columns = resolve_by_range_rate(columns, radar.frame)
+        findings += range_rate_findings(detected.columns, columns)
+    findings += multiple_echo_findings(find_multiple_echoes(columns, radar))
+    return replace(detected, columns=columns, findings=findings)
+
+
+def _process_frames(
+    recording: Recording, scenario: Scenario, progress: Callable[[int, int], None] | None
+) -> DetectedRecording:
+    """Process all frames, each alone."""
+    prepared = prepare_recording(recording, scenario)
+    processor = FrameProcessor(prepared.frames.radar, prepared.scenario.chain)
+    numbers, totals = recording.frame_numbers, FrameTotals()
+    for frame in processor.process_cubes(prepared.frames, first_frame_number=numbers.start):
+        totals.add_frame_result(frame)
+        if progress is not None:
+            progress(len(totals.times_s), len(numbers))
+    return DetectedRecording(
+        scenario=prepared.scenario,
+        reader_findings=(*recording.findings, *prepared.findings),
+        frames=prepared.frames,
+        totals=totals,
+        columns=processor.joined_detection_columns(),
+    )
+
+
+def _velocity_sign_ratio(detected: DetectedRecording) -> float:
+    """Return the log-likelihood ratio of the stated and the opposite sign of the velocities."""
+    radar = detected.frames.radar
+    if not _resolves_by_range_rate(detected.scenario, radar):
+        return 0.0
+    return velocity_sign_log_likelihood_ratio(detected.columns, radar.frame)
+
+
+def _process_other_ramps(
+    detected: DetectedRecording,
+    recording: Recording,
+    scenario: Scenario,
+    progress: Callable[[int, int], None] | None,
+) -> DetectedRecording:
+    """Return the detections in the other ramps of a triangle, if their velocities fit the ranges.
+
+    Otherwise return those given, with a warning on the sign of their velocities.
+    """
+    encoding = recording.contents.other_ramps_encoding
+    if encoding is not None:
+        assert scenario.recording is not None
+        source = replace(scenario.recording, encoding=encoding)
+        other_scenario = replace(scenario, recording=source)
+        try:
+            other_recording = open_scenario_recording(other_scenario)
+            other = _process_frames(other_recording, other_scenario, progress)
+        except DechirpError:  # the pulses of the sync are shorter than the pauses, or the reverse
+            other = None
+        if other is not None and _velocity_sign_ratio(other) > DECISIVE_LOG_LIKELIHOOD_RATIO:
+            note = _chosen_ramps_note(encoding)
+            return replace(other, reader_findings=(note, *other.reader_findings))
+    return replace(detected, findings=(*detected.findings, _opposite_sign_warning(encoding)))
+
+
+def _chosen_ramps_note(encoding: str) -> Finding:
+    return Finding(
+        level="note",
+        setting="encoding",
+        value=f"chosen --encoding {encoding} because the ranges of moving targets fall and rise"
+        " against the velocities of the other ramps, and with those of these",
+        expected="rising ramps, since falling ones reverse the sign of velocities",
+        fix="no action needed; --encoding inverted reads the other ramps",
+    )
+
+
+def _opposite_sign_warning(encoding: str | None) -> Finding:
+    proposal = "" if encoding is None else f"--encoding {encoding} reads the other ramps; "
+    return Finding(
+        level="warning",
+        setting="radar.frame.chirp.slope",
+        value="velocities have the wrong sign: the ranges of moving targets in successive frames"
+        " fall where their velocities are positive, or the reverse",
+        expected="rising ramps, and I before Q, as the settings state",
+        fix=f"{proposal}exchange I and Q with --iq, or correct the sign of the slope, or the times"
+        " of the frames, in the settings",
+    )
+
+
+def _resolves_by_range_rate(scenario: Scenario, radar: Radar) -> bool:
+    """Return whether the ranges in successive frames may resolve the ambiguity of velocities."""
+    source = scenario.recording
+    return source is not None and source.fit_chain and can_resolve_by_range_rate(radar.frame)
