@@ -8,6 +8,11 @@ from dechirp.results.object_lists.can_logs import read_can_log as read_can_log
 from dechirp.results.object_lists.can_logs import receive_can as receive_can
 from dechirp.results.object_lists.can_logs import send_can as send_can
 from dechirp.results.object_lists.can_logs import write_can_log as write_can_log
+from dechirp.results.object_lists.can_mapping import CanMapping as CanMapping
+from dechirp.results.object_lists.can_mapping import MappedSignal as MappedSignal
+from dechirp.results.object_lists.can_mapping import StatusSignal as StatusSignal
+from dechirp.results.object_lists.can_mapping import VendorLayout as VendorLayout
+from dechirp.results.object_lists.can_mapping import read_vendor_layout as read_vendor_layout
 from dechirp.results.object_lists.ethernet import open_receiver as open_receiver
 from dechirp.results.object_lists.ethernet import receive_datagrams as receive_datagrams
 from dechirp.results.object_lists.ethernet import send_datagrams as send_datagrams

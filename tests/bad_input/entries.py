@@ -213,6 +213,20 @@ def _write_and_read_can_log(file: Path, scratch: Path) -> object:
     return read_can_log(log, dbc=file)
 
 
+def _write_and_read_vendor_log(file: Path, scratch: Path) -> object:
+    """Use a file as the mapping of a vendor's DBC, or as the DBC of a shipped mapping."""
+    from dechirp.results.object_lists.can_logs import read_can_log, write_can_log
+    from sample_object_lists import random_object_list
+    from sample_vendor_dbc import LISTS
+
+    log, options = scratch / "made.log", {"dbc": file, "mapping": "toyota-adas"}
+    if file.suffix == ".yaml":
+        (scratch / "lists.dbc").write_text(LISTS)
+        options = {"dbc": scratch / "lists.dbc", "mapping": file}
+    write_can_log(random_object_list(2), log, **options)
+    return read_can_log(log, **options)
+
+
 def _read_table(file: Path, _: Path) -> object:
     from dechirp.results.parquet import read_parquet
 
@@ -393,6 +407,7 @@ ENTRIES: dict[str, Entry] = {
     "description": _open_described_archive,
     "objects": _read_objects,
     "dbc": _write_and_read_can_log,
+    "vendor-can": _write_and_read_vendor_log,
     "table": _read_table,
     "vectors": _read_vectors,
     "record": _read_study_ledger,

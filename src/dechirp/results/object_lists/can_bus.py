@@ -85,3 +85,11 @@ class CanFd:
         """Return the longest time that a frame with `n_bytes` bytes occupies the bus."""
         bits = worst_case_frame_bits(n_bytes, extended=extended)
         return bits.arbitration / self.arbitration_bit_rate_hz + bits.data / self.data_bit_rate_hz
+
+    def classic_frame_duration_s(self, n_bytes: int, *, extended: bool = False) -> float:
+        """Return the longest time of a classical CAN frame, all at the arbitration bit rate.
+
+        34 bits (54 with an extended identifier) and the data may be stuffed, 13 follow.
+        """
+        stuffed = (54 if extended else 34) + 8 * n_bytes
+        return (stuffed + (stuffed - 1) // 4 + 13) / self.arbitration_bit_rate_hz

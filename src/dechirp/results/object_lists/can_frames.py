@@ -39,6 +39,8 @@ class CanFrame(NamedTuple):
     identifier: int
     extended: bool
     data: bytes
+    fd: bool = True
+    """False for a frame of classical CAN."""
 
 
 def object_list_duration_s(n_objects: int, layout: DbcLayout, bus: CanFd) -> float:

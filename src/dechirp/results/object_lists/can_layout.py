@@ -168,7 +168,7 @@ def read_dbc_layout(dbc: str | Path | None = None) -> DbcLayout:
     if not isinstance(dbc, str | Path | None):
         raise InvalidSetting("dbc", value=repr(dbc), expected="a path", fix="pass it as a string")
     path = shipped_dbc_path() if dbc is None else Path(dbc)
-    messages = {message.name: message for message in _load_dbc_messages(path)}
+    messages = {message.name: message for message in load_dbc_messages(path)}
     for name in (HEADER, PART):
         if name not in messages:
             actual = ", ".join(messages) or "no message"
@@ -200,7 +200,14 @@ def read_dbc_layout(dbc: str | Path | None = None) -> DbcLayout:
     return DbcLayout(str(path), header, part, codes, n_per_part)
 
 
-def _load_dbc_messages(path: Path) -> list[Any]:
+def load_dbc_messages(path: Path, *, strict: bool = True) -> list[Any]:
+    """Load the messages of a DBC; strict: all signals must fit their messages.
+
+    Raises
+    ------
+    InvalidSetting
+        If it cannot be read, or has numbers for which the parser would take minutes.
+    """
     cantools = import_from_extra("io", "cantools")
     try:
         # As cantools reads files: the encoding of Vector's tools.
@@ -212,7 +219,7 @@ def _load_dbc_messages(path: Path) -> list[Any]:
         raise _dbc_error(path, f"not a DBC ({error.reason})", "a DBC", "correct it") from None
     _check_number_sizes(path, text)
     try:
-        database = cantools.database.load_string(text, database_format="dbc", strict=True)
+        database = cantools.database.load_string(text, database_format="dbc", strict=strict)
     except (cantools.Error, ValueError, KeyError, AttributeError, TypeError, IndexError) as error:
         # The parser raises various exceptions for files that are not a DBC.
         reason = " ".join(str(error).split())[:200] or type(error).__name__
@@ -220,6 +227,16 @@ def _load_dbc_messages(path: Path) -> list[Any]:
             path, f"not a DBC ({reason})", "a DBC", "correct it, or use the shipped one"
         ) from None
     return list(database.messages)
+
+
+def check_signals_fit(path: Path, message: Any) -> None:
+    """Raise `InvalidSetting` if signals overlap or exceed their message."""
+    cantools = import_from_extra("io", "cantools")
+    try:
+        message.refresh(strict=True)
+    except cantools.Error as error:
+        reason = " ".join(str(error).split())[:200]
+        raise _dbc_error(path, reason, "signals that fit their message", "correct it") from None
 
 
 def _check_number_sizes(path: Path, text: str) -> None:
@@ -299,6 +316,29 @@ def _checked_signal_codes(
     path: Path, message: str, signal: Any, required: RequiredSignal
 ) -> SignalCodes:
     where = f"{message}.{signal.name}"
+    codes = read_signal_codes(path, where, signal)
+    if not (required.column or (codes.scale, codes.offset) == (1, 0)):
+        got = f"{where} with scale {codes.scale:.6g} and offset {codes.offset:.6g}"
+        raise _dbc_error(path, got, "a scale, and (1,0) for counts", "write (1,0) before its range")
+    slack = 1e-9 * max(abs(required.low), abs(required.high))
+    fits = codes.min_value <= required.low + slack and codes.max_value >= required.high - slack
+    if not fits or abs(codes.scale) > required.step * (1 + 1e-9):
+        raise _dbc_error(
+            path,
+            f"{where} of {signal.length} bits, from {codes.min_value:.6g} to {codes.max_value:.6g}"
+            f" in steps of {abs(codes.scale):.6g}",
+            f"from {required.low:.6g} to {required.high:.6g} or more, in"
+            f" steps of {required.step:.6g} or less",
+            "give it more bits, or another scale",
+        )
+    return codes
+
+
+def read_signal_codes(path: Path, where: str, signal: Any) -> SignalCodes:
+    """Return the codes of a signal of cantools; raise `InvalidSetting` if it has none.
+
+    `where` names the signal in messages.
+    """
     if signal.conversion.is_float:
         raise _dbc_error(path, f"{where} of floats", "integers with a scale", "make it an integer")
     if not all(
@@ -312,8 +352,8 @@ def _checked_signal_codes(
             "correct them",
         )
     scale, offset = float(signal.scale), float(signal.offset)
-    if not scale or not (required.column or (scale, offset) == (1, 0)):
-        got = f"{where} with scale {scale:.6g} and offset {offset:.6g}"
+    if not scale:
+        got = f"{where} with scale 0 and offset {offset:.6g}"
         raise _dbc_error(path, got, "a scale, and (1,0) for counts", "write (1,0) before its range")
     n_bits = min(signal.length, 53)  # larger integers are inexact in floats
     low = -(2 ** (n_bits - 1)) if signal.is_signed else 0
@@ -329,15 +369,11 @@ def _checked_signal_codes(
     if unknown_code is not None:
         low, high = low + (unknown_code == low), high - (unknown_code == high)
     codes = SignalCodes(scale, offset, low, high, unknown_code)
-    slack = 1e-9 * max(abs(required.low), abs(required.high))
-    fits = codes.min_value <= required.low + slack and codes.max_value >= required.high - slack
-    if low >= high or not fits or abs(scale) > required.step * (1 + 1e-9):
+    if low >= high:
         raise _dbc_error(
             path,
-            f"{where} of {signal.length} bits, from {codes.min_value:.6g} to {codes.max_value:.6g}"
-            f" in steps of {abs(scale):.6g}",
-            f"from {required.low:.6g} to {required.high:.6g} or more, in"
-            f" steps of {required.step:.6g} or less",
+            f"{where} of {signal.length} bits, from {codes.min_value:.6g} to {codes.max_value:.6g}",
+            "two codes or more",
             "give it more bits, or another scale",
         )
     if unknown_code is not None and low <= unknown_code <= high:

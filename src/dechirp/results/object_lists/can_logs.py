@@ -1,4 +1,7 @@
-"""Object lists in logs of a CAN bus (BLF, ASC, candump), and on a live bus."""
+"""Object lists in logs of a CAN bus (BLF, ASC, candump), and on a live bus.
+
+With the argument `mapping`, they are those of a vendor's radar, see `can_mapping`.
+"""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -16,6 +19,13 @@ from dechirp.results.object_lists.can_bus import CanFd
 from dechirp.results.object_lists.can_frames import CanFrame, encode_can_frames
 from dechirp.results.object_lists.can_layout import DbcLayout, read_dbc_layout
 from dechirp.results.object_lists.can_lists import assemble_object_list
+from dechirp.results.object_lists.can_mapping import (
+    CanMapping,
+    VendorLayout,
+    message_identifier,
+    read_vendor_layout,
+)
+from dechirp.results.object_lists.vendor_lists import assemble_vendor_list, encode_vendor_frames
 
 __all__ = ["read_can_log", "receive_can", "send_can", "write_can_log"]
 
@@ -31,6 +41,7 @@ def write_can_log(
     path: str | Path,
     *,
     dbc: str | Path | None = None,
+    mapping: str | Path | CanMapping | None = None,
     bus: CanFd | None = None,
 ) -> None:
     """Write an object list as the log of a CAN FD bus, atomically.
@@ -43,6 +54,9 @@ def write_can_log(
         `.blf`, `.asc` or `.log`, as `candump -L` writes.
     dbc : path, optional
         Coding of the objects; default: the DBC of the package.
+    mapping : name, path or CanMapping, optional
+        Signals of a vendor's DBC, as `read_vendor_layout` reads it: the log has its messages, in
+        frames of classical CAN.
     bus : CanFd, optional
         Default: 500 kbit/s and 2 Mbit/s, half of it for the list.
 
@@ -57,7 +71,7 @@ def write_can_log(
         As `encode_can_frames`: for omitted objects and clipped values.
     """
     path = check_file_suffix(path, SUFFIXES)
-    sent = encode_can_frames(objects, read_dbc_layout(dbc), bus or CanFd())
+    sent = _encode_frames(objects, _read_layout(dbc, mapping), bus or CanFd())
     writer = _python_can_log_class(path, "Writer")
     with atomic_output_file(path) as made, writer(str(made)) as log:
         for frame in sent:
@@ -65,8 +79,15 @@ def write_can_log(
 
 
 @check_argument_types
-def read_can_log(path: str | Path, *, dbc: str | Path | None = None) -> xr.Dataset:
+def read_can_log(
+    path: str | Path,
+    *,
+    dbc: str | Path | None = None,
+    mapping: str | Path | CanMapping | None = None,
+) -> xr.Dataset:
     """Read the object list in the log of a CAN bus; other messages are ignored.
+
+    `dbc` and `mapping` are those of `write_can_log`.
 
     Raises
     ------
@@ -80,12 +101,12 @@ def read_can_log(path: str | Path, *, dbc: str | Path | None = None) -> xr.Datas
     PhysicsWarning
         If lists are missing, incomplete or damaged; they are omitted.
     """
-    path, dbc_layout = check_file_suffix(path, SUFFIXES), read_dbc_layout(dbc)
+    path, layout = check_file_suffix(path, SUFFIXES), _read_layout(dbc, mapping)
     reader = _python_can_log_class(path, "Reader")
     try:
         # Readers that fail on their first bytes do not close files that they opened themselves.
         with _open_log_file(path) as file, reader(file) as log:
-            n_frames, received = _count_and_select_object_frames(log, dbc_layout)
+            n_frames, received = _count_and_select_object_frames(log, _identifiers(layout))
             is_invalid = n_frames == 0 and not _is_valid_empty_log(log, path)
     except OSError as error:
         raise RecordingError(
@@ -113,11 +134,12 @@ def read_can_log(path: str | Path, *, dbc: str | Path | None = None) -> xr.Datas
     if n_frames and not received:
         raise RecordingError(
             path,
-            value=f"{n_frames} frames, none with the identifier {dbc_layout.header.frame_id:#x}",
-            expected=f"an {dbc_layout.header.name}",
+            value=f"{n_frames} frames, none with the identifier"
+            f" {min(_identifiers(layout))[0]:#x} of an object list",
+            expected=f"messages of {Path(layout.name).name}",
             fix="give the DBC with which it was written",
         )
-    return assemble_object_list(received, dbc_layout)
+    return _assemble_frames(received, layout)
 
 
 @check_argument_types
@@ -126,6 +148,7 @@ def send_can(
     bus: Any,
     *,
     dbc: str | Path | None = None,
+    mapping: str | Path | CanMapping | None = None,
     rates: CanFd | None = None,
     first: int = 0,
 ) -> int:
@@ -136,8 +159,8 @@ def send_can(
     objects : Dataset
         As `object_list` returns it; one list for each cycle.
     bus : can.BusABC
-    dbc, rates
-        As `dbc` and `bus` of `write_can_log`.
+    dbc, mapping, rates
+        As `dbc`, `mapping` and `bus` of `write_can_log`.
     first : int
         Counter of the first list.
 
@@ -151,16 +174,16 @@ def send_can(
     InvalidSetting
         As `write_can_log`, or if the bus rejects a frame.
     """
-    dbc_layout = read_dbc_layout(dbc)
+    layout = _read_layout(dbc, mapping)
     check_integer("first", first, at_least=0)
-    sent = encode_can_frames(objects, dbc_layout, rates or CanFd(), first=first)
+    sent = _encode_frames(objects, layout, rates or CanFd(), first=first)
     _check_python_can_bus(bus)
     try:
         for frame in sent:
             bus.send(_to_can_message(frame))
     except import_from_extra("io", "can").CanError as error:
         raise _bus_error(f"a bus that fails with: {error}") from None
-    return (first + objects.sizes.get("cycle", 0)) % dbc_layout.counter_period
+    return (first + objects.sizes.get("cycle", 0)) % layout.counter_period
 
 
 @check_argument_types
@@ -168,6 +191,7 @@ def receive_can(
     bus: Any,
     *,
     dbc: str | Path | None = None,
+    mapping: str | Path | CanMapping | None = None,
     idle_s: float = 1.0,
     at_most_s: float = 3600.0,
 ) -> xr.Dataset:
@@ -183,7 +207,42 @@ def receive_can(
     _check_python_can_bus(bus)
     check_number("idle_s", idle_s, above=0.0, at_most=1e6)
     check_number("at_most_s", at_most_s, above=0.0, at_most=1e6)
-    return assemble_object_list(_iter_bus_frames(bus, idle_s, at_most_s), read_dbc_layout(dbc))
+    return _assemble_frames(_iter_bus_frames(bus, idle_s, at_most_s), _read_layout(dbc, mapping))
+
+
+def _read_layout(
+    dbc: str | Path | None, mapping: str | Path | CanMapping | None
+) -> DbcLayout | VendorLayout:
+    if mapping is None:
+        return read_dbc_layout(dbc)
+    if dbc is None:
+        raise InvalidSetting(
+            "dbc",
+            value="None, with a mapping",
+            expected="the DBC of the vendor's radar, which the package does not contain",
+            fix="give its path",
+        )
+    return read_vendor_layout(dbc, mapping)
+
+
+def _identifiers(layout: DbcLayout | VendorLayout) -> set[tuple[int, bool]]:
+    if isinstance(layout, VendorLayout):
+        return layout.identifiers
+    return {message_identifier(message) for message in (layout.header, layout.part)}
+
+
+def _encode_frames(
+    objects: xr.Dataset, layout: DbcLayout | VendorLayout, bus: CanFd, *, first: int = 0
+) -> list[CanFrame]:
+    if isinstance(layout, VendorLayout):
+        return encode_vendor_frames(objects, layout, bus, first=first)
+    return encode_can_frames(objects, layout, bus, first=first)
+
+
+def _assemble_frames(received: Iterable[CanFrame], layout: DbcLayout | VendorLayout) -> xr.Dataset:
+    if isinstance(layout, VendorLayout):
+        return assemble_vendor_list(received, layout)
+    return assemble_object_list(received, layout)
 
 
 def _is_valid_empty_log(log: Any, path: Path) -> bool:
@@ -194,13 +253,9 @@ def _is_valid_empty_log(log: Any, path: Path) -> bool:
 
 
 def _count_and_select_object_frames(
-    log: Iterable[Any], dbc_layout: DbcLayout
+    log: Iterable[Any], identifiers: set[tuple[int, bool]]
 ) -> tuple[int, list[CanFrame]]:
     """Count the frames in a log, and keep those of object lists: logs may have gigabytes."""
-    identifiers = {
-        (message.frame_id, message.is_extended_frame)
-        for message in (dbc_layout.header, dbc_layout.part)
-    }
     n_frames, received = 0, []
     for message in log:
         n_frames += 1
@@ -244,8 +299,8 @@ def _to_can_message(frame: CanFrame) -> Any:
         timestamp=frame.time_s,
         arbitration_id=frame.identifier,
         is_extended_id=frame.extended,
-        is_fd=True,
-        bitrate_switch=True,
+        is_fd=frame.fd,
+        bitrate_switch=frame.fd,
         is_rx=False,
         data=frame.data,
         channel=0,

@@ -1,0 +1,236 @@
+"""Object lists in the CAN messages of vendors' radars, through their DBCs and mappings."""
+
+import math
+
+import can
+import cantools
+import numpy as np
+import pytest
+
+import dechirp as dc
+from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
+from dechirp.results.object_lists.can_bus import CanFd
+from dechirp.results.object_lists.can_frames import CanFrame
+from dechirp.results.object_lists.can_logs import SUFFIXES, read_can_log, write_can_log
+from dechirp.results.object_lists.can_mapping import CanMapping, MappedSignal, read_vendor_layout
+from dechirp.results.object_lists.list_columns import MEASURED, build_object_list
+from dechirp.results.object_lists.vendor_lists import assemble_vendor_list, encode_vendor_frames
+from sample_vendor_dbc import ESR, LISTED_MAPPING, LISTS, TOYOTA
+
+pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
+
+
+@pytest.fixture
+def files(tmp_path):
+    paths = {}
+    for name, text in {
+        "toyota.dbc": TOYOTA,
+        "esr.dbc": ESR,
+        "lists.dbc": LISTS,
+        "lists.yaml": LISTED_MAPPING,
+    }.items():
+        paths[name] = tmp_path / name
+        paths[name].write_text(text)
+    return paths
+
+
+def radial_object_list(n_cycles: int, n_objects: int, seed: int = 7):
+    """Return objects with velocities along the line of sight, as radars measure them."""
+    rng = np.random.default_rng(seed)
+    n = n_cycles * n_objects
+    azimuth, range_m = rng.uniform(-0.5, 0.5, n), rng.uniform(5, 90, n)
+    rate = rng.uniform(-40, 40, n)
+    columns = dict.fromkeys(MEASURED, np.full(n, np.nan)) | {
+        "frame": np.repeat(np.arange(n_cycles), n_objects),
+        "time": np.repeat(np.arange(n_cycles) * 0.05, n_objects),
+        "number": np.tile(np.arange(1, n_objects + 1), n_cycles),
+        "status": np.full(n, "confirmed"),
+        "x": range_m * np.cos(azimuth),
+        "y": range_m * np.sin(azimuth),
+        "vx": rate * np.cos(azimuth),
+        "vy": rate * np.sin(azimuth),
+        "snr": rng.uniform(1, 100, n),
+        "width": rng.uniform(0, 7, n),
+    }
+    return build_object_list(columns, np.arange(n_cycles), np.arange(n_cycles) * 0.05)
+
+
+def sorted_columns(objects, *names):
+    order = np.lexsort((objects["number"].values, objects["frame"].values))
+    return [objects[name].values[order] for name in names]
+
+
+def range_azimuth_rate(objects):
+    x, y, vx, vy = sorted_columns(objects, "x", "y", "vx", "vy")
+    range_m = np.hypot(x, y)
+    return range_m, np.arctan2(y, x), (vx * x + vy * y) / range_m
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_toyota_list_returns_within_half_a_step(suffix, files, tmp_path):
+    objects = radial_object_list(5, 10)
+    log = tmp_path / f"log{suffix}"
+    options = {"dbc": files["toyota.dbc"], "mapping": "toyota-adas"}
+    write_can_log(objects, log, **options)
+    result = read_can_log(log, **options)
+    assert dict(result.sizes) == dict(objects.sizes)
+    np.testing.assert_allclose(result["cycle_time"], objects["cycle_time"], atol=1e-6)
+    for name in ("number", "frame", "status"):
+        np.testing.assert_array_equal(
+            sorted_columns(result, name)[0], sorted_columns(objects, name)[0]
+        )
+    for name, step in (("x", 0.04), ("y", 0.04)):
+        received, expected = sorted_columns(result, name)[0], sorted_columns(objects, name)[0]
+        np.testing.assert_allclose(received, expected, atol=step / 2 + 1e-9)
+    # Half a step of 0.025 m/s; the direction changes by half a step of the position at 5 m.
+    rate, expected_rate = range_azimuth_rate(result)[2], range_azimuth_rate(objects)[2]
+    np.testing.assert_allclose(rate, expected_rate, atol=0.0125 + 1e-9)
+
+
+def test_esr_list_returns_range_angle_and_rate_within_half_a_step(files, tmp_path):
+    objects = radial_object_list(4, 8)
+    status = np.array(["confirmed", "tentative"] * 16)
+    objects = objects.assign(status=("object", status))
+    log = tmp_path / "log.asc"
+    options = {"dbc": files["esr.dbc"], "mapping": "delphi-esr"}
+    write_can_log(objects, log, **options)
+    result = read_can_log(log, **options)
+    for received, expected, step in zip(
+        range_azimuth_rate(result),
+        range_azimuth_rate(objects),
+        (0.1, math.radians(0.1), 0.01),
+        strict=True,
+    ):
+        np.testing.assert_allclose(received, expected, atol=step / 2 + 1e-9)
+    width, expected_width = sorted_columns(result, "width")[0], sorted_columns(objects, "width")[0]
+    np.testing.assert_allclose(width, expected_width, atol=0.25 + 1e-9)
+    np.testing.assert_array_equal(
+        sorted_columns(result, "status")[0], sorted_columns(objects, "status")[0]
+    )
+
+
+def test_signs_and_bits_agree_with_hand_made_messages(files):
+    """A target 10 deg to the right at 50 m that approaches: bits placed by hand."""
+    layout = read_vendor_layout(files["esr.dbc"], "delphi-esr")
+    # Motorola bit 12 and ten bits down: five of byte 1, five of byte 2; range three and eight.
+    angle, range_code, rate, status = 100, 500, -1234 & 0x3FFF, 3
+    word = (status << 53) | (angle << 43) | (range_code << 32) | rate
+    objects = assemble_vendor_list([CanFrame(1.0, 1282, False, word.to_bytes(8, "big"))], layout)
+    assert objects["number"].item() == 3
+    assert objects["x"].item() == pytest.approx(50 * math.cos(math.radians(10)))
+    assert objects["y"].item() == pytest.approx(-50 * math.sin(math.radians(10)))
+    assert objects["vx"].item() == pytest.approx(-12.34 * math.cos(math.radians(10)))
+    toyota = read_vendor_layout(files["toyota.dbc"], "toyota-adas")
+    data = bytearray(8)
+    data[0] = 9
+    data[1:3] = (1796 << 3).to_bytes(2, "big")  # 71.84 m, bits 15 down to 3 of byte 2
+    data[3:5] = (69 << 5).to_bytes(2, "big")  # 2.76 m to the right
+    data[5:7] = (144 << 4 | 1).to_bytes(2, "big")  # 3.6 m/s, and VALID
+    objects = assemble_vendor_list([CanFrame(0.0, 528, False, bytes(data))], toyota)
+    assert objects["x"].item() == pytest.approx(71.84)
+    assert objects["y"].item() == pytest.approx(-2.76)
+    radial = objects["vx"].item() * 71.84 - objects["vy"].item() * 2.76
+    assert radial / math.hypot(71.84, 2.76) == pytest.approx(3.6)
+
+
+def test_objects_of_several_messages_with_number_signal(files):
+    layout = read_vendor_layout(files["lists.dbc"], files["lists.yaml"])
+    objects = radial_object_list(3, 4)
+    sent = encode_vendor_frames(objects, layout, CanFd())
+    assert not any(frame.fd for frame in sent)
+    assert len(sent) == 3 * (1 + 4 * 2)
+    result = assemble_vendor_list(sent, layout)
+    for name, step in (("x", 0.2), ("y", 0.2), ("vx", 0.25 / 3.6)):
+        received, expected = sorted_columns(result, name)[0], sorted_columns(objects, name)[0]
+        np.testing.assert_allclose(received, expected, atol=step / 2 + 1e-9)
+    snr, expected_snr = sorted_columns(result, "snr")[0], sorted_columns(objects, "snr")[0]
+    np.testing.assert_allclose(10 * np.log10(snr / expected_snr), 0, atol=0.25 + 1e-9)
+
+
+def test_lists_end_where_counter_changes_or_an_object_repeats(files):
+    layout = read_vendor_layout(files["toyota.dbc"], "toyota-adas")
+    objects = radial_object_list(6, 3)
+    sent = encode_vendor_frames(objects, layout, CanFd())
+    # Without the first messages of a list, its number still follows from the counter.
+    lost = [frame for index, frame in enumerate(sent) if not 16 <= index < 20]
+    result = assemble_vendor_list(lost, layout)
+    assert result.sizes["cycle"] == 6
+    same_counter = CanMapping(
+        messages=("TRACK_A_#",),
+        x=MappedSignal(signal="LONG_DIST"),
+        y=MappedSignal(signal="LAT_DIST"),
+    )
+    result = assemble_vendor_list(sent, read_vendor_layout(files["toyota.dbc"], same_counter))
+    assert result.sizes["cycle"] == 6
+    assert result.sizes["object"] == 6 * 16  # without a status, all messages have objects
+
+
+def test_too_many_objects_and_clipped_values_are_reported(files, tmp_path):
+    objects = radial_object_list(1, 20)
+    objects["x"][0] = 1000.0
+    options = {"dbc": files["toyota.dbc"], "mapping": "toyota-adas"}
+    with pytest.warns(dc.PhysicsWarning) as caught:
+        write_can_log(objects, tmp_path / "log.asc", **options)
+    texts = " ".join(str(warning.message) for warning in caught)
+    assert "4 objects left out" in texts
+    assert read_can_log(tmp_path / "log.asc", **options).sizes["object"] == 16
+    objects = radial_object_list(1, 2)
+    objects["x"][0], objects["vy"][1] = 1000.0, np.nan
+    with pytest.warns(dc.PhysicsWarning) as caught:
+        write_can_log(objects, tmp_path / "log.asc", **options)
+    texts = " ".join(str(warning.message) for warning in caught)
+    assert "1 of LONG_DIST (0 to 300)" in texts
+    assert "1 of range_rate" in texts
+
+
+def test_messages_agree_with_cantools_and_classical_frames(files, tmp_path):
+    """A vendor's controller receives plain CAN frames that its own DBC decodes."""
+    objects = radial_object_list(1, 2)
+    log = tmp_path / "log.blf"
+    write_can_log(objects, log, dbc=files["toyota.dbc"], mapping="toyota-adas")
+    database = cantools.database.load_file(files["toyota.dbc"])
+    with can.BLFReader(log) as reader:
+        messages = list(reader)
+    assert len(messages) == 16
+    assert not any(message.is_fd for message in messages)
+    tracks = [database.decode_message(m.arbitration_id, m.data) for m in messages]
+    assert [track["VALID"] for track in tracks] == [0, 1, 1] + [0] * 13
+    assert tracks[1]["LAT_DIST"] == pytest.approx(-objects["y"].values[0], abs=0.02)
+
+
+def test_short_messages_are_left_out_and_reported(files):
+    layout = read_vendor_layout(files["toyota.dbc"], "toyota-adas")
+    sent = encode_vendor_frames(radial_object_list(1, 3), layout, CanFd())
+    sent[1] = sent[1]._replace(data=sent[1].data[:5])
+    with pytest.warns(dc.PhysicsWarning, match="1 messages shorter"):
+        assert assemble_vendor_list(sent, layout).sizes["object"] == 2
+
+
+@pytest.mark.parametrize(
+    ("mapping", "message"),
+    [
+        ("messages: [TRACK_A_##]\nx: {signal: LONG_DIST}\ny: {signal: LAT_DIST}", "one #"),
+        ("messages: [TRACK_A_0]\nx: {signal: LONG_DIST}\ny: {signal: LAT_DIST}", "one #"),
+        ("messages: [TRACK_A_#]\nx: {signal: LONG_DIST}", "x and y"),
+        ("messages: [TRACK_B_#]\nx: {signal: LONG_DIST}\ny: {signal: LAT_DIST}", "TRACK_B"),
+        ("messages: [TRACK_A_#]\nx: {signal: LONG}\ny: {signal: LAT_DIST}", "LONG"),
+        ("messages: [TRACK_A_#]\nx: {signal: LONG_DIST, factor: 0}", "factor"),
+        ("messages: [TRACK_A_#]\nspeed: {signal: REL_SPEED}", "speed"),
+    ],
+)
+def test_wrong_mapping_is_one_clear_error(mapping, message, files, tmp_path):
+    file = tmp_path / "wrong.yaml"
+    file.write_text(mapping)
+    with pytest.raises(DechirpError, match=message):
+        read_vendor_layout(files["toyota.dbc"], file)
+
+
+def test_mapping_without_dbc_or_file_is_refused(files, tmp_path):
+    with pytest.raises(InvalidSetting, match="which the package does not contain"):
+        read_can_log(tmp_path / "log.asc", mapping="toyota-adas")
+    with pytest.raises(InvalidSetting, match="toyota-adas"):
+        read_vendor_layout(files["toyota.dbc"], "toyota")
+    objects = radial_object_list(1, 2)
+    write_can_log(objects, tmp_path / "log.asc", dbc=files["esr.dbc"], mapping="delphi-esr")
+    with pytest.raises(RecordingError, match="none with the identifier 0x210"):
+        read_can_log(tmp_path / "log.asc", dbc=files["toyota.dbc"], mapping="toyota-adas")
