@@ -132,6 +132,41 @@ def test_range_and_angles_refer_to_origin_for_distant_array(radar, tx_m, centre_
             )
 
 
+RX_4_M = tuple((0.0, HALF_M * k, 0.0) for k in range(4))
+RX_L_M = (*RX_4_M, *((0.0, 0.0, HALF_M * k) for k in range(1, 5)))
+
+
+@pytest.mark.parametrize(
+    ("tx_m", "rx_m"),
+    [
+        (((0, 0, 0),), RX_4_M),  # directions from the receivers: 0.08 degrees at 2 m
+        (((0, -0.04, 0),), RX_4_M),
+        (((0, -1.5 * HALF_M, 0),), RX_4_M),  # the middle of the array is the origin
+        (((0.02, 0, 0),), RX_4_M),
+        (((0, 0.02, 0),), RX_L_M),
+        (((0, -0.02, 0), (0, 4 * HALF_M - 0.02, 0), (0, 8 * HALF_M - 0.02, 0)), RX_4_M),
+        (((0, -0.03, 0), (0, 4 * HALF_M - 0.03, 0), (0, -0.03, 2 * HALF_M)), RX_4_M),
+    ],
+)
+def test_directions_of_near_targets_refer_to_origin_for_separate_transmitters(radar, tx_m, rx_m):
+    radar = make_mimo_radar(radar, TDM_CODE)
+    code = TDM_CODE if len(tx_m) == 3 else None
+    frame = replace(radar.frame, multiplexing=code)
+    radar = replace(radar, frame=frame, array=dc.Array(tx_m=tx_m, rx_m=rx_m))
+    target = dc.Target(position_m=(1.5, 1.3, 0), rcs_m2=10)
+    scene = dc.Scene(targets=[target])
+    truth = dc.truth(scene, radar).isel(target=0, frame=0)
+
+    detections = dc.detect(dc.simulate(scene, radar, impairments=()), radar)
+    detections = detections.isel(detection=int(np.argmax(detections.snr.values)))
+
+    # Terms of third order: antennas are up to 50 mm from the middle, (50 mm / 2 m)^2 / 4 = 0.009
+    # degrees. From the middle of the array, azimuths are 0.04 to 0.4 degrees off.
+    assert abs(detections.azimuth - truth.azimuth) < np.radians(0.009)
+    if np.isfinite(detections.elevation):
+        assert abs(detections.elevation - truth.elevation) < np.radians(0.009)
+
+
 def test_move_to_origin_is_inverted_by_range_from_phase_centre(radar):
     radar = make_mimo_radar(radar, TDM_CODE)
     tx_m = [(0.1 + x, 0.3 + y, z - 0.2) for x, y, z in PLANE_TX_M]

@@ -16,7 +16,7 @@ from dechirp.processing.virtual_array import (
 )
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
-from dechirp.theory.direction_bounds import unit_vectors
+from dechirp.theory.direction_bounds import unit_vector_derivatives, unit_vectors
 
 # Largest standard error of an angle: two of them to each side are half of the front.
 _MAX_STD_RAD = float(np.radians(22.5))
@@ -113,17 +113,76 @@ def sources_without_directions(n_detections: int) -> Sources:
 def phase_centres_m(
     azimuth_rad: np.ndarray, elevation_rad: np.ndarray, ambiguity_number: np.ndarray, radar: Radar
 ) -> np.ndarray:
-    """Return the phase centre that ranges and directions are measured from, (n, 3).
+    """Return the phase centre that ranges are measured from, (n, 3).
 
-    The middle of the array. An unknown angle counts as 0, as in the steering of a linear array,
-    and so does the middle along its axis. Without any angle, or with the ambiguity number that it
-    depends on unknown, the offset to the origin is unknown: 0.
+    The middle of the array: half of the mean sum of a transmitter's and a receiver's position. For
+    directions, see `directions_from_phase_centre`. An unknown angle counts as 0, as in the steering
+    of a linear array, and so does the middle along its axis. Without any angle, or with the
+    ambiguity number that it depends on unknown, the offset to the origin is unknown: 0.
     """
     centre_m = radar.element_positions_m.mean(axis=0) / 2
     has_angle = np.stack([np.isfinite(azimuth_rad), np.isfinite(elevation_rad)], axis=-1)
     is_known = has_angle.any(axis=1) & known_direction_mask(ambiguity_number, radar.frame)
     axes = np.column_stack([np.ones(len(has_angle), bool), has_angle]) & is_known[:, None]
     return np.where(axes, centre_m, 0.0)
+
+
+def directions_from_phase_centre(
+    range_m: np.ndarray,
+    azimuth_rad: np.ndarray,
+    elevation_rad: np.ndarray,
+    ambiguity_number: np.ndarray,
+    radar: Radar,
+) -> tuple[np.ndarray, np.ndarray]:
+    r"""Convert fitted directions of plane waves to directions from phase centres, (n,) each.
+
+    The path from a transmitter at t over a target at R u to a receiver at r, both relative to the
+    phase centre, is
+
+    .. math::
+
+        2R - \mathbf{u} \cdot (\mathbf{t} + \mathbf{r}) + \frac{q}{2R} + O(R^{-2}), \quad
+        q = |\mathbf{t}|^2 - (\mathbf{u} \cdot \mathbf{t})^2
+            + |\mathbf{r}|^2 - (\mathbf{u} \cdot \mathbf{r})^2.
+
+    A plane wave has the first two terms. Its least-squares fit to the elements s = t + r attributes
+    part of the third to the direction. With the derivatives D of u by the angles, it moves them by
+
+    .. math::
+
+        \delta = -\frac{1}{2R} (D C D^\mathsf{T})^{-1} D\, \langle \mathbf{s}\, q \rangle, \quad
+        C = \langle \mathbf{s}\, \mathbf{s}^\mathsf{T} \rangle,
+
+    which this function subtracts. A linear array of one transmitter and receivers in equal steps
+    therefore finds directions from the middle of its receivers; one of several transmitters from
+    the mean of both middles, each weighted by the variance of its positions. Rows without a known
+    direction, or at a range within the array, stay as they are.
+    """
+    angles = np.stack([azimuth_rad, elevation_rad], axis=1)
+    is_resolved = np.isfinite(angles).any(axis=0)
+    middle_m = radar.element_positions_m.mean(axis=0) / 2
+    tx_m, rx_m = (
+        np.array(antennas_m) - middle_m for antennas_m in (radar.array.tx_m, radar.array.rx_m)
+    )
+    size_m = np.linalg.norm(np.concatenate([tx_m, rx_m]), axis=1).max()
+    is_row = known_direction_mask(ambiguity_number, radar.frame) & (range_m > size_m)
+    if not is_resolved.any() or not is_row.any():
+        return azimuth_rad, elevation_rad
+    elements_m = radar.element_positions_m - 2 * middle_m
+    n_elements, n_rx = len(elements_m), radar.array.n_rx
+    antennas_m = np.repeat(tx_m, n_rx, axis=0), np.tile(rx_m, (len(tx_m), 1))
+    # Third moments of antennas and elements, and covariance of the elements.
+    third = np.einsum("mka,mkb,kc->abc", antennas_m, antennas_m, elements_m) / n_elements
+    covariance = elements_m.T @ elements_m / n_elements
+    known = np.nan_to_num(angles[is_row])
+    unit = unit_vectors(*known.T)
+    slopes = unit_vector_derivatives(*known.T)[:, is_resolved]
+    moment = np.einsum("aac->c", third) - np.einsum("na,nb,abc->nc", unit, unit, third)
+    curvature = slopes @ covariance @ slopes.swapaxes(1, 2)
+    shift = np.linalg.pinv(curvature, hermitian=True) @ (slopes @ moment[:, :, None])
+    moved = angles.copy()
+    moved[np.ix_(is_row, is_resolved)] += shift[:, :, 0] / (2 * range_m[is_row, None])
+    return moved[:, 0], moved[:, 1]
 
 
 def range_and_direction_from_origin(

@@ -16,6 +16,7 @@ from dechirp.processing.channel_errors import median_or_nan
 from dechirp.processing.direction_finding import (
     Sources,
     checked_direction_aperture,
+    directions_from_phase_centre,
     estimate_sources,
     phase_centres_m,
     range_and_direction_from_origin,
@@ -276,7 +277,12 @@ def build_detection_columns(
     if radar.calibration is not None:
         columns["range"] -= radar.calibration.range_offset_m
     angles = sources.azimuth_rad, sources.elevation_rad
-    centre_m = phase_centres_m(*angles, columns["ambiguity_number"], _rising_ramp_radar(radar))
+    radar = _rising_ramp_radar(radar)
+    centre_m = phase_centres_m(*angles, columns["ambiguity_number"], radar)
+    angles = directions_from_phase_centre(
+        columns["range"], *angles, columns["ambiguity_number"], radar
+    )
+    columns["azimuth"], columns["elevation"] = angles
     if centre_m.any():
         columns["range"], columns["azimuth"], columns["elevation"] = (
             range_and_direction_from_origin(columns["range"], *angles, centre_m)
