@@ -48,12 +48,13 @@ def cube():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda cube: cube, r"cube: 1 frames; expected one frame, over chirp, rx, sample"),
+        (lambda cube: xr.concat([cube, cube], "frame"), r"cube: 2 frames; expected one frame.*isel"),
+        (lambda cube: cube[:0], r"cube: 0 frames; expected one frame.*pass a cube that has frames"),
         (lambda cube: cube[0, :8], r"cube: 8 along chirp; expected 16"),
         (lambda cube: cube[0].real, r"cube: samples of type float32; expected complex"),
         (lambda cube: cube[0].rename(rx="receiver"), r"cube: an array over chirp, receiver"),
     ],
-    ids=["frames", "chirps", "real", "axes"],
+    ids=["frames", "no frame", "chirps", "real", "axes"],
 )
 def test_frame_that_radar_cannot_have_taken_is_refused(cube, name, change, message):
     radar = street_radar(n_samples=64, n_chirps=16)
@@ -63,6 +64,23 @@ def test_frame_that_radar_cannot_have_taken_is_refused(cube, name, change, messa
 
     with pytest.raises(InvalidSetting, match=message):
         FUNCTIONS[name](change(cube), radar, **others)
+
+
+def test_frame_axis_of_length_one_is_accepted_by_all_functions_of_frames(cube):
+    radar = street_radar(n_samples=64, n_chirps=16)
+    detections = dc.detect(cube, radar)
+    for compute in (
+        lambda frame: dc.power_map(frame, radar),
+        lambda frame: dc.range_azimuth_map(frame, radar),
+        lambda frame: dc.angle_spectrum(frame, radar, detections, 0),
+    ):
+        xr.testing.assert_identical(compute(cube), compute(cube[0]))
+
+    with pytest.raises(InvalidSetting, match=r'cube: one frame, over.*; .*expand_dims\("frame"\)'):
+        dc.detect(cube[0], radar)
+    kept, added = cube.isel(frame=[0]), cube[0].expand_dims("frame")
+    xr.testing.assert_identical(dc.detect(kept, radar), detections)
+    xr.testing.assert_identical(dc.detect(added, radar), detections)
 
 
 def test_real_radar_refuses_complex_cube(cube):

@@ -31,7 +31,7 @@ from dechirp.processing.simd_beamforming import mirrored_beam_weights, raise_to_
 from dechirp.processing.spectrum import FrameTransform, Transform, range_doppler_real_and_imaginary
 from dechirp.processing.velocity_ambiguity import by_ramps
 from dechirp.processing.virtual_array import slot_phase_factors, split_chirps_into_slots
-from dechirp.radar.cube import check_frame_fits_radar
+from dechirp.radar.cube import select_only_frame
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
@@ -53,7 +53,8 @@ def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = No
     Parameters
     ----------
     cube : DataArray (chirp, rx, sample)
-        Complex or real samples of one frame, any order of axes.
+        Complex or real samples of one frame, any order of axes; it may have an axis `frame` of
+        length 1.
     radar : Radar
         The radar that it was taken with, with its calibration.
     chain : Chain, optional
@@ -69,7 +70,8 @@ def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = No
     Raises
     ------
     InvalidSetting
-        If the radar cannot have taken the frame, or the array does not resolve azimuth.
+        If the cube has several frames, the radar cannot have taken the frame, or the array does
+        not resolve azimuth.
 
     Notes
     -----
@@ -171,7 +173,7 @@ def angle_spectrum(
     Parameters
     ----------
     cube : DataArray (chirp, rx, sample)
-        The frame of the detection.
+        The frame of the detection; it may have an axis `frame` of length 1.
     radar : Radar
         The radar as it is in that frame, see `Radar.for_frame`.
     detections : Dataset over `detection`
@@ -192,8 +194,8 @@ def angle_spectrum(
     Raises
     ------
     InvalidSetting
-        If the radar cannot have taken the frame, the array resolves no direction, or `detections`
-        have no row `index`.
+        If the cube has several frames, the radar cannot have taken the frame, the array resolves
+        no direction, or `detections` have no row `index`.
     """
     chain = chain or Chain()
     samples, radar = _rising_ramp_channels_and_radar(cube, radar)
@@ -280,9 +282,9 @@ def _combine_single_transmitter_slots(spectrum: np.ndarray, radar: Radar) -> np.
 
 def _rising_ramp_channels_and_radar(cube: xr.DataArray, radar: Radar) -> tuple[np.ndarray, Radar]:
     """Return the channels of rising ramps, (chirp, channel, sample), and their radar."""
-    check_frame_fits_radar(cube, radar)
+    frame = select_only_frame(cube, radar)
     kind = np.complex64 if radar.frame.chirp.sampling == "complex" else np.float32
-    samples = np.ascontiguousarray(cube.variable.transpose("chirp", "rx", "sample").values, kind)
+    samples = np.ascontiguousarray(frame.variable.transpose("chirp", "rx", "sample").values, kind)
     samples = split_chirps_into_slots(samples, radar.frame)
     if not radar.frame.has_falling_ramps:
         return samples, radar

@@ -34,7 +34,7 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
     ----------
     cube : DataArray (frame, chirp, rx, sample)
         complex for complex sampling, real for real, processed in single precision; any
-        order of axes.
+        order of axes. A single frame has an axis `frame` of length 1.
     radar : Radar
         The waveform and the receivers that the cube was taken with.
     chain : Chain, optional

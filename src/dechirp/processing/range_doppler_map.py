@@ -26,7 +26,7 @@ from dechirp.processing.peaks import (
 from dechirp.processing.range_walk import select_frame_transform
 from dechirp.processing.spectrum import mean_range_doppler_power, rows_with_circular_noise
 from dechirp.processing.virtual_array import split_chirps_into_slots
-from dechirp.radar.cube import check_frame_fits_radar
+from dechirp.radar.cube import select_only_frame
 from dechirp.radar.radar import Radar
 
 
@@ -34,7 +34,7 @@ from dechirp.radar.radar import Radar
 def power_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.DataArray:
     """Compute the range-Doppler map of one frame, (chirp, rx, sample) to (velocity, range).
 
-    Without a chain, that of `detect` with its defaults.
+    The frame may have an axis `frame` of length 1, and its axes any order. Without a chain, that of `detect` with its defaults.
 
     Mean power over the channels, see `split_chirps_into_slots`; a tone on a bin keeps its power.
     Where mitigation attenuates velocities, the map is divided by the residual white noise, except
@@ -43,11 +43,11 @@ def power_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> x
     Raises
     ------
     InvalidSetting
-        If the radar cannot have taken the frame.
+        If the cube has several frames, or the radar cannot have taken the frame.
     """
-    check_frame_fits_radar(cube, radar)
+    frame = select_only_frame(cube, radar)
     chain = chain or Chain()
-    samples = cube.variable.transpose("chirp", "rx", "sample").values
+    samples = frame.variable.transpose("chirp", "rx", "sample").values
     with plain_twins_in_first_calls(samples.size):
         if chain.mitigation:
             samples = apply_mitigation(samples, radar.frame, chain.mitigation).samples

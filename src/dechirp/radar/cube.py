@@ -66,6 +66,13 @@ def label_cube(
 
 def check_cube_fits_radar(cube: xr.DataArray, radar: Radar) -> None:
     """Raise `InvalidSetting` unless the radar could have taken the cube, one frame or more."""
+    if isinstance(cube, xr.DataArray) and set(cube.dims) == set(CUBE_AXES[1:]):
+        raise InvalidSetting(
+            "cube",
+            value=f"one frame, over {', '.join(map(str, cube.dims))}",
+            expected=f"an array over {', '.join(CUBE_AXES)}",
+            fix='keep the axis frame with isel(frame=[0]), or add it with expand_dims("frame")',
+        )
     _check_axes_and_sizes(cube, radar, CUBE_AXES)
     if not cube.sizes["frame"]:
         raise InvalidSetting(
@@ -73,16 +80,22 @@ def check_cube_fits_radar(cube: xr.DataArray, radar: Radar) -> None:
         )
 
 
-def check_frame_fits_radar(cube: xr.DataArray, radar: Radar) -> None:
-    """Raise `InvalidSetting` unless the radar could have taken the frame, (chirp, rx, sample)."""
+def select_only_frame(cube: xr.DataArray, radar: Radar) -> xr.DataArray:
+    """Return a frame (chirp, rx, sample), in any order, of a cube with or without a frame axis.
+
+    Raises `InvalidSetting` unless the cube has one frame that the radar could have taken.
+    """
     if isinstance(cube, xr.DataArray) and "frame" in cube.dims:
-        raise InvalidSetting(
-            "cube",
-            value=f"{cube.sizes['frame']} frames",
-            expected=f"one frame, over {', '.join(CUBE_AXES[1:])}",
-            fix="select one with isel(frame=0)",
-        )
+        if (n_frames := cube.sizes["frame"]) != 1:
+            raise InvalidSetting(
+                "cube",
+                value=f"{n_frames} frames",
+                expected="one frame, without the axis frame or with one of length 1",
+                fix="select one with isel(frame=0)" if n_frames else "pass a cube that has frames",
+            )
+        cube = cube.isel(frame=0)
     _check_axes_and_sizes(cube, radar, CUBE_AXES[1:])
+    return cube
 
 
 def _check_axes_and_sizes(cube: xr.DataArray, radar: Radar, axes: tuple[str, ...]) -> None:
