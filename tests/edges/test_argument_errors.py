@@ -48,7 +48,10 @@ def cube():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda cube: xr.concat([cube, cube], "frame"), r"cube: 2 frames; expected one frame.*isel"),
+        (
+            lambda cube: xr.concat([cube, cube], "frame"),
+            r"cube: 2 frames; expected one frame.*isel",
+        ),
         (lambda cube: cube[:0], r"cube: 0 frames; expected one frame.*pass a cube that has frames"),
         (lambda cube: cube[0, :8], r"cube: 8 along chirp; expected 16"),
         (lambda cube: cube[0].real, r"cube: samples of type float32; expected complex"),

@@ -971,6 +971,10 @@ def test_list_shows_members_of_every_family_with_settings(run_cli):
     assert snr["default"] is None
     assert snr["expected"] == "a number or a ratio, such as 4 or 6 dB"
     assert "Echo power over noise power" in snr["help"]
+    share = families["angle"]["capon"]["settings"]["smoothing.share"]
+    assert share["expected"] == "a bare number"  # the default is the example
+    gains = families["impairment"]["channel-mismatch"]["settings"]["gains"]
+    assert gains["expected"] == "a list, each a number or a ratio, such as 4 or 6 dB, or null"
     assert all(member["help"] for members in families.values() for member in members.values())
 
 

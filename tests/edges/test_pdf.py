@@ -125,13 +125,20 @@ def test_page_opens_no_files_and_no_network(tmp_path, scheme):
 
 
 @pytest.mark.parametrize(
-    ("text", "fix"),
+    ("text", "reason", "fix"),
     [
-        ("raise ImportError", "pip install 'dechirp[pdf]'"),
-        ("raise OSError('cannot load library libpango-1.0-0')", "brew install pango"),
+        ("import weasyprint_", "package weasyprint_ is not", "run pip install 'dechirp[pdf]'"),
+        (
+            "raise OSError('cannot load library libpango-1.0-0')",
+            "find the library Pango: cannot load library libpango-1.0-0",
+            "brew install pango",
+        ),
+        ("from re import none", "imported: cannot import name 'none' from 're'", "--force-"),
+        ("raise OSError('too many open files')", "imported: too many open files", "--force-"),
+        ("raise AttributeError('no attribute a')", "imported: no attribute a", "--force-"),
     ],
 )
-def test_missing_library_is_reported_before_run(monkeypatch, tmp_path, capsys, text, fix):
+def test_missing_library_is_reported_before_run(monkeypatch, tmp_path, capsys, text, reason, fix):
     libraries, folder = tmp_path / "libraries", tmp_path / "empty"
     libraries.mkdir()
     folder.mkdir()
@@ -150,7 +157,7 @@ def test_missing_library_is_reported_before_run(monkeypatch, tmp_path, capsys, t
             main([*arguments, "--pdf"])
         assert exit_info.value.code == 2
         message = capsys.readouterr().err
-        assert fix in message
+        assert reason in message and fix in message
         assert "print the .html file to PDF in a browser" in message
     assert list(folder.iterdir()) == []
 

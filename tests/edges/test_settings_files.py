@@ -151,7 +151,7 @@ def test_simultaneous_multiplexing_settings_are_read_and_written(text, code):
             "missing, with 2 transmitters in the array",
             "a multiplexing scheme, since several transmitters share the chirps",
         ),
-        ("tdm", "", "tdm", "a mapping with kind: bpm, ddma, phase-code, tdm or null"),
+        ("tdm", "", "tdm", "a mapping with kind: bpm, ddma, phase-code, tdm, or null"),
         ("{order: [0, 1]}", ".kind", "missing", "one of bpm, ddma, phase-code, tdm"),
         ("{kind: tdmm, order: [0, 1]}", ".kind", "tdmm", "one of bpm, ddma, phase-code, tdm"),
         ("{kind: tdm}", ".order", "missing", "a list, each a whole number"),

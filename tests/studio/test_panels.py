@@ -1,7 +1,9 @@
 """Panels of the studio: knobs, arrays, designs, targets and settings files."""
 
+import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +14,12 @@ from bokeh.events import ButtonClick
 from bokeh.models import Button, Checkbox, Div, Select, TextAreaInput, TextInput
 
 import dechirp as dc
+from dechirp.cli.main import main
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.experiments.run import run
 from dechirp.experiments.scenario import Scenario, load
 from dechirp.radar.budget import noise_power_w
+from dechirp.radar.design.design import EXAMPLE_REQUIREMENTS
 from dechirp.studio.panels.arrays import linear_array_tdm_overrides
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.hardware import Hardware
@@ -341,6 +345,13 @@ def test_targets_and_their_knobs_can_be_added_and_removed() -> None:
     assert page.scenario.scene.targets[0].position_m == (50.0, 0.0, 0.0)
 
 
+def select_rule(page: Page, value: str) -> Select:
+    """Select a rule of the design page, and return its widget."""
+    (rule,) = (widget for widget in page.find_widgets(Select) if widget.title == "Rule")
+    rule.value = value
+    return rule
+
+
 def test_design_keeps_receivers_and_hardware_of_radar() -> None:
     page = Page(Requirements)
     initial_radar = page.scenario.radar
@@ -351,7 +362,7 @@ def test_design_keeps_receivers_and_hardware_of_radar() -> None:
     radar = page.scenario.radar
     assert radar is not None
     requirements = {"max_range_m": 100, "range_resolution_m": 1, "max_velocity_m_per_s": 30}
-    designed_frame = dc.design(**requirements, rule="constraints").radar.frame
+    designed_frame = dc.design(**requirements).radar.frame
     assert radar.frame == replace(
         round_frame_to_six_digits(designed_frame), period_s=initial_radar.frame.period_s
     )
@@ -389,6 +400,7 @@ def test_infeasible_requirements_give_nearest_design() -> None:
 
 def test_used_design_that_cannot_be_met_leaves_its_findings() -> None:
     page = Page(Requirements)
+    select_rule(page, "constraints")
     page.type_setting("range_resolution", "0.1 m")
     page.type_setting("max_velocity", "90 m/s")
     (find_findings,) = page.session.setting_findings
@@ -448,20 +460,37 @@ def test_absurd_requirements_are_reported_at_their_knob(value: str) -> None:
 
 def test_requirements_beyond_any_chirp_are_reported_and_not_kept() -> None:
     page = Page(Requirements)
+    select_rule(page, "constraints")
     page.type_setting("max_velocity", "1e-9 m/s")
     assert any("Chirp.sample_rate" in message for message in page.messages)
     page.type_setting("max_range", "140 m")  # the other requirements can still be changed
     page.press_button("Use this radar")
     radar = page.scenario.radar
     assert radar is not None
-    assert radar.frame.max_velocity_m_per_s == pytest.approx(50.0, rel=1e-4)
+    assert radar.frame.max_velocity_m_per_s == pytest.approx(100.0, rel=1e-4)
+
+
+def test_design_page_opens_with_defaults_of_command_line_and_library(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    requirements = ("--max-range", "200m", "--range-resolution", "1m", "--max-velocity", "100m/s")
+    with pytest.raises(SystemExit):
+        main(["design", *requirements, "--json"])
+    derived = json.loads(capsys.readouterr().out)["derived"]
+    (answer,) = (div for div in Page(Requirements).find_widgets(Div) if "<table" in div.text)
+
+    assert list(derived) == [value.name for value in dc.design(EXAMPLE_REQUIREMENTS).derived]
+    for name, value in derived.items():
+        assert f"<td>{name.replace('_', ' ')}</td>" in answer.text
+        assert escape(value["formula"]) in answer.text
+    assert dc.design(EXAMPLE_REQUIREMENTS).radar.frame.chirp.n_samples == 2200  # of the reference
 
 
 def test_rule_without_feasible_chirp_is_reported_until_changed() -> None:
     page = Page(Requirements)
-    page.type_setting("range_resolution", "1e9 m")
     (button,) = (widget for widget in page.find_widgets(Button) if widget.label == "Use this radar")
-    (rule,) = (widget for widget in page.find_widgets(Select) if widget.title == "Rule")
+    rule = select_rule(page, "constraints")
+    page.type_setting("range_resolution", "1e9 m")
     rule.value = next(widget for widget in rule.options if widget != "constraints")
     assert button.disabled and any(
         "Chirp.slope" in widget.text for widget in page.find_widgets(Div)

@@ -2,9 +2,7 @@
 
 import asyncio
 import itertools
-import os
-import subprocess
-import sys
+import re
 import threading
 import time
 from collections.abc import Callable
@@ -21,14 +19,13 @@ from dechirp.experiments.scenario import Scenario, reference
 from dechirp.processing.cfar import base as cfar_base
 from dechirp.studio import page as pages
 from dechirp.studio import session as sessions
-from dechirp.studio.compilation import N_LOOPS, CompilationCounter, compilation_counter
+from dechirp.studio.compilation import CompilationCounter, compilation_counter
 from dechirp.studio.frame_player import FramePlayer, calibrate_detector
 from dechirp.studio.page import page_builders_by_address
 from dechirp.studio.panels.knob_widgets import make_setting_changer
 from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.session import Session
 from dechirp.studio.views.base import View
-from nightly import nightly
 
 
 class DocumentStub:
@@ -305,8 +302,7 @@ def test_compilation_starts_with_server_and_is_counted():
 
     assert double(2) == 4
     assert counter.n_compiled == n_initial + 1
-    total = max(N_LOOPS, counter.n_compiled)
-    assert f"{counter.n_compiled} of about {total} loops" in counter.progress_text
+    assert re.search(rf"minute: {counter.n_compiled} loops in \d+ s\.", counter.progress_text)
     stopped = CompilationCounter()
     stopped.stop()
     try:
@@ -369,20 +365,3 @@ def test_texts_and_tables_show_same_frames(monkeypatch):
     for name in ("table", "map"):
         captions = [step for shown, step in shown_steps["caption"] if shown == name]
         assert captions == shown_steps["table"]
-
-
-@nightly
-def test_stated_number_of_loops_is_that_of_a_first_start(tmp_path):
-    script = """
-from concurrent.futures import ThreadPoolExecutor
-from dechirp.studio.compilation import compilation_counter, compile_in_background
-from dechirp.studio.panels.presets import preset_scenario
-from dechirp.studio.scenario_edits import PageLimits
-counter, worker, limits = compilation_counter(), ThreadPoolExecutor(1), PageLimits()
-compile_in_background(worker, preset_scenario("crossroads", limits), limits)
-worker.shutdown()
-print(counter.n_compiled)
-"""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    output = subprocess.check_output([sys.executable, "-c", script], env=environment, text=True)
-    assert int(output) == pytest.approx(N_LOOPS, rel=0.1)

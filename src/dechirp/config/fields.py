@@ -152,30 +152,40 @@ def is_family_type(type_hint: Any) -> bool:
 
 
 def describe_accepted_values(
-    value_type: ValueType, *, path_readable_types: Collection[type] = ()
+    value_type: ValueType,
+    *,
+    path_readable_types: Collection[type] = (),
+    with_examples: bool = True,
+    with_null: bool = True,
 ) -> str:
-    """Describe the accepted values of a type for an error message."""
+    """Describe the accepted values of a type, for an error message or a list."""
     texts = [
-        _describe_accepted_type(choice, value_type.unit, path_readable_types)
+        _describe_accepted_type(choice, value_type.unit, path_readable_types, with_examples)
         for choice in value_type.types_without_none
     ]
-    return " or ".join([*texts, "null"] if value_type.is_optional else texts)
+    null = ", or null" if value_type.is_optional and with_null else ""
+    return " or ".join(texts) + null
 
 
 def _describe_accepted_type(
-    type_hint: Any, unit: str | None, path_readable_types: Collection[type]
+    type_hint: Any,
+    unit: str | None,
+    path_readable_types: Collection[type],
+    with_examples: bool,
 ) -> str:
     if type_hint in _SIMPLE_TYPES:
         text = _SIMPLE_TYPES[type_hint]
     elif type_hint is float:
-        text = DIMENSIONS[unit].description
+        text = DIMENSIONS[unit].description if with_examples else DIMENSIONS[unit].noun
     elif get_origin(type_hint) is Literal:
         text = f"one of {', '.join(str(choice) for choice in get_args(type_hint))}"
     elif get_origin(type_hint) is tuple:
         member, *others = get_args(type_hint)
         size = "" if Ellipsis in others else f" of {1 + len(others)}"
         member_text = describe_accepted_values(
-            ValueType(member, unit), path_readable_types=path_readable_types
+            ValueType(member, unit),
+            path_readable_types=path_readable_types,
+            with_examples=with_examples,
         )
         text = f"a list{size}, each {member_text}"
     elif is_family_type(type_hint):

@@ -21,6 +21,11 @@ class Dimension:
     """Units of the same size with another zero, each with its offset."""
 
     @property
+    def noun(self) -> str:
+        """Noun without the example."""
+        return self.description.partition(", such as ")[0]
+
+    @property
     def units_for_messages(self) -> tuple[str, ...]:
         """Units that messages offer."""
         named = (*self.db_units, *self.offset_units)
@@ -60,17 +65,25 @@ DIMENSIONS = {
         "a size, such as 4 MiB", "B", ("B",), ("KiB", "MiB", "GiB", "kB", "MB", "GB")
     ),
     "probability": Dimension("a bare number, such as 1e-6"),
+    "number": Dimension("a bare number, such as 0.5"),
     None: Dimension("a number or a ratio, such as 4 or 6 dB", db_units=(("dB", 0), ("dBi", 0))),
 }
 """Dimensions by the suffix of a field's name; None is a ratio."""
 
 _SUFFIXES = sorted((f"_{unit}" for unit in DIMENSIONS if unit), key=len, reverse=True)
+_NUMBER_NAMES = (
+    *("per_frame", "share", "rank", "n_smallest", "n_largest", "usable_band", "corner"),
+    *("axis", "damping", "permittivity", "relative_drift", "taper"),
+)
+"""Ends of the names of numbers that are no ratios of powers, so that decibels are wrong."""
 
 
 def split_unit_suffix(name: str) -> tuple[str, str | None]:
     """Split the name of a number into the name without its unit and a key of `DIMENSIONS`."""
     if name.endswith(("probability", "probabilities", "confidence")):
         return name, "probability"
+    if name.endswith(_NUMBER_NAMES):
+        return name, "number"
     for suffix in _SUFFIXES:
         if name.endswith(suffix):
             return name.removesuffix(suffix), suffix[1:]

@@ -92,7 +92,7 @@ class RecordingSource:
 
     @property
     def may_choose_mitigation(self) -> bool:
-        """Whether a repair of bursts may be chosen."""
+        """True if a mitigation of interference bursts may be added to the chain."""
         return self.fit_chain and "mitigation" not in self.kept_settings
 
 

@@ -34,7 +34,8 @@ from dechirp.radar.radar import Radar
 def power_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.DataArray:
     """Compute the range-Doppler map of one frame, (chirp, rx, sample) to (velocity, range).
 
-    The frame may have an axis `frame` of length 1, and its axes any order. Without a chain, that of `detect` with its defaults.
+    The frame may have an axis `frame` of length 1, and its axes any order. Without a chain, that of
+    `detect` with its defaults.
 
     Mean power over the channels, see `split_chirps_into_slots`; a tone on a bin keeps its power.
     Where mitigation attenuates velocities, the map is divided by the residual white noise, except

@@ -19,16 +19,23 @@ def check_pdf_available() -> None:
     """Raise `InvalidSetting` if WeasyPrint cannot be used; call it before a long run."""
     try:
         import weasyprint  # noqa: F401
-    except ImportError:
+    except ModuleNotFoundError as error:
         raise _unavailable_error(
-            "the package weasyprint is not installed", "run pip install 'dechirp[pdf]'"
+            f"the package {error.name or 'weasyprint'} is not installed",
+            "run pip install 'dechirp[pdf]'",
         ) from None
-    except OSError:  # the package, without the library that it calls
+    except Exception as error:
+        message = str(error).partition("\n")[0] or type(error).__name__
+        if isinstance(error, OSError) and "cannot load library" in message:
+            raise _unavailable_error(
+                f"weasyprint does not find the library Pango: {message}",
+                "install it (apt install libpango-1.0-0 libpangoft2-1.0-0, brew install pango; on"
+                " Windows as WeasyPrint's page of first steps says)",
+            ) from None
         raise _unavailable_error(
-            "weasyprint does not find the library Pango",
-            "install it (apt install libpango-1.0-0 libpangoft2-1.0-0, brew install pango; on"
-            " Windows as WeasyPrint's page of first steps says)",
-        ) from None
+            f"weasyprint cannot be imported: {message}",
+            "run pip install --force-reinstall 'dechirp[pdf]'",
+        ) from error
 
 
 def _unavailable_error(value: str, fix: str) -> InvalidSetting:

@@ -5,14 +5,12 @@ After an installation, compiled loops are not on disk yet, and the first frame t
 
 from concurrent.futures import Executor
 from functools import cache
+from time import perf_counter
 
 from dechirp.core.compiled_kernels import compilation_listeners
 from dechirp.experiments.scenario import Scenario
 from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.scenario_edits import PageLimits
-
-N_LOOPS = 300
-"""Compiled loops of the first two frames of the opening scene, rounded: 307 with Numba 0.65."""
 
 
 class CompilationCounter:
@@ -20,6 +18,7 @@ class CompilationCounter:
 
     def __init__(self) -> None:
         self.n_compiled = 0
+        self._first_start_s = 0.0
         self._is_stopped = False
         compilation_listeners.append(self)
 
@@ -30,7 +29,7 @@ class CompilationCounter:
             return ""
         return (
             "Compiling, once after the installation, for about a minute:"
-            f" {self.n_compiled} of about {max(N_LOOPS, self.n_compiled)} loops."
+            f" {self.n_compiled} loops in {perf_counter() - self._first_start_s:.0f} s."
         )
 
     def stop(self) -> None:
@@ -38,9 +37,10 @@ class CompilationCounter:
         self._is_stopped = True
 
     def start_compilation(self) -> None:
-        """Fail if the server ends."""
+        """Note when the first one starts; fail if the server ends."""
         if self._is_stopped:
             raise RuntimeError("the studio has ended")
+        self._first_start_s = self._first_start_s or perf_counter()
 
     def end_compilation(self) -> None:
         """Count a loop."""

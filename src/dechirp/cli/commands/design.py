@@ -1,13 +1,13 @@
 """`dechirp design`: a waveform from requirements, with every formula."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from dechirp.cli.options import Json, Quiet
 from dechirp.core.values import frozen_dataclass
-from dechirp.radar.design.design import TYPICAL_HARDWARE, TYPICAL_LIMITS
+from dechirp.radar.design.design import DEFAULT_RULE, TYPICAL_HARDWARE, TYPICAL_LIMITS, Rule
 from dechirp.radar.design.requirements import Limits
 from dechirp.radar.hardware import Hardware
 
@@ -43,7 +43,7 @@ def design(
     rcs: _Text = None,
     detection_probability: _Text = None,
     false_alarm_probability: _Text = None,
-    rule: Literal["round-trips", "constraints"] = "round-trips",
+    rule: Rule = DEFAULT_RULE,
     changes: Annotated[list[str] | None, Parameter(name="--set")] = None,
     out: Path | None = None,
     as_json: Json = False,

@@ -104,7 +104,8 @@ def _describe_settings(value_class: type, default_values: Any = None) -> dict[st
     for name, setting in list_settings(value_class).items():
         default = getattr(default_values, setting.field, setting.default)
         settings[name] = {
-            "expected": describe_accepted_values(setting.value_type),
+            # The default is the better example: 77 GHz beside a default of 2 MHz misleads.
+            "expected": describe_accepted_values(setting.value_type, with_examples=default is None),
             "required": setting.is_required,
             "default": _format_default(default, setting.value_type.unit),
             "help": help_by_field[setting.field],

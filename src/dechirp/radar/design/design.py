@@ -25,6 +25,15 @@ TYPICAL_HARDWARE = Hardware(
 
 TYPICAL_LIMITS = Limits()
 
+EXAMPLE_REQUIREMENTS = Requirements(
+    max_range_m=200.0, range_resolution_m=1.0, max_velocity_m_per_s=100.0
+)
+"""Requirements of the reference radar, an automotive long-range radar."""
+
+Rule = Literal["round-trips", "constraints"]
+DEFAULT_RULE: Rule = "round-trips"
+"""Rule of the reference radar; it needs no limits of parts, see `design`."""
+
 
 @frozen_dataclass
 class Design(Displayable):
@@ -55,7 +64,7 @@ class Design(Displayable):
 def design(
     requirements: Requirements | None = None,
     *,
-    rule: Literal["round-trips", "constraints"] = "round-trips",
+    rule: Rule = DEFAULT_RULE,
     speed_of_light_m_per_s: float = SPEED_OF_LIGHT,
     limits: Limits = TYPICAL_LIMITS,
     hardware: Hardware = TYPICAL_HARDWARE,

@@ -271,7 +271,7 @@ def _empty_knob(cls: type, key: str, setting: Setting, parent_path: str, *, dept
 
 
 def _knob_with_input_or_choices(knob: Knob, value_type: ValueType, current_value: Any) -> Knob:
-    expected = describe_accepted_values(value_type).removesuffix(" or null")
+    expected = describe_accepted_values(value_type, with_null=False)
     help = (
         f"{knob.help} Needs {expected}{', or nothing' if value_type.is_optional else ''}.".strip()
     )

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from html import escape
-from typing import get_args, get_type_hints
+from typing import get_args
 
 from bokeh.models import Button, Column, Div, Select, UIElement
 
@@ -16,7 +16,14 @@ from dechirp.core.findings import Finding
 from dechirp.core.text import format_number, format_with_si_prefix
 from dechirp.experiments.scenario import Scenario
 from dechirp.radar.design.derived import DerivedValue
-from dechirp.radar.design.design import TYPICAL_HARDWARE, Design, design
+from dechirp.radar.design.design import (
+    DEFAULT_RULE,
+    EXAMPLE_REQUIREMENTS,
+    TYPICAL_HARDWARE,
+    Design,
+    Rule,
+    design,
+)
 from dechirp.radar.design.requirements import Requirements as DesignRequirements
 from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
@@ -90,9 +97,7 @@ def _round_to_six_digits(number: float, rounding: Callable[[float], int]) -> flo
     return float(f"{digits * unit:.{_DIGITS}g}")
 
 
-_START = DesignRequirements(max_range_m=150.0, range_resolution_m=1.0, max_velocity_m_per_s=50.0)
 _OUT_OF_DATE = "Out of date: a requirement above is wrong"
-_RULES = get_args(get_type_hints(design)["rule"])
 
 
 class Requirements(Panel):
@@ -102,7 +107,7 @@ class Requirements(Panel):
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
-        self._requirements = _START
+        self._requirements = EXAMPLE_REQUIREMENTS
         self._hardware = _scenario_or_typical_hardware(session.scenario)
         self._design: Design | None = None
         """None if the rule has no solution."""
@@ -111,8 +116,8 @@ class Requirements(Panel):
         """Design of the radar in use, until its waveform is changed."""
         self._rule = Select(
             title="Rule",
-            options=list(_RULES),
-            value="constraints",  # feasible hardware; 5.5 round trips to 90 m would need 600 MHz
+            options=list(get_args(Rule)),
+            value=DEFAULT_RULE,
             sizing_mode="stretch_width",
             css_classes=["field"],
             margin=(2, 0, 2, 0),
@@ -122,7 +127,7 @@ class Requirements(Panel):
             },
         )
         self._form = KnobForm(
-            _START,
+            EXAMPLE_REQUIREMENTS,
             lambda _: list_settings(DesignRequirements),
             self._change_requirement_and_redesign,
         )
@@ -144,7 +149,7 @@ class Requirements(Panel):
         self._form.on_marks.append(self._show_design)
         session.on_settings.append(self._redesign_if_hardware_changed)
         session.setting_findings.append(self._findings_on_used_design)
-        self._design_and_show(_START)
+        self._design_and_show(EXAMPLE_REQUIREMENTS)
 
     @property
     def root_element(self) -> UIElement:
