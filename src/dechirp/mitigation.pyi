@@ -2,6 +2,7 @@
 
 from dechirp.processing.mitigation.interference_repair import InterferenceAutoregression as InterferenceAutoregression
 from dechirp.processing.mitigation.interference_repair import InterferenceZeroing as InterferenceZeroing
+from dechirp.processing.mitigation.interference_tones import InterferenceTones as InterferenceTones
 from dechirp.processing.mitigation.leakage_subtraction import LeakageSubtraction as LeakageSubtraction
 from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction as MeanSubtraction
 from dechirp.processing.mitigation.moving_target_indication import MovingTargetIndication as MovingTargetIndication

@@ -37,6 +37,10 @@ def make_comparison(**changes):
         ({"ours": np.nan}, False),
         ({"theirs": np.inf, "ours": np.inf}, False),
         ({"ours": 2.0, "tolerance": 0.0}, True),
+        ({"ours": 9.0, "relation": "at least"}, True),
+        ({"ours": 1.4, "relation": "at least"}, False),
+        ({"ours": -9.0, "relation": "at most"}, True),
+        ({"ours": 2.6, "relation": "at most"}, False),
     ],
 )
 def test_number_passes_within_its_tolerance(changes, passed):

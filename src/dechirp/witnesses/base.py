@@ -8,7 +8,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,11 +27,13 @@ class Comparison:
     unit: str
     """SI unit, dB, or 1 for ratios and counts."""
     tolerance: float
-    """Largest allowed difference, in the unit."""
+    """Largest allowed difference to the worse side, in the unit."""
     basis: str
     """Where the tolerance comes from."""
     cause: str = ""
     """Known cause of a difference beyond the tolerance."""
+    relation: Literal["equal", "at least", "at most"] = "equal"
+    """What ours has to be: theirs within the tolerance, or better than it on one side."""
 
     @property
     def difference(self) -> float:
@@ -40,8 +42,13 @@ class Comparison:
 
     @property
     def passed(self) -> bool:
-        """True if both numbers are finite and differ by the tolerance at most."""
-        return math.isfinite(self.difference) and abs(self.difference) <= self.tolerance
+        """True if both numbers are finite and ours has the relation to theirs."""
+        shortfall = {
+            "equal": abs(self.difference),
+            "at least": -self.difference,
+            "at most": self.difference,
+        }[self.relation]
+        return math.isfinite(self.difference) and shortfall <= self.tolerance
 
 
 def compare_arrays(

@@ -114,6 +114,7 @@ def board_document(testimonies: tuple[Testimony, ...]) -> dict[str, Any]:
                         "theirs": comparison.theirs,
                         "ours": comparison.ours,
                         "unit": comparison.unit,
+                        "relation": comparison.relation,
                         "tolerance": comparison.tolerance,
                         "basis": comparison.basis,
                         "cause": comparison.cause,
@@ -146,10 +147,11 @@ def board_as_markdown(testimonies: tuple[Testimony, ...]) -> str:
 def format_comparison(comparison: Comparison) -> tuple[str, str, str, str, str]:
     """Return quantity, theirs, ours, tolerance with its basis, and result, as text."""
     unit = "" if comparison.unit == "1" else f" {comparison.unit}"
+    bound = "" if comparison.relation == "equal" else f"{comparison.relation} "
     result = "passed" if comparison.passed else f"fails: {comparison.cause or 'cause unknown'}"
     return (
         comparison.quantity,
-        f"{_format_digits(comparison.theirs, 7)}{unit}",
+        f"{bound}{_format_digits(comparison.theirs, 7)}{unit}",
         f"{_format_digits(comparison.ours, 7)}{unit}",
         f"{_format_digits(comparison.tolerance, 2)}{unit}: {comparison.basis}",
         result,

@@ -38,6 +38,6 @@ def draw_board(figure: Figure, testimonies: Sequence[Testimony]) -> Axes:
 
 
 def _difference_over_tolerance(comparison: Comparison) -> float:
-    if comparison.difference == 0:
+    if comparison.difference == 0 or (comparison.passed and comparison.relation != "equal"):
         return 0.0
     return abs(comparison.difference) / comparison.tolerance if comparison.tolerance else np.inf

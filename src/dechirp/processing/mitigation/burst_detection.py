@@ -125,15 +125,37 @@ def _burst_mask(
         n_parts / 2 * adc_step**2, background.rounding_power / background.receiver_weight[alive]
     )
     noise_floor = np.maximum(noise_floor, noise / _MEDIAN[n_parts])
-    limit = np.log(samples.shape[2] / _FALSE_STRETCH_PROBABILITY) / _DECAY[n_parts]
     is_burst = np.zeros((len(samples), samples.shape[2]), bool)
     for chirp in np.flatnonzero(chirp_bursts.excess > 1).tolist():
-        power = error_power(chirp)
-        # Noise may differ from chirp to chirp; a burst leaves a quarter of a chirp to measure it.
-        noise = np.maximum(np.quantile(power, 0.25, axis=1) / _QUARTER[n_parts], noise_floor)
-        energy = np.mean(power / noise[:, None], axis=0)
-        _mark_bursts(energy - threshold, limit, is_burst[chirp])
+        mark_bursts_over_noise(
+            error_power(chirp),
+            is_burst[chirp],
+            n_parts=n_parts,
+            noise_floor=noise_floor,
+            false_probability=_FALSE_STRETCH_PROBABILITY,
+            threshold=threshold,
+        )
     return is_burst
+
+
+def mark_bursts_over_noise(
+    power: np.ndarray,
+    is_burst: np.ndarray,
+    *,
+    n_parts: int,
+    noise_floor: np.ndarray,
+    false_probability: float,
+    threshold: float = _BURST_THRESHOLD,
+) -> None:
+    """Mark the bursts of one chirp in `is_burst` (sample,), from powers (rx, sample).
+
+    Powers are those of samples without echoes, of two parts, I and Q, or of one. Their noise is at
+    least `noise_floor` (rx,). In noise, a stretch is marked with `false_probability`.
+    """
+    # Noise may differ from chirp to chirp; a burst leaves a quarter of a chirp to measure it.
+    noise = np.maximum(np.quantile(power, 0.25, axis=1) / _QUARTER[n_parts], noise_floor)
+    limit = np.log(power.shape[1] / false_probability) / _DECAY[n_parts]
+    _mark_bursts(np.mean(power / noise[:, None], axis=0) - threshold, limit, is_burst)
 
 
 def _smaller_prediction_error_power(moving: np.ndarray, predictor: np.ndarray) -> np.ndarray:
