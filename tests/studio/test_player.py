@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
+from dechirp.core.findings import Finding
 from dechirp.experiments.scenario import RecordingSource
 from dechirp.processing.chain import Chain
 from dechirp.processing.range_doppler_map import power_map, threshold_map
@@ -18,6 +19,8 @@ from dechirp.studio.cursor import Cursor, cursor_at_followed_detection, nearest_
 from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.option_hints import translate_finding_to_page
 from dechirp.studio.scenario_edits import PageLimits
+from recordings.triangle_wav import RADAR as SOUND_CARD_RADAR
+from recordings.triangle_wav import record_triangle, walker_range_m
 
 CHIRP = dc.Chirp(
     start_frequency_hz=77e9,
@@ -382,6 +385,39 @@ def test_damaged_recording_is_repaired_and_fitted_as_by_run(scenario, tmp_path):
     assert options == []
     # A frame that is shown again counts once.
     assert set(player.process_frame_at_step(4, None).findings) == expected
+
+
+def test_recording_shows_velocities_and_notes_of_all_frames_as_run(tmp_path):
+    path = tmp_path / "walk.wav"
+    record_triangle(path, walker_range_m, inverted=False)
+    recording_scenario = dc.Scenario(
+        radar=SOUND_CARD_RADAR, recording=RecordingSource(path=str(path))
+    )
+    result, player = dc.run(recording_scenario), FramePlayer(recording_scenario)
+    player.process_frame_at_step(0, None)
+    n_done = []
+
+    player.detect_in_all_frames(lambda n, _: n_done.append(n))
+
+    def check(player: FramePlayer) -> set[Finding]:
+        for number in (5, 6):
+            frame_state = player.process_frame_at_step(number, None)
+            indices = np.flatnonzero(result.detections["frame"].values == number)
+            xr.testing.assert_identical(
+                frame_state.detections, result.detections.isel(detection=indices)
+            )
+        texts = ("chosen recording.encoding=upright because", "are aliased; their ranges")
+        return {f for f in frame_state.findings if any(text in f.value for text in texts)}
+
+    findings = check(player)
+    assert len(findings) == 2
+    assert len(n_done) >= result.n_frames
+    # After a change of settings the chosen ramps stay.
+    changed = replace(recording_scenario, name="other")
+    next_player = FramePlayer(changed, previous=player)
+    next_player.process_frame_at_step(0, None)
+    next_player.detect_in_all_frames(lambda *_: None)
+    assert check(next_player) == findings
 
 
 @pytest.mark.skipif(

@@ -15,7 +15,7 @@ from bokeh.document import Document
 from bokeh.models import Div
 
 from dechirp.core.compiled_kernels import compilation_listeners, kernel
-from dechirp.experiments.scenario import Scenario, reference
+from dechirp.experiments.scenario import RecordingSource, Scenario, reference
 from dechirp.processing.cfar import base as cfar_base
 from dechirp.studio import page as pages
 from dechirp.studio import session as sessions
@@ -38,14 +38,14 @@ class DocumentStub:
 class PlayerStub:
     """Player whose frames contain their step and seed."""
 
-    def __init__(self, scenario: Scenario, limits: PageLimits) -> None:
+    def __init__(self, scenario: Scenario, limits: PageLimits, *, previous: object = None) -> None:
         self.scenario = scenario
 
     def open_source(self) -> SimpleNamespace:
         return SimpleNamespace(scenario=self.scenario, radar=self.scenario.radar)
 
     def process_frame_at_step(self, step: int, cursor: object) -> SimpleNamespace:
-        return SimpleNamespace(step=step, seed=self.scenario.seed)
+        return SimpleNamespace(step=step, seed=self.scenario.seed, scenario=self.scenario)
 
 
 class Page:
@@ -234,6 +234,31 @@ def test_detector_is_calibrated_while_worker_serves_other_pages(run_page, monkey
         page.session.go_to_step(1)
         await page.wait_until(lambda: page.frames[-1].step == 1)
         assert len(threads) == 1  # once for each change of settings
+
+    run_page(interaction)
+
+
+def test_velocities_are_measured_off_the_worker_and_shown_when_known(run_page, monkeypatch):
+    async def interaction(page: Page) -> None:
+        threads, is_released = [], threading.Event()
+
+        def detect(player: PlayerStub, progress: Callable[[int, int], None]) -> None:
+            threads.append(threading.current_thread().name)
+            is_released.wait(60)
+            progress(1, 1)
+
+        monkeypatch.setattr(sessions, "_OPENING_S", 0.01)
+        monkeypatch.setattr(PlayerStub, "detect_in_all_frames", detect, raising=False)
+        source = RecordingSource(path="drive.npy")
+        recorded = Scenario(radar=reference().radar, recording=source)
+        page.session.queue_edit("", lambda _: recorded)
+        await page.wait_until(lambda: threads and page.session.frame_state.scenario is recorded)
+        page.session.go_to_step(1)
+        await page.wait_until(lambda: page.frames[-1].step == 1)  # frames go on meanwhile
+        n_frames = len(page.frames)
+        is_released.set()
+        await page.wait_until(lambda: len(page.frames) > n_frames)  # shown without a click
+        assert threads == ["velocities_0"]
 
     run_page(interaction)
 

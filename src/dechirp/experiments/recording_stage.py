@@ -150,10 +150,10 @@ def detect_in_recording(
     ratio = _velocity_sign_ratio(detected)
     if ratio < -DECISIVE_LOG_LIKELIHOOD_RATIO:
         detected = _process_other_ramps(detected, recording, scenario, progress)
-    return resolve_detected_velocities(detected)
+    return _resolve_velocities(detected)
 
 
-def resolve_detected_velocities(detected: DetectedRecording) -> DetectedRecording:
+def _resolve_velocities(detected: DetectedRecording) -> DetectedRecording:
     """Return the detections with the ambiguity numbers that the ranges of targets give."""
     columns, radar = detected.columns, detected.frames.radar
     findings = detected.findings
@@ -209,13 +209,17 @@ def _process_other_ramps(
         other_scenario = replace(scenario, recording=source)
         try:
             other_recording = open_scenario_recording(other_scenario)
+            if recording.n_frames < recording.contents.n_frames:
+                numbers = recording.frame_numbers
+                stop = min(numbers.stop, other_recording.contents.n_frames)
+                other_recording = other_recording.select_frames(numbers.start, stop)
             other = _process_frames(other_recording, other_scenario, progress)
         except DechirpError:  # the pulses of the sync are shorter than the pauses, or the reverse
             other = None
         if other is not None and _velocity_sign_ratio(other) > DECISIVE_LOG_LIKELIHOOD_RATIO:
             note = _chosen_ramps_note(encoding)
-            return replace(other, reader_findings=(note, *other.reader_findings))
-    return replace(detected, findings=(*detected.findings, _opposite_sign_warning(encoding)))
+            return replace(other, findings=(note,))
+    return replace(detected, findings=(_opposite_sign_warning(encoding),))
 
 
 def _chosen_ramps_note(encoding: str) -> Finding:

@@ -1,6 +1,7 @@
 """Frame states of a scenario, step by step, computed on the worker."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -14,6 +15,7 @@ from dechirp.experiments.object_stage import (
     drop_static_rows_and_unresolved_velocities,
     estimate_ego_motion_and_clusters,
 )
+from dechirp.experiments.recording_stage import DetectedRecording
 from dechirp.experiments.run import (
     DetectionRun,
     detection_findings,
@@ -29,7 +31,7 @@ from dechirp.processing.hidden_echoes import hidden_echo_findings
 from dechirp.processing.range_doppler_map import threshold_map
 from dechirp.radar.radar import Radar
 from dechirp.studio.cursor import Cursor, cursor_at_followed_detection
-from dechirp.studio.frame_sources import FrameSource, open_frame_source
+from dechirp.studio.frame_sources import FrameSource, RecordingFrames, open_frame_source
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.history import FrameHistory, HistoryEntry
 from dechirp.studio.option_hints import translate_finding_to_page
@@ -45,11 +47,26 @@ class FramePlayer:
     Step s shows frame s mod n of a scene or recording of n frames; the noise of a scene depends on
     the seed and s. Preparation is done at the first call. Tracks and micro-Doppler continue from
     step to step; they restart after a rewind or a jump, and at the end of the source.
+
+    Frames of a recording have the velocities that `run` gives them from the ranges of targets in
+    all frames, once `detect_in_all_frames` has measured these on another thread. `previous` is the
+    player before a change of settings: ramps of a triangle that it chose are chosen here, too.
     """
 
-    def __init__(self, scenario: Scenario, limits: PageLimits = _LIMITS) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        limits: PageLimits = _LIMITS,
+        *,
+        previous: "FramePlayer | None" = None,
+    ) -> None:
         self._scenario, self._limits = scenario, limits
+        self._chosen_ramps: _ChosenRamps | None = None
+        if previous is not None and previous._scenario.recording == scenario.recording:
+            self._chosen_ramps = previous._chosen_ramps
         self._frames: FrameSource | None = None
+        self._new_detections: DetectedRecording | None = None
+        """Detections in all frames, until the next frame takes them over."""
         self._prepared: _PreparedScenario | None = None
         self._recent_steps: list[_ProcessedStep] = []
 
@@ -62,8 +79,47 @@ class FramePlayer:
             If it cannot be opened.
         """
         if self._frames is None:
-            self._frames = open_frame_source(self._scenario, self._limits)
+            scenario = self._scenario
+            if self._chosen_ramps is not None:
+                scenario = self._chosen_ramps.apply_to_scenario(scenario)
+            self._frames = open_frame_source(scenario, self._limits)
         return self._frames
+
+    def detect_in_all_frames(self, progress: Callable[[int, int], None]) -> None:
+        """Measure the velocities and findings that all frames of a recording give together.
+
+        For another thread, after `open_source`; scenes have nothing to measure. `progress` is
+        called with the number of finished frames and of all.
+
+        Raises
+        ------
+        DechirpError
+            If a frame cannot be read.
+        """
+        source = self.open_source()
+        if isinstance(source, RecordingFrames):
+            self._new_detections = source.detect_in_frames(progress)
+
+    def _take_over_new_detections(self) -> None:
+        """Take over detections in all frames, with the ramps that were chosen for them."""
+        detected, self._new_detections = self._new_detections, None
+        if detected is None:
+            return
+        source = self.open_source()
+        assert detected.scenario.recording is not None and source.scenario.recording is not None
+        encoding = detected.scenario.recording.encoding
+        if encoding is not None and encoding != source.scenario.recording.encoding:
+            notes = tuple(entry for entry in detected.findings if entry.setting == "encoding")
+            self._chosen_ramps = _ChosenRamps(encoding, notes)
+            self._frames = self._prepared = None
+        elif self._chosen_ramps is not None:
+            detected = replace(
+                detected, findings=(*self._chosen_ramps.findings, *detected.findings)
+            )
+        self._recent_steps = []
+        if self._prepared is None:
+            self._prepared = _PreparedScenario(self.open_source())
+        self._prepared.detected = detected
 
     def process_frame_at_step(self, step: int, cursor: Cursor | None) -> FrameState:
         """Return the processed frame of a step.
@@ -75,6 +131,7 @@ class FramePlayer:
         """
         started = perf_counter()
         check_integer("step", step, at_least=0)
+        self._take_over_new_detections()
         is_first = self._prepared is None
         if self._prepared is None:
             self._prepared = _PreparedScenario(self.open_source())
@@ -116,6 +173,19 @@ class FramePlayer:
         if is_first:  # compile here, for seconds, not when the page reads it
             _ = state.beat_and_spectrum, state.cuts_through_cursor, state.micro_doppler
         return state
+
+
+@dataclass(frozen=True)
+class _ChosenRamps:
+    """Ramps of a triangle that the ranges of moving targets choose, see `recording_stage`."""
+
+    encoding: str
+    findings: tuple[Finding, ...]
+
+    def apply_to_scenario(self, scenario: Scenario) -> Scenario:
+        """Return the scenario that reads these ramps."""
+        assert scenario.recording is not None
+        return replace(scenario, recording=replace(scenario.recording, encoding=self.encoding))
 
 
 def calibrate_detector(source: FrameSource) -> None:
@@ -165,6 +235,8 @@ class _PreparedScenario:
         """Those of the first processed frame, as in `run`."""
         self.history = FrameHistory(scenario.tracker, radar)
         self._scenario = scenario
+        self.detected: DetectedRecording | None = None
+        """Detections in all frames of a recording, once they are known."""
         self._followed: Cursor | None = None
         """Cursor of the last frame."""
         self._has_azimuth = (
@@ -179,6 +251,7 @@ class _PreparedScenario:
         """Findings on the source, the chain, the frames processed so far, and the first of them."""
         return (
             *self.frames.findings,
+            *(self.detected.findings if self.detected is not None else ()),
             *self._chain_findings,
             *self._counts.findings(),
             *(self._hidden_echo_findings or ()),
@@ -194,7 +267,7 @@ class _PreparedScenario:
             self.history.reset()
         samples = cube.isel(frame=0)
         (result,) = process_cubes([cube], self.frames.radar, self.chain, first_frame_number=number)
-        detections = detections_from_columns(result.detections)
+        detections = detections_from_columns(self._columns_of_frame(number, result))
         self._counts.add_frame(number, result, detections)
         # Copy: the map may be a view of a larger array.
         power_values = tuple(part.copy() for part in result.equalised_power)
@@ -231,6 +304,16 @@ class _PreparedScenario:
             history=self.history.frames,
             findings=grouped.findings,
         )
+
+    def _columns_of_frame(self, number: int, result: FrameResult) -> Mapping[str, np.ndarray]:
+        """Return the columns of a frame, with the velocities that all frames give it if known."""
+        if self.detected is None:
+            return result.detections
+        columns = self.detected.columns
+        rows = slice(*np.searchsorted(columns["frame"], [number, number + 1]))
+        if len(columns["frame"][rows]) != len(result.detections["frame"]):  # not measured
+            return result.detections
+        return {name: column[rows] for name, column in columns.items()}
 
 
 class _DetectionCounts:

@@ -1,5 +1,6 @@
 """Sources of frames: a simulated scene or a recording."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
@@ -7,7 +8,12 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.findings import Finding, capture_warned_findings
-from dechirp.experiments.recording_stage import open_scenario_recording, prepare_recording
+from dechirp.experiments.recording_stage import (
+    DetectedRecording,
+    detect_in_recording,
+    open_scenario_recording,
+    prepare_recording,
+)
 from dechirp.experiments.scenario import Scenario
 from dechirp.radar.radar import Radar
 from dechirp.scene.truth import truth
@@ -16,6 +22,8 @@ from dechirp.simulation.simulate import build_stages_with_warnings
 from dechirp.studio.option_hints import translate_error_fixes_to_page
 from dechirp.studio.scenario_edits import PageLimits, check_settings_within_limits
 
+# Frames in which all detections are measured at opening: some seconds of computing.
+_MAX_DETECTED_SAMPLES, _MIN_DETECTED_FRAMES = 2**26, 32
 _FRAMES_GROWTH = 1.1
 """Growth of the number of read frames after which they are judged again."""
 
@@ -111,6 +119,7 @@ class RecordingFrames:
         prepared = prepare_recording(recording, scenario)
         self.scenario, self._frames = prepared.scenario, prepared.frames
         self.radar, self.n_frames = self._frames.radar, recording.n_frames
+        self._recording, self._given_scenario = recording, scenario
         self._numbers = recording.frame_numbers
         self._choices = (*recording.findings, *prepared.findings)
         self._findings: tuple[Finding, ...] = ()
@@ -133,5 +142,26 @@ class RecordingFrames:
     def cube(self, step: int) -> xr.DataArray:
         return self._frames.read_frame(self.frame_number(step))
 
+    def detect_in_frames(self, progress: Callable[[int, int], None]) -> DetectedRecording:
+        """Detect in all frames as `run` does, in the first ones of a long recording."""
+        n_samples = self.radar.n_samples_per_frame
+        n_frames = min(self.n_frames, max(_MIN_DETECTED_FRAMES, _MAX_DETECTED_SAMPLES // n_samples))
+        first = self._numbers.start
+        recording = self._recording.select_frames(first, first + n_frames)
+        detected = detect_in_recording(recording, self._given_scenario, progress=progress)
+        if n_frames == self.n_frames:
+            return detected
+        return replace(detected, findings=(*detected.findings, _first_frames_note(n_frames)))
+
     def truth(self, step: int) -> None:
         """Return None: the truth of a recording is unknown."""
+
+
+def _first_frames_note(n_frames: int) -> Finding:
+    return Finding(
+        level="note",
+        setting="recording.frames",
+        value=f"velocities resolved by ranges in the first {n_frames} frames of a long recording",
+        expected="frames of the length that this page computes in some seconds",
+        fix="select other frames with --frames, or run the recording with dechirp run",
+    )

@@ -38,6 +38,9 @@ def translate_cli_fix_to_page(fix: str) -> str:
 def translate_finding_to_page(finding: Finding) -> Finding:
     """Translate the options in a finding: chosen ones to settings, a fix to the page's panels."""
     value = _SET_OPTION.sub(lambda option: option[1] or option[2], finding.value)
+    value = _RECORDING_OPTION.sub(
+        lambda option: f"recording.{option[1]}{f'={option[2]}' if option[2] else ''}", value
+    )
     return replace(finding, value=value, fix=translate_cli_fix_to_page(finding.fix))
 
 

@@ -10,8 +10,9 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import suppress
 from functools import cache, partial
-from time import perf_counter
+from time import perf_counter, sleep
 from typing import NamedTuple, TypeVar
 
 from bokeh.document import Document
@@ -29,6 +30,9 @@ from dechirp.studio.undo import UndoHistory
 T = TypeVar("T")
 Edit = Callable[[Scenario], Scenario]
 
+_OPENING_S = 3.0
+"""Longest time for which the first frame of a recording waits for the velocities over all frames.
+"""
 _WAIT_NOTICE_S = 0.3
 """Waiting time after which the page shows a notice, and time between two of them."""
 
@@ -84,6 +88,9 @@ class Session:
         """Word for what the page waits for."""
         self._n_shown = self._n_drawn = 0
         self._task: asyncio.Task[None] | None = None
+        self._measuring: set[asyncio.Task[None]] = set()
+        self._opened_path: str | None = None
+        self._is_closed = False
         self._next_frame: _PendingFrame | None = None
 
     # Interface of panels and views, called on the event loop.
@@ -164,8 +171,10 @@ class Session:
 
     def close(self) -> None:
         """Stop the session; running work is abandoned."""
-        if self._task is not None:
-            self._task.cancel()
+        self._is_closed = True
+        for task in (self._task, *self._measuring):
+            if task is not None:
+                task.cancel()
 
     async def _run_loop(self) -> None:
         while True:
@@ -207,12 +216,15 @@ class Session:
             if scenario is not self.scenario:
                 if _RESTORE not in edits:
                     self.undo_history.record_change(self.scenario, frozenset(edits))
-                self.scenario, self._player = scenario, FramePlayer(scenario, self.limits)
+                self._player = FramePlayer(scenario, self.limits, previous=self._player)
+                self.scenario = scenario
                 await self.run_in_document(self._notify_settings_listeners)
             self.playing = self.playing and not wrong
         if self._player is not self._calibrated_player:
             await self._await_with_notice(self._calibrate_off_worker())
             self._calibrated_player = self._player
+            if self.scenario.recording is not None:
+                await self._await_with_notice(self._start_measuring_velocities(self._player))
         frame_state = await self._frame_of_step(self.step)
         if self.playing:  # the next one is made while the browser draws this one
             self._next_frame = self._start_computing_frame(self.step + 1)
@@ -230,6 +242,39 @@ class Session:
             )
         finally:
             self.activity = "computing"
+
+    async def _start_measuring_velocities(self, player: FramePlayer) -> None:
+        """Measure the velocities that all frames of a recording give, on another thread.
+
+        At opening, wait for them for a few seconds; after a change of settings, frames go on.
+        """
+        measuring = asyncio.get_running_loop().create_task(self._measure_velocities(player))
+        self._measuring.add(measuring)
+        measuring.add_done_callback(self._measuring.discard)
+        assert self.scenario.recording is not None
+        path, self._opened_path = self._opened_path, self.scenario.recording.path
+        if path == self._opened_path:
+            return
+        self.activity = "measuring velocities over all frames"
+        try:
+            await asyncio.wait({measuring}, timeout=_OPENING_S)
+        finally:
+            self.activity = "computing"
+
+    async def _measure_velocities(self, player: FramePlayer) -> None:
+        """Measure velocities over all frames, and show the current frame with them."""
+
+        def make_way(n_done: int, n_frames: int) -> None:
+            if player is not self._player or self._is_closed:
+                raise _SettingsChanged
+            if self.playing:  # the frames of the page go first
+                sleep(self.limits.min_frame_interval_s)
+
+        with suppress(DechirpError, _SettingsChanged):  # frames report their errors when shown
+            await asyncio.get_running_loop().run_in_executor(
+                _measuring_thread(), partial(player.detect_in_all_frames, make_way)
+            )
+            self._has_work.set()
 
     async def _wait_for_browser(self) -> None:
         """Wait until the browser can take another frame."""
@@ -304,6 +349,16 @@ class Session:
 
         self.document.add_next_tick_callback(run_job)
         await finished
+
+
+class _SettingsChanged(Exception):
+    """Settings have changed or the page was closed: the velocities are not wanted any more."""
+
+
+@cache
+def _measuring_thread() -> Executor:
+    """Return the thread that measures velocities over all frames, one page after another."""
+    return ThreadPoolExecutor(1, thread_name_prefix="velocities")
 
 
 @cache
