@@ -23,8 +23,6 @@ from nightly import nightly
 from test_layers import ROOT, parse_file
 
 API_TEXT = Path(__file__).with_name("api.txt")
-DOCS = ROOT.parents[1] / "docs"
-EXAMPLES = ROOT.parents[1] / "examples"
 NAMESPACES = tuple(sorted(dechirp._NAMESPACES))
 
 
@@ -71,18 +69,6 @@ def describe_name(name: str, module: str) -> Iterator[str]:
                 yield f"    {''.join(decorators)}{signature(member)}"
 
 
-def documented_names() -> set[tuple[str, str]]:
-    """Collect the modules and names that pages of the guide and examples import."""
-    pages = [*DOCS.glob("*.md"), *DOCS.glob("guide/*.md"), *DOCS.glob("gallery/*/*.py")]
-    imported = re.compile(r"^from (dechirp\.\S+) import (\([^)]*\)|[^(\n]*)$", re.MULTILINE)
-    return {
-        (module, name)
-        for page in [*pages, *EXAMPLES.rglob("*.py")]
-        for module, names in imported.findall(page.read_text(encoding="utf-8"))
-        for name in re.findall(r"\w+", re.sub(r"#.*| as \w+", "", names))
-    }
-
-
 def namespace_names(namespace: str) -> dict[str, str]:
     """Map the names of a namespace to the modules that define them."""
     module = importlib.import_module(f"dechirp.{namespace}")
@@ -90,15 +76,15 @@ def namespace_names(namespace: str) -> dict[str, str]:
 
 
 def api() -> str:
-    """Describe the public interface: root names, namespaces, then modules that users import."""
+    """Describe the public interface: root names, namespaces, then their base classes."""
     root = {(f"dechirp.{dechirp._MODULES[name]}", name) for name in dechirp.__all__}
     grouped = {
         namespace: [(owner, name) for name, owner in sorted(namespace_names(namespace).items())]
         for namespace in NAMESPACES
     }
     listed = root | {entry for entries in grouped.values() for entry in entries}
-    further = documented_names() - listed
-    for module, name in listed | further:
+    further = set()
+    for module, name in listed:
         thing = getattr(importlib.import_module(module), name, None)
         for base in getattr(thing, "__mro__", ()):
             if base.__module__.startswith("dechirp."):
@@ -111,7 +97,7 @@ def api() -> str:
         for module, name in entries:
             lines += describe_name(name, module)
     for module in sorted({module for module, _ in further - listed}):
-        lines += ["", f"# from {module} import"]
+        lines += ["", f"# base classes in {module}"]
         for name in sorted(name for owner, name in further - listed if owner == module):
             lines += describe_name(name, module)
     return "\n".join(lines) + "\n"
@@ -176,7 +162,7 @@ def test_namespace_shows_and_resolves_its_names(namespace):
         assert getattr(module, name) is getattr(importlib.import_module(owner), name)
 
 
-@pytest.mark.parametrize("namespace", NAMESPACES)
+@pytest.mark.parametrize("namespace", [name for name in NAMESPACES if name != "extensions"])
 def test_namespace_of_a_family_shows_every_member(namespace):
     packages = {owner.rpartition(".")[0] for owner in namespace_names(namespace).values()}
     bases = [cls for cls in Family.__subclasses__() if parent_package(cls) in packages]

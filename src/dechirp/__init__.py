@@ -88,6 +88,8 @@ _NAMESPACES = (
     # Functions
     *("fixed_point", "link_budget", "maps", "object_lists", "slow_time", "theory"),
     *("track_metrics", "windows"),
+    # Base classes, for packages that add members
+    "extensions",
 )
 """Modules of public names: `dechirp.cfar` and so on."""
 

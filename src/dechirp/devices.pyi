@@ -11,3 +11,4 @@ from dechirp.radar.devices.ti import Xwr2944 as Xwr2944
 from dechirp.radar.devices.ti import Xwr6843 as Xwr6843
 from dechirp.radar.devices.ti import Xwr6843aop as Xwr6843aop
 from dechirp.radar.devices.ti import Xwr6843ods as Xwr6843ods
+from dechirp.recordings.settings.write_ti_cfg import format_ti_cfg as format_ti_cfg

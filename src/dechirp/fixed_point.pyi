@@ -7,3 +7,6 @@ from dechirp.processing.fixed_point.comparison import compare_detections_over_bi
 from dechirp.processing.fixed_point.quantisation_noise import predict_quantisation_noise as predict_quantisation_noise
 from dechirp.processing.fixed_point.quantisation_noise import signal_to_quantisation_noise_over_bits as signal_to_quantisation_noise_over_bits
 from dechirp.processing.fixed_point.word_lengths import WordLengths as WordLengths
+from dechirp.results.hex_vectors import read_vectors as read_vectors
+from dechirp.results.hex_vectors import write_vectors as write_vectors
+from dechirp.simulation.adc_codes import extract_adc_codes as extract_adc_codes

@@ -8,6 +8,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.config.loading import parse_settings
+from dechirp.core.dimensions import DIMENSIONS
 from dechirp.experiments.scenario import Scenario
 
 DOCS = Path(dc.__file__).parents[2] / "docs"
@@ -104,3 +105,13 @@ def test_links_between_pages_resolve(page):
         if section:
             headings = re.findall(r"^#+ (.*)$", (DOCS / name).read_text(encoding="utf-8"), re.M)
             assert section in {heading.lower().replace(" ", "-") for heading in headings}, section
+
+
+def test_conventions_list_units_of_all_dimensions():
+    text = (DOCS / "guide" / "conventions.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (?:`_(\w+)`|none: a ratio) \| (.*) \| (.*) \|$", text, re.MULTILINE)
+    assert [(suffix or None, *cells) for suffix, *cells in rows] == [
+        (suffix, dimension.description, ", ".join(dimension.units_for_messages))
+        for suffix, dimension in DIMENSIONS.items()
+        if dimension.units_for_messages
+    ]

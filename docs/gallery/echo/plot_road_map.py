@@ -11,7 +11,6 @@ velocity is the ego speed times the cosine of their azimuth.
 import matplotlib.pyplot as plt
 
 import dechirp as dc
-from dechirp.report.figures import range_doppler
 
 radar = dc.design(
     max_range_m=110,
@@ -36,7 +35,7 @@ cube = dc.simulate(scene, radar, seed=1).isel(frame=0)
 power = dc.power_map(cube, radar, dc.Chain())
 
 figure, axes = plt.subplots()
-range_doppler.draw_map(axes, range_doppler.MarkedMap(power=power, units=cube.attrs["units"]))
+power.dechirp.plot(axes)
 figure.suptitle("Car and truck ahead, oncoming van, guard rail")
 rail = power.sel(range=31, method="nearest").idxmax("velocity").item()
 print(f"strongest at 31 m: {rail:.1f} m/s; predicted {-25 * (1 - (7 / 31) ** 2) ** 0.5:.1f} m/s")

@@ -13,7 +13,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import dechirp as dc
-from dechirp.tracking.ego import label_static_and_moving
 
 design_radar = dc.design(
     max_range_m=60, range_resolution_m=0.5, max_velocity_m_per_s=22, rule="constraints"
@@ -28,14 +27,14 @@ car = dc.Target(name="car", position_m=(25, 3, 0), velocity_m_per_s=(16, 0, 0), 
 scene = dc.Scene(targets=[*posts, car], ego=dc.Ego(velocity_m_per_s=(20, 0, 0)))
 detections = dc.detect(dc.simulate(scene, radar, seed=1), radar)
 ego = dc.ego_motion(detections, radar)
-rows = label_static_and_moving(detections, ego, radar)
+speed = ego.vx.item()
+is_static = abs(detections.velocity + speed * np.cos(detections.azimuth)) < 1
 
 figure, axes = plt.subplots()
-for motion in ("static", "moving"):
-    group = rows.isel(detection=rows.motion == motion)
-    axes.plot(np.rad2deg(group.azimuth), group.velocity, "o", label=motion)
+for label, is_member in (("static", is_static), ("moving", ~is_static)):
+    group = detections.isel(detection=is_member)
+    axes.plot(np.rad2deg(group.azimuth), group.velocity, "o", label=label)
 azimuth = np.linspace(-60, 60, 121)
-speed = ego.vx.item()
 axes.plot(azimuth, -speed * np.cos(np.deg2rad(azimuth)), color="0.6", label="-v cos(azimuth)")
 axes.set(xlabel="Azimuth (°, left positive)", ylabel="Velocity (m/s, receding positive)")
 axes.set_title("Posts beside the road, and a car ahead, at 20 m/s")

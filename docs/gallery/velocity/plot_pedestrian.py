@@ -10,7 +10,6 @@ a wavy line, and the feet swing forward in turn, almost four times as fast.
 import matplotlib.pyplot as plt
 
 import dechirp as dc
-from dechirp.report.figures import spectrogram
 
 radar = dc.design(
     max_range_m=15, range_resolution_m=0.3, max_velocity_m_per_s=6, rule="constraints"
@@ -25,7 +24,7 @@ cube = dc.simulate(dc.Scene(targets=[walker]), radar, n_frames=n_frames, seed=1)
 power = dc.spectrogram(cube, radar, range_m=(4, 10), hop=24)
 
 figure, axes = plt.subplots()
-spectrogram.draw_spectrogram(axes, power)
+power.dechirp.plot(axes)
 figure.suptitle("A pedestrian walks away at 1.4 m/s")
 strong = power.where(power > 20 * power.median(), 0)  # echoes, not noise
 mean = (strong * power.velocity).sum() / strong.sum()

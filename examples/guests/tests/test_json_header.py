@@ -6,8 +6,25 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.dumping import to_yaml_data
 
+RADAR_SETTINGS = {
+    "frame": {
+        "chirp": {
+            "start_frequency": "77 GHz",
+            "slope": "20 MHz/us",
+            "adc_start": "2 us",
+            "ramp_duration": "30 us",
+            "sample_rate": "10 MHz",
+            "n_samples": 256,
+            "sampling": "complex",
+        },
+        "n_chirps": 64,
+        "interval": "35 us",
+    },
+    "array": {"rx": [[0, 0, 0], [0, "1.9 mm", 0]]},
+    "hardware": {"transmit_power": "16 mW", "antenna_gain": 10, "noise_factor": 16},
+}
+"""The radar of the fixture `radar`."""
 SCENE = dc.Scene(
     targets=[
         dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(-5, 0, 0)),
@@ -27,7 +44,7 @@ def write_recording(path, cube, radar, **header_changes):
     """Write a header line and codes like a logger."""
     step = float(abs(cube).max()) / 2**15
     codes = np.round(cube.values.view(np.float32) / step).astype("<i2")
-    header = {"json_header": 1, "radar": to_yaml_data(radar, None), "step": step, **header_changes}
+    header = {"json_header": 1, "radar": RADAR_SETTINGS, "step": step, **header_changes}
     path.write_bytes(json.dumps(header).encode() + b"\n" + codes.tobytes())
     return path
 

@@ -6,7 +6,7 @@ import xarray as xr
 from dechirp_guests.log_mean import LogMean
 
 import dechirp as dc
-from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
+from dechirp.extensions import NoiseEstimator, TrainingWindow
 
 WINDOW = TrainingWindow(
     n_training=dc.Cells(range=3, velocity=2), n_guard=dc.Cells(range=2, velocity=2)

@@ -8,7 +8,7 @@ import importlib
 import importlib.util
 import inspect
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from types import ModuleType
 
@@ -16,27 +16,35 @@ from dechirp.core.families import Family
 
 
 def lazy_getattr_and_dir(
-    namespace: str, source: str | None = None
+    namespace: str, source: str | None = None, *, names_by_module: Mapping[str, str] | None = None
 ) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """Create the `__getattr__` and the `__dir__` of a module with the public names of a source.
 
-    The source is a module or a package, by default the namespace itself. A package offers the
-    names in `__all__` of its modules. A module without `__all__` offers its final family members,
-    so adding a member needs no list.
+    The source is a module or a package. A package offers the names in `__all__` of its modules. A
+    module without `__all__` offers its final family members, so adding a member needs no list.
+    `names_by_module` adds names of other modules, separated by spaces. Without both, the namespace
+    is a package and its own source.
     """
+    listed = {
+        name: module for module, names in (names_by_module or {}).items() for name in names.split()
+    }
+    searched = source or (None if listed else namespace)
+
+    def modules_by_name() -> dict[str, str]:
+        return (modules_by_public_name(searched) if searched else {}) | listed
 
     def load_name(name: str) -> object:
         # A package that is its own namespace is searched for submodules first.
-        is_module = source is None and importlib.util.find_spec(f"{namespace}.{name}")
+        is_module = searched == namespace and importlib.util.find_spec(f"{namespace}.{name}")
         if name == "__all__" or not (name.startswith("_") or is_module):
-            names = modules_by_public_name(source or namespace)
+            names = listed if name in listed else modules_by_name()
             if name == "__all__":
                 return sorted(names)
             if name in names:
                 return getattr(importlib.import_module(names[name]), name)
         raise AttributeError(f"module {namespace!r} has no attribute {name!r}")
 
-    return load_name, lambda: sorted(modules_by_public_name(source or namespace))
+    return load_name, lambda: sorted(modules_by_name())
 
 
 @cache

@@ -11,11 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from dechirp.core.errors import RecordingError
-from dechirp.core.findings import Finding
-from dechirp.core.values import frozen_dataclass
-from dechirp.recordings.description import parse_radar
-from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
+from dechirp import Finding, RecordingError
+from dechirp.extensions import (
+    Contents,
+    Format,
+    MatchQuality,
+    RecordingHints,
+    frozen_dataclass,
+    parse_radar,
+)
 
 _MARK = b'{"json_header":'
 _LONGEST = 2**20  # largest first line in bytes; bounds the read of files in other formats

@@ -21,12 +21,15 @@ Trans. AES 8(5), 1972 (the number of cells).
 """
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import loggamma
 
-from dechirp.core.values import frozen_dataclass
-from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
-from dechirp.processing.cfar.window_means import scaled_window_means
-from dechirp.theory.cfar import find_decreasing_root
+from dechirp.extensions import (
+    NoiseEstimator,
+    TrainingWindow,
+    frozen_dataclass,
+    scaled_window_means,
+)
 
 _LEAST = np.finfo(np.float32).tiny  # keeps the logarithm of cells without power finite
 
@@ -57,10 +60,10 @@ class LogMean(NoiseEstimator):
         """Find the root of the false-alarm law above."""
         log_target = np.log(false_alarm_probability)
 
-        def excess(factor: float) -> float:
-            return _log_probability(factor, len(offsets), n_channels) - log_target
+        def excess(log_factor: float) -> float:
+            return _log_probability(np.exp(log_factor), len(offsets), n_channels) - log_target
 
-        return find_decreasing_root(excess, start=1.0)
+        return float(np.exp(brentq(excess, -30, 100)))
 
 
 def _log_probability(factor: float, n: int, k: int) -> float:

@@ -20,12 +20,13 @@ W. Kester (ed.), The Data Conversion Handbook, Analog Devices, 2005, 9 (origin o
 
 import numpy as np
 
-from dechirp.core.checks import check_non_negative_fields, check_positive_fields
-from dechirp.core.errors import InvalidSetting
-from dechirp.core.values import frozen_dataclass
-from dechirp.radar.radar import Radar
-from dechirp.scene.scene import Scene
-from dechirp.simulation.impairments.base import Receiver
+from dechirp import InvalidSetting, Radar, Scene
+from dechirp.extensions import (
+    Receiver,
+    check_non_negative_fields,
+    check_positive_fields,
+    frozen_dataclass,
+)
 
 
 @frozen_dataclass
