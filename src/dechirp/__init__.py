@@ -44,6 +44,8 @@ _NAMES = {
     "recordings.live.udp": "listen",
     "recordings.live.growing_file": "follow",
     "recordings.live.replay": "replay",
+    # Traffic of other simulators
+    "traffic.traffic": "open_traffic",
     # Processing: from samples to detections
     "processing.chain": "Chain",
     "processing.cfar.base": "Cells Cfar",

@@ -85,5 +85,6 @@ from dechirp.tracking.ego import EgoMotion as EgoMotion
 from dechirp.tracking.ego import ego_motion as ego_motion
 from dechirp.tracking.online import LiveTracker as LiveTracker
 from dechirp.tracking.tracker import Tracker as Tracker
+from dechirp.traffic.traffic import open_traffic as open_traffic
 
 __version__: str

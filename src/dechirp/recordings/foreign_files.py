@@ -115,7 +115,9 @@ _PATTERNS = {
     ),
     # A length, and a message that begins with its version, 3 or higher.
     rb"....\n[\2-\x0c]\x08[\3-\5]\x10": ForeignFile(
-        "a trace of ASAM OSI messages", "read it with dechirp.object_lists.read_objects"
+        "a trace of ASAM OSI messages",
+        "read object lists with dechirp.object_lists.read_objects, and true traffic with"
+        " dechirp.open_traffic",
     ),
     rb"(?:\xef\xbb\xbf)?\s*(?i:<!doctype html|<html|<head)": ForeignFile(
         "a web page (HTML), such as the error or login page of a server, in place of the file",

@@ -1,0 +1,101 @@
+"""CommonRoad scenarios, versions 2018b and 2020a."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+from dechirp.core.errors import RecordingError
+from dechirp.traffic.base import ObjectKind, ObjectState, TrafficFormat
+
+_KINDS: dict[str, ObjectKind] = {
+    "car": "car",
+    "taxi": "car",
+    "parkedVehicle": "car",
+    "priorityVehicle": "car",
+    "truck": "truck",
+    "bus": "bus",
+    "motorcycle": "motorcycle",
+    "bicycle": "bicyclist",
+    "pedestrian": "pedestrian",
+}
+_OBSTACLES = {"dynamicObstacle", "staticObstacle", "obstacle"}
+
+
+class CommonRoad(TrafficFormat):
+    """Dynamic and static obstacles, with exact states or the middle of intervals."""
+
+    @classmethod
+    def recognises(cls, path: Path) -> bool:
+        """Return True if the file begins with the element commonRoad."""
+        if path.suffix.lower() != ".xml":
+            return False
+        with path.open("rb") as file:
+            return b"<commonRoad" in file.read(4096)
+
+    def read_states(self, path: Path) -> Iterator[ObjectState]:
+        """Yield the initial state and the trajectory of each obstacle."""
+        step_s = math.nan
+        try:
+            for event, element in ElementTree.iterparse(path, events=("start", "end")):
+                if event == "start" and element.tag == "commonRoad":
+                    step_s = float(element.attrib["timeStepSize"])
+                elif event == "end" and element.tag in _OBSTACLES:
+                    yield from _read_obstacle(element, step_s)
+                    element.clear()
+        except (ElementTree.ParseError, KeyError, TypeError, ValueError) as error:
+            raise RecordingError(
+                path,
+                value=f"{type(error).__name__}: {error}",
+                expected="a complete CommonRoad scenario with timeStepSize, and obstacles with"
+                " rectangles or circles, positions and times",
+                fix="export it again; only versions 2018b and 2020a are read",
+            ) from None
+
+
+def _read_obstacle(obstacle: ElementTree.Element, step_s: float) -> Iterator[ObjectState]:
+    number = int(obstacle.attrib["id"])
+    kind = _KINDS.get((obstacle.findtext("type") or "").strip(), "other")
+    length_m, width_m = _read_size(obstacle)
+    for state in (
+        *obstacle.findall("initialState"),
+        *obstacle.findall("trajectory/state"),
+    ):
+        heading_rad = _read_number(state, "orientation")
+        speed = _read_number(state, "velocity")
+        yield ObjectState(
+            time_s=step_s * _read_number(state, "time"),
+            id=number,
+            kind=kind,
+            x_m=_read_point(state, "x"),
+            y_m=_read_point(state, "y"),
+            heading_rad=heading_rad,
+            vx_m_per_s=speed * math.cos(heading_rad),
+            vy_m_per_s=speed * math.sin(heading_rad),
+            length_m=length_m,
+            width_m=width_m,
+        )
+
+
+def _read_size(obstacle: ElementTree.Element) -> tuple[float, float]:
+    """Return length and width of a rectangle, or of the square around a circle; NaN of others."""
+    if (rectangle := obstacle.find("shape/rectangle")) is not None:
+        return float(rectangle.findtext("length", "")), float(rectangle.findtext("width", ""))
+    if (radius := obstacle.findtext("shape/circle/radius")) is not None:
+        return 2 * float(radius), 2 * float(radius)
+    return math.nan, math.nan
+
+
+def _read_point(state: ElementTree.Element, axis: str) -> float:
+    return float(state.findtext(f"position/point/{axis}", ""))
+
+
+def _read_number(state: ElementTree.Element, name: str) -> float:
+    """Return an exact number, the middle of an interval, or NaN if there is none."""
+    element = state.find(name)
+    if element is None:
+        return math.nan
+    if (exact := element.findtext("exact")) is not None:
+        return float(exact)
+    start, end = element.findtext("intervalStart", ""), element.findtext("intervalEnd", "")
+    return (float(start) + float(end)) / 2

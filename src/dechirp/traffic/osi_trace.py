@@ -1,0 +1,131 @@
+"""Traces of ASAM OSI messages `SensorView` or `GroundTruth`: each after its length, four bytes."""
+
+import math
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.optional_imports import import_from_extra
+from dechirp.traffic.base import ObjectKind, ObjectState, TrafficFormat
+
+_LENGTH_PREFIX = struct.Struct("<I")
+_MAX_MESSAGE_BYTES = 2**28
+_VEHICLE_KINDS: dict[str, ObjectKind] = {
+    "TYPE_DELIVERY_VAN": "van",
+    "TYPE_HEAVY_TRUCK": "truck",
+    "TYPE_SEMITRACTOR": "truck",
+    "TYPE_SEMITRAILER": "truck",
+    "TYPE_TRAILER": "truck",
+    "TYPE_BUS": "bus",
+    "TYPE_MOTORBIKE": "motorcycle",
+    "TYPE_BICYCLE": "bicyclist",
+    "TYPE_TRAM": "other",
+    "TYPE_TRAIN": "other",
+    "TYPE_WHEELCHAIR": "other",
+    "TYPE_STANDUP_SCOOTER": "other",
+}
+
+
+class OsiTrace(TrafficFormat):
+    """Moving objects of each message, with the host vehicle; requires the extra io."""
+
+    @classmethod
+    def recognises(cls, path: Path) -> bool:
+        """Return True for files named .osi but for traces of `SensorData`, "sd" by convention."""
+        return path.suffix.lower() == ".osi" and "_sd_" not in path.name
+
+    def read_states(self, path: Path) -> Iterator[ObjectState]:
+        """Yield the moving objects of all messages."""
+        last_s = -math.inf
+        for index, truth in enumerate(_iter_ground_truths(path)):
+            time_s = truth.timestamp.seconds + truth.timestamp.nanos / 1e9
+            if time_s < last_s:
+                raise RecordingError(
+                    path,
+                    value=f"message {index} at {time_s:g} s after one at {last_s:g} s",
+                    expected="times that ascend",
+                    fix="sort the messages by time",
+                )
+            last_s = time_s
+            for moving in truth.moving_object:
+                yield _state_of_object(path, moving, time_s)
+
+    def read_host(self, path: Path) -> int | None:
+        """Return the host vehicle of the first message."""
+        for truth in _iter_ground_truths(path):
+            return int(truth.host_vehicle_id.value) if truth.HasField("host_vehicle_id") else None
+        return None
+
+
+def _iter_ground_truths(path: Path) -> Iterator[Any]:
+    """Yield the ground truth of each message, of a `SensorView` that inside it."""
+    views = import_from_extra("io", "osi3.osi_sensorview_pb2", setting="traffic")
+    truths = import_from_extra("io", "osi3.osi_groundtruth_pb2", setting="traffic")
+    decode_error = import_from_extra("io", "google.protobuf.message", setting="traffic").DecodeError
+    with path.open("rb") as trace:
+        is_view = None
+        index = 0
+        while prefix := trace.read(_LENGTH_PREFIX.size):
+            try:
+                (n_bytes,) = _LENGTH_PREFIX.unpack(prefix)
+                if n_bytes > _MAX_MESSAGE_BYTES:
+                    raise ValueError(f"a length of {n_bytes} bytes")
+                content = trace.read(n_bytes)
+                if len(content) < n_bytes:
+                    raise ValueError(f"{len(content)} of {n_bytes} bytes")
+                view = views.SensorView.FromString(content)
+                if is_view is None:
+                    is_view = view.HasField("global_ground_truth")
+                yield (
+                    view.global_ground_truth if is_view else truths.GroundTruth.FromString(content)
+                )
+            except (struct.error, ValueError, decode_error) as error:
+                raise RecordingError(
+                    path,
+                    value=f"message {index}: {error}",
+                    expected="a trace of SensorView or GroundTruth, each message after its length",
+                    fix="record it again, or cut the file before this message",
+                ) from None
+            index += 1
+
+
+def _state_of_object(path: Path, moving: Any, time_s: float) -> ObjectState:
+    base = moving.base
+    if not base.HasField("position"):
+        raise RecordingError(
+            path,
+            value=f"object {moving.id.value} at {time_s:g} s without a position",
+            expected="base.position of every moving object",
+            fix="record the trace with positions",
+        )
+
+    def known(message: Any, field: str) -> float:
+        return getattr(message, field) if message.HasField(field) else math.nan
+
+    return ObjectState(
+        time_s=time_s,
+        id=int(moving.id.value),
+        kind=_kind_of_object(moving),
+        x_m=base.position.x,
+        y_m=base.position.y,
+        z_m=base.position.z,
+        heading_rad=known(base.orientation, "yaw"),
+        vx_m_per_s=known(base.velocity, "x"),
+        vy_m_per_s=known(base.velocity, "y"),
+        length_m=known(base.dimension, "length"),
+        width_m=known(base.dimension, "width"),
+        height_m=known(base.dimension, "height"),
+    )
+
+
+def _kind_of_object(moving: Any) -> ObjectKind:
+    kind = moving.DESCRIPTOR.enum_types_by_name["Type"].values_by_number[moving.type].name
+    if kind == "TYPE_PEDESTRIAN":
+        return "pedestrian"
+    if kind != "TYPE_VEHICLE":
+        return "other"
+    classification = moving.vehicle_classification
+    enum = classification.DESCRIPTOR.enum_types_by_name["Type"]
+    return _VEHICLE_KINDS.get(enum.values_by_number[classification.type].name, "car")

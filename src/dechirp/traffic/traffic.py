@@ -1,0 +1,293 @@
+"""Traffic: positions, headings and velocities of all objects over time, read from a file."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.argument_types import check_argument_types
+from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding
+from dechirp.core.memory import check_free_memory
+from dechirp.core.text import format_number, join_names
+from dechirp.core.values import frozen_dataclass
+from dechirp.traffic.base import ObjectState, TrafficFormat
+
+_UNITS = {
+    "x": "m",
+    "y": "m",
+    "z": "m",
+    "heading": "rad",
+    "vx": "m/s",
+    "vy": "m/s",
+    "length": "m",
+    "width": "m",
+    "height": "m",
+}
+_OVER_TIME = ("x", "y", "z", "heading", "vx", "vy")
+_SIZES = ("length", "width", "height")
+_MOVES_M_PER_S = 0.5  # faster than the jitter of recorded positions at rest
+_FASTEST_M_PER_S = 100.0  # 360 km/h: faster objects are jumps
+_SAME_PLACE_M = 0.1
+
+
+@frozen_dataclass
+class Traffic:
+    """Objects of a traffic file over time, with the findings on it."""
+
+    path: Path
+    format: str
+    host: int | None
+    """Id of the vehicle that the file is about."""
+    objects: xr.Dataset
+    """Columns over (object, time): `x y z` (m), `heading` (rad), `vx vy` (m/s), NaN where an object
+    is absent; over object: `id`, `kind`, and `length width height` (m), NaN if unknown."""
+    findings: tuple[Finding, ...]
+
+
+@check_argument_types
+def open_traffic(path: str | Path) -> Traffic:
+    """Read the true motion of all objects in a traffic file.
+
+    Parameters
+    ----------
+    path : str or Path
+        ASAM OSI trace of `SensorView` or `GroundTruth` (.osi), CommonRoad scenario (.xml), or
+        trajectories as CSV with the columns time, id, class, x, y, heading, length, width, height
+        and optionally z, vx, vy, in SI units.
+
+    Returns
+    -------
+    Traffic
+        Velocities that are missing, or zero although the object moves, come from the positions;
+        findings name such objects, ids that reappear, jumps, and objects in one place.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file, its format is unknown, it is damaged, or it contains impossible
+        values: an object twice at one time, a size that is not positive, a position without number.
+    NotEnoughMemory
+        If objects times steps do not fit into the free memory.
+
+    References
+    ----------
+    ASAM OSI 3.8, osi_groundtruth.proto. M. Althoff, M. Koschi, S. Manzinger, "CommonRoad", IEEE
+    Intelligent Vehicles Symposium 2017.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise RecordingError(file, value="no such file", expected="a traffic file", fix="check it")
+    members = cast("dict[str, type[TrafficFormat]]", TrafficFormat.members())
+    for kind, member in members.items():
+        if member.recognises(file):
+            reader = member()
+            objects = _build_objects(file, reader.read_states(file))
+            completed, findings = _complete_velocities(objects)
+            return Traffic(
+                path=file,
+                format=kind,
+                host=reader.read_host(file),
+                objects=completed,
+                findings=(*findings, *_find_surprising_motion(completed)),
+            )
+    raise RecordingError(
+        file,
+        value="an unknown format",
+        expected=" or ".join(members),
+        fix="convert it to a CSV with the columns time, id, class, x, y, heading, length, width,"
+        " height",
+    )
+
+
+def _build_objects(path: Path, states: Iterable[ObjectState]) -> xr.Dataset:
+    rows = list(states)
+    if not rows:
+        raise RecordingError(
+            path, value="no object", expected="objects with positions", fix="check the file"
+        )
+    for row in rows:
+        _check_state(path, row)
+    times_s = np.unique([row.time_s for row in rows])
+    ids = list(dict.fromkeys(row.id for row in rows))
+    check_free_memory(
+        f"{len(ids)} objects at {len(times_s)} times",
+        needed_bytes=8.0 * len(_OVER_TIME) * len(ids) * len(times_s),
+        fix="split the file",
+    )
+    object_index = {number: index for index, number in enumerate(ids)}
+    at_object = np.array([object_index[row.id] for row in rows])
+    at_time = np.searchsorted(times_s, [row.time_s for row in rows])
+    n_rows_of_cell = np.zeros((len(ids), len(times_s)), int)
+    np.add.at(n_rows_of_cell, (at_object, at_time), 1)
+    if n_rows_of_cell.max() > 1:
+        number, time = (int(index) for index in np.argwhere(n_rows_of_cell > 1)[0])
+        raise RecordingError(
+            path,
+            value=f"object {ids[number]} twice at {times_s[time]:g} s",
+            expected="one state of an object at a time",
+            fix="give each object its own id",
+        )
+    values = np.array([row[3:] for row in rows], float)
+    columns = dict(zip((*_OVER_TIME, *_SIZES), values.T, strict=True))
+    variables: dict[str, tuple[Any, ...]] = {}
+    for name in _OVER_TIME:
+        cells = np.full((len(ids), len(times_s)), np.nan)
+        cells[at_object, at_time] = columns[name]
+        variables[name] = (("object", "time"), cells, {"units": _UNITS[name]})
+    for name in _SIZES:
+        sizes = np.full(len(ids), np.nan)
+        is_known = np.isfinite(columns[name])
+        sizes[at_object[is_known]] = columns[name][is_known]
+        variables[name] = ("object", sizes, {"units": _UNITS[name]})
+    kinds = {row.id: row.kind for row in rows}
+    return xr.Dataset(
+        variables,
+        coords={
+            "id": ("object", ids),
+            "kind": ("object", [kinds[number] for number in ids]),
+            "time": ("time", times_s, {"units": "s"}),
+        },
+    )
+
+
+def _check_state(path: Path, row: ObjectState) -> None:
+    place = f"object {row.id} at {row.time_s:g} s"
+    if not np.all(np.isfinite((row.time_s, row.x_m, row.y_m))):
+        raise RecordingError(
+            path,
+            value=f"{place}: x {row.x_m}, y {row.y_m}",
+            expected="finite times and positions",
+            fix="leave out times at which an object is absent",
+        )
+    if abs(row.id) >= 2**63:
+        raise RecordingError(
+            path, value=place, expected="ids below 2^63", fix="number the objects anew"
+        )
+    for name in ("length_m", "width_m", "height_m"):
+        size_m = getattr(row, name)
+        if size_m <= 0 or np.isinf(size_m):
+            raise RecordingError(
+                path,
+                value=f"{place}: {name.removesuffix('_m')} {size_m:g} m",
+                expected="sizes above 0",
+                fix="correct the size, or leave it out for that of its class",
+            )
+
+
+def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding, ...]]:
+    """Take velocities from positions where they are missing, or zero of an object that moves."""
+    times_s = objects["time"].values
+    velocities = {"vx": objects["vx"].values.copy(), "vy": objects["vy"].values.copy()}
+    completed = []
+    for index, number in enumerate(objects["id"].values.tolist()):
+        present = np.flatnonzero(np.isfinite(objects["x"].values[index]))
+        if present.size < 2:
+            continue
+        stated = np.hypot(velocities["vx"][index, present], velocities["vy"][index, present])
+        positions = np.stack([objects[name].values[index, present] for name in ("x", "y")])
+        derived = np.gradient(positions, times_s[present], axis=1)
+        moves = np.hypot(*derived).max() > _MOVES_M_PER_S
+        is_missing = np.isnan(stated)
+        if moves and not np.any(stated > 0):
+            is_missing[:] = True
+        for name, of_positions in zip(("vx", "vy"), derived, strict=True):
+            velocities[name][index, present[is_missing]] = of_positions[is_missing]
+        if moves and is_missing.any():
+            completed.append(str(number))
+    changed = objects.assign(
+        {
+            name: (("object", "time"), values, {"units": "m/s"})
+            for name, values in velocities.items()
+        }
+    )
+    if not completed:
+        return changed, ()
+    return changed, (
+        Finding(
+            level="note",
+            setting="traffic.velocity",
+            value=f"velocities of {len(completed)} objects are missing, or zero although they move:"
+            f" {join_names(completed)}",
+            expected="velocities in the file",
+            fix="nothing to do: differences of positions replace them",
+        ),
+    )
+
+
+def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
+    """Return findings on gaps, jumps, and objects in one place."""
+    ids, times_s = objects["id"].values, objects["time"].values
+    x, y = objects["x"].values, objects["y"].values
+    gaps, jumps = [], []
+    for index, number in enumerate(ids.tolist()):
+        present = np.flatnonzero(np.isfinite(x[index]))
+        if np.any(np.diff(present) > 1):
+            first = present[np.argmax(np.diff(present) > 1) + 1]
+            gaps.append(f"object {number} at {format_number(times_s[first])} s")
+        steps_m = np.hypot(np.diff(x[index, present]), np.diff(y[index, present]))
+        speeds = steps_m / np.diff(times_s[present])
+        if np.any(speeds > _FASTEST_M_PER_S):
+            first = present[int(np.argmax(speeds > _FASTEST_M_PER_S)) + 1]
+            jumps.append(
+                f"object {number} at {format_number(times_s[first])} s"
+                f" ({format_number(speeds.max(), 3)} m/s)"
+            )
+    findings = []
+    if gaps:
+        findings.append(
+            Finding(
+                level="note",
+                setting="traffic.id",
+                value=f"{len(gaps)} ids reappear after a gap: {join_names(gaps, at_most=4)}",
+                expected="objects that stay until they leave",
+                fix="check that both are one object; its path through the gap is unknown",
+            )
+        )
+    if jumps:
+        findings.append(
+            Finding(
+                level="warning",
+                setting="traffic.position",
+                value=f"{len(jumps)} objects jump: {join_names(jumps, at_most=4)}",
+                expected=f"at most {_FASTEST_M_PER_S:g} m/s between steps",
+                fix="give the object behind the jump another id",
+            )
+        )
+    if places := _objects_in_one_place(objects):
+        findings.append(
+            Finding(
+                level="warning",
+                setting="traffic.position",
+                value=f"objects in one place: {join_names(places, at_most=4)}",
+                expected="objects apart",
+                fix="remove one of them, such as a trailer with the centre of its tractor",
+            )
+        )
+    return findings
+
+
+def _objects_in_one_place(objects: xr.Dataset) -> list[str]:
+    """Return the pairs of objects whose centres share a square of 0.1 m, with the first time."""
+    present = np.argwhere(np.isfinite(objects["x"].values))
+    cells = np.stack(
+        [
+            present[:, 1],
+            *(np.round(objects[name].values[tuple(present.T)] / _SAME_PLACE_M) for name in "xy"),
+        ],
+        axis=1,
+    )
+    order = np.lexsort(cells.T[::-1])
+    is_same = np.all(np.diff(cells[order], axis=0) == 0, axis=1)
+    pairs: dict[tuple[int, int], float] = {}
+    for position in np.flatnonzero(is_same).tolist():
+        first, second = (int(present[order[position + step], 0]) for step in (0, 1))
+        time_s = float(objects["time"].values[present[order[position], 1]])
+        pairs.setdefault((first, second), time_s)
+    ids = objects["id"].values
+    return [
+        f"{ids[first]} and {ids[second]} at {format_number(time_s)} s"
+        for (first, second), time_s in pairs.items()
+    ]

@@ -1,0 +1,67 @@
+"""Trajectories as CSV, a row for each object and time."""
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import get_args
+
+from dechirp.core.errors import RecordingError
+from dechirp.traffic.base import ObjectKind, ObjectState, TrafficFormat
+
+_REQUIRED = ("time", "id", "class", "x", "y", "heading", "length", "width", "height")
+_OPTIONAL = ("z", "vx", "vy")
+_FIELDS = {
+    "time": "time_s",
+    "x": "x_m",
+    "y": "y_m",
+    "z": "z_m",
+    "heading": "heading_rad",
+    "vx": "vx_m_per_s",
+    "vy": "vy_m_per_s",
+    "length": "length_m",
+    "width": "width_m",
+    "height": "height_m",
+}
+
+
+class TrajectoryCsv(TrafficFormat):
+    """Columns time, id, class, x, y, heading, length, width, height, in SI units; z, vx, vy too."""
+
+    @classmethod
+    def recognises(cls, path: Path) -> bool:
+        """Return True if the first line names the columns."""
+        if path.suffix.lower() != ".csv":
+            return False
+        with path.open(encoding="utf-8", errors="replace") as file:
+            header = file.readline(10_000)
+        return set(_REQUIRED) <= {name.strip() for name in header.split(",")}
+
+    def read_states(self, path: Path) -> Iterator[ObjectState]:
+        """Yield a state for each row; empty cells are unknown."""
+        with path.open(encoding="utf-8", errors="replace", newline="") as file:
+            reader = csv.DictReader(file, skipinitialspace=True)
+            for row in reader:
+                try:
+                    yield _state_of_row(row)
+                except (TypeError, ValueError) as error:
+                    raise RecordingError(
+                        path,
+                        value=f"line {reader.line_num}: {error}",
+                        expected=f"{', '.join(_REQUIRED)} as numbers, class as one of"
+                        f" {', '.join(get_args(ObjectKind))}",
+                        fix="correct the line",
+                    ) from None
+
+
+def _state_of_row(row: dict[str, str | None]) -> ObjectState:
+    name_of_class = (row["class"] or "").strip()
+    kind = next((kind for kind in get_args(ObjectKind) if kind == name_of_class), None)
+    if kind is None:
+        raise ValueError(f"class {name_of_class[:40]!r}")
+    number = int(row["id"] or "")
+    numbers = {
+        field: float(text)
+        for name, field in _FIELDS.items()
+        if name in row and (text := (row[name] or "").strip())
+    }
+    return ObjectState(id=number, kind=kind, **numbers)

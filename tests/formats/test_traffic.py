@@ -1,0 +1,202 @@
+"""Traffic files: positions, velocities from positions, surprising motion and damaged files."""
+
+import math
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import dechirp as dc
+
+HEADER = "time,id,class,x,y,heading,length,width,height"
+
+
+def write_csv(folder, *rows, header=HEADER):
+    path = folder / "traffic.csv"
+    path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def car_row(time_s, x_m, number=7, y_m=0.0, more=""):
+    return f"{time_s},{number},car,{x_m},{y_m},0,4.5,1.8,1.5{more}"
+
+
+def write_osi(folder, messages, name="20200101T000000Z_sv_350_100_1.osi"):
+    path = folder / name
+    contents = [message.SerializeToString() for message in messages]
+    path.write_bytes(b"".join(struct.pack("<I", len(part)) + part for part in contents))
+    return path
+
+
+def make_view(time_s, *, x_m=10.0, vx=None, is_view=True):
+    views = pytest.importorskip("osi3.osi_sensorview_pb2")
+    truths = pytest.importorskip("osi3.osi_groundtruth_pb2")
+    view = views.SensorView()
+    truth = view.global_ground_truth if is_view else truths.GroundTruth()
+    truth.timestamp.seconds = int(time_s)
+    truth.timestamp.nanos = round((time_s - int(time_s)) * 1e9)
+    truth.host_vehicle_id.value = 3
+    moving = truth.moving_object.add()
+    moving.id.value = 3
+    moving.type = moving.TYPE_VEHICLE
+    moving.vehicle_classification.type = moving.vehicle_classification.TYPE_HEAVY_TRUCK
+    moving.base.position.x, moving.base.position.y, moving.base.position.z = x_m, -2.0, 1.0
+    moving.base.orientation.yaw = 0.5
+    moving.base.dimension.length = 12.0
+    if vx is not None:
+        moving.base.velocity.x, moving.base.velocity.y = vx, 0.0
+    return view if is_view else truth
+
+
+@pytest.mark.parametrize("is_view", [True, False])
+def test_osi_truth_is_read_from_views_and_from_truths(tmp_path, is_view):
+    messages = [make_view(0.1 * step, x_m=10 + step, vx=10, is_view=is_view) for step in range(4)]
+
+    traffic = dc.open_traffic(write_osi(tmp_path, messages))
+
+    assert (traffic.format, traffic.host, traffic.findings) == ("osi-trace", 3, ())
+    objects = traffic.objects
+    assert objects["kind"].item() == "truck"
+    assert np.allclose(objects["time"], [0, 0.1, 0.2, 0.3], rtol=0, atol=1e-9)
+    assert objects["x"].values.tolist() == [[10, 11, 12, 13]]
+    assert (objects["length"].item(), math.isnan(objects["width"].item())) == (12, True)
+    assert objects["heading"].values.tolist() == [[0.5] * 4]
+
+
+COMMON_ROAD = """<?xml version="1.0"?>
+<commonRoad commonRoadVersion="2020a" timeStepSize="0.5">
+  <dynamicObstacle id="40"><type>bicycle</type>
+    <shape><rectangle><length>1.8</length><width>0.6</width></rectangle></shape>
+    <initialState><position><point><x>1</x><y>2</y></point></position>
+      <orientation><exact>1.5</exact></orientation><time><exact>2</exact></time>
+      <velocity><exact>4</exact></velocity></initialState>
+    <trajectory><state><position><point><x>1.5</x><y>4</y></point></position>
+      <orientation><intervalStart>1</intervalStart><intervalEnd>2</intervalEnd></orientation>
+      <time><exact>3</exact></time><velocity><exact>4</exact></velocity></state></trajectory>
+  </dynamicObstacle>
+  <staticObstacle id="41"><type>parkedVehicle</type><shape><circle><radius>2</radius></circle>
+    </shape><initialState><position><point><x>9</x><y>9</y></point></position>
+    <time><exact>2</exact></time></initialState></staticObstacle>
+</commonRoad>
+"""
+
+
+def test_common_road_states_have_steps_intervals_and_circles(tmp_path):
+    path = tmp_path / "scenario.xml"
+    path.write_text(COMMON_ROAD, encoding="utf-8")
+
+    objects = dc.open_traffic(path).objects
+
+    assert objects["kind"].values.tolist() == ["bicyclist", "car"]
+    assert objects["time"].values.tolist() == [1.0, 1.5]
+    assert np.array_equal(objects["x"], [[1, 1.5], [9, np.nan]], equal_nan=True)
+    assert objects["heading"].values[0].tolist() == [1.5, 1.5]
+    assert objects["vy"].values[0] == pytest.approx(4 * math.sin(1.5), rel=1e-15)
+    assert objects["length"].values.tolist() == [1.8, 4.0]
+
+
+def test_missing_velocities_come_from_positions(tmp_path):
+    # A parabola: central differences are exact at inner times.
+    rows = [car_row(t, 10 + 5 * t + t**2) for t in (0.0, 0.5, 1.0, 1.5)]
+
+    traffic = dc.open_traffic(write_csv(tmp_path, *rows))
+
+    assert traffic.objects["vx"].values[0, 1:3] == pytest.approx([6, 7], rel=1e-12)
+    (finding,) = traffic.findings
+    assert "velocities of 1 objects are missing" in str(finding) and ": 7" in str(finding)
+
+
+@pytest.mark.parametrize(("speed", "n_findings"), [(0.0, 1), (10.0, 0)])
+def test_velocities_of_zero_of_a_moving_object_are_replaced(tmp_path, speed, n_findings):
+    rows = [car_row(t, 10 * t, more=f",{speed},0") for t in range(3)]
+
+    traffic = dc.open_traffic(write_csv(tmp_path, *rows, header=f"{HEADER},vx,vy"))
+
+    assert traffic.objects["vx"].values[0] == pytest.approx([10, 10, 10])
+    assert len(traffic.findings) == n_findings
+
+
+def test_object_at_rest_keeps_its_velocity_of_zero(tmp_path):
+    rows = [car_row(t, 25, more=",0,0") for t in range(3)]
+
+    traffic = dc.open_traffic(write_csv(tmp_path, *rows, header=f"{HEADER},vx,vy"))
+
+    assert traffic.findings == ()
+    assert traffic.objects["vx"].values.tolist() == [[0, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([car_row(0, 0), car_row(1, 10), car_row(3, 30), car_row(2, 0, 8)], "object 7 at 3 s"),
+        ([car_row(0, 0), car_row(0.1, 50)], "object 7 at 0.1 s (500 m/s)"),
+        ([car_row(0, 5), car_row(0, 5.01, 8)], "7 and 8 at 0 s"),
+    ],
+)
+def test_findings_name_objects_and_times(tmp_path, rows, expected):
+    traffic = dc.open_traffic(write_csv(tmp_path, *rows))
+
+    assert any(expected in str(finding) for finding in traffic.findings)
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([], "no object"),
+        ([car_row(0, 0), car_row(0, 1)], "object 7 twice at 0 s"),
+        ([car_row(0, "nan")], "object 7 at 0 s: x nan"),
+        ([car_row("inf", 0)], "finite times"),
+        (["0,7,car,0,0,0,-4.5,1.8,1.5"], "length -4.5 m"),
+        (["0,7,tank,0,0,0,4.5,1.8,1.5"], "line 2: class 'tank'"),
+        (["0,7.5,car,0,0,0,4.5,1.8,1.5"], "line 2"),
+        (["0,7,car,zero,0,0,4.5,1.8,1.5"], "line 2"),
+        (["0,7,car"], "line 2"),
+        ([car_row(0, 0, 2**63)], "ids below 2^63"),
+    ],
+)
+def test_impossible_rows_are_named(tmp_path, rows, expected):
+    with pytest.raises(dc.RecordingError) as error_info:
+        dc.open_traffic(write_csv(tmp_path, *rows))
+    assert expected in str(error_info.value)
+
+
+def test_times_that_go_back_and_lost_positions_are_named(tmp_path):
+    with pytest.raises(dc.RecordingError, match="message 1 at 0 s after one at 1 s"):
+        dc.open_traffic(write_osi(tmp_path, [make_view(1.0), make_view(0.0)]))
+    view = make_view(0.0)
+    view.global_ground_truth.moving_object[0].base.ClearField("position")
+    with pytest.raises(dc.RecordingError, match="object 3 at 0 s without a position"):
+        dc.open_traffic(write_osi(tmp_path, [view]))
+
+
+def test_files_of_other_formats_are_refused(tmp_path):
+    other = tmp_path / "traffic.txt"
+    other.write_text(HEADER, encoding="utf-8")
+    for path, expected in ((other, "unknown format"), (tmp_path / "no.osi", "no such file")):
+        with pytest.raises(dc.RecordingError, match=expected):
+            dc.open_traffic(path)
+
+
+@given(data=st.data(), kind=st.sampled_from(["osi", "xml", "csv"]))
+def test_damaged_files_end_in_one_error_or_are_read(data, kind, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("damaged")
+    if kind == "osi":
+        path = write_osi(folder, [make_view(0.1 * step) for step in range(3)])
+    elif kind == "xml":
+        path = folder / "scenario.xml"
+        path.write_text(COMMON_ROAD, encoding="utf-8")
+    else:
+        path = write_csv(folder, *(car_row(t, 10 * t) for t in range(5)))
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
+
+    try:
+        traffic = dc.open_traffic(path)
+    except dc.RecordingError as error:
+        assert len(str(error)) < 1000
+    else:
+        assert np.isfinite(traffic.objects["x"].values).any()
