@@ -55,7 +55,6 @@ _NAMES = {
     "processing.range_doppler_map": "power_map threshold_map",
     "processing.angle_maps": "angle_spectrum range_azimuth_map",
     "processing.spectrogram": "spectrogram",
-    "processing.ddma_recognition": "recognise_ddma",
     "processing.calibration.calibrate": "calibrate",
     # Tracking: from detections to objects
     "tracking.ego": "EgoMotion ego_motion",
@@ -89,8 +88,8 @@ _NAMESPACES = (
     # Settings of studies and searches
     *("studies", "tuning"),
     # Functions
-    *("fixed_point", "link_budget", "maps", "object_lists", "slow_time", "theory"),
-    *("track_metrics", "windows"),
+    *("fixed_point", "group_tracking", "link_budget", "maps", "object_lists", "slow_time"),
+    *("theory", "track_metrics", "windows"),
     # Base classes, for packages that add members
     "extensions",
 )

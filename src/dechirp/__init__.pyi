@@ -6,6 +6,7 @@ from dechirp import cfar as cfar
 from dechirp import devices as devices
 from dechirp import extensions as extensions
 from dechirp import fixed_point as fixed_point
+from dechirp import group_tracking as group_tracking
 from dechirp import impairments as impairments
 from dechirp import link_budget as link_budget
 from dechirp import maps as maps
@@ -52,7 +53,6 @@ from dechirp.processing.cfar.base import Cfar as Cfar
 from dechirp.processing.chain import Chain as Chain
 from dechirp.processing.cluster import Dbscan as Dbscan
 from dechirp.processing.cluster import cluster as cluster
-from dechirp.processing.ddma_recognition import recognise_ddma as recognise_ddma
 from dechirp.processing.detect import detect as detect
 from dechirp.processing.range_doppler_map import power_map as power_map
 from dechirp.processing.range_doppler_map import threshold_map as threshold_map

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 import xarray as xr
@@ -19,7 +20,9 @@ from dechirp.tracking.tracker import Tracker
 
 STATE = ("x", "vx", "y", "vy")
 
-TrackHistory = dict[int, list[tuple[int, Track]]]
+_AnyTrack = TypeVar("_AnyTrack", bound=Track)
+
+TrackHistory = dict[int, list[tuple[int, _AnyTrack]]]
 """Frames and states of each track, by its number."""
 
 
@@ -111,39 +114,50 @@ def track(
     rows = usable_row_mask(detections)
     _warn_of_ignored_rows(int(np.sum(~rows)), len(rows), axis)
     measurements = live_tracker.usable_rows_to_measurements(detections)
-    frame_index = _frame_index_per_row(detections, first, len(times))[rows]
+    frame_index = frame_index_per_row(detections, first, len(times))[rows]
     if len(frame_index):
         tracker.check_false_alarm_density(_median_measurement_errors(measurements, tracker))
-    history: TrackHistory = {}
+    history: TrackHistory[Track] = {}
     for frame, time_s in enumerate(times):
         tracks = live_tracker.step_with_measurements(
             measurements.select_measurements(frame_index == frame), time_s
         )
         for live_track in tracks:
             history.setdefault(live_track.number, []).append((frame, live_track))
-        _drop_ended_unconfirmed_tracks(history, {live_track.number for live_track in tracks})
-    return _confirmed_tracks_to_dataset(history, times, first)
+        drop_ended_unconfirmed_tracks(history, {live_track.number for live_track in tracks})
+    return confirmed_tracks_to_dataset(history, times, first)
 
 
-def _drop_ended_unconfirmed_tracks(history: TrackHistory, live_track_numbers: set[int]) -> None:
+def drop_ended_unconfirmed_tracks(
+    history: TrackHistory[_AnyTrack], live_track_numbers: set[int]
+) -> None:
     """Drop tracks that ended before they were confirmed: most of those from false alarms."""
     for number in [number for number in history if number not in live_track_numbers]:
         if not _is_track_confirmed(history[number]):
             del history[number]
 
 
-def _is_track_confirmed(frames_and_states: Sequence[tuple[int, Track]]) -> bool:
+def _is_track_confirmed(frames_and_states: Sequence[tuple[int, _AnyTrack]]) -> bool:
     return frames_and_states[-1][1].status == "confirmed"
 
 
-def _frame_index_per_row(detections: xr.Dataset, first_frame: int, n_frames: int) -> np.ndarray:
+def confirmed_histories(
+    history: TrackHistory[_AnyTrack],
+) -> list[list[tuple[int, _AnyTrack]]]:
+    """Return frames and states of confirmed tracks, in the order of their start."""
+    return [history[number] for number in sorted(history) if _is_track_confirmed(history[number])]
+
+
+def frame_index_per_row(
+    detections: xr.Dataset, first_frame: int, n_frames: int, *, table: str = "detections"
+) -> np.ndarray:
     """Return the index of each row's frame in the list of times."""
     frame = detections["frame"].values
     index = frame - first_frame
     invalid = frame[~((index >= 0) & (index < n_frames) & (index == np.floor(index)))]
     if len(invalid):
         raise InvalidSetting(
-            "detections.frame",
+            f"{table}.frame",
             value=invalid[0],
             expected=f"a number from {first_frame} to {first_frame + n_frames - 1}, for which there"
             " are times",
@@ -180,13 +194,11 @@ def _warn_of_ignored_rows(n_ignored: int, n_rows: int, row_axis: str) -> None:
         warnings.warn(PhysicsWarning(finding), stacklevel=4)
 
 
-def _confirmed_tracks_to_dataset(
-    history: TrackHistory, times_s: np.ndarray, first_frame: int
+def confirmed_tracks_to_dataset(
+    history: TrackHistory[_AnyTrack], times_s: np.ndarray, first_frame: int
 ) -> xr.Dataset:
     """Convert confirmed tracks to a dataset over tracks and frames."""
-    confirmed = [
-        history[number] for number in sorted(history) if _is_track_confirmed(history[number])
-    ]
+    confirmed = confirmed_histories(history)
     shape = (len(confirmed), len(times_s))
     n_bytes = 200 * len(confirmed) * len(times_s)  # 20 floats and nine letters
     check_free_memory("the tracks", needed_bytes=n_bytes, fix="track fewer frames at once")

@@ -146,24 +146,18 @@ class LiveTracker:
         self, measurements: Measurements, time_s: float
     ) -> tuple[Track, ...]:
         """Update the tracks like `step`, with measurements."""
-        now_s = check_number("time_s", time_s, at_least=-_MAX_TIME_S, at_most=_MAX_TIME_S)
-        if self._time_s is not None and not now_s > self._time_s:
-            raise InvalidSetting(
-                "time_s",
-                value=f"{format_si(now_s, 's', 9)}, after a frame at"
-                f" {format_si(self._time_s, 's', 9)}",
-                expected="later than the frame before",
-                fix="pass frames in the order of their times, each once; drop late ones",
-            )
-        passed_s = 0.0 if self._time_s is None else now_s - self._time_s
-        self._time_s = now_s
+        passed_s, self._time_s = interval_since_frame_before(time_s, self._time_s)
         for status in ("confirmed", "tentative"):
             tracks = [live_track for live_track in self._tracks if live_track.status == status]
             measurements = self._update_tracks_and_select_unassociated(
                 tracks, passed_s, measurements
             )
         self._tracks = [
-            live_track for live_track in self._tracks if live_track.is_alive(self._tracker)
+            live_track
+            for live_track in self._tracks
+            if live_track.is_alive(
+                confirm_after=self._tracker.confirm_after, drop_after=self._tracker.drop_after
+            )
         ]
         self._start_tracks(measurements)
         return tuple(live_track.to_track() for live_track in self._tracks)
@@ -176,8 +170,9 @@ class LiveTracker:
             [live_track.belief for live_track in tracks], passed_s, measurements
         )
         for live_track, belief, shares in zip(tracks, step.states, step.shares, strict=True):
-            live_track.update_with_state_estimate(
-                belief, is_hit=shares.sum() >= _MIN_SHARE, tracker=self._tracker
+            live_track.belief = belief
+            live_track.count_frame(
+                is_hit=shares.sum() >= _MIN_SHARE, confirm_after=self._tracker.confirm_after
             )
         return measurements.select_measurements(step.shares.sum(axis=0) < _MIN_SHARE)
 
@@ -189,41 +184,67 @@ class LiveTracker:
         )
         for mean, covariance in zip(means, covariances, strict=True):
             live_track = _LiveTrack(self._n_started, StateEstimate(mean, covariance))
-            live_track.confirm_if_enough_hits(self._tracker)
+            live_track.confirm_if_enough_hits(self._tracker.confirm_after)
             self._tracks.append(live_track)
             self._n_started += 1
 
 
-class _LiveTrack:
-    """Live track: state, status and counts of detections."""
+def interval_since_frame_before(time_s: float, last_time_s: float | None) -> tuple[float, float]:
+    """Return the interval since the frame before, 0 for the first one, and the checked time.
 
-    def __init__(self, number: int, belief: "StateEstimate") -> None:
+    Raises
+    ------
+    InvalidSetting
+        If the time does not increase.
+    """
+    now_s = check_number("time_s", time_s, at_least=-_MAX_TIME_S, at_most=_MAX_TIME_S)
+    if last_time_s is not None and not now_s > last_time_s:
+        raise InvalidSetting(
+            "time_s",
+            value=f"{format_si(now_s, 's', 9)}, after a frame at {format_si(last_time_s, 's', 9)}",
+            expected="later than the frame before",
+            fix="pass frames in the order of their times, each once; drop late ones",
+        )
+    return (0.0 if last_time_s is None else now_s - last_time_s), now_s
+
+
+class TrackStatus:
+    """Status of a live track, from its counts of detections."""
+
+    def __init__(self, number: int) -> None:
         self.number = number
-        self.belief = belief
         self.status: Literal["tentative", "confirmed"] = "tentative"
         self.age = 0
         self.hits = 1
         self.misses = 0
         """Consecutive misses."""
 
-    def update_with_state_estimate(
-        self, belief: "StateEstimate", *, is_hit: bool, tracker: Tracker
-    ) -> None:
-        self.belief = belief
+    def count_frame(self, *, is_hit: bool, confirm_after: tuple[int, int]) -> None:
+        """Count a frame after the first one."""
         self.age += 1
         self.hits += is_hit
         self.misses = 0 if is_hit else self.misses + 1
-        self.confirm_if_enough_hits(tracker)
+        self.confirm_if_enough_hits(confirm_after)
 
-    def confirm_if_enough_hits(self, tracker: Tracker) -> None:
-        if self.hits >= tracker.confirm_after[0]:
+    def confirm_if_enough_hits(self, confirm_after: tuple[int, int]) -> None:
+        """Confirm a track with enough detections."""
+        if self.hits >= confirm_after[0]:
             self.status = "confirmed"
 
-    def is_alive(self, tracker: Tracker) -> bool:
+    def is_alive(self, *, confirm_after: tuple[int, int], drop_after: int) -> bool:
+        """Return whether the track goes on."""
         if self.status == "confirmed":
-            return self.misses < tracker.drop_after
-        hits, frames = tracker.confirm_after
+            return self.misses < drop_after
+        hits, frames = confirm_after
         return self.hits + frames - 1 - self.age >= hits  # confirmation is still possible
+
+
+class _LiveTrack(TrackStatus):
+    """Live track: state and status."""
+
+    def __init__(self, number: int, belief: "StateEstimate") -> None:
+        super().__init__(number)
+        self.belief = belief
 
     def to_track(self) -> Track:
         return Track(

@@ -83,25 +83,9 @@ class Tracker:
         self._check_confirm_after()
 
     def _check_confirm_after(self) -> None:
-        counts = as_tuple_or_none(self.confirm_after) or ()
-        if len(counts) != 2:
-            raise InvalidSetting(
-                "Tracker.confirm_after",
-                value=self.confirm_after,
-                expected="two counts: detections, and the frames for them",
-                fix="write (3, 5) for three in five frames",
-            )
-        for place, count in enumerate(counts):
-            check_integer(f"Tracker.confirm_after.{place}", count, at_least=1, at_most=100_000)
+        counts = check_confirmation_counts("Tracker.confirm_after", self.confirm_after)
         object.__setattr__(self, "confirm_after", counts)
         hits, frames = counts
-        if hits > frames:
-            raise InvalidSetting(
-                "Tracker.confirm_after",
-                value=f"{hits} detections in {frames} frames",
-                expected="at most a detection in each frame, or no track is ever confirmed",
-                fix=f"require at most {frames} detections, or allow {hits} frames",
-            )
         # The first detection starts the track; the others are a binomial number.
         chance = scipy.special.bdtrc(hits - 2, frames - 1, self.hit_probability)
         if chance < _MIN_CONFIRMATION_PROBABILITY:
@@ -148,3 +132,26 @@ class Tracker:
                 " or no track is ever confirmed",
                 fix="raise the threshold of the detector, or correct the number and the extents",
             )
+
+
+def check_confirmation_counts(setting: str, value: object) -> tuple[int, int]:
+    """Return the counts that confirm a track: frames with detections, and frames in all."""
+    counts = as_tuple_or_none(value) or ()
+    if len(counts) != 2:
+        raise InvalidSetting(
+            setting,
+            value=value,
+            expected="two counts: detections, and the frames for them",
+            fix="write (3, 5) for three in five frames",
+        )
+    for place, count in enumerate(counts):
+        check_integer(f"{setting}.{place}", count, at_least=1, at_most=100_000)
+    hits, frames = counts
+    if hits > frames:
+        raise InvalidSetting(
+            setting,
+            value=f"{hits} detections in {frames} frames",
+            expected="at most a detection in each frame, or no track is ever confirmed",
+            fix=f"require at most {frames} detections, or allow {hits} frames",
+        )
+    return hits, frames

@@ -114,7 +114,7 @@ def _read_viewer_file(path: Path, hints: RecordingHints) -> Contents:
         Finding(
             level="note",
             setting="points",
-            value=f"targets tracked by the radar in {frames.n_frames_with_targets} of"
+            value=f"targets tracked by the radar in {np.count_nonzero(frames.target_counts)} of"
             f" {frames.counts.size} frames, not read",
             expected="the points from which they were tracked",
             fix="no action needed",

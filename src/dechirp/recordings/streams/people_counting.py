@@ -31,15 +31,16 @@ class ViewerFrames:
     """Number of points of each frame."""
     points: np.ndarray
     """(point, 4): range, azimuth (to the right), velocity, signal-to-noise ratio."""
-    n_frames_with_targets: int
+    target_counts: np.ndarray
+    """Number of targets that the radar tracked in each frame."""
     n_bytes_left: int
     """Bytes after the last complete frame."""
 
 
 def parse_viewer_frames(content: bytes) -> ViewerFrames:
     """Parse frames up to the first that is incomplete or implausible."""
-    numbers, counts, points = array("q"), array("q"), []
-    n_frames_with_targets = end = 0
+    numbers, counts, target_counts, points = array("q"), array("q"), array("q"), []
+    end = 0
     while end + 8 <= len(content):
         number, n_items = struct.unpack_from("<2I", content, end)
         step = number - numbers[-1] if numbers else 1
@@ -53,13 +54,13 @@ def parse_viewer_frames(content: bytes) -> ViewerFrames:
         numbers.append(number)
         counts.append(len(frame_points))
         points.append(frame_points)
-        n_frames_with_targets += _TARGETS in items
+        target_counts.append(items.get(_TARGETS, (0, 0))[1] // _ITEM_BYTES[_TARGETS])
         end = max([end + 8, *(offset + n_bytes for offset, n_bytes in items.values())])
     return ViewerFrames(
         frame_numbers=np.array(numbers, np.int64),
         counts=np.array(counts, np.int64),
         points=np.concatenate(points) if points else np.empty((0, 4), np.float32),
-        n_frames_with_targets=n_frames_with_targets,
+        target_counts=np.array(target_counts, np.int64),
         n_bytes_left=len(content) - end,
     )
 
