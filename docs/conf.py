@@ -29,7 +29,7 @@ extensions = [
     "sphinx-mathjax-offline",
 ]
 exclude_patterns = [
-    *("gallery", "_build", "_ext", "_templates", "verification/README.md"),
+    *("gallery", "_build", "_ext", "_templates", "verification/README.md", "figures/witnesses.md"),
     "gallery_built/**/*.ipynb",  # downloads; as pages MyST-NB would run the scripts a second time
 ]
 nitpicky = False

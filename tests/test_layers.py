@@ -40,7 +40,7 @@ ONLY_IN = {
     "rosbags": {"recordings"},
     "lz4": {"recordings"},
     "zstandard": {"recordings"},
-    "matplotlib": {"report", "certificate", "witnesses"},
+    "matplotlib": {"report", "certificate"},
     "jinja2": {"report", "certificate"},
     "markupsafe": {"report", "certificate"},
     "stonesoup": {"tracking"},

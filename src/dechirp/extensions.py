@@ -19,6 +19,8 @@ __getattr__, __dir__ = lazy_getattr_and_dir(
         "dechirp.radar.devices.base": "Device",
         "dechirp.scene.bodies.base": "AspectBody Body",
         "dechirp.evaluation.score.base": "Score",
+        "dechirp.traffic.base": "ObjectState TrafficFormat",
+        "dechirp.witnesses.base": "Comparison Witness compare_arrays",
         # Values with settings as fields
         "dechirp.core.values": "frozen_dataclass",
         "dechirp.core.checks": "check_non_negative_fields check_positive_fields",

@@ -26,3 +26,8 @@ from dechirp.simulation.impairments.base import Oscillator as Oscillator
 from dechirp.simulation.impairments.base import Preset as Preset
 from dechirp.simulation.impairments.base import Propagation as Propagation
 from dechirp.simulation.impairments.base import Receiver as Receiver
+from dechirp.traffic.base import ObjectState as ObjectState
+from dechirp.traffic.base import TrafficFormat as TrafficFormat
+from dechirp.witnesses.base import Comparison as Comparison
+from dechirp.witnesses.base import Witness as Witness
+from dechirp.witnesses.base import compare_arrays as compare_arrays

@@ -20,7 +20,7 @@ PAGES = sorted(
 )
 
 EXECUTED_KINDS = {"{command}", "{code-cell}", "{settings}"}
-INCLUDED_KINDS = {"{literalinclude}"}
+INCLUDED_KINDS = {"{include}", "{literalinclude}"}
 """Directives that include project files, which other tests run or read."""
 KINDS_WITHOUT_CODE = {
     "text",

@@ -97,7 +97,7 @@ def test_board_counts_numbers_and_names_causes(monkeypatch, tmp_path):
     assert (document["n_witnesses"], document["n_numbers"], document["n_passed"]) == (1, 2, 1)
     assert document["passed"] is False
     *_, good, bad = board_as_markdown((testimony,)).splitlines()
-    assert good == "| a test, none | level | 2 W | 2.5 W | 0.5 W: a test | passed |"
+    assert good == "| `speaker` | a test, none | level | 2 W | 2.5 W | 0.5 W: a test | passed |"
     assert bad.endswith("| fails: a known cause |")
 
 

@@ -20,6 +20,7 @@ def write_witness_board(out: Path, *, as_json: bool, quiet: bool) -> int:
     import dechirp
     from dechirp.cli.console import progress_bar
     from dechirp.report.figures.style import render_png
+    from dechirp.report.figures.witness_board import draw_witness_board
     from dechirp.results.text_files import (
         check_folder_replaceable,
         to_json_text,
@@ -31,7 +32,6 @@ def write_witness_board(out: Path, *, as_json: bool, quiet: bool) -> int:
         find_witness_data,
         run_witnesses,
     )
-    from dechirp.witnesses.figure import draw_board
 
     data = find_witness_data()
     check_folder_replaceable(out, _FILES)
@@ -39,9 +39,13 @@ def write_witness_board(out: Path, *, as_json: bool, quiet: bool) -> int:
         testimonies = run_witnesses(data, progress=report)
     document = {"version": dechirp.__version__, **board_document(testimonies)}
     text = to_json_text(document)
-    n_rows = sum(bool(testimony.comparisons) for testimony in testimonies)
+    ratios = {
+        testimony.name: [comparison.excess for comparison in testimony.comparisons]
+        for testimony in testimonies
+        if testimony.comparisons
+    }
     picture = render_png(
-        lambda figure: draw_board(figure, testimonies), height_in=1.0 + 0.35 * max(n_rows, 2)
+        lambda figure: draw_witness_board(figure, ratios), height_in=1.0 + 0.3 * max(len(ratios), 2)
     )
     contents = (text.encode(), board_as_markdown(testimonies).encode(), picture)
     write_files_into_folder(out, dict(zip(_FILES, contents, strict=True)))

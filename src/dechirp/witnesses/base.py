@@ -41,14 +41,23 @@ class Comparison:
         return self.ours - self.theirs
 
     @property
+    def excess(self) -> float:
+        """Difference to the worse side over its tolerance; a number passes up to 1."""
+        worse = {
+            "equal": abs(self.difference),
+            "at least": max(-self.difference, 0.0),
+            "at most": max(self.difference, 0.0),
+        }[self.relation]
+        if not math.isfinite(self.difference):
+            return math.inf
+        if self.tolerance == 0:
+            return math.inf if worse > 0 else 0.0
+        return worse / self.tolerance
+
+    @property
     def passed(self) -> bool:
         """True if both numbers are finite and ours has the relation to theirs."""
-        shortfall = {
-            "equal": abs(self.difference),
-            "at least": -self.difference,
-            "at most": self.difference,
-        }[self.relation]
-        return math.isfinite(self.difference) and shortfall <= self.tolerance
+        return self.excess <= 1
 
 
 def compare_arrays(

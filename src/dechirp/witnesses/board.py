@@ -131,16 +131,16 @@ def board_document(testimonies: tuple[Testimony, ...]) -> dict[str, Any]:
 def board_as_markdown(testimonies: tuple[Testimony, ...]) -> str:
     """Return the board as a Markdown table, one row for each number or missing witness."""
     lines = [
-        "| Source, licence | Quantity | Theirs | Ours | Tolerance | Result |",
-        "|---|---|---|---|---|---|",
+        "| Witness | Source, licence | Quantity | Theirs | Ours | Tolerance | Result |",
+        "|---|---|---|---|---|---|---|",
     ]
     for testimony in testimonies:
-        source = f"{testimony.source}, {testimony.licence}"
+        source = f"`{testimony.name}` | {testimony.source}, {testimony.licence}"
         for comparison in testimony.comparisons:
             lines.append(f"| {source} | {' | '.join(format_comparison(comparison))} |")
         if testimony.missing or testimony.error:
             outcome = f"missing: {testimony.missing}" if testimony.missing else testimony.error
-            lines.append(f"| {source} | {testimony.name} | | | | {outcome} |")
+            lines.append(f"| {source} | | | | | {outcome} |")
     return "\n".join(lines) + "\n"
 
 

@@ -22,6 +22,8 @@ FamilyName: TypeAlias = Literal[
     "multiplexing",
     "pattern",
     "score",
+    "traffic",
+    "witness",
     "writer",
 ]
 
@@ -75,6 +77,8 @@ def family_base_classes() -> dict[str, "type[Family]"]:
 
 def help_and_settings_by_kind(base: "type[Family]") -> dict[str, Any]:
     """Return the help and settings of each member by kind, as a settings file writes them."""
+    from dataclasses import is_dataclass
+
     from dechirp.core.families import Family
 
     settings_by_kind = {}
@@ -83,7 +87,8 @@ def help_and_settings_by_kind(base: "type[Family]") -> dict[str, Any]:
         settings_by_kind[kind] = {
             "help": (member.__doc__ or "").partition("\n")[0],
             "experimental": member.experimental,
-            "settings": _describe_settings(member),
+            # Formats of traffic and witnesses have none, and are no value classes.
+            "settings": _describe_settings(member) if is_dataclass(member) else {},
         }
     return settings_by_kind
 
