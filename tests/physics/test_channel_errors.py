@@ -7,10 +7,10 @@ import pytest
 from test_angle_motion_compensation import HALF_M, make_mimo_radar, make_target
 
 import dechirp as dc
+from dechirp.experiments.scenario import RecordingSource
 from dechirp.processing.angle.fft import Fft
+from dechirp.processing.angle.maximum_likelihood import MaximumLikelihood
 from dechirp.processing.direction_finding import checked_direction_aperture, estimate_sources
-
-LINE_OF_12 = dc.Array(rx_m=tuple((0.0, n * HALF_M, 0.0) for n in range(12)))
 
 
 def make_amplitudes(radar, azimuth_rad, antenna_phases_rad, noise_power, rng):
@@ -33,9 +33,13 @@ def estimate_azimuths(radar, amplitudes, noise_power):
     return sources.azimuth_rad, sources.azimuth_std_rad
 
 
-def make_radar(radar, n_tx):
+def make_line(n_elements):
+    return dc.Array(rx_m=tuple((0.0, n * HALF_M, 0.0) for n in range(n_elements)))
+
+
+def make_radar(radar, n_tx, n_elements=12):
     if n_tx == 1:
-        return replace(radar, array=LINE_OF_12)
+        return replace(radar, array=make_line(n_elements))
     return make_mimo_radar(radar, dc.multiplexing.Tdm(order=(0, 1, 2)))
 
 
@@ -104,3 +108,120 @@ def test_finding_recommends_to_calibrate_arrays_with_phases_of_their_own(radar, 
         (finding,) = findings
         assert "phases of the channels differ" in finding
         assert "dechirp calibrate REFLECTOR --azimuth ANGLE" in finding
+
+
+@pytest.mark.parametrize("n_elements", [3, 4])
+@pytest.mark.parametrize("phase_std_deg", [5, 20])
+def test_few_elements_state_the_errors_of_typical_boards(radar, n_elements, phase_std_deg):
+    radar, rng, n_trials = make_radar(radar, 1, n_elements), np.random.default_rng(8), 500
+    aperture = checked_direction_aperture(radar, dc.FieldOfView())
+    azimuth, noise = rng.uniform(-0.7, 0.7, n_trials), np.full(n_trials, 1e-5)
+    phases = np.radians(phase_std_deg) * rng.normal(size=(n_trials, n_elements))
+    gains = 1 + 0.12 * rng.normal(size=(n_trials, n_elements))  # 1 dB
+    errors = rng.normal(size=(n_trials, n_elements, 2)) @ [1, 1j] * np.sqrt(noise[0] / 2)
+    amplitudes = aperture.steering_vectors(azimuth) * gains * np.exp(1j * phases) + errors
+
+    squares = []
+    for trial in range(n_trials):
+        found, std = estimate_azimuths(radar, amplitudes[[trial]], noise[[trial]])
+        squares.append(((found[0] - azimuth[trial]) / std[0]) ** 2)
+
+    # Two residuals or one have no mean of their own: Student's distribution with the prior of 10
+    # degrees. From the noise alone, the mean is 10,000 and more.
+    squares = np.array(squares)[np.isfinite(squares)]
+    assert len(squares) > 0.9 * n_trials
+    assert 0.02 < np.mean(squares) < 2
+
+
+@pytest.mark.parametrize("n_elements", [8, 12])
+@pytest.mark.parametrize("separation_deg", [3, 10])
+def test_directions_of_merged_sources_state_their_separation(radar, n_elements, separation_deg):
+    radar, rng, n_trials = make_radar(radar, 1, n_elements), np.random.default_rng(9), 300
+    aperture = checked_direction_aperture(radar, dc.FieldOfView())
+    azimuth = rng.uniform(-0.5, 0.5, n_trials)
+    other = azimuth + np.radians(separation_deg)
+    noise = np.full(n_trials, 10**-4.5)
+    ratio = 0.8 * np.exp(2j * np.pi * rng.uniform(size=(n_trials, 1)))
+    errors = rng.normal(size=(n_trials, n_elements, 2)) @ [1, 1j] * np.sqrt(noise[0] / 2)
+    echoes = aperture.steering_vectors(azimuth) + ratio * aperture.steering_vectors(other)
+
+    found, std = estimate_azimuths(radar, echoes + errors, noise)
+
+    # The spread squared is half of the separation squared where both are in phase, and more if not:
+    # at the middle between them, the square of the error to the nearer one is its share. Without
+    # the spread, means are 400 to 25,000.
+    nearest = np.minimum(abs(found - azimuth), abs(found - other))
+    assert np.mean((nearest / std) ** 2) < 1
+
+
+@pytest.mark.parametrize("n_tx", [1, 3])
+@pytest.mark.parametrize("phase_std_deg", [0, 10])
+def test_two_sources_in_a_cell_contain_phases_of_channels(radar, n_tx, phase_std_deg):
+    radar, rng, n_trials = make_radar(radar, n_tx), np.random.default_rng(10), 150
+    noise, still = np.array([10**-4.5]), np.zeros(1)
+    aperture = checked_direction_aperture(radar, dc.FieldOfView())
+    squares = []
+    for _ in range(n_trials):
+        azimuth = rng.uniform(-0.6, 0) + np.array([0, 0.5])
+        phases = np.tile(np.radians(phase_std_deg) * rng.normal(size=n_tx + 12 // n_tx), (2, 1))
+        echoes = make_amplitudes(radar, azimuth, phases, np.zeros(2), rng)
+        errors = rng.normal(size=(1, 12, 2)) @ [1, 1j] * np.sqrt(noise / 2)
+        echo = echoes[:1] + 0.8 * np.exp(2j * np.pi * rng.uniform()) * echoes[1:] + errors
+        sources = estimate_sources(
+            echo, still, noise, radar, MaximumLikelihood(n_sources=2), aperture
+        )
+        order = np.argsort(sources.azimuth_rad)
+        deviation = (sources.azimuth_rad[order] - azimuth) / sources.azimuth_std_rad[order]
+        squares.extend(deviation**2)
+
+    # 300 squares vary by 8 %, five times which is 0.4; the phases are a Student's distribution with
+    # a heavier tail, stated on the wide side. Without the channels, the mean is 2,000.
+    assert 0.3 < np.mean(squares) < 1.5
+
+
+def test_extended_echoes_do_not_widen_the_errors_of_an_exact_point_target(radar):
+    radar, rng = make_radar(radar, 1), np.random.default_rng(6)
+    noise = np.full(7, 1e-5)
+    aperture = checked_direction_aperture(radar, dc.FieldOfView())
+    stated_rad = []
+    for _ in range(50):
+        azimuth = rng.uniform(-0.7, 0.7, 7)
+        amplitudes = make_amplitudes(radar, azimuth, np.zeros((7, 13)), noise, rng)
+        # All but the first are two scatterers, a quarter of a beamwidth apart.
+        amplitudes[1:] += 0.5 * 1j * aperture.steering_vectors(azimuth[1:] + 0.05)
+        _, std = estimate_azimuths(radar, amplitudes, noise)
+        stated_rad.append(std[0])
+    _, noise_std = estimate_azimuths(
+        radar, make_amplitudes(radar, np.zeros(1), np.zeros((1, 13)), noise[:1], rng), noise[:1]
+    )
+
+    # Within +-0.7 rad, the beam is at most 1 / cos 0.7 = 1.31 times as wide.
+    assert np.median(stated_rad) < 1.5 * noise_std[0]
+
+
+def test_curved_waves_of_near_targets_do_not_widen_errors(radar):
+    radar = make_radar(radar, 1)
+    stated_rad = [
+        float(detections.azimuth_std[int(np.argmax(detections.snr.values))])
+        for range_m in (3.0, 30.0)
+        for target in (dc.Target(position_m=(range_m, 0, 0), rcs_m2=range_m**4 / 1e3),)
+        for detections in (
+            dc.detect(dc.simulate(dc.Scene(targets=[target]), radar, seed=1), radar),
+        )
+    ]
+
+    # Equal SNR; the wave is 13 degrees ahead at the ends of the array at 3 m, ten times the noise.
+    assert stated_rad[0] == pytest.approx(stated_rad[1], rel=0.2)
+
+
+def test_note_states_that_pairs_of_elements_do_not_show_their_phases(radar, tmp_path):
+    radar = replace(radar, array=make_line(2))
+    scene = dc.Scene(targets=[make_target(-20, 3)])
+    cube = dc.simulate(scene, radar, impairments=(dc.impairments.ThermalNoise(),), seed=1)
+    path = tmp_path / "pair.h5"
+    dc.write(dc.recording_from_cube(cube, radar), path)
+
+    result = dc.run(dc.Scenario(recording=RecordingSource(path=str(path))))
+
+    (note,) = (str(finding) for finding in result.findings if "noise alone" in str(finding))
+    assert "2 elements have no phases" in note and "5 receivers of one transmitter" in note

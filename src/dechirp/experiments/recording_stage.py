@@ -26,6 +26,7 @@ from dechirp.experiments.scenario import (
     check_tracks_and_ego_motion_possible,
 )
 from dechirp.processing.chain_fitting import ChosenSettingName, fit_chain_to_frames
+from dechirp.processing.channel_errors import hidden_channel_error_findings
 from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.multiple_echoes import find_multiple_echoes, multiple_echo_findings
 from dechirp.processing.velocity_ambiguity.by_range_rate import (
@@ -161,6 +162,7 @@ def _resolve_velocities(detected: DetectedRecording) -> DetectedRecording:
         columns = resolve_by_range_rate(columns, radar.frame)
         findings += range_rate_findings(detected.columns, columns)
     findings += multiple_echo_findings(find_multiple_echoes(columns, radar))
+    findings += hidden_channel_error_findings(columns, detected.totals.channel_phase_rms_rad, radar)
     return replace(detected, columns=columns, findings=findings)
 
 

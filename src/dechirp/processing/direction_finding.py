@@ -1,10 +1,12 @@
 """Directions of the sources of detections, from their amplitudes in the channels."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.angle.aperture import Aperture, FieldOfView, radar_aperture
 from dechirp.processing.angle.base import DirectionEstimator, Directions
 from dechirp.processing.channel_errors import ChannelErrors, estimate_channel_errors
@@ -14,6 +16,7 @@ from dechirp.processing.virtual_array import (
     element_amplitudes,
     element_to_channel_noise_ratio,
 )
+from dechirp.radar.array import Array
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.theory.direction_bounds import unit_vector_derivatives, unit_vectors
@@ -24,6 +27,8 @@ _MAX_STD_RAD = float(np.radians(22.5))
 _LIMIT_SHARE = 1 - 1e-3
 # 10 dB: the phase of an element then changes by 0.3 rad at most.
 _MIN_SIGNAL_TO_SIDELOBES = 10.0
+# Least phase, in rad, of the curvature of a wave that is regarded: 60 dB below the echo.
+_MIN_CURVATURE_RAD = 1e-3
 
 
 class Sources(NamedTuple):
@@ -159,30 +164,68 @@ def directions_from_phase_centre(
     direction, or at a range within the array, stay as they are.
     """
     angles = np.stack([azimuth_rad, elevation_rad], axis=1)
-    is_resolved = np.isfinite(angles).any(axis=0)
-    middle_m = radar.element_positions_m.mean(axis=0) / 2
-    tx_m, rx_m = (
-        np.array(antennas_m) - middle_m for antennas_m in (radar.array.tx_m, radar.array.rx_m)
-    )
-    size_m = np.linalg.norm(np.concatenate([tx_m, rx_m]), axis=1).max()
-    is_row = known_direction_mask(ambiguity_number, radar.frame) & (range_m > size_m)
-    if not is_resolved.any() or not is_row.any():
+    resolved = np.flatnonzero(np.isfinite(angles).any(axis=0))
+    moments = _array_moments(radar.array, radar.element_positions_m.tobytes())
+    is_row = known_direction_mask(ambiguity_number, radar.frame) & (range_m > moments.size_m)
+    if not resolved.size or not is_row.any():
         return azimuth_rad, elevation_rad
-    elements_m = radar.element_positions_m - 2 * middle_m
-    n_elements, n_rx = len(elements_m), radar.array.n_rx
-    antennas_m = np.repeat(tx_m, n_rx, axis=0), np.tile(rx_m, (len(tx_m), 1))
-    # Third moments of antennas and elements, and covariance of the elements.
-    third = np.einsum("mka,mkb,kc->abc", antennas_m, antennas_m, elements_m) / n_elements
-    covariance = elements_m.T @ elements_m / n_elements
-    known = np.nan_to_num(angles[is_row])
-    unit = unit_vectors(*known.T)
-    slopes = unit_vector_derivatives(*known.T)[:, is_resolved]
-    moment = np.einsum("aac->c", third) - np.einsum("na,nb,abc->nc", unit, unit, third)
-    curvature = slopes @ covariance @ slopes.swapaxes(1, 2)
-    shift = np.linalg.pinv(curvature, hermitian=True) @ (slopes @ moment[:, :, None])
-    moved = angles.copy()
-    moved[np.ix_(is_row, is_resolved)] += shift[:, :, 0] / (2 * range_m[is_row, None])
-    return moved[:, 0], moved[:, 1]
+    known = np.nan_to_num(angles)
+    unit = unit_vectors(known[:, 0], known[:, 1])
+    slopes = unit_vector_derivatives(known[:, 0], known[:, 1])[:, resolved]
+    squares = (unit[:, :, None] * unit[:, None, :]).reshape(-1, 9)
+    moment = moments.third[[0, 4, 8]].sum(axis=0) - squares @ moments.third
+    curvature = slopes @ moments.covariance @ slopes.swapaxes(1, 2)
+    inverse = 1 / curvature if resolved.size == 1 else np.linalg.pinv(curvature, hermitian=True)
+    shift = (inverse @ (slopes @ moment[:, :, None]))[:, :, 0]
+    angles[:, resolved] += np.where(is_row, 0.5 / np.where(is_row, range_m, 1), 0)[:, None] * shift
+    return angles[:, 0], angles[:, 1]
+
+
+def _wavefront_curvature_rad(
+    range_m: np.ndarray, azimuth_rad: np.ndarray, elevation_rad: np.ndarray, radar: Radar
+) -> np.ndarray | None:
+    """Return the phase of the term q / 2R of paths, see `directions_from_phase_centre`.
+
+    (n, n_elements), 0 at ranges within the array; None where all are less than a milliradian.
+    """
+    moments = _array_moments(radar.array, radar.element_positions_m.tobytes())
+    wavelength_m = SPEED_OF_LIGHT / radar.frame.chirp.mean_sampled_frequency_hz
+    per_m2 = np.pi / wavelength_m / np.maximum(range_m, moments.size_m)
+    if not np.any(per_m2 * moments.size_m**2 > _MIN_CURVATURE_RAD):
+        return None
+    unit = _unit_vectors_with_nan_as_zero(azimuth_rad, elevation_rad)
+    along_m = moments.antennas_m @ unit.T
+    squares_m2 = np.sum(np.sum(moments.antennas_m**2, axis=2)[:, :, None] - along_m**2, axis=0)
+    return np.asarray((np.where(range_m > moments.size_m, per_m2, 0) * squares_m2).T)
+
+
+class _ArrayMoments(NamedTuple):
+    """Moments of antennas t and r and elements s = t + r, relative to the phase centre."""
+
+    antennas_m: np.ndarray
+    """Positions t and r of each element, (2, n_elements, 3)."""
+    third: np.ndarray
+    """Mean of (t t^T + r r^T) s, (9, 3): pairs of coordinates by coordinates of s."""
+    covariance: np.ndarray
+    """Mean of s s^T, (3, 3)."""
+    size_m: float
+    """Largest distance of an antenna from the phase centre."""
+
+
+@lru_cache(maxsize=8)
+def _array_moments(array: Array, element_position_bytes: bytes) -> _ArrayMoments:
+    elements_m = np.frombuffer(element_position_bytes).reshape(-1, 3)
+    middle_m = elements_m.mean(axis=0) / 2
+    tx_m, rx_m = np.array(array.tx_m) - middle_m, np.array(array.rx_m) - middle_m
+    antennas_m = np.stack([np.repeat(tx_m, len(rx_m), axis=0), np.tile(rx_m, (len(tx_m), 1))])
+    elements_m = elements_m - 2 * middle_m
+    return _ArrayMoments(
+        antennas_m,
+        np.einsum("mka,mkb,kc->abc", antennas_m, antennas_m, elements_m).reshape(9, 3)
+        / len(elements_m),
+        elements_m.T @ elements_m / len(elements_m),
+        float(np.linalg.norm(np.concatenate([tx_m, rx_m]), axis=1).max()),
+    )
 
 
 def range_and_direction_from_origin(
@@ -355,6 +398,7 @@ def estimate_sources(
     virtual_aperture: Aperture,
     *,
     sidelobes: SidelobeErrors | None = None,
+    range_m: np.ndarray | None = None,
 ) -> Sources:
     """Estimate the directions of n detections.
 
@@ -371,6 +415,8 @@ def estimate_sources(
     sidelobes : SidelobeErrors, optional
         Other echoes in the amplitudes. It widens the standard errors; detections that it dominates
         have no directions, see `sidelobe_dominated_mask`.
+    range_m : array (n,), optional
+        Their ranges. The curvature of waves from there is no error of the channels.
 
     Notes
     -----
@@ -395,8 +441,14 @@ def estimate_sources(
             std[:] = np.where(is_masked[:, None], np.nan, std * factor)
             angle[is_masked] = np.nan
     n_tx = 1 if radar.frame.multiplexing is None else len(radar.array.tx_m)
+    strongest = directions.azimuth_rad[:, 0], directions.elevation_rad[:, 0]
     channel_errors = estimate_channel_errors(
-        snapshots[:, 0], directions, element_noise, virtual_aperture, n_tx
+        snapshots[:, 0],
+        directions,
+        element_noise,
+        virtual_aperture,
+        n_tx,
+        None if range_m is None else _wavefront_curvature_rad(range_m, *strongest, radar),
     )
     _widen_standard_errors(directions, channel_errors, virtual_aperture)
     has_unknown_angle = _leave_out_unusable_angles(directions, virtual_aperture)
@@ -421,17 +473,19 @@ def estimate_sources(
 def _widen_standard_errors(
     directions: Directions, channel_errors: ChannelErrors, aperture: Aperture
 ) -> None:
-    """Add the errors of the channels to the standard errors of the strongest sources, in place.
+    """Add the errors of the channels to the standard errors, in place.
 
     They stay at most that of a uniform distribution over the field of view.
     """
+    if not channel_errors.direction_variance_rad2.any():
+        return
     limits = np.array([aperture.field_of_view.azimuth_rad, aperture.field_of_view.elevation_rad])
     is_resolved = aperture.resolves_azimuth_and_elevation
     stds = directions.azimuth_std_rad, directions.elevation_std_rad
     for place, angle in enumerate(np.flatnonzero(is_resolved)):
-        variance = channel_errors.direction_variance_rad2[:, place]
-        widened = np.minimum(np.sqrt(stds[angle][:, 0] ** 2 + variance), limits[angle] / np.sqrt(3))
-        stds[angle][:, 0] = np.where(variance > 0, widened, stds[angle][:, 0])
+        variance = channel_errors.direction_variance_rad2[:, :, place]
+        widened = np.minimum(np.sqrt(stds[angle] ** 2 + variance), limits[angle] / np.sqrt(3))
+        stds[angle][:] = np.where(variance > 0, widened, stds[angle])
 
 
 def _leave_out_unusable_angles(directions: Directions, aperture: Aperture) -> np.ndarray:

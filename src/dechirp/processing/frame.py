@@ -238,7 +238,9 @@ def find_directions(resolved: ResolvedPeaks, radar: Radar, chain: Chain) -> Sour
         return sources_without_directions(len(resolved.doppler_hz))
     radar = _rising_ramp_radar(radar)
     aperture = checked_direction_aperture(radar, chain.field_of_view)
-    peaks = resolved.peaks
+    peaks, chirp = resolved.peaks, radar.frame.chirp
+    offset_m = 0.0 if radar.calibration is None else radar.calibration.range_offset_m
+    beat_hz = peaks.tones.fast * (chirp.sample_rate_hz / (2 * np.pi))
     return estimate_sources(
         peaks.tones.amplitude,
         resolved.doppler_hz,
@@ -247,6 +249,7 @@ def find_directions(resolved: ResolvedPeaks, radar: Radar, chain: Chain) -> Sour
         chain.angle,
         aperture,
         sidelobes=peaks.sidelobes,
+        range_m=beat_hz * chirp.range_m(1.0) - offset_m,
     )
 
 
