@@ -1,8 +1,7 @@
 """Memory checks before a job starts."""
 
+import math
 from contextlib import suppress
-
-import psutil
 
 from dechirp.core.errors import NotEnoughMemory
 
@@ -22,7 +21,14 @@ def check_free_memory(job: str, *, needed_bytes: float, fix: str) -> None:
 
 
 def available_memory_bytes() -> float:
-    """Return the memory left to this process, by the machine and by its own limit."""
+    """Return the memory left to this process, by the machine and by its own limit.
+
+    Infinite in a browser, which has no psutil.
+    """
+    try:
+        import psutil
+    except ImportError:
+        return math.inf
     free: float = psutil.virtual_memory().available
     with suppress(ImportError):  # Windows has no resource limits
         import resource
