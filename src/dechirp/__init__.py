@@ -55,6 +55,7 @@ _NAMES = {
     "processing.range_doppler_map": "power_map threshold_map",
     "processing.angle_maps": "angle_spectrum range_azimuth_map",
     "processing.spectrogram": "spectrogram",
+    "processing.ddma_recognition": "recognise_ddma",
     "processing.calibration.calibrate": "calibrate",
     # Tracking: from detections to objects
     "tracking.ego": "EgoMotion ego_motion",

@@ -53,6 +53,7 @@ from dechirp.processing.cfar.base import Cfar as Cfar
 from dechirp.processing.chain import Chain as Chain
 from dechirp.processing.cluster import Dbscan as Dbscan
 from dechirp.processing.cluster import cluster as cluster
+from dechirp.processing.ddma_recognition import recognise_ddma as recognise_ddma
 from dechirp.processing.detect import detect as detect
 from dechirp.processing.range_doppler_map import power_map as power_map
 from dechirp.processing.range_doppler_map import threshold_map as threshold_map

@@ -51,6 +51,16 @@ def test_two_settings_are_compared_by_trials(live_page):
     table.get_by_text("A better").first.wait_for()
     assert "noise_factor" in trial_count.inner_text()
     live_page.save_screenshot("compare")
+    live_page.page.set_viewport_size({"width": 500, "height": 900})
+    live_page.wait_until(lambda: not table.locator("thead").is_visible())
+    rights_and_heights = table.evaluate(
+        "table => [...table.querySelectorAll('td')].map(cell => cell.getBoundingClientRect())"
+        ".map(box => [box.right, box.height])"
+    )
+    assert max(right for right, _ in rights_and_heights) <= 500
+    assert max(height for _, height in rights_and_heights) < 100  # no word is broken into letters
+    table.scroll_into_view_if_needed()
+    live_page.save_screenshot("compare-500")
 
 
 @pytest.mark.parametrize("number", nightly_except([3], [1, 2, 3, 4]))

@@ -1,18 +1,23 @@
 """Reports as PDF: escaped names, figures, wide tables, and no files or networks opened."""
 
 import json
+import math
+import re
 import socket
 import sys
 from importlib.resources import files
 
+import pypdfium2
 import pytest
 
 import dechirp as dc
 from dechirp.cli.main import main
 from dechirp.config.dumping import dump_yaml
 from dechirp.experiments.run import run
+from dechirp.report import pdf
 from dechirp.report.page import render_report
 from dechirp.report.pdf import html_to_pdf
+from html_tree import parse_html
 from nightly import nightly
 from page_checks import (
     check_captions,
@@ -74,8 +79,6 @@ def test_table_fits_page_with_any_number_of_columns(n_columns):
         f"<tbody><tr>{row}</tr></tbody></table></section>"
     )
 
-    import pypdfium2
-
     document = pypdfium2.PdfDocument(check_pdf_contains_page_text(html))
     for sheet in document:
         text_page = sheet.get_textpage()
@@ -83,12 +86,56 @@ def test_table_fits_page_with_any_number_of_columns(n_columns):
         for index in range(text_page.count_chars()):
             left, bottom, right, top = text_page.get_charbox(index)
             assert left >= 0 and right <= width and bottom >= 0 and top <= height
+    assert min(text_sizes_pt(document)) > 5.9
+
+
+def text_sizes_pt(document: pypdfium2.PdfDocument) -> list[float]:
+    """Return the sizes of all characters on their pages."""
+    sizes_pt = []
+    for sheet in document:
+        text_page = sheet.get_textpage()
+        for index in range(text_page.count_chars()):
+            matrix = pypdfium2.raw.FS_MATRIX()
+            pypdfium2.raw.FPDFText_GetMatrix(text_page, index, matrix)
+            if text_page.get_text_range(index, 1).strip():
+                size = pypdfium2.raw.FPDFText_GetFontSize(text_page, index)
+                sizes_pt.append(size * math.hypot(matrix.c, matrix.d))
+    return sizes_pt
+
+
+def test_wide_table_continues_below_with_its_first_column():
+    skip_without_pdf()
+    head = "".join(f"<th>h{number}x</th>" for number in range(40))
+    row = "".join(f"<td>v{number}x</td>" for number in range(40))
+    html = make_page(f"<table><thead><tr>{head}</tr></thead><tbody><tr>{row}</tr></tbody></table>")
+
+    document = pypdfium2.PdfDocument(html_to_pdf(html))
+    text = " ".join(sheet.get_textpage().get_text_range() for sheet in document)
+    assert text.count("h0x") == text.count("v0x") == 3
+    assert all(text.count(f"{kind}{number}x") == 1 for number in range(1, 40) for kind in "hv")
+
+
+def test_text_is_set_closer_rather_than_leaving_last_page_nearly_empty(monkeypatch):
+    skip_without_pdf()
+    page = make_page("<p>One line.</p>" * 38)
+    n_pages = []
+    for fill in (0.0, pdf._SMALL_FILL):
+        monkeypatch.setattr(pdf, "_SMALL_FILL", fill)
+        n_pages.append(len(pypdfium2.PdfDocument(html_to_pdf(page))))
+
+    assert n_pages == [2, 1]
+
+
+def test_numbers_of_headline_stay_with_their_units(page):
+    headline = next(parse_html(page).descendants("h1")).text
+    assert re.search(r"\d\xa0m\b", headline)
+    assert not re.search(r"\d m\b", headline)
+    # Settings are for copying: plain spaces.
+    assert "\xa0" not in next(parse_html(page).descendants("pre")).text
 
 
 def test_wide_numbers_wrap_before_page_becomes_landscape():
     skip_without_pdf()
-    import pypdfium2
-
     row = '<td class="num">62.31574 ±&nbsp;0.00100</td>' * 10
     table = (
         f"<table><thead><tr>{'<th>r</th>' * 10}</tr></thead><tbody><tr>{row}</tr></tbody></table>"

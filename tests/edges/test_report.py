@@ -300,7 +300,7 @@ def test_page_loads_no_external_resources(page):
 
 def test_report_of_simulation_shows_every_section_and_names_target(page):
     assert find_sections(page) == {*SECTIONS, "scene", "budget"}
-    assert "<h1>Target at 50.00 m, 10.00 m/s</h1>" in page
+    assert "<h1>Target at 50.00\xa0m, 10.00\xa0m/s</h1>" in page
     assert "Power (dBm)" in page
 
 

@@ -4,11 +4,11 @@ import ast
 import importlib
 import sys
 
-import nbformat
 import pytest
 
 from guide.test_every_block_runs import DOCS, PAGES
 
+nbformat = pytest.importorskip("nbformat")  # comes with the group docs
 NOTEBOOKS = sorted((DOCS.parent / "examples" / "notebooks").glob("*.ipynb"))
 PAGES_WITH_CODE = [page for page in PAGES if "{code-cell}" in page.read_text(encoding="utf-8")]
 

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import platform
+import re
 from datetime import UTC, datetime
 from functools import cache
 
@@ -13,6 +14,9 @@ _MONTHS = (
     "July", "August", "September", "October", "November", "December",
 )
 # fmt: on
+_SPACE_BEFORE_UNIT = re.compile(
+    r"(?<=\d) (?=(?:[kMGmµn]?(?:m|s|Hz|W)|km/h|m/s|MHz/µs|rad|dB\w{0,2}|%|°)(?![\w/]))"
+)
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "matplotlib")
 
 
@@ -30,7 +34,16 @@ def template_environment(*packages: str) -> Environment:
         lstrip_blocks=True,
     )
     environment.globals["versions"] = library_versions
+    environment.filters["unbroken"] = keep_numbers_and_units_together
     return environment
+
+
+def keep_numbers_and_units_together(text: str) -> str:
+    """Put no-break spaces between numbers and their units, so that lines do not end between them.
+
+    Only for texts that nobody copies into a settings file, which has plain spaces.
+    """
+    return type(text)(_SPACE_BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text))  # safe HTML stays safe
 
 
 def load_template(name: str) -> Template:

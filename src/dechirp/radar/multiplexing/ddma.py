@@ -3,7 +3,7 @@
 import cmath
 from functools import cached_property
 
-from dechirp.core.checks import check_integer_fields
+from dechirp.core.checks import as_tuple_or_none, check_integer, check_integer_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.multiplexing.base import Multiplexing, check_transmitter_order
@@ -13,8 +13,8 @@ from dechirp.radar.multiplexing.base import Multiplexing, check_transmitter_orde
 class Ddma(Multiplexing):
     """Simultaneous transmitters with phases that advance in equal steps from chirp to chirp.
 
-    The k-th of the order advances by 2 pi k / n_sub_bands from chirp to chirp, which raises the
-    Doppler frequency of its echoes by k / (n_sub_bands x interval): one sub-band for each
+    The transmitter of sub-band k advances by 2 pi k / n_sub_bands from chirp to chirp, which raises
+    the Doppler frequency of its echoes by k / (n_sub_bands x interval): one sub-band for each
     transmitter. Empty sub-bands later identify the first transmitter (Jansen 2019). A round is
     n_sub_bands chirps, over which the echoes are orthogonal.
     """
@@ -24,6 +24,9 @@ class Ddma(Multiplexing):
     the transmitters of the array."""
     n_sub_bands: int
     """Number of sub-bands, at least that of transmitters; the others stay empty."""
+    sub_bands: tuple[int, ...] | None = None
+    """Sub-band of each transmitter of the order, from 0; None: the first ones without a gap.
+    Differences that occur once identify the first transmitter best, as in [0, 1, 3]."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "order", check_transmitter_order("Ddma.order", self.order))
@@ -36,9 +39,26 @@ class Ddma(Multiplexing):
                 fix="take more sub-bands, or name fewer transmitters",
             )
 
+        if self.sub_bands is not None:
+            object.__setattr__(self, "sub_bands", self._checked_sub_bands())
+
+    def _checked_sub_bands(self) -> tuple[int, ...]:
+        bands = as_tuple_or_none(self.sub_bands) or ()
+        for band in bands:
+            check_integer("Ddma.sub_bands", band, at_least=0, at_most=self.n_sub_bands - 1)
+        if len(bands) != len(self.order) or len(set(bands)) < len(bands):
+            raise InvalidSetting(
+                "Ddma.sub_bands",
+                value=", ".join(map(str, bands)) or repr(self.sub_bands),
+                expected=f"{len(self.order)} different sub-bands, one for each transmitter",
+                fix="list the sub-bands in the order of the transmitters, or leave them out",
+            )
+        return tuple(int(band) for band in bands)
+
     @cached_property
     def weights(self) -> tuple[tuple[complex, ...], ...]:
-        band_of = {transmitter: band for band, transmitter in enumerate(self.order)}
+        bands = range(len(self.order)) if self.sub_bands is None else self.sub_bands
+        band_of = dict(zip(self.order, bands, strict=True))
         return tuple(
             tuple(
                 self._phase_factor(band_of[transmitter_index] * slot)

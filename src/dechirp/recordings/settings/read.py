@@ -12,6 +12,7 @@ from dechirp.radar.devices.base import Device
 from dechirp.radar.radar import Radar
 from dechirp.recordings.foreign_files import stand_in_error
 from dechirp.recordings.settings import (
+    calterah_hxx,
     infineon_json,
     mmwave_json,
     mmwave_lua,
@@ -30,7 +31,8 @@ def read_radar(path: str | Path, device: Device | None = None) -> Radar:
     """Read a radar from a settings file: native YAML, or a vendor's file.
 
     Vendor files are TI's `.cfg`, `.mmwave.json`, `.setup.json`, mmWave Studio log and `.lua`
-    script, and Infineon's `config.json`. The content determines the type, not the name.
+    script, Infineon's `config.json`, and Calterah's `.hxx`. The content determines the type, not
+    the name.
 
     Parameters
     ----------
@@ -68,6 +70,8 @@ def read_settings(file: Path, device: Device | None = None) -> RecordingSettings
     elif mmwave_setup.is_mmwave_setup(text):
         used, chip = mmwave_setup.find_named_settings_and_chip(file, text)
         settings = mmwave_json.read_mmwave_json(used, _read_settings_text(used), device, chip)
+    elif calterah_hxx.is_calterah_hxx(text):
+        settings = calterah_hxx.read_calterah_hxx(file, text)
     elif infineon_json.is_infineon_json(text) or name.endswith(".json"):
         settings = infineon_json.read_infineon_json(file, text, device)
     else:

@@ -57,7 +57,20 @@ td { border-top: 1px solid var(--rule); }
 td.law small { display: inline-block; max-width: 16ch; white-space: normal; line-height: 1.1; }
 small { font-size: 12px; }
 td.sure { font-weight: 600; }
+@media (max-width: 800px) {
+  thead { display: none; }
+  tr { display: grid; grid-template-columns: minmax(0, 1fr) minmax(0, 1fr); padding: 4px 0; }
+  tr { border-top: 1px solid var(--rule); }
+  td { border: 0; white-space: normal; overflow-wrap: anywhere; }
+  td:nth-child(-n+2) { font-weight: 600; }
+  td:nth-child(3)::before { content: "A: "; }
+  td:nth-child(5)::before { content: "B: "; }
+  td:is(:nth-child(4), :nth-child(6))::before { content: "theory: "; }
+  td:nth-child(7)::before { content: "B \\2212  A: "; }
+  td.law small { max-width: none; }
+}
 """
+"""Style of the table; on narrow screens each row has four lines of two cells."""
 
 _log = logging.getLogger(__name__)
 

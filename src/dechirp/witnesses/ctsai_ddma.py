@@ -1,0 +1,116 @@
+"""Calterah radar with four transmitters at once: Doppler division that no file names."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from dechirp.processing.detect import detect
+from dechirp.recordings.recording import open as open_recording
+from dechirp.witnesses.base import Comparison, Witness, compare_arrays
+
+_N_CHIRPS, _N_SAMPLES = 128, 2048
+"""Profile 1. In chirps of 1,024 samples, the echoes would be in eight of sixteen sub-bands."""
+_BAND_BINS = 16
+_SUB_BANDS = (0, 1, 4, 6)
+"""Sub-bands of the strongest lines in the Doppler spectrum, by plain NumPy."""
+_STRONGEST = 5
+
+
+class CtsaiDdma(Witness):
+    """Samples against a plain decoding, sub-bands, and one detection a target."""
+
+    folder: ClassVar[str] = "ctsai_ddma_near"
+    source: ClassVar[str] = "Super-Radar/CTSAI-A100 9a65438, near field"
+    licence: ClassVar[str] = "Apache-2.0"
+
+    def compare(self, folder: Path) -> Iterator[Comparison]:
+        """Compare the folder, opened without an option."""
+        theirs = _decode_receivers([folder / f"near_rx{rx}.txt" for rx in range(4)])
+        recording = open_recording(folder)
+        cube = recording.cube
+        ours = cube.values.reshape(_N_CHIRPS, 4, _N_SAMPLES)
+        yield compare_arrays(
+            f"{theirs.size} samples of four receivers, the pair farthest apart",
+            theirs,
+            ours * 2**15,
+            unit="1",
+            absolute=0.0,
+            basis="equal",
+        )
+        code = recording.radar.frame.multiplexing
+        bands = getattr(code, "sub_bands", None) or ()
+        for theirs_number, ours_number, title in (
+            (8, recording.radar.frame.n_slots, "number of sub-bands"),
+            (len(_SUB_BANDS), len(bands), "transmitters"),
+        ):
+            yield Comparison(
+                quantity=title,
+                theirs=theirs_number,
+                ours=ours_number,
+                unit="1",
+                tolerance=0,
+                basis="equal",
+            )
+        yield compare_arrays(
+            "sub-bands in use",
+            _SUB_BANDS,
+            bands if len(bands) == len(_SUB_BANDS) else np.full(len(_SUB_BANDS), np.nan),
+            unit="1",
+            absolute=0.0,
+            basis="equal",
+        )
+        detections = detect(cube, recording.radar)
+        ranges_m, velocities = detections["range"].values, detections["velocity"].values
+        for cell in _strongest_cells(theirs):
+            range_m = _range_of_cell_m(cell, recording.radar.frame.chirp.slope_hz_per_s)
+            near = abs(ranges_m - range_m) < _range_of_cell_m(
+                1, recording.radar.frame.chirp.slope_hz_per_s
+            )
+            yield Comparison(
+                quantity=f"detections at {range_m:.2f} m, four lines in the Doppler spectrum",
+                theirs=1,
+                ours=int(near.sum()),
+                unit="1",
+                tolerance=0,
+                basis="one static target",
+            )
+            yield Comparison(
+                quantity=f"velocity at {range_m:.2f} m, a static target",
+                theirs=0,
+                ours=float(velocities[near][0]) if near.any() else np.nan,
+                unit="m/s",
+                tolerance=0.07,
+                basis="half a Doppler cell of 0.14 m/s",
+            )
+
+
+def _decode_receivers(files: list[Path]) -> np.ndarray:
+    """Return the samples (chirp, rx, sample) with plain Python and NumPy."""
+    receivers = []
+    for file in files:
+        words = np.array([int(number) for number in file.read_text().split(",")], np.uint32)
+        words = words[: _N_CHIRPS * _N_SAMPLES // 2]
+        halves = np.stack([words >> 16, words & 0xFFFF], axis=1).astype(np.uint16)
+        receivers.append(halves.view(np.int16).reshape(_N_CHIRPS, _N_SAMPLES))
+    return np.stack(receivers, axis=1).astype(float)
+
+
+def _strongest_cells(samples: np.ndarray) -> list[int]:
+    """Return range cells of the strongest static echoes, from the lines of all sub-bands."""
+    windowed = samples * np.hanning(_N_SAMPLES)
+    spectrum = np.fft.fft(
+        np.fft.rfft(windowed, axis=2) * np.hanning(_N_CHIRPS)[:, None, None], axis=0
+    )
+    power = np.sum(np.abs(spectrum[np.array(_SUB_BANDS) * _BAND_BINS]) ** 2, axis=(0, 1))
+    peaks = [
+        cell
+        for cell in range(8, len(power) - 1)
+        if power[cell] > max(power[cell - 1], power[cell + 1])
+    ]
+    return sorted(sorted(peaks, key=lambda cell: -power[cell])[:_STRONGEST])
+
+
+def _range_of_cell_m(cell: float, slope_hz_per_s: float) -> float:
+    return cell * 25e6 / _N_SAMPLES * 299792458 / (2 * slope_hz_per_s)
