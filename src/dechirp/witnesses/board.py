@@ -129,7 +129,10 @@ def board_document(testimonies: tuple[Testimony, ...]) -> dict[str, Any]:
 
 
 def board_as_markdown(testimonies: tuple[Testimony, ...]) -> str:
-    """Return the board as a Markdown table, one row for each number or missing witness."""
+    """Return the board as a Markdown table, one row for each number or missing witness.
+
+    The first row of a witness names its source.
+    """
     lines = [
         "| Witness | Source, licence | Quantity | Theirs | Ours | Tolerance | Result |",
         "|---|---|---|---|---|---|---|",
@@ -138,6 +141,7 @@ def board_as_markdown(testimonies: tuple[Testimony, ...]) -> str:
         source = f"`{testimony.name}` | {testimony.source}, {testimony.licence}"
         for comparison in testimony.comparisons:
             lines.append(f"| {source} | {' | '.join(format_comparison(comparison))} |")
+            source = "|"
         if testimony.missing or testimony.error:
             outcome = f"missing: {testimony.missing}" if testimony.missing else testimony.error
             lines.append(f"| {source} | | | | | {outcome} |")
