@@ -33,8 +33,11 @@ def walker_range_m(time_s):
     return 4 + 8 * np.sin(np.pi * time_s / 16) ** 2 + steps_m
 
 
-def record_triangle(path, range_m, *, inverted):
-    """Write beat signal and sync of a static echo and a target, over rising and falling ramps."""
+def record_triangle(path, range_m, *, inverted, tones=()):
+    """Write beat signal and sync of a static echo and a target, over rising and falling ramps.
+
+    `tones` are pairs of frequency and amplitude of tones that are independent of the ramps.
+    """
     rng, time_s = np.random.default_rng(4), np.arange(16 * RATE_HZ) / RATE_HZ
     phase = (time_s / PERIOD_S + 0.3) % 1
     rises = phase < 0.5
@@ -45,6 +48,8 @@ def record_triangle(path, range_m, *, inverted):
     beat = 0.01 * rng.normal(size=time_s.size)
     for echo_m, amplitude in ((20.0, 0.3), (range_m(time_s), 0.03)):
         beat += amplitude * np.cos(4 * np.pi * sent_hz * echo_m / SPEED_OF_LIGHT)
+    for frequency_hz, amplitude in tones:
+        beat += amplitude * np.cos(2 * np.pi * frequency_hz * time_s + 1.0)
     sign = -1 if inverted else 1
     channels = sign * np.stack([beat, np.where(rises, 0.8, -0.8)], axis=1)
     with wave.open(str(path), "wb") as file:

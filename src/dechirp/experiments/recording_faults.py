@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.findings import Finding
-from dechirp.core.text import format_number_ranges
+from dechirp.core.text import format_number, format_number_ranges, join_names
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.inspection import find_sample_findings
 from dechirp.processing.chain import Chain
@@ -35,6 +35,7 @@ from dechirp.processing.quality.receivers import working_receivers
 from dechirp.processing.quality.recording_measures import RecordingMeasures
 from dechirp.radar.radar import Radar
 from dechirp.recordings.recording import Recording, label_frames_as_cube
+from dechirp.recordings.samples.stationary_tones import StationaryTones
 
 _N_SAMPLED_FRAMES = 8  # frames all over the recording that decide before the run
 _REPAIR_OPTION = "--set recording.repair_faults=true"
@@ -112,11 +113,16 @@ class FrameRepair:
         self._measurer = QualityMeasurer(radar, n_frames=n_frames)
         self._n_chirps = self._n_interpolated = self._n_zeroed = 0
         self._largest_offset = 0.0
+        self._tones_hz = np.zeros(0)
 
     @property
     def has_changed_samples(self) -> bool:
         """True if a chirp of a receiver in use was changed."""
-        return self._n_interpolated + self._n_zeroed > 0 or self._largest_offset > MIN_OFFSET
+        return (
+            self._n_interpolated + self._n_zeroed > 0
+            or self._largest_offset > MIN_OFFSET
+            or self._tones_hz.size > 0
+        )
 
     def repair_samples(
         self,
@@ -124,10 +130,12 @@ class FrameRepair:
         is_lost: np.ndarray | None,
         number: int,
         start_offsets: np.ndarray | None = None,
+        tones: StationaryTones | None = None,
     ) -> np.ndarray:
         """Return the samples (chirp, rx, sample) of the receivers in use, without outlier chirps.
 
-        `is_lost` and `start_offsets` (chirp,) are those of the frame, see `Contents`.
+        `is_lost` and `start_offsets` (chirp,) are those of the frame, `tones` those of the
+        recording, see `Contents`.
         """
         frame = self._radar.frame
         measures = self._measurer.add_frame(samples, is_lost, frame.frame_start_s(number))
@@ -135,6 +143,9 @@ class FrameRepair:
         self._n_chirps += len(samples)
         if not self._treatment.repairs_chirps:
             return used_samples
+        if tones is not None and tones.frequencies_hz.size:
+            used_samples = used_samples - tones.in_frame(number)[:, None]
+            self._tones_hz = tones.frequencies_hz
         if start_offsets is not None:
             used_samples = align_chirps(used_samples, start_offsets)
             self._largest_offset = max(self._largest_offset, float(abs(start_offsets).max()))
@@ -165,6 +176,7 @@ class FrameRepair:
                 if finding.level == "warning"
             ),
             *_chirp_alignment_findings(self._largest_offset),
+            *_tone_findings(self._tones_hz, self._radar),
             *_chirp_repair_findings(self._n_interpolated, self._n_zeroed, self._n_chirps),
         )
 
@@ -193,11 +205,11 @@ def repair_recording(recording: Recording, treatment: FaultTreatment) -> Recordi
             for values in (all_contents.gaps, all_contents.start_offsets)
         )
         out[:] = FrameRepair(recording.radar, treatment).repair_samples(
-            samples, gaps, number, offsets
+            samples, gaps, number, offsets, all_contents.tones
         )
 
     # Interpolated samples are no integers of the converter, and equal times need no alignment.
-    contents = replace(used.contents, decode=decode, scale=None, start_offsets=None)
+    contents = replace(used.contents, decode=decode, scale=None, start_offsets=None, tones=None)
     return replace(used, contents=contents)
 
 
@@ -244,7 +256,11 @@ class MeasuredFrames:
         used_contents, offsets = replace(contents, radar=self.radar), contents.start_offsets
         for number, samples, is_lost in recording.iter_frame_samples():
             used_samples = repair.repair_samples(
-                samples, is_lost, number, None if offsets is None else offsets[number]
+                samples,
+                is_lost,
+                number,
+                None if offsets is None else offsets[number],
+                contents.tones,
             )
             self._measured_numbers.add(number)
             gaps = None if is_lost is None else is_lost[None]
@@ -303,6 +319,23 @@ def _chirp_alignment_findings(largest_offset: float) -> tuple[Finding, ...]:
         " intervals from their first sample: interpolated at equal times of each ramp",
         expected="a sample clock synchronous with the ramps, else static echoes have images at"
         " other velocities",
+        fix=_UNDO_TEXT,
+    )
+    return (note,)
+
+
+def _tone_findings(tones_hz: np.ndarray, radar: Radar) -> tuple[Finding, ...]:
+    """Return a note on tones that were subtracted, with the ranges that they have as echoes."""
+    if not tones_hz.size:
+        return ()
+    frequencies = join_names(f"{tone_hz:.0f}" for tone_hz in tones_hz)
+    ranges = join_names(format_number(radar.frame.chirp.range_m(f), 3) for f in tones_hz)
+    note = Finding(
+        level="note",
+        setting="recording.repair_faults",
+        value=f"chosen {_REPAIR_OPTION} because of tones at {frequencies} Hz that do not follow the"
+        f" ramps, as of a sound card: subtracted, since they look like targets at {ranges} m",
+        expected="samples that contain only echoes, whose spectrum repeats with the ramps",
         fix=_UNDO_TEXT,
     )
     return (note,)

@@ -17,6 +17,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.radar.devices.base import Device
 from dechirp.radar.radar import Radar
 from dechirp.recordings.foreign_files import identify_foreign_file, is_text, read_head
+from dechirp.recordings.samples.stationary_tones import StationaryTones
 from dechirp.recordings.settings.base import Iq, RecordingSettings
 
 IQ_ORDERS = ("iq", "qi")
@@ -70,6 +71,8 @@ class Contents:
     """(frame, chirp): start of each chirp after its first sample, in sample intervals; None if all
     begin with it. See `processing.mitigation.chirp_alignment`.
     """
+    tones: StationaryTones | None = field(default=None, repr=False)
+    """Tones in the samples that are no echoes; None where the format cannot tell them."""
     frame_starts_s: np.ndarray | None = field(default=None, repr=False)
     """(frame,), measured start of each frame from that of the first; None: those of the radar."""
     points: xr.Dataset | None = field(default=None, repr=False)

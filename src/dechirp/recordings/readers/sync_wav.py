@@ -31,6 +31,7 @@ from dechirp.recordings.samples.continuous import (
     divide_chirps_into_frames,
     join_single_chirps,
 )
+from dechirp.recordings.samples.stationary_tones import StationaryTones
 from dechirp.recordings.settings_lookup import find_recording_settings
 from dechirp.recordings.streams.riff import Wav, is_wav_header, parse_wav_header
 
@@ -132,12 +133,23 @@ class SyncWav(Format):
                 np.multiply(samples, np.float32(sign), out=out[chirp_index, 0])
 
         missing = chirp_starts < 0
+        tones = None
+        if ramps.interval_s is not None:
+            tones = StationaryTones(
+                lambda first, n: sign * recording.read_samples(first, n)[:, _BEAT],
+                n_samples=recording.n_samples,
+                sample_rate_hz=rate_hz,
+                ramp_interval_s=ramps.interval_s,
+                chirp_starts=np.where(missing, -1, chirp_starts + delay),
+                n_chirp_samples=chirp.n_samples,
+            )
         return Contents(
             radar=radar,
             n_frames=n_frames,
             decode=decode,
             gaps=missing if missing.any() else None,
             start_offsets=start_offsets,
+            tones=tones,
             findings=findings,
             other_ramps_encoding=None if hints.encoding else "upright",
         )
