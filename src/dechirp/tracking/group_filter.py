@@ -12,7 +12,7 @@ Earlier points fade with the time constant of the extent. A few points of the ex
 the prior.
 
 J. W. Koch, Bayesian approach to extended object and cluster tracking using random matrices, IEEE
-Transactions on Aerospace and Electronic Systems 44(3), 2008. M. Feldmann, D. Fränken, W. Koch,
+Transactions on Aerospace and Electronic Systems 44(3), 2008. M. Feldmann, D. Fraenken, W. Koch,
 Tracking of extended objects and group targets using random matrices, IEEE Transactions on Signal
 Processing 59(4), 2011.
 

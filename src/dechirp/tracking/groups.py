@@ -273,7 +273,7 @@ def track_groups(
 
     References
     ----------
-    M. Feldmann, D. Fränken, W. Koch, IEEE Trans. Signal Processing 59(4), 2011 (extents).
+    M. Feldmann et al., IEEE Trans. Signal Processing 59(4), 2011 (extents).
     H. A. P. Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33(8), 1988 (motion models).
     """
     tracker = GroupTracker() if tracker is None else tracker
