@@ -214,14 +214,17 @@ finally:
 
 
 def measure_first_run(folder: str) -> Measurement:
-    """Measure the first commands with empty caches, and a run that compiles."""
+    """Measure the first commands with empty caches, Python of the README, and one that compiles."""
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    commands = {name: (*DECHIRP, *COMMANDS[name]) for name in ("run", "list")}
+    commands["README"] = (sys.executable, "-c", readme.split("```python\n")[1].split("```")[0])
     cpu_s: dict[str, float] = {}
-    for name in ("run", "list"):
+    for name, command in commands.items():
         with tempfile.TemporaryDirectory() as cache_folder:
             caches = ("NUMBA_CACHE_DIR", "DECHIRP_CACHE_DIR", "MPLCONFIGDIR")
             environment = {variable: f"{cache_folder}/{variable}" for variable in caches}
             for state in ("cold", "warm"):
-                run = run_process(*DECHIRP, *COMMANDS[name], folder=folder, **environment)
+                run = run_process(*command, folder=folder, **environment)
                 cpu_s[f"{name}, {state}"] = run.cpu_s
     for name, seconds in cpu_s.items():
         print(f"{name:12} {seconds:6.2f} s of processor time", file=sys.stderr)

@@ -325,7 +325,7 @@ def test_each_quantity_has_one_spelling(label_paths):
 
 
 def test_labels_are_found_in_all_kinds_of_sources(label_paths):
-    folders = {re.match(r"src/dechirp/\w+|docs/gallery|docs", path)[0]
+    folders = {re.match(r"src/dechirp/\w+|docs/gallery|docs|examples", path)[0]
                for paths in label_paths.values() for path in paths}  # fmt: skip
 
     assert {"src/dechirp/report", "src/dechirp/studio", "docs/gallery", "docs"} <= folders
