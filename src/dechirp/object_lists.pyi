@@ -18,3 +18,4 @@ from dechirp.results.object_lists.ethernet import receive_datagrams as receive_d
 from dechirp.results.object_lists.ethernet import send_datagrams as send_datagrams
 from dechirp.results.object_lists.files import read_objects as read_objects
 from dechirp.results.object_lists.files import write_objects as write_objects
+from dechirp.results.object_lists.measured_detections import objects_to_detections as objects_to_detections

@@ -234,3 +234,31 @@ def test_mapping_without_dbc_or_file_is_refused(files, tmp_path):
     write_can_log(objects, tmp_path / "log.asc", dbc=files["esr.dbc"], mapping="delphi-esr")
     with pytest.raises(RecordingError, match="none with the identifier 0x210"):
         read_can_log(tmp_path / "log.asc", dbc=files["toyota.dbc"], mapping="toyota-adas")
+
+
+def test_objects_give_the_own_speed_without_a_radar():
+    """Standing objects of a radar at (12, 1.5) m/s; a third of the objects moves."""
+    rng = np.random.default_rng(8)
+    n = 30
+    azimuth, range_m = rng.uniform(-0.7, 0.7, n), rng.uniform(10, 80, n)
+    rate = -(12 * np.cos(azimuth) + 1.5 * np.sin(azimuth)) + rng.normal(0, 0.05, n)
+    rate[:10] += rng.uniform(3, 20, 10)
+    objects = radial_object_list(1, n).assign(
+        x=("object", range_m * np.cos(azimuth)),
+        y=("object", range_m * np.sin(azimuth)),
+        vx=("object", rate * np.cos(azimuth)),
+        vy=("object", rate * np.sin(azimuth)),
+    )
+    detections = dc.object_lists.objects_to_detections(
+        objects, range_std_m=0.1, velocity_std_m_per_s=0.05, lateral_std_m=0.01
+    )
+    motion = dc.ego_motion(detections, None)
+    assert motion["n_static"].item() == 20
+    for name, expected in (("vx", 12.0), ("vy", 1.5)):
+        error = motion[name].item() - expected
+        assert abs(error) < 6 * motion[f"{name}_std"].item()  # by chance less than 1e-8
+        assert motion[f"{name}_std"].item() < 0.1
+    with pytest.raises(InvalidSetting, match="lateral_std_m"):
+        dc.object_lists.objects_to_detections(
+            objects, range_std_m=0.1, velocity_std_m_per_s=0.05, lateral_std_m=0.0
+        )

@@ -55,6 +55,7 @@ _OPTIONAL = ("time", "elevation", "elevation_std", "ambiguity_number")
 _RIVAL_COST = 20.0
 _MAX_HYPOTHESES = 200_000
 _MAX_VELOCITY_M_PER_S = 1e5
+_UNAMBIGUOUS_M_PER_S = 1e9  # a period that no velocity reaches
 _RESIDUALS_PER_BLOCK = 2**20  # 8 MiB
 
 
@@ -102,7 +103,9 @@ _DEFAULT = EgoMotion()
 
 
 @check_argument_types
-def ego_motion(detections: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFAULT) -> xr.Dataset:
+def ego_motion(
+    detections: xr.Dataset, radar: Radar | None, settings: EgoMotion = _DEFAULT
+) -> xr.Dataset:
     r"""Estimate the velocity of the radar in each frame from its static detections.
 
     A static target has the radial velocity
@@ -124,8 +127,9 @@ def ego_motion(detections: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFA
         Detections from `detect`, with azimuths and standard errors. Those with unknown direction,
         because their ambiguity number is unknown under multiplexing, are ignored. Without
         elevations, all detections are assumed level with the radar.
-    radar : Radar
-        For the velocity ambiguity: residuals are taken modulo the unambiguous span.
+    radar : Radar or None
+        For the velocity ambiguity: residuals are taken modulo the unambiguous span. None for lists
+        of a vendor's radar, whose velocities and directions are resolved.
     settings : EgoMotion, optional
 
     Returns
@@ -182,7 +186,7 @@ def ego_motion(detections: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFA
 
 
 def label_static_and_moving(
-    detections: xr.Dataset, ego: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFAULT
+    detections: xr.Dataset, ego: xr.Dataset, radar: Radar | None, settings: EgoMotion = _DEFAULT
 ) -> xr.Dataset:
     """Label detections with `motion`: "static", "moving", or "" if unknown.
 
@@ -219,8 +223,8 @@ def label_static_and_moving(
         variance = variance + np.einsum("ni,ij,nj->n", towards, of_motion, towards)
         squares = residual**2 / (variance + settings.tolerance_m_per_s**2)
         # NaN is neither.
-        moves = (squares > settings.max_normalised_squared_residual) & known_direction_mask(
-            frame_columns["ambiguity_number"], radar.frame
+        moves = (squares > settings.max_normalised_squared_residual) & _known_number_mask(
+            frame_columns, radar
         )
         motion[rows] = np.where(
             squares <= settings.max_normalised_squared_residual,
@@ -251,10 +255,11 @@ def ego_velocity_and_covariance_columns(ego: xr.Dataset) -> np.ndarray:
 
 
 def _checked_detection_columns(
-    detections: xr.Dataset, radar: Radar, settings: EgoMotion
+    detections: xr.Dataset, radar: Radar | None, settings: EgoMotion
 ) -> dict[str, np.ndarray]:
     """Return the columns of detections; raise `InvalidSetting` if one is invalid."""
-    check_type("radar", radar, Radar, fix="give the radar that they were detected with")
+    if radar is not None:
+        check_type("radar", radar, Radar, fix="give the radar that they were detected with")
     check_type("settings", settings, EgoMotion, fix="give EgoMotion(), or leave it out")
     columns = detection_columns_as_floats(detections, _REQUIRED, _OPTIONAL)
     check_detection_rows(
@@ -278,9 +283,28 @@ def _checked_detection_columns(
 
 
 def _frame_columns_to_sightings(
-    frame_columns: dict[str, np.ndarray], radar: Radar, frame: int
+    frame_columns: dict[str, np.ndarray], radar: Radar | None, frame: int
 ) -> Sightings:
     """Convert the columns of one frame to sightings for the fit."""
+    azimuth, elevation = frame_columns["azimuth"], frame_columns["elevation"]
+    period = np.full(azimuth.shape, _UNAMBIGUOUS_M_PER_S)
+    if radar is not None:
+        azimuth, elevation, period = _directions_from_array_and_periods(frame_columns, radar, frame)
+    return Sightings(
+        velocity_m_per_s=frame_columns["velocity"],
+        azimuth_rad=azimuth,
+        elevation_rad=np.nan_to_num(elevation),
+        velocity_std=frame_columns["velocity_std"],
+        azimuth_std=frame_columns["azimuth_std"],
+        elevation_std=np.nan_to_num(frame_columns["elevation_std"]),
+        period_m_per_s=period,
+    )
+
+
+def _directions_from_array_and_periods(
+    frame_columns: dict[str, np.ndarray], radar: Radar, frame: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return azimuths and elevations from the middle of the array, and periods of velocities."""
     span = unambiguous_velocity_span_m_per_s(frame_columns["range"], radar.for_frame(frame).frame)
     # Velocities refer to the middle of the array: at 15 m, an offset of 3 mm is 0.013 deg.
     middle = phase_centres_m(
@@ -291,27 +315,24 @@ def _frame_columns_to_sightings(
     )
     place = frame_columns["range"], frame_columns["azimuth"], frame_columns["elevation"]
     _, azimuth, elevation = range_and_direction_from_origin(*place, -middle)
-    return Sightings(
-        velocity_m_per_s=frame_columns["velocity"],
-        azimuth_rad=azimuth,
-        elevation_rad=np.nan_to_num(elevation),
-        velocity_std=frame_columns["velocity_std"],
-        azimuth_std=frame_columns["azimuth_std"],
-        elevation_std=np.nan_to_num(frame_columns["elevation_std"]),
-        period_m_per_s=span
-        * n_spans_until_aliasing(frame_columns["ambiguity_number"], radar.frame, frame),
-    )
+    period = span * n_spans_until_aliasing(frame_columns["ambiguity_number"], radar.frame, frame)
+    return azimuth, elevation, period
+
+
+def _known_number_mask(frame_columns: dict[str, np.ndarray], radar: Radar | None) -> np.ndarray:
+    """Return True where the ambiguity number is known as far as directions depend on it."""
+    if radar is None:
+        return np.ones(frame_columns["azimuth"].shape, bool)
+    return known_direction_mask(frame_columns["ambiguity_number"], radar.frame)
 
 
 def _known_direction_and_velocity_mask(
-    frame_columns: dict[str, np.ndarray], radar: Radar
+    frame_columns: dict[str, np.ndarray], radar: Radar | None
 ) -> np.ndarray:
     """Return the mask of detections with known direction and velocity, (n,)."""
     names = ("velocity", "azimuth", "velocity_std", "azimuth_std")
     is_known = np.isfinite([frame_columns[name] for name in names]).all(axis=0)
-    return np.asarray(
-        is_known & known_direction_mask(frame_columns["ambiguity_number"], radar.frame)
-    )
+    return np.asarray(is_known & _known_number_mask(frame_columns, radar))
 
 
 def _estimate_radar_velocity_by_ransac(
