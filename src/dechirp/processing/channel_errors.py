@@ -28,7 +28,7 @@ B. D. Steinberg, Principles of Aperture and Array System Design, 1976, 13, for t
 errors of the phases on a beam.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -100,7 +100,7 @@ def estimate_channel_errors(
     noise_power: np.ndarray,
     aperture: Aperture,
     n_tx: int,
-    curvature_rad: np.ndarray | None = None,
+    wavefront_curvature_rad: Callable[[], np.ndarray] | None = None,
 ) -> ChannelErrors:
     """Estimate the phase errors of channels from the residuals of detections.
 
@@ -116,8 +116,9 @@ def estimate_channel_errors(
         The virtual array.
     n_tx : int
         Number of transmitters whose elements are in the array; 1 if all have one transmitter.
-    curvature_rad : array (n, n_elements), optional
-        Phases by which a spherical wave differs from a plane one; no errors of the channels.
+    wavefront_curvature_rad : callable, optional
+        Returns the phases by which spherical waves differ from plane ones, (n, n_elements), which
+        are no errors of the channels. Called if a plane wave leaves a significant residual.
 
     Notes
     -----
@@ -130,21 +131,24 @@ def estimate_channel_errors(
     phase_rms = np.full(len(snapshots), np.nan)
     has_angle = np.isfinite(directions.azimuth_rad) | np.isfinite(directions.elevation_rad)
     n_sources = has_angle.sum(axis=1)
-    if curvature_rad is not None:
-        strongest = directions.azimuth_rad[:, 0], directions.elevation_rad[:, 0]
-        snapshots = _flatten_wavefronts(snapshots, curvature_rad, strongest, aperture)
     rows = np.flatnonzero(has_angle[:, 0] & (n_sources == 1))
-    median = 0.0
-    if rows.size:
-        angles = directions.azimuth_rad[rows, 0], directions.elevation_rad[rows, 0]
+    n_phases, median = aperture.n_elements - 1 - n_angles, 0.0
+    strongest = directions.azimuth_rad[:, 0], directions.elevation_rad[:, 0]
+    angles = strongest[0][rows], strongest[1][rows]
+    residuals = _fit_plane_waves(snapshots[rows], angles, noise_power[rows], aperture)
+    is_significant = _has_significant_residual(residuals, n_phases)
+    if wavefront_curvature_rad is not None and (
+        is_significant.any() or n_sources.max(initial=0) > 1
+    ):
+        snapshots = _flatten_wavefronts(snapshots, wavefront_curvature_rad(), strongest, aperture)
         residuals = _fit_plane_waves(snapshots[rows], angles, noise_power[rows], aperture)
-        shows_array = residuals.phase_noise <= _MAX_PHASE_NOISE_RAD**2
-        phase_rms[rows[shows_array]] = 0.0
-        is_significant = _has_significant_residual(residuals, aperture.n_elements - 1 - n_angles)
-        if is_significant.any():
-            variance[rows, 0], phase_rms[rows], median = _single_source_variances(
-                residuals, is_significant, shows_array, n_tx
-            )
+        is_significant = _has_significant_residual(residuals, n_phases)
+    shows_array = residuals.phase_noise <= _MAX_PHASE_NOISE_RAD**2
+    phase_rms[rows[shows_array]] = 0.0
+    if is_significant.any():
+        variance[rows, 0], phase_rms[rows], median = _single_source_variances(
+            residuals, is_significant, shows_array, n_tx
+        )
     for k in range(2, int(n_sources.max(initial=0)) + 1):
         rows = np.flatnonzero(has_angle[:, :k].all(axis=1) & (n_sources == k))
         if rows.size:
@@ -196,7 +200,8 @@ def _fit_plane_waves(
         inverse,
         np.sum(relative.imag**2, axis=1) - fitted_power,
         np.sum(relative.real**2, axis=1),
-        noise_power / (2 * np.abs(amplitude) ** 2),
+        # Relative rounding errors in double precision, where there is no noise.
+        np.maximum(noise_power / (2 * np.abs(amplitude) ** 2), np.finfo(float).eps ** 2),
     )
 
 

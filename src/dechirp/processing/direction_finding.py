@@ -27,8 +27,6 @@ _MAX_STD_RAD = float(np.radians(22.5))
 _LIMIT_SHARE = 1 - 1e-3
 # 10 dB: the phase of an element then changes by 0.3 rad at most.
 _MIN_SIGNAL_TO_SIDELOBES = 10.0
-# Least phase, in rad, of the curvature of a wave that is regarded: 60 dB below the echo.
-_MIN_CURVATURE_RAD = 1e-3
 
 
 class Sources(NamedTuple):
@@ -183,16 +181,14 @@ def directions_from_phase_centre(
 
 def _wavefront_curvature_rad(
     range_m: np.ndarray, azimuth_rad: np.ndarray, elevation_rad: np.ndarray, radar: Radar
-) -> np.ndarray | None:
+) -> np.ndarray:
     """Return the phase of the term q / 2R of paths, see `directions_from_phase_centre`.
 
-    (n, n_elements), 0 at ranges within the array; None where all are less than a milliradian.
+    (n, n_elements), 0 at ranges within the array.
     """
     moments = _array_moments(radar.array, radar.element_positions_m.tobytes())
     wavelength_m = SPEED_OF_LIGHT / radar.frame.chirp.mean_sampled_frequency_hz
     per_m2 = np.pi / wavelength_m / np.maximum(range_m, moments.size_m)
-    if not np.any(per_m2 * moments.size_m**2 > _MIN_CURVATURE_RAD):
-        return None
     unit = _unit_vectors_with_nan_as_zero(azimuth_rad, elevation_rad)
     along_m = moments.antennas_m @ unit.T
     squares_m2 = np.sum(np.sum(moments.antennas_m**2, axis=2)[:, :, None] - along_m**2, axis=0)
@@ -448,7 +444,7 @@ def estimate_sources(
         element_noise,
         virtual_aperture,
         n_tx,
-        None if range_m is None else _wavefront_curvature_rad(range_m, *strongest, radar),
+        None if range_m is None else lambda: _wavefront_curvature_rad(range_m, *strongest, radar),
     )
     _widen_standard_errors(directions, channel_errors, virtual_aperture)
     has_unknown_angle = _leave_out_unusable_angles(directions, virtual_aperture)

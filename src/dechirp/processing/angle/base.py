@@ -96,11 +96,12 @@ class DirectionEstimator(Family):
         azimuth, elevation = self.find_angles(snapshots, aperture, noise_power)
         azimuth = np.where(has_signal[:, None], azimuth, np.nan)
         power = likelihood.least_squares_source_powers(snapshots, aperture, azimuth, elevation)
-        # Strongest first; NaN sorts last.
-        order = np.argsort(-power, axis=1, kind="stable")
-        azimuth, elevation, power = (
-            np.take_along_axis(array, order, axis=1) for array in (azimuth, elevation, power)
-        )
+        if power.shape[1] > 1:
+            # Strongest first; NaN sorts last.
+            order = np.argsort(-power, axis=1, kind="stable")
+            azimuth, elevation, power = (
+                np.take_along_axis(array, order, axis=1) for array in (azimuth, elevation, power)
+            )
         bounds = self.standard_errors(snapshots, aperture, noise_power, (azimuth, elevation))
         field_of_view = aperture.field_of_view
         uniform_std = np.array([field_of_view.azimuth_rad, field_of_view.elevation_rad]) / np.sqrt(
