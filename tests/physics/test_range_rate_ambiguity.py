@@ -82,6 +82,28 @@ def test_stated_probabilities_are_those_of_correct_numbers():
     assert wrong < expected_wrong + 5 * np.sqrt(expected_wrong) + 3
 
 
+def test_range_errors_contain_shifts_of_unknown_numbers():
+    rng, frame = np.random.default_rng(6), np.repeat(np.arange(3), 200)
+    # Persons with numbers from -1 to 1, in too few frames for lines.
+    velocity = rng.uniform(-2.4, 2.4, 600)
+    true_m = rng.uniform(5, 100, 600)
+    columns, number = make_columns(
+        frame, frame * FRAME_S, true_m + 0.1 * rng.normal(size=600), velocity
+    )
+
+    resolved = resolve_by_range_rate(columns, SOUND_CARD.frame)
+
+    assert set(number) == {-1, 0, 1}
+    assert np.isnan(resolved["ambiguity_number"]).all()
+    errors = (resolved["range"] - true_m) / resolved["range_std"]
+    # Before, 3.4: the standard error of the mean square is sqrt(2 / 600) = 0.06 of it at most.
+    assert np.mean(errors**2) == pytest.approx(1.0, abs=0.25)
+    # Static detections do not alias.
+    columns["moving"][:] = 0
+    still = resolve_by_range_rate(columns, SOUND_CARD.frame)
+    assert np.array_equal(still["range_std"], columns["range_std"])
+
+
 def test_detections_at_random_ranges_are_no_targets():
     rng = np.random.default_rng(7)
     frame = np.repeat(np.arange(12), 6)
