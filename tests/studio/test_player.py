@@ -366,6 +366,7 @@ def test_damaged_recording_is_repaired_and_fitted_as_by_run(scenario, tmp_path):
     source = RecordingSource(path=str(path), axes=("frame", "chirp", "rx", "sample"))
     recording_scenario = dc.Scenario(radar=RADAR, recording=source)
     result, player = dc.run(recording_scenario), FramePlayer(recording_scenario)
+    player.detect_in_all_frames(lambda *_: None)
     for number in range(3):
         frame_state = player.process_frame_at_step(number, None)
         indices = np.flatnonzero(result.detections["frame"].values == number)

@@ -29,6 +29,10 @@ from dechirp.processing.chain_fitting import ChosenSettingName, fit_chain_to_fra
 from dechirp.processing.channel_errors import hidden_channel_error_findings
 from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.multiple_echoes import find_multiple_echoes, multiple_echo_findings
+from dechirp.processing.receiver_noise import (
+    correlated_noise_findings,
+    count_independent_receivers,
+)
 from dechirp.processing.velocity_ambiguity.by_range_rate import (
     can_resolve_by_range_rate,
     range_rate_findings,
@@ -177,12 +181,34 @@ def _process_frames(
         totals.add_frame_result(frame)
         if progress is not None:
             progress(len(totals.times_s), len(numbers))
+    columns = processor.joined_detection_columns()
     return DetectedRecording(
         scenario=prepared.scenario,
         reader_findings=(*recording.findings, *prepared.findings),
         frames=prepared.frames,
         totals=totals,
-        columns=processor.joined_detection_columns(),
+        columns=columns,
+        findings=_find_correlated_noise(prepared, columns["snr"]),
+    )
+
+
+def _find_correlated_noise(prepared: PreparedRecording, snr: np.ndarray) -> tuple[Finding, ...]:
+    """Return a warning if the receivers have noise in common in the first and the middle frame."""
+    radar = prepared.frames.radar
+    cfar = prepared.scenario.chain.fit_to_radar(radar).cfar
+    window, probability = cfar.training_window, cfar.false_alarm_probability
+    if radar.array.n_rx < 2 or probability is None:  # a given threshold has no probability
+        return ()
+    n_independent = [
+        count_independent_receivers(cube.transpose(*CUBE_AXES).values[0], radar.frame.n_slots)
+        for cube in prepared.frames.first_and_middle_frame()
+    ]
+    return correlated_noise_findings(
+        max(n_independent),
+        radar.array.n_rx,
+        snr,
+        n_training=len(window.training_cell_offsets(window.half_range)),
+        false_alarm_probability=probability,
     )
 
 
@@ -220,8 +246,9 @@ def _process_other_ramps(
             other = None
         if other is not None and _velocity_sign_ratio(other) > DECISIVE_LOG_LIKELIHOOD_RATIO:
             note = _chosen_ramps_note(encoding)
-            return replace(other, findings=(note,))
-    return replace(detected, findings=(_opposite_sign_warning(encoding),))
+            return replace(other, findings=(note, *other.findings))
+    warning = _opposite_sign_warning(encoding)
+    return replace(detected, findings=(warning, *detected.findings))
 
 
 def _chosen_ramps_note(encoding: str) -> Finding:
