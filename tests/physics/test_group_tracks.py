@@ -12,6 +12,7 @@ import xarray as xr
 from dechirp.core.errors import InvalidSetting, NotEnoughMemory
 from dechirp.evaluation.gospa import gospa
 from dechirp.evaluation.nees import mean_nees_interval, nees
+from dechirp.results.object_lists.object_list import object_list
 from dechirp.tracking.group_filter import start_groups, update_groups
 from dechirp.tracking.group_points import usable_rows_to_group_points
 from dechirp.tracking.group_tracker import GroupTracker
@@ -141,6 +142,8 @@ def test_extent_converges_to_that_of_the_object(covariance):
 
     extent = tracks.extent.values[0, -1]
     assert np.diag(extent) == pytest.approx(np.diag(covariance), rel=5 * 0.06 + 0.05)
+    axes = tracks.width.values[0, -1], tracks.length.values[0, -1]
+    assert axes == pytest.approx(4 * np.sqrt(np.linalg.eigvalsh(extent)))
     assert abs(extent[0, 1]) < 5 * 0.06 * np.sqrt(covariance[0, 0] * covariance[1, 1])
 
 
@@ -369,6 +372,17 @@ def test_frames_one_by_one_give_the_same_tracks():
     assert last.n_points == tracks.n_points.values[0, -1]
     assert np.array_equal(last.extent_m2, tracks.extent.values[0, -1])
     assert (last.status, last.age) == ("confirmed", 19)
+
+
+def test_object_list_contains_people_with_their_size():
+    path = straight_path(20, 4, 1, 1, 0)
+    points = draw_points(np.random.default_rng(3), [path], covariance=PERSON, mean_count=10)
+    tracks = track_groups(points, times_of([path]))
+
+    last = object_list(tracks).isel(object=-1)
+
+    for name in ("x", "y", "vx", "vy", "length", "width"):
+        assert last[name].item() == tracks[name].values[0, -1]
 
 
 # Bad input

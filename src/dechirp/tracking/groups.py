@@ -256,8 +256,9 @@ def track_groups(
     -------
     Dataset over (track, frame)
         As of `track`; and `turn_rate` (rad/s), `extent` (track, frame, axis, other_axis), the
-        covariance of points about the centre in m^2, and `n_points`. The number of objects in each
-        frame is `(tracks.status == "confirmed").sum("track")`.
+        covariance of points about the centre in m^2, `length` and `width` (m), the axes of the
+        ellipse that points of this covariance fill evenly, and `n_points`. The number of objects
+        in each frame is `(tracks.status == "confirmed").sum("track")`.
 
     Raises
     ------
@@ -306,10 +307,21 @@ def _add_extents(tracks: xr.Dataset, history: TrackHistory[GroupTrack]) -> xr.Da
             cell = row, frame
             turn_rate[cell], extent[cell] = group.turn_rate_rad_per_s, group.extent_m2
             n_points[cell] = group.n_points
+    # An evenly filled ellipse has the variance of a sixteenth of its squared axes.
+    width, length = 4 * np.sqrt(np.moveaxis(_eigenvalues(extent), -1, 0))
     dims = ("track", "frame")
     axes = ["x", "y"]
     return tracks.assign(
         turn_rate=(dims, turn_rate, {"units": "rad/s"}),
         extent=((*dims, "axis", "other_axis"), extent, {"units": "m^2"}),
+        length=(dims, length, {"units": "m"}),
+        width=(dims, width, {"units": "m"}),
         n_points=(dims, n_points),
     ).assign_coords(axis=axes, other_axis=axes)
+
+
+def _eigenvalues(matrices: np.ndarray) -> np.ndarray:
+    """Compute the eigenvalues of symmetric 2 by 2 matrices (..., 2, 2), the smaller first."""
+    xx, xy, yy = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 1]
+    mean, difference = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    return np.stack([np.maximum(mean - difference, 0.0), mean + difference], axis=-1)

@@ -59,7 +59,8 @@ def object_list(
         snr
             Ratio, after integration.
         length, width : m
-            For clusters, the extent along and across the line of sight.
+            For clusters, the extent along and across the line of sight; for tracks of extended
+            objects, the axes of their ellipse.
 
     Raises
     ------
