@@ -1,4 +1,4 @@
-"""Point clouds of other radars' drivers, as detections.
+"""Point clouds, scans and tracks of other radars' drivers, as detections.
 
 x points forward, y left, z up (REP 103); a velocity is taken as radial, receding positive. Other
 fields keep their names, because their meaning depends on the driver.
@@ -45,7 +45,8 @@ def read_foreign_detections(
             path,
             value=f"no point cloud {f'on {topic}' if topic_name else 'of a radar'}:"
             f" {_format_topics_with_types(topics)}",
-            expected="a topic of sensor_msgs/msg/PointCloud2, with velocities unless it is named",
+            expected="a topic of sensor_msgs/msg/PointCloud2, with velocities unless it is named,"
+            " or of radar_msgs",
             fix="append the topic to the recording, as in bag.mcap/front/radar",
         )
     unread_topics = {

@@ -1,7 +1,8 @@
 """Arrays of the messages in a file: point clouds, number arrays, and the native description.
 
 Native topics lie below `/radar`, as `recordings.writers.point_clouds` writes them. Of other topics,
-clouds with a velocity field are read; the others are those of lidars and cameras.
+clouds with a velocity field are read, and the messages of radar_msgs; the others are those of
+lidars and cameras.
 """
 
 from collections.abc import Iterable
@@ -15,13 +16,20 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.messages.ros import (
     CLOUD,
     NANO,
+    SCAN,
     TEXT,
+    TRACKS,
     Message,
     decode_message,
     is_number_array_type,
     parse_cloud_points,
     parse_number_array,
+    parse_scan_points,
+    parse_track_points,
 )
+
+_POINT_PARSERS = {CLOUD: parse_cloud_points, SCAN: parse_scan_points, TRACKS: parse_track_points}
+"""Functions that return the points of a message, by its type."""
 
 ROOT = "/radar"
 DESCRIPTION = f"{ROOT}/description"
@@ -86,16 +94,22 @@ def collect_message_arrays(
             text = str(decode_message(message).data)
         elif is_native and is_number_array_type(message.type):
             arrays[topic] = parse_number_array(decode_message(message))
-        elif message.type == CLOUD and topic not in unread_topics:
+        elif is_native and text is not None and message.type in (SCAN, TRACKS):
+            continue  # native files repeat their detections and tracks for other programs
+        elif message.type in _POINT_PARSERS and topic not in unread_topics:
             cloud = decode_message(message)
-            names = {point_cloud.name.lower() for point_cloud in cloud.fields}
-            if not (is_native or topic == f"/{cloud_topic_name}" or names.intersection(VELOCITIES)):
+            has_velocity = message.type != CLOUD or not set(VELOCITIES).isdisjoint(
+                point_field.name.lower() for point_field in cloud.fields
+            )
+            if not (is_native or topic == f"/{cloud_topic_name}" or has_velocity):
                 unread_topics[topic] = message.type
                 continue
             stamp = cloud.header.stamp
             time_ns = stamp.sec * NANO + stamp.nanosec or message.time_ns
             point_cloud = PointCloud(
-                time_ns=time_ns, frame_id=cloud.header.frame_id, points=parse_cloud_points(cloud)
+                time_ns=time_ns,
+                frame_id=cloud.header.frame_id,
+                points=_POINT_PARSERS[message.type](cloud),
             )
             clouds.setdefault(topic, []).append(point_cloud)
             earlier_bytes, n_bytes = n_bytes, n_bytes + point_cloud.points.nbytes

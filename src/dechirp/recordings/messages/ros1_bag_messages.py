@@ -16,7 +16,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from dechirp.core.optional_imports import import_from_extra
-from dechirp.recordings.messages.ros import CLOUD, NANO, Message, ros2_message_type_store
+from dechirp.recordings.messages.ros import (
+    NANO,
+    POINT_TYPES,
+    Message,
+    ros2_message_type_store,
+)
 
 MAGIC = b"#ROSBAG V2.0\n"
 
@@ -25,7 +30,7 @@ _MESSAGE, _CHUNK, _CONNECTION = 2, 5, 7
 
 
 def iter_ros1_messages(path: Path) -> Iterator[Message]:
-    """Yield all messages, named as in ROS 2; point clouds are transcoded to CDR.
+    """Yield all messages, named as in ROS 2; point clouds, scans and tracks are transcoded to CDR.
 
     Raises any error of the libraries for damaged bytes.
     """
@@ -86,7 +91,7 @@ def _messages_of_record(
     elif operation == _MESSAGE:
         topic, kind = connections[_number(fields[b"conn"])]
         seconds, nanoseconds = struct.unpack("<II", fields[b"time"])
-        if kind == CLOUD:
+        if kind in POINT_TYPES:
             data = bytes(ros2_message_type_store().ros1_to_cdr(data, kind))
         yield Message(topic, kind, seconds * NANO + nanoseconds, data)
 

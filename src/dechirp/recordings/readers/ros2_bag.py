@@ -70,7 +70,7 @@ _EXPECTED = "a complete ROS 2 bag with storage sqlite3 or mcap, without bag comp
 
 @frozen_dataclass
 class Ros2Bag(Format):
-    """Detections in a ROS 2 bag: point clouds (`sensor_msgs/msg/PointCloud2`).
+    """Detections in a ROS 2 bag: point clouds (`sensor_msgs/msg/PointCloud2`), or radar_msgs.
 
     The folder of the bag, with storage sqlite3 or mcap, or its `.db3` file. Needs the extra `io`.
     """

@@ -6,7 +6,7 @@ from typing import ClassVar
 from dechirp.core.atomic_files import atomic_file
 from dechirp.core.optional_imports import import_from_extra
 from dechirp.core.values import frozen_dataclass
-from dechirp.recordings.messages.ros import CLOUD, ros2_message_type_store
+from dechirp.recordings.messages.ros import POINT_TYPES, ros2_message_type_store
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.base import Progress, Writer
 from dechirp.recordings.writers.point_clouds import (
@@ -53,7 +53,7 @@ class Mcap(Writer):
 
 def _rosbag_qos_metadata(kind: str) -> dict[str, str]:
     """Return the rosbag2 metadata of a channel for its message type."""
-    if kind == CLOUD:
+    if kind in POINT_TYPES:
         return {}
     metadata = import_from_extra("io", "rosbags.rosbag2.metadata", setting="recording")
     return {"offered_qos_profiles": metadata.dump_qos_v8([transient_local_qos()])}

@@ -6,6 +6,8 @@
 | `/radar/detections` | PointCloud2 | one for each frame, also where it is empty |
 | `/radar/truth` and others | PointCloud2 | likewise for tables with ranges in frames |
 | `/radar/truth/target` and others | MultiArray | other columns |
+| `/radar/radar_scan` | radar_msgs/RadarScan | the detections, for programs that read these |
+| `/radar/radar_tracks` | radar_msgs/RadarTracks | the tracks, if there are any |
 
 Points have x, y, z (float32, m; x forward, y left, z up: REP 103) and the columns of the table
 under their own names, in SI units, radians and ratios; `velocity` is along the line of sight,
@@ -40,11 +42,16 @@ from dechirp.recordings.writers.ros_messages import (
     FIELD_CODES,
     build_array_message,
     build_cloud_message,
+    build_scan_message,
     build_text_message,
+    build_tracks_message,
 )
 
 SUMMARY = "detections and tables, no samples"
 _POSITION_FIELDS = ("x", "y", "z", "intensity")
+_STATE = ("x", "y", "vx", "vy")
+TRACKS_TABLE = "tracks"
+SCAN_TOPIC, TRACKS_TOPIC = f"{ROOT}/radar_scan", f"{ROOT}/radar_tracks"
 _MAX_EXACT_INTEGER = 2**53  # largest integer range of float64
 
 
@@ -104,11 +111,62 @@ def iter_ros2_messages(recording: Recording, progress: Progress | None = None) -
     yield build_text_message(DESCRIPTION, replace(description, tables=structures).json_text)
     for topic, values in arrays.items():
         yield build_array_message(topic, values)
-    for frame, time_ns in enumerate(_frame_times_ns(recording, tables[DETECTIONS])):
+    detections = tables[DETECTIONS]
+    scan_rows = _row_indices_by_frame(detections, n_frames) or []
+    scan = _scan_columns(detections)
+    tracks = tables.get(TRACKS_TABLE)
+    for frame, time_ns in enumerate(_frame_times_ns(recording, detections)):
         for topic, frame_points in clouds.items():
             yield build_cloud_message(topic, time_ns, frame_points[frame])
+        frame_scan = {name: column[scan_rows[frame]] for name, column in scan.items()}
+        yield build_scan_message(SCAN_TOPIC, time_ns, frame_scan)
+        if tracks is not None and _has_track_states(tracks, n_frames):
+            numbers, states, covariances = _tracks_of_frame(tracks, frame)
+            yield build_tracks_message(TRACKS_TOPIC, time_ns, numbers, states, covariances)
         if progress is not None:
             progress(frame + 1, n_frames)
+
+
+def _scan_columns(detections: xr.Dataset) -> dict[str, np.ndarray]:
+    """Return range, azimuth, elevation, velocity and snr in dB of all detections."""
+    size = detections["range"].size
+    columns = {
+        name: np.asarray(detections[name].values, float)
+        if name in detections and detections[name].dims == ("detection",)
+        else np.full(size, np.nan)
+        for name in ("range", "azimuth", "elevation", "velocity", "snr")
+    }
+    with np.errstate(divide="ignore", invalid="ignore"):  # a ratio of 0 is minus infinity
+        columns["snr"] = to_decibels(columns["snr"])
+    return columns
+
+
+def _has_track_states(tracks: xr.Dataset, n_frames: int) -> bool:
+    """Return whether a table contains tracks over these frames, as of `track`."""
+    return tracks.sizes.get("frame") == n_frames and all(
+        name in tracks and set(tracks[name].dims) == {"track", "frame"}
+        for name in (*_STATE, "status")
+    )
+
+
+def _tracks_of_frame(
+    tracks: xr.Dataset, frame: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Return numbers, states and covariances of the tentative and confirmed tracks of a frame."""
+    now = tracks.isel(frame=frame)
+    is_alive = np.isin(now["status"].values, ("tentative", "confirmed"))
+    numbers = now["track"].values if "track" in now.coords else np.arange(now.sizes["track"])
+    if numbers.dtype.kind not in "iu" or (numbers < 0).any():
+        numbers = np.arange(now.sizes["track"])
+    states = np.stack([now[name].values[is_alive].astype(float) for name in _STATE], axis=1)
+    covariances = None
+    if "covariance" in now and "state" in now and now["covariance"].ndim == 3:
+        order = [now["state"].values.tolist().index(name) for name in _STATE]
+        matrices = np.moveaxis(now["covariance"].values, now["covariance"].dims.index("track"), 0)[
+            is_alive
+        ]
+        covariances = matrices[:, order][:, :, order]
+    return numbers[is_alive], states, covariances
 
 
 def _row_indices_by_frame(table: xr.Dataset, n_frames: int) -> list[Any] | None:

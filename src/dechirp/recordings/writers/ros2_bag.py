@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from dechirp.core.atomic_files import atomic_folder, check_output_folder_replaceable
 from dechirp.core.optional_imports import import_from_extra
 from dechirp.core.values import frozen_dataclass
-from dechirp.recordings.messages.ros import CLOUD, Message, ros2_message_type_store
+from dechirp.recordings.messages.ros import POINT_TYPES, Message, ros2_message_type_store
 from dechirp.recordings.readers.ros2_bag import METADATA
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.base import Progress, Writer
@@ -59,7 +59,7 @@ def _write_bag(folder: Path, messages: Iterable[Message]) -> None:
     ) as bag:
         for topic, kind, time_ns, data in messages:
             if topic not in topics:
-                quality = [] if kind == CLOUD else [transient_local_qos()]
+                quality = [] if kind in POINT_TYPES else [transient_local_qos()]
                 topics[topic] = bag.add_connection(
                     topic, kind, typestore=ros2_message_type_store(), offered_qos_profiles=quality
                 )

@@ -1,5 +1,6 @@
 """ROS 2 messages of points, arrays and texts."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,9 @@ from dechirp.recordings.messages.ros import (
     FIELD_TYPES,
     NANO,
     NUMBERS,
+    SCAN,
     TEXT,
+    TRACKS,
     Message,
     create_message,
     encode_message,
@@ -51,6 +54,69 @@ def build_cloud_message(topic: str, time_ns: int, points: np.ndarray) -> Message
         is_dense=bool(np.isfinite(points["x"]).all()),
     )
     return _serialise_to_message(topic, time_ns, cloud)
+
+
+def build_scan_message(topic: str, time_ns: int, columns: Mapping[str, np.ndarray]) -> Message:
+    """Build a RadarScan of returns (n,): `range azimuth elevation velocity`, and `snr` in dB.
+
+    Unknown elevations are 0, as of a radar without elevation; other unknown values are NaN.
+    """
+    rows = np.stack(
+        [columns[name] for name in ("range", "azimuth", "elevation", "velocity", "snr")], axis=1
+    )
+    rows[:, 2] = np.nan_to_num(rows[:, 2])
+    returns = [
+        create_message(
+            "radar_msgs/msg/RadarReturn",
+            range=range_m,
+            azimuth=azimuth,
+            elevation=elevation,
+            doppler_velocity=velocity,
+            amplitude=amplitude,
+        )
+        for range_m, azimuth, elevation, velocity, amplitude in rows.tolist()
+    ]
+    scan = create_message(SCAN, header=_build_message_header(time_ns), returns=returns)
+    return _serialise_to_message(topic, time_ns, scan)
+
+
+def build_tracks_message(
+    topic: str,
+    time_ns: int,
+    numbers: np.ndarray,
+    states: np.ndarray,
+    covariances: np.ndarray | None,
+) -> Message:
+    """Build RadarTracks of tracks (n,) with states (n, 4): x, y, vx, vy.
+
+    The UUID is the number of the track. Unknown accelerations, sizes and covariances are 0.
+    """
+    tracks = []
+    for index, (number, (x, y, vx, vy)) in enumerate(
+        zip(numbers.tolist(), states.tolist(), strict=True)
+    ):
+        position, velocity = np.zeros((2, 6), np.float32)
+        if covariances is not None:
+            position[[0, 1, 3]] = covariances[index][[0, 0, 1], [0, 1, 1]]
+            velocity[[0, 1, 3]] = covariances[index][[2, 2, 3], [2, 3, 3]]
+        uuid = np.frombuffer(int(number).to_bytes(16, "big"), np.uint8)
+        tracks.append(
+            create_message(
+                "radar_msgs/msg/RadarTrack",
+                uuid=create_message("unique_identifier_msgs/msg/UUID", uuid=uuid),
+                position=create_message("geometry_msgs/msg/Point", x=x, y=y, z=0.0),
+                velocity=create_message("geometry_msgs/msg/Vector3", x=vx, y=vy, z=0.0),
+                acceleration=create_message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
+                size=create_message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
+                classification=0,
+                position_covariance=position,
+                velocity_covariance=velocity,
+                acceleration_covariance=np.zeros(6, np.float32),
+                size_covariance=np.zeros(6, np.float32),
+            )
+        )
+    message = create_message(TRACKS, header=_build_message_header(time_ns), tracks=tracks)
+    return _serialise_to_message(topic, time_ns, message)
 
 
 def _build_message_header(time_ns: int) -> Any:

@@ -1,0 +1,207 @@
+"""RadarScan and RadarTracks of radar_msgs: signs, times and values, against rosbags alone."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import dechirp as dc
+from dechirp.core.errors import DechirpError
+from small_radars import small_radar
+
+rosbag2 = pytest.importorskip("rosbags.rosbag2")
+rosbag1 = pytest.importorskip("rosbags.rosbag1")
+typesys = pytest.importorskip("rosbags.typesys")
+
+pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
+
+DEFINITIONS = {
+    "radar_msgs/msg/RadarReturn": "float32 range\nfloat32 azimuth\nfloat32 elevation\n"
+    "float32 doppler_velocity\nfloat32 amplitude\n",
+    "radar_msgs/msg/RadarScan": "std_msgs/Header header\nradar_msgs/RadarReturn[] returns\n",
+    "radar_msgs/msg/RadarTrack": "unique_identifier_msgs/UUID uuid\ngeometry_msgs/Point position\n"
+    "geometry_msgs/Vector3 velocity\ngeometry_msgs/Vector3 acceleration\n"
+    "geometry_msgs/Vector3 size\nuint16 classification\nfloat32[6] position_covariance\n"
+    "float32[6] velocity_covariance\nfloat32[6] acceleration_covariance\n"
+    "float32[6] size_covariance\n",
+    "radar_msgs/msg/RadarTracks": "std_msgs/Header header\nradar_msgs/RadarTrack[] tracks\n",
+}
+SCAN, TRACKS = "radar_msgs/msg/RadarScan", "radar_msgs/msg/RadarTracks"
+
+
+def type_store(name="ROS2_HUMBLE"):
+    store = typesys.get_typestore(getattr(typesys.Stores, name))
+    for kind, text in DEFINITIONS.items():
+        if name == "ROS1_NOETIC" and "Track" in kind:
+            continue
+        store.register(typesys.get_types_from_msg(text, kind))
+    return store
+
+
+def header(types, seconds, **more):
+    stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=250_000_000)
+    return types["std_msgs/msg/Header"](stamp=stamp, frame_id="front", **more)
+
+
+def build_scan(types, seconds, rows, **more):
+    names = ("range", "azimuth", "elevation", "doppler_velocity", "amplitude")
+    returns = [
+        types["radar_msgs/msg/RadarReturn"](**dict(zip(names, row, strict=True))) for row in rows
+    ]
+    return types[SCAN](header=header(types, seconds, **more), returns=returns)
+
+
+# An approaching car to the left, below the radar, and a receding one to the right.
+ROWS = [(30.0, 0.4, -0.1, -12.5, 20.0), (55.0, -0.25, 0.0, 3.25, 11.0)]
+
+
+def write_bag(path, store, kind, messages):
+    with rosbag2.Writer(path, version=8) as bag:
+        connection = bag.add_connection("/front/scan", kind, typestore=store)
+        for seconds, message in enumerate(messages):
+            bag.write(connection, seconds * 10**9, bytes(store.serialize_cdr(message, kind)))
+
+
+def check_rows(points):
+    for name, column in (("range", 0), ("azimuth", 1), ("elevation", 2), ("velocity", 3)):
+        expected = [row[column] for row in (*ROWS, ROWS[0])]
+        np.testing.assert_allclose(points[name], expected, atol=2e-6, rtol=1e-6, err_msg=name)
+    np.testing.assert_allclose(points["amplitude"], [20, 11, 20])
+    np.testing.assert_array_equal(points["frame"], [0, 0, 2])
+    np.testing.assert_allclose(points["time"], [0, 0, 2])
+
+
+def test_scans_keep_the_sign_of_doppler_and_angles(tmp_path):
+    store = type_store()
+    scans = [build_scan(store.types, n, rows) for n, rows in enumerate((ROWS, [], ROWS[:1]))]
+    write_bag(tmp_path / "bag", store, SCAN, scans)
+    recording = dc.open(tmp_path / "bag")
+    assert recording.n_frames == 3
+    check_rows(recording.points)
+    assert "velocity from doppler_velocity" in " ".join(map(str, recording.findings))
+
+
+def test_scans_of_ros1_are_read(tmp_path):
+    store = type_store("ROS1_NOETIC")
+    with rosbag1.Writer(tmp_path / "drive.bag") as bag:
+        connection = bag.add_connection("/front/scan", SCAN, typestore=store)
+        for n, rows in enumerate((ROWS, [], ROWS[:1])):
+            scan = build_scan(store.types, n, rows, seq=n)
+            bag.write(connection, n * 10**9, bytes(store.serialize_ros1(scan, SCAN)))
+    check_rows(dc.open(tmp_path / "drive.bag").points)
+
+
+def test_tracks_give_positions_and_velocities_along_the_line_of_sight(tmp_path):
+    store = type_store()
+    types = store.types
+    vector = types["geometry_msgs/msg/Vector3"]
+    track = types["radar_msgs/msg/RadarTrack"](
+        uuid=types["unique_identifier_msgs/msg/UUID"](uuid=np.arange(16, dtype=np.uint8)),
+        position=types["geometry_msgs/msg/Point"](x=40.0, y=-30.0, z=0.0),
+        velocity=vector(x=-10.0, y=0.0, z=0.0),
+        acceleration=vector(x=0.0, y=0.0, z=0.0),
+        size=vector(x=4.5, y=1.8, z=1.5),
+        classification=2,
+        **{
+            f"{name}_covariance": np.zeros(6, np.float32)
+            for name in ("position", "velocity", "acceleration", "size")
+        },
+    )
+    message = types[TRACKS](header=header(types, 5), tracks=[track])
+    write_bag(tmp_path / "bag", store, TRACKS, [message])
+    points = dc.open(tmp_path / "bag").points
+    assert points["range"].item() == pytest.approx(50.0)
+    assert points["azimuth"].item() == pytest.approx(np.arctan2(-30, 40))
+    assert points["velocity"].item() == pytest.approx(-8.0)
+    assert points["length"].item() == pytest.approx(4.5)
+    assert points["classification"].item() == 2
+
+
+def native_recording():
+    radar = small_radar()
+    detections = xr.Dataset(
+        {
+            "frame": ("detection", np.array([0, 0, 2])),
+            "time": ("detection", [0.001, 0.001, 0.041], {"units": "s"}),
+            "range": ("detection", [30.0, 55.0, 30.0], {"units": "m"}),
+            "azimuth": ("detection", [0.4, np.nan, 0.4], {"units": "rad"}),
+            "elevation": ("detection", [np.nan, np.nan, -0.1], {"units": "rad"}),
+            "velocity": ("detection", [-12.5, 3.25, -12.5], {"units": "m/s"}),
+            "snr": ("detection", [100.0, 10.0, 100.0], {"units": "1"}),
+        }
+    )
+    state = np.array(["x", "vx", "y", "vy"])
+    covariance = np.einsum("tf,ij->tfij", np.ones((2, 3)), np.diag([1.0, 2.0, 3.0, 4.0]))
+    covariance[..., 0, 2] = covariance[..., 2, 0] = 0.5
+    tracks = xr.Dataset(
+        {
+            **{
+                name: (("track", "frame"), np.full((2, 3), value))
+                for name, value in (("x", 20.0), ("y", 5.0), ("vx", -3.0), ("vy", 0.25))
+            },
+            "status": (
+                ("track", "frame"),
+                np.array([["tentative", "confirmed", "deleted"], ["", "confirmed", "confirmed"]]),
+            ),
+            "covariance": (("track", "frame", "state", "state_2"), covariance),
+        },
+        coords={"track": [7, 300], "frame": np.arange(3), "state": state},
+    )
+    cube = xr.DataArray(
+        np.zeros((3, radar.frame.n_chirps_total, 3, 96), np.complex64),
+        dims=("frame", "chirp", "rx", "sample"),
+        attrs={"units": "1"},
+    )
+    return dc.recording_from_cube(cube, radar, tables={"detections": detections, "tracks": tracks})
+
+
+@pytest.mark.parametrize("name", ["drive.ros2", "drive.mcap"])
+def test_detections_and_tracks_are_written_as_radar_msgs(name, tmp_path):
+    recording = native_recording()
+    dc.write(recording, tmp_path / name)
+    copy = dc.open(tmp_path / name)
+    assert copy.tables["detections"].identical(recording.tables["detections"])
+    if name == "drive.mcap":
+        return
+    store = type_store()
+    messages: dict[str, list] = {}
+    with rosbag2.Reader(tmp_path / name) as bag:
+        for connection, _, data in bag.messages():
+            if connection.msgtype in (SCAN, TRACKS):
+                content = store.deserialize_cdr(data, connection.msgtype)
+                messages.setdefault(connection.msgtype, []).append(content)
+    assert [len(scan.returns) for scan in messages[SCAN]] == [2, 0, 1]
+    first, second = messages[SCAN][0].returns
+    assert (first.range, first.doppler_velocity, first.elevation) == (30.0, -12.5, 0.0)
+    assert first.azimuth == pytest.approx(0.4)
+    assert first.amplitude == pytest.approx(20.0)
+    assert np.isnan(second.azimuth)
+    assert messages[SCAN][2].header.stamp.nanosec == 41_000_000
+    numbers = [
+        [int.from_bytes(bytes(track.uuid.uuid), "big") for track in message.tracks]
+        for message in messages[TRACKS]
+    ]
+    assert numbers == [[7], [7, 300], [300]]
+    track = messages[TRACKS][0].tracks[0]
+    assert (track.position.x, track.position.y) == (20.0, 5.0)
+    assert (track.velocity.x, track.velocity.y) == (-3.0, 0.25)
+    np.testing.assert_allclose(track.position_covariance, [1, 0.5, 0, 3, 0, 0])
+    np.testing.assert_allclose(track.velocity_covariance, [2, 0, 0, 4, 0, 0])
+
+
+def test_damaged_scans_are_read_or_refused(tmp_path):
+    store = type_store()
+    write_bag(tmp_path / "bag", store, SCAN, [build_scan(store.types, 0, ROWS)])
+    content = (tmp_path / "bag" / "bag.db3").read_bytes()
+    rng = np.random.default_rng(11)
+    for number in range(60):
+        damaged = bytearray(content)
+        scan = damaged.find(b"front")  # the message itself: header and returns
+        for position in rng.integers(scan - 30, scan + 70, size=2):
+            damaged[position] = int(rng.integers(256))
+        file = tmp_path / f"{number}.db3"
+        file.write_bytes(damaged)
+        try:
+            points = dc.open(file).points
+            assert np.isfinite(points["range"]).all()
+        except DechirpError as error:
+            assert error.mistakes
