@@ -248,28 +248,32 @@ def _recognised_radar(
     array = Array(tx_m=profile.array.tx_m, rx_m=rx_m)
     first = codes[:, : frame.n_chirps * frame.chirp.n_samples]
     samples = first.reshape(len(files), frame.n_chirps, -1).transpose(1, 0, 2)
-    found = recognise_ddma(samples.astype(np.float32), array, frame.chirp.wavelength_m)
-    n_tx = 1 if found is None else len(found.multiplexing.order)
-    if found is None or n_tx > len(array.tx_m):
+    recognised = recognise_ddma(samples.astype(np.float32), array, frame.chirp.wavelength_m)
+    n_tx = 1 if recognised is None else len(recognised.multiplexing.order)
+    if recognised is None or n_tx > len(array.tx_m):
         single = Array(tx_m=array.tx_m[:1], rx_m=rx_m)
-        return Radar(frame=frame, array=single), (_single_transmitter_note(found),)
+        return Radar(frame=frame, array=single), (_single_transmitter_note(recognised),)
     coded = replace(
         frame,
-        n_chirps=frame.n_chirps // found.multiplexing.n_sub_bands,
-        multiplexing=found.multiplexing,
+        n_chirps=frame.n_chirps // recognised.multiplexing.n_sub_bands,
+        multiplexing=recognised.multiplexing,
     )
     array = Array(tx_m=array.tx_m[:n_tx], rx_m=rx_m)
-    return Radar(frame=coded, array=array), (_ddma_finding(found),)
+    return Radar(frame=coded, array=array), (_ddma_finding(recognised),)
 
 
-def _ddma_finding(found: RecognisedDdma) -> Finding:
-    code = found.multiplexing
+def _ddma_finding(recognised: RecognisedDdma) -> Finding:
+    code = recognised.multiplexing
     bands = ", ".join(map(str, code.sub_bands or ()))
-    order = "in the order of the array" if found.is_order_known else "in unknown order"
-    fit = f"plane waves explain {found.wave_fit:.0%} of the strongest echoes"
-    velocity = "" if found.is_static_band_known else "; without a static echo to tell their shift"
+    order = "in the order of the array" if recognised.is_order_known else "in unknown order"
+    fit = f"plane waves explain {recognised.wave_fit:.0%} of the strongest echoes"
+    velocity = (
+        "" if recognised.is_static_band_known else "; without a static echo to tell their shift"
+    )
     return Finding(
-        level="note" if found.is_order_known and found.is_static_band_known else "warning",
+        level="note"
+        if recognised.is_order_known and recognised.is_static_band_known
+        else "warning",
         setting="radar.frame.multiplexing",
         value=f"Doppler division recognised: {len(code.order)} transmitters in sub-bands {bands} of"
         f" {code.n_sub_bands}, {order}; {fit}{velocity}",
@@ -279,12 +283,16 @@ def _ddma_finding(found: RecognisedDdma) -> Finding:
     )
 
 
-def _single_transmitter_note(found: RecognisedDdma | None) -> Finding:
-    seen = "no repetition in Doppler sub-bands" if found is None else "more sub-bands than antennas"
+def _single_transmitter_note(recognised: RecognisedDdma | None) -> Finding:
+    description = (
+        "no repetition in Doppler sub-bands"
+        if recognised is None
+        else "more sub-bands than antennas"
+    )
     return Finding(
-        level="note" if found is None else "warning",
+        level="note" if recognised is None else "warning",
         setting="radar.frame.multiplexing",
-        value=f"{seen}: one transmitter assumed",
+        value=f"{description}: one transmitter assumed",
         expected="the multiplexing of the recording",
         fix="give --radar if several transmitters were in use",
     )
