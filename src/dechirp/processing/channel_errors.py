@@ -356,7 +356,8 @@ def _several_source_variances(
     residual = residual - design @ (inverse @ residual)
     power = np.sum(residual**2, axis=(1, 2))
     n_residuals = 2 * n_elements - design.shape[2]
-    noise = noise_power / 2
+    # Searches of directions end 120 dB below the echo, where there is no noise.
+    noise = np.maximum(noise_power / 2, 1e-12 * np.mean(np.abs(fitted) ** 2, axis=1))
     total = np.trace(gram, axis1=1, axis2=2)
     is_significant = (n_residuals > 0) & (
         power > noise * scipy.special.chdtri(max(n_residuals, 1), _SIGNIFICANCE)
