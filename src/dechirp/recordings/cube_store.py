@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd  # type: ignore[import-untyped]
 import xarray as xr
 
 from dechirp.config.dumping import to_yaml_data
@@ -186,6 +187,12 @@ def _add_dataset_group(store: Path, name: str, dataset: xr.Dataset) -> None:
     # Variable-length texts: Zarr has no stable specification of fixed-length ones.
     texts = {key: v.astype(object) for key, v in dataset.variables.items() if v.dtype.kind == "U"}
     coordinate_texts = {key: texts.pop(key) for key in list(texts) if key in dataset.coords}
+    for key in dataset.indexes.keys() & coordinate_texts.keys():
+        text = coordinate_texts[key]
+        # From arrays, xarray would import pint, 0.1 s of CPU time.
+        coordinate_texts[key] = xr.IndexVariable(  # type: ignore[no-untyped-call]
+            key, pd.Index(text.values, dtype=object), text.attrs
+        )
     unencoded = dataset.drop_encoding()  # of a source file
     unencoded.assign(texts).assign_coords(coordinate_texts).to_zarr(
         store, group=name, mode="a", zarr_format=3, consolidated=False
