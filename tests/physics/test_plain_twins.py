@@ -187,6 +187,9 @@ def test_first_calls_of_process_use_twin_until_samples_add_up(monkeypatch):
     assert calls == [2, 3, 4]
     assert call(5, 1) == 10
     monkeypatch.setattr(compiled_kernels._calls, "n_samples", 0)
+    compiled_kernels.count_called_samples(1000)
+    assert call(5, 1) == 10
+    monkeypatch.setattr(compiled_kernels._calls, "n_samples", 0)
     compiled_kernels.use_compiled_kernels()
     assert call(6, 1) == 12
     assert calls == [2, 3, 4]

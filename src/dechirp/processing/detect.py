@@ -7,7 +7,11 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
-from dechirp.core.compiled_kernels import plain_twins_in_first_calls
+from dechirp.core.compiled_kernels import (
+    SAMPLES_PER_DETECTION,
+    count_called_samples,
+    plain_twins_in_first_calls,
+)
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import InvalidSetting
@@ -98,7 +102,9 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
         If a map has more than 2,000 peaks: the weaker ones are dropped.
     """
     with plain_twins_in_first_calls(cube.size):
-        return detections_from_columns(detect_columns([cube], radar, chain))
+        detections = detections_from_columns(detect_columns([cube], radar, chain))
+    count_called_samples(SAMPLES_PER_DETECTION * detections.sizes["detection"])
+    return detections
 
 
 def detect_columns(

@@ -14,7 +14,7 @@ from dechirp.core.checks import (
     check_finite_samples,
     check_non_negative_ratios,
 )
-from dechirp.core.compiled_kernels import plain_twins_in_first_calls
+from dechirp.core.compiled_kernels import SAMPLES_PER_AMPLITUDE, plain_twins_in_first_calls
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.angle.aperture import Aperture, FieldOfView
 from dechirp.processing.angle.base import DirectionEstimator, Directions, SpectralEstimator
@@ -223,7 +223,7 @@ def estimate_directions(
             fix="give noise_power, or a number of sources",
         )
     cells = _array_cells(snapshots, positions, axis, noise_power, field_of_view)
-    with plain_twins_in_first_calls(cells.snapshots.size):
+    with plain_twins_in_first_calls(SAMPLES_PER_AMPLITUDE * cells.snapshots.size):
         directions = estimator.find_directions(cells.snapshots, cells.aperture, cells.noise_power)
     if noise_power is None:
         directions.azimuth_std_rad.fill(np.nan)
@@ -285,7 +285,7 @@ def direction_spectrum(
     has_signal = np.any(cells.snapshots != 0, axis=(1, 2))
     spectrum = np.full((len(cells.snapshots), azimuth.size), np.nan)
     if has_signal.any():
-        with plain_twins_in_first_calls(cells.snapshots.size):
+        with plain_twins_in_first_calls(SAMPLES_PER_AMPLITUDE * cells.snapshots.size):
             data = estimator.precompute_for_spectrum(
                 cells.snapshots[has_signal], cells.aperture, cells.noise_power[has_signal]
             )
