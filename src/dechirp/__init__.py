@@ -89,8 +89,8 @@ _NAMESPACES = (
     # Settings of studies and searches
     *("studies", "tuning"),
     # Functions
-    *("fixed_point", "group_tracking", "link_budget", "maps", "object_lists", "slow_time"),
-    *("theory", "track_metrics", "windows"),
+    *("diagnosis", "fixed_point", "group_tracking", "link_budget", "maps", "object_lists"),
+    *("slow_time", "theory", "track_metrics", "windows"),
     # Base classes, for packages that add members
     "extensions",
 )

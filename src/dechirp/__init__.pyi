@@ -4,6 +4,7 @@ from dechirp import angle as angle
 from dechirp import bodies as bodies
 from dechirp import cfar as cfar
 from dechirp import devices as devices
+from dechirp import diagnosis as diagnosis
 from dechirp import extensions as extensions
 from dechirp import fixed_point as fixed_point
 from dechirp import group_tracking as group_tracking

@@ -21,6 +21,7 @@ from dechirp.recordings.arrays.lazy_array import (
     check_plausible_size,
     choose_array_name,
     convert_parser_errors,
+    is_numeric,
     memory_exceeds_file_error,
 )
 from dechirp.recordings.arrays.lazy_files import (
@@ -38,7 +39,7 @@ from dechirp.recordings.native import (
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.readers.npy import HEAD_BYTES, NpyHeader
 
-_MAGIC = b"PK\x03\x04"
+MAGIC = b"PK\x03\x04"
 _EXPECTED = "a NumPy archive (.npz)"
 _LOCAL_HEADER_BYTES = 30  # of a member, before its name
 _MAX_MEMBERS = 1000
@@ -62,7 +63,7 @@ class Npz(Format):
         if not path.is_file():
             return MatchQuality.NO
         with path.open("rb") as file:
-            if file.read(len(_MAGIC)) != _MAGIC:
+            if file.read(len(MAGIC)) != MAGIC:
                 return MatchQuality.NO
         try:
             with _open_archive(path) as archive:
@@ -93,6 +94,22 @@ class Npz(Format):
             samples = _open_lazy_member(path, info, header)
         check_plausible_size(path, samples, file_bytes=file_bytes)
         return interpret_array_as_recording(path, samples, hints, file_bytes=file_bytes)
+
+
+def open_npz_arrays(path: Path) -> dict[str, LazyArray]:
+    """Open the numeric arrays of an archive by name, without the texts of native files.
+
+    Raises
+    ------
+    RecordingError
+        If the archive is damaged.
+    """
+    with convert_parser_errors(path, _EXPECTED), _open_archive(path) as archive:
+        return {
+            name: _open_lazy_member(path, archive.getinfo(f"{name}.npy"), header)
+            for name, header in _read_array_headers(path, archive).items()
+            if is_numeric(header.dtype)
+        }
 
 
 def _open_archive(path: Path) -> zipfile.ZipFile:

@@ -1,0 +1,1 @@
+"""Diagnosis of arrays that other programs computed: well-known mistakes and their evidence."""

@@ -1,0 +1,125 @@
+"""Mistakes shown by a known target: a peak at a mirrored, shifted or scaled place."""
+
+import numpy as np
+
+from dechirp.core.units import to_decibels
+from dechirp.processing.diagnosis.diagnosis import (
+    NOTHING_FOUND,
+    Diagnosis,
+    cannot_be_told,
+    mistake_found,
+)
+from dechirp.processing.diagnosis.map_peaks import MapPeaks
+
+_TOLERANCE_CELLS = 2.0
+_TOLERANCE = 0.02  # of the range, for a tape measure and a delay in the cables
+
+
+def diagnose_known_target(
+    peaks: MapPeaks,
+    range_m: np.ndarray,
+    velocity_m_per_s: np.ndarray | None,
+    target_m: float,
+    target_m_per_s: float | None,
+    *,
+    iq_mirror_m: float | None,
+    has_static_row: bool,
+) -> Diagnosis:
+    """Look for a known target where it should be, and where mistakes would put it.
+
+    `iq_mirror_m` is the unambiguous range of complex samples, None where no spectrum was mirrored.
+    `has_static_row` where static echoes lie at velocity 0, so that no fftshift is missing.
+    """
+    velocities = np.zeros(1) if velocity_m_per_s is None else velocity_m_per_s
+    knows_velocity = target_m_per_s is not None and velocity_m_per_s is not None
+    v = target_m_per_s if knows_velocity and target_m_per_s is not None else 0.0
+    half_span = velocities.size // 2 * _step(velocities)
+    range_span = range_m.size // 2 * _step(range_m)
+    # Setting, factor and offset of the range, factor and offset of the velocity, correction.
+    places = [
+        (None, target_m, v, ""),
+        ("samples.phase", 2 * target_m, v, _PHASE_FIX),
+        ("samples.phase", target_m / 2, v, "check the slope S: ranges are half of the true ones"),
+    ]
+    if knows_velocity:
+        places += [
+            ("velocity_m_per_s.sign", target_m, -v, _SIGN_FIX),
+            ("velocity_m_per_s.scale", target_m, 2 * v, "the velocity is lambda f / 2"),
+            ("velocity_m_per_s.scale", target_m, v / 2, "the factor 1/2 is applied twice"),
+        ]
+        if not has_static_row:
+            places.append(("fftshift", target_m, _wrap(v + half_span, half_span), _SHIFT_FIX))
+    shifted_m = target_m + range_span * (1 if target_m < range_m.min() + range_span else -1)
+    places.append(("fftshift", shifted_m, v, "apply fftshift along velocity, not along range"))
+    if iq_mirror_m is not None:
+        places.append(("iq", iq_mirror_m - target_m, -v, "exchange I and Q"))
+    levels = [
+        _level_near(peaks, range_m, velocities, place_m, place_v, any_velocity=not knows_velocity)
+        for _, place_m, place_v, _ in places
+    ]
+    if levels[0] > 0:
+        return NOTHING_FOUND
+    candidates = {
+        setting: (level, index)
+        for index, ((setting, *_), level) in reversed(
+            list(enumerate(zip(places, levels, strict=True)))
+        )
+        if level > 0
+    }
+    text = f"no echo at the target ({target_m:g} m" + (f", {v:g} m/s)" if knows_velocity else ")")
+    if len(candidates) != 1:
+        names = ", ".join(map(str, candidates)) or "none of the known mistakes"
+        return cannot_be_told(
+            "target",
+            value=f"{text}; echoes elsewhere fit {names}",
+            expected=f"an echo within {_TOLERANCE_CELLS:g} cells and {_TOLERANCE:.0%}",
+            fix="give a frame with one strong target, and its range and velocity at that time",
+        )
+    ((setting, (level, index)),) = candidates.items()
+    _, place_m, place_v, fix = places[index]
+    place_text = f"{place_m:.4g} m" + (f", {place_v:.4g} m/s" if knows_velocity else "")
+    return mistake_found(
+        str(setting),
+        value=f"{text}, but one of {to_decibels(level):.0f} dB over the noise at {place_text}",
+        expected=f"an echo within {_TOLERANCE_CELLS:g} cells and {_TOLERANCE:.0%} of the target",
+        fix=fix,
+    )
+
+
+_PHASE_FIX = (
+    "integrate the frequency: the phase of f0 + S t is 2 pi (f0 t + S t^2 / 2), not 2 pi f(t) t;"
+    " in a recording, check the slope S"
+)
+_SIGN_FIX = "positive velocities recede here: negate the velocity axis, or conjugate slow time"
+_SHIFT_FIX = "apply fftshift along the velocity axis, and only there"
+
+
+def _step(axis: np.ndarray) -> float:
+    return float(abs(axis[-1] - axis[0])) / max(axis.size - 1, 1)
+
+
+def _wrap(velocity: float, half_span: float) -> float:
+    """Alias a velocity into +- half_span."""
+    if half_span == 0:
+        return velocity
+    return (velocity + half_span) % (2 * half_span) - half_span
+
+
+def _level_near(
+    peaks: MapPeaks,
+    range_m: np.ndarray,
+    velocities: np.ndarray,
+    place_m: float,
+    place_v: float,
+    *,
+    any_velocity: bool,
+) -> float:
+    """Return the level of the strongest echo near a place; 0 without one."""
+    range_tolerance = _TOLERANCE_CELLS * _step(range_m) + _TOLERANCE * abs(place_m)
+    is_near = abs(range_m[peaks.column] - place_m) < range_tolerance
+    if not any_velocity:
+        difference = velocities[peaks.row] - place_v
+        period = velocities.size * _step(velocities)
+        difference -= period * np.round(difference / period)
+        is_near &= abs(difference) < _TOLERANCE_CELLS * _step(velocities)
+    return float(peaks.snr[is_near].max(initial=0.0))

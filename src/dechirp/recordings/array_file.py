@@ -1,0 +1,71 @@
+"""All numeric arrays of a file: NumPy's `.npy` and `.npz`, MATLAB's `.mat` up to version 7."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.memory import check_free_memory
+from dechirp.recordings.arrays.lazy_array import (
+    LazyArray,
+    check_plausible_size,
+    complex_field_names,
+)
+from dechirp.recordings.arrays.mat5 import find_numeric_variables
+from dechirp.recordings.readers.npy import MAGIC as NPY_MAGIC
+from dechirp.recordings.readers.npy import open_npy_array
+from dechirp.recordings.readers.npz import MAGIC as NPZ_MAGIC
+from dechirp.recordings.readers.npz import open_npz_arrays
+
+_MAT5_MAGIC = b"MATLAB 5.0 MAT-file"
+
+
+def read_array_file(path: Path) -> dict[str, np.ndarray]:
+    """Read all numeric arrays of a file by name; the name of the only array of `.npy` is empty.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, damaged or in another format.
+    NotEnoughMemory
+        If the arrays do not fit into the free memory.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(_MAT5_MAGIC))
+    except OSError as error:
+        raise RecordingError(
+            path,
+            value=f"not readable ({error.strerror or error})",
+            expected="a file with arrays",
+            fix="check the path",
+        ) from None
+    if head.startswith(NPY_MAGIC):
+        arrays = {"": open_npy_array(path)}
+    elif head.startswith(NPZ_MAGIC):
+        arrays = open_npz_arrays(path)
+    elif head == _MAT5_MAGIC:
+        variables = find_numeric_variables(path)
+        arrays = {name: variable.to_lazy_array() for name, variable in variables.items()}
+    else:
+        raise RecordingError(
+            path,
+            value="neither a NumPy file nor a MATLAB file of version 5 to 7",
+            expected="an array in .npy, or arrays with names in .npz or .mat",
+            fix="save it with numpy.savez, or in MATLAB with save(..., '-v7')",
+        )
+    return {name: _read_whole(path, array) for name, array in arrays.items()}
+
+
+def _read_whole(path: Path, array: LazyArray) -> np.ndarray:
+    """Read an array; complex pairs of fields become complex numbers."""
+    check_plausible_size(path, array, file_bytes=path.stat().st_size)
+    check_free_memory(
+        f"an array of {path}",
+        needed_bytes=16.0 * math.prod(array.shape),
+        fix="save one frame",
+    )
+    values = np.array(array.read(tuple(slice(0, size) for size in array.shape)))
+    fields = complex_field_names(values.dtype)
+    return values if fields is None else values[fields[0]] + 1j * values[fields[1]]

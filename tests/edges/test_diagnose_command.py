@@ -1,0 +1,98 @@
+"""`dechirp diagnose`: arrays in files of NumPy and MATLAB."""
+
+import json
+
+import numpy as np
+import pytest
+import scipy
+
+from dechirp.cli.main import main
+from dechirp.config.dumping import dump_yaml
+from foreign_arrays import random_map, random_radar, swapped_samples, threshold_parts
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch, capsys):
+    """Return a function that runs the command in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def run_command(*arguments):
+        with pytest.raises(SystemExit) as caught:
+            main(["diagnose", *map(str, arguments)])
+        printed = capsys.readouterr()
+        return caught.value.code, printed.out, printed.err
+
+    return run_command
+
+
+def test_map_of_amplitudes_is_found_in_npz_and_mat(call):
+    rng = np.random.default_rng(1)
+    _, _, made = random_map(rng, radar=random_radar(rng, n_samples=256), padding=(1, 1))
+    for scale, expected in (("power", 1), ("amplitude", 0)):
+        arrays = {
+            "map": np.sqrt(made.power),
+            "range_m": made.range_m,
+            "velocity_m_per_s": made.velocity_m_per_s,
+        }
+        np.savez("map.npz", **arrays)
+        scipy.io.savemat("map.mat", arrays)
+        for file in ("map.npz", "map.mat"):
+            status, out, _ = call(file, "--scale", scale, "--summed", made.n_channels, "--json")
+            assert status == expected
+            document = json.loads(out)
+            assert [finding["setting"] for finding in document["findings"]] == ["scale"] * expected
+            assert document["undetermined"]
+
+
+def test_swapped_samples_are_found_in_npy(call, tmp_path):
+    case = swapped_samples(np.random.default_rng(3))
+    samples, radar = case.arguments
+    np.save("beat.npy", samples)
+    (tmp_path / "radar.yaml").write_text(dump_yaml(radar))
+    status, out, _ = call("beat.npy", "--radar", "radar.yaml")
+    assert status == 1
+    assert "warning: iq:" in out
+    status, _, error = call("beat.npy")
+    assert status == 2
+    assert "samples without radar" in error
+
+
+def test_threshold_of_a_map(call):
+    (power, n_training, n_guard), pfa, mean, n = threshold_parts(np.random.default_rng(8))
+    arrays = {
+        "power": power,
+        "range_m": np.arange(power.shape[1]),
+        "velocity_m_per_s": np.arange(power.shape[0]) - power.shape[0] // 2,
+        "threshold": n * n * (pfa ** (-1 / n) - 1) * mean,
+    }
+    np.savez("map.npz", **arrays)
+    cells = [",".join(map(str, pair)) for pair in (n_training, n_guard)]
+    options = ("--training", cells[0], "--guard", cells[1], "--pfa", pfa)
+    status, out, _ = call("map.npz", *options)
+    assert status == 1
+    assert "divide by their number" in " ".join(out.split())
+    status, _, error = call("map.npz")
+    assert status == 2
+    assert "threshold without n_training" in error
+
+
+@pytest.mark.parametrize("content", [b"", b"no arrays", b"PK\x03\x04 damaged", b"\x93NUMPY\x01"])
+def test_damaged_files_end_in_one_error(call, tmp_path, content):
+    (tmp_path / "x.npz").write_bytes(content)
+    status, out, error = call("x.npz")
+    assert status == 2
+    assert out == ""
+    assert len(error.splitlines()) == error.count("; expected ") == 1
+
+
+def test_missing_files_and_unknown_arrays_are_refused(call):
+    assert "not readable" in call("nothing.npz")[2]
+    np.savez("two.npz", a=np.ones(20), b=np.ones(20), range_m=np.arange(20))
+    status, _, error = call("two.npz")
+    assert status == 2
+    assert "arrays a, b, range_m" in error
+    np.savez("one.npz", a=np.ones(20), range_m=np.arange(20))
+    for options in (("--training", "2,x"), ("--target-range", "20"), ("--scale", "dB")):
+        status, _, error = call("one.npz", *options)
+        assert status == 2
+        assert len(error.splitlines()) == error.count("; expected ") == 1

@@ -1,0 +1,190 @@
+"""Well-known mistakes in arrays of other programs: diagnosis of wrong and of right arrays."""
+
+import numpy as np
+import pytest
+
+import dechirp as dc
+from dechirp.processing.diagnosis.noise_law import measure_noise_scale
+from dechirp.processing.diagnosis.threshold_factor import false_alarm_probability
+from foreign_arrays import (
+    RIGHT,
+    WRONG,
+    amplitude_decibels,
+    fast_scene,
+    missing_fftshift,
+    random_map,
+    random_radar,
+    right_map,
+    swapped_samples,
+    target_of,
+)
+
+SEED = 9000  # thresholds were chosen on scenes with seeds below 1000
+
+
+def test_mistakes_are_found_and_right_arrays_have_none():
+    wrong = [make(np.random.default_rng(SEED + n)) for n, make in enumerate(WRONG)]
+    missed = [case.kind for case in wrong if case.settings() != {case.expected}]
+    assert len(wrong) >= 20
+    assert len(missed) <= len(wrong) // 10, missed
+    right = [
+        make(np.random.default_rng(SEED + 100 * repeat + n))
+        for n, make in enumerate(RIGHT)
+        for repeat in range(2)
+    ]
+    assert len(right) >= 20
+    assert [case.kind for case in right if case.settings()] == []
+
+
+def test_no_mistake_gets_a_wrong_diagnosis():
+    for n, make in enumerate(WRONG):
+        case = make(np.random.default_rng(SEED + 200 + n))
+        assert case.settings() <= {case.expected}, case.kind
+
+
+def test_evidence_is_a_number_and_correction_names_the_code():
+    for make, evidence, correction in (
+        (amplitude_decibels, "spread by 0.5 times", "20 log10"),
+        (missing_fftshift, "probability of chance", "fftshift(X, axes=0)"),
+        (swapped_samples, "% of their energy", "exchange I and Q"),
+    ):
+        case = make(np.random.default_rng(3))
+        (finding,) = case.function(*case.arguments, **case.options).findings
+        assert evidence in finding.value
+        assert correction in finding.fix
+        assert finding.level == "warning"
+
+
+def test_map_without_static_echoes_and_radar_tells_no_shift_sign_or_step():
+    rng = np.random.default_rng(5)
+    noise = rng.exponential(1.0, (32, 64))
+    noise[11, 20] = 1e4
+    diagnosis = dc.diagnosis.diagnose_map(noise, np.arange(64) * 0.5, np.arange(-16, 16) * 0.1)
+    assert not diagnosis.findings
+    assert {note.setting for note in diagnosis.undetermined} == {
+        "range_m.scale",
+        "velocity_m_per_s.scale",
+        "fftshift",
+        "velocity_m_per_s.sign",
+    }
+    assert all(note.value.startswith("cannot be told: ") for note in diagnosis.undetermined)
+
+
+def test_known_target_tells_order_of_iq_of_a_single_echo():
+    radar = random_radar(np.random.default_rng(7), sampling="complex")
+    chirp = radar.frame.chirp
+    target = {"target_range_m": 0.3 * chirp.max_range_m, "target_velocity_m_per_s": 0.0}
+    beat = np.exp(2j * np.pi * 0.3 * np.arange(chirp.n_samples))
+    rng = np.random.default_rng(8)
+    noise = rng.standard_normal((2, radar.frame.n_chirps, chirp.n_samples))
+    samples = beat + noise[0] + 1j * noise[1]
+    for array, expected in ((samples, set()), (samples.conj(), {"iq"})):
+        diagnosis = dc.diagnosis.diagnose_samples(array, radar, **target)
+        assert {finding.setting for finding in diagnosis.findings} == expected
+    alone = dc.diagnosis.diagnose_samples(samples.conj(), radar)
+    assert not alone.findings
+    assert "iq" in {note.setting for note in alone.undetermined}
+
+
+@pytest.mark.parametrize("n_channels", [1, 4])
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_noise_shows_the_scale_of_its_decibels(n_channels, factor):
+    rng = np.random.default_rng(11)
+    power = rng.gamma(n_channels, size=(128, 256)) ** factor
+    assert measure_noise_scale(power, n_channels).factor == factor
+
+
+def test_threshold_probability_is_that_of_drawn_noise():
+    # 4 summed pulses in the cell and in each of 12 training cells; 2e5 draws of 1 in 100.
+    rng = np.random.default_rng(12)
+    cell = rng.gamma(4, size=200_000)
+    training = rng.gamma(4 * 12, size=200_000) / 12
+    factor = 2.6
+    expected = false_alarm_probability(factor, 12, 4)
+    rate = np.mean(cell > factor * training)
+    assert abs(rate - expected) < 5 * np.sqrt(expected / cell.size)
+    # One pulse: (1 + factor / N)^-N (Finn and Johnson 1968).
+    assert false_alarm_probability(13.8, 16, 1) == pytest.approx((1 + 13.8 / 16) ** -16)
+
+
+def test_own_simulator_and_maps_carry_no_mistake():
+    rng = np.random.default_rng(13)
+    radar, foreign = fast_scene(rng)
+    targets = [
+        dc.Target(position_m=(range_m, 0, 0), velocity_m_per_s=(velocity, 0, 0), rcs_m2=1e3)
+        for range_m, velocity in zip(foreign.range_m, foreign.velocity_m_per_s, strict=True)
+    ]
+    hardware = dc.Hardware(transmit_power_w=0.1, antenna_gain=30.0, noise_factor=10.0)
+    radar = dc.Radar(frame=radar.frame, array=radar.array, hardware=hardware)
+    cube = dc.simulate(dc.Scene(targets=targets), radar, seed=3).isel(frame=0)
+    samples = cube.transpose("rx", "chirp", "sample").values
+    by_samples = dc.diagnosis.diagnose_samples(samples, radar, **target_of(foreign))
+    power = dc.power_map(cube, radar)
+    by_map = dc.diagnosis.diagnose_map(
+        power.values, power["range"].values, power["velocity"].values, radar=radar, n_summed=1
+    )
+    assert by_samples.findings == by_map.findings == ()
+
+
+def test_descending_axes_and_transposed_maps():
+    rng = np.random.default_rng(14)
+    radar, _, made = random_map(rng)
+    arrays = made.power[::-1], made.range_m, made.velocity_m_per_s[::-1]
+    assert not dc.diagnosis.diagnose_map(*arrays, radar=radar).findings
+    diagnosis = dc.diagnosis.diagnose_map(made.power.T, made.range_m, made.velocity_m_per_s)
+    assert [finding.setting for finding in diagnosis.findings] == ["axes"]
+
+
+def invalid_calls():
+    """Return calls with one wrong argument, and the setting that the error names."""
+    case = right_map(np.random.default_rng(15))
+    power, range_m, velocity = case.arguments
+    power = np.ones_like(power) + np.random.default_rng(16).exponential(size=power.shape)
+    radar = case.options["radar"]
+    bad = power.copy()
+    bad[3, 4] = np.nan
+    map_of, samples_of = dc.diagnosis.diagnose_map, dc.diagnosis.diagnose_samples
+    threshold_of = dc.diagnosis.diagnose_threshold
+    shape = (radar.frame.n_chirps, radar.frame.chirp.n_samples)
+    number = 1j if radar.frame.chirp.sampling == "complex" else 1.0
+    return {
+        "NaN in the map": (lambda: map_of(bad, range_m, velocity), "values"),
+        "empty map": (lambda: map_of([], range_m), "values"),
+        "zeros": (lambda: map_of(0 * power, range_m, velocity), "values"),
+        "negative power": (lambda: map_of(-power, range_m, velocity), "values"),
+        "axis of another length": (lambda: map_of(power[:, :-3], range_m, velocity), "values"),
+        "map without velocities": (lambda: map_of(power, range_m), "values"),
+        "unequal steps": (lambda: map_of(power, range_m**2, velocity), "range_m"),
+        "constant axis": (lambda: map_of(power, 0 * range_m, velocity), "range_m"),
+        "unknown scale": (lambda: map_of(power, range_m, velocity, scale="dB"), "scale"),
+        "no channels": (lambda: map_of(power, range_m, velocity, n_summed=0), "n_summed"),
+        "velocity only": (
+            lambda: map_of(power, range_m, velocity, target_velocity_m_per_s=1.0),
+            "target_range_m",
+        ),
+        "three dimensions": (lambda: map_of(power[None], range_m, velocity), "values"),
+        "text": (lambda: samples_of("beat", radar), "samples"),
+        "other chirps": (lambda: samples_of(number * np.ones((7, 40)), radar), "samples"),
+        "other sampling": (
+            lambda: samples_of(np.ones(shape) * (1.0 if number == 1j else 1j), radar),
+            "samples",
+        ),
+        "infinite": (lambda: samples_of(np.full(shape, np.inf * number), radar), "samples"),
+        "other threshold": (lambda: threshold_of(power[1:], power, 4, 1, 1e-4), "threshold"),
+        "wide window": (lambda: threshold_of(power, power, 4000, 1, 1e-4), "n_training.velocity"),
+        "no training": (lambda: threshold_of(power, power, 0, 1, 1e-4), "n_training"),
+        "certain alarm": (lambda: threshold_of(power, power, 4, 1, 1.0), "pfa"),
+        "pair for a profile": (
+            lambda: threshold_of(power[0], power[0], (1, 4), 1, 1e-4),
+            "n_training",
+        ),
+    }
+
+
+@pytest.mark.parametrize("name", sorted(invalid_calls()))
+def test_invalid_arguments_are_named(name):
+    call, setting = invalid_calls()[name]
+    with pytest.raises(dc.InvalidSetting) as caught:
+        call()
+    (mistake,) = caught.value.mistakes
+    assert mistake.setting == setting
