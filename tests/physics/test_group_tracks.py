@@ -99,7 +99,7 @@ def test_update_equals_a_kalman_filter_of_all_points():
     posterior = update_groups(prior, points, np.ones((1, 12)), tracker)
 
     n_prior = 10  # points that the expected extent and spread count for
-    extent = (n_prior * 0.4**2 * np.eye(2) + prior.scatter_m2[0]) / (n_prior + 12)
+    extent = (n_prior * tracker.size_std_m**2 * np.eye(2) + prior.scatter_m2[0]) / (n_prior + 12)
     point_covariance = extent + points.position_covariance.mean(axis=0)
     combined = prior.combined_states()[0][0]
     ux, uy = points.line_of_sight.T

@@ -17,13 +17,13 @@ class GroupTracker:
 
     An object moves straight on, turns, or accelerates and brakes: three motion models that
     interact. Its points scatter about its centre, as far as its estimated extent. The defaults
-    suit people indoors and cars in front of a radar.
+    suit people; for cars, set `size_std_m`.
     """
 
-    size_std_m: float = 0.4
+    size_std_m: float = 0.3
     """Expected standard deviation of points about the centre of an object, along x and along y: a
-    quarter of the width of an ellipse that is filled evenly. The extent of each object is
-    estimated from there."""
+    quarter of the width of an ellipse that is filled evenly, so 0.3 for people and 0.8 for cars.
+    It decides which points start a track; the extent is estimated from there."""
     velocity_spread_m_per_s: float = 0.5
     """Expected standard deviation of the range rates of an object about those of a rigid one:
     swinging limbs, turning wheels. It is estimated for each object, too."""

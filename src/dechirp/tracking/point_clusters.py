@@ -8,7 +8,7 @@ from dechirp.tracking.group_points import GroupPoints
 from dechirp.tracking.group_tracker import GroupTracker
 
 _PAIR_BYTES = 150.0
-# Gaps of an object are rarely larger than 2.8 sigma of the difference of its points, 1.6 m for the
+# Gaps of an object are rarely larger than 2.8 sigma of the difference of its points, 1.2 m for the
 # default size. Gaps that last for several frames then are gaps between two objects.
 _MAX_GAP2 = 8.0
 
