@@ -96,7 +96,7 @@ def test_chain_repairs_a_frame_of_one_chirp_and_keeps_others_bit_identical(radar
 
 @pytest.mark.parametrize(
     ("n_chirps", "n_samples", "expected"),
-    [(1, 256, None), (64, 256, "learns from all chirps"), (1, 8, "too few to detect bursts")],
+    [(3, 256, None), (4, 256, "frames of 4 chirps"), (1, 8, "and 8 samples")],
 )
 def test_findings_name_a_better_method(radar, n_chirps, n_samples, expected):
     chirp = replace(radar.frame.chirp, n_samples=n_samples)

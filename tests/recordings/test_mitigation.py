@@ -80,8 +80,9 @@ def test_mitigation_changes_car_snr_by_less_than_1_db(real_data, kind):
     )
     (removed_echo,) = result.removed
     if kind.startswith("interference"):
-        # Only the first chirp, in which the receivers had not settled.
-        assert removed_echo.n_changed_chirps == 1
+        # Only the first chirp, in which the receivers had not settled; the frame is too long for
+        # the repair of single chirps.
+        assert removed_echo.n_changed_chirps == (0 if kind == "interference-tones" else 1)
     else:
         # The static roadside dominates.
         assert removed_echo.removed_power > removed_echo.remaining_power

@@ -19,17 +19,18 @@ from dechirp.radar.radar import Radar
 class InterferenceTones(Mitigation):
     """Replacement of samples in bursts by tones that are fitted to the rest of the same chirp.
 
-    Needs no other chirp, and copes with bursts in half of a chirp, where at most 32 echoes stand
-    out of the noise. Each echo continues through the burst with the error of its estimate. Frames
-    without bursts stay bit-identical: a chirp of noise has one with a probability of 1e-12. Takes
-    some 30 ms for a chirp of 1,000 samples, so that frames of four chirps or more are repaired
-    faster by `InterferenceAutoregression`. See `tone_fit`.
+    For frames of fewer than four chirps, which do not show their static echoes: longer frames are
+    left to the other methods. Copes with bursts in half of a chirp, where echoes are few tones in
+    white noise; other chirps stay as they are. Each echo continues through the burst with the error
+    of its estimate. Frames without bursts stay bit-identical: a chirp of noise has one with a
+    probability of 1e-12. Transients that each chirp has at its start are bursts as well. See
+    `tone_fit`.
     """
 
     def clean(self, samples: np.ndarray, frame: Frame) -> np.ndarray:
         """Repair the chirps that have bursts; see `Mitigation.clean`."""
         checked = checked_single_precision_samples(samples, frame)
-        if checked.shape[2] < MIN_SAMPLES:
+        if frame.n_chirps >= MIN_CHIRPS or checked.shape[2] < MIN_SAMPLES:
             return checked
         out = checked
         for chirp in np.flatnonzero(~all_zero_chirp_mask(checked)).tolist():
@@ -40,26 +41,17 @@ class InterferenceTones(Mitigation):
         return out
 
     def limitation_findings(self, radar: Radar) -> list[Finding]:
-        """Warn about chirps of too few samples, and recommend the faster method."""
+        """Warn about frames that this method leaves as they are."""
         frame = radar.frame
-        if frame.chirp.n_samples < MIN_SAMPLES:
-            return [
-                Finding(
-                    level="warning",
-                    setting=f"chain.mitigation.{self.kind()}",
-                    value=f"chirps of {frame.chirp.n_samples} samples, too few to detect bursts",
-                    expected=f"{MIN_SAMPLES} samples or more",
-                    fix="remove this mitigation; it has no effect",
-                )
-            ]
-        if frame.n_chirps >= MIN_CHIRPS:
-            return [
-                Finding(
-                    level="note",
-                    setting=f"chain.mitigation.{self.kind()}",
-                    value=f"fits every one of {frame.n_chirps_total} chirps alone",
-                    expected=f"frames of fewer than {MIN_CHIRPS} chirps, or time to wait",
-                    fix="use interference-autoregression, which learns from all chirps",
-                )
-            ]
-        return []
+        if frame.n_chirps < MIN_CHIRPS and frame.chirp.n_samples >= MIN_SAMPLES:
+            return []
+        return [
+            Finding(
+                level="warning",
+                setting=f"chain.mitigation.{self.kind()}",
+                value=f"frames of {frame.n_chirps} chirps of each transmitter and"
+                f" {frame.chirp.n_samples} samples, which it leaves as they are",
+                expected=f"fewer than {MIN_CHIRPS} chirps, and {MIN_SAMPLES} samples or more",
+                fix="use interference-autoregression, which learns from all chirps",
+            )
+        ]

@@ -6,6 +6,7 @@ J. Li and P. Stoica, "Efficient mixed-spectrum estimation with applications to t
 extraction", IEEE Trans. Signal Process. 44(2), 1996, on samples with gaps.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,9 +14,12 @@ import scipy
 
 from dechirp.processing.mitigation.burst_detection import mark_bursts_over_noise
 
-_MAX_TONES = 32
+_MAX_TONES = 16
+# Of the median of white noise. Below it, the rest contains echoes that are no tones, such as those
+# of walls, whose own changes look like bursts.
+_MIN_MEDIAN = 0.5
 _MAX_ROUNDS = 8  # of tones, then bursts; three are usual
-_GAUSS_NEWTON_STEPS = 4
+_FIRST_STEPS, _LAST_STEPS = 1, 4  # of the frequencies, by Gauss and Newton
 _FALSE_TONE_PROBABILITY = 1e-6
 _FALSE_BURST_PROBABILITY = 1e-12  # in a chirp of noise
 _MIN_CLEAR_SHARE = 0.25  # samples outside bursts; tones of fewer are not certain
@@ -43,7 +47,8 @@ def fit_tones_outside_bursts(chirp: np.ndarray) -> ToneFit:
     Returns
     -------
     ToneFit
-        Without tones where none exceeds the noise, and without bursts where the rest is noise.
+        Without tones where none exceeds the noise; without bursts where the rest is noise, or
+        where tones do not explain the echoes.
     """
     samples = np.asarray(chirp, complex if np.iscomplexobj(chirp) else float)
     frequencies = np.zeros(0)
@@ -55,10 +60,20 @@ def fit_tones_outside_bursts(chirp: np.ndarray) -> ToneFit:
             break
         is_changed, is_burst = not np.array_equal(found, is_burst), found
         grown, tones = _fit_tones(samples, ~is_burst, frequencies)
-        if not is_changed and len(grown) == len(frequencies):
+        is_settled = not is_changed and len(grown) == len(frequencies)
+        if is_settled or len(grown) == _MAX_TONES:
             break
         frequencies = grown
+    if is_burst.any() and not _is_white(np.where(is_burst, 0, samples - tones)):
+        is_burst = np.zeros_like(is_burst)
     return ToneFit(tones, is_burst)
+
+
+def _is_white(rest: np.ndarray) -> bool:
+    """Return True if no receiver has a rest whose power is in few of its frequencies."""
+    power = np.abs(scipy.fft.fft(rest, axis=1)) ** 2
+    # Powers of white noise are exponential, with a median of ln 2 of their mean.
+    return bool(np.all(np.median(power, axis=1) > _MIN_MEDIAN * math.log(2) * power.mean(axis=1)))
 
 
 def _find_bursts(samples: np.ndarray, tones: np.ndarray) -> np.ndarray:
@@ -84,7 +99,7 @@ def _fit_tones(
     n_searched = n_bins if np.iscomplexobj(samples) else n_bins // 2 + 1
     # Of white noise, the power of a bin over its mean is the mean of one exponential a receiver.
     limit = scipy.special.gammainccinv(n_rx, _FALSE_TONE_PROBABILITY / n_bins)
-    frequencies, tones = _refine_tones(samples, is_clear, frequencies)
+    frequencies, tones = _refine_tones(samples, is_clear, frequencies, _FIRST_STEPS)
     while len(frequencies) < _MAX_TONES:
         rest = np.where(is_clear, samples - tones, 0)
         energy = np.sum(np.abs(rest) ** 2, axis=1, keepdims=True)
@@ -94,18 +109,18 @@ def _fit_tones(
         if excess[peak] <= limit:
             break
         frequencies = np.append(frequencies, peak / n_bins)
-        frequencies, tones = _refine_tones(samples, is_clear, frequencies)
-    return frequencies, tones
+        frequencies, tones = _refine_tones(samples, is_clear, frequencies, _FIRST_STEPS)
+    return _refine_tones(samples, is_clear, frequencies, _LAST_STEPS)
 
 
 def _refine_tones(
-    samples: np.ndarray, is_clear: np.ndarray, frequencies: np.ndarray
+    samples: np.ndarray, is_clear: np.ndarray, frequencies: np.ndarray, n_steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Minimise the squared rest outside bursts over all frequencies and amplitudes."""
     n_samples = samples.shape[1]
     times = np.arange(n_samples) - (n_samples - 1) / 2
     clear, largest_step = samples[:, is_clear].T, 0.5 / n_samples  # half a resolution cell
-    for _ in range(_GAUSS_NEWTON_STEPS if frequencies.size else 0):
+    for _ in range(n_steps if frequencies.size else 0):
         basis = _tone_basis(times[is_clear], frequencies, samples.dtype)
         orthogonal, triangle = np.linalg.qr(basis)
         amplitudes = np.linalg.lstsq(triangle, orthogonal.conj().T @ clear, rcond=1e-9)[0]
