@@ -40,6 +40,7 @@ _NAMES = {
     # Recordings and live streams
     "recordings.recording": "Recording open",
     "recordings.in_memory": "recording_from_cube",
+    "recordings.slow_time_files": "read_slow_time",
     "recordings.convert": "write",
     "recordings.live.udp": "listen",
     "recordings.live.growing_file": "follow",
@@ -56,6 +57,7 @@ _NAMES = {
     "processing.angle_maps": "angle_spectrum range_azimuth_map",
     "processing.spectrogram": "spectrogram",
     "processing.ddma_recognition": "recognise_ddma",
+    "processing.vital_signs": "VitalSigns measure_vital_signs",
     "processing.calibration.calibrate": "calibrate",
     # Tracking: from detections to objects
     "tracking.ego": "EgoMotion ego_motion",

@@ -59,6 +59,8 @@ from dechirp.processing.detect import detect as detect
 from dechirp.processing.range_doppler_map import power_map as power_map
 from dechirp.processing.range_doppler_map import threshold_map as threshold_map
 from dechirp.processing.spectrogram import spectrogram as spectrogram
+from dechirp.processing.vital_signs import VitalSigns as VitalSigns
+from dechirp.processing.vital_signs import measure_vital_signs as measure_vital_signs
 from dechirp.radar.array import Array as Array
 from dechirp.radar.calibration import Calibration as Calibration
 from dechirp.radar.chirp import Chirp as Chirp
@@ -75,6 +77,7 @@ from dechirp.recordings.live.replay import replay as replay
 from dechirp.recordings.live.udp import listen as listen
 from dechirp.recordings.recording import Recording as Recording
 from dechirp.recordings.recording import open as open
+from dechirp.recordings.slow_time_files import read_slow_time as read_slow_time
 from dechirp.results.object_lists.object_list import object_list as object_list
 from dechirp.scene.ego import Ego as Ego
 from dechirp.scene.scene import Scene as Scene

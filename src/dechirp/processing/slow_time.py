@@ -46,6 +46,7 @@ __all__ = [
     "displacement",
     "displacement_spectrum",
     "frame_means",
+    "range_traces",
     "range_track",
     "slow_time",
     "strongest_oscillation",
@@ -59,6 +60,8 @@ def __dir__() -> list[str]:
 # Phase steps between values of a trace beyond this are ambiguous: at an SNR of 15 dB (0.13 rad) the
 # margin from three quarters of half a cycle to half a cycle is six standard deviations.
 _MAX_PHASE_STEP = 0.75 * np.pi
+# A chest at 20 mm/s moves 0.4 mm in this time: 0.08 of a half wavelength at 60 GHz.
+_MAX_AVERAGING_S = 0.02
 _RANGE_OVERSAMPLING = 8  # bins per resolution cell: straddling loss 0.06 dB
 
 
@@ -193,6 +196,76 @@ def range_track(
         dims=("time",),
         coords=_round_times_and_frames(cube, radar),
         attrs={"units": "m", "long_name": "range"},
+    )
+
+
+@check_argument_types
+def range_traces(
+    cube: xr.DataArray, radar: Radar, range_m: tuple[float, float], *, window: Window = "hann"
+) -> xr.DataArray:
+    """Extract the slow-time traces of all range rows of an interval, averaged over 20 ms.
+
+    Parameters
+    ----------
+    cube, radar, window
+        See `slow_time`.
+    range_m : (float, float)
+        Nearest and farthest.
+
+    Returns
+    -------
+    DataArray (time, range, channel), complex
+        Means over the rounds within 20 ms, at least one for each frame; otherwise as
+        `slow_time`. The attribute `wavelength_m` converts phase to displacement.
+
+    Raises
+    ------
+    InvalidSetting
+        If the interval contains no row, the cube does not fit the radar, or some of its samples
+        are not finite.
+    """
+    check_cube_fits_rising_ramp_radar(cube, radar)
+    frame, chirp = radar.frame, radar.frame.chirp
+    transform = Transform(window=window, n_points=chirp.n_samples, n_bins=chirp.n_samples)
+    bins_m = chirp.range_bins_m(transform.n_bins)
+    ends_m = check_finite_array("range_m", range_m)
+    is_inside = np.zeros(len(bins_m), bool)
+    if ends_m.shape == (2,):
+        is_inside = (ends_m[0] <= bins_m) & (bins_m <= ends_m[1])
+    if not is_inside.any():
+        raise InvalidSetting(
+            "range_m",
+            value=range_m,
+            expected=f"an interval with a row, {bins_m[1]:.3g} m apart, from 0 to"
+            f" {bins_m[-1]:.4g} m",
+            fix="give the nearest range, then the farthest",
+        )
+    starts = np.arange(0, frame.n_chirps, max(int(_MAX_AVERAGING_S / frame.repetition_s), 1))
+    n_rounds = np.diff(starts, append=frame.n_chirps)
+    means = []
+    for index in range(cube.sizes["frame"]):
+        samples = cube.isel(frame=index).transpose("chirp", "rx", "sample")
+        profiles = range_profiles(samples, chirp, transform).values[..., is_inside]
+        check_finite(profiles)
+        sums = np.add.reduceat(split_chirps_into_slots(profiles, frame), starts, axis=0)
+        means.append(np.moveaxis(sums / n_rounds[:, None, None], 2, 1))
+    times_s = _round_times_and_frames(cube, radar)["time"].values.reshape(-1, frame.n_chirps)
+    return xr.DataArray(
+        np.concatenate(means).astype(np.complex64),
+        dims=("time", "range", "channel"),
+        coords={
+            "time": xr.Variable(
+                "time",
+                (np.add.reduceat(times_s, starts, axis=1) / n_rounds).ravel(),
+                {"units": "s", "long_name": "time"},
+            ),
+            "range": xr.Variable("range", bins_m[is_inside], {"units": "m"}),
+        },
+        attrs={
+            "units": cube.attrs.get("units", "1"),
+            "long_name": "amplitude",
+            "wavelength_m": SPEED_OF_LIGHT / chirp.mean_sampled_frequency_hz,
+        },
     )
 
 

@@ -1,0 +1,309 @@
+r"""Rate of a periodic movement at any sampling times, with its significance.
+
+Each component y of a movement, such as a displacement or I and Q, is described over times t by
+
+.. math:: y(t) = \sum_j b_j q_j(t) + \sum_{k=1}^{K} \left(A_k \cos 2\pi k f t + B_k \sin 2\pi k f t
+    \right) + w(t)
+
+with known slow functions q. The energy E(f) that the K harmonics take from the remainder of the q
+is the periodogram generalised to uneven times, a trend, and any shape of the period. The noise w
+has a power of f^-a between the lowest rate and K times the highest one, white for a = 0; energies
+are weighted with f^a. Its variance s^2 for each degree of freedom is the mean of the weighted
+periodogram there, without the harmonics: slower and faster movements have no effect. By chance,
+z = E / (2 s^2) of C components has at one frequency the distribution of m C times a beta-prime
+variable with shapes K C and m C, m the number of lines left in the band. The highest of the band
+exceeds z with the probability
+
+.. math:: p \le Q(z) + B \sqrt{4\pi \operatorname{var}(t)\, \overline{k^2}}\, \sqrt{z}
+    \left(1 + \frac{z}{m C}\right) q(z)
+
+with the tail Q and the density q of z, and the width B of the band (Rice's rate of crossings;
+Davies 1987, Baluev 2008). The number of harmonics is the one of the least p, which is multiplied
+by the number of choices.
+
+The rate is the least-squares solution of all parameters together. Its standard error attains the
+Cramer-Rao bound for white noise, of one sinusoid of amplitude A at N even times T apart
+
+.. math:: \sigma_f^2 = \frac{24 s^2}{(2\pi)^2 A^2 T^2 N (N^2 - 1)}
+
+References
+----------
+D. C. Rife and R. R. Boorstyn, Single-tone parameter estimation from discrete-time observations,
+IEEE Trans. IT 20(5), 1974 (complex tones; twice the noise for real ones). R. B. Davies, Hypothesis
+testing when a nuisance parameter is present only under the alternative, Biometrika 74(1), 1987.
+R. V. Baluev, Assessing the statistical significance of periodogram peaks, MNRAS 385, 2008.
+J. Geweke and S. Porter-Hudak, The estimation and application of long memory time series models,
+J. Time Series Analysis 4(4), 1983 (the exponent a).
+"""
+
+import math
+
+import numpy as np
+import scipy
+
+from dechirp.core.values import frozen_dataclass
+
+_GRID_OVERSAMPLING = 3  # per 1/T and harmonic: Gauss-Newton converges from a sixth of a peak
+_MAX_ITERATIONS = 20
+# Least energy of the fundamental over that of the second harmonic: half of a rate has less.
+_MIN_FUNDAMENTAL = 0.5
+
+
+@frozen_dataclass
+class Line:
+    """Strongest periodic part of a movement within a band."""
+
+    frequency_hz: float
+    frequency_std_hz: float
+    amplitude: float
+    """Of the fundamental, of all components together."""
+    n_harmonics: int
+    false_alarm_probability: float
+    """Probability that noise alone has a line of this significance somewhere in the band."""
+    n_degrees_of_freedom: int
+    """Of the estimate of the noise."""
+
+
+def slow_functions(times_s: np.ndarray, below_hz: float) -> np.ndarray:
+    """Return an orthonormal basis of trends, (time, function): cosines up to a frequency."""
+    from_start_s = times_s - times_s[0]
+    n_functions = 1 + math.floor(2 * from_start_s[-1] * below_hz)
+    phase = np.pi / from_start_s[-1] * np.outer(from_start_s, np.arange(n_functions))
+    return np.linalg.qr(np.cos(phase))[0]
+
+
+def sinusoids(times_s: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
+    """Return the columns cos of all frequencies, then sin, (time, 2 frequency)."""
+    phase = 2 * np.pi * np.outer(times_s, frequencies_hz)
+    return np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
+
+
+def join_bases(*bases: np.ndarray) -> np.ndarray:
+    """Return an orthonormal basis of all columns together."""
+    return np.linalg.qr(np.concatenate(bases, axis=1))[0]
+
+
+def find_line(
+    movement: np.ndarray,
+    times_s: np.ndarray,
+    band_hz: tuple[float, float],
+    *,
+    basis: np.ndarray,
+    max_harmonics: int = 1,
+    noise_slope: float = 0.0,
+    excluded_hz: tuple[tuple[float, float], ...] = (),
+) -> Line | None:
+    """Find the strongest line of a band; None if too little of the band is left to judge it.
+
+    Parameters
+    ----------
+    movement : array (time, component)
+    times_s : array (time,)
+        With a mean of 0.
+    band_hz : (float, float)
+        Lowest and highest frequency of the fundamental.
+    basis : array (time, function)
+        Orthonormal columns that are no part of the line.
+    max_harmonics : int
+        Largest number of harmonics, with the fundamental.
+    noise_slope : float
+        Exponent of the power law of the noise, see `fit_noise_slope`.
+    excluded_hz : tuple of intervals
+        Neither searched nor used as noise.
+    """
+    remainder = movement - basis @ (basis.T @ movement)
+    duration_s = float(np.ptp(times_s)) * len(times_s) / (len(times_s) - 1)
+    step_hz = 1 / (duration_s * _GRID_OVERSAMPLING * max_harmonics)
+    first, last = math.ceil(band_hz[0] / step_hz), math.floor(band_hz[1] / step_hz)
+    fundamentals = np.arange(first, last + 1)
+    is_searched = ~_is_inside(fundamentals * step_hz, excluded_hz)
+    searched_hz = float(is_searched.sum()) * step_hz
+    # Energies at multiples of the step that are a fundamental or a harmonic.
+    orders = np.arange(1, max(max_harmonics, 2) + 1)
+    rows = np.unique(np.outer(orders, fundamentals))
+    energy_of_row = np.zeros(rows[-1] + 1)
+    energy_of_row[rows] = _line_energies(remainder, times_s, rows * step_hz, basis)
+    if max_harmonics > 1:
+        second = energy_of_row[2 * fundamentals]
+        is_searched &= energy_of_row[fundamentals] >= _MIN_FUNDAMENTAL * second
+    if not is_searched.any():
+        return None
+    lines = []
+    energies = np.zeros(len(fundamentals))
+    for n_harmonics in range(1, max_harmonics + 1):
+        harmonics = n_harmonics * fundamentals
+        energies += energy_of_row[harmonics] * (harmonics * step_hz) ** noise_slope
+        peak = int(np.argmax(np.where(is_searched, energies, -1.0)))
+        lines.append(
+            _judge_line(
+                remainder,
+                times_s,
+                float(fundamentals[peak] * step_hz),
+                band_hz,
+                basis,
+                n_harmonics,
+                noise_slope,
+                excluded_hz,
+                searched_hz=searched_hz,
+                n_choices=max_harmonics,
+            )
+        )
+    judged = [line for line in lines if line is not None]
+    return min(judged, key=lambda line: line.false_alarm_probability, default=None)
+
+
+def fit_noise_slope(
+    movement: np.ndarray,
+    times_s: np.ndarray,
+    band_hz: tuple[float, float],
+    basis: np.ndarray,
+) -> float:
+    """Fit the exponent a of a noise power that falls as f^-a over a band, from -2 to 2.
+
+    The slope of the logarithm of the periodogram, which few lines do not change (Geweke and
+    Porter-Hudak, 1983): 0 for white noise, 2 for a random walk.
+    """
+    duration_s = float(np.ptp(times_s)) * len(times_s) / (len(times_s) - 1)
+    bins_hz = np.arange(math.ceil(band_hz[0] * duration_s), band_hz[1] * duration_s) / duration_s
+    energies = _line_energies(movement, times_s, bins_hz, basis)
+    if len(bins_hz) < 8 or not (energies > 0).all():
+        return 0.0
+    slope = np.polyfit(np.log(bins_hz), np.log(energies), 1)[0]
+    return float(np.clip(-slope, -2.0, 2.0))
+
+
+def rate_interval_hz(line: Line, confidence: float) -> tuple[float, float]:
+    """Return the confidence interval of the frequency of a line, by Student's distribution."""
+    half_hz = line.frequency_std_hz * float(
+        scipy.stats.t.ppf((1 + confidence) / 2, line.n_degrees_of_freedom)
+    )
+    return line.frequency_hz - half_hz, line.frequency_hz + half_hz
+
+
+def _judge_line(
+    remainder: np.ndarray,
+    times_s: np.ndarray,
+    start_hz: float,
+    band_hz: tuple[float, float],
+    basis: np.ndarray,
+    n_harmonics: int,
+    noise_slope: float,
+    excluded_hz: tuple[tuple[float, float], ...],
+    *,
+    searched_hz: float,
+    n_choices: int,
+) -> Line | None:
+    """Refine a line and compute its significance.
+
+    None if it leaves the band, or if no noise is left to compare it with.
+    """
+    duration_s = float(np.ptp(times_s)) * len(times_s) / (len(times_s) - 1)
+    n_components = remainder.shape[1]
+    bins = np.arange(
+        math.ceil(band_hz[0] * duration_s), n_harmonics * band_hz[1] * duration_s + 1e-9
+    )
+    bins_hz = bins / duration_s
+    bins_hz = bins_hz[~_is_inside(bins_hz, excluded_hz)]
+    n_left = len(bins_hz) - n_harmonics
+    if n_left < 2:
+        return None
+    fit = _fit_rate(remainder, times_s, start_hz, n_harmonics, basis)
+    if not band_hz[0] <= fit.frequency_hz <= band_hz[1]:
+        return None  # the flank of a movement outside the band
+    energies = _line_energies(remainder, times_s, bins_hz, fit.basis)
+    noise_energy = float(np.sum(energies * bins_hz**noise_slope))
+    total_energy = float(np.sum(remainder**2))
+    # Rounding of samples and regression remains without any noise.
+    noise = max(noise_energy / (2 * n_left * n_components), 1e-20 * total_energy, 1e-300)
+    harmonics_hz = fit.frequency_hz * np.arange(1, n_harmonics + 1)
+    z = float(fit.energies @ harmonics_hz**noise_slope) / (2 * noise)
+    shape, scale = n_harmonics * n_components, n_left * n_components
+    tail = float(scipy.stats.betaprime.sf(z / scale, shape, scale))
+    density = float(scipy.stats.betaprime.pdf(z / scale, shape, scale)) / scale
+    mean_square_order = float(np.mean(np.arange(1, n_harmonics + 1) ** 2))
+    independent = searched_hz * math.sqrt(4 * np.pi * float(np.var(times_s)) * mean_square_order)
+    probability = tail + independent * math.sqrt(z) * (1 + z / scale) * density
+    return Line(
+        frequency_hz=fit.frequency_hz,
+        frequency_std_hz=math.sqrt(
+            noise / fit.frequency_hz**noise_slope / max(fit.information, 1e-300)
+        ),
+        amplitude=fit.amplitude,
+        n_harmonics=n_harmonics,
+        false_alarm_probability=min(n_choices * probability, 1.0),
+        n_degrees_of_freedom=2 * scale,
+    )
+
+
+def _line_energies(
+    movement: np.ndarray, times_s: np.ndarray, frequencies_hz: np.ndarray, basis: np.ndarray
+) -> np.ndarray:
+    """Return the energy that one sinusoid of each frequency takes from the remainder of a basis."""
+    remainder = movement - basis @ (basis.T @ movement)
+    columns = sinusoids(times_s, frequencies_hz)
+    columns -= basis @ (basis.T @ columns)
+    cosine, sine = np.split(columns, 2, axis=1)
+    cc, ss = np.sum(cosine**2, axis=0), np.sum(sine**2, axis=0)
+    cs = np.sum(cosine * sine, axis=0)
+    c, s = cosine.T @ remainder, sine.T @ remainder
+    determinant = cc * ss - cs**2
+    # Frequencies inside the basis have no energy left, apart from rounding.
+    is_free = determinant > 1e-6 * len(times_s) ** 2 / 4
+    energy = np.sum(ss[:, None] * c**2 - 2 * cs[:, None] * c * s + cc[:, None] * s**2, axis=1)
+    return np.where(is_free, energy / np.where(is_free, determinant, 1.0), 0.0)
+
+
+def _is_inside(
+    frequencies_hz: np.ndarray, intervals_hz: tuple[tuple[float, float], ...]
+) -> np.ndarray:
+    is_inside = np.zeros(len(frequencies_hz), bool)
+    for low_hz, high_hz in intervals_hz:
+        is_inside |= (low_hz <= frequencies_hz) & (frequencies_hz <= high_hz)
+    return is_inside
+
+
+@frozen_dataclass
+class _RateFit:
+    frequency_hz: float
+    basis: np.ndarray
+    """With the harmonics, orthonormal."""
+    energies: np.ndarray
+    """Of each harmonic."""
+    amplitude: float
+    information: float
+    """On the frequency, per variance of the noise: its inverse is the bound."""
+
+
+def _fit_rate(
+    remainder: np.ndarray, times_s: np.ndarray, start_hz: float, n_harmonics: int, basis: np.ndarray
+) -> _RateFit:
+    """Refine a frequency by Gauss-Newton, within the width of its peak."""
+    width_hz = 1 / (n_harmonics * float(np.ptp(times_s)))
+    frequency_hz, fit = start_hz, None
+    for _ in range(_MAX_ITERATIONS):
+        orders = np.arange(1, n_harmonics + 1)
+        columns = sinusoids(times_s, orders * frequency_hz)
+        free = columns - basis @ (basis.T @ columns)
+        joined = join_bases(basis, columns)
+        coefficients = np.linalg.lstsq(free, remainder, rcond=None)[0]
+        cosine, sine = np.split(columns, 2, axis=1)
+        slopes = cosine @ (orders[:, None] * coefficients[n_harmonics:])
+        slopes -= sine @ (orders[:, None] * coefficients[:n_harmonics])
+        slopes *= 2 * np.pi * times_s[:, None]
+        slopes -= joined @ (joined.T @ slopes)
+        information = float(np.sum(slopes**2))
+        fit = _RateFit(
+            frequency_hz=frequency_hz,
+            basis=joined,
+            energies=np.sum(
+                ((free.T @ remainder) * coefficients).reshape(2, n_harmonics, -1), axis=(0, 2)
+            ),
+            amplitude=float(np.linalg.norm(coefficients[[0, n_harmonics]])),
+            information=information,
+        )
+        step_hz = float(np.sum(slopes * remainder)) / max(information, 1e-300)
+        if abs(step_hz) < 1e-6 * width_hz or abs(frequency_hz + step_hz - start_hz) > width_hz:
+            break
+        frequency_hz += step_hz
+    assert fit is not None
+    return fit

@@ -1,0 +1,139 @@
+"""Slow-time files: Acconeer's HDF5 and CSV, with damaged and wrong ones."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+import dechirp as dc
+
+N_FRAMES, N_SWEEPS, N_POINTS = 30, 4, 3
+ENTRY = "sessions/session_0/group_0/entry_0"
+
+
+def write_acconeer(path, **changes):
+    """Write a file as the Exploration Tool does; return its frames, (frame, sweep, point)."""
+    rng = np.random.default_rng(5)
+    frames = np.zeros((N_FRAMES, N_SWEEPS, N_POINTS), [("real", "<i2"), ("imag", "<i2")])
+    for name in ("real", "imag"):
+        frames[name] = rng.integers(-2000, 2000, frames.shape)
+    subsweeps = [
+        {"start_point": 100, "num_points": 2, "step_length": 10},
+        {"start_point": 200, "num_points": 1, "step_length": 5},
+    ]
+    contents = {
+        f"{ENTRY}/result/frame": frames,
+        f"{ENTRY}/result/tick": 50_000 * np.arange(N_FRAMES),
+        f"{ENTRY}/sensor_id": 2,
+        f"{ENTRY}/metadata": json.dumps({"base_step_length_m": 0.0025}),
+        "server_info": json.dumps({"ticks_per_second": 1_000_000}),
+        "sessions/session_0/session_config": json.dumps(
+            {"groups": [{"2": {"subsweeps": subsweeps}}]}
+        ),
+    } | changes
+    with h5py.File(path, "w") as file:
+        for name, content in contents.items():
+            if content is not None:
+                file[name] = content
+    return frames
+
+
+def test_acconeer_frames_are_means_of_sweeps(tmp_path):
+    frames = write_acconeer(tmp_path / "a.h5")
+    trace = dc.read_slow_time(tmp_path / "a.h5")
+    assert trace.dims == ("time", "range")
+    np.testing.assert_allclose(trace.real, frames["real"].mean(axis=1), atol=1e-9)
+    np.testing.assert_allclose(trace.imag, frames["imag"].mean(axis=1), atol=1e-9)
+    np.testing.assert_allclose(trace.time, 0.05 * np.arange(N_FRAMES), atol=1e-12)
+    np.testing.assert_allclose(trace.range, [0.25, 0.275, 0.5], rtol=1e-12)
+    assert trace.attrs["wavelength_m"] == pytest.approx(4.9552e-3, rel=1e-4)
+    assert dc.read_slow_time(tmp_path / "a.h5", wavelength_m=5e-3).attrs["wavelength_m"] == 5e-3
+
+
+@pytest.mark.parametrize(
+    ("heading", "separator"),
+    [
+        ("time,I,Q", ","),
+        ("t (s);in-phase;quadrature", ";"),
+        ("Time\tSignal [I]\tSignal [Q]", "\t"),
+        ("\ufeffSignal [I]_x,Signal [I]_y,Signal [Q]_y", ","),
+    ],
+)
+def test_csv_columns_are_found_by_their_names(tmp_path, heading, separator):
+    numbers = [(0.0, 1.5, -2.0), (0.05, 1e-3, 2.5), (0.11, -4.0, 0.0)]
+    lines = [heading, *(separator.join(map(str, row)) for row in numbers)]
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    trace = dc.read_slow_time(tmp_path / "a.csv")
+    np.testing.assert_array_equal(trace, [1.5 - 2j, 1e-3 + 2.5j, -4])
+    np.testing.assert_array_equal(trace.time, [0, 0.05, 0.11])
+    assert "wavelength_m" not in trace.attrs
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "0 columns for I in the heading"),
+        ("time,a,b\n0,1,2\n", "0 columns for I in the heading"),
+        ("time,I,I (2),Q\n0,1,2,3\n", "2 columns for I"),
+        ("I,Q\n1,2\n2,3\n", "0 columns for time"),
+        ("time,I,Q\n0,1,2\n", "1 lines"),
+        ("time,I,Q\n1,1,2\n0,1,2\n", "times that decrease"),
+        ("time,I,Q\n0,1,2\n1,nan,2\n", "not finite"),
+        ("time,I,Q\n0,1,2\n1,2\n", "not readable"),
+        ("time,I,Q\n0,1,x\n1,2,3\n", "not readable"),
+    ],
+)
+def test_wrong_text_is_refused_with_reason(tmp_path, text, message):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(dc.DechirpError, match=message):
+        dc.read_slow_time(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {f"{ENTRY}/result/frame": None},
+        {f"{ENTRY}/result/frame": np.zeros((30, 4, 3))},
+        {f"{ENTRY}/result/tick": None},
+        {f"{ENTRY}/result/tick": np.arange(7)},
+        {f"{ENTRY}/sensor_id": 3},
+        {f"{ENTRY}/metadata": "{"},
+        {f"{ENTRY}/metadata": np.arange(3)},
+        {"server_info": None},
+        {"server_info": json.dumps({"ticks_per_second": 0})},
+        {"sessions/session_0/session_config": json.dumps({"groups": []})},
+    ],
+)
+def test_wrong_hdf5_is_refused(tmp_path, changes):
+    write_acconeer(tmp_path / "a.h5", **changes)
+    with pytest.raises(dc.DechirpError, match="recording"):
+        dc.read_slow_time(tmp_path / "a.h5")
+
+
+def test_mutated_files_are_read_or_refused(tmp_path):
+    write_acconeer(tmp_path / "a.h5")
+    (tmp_path / "a.csv").write_text("time,I,Q\n" + "".join(f"{k},{k}.5,-{k}\n" for k in range(20)))
+    rng = np.random.default_rng(7)
+    for name in ("a.h5", "a.csv"):
+        whole = (tmp_path / name).read_bytes()
+        for _ in range(60):
+            damaged = bytearray(
+                whole[: rng.integers(1, len(whole))] if rng.random() < 0.3 else whole
+            )
+            for place in rng.integers(0, len(damaged), rng.integers(1, 6)):
+                damaged[place] = rng.integers(256)
+            (tmp_path / "damaged").write_bytes(damaged)
+            try:
+                trace = dc.read_slow_time(tmp_path / "damaged")
+            except dc.DechirpError:
+                continue
+            assert trace.sizes["time"] > 0
+
+
+def test_missing_file_and_wrong_wavelength(tmp_path):
+    with pytest.raises(dc.DechirpError, match="no file"):
+        dc.read_slow_time(tmp_path / "none.csv")
+    for wrong in (0.0, -1.0, np.nan, "5 mm"):
+        with pytest.raises(dc.InvalidSetting, match="wavelength_m"):
+            dc.read_slow_time(tmp_path / "none.csv", wavelength_m=wrong)

@@ -1,0 +1,268 @@
+"""Vital signs: arc fit, rates against their bounds, and the false-alarm rate of empty rooms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+import xarray as xr
+
+import dechirp as dc
+from dechirp.core.units import SPEED_OF_LIGHT
+from dechirp.processing.arc_fit import fit_arc
+from dechirp.processing.slow_time import range_traces
+from dechirp.processing.vital_signs import VitalSigns, measure_vital_signs
+
+WAVELENGTH_M = 5e-3
+TIMES_S = np.arange(400) / 20
+BREATHING_HZ, HEART_HZ = 0.287, 1.31
+OFFSET = 2 - 1.5j
+
+
+def white_noise(rng, n_values):
+    return rng.normal(size=(n_values, 2)) @ np.array([1, 1j]) / np.sqrt(2)
+
+
+def chest_m(times_s=TIMES_S, *, breathing_m=1.5e-3, heart_m=0.0, heart_hz=HEART_HZ, phase=0.0):
+    breath = 2 * np.pi * BREATHING_HZ * times_s + phase
+    return breathing_m * np.sin(breath) + heart_m * np.sin(2 * np.pi * heart_hz * times_s)
+
+
+def trace_of(displacement_m, *, snr=np.inf, seed=0, times_s=TIMES_S):
+    """Return the I/Q values of an echo of amplitude 1 beside a static offset."""
+    values = OFFSET + np.exp(4j * np.pi / WAVELENGTH_M * displacement_m)
+    values = values + white_noise(np.random.default_rng(seed), len(times_s)) / np.sqrt(snr)
+    return xr.DataArray(
+        values, dims="time", coords={"time": times_s}, attrs={"wavelength_m": WAVELENGTH_M}
+    )
+
+
+def test_arc_fit_covariance_matches_errors():
+    rng = np.random.default_rng(1)
+    angles = np.linspace(-1, 1, 200)
+    squares = []
+    for _ in range(200):
+        arc = fit_arc(OFFSET + 3 * np.exp(1j * angles) + 0.05 * white_noise(rng, 200))
+        error = arc.centre - OFFSET
+        errors = np.array([error.real, error.imag, arc.radius - 3])
+        squares.append(errors @ np.linalg.solve(np.array(arc.covariance), errors))
+        assert arc.noise_std == pytest.approx(0.05 / np.sqrt(2), rel=0.3)  # 6 times 1/sqrt(400)
+    # Chi-squared of three degrees of freedom: mean 3, standard error sqrt(6 / 200); six of them.
+    assert np.mean(squares) == pytest.approx(3, abs=6 * np.sqrt(6 / 200))
+
+
+def test_arc_fit_is_exact_without_noise():
+    arc = fit_arc(OFFSET + 3 * np.exp(1j * np.linspace(0, 0.5, 20)))
+    assert abs(arc.centre - OFFSET) < 1e-9 and arc.radius == pytest.approx(3, abs=1e-9)
+
+
+def test_points_on_a_line_have_no_radius():
+    arc = fit_arc(np.linspace(0, 1, 20) * (1 + 2j))
+    assert not arc.radius_std < 0.1 * arc.radius
+
+
+@pytest.mark.parametrize("values", [np.ones(10) + 0j, np.arange(3) + 0j, np.full(9, np.nan + 0j)])
+def test_arc_fit_rejects_values_without_arc(values):
+    with pytest.raises(dc.InvalidSetting, match="values: .*expected four or more finite"):
+        fit_arc(values)
+
+
+def test_rates_reach_cramer_rao_bound_and_intervals_cover():
+    snr, breathing_m, heart_m, n_trials = 1000.0, 1.5e-3, 0.2e-3, 30
+    errors_hz = {"breathing": [], "heart": []}
+    n_covered = dict.fromkeys(errors_hz, 0)
+    for seed in range(n_trials):
+        moved_m = chest_m(breathing_m=breathing_m, heart_m=heart_m, phase=seed)
+        vital = measure_vital_signs(trace_of(moved_m, snr=snr, seed=seed)).isel(window=0)
+        for sign, true_hz in (("breathing", BREATHING_HZ), ("heart", HEART_HZ)):
+            errors_hz[sign].append(float(vital[f"{sign}_rate"]) - true_hz)
+            n_covered[sign] += bool(
+                vital[f"{sign}_rate_low"] <= true_hz <= vital[f"{sign}_rate_high"]
+            )
+    noise_m = WAVELENGTH_M / (4 * np.pi) / np.sqrt(2 * snr)
+    n = len(TIMES_S)
+    for sign, amplitude_m in (("breathing", breathing_m), ("heart", heart_m)):
+        bound_hz = np.sqrt(24 * noise_m**2 / (amplitude_m**2 * n * (n**2 - 1)))
+        bound_hz /= 2 * np.pi * (TIMES_S[1] - TIMES_S[0])
+        rmse_hz = np.sqrt(np.mean(np.square(errors_hz[sign])))
+        # The root of 30 squares has a standard error of 13 %; the trend, the arc and the other
+        # rate cost up to 20 % of the bound of a sinusoid alone.
+        assert 0.5 < rmse_hz / bound_hz < 1.7, sign
+        assert n_covered[sign] >= scipy.stats.binom.ppf(1e-7, n_trials, 0.95), sign
+        assert float(vital[f"{sign}_amplitude"]) == pytest.approx(amplitude_m, rel=0.03)
+
+
+def test_empty_room_has_no_vital_signs():
+    """Noise with static echoes: each probability holds, also for the strongest of many cells."""
+    n_trials, probabilities = 30, {"breathing": [], "heart": []}
+    for seed in range(n_trials):
+        rng = np.random.default_rng(seed)
+        values = OFFSET * (seed % 2) + white_noise(rng, 400 * 4).reshape(400, 4)
+        trace = xr.DataArray(
+            values, dims=("time", "range"), coords={"time": TIMES_S, "range": [0.5, 1, 1.5, 2]}
+        )
+        vital = measure_vital_signs(trace).isel(window=0)
+        for sign, of_sign in probabilities.items():
+            of_sign.append(float(vital[f"{sign}_false_alarm_probability"]))
+            assert np.isnan(vital[f"{sign}_rate"]) == (of_sign[-1] > 0.01)
+    for of_sign in probabilities.values():
+        for level in (0.5, 0.1, 0.01):
+            at_most = scipy.stats.binom.isf(1e-7, n_trials, level)
+            assert np.sum(np.array(of_sign) < level) <= at_most
+
+
+def test_harmonics_of_breathing_are_no_heart_rate():
+    for seed in range(5):
+        breath = np.sin(2 * np.pi * BREATHING_HZ * TIMES_S + seed)
+        moved_m = 2e-3 * np.maximum(breath, -0.3)  # inhales briefly: harmonics up to the heart
+        vital = measure_vital_signs(trace_of(moved_m, snr=1e4, seed=seed)).isel(window=0)
+        assert float(vital.breathing_rate) == pytest.approx(BREATHING_HZ, abs=1e-3)
+        assert np.isnan(vital.heart_rate)
+        hidden_m = chest_m(heart_m=0.2e-3, heart_hz=4 * BREATHING_HZ)
+        vital = measure_vital_signs(trace_of(hidden_m, snr=1e4, seed=seed)).isel(window=0)
+        assert not abs(float(vital.heart_rate) - 4 * BREATHING_HZ) < 0.05
+
+
+def test_uneven_times_and_lost_values():
+    rng = np.random.default_rng(4)
+    times_s = TIMES_S + rng.uniform(-0.02, 0.02, 400)
+    trace = trace_of(chest_m(times_s, heart_m=0.2e-3), snr=1e3, times_s=times_s)
+    trace[100:130] = 0
+    vital = measure_vital_signs(trace).isel(window=0)
+    assert abs(float(vital.breathing_rate) - BREATHING_HZ) < 1e-3
+    assert abs(float(vital.heart_rate) - HEART_HZ) < 3e-3  # six times the bound of 0.5 mHz
+
+
+def test_windows_follow_change_of_rate_and_place():
+    times_s = np.arange(1200) / 20
+    rates_hz = np.where(times_s < 30, 0.25, 0.4)
+    moved_m = 1.5e-3 * np.sin(2 * np.pi * np.cumsum(rates_hz) / 20)
+    phasors = trace_of(moved_m, snr=1e3, times_s=times_s).values
+    first = times_s < 30
+    values = np.stack([np.where(first, phasors, OFFSET), np.where(first, OFFSET, phasors)], axis=1)
+    trace = xr.DataArray(
+        values, dims=("time", "range"), coords={"time": times_s, "range": [0.8, 1.6]}
+    )
+    vital = measure_vital_signs(trace)
+    np.testing.assert_allclose(vital.time, [9.975, 19.975, 29.975, 39.975, 49.975])
+    np.testing.assert_allclose(vital.breathing_rate[[0, -1]], [0.25, 0.4], atol=2e-3)
+    np.testing.assert_allclose(vital.range[[0, -1]], [0.8, 1.6])
+    assert np.isnan(vital.breathing_amplitude).all()  # no wavelength
+
+
+def test_full_turns_of_several_echoes_are_measured_in_i_and_q():
+    echo = np.exp(4j * np.pi / WAVELENGTH_M * chest_m(breathing_m=3e-3))
+    trace = trace_of(np.zeros(400)).copy(data=OFFSET + echo + 0.4 * echo**2)
+    vital = measure_vital_signs(trace).isel(window=0)
+    assert float(vital.breathing_rate) == pytest.approx(BREATHING_HZ, abs=2e-3)
+
+
+CHIRP = dc.Chirp(
+    start_frequency_hz=58e9,
+    slope_hz_per_s=170e12,
+    ramp_duration_s=32e-6,
+    sample_rate_hz=2e6,
+    n_samples=64,
+    sampling="real",
+)
+RADAR = dc.Radar(
+    frame=dc.Frame(chirp=CHIRP, n_chirps=4, interval_s=1e-3, period_s=0.05),
+    array=dc.Array(tx_m=[(0, 0, 0)], rx_m=[(0, 0, 0), (0, 0.0025, 0)]),
+    hardware=dc.Hardware(transmit_power_w=1e-3, antenna_gain=4, noise_factor=16),
+)
+
+
+def oscillating_chest(n_frames=400):
+    chest = dc.bodies.Points(
+        scatterers=(
+            dc.bodies.Scatterer(
+                position_m=(0, 0, 0),
+                rcs_m2=0.01,
+                oscillation=dc.bodies.Oscillation(amplitude_m=(1.5e-3, 0, 0), frequency_hz=0.287),
+            ),
+        )
+    )
+    wall = dc.Target(position_m=(0.8, 0, 0), rcs_m2=10)
+    scene = dc.Scene(targets=[dc.Target(position_m=(0.6, 0, 0), body=chest), wall])
+    return dc.simulate(scene, RADAR, n_frames=n_frames, seed=3)
+
+
+def test_simulated_chest_in_its_range_cell():
+    cube = oscillating_chest()
+    traces = range_traces(cube, RADAR, (0.2, 3.0))
+    assert traces.dims == ("time", "range", "channel") and traces.sizes["time"] == 400
+    vital = measure_vital_signs(traces).isel(window=0)
+    assert abs(float(vital.range) - 0.6) <= CHIRP.range_resolution_m
+    assert float(vital.breathing_rate) == pytest.approx(0.287, abs=1e-3)
+    assert float(vital.breathing_amplitude) == pytest.approx(1.5e-3, rel=0.03)
+
+
+def test_range_traces_match_slow_time_at_each_row():
+    cube = oscillating_chest(n_frames=3)
+    traces = range_traces(cube, RADAR, (0.5, 0.7))
+    assert traces.attrs["wavelength_m"] == pytest.approx(
+        SPEED_OF_LIGHT / CHIRP.mean_sampled_frequency_hz
+    )
+    for row in traces.range.values:
+        trace = dc.slow_time.frame_means(dc.slow_time.slow_time(cube, RADAR, row))
+        np.testing.assert_allclose(traces.time, trace.time, rtol=1e-12)
+        magnitudes = abs(traces.sel(range=row).values)
+        # single precision of the samples and of the transform
+        np.testing.assert_allclose(magnitudes, abs(trace.values), rtol=1e-3, atol=1e-12)
+
+
+def test_long_frames_are_averaged_over_20_ms():
+    radar = replace(RADAR, frame=replace(RADAR.frame, n_chirps=50, period_s=0.1))
+    cube = xr.DataArray(
+        np.ones((2, 50, 2, 64), np.float32), dims=("frame", "chirp", "rx", "sample")
+    )
+    traces = range_traces(cube, radar, (0.0, 1.0))
+    np.testing.assert_allclose(np.diff(traces.time)[:2], [0.02, 0.015])
+    assert traces.sizes["time"] == 6
+
+
+@pytest.mark.parametrize("range_m", [(3.0, 1.0), (1.0,), (50.0, 60.0), (np.nan, 1.0), "near"])
+def test_range_traces_reject_interval_without_rows(range_m):
+    cube = xr.DataArray(np.ones((1, 4, 2, 64), np.float32), dims=("frame", "chirp", "rx", "sample"))
+    with pytest.raises(dc.InvalidSetting, match="range_m"):
+        range_traces(cube, RADAR, range_m)
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("range_m", (3.0, 1.0)),
+        ("breathing_hz", (0.0, 0.7)),
+        ("heart_hz", (0.5, 2.0)),
+        ("window_s", 10.0),
+        ("window_s", -1.0),
+        ("step_s", 0.0),
+        ("confidence", 1.0),
+        ("false_alarm_probability", 0.0),
+    ],
+)
+def test_settings_reject_impossible_values(setting, value):
+    with pytest.raises(dc.InvalidSetting, match=f"VitalSigns.{setting}"):
+        VitalSigns(**{setting: value})
+
+
+def test_traces_that_cannot_be_measured_are_rejected():
+    trace = trace_of(chest_m(), snr=100)
+    for wrong, message in (
+        (trace.real, "trace: .*expected complex values over time"),
+        (trace.drop_vars("time"), "times that do not decrease"),
+        (trace[::-1], "times that do not decrease"),
+        (trace.where(trace.time > 1), "not finite"),
+        (trace[:150], "7.45 s long; expected 10 s or more"),
+        (trace[::20], "1 values a second; expected 1.4 or more"),
+        (trace.expand_dims(range=[9.0]), "VitalSigns.range_m: 0.2 to 3 m"),
+    ):
+        with pytest.raises(dc.InvalidSetting, match=message):
+            measure_vital_signs(wrong)
+
+
+def test_slow_values_have_no_heart_rate():
+    trace = trace_of(chest_m(breathing_m=0.5e-3), snr=1e3)[::10]
+    vital = measure_vital_signs(trace).isel(window=0)
+    assert float(vital.breathing_rate) == pytest.approx(BREATHING_HZ, abs=0.01)
+    assert np.isnan(vital.heart_rate)
