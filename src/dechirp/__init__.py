@@ -40,7 +40,6 @@ _NAMES = {
     # Recordings and live streams
     "recordings.recording": "Recording open",
     "recordings.in_memory": "recording_from_cube",
-    "recordings.slow_time_files": "read_slow_time",
     "recordings.convert": "write",
     "recordings.live.udp": "listen",
     "recordings.live.growing_file": "follow",
@@ -57,7 +56,6 @@ _NAMES = {
     "processing.angle_maps": "angle_spectrum range_azimuth_map",
     "processing.spectrogram": "spectrogram",
     "processing.ddma_recognition": "recognise_ddma",
-    "processing.vital_signs": "VitalSigns measure_vital_signs",
     "processing.calibration.calibrate": "calibrate",
     # Tracking: from detections to objects
     "tracking.ego": "EgoMotion ego_motion",
@@ -92,7 +90,7 @@ _NAMESPACES = (
     *("studies", "tuning"),
     # Functions
     *("diagnosis", "fixed_point", "group_tracking", "link_budget", "maps", "object_lists"),
-    *("slow_time", "theory", "track_metrics", "windows"),
+    *("slow_time", "slow_time_files", "theory", "track_metrics", "vital_signs", "windows"),
     # Base classes, for packages that add members
     "extensions",
 )

@@ -18,10 +18,12 @@ from dechirp import object_lists as object_lists
 from dechirp import patterns as patterns
 from dechirp import scores as scores
 from dechirp import slow_time as slow_time
+from dechirp import slow_time_files as slow_time_files
 from dechirp import studies as studies
 from dechirp import theory as theory
 from dechirp import track_metrics as track_metrics
 from dechirp import tuning as tuning
+from dechirp import vital_signs as vital_signs
 from dechirp import windows as windows
 from dechirp.certificate.certificate import verify as verify
 from dechirp.core.errors import DechirpError as DechirpError
@@ -59,8 +61,6 @@ from dechirp.processing.detect import detect as detect
 from dechirp.processing.range_doppler_map import power_map as power_map
 from dechirp.processing.range_doppler_map import threshold_map as threshold_map
 from dechirp.processing.spectrogram import spectrogram as spectrogram
-from dechirp.processing.vital_signs import VitalSigns as VitalSigns
-from dechirp.processing.vital_signs import measure_vital_signs as measure_vital_signs
 from dechirp.radar.array import Array as Array
 from dechirp.radar.calibration import Calibration as Calibration
 from dechirp.radar.chirp import Chirp as Chirp
@@ -77,7 +77,6 @@ from dechirp.recordings.live.replay import replay as replay
 from dechirp.recordings.live.udp import listen as listen
 from dechirp.recordings.recording import Recording as Recording
 from dechirp.recordings.recording import open as open
-from dechirp.recordings.slow_time_files import read_slow_time as read_slow_time
 from dechirp.results.object_lists.object_list import object_list as object_list
 from dechirp.scene.ego import Ego as Ego
 from dechirp.scene.scene import Scene as Scene

@@ -41,14 +41,19 @@ def write_acconeer(path, **changes):
 
 def test_acconeer_frames_are_means_of_sweeps(tmp_path):
     frames = write_acconeer(tmp_path / "a.h5")
-    trace = dc.read_slow_time(tmp_path / "a.h5")
+    trace = dc.slow_time_files.read_slow_time(tmp_path / "a.h5")
     assert trace.dims == ("time", "range")
     np.testing.assert_allclose(trace.real, frames["real"].mean(axis=1), atol=1e-9)
     np.testing.assert_allclose(trace.imag, frames["imag"].mean(axis=1), atol=1e-9)
     np.testing.assert_allclose(trace.time, 0.05 * np.arange(N_FRAMES), atol=1e-12)
     np.testing.assert_allclose(trace.range, [0.25, 0.275, 0.5], rtol=1e-12)
     assert trace.attrs["wavelength_m"] == pytest.approx(4.9552e-3, rel=1e-4)
-    assert dc.read_slow_time(tmp_path / "a.h5", wavelength_m=5e-3).attrs["wavelength_m"] == 5e-3
+    assert (
+        dc.slow_time_files.read_slow_time(tmp_path / "a.h5", wavelength_m=5e-3).attrs[
+            "wavelength_m"
+        ]
+        == 5e-3
+    )
 
 
 @pytest.mark.parametrize(
@@ -64,7 +69,7 @@ def test_csv_columns_are_found_by_their_names(tmp_path, heading, separator):
     numbers = [(0.0, 1.5, -2.0), (0.05, 1e-3, 2.5), (0.11, -4.0, 0.0)]
     lines = [heading, *(separator.join(map(str, row)) for row in numbers)]
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    trace = dc.read_slow_time(tmp_path / "a.csv")
+    trace = dc.slow_time_files.read_slow_time(tmp_path / "a.csv")
     np.testing.assert_array_equal(trace, [1.5 - 2j, 1e-3 + 2.5j, -4])
     np.testing.assert_array_equal(trace.time, [0, 0.05, 0.11])
     assert "wavelength_m" not in trace.attrs
@@ -87,7 +92,7 @@ def test_csv_columns_are_found_by_their_names(tmp_path, heading, separator):
 def test_wrong_text_is_refused_with_reason(tmp_path, text, message):
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(dc.DechirpError, match=message):
-        dc.read_slow_time(tmp_path / "a.csv")
+        dc.slow_time_files.read_slow_time(tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize(
@@ -108,7 +113,7 @@ def test_wrong_text_is_refused_with_reason(tmp_path, text, message):
 def test_wrong_hdf5_is_refused(tmp_path, changes):
     write_acconeer(tmp_path / "a.h5", **changes)
     with pytest.raises(dc.DechirpError, match="recording"):
-        dc.read_slow_time(tmp_path / "a.h5")
+        dc.slow_time_files.read_slow_time(tmp_path / "a.h5")
 
 
 def test_mutated_files_are_read_or_refused(tmp_path):
@@ -125,7 +130,7 @@ def test_mutated_files_are_read_or_refused(tmp_path):
                 damaged[place] = rng.integers(256)
             (tmp_path / "damaged").write_bytes(damaged)
             try:
-                trace = dc.read_slow_time(tmp_path / "damaged")
+                trace = dc.slow_time_files.read_slow_time(tmp_path / "damaged")
             except dc.DechirpError:
                 continue
             assert trace.sizes["time"] > 0
@@ -133,7 +138,7 @@ def test_mutated_files_are_read_or_refused(tmp_path):
 
 def test_missing_file_and_wrong_wavelength(tmp_path):
     with pytest.raises(dc.DechirpError, match="no file"):
-        dc.read_slow_time(tmp_path / "none.csv")
+        dc.slow_time_files.read_slow_time(tmp_path / "none.csv")
     for wrong in (0.0, -1.0, np.nan, "5 mm"):
         with pytest.raises(dc.InvalidSetting, match="wavelength_m"):
-            dc.read_slow_time(tmp_path / "none.csv", wavelength_m=wrong)
+            dc.slow_time_files.read_slow_time(tmp_path / "none.csv", wavelength_m=wrong)

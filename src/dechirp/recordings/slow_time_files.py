@@ -33,6 +33,13 @@ from dechirp.recordings.arrays.hdf5_datasets import (
 )
 from dechirp.recordings.arrays.lazy_array import convert_parser_errors
 
+__all__ = ["read_slow_time"]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 _ACCONEER_CARRIER_HZ = 60.5e9
 _ENTRY = "sessions/session_0/group_0/entry_0"
 _MAX_TEXT_BYTES = 2**20

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from dechirp.processing.vital_signs import VitalSigns, measure_vital_signs
+from dechirp.recordings.arrays.hdf5_datasets import open_hdf5
 from dechirp.recordings.slow_time_files import read_slow_time
 from dechirp.witnesses.base import Comparison, Witness
 
@@ -23,10 +24,8 @@ class AcconeerBreathing(Witness):
 
     def compare(self, folder: Path) -> Iterator[Comparison]:
         """Compare the rates at equal steps of the time in which the vendor gives any."""
-        import h5py  # takes 0.1 s
-
         trace = read_slow_time(folder / "breathing-sitting.h5")
-        with h5py.File(folder / "breathing-sitting-expected.h5") as file:
+        with open_hdf5(folder / "breathing-sitting-expected.h5") as file:
             theirs_per_minute = file["breathing_rate"][()]
         measured = np.flatnonzero(np.isfinite(theirs_per_minute))
         # The centres of five equal parts.
