@@ -135,6 +135,23 @@ def test_descending_axes_and_transposed_maps():
     assert [finding.setting for finding in diagnosis.findings] == ["axes"]
 
 
+@pytest.mark.parametrize("power", [np.ones((16, 32)), np.eye(16, 32)[:, ::-1]])
+def test_maps_without_noise_have_no_mistake(power):
+    diagnosis = dc.diagnosis.diagnose_map(power, np.arange(32), np.arange(16) - 8)
+    assert diagnosis.findings == ()
+
+
+def test_target_at_a_place_of_chance_is_not_told():
+    # 60 equal echoes over 32 x 64 cells: one of them fits one of the mistakes.
+    rng = np.random.default_rng(17)
+    power = rng.exponential(size=(32, 64))
+    power[rng.integers(0, 32, 60), rng.integers(0, 64, 60)] = 1e4
+    for n in range(40):
+        target = {"target_range_m": rng.uniform(5, 60), "target_velocity_m_per_s": 3.0 + n % 9}
+        axes = np.arange(64), np.arange(32) - 16
+        assert not dc.diagnosis.diagnose_map(power, *axes, **target).findings
+
+
 def invalid_calls():
     """Return calls with one wrong argument, and the setting that the error names."""
     case = right_map(np.random.default_rng(15))
@@ -151,6 +168,7 @@ def invalid_calls():
         "NaN in the map": (lambda: map_of(bad, range_m, velocity), "values"),
         "empty map": (lambda: map_of([], range_m), "values"),
         "zeros": (lambda: map_of(0 * power, range_m, velocity), "values"),
+        "silent samples": (lambda: samples_of(0 * number * np.ones(shape), radar), "samples"),
         "negative power": (lambda: map_of(-power, range_m, velocity), "values"),
         "axis of another length": (lambda: map_of(power[:, :-3], range_m, velocity), "values"),
         "map without velocities": (lambda: map_of(power, range_m), "values"),

@@ -107,6 +107,10 @@ def diagnose_samples(
             expected=f"{frame.chirp.sampling} samples, as the radar has",
             fix="join I and Q to I + 1j Q, or correct radar.frame.chirp.sampling",
         )
+    if not np.any(array):
+        raise InvalidSetting(
+            "samples", value="only zeros", expected="echoes and noise", fix="give a filled frame"
+        )
     target = _check_target(target_range_m, target_velocity_m_per_s)
     chirps = _split_into_channels(array, frame)
     power = range_doppler_map(chirps, "hann", axes=(0, -1))
@@ -357,11 +361,10 @@ def _check_map(values: ArrayLike, scale: str) -> tuple[np.ndarray, bool]:
     )
     is_spectrum = np.iscomplexobj(array)
     if is_spectrum:
-        power = abs(array.astype(complex)) ** 2
+        power = (abs(array * np.ldexp(1.0, -unity_exponent(array)))) ** 2
     elif scale == "decibels":
         power = from_decibels(array.astype(float) - float(array.max()))
     else:
-        power = array.astype(float) ** (2 if scale == "amplitude" else 1)
         if array.min() < 0:
             raise InvalidSetting(
                 "values",
@@ -369,6 +372,7 @@ def _check_map(values: ArrayLike, scale: str) -> tuple[np.ndarray, bool]:
                 expected="0 or more",
                 fix="if the map is in dB, give scale='decibels'",
             )
+        power = (array / max(float(array.max()), 1e-300)) ** (2 if scale == "amplitude" else 1)
     if not power.max() > 0:
         raise InvalidSetting(
             "values", value="only zeros", expected="echoes and noise", fix="give a filled map"

@@ -12,12 +12,13 @@ from dechirp.processing.diagnosis.diagnosis import (
     cannot_be_told,
     mistake_found,
 )
-from dechirp.processing.diagnosis.map_peaks import MapPeaks, median_noise
+from dechirp.processing.diagnosis.map_peaks import MapPeaks
 
 _FALSE_ALARM_PROBABILITY = 1e-5
 _MIN_STATIC_ECHOES = 4
 _MIN_FAR_ECHOES = 4
 _FAR_ENERGY = 0.95
+_MAX_SIMILARITY_BY_CHANCE = 0.8
 _MIRRORED = 0.98
 """Independent noise has a similarity of 0.5, with a standard error of 0.01 in a thousand cells."""
 
@@ -25,17 +26,23 @@ _MIRRORED = 0.98
 def measure_mirror_similarity(power: np.ndarray) -> float:
     """Return the similarity of a map to its mirror image in both frequencies, 0 to 1.
 
-    1 for the whole spectrum of real samples; 0.5 in noise.
+    1 for the whole spectrum of real samples, 0.5 in noise. 0 where shifted mirror images are
+    similar too, as in a map of equal cells.
     """
-    mirror = power[:, -np.arange(power.shape[1])]
-    n_rows = power.shape[0]
-    levels = np.arange(n_rows)
-    flips = ((-levels) % n_rows, n_rows - 1 - levels)  # rows shifted or of even number; odd
-    weight = 1 / median_noise(power)
-    return max(
-        float(1 - np.mean(abs(power - mirror[rows]) / (power + mirror[rows] + 1e-300 / weight)))
-        for rows in flips
+    n_rows, n_columns = power.shape
+    rows, columns = np.arange(n_rows), -np.arange(n_columns)
+    # Rows are shifted or of even number, or shifted and of odd number.
+    similarity = max(
+        _similarity(power, power[flipped][:, columns])
+        for flipped in ((-rows) % n_rows, n_rows - 1 - rows)
     )
+    by_chance = _similarity(power, np.roll(power[(-rows) % n_rows][:, columns], 3, axis=1))
+    return similarity if by_chance < _MAX_SIMILARITY_BY_CHANCE else 0.0
+
+
+def _similarity(power: np.ndarray, other: np.ndarray) -> float:
+    total = np.maximum(power + other, 1e-300)
+    return float(1 - np.mean(abs(power - other) / total))
 
 
 def diagnose_mirror_image(similarity: float, *, content: str) -> Diagnosis:

@@ -11,7 +11,8 @@ from dechirp.processing.diagnosis.diagnosis import (
 )
 from dechirp.processing.diagnosis.map_peaks import MapPeaks
 
-_TOLERANCE_CELLS = 2.0
+_TOLERANCE_CELLS = 1.5
+_MAX_CHANCE = 0.1
 _TOLERANCE = 0.02  # of the range, for a tape measure and a delay in the cables
 
 
@@ -76,11 +77,25 @@ def diagnose_known_target(
             fix="give a frame with one strong target, and its range and velocity at that time",
         )
     ((setting, (level, index)),) = candidates.items()
+    # Echoes as strong as this one, within 6 dB, and the cells in which one would fit a mistake.
+    n_strong = int(np.count_nonzero(4 * peaks.snr >= level))
+    n_cells = 2 * _TOLERANCE_CELLS * len(places) * (2 * _TOLERANCE_CELLS if knows_velocity else 1)
+    share = n_cells / (range_m.size * (velocities.size if knows_velocity else 1))
+    chance = 1 - (1 - min(share, 1.0)) ** n_strong
+    if chance > _MAX_CHANCE:
+        return cannot_be_told(
+            "target",
+            value=f"{text}; one of {n_strong} echoes fits {setting}, with a probability of chance"
+            f" of {chance:.2g}",
+            expected=f"a probability of at most {_MAX_CHANCE:g}",
+            fix="give a frame in which the target is the strongest echo",
+        )
     _, place_m, place_v, fix = places[index]
     place_text = f"{place_m:.4g} m" + (f", {place_v:.4g} m/s" if knows_velocity else "")
     return mistake_found(
         str(setting),
-        value=f"{text}, but one of {to_decibels(level):.0f} dB over the noise at {place_text}",
+        value=f"{text}, but one of {to_decibels(level):.0f} dB over the noise at {place_text}"
+        f" (probability of chance {chance:.1g})",
         expected=f"an echo within {_TOLERANCE_CELLS:g} cells and {_TOLERANCE:.0%} of the target",
         fix=fix,
     )
