@@ -43,6 +43,8 @@ _OF_EGO = {
     "n_static": "n_static",
 }
 
+_OF_VERTICAL_EGO = {"vz_m_per_s": "vz", "vz_std_m_per_s": "vz_std"}
+
 _COLUMNS = {
     ("cluster",): _OF_CLUSTERS,
     ("frame",): _OF_EGO,
@@ -64,6 +66,8 @@ def dataset_to_columns(dataset: xr.Dataset) -> dict[str, list[Cell]]:
     if dims == ["track", "frame"]:
         return _tracks_to_columns(dataset)
     wanted = _COLUMNS.get(tuple(dims), COLUMNS)
+    if wanted is _OF_EGO and "vz" in dataset:
+        wanted = {**_OF_EGO, **_OF_VERTICAL_EGO}
     rows = dataset.stack(row=dims, create_index=False)
     n_rows = rows.sizes["row"]
     return {

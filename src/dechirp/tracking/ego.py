@@ -47,6 +47,13 @@ EGO_UNITS = {
     "vx_vy_covariance": "m2/s2",
 }
 """Columns of the table of the radar's own motion, and their units."""
+VERTICAL_UNITS = {
+    "vz": "m/s",
+    "vz_std": "m/s",
+    "vx_vz_covariance": "m2/s2",
+    "vy_vz_covariance": "m2/s2",
+}
+"""Further columns with `EgoMotion.with_vertical`."""
 
 _REQUIRED = ("frame", "range", "velocity", "azimuth", "velocity_std", "azimuth_std")
 _OPTIONAL = ("time", "elevation", "elevation_std", "ambiguity_number")
@@ -56,6 +63,7 @@ _RIVAL_COST = 20.0
 _MAX_HYPOTHESES = 200_000
 _MAX_VELOCITY_M_PER_S = 1e5
 _UNAMBIGUOUS_M_PER_S = 1e9  # a period that no velocity reaches
+_MIN_VOLUME = 1e-9  # of three directions; smaller ones determine no velocity
 _RESIDUALS_PER_BLOCK = 2**20  # 8 MiB
 
 
@@ -77,8 +85,12 @@ class EgoMotion:
     velocity across it."""
     max_speed_m_per_s: float = 80.0
     """Largest speed of the radar; limits the hypotheses of ambiguous velocities."""
+    with_vertical: bool = False
+    """Whether the vertical velocity is estimated, from detections with an elevation alone. Their
+    elevations must spread like the azimuths."""
     n_draws: int = 200
-    """Pairs of detections that are drawn. With a static share of 0.5, no pair of 200 is static in
+    """Pairs of detections that are drawn; triples with the vertical velocity, of which none of 200
+    is static in one of 1e11 frames. With a static share of 0.5, no pair of 200 is static in
     one of 1e25 frames."""
     seed: int = 0
     """Seed of the draws, which depend on the number of the frame and not on other frames."""
@@ -90,6 +102,13 @@ class EgoMotion:
         share = check_number("EgoMotion.min_share", self.min_share, above=0.0, at_most=1.0)
         object.__setattr__(self, "min_share", share)
         check_positive_fields(self, "min_spread_rad", at_most=math.pi / 2)
+        if not isinstance(self.with_vertical, bool | np.bool_):
+            raise InvalidSetting(
+                "EgoMotion.with_vertical",
+                value=repr(self.with_vertical),
+                expected="true or false",
+                fix="write true if the array measures elevations",
+            )
         check_integer_fields(self, "n_draws", at_most=100_000)
         check_integer("EgoMotion.seed", self.seed, at_least=0, at_most=2**63 - 1)
 
@@ -115,7 +134,8 @@ def ego_motion(
     with (v_x, v_y) the velocity of the radar itself along its own axes, x its boresight: not that
     of the car's axle, from which it differs by the yaw rate times the distance between them.
     So :math:`\sqrt{v_x^2 + v_y^2}` is its speed, and the direction of motion determines the
-    mounting angle, see `mounting`. Vertical motion is left out.
+    mounting angle, see `mounting`. Vertical motion is left out, unless `with_vertical` adds
+    :math:`- v_z \sin\theta_i`.
 
     Pairs of detections give hypotheses, all detections vote; those that agree with the best are
     fitted by least squares with the errors of both velocities and azimuths, see
@@ -137,6 +157,7 @@ def ego_motion(
     Dataset over `frame`
         Frames that have detections. `vx vy` (m/s), `vx_std vy_std` (m/s),
         `vx_vy_covariance` (m^2/s^2) and `n_static`, the number of static detections; `time` (s).
+        With the vertical velocity also `vz vz_std vx_vz_covariance vy_vz_covariance`.
         NaN, and n_static 0, if the velocity is undetermined: too few static detections, no
         majority, all in one direction, or another velocity as likely, as with unknown ambiguity
         numbers.
@@ -155,7 +176,8 @@ def ego_motion(
     """
     columns = _checked_detection_columns(detections, radar, settings)
     numbers = np.unique(columns["frame"]).astype(np.int64)
-    motion = np.full((5, numbers.size), np.nan)
+    units = {**EGO_UNITS, **(VERTICAL_UNITS if settings.with_vertical else {})}
+    motion = np.full((len(units), numbers.size), np.nan)
     n_static, time_s = np.zeros(numbers.size, np.int64), np.full(numbers.size, np.nan)
     for index, frame in enumerate(numbers.tolist()):
         frame_columns = {
@@ -165,24 +187,31 @@ def ego_motion(
         sightings = _frame_columns_to_sightings(frame_columns, radar, frame)
         rng = np.random.default_rng([settings.seed, frame])
         estimate = _estimate_radar_velocity_by_ransac(
-            sightings.select_detections(_known_direction_and_velocity_mask(frame_columns, radar)),
+            sightings.select_detections(_usable_detection_mask(frame_columns, radar, settings)),
             settings,
             rng,
         )
         if estimate is not None:
-            (vx, vy), ((var_x, cov), (_, var_y)) = estimate.velocity, estimate.covariance
-            motion[:, index] = vx, vy, math.sqrt(var_x), math.sqrt(var_y), cov
+            motion[:, index] = _motion_columns(estimate)
             n_static[index] = estimate.n_detections
     return xr.Dataset(
         {
             **{
                 name: ("frame", column, {"units": unit})
-                for (name, unit), column in zip(EGO_UNITS.items(), motion, strict=True)
+                for (name, unit), column in zip(units.items(), motion, strict=True)
             },
             "n_static": ("frame", n_static, {"units": "1"}),
         },
         coords={"frame": numbers, "time": ("frame", time_s, {"units": "s"})},
     )
+
+
+def _motion_columns(estimate: VelocityEstimate) -> list[float]:
+    """Return a velocity and its covariance in the order of the columns."""
+    velocity, covariance = estimate.velocity, estimate.covariance
+    std = np.sqrt(np.diag(covariance))
+    columns = [*velocity[:2], *std[:2], covariance[0, 1]]
+    return columns + ([velocity[2], std[2], *covariance[:2, 2]] if len(velocity) == 3 else [])
 
 
 def label_static_and_moving(
@@ -210,16 +239,18 @@ def label_static_and_moving(
     """
     columns = _checked_detection_columns(detections, radar, settings)
     motion = np.full(detections.sizes["detection"], "", dtype="<U6")
-    motion_rows = ego_velocity_and_covariance_columns(ego).T
-    of_frame = dict(zip(ego["frame"].values.tolist(), motion_rows, strict=True))
+    velocities, covariances = _velocities_and_covariances(ego)
+    n_axes = velocities.shape[1]
+    index_of = {number: index for index, number in enumerate(ego["frame"].values.tolist())}
     for frame in np.unique(columns["frame"]).astype(int).tolist():
-        vx, vy, vx_std, vy_std, cov = of_frame.get(frame, np.full(len(EGO_UNITS), np.nan))
         rows = columns["frame"] == frame
+        if frame not in index_of:
+            continue
         frame_columns = {name: column[rows] for name, column in columns.items()}
         sightings = _frame_columns_to_sightings(frame_columns, radar, frame)
-        towards = sightings.horizontal_direction_components(sightings.azimuth_rad)
-        residual, variance = static_velocity_residuals_and_variances(sightings, np.array([vx, vy]))
-        of_motion = np.array([[vx_std**2, cov], [cov, vy_std**2]])
+        towards = sightings.direction_components(n_axes)
+        velocity, of_motion = velocities[index_of[frame]], covariances[index_of[frame]]
+        residual, variance = static_velocity_residuals_and_variances(sightings, velocity)
         variance = variance + np.einsum("ni,ij,nj->n", towards, of_motion, towards)
         squares = residual**2 / (variance + settings.tolerance_m_per_s**2)
         # NaN is neither.
@@ -232,6 +263,18 @@ def label_static_and_moving(
             np.where(moves, "moving", ""),
         )
     return detections.assign(motion=("detection", motion))
+
+
+def _velocities_and_covariances(ego: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Return velocities (frame, axis) and covariances (frame, axis, axis), two axes or three."""
+    vx, vy, vx_std, vy_std, covariance = ego_velocity_and_covariance_columns(ego)
+    rows = [[vx_std**2, covariance], [covariance, vy_std**2]]
+    velocity = [vx, vy]
+    if set(VERTICAL_UNITS) <= set(ego.variables):
+        vz, vz_std, xz, yz = (ego[name].values.astype(float) for name in VERTICAL_UNITS)
+        velocity.append(vz)
+        rows = [[*rows[0], xz], [*rows[1], yz], [xz, yz, vz_std**2]]
+    return np.stack(velocity, axis=-1), np.moveaxis(np.array(rows), -1, 0)
 
 
 def ego_velocity_and_covariance_columns(ego: xr.Dataset) -> np.ndarray:
@@ -326,11 +369,12 @@ def _known_number_mask(frame_columns: dict[str, np.ndarray], radar: Radar | None
     return known_direction_mask(frame_columns["ambiguity_number"], radar.frame)
 
 
-def _known_direction_and_velocity_mask(
-    frame_columns: dict[str, np.ndarray], radar: Radar | None
+def _usable_detection_mask(
+    frame_columns: dict[str, np.ndarray], radar: Radar | None, settings: EgoMotion
 ) -> np.ndarray:
     """Return the mask of detections with known direction and velocity, (n,)."""
-    names = ("velocity", "azimuth", "velocity_std", "azimuth_std")
+    vertical = ("elevation", "elevation_std") if settings.with_vertical else ()
+    names = ("velocity", "azimuth", "velocity_std", "azimuth_std", *vertical)
     is_known = np.isfinite([frame_columns[name] for name in names]).all(axis=0)
     return np.asarray(is_known & _known_number_mask(frame_columns, radar))
 
@@ -343,7 +387,10 @@ def _estimate_radar_velocity_by_ransac(
     min_votes = max(settings.min_static, math.ceil(settings.min_share * n))
     if n < settings.min_static:
         return None
-    hypotheses = _radar_velocity_hypotheses_from_pairs(sightings, settings, rng)
+    if settings.with_vertical:
+        hypotheses = _radar_velocity_hypotheses_from_triples(sightings, settings, rng)
+    else:
+        hypotheses = _radar_velocity_hypotheses_from_pairs(sightings, settings, rng)
     if not len(hypotheses):
         return None
     cost = _truncated_residual_costs(sightings, hypotheses, settings)
@@ -354,6 +401,10 @@ def _estimate_radar_velocity_by_ransac(
         if (
             is_static.sum() < min_votes
             or sightings.azimuth_rad[is_static].std() < settings.min_spread_rad
+            or (
+                settings.with_vertical
+                and sightings.elevation_rad[is_static].std() < settings.min_spread_rad
+            )
         ):
             return None
         if (is_static == static).all():
@@ -389,6 +440,28 @@ def _radar_velocity_hypotheses_from_pairs(
     with np.errstate(divide="ignore", invalid="ignore"):  # both in one direction
         velocities = np.stack([ay * b - by * a, bx * a - ax * b], axis=-1) / across[:, None]
         return velocities[np.hypot(*velocities.T) <= max_speed]
+
+
+def _radar_velocity_hypotheses_from_triples(
+    sightings: Sightings, settings: EgoMotion, rng: np.random.Generator
+) -> np.ndarray:
+    """Return velocities of the radar for which triples of detections are static, (n, 3)."""
+    n, max_speed = sightings.azimuth_rad.size, settings.max_speed_m_per_s
+    velocity, period = sightings.velocity_m_per_s, sightings.period_m_per_s
+    n_aliases = int(np.ceil((max_speed + abs(velocity)) / period).max())
+    shifts = np.arange(-n_aliases, n_aliases + 1)
+    n_draws = max(min(settings.n_draws, _MAX_HYPOTHESES // shifts.size**3), 1)
+    triples = rng.random((n_draws, n)).argsort(axis=1)[:, :3]
+    combinations = np.stack(np.meshgrid(shifts, shifts, shifts), axis=-1).reshape(-1, 3)
+    radial = velocity[triples][:, None] + period[triples][:, None] * combinations
+    draw, combination = np.nonzero((abs(radial) <= max_speed).all(axis=-1))
+    towards = sightings.direction_components(3)[triples]
+    is_solvable = abs(np.linalg.det(towards)) > _MIN_VOLUME
+    inverse = np.zeros_like(towards)
+    inverse[is_solvable] = np.linalg.inv(towards[is_solvable])
+    velocities = -np.einsum("hij,hj->hi", inverse[draw], radial[draw, combination])
+    is_possible = is_solvable[draw] & (np.linalg.norm(velocities, axis=1) <= max_speed)
+    return np.asarray(velocities[is_possible])
 
 
 def _truncated_residual_costs(
@@ -431,7 +504,7 @@ def _has_rival_velocity_hypothesis(
     Near the velocity the cost grows by the square of the distance in standard errors.
     """
     _, variance = static_velocity_residuals_and_variances(static, velocity)
-    towards = static.horizontal_direction_components(static.azimuth_rad)
+    towards = static.direction_components(len(velocity))
     weight = 1 / (variance + settings.tolerance_m_per_s**2)
     differences = hypotheses - velocity
     squares = np.einsum("hi,ij,hj->h", differences, (towards.T * weight) @ towards, differences)
