@@ -1053,3 +1053,45 @@ def test_doctor_exits_with_1_when_dependency_is_missing(run_cli, fake_installati
 
     assert status == 1
     assert "missing" in out
+
+
+CHEST = """\
+n_frames: 120
+radar:
+  frame:
+    chirp: {start_frequency: 60 GHz, slope: 100 MHz/us, ramp_duration: 18 us, sample_rate: 2 MHz,
+            n_samples: 32, sampling: complex}
+    n_chirps: 4
+    interval: 1 ms
+    period: 200 ms
+  hardware: {transmit_power: 0 dBm, antenna_gain: 6 dBi, noise_factor: 12 dB}
+scene:
+  targets:
+    - name: chest
+      position: [0.9 m, 0, 0]
+      body:
+        kind: points
+        scatterers:
+          - position: [0, 0, 0]
+            rcs: -20 dBsm
+            oscillation: {amplitude: [1 mm, 0, 0], frequency: 0.3 Hz}
+"""
+
+
+def test_run_measures_vital_signs_of_a_scene(run_cli, folder):
+    (folder / "chest.yaml").write_text(CHEST)
+    arguments = ("run", "chest.yaml", "--vital-signs")
+    code, out, _ = run_cli(*arguments, "--json")
+    (window,) = json.loads(out)["vital_signs"][:1]
+    assert code == 0
+    # 20 s resolve 0.05 Hz; the bound at 30 dB is below a hundredth of it.
+    assert window["breathing_rate_hz"] == pytest.approx(0.3, abs=2e-3)
+    assert window["breathing_amplitude_m"] == pytest.approx(1e-3, rel=0.05)
+    assert window["heart_rate_hz"] is None
+    _, out, _ = run_cli(*arguments)
+    assert "18.0 (" in out and "not measurable" in out
+
+
+def test_vital_signs_need_time(run_cli, folder):
+    code, _, err = run_cli("run", "small.yaml", "--vital-signs")
+    assert code == 2 and "--vital-signs: 0 s long" in err and "10 s or more" in err

@@ -1,7 +1,10 @@
 """JSON document of a run."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import xarray as xr
 
 import dechirp
 from dechirp.config.dumping import to_json_data
@@ -33,10 +36,31 @@ def run_json_document(
                 ("truth", result.truth),
             )
         },
+        **(
+            {}
+            if result.vital_signs is None
+            else {"vital_signs": _vital_sign_records(result.vital_signs)}
+        ),
         "findings": [to_json_data(finding) for finding in result.findings],
         "timing_s": timing_s,
         "files": {name: str(path) for name, path in files.items()},
     }
+
+
+def _vital_sign_records(vital: xr.Dataset) -> list[dict[str, float | None]]:
+    """Return a mapping from quantity, with its unit, to value for each window."""
+    units = {"s": "_s", "m": "_m", "Hz": "_hz", "1": ""}
+    columns = {
+        f"{name}{units[column.attrs['units']]}": column.values.tolist()
+        for name, column in vital.variables.items()
+    }
+    return [
+        {
+            name: value if math.isfinite(value) else None
+            for name, value in zip(columns, row, strict=True)
+        }
+        for row in zip(*columns.values(), strict=True)
+    ]
 
 
 def radar_json_document(radar: Radar) -> dict[str, Any]:

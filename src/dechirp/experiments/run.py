@@ -71,6 +71,8 @@ class Result(Displayable):
     clusters: xr.Dataset | None = None
     """None if not requested, as for tracks."""
     tracks: xr.Dataset | None = None
+    vital_signs: xr.Dataset | None = None
+    """Breathing and heart rate over windows of time; None if not requested."""
     truth: xr.Dataset | None
     """None for a recording."""
     budget: tuple[BudgetLine, ...] | None

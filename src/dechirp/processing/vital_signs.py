@@ -178,7 +178,7 @@ def _cells_of_trace(
             fix="pass what range_traces, slow_time or read_slow_time returns",
         )
     is_increasing = (
-        times_s.size > 1 and np.isfinite(times_s).all() and (np.diff(times_s) >= 0).all()
+        times_s.size > 0 and np.isfinite(times_s).all() and (np.diff(times_s) >= 0).all()
     )
     if not is_increasing or not np.isfinite(trace.values).all():
         raise InvalidSetting(

@@ -22,6 +22,7 @@ def run(
     objects: list[Path] | None = None,
     follow: Annotated[bool, Parameter(show_default=False)] = False,
     idle: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    vital_signs: Annotated[bool, Parameter(show_default=False)] = False,
     pdf: Pdf = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -46,6 +47,8 @@ def run(
         Ctrl-C, SIGTERM or the time --idle without data.
     idle
         Time without new data after which a file or address ends, such as 5s; 10 s by default.
+    vital_signs
+        Measure breathing and heart rate from the phase of the range cells up to 3 m.
     seed
         Seed of the noise; replaces the seed of the scenario.
     changes
@@ -55,7 +58,7 @@ def run(
     from dechirp.cli.scenario_source import build_scenario
     from dechirp.cli.stream import is_live_source, process_live_frames
     from dechirp.core.compiled_kernels import plain_twins_for_small_work
-    from dechirp.core.errors import DechirpError
+    from dechirp.core.errors import DechirpError, InvalidSetting
     from dechirp.experiments.run import run as run_scenario
     from dechirp.report.pdf import check_pdf_available
     from dechirp.results.results import check_results_folder_replaceable
@@ -73,11 +76,21 @@ def run(
         metadata=options.given_metadata(),
     )
     with plain_twins_for_small_work(scenario.n_simulated_samples):
-        if is_live_source(scenario, follow=follow, idle=idle):
+        is_live = is_live_source(scenario, follow=follow, idle=idle)
+        if is_live and vital_signs:
+            raise InvalidSetting(
+                "--vital-signs",
+                value="given for a stream, whose samples are not kept",
+                expected="a recording or a scenario",
+                fix="record the stream, then run the file with --vital-signs",
+            )
+        if is_live:
             result = process_live_frames(scenario, idle=idle, quiet=quiet)
         else:
             with progress_bar("steps", quiet=quiet) as report:
                 result = run_scenario(scenario, progress=report)
+        if vital_signs:
+            result = _add_vital_signs(result)
     if objects:
         try:
             result = _write_object_lists_and_add_findings(result, objects)
@@ -92,6 +105,20 @@ def run(
     elif not quiet:
         print_run_results(result, out, objects or ())
     return 0
+
+
+def _add_vital_signs(result: "Result") -> "Result":
+    """Return the result with breathing and heart rate."""
+    from dechirp.cli.errors import replace_settings_by_options
+    from dechirp.core.errors import DechirpError
+    from dechirp.experiments.vital_signs import measure_run_vital_signs
+
+    try:
+        return replace(result, vital_signs=measure_run_vital_signs(result))
+    except DechirpError as error:
+        raise replace_settings_by_options(
+            error, dict.fromkeys(("trace", "range_m", "VitalSigns.range_m"), "--vital-signs")
+        ) from None
 
 
 def _check_object_files_writable(files: Sequence[Path]) -> None:
@@ -178,12 +205,15 @@ def print_run_results(result: "Result", out: Path, objects: Sequence[Path]) -> N
         missed_target_lines,
         strongest_detections_table,
         track_table_and_object_sentences,
+        vital_signs_table,
     )
 
     screen = open_stdout_console()
     screen.print(strongest_detections_table(result, at_most=20, width=screen.width))
     for part in track_table_and_object_sentences(result, at_most=20, width=screen.width):
         screen.print(part)
+    if result.vital_signs is not None:
+        screen.print(vital_signs_table(result.vital_signs))
     for line in missed_target_lines(result):
         screen.print(line)
     for paragraph in finding_paragraphs(result.findings):
