@@ -9,9 +9,9 @@ import dechirp as dc
 from bad_input.entries import check_error_is_complete
 from dechirp.core.values import frozen_dataclass
 
-# Closed forms are plain functions: Python's own TypeError names their arguments.
-CLOSED_FORMS = ("theory", "link_budget", "windows")
-NAMESPACES = [dc, *(getattr(dc, name) for name in dc._NAMESPACES if name not in CLOSED_FORMS)]
+# Closed forms and base classes are plain: Python's own TypeError names their arguments.
+PLAIN = ("theory", "link_budget", "windows", "extensions")
+NAMESPACES = [dc, *(getattr(dc, name) for name in dc._NAMESPACES if name not in PLAIN)]
 CALLABLES = {
     f"{space.__name__}.{name}": member
     for space in NAMESPACES

@@ -117,6 +117,13 @@ VALID_ARGUMENTS = {
         "mid_window_frequency_hz": 77e9,
         "slope_hz_per_s": 20e12,
     },
+    "theory.crlb_directions": {
+        "positions": [0.0, 0.5, 1.0],
+        "azimuth_rad": [0.1],
+        "source_covariance": [2.0],
+        "noise_power": 1.0,
+        "n_snapshots": 10,
+    },
     "theory.frequency_variance": {**SNR, "n_points": 64},
     "theory.monopulse_std_rad": {**SNR, "beamwidth_rad": 0.1},
     "theory.noncoherent_effective_snr": {**SNR, "n_channels": 4},

@@ -149,6 +149,7 @@ INTERNAL_CLASSES = {
     "_ConfirmationFailed": "caught for a candidate, whose mistakes become warnings",
     "_NotACodeError": "caught in the module that raises it",
     "WorkerStopped": "ends a loop, never reaches a user",
+    "_SettingsChanged": "ends a loop of the studio in the module that raises it",
 }
 """Classes that never reach a user, with the reason."""
 

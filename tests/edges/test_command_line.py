@@ -959,7 +959,7 @@ def test_list_shows_members_of_every_family_with_settings(run_cli):
     assert (status, err) == (0, "")
     assert " ".join(families) == (
         "angle body cfar device format impairment mitigation modulation multiplexing pattern score"
-        " writer"
+        " traffic witness writer"
     )
     assert (
         families["multiplexing"]["tdm"]["settings"]["order"]["expected"]

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.atomic_files import atomic_folder, check_output_folder_replaceable
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import RecordingError, quote_for_message
@@ -73,6 +74,7 @@ def check_vector_folder_replaceable(out: Path) -> None:
     check_output_folder_replaceable(out, marker_file=DESCRIPTION, own_names=FILES)
 
 
+@check_argument_types
 def write_vectors(
     out: str | Path,
     cube: xr.DataArray,
@@ -118,6 +120,7 @@ def write_vectors(
     return {name: out / name for name in (DESCRIPTION, *written)}
 
 
+@check_argument_types
 def read_vectors(folder: str | Path) -> dict[str, np.ndarray]:
     """Read the integers of every vector in a folder by its name, int64, in the described shape.
 

@@ -3,12 +3,14 @@
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.compiled_kernels import kernel
 from dechirp.core.errors import InvalidSetting
 
 _BLOCK_SIZE = 2**20  # numbers; invalid ones are counted in 32 bits, which vectorises
 
 
+@check_argument_types
 def extract_adc_codes(cube: xr.DataArray) -> xr.DataArray:
     """Return the integer codes of a cube that passed through `Quantisation`: cube / scale.
 

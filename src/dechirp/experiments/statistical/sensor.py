@@ -7,6 +7,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
@@ -338,6 +339,7 @@ class StatisticalSensor:
         )
 
 
+@check_argument_types
 def draw_statistical_detections(
     scenario: Scenario, *, seed: int | np.random.Generator | None = None
 ) -> xr.Dataset:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 from dechirp.radar.chirp import Chirp
@@ -36,6 +37,7 @@ _BPM = ("xwr1642", "xwr6843")  # demos that require bpmCfg
 _THRESHOLD_DB = 15
 
 
+@check_argument_types
 def format_ti_cfg(
     radar: Radar,
     *,
