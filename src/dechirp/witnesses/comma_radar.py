@@ -142,4 +142,4 @@ def _find_dbc(folder: Path) -> Path:
     for place in places:
         if place.is_file():
             return place
-    raise FileNotFoundError(f"{_DBC} (pip install opendbc, or copy it to {folder.parent}/car_dbc)")
+    raise FileNotFoundError(f"{_DBC} (pip install opendbc, or copy it to the folder car_dbc)")
