@@ -33,7 +33,7 @@ IEEE Trans. IT 20(5), 1974 (complex tones; twice the noise for real ones). R. B.
 testing when a nuisance parameter is present only under the alternative, Biometrika 74(1), 1987.
 R. V. Baluev, Assessing the statistical significance of periodogram peaks, MNRAS 385, 2008.
 J. Geweke and S. Porter-Hudak, The estimation and application of long memory time series models,
-J. Time Series Analysis 4(4), 1983 (the exponent a).
+Journal of Time Series Analysis 4(4), 1983 (the exponent a).
 """
 
 import math
