@@ -7,14 +7,11 @@ import dataclasses
 import io
 import json
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.constants import c
 
 import dechirp as dc
-
-mpl.rcParams.update({"figure.constrained_layout.use": True, "font.size": 9})
 
 RADAR = dc.design(max_range_m=200, range_resolution_m=1, max_velocity_m_per_s=100).radar
 CHIRP = RADAR.frame.chirp
@@ -71,7 +68,7 @@ def describe_lessons() -> str:
 
 def draw_lesson(number: int, positions: str) -> str:
     """Return the figure of a lesson as SVG, for the positions of its controls as JSON."""
-    figure = Figure(figsize=(7, 4.2))
+    figure = Figure(figsize=(7, 4.2), layout="constrained")
     draw = (draw_chirp, draw_range_transform, draw_velocity, draw_noise)[number]
     draw(figure, *json.loads(positions))
     svg = io.StringIO()
