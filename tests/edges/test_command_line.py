@@ -1092,6 +1092,27 @@ def test_run_measures_vital_signs_of_a_scene(run_cli, folder):
     assert "18.0 (" in out and "not measurable" in out
 
 
+def test_run_measures_vital_signs_of_a_slow_time_file(run_cli, folder):
+    times = np.arange(0, 40, 0.05)
+    # A chest that moves by 4 mm, 15 times a minute, at a wavelength of 5 mm; no noise but rounding.
+    values = np.exp(4j * np.pi / 5 * 2 * np.sin(2 * np.pi * 0.25 * times))
+    rows = [
+        f"{t:.3f},{value.real:.4f},{value.imag:.4f}" for t, value in zip(times, values, strict=True)
+    ]
+    (folder / "chest.csv").write_text("\n".join(["time,I,Q", *rows]) + "\n")
+
+    status, out, _ = run_cli("run", "chest.csv", "--vital-signs", "--json")
+
+    (window, *_) = json.loads(out)["vital_signs"]
+    assert status == 0
+    assert 60 * window["breathing_rate_hz"] == pytest.approx(15, abs=0.1)
+    status, out, _ = run_cli("run", "chest.csv", "--vital-signs")
+    assert (status, "Vital signs" in out) == (0, True)
+    (folder / "other.csv").write_text("a,b\n1,2\n")
+    status, _, error = run_cli("run", "other.csv", "--vital-signs")
+    assert (status, "columns for I" in error) == (2, True)
+
+
 def test_vital_signs_need_time(run_cli, folder):
     code, _, err = run_cli("run", "small.yaml", "--vital-signs")
     assert code == 2 and "--vital-signs: 0 s long" in err and "10 s or more" in err

@@ -39,7 +39,7 @@ def run_json_document(
         **(
             {}
             if result.vital_signs is None
-            else {"vital_signs": _vital_sign_records(result.vital_signs)}
+            else {"vital_signs": vital_sign_records(result.vital_signs)}
         ),
         "findings": [to_json_data(finding) for finding in result.findings],
         "timing_s": timing_s,
@@ -47,7 +47,7 @@ def run_json_document(
     }
 
 
-def _vital_sign_records(vital: xr.Dataset) -> list[dict[str, float | None]]:
+def vital_sign_records(vital: xr.Dataset) -> list[dict[str, float | None]]:
     """Return a mapping from quantity, with its unit, to value for each window."""
     units = {"s": "_s", "m": "_m", "Hz": "_hz", "1": ""}
     columns = {

@@ -183,7 +183,7 @@ def vital_signs_table(vital: xr.Dataset) -> Table:
         window = vital.isel(window=index)
         table.add_row(
             format_fixed(float(window["time"]), 1),
-            format_fixed(float(window["range"]), 2),
+            format_fixed(float(window["range"]) if "range" in window else np.nan, 2),
             *(_format_rate(window, sign) for sign in ("breathing", "heart")),
         )
     return table

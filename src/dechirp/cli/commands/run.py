@@ -11,6 +11,8 @@ from cyclopts import Parameter
 from dechirp.cli.options import NO_OPTIONS, Json, Pdf, Quiet, RecordingOptions
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from dechirp.experiments.run import Result
 
 
@@ -48,7 +50,8 @@ def run(
     idle
         Time without new data after which a file or address ends, such as 5s; 10 s by default.
     vital_signs
-        Measure breathing and heart rate from the phase of the range cells up to 3 m.
+        Measure breathing and heart rate from the phase of the range cells up to 3 m. Also takes
+        a slow-time file without chirps (CSV, HDF5 of Acconeer), and then prints the rates only.
     seed
         Seed of the noise; replaces the seed of the scenario.
     changes
@@ -63,6 +66,8 @@ def run(
     from dechirp.report.pdf import check_pdf_available
     from dechirp.results.results import check_results_folder_replaceable
 
+    if vital_signs and source is not None and (trace := _read_slow_time_file(source)) is not None:
+        return _print_vital_signs_of_trace(trace, source, as_json=as_json, quiet=quiet)
     check_results_folder_replaceable(out)
     if pdf:
         check_pdf_available()
@@ -104,6 +109,39 @@ def run(
         print(document, end="")
     elif not quiet:
         print_run_results(result, out, objects or ())
+    return 0
+
+
+def _read_slow_time_file(source: Path) -> "xr.DataArray | None":
+    """Return the trace of a file without chirps; None if it is a recording or a scenario."""
+    from dechirp.core.errors import RecordingError
+    from dechirp.recordings.slow_time_files import read_slow_time
+
+    if not source.is_file() or source.suffix.lower() not in {".csv", ".h5", ".hdf5"}:
+        return None
+    try:
+        return read_slow_time(source)
+    except RecordingError:
+        if source.suffix.lower() == ".csv":  # never a recording with chirps
+            raise
+        return None
+
+
+def _print_vital_signs_of_trace(
+    trace: "xr.DataArray", source: Path, *, as_json: bool, quiet: bool
+) -> int:
+    from dechirp.cli.console import open_stdout_console
+    from dechirp.cli.run_document import vital_sign_records
+    from dechirp.cli.run_output import vital_signs_table
+    from dechirp.processing.vital_signs import measure_vital_signs
+    from dechirp.results.text_files import to_json_text
+
+    vital = measure_vital_signs(trace)
+    if as_json:
+        document = {"source": str(source), "vital_signs": vital_sign_records(vital)}
+        print(to_json_text(document), end="")
+    elif not quiet:
+        open_stdout_console().print(vital_signs_table(vital))
     return 0
 
 
