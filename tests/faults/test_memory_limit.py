@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import psutil
 import pytest
 
 from dechirp.cli import errors
@@ -39,7 +40,7 @@ def test_job_beyond_limit_is_refused_with_needed_and_free_memory(folder):
 
 
 def test_available_memory_is_bounded_by_limit(monkeypatch):
-    used_bytes = memory.psutil.Process().memory_info().vms
+    used_bytes = psutil.Process().memory_info().vms
     monkeypatch.setattr(
         resource, "getrlimit", lambda _: (used_bytes + 2**28, resource.RLIM_INFINITY)
     )
