@@ -38,7 +38,7 @@ _ORDER = (
 _MEMBERS = """
    :members:
    :undoc-members:
-   :inherited-members: Family, Exception, object"""
+   :inherited-members: Family, Exception, int, object"""
 
 
 def _load(name: str) -> Any:
