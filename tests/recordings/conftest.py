@@ -16,8 +16,8 @@ def find_data_folder(variable: str, name: str) -> Path:
     if folder.is_dir():
         return folder
     reason = f"no recordings in {folder}; name their folder in {variable}"
-    if os.environ.get("CI"):
-        pytest.fail(f"{reason} (with CI set, these tests must run)")
+    if os.environ.get("CI") and configured_folder:
+        pytest.fail(f"{reason} (with CI set, a folder that is named must exist)")
     pytest.skip(reason)
 
 
