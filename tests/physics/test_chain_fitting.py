@@ -10,7 +10,7 @@ import xarray as xr
 import dechirp as dc
 from dechirp.config import loading
 from dechirp.config.dumping import dump_yaml
-from dechirp.core.detection_columns import rows_to_show
+from dechirp.core.detection_columns import detections_from_columns, rows_to_show
 from dechirp.core.errors import InvalidSetting
 from dechirp.experiments.run import run
 from dechirp.experiments.scenario import READERS, RecordingSource, Scenario
@@ -380,3 +380,23 @@ def test_single_chirps_are_joined_to_frames_of_a_third_of_a_second(interval_s, n
     assert [found.setting for found in findings] == (
         ["radar.frame.n_chirps", "radar.frame.interval"] if n_joined > 1 else []
     )
+
+
+def test_table_shows_both_directions_of_a_cell_and_repetitions_last():
+    # Two sources in one cell of ten frames, and a weaker echo elsewhere in one of them.
+    frame = np.repeat(np.arange(10), 2)
+    detections = detections_from_columns(
+        {
+            "frame": np.append(frame, 3),
+            "range": np.append(np.full(20, 5.0), 9.0),
+            "velocity": np.zeros(21),
+            "snr": np.append(np.tile([200.0, 100.0], 10), 50.0),
+            "azimuth": np.append(np.tile([0.2, -0.2], 10), 0.0),
+        }
+    )
+
+    rows = rows_to_show(detections, 5, range_cell_m=1.0, velocity_cell_m_per_s=0.1)
+
+    shown = detections.isel(detection=rows)
+    assert shown.azimuth.values[:3].tolist() == [0.2, -0.2, 0.0]
+    assert shown.snr.values[3:].tolist() == [200.0, 200.0]

@@ -174,7 +174,8 @@ def rows_to_show(
     """Return the rows to show to people, strongest first.
 
     Where more than `at_most` are detected, the strongest one of each place on the map is shown
-    before any repetition in other frames: a target at rest would fill the table. Static echoes are
+    before any repetition in other frames: a target at rest would fill the table. Sources of one
+    cell are places of their own. Static echoes are
     mostly the strongest of a recording: half of the rows are left for detections that move, if
     there are as many, those with a known ambiguity number first.
     """
@@ -188,8 +189,12 @@ def rows_to_show(
             for name, cell in (("range", range_cell_m), ("velocity", velocity_cell_m_per_s))
         ]
     )
+    places = np.nan_to_num(places)
+    if "frame" in detections:
+        in_frame = np.column_stack([detections.frame.values[order], places])
+        places = np.column_stack([places, _count_earlier_equal_rows(in_frame)])
     is_repeated = np.ones(order.size, bool)
-    is_repeated[np.unique(np.nan_to_num(places), axis=0, return_index=True)[1]] = False
+    is_repeated[np.unique(places, axis=0, return_index=True)[1]] = False
     is_ambiguous = np.zeros(order.size, bool)
     is_moving = np.zeros(order.size, bool)
     if "moving" in detections:
@@ -199,8 +204,18 @@ def rows_to_show(
     n_moving = min(n_moving, max(at_most // 2, at_most - n_others))
     preferred = np.lexsort([is_repeated, is_ambiguous])  # stable: the strongest first in each
     movers, others = preferred[is_moving[preferred]], preferred[~is_moving[preferred]]
-    shown = np.concatenate([movers[:n_moving], others[: at_most - n_moving]])
-    return np.asarray(order[np.sort(shown)])
+    shown = np.sort(np.concatenate([movers[:n_moving], others[: at_most - n_moving]]))
+    return np.asarray(order[shown[np.argsort(is_repeated[shown], kind="stable")]])
+
+
+def _count_earlier_equal_rows(rows: np.ndarray) -> np.ndarray:
+    """Return for each row of a matrix how many rows before it are equal."""
+    _, group = np.unique(rows, axis=0, return_inverse=True)
+    by_group = np.argsort(group.ravel(), kind="stable")
+    starts = np.searchsorted(group.ravel()[by_group], np.arange(group.max(initial=0) + 1))
+    counts = np.empty(len(rows), int)
+    counts[by_group] = np.arange(len(rows)) - starts[group.ravel()[by_group]]
+    return counts
 
 
 def standard_error_column(column: DetectionColumn) -> DetectionColumn | None:
