@@ -66,3 +66,18 @@ def test_error_within_constructor_is_not_hidden():
 
     with pytest.raises(TypeError, match="from the class itself"):
         Value(x=1.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "setting"),
+    [
+        (lambda: dc.Radar(frame=None), r"Radar\.frame: None; expected a Frame"),
+        (lambda: dc.Radar(frame=dc.reference().radar.frame, array=1), r"Radar\.array: 1"),
+        (lambda: dc.Radar(frame=dc.reference().radar.frame, hardware=[]), r"Radar\.hardware"),
+        (lambda: dc.Frame(chirp=1, n_chirps=8, interval_s=1e-4), r"Frame\.chirp: 1"),
+        (lambda: dc.Study(scenario=[], scores=()), r"Study\.scenario: \[\]"),
+    ],
+)
+def test_value_of_another_class_is_named(call, setting):
+    with pytest.raises(dc.InvalidSetting, match=setting):
+        call()

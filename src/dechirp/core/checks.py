@@ -328,6 +328,19 @@ def check_numbers(
     )
 
 
+def check_field_classes(owner: object, **classes: type) -> None:
+    """Raise `InvalidSetting` for a field whose value is not an instance of its class."""
+    for name, cls in classes.items():
+        value = getattr(owner, name)
+        if not isinstance(value, cls):
+            raise InvalidSetting(
+                f"{type(owner).__name__}.{name}",
+                value=reprlib.repr(value),
+                expected=f"a {cls.__name__}",
+                fix=f"give {cls.__name__}(...)",
+            )
+
+
 def check_instances(setting: str, values: object, cls: type[_T], *, fix: str) -> tuple[_T, ...]:
     """Return instances of a class as a tuple, or raise `InvalidSetting` for list or member."""
     members = as_tuple_or_none(values)

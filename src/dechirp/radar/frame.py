@@ -9,6 +9,7 @@ import numpy as np
 
 from dechirp.core.checks import (
     as_tuple_or_none,
+    check_field_classes,
     check_integer_fields,
     check_number,
     check_numbers,
@@ -55,6 +56,7 @@ class Frame(Displayable):
     """Differences between the ramps of a round, all sent by one transmitter; none: equal ramps."""
 
     def __post_init__(self) -> None:
+        check_field_classes(self, chirp=Chirp)
         check_integer_fields(self, "n_chirps")
         self._check_intervals()
         if not isinstance(self.multiplexing, Multiplexing | None):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dechirp.core.checks import check_field_classes
 from dechirp.core.display import Displayable, Table, property_display_rows, settings_display_table
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.text import format_quantity
@@ -30,6 +31,11 @@ class Radar(Displayable):
     None: an ideal array."""
 
     def __post_init__(self) -> None:
+        check_field_classes(self, frame=Frame, array=Array)
+        if self.hardware is not None:
+            check_field_classes(self, hardware=Hardware)
+        if self.calibration is not None:
+            check_field_classes(self, calibration=Calibration)
         n_tx = len(self.array.tx_m)
         transmitters = sorted(
             {transmitter for slot in self.frame.slot_transmitters for transmitter in slot}

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Literal, get_args
 
 from dechirp.core.checks import (
+    check_field_classes,
     check_instances,
     check_integer_fields,
     check_non_negative_fields,
@@ -214,6 +215,7 @@ class Study(Displayable):
     """The same safeguard for a data set, before compression."""
 
     def __post_init__(self) -> None:
+        check_field_classes(self, scenario=Scenario, trials=TrialBudget)
         fix = "Write (DetectionProbability(),), with both brackets, even for one alone."
         object.__setattr__(
             self, "scores", check_instances("Study.scores", self.scores, Score, fix=fix)

@@ -81,7 +81,8 @@ class MappedSignal:
         """Return the physical value of the signal."""
         with np.errstate(divide="ignore"):  # no signal at all is minus infinity
             values = 10 * np.log10(quantity) if self.unit == "dB" else quantity
-        return np.asarray((values - self.offset) / (self.factor * _UNITS.get(self.unit, 1.0)))
+        with np.errstate(over="ignore"):  # infinite values are clipped, with a warning
+            return np.asarray((values - self.offset) / (self.factor * _UNITS.get(self.unit, 1.0)))
 
 
 @frozen_dataclass
