@@ -417,7 +417,8 @@ def channel_error_findings(phase_rms_rad: Sequence[float], radar: Radar) -> tupl
             + ": the standard errors of directions contain it",
             expected="phases of a plane wave, with one target in a cell, for errors as small as"
             " the noise allows",
-            fix=_CALIBRATION_FIX,
+            fix=f"{_CALIBRATION_FIX}; where two targets may share a range and a velocity, add"
+            " --set chain.angle.kind=maximum-likelihood --set chain.angle.n_sources=2",
         ),
     )
 
