@@ -74,6 +74,29 @@ def test_threshold_of_a_map(call):
     status, _, error = call("map.npz")
     assert status == 2
     assert "threshold without n_training" in error
+    arrays["threshold"][9, 64] = np.nan  # far from the ends of the map
+    np.savez("map.npz", **arrays)
+    status, _, error = call("map.npz", *options)
+    assert status == 2
+    assert "threshold: NaN in 1 cells" in error
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--pfa", "3"), "pfa: 3"),
+        (("--pfa", "1e-4"), "pfa: 0.0001; expected an array threshold"),
+        (("--training", "2,8"), "n_training: (2, 8); expected an array threshold"),
+        (("--guard", "1"), "n_guard: 1; expected an array threshold"),
+    ],
+)
+def test_options_of_a_threshold_without_one_are_refused(call, options, message):
+    power = np.random.default_rng(1).exponential(1.0, 64)
+    np.savez("profile.npz", power=power, range_m=np.arange(64.0))
+    status, out, error = call("profile.npz", *options)
+    assert status == 2
+    assert out == ""
+    assert message in " ".join(error.split())
 
 
 @pytest.mark.parametrize("content", [b"", b"no arrays", b"PK\x03\x04 damaged", b"\x93NUMPY\x01"])

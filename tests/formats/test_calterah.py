@@ -120,6 +120,7 @@ def test_name_and_given_radar_choose_the_profile(recording, tmp_path):
         (lambda text: text + ",x", "among numbers"),
         (lambda text: text + ",99999999999", "11 digits"),
         (lambda text: text + ",4294967296", "4294967296"),
+        (lambda text: text + ",00000000001", "11 digits"),
         (lambda text: text[:2000], "numbers"),
         (lambda _: "", "no recording"),
     ],

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import dechirp as dc
 from dechirp.radar.multiplexing.ddma import Ddma
@@ -122,6 +123,14 @@ def test_wrong_shapes_and_sub_bands_are_refused():
     array = dc.Array()
     with pytest.raises(dc.InvalidSetting, match="samples"):
         dc.recognise_ddma(np.zeros((4, 2, 8)), array, 3.9e-3)
+    axes = ("frame", "chirp", "rx", "sample")
+    for wrong, message in (
+        (xr.DataArray(np.ones((0, 64, 1, 32)), dims=axes), r"array \(0, 64, 1, 32\)"),
+        (np.full((64, 1, 32), "a"), "<U1"),
+        (np.full((64, 1, 32), np.nan), "2048 values that are not finite"),
+    ):
+        with pytest.raises(dc.InvalidSetting, match=f"samples: .*{message}"):
+            dc.recognise_ddma(wrong, array, 3.9e-3)
     with pytest.raises(dc.InvalidSetting, match="sub_bands"):
         Ddma(order=(0, 1), n_sub_bands=4, sub_bands=(1, 1))
     with pytest.raises(dc.InvalidSetting, match="sub_bands"):

@@ -442,14 +442,20 @@ def test_invalid_arguments_are_refused(arguments, message):
 @pytest.mark.parametrize(
     "column", ["range", "azimuth", "velocity", "elevation", "range_std", "velocity_std"]
 )
-def test_damaged_numbers_leave_finite_tracks(column, value):
+def test_damaged_numbers_leave_finite_tracks_or_are_refused(column, value):
     path = straight_path(20, 4, 1, 1, 0)
     points = draw_points(np.random.default_rng(3), [path], covariance=PERSON, mean_count=10)
     n = points.sizes["detection"]
     damaged = points.get(column, xr.DataArray(np.full(n, 0.1), dims="detection")).values.copy()
     damaged[::4] = value
+    points = points.assign({column: ("detection", damaged)})
+    is_impossible = abs(value) > np.pi if column == "azimuth" else value < 0
+    if is_impossible and column not in ("velocity", "elevation"):
+        with pytest.raises(InvalidSetting, match=rf"points\.{column}: .* in {-(-n // 4)} of {n}"):
+            track_groups(points, times_of([path]))
+        return
 
-    tracks = track_groups(points.assign({column: ("detection", damaged)}), times_of([path]))
+    tracks = track_groups(points, times_of([path]))
 
     finite = np.isfinite(tracks.x.values)
     assert finite.any()

@@ -252,13 +252,28 @@ def test_traces_that_cannot_be_measured_are_rejected():
         (trace.real, "trace: .*expected complex values over time"),
         (trace.drop_vars("time"), "times that do not decrease"),
         (trace[::-1], "times that do not decrease"),
-        (trace.where(trace.time > 1), "not finite"),
+        (trace.where(trace.time > 1), "not finite.* leave out the times"),
         (trace[:150], "7.45 s long; expected 10 s or more"),
         (trace[::20], "1 values a second; expected 1.4 or more"),
         (trace.expand_dims(range=[9.0]), "VitalSigns.range_m: 0.2 to 3 m"),
     ):
         with pytest.raises(dc.InvalidSetting, match=message):
             measure_vital_signs(wrong)
+
+
+def test_windows_in_a_gap_are_not_measurable():
+    times_s = np.concatenate([np.arange(0, 30, 0.05), np.arange(90, 130, 0.05)])
+    trace = trace_of(chest_m(times_s), snr=1e3, times_s=times_s).expand_dims(range=[1.0], axis=1)
+
+    vital = measure_vital_signs(trace)
+
+    # Windows of 20 s start every 10 s: those from 30 to 70 s contain no value.
+    in_gap = (vital.time.values > 39) & (vital.time.values < 91)
+    assert in_gap.sum() == 5
+    assert (np.isnan(vital.breathing_rate) == in_gap).all()
+    assert (np.isnan(vital.range) == in_gap).all()
+    assert (vital.breathing_false_alarm_probability[in_gap] == 1).all()
+    assert vital.breathing_rate.values[~in_gap] == pytest.approx(BREATHING_HZ, abs=0.01)
 
 
 def test_slow_values_have_no_heart_rate():

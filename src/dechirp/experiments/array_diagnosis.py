@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from dechirp.core.argument_types import check_argument_types
-from dechirp.core.errors import RecordingError
+from dechirp.core.checks import check_false_alarm_probability
+from dechirp.core.errors import InvalidSetting, RecordingError
 from dechirp.core.text import join_names
 from dechirp.processing.diagnosis.diagnose import (
     diagnose_map,
@@ -55,7 +56,7 @@ def diagnose_file(
     RecordingError
         If the file cannot be read, or contains other arrays or no settings for them.
     InvalidSetting
-        If an array is invalid.
+        If an array or setting is invalid, or settings of a threshold are given without one.
     """
     path = Path(path)
     arrays = read_array_file(path)
@@ -68,6 +69,12 @@ def diagnose_file(
             " too for a map, and threshold if there is one",
             fix="save these arrays under these names",
         )
+    if pfa is not None:
+        check_false_alarm_probability("pfa", pfa)
+    _check_threshold_settings(
+        {"n_training": n_training, "n_guard": n_guard, "pfa": pfa},
+        has_threshold=_THRESHOLD in arrays,
+    )
     values = arrays[names[0]]
     if _AXES[0] not in arrays:
         if radar is None:
@@ -115,6 +122,18 @@ def diagnose_file(
         pfa,
         n_summed=n_summed or 1,
     )
+
+
+def _check_threshold_settings(settings: dict[str, object], *, has_threshold: bool) -> None:
+    """Raise `InvalidSetting` for settings of a threshold without one."""
+    given = [name for name, value in settings.items() if value is not None]
+    if given and not has_threshold:
+        raise InvalidSetting(
+            given[0],
+            value=settings[given[0]],
+            expected=f"an array {_THRESHOLD} in the file, to which {join_names(given)} would apply",
+            fix=f"save the threshold as {_THRESHOLD}, or leave out {join_names(given)}",
+        )
 
 
 def _missing_settings(path: Path, content: str, settings: str) -> RecordingError:

@@ -15,8 +15,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
-from dechirp.core.checks import check_number
-from dechirp.core.errors import InvalidSetting
+from dechirp.core.checks import check_finite_samples, check_number
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.array import Array
 from dechirp.radar.multiplexing.ddma import Ddma
@@ -77,25 +76,23 @@ def recognise_ddma(
     Raises
     ------
     InvalidSetting
-        If the samples have another shape.
+        If the samples are not finite numbers or have another shape.
 
     References
     ----------
     F. Jansen, Automotive radar Doppler division MIMO, EuRAD 2019.
     """
     check_number("wavelength_m", wavelength_m, above=0.0)
-    chirps = np.asarray(samples)
-    if isinstance(samples, xr.DataArray) and chirps.ndim == 4:
-        chirps = chirps[0]
-    if chirps.ndim != 3 or 0 in chirps.shape or chirps.shape[1] != array.n_rx:
-        raise InvalidSetting(
-            "samples",
-            value=f"shape {chirps.shape}",
-            expected=f"(chirp, rx, sample) with {array.n_rx} receivers",
-            fix="give the samples of one frame of this array",
-        )
+    if isinstance(samples, xr.DataArray) and samples.ndim == 4 and len(samples):
+        samples = samples[0]
+    chirps = check_finite_samples(
+        "samples",
+        samples,
+        axes=f"(chirp, rx, sample) of one frame, with {array.n_rx} receivers",
+        fits=lambda chirps: chirps.ndim == 3 and chirps.shape[1] == array.n_rx,
+    )
     spectrum = _range_doppler_spectrum(chirps)
-    power = np.sum(np.abs(spectrum) ** 2, axis=1)
+    power = np.sum(np.abs(spectrum).astype(float) ** 2, axis=1)
     is_peak = _doppler_peak_mask(power)
     band_bins = _sub_band_width(power, is_peak)
     if band_bins is None:
@@ -150,9 +147,10 @@ def _range_doppler_spectrum(chirps: np.ndarray) -> np.ndarray:
     n_chirps, _, n_samples = chirps.shape
     # Sidelobes 58 dB down: each of a strong echo would count as one more of its velocity.
     window = np.blackman(n_samples + 2)[1:-1].astype(np.float32)
+    slow_window = np.hanning(n_chirps + 2)[1:-1, None, None].astype(np.float32)
     transform = np.fft.fft if np.iscomplexobj(chirps) else np.fft.rfft
     ranges = transform(chirps * window, axis=2)
-    return np.asarray(np.fft.fft(ranges * np.hanning(n_chirps + 2)[1:-1, None, None], axis=0))
+    return np.asarray(np.fft.fft(ranges * slow_window, axis=0))
 
 
 def _doppler_peak_mask(power: np.ndarray) -> np.ndarray:

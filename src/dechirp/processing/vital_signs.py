@@ -16,7 +16,7 @@ sensors for noncontact healthcare monitoring, IEEE Trans. MTT 61(5), 2013.
 
 import math
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import xarray as xr
@@ -108,7 +108,8 @@ def measure_vital_signs(trace: xr.DataArray, settings: VitalSigns | None = None)
     ----------
     trace : DataArray (time, ...), complex
         Slow-time values of cells, from `range_traces`, `slow_time`, `frame_means` or
-        `read_slow_time`. Times may be uneven. Values of 0, as of lost chirps, are left out. With a
+        `read_slow_time`. Times may be uneven, with gaps. Values of 0, as of lost chirps, are left
+        out. A window with less than half its values is not measurable. With a
         coordinate `range`, the cells within the range interval of the settings are used. The
         attribute `wavelength_m` converts phase to displacement.
     settings : VitalSigns, optional
@@ -136,11 +137,17 @@ def measure_vital_signs(trace: xr.DataArray, settings: VitalSigns | None = None)
     rows = []
     for start_s in _window_starts_s(times_s, settings):
         inside = (start_s <= times_s) & (times_s < start_s + settings.window_s)
-        middle_s = 0.5 * (times_s[inside][0] + times_s[inside][-1])
-        rows.append({"time": middle_s})
-        rows[-1] |= _measure_window(
-            cells[inside], times_s[inside], coordinates, wavelength_m, settings
-        )
+        if _has_too_few_values(times_s[inside], settings):
+            row = dict.fromkeys(("time", *coordinates), math.nan)
+            row["time"] = start_s + 0.5 * settings.window_s
+            for sign in get_args(_Sign):
+                row |= _row_of_line(sign, None, math.nan, settings)
+        else:
+            row = {"time": 0.5 * (times_s[inside][0] + times_s[inside][-1])}
+            row |= _measure_window(
+                cells[inside], times_s[inside], coordinates, wavelength_m, settings
+            )
+        rows.append(row)
     units = {"time": "s", "range": "m", "channel": "1"}
     columns = {
         name: (
@@ -186,7 +193,7 @@ def _cells_of_trace(
             value=f"{trace.sizes['time']} times"
             + (" with values that are not finite" if is_increasing else ""),
             expected="finite values at times that do not decrease",
-            fix="sort the values by time, and replace those that are missing by 0",
+            fix="sort the values by time, and leave out the times of those that are missing",
         )
     if "range" in trace.dims and "range" in trace.coords:
         ranges_m = trace.coords["range"].values
@@ -247,6 +254,12 @@ def _check_times_suit_settings(times_s: np.ndarray, settings: VitalSigns) -> Non
             " rate",
             fix="record frames at a higher rate, or lower VitalSigns.breathing_hz",
         )
+
+
+def _has_too_few_values(times_s: np.ndarray, settings: VitalSigns) -> bool:
+    """Return whether a window spans a gap that leaves less than a trace needs at least."""
+    least = settings.breathing_hz[1] * settings.window_s  # half a window at the Nyquist rate
+    return len(times_s) < max(least, 2) or float(np.ptp(times_s)) < 0.45 * settings.window_s
 
 
 def _window_starts_s(times_s: np.ndarray, settings: VitalSigns) -> np.ndarray:

@@ -39,7 +39,10 @@ def empty_group_points() -> GroupPoints:
 
 
 def check_point_table(points: xr.Dataset, *extra_columns: str) -> None:
-    """Raise `InvalidSetting` unless a table has range, azimuth and velocity of each point."""
+    """Raise `InvalidSetting` unless a table has range, azimuth and velocity of each point.
+
+    Negative ranges and standard errors and azimuths beyond pi are refused, too.
+    """
     columns = set(points.variables) if isinstance(points, xr.Dataset) else set()
     wanted = ("range", "azimuth", "velocity", *extra_columns)
     missing = [name for name in wanted if name not in columns]
@@ -54,6 +57,22 @@ def check_point_table(points: xr.Dataset, *extra_columns: str) -> None:
             else f"a table whose {', '.join(invalid)} are not a number for each row",
             expected=f"a dataset with {', '.join(wanted)} of each point",
             fix="pass `dechirp.open(...).points`, or what `detect` returned",
+        )
+    # NaN stands for unknown; a float32 of pi is 9e-8 above it.
+    azimuth = np.abs(points.variables["azimuth"].values)
+    _refuse_rows("azimuth", azimuth > np.pi + 1e-6, "from -pi to pi, in rad")
+    for name in ("range", "range_std", "azimuth_std", "velocity_std"):
+        if name in columns:
+            _refuse_rows(name, points.variables[name].values < 0, "0 or more")
+
+
+def _refuse_rows(name: str, is_wrong: np.ndarray, expected: str) -> None:
+    if is_wrong.any():
+        raise InvalidSetting(
+            f"points.{name}",
+            value=f"impossible in {np.count_nonzero(is_wrong)} of {is_wrong.size} rows",
+            expected=f"{expected}; NaN if unknown",
+            fix="leave these rows out, or convert the units",
         )
 
 

@@ -99,7 +99,8 @@ class LiveGroupTracker:
         Raises
         ------
         InvalidSetting
-            If the time does not increase, or columns are missing; the tracks are unchanged.
+            If the time does not increase, columns are missing, or a range, azimuth or standard
+            error is impossible; the tracks are unchanged.
         NotEnoughMemory
             If the pairs of points, or of tracks and points, would not fit.
         """
@@ -263,7 +264,8 @@ def track_groups(
     Raises
     ------
     InvalidSetting
-        If times do not increase, points are of other frames, or columns are missing.
+        If times do not increase, points are of other frames, columns are missing, or a range,
+        azimuth or standard error is impossible.
     NotEnoughMemory
         If the tracks, or a frame's pairs of points, would not fit.
 

@@ -12,35 +12,62 @@ from dechirp.recordings.slow_time_files import read_slow_time
 from dechirp.witnesses.base import Comparison, Witness
 
 _WINDOW_S = 20.0  # `time_series_length_s` of the vendor's settings in the file
-_N_COMPARED = 5
+_TIMES_S = (26, 29, 32, 35, 38)
+_N_COMPARED = 27  # every 0.5 s of the 13.5 s in which the vendor gives any
+_TOLERANCE_HZ = 1 / 60
+_BASIS = "1 a minute: a third of the resolution of 20 s"
+_CAUSE = (
+    "several parts of the body move in the range cell: its I and Q lie at 0.4 to 0.5 of the radius"
+    " from a circle, and the phase slips near its centre. Until 27 s breathing is the strongest"
+    " line, within 1 a minute of the vendor's, but noise has such a line with a probability above"
+    " the limit of 1 %, so it is not measurable. The vendor tests no significance"
+)
 
 
 class AcconeerBreathing(Witness):
-    """Breathing rates of Acconeer's application at five times, from the 20 s before each."""
+    """Breathing rates of Acconeer's application, from the 20 s before each."""
 
     folder: ClassVar[str] = "acconeer_breathing"
     source: ClassVar[str] = "acconeer/acconeer-python-exploration e29f30d, breathing, sitting"
     licence: ClassVar[str] = "BSD-3-Clause-Clear"
 
     def compare(self, folder: Path) -> Iterator[Comparison]:
-        """Compare the rates at equal steps of the time in which the vendor gives any."""
+        """Compare the rates every 3 s, and count those every 0.5 s that agree."""
         trace = read_slow_time(folder / "breathing-sitting.h5")
         with open_hdf5(folder / "breathing-sitting-expected.h5") as file:
-            theirs_per_minute = file["breathing_rate"][()]
-        measured = np.flatnonzero(np.isfinite(theirs_per_minute))
-        # The centres of five equal parts.
-        parts = np.array_split(measured, _N_COMPARED)
-        times_s = trace.coords["time"].values
-        for frame in (int(part[len(part) // 2]) for part in parts):
+            theirs_hz = file["breathing_rate"][()] / 60
+        times_s = trace.coords["time"].values - trace.coords["time"].values[0]
+
+        def measure_before(frame: int) -> float:
             is_before = (times_s > times_s[frame] - _WINDOW_S) & (times_s <= times_s[frame])
             vital = measure_vital_signs(
                 trace.isel(time=is_before), VitalSigns(range_m=(0.3, 1.5), window_s=_WINDOW_S)
             )
+            return float(vital.breathing_rate[0])
+
+        for time_s in _TIMES_S:
+            frame = int(np.argmin(abs(times_s - time_s)))
+            ours_hz = measure_before(frame)
             yield Comparison(
-                quantity=f"breathing rate in the 20 s before {times_s[frame] - times_s[0]:.1f} s",
-                theirs=float(theirs_per_minute[frame]) / 60,
-                ours=float(vital.breathing_rate[0]),
+                quantity=f"breathing rate in the 20 s before {time_s} s",
+                theirs=float(theirs_hz[frame]),
+                ours=ours_hz,
                 unit="Hz",
-                tolerance=1 / 60,
-                basis="1 a minute: a third of the resolution of 20 s",
+                tolerance=_TOLERANCE_HZ,
+                basis=_BASIS,
+                cause=_CAUSE if np.isnan(ours_hz) else "",
             )
+        measured = np.flatnonzero(np.isfinite(theirs_hz))
+        frames = measured[:: max(len(measured) // _N_COMPARED, 1)]
+        n_agreeing = sum(
+            abs(measure_before(int(frame)) - theirs_hz[frame]) <= _TOLERANCE_HZ for frame in frames
+        )
+        yield Comparison(
+            quantity="vendor's breathing rates, every 0.5 s, within 1 a minute of ours",
+            theirs=len(frames),
+            ours=float(n_agreeing),
+            unit="1",
+            tolerance=0.0,
+            basis=f"all of them; {_BASIS}",
+            cause=_CAUSE,
+        )

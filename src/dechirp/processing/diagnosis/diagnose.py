@@ -450,8 +450,9 @@ def diagnose_threshold(
     Raises
     ------
     InvalidSetting
-        If the arrays are not finite and of equal shape, the cells do not fit into the map, or the
-        probability is out of bounds.
+        If the powers are not finite, the threshold is NaN where all training cells lie within the
+        map, the shapes differ, the cells do not fit into the map, or the probability is out of
+        bounds.
     """
     check_false_alarm_probability("pfa", pfa)
     check_integer("n_summed", n_summed, at_least=1)

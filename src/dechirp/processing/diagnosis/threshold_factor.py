@@ -3,6 +3,7 @@
 import numpy as np
 import scipy
 
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.text import format_number
 from dechirp.processing.diagnosis.diagnosis import (
     NOTHING_FOUND,
@@ -56,8 +57,22 @@ def diagnose_factor(
     pfa: float,
     n_summed: int,
 ) -> Diagnosis:
-    """Compare the factor of a threshold (velocity, range) with that of its training cells."""
+    """Compare the factor of a threshold (velocity, range) with that of its training cells.
+
+    Raises
+    ------
+    InvalidSetting
+        If the threshold is NaN in a cell that has all its training cells.
+    """
     mean, n_cells = training_mean(power, n_training, n_guard)
+    n_missing = np.count_nonzero(np.isfinite(mean) & np.isnan(threshold))
+    if n_missing:
+        raise InvalidSetting(
+            "threshold",
+            value=f"NaN in {n_missing} cells with all their training cells",
+            expected="a number there; NaN only where training cells would lie beyond the map",
+            fix="compute the threshold from finite powers",
+        )
     is_usable = np.isfinite(mean) & np.isfinite(threshold) & (mean > 0)
     factors = threshold[is_usable] / mean[is_usable]
     if not factors.size:

@@ -40,7 +40,6 @@ from dechirp.recordings.settings.calterah_hxx import (
 _HEAD_BYTES = 4096
 _MAX_SETTINGS_BYTES = 2**20
 _SEPARATORS = bytes.maketrans(b",\t\r\n;", b"     ")
-_LONG_NUMBER = re.compile(rb"\d{11}")
 _HEAD = re.compile(rb"\s*\d{1,10}(?:[,\s]+\d{1,10}){7,}")
 _RECEIVER = re.compile(r"(?:rx|f\d+_)(\d+)", re.IGNORECASE)
 _PROFILE = re.compile(r"(?:^|_|p)f(\d)(?=_)", re.IGNORECASE)
@@ -148,7 +147,9 @@ def _read_words(file: Path) -> np.ndarray:
     )
     text = file.read_bytes().translate(_SEPARATORS)
     unexpected = text.translate(None, b"0123456789 ")
-    if unexpected or _LONG_NUMBER.search(text):
+    # A plain search for eleven digits takes four times as long as the conversion.
+    blanks = np.flatnonzero(np.frombuffer(b" " + text + b" ", np.uint8) == ord(" "))
+    if unexpected or np.diff(blanks).max() > 11:
         value = f"{chr(unexpected[0])!r} among numbers" if unexpected else "a number of 11 digits"
         raise _damaged_error(file, value)
     numbers = np.fromstring(text, dtype=np.int64, sep=" ") if text.strip() else np.empty(0, int)
@@ -228,9 +229,9 @@ def _echo_concentration(codes: np.ndarray, profile: CalterahProfile) -> float:
     n_chirps, n_samples = profile.frame.n_chirps, profile.frame.chirp.n_samples
     chirps = codes[:, : n_chirps * n_samples].reshape(-1, n_chirps, n_samples).astype(np.float32)
     chirps -= chirps.mean(axis=-1, keepdims=True)
-    window = np.hanning(n_samples).astype(np.float32)
-    ranges = np.fft.rfft(chirps * window, axis=-1) * np.hanning(n_chirps)[:, None]
-    power = np.sum(np.abs(np.fft.fft(ranges, axis=1)) ** 2, axis=0)
+    windows = [np.hanning(n).astype(np.float32) for n in (n_chirps, n_samples)]
+    ranges = np.fft.rfft(chirps * windows[1], axis=-1) * windows[0][:, None]
+    power = np.sum(np.abs(np.fft.fft(ranges, axis=1)).astype(float) ** 2, axis=0)
     return float(np.sum(power**2) / max(np.sum(power) ** 2, np.finfo(float).tiny))
 
 

@@ -46,6 +46,7 @@ _MAX_LINE_BYTES = 2**16
 _MAX_HEADINGS = 100
 _NUMBERS_PER_LINE = range(100, 801)  # 50 to 200 samples, in two or four parts
 _MAX_SAMPLES = 200
+_BLANKS = b" \r\n"
 _SEPARATORS = bytes.maketrans(b",;\t", b"   ")
 _MAX_SAMPLED_CHIRPS = 64
 
@@ -270,10 +271,16 @@ def _count_codes_or_none(line: bytes) -> int | None:
 
 def _split_codes_and_time(line: bytes) -> tuple[list[bytes], bytes | None]:
     """Split a line into its codes and its time."""
+    text, time = _split_text_and_time(line)
+    return text.split(), time
+
+
+def _split_text_and_time(line: bytes) -> tuple[bytes, bytes | None]:
+    """Split a line into its codes, separated by blanks, and its time."""
     time = _TIME.search(line, max(len(line) - 64, 0))
     codes = line if time is None else line[: time.start(1)]
-    words = codes.removeprefix(b"\xef\xbb\xbf").translate(_SEPARATORS).split()
-    return words, None if time is None else time[1]
+    text = codes.removeprefix(b"\xef\xbb\xbf").translate(_SEPARATORS)
+    return text, None if time is None else time[1]
 
 
 def _index_measurement_lines(path: Path) -> _LineIndex:
@@ -380,13 +387,27 @@ def _decode_lines_to_chirps(
         with lines.path.open("rb") as file:
             for chirp_index, index in enumerate(line_indices):
                 file.seek(int(lines.starts[index]))
-                words, _ = _split_codes_and_time(file.readline(_MAX_LINE_BYTES + 1))
-                codes = _parse_codes(lines, index, words)
+                text, _ = _split_text_and_time(file.readline(_MAX_LINE_BYTES + 1))
+                codes = _parse_plain_codes(text, lines.n_numbers)
+                if codes is None:
+                    codes = _parse_codes(lines, index, text.split())
                 scaled = codes.astype(np.float32) * np.float32(2 / _MAX_CODE) - np.float32(1)
                 for part, values in zip(
-                    filled_parts, np.split(scaled, len(filled_parts)), strict=True
+                    filled_parts, scaled.reshape(len(filled_parts), -1), strict=True
                 ):
                     part[chirp_index] = values[columns]
+
+
+def _parse_plain_codes(text: bytes, n_numbers: int) -> np.ndarray | None:
+    """Parse the codes of a line at once; None if any is invalid or has leading zeros."""
+    digits = text.translate(None, _BLANKS)
+    if not digits.isdigit():
+        return None
+    codes = np.fromstring(text, np.int64, sep=" ")
+    if codes.size != n_numbers or codes.max() > _MAX_CODE:
+        return None
+    n_digits = codes.size + sum(np.count_nonzero(codes >= power) for power in (10, 100, 1000))
+    return codes if n_digits == len(digits) else None
 
 
 def _parse_codes(lines: _LineIndex, index: int, words: list[bytes]) -> np.ndarray:
