@@ -3,6 +3,9 @@
 decode   Time to decode a DCA1000 capture of 128 MiB in the file cache, with two and four lanes, to
          a new complex64 cube, over `numpy.fromfile` of the same file; at most 4. A further ratio
          is for decoding with strided NumPy assignments.
+text     Time to open and decode Calterah text of 5 MB with its radar, over the conversion of its
+         numbers with `numpy.fromstring`; at most 4. The same for uRAD text of 4 MB, a line of which
+         ends with a time: over the conversion line by line, without a check of each number.
 open     Time to open a capture of 4 GB and decode one frame, s; at most 0.3. A second figure is for
          a network capture (pcap) of 1 GB, which requires reading each packet.
 memory   Growth of the resident memory of a process that reads a capture, an .npy file or a network
@@ -20,6 +23,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -93,6 +97,31 @@ def decode_with_strides(file: Path) -> np.ndarray:
     return samples
 
 
+def measure_text_ratios(folder: Path, rng: np.random.Generator) -> dict[str, float]:
+    """Measure the readers of text over the conversion of its numbers."""
+    urad, calterah = folder / "IQ.txt", folder / "rx0.txt"
+    codes = rng.integers(1000, 4096, (1024, 800))
+    lines = [f"{' '.join(map(str, row))} {1.7e9 + n / 25:.3f}\n" for n, row in enumerate(codes)]
+    urad.write_text("".join(lines))
+    words = rng.integers(2**31, 2**32, 2**19)
+    calterah.write_text(",".join(map(str, words)))
+    (folder / "radar.hxx").touch()  # by which the format is recognised
+    real = dc.Radar(frame=replace(RADAR.frame, chirp=replace(CHIRP, sampling="real")))
+    return {
+        "text_urad": measure_ratio(
+            lambda: dc.open(urad, format="urad").cube,
+            lambda: [
+                np.fromstring(line.rsplit(b" ", 1)[0], np.int64, sep=" ")
+                for line in urad.read_bytes().splitlines()
+            ],
+        ),
+        "text_calterah": measure_ratio(
+            lambda: dc.open(calterah, format="calterah", radar=real).cube,
+            lambda: np.fromstring(calterah.read_bytes(), np.int64, sep=","),
+        ),
+    }
+
+
 def write_network_capture(file: Path, n_bytes: int) -> None:
     """Write a pcap file of DCA1000 packets with zeros."""
     with file.open("wb") as out:
@@ -134,6 +163,7 @@ def main() -> None:
         results["decode_with_strides"] = measure_ratio(
             lambda: decode_with_strides(capture), lambda: np.fromfile(capture, np.int16)
         )
+        results |= measure_text_ratios(folder, rng)
         options = {"device": "xwr1642", "iq": "iq", "format": "dca1000"}
         with large.open("wb") as out:
             out.truncate(4000 * FRAME_BYTES * 2)  # 4.2 GB, sparse
@@ -166,6 +196,7 @@ def main() -> None:
         )
     bars = {"decode_two_lanes": 4, "decode_four_lanes": 4, "open_4_gb_s": 0.3}
     bars |= {"memory_dca1000_mb": 200, "memory_npy_mb": 200, "memory_pcap_mb": 200}
+    bars |= {"text_calterah": 4}
     print(json.dumps({"measured": results, "at_most": bars}, indent=2))
     raise SystemExit(1 if any(results[name] > bar for name, bar in bars.items()) else 0)
 

@@ -1,5 +1,7 @@
 """uRAD recordings (text): sawtooth and triangle, ranges and velocities, damaged lines."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,6 +12,7 @@ from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
+from dechirp.recordings.readers import urad
 from dechirp.recordings.readers.base import MatchQuality, RecordingHints
 from dechirp.recordings.readers.urad import Urad
 from dechirp.recordings.recording import open as open_recording
@@ -218,6 +221,29 @@ def test_half_that_stopped_a_line_earlier_ends_the_recording(tmp_path):
 
 
 VALID_TEXT = format_lines(simulate_beat(12.0, 0.0, n_chirps=8), times=True)
+
+
+def test_only_the_first_line_is_checked_word_by_word(tmp_path, monkeypatch):
+    n_checked = 0
+
+    def count_word(word):
+        nonlocal n_checked
+        n_checked += 1
+        return is_code(word)
+
+    is_code = urad._is_code
+    monkeypatch.setattr(urad, "_is_code", count_word)
+    read_contents(tmp_path, VALID_TEXT)
+
+    assert n_checked == 2 * N
+
+
+def test_leading_zeros_do_not_change_codes(tmp_path):
+    _, expected = read_contents(tmp_path, VALID_TEXT)
+
+    _, frames = read_contents(tmp_path, re.sub(r"\b(\d{3})(?= )", r"0\1", VALID_TEXT))
+
+    assert np.array_equal(frames, expected)
 
 
 def change_lines(text, change):

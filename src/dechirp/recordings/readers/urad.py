@@ -265,7 +265,11 @@ def _has_times(lines: Sequence[bytes]) -> bool:
 
 def _count_codes_or_none(line: bytes) -> int | None:
     """Count the codes of a line; None if it holds anything else, except a time at its end."""
-    codes, _ = _split_codes_and_time(line)
+    text, _ = _split_text_and_time(line)
+    n_words = _count_words(text)
+    if _parse_plain_codes(text, n_words) is not None:
+        return n_words
+    codes = text.split()
     return len(codes) if all(map(_is_code, codes)) else None
 
 
@@ -295,17 +299,18 @@ def _index_measurement_lines(path: Path) -> _LineIndex:
             if len(line) > _MAX_LINE_BYTES:
                 raise _malformed_line_error(path, line_number, f"more than {_MAX_LINE_BYTES} bytes")
             if n_numbers or not _is_heading(line) or line_number > _MAX_HEADINGS:
-                words, time = _split_codes_and_time(line)
-                if odd_line and words:
+                text, time = _split_text_and_time(line)
+                n_words = _count_words(text)
+                if odd_line and n_words:
                     raise _malformed_line_error(
                         path, odd_line[0], f"{odd_line[1]} numbers after lines of {n_numbers}"
                     )
-                if words and not n_numbers:
-                    first_line, n_numbers = line_number, len(words)
-                    _check_codes(path, line_number, words)
-                if words and len(words) != n_numbers:
-                    odd_line = line_number, len(words)
-                elif words:
+                if n_words and not n_numbers:
+                    first_line, n_numbers = line_number, n_words
+                    _check_codes(path, line_number, text.split())
+                if n_words and n_words != n_numbers:
+                    odd_line = line_number, n_words
+                elif n_words:
                     starts.append(start)
                     if time and line.endswith(b"\n"):
                         times_s = [*times_s[:1], _parse_time_s(path, line_number, time)]
@@ -328,6 +333,14 @@ def _index_measurement_lines(path: Path) -> _LineIndex:
         if odd_line and odd_line[1]
         else (),
     )
+
+
+def _count_words(text: bytes) -> int:
+    """Count the words of a line; single blanks between numbers are counted without a split."""
+    blanks = text.strip().translate(None, b"0123456789")
+    if blanks and not blanks.strip(b" ") and b"  " not in text:
+        return len(blanks) + 1
+    return len(text.split())
 
 
 def _mean_line_interval_s(first_and_last_time_s: list[float], n_lines: int) -> float | None:
