@@ -1,6 +1,7 @@
 """Object lists in the CAN messages of vendors' radars, through their DBCs and mappings."""
 
 import math
+import warnings
 
 import can
 import cantools
@@ -262,3 +263,45 @@ def test_objects_give_the_own_speed_without_a_radar():
         dc.object_lists.objects_to_detections(
             objects, range_std_m=0.1, velocity_std_m_per_s=0.05, lateral_std_m=0.0
         )
+
+
+@pytest.mark.filterwarnings("default::dechirp.PhysicsWarning")
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
+def test_cut_log_is_reported_with_the_place(suffix, files, tmp_path):
+    log = tmp_path / f"log{suffix}"
+    options = {"dbc": files["toyota.dbc"], "mapping": "toyota-adas"}
+    write_can_log(radial_object_list(4, 10), log, **options)
+    content = log.read_bytes()
+    cut = len(content) // 2
+    while content[cut - 1 : cut] in b"\r\n":  # within a line
+        cut += 1
+    log.write_bytes(content[:cut])
+    errors = []
+    with warnings.catch_warnings(record=True) as messages:
+        warnings.simplefilter("always")
+        try:
+            read_can_log(log, **options)
+        except RecordingError as error:  # what remains of a line may be none
+            errors = [error]
+    texts = [str(item) for item in (*messages, *errors)]
+    assert any("cut off" in text and f"at byte {cut}" in text for text in texts)
+
+
+@pytest.mark.filterwarnings("default::dechirp.PhysicsWarning")
+def test_asc_without_the_end_of_its_block_is_reported(files, tmp_path):
+    log = tmp_path / "log.asc"
+    options = {"dbc": files["toyota.dbc"], "mapping": "toyota-adas"}
+    write_can_log(radial_object_list(4, 10), log, **options)
+    lines = log.read_bytes().splitlines(keepends=True)
+    log.write_bytes(b"".join(lines[: len(lines) // 2]))
+    with pytest.warns(dc.PhysicsWarning, match="before the end of its trigger block"):
+        read_can_log(log, **options)
+
+
+def test_cut_dbc_is_refused_with_the_line(tmp_path):
+    cut = ESR.rindex("|", 0, ESR.rindex("SG_") + 60) + 1
+    path = tmp_path / "cut.dbc"
+    path.write_text(ESR[:cut])
+    line = ESR[:cut].count("\n") + 1
+    with pytest.raises(InvalidSetting, match=f"incomplete statement at its end, line {line}"):
+        read_vendor_layout(path, "delphi-esr")

@@ -156,3 +156,22 @@ def test_mutated_settings_are_read_or_refused(seed, recording, tmp_path):
         assert all(np.isfinite(frame.values).all() for frame in opened.frames())
     except DechirpError as error:
         assert error.mistakes
+
+
+def test_directions_are_unknown_where_the_transmit_order_is(recording, tmp_path):
+    """Receivers recorded one after another: phases between them are random."""
+    _, codes = recording
+    (tmp_path / "sensor_config_init1.hxx").write_text(settings_text(1))
+    for rx, shift in enumerate(
+        (0, 5, 3, 7)
+    ):  # chirps: each echo has another phase in each sub-band
+        write_samples(tmp_path / f"yard_rx{rx}.txt", np.roll(codes[:, rx], shift, axis=0).ravel())
+    opened = dc.open(tmp_path)
+    assert not opened.radar.frame.multiplexing.is_order_known
+    (finding,) = [item for item in opened.findings if "in unknown order" in item.value]
+    assert finding.level == "warning" and "directions are left unknown" in finding.expected
+    (cube,) = opened.frames()
+    detections = dc.detect(cube, opened.radar)
+    assert detections.sizes["detection"] >= 4
+    for name in ("azimuth", "elevation", "azimuth_std", "elevation_std"):
+        assert np.isnan(detections[name].values).all()

@@ -444,3 +444,60 @@ def test_rejects_wrong_argument_types(single_element_radar):
             ego_motion(VALID_DETECTIONS, single_element_radar).drop_vars("vx"),
             single_element_radar,
         )
+
+
+def draw_traffic(rng, n_static, n_cars, speed_spread, v):
+    """Return static detections and those of cars, of one to three detections each."""
+    azimuth = rng.uniform(-0.6, 0.6, n_static)
+    velocity = static_velocities(azimuth, v)
+    for _ in range(n_cars):
+        on_car = rng.uniform(-0.3, 0.3) + rng.uniform(-0.02, 0.02, rng.integers(1, 4))
+        relative = (v[0] - 20.0 - speed_spread * rng.standard_normal(), 0.0)
+        azimuth = np.append(azimuth, on_car)
+        velocity = np.append(velocity, static_velocities(on_car, relative))
+    n = azimuth.size
+    return make_detections(
+        azimuth=azimuth + 0.003 * rng.standard_normal(n),
+        velocity=velocity + 0.05 * rng.standard_normal(n),
+        velocity_std=0.05,
+        azimuth_std=0.003,
+    )
+
+
+@pytest.mark.parametrize(
+    ("n_static", "n_cars", "speed_spread", "least_known"),
+    [(10, 10, 0.1, 0), (10, 10, 0.3, 0), (10, 10, 1.0, 0), (2, 20, 0.5, 0), (40, 8, 1.0, 20)],
+)
+def test_dense_traffic_yields_no_wrong_ego_velocity(n_static, n_cars, speed_spread, least_known):
+    """No known velocity is wrong by more than five stated errors; static scenes remain known."""
+    rng = np.random.default_rng(12)
+    v, n_known = np.array([20.0, 0.3]), 0
+    for _ in range(25):
+        rows = draw_traffic(rng, n_static, n_cars, speed_spread, v)
+        ego = ego_motion(rows, None, EgoMotion(min_share=0.3))
+        if np.isfinite(ego.vx.item()):
+            n_known += 1
+            for name, truth in (("vx", v[0]), ("vy", v[1])):
+                assert abs(ego[name].item() - truth) < 5 * ego[f"{name}_std"].item()
+    assert n_known >= least_known
+
+
+def test_largest_speed_holds_for_the_result():
+    """Hypotheses of exact pairs below the limit may be fitted to a velocity above it."""
+    azimuth = np.linspace(-0.6, 0.6, 20)
+    velocity = static_velocities(azimuth, (30.0, 0.0)) + 0.1 * np.cos(40 * azimuth)
+    rows = make_detections(azimuth=azimuth, velocity=velocity, velocity_std=0.1)
+    free = ego_motion(rows, None)
+    speed = float(np.hypot(free.vx, free.vy).item())
+    assert speed == pytest.approx(30.0, abs=0.3)
+    limited = ego_motion(rows, None, EgoMotion(max_speed_m_per_s=speed - 1e-3))
+    assert np.isnan(limited.vx.item()) and limited.n_static.item() == 0
+
+
+def test_detections_of_one_object_count_as_one():
+    """Three objects, seen ten times each, agree with a velocity but are too few."""
+    azimuth = np.repeat([-0.3, 0.0, 0.3], 10) + np.tile(np.linspace(-0.05, 0.05, 10), 3)
+    rows = make_detections(azimuth=azimuth, velocity=static_velocities(azimuth, (12.0, 0.0)))
+    assert ego_motion(rows, None).n_static.item() == 30
+    numbered = rows.assign(number=("detection", np.repeat([1, 2, 3], 10)))
+    assert np.isnan(ego_motion(numbered, None).vx.item())

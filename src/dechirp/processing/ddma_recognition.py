@@ -113,7 +113,10 @@ def recognise_ddma(
     fit = _transmit_order(amplitudes, array, wavelength_m)
     return RecognisedDdma(
         multiplexing=Ddma(
-            order=fit.order, n_sub_bands=n_bands, sub_bands=tuple(int(band) for band in sub_bands)
+            order=fit.order,
+            n_sub_bands=n_bands,
+            sub_bands=tuple(int(band) for band in sub_bands),
+            is_order_known=fit.is_unique,
         ),
         is_static_band_known=static_shift is not None,
         is_order_known=fit.is_unique,

@@ -56,7 +56,7 @@ def checked_direction_aperture(radar: Radar, field_of_view: FieldOfView) -> Aper
     ------
     InvalidSetting
         About `chain.angle`, if all elements have one position across the line of sight, or the code
-        does not separate the transmitters.
+        does not separate the transmitters or has them in unknown order.
 
     Notes
     -----
@@ -74,6 +74,8 @@ def checked_direction_aperture(radar: Radar, field_of_view: FieldOfView) -> Aper
     if not can_separate_transmitters(radar.frame):
         n_tx = len(radar.array.tx_m)
         problem, expected = f"a code of {n_tx} transmitters", "a code that parts them over a round"
+    if not getattr(radar.frame.multiplexing, "is_order_known", True):
+        problem, expected = "transmitters in unknown order", "the transmitter of each sub-band"
     if problem is not None:
         raise InvalidSetting(
             "chain.angle",

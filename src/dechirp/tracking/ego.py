@@ -56,14 +56,20 @@ VERTICAL_UNITS = {
 """Further columns with `EgoMotion.with_vertical`."""
 
 _REQUIRED = ("frame", "range", "velocity", "azimuth", "velocity_std", "azimuth_std")
-_OPTIONAL = ("time", "elevation", "elevation_std", "ambiguity_number")
+_OPTIONAL = ("time", "elevation", "elevation_std", "ambiguity_number", "number")
 
 # A rival velocity must be e^10 times less likely: 20 in chi-squares.
 _RIVAL_COST = 20.0
+# A second velocity with a third of the supporters, among the other detections, may be the true one.
+_RIVAL_SHARE = 1 / 3
+# Residuals of static detections end at the gate; those of traffic go on. Of normal errors 0.3 % lie
+# between the gate and twice it, of uniform ones as many as within.
+_MAX_SHARE_BEYOND_GATE = 0.2
 _MAX_HYPOTHESES = 200_000
 _MAX_VELOCITY_M_PER_S = 1e5
 _UNAMBIGUOUS_M_PER_S = 1e9  # a period that no velocity reaches
 _MIN_VOLUME = 1e-9  # of three directions; smaller ones determine no velocity
+_ROUNDING = 1e-6  # of sums of shares
 _RESIDUALS_PER_BLOCK = 2**20  # 8 MiB
 
 
@@ -141,12 +147,19 @@ def ego_motion(
     fitted by least squares with the errors of both velocities and azimuths, see
     `tracking.doppler_fit`.
 
+    Any two directions agree with some velocity, so the static detections need two directions more
+    than components, `min_spread_rad` apart. Cars that keep together agree with a velocity, too:
+    the result is NaN if a third as many of the other detections agree with a second one, or if
+    many residuals lie just beyond the gate. Traffic of one common velocity, without a third as
+    many static detections beside it, cannot be told from a static scene.
+
     Parameters
     ----------
     detections : Dataset over `detection`
         Detections from `detect`, with azimuths and standard errors. Those with unknown direction,
         because their ambiguity number is unknown under multiplexing, are ignored. Without
-        elevations, all detections are assumed level with the radar.
+        elevations, all detections are assumed level with the radar. With `number`, several
+        detections of one object in a frame count as one, and their errors as equal.
     radar : Radar or None
         For the velocity ambiguity: residuals are taken modulo the unambiguous span. None for lists
         of a vendor's radar, whose velocities and directions are resolved.
@@ -159,8 +172,8 @@ def ego_motion(
         `vx_vy_covariance` (m^2/s^2) and `n_static`, the number of static detections; `time` (s).
         With the vertical velocity also `vz vz_std vx_vz_covariance vy_vz_covariance`.
         NaN, and n_static 0, if the velocity is undetermined: too few static detections, no
-        majority, all in one direction, or another velocity as likely, as with unknown ambiguity
-        numbers.
+        majority, too few directions, a speed above the largest, or another velocity as likely, as
+        with unknown ambiguity numbers or in dense traffic.
 
     Raises
     ------
@@ -186,8 +199,10 @@ def ego_motion(
         time_s[index] = frame_columns["time"][0]
         sightings = _frame_columns_to_sightings(frame_columns, radar, frame)
         rng = np.random.default_rng([settings.seed, frame])
+        is_usable = _usable_detection_mask(frame_columns, radar, settings)
         estimate = _estimate_radar_velocity_by_ransac(
-            sightings.select_detections(_usable_detection_mask(frame_columns, radar, settings)),
+            sightings.select_detections(is_usable),
+            _share_of_each_detection(frame_columns["number"][is_usable]),
             settings,
             rng,
         )
@@ -379,13 +394,22 @@ def _usable_detection_mask(
     return np.asarray(is_known & _known_number_mask(frame_columns, radar))
 
 
+def _share_of_each_detection(number: np.ndarray) -> np.ndarray:
+    """Return 1 over the number of detections of the same object, (n,); 1 for unknown objects."""
+    _, index, counts = np.unique(number, equal_nan=False, return_inverse=True, return_counts=True)
+    return np.asarray(1 / counts[index])
+
+
 def _estimate_radar_velocity_by_ransac(
-    sightings: Sightings, settings: EgoMotion, rng: np.random.Generator
+    sightings: Sightings, share: np.ndarray, settings: EgoMotion, rng: np.random.Generator
 ) -> VelocityEstimate | None:
-    """Estimate the velocity from most detections of a frame; None if undetermined."""
-    n = sightings.azimuth_rad.size
-    min_votes = max(settings.min_static, math.ceil(settings.min_share * n))
-    if n < settings.min_static:
+    """Estimate the velocity from most detections of a frame; None if undetermined.
+
+    `share` is the part of a vote that each detection has.
+    """
+    n_votes = share.sum() + _ROUNDING
+    min_votes = max(settings.min_static, math.ceil(settings.min_share * n_votes - 2 * _ROUNDING))
+    if n_votes < settings.min_static:
         return None
     if settings.with_vertical:
         hypotheses = _radar_velocity_hypotheses_from_triples(sightings, settings, rng)
@@ -393,18 +417,13 @@ def _estimate_radar_velocity_by_ransac(
         hypotheses = _radar_velocity_hypotheses_from_pairs(sightings, settings, rng)
     if not len(hypotheses):
         return None
-    cost = _truncated_residual_costs(sightings, hypotheses, settings)
+    cost = _truncated_residual_costs(sightings, share, hypotheses, settings)
     velocity = hypotheses[cost.argmin()]
-    static = np.zeros(n, bool)
+    static = np.zeros(share.size, bool)
     for _ in range(10):
         is_static = _static_detection_mask(sightings, velocity, settings)
-        if (
-            is_static.sum() < min_votes
-            or sightings.azimuth_rad[is_static].std() < settings.min_spread_rad
-            or (
-                settings.with_vertical
-                and sightings.elevation_rad[is_static].std() < settings.min_spread_rad
-            )
+        if share[is_static].sum() + _ROUNDING < min_votes or not _determines_velocity(
+            sightings.select_detections(is_static), settings
         ):
             return None
         if (is_static == static).all():
@@ -412,10 +431,57 @@ def _estimate_radar_velocity_by_ransac(
         static = is_static
         estimate = fit_radar_velocity(sightings.select_detections(static), velocity)
         velocity = estimate.velocity
-    is_sole = not _has_rival_velocity_hypothesis(
-        sightings, sightings.select_detections(static), velocity, hypotheses, cost, settings
+    if (
+        np.linalg.norm(velocity) > settings.max_speed_m_per_s
+        or _has_rival_velocity_hypothesis(
+            sightings, share, static, velocity, hypotheses, cost, settings
+        )
+        or _has_no_gap_at_gate(sightings, share, velocity, settings)
+        or _has_second_velocity(sightings, share, static, hypotheses, settings)
+    ):
+        return None
+    # Errors of one object are equal, at worst: its detections count as one.
+    n_per_vote = static.sum() / share[static].sum()
+    return estimate._replace(covariance=estimate.covariance * n_per_vote)
+
+
+def _determines_velocity(static: Sightings, settings: EgoMotion) -> bool:
+    """Return whether the directions of detections determine all components of the velocity."""
+    angles = [static.azimuth_rad, *([static.elevation_rad] * settings.with_vertical)]
+    if min(angle.std() for angle in angles) < settings.min_spread_rad:
+        return False
+    cells = np.unique(np.floor_divide(angles, settings.min_spread_rad), axis=1)
+    return cells.shape[1] >= 3 + len(angles)
+
+
+def _has_no_gap_at_gate(
+    sightings: Sightings, share: np.ndarray, velocity: np.ndarray, settings: EgoMotion
+) -> bool:
+    """Return whether many residuals lie just beyond the gate, as if it cut through traffic."""
+    residual, variance = static_velocity_residuals_and_variances(sightings, velocity)
+    squares = residual**2 / (variance + settings.tolerance_m_per_s**2)
+    within = squares <= settings.max_normalised_squared_residual
+    beyond = ~within & (squares <= 4 * settings.max_normalised_squared_residual)
+    return bool(share[beyond].sum() > _MAX_SHARE_BEYOND_GATE * share[within].sum())
+
+
+def _has_second_velocity(
+    sightings: Sightings,
+    share: np.ndarray,
+    static: np.ndarray,
+    hypotheses: np.ndarray,
+    settings: EgoMotion,
+) -> bool:
+    """Return whether many of the other detections agree with a velocity, as those of a convoy."""
+    others, share_of_others = sightings.select_detections(~static), share[~static]
+    needed = max(settings.min_static, _RIVAL_SHARE * share[static].sum()) - _ROUNDING
+    if share_of_others.sum() < needed:
+        return False
+    cost = _truncated_residual_costs(others, share_of_others, hypotheses, settings)
+    agrees = _static_detection_mask(others, hypotheses[cost.argmin()], settings)
+    return bool(share_of_others[agrees].sum() >= needed) and _determines_velocity(
+        others.select_detections(agrees), settings
     )
-    return estimate if is_sole else None
 
 
 def _radar_velocity_hypotheses_from_pairs(
@@ -465,9 +531,9 @@ def _radar_velocity_hypotheses_from_triples(
 
 
 def _truncated_residual_costs(
-    sightings: Sightings, radar_velocities: np.ndarray, settings: EgoMotion
+    sightings: Sightings, share: np.ndarray, radar_velocities: np.ndarray, settings: EgoMotion
 ) -> np.ndarray:
-    """Sum squared residuals over variances, each clipped at the gate, (n_velocities,)."""
+    """Sum shares of squared residuals over variances, clipped at the gate, (n_velocities,)."""
     at_once = max(_RESIDUALS_PER_BLOCK // sightings.azimuth_rad.size, 1)
     costs = np.empty(len(radar_velocities))
     for begin in range(0, len(radar_velocities), at_once):
@@ -476,7 +542,7 @@ def _truncated_residual_costs(
             sightings, radar_velocities[block, None]
         )
         squares = residual**2 / (variance + settings.tolerance_m_per_s**2)
-        costs[block] = np.minimum(squares, settings.max_normalised_squared_residual).sum(axis=-1)
+        costs[block] = np.minimum(squares, settings.max_normalised_squared_residual) @ share
     return costs
 
 
@@ -493,7 +559,8 @@ def _static_detection_mask(
 
 def _has_rival_velocity_hypothesis(
     sightings: Sightings,
-    static: Sightings,
+    share: np.ndarray,
+    static: np.ndarray,
     velocity: np.ndarray,
     hypotheses: np.ndarray,
     cost: np.ndarray,
@@ -503,10 +570,11 @@ def _has_rival_velocity_hypothesis(
 
     Near the velocity the cost grows by the square of the distance in standard errors.
     """
-    _, variance = static_velocity_residuals_and_variances(static, velocity)
-    towards = static.direction_components(len(velocity))
-    weight = 1 / (variance + settings.tolerance_m_per_s**2)
+    fitted = sightings.select_detections(static)
+    _, variance = static_velocity_residuals_and_variances(fitted, velocity)
+    towards = fitted.direction_components(len(velocity))
+    weight = share[static] / (variance + settings.tolerance_m_per_s**2)
     differences = hypotheses - velocity
     squares = np.einsum("hi,ij,hj->h", differences, (towards.T * weight) @ towards, differences)
-    best = _truncated_residual_costs(sightings, velocity[None], settings)[0]
+    best = _truncated_residual_costs(sightings, share, velocity[None], settings)[0]
     return bool(((squares > 2 * _RIVAL_COST) & (cost < best + _RIVAL_COST)).any())

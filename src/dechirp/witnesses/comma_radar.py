@@ -21,8 +21,8 @@ _FIRST_IDENTIFIER = 528
 _WINDOW_S = 1.0
 _LATENCY_S = 0.1  # of the radar's tracks behind the speed of the car
 _TRAFFIC = (
-    "cars of the same traffic outnumber standing objects: none or one stands in 734 of 1,200 lists,"
-    " so most votes go to the traffic"
+    "none or one object stands in 734 of 1,200 lists, too few beside the cars of the same traffic:"
+    " no velocity has a clear majority, and the result is NaN"
 )
 
 

@@ -27,6 +27,9 @@ class Ddma(Multiplexing):
     sub_bands: tuple[int, ...] | None = None
     """Sub-band of each transmitter of the order, from 0; None: the first ones without a gap.
     Differences that occur once identify the first transmitter best, as in [0, 1, 3]."""
+    is_order_known: bool = True
+    """Whether the order is that of the array. If it is only assumed, as by a recording whose
+    samples do not show it, directions are not estimated."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "order", check_transmitter_order("Ddma.order", self.order))
@@ -39,6 +42,13 @@ class Ddma(Multiplexing):
                 fix="take more sub-bands, or name fewer transmitters",
             )
 
+        if not isinstance(self.is_order_known, bool):
+            raise InvalidSetting(
+                "Ddma.is_order_known",
+                value=repr(self.is_order_known),
+                expected="true or false",
+                fix="write false to leave directions out",
+            )
         if self.sub_bands is not None:
             object.__setattr__(self, "sub_bands", self._checked_sub_bands())
 

@@ -278,7 +278,7 @@ def _ddma_finding(recognised: RecognisedDdma) -> Finding:
         setting="radar.frame.multiplexing",
         value=f"Doppler division recognised: {len(code.order)} transmitters in sub-bands {bands} of"
         f" {code.n_sub_bands}, {order}; {fit}{velocity}",
-        expected="transmitters whose order the array shows; else directions are wrong",
+        expected="transmitters whose order the array shows; else directions are left unknown",
         fix="give --radar with order and positions of the antennas, and record all receivers at"
         " the same time, if directions matter",
     )

@@ -24,6 +24,12 @@ _MESSAGE_LENGTH = re.compile(r"\bBO_\s+\d+\s+\w+\s*:\s*(\d+)")
 _SIGNAL_BITS = re.compile(r":\s*(\d+)\s*\|\s*(\d+)\s*@")
 _MULTIPLEXER_STATEMENT = re.compile(r"\bSG_MUL_VAL_[^;]*")
 _MULTIPLEXER_RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")
+_COMPLETE_STATEMENTS = {
+    "BO_": re.compile(r"BO_\s+\d+\s+\w+\s*:\s*\d+\s+\w+"),
+    "SG_": re.compile(r"SG_\s+\w.*:\s*\d+\s*\|.*@.*\(.*\)\s*\[.*\]\s*\".*\"\s*\w.*"),
+}
+"""Statements that end with their line; others end with a semicolon."""
+_ENDED_BY_SEMICOLON = ("BA_", "CM_", "SG_MUL_VAL_", "SIG_", "VAL_", "BO_TX_BU_", "EV_")
 _MAX_BYTES = 4095  # the longest message of ISO-TP
 _MAX_MULTIPLEXER_VALUES = 65536
 
@@ -218,6 +224,7 @@ def load_dbc_messages(path: Path, *, strict: bool = True) -> list[Any]:
     except UnicodeDecodeError as error:
         raise _dbc_error(path, f"not a DBC ({error.reason})", "a DBC", "correct it") from None
     _check_number_sizes(path, text)
+    _check_is_complete(path, text)
     try:
         database = cantools.database.load_string(text, database_format="dbc", strict=strict)
     except (cantools.Error, ValueError, KeyError, AttributeError, TypeError, IndexError) as error:
@@ -237,6 +244,25 @@ def check_signals_fit(path: Path, message: Any) -> None:
     except cantools.Error as error:
         reason = " ".join(str(error).split())[:200]
         raise _dbc_error(path, reason, "signals that fit their message", "correct it") from None
+
+
+def _check_is_complete(path: Path, text: str) -> None:
+    """Raise `InvalidSetting` if the text ends within a statement, which the parser leaves out."""
+    text = text.rstrip()
+    last = text.rsplit("\n", 1)[-1].strip()
+    keyword = last.split(maxsplit=1)[0] if last else ""
+    is_cut = text.count('"') % 2 == 1
+    if pattern := _COMPLETE_STATEMENTS.get(keyword):
+        is_cut |= pattern.fullmatch(last) is None
+    elif keyword.startswith(_ENDED_BY_SEMICOLON):
+        is_cut |= not last.endswith(";")
+    if is_cut:
+        raise _dbc_error(
+            path,
+            f"an incomplete statement at its end, line {1 + text.count(chr(10))}: {last[:60]!r}",
+            "a complete DBC",
+            "copy it again from its source",
+        )
 
 
 def _check_number_sizes(path: Path, text: str) -> None:

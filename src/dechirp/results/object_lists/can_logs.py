@@ -4,6 +4,7 @@ With the argument `mapping`, they are those of a vendor's radar, see `can_mappin
 """
 
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -14,6 +15,7 @@ from dechirp.core.argument_types import check_argument_types
 from dechirp.core.atomic_files import atomic_output_file, check_file_suffix
 from dechirp.core.checks import check_integer, check_number
 from dechirp.core.errors import InvalidSetting, RecordingError
+from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.optional_imports import import_from_extra
 from dechirp.results.object_lists.can_bus import CanFd
 from dechirp.results.object_lists.can_frames import CanFrame, encode_can_frames
@@ -33,6 +35,9 @@ _MODULES = {".blf": "blf.BLF", ".asc": "asc.ASC", ".log": "canutils.CanutilsLog"
 """Module and class prefix in python-can for each suffix."""
 
 SUFFIXES = tuple(_MODULES)
+
+_ENDS_BYTES = 4096
+_BLF_SIZE_FIELD = slice(16, 24)  # size of the file in bytes, in its header
 
 
 @check_argument_types
@@ -99,7 +104,9 @@ def read_can_log(
     Warns
     -----
     PhysicsWarning
-        If lists are missing, incomplete or damaged; they are omitted.
+        If lists are missing, incomplete or damaged; they are omitted. If the log is cut off: a BLF
+        shorter than its header states, an ASC without the end of its trigger block, a candump
+        that ends within a line. One that ends between two lines cannot be told from a whole log.
     """
     path, layout = check_file_suffix(path, SUFFIXES), _read_layout(dbc, mapping)
     reader = _python_can_log_class(path, "Reader")
@@ -117,10 +124,10 @@ def read_can_log(
         ) from None
     except Exception as error:
         # Readers raise various exceptions for damaged logs.
+        reason = " ".join(str(error).split()) or type(error).__name__
         raise RecordingError(
             path,
-            value=f"not a {path.suffix} log"
-            f" ({' '.join(str(error).split()) or type(error).__name__})",
+            value=f"not a {path.suffix} log ({'; '.join(filter(None, [reason, _cut(path)]))})",
             expected="a complete log",
             fix="write it again, or remove its damaged end",
         ) from None
@@ -139,6 +146,15 @@ def read_can_log(
             expected=f"messages of {Path(layout.name).name}",
             fix="give the DBC with which it was written",
         )
+    if cut := _cut(path):
+        finding = Finding(
+            level="warning",
+            setting=str(path),
+            value=f"{cut}; {n_frames} frames before it",
+            expected="a complete log",
+            fix="copy it again from its source, if the lists after it matter",
+        )
+        warnings.warn(PhysicsWarning(finding), stacklevel=3)
     return _assemble_frames(received, layout)
 
 
@@ -250,6 +266,27 @@ def _is_valid_empty_log(log: Any, path: Path) -> bool:
     if path.suffix.lower() == ".asc":
         return log.date is not None or log.timestamps_format is not None
     return getattr(log, "object_count", 0) == 0  # from the header of a BLF
+
+
+def _cut(path: Path) -> str:
+    """Return where a log is cut off; empty if nothing shows it."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(_ENDS_BYTES)
+        file.seek(max(size - _ENDS_BYTES, 0))
+        tail = file.read()
+    if path.suffix.lower() == ".blf":
+        stated = int.from_bytes(head[_BLF_SIZE_FIELD], "little")
+        return f"cut off at byte {size} of {stated} in its header" if size < stated else ""
+    if tail and not tail.endswith((b"\n", b"\r")):
+        return f"cut off within a line, at byte {size}"
+    has_block, has_end = (
+        word in part.lower()
+        for word, part in ((b"begin triggerblock", head), (b"end triggerblock", tail))
+    )
+    if path.suffix.lower() == ".asc" and has_block and not has_end:
+        return f"cut off before the end of its trigger block, at byte {size}"
+    return ""
 
 
 def _count_and_select_object_frames(

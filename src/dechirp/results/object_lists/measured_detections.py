@@ -35,7 +35,7 @@ def objects_to_detections(
     Returns
     -------
     Dataset over `detection`
-        With the columns that `ego_motion` requires.
+        With the columns that `ego_motion` requires, and the `number` of the object.
 
     Raises
     ------
@@ -66,10 +66,12 @@ def objects_to_detections(
             "range_std": np.full(len(x), range_std_m),
             "velocity_std": np.full(len(x), velocity_std_m_per_s),
             "azimuth_std": lateral_std_m / range_m,
+            "number": objects["number"].values,
         }
+    units = {**UNITS, "number": "1"}
     return xr.Dataset(
         {
-            name: ("detection", column[is_known], {"units": UNITS[name.removesuffix("_std")]})
+            name: ("detection", column[is_known], {"units": units[name.removesuffix("_std")]})
             for name, column in columns.items()
         }
     )
