@@ -3,7 +3,7 @@
 decode   Time to decode a DCA1000 capture of 128 MiB in the file cache, with two and four lanes, to
          a new complex64 cube, over `numpy.fromfile` of the same file; at most 4. A further ratio
          is for decoding with strided NumPy assignments.
-text     Time to open and decode Calterah text of 5 MB with its radar, over the conversion of its
+text     Time to open and decode Calterah text of 23 MB with its radar, over the conversion of its
          numbers with `numpy.fromstring`; at most 4. The same for uRAD text of 4 MB, a line of which
          ends with a time: over the conversion line by line, without a check of each number.
 open     Time to open a capture of 4 GB and decode one frame, s; at most 0.3. A second figure is for
@@ -103,7 +103,7 @@ def measure_text_ratios(folder: Path, rng: np.random.Generator) -> dict[str, flo
     codes = rng.integers(1000, 4096, (1024, 800))
     lines = [f"{' '.join(map(str, row))} {1.7e9 + n / 25:.3f}\n" for n, row in enumerate(codes)]
     urad.write_text("".join(lines))
-    words = rng.integers(2**31, 2**32, 2**19)
+    words = rng.integers(2**31, 2**32, 2**21)
     calterah.write_text(",".join(map(str, words)))
     (folder / "radar.hxx").touch()  # by which the format is recognised
     real = dc.Radar(frame=replace(RADAR.frame, chirp=replace(CHIRP, sampling="real")))
