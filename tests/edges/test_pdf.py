@@ -60,6 +60,7 @@ def test_markup_in_names_is_escaped(page):
     assert text.count(remove_spaces_and_dashes(MARKUP)) >= 3
 
 
+@nightly
 def test_pdf_contains_figures_with_text_labels(page):
     skip_without_pdf()
     text = extract_pdf_text(html_to_pdf(page))

@@ -210,9 +210,7 @@ def _sums(value):
     return value
 
 
-@pytest.mark.parametrize(
-    "case", nightly_except(["cold", "numba-hidden"], ["cold", "numba-hidden", "jit-disabled"])
-)
+@pytest.mark.parametrize("case", nightly_except(["cold"], ["cold", "numba-hidden", "jit-disabled"]))
 def test_first_command_compiles_nothing_and_needs_no_numba(tmp_path, monkeypatch, case, reference):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
     if case == "jit-disabled":

@@ -12,6 +12,7 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.arc_fit import fit_arc
 from dechirp.processing.slow_time import range_traces
 from dechirp.processing.vital_signs import VitalSigns, measure_vital_signs
+from nightly import nightly
 
 WAVELENGTH_M = 5e-3
 TIMES_S = np.arange(400) / 20
@@ -92,6 +93,7 @@ def test_rates_reach_cramer_rao_bound_and_intervals_cover():
         assert float(vital[f"{sign}_amplitude"]) == pytest.approx(amplitude_m, rel=0.03)
 
 
+@nightly
 def test_empty_room_has_no_vital_signs():
     """Noise with static echoes: each probability holds, also for the strongest of many cells."""
     n_trials, probabilities = 30, {"breathing": [], "heart": []}
