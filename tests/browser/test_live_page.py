@@ -274,7 +274,9 @@ def test_table_rows_follow_frame_with_equal_count_or_hidden_tab(live_page):
         ranges_m = live_page.page.evaluate(_TABLE_RANGES_JS, "detections")
         visible_ranges_m = ranges_m[:4]  # further rows are drawn when scrolled into view
         return len(visible_ranges_m) > 0 and all(
-            f"{value:.3f}" in table_text for value in visible_ranges_m
+            # Decimals follow the standard errors: the first two are always shown.
+            f"{int(100 * value) / 100:.2f}" in table_text
+            for value in visible_ranges_m
         )
 
     range_columns = set()
