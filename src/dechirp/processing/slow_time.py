@@ -168,17 +168,9 @@ def range_track(
         window=window, n_points=chirp.n_samples, n_bins=_RANGE_OVERSAMPLING * chirp.n_samples
     )
     bins_m = chirp.range_bins_m(transform.n_bins)
-    ends_m = check_finite_array("range_m", range_m)
-    rows = np.array([], dtype=int)
-    if ends_m.shape == (2,):
-        rows = np.flatnonzero((ends_m[0] <= bins_m) & (bins_m <= ends_m[1]))
-    if rows.size < 3:
-        raise InvalidSetting(
-            "range_m",
-            value=range_m,
-            expected=f"an interval of {2 * bins_m[1]:.3g} m or more, from 0 to {bins_m[-1]:.4g} m",
-            fix="give the nearest range, then the farthest",
-        )
+    rows = _rows_of_interval(
+        range_m, bins_m, at_least=3, interval=f"an interval of {2 * bins_m[1]:.3g} m or more"
+    )
     tracks = []
     for index in range(cube.sizes["frame"]):
         samples = cube.isel(frame=index).transpose("chirp", "rx", "sample")
@@ -228,24 +220,18 @@ def range_traces(
     frame, chirp = radar.frame, radar.frame.chirp
     transform = Transform(window=window, n_points=chirp.n_samples, n_bins=chirp.n_samples)
     bins_m = chirp.range_bins_m(transform.n_bins)
-    ends_m = check_finite_array("range_m", range_m)
-    is_inside = np.zeros(len(bins_m), bool)
-    if ends_m.shape == (2,):
-        is_inside = (ends_m[0] <= bins_m) & (bins_m <= ends_m[1])
-    if not is_inside.any():
-        raise InvalidSetting(
-            "range_m",
-            value=range_m,
-            expected=f"an interval with a row, {bins_m[1]:.3g} m apart, from 0 to"
-            f" {bins_m[-1]:.4g} m",
-            fix="give the nearest range, then the farthest",
-        )
+    rows = _rows_of_interval(
+        range_m,
+        bins_m,
+        at_least=1,
+        interval=f"an interval with a row, {bins_m[1]:.3g} m apart",
+    )
     starts = np.arange(0, frame.n_chirps, max(int(_MAX_AVERAGING_S / frame.repetition_s), 1))
     n_rounds = np.diff(starts, append=frame.n_chirps)
     means = []
     for index in range(cube.sizes["frame"]):
         samples = cube.isel(frame=index).transpose("chirp", "rx", "sample")
-        profiles = range_profiles(samples, chirp, transform).values[..., is_inside]
+        profiles = range_profiles(samples, chirp, transform).values[..., rows]
         check_finite(profiles)
         sums = np.add.reduceat(split_chirps_into_slots(profiles, frame), starts, axis=0)
         means.append(np.moveaxis(sums / n_rounds[:, None, None], 2, 1))
@@ -259,7 +245,7 @@ def range_traces(
                 (np.add.reduceat(times_s, starts, axis=1) / n_rounds).ravel(),
                 {"units": "s", "long_name": "time"},
             ),
-            "range": xr.Variable("range", bins_m[is_inside], {"units": "m"}),
+            "range": xr.Variable("range", bins_m[rows], {"units": "m"}),
         },
         attrs={
             "units": cube.attrs.get("units", "1"),
@@ -527,6 +513,24 @@ def strongest_oscillation(spectrum: xr.DataArray, frequency_hz: tuple[float, flo
 
 def _describe_array(array: xr.DataArray) -> str:
     return f"an array of {dict(array.sizes)} and type {array.dtype}"
+
+
+def _rows_of_interval(
+    range_m: tuple[float, float], bins_m: np.ndarray, *, at_least: int, interval: str
+) -> np.ndarray:
+    """Return the rows within an interval, or raise `InvalidSetting` if it has too few."""
+    ends_m = check_finite_array("range_m", range_m)
+    rows = np.array([], dtype=int)
+    if ends_m.shape == (2,):
+        rows = np.flatnonzero((ends_m[0] <= bins_m) & (bins_m <= ends_m[1]))
+    if rows.size < at_least:
+        raise InvalidSetting(
+            "range_m",
+            value=range_m,
+            expected=f"{interval}, from 0 to {bins_m[-1]:.4g} m",
+            fix="give the nearest range, then the farthest",
+        )
+    return rows
 
 
 def _round_times_and_frames(
