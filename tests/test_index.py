@@ -13,6 +13,8 @@ from pathlib import Path
 import dechirp
 from dechirp.radar.devices.base import Device
 from dechirp.recordings.writers.base import Writer
+from dechirp.traffic.base import TrafficFormat
+from dechirp.witnesses.base import Witness
 from families.test_members import FAMILIES
 from nightly import nightly
 from test_api import NAMESPACES, namespace_names
@@ -21,6 +23,7 @@ from test_layers import FILES, ROOT, find_nodes, imported_files, iter_imports
 TESTS = Path(__file__).parent
 INDEX = TESTS / "index.txt"
 SOURCES = frozenset(FILES)
+INDEXED_FAMILIES = [*FAMILIES, Device, TrafficFormat, Writer]  # tests name the kinds of members
 MAX_LISTED = 6  # of 40 and more for widely used files: those with the most references
 HEADER = """\
 # Test files of each source file: those that refer to it most often, at most six.
@@ -59,11 +62,17 @@ def command_of_arguments(items: Sequence[ast.expr]) -> Path | None:
 def files_by_kind() -> dict[str, list[Path]]:
     """Return the files of family members by their kinds and suffixes."""
     files: dict[str, list[Path]] = {}
-    for base in [*FAMILIES, Device, Writer]:
+    for base in INDEXED_FAMILIES:
         for kind, member in base.members().items():
             for word in (kind, *getattr(member, "suffixes", ())):
                 files.setdefault(word, []).extend(filter(None, [module_file(member.__module__)]))
     return files
+
+
+@cache
+def witness_files() -> list[Path | None]:
+    """Return the files of all witnesses: their test takes every member and names no kind."""
+    return [module_file(member.__module__) for member in Witness.members().values()]
 
 
 @cache
@@ -102,6 +111,8 @@ def iter_references(test_file: Path) -> Iterator[Path]:
         elif isinstance(node, ast.Attribute):
             names = attribute_names(node)
             owners = [public_owner(*names), public_owner(*names[:1])]
+            if ast.unparse(node) == "Witness.members":
+                owners += witness_files()
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             words = [node.value, *re.findall(r"\bkind: ([a-z0-9-]+)", node.value)]
             owners = [file for word in words for file in files_by_kind().get(word, ())]
@@ -115,7 +126,7 @@ def iter_references(test_file: Path) -> Iterator[Path]:
 def list_tests_by_source() -> dict[Path, list[Path]]:
     """Return the test files that refer to each source file, most references first."""
     counts: dict[Path, Counter[Path]] = {path: Counter() for path in FILES}
-    for test_file in sorted(TESTS.rglob("test_*.py")):
+    for test_file in sorted(set(TESTS.rglob("test_*.py")) - {Path(__file__)}):
         for source in iter_references(test_file):
             if source in counts:
                 counts[source][test_file] += 1

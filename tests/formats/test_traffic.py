@@ -87,8 +87,10 @@ def test_common_road_states_have_steps_intervals_and_circles(tmp_path):
     path = tmp_path / "scenario.xml"
     path.write_text(COMMON_ROAD, encoding="utf-8")
 
-    objects = dc.open_traffic(path).objects
+    traffic = dc.open_traffic(path)
 
+    assert traffic.format == "common-road"
+    objects = traffic.objects
     assert objects["kind"].values.tolist() == ["bicyclist", "car"]
     assert objects["time"].values.tolist() == [1.0, 1.5]
     assert np.array_equal(objects["x"], [[1, 1.5], [9, np.nan]], equal_nan=True)
@@ -103,6 +105,7 @@ def test_missing_velocities_come_from_positions(tmp_path):
 
     traffic = dc.open_traffic(write_csv(tmp_path, *rows))
 
+    assert traffic.format == "trajectory-csv"
     assert traffic.objects["vx"].values[0, 1:3] == pytest.approx([6, 7], rel=1e-12)
     (finding,) = traffic.findings
     assert "velocities of 1 objects are missing" in str(finding) and ": 7" in str(finding)
