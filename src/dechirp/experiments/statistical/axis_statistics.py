@@ -151,12 +151,9 @@ def _sample_weights_of_moments_and_cells(
 
 def frequency_drift_amplitude_gain(window: np.ndarray, drift_bins: np.ndarray) -> np.ndarray:
     """Return the amplitude gain of a tone whose frequency drifts by bins over the frame."""
-    positions = (np.arange(window.size) - (window.size - 1) / 2) / window.size
-    max_drift = 64.0
-    drifts = max_drift * np.linspace(0, 1, 257) ** 2
-    gains = abs(np.exp(1j * np.pi * np.outer(drifts, positions**2)) @ window) / window.sum()
+    drifts, gains = _frequency_drift_gain_table(tuple(window.tolist()))
     drift = abs(np.asarray(drift_bins))
-    beyond = np.sqrt(max_drift / np.maximum(drift, max_drift))
+    beyond = np.sqrt(drifts[-1] / np.maximum(drift, drifts[-1]))
     return np.interp(drift, drifts, gains) * beyond
 
 
@@ -164,16 +161,39 @@ def range_walk_amplitude_gain(
     doppler_window: np.ndarray, range_window: np.ndarray, walked_cells: np.ndarray
 ) -> np.ndarray:
     """Return the amplitude gain in the cell of a target that moves through cells in a frame."""
-    slow, fast = (
-        (np.arange(weights.size) - (weights.size - 1) / 2) / weights.size
-        for weights in (doppler_window, range_window)
+    walks, gains = _range_walk_gain_table(
+        tuple(doppler_window.tolist()), tuple(range_window.tolist())
     )
-    max_walk = 64.0
-    walks = max_walk * np.linspace(0, 1, 129) ** 2
-    weight = doppler_window / doppler_window.sum(), range_window / range_window.sum()
+    walk = abs(np.asarray(walked_cells))
+    return np.interp(walk, walks, gains) * walks[-1] / np.maximum(walk, walks[-1])
+
+
+# A sensor that steps through a simulation asks for the same tables in each frame: 0.7 s of 128
+# chirps and 256 samples.
+@lru_cache(maxsize=16)
+def _frequency_drift_gain_table(window: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return drifts in bins, and the gain of each."""
+    positions, weight = _centred_positions_and_weights(window)
+    drifts = 64.0 * np.linspace(0, 1, 257) ** 2
+    return drifts, abs(np.exp(1j * np.pi * np.outer(drifts, positions**2)) @ weight)
+
+
+@lru_cache(maxsize=16)
+def _range_walk_gain_table(
+    doppler_window: tuple[float, ...], range_window: tuple[float, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return walks in cells, and the gain of each."""
+    slow, slow_weight = _centred_positions_and_weights(doppler_window)
+    fast, fast_weight = _centred_positions_and_weights(range_window)
+    walks = 64.0 * np.linspace(0, 1, 129) ** 2
     gains = [
-        abs(weight[0] @ np.exp(2j * np.pi * walk * np.outer(slow, fast)) @ weight[1])
+        abs(slow_weight @ np.exp(2j * np.pi * walk * np.outer(slow, fast)) @ fast_weight)
         for walk in walks
     ]
-    walk = abs(np.asarray(walked_cells))
-    return np.interp(walk, walks, gains) * max_walk / np.maximum(walk, max_walk)
+    return walks, np.array(gains)
+
+
+def _centred_positions_and_weights(window: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions from -1/2 to 1/2, and weights of sum 1."""
+    weight = np.array(window)
+    return (np.arange(weight.size) - (weight.size - 1) / 2) / weight.size, weight / weight.sum()

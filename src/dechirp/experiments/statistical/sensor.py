@@ -38,6 +38,7 @@ from dechirp.processing.peaks import sidelobe_envelope
 from dechirp.processing.range_doppler_map import residual_noise_gain
 from dechirp.processing.spectrum import rows_with_circular_noise
 from dechirp.scene.fluctuation import draw_fluctuation_factors
+from dechirp.scene.scene import Scene
 from dechirp.scene.scene_warnings import scene_findings
 from dechirp.simulation.stages import sort_into_stages
 
@@ -138,6 +139,17 @@ class StatisticalSensor:
             for first in range(0, len(self._times_s), _FRAMES_PER_BLOCK)
         ]
         return {name: np.concatenate([block[name] for block in blocks]) for name in UNITS}
+
+    def draw_frame_detections(
+        self, scene: Scene, rng: np.random.Generator
+    ) -> dict[str, np.ndarray]:
+        """Draw the first frame of another scene; columns as those of `draw_detections`.
+
+        Radar, chain and impairments stay, with all that was prepared for them.
+        """
+        self._scene = scene
+        self.__dict__.pop("_cached_echoes_of_all_frames", None)
+        return self._draw_detections_of_frame_block(0, rng)
 
     def _draw_detections_of_frame_block(
         self, first_frame: int, rng: np.random.Generator
