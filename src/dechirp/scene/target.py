@@ -51,6 +51,8 @@ class Target(Displayable):
     """Heading of the x axis of its body, to the left of the scene's. None: the direction of its
     motion at each instant, seen from above, 0 at rest. A target that reverses on a straight line
     keeps its heading."""
+    turn_rate_rad_per_s: float = 0.0
+    """Turn rate of a heading that is given, about the z axis of the scene, to the left positive."""
     rcs_m2: float = _DEFAULT_RCS_M2
     """Radar cross section (dBsm in files); the mean if it fluctuates."""
     rcs_table: RcsTable | None = None
@@ -84,6 +86,7 @@ class Target(Displayable):
                 "Target.heading_rad", self.heading_rad, at_least=-full_circle, at_most=full_circle
             )
             object.__setattr__(self, "heading_rad", heading)
+        self._check_turn_rate()
         self._check_cross_section_settings()
 
     def _check_waypoints(self) -> None:
@@ -104,6 +107,20 @@ class Target(Displayable):
         check_speed_limit(
             "Target.waypoints", self._waypoint_trajectory.top_speed_m_per_s, context=" between them"
         )
+
+    def _check_turn_rate(self) -> None:
+        # As of the radar: faster than any spindle indicates a wrong unit.
+        turn_rate = check_number(
+            "Target.turn_rate_rad_per_s", self.turn_rate_rad_per_s, at_least=-1e5, at_most=1e5
+        )
+        object.__setattr__(self, "turn_rate_rad_per_s", turn_rate)
+        if turn_rate and self.heading_rad is None:
+            raise InvalidSetting(
+                "Target.turn_rate_rad_per_s",
+                value=f"{turn_rate:.4g} rad/s without a heading",
+                expected="the heading at time zero that turns",
+                fix="give heading_rad, or leave the turn rate out: the heading follows the motion",
+            )
 
     def _check_cross_section_settings(self) -> None:
         for name, kind in (("body", Body), ("rcs_table", RcsTable)):
@@ -160,6 +177,8 @@ class Target(Displayable):
         """Return the heading at each time, (n_times,)."""
         if self._constant_heading_rad is not None:
             return np.full(len(times_s), self._constant_heading_rad)
+        if self.heading_rad is not None:
+            return self.heading_rad + self.turn_rate_rad_per_s * times_s
         x, y, _ = self.velocities_at_m_per_s(times_s).T
         return np.arctan2(y, x)
 
@@ -189,6 +208,8 @@ class Target(Displayable):
     @cached_property
     def _constant_heading_rad(self) -> float | None:
         """Return the heading if it is constant, else None."""
+        if self.turn_rate_rad_per_s:
+            return None
         if self.heading_rad is not None:
             return self.heading_rad
         displacements = [self.velocity_m_per_s, self.acceleration_m_per_s2]

@@ -29,7 +29,8 @@ _UNITS = {
 _OVER_TIME = ("x", "y", "z", "heading", "vx", "vy")
 _SIZES = ("length", "width", "height")
 _MOVES_M_PER_S = 0.5  # faster than the jitter of recorded positions at rest
-_FASTEST_M_PER_S = 100.0  # 360 km/h: faster objects are jumps
+FASTEST_M_PER_S = 100.0
+"""360 km/h: an object that is faster between two steps jumps."""
 _SAME_PLACE_M = 0.1
 
 
@@ -220,17 +221,16 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
 def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
     """Return findings on gaps, jumps, and objects in one place."""
     ids, times_s = objects["id"].values, objects["time"].values
-    x, y = objects["x"].values, objects["y"].values
+    x = objects["x"].values
     gaps, jumps = [], []
     for index, number in enumerate(ids.tolist()):
         present = np.flatnonzero(np.isfinite(x[index]))
         if np.any(np.diff(present) > 1):
             first = present[np.argmax(np.diff(present) > 1) + 1]
             gaps.append(f"object {number} at {format_number(times_s[first])} s")
-        steps_m = np.hypot(np.diff(x[index, present]), np.diff(y[index, present]))
-        speeds = steps_m / np.diff(times_s[present])
-        if np.any(speeds > _FASTEST_M_PER_S):
-            first = present[int(np.argmax(speeds > _FASTEST_M_PER_S)) + 1]
+        speeds = step_speeds_m_per_s(objects.isel(object=index, time=present))
+        if np.any(speeds > FASTEST_M_PER_S):
+            first = present[int(np.argmax(speeds > FASTEST_M_PER_S)) + 1]
             jumps.append(
                 f"object {number} at {format_number(times_s[first])} s"
                 f" ({format_number(speeds.max(), 3)} m/s)"
@@ -252,7 +252,7 @@ def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
                 level="warning",
                 setting="traffic.position",
                 value=f"{len(jumps)} objects jump: {join_names(jumps, at_most=4)}",
-                expected=f"at most {_FASTEST_M_PER_S:g} m/s between steps",
+                expected=f"at most {FASTEST_M_PER_S:g} m/s between steps",
                 fix="give the object behind the jump another id",
             )
         )
@@ -267,6 +267,12 @@ def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
             )
         )
     return findings
+
+
+def step_speeds_m_per_s(steps: xr.Dataset) -> np.ndarray:
+    """Return the speed of one object between its steps, all present, from the positions, (n-1,)."""
+    steps_m = np.hypot(np.diff(steps["x"].values), np.diff(steps["y"].values))
+    return np.asarray(steps_m / np.diff(steps["time"].values))
 
 
 def _objects_in_one_place(objects: xr.Dataset) -> list[str]:

@@ -1,0 +1,395 @@
+"""Scenes of traffic: the objects around a radar on one of its vehicles, frame by frame."""
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterator
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from dechirp.core.argument_types import check_argument_types
+from dechirp.core.checks import check_number
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.findings import Finding
+from dechirp.core.text import format_number, format_si, join_names
+from dechirp.radar.radar import Radar
+from dechirp.scene.bodies.base import Body
+from dechirp.scene.ego import Ego
+from dechirp.scene.scene import Scene
+from dechirp.scene.target import Target
+from dechirp.traffic.base import ObjectKind
+from dechirp.traffic.motion import MAX_ACCELERATION_M_PER_S2, Motion, ObjectPath, fit_paths
+from dechirp.traffic.mounting import Mounting, mounting_on_vehicle
+from dechirp.traffic.outlines import (
+    contains_origin,
+    nearest_point_m,
+    rectangle_corners_m,
+    rotation,
+)
+from dechirp.traffic.road_bodies import Size, body_of_object, complete_size
+from dechirp.traffic.traffic import FASTEST_M_PER_S, Traffic
+
+_MAX_NAMED = 4
+_MAX_SUGGESTED_IDS = 5
+_MAX_FRAMES = 1_000_000
+_SINGLE_STEP_S = 1.0  # presence of objects in a trace of one step
+_ROUNDING_S = 1e-9
+_SLOWEST_TURN_RAD_PER_S = 1e-5  # moves the ends of a truck by 1 um in a frame of 12 ms
+_LARGEST_UNNOTICED_SHIFT_M = 0.5
+_MAX_HALF_EXTENT_M = 31.0  # of 60 by 10 m, the largest vehicle
+_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
+
+
+class ObjectInView(NamedTuple):
+    """Object in the view of the radar in one frame."""
+
+    name: str
+    """Kind and id, such as car-12."""
+    number: int
+    """Index of the object in the traffic."""
+    path: ObjectPath
+    motion: Motion
+    """Motion at mid-frame, in the axes of the file."""
+    size: Size
+    corners_m: np.ndarray
+    """(4, 2): outline at mid-frame, x forward and y left of the radar."""
+
+
+class RadarMotion(NamedTuple):
+    """Motion of the radar at one time, in the axes of the file."""
+
+    position_m: np.ndarray
+    """(3,)."""
+    velocity_m_per_s: np.ndarray
+    """(2,)."""
+    acceleration_m_per_s2: np.ndarray
+    """(2,)."""
+    yaw_rad: float
+    turn_rate_rad_per_s: float
+
+
+class FrameScenes:
+    """Scene of each frame of a radar in traffic; time zero of each is the start of its frame.
+
+    Simulate a scene with `radar.for_frame(number)`, as its first frame. The coordinates are those
+    of the radar at time zero, without its pitch and roll: x along the boresight seen from above, y
+    left, z up. Within a frame, positions follow velocity and acceleration at mid-frame, relative to
+    the radar, and bodies and radar turn at constant rates.
+
+    Parameters
+    ----------
+    traffic : Traffic
+        As `open_traffic` returns it.
+    radar : Radar
+        It determines the times of the frames, and with the largest range what is simulated.
+    ego : int, optional
+        Id of the vehicle that carries the radar; default: the host of the file.
+    mount : str or Mounting
+        Place on the outline of the vehicle, such as front or rear-left, or any pose.
+    start_s, duration_s : float, optional
+        Part of the trace, from its first step; default: all, as far as the vehicle is present.
+
+    Raises
+    ------
+    InvalidSetting
+        If the vehicle is missing or not named, its presence has no room for a frame, or an object
+        has a size that no body can have.
+    """
+
+    @check_argument_types
+    def __init__(
+        self,
+        traffic: Traffic,
+        radar: Radar,
+        *,
+        ego: int | None = None,
+        mount: str | Mounting = "front",
+        start_s: float = 0.0,
+        duration_s: float | None = None,
+    ) -> None:
+        objects = traffic.objects
+        self._radar, self._times_s = radar, objects["time"].values
+        self._positions_m = np.stack([objects["x"].values, objects["y"].values], axis=-1)
+        self._ids = [int(number) for number in objects["id"].values]
+        self._kinds = [cast(ObjectKind, str(kind)) for kind in objects["kind"].values]
+        self.names = tuple(
+            f"{kind}-{number}" for kind, number in zip(self._kinds, self._ids, strict=True)
+        )
+        """Name of each object, kind and id: car-12."""
+        stated_sizes = [
+            Size(*(float(objects[name][index]) for name in ("length", "width", "height")))
+            for index in range(len(self._ids))
+        ]
+        self._sizes = [
+            complete_size(kind, size) for kind, size in zip(self._kinds, stated_sizes, strict=True)
+        ]
+        self._step_s = float(np.diff(self._times_s).max(initial=0.0)) or _SINGLE_STEP_S
+        margin_s = float(np.median(np.diff(self._times_s))) / 2 if self._times_s.size > 1 else 0.5
+        self._paths = [
+            fit_paths(objects.isel(object=index), margin_s) for index in range(len(self._ids))
+        ]
+        self._check_bodies()
+        self._ego = self._find_ego(traffic, ego)
+        self.mounting = (
+            mount
+            if isinstance(mount, Mounting)
+            else mounting_on_vehicle(mount, *self._sizes[self._ego][:2])
+        )
+        """Pose of the radar on its vehicle."""
+        self._start_s, self.n_frames = self._select_frames(start_s, duration_s)
+        self._times_around_radar_s: dict[int, float] = {}
+        self._findings = (
+            *traffic.findings,
+            *self._unknown_size_findings(stated_sizes),
+            *self._path_findings(),
+        )
+
+    @property
+    def ego_name(self) -> str:
+        """Return the name of the vehicle that carries the radar."""
+        return self.names[self._ego]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Return findings on the traffic, and on objects around the radar in frames so far."""
+        return (*self._findings, *self._around_radar_findings())
+
+    def mid_frame_s(self, number: int) -> float:
+        """Return the middle of a frame, in the time of the file."""
+        frame = self._radar.frame
+        return self._start_s + frame.frame_start_s(number) + frame.for_frame(number).mid_frame_s
+
+    def radar_motion(self, number: int) -> RadarMotion:
+        """Return the motion of the radar at mid-frame, in the axes of the file."""
+        path = _path_at(self._paths[self._ego], self.mid_frame_s(number))
+        assert path is not None  # frames are within one path
+        motion = path.motion_at(self.mid_frame_s(number))
+        arm_m = rotation(motion.heading_rad) @ np.array(self.mounting.position_m[:2])
+        turn_rate = motion.turn_rate_rad_per_s
+        return RadarMotion(
+            motion.position_m + np.array([*arm_m, self.mounting.position_m[2]]),
+            motion.velocity_m_per_s + turn_rate * _QUARTER_TURN @ arm_m,
+            motion.acceleration_m_per_s2
+            + motion.turn_acceleration_rad_per_s2 * _QUARTER_TURN @ arm_m
+            - turn_rate**2 * arm_m,
+            motion.heading_rad + self.mounting.yaw_rad,
+            turn_rate,
+        )
+
+    def objects_in_view(self, number: int) -> list[ObjectInView]:
+        """Return the objects within the largest range and in front of the antennas at mid-frame.
+
+        Objects around the radar are left out, with a finding.
+        """
+        time_s, radar = self.mid_frame_s(number), self.radar_motion(number)
+        to_radar = rotation(-radar.yaw_rad)
+        max_range_m = self._radar.frame.chirp.max_range_m
+        objects = []
+        for index in self._indices_near(radar.position_m[:2], max_range_m, time_s):
+            path = _path_at(self._paths[index], time_s)
+            if path is None or index == self._ego:
+                continue
+            motion, size = path.motion_at(time_s), self._sizes[index]
+            corners_m = rectangle_corners_m(
+                to_radar @ (motion.position_m - radar.position_m)[:2],
+                motion.heading_rad - radar.yaw_rad,
+                size.length_m,
+                size.width_m,
+            )
+            if contains_origin(corners_m):
+                self._times_around_radar_s.setdefault(index, time_s)
+                continue
+            is_near = np.linalg.norm(nearest_point_m(corners_m)) < max_range_m
+            if corners_m[:, 0].max() > 0 and is_near:
+                objects.append(
+                    ObjectInView(self.names[index], index, path, motion, size, corners_m)
+                )
+        return objects
+
+    def scene(self, number: int) -> Scene:
+        """Return the scene of a frame, without the vehicle of the radar."""
+        mid_s = self._radar.frame.for_frame(number).mid_frame_s
+        radar = self.radar_motion(number)
+        turned_rad = radar.turn_rate_rad_per_s * mid_s
+        to_scene = rotation(turned_rad - radar.yaw_rad)
+        ego = Ego(
+            pitch_rad=self.mounting.pitch_rad,
+            roll_rad=self.mounting.roll_rad,
+            velocity_m_per_s=(*(rotation(-radar.yaw_rad) @ radar.velocity_m_per_s), 0.0),
+            turn_rate_rad_per_s=radar.turn_rate_rad_per_s,
+        )
+        moved_m = ego.displacements_m(np.array([mid_s]))[0, :2]
+        # The radar moves along an arc at constant speed; all other acceleration is that of the
+        # targets against it.
+        added_acceleration = (
+            radar.turn_rate_rad_per_s * _QUARTER_TURN @ radar.velocity_m_per_s
+            - radar.acceleration_m_per_s2
+        )
+        targets = []
+        for item in self.objects_in_view(number):
+            motion = item.motion
+            offset_m = motion.position_m - radar.position_m
+            middle_m = to_scene @ offset_m[:2] + moved_m
+            velocity = to_scene @ motion.velocity_m_per_s
+            acceleration = to_scene @ (motion.acceleration_m_per_s2 + added_acceleration)
+            turn_rate = motion.turn_rate_rad_per_s
+            turn_rate *= abs(turn_rate) > _SLOWEST_TURN_RAD_PER_S
+            heading_rad = motion.heading_rad - radar.yaw_rad + turned_rad - turn_rate * mid_s
+            start_m = middle_m - mid_s * velocity + mid_s**2 / 2 * acceleration
+            targets.append(
+                Target(
+                    name=item.name,
+                    position_m=(*start_m, offset_m[2]),
+                    velocity_m_per_s=(*(velocity - mid_s * acceleration), 0.0),
+                    acceleration_m_per_s2=(*acceleration, 0.0),
+                    heading_rad=math.remainder(heading_rad, 2 * math.pi),
+                    turn_rate_rad_per_s=turn_rate,
+                    body=self._body(item, self.mid_frame_s(number) - mid_s),
+                )
+            )
+        return Scene(targets=tuple(targets), ego=ego)
+
+    def scenes(self) -> Iterator[Scene]:
+        """Yield the scenes of all frames."""
+        return (self.scene(number) for number in range(self.n_frames))
+
+    def _body(self, item: ObjectInView, start_s: float) -> Body:
+        """Return the body of an object, its legs in the phase of the start of the frame."""
+        motion = item.motion
+        forward = rotation(motion.heading_rad)[:, 0]
+        return body_of_object(
+            self._kinds[item.number],
+            item.size,
+            float(forward @ motion.velocity_m_per_s),
+            lambda rate: item.path.integrate_over_speed(rate, start_s),
+        )
+
+    def _indices_near(self, place_m: np.ndarray, range_m: float, time_s: float) -> list[int]:
+        """Return the objects that may be within a range of a place, from the nearest step."""
+        nearest = int(np.argmin(np.abs(self._times_s - time_s)))
+        # An object may be absent in the nearest step, but present within half a step of another.
+        around = self._positions_m[:, max(nearest - 1, 0) : nearest + 2]
+        reach_m = range_m + _MAX_HALF_EXTENT_M + 2 * self._step_s * FASTEST_M_PER_S
+        is_near = np.any(np.linalg.norm(around - place_m, axis=-1) < reach_m, axis=1)
+        return [int(index) for index in np.flatnonzero(is_near)]
+
+    def _find_ego(self, traffic: Traffic, ego: int | None) -> int:
+        number = traffic.host if ego is None else ego
+        if number is not None and number in self._ids:
+            return self._ids.index(number)
+        n_steps = np.isfinite(self._positions_m[..., 0]).sum(axis=1)
+        longest = np.argsort(-n_steps, kind="stable")[:_MAX_SUGGESTED_IDS]
+        raise InvalidSetting(
+            "traffic.ego",
+            value="missing, and the file names no host" if number is None else number,
+            expected="the id of the vehicle that carries the radar; most time in the trace have "
+            + join_names([f"{self.names[index]} ({n_steps[index]} steps)" for index in longest]),
+            fix="give the id: --ego, traffic.ego, or the argument ego",
+        )
+
+    def _select_frames(self, start_s: float, duration_s: float | None) -> tuple[float, int]:
+        """Return the start of the first frame, in the time of the file, and the frame count."""
+        check_number("traffic.start_s", start_s, at_least=0)
+        earliest_s = float(self._times_s[0]) + start_s
+        paths = self._paths[self._ego]
+        path = next((path for path in paths if path.end_s > earliest_s), paths[-1])
+        first_s, end_s = max(earliest_s, float(path.times_s[0])), path.end_s
+        if duration_s is not None:
+            end_s = min(end_s, first_s + check_number("traffic.duration_s", duration_s, above=0))
+        frame = self._radar.frame
+        n_frames = bisect_right(
+            range(_MAX_FRAMES),
+            end_s - first_s + _ROUNDING_S,
+            key=lambda number: frame.frame_start_s(number) + frame.for_frame(number).duration_s,
+        )
+        if not n_frames:
+            last_s = paths[-1].end_s - float(self._times_s[0])
+            raise InvalidSetting(
+                "traffic.start_s",
+                value=f"{format_number(start_s)} s; {self.ego_name} is present until"
+                f" {format_number(last_s)} s",
+                expected=f"time for a frame of {format_si(frame.for_frame(0).duration_s, 's', 3)}",
+                fix="start earlier, lengthen traffic.duration_s, or choose another vehicle",
+            )
+        return first_s, n_frames
+
+    def _check_bodies(self) -> None:
+        """Raise `InvalidSetting`, with object and time, for a size that no body can have."""
+        for index, paths in enumerate(self._paths):
+            try:
+                body_of_object(self._kinds[index], self._sizes[index], 0.0, lambda rate: 0.0)
+            except InvalidSetting as error:
+                (mistake,) = error.mistakes
+                raise InvalidSetting(
+                    f"traffic.object {self._ids[index]}",
+                    value=f"{mistake.setting} {mistake.value}, from"
+                    f" {format_number(float(paths[0].times_s[0]))} s",
+                    expected=mistake.expected,
+                    fix="correct the size or the class of the object in the file",
+                ) from None
+
+    def _unknown_size_findings(self, stated_sizes: list[Size]) -> tuple[Finding, ...]:
+        unknown = [
+            name
+            for name, size in zip(self.names, stated_sizes, strict=True)
+            if not np.all(np.isfinite(size))
+        ]
+        if not unknown:
+            return ()
+        return (
+            Finding(
+                level="note",
+                setting="traffic.size",
+                value=f"length, width or height of {len(unknown)} objects are unknown:"
+                f" {join_names(unknown, at_most=_MAX_NAMED)}",
+                expected="sizes in the file",
+                fix="nothing to do: those typical of their class replace them",
+            ),
+        )
+
+    def _path_findings(self) -> tuple[Finding, ...]:
+        paths = [
+            (name, path)
+            for name, its_paths in zip(self.names, self._paths, strict=True)
+            for path in its_paths
+        ]
+        rough = [name for name, path in paths if not path.follows_velocities]
+        if not rough:
+            return ()
+        name, path = max(paths, key=lambda item: item[1].shift_m)
+        return (
+            Finding(
+                level="warning" if path.shift_m > _LARGEST_UNNOTICED_SHIFT_M else "note",
+                setting="traffic.position",
+                value=f"positions and velocities of {len(rough)} paths contradict each other, or"
+                f" need more than {MAX_ACCELERATION_M_PER_S2:g} m/s^2:"
+                f" {join_names(rough, at_most=_MAX_NAMED)}; smooth paths are up to"
+                f" {format_number(path.shift_m, 2)} m beside the positions ({name} from"
+                f" {format_number(float(path.times_s[0]))} s)",
+                expected="smooth motion",
+                fix="nothing to do for the jitter of measured positions; else correct the trace",
+            ),
+        )
+
+    def _around_radar_findings(self) -> tuple[Finding, ...]:
+        if not self._times_around_radar_s:
+            return ()
+        places = [
+            f"{self.names[index]} at {format_number(time_s)} s"
+            for index, time_s in self._times_around_radar_s.items()
+        ]
+        return (
+            Finding(
+                level="warning",
+                setting="traffic.mount",
+                value=f"the radar is inside {len(places)} objects, which are left out:"
+                f" {join_names(places, at_most=_MAX_NAMED)}",
+                expected="a radar outside of all other objects",
+                fix="move the radar, or remove what belongs to its vehicle, such as a trailer",
+            ),
+        )
+
+
+def _path_at(paths: list[ObjectPath], time_s: float) -> ObjectPath | None:
+    """Return the path on which an object is at a time, None while it is absent."""
+    return next((path for path in paths if path.start_s <= time_s <= path.end_s), None)
