@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 import dechirp
+from dechirp.generators.base import Generator
 from dechirp.radar.devices.base import Device
 from dechirp.recordings.writers.base import Writer
 from dechirp.traffic.base import TrafficFormat
@@ -23,7 +24,13 @@ from test_layers import FILES, ROOT, find_nodes, imported_files, iter_imports
 TESTS = Path(__file__).parent
 INDEX = TESTS / "index.txt"
 SOURCES = frozenset(FILES)
-INDEXED_FAMILIES = [*FAMILIES, Device, TrafficFormat, Writer]  # tests name the kinds of members
+INDEXED_FAMILIES = [
+    *FAMILIES,
+    Device,
+    Generator,
+    TrafficFormat,
+    Writer,
+]  # tests name the kinds of members
 MAX_LISTED = 6  # of 40 and more for widely used files: those with the most references
 HEADER = """\
 # Test files of each source file: those that refer to it most often, at most six.

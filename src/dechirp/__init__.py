@@ -84,8 +84,8 @@ _NAMES = {
 
 _NAMESPACES = (
     # Families: each member is a file of the package
-    *("angle", "bodies", "cfar", "devices", "impairments", "mitigation", "modulations"),
-    *("multiplexing", "patterns", "scores"),
+    *("angle", "bodies", "cfar", "devices", "generators", "impairments", "mitigation"),
+    *("modulations", "multiplexing", "patterns", "scores"),
     # Settings of studies and searches
     *("studies", "tuning"),
     # Functions

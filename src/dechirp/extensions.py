@@ -20,6 +20,7 @@ __getattr__, __dir__ = lazy_getattr_and_dir(
         "dechirp.scene.bodies.base": "AspectBody Body",
         "dechirp.evaluation.score.base": "Score",
         "dechirp.traffic.base": "ObjectState TrafficFormat",
+        "dechirp.generators.base": "Design Generator",
         "dechirp.witnesses.base": "Comparison Witness compare_arrays",
         # Values with settings as fields
         "dechirp.core.values": "frozen_dataclass",

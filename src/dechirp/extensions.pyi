@@ -4,6 +4,8 @@ from dechirp.core.checks import check_non_negative_fields as check_non_negative_
 from dechirp.core.checks import check_positive_fields as check_positive_fields
 from dechirp.core.values import frozen_dataclass as frozen_dataclass
 from dechirp.evaluation.score.base import Score as Score
+from dechirp.generators.base import Design as Design
+from dechirp.generators.base import Generator as Generator
 from dechirp.processing.angle.base import DirectionEstimator as DirectionEstimator
 from dechirp.processing.angle.base import SpectralEstimator as SpectralEstimator
 from dechirp.processing.cfar.base import NoiseEstimator as NoiseEstimator

@@ -74,7 +74,7 @@ def fixed_point(
         chain = pad_to_powers_of_two(scenario.chain, radar).fit_to_radar(radar)
         stages = fixed_point_map(cube, radar, chain, lengths)
     except DechirpError as error:
-        raise replace_settings_by_options(error, _OPTION_BY_SETTING) from None
+        raise replace_settings_by_options(error, OPTION_BY_SETTING) from None
     power = power_map(cube, radar, chain)
     compared = compare_detections(stages, power, threshold_map(power, radar, chain))
     files = write_vectors(out, cube, radar, chain, lengths)
@@ -86,7 +86,7 @@ def fixed_point(
     return 0
 
 
-_OPTION_BY_SETTING = {
+OPTION_BY_SETTING = {
     "frame": "--frame",
     **{
         f"Chain.{name}": f"chain.{name}"

@@ -16,6 +16,7 @@ FamilyName: TypeAlias = Literal[
     "cfar",
     "device",
     "format",
+    "generator",
     "impairment",
     "mitigation",
     "modulation",

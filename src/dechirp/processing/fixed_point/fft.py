@@ -77,7 +77,7 @@ def fft(points: np.ndarray, bits: int, words: WordLengths) -> FftResult:
         out.reshape(-1, n, 2),
         bit_reversed_order(n),
         twiddles,
-        _max_growth_per_stage(twiddles, n, words.twiddle_bits),
+        max_growth_per_stage(twiddles, n, words.twiddle_bits),
         np.full(n_stages, _shift_per_stage_or_by_block(words.scaling)),
         np.array([bits, words.twiddle_bits - INTEGER_BITS, ROUNDING_CODES[words.rounding]]),
         shifts.reshape(out.size // (2 * n), n_stages),
@@ -106,7 +106,7 @@ def _shift_per_stage_or_by_block(scaling: Scaling) -> int:
     return {"block": _BY_BLOCK, "halving": 1, "none": 0}[scaling]
 
 
-def _max_growth_per_stage(twiddles: np.ndarray, n: int, bits: int) -> np.ndarray:
+def max_growth_per_stage(twiddles: np.ndarray, n: int, bits: int) -> np.ndarray:
     """Return the largest growth of a part in each stage, in words of W."""
     sizes = np.abs(twiddles).sum(axis=-1)
     halves = 2 ** np.arange(n.bit_length() - 1)

@@ -1,0 +1,3 @@
+# Written by tests/test_api.py.
+
+from dechirp.generators.c import C as C
