@@ -1,6 +1,5 @@
 """Scenes of traffic: the objects around a radar on one of its vehicles, frame by frame."""
 
-import math
 from bisect import bisect_right
 from collections.abc import Iterator
 from typing import NamedTuple, cast
@@ -14,17 +13,17 @@ from dechirp.core.findings import Finding
 from dechirp.core.text import format_number, format_si, join_names
 from dechirp.radar.radar import Radar
 from dechirp.scene.bodies.base import Body
-from dechirp.scene.ego import Ego
 from dechirp.scene.scene import Scene
-from dechirp.scene.target import Target
 from dechirp.traffic.base import ObjectKind
 from dechirp.traffic.motion import MAX_ACCELERATION_M_PER_S2, Motion, ObjectPath, fit_paths
 from dechirp.traffic.mounting import Mounting, mounting_on_vehicle
-from dechirp.traffic.outlines import (
-    contains_origin,
-    nearest_point_m,
-    rectangle_corners_m,
-    rotation,
+from dechirp.traffic.outlines import contains_origin, nearest_point_m, rotation
+from dechirp.traffic.radar_scene import (
+    MovingBody,
+    RadarMotion,
+    build_scene_around_radar,
+    motion_of_mounted_radar,
+    outline_around_radar_m,
 )
 from dechirp.traffic.road_bodies import Size, body_of_object, complete_size
 from dechirp.traffic.traffic import FASTEST_M_PER_S, Traffic
@@ -34,10 +33,8 @@ _MAX_SUGGESTED_IDS = 5
 _MAX_FRAMES = 1_000_000
 _SINGLE_STEP_S = 1.0  # presence of objects in a trace of one step
 _ROUNDING_S = 1e-9
-_SLOWEST_TURN_RAD_PER_S = 1e-5  # moves the ends of a truck by 1 um in a frame of 12 ms
 _LARGEST_UNNOTICED_SHIFT_M = 0.5
 _MAX_HALF_EXTENT_M = 31.0  # of 60 by 10 m, the largest vehicle
-_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 class ObjectInView(NamedTuple):
@@ -53,19 +50,6 @@ class ObjectInView(NamedTuple):
     size: Size
     corners_m: np.ndarray
     """(4, 2): outline at mid-frame, x forward and y left of the radar."""
-
-
-class RadarMotion(NamedTuple):
-    """Motion of the radar at one time, in the axes of the file."""
-
-    position_m: np.ndarray
-    """(3,)."""
-    velocity_m_per_s: np.ndarray
-    """(2,)."""
-    acceleration_m_per_s2: np.ndarray
-    """(2,)."""
-    yaw_rad: float
-    turn_rate_rad_per_s: float
 
 
 class FrameScenes:
@@ -163,18 +147,7 @@ class FrameScenes:
         """Return the motion of the radar at mid-frame, in the axes of the file."""
         path = _path_at(self._paths[self._ego], self.mid_frame_s(number))
         assert path is not None  # frames are within one path
-        motion = path.motion_at(self.mid_frame_s(number))
-        arm_m = rotation(motion.heading_rad) @ np.array(self.mounting.position_m[:2])
-        turn_rate = motion.turn_rate_rad_per_s
-        return RadarMotion(
-            motion.position_m + np.array([*arm_m, self.mounting.position_m[2]]),
-            motion.velocity_m_per_s + turn_rate * _QUARTER_TURN @ arm_m,
-            motion.acceleration_m_per_s2
-            + motion.turn_acceleration_rad_per_s2 * _QUARTER_TURN @ arm_m
-            - turn_rate**2 * arm_m,
-            motion.heading_rad + self.mounting.yaw_rad,
-            turn_rate,
-        )
+        return motion_of_mounted_radar(path.motion_at(self.mid_frame_s(number)), self.mounting)
 
     def objects_in_view(self, number: int) -> list[ObjectInView]:
         """Return the objects within the largest range and in front of the antennas at mid-frame.
@@ -182,7 +155,6 @@ class FrameScenes:
         Objects around the radar are left out, with a finding.
         """
         time_s, radar = self.mid_frame_s(number), self.radar_motion(number)
-        to_radar = rotation(-radar.yaw_rad)
         max_range_m = self._radar.frame.chirp.max_range_m
         objects = []
         for index in self._indices_near(radar.position_m[:2], max_range_m, time_s):
@@ -190,12 +162,7 @@ class FrameScenes:
             if path is None or index == self._ego:
                 continue
             motion, size = path.motion_at(time_s), self._sizes[index]
-            corners_m = rectangle_corners_m(
-                to_radar @ (motion.position_m - radar.position_m)[:2],
-                motion.heading_rad - radar.yaw_rad,
-                size.length_m,
-                size.width_m,
-            )
+            corners_m = outline_around_radar_m(motion, size, radar)
             if contains_origin(corners_m):
                 self._times_around_radar_s.setdefault(index, time_s)
                 continue
@@ -209,45 +176,12 @@ class FrameScenes:
     def scene(self, number: int) -> Scene:
         """Return the scene of a frame, without the vehicle of the radar."""
         mid_s = self._radar.frame.for_frame(number).mid_frame_s
-        radar = self.radar_motion(number)
-        turned_rad = radar.turn_rate_rad_per_s * mid_s
-        to_scene = rotation(turned_rad - radar.yaw_rad)
-        ego = Ego(
-            pitch_rad=self.mounting.pitch_rad,
-            roll_rad=self.mounting.roll_rad,
-            velocity_m_per_s=(*(rotation(-radar.yaw_rad) @ radar.velocity_m_per_s), 0.0),
-            turn_rate_rad_per_s=radar.turn_rate_rad_per_s,
-        )
-        moved_m = ego.displacements_m(np.array([mid_s]))[0, :2]
-        # The radar moves along an arc at constant speed; all other acceleration is that of the
-        # targets against it.
-        added_acceleration = (
-            radar.turn_rate_rad_per_s * _QUARTER_TURN @ radar.velocity_m_per_s
-            - radar.acceleration_m_per_s2
-        )
-        targets = []
-        for item in self.objects_in_view(number):
-            motion = item.motion
-            offset_m = motion.position_m - radar.position_m
-            middle_m = to_scene @ offset_m[:2] + moved_m
-            velocity = to_scene @ motion.velocity_m_per_s
-            acceleration = to_scene @ (motion.acceleration_m_per_s2 + added_acceleration)
-            turn_rate = motion.turn_rate_rad_per_s
-            turn_rate *= abs(turn_rate) > _SLOWEST_TURN_RAD_PER_S
-            heading_rad = motion.heading_rad - radar.yaw_rad + turned_rad - turn_rate * mid_s
-            start_m = middle_m - mid_s * velocity + mid_s**2 / 2 * acceleration
-            targets.append(
-                Target(
-                    name=item.name,
-                    position_m=(*start_m, offset_m[2]),
-                    velocity_m_per_s=(*(velocity - mid_s * acceleration), 0.0),
-                    acceleration_m_per_s2=(*acceleration, 0.0),
-                    heading_rad=math.remainder(heading_rad, 2 * math.pi),
-                    turn_rate_rad_per_s=turn_rate,
-                    body=self._body(item, self.mid_frame_s(number) - mid_s),
-                )
-            )
-        return Scene(targets=tuple(targets), ego=ego)
+        start_s = self.mid_frame_s(number) - mid_s
+        bodies = [
+            MovingBody(item.name, item.motion, self._body(item, start_s))
+            for item in self.objects_in_view(number)
+        ]
+        return build_scene_around_radar(self.radar_motion(number), self.mounting, bodies, mid_s)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the scenes of all frames."""
