@@ -7,7 +7,6 @@
  * FOLDER contains the vectors of one frame, written by `dechirp fixed-point` for the same settings.
  * The exit status is 0 if all words are equal, 1 if some differ, and 2 if a file cannot be read.
  */
-#include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -83,8 +82,8 @@ void {{ name }}_trace({{ name }}_traced_stage stage, int64_t word)
         exit(2);
     }
     if (found != expected && vectors->n_different++ == 0) {
-        fprintf(stderr, "%s, word %lu: %" PRIx64 ", expected %" PRIx64 "\n", vectors->name,
-                vectors->n_words, found, expected);
+        fprintf(stderr, "%s, word %lu: %llx, expected %llx\n", vectors->name, vectors->n_words,
+                (unsigned long long)found, (unsigned long long)expected);
     }
 }
 
@@ -133,9 +132,10 @@ int main(int argc, char **argv)
     printf("velocity_bin range_bin power threshold log_power\n");
     while ((n = {{ name }}_read_detections(&state, detections, 64)) > 0) {
         for (k = 0; k < n; ++k) {
-            printf("%" PRIu32 " %" PRIu32 " %" PRIu64 " %" PRIu64 " %" PRIu32 "\n",
-                   detections[k].velocity_bin, detections[k].range_bin, detections[k].power,
-                   detections[k].threshold, detections[k].log_power);
+            printf("%lu %lu %llu %llu %lu\n", (unsigned long)detections[k].velocity_bin,
+                   (unsigned long)detections[k].range_bin, (unsigned long long)detections[k].power,
+                   (unsigned long long)detections[k].threshold,
+                   (unsigned long)detections[k].log_power);
         }
         n_detections += (unsigned long)n;
     }
