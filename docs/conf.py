@@ -37,7 +37,7 @@ nitpicky = False
 # The build runs every block of the guide; a failure is a warning, with -W an error.
 nb_execution_mode = "inline"  # in page order, between the commands
 nb_execution_show_tb = True
-nb_execution_timeout = 120
+nb_execution_timeout = 300  # s a block: 20 on an idle machine, many times that on a busy one
 nb_execution_in_temp = True
 nb_ipywidgets_js = {}  # would be downloaded from other sites
 nb_merge_streams = True
