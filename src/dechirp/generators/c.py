@@ -204,8 +204,7 @@ def _tables(design: Design) -> list[_Table]:
     }
     arrays = []
     for name, (window, twiddles, transform) in transforms.items():
-        # A transform of one point has no factors, but C has no empty arrays.
-        factors = twiddles if len(twiddles) else np.zeros((1, 2), np.int64)
+        cosines, sines = _twiddles_by_stage(twiddles, transform.n_bins).T
         growth = max_growth_per_stage(twiddles, transform.n_bins, words.twiddle_bits)
         arrays += [
             _Table(
@@ -215,11 +214,15 @@ def _tables(design: Design) -> list[_Table]:
                 window_type,
                 window,
             ),
-            _Table(
-                f"{name}_twiddles",
-                f"exp(-2 pi i k / {transform.n_bins}), {twiddle_fraction} bits behind the point.",
-                twiddle_type,
-                factors,
+            *(
+                _Table(
+                    f"{name}_{part}",
+                    f"{formula} of exp(-pi i k / half) for k < half, at index half + k,"
+                    f" {twiddle_fraction} bits behind the point.",
+                    twiddle_type,
+                    numbers,
+                )
+                for part, formula, numbers in (("cosines", "Re", cosines), ("sines", "Im", sines))
             ),
             _Table(
                 f"{name}_growth",
@@ -245,6 +248,17 @@ def _tables(design: Design) -> list[_Table]:
             tables.factors,
         ),
     ]
+
+
+def _twiddles_by_stage(twiddles: np.ndarray, n_bins: int) -> np.ndarray:
+    """Return the factors of each stage one after the other, (max(n_bins, 2), 2).
+
+    Compilers vectorise loops over successive factors, but not over every n-th one. Index 0 is
+    unused.
+    """
+    halves = 2 ** np.arange(n_bins.bit_length() - 1)
+    by_stage = [twiddles[:: n_bins // (2 * half)] for half in halves]
+    return np.concatenate([np.zeros((2 if n_bins == 1 else 1, 2), np.int64), *by_stage])
 
 
 def _comment_lines(design: Design) -> list[str]:

@@ -85,15 +85,16 @@ static inline int32_t saturate(accumulator x, int32_t top)
 
 typedef struct {
     uint32_t n_stages;
-    int32_t top;                       /* largest part of a word */
-    const {{ twiddle_type }} (*twiddles)[2]; /* exp(-2 pi i k / n) for k < n / 2 */
-    const uint32_t *growth;            /* of the largest part in each stage, in words of twiddles */
+    int32_t top;                  /* largest part of a word */
+    const {{ twiddle_type }} *cosines; /* Re and Im of W = exp(-2 pi i k / (2 half)), k < half; */
+    const {{ twiddle_type }} *sines;   /* those of the stage begin at index half */
+    const uint32_t *growth;       /* of the largest part in each stage, in words of W */
 } transform_plan;
 
 static const transform_plan range_plan = {
-    {{ n_range_stages }}U, {{ range_top }}, range_twiddles, range_growth};
+    {{ n_range_stages }}U, {{ range_top }}, range_cosines, range_sines, range_growth};
 static const transform_plan doppler_plan = {
-    {{ n_doppler_stages }}U, {{ doppler_top }}, doppler_twiddles, doppler_growth};
+    {{ n_doppler_stages }}U, {{ doppler_top }}, doppler_cosines, doppler_sines, doppler_growth};
 
 /* Return the successor of j in bit-reversed order: 0, n/2, n/4, 3n/4, ... */
 static inline uint32_t next_bit_reversed(uint32_t j, uint32_t n)
@@ -105,68 +106,118 @@ static inline uint32_t next_bit_reversed(uint32_t j, uint32_t n)
     }
     return j | bit;
 }
+
+/* Return a word of the result from its sum x before the shift. */
+static inline int32_t to_word(accumulator x, uint32_t shift, int32_t top)
+{
+{% if words.scaling == "block" %}
+    (void)top; /* the shifts prevent overflow */
+    return (int32_t)round_shifted(x, shift);
+{% else %}
+    return saturate(round_shifted(x, shift), top);
+{% endif %}
+}
+
+/* Replace a and b by a + b and a - b. */
+static inline void add_and_subtract(int32_t *a, int32_t *b, int32_t turned_b, uint32_t shift,
+                                    int32_t top)
+{
+    const accumulator sum = (accumulator)*a + turned_b, difference = (accumulator)*a - turned_b;
+    *a = shift == 0U ? saturate(sum, top) : to_word(sum, shift, top);
+    *b = shift == 0U ? saturate(difference, top) : to_word(difference, shift, top);
+}
+
+/* Combine points to transforms of two: W = 1. */
+static void combine_points(uint32_t n, int32_t *re, int32_t *im, uint32_t shift, int32_t top)
+{
+    uint32_t k;
+    for (k = 0; k < n; k += 2U) {
+        add_and_subtract(&re[k], &re[k + 1U], re[k + 1U], shift, top);
+        add_and_subtract(&im[k], &im[k + 1U], im[k + 1U], shift, top);
+    }
+}
+
+/* Combine transforms of two to transforms of four: W = 1 and W = -i. */
+static void combine_pairs(uint32_t n, int32_t *re, int32_t *im, uint32_t shift, int32_t top)
+{
+    uint32_t k;
+    for (k = 0; k < n; k += 4U) {
+        const int32_t re_3 = re[k + 3U];
+        add_and_subtract(&re[k], &re[k + 2U], re[k + 2U], shift, top);
+        add_and_subtract(&im[k], &im[k + 2U], im[k + 2U], shift, top);
+        add_and_subtract(&re[k + 1U], &re[k + 3U], im[k + 3U], shift, top);
+        add_and_subtract(&im[k + 1U], &im[k + 3U], -re_3, shift, top);
+    }
+}
+
+/* Replace `half` pairs of points a and b by a + W b and a - W b. */
+static void combine(
+    uint32_t half, int32_t *restrict a_re, int32_t *restrict a_im, int32_t *restrict b_re,
+    int32_t *restrict b_im, const {{ twiddle_type }} *restrict cosines,
+    const {{ twiddle_type }} *restrict sines, uint32_t shift, int32_t top)
+{
+    const accumulator unit = (accumulator)1 << TWIDDLE_FRACTION_BITS;
+    uint32_t k;
+
+    for (k = 0; k < half; ++k) {
+        const accumulator c = cosines[k], s = sines[k];
+        const accumulator re = a_re[k] * unit, im = a_im[k] * unit;
+        const accumulator turned_re = b_re[k] * c - b_im[k] * s;
+        const accumulator turned_im = b_re[k] * s + b_im[k] * c;
+        a_re[k] = to_word(re + turned_re, shift, top);
+        a_im[k] = to_word(im + turned_im, shift, top);
+        b_re[k] = to_word(re - turned_re, shift, top);
+        b_im[k] = to_word(im - turned_im, shift, top);
+    }
+}
 {% if words.scaling == "block" %}
 
-static inline int32_t larger_magnitude(int32_t largest, int32_t part)
+static int32_t largest_magnitude(const int32_t *re, const int32_t *im, uint32_t n)
 {
-    const int32_t magnitude = part < 0 ? -part : part;
-    return magnitude > largest ? magnitude : largest;
+    int32_t highest = 0, lowest = 0;
+    uint32_t k;
+
+    for (k = 0; k < n; ++k) {
+        highest = re[k] > highest ? re[k] : highest;
+        highest = im[k] > highest ? im[k] : highest;
+        lowest = re[k] < lowest ? re[k] : lowest;
+        lowest = im[k] < lowest ? im[k] : lowest;
+    }
+    return highest > -lowest ? highest : -lowest;
 }
 {% endif %}
 
 /* Transform points in bit-reversed order in place, by decimation in time; write the bits that each
  * stage shifted right, and return their sum.
  *
- * A stage combines neighbouring transforms of `half` points, a and b, to a + W b and a - W b. Each
- * result is rounded once.
+ * A stage combines neighbouring transforms of `half` points. Each result is rounded once.
  */
 static uint32_t transform(const transform_plan *plan, int32_t *re, int32_t *im, uint8_t *shifts)
 {
     const uint32_t n = (uint32_t)1 << plan->n_stages;
-    const accumulator unit = (accumulator)1 << TWIDDLE_FRACTION_BITS;
-    uint32_t exponent = 0, stage, k;
-{% if words.scaling == "block" %}
-    int32_t largest = 0;
+    uint32_t exponent = 0, stage, first;
 
-    for (k = 0; k < n; ++k) {
-        largest = larger_magnitude(larger_magnitude(largest, re[k]), im[k]);
-    }
-{% endif %}
     for (stage = 0; stage < plan->n_stages; ++stage) {
-        const uint32_t half = (uint32_t)1 << stage, step = n >> (stage + 1U);
-        uint32_t shift = {{ {"block": 0, "halving": 1, "none": 0}[words.scaling] }}, total_shift, first;
+        const uint32_t half = (uint32_t)1 << stage;
+        uint32_t shift = {{ {"block": 0, "halving": 1, "none": 0}[words.scaling] }};
 {% if words.scaling == "block" %}
         /* The smallest shift for which no result can exceed the largest word. */
-        const uint64_t bound = (uint64_t)largest * plan->growth[stage];
+        const uint64_t bound = (uint64_t)largest_magnitude(re, im, n) * plan->growth[stage];
         while (bound > (uint64_t)plan->top << (TWIDDLE_FRACTION_BITS + shift)) {
             ++shift;
         }
-        largest = 0;
 {% endif %}
-        total_shift = TWIDDLE_FRACTION_BITS + shift;
         shifts[stage] = (uint8_t)shift;
         exponent += shift;
-        for (first = 0; first < n; first += 2U * half) {
-            int32_t *const a_re = re + first, *const b_re = a_re + half;
-            int32_t *const a_im = im + first, *const b_im = a_im + half;
-            for (k = 0; k < half; ++k) {
-                const accumulator c = plan->twiddles[k * step][0], s = plan->twiddles[k * step][1];
-                const accumulator sum_re = a_re[k] * unit, sum_im = a_im[k] * unit;
-                const accumulator turned_re = b_re[k] * c - b_im[k] * s;
-                const accumulator turned_im = b_re[k] * s + b_im[k] * c;
-{% if words.scaling == "block" %}
-                a_re[k] = (int32_t)round_shifted(sum_re + turned_re, total_shift);
-                a_im[k] = (int32_t)round_shifted(sum_im + turned_im, total_shift);
-                b_re[k] = (int32_t)round_shifted(sum_re - turned_re, total_shift);
-                b_im[k] = (int32_t)round_shifted(sum_im - turned_im, total_shift);
-                largest = larger_magnitude(larger_magnitude(largest, a_re[k]), a_im[k]);
-                largest = larger_magnitude(larger_magnitude(largest, b_re[k]), b_im[k]);
-{% else %}
-                a_re[k] = saturate(round_shifted(sum_re + turned_re, total_shift), plan->top);
-                a_im[k] = saturate(round_shifted(sum_im + turned_im, total_shift), plan->top);
-                b_re[k] = saturate(round_shifted(sum_re - turned_re, total_shift), plan->top);
-                b_im[k] = saturate(round_shifted(sum_im - turned_im, total_shift), plan->top);
-{% endif %}
+        if (stage == 0U) {
+            combine_points(n, re, im, shift, plan->top);
+        } else if (stage == 1U) {
+            combine_pairs(n, re, im, shift, plan->top);
+        } else {
+            for (first = 0; first < n; first += 2U * half) {
+                combine(half, re + first, im + first, re + first + half, im + first + half,
+                        plan->cosines + half, plan->sines + half, TWIDDLE_FRACTION_BITS + shift,
+                        plan->top);
             }
         }
     }
