@@ -1,8 +1,13 @@
 """Fixtures of many tests: a small radar, and the reference scenario."""
 
+import gc
 import os
 import shutil
+import sys
 import tempfile
+
+# Python's 700 would collect the garbage of a worker a thousand times before its first test: 3 s.
+gc.set_threshold(20_000)
 
 # Two workers on two cores: more threads would compete for them.
 for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -12,6 +17,10 @@ for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
 _OWN_CACHE = None if "PYTEST_XDIST_WORKER" in os.environ else tempfile.mkdtemp(prefix="dechirp-")
 if _OWN_CACHE is not None:
     os.environ["DECHIRP_CACHE_DIR"] = _OWN_CACHE
+
+# A check of URIs that jsonschema offers; no schema of the tests needs it, and its grammar takes 6 s
+# to compile in each worker.
+sys.modules["rfc3987_syntax"] = None  # type: ignore[assignment]
 
 import pytest
 import xarray as xr
@@ -34,6 +43,10 @@ settings.load_profile("fixed")
 compiled_kernels.MAX_PLAIN_SAMPLES = 0
 # The first run after an installation compiles, and its commands print no more than the others.
 compilation_notice.MIN_NOTED_S = float("inf")
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()  # later collections do not traverse ten thousand tests
 
 
 def pytest_unconfigure() -> None:

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import wraps
 from inspect import signature
+from operator import attrgetter
+from reprlib import recursive_repr
 from typing import Any, TypeVar, dataclass_transform
 
 from dechirp.core.argument_types import check_argument_names
@@ -34,9 +36,36 @@ def frozen_dataclass(cls: type[T]) -> type[T]:
 
     target: Any = cls
     target.__post_init__ = normalise_fields
-    built = dataclass(frozen=True, kw_only=True, repr=not issubclass(cls, Displayable))(cls)
+    built = dataclass(frozen=True, kw_only=True, repr=False, eq=False)(cls)
     target.__init__ = _name_wrong_arguments(target.__init__)
+    _add_comparison_and_repr(target)
     return built
+
+
+def _add_comparison_and_repr(cls: Any) -> None:
+    """Give a dataclass `__eq__`, `__hash__` and, unless it is `Displayable`, `__repr__`.
+
+    Python up to 3.12 compiles each method of a dataclass from a text: of 1.0 s CPU of
+    `dechirp list`, with 257 classes, these three took 0.08 s.
+    """
+    shown = [field.name for field in fields(cls) if field.repr]
+    contents = attrgetter("__class__", *(field.name for field in fields(cls) if field.compare))
+
+    def __eq__(self: Any, other: object) -> Any:  # noqa: N807
+        return contents(self) == contents(other) if type(other) is type(self) else NotImplemented
+
+    def __hash__(self: Any) -> int:  # noqa: N807
+        return hash(contents(self))
+
+    @recursive_repr()
+    def __repr__(self: Any) -> str:  # noqa: N807
+        pairs = (f"{name}={getattr(self, name)!r}" for name in shown)
+        return f"{type(self).__qualname__}({', '.join(pairs)})"
+
+    methods = [__eq__, __hash__] if issubclass(cls, Displayable) else [__eq__, __hash__, __repr__]
+    for method in methods:
+        if method.__name__ not in vars(cls):
+            setattr(cls, method.__name__, method)
 
 
 def _name_wrong_arguments(initialise: Callable[..., None]) -> Callable[..., None]:

@@ -9,7 +9,6 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from dechirp.config.loading import read_settings
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_number
 from dechirp.core.errors import InvalidSetting
@@ -254,6 +253,8 @@ def read_vendor_layout(dbc: str | Path, mapping: str | Path | CanMapping) -> Ven
                 expected=f"a YAML file, or one of {', '.join(shipped)}",
                 fix="check the path",
             )
+        from dechirp.config.loading import read_settings  # 0.1 s, unused by `dechirp list`
+
         mapping = read_settings(path, CanMapping)
     messages = load_dbc_messages(Path(dbc), strict=False)
     numbers = [
