@@ -1,0 +1,38 @@
+// Multiply a complex sample by a weight, shift by SHIFT + amount, round and saturate: two clocks.
+module dechirp_window #(
+    parameter IN_BITS = 16,
+    parameter WEIGHT_BITS = 16,
+    parameter OUT_BITS = 16,
+    parameter SHIFT = 14,
+    parameter AMOUNT_BITS = 1,
+    parameter MAX_AMOUNT = 0,
+    parameter ROUNDING = 0
+) (
+    input  wire                          clk,
+    input  wire                          en,
+    input  wire signed [IN_BITS-1:0]     in_re,
+    input  wire signed [IN_BITS-1:0]     in_im,
+    input  wire signed [WEIGHT_BITS-1:0] weight,
+    input  wire [AMOUNT_BITS-1:0]        amount,
+    output reg  signed [OUT_BITS-1:0]    out_re,
+    output reg  signed [OUT_BITS-1:0]    out_im
+);
+    localparam PRODUCT_BITS = IN_BITS + WEIGHT_BITS;
+    reg  signed [PRODUCT_BITS-1:0] product_re, product_im;
+    reg  [AMOUNT_BITS-1:0] amount_1;
+    wire signed [OUT_BITS-1:0] word_re, word_im;
+
+    dechirp_round_saturate #(PRODUCT_BITS, SHIFT, AMOUNT_BITS, MAX_AMOUNT, OUT_BITS, ROUNDING)
+        round_re (product_re, amount_1, word_re),
+        round_im (product_im, amount_1, word_im);
+
+    always @(posedge clk) begin
+        if (en) begin
+            product_re <= in_re * weight;
+            product_im <= in_im * weight;
+            amount_1 <= amount;
+            out_re <= word_re;
+            out_im <= word_im;
+        end
+    end
+endmodule

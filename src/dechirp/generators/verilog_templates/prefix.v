@@ -1,0 +1,64 @@
+// {{ banner }}
+//
+// Range-Doppler chain of {{ n_samples }} samples, {{ n_channels }} channel{{ "s" if n_channels > 1 }} and {{ n_chirps }} chirps, with its corner-turn memory
+// in block RAM: {{ 2 * bank_words }} words of {{ 2 * range_bits }} bits. Where that is too much, use {{ name }}_core
+// with a memory of your own.
+module {{ name }} (
+    input  wire         clk,
+    input  wire         rst,            // synchronous
+    // One sample: {{ "bits %d to 0 are I, bits %d to %d are Q" | format(sample_bits - 1, 2 * sample_bits - 1, sample_bits) if is_complex else "a real number" }}, two's complement.
+    input  wire         s_axis_tvalid,
+    output wire         s_axis_tready,
+    input  wire [{{ data_in_bits - 1 }}:0] s_axis_tdata,
+    // One cell: bits {{ power_bits - 1 }} to 0 are its power, bits {{ 2 * power_bits - 1 }} to {{ power_bits }} its threshold, bit {{ 2 * power_bits }} is 1
+    // where the power exceeds the threshold.
+    output wire         m_axis_tvalid,
+    input  wire         m_axis_tready,
+    output wire [{{ 2 * power_bits }}:0] m_axis_tdata,
+    // Its velocity bin in bits {{ velocity_bits - 1 }} to 0, its range bin in bits {{ user_bits - 1 }} to {{ velocity_bits }}.
+    output wire [{{ user_bits - 1 }}:0] m_axis_tuser,
+    output wire         m_axis_tlast    // the last cell of a frame
+);
+    wire write_en, read_en;
+    wire [{{ address_bits - 1 }}:0] write_address, read_address;
+    wire [{{ 2 * range_bits - 1 }}:0] write_data, read_data;
+    wire cell_valid, cell_ready, cell_last;
+    wire [{{ 2 * power_bits }}:0] cell_data;
+    wire [{{ user_bits - 1 }}:0] cell_user;
+
+    {{ name }}_core #(
+{% for parameter, number in parameters.items() %}
+        .{{ parameter }}({{ number }}),
+{% endfor %}
+        .RANGE_LIMITS({{ range_limits }}),
+        .DOPPLER_LIMITS({{ doppler_limits }})
+    ) core (
+        .clk(clk),
+        .rst(rst),
+        .s_axis_tvalid(s_axis_tvalid),
+        .s_axis_tready(s_axis_tready),
+        .s_axis_tdata(s_axis_tdata),
+        .m_axis_tvalid(cell_valid),
+        .m_axis_tready(cell_ready),
+        .m_axis_tdata(cell_data),
+        .m_axis_tuser(cell_user),
+        .m_axis_tlast(cell_last),
+        .memory_write_en(write_en),
+        .memory_write_ready(1'b1),
+        .memory_write_address(write_address),
+        .memory_write_data(write_data),
+        .memory_read_en(read_en),
+        .memory_read_ready(1'b1),
+        .memory_read_address(read_address),
+        .memory_read_data(read_data)
+    );
+
+    {{ name }}_corner_memory #({{ 2 * range_bits }}, {{ bank_words }}, {{ address_bits }}) corner_memory (
+        clk, write_en, write_address, write_data, read_en, read_address, read_data
+    );
+
+    {{ name }}_skid_buffer #({{ 2 * power_bits + user_bits + 2 }}) output_slice (
+        clk, rst, cell_valid, cell_ready, {cell_last, cell_user, cell_data},
+        m_axis_tvalid, m_axis_tready, {m_axis_tlast, m_axis_tuser, m_axis_tdata}
+    );
+endmodule

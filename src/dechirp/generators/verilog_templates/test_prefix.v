@@ -1,0 +1,197 @@
+// {{ banner }}
+//
+// Self-checking test bench: frames of test vectors in, every word out compared.
+//
+// Plus arguments: +vectors=FOLDER, +frames=N repeats the frame, +stall=PERCENT holds both ends back
+// at random, +seed=N starts the random numbers.
+`timescale 1ns / 1ps
+module test_{{ name }};
+{% for parameter, number in parameters.items() %}
+    localparam {{ parameter }} = {{ number }};
+{% endfor %}
+    localparam N_WORDS = N_CHIRPS * N_CHANNELS * N_SAMPLES;
+    localparam N_VELOCITY = 1 << DOPPLER_INDEX_BITS;
+    localparam N_PROFILES = N_CHIRPS * N_CHANNELS * N_ROWS;
+    localparam N_SPECTRA = N_CHANNELS * N_ROWS * N_VELOCITY;
+    localparam N_CELLS = N_VELOCITY * N_ROWS;
+    localparam N_DOPPLER_WORDS = N_SPECTRA * (SCALING_SHIFT < 0 ? 2 : 1);  // two passes
+    localparam MAX_IDLE = 16 * (N_WORDS + N_CELLS) + 1000000;  // clocks
+    localparam MAX_SHOWN = 10;
+
+    reg [8*256-1:0] folder, name;
+    integer n_frames, stall, seed;
+
+    reg signed [SAMPLE_BITS-1:0] samples_i [0:N_WORDS-1];
+    reg signed [SAMPLE_BITS-1:0] samples_q [0:N_WORDS-1];
+    reg signed [RANGE_BITS-1:0] range_i [0:N_PROFILES-1];
+    reg signed [RANGE_BITS-1:0] range_q [0:N_PROFILES-1];
+    reg signed [DOPPLER_BITS-1:0] doppler_i [0:N_SPECTRA-1];
+    reg signed [DOPPLER_BITS-1:0] doppler_q [0:N_SPECTRA-1];
+    reg [POWER_BITS-1:0] power [0:N_CELLS-1];
+    reg [POWER_BITS-1:0] threshold [0:N_CELLS-1];
+    reg detected [0:N_CELLS-1];
+
+    reg clk = 1'b0;
+    reg rst = 1'b1;
+    always #5 clk = !clk;
+
+    reg in_valid = 1'b0;
+    wire in_ready;
+    wire [(1+COMPLEX_SAMPLES)*SAMPLE_BITS-1:0] in_data;
+    wire out_valid, out_last;
+    reg out_ready = 1'b0;
+    wire [2*POWER_BITS:0] out_data;
+    wire [RANGE_INDEX_BITS+DOPPLER_INDEX_BITS-1:0] out_user;
+
+    integer next_sample = 0;
+    generate
+        if (COMPLEX_SAMPLES) begin : complex_samples
+            assign in_data = {samples_q[next_sample], samples_i[next_sample]};
+        end else begin : real_samples
+            assign in_data = samples_i[next_sample];
+        end
+    endgenerate
+
+    {{ name }} dut (
+        .clk(clk),
+        .rst(rst),
+        .s_axis_tvalid(in_valid),
+        .s_axis_tready(in_ready),
+        .s_axis_tdata(in_data),
+        .m_axis_tvalid(out_valid),
+        .m_axis_tready(out_ready),
+        .m_axis_tdata(out_data),
+        .m_axis_tuser(out_user),
+        .m_axis_tlast(out_last)
+    );
+
+    initial begin
+        if (!$value$plusargs("vectors=%s", folder)) folder = "vectors";
+        if (!$value$plusargs("frames=%d", n_frames)) n_frames = 1;
+        if (!$value$plusargs("stall=%d", stall)) stall = 0;
+        if (!$value$plusargs("seed=%d", seed)) seed = 1;
+        if (COMPLEX_SAMPLES) begin
+            $sformat(name, "%0s/samples_i.hex", folder);
+            $readmemh(name, samples_i);
+            $sformat(name, "%0s/samples_q.hex", folder);
+            $readmemh(name, samples_q);
+        end else begin
+            $sformat(name, "%0s/samples.hex", folder);
+            $readmemh(name, samples_i);
+        end
+        $sformat(name, "%0s/range_fft_i.hex", folder);
+        $readmemh(name, range_i);
+        $sformat(name, "%0s/range_fft_q.hex", folder);
+        $readmemh(name, range_q);
+        $sformat(name, "%0s/doppler_fft_i.hex", folder);
+        $readmemh(name, doppler_i);
+        $sformat(name, "%0s/doppler_fft_q.hex", folder);
+        $readmemh(name, doppler_q);
+        $sformat(name, "%0s/power.hex", folder);
+        $readmemh(name, power);
+        $sformat(name, "%0s/threshold.hex", folder);
+        $readmemh(name, threshold);
+        $sformat(name, "%0s/detected.hex", folder);
+        $readmemh(name, detected);
+        $display("velocity_bin range_bin power threshold");
+        repeat (4) @(negedge clk);
+        rst = 1'b0;
+    end
+
+    integer clocks = 0, idle = 0, first_clock = 0, last_clock = 0;
+    integer frames_in = 0, frames_out = 0, cells = 0, detections = 0, errors = 0;
+    integer range_words = 0, doppler_words = 0;
+
+    // A new offer on either side only after the last was taken, as AXI4-Stream requires.
+    reg in_taken = 1'b1;
+    always @(negedge clk) begin
+        if (!rst) begin
+            if (in_taken || !in_valid)
+                in_valid = frames_in < n_frames && $unsigned($random(seed)) % 100 >= stall;
+            out_ready = $unsigned($random(seed)) % 100 >= stall;
+        end
+    end
+
+    // Words of the two transforms, inside.
+    wire [RANGE_INDEX_BITS-1:0] bin = dut.core.bin;
+    reg signed [DOPPLER_BITS-1:0] doppler_re_1, doppler_im_1, doppler_re_2, doppler_im_2;
+    integer place, cell_place;
+    always @(posedge clk) begin
+        if (!rst && dut.core.memory_write_en && dut.core.memory_write_ready) begin
+            place = (dut.core.write_chirp * N_CHANNELS + dut.core.write_channel) * N_ROWS + bin;
+            range_words = range_words + 1;
+            if (dut.core.range_re !== range_i[place] || dut.core.range_im !== range_q[place]) begin
+                errors = errors + 1;
+                if (errors <= MAX_SHOWN)
+                    $display("range_fft: word %0d is %0d + %0d i, the model has %0d + %0d i", place,
+                        dut.core.range_re, dut.core.range_im, range_i[place], range_q[place]);
+            end
+        end
+        if (!rst && dut.core.doppler_en) begin
+            if (dut.core.doppler_valid) begin
+                place = (dut.core.power_channel * N_ROWS + dut.core.power_row) * N_VELOCITY
+                    + dut.core.velocity;
+                doppler_words = doppler_words + 1;
+                if (doppler_re_2 !== doppler_i[place] || doppler_im_2 !== doppler_q[place]) begin
+                    errors = errors + 1;
+                    if (errors <= MAX_SHOWN)
+                        $display("doppler_fft: word %0d is %0d + %0d i, the model has %0d + %0d i",
+                            place, doppler_re_2, doppler_im_2, doppler_i[place], doppler_q[place]);
+                end
+            end
+            doppler_re_2 <= doppler_re_1;
+            doppler_im_2 <= doppler_im_1;
+            doppler_re_1 <= dut.core.doppler_re;
+            doppler_im_1 <= dut.core.doppler_im;
+        end
+    end
+
+    // Both ends.
+    always @(posedge clk) begin
+        clocks <= clocks + 1;
+        idle <= idle + 1;
+        in_taken <= in_valid && in_ready;
+        if (!rst && in_valid && in_ready) begin
+            idle <= 0;
+            if (frames_in == 0 && next_sample == 0) first_clock <= clocks;
+            last_clock <= clocks;
+            next_sample <= next_sample == N_WORDS - 1 ? 0 : next_sample + 1;
+            if (next_sample == N_WORDS - 1) frames_in <= frames_in + 1;
+        end
+        if (!rst && out_valid && out_ready) begin
+            idle <= 0;
+            cell_place = out_user[DOPPLER_INDEX_BITS-1:0] * N_ROWS
+                + out_user[RANGE_INDEX_BITS+DOPPLER_INDEX_BITS-1:DOPPLER_INDEX_BITS];
+            cells = cells + 1;
+            if (out_data !== {detected[cell_place], threshold[cell_place], power[cell_place]}) begin
+                errors = errors + 1;
+                if (errors <= MAX_SHOWN)
+                    $display("cell %0d: power %0d, threshold %0d; the model has %0d, %0d", cell_place,
+                        out_data[POWER_BITS-1:0], out_data[2*POWER_BITS-1:POWER_BITS],
+                        power[cell_place], threshold[cell_place]);
+            end
+            if (out_data[2*POWER_BITS]) begin
+                detections = detections + 1;
+                if (frames_out == 0)
+                    $display("%0d %0d %0d %0d", cell_place / N_ROWS, cell_place % N_ROWS,
+                        out_data[POWER_BITS-1:0], out_data[2*POWER_BITS-1:POWER_BITS]);
+            end
+            if (out_last) frames_out = frames_out + 1;
+        end
+        if ((frames_out == n_frames && doppler_words >= n_frames * N_DOPPLER_WORDS) || idle > MAX_IDLE)
+        begin
+            if (cells != n_frames * N_VELOCITY * N_SEARCHED
+                || range_words != n_frames * N_PROFILES
+                || doppler_words != n_frames * N_DOPPLER_WORDS) begin
+                errors = errors + 1;
+                $display("%0d words of range_fft, %0d of doppler_fft, %0d cells in %0d frames",
+                    range_words, doppler_words, cells, frames_out);
+            end
+            $display("%0d frames, %0d cells, %0d detections; %0d clocks for %0d samples", frames_out,
+                cells, detections, last_clock - first_clock + 1, frames_in * N_WORDS);
+            if (errors == 0) $display("PASS: every word equals the model");
+            else $display("FAIL: %0d errors", errors);
+            $finish;
+        end
+    end
+endmodule
