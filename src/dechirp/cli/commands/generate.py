@@ -33,7 +33,7 @@ def generate(
     Parameters
     ----------
     language
-        Language of the code: c.
+        Language of the code: c or verilog.
     source
         Scenario (YAML) or recording (file or folder); the reference scenario by default.
     out

@@ -1,0 +1,181 @@
+"""Generated Verilog equals the fixed-point chain in every word, with both ends held back."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dechirp as dc
+from dechirp.processing.fixed_point.word_lengths import WordLengths
+from generators.compiled_c import draw_frame, make_radar, small_window_chain
+from generators.simulated_verilog import (
+    compare_simulated_verilog_with_model,
+    lint,
+    simulate_in_icarus,
+    write_verilog_and_vectors,
+)
+from generators.test_c import MODES, tdm_radar
+from nightly import nightly, nightly_except
+
+
+# The three kept modes contain each scaling and each rounding.
+@pytest.mark.parametrize(
+    ("scaling", "rounding"),
+    nightly_except({("block", "convergent"), ("halving", "half-up"), ("none", "truncate")}, MODES),
+)
+@pytest.mark.parametrize("bits", nightly_except([16], [8, 16, 24]))
+def test_every_word_equals_model_in_each_mode(tmp_path, scaling, rounding, bits):
+    words = WordLengths(
+        scaling=scaling, rounding=rounding, range_bits=bits, doppler_bits=bits, twiddle_bits=bits
+    )
+    radar = make_radar(32, 16)
+    compare_simulated_verilog_with_model(
+        tmp_path, draw_frame(radar, 16, seed=bits), radar, small_window_chain(), words,
+        stall_percent=30,
+    )  # fmt: skip
+
+
+OTHER_SETTINGS = [
+    (
+        "real samples, padded, and products shifted left",
+        make_radar(25, 10, sampling="real"),
+        small_window_chain(n_range_bins=64, n_velocity_bins=16),
+        WordLengths(sample_bits=6, range_bits=18, window_bits=8, doppler_bits=14, power_bits=30),
+    ),
+    (
+        "slots of transmitters in turn, fixed shifts",
+        tdm_radar(),
+        small_window_chain(),
+        WordLengths(sample_bits=12, factor_bits=24, scaling="halving", rounding="half-up"),
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "radar", "chain", "words"), OTHER_SETTINGS, ids=["real, padded", "several channels"]
+)
+def test_every_word_equals_model_for_other_settings(tmp_path, name, radar, chain, words):
+    frame = draw_frame(radar, words.sample_bits, seed=3)
+    compare_simulated_verilog_with_model(
+        tmp_path, frame, radar, chain, words, stall_percent=60, n_frames=1
+    )
+
+
+@pytest.mark.parametrize("scaling", ["block", "halving"])
+def test_verilator_has_no_warning(tmp_path, scaling):
+    words = WordLengths(scaling=scaling)
+    for radar, chain, other_words in (
+        (make_radar(32, 16), small_window_chain(), words),
+        *((radar, chain, replace(w, scaling=scaling)) for _, radar, chain, w in OTHER_SETTINGS),
+    ):
+        dc.generators.Verilog().write(tmp_path / "v", radar, chain, other_words)
+        assert lint(tmp_path) == ""
+
+
+# Fixed shifts: one sample a clock for two frames without a gap, as both banks of the memory are
+# free.
+def test_takes_one_sample_a_clock(tmp_path):
+    radar = make_radar(32, 16)
+    output = compare_simulated_verilog_with_model(
+        tmp_path, draw_frame(radar, 16, seed=4), radar, small_window_chain(),
+        WordLengths(scaling="halving"),
+    )  # fmt: skip
+    n_samples = 2 * 32 * 16
+    assert f"; {n_samples} clocks for {n_samples} samples" in output
+
+
+@pytest.mark.parametrize("name", ["range_fft_q", "doppler_fft_i", "threshold"])
+def test_test_bench_finds_one_wrong_bit(tmp_path, name):
+    radar = make_radar(32, 16)
+    frame = draw_frame(radar, 16, seed=6)
+    write_verilog_and_vectors(tmp_path, frame, radar, small_window_chain(), WordLengths())
+    file = tmp_path / "vectors" / f"{name}.hex"
+    lines = file.read_text().splitlines()
+    k = len(lines) // 3
+    lines[k] = f"{int(lines[k], 16) ^ 1:0{len(lines[k])}x}"
+    file.write_text("\n".join(lines) + "\n")
+
+    output = simulate_in_icarus(tmp_path)
+
+    assert "FAIL" in output and "PASS" not in output
+    assert re.search(name.removesuffix("_i").removesuffix("_q"), output)
+
+
+def test_verilog_refuses_keywords_and_transforms_of_two_points(tmp_path):
+    for prefix in ("module", "wire", "Always", "logic", "2nd", "front-left", ""):
+        with pytest.raises(dc.InvalidSetting, match=r"Verilog\.prefix"):
+            dc.generators.Verilog(prefix=prefix)
+    chain = dc.Chain(
+        cfar=dc.Cfar(
+            estimator=dc.cfar.CellAveraging(),
+            n_training=dc.Cells(range=4, velocity=0),
+            n_guard=dc.Cells(range=1, velocity=0),
+            offset=3.0,
+        )
+    )
+    with pytest.raises(dc.InvalidSetting, match=r"n_velocity_bins: 2; expected at least 4"):
+        dc.generators.Verilog().write(tmp_path / "v", make_radar(32, 2), chain)
+    assert list(tmp_path.iterdir()) == []
+
+
+def draw_settings(rng: np.random.Generator) -> tuple[dc.Radar, dc.Chain, WordLengths]:
+    """Draw word lengths, transform lengths, channels and training windows that fit."""
+    bits = {
+        name: int(rng.integers(4, 25))
+        for name in ("window_bits", "twiddle_bits", "range_bits", "doppler_bits")
+    }
+    words = WordLengths(
+        sample_bits=int(rng.integers(2, 25)),
+        power_bits=int(rng.integers(8, 49)),
+        factor_bits=int(rng.integers(10, 25)),
+        scaling=str(rng.choice(["block", "halving", "none"])),
+        rounding=str(rng.choice(["convergent", "half-up", "truncate"])),
+        **bits,
+    )
+    training, guard = rng.integers(1, 4, size=2), rng.integers(0, 3, size=2)
+    half = training + guard
+    n_range_bins, n_velocity_bins = (
+        2 ** int(np.ceil(np.log2(2 * size + 8)) + rng.integers(0, 2)) for size in half
+    )
+    n_range_bins *= 2  # real samples keep half of them
+    cfar = dc.Cfar(
+        estimator=dc.cfar.CellAveraging(),
+        n_training=dc.Cells(range=int(training[0]), velocity=int(training[1])),
+        n_guard=dc.Cells(range=int(guard[0]), velocity=int(guard[1])),
+        offset=4.0,
+    )
+    radar = make_radar(
+        int(rng.integers(n_range_bins // 2 + 1, n_range_bins + 1)),
+        int(rng.integers(n_velocity_bins // 2 + 1, n_velocity_bins + 1)),
+        n_rx=int(rng.integers(1, 4)),
+        sampling=str(rng.choice(["complex", "real"])),
+    )
+    chain = dc.Chain(cfar=cfar, n_range_bins=n_range_bins, n_velocity_bins=n_velocity_bins)
+    return radar, chain, words
+
+
+@nightly
+@pytest.mark.parametrize("seed", range(40))
+def test_every_word_equals_model_for_random_settings(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    radar, chain, words = draw_settings(rng)
+    frame = draw_frame(radar, words.sample_bits, seed)
+    stall_percent = int(rng.choice([0, 30, 70]))
+    compare_simulated_verilog_with_model(
+        tmp_path, frame, radar, chain, words, stall_percent=stall_percent, n_frames=3
+    )
+    assert lint(tmp_path) == ""
+
+
+# Verilator compiles for a minute and then simulates 200 times faster than Icarus.
+@nightly
+@pytest.mark.parametrize("scaling", ["block", "halving"])
+@pytest.mark.parametrize(("n_samples", "n_chirps"), [(64, 128), (256, 64), (1024, 32), (4096, 32)])
+def test_long_frames_equal_model_in_verilator(tmp_path, n_samples, n_chirps, scaling):
+    radar, words = make_radar(n_samples, n_chirps), WordLengths(scaling=scaling)
+    frame = draw_frame(radar, 16, seed=n_samples)
+    compare_simulated_verilog_with_model(
+        tmp_path, frame, radar, dc.Chain(), words,
+        stall_percent=20, n_frames=3, in_verilator=True,
+    )  # fmt: skip
