@@ -46,6 +46,7 @@ _NAMES = {
     "recordings.live.replay": "replay",
     # Traffic of other simulators
     "traffic.traffic": "open_traffic",
+    "traffic.mounting": "Mounting",
     # Processing: from samples to detections
     "processing.chain": "Chain",
     "processing.cfar.base": "Cells Cfar",
@@ -66,6 +67,7 @@ _NAMES = {
     # Experiments
     "experiments.scenario": "Scenario load reference",
     "experiments.run": "Result run",
+    "experiments.sensor_model": "SensorModel",
     "experiments.inspection": "inspect",
     "experiments.streaming": "process_stream",
     "experiments.twin.twin": "twin",

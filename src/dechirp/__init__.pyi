@@ -40,6 +40,7 @@ from dechirp.experiments.run import run as run
 from dechirp.experiments.scenario import Scenario as Scenario
 from dechirp.experiments.scenario import load as load
 from dechirp.experiments.scenario import reference as reference
+from dechirp.experiments.sensor_model import SensorModel as SensorModel
 from dechirp.experiments.streaming import process_stream as process_stream
 from dechirp.experiments.study.parsing import load_study as load_study
 from dechirp.experiments.study.run import run_study as run_study
@@ -91,6 +92,7 @@ from dechirp.tracking.ego import EgoMotion as EgoMotion
 from dechirp.tracking.ego import ego_motion as ego_motion
 from dechirp.tracking.online import LiveTracker as LiveTracker
 from dechirp.tracking.tracker import Tracker as Tracker
+from dechirp.traffic.mounting import Mounting as Mounting
 from dechirp.traffic.traffic import open_traffic as open_traffic
 
 __version__: str

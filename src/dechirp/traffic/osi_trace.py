@@ -50,7 +50,7 @@ class OsiTrace(TrafficFormat):
                 )
             last_s = time_s
             for moving in truth.moving_object:
-                yield _state_of_object(path, moving, time_s)
+                yield state_of_moving_object(path, moving, time_s)
 
     def read_host(self, path: Path) -> int | None:
         """Return the host vehicle of the first message."""
@@ -91,7 +91,8 @@ def _iter_ground_truths(path: Path) -> Iterator[Any]:
             index += 1
 
 
-def _state_of_object(path: Path, moving: Any, time_s: float) -> ObjectState:
+def state_of_moving_object(path: object, moving: Any, time_s: float) -> ObjectState:
+    """Return the state in an `osi3` message of type `MovingObject`; `path` is for the error."""
     base = moving.base
     if not base.HasField("position"):
         raise RecordingError(

@@ -28,7 +28,7 @@ _UNITS = {
 }
 _OVER_TIME = ("x", "y", "z", "heading", "vx", "vy")
 _SIZES = ("length", "width", "height")
-_MOVES_M_PER_S = 0.5  # faster than the jitter of recorded positions at rest
+MOVES_M_PER_S = 0.5  # faster than the jitter of recorded positions at rest
 FASTEST_M_PER_S = 100.0
 """360 km/h: an object that is faster between two steps jumps."""
 _SAME_PLACE_M = 0.1
@@ -110,7 +110,7 @@ def _build_objects(path: Path, states: Iterable[ObjectState]) -> xr.Dataset:
             path, value="no object", expected="objects with positions", fix="check the file"
         )
     for row in rows:
-        _check_state(path, row)
+        check_state(path, row)
     times_s = np.unique([row.time_s for row in rows])
     ids = list(dict.fromkeys(row.id for row in rows))
     check_free_memory(
@@ -154,7 +154,8 @@ def _build_objects(path: Path, states: Iterable[ObjectState]) -> xr.Dataset:
     )
 
 
-def _check_state(path: Path, row: ObjectState) -> None:
+def check_state(path: object, row: ObjectState) -> None:
+    """Raise `RecordingError` for a state with impossible numbers; `path` is for the error."""
     place = f"object {row.id} at {row.time_s:g} s"
     if not np.all(np.isfinite((row.time_s, row.x_m, row.y_m))):
         raise RecordingError(
@@ -190,7 +191,7 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
         stated = np.hypot(velocities["vx"][index, present], velocities["vy"][index, present])
         positions = np.stack([objects[name].values[index, present] for name in ("x", "y")])
         derived = np.gradient(positions, times_s[present], axis=1)
-        moves = np.hypot(*derived).max() > _MOVES_M_PER_S
+        moves = np.hypot(*derived).max() > MOVES_M_PER_S
         is_missing = np.isnan(stated)
         if moves and not np.any(stated > 0):
             is_missing[:] = True
