@@ -84,6 +84,19 @@ def at_azimuth(expected_deg: float, range_m: float, tolerances: tuple[float, flo
     return measure
 
 
+def at_azimuths(first_deg: float, second_deg: float, tolerance_deg: float) -> Measure:
+    """Expect two directions of the strongest echo about 2.04 m at two azimuths."""
+
+    def measure(result: Result) -> str:
+        echoes = within(select(result), 1.99, 2.09)
+        assert echoes.sizes["detection"] == 2
+        azimuths_deg = np.sort(np.degrees(echoes.azimuth.values))
+        assert np.allclose(azimuths_deg, (first_deg, second_deg), atol=tolerance_deg), azimuths_deg
+        return f"{float(echoes.range[0]):.2f} m, {azimuths_deg[0]:.1f}° and {azimuths_deg[1]:.1f}°"
+
+    return measure
+
+
 def mover(expected_m: float, tolerance_m: float, velocity_m_per_s: tuple[float, float]) -> Measure:
     """Expect a moving target at a range, with a velocity between two limits."""
 
@@ -264,6 +277,21 @@ TRUTHS = (
             is_calibrated=True,
         )
         for name, azimuth_deg in (("-10", -10), ("50", 50), ("10_1GHz", 10), ("50_1GHz", 50))
+    ),
+    *(
+        KnownTruth(
+            "xwr1443_known_angles",
+            f"az_{name}.raw",
+            f"{first_deg}° and {second_deg}° at 2.04 m",
+            at_azimuths(first_deg, second_deg, 3.5),
+            is_calibrated=True,
+        )
+        for name, first_deg, second_deg in (
+            ("-1010", -10, 10),
+            ("3050", 30, 50),
+            ("1030_1GHz", 10, 30),
+            ("3050_1GHz", 30, 50),
+        )
     ),
     KnownTruth(
         "iwr1843_reflectors",

@@ -3,7 +3,7 @@
 import pytest
 
 from nightly import nightly
-from recordings.default_runs import TRUTHS, run_by_default
+from recordings.default_runs import TRUTHS, KnownTruth, run_by_default, select, within
 
 # Another truth of the folder or of the sensor is quicker.
 LONG = ("people who move", "0.50, 0.74 and 0.45 m at 1, 32 and 51 s", "person at 0.327 m")
@@ -27,3 +27,14 @@ def test_default_run_shows_known_truth(request, known):
     ranges_m = result.detections.range.values
     assert ranges_m.min() >= 0
     assert ranges_m.max() <= result.radar.frame.chirp.max_range_m
+
+
+@pytest.mark.parametrize("name", ["az_-10", "az_10_1GHz", "az_50_1GHz"])
+@pytest.mark.parametrize("is_calibrated", [False, True])
+def test_single_reflectors_keep_one_direction(real_data, name, is_calibrated):
+    known = KnownTruth(
+        "xwr1443_known_angles", f"{name}.raw", "", lambda _: "", is_calibrated=is_calibrated
+    )
+    result = run_by_default(known, real_data)
+
+    assert within(select(result), 1.99, 2.09).sizes["detection"] == 1

@@ -47,6 +47,7 @@ _PATHS_OF_CHOSEN_SETTINGS: dict[ChosenSettingName, tuple[str, ...]] = {
     "moving_targets": ("chain.moving_targets",),
     "max_range": ("chain.max_range",),
     "image_rejection": ("chain.image_rejection",),
+    "angle": ("chain.angle",),
 }
 
 

@@ -16,6 +16,8 @@ Only settings that have their default values and were not given are chosen. Rule
   Moving echoes prove them, as all static ones have one velocity: two, 20 dB over the noise, whose
   levels agree to 6 dB (they depend on the beat frequency where I and Q differ in delay). Two other
   echoes lie at mirrors of n stronger ones with a probability of (n / cells)^2.
+* One or two directions of each detection, where an echo has two that channels without calibration
+  do not explain, see `angle.second_source_test`.
 """
 
 import shlex
@@ -28,9 +30,16 @@ import numpy as np
 from dechirp.core.findings import Finding
 from dechirp.core.units import from_decibels, to_decibels
 from dechirp.core.values import frozen_dataclass
+from dechirp.processing.angle.fft import Fft
+from dechirp.processing.angle.maximum_likelihood import MaximumLikelihood
 from dechirp.processing.cfar.base import Cells, Cfar
 from dechirp.processing.chain import Chain
-from dechirp.processing.frame import split_by_ramp_direction
+from dechirp.processing.frame import (
+    find_directions,
+    frame_detection_columns,
+    process_frame,
+    split_by_ramp_direction,
+)
 from dechirp.processing.mitigation.apply import apply_mitigation
 from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
 from dechirp.processing.moving_targets import MovingTargetMap
@@ -43,7 +52,9 @@ from dechirp.processing.range_doppler_map import (
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.radar import Radar
 
-ChosenSettingName = Literal["mitigation", "cfar", "moving_targets", "max_range", "image_rejection"]
+ChosenSettingName = Literal[
+    "mitigation", "cfar", "moving_targets", "max_range", "image_rejection", "angle"
+]
 """Setting of the chain that may be chosen for a recording: of `cfar` the training and guard cells,
 of `mitigation` the repair of bursts, see `experiments.recording_faults`."""
 
@@ -59,6 +70,10 @@ _IMAGE_SPREAD_DB, _IMAGE_MARGIN_DB = 6.0, 3
 # Largest difference between a spectrum and its mirror image, relative to its power, of real
 # samples; independent noise in both halves differs by about its own power.
 _MAX_ASYMMETRY = 0.01
+# Estimator of one or two directions: phases of 10 to 16 degrees are usual without calibration.
+_PAIR_ESTIMATOR = MaximumLikelihood(n_sources="mdl", channel_phase_rad=float(np.radians(20)))
+# Two sources, with two angles each, fit any four elements exactly.
+_MIN_ELEMENTS_OF_PAIR = 5
 
 
 @frozen_dataclass
@@ -101,6 +116,7 @@ def fit_chain_to_frames(
     chain, fitted to the radar, and the choices.
     """
     default = chain.fit_to_radar(radar)
+    frames = [samples for samples in frames if samples.any() and np.isfinite(samples).all()]
     maps, moving_maps, map_radar = _range_doppler_maps(frames, radar, default)
     if not maps:
         return default, ()
@@ -139,6 +155,12 @@ def fit_chain_to_frames(
             rejection_db = max(round(float(-to_decibels(level))) - _IMAGE_MARGIN_DB, 1)
             fitted = replace(fitted, image_rejection=float(from_decibels(rejection_db)))
             choices.append(_choice_of_image_rejection(rejection_db, level))
+    if "angle" not in kept and _may_have_pairs(fitted, radar):
+        candidate = replace(fitted, angle=_PAIR_ESTIMATOR)
+        pair = _find_strongest_pair(frames, radar, candidate)
+        if pair is not None:
+            fitted = candidate
+            choices.append(_choice_of_pair_estimator(pair))
     return fitted, tuple(choices)
 
 
@@ -320,3 +342,53 @@ def _asymmetry(power: np.ndarray) -> float:
     velocity = (2 * (n_velocity // 2) - np.arange(n_velocity)) % n_velocity
     mirrored = power[velocity][:, -np.arange(n_range) % n_range]
     return float(np.sum(abs(power - mirrored)) / np.sum(power))
+
+
+def _may_have_pairs(chain: Chain, radar: Radar) -> bool:
+    """Return whether the default estimator may be replaced by one of two directions."""
+    return (
+        chain.angle == Fft()
+        and radar.frame.n_intervals == 1
+        and len(radar.element_positions_m) >= _MIN_ELEMENTS_OF_PAIR
+    )
+
+
+def _find_strongest_pair(
+    frames: Iterable[np.ndarray], radar: Radar, chain: Chain
+) -> dict[str, np.ndarray] | None:
+    """Return the columns of the strongest detection with two directions, two rows; None without."""
+    chain = replace(chain, moving_targets=None)
+    strongest = None
+    for samples in frames:
+        frame = process_frame(samples, radar, chain, with_directions=False)
+        sources = find_directions(frame.peaks.resolved, radar, chain)
+        columns = frame_detection_columns(frame.peaks, sources, None)
+        limit_m = np.inf if chain.max_range_m is None else chain.max_range_m
+        is_inside = (columns["range"] >= 0) & (columns["range"] <= limit_m)
+        is_first = (np.diff(sources.detection) == 0) & is_inside[:-1] & is_inside[1:]
+        for row in np.flatnonzero(is_first):
+            pair = {name: column[row : row + 2] for name, column in columns.items()}
+            has_angle = np.isfinite(pair["azimuth"]) | np.isfinite(pair["elevation"])
+            if has_angle.all() and (
+                strongest is None or pair["snr"].sum() > strongest["snr"].sum()
+            ):
+                strongest = pair
+    return strongest
+
+
+def _choice_of_pair_estimator(pair: dict[str, np.ndarray]) -> ChosenSetting:
+    """Return the choice of an estimator of one or two directions."""
+    name = "azimuth" if np.isfinite(pair["azimuth"]).all() else "elevation"
+    first, second = np.degrees(pair[name])
+    phase_deg = np.degrees(_PAIR_ESTIMATOR.channel_phase_rad)
+    return ChosenSetting(
+        setting="chain.angle",
+        options=(
+            f"chain.angle.kind={_PAIR_ESTIMATOR.kind()}",
+            f"chain.angle.n_sources={_PAIR_ESTIMATOR.n_sources}",
+            f"chain.angle.channel_phase={phase_deg:.3g} deg",
+        ),
+        reason=f"the echo at {pair['range'][0]:.4g} m has two directions, {name}s {first:.3g} and"
+        f" {second:.3g} deg, which channels with phases of {phase_deg:.3g} deg do not explain"
+        " (two targets, an extended one, or a reflection beside it)",
+    )

@@ -29,7 +29,6 @@ errors of the phases on a beam.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +37,7 @@ import scipy
 from dechirp.core.findings import Finding
 from dechirp.processing.angle.aperture import Aperture, radar_aperture
 from dechirp.processing.angle.base import Directions
+from dechirp.processing.angle.second_source_test import linearise_sources, stack_real_and_imaginary
 from dechirp.radar.radar import Radar
 from dechirp.theory.direction_bounds import unit_vector_derivatives
 
@@ -99,7 +99,6 @@ def estimate_channel_errors(
     directions: Directions,
     noise_power: np.ndarray,
     aperture: Aperture,
-    n_tx: int,
     wavefront_curvature_rad: Callable[[], np.ndarray] | None = None,
 ) -> ChannelErrors:
     """Estimate the phase errors of channels from the residuals of detections.
@@ -114,8 +113,6 @@ def estimate_channel_errors(
         Of one element, with the sidelobes of other echoes.
     aperture : Aperture
         The virtual array.
-    n_tx : int
-        Number of transmitters whose elements are in the array; 1 if all have one transmitter.
     wavefront_curvature_rad : callable, optional
         Returns the phases by which spherical waves differ from plane ones, (n, n_elements), which
         are no errors of the channels. Called if a plane wave leaves a significant residual.
@@ -147,14 +144,14 @@ def estimate_channel_errors(
     phase_rms[rows[shows_array]] = 0.0
     if is_significant.any():
         variance[rows, 0], phase_rms[rows], median = _single_source_variances(
-            residuals, is_significant, shows_array, n_tx
+            residuals, is_significant, shows_array, aperture.antenna_indicators
         )
     for k in range(2, int(n_sources.max(initial=0)) + 1):
         rows = np.flatnonzero(has_angle[:, :k].all(axis=1) & (n_sources == k))
         if rows.size:
             angles = directions.azimuth_rad[rows, :k], directions.elevation_rad[rows, :k]
             variance[rows, :k] = _several_source_variances(
-                snapshots[rows], angles, noise_power[rows], aperture, n_tx, median
+                snapshots[rows], angles, noise_power[rows], aperture, median
             )
     return ChannelErrors(variance, phase_rms)
 
@@ -230,7 +227,10 @@ def _has_significant_residual(residuals: _PlaneWaveResiduals, n_phases: int) -> 
 
 
 def _single_source_variances(
-    residuals: _PlaneWaveResiduals, is_significant: np.ndarray, shows_array: np.ndarray, n_tx: int
+    residuals: _PlaneWaveResiduals,
+    is_significant: np.ndarray,
+    shows_array: np.ndarray,
+    antennas: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return variances of the angles, RMS phases, and the median variance of the antennas."""
     _, n_angles, n_elements = residuals.slopes.shape
@@ -240,7 +240,6 @@ def _single_source_variances(
         _PlaneWaveResiduals(*(field[is_significant] for field in residuals))
     )
     is_channels = is_significant & ~is_merged
-    antennas = _antenna_indicators(n_elements, n_tx)
     responses, slopes = residuals.inverse @ antennas, residuals.slopes @ antennas
     # B^T (I - J J^+) B: the squared responses of the residual to the antennas.
     centred = antennas - antennas.mean(axis=0)
@@ -330,7 +329,6 @@ def _several_source_variances(
     angles: tuple[np.ndarray, np.ndarray],
     noise_power: np.ndarray,
     aperture: Aperture,
-    n_tx: int,
     median: float,
 ) -> np.ndarray:
     """Return variances of the angles of k sources, (n, k, n_angles); angles (n, k) each.
@@ -338,21 +336,15 @@ def _several_source_variances(
     As for one source, with the amplitudes and angles of all sources fitted together, and at least
     the median variance of the antennas that echoes with one source show.
     """
-    azimuth, elevation = (np.nan_to_num(angle) for angle in angles)
-    (n, k), n_elements = azimuth.shape, aperture.n_elements
-    steering = aperture.steering_vectors(azimuth, elevation).swapaxes(1, 2)
-    amplitudes = np.linalg.pinv(steering) @ snapshots[:, :, None]
-    fitted = (steering @ amplitudes)[:, :, 0]
-    derivatives = aperture.steering_derivatives(azimuth, elevation) * amplitudes[..., None]
-    n_angles = derivatives.shape[2]
-    derivatives = derivatives.reshape(n, k * n_angles, n_elements).swapaxes(1, 2)
-    design = _stack_parts(np.concatenate([steering, 1j * steering, derivatives], axis=2))
+    (n, k), n_elements = angles[0].shape, aperture.n_elements
+    n_angles = sum(aperture.resolves_azimuth_and_elevation)
+    fitted, derivatives = linearise_sources(snapshots, angles, aperture)
+    design = stack_real_and_imaginary(derivatives)
     inverse = np.linalg.pinv(design)
-    antennas = _antenna_indicators(n_elements, n_tx)
-    moved = _stack_parts(1j * fitted[:, :, None] * antennas)
+    moved = stack_real_and_imaginary(1j * fitted[:, :, None] * aperture.antenna_indicators)
     responses = (inverse @ moved)[:, 2 * k :]
     gram = moved.swapaxes(1, 2) @ (moved - design @ (inverse @ moved))
-    residual = _stack_parts((snapshots - fitted)[:, :, None])
+    residual = stack_real_and_imaginary((snapshots - fitted)[:, :, None])
     residual = residual - design @ (inverse @ residual)
     power = np.sum(residual**2, axis=(1, 2))
     n_residuals = 2 * n_elements - design.shape[2]
@@ -368,24 +360,6 @@ def _several_source_variances(
     antenna_variance = _allow_for_few_residuals(antenna_variance, gram, is_significant)
     variance = antenna_variance[:, None] * np.sum(responses**2, axis=2)
     return np.asarray(variance.reshape(n, k, n_angles))
-
-
-def _stack_parts(values: np.ndarray) -> np.ndarray:
-    """Stack real and imaginary parts of columns (n, n_elements, n_columns)."""
-    return np.concatenate([values.real, values.imag], axis=1)
-
-
-@lru_cache(maxsize=8)
-def _antenna_indicators(n_elements: int, n_tx: int) -> np.ndarray:
-    """Return 1 for each transmitter and receiver of an element, (n_elements, n_tx + n_rx).
-
-    Receivers alone where the elements share a transmitter, whose phase is common to all.
-    """
-    n_rx = n_elements // n_tx
-    receivers = np.tile(np.eye(n_rx), (n_tx, 1))
-    if n_tx == 1:
-        return receivers
-    return np.hstack([np.repeat(np.eye(n_tx), n_rx, axis=0), receivers])
 
 
 def median_or_nan(values: np.ndarray) -> float:
@@ -437,11 +411,10 @@ def hidden_channel_error_findings(
         return ()
     aperture = radar_aperture(radar)
     n_angles, n_elements = sum(aperture.resolves_azimuth_and_elevation), aperture.n_elements
-    n_tx = 1 if radar.frame.multiplexing is None else len(radar.array.tx_m)
     slopes = _phase_slopes(np.zeros(1), np.zeros(1), aperture)[0]
     plane_wave = np.vstack([np.ones(n_elements), slopes]).T
-    antennas = _antenna_indicators(n_elements, n_tx)
-    n_phases = int(np.linalg.matrix_rank(np.hstack([plane_wave, antennas]))) - n_angles - 1
+    phases = np.hstack([plane_wave, aperture.antenna_indicators])
+    n_phases = int(np.linalg.matrix_rank(phases)) - n_angles - 1
     if n_phases >= 3:
         return ()
     return (

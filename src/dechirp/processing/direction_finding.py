@@ -438,14 +438,12 @@ def estimate_sources(
         ):
             std[:] = np.where(is_masked[:, None], np.nan, std * factor)
             angle[is_masked] = np.nan
-    n_tx = 1 if radar.frame.multiplexing is None else len(radar.array.tx_m)
     strongest = directions.azimuth_rad[:, 0], directions.elevation_rad[:, 0]
     channel_errors = estimate_channel_errors(
         snapshots[:, 0],
         directions,
         element_noise,
         virtual_aperture,
-        n_tx,
         None if range_m is None else lambda: _wavefront_curvature_rad(range_m, *strongest, radar),
     )
     _widen_standard_errors(directions, channel_errors, virtual_aperture)

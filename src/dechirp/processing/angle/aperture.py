@@ -83,6 +83,9 @@ class Aperture:
     positions: np.ndarray
     """Element positions (n_elements, 3), in wavelengths at mid-window."""
     field_of_view: FieldOfView = _DEFAULT_FIELD_OF_VIEW
+    n_transmitters: int = 1
+    """Number of transmitters whose elements the array consists of, receivers fastest; 1 if all
+    elements have the same transmitter."""
 
     def __post_init__(self) -> None:
         positions = np.array(self.positions, dtype=float)
@@ -92,6 +95,13 @@ class Aperture:
                 value=f"an array {positions.shape}",
                 expected="a row of three finite numbers for each element",
                 fix="give x, y and z in wavelengths",
+            )
+        if self.n_transmitters < 1 or len(positions) % self.n_transmitters:
+            raise InvalidSetting(
+                "Aperture.n_transmitters",
+                value=self.n_transmitters,
+                expected=f"a divisor of {len(positions)}, the number of elements",
+                fix="give the number of transmitters, or leave it out",
             )
         positions.flags.writeable = False
         object.__setattr__(self, "positions", positions)
@@ -132,6 +142,18 @@ class Aperture:
             return True, True
         _, width, height = np.ptp(self.positions, axis=0)
         return bool(width >= height), bool(width < height)
+
+    @cached_property
+    def antenna_indicators(self) -> np.ndarray:
+        """Return 1 for each transmitter and receiver of an element, (n_elements, n_tx + n_rx).
+
+        Receivers alone where the elements share a transmitter, whose phase is common to all.
+        """
+        n_rx = self.n_elements // self.n_transmitters
+        receivers = np.tile(np.eye(n_rx), (self.n_transmitters, 1))
+        if self.n_transmitters == 1:
+            return receivers
+        return np.hstack([np.repeat(np.eye(self.n_transmitters), n_rx, axis=0), receivers])
 
     @cached_property
     def element_grid(self) -> ElementGrid | None:
@@ -219,12 +241,15 @@ def radar_aperture(radar: Radar, field_of_view: FieldOfView = _DEFAULT_FIELD_OF_
     """
     wavelength_m = SPEED_OF_LIGHT / radar.frame.chirp.mean_sampled_frequency_hz
     positions = np.asarray(radar.element_positions_m / wavelength_m, dtype=float)
-    return _aperture_from_position_bytes(positions.tobytes(), field_of_view)
+    n_transmitters = 1 if radar.frame.multiplexing is None else len(radar.array.tx_m)
+    return _aperture_from_position_bytes(positions.tobytes(), field_of_view, n_transmitters)
 
 
 @lru_cache(maxsize=8)
-def _aperture_from_position_bytes(positions: bytes, field_of_view: FieldOfView) -> Aperture:
-    return Aperture(np.frombuffer(positions).reshape(-1, 3), field_of_view)
+def _aperture_from_position_bytes(
+    positions: bytes, field_of_view: FieldOfView, n_transmitters: int
+) -> Aperture:
+    return Aperture(np.frombuffer(positions).reshape(-1, 3), field_of_view, n_transmitters)
 
 
 def _symmetric_multiples(step: float, limit: float) -> np.ndarray:

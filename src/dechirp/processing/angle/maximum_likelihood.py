@@ -9,11 +9,13 @@ spectrum.
 
 import numpy as np
 
+from dechirp.core.checks import check_non_negative_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import likelihood, model_order
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.angle.base import Angles, DirectionEstimator
+from dechirp.processing.angle.second_source_test import exceeds_channel_errors_mask
 
 # Candidate offsets of pairs from the strongest direction, in beams, 1 / length in sines: 36 pairs
 # on one axis, 300 on two.
@@ -30,11 +32,16 @@ class MaximumLikelihood(DirectionEstimator):
 
     It finds one or two sources, coherent or not, on arrays of any shape. `mdl` and `aic` choose
     between one and two by the power that the second explains, see
-    `model_order.significant_second_source_mask`.
+    `model_order.significant_second_source_mask`. With a phase of the channels, only power that
+    errors of the channels do not explain counts, see `second_source_test`.
     """
+
+    channel_phase_rad: float = 0.0
+    """Standard deviation of the phase errors of antennas; 16 degrees without calibration."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_non_negative_fields(self, "channel_phase_rad", at_most=1.0)
         if isinstance(self.n_sources, int) and self.n_sources > 2:
             raise InvalidSetting(
                 "MaximumLikelihood.n_sources",
@@ -67,12 +74,8 @@ class MaximumLikelihood(DirectionEstimator):
                 continue
             pair, gain = _most_likely_pair_and_power_gain(x, single_source, aperture)
             if not isinstance(self.n_sources, int):
-                has_one_source = ~model_order.significant_second_source_mask(
-                    gain,
-                    noise_power[rows],
-                    x.shape,
-                    sum(aperture.resolves_azimuth_and_elevation),
-                    self.n_sources,
+                has_one_source = ~self._second_source_mask(
+                    x, single_source, pair, gain, noise_power[rows], aperture
                 )
                 for angle, strongest in zip(pair, single_source, strict=True):
                     angle[has_one_source, 0], angle[has_one_source, 1] = (
@@ -81,6 +84,36 @@ class MaximumLikelihood(DirectionEstimator):
                     )
             angles[:, rows] = pair
         return angles[0], angles[1]
+
+    def _second_source_mask(
+        self,
+        snapshots: np.ndarray,
+        single_source: Angles,
+        pair: Angles,
+        power_gain: np.ndarray,
+        noise_power: np.ndarray,
+        aperture: Aperture,
+    ) -> np.ndarray:
+        """Return True where the second source of a pair is significant, (n,)."""
+        assert not isinstance(self.n_sources, int)
+        is_significant = model_order.significant_second_source_mask(
+            power_gain,
+            noise_power,
+            snapshots.shape,
+            sum(aperture.resolves_azimuth_and_elevation),
+            self.n_sources,
+        )
+        rows = np.flatnonzero(is_significant)
+        if self.channel_phase_rad > 0 and rows.size:
+            is_significant[rows] = exceeds_channel_errors_mask(
+                snapshots[rows],
+                (single_source[0][rows], single_source[1][rows]),
+                (pair[0][rows], pair[1][rows]),
+                aperture,
+                noise_power[rows],
+                self.channel_phase_rad,
+            )
+        return is_significant
 
     def _can_resolve_two_sources(self, n_snapshots: int, aperture: Aperture) -> bool:
         """Return True if two sources have fewer unknowns than the snapshots have values."""
