@@ -93,6 +93,7 @@ def test_highway_example_has_documented_tracks_and_ego_speed():
         "lessons.md",
         "recordings.md",
         "scenes.md",
+        "silicon.md",
         "slow-time.md",
         "studio.md",
         "tracks.md",

@@ -96,6 +96,9 @@ OPTION_BY_SETTING = {
 """Options by the names of settings in error messages."""
 
 
+GUIDE_ADDRESS = "https://dechirp.readthedocs.io/en/latest/silicon.html"
+
+
 def _fixed_point_comparison_document(
     dataset: "xr.Dataset",
     compared: "DetectionAgreement",
@@ -129,3 +132,4 @@ def _print_fixed_point_comparison(
     n_over = int(stages.overflows.sum())
     screen.print(f"{n_over} words saturated." if n_over else "No word overflowed.")
     screen.print(f"Vectors: {out}")
+    screen.print(f"Source code of this chain: dechirp generate; see {GUIDE_ADDRESS}")

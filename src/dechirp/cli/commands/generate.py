@@ -45,6 +45,7 @@ def generate(
     changes
         PATH=VALUE changes a setting, such as chain.n_range_bins=4096; may be repeated.
     """
+    from dechirp.cli.commands.fixed_point import GUIDE_ADDRESS
     from dechirp.cli.errors import replace_settings_by_options
     from dechirp.cli.scenario_source import build_scenario
     from dechirp.config import loading
@@ -76,6 +77,7 @@ def generate(
         print(to_json_text(document), end="")
     elif not quiet:
         print(f"Written: {out}, {len(files)} files")
+        print(f"Test vectors: dechirp fixed-point with the same settings; see {GUIDE_ADDRESS}")
     return 0
 
 
