@@ -6,9 +6,11 @@ import types
 import typing
 from collections.abc import Callable
 from functools import cache, wraps
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from dechirp.core.errors import InvalidSetting
+from dechirp.core.annotations import check_annotations
+from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.core.suggestions import did_you_mean_fix
 
 P = ParamSpec("P")
@@ -20,7 +22,7 @@ def check_argument_types(function: Callable[P, R]) -> Callable[P, R]:
 
     Arguments whose annotation is a class, or a union of classes and None, are checked, and missing
     and unknown ones are reported; numbers, sequences and functions are left to the checks of their
-    values.
+    values, and compared with their annotation when the call fails with another error.
     """
     signature = _unpack_options(inspect.signature(function))
     name = function.__qualname__.removesuffix(".__init__")
@@ -51,9 +53,17 @@ def check_argument_types(function: Callable[P, R]) -> Callable[P, R]:
                 raise _argument_error(name, argument, "missing", classes_by_argument())
         for argument, classes in classes_by_argument().items():
             if argument in arguments and not isinstance(arguments[argument], classes):
-                type_text = f"a {type(arguments[argument]).__name__}"
-                raise _argument_error(name, argument, type_text, classes_by_argument())
-        return function(*args, **kwargs)
+                value = arguments[argument]
+                is_path = isinstance(value, str | Path)
+                text = repr(str(value)) if is_path else f"a {type(value).__name__}"
+                raise _argument_error(name, argument, text, classes_by_argument(), is_path=is_path)
+        try:
+            return function(*args, **kwargs)
+        except DechirpError:
+            raise
+        except Exception as error:
+            check_annotations(function, arguments, setting="{}", error=error)
+            raise
 
     return checked
 
@@ -132,16 +142,28 @@ def _unpack_options(signature: inspect.Signature) -> inspect.Signature:
 
 
 def _argument_error(
-    function: str, argument: str, value: str, classes: dict[str, tuple[type, ...]]
+    function: str,
+    argument: str,
+    value: str,
+    classes: dict[str, tuple[type, ...]],
+    *,
+    is_path: bool = False,
 ) -> InvalidSetting:
+    """Return the error of a missing argument, or of one of a wrong type.
+
+    A class that a function of the package reads from files names it in `_file_reader`.
+    """
     public_names = getattr(sys.modules.get("dechirp"), "__all__", ())
     prefix = "dechirp." if function.partition(".")[0] in public_names else ""
-    names = ["None" if cls is types.NoneType else cls.__name__ for cls in classes.get(argument, ())]
+    accepted = classes.get(argument, ())
+    names = ["None" if cls is types.NoneType else cls.__name__ for cls in accepted]
+    readers = [getattr(cls, "_file_reader", None) for cls in accepted] if is_path else []
+    reader = next(filter(None, readers), None)
     return InvalidSetting(
         argument,
         value=value,
         expected=" or ".join(names) or "a value",
-        fix=f"see help({prefix}{function})",
+        fix=f"read a file with {reader}({value})" if reader else f"see help({prefix}{function})",
     )
 
 

@@ -26,7 +26,7 @@ def check_positive_fields(
         if not (_is_finite_number(number) and number > 0):
             raise InvalidSetting(
                 setting,
-                value=number,
+                value=_quote_text(number),
                 expected="a finite number above 0",
                 fix="give a positive value",
             )
@@ -41,7 +41,7 @@ def check_non_negative_fields(owner: object, *names: str, at_most: float = math.
         if not (_is_finite_number(number) and number >= 0):
             raise InvalidSetting(
                 setting,
-                value=number,
+                value=_quote_text(number),
                 expected="a finite number, 0 or more",
                 fix="give 0 or a positive value",
             )
@@ -67,7 +67,7 @@ def check_integer(setting: str, number: Any, *, at_least: int, at_most: int = 2*
     if not (is_whole and at_least <= number <= at_most):
         raise InvalidSetting(
             setting,
-            value=number,
+            value=_quote_text(number),
             expected=f"a whole number from {at_least} to {at_most}",
             fix="give a whole number in these bounds",
         )
@@ -115,7 +115,7 @@ def check_probability(setting: str, number: float) -> None:
     if not (_is_real_number(scalar) and 0 < scalar < 1):
         raise InvalidSetting(
             setting,
-            value=number,
+            value=_quote_text(number),
             expected="between 0 and 1, both excluded",
             fix="give a probability",
         )
@@ -152,7 +152,7 @@ def check_false_alarm_probability(setting: str, number: float) -> None:
     if not 1e-300 <= number <= 1 - 1e-9:
         raise InvalidSetting(
             setting,
-            value=number,
+            value=_quote_text(number),
             expected="from 1e-300 to 1 - 1e-9",
             fix="give a probability that floats distinguish from 0 and from 1",
         )
@@ -386,7 +386,7 @@ def _check_bounds(setting: str, number: float, at_least: float, at_most: float) 
         low, high = _format_bound(setting, at_least), _format_bound(setting, at_most)
         raise InvalidSetting(
             setting,
-            value=number,
+            value=_quote_text(number),
             expected=f"a number from {low} to {high}",
             fix="check the unit",
         )
@@ -396,6 +396,11 @@ def _format_bound(setting: str, bound: float) -> str:
     """Write a bound; angles also in degrees, the unit of settings files."""
     is_angle = setting.rstrip(".0123456789").endswith("_rad")
     return f"{bound:.6g} rad ({math.degrees(bound):.4g} deg)" if is_angle else f"{bound:.6g}"
+
+
+def _quote_text(value: object) -> object:
+    """Return a text in quotation marks, and any other value unchanged."""
+    return reprlib.repr(value) if isinstance(value, str | bytes) else value
 
 
 def _unwrap_scalar(thing: Any) -> Any:

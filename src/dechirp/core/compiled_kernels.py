@@ -18,6 +18,7 @@ time.
 
 import functools
 import importlib.util
+import inspect
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -27,7 +28,7 @@ from functools import cache, cached_property
 from types import SimpleNamespace
 from typing import Any, Final, Protocol, TypeVar, cast
 
-from dechirp.core.errors import InvalidSetting
+from dechirp.core.errors import DechirpError, InvalidSetting
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -77,8 +78,31 @@ class Kernel:
         """The twin; None if the kernel needs Numba."""
         self.options = options
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Call the plain twin in small work and without Numba, else the compiled function."""
+        try:
+            if named:
+                arguments = inspect.signature(self.function).bind(*arguments, **named).args
+            return self._call_form(*arguments)
+        except DechirpError:
+            raise
+        except Exception as error:
+            self._explain_error(error, arguments, named)
+            raise
+
+    def _explain_error(
+        self, error: Exception, arguments: tuple[Any, ...], named: dict[str, Any]
+    ) -> None:
+        """Raise `InvalidSetting` if the error is one of the arguments, and name it."""
+        from dechirp.core.annotations import check_annotations
+        from dechirp.core.argument_types import check_argument_names
+
+        signature = inspect.signature(self.function)
+        check_argument_names(signature, self.function.__name__, arguments, named)
+        values = signature.bind(*arguments).arguments if arguments else named
+        check_annotations(self.function, values, setting="{}", error=error)
+
+    def _call_form(self, *arguments: Any) -> Any:
         if uses_compiled_kernels():
             return self.dispatcher(*arguments)
         if self.plain is not None:

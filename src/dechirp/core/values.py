@@ -8,8 +8,10 @@ from operator import attrgetter
 from reprlib import recursive_repr
 from typing import Any, TypeVar, dataclass_transform
 
+from dechirp.core.annotations import check_annotations
 from dechirp.core.argument_types import check_argument_names
 from dechirp.core.display import Displayable
+from dechirp.core.errors import DechirpError, InvalidSetting
 
 T = TypeVar("T")
 
@@ -21,8 +23,16 @@ def frozen_dataclass(cls: type[T]) -> type[T]:
     Field names carry their SI unit (`slope_hz_per_s`); settings files use the name
     without it. `dataclasses.replace` creates a variant and checks it again. Zero-dimensional
     arrays become Python numbers, since arrays have no hash. A `Displayable` class keeps its
-    own `repr`. Calls with unknown, missing or positional arguments raise `InvalidSetting`.
+    own `repr`. Calls with unknown, missing or positional arguments raise `InvalidSetting`, as
+    do values whose type contradicts the annotation where the checks of the class fail on them.
     """
+    if not isinstance(cls, type):
+        raise InvalidSetting(
+            "cls",
+            value=f"a {type(cls).__name__}",
+            expected="a class",
+            fix="write @frozen_dataclass above a class",
+        )
     check = getattr(cls, "__post_init__", None)
 
     def normalise_fields(self: Any) -> None:
@@ -75,9 +85,14 @@ def _name_wrong_arguments(initialise: Callable[..., None]) -> Callable[..., None
     def checked(self: Any, *args: Any, **kwargs: Any) -> None:
         try:
             initialise(self, *args, **kwargs)
-        except TypeError:
+        except DechirpError:
+            raise
+        except Exception as error:
             # Checked after a failure only: values are also created within loops.
-            check_argument_names(signature(type(self)), type(self).__name__, args, kwargs)
+            cls = type(self)
+            if isinstance(error, TypeError):
+                check_argument_names(signature(cls), cls.__name__, args, kwargs)
+            check_annotations(cls, kwargs, setting=f"{cls.__name__}.{{}}", error=error)
             raise
 
     return checked

@@ -49,6 +49,18 @@ def track_identities(tracks: xr.Dataset, truth: xr.Dataset, *, cutoff_m: float) 
     Metrics, EURASIP J. Image and Video Processing, 2008 (continuation of assignments).
     """
     cutoff_m = check_number("cutoff_m", cutoff_m, above=0)
+    for argument, dataset, names in (
+        ("tracks", tracks, ("x", "y", "status")),
+        ("truth", truth, ("x", "y")),
+    ):
+        missing = [name for name in names if name not in dataset.variables]
+        if missing:
+            raise InvalidSetting(
+                argument,
+                value=f"a dataset without {', '.join(missing)}",
+                expected=f"{', '.join(names)}",
+                fix="pass what dechirp.track returns, and x and y of the targets over the frames",
+            )
     if not np.array_equal(tracks["frame"].values, truth["frame"].values):
         raise InvalidSetting(
             "truth",

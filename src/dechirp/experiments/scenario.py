@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Literal, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -100,6 +100,8 @@ class RecordingSource:
 @frozen_dataclass
 class Scenario:
     """One experiment on a simulated scene, or on a recording."""
+
+    _file_reader: ClassVar[str] = "dechirp.load"
 
     name: str = "scenario"
     seed: int = 0

@@ -262,6 +262,13 @@ def frame_means(trace: xr.DataArray) -> xr.DataArray:
     For frames that are short bursts of chirps: times are then spaced like frames, and the noise
     falls by the number of rounds. A target must move much less than a wavelength within a frame.
     """
+    if "frame" not in trace.coords or trace.coords["frame"].dims != ("time",):
+        raise InvalidSetting(
+            "trace",
+            value=f"an array over {', '.join(map(str, trace.dims)) or 'no axis'}",
+            expected="an array over time, with the coordinate frame",
+            fix="pass what slow_time or range_traces returns",
+        )
     if trace.sizes["time"] == 0:
         return trace
     mean = trace.groupby("frame").mean()

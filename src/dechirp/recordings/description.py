@@ -16,7 +16,7 @@ import xarray as xr
 
 from dechirp.config.dumping import to_yaml_data
 from dechirp.core.dataset_arrays import dataset_from_arrays, dataset_to_arrays_and_description
-from dechirp.core.errors import DechirpError, RecordingError
+from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
 from dechirp.core.units import SAMPLE_UNITS, current_units
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
@@ -147,7 +147,16 @@ def parse_radar(path: Path, radar_settings: Any) -> Radar:
     from dechirp.config.loading import parse_settings  # takes 0.07 s
 
     try:
-        return parse_settings(json.dumps(radar_settings), Radar, file=f"{path}: radar")
+        text = json.dumps(radar_settings)
+    except (TypeError, ValueError) as error:  # of Python code: files contain JSON
+        raise InvalidSetting(
+            "radar_settings",
+            value=error,
+            expected="settings of a radar as JSON has them: names, numbers, lists",
+            fix="give a dictionary with the settings of a radar file",
+        ) from None
+    try:
+        return parse_settings(text, Radar, file=f"{path}: radar")
     except DechirpError as error:
         raise RecordingError(
             path,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import cached_property
 from numbers import Integral
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 import xarray as xr
@@ -47,6 +47,8 @@ class Recording(Displayable):
     Samples are complex64, or float32 for real sampling; full scale is 1 unless the recording is
     calibrated. The converter's offset is not removed.
     """
+
+    _file_reader: ClassVar[str] = "dechirp.open"
 
     path: Path
     format: str

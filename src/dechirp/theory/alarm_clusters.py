@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_false_alarm_probability, check_integer
 from dechirp.core.values import frozen_dataclass
 
@@ -30,6 +31,7 @@ class NeighbourCorrelation:
     in_velocity: tuple[complex, complex]
 
 
+@check_argument_types
 def local_maximum_fraction(
     false_alarm_probability: float, neighbours: NeighbourCorrelation, *, n_summed: int = 1
 ) -> float:

@@ -31,6 +31,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import scipy
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.theory.cfar import cell_averaging_factor, find_decreasing_root
@@ -59,6 +60,7 @@ class CalibratedFactor:
     """Relative standard error of the resulting false-alarm probability; 0 if exact."""
 
 
+@check_argument_types
 def calibrate_factor(
     false_alarm_probability: float,
     statistic: Statistic,

@@ -26,6 +26,7 @@ normal variables, Biometrika 48, 1961.
 import numpy as np
 import scipy
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
@@ -193,6 +194,7 @@ def _axis_sums_of_correlation_powers(
     return np.array([power.sum(), power[guard].sum(), power[guard, guard].sum()])
 
 
+@check_argument_types
 def correlated_factor(
     false_alarm_probability: float, window: CorrelatedWindow, *, n_summed: int = 1
 ) -> float:

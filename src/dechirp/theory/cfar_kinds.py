@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import (
     broadcast_arguments,
     check_finite_array,
@@ -35,6 +36,7 @@ _SETTINGS_OF_KIND = {
 }
 
 
+@check_argument_types
 def cfar_factor(
     false_alarm_probability: ArrayLike,
     n_training: ArrayLike,

@@ -7,7 +7,8 @@ one snapshot as well as for many.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_finite_array, check_finite_samples, check_positive_ratios
+from dechirp.core.argument_types import check_argument_types
+from dechirp.core.checks import check_finite_array, check_finite_samples, check_number
 from dechirp.core.errors import InvalidSetting
 
 __all__ = ["direction_std_rad"]
@@ -77,6 +78,7 @@ def conditional_fisher_information(
     return np.asarray(2 * inner.real / np.asarray(noise_power, float)[..., None, None])
 
 
+@check_argument_types
 def direction_std_rad(
     *,
     positions: ArrayLike,
@@ -128,7 +130,7 @@ def direction_std_rad(
         np.atleast_1d(check_finite_array("azimuth_rad", azimuth_rad)),
         check_finite_array("elevation_rad", elevation_rad),
     )
-    check_positive_ratios("noise_power", noise_power)
+    check_number("noise_power", noise_power, above=0)
     snapshots = check_finite_samples(
         "amplitudes",
         amplitudes,

@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import broadcast_arguments, check_finite_array, check_integer
 from dechirp.core.units import BOLTZMANN, REFERENCE_TEMPERATURE, SPEED_OF_LIGHT
 
@@ -188,6 +189,7 @@ def range_resolution(bandwidth_hz: ArrayLike) -> np.ndarray:
     )
 
 
+@check_argument_types
 def unambiguous_range(
     *, sample_rate_hz: ArrayLike, slope_hz_per_s: ArrayLike, is_complex: bool = True
 ) -> np.ndarray:

@@ -4,6 +4,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_number, check_positive_ratios
 from dechirp.core.errors import InvalidSetting
 
@@ -13,6 +14,7 @@ __all__ = ["sphere_rcs_m2"]
 _MAX_SIZE_PARAMETER = 500.0
 
 
+@check_argument_types
 def sphere_rcs_m2(
     radius_m: ArrayLike, wavelength_m: float, *, permittivity: complex | None = None
 ) -> np.ndarray:

@@ -13,6 +13,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dechirp.core.argument_types import check_argument_types
+from dechirp.core.checks import check_real_array
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 from dechirp.core.values import frozen_dataclass
 
@@ -60,6 +63,7 @@ class Comparison:
         return self.excess <= 1
 
 
+@check_argument_types
 def compare_arrays(
     quantity: str,
     theirs: ArrayLike,
@@ -77,12 +81,20 @@ def compare_arrays(
 
     Raises
     ------
-    ValueError
-        If the arrays are empty or differ in shape.
+    InvalidSetting
+        If the arrays are no real numbers, are empty or differ in shape.
     """
-    theirs_flat, ours_flat = np.ravel(theirs).astype(float), np.ravel(ours).astype(float)
+    theirs_flat, ours_flat = (
+        np.ravel(check_real_array(f"{side} of {quantity}", values))
+        for side, values in (("theirs", theirs), ("ours", ours))
+    )
     if np.shape(theirs) != np.shape(ours) or theirs_flat.size == 0:
-        raise ValueError(f"{quantity}: shapes {np.shape(theirs)} and {np.shape(ours)}")
+        raise InvalidSetting(
+            f"theirs and ours of {quantity}",
+            value=f"arrays {np.shape(theirs)} and {np.shape(ours)}",
+            expected="arrays of the same shape, with one element or more",
+            fix="compare elements in pairs",
+        )
     tolerance = absolute + relative * np.abs(theirs_flat)
     excess = np.abs(ours_flat - theirs_flat) / np.maximum(tolerance, np.finfo(float).tiny)
     worst = int(np.argmax(np.where(np.isnan(excess), np.inf, excess)))

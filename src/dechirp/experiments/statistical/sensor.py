@@ -8,6 +8,7 @@ import scipy
 import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
+from dechirp.core.checks import check_integer
 from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
@@ -362,7 +363,9 @@ def draw_statistical_detections(
     """
     rng = seed if isinstance(seed, np.random.Generator) else None
     if rng is None:
-        rng = np.random.default_rng(scenario.seed if seed is None else seed)
+        number = scenario.seed if seed is None else seed
+        check_integer("seed", number, at_least=0, at_most=2**64 - 1)
+        rng = np.random.default_rng(number)
     columns = StatisticalSensor(scenario).draw_detections(rng)
     return detections_from_columns(columns)
 

@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from typing import Literal, get_args
+from typing import ClassVar, Literal, get_args
 
 from dechirp.core.checks import (
     check_field_classes,
@@ -188,6 +188,8 @@ class Requirement:
 @frozen_dataclass
 class Study(Displayable):
     """Monte Carlo study: trials of a scenario over varied settings."""
+
+    _file_reader: ClassVar[str] = "dechirp.load_study"
 
     name: str = "study"
     scenario: Scenario

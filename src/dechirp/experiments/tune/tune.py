@@ -1,7 +1,7 @@
 """Settings of a search: varied settings, objective, limits, and number of trials."""
 
 import math
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -138,6 +138,8 @@ class LabelledRecording:
 @frozen_dataclass
 class Tune:
     """Search for the settings with the best objective."""
+
+    _file_reader: ClassVar[str] = "dechirp.load_tune"
 
     name: str = "tune"
     scenarios: tuple[Scenario, ...] = ()

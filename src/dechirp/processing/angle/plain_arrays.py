@@ -284,13 +284,13 @@ def direction_spectrum(
     steering = cells.aperture.steering_vectors(np.ravel(azimuth), np.ravel(elevation))
     has_signal = np.any(cells.snapshots != 0, axis=(1, 2))
     spectrum = np.full((len(cells.snapshots), azimuth.size), np.nan)
-    if has_signal.any():
+    if has_signal.any() and azimuth.size:
         with plain_twins_in_first_calls(SAMPLES_PER_AMPLITUDE * cells.snapshots.size):
             data = estimator.precompute_for_spectrum(
                 cells.snapshots[has_signal], cells.aperture, cells.noise_power[has_signal]
             )
             spectrum[has_signal] = estimator.spectrum_at(data, steering)
-    return spectrum.reshape(*cells.shape, *azimuth.shape)
+    return spectrum.reshape((*cells.shape, *azimuth.shape))
 
 
 class _ArrayCells(NamedTuple):

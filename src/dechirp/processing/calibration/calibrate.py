@@ -209,11 +209,19 @@ def _values_per_recording(setting: str, values: Any, n_recordings: int) -> tuple
 
 
 def _iter_frames(frames: Frames) -> Iterator[xr.DataArray]:
-    if not isinstance(frames, xr.DataArray):
-        yield from frames
+    if isinstance(frames, xr.DataArray):
+        for index in range(frames.sizes["frame"]):
+            yield frames.isel(frame=slice(index, index + 1))
         return
-    for index in range(frames.sizes["frame"]):
-        yield frames.isel(frame=slice(index, index + 1))
+    for frame in frames if isinstance(frames, Iterable) else [frames]:
+        if not isinstance(frame, xr.DataArray):
+            raise InvalidSetting(
+                "cubes",
+                value=f"a {type(frame).__name__}",
+                expected="a DataArray (frame, chirp, rx, sample), or its frames one by one",
+                fix="pass the cube of a recording; a list of cubes needs a list of azimuths",
+            )
+        yield frame
 
 
 def _wavelength_m(radar: Radar) -> float:

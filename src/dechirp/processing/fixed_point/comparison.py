@@ -8,6 +8,7 @@ import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import to_decibels
 from dechirp.processing.chain import Chain
 from dechirp.processing.fixed_point.chain import fixed_point_map
@@ -36,6 +37,14 @@ def compare_detections(
     fixed_point: xr.Dataset, power: xr.DataArray, threshold: xr.DataArray
 ) -> DetectionAgreement:
     """Compare `fixed_point_map` with `power_map` and `threshold_map` of the same frame."""
+    missing = [name for name in ("detected", "power") if name not in fixed_point]
+    if missing:
+        raise InvalidSetting(
+            "fixed_point",
+            value=f"a dataset without {', '.join(missing)}",
+            expected="maps over velocity and range",
+            fix="pass what fixed_point_map returns",
+        )
     is_detected = power.values > threshold.values
     differs = fixed_point.detected.values != is_detected
     with np.errstate(divide="ignore"):  # cells without power

@@ -152,6 +152,7 @@ def signal_to_quantisation_noise_over_bits(
     check_integer("n_points", n_points, at_least=1)
     check_integer("number of bits", len(bits), at_least=1)
     base = words or WordLengths()
+    check_integer("seed", seed, at_least=0)
     rng = np.random.default_rng(seed)
     signals: tuple[Signal, ...] = ("tone", "noise")
     ratios = np.full((3, len(bits), len(signals)), np.nan)
