@@ -41,7 +41,7 @@ def samples():
     """Return a value of each class that arguments are annotated with."""
     radar = street_radar(n_samples=32, n_chirps=8)
     scene = dc.Scene(targets=[dc.Target(position_m=(20, 0, 0))])
-    with plain_twins_for_small_work(1):
+    with plain_twins_for_small_work(0):
         cube = dc.simulate(scene, radar)
         detections = dc.detect(cube, radar)
     values = [radar, radar.frame, radar.frame.chirp, radar.array, radar.hardware, scene]
@@ -92,10 +92,11 @@ def test_wrong_arguments_raise_no_foreign_error(namespace, samples, tmp_path, mo
             {**valid, parameter.name: wrong}
             for parameter in named_parameters(member)
             for wrong in WRONG_VALUES
+            if wrong is not parameter.default
         ]
         for arguments in alternatives:
             try:
-                with plain_twins_for_small_work(1):
+                with plain_twins_for_small_work(0):
                     member(**arguments)
             except dc.DechirpError as error:
                 check_error_is_complete(error)

@@ -98,6 +98,13 @@ def calibrate(
                 measure_static_reflector(frame, uncalibrated.for_frame(frame_index), placed.range_m)
             )
             indices.append(index)
+        if index not in indices:
+            raise InvalidSetting(
+                _setting_name_of_recording("cubes", index, len(recordings)),
+                value="no frame",
+                expected="one frame or more, with the reflector",
+                fix="pass the cube of a recording",
+            )
     recording = np.array(indices)
     measured_m = np.bincount(
         recording, [measured.range_m for measured in reflectors]
