@@ -286,7 +286,7 @@ def test_wall_reflection_ends_when_radar_passes_wall(radar):
 
 
 def test_target_behind_wall_is_not_mirrored(radar):
-    scene = dc.Scene(targets=[dc.Target(position_m=(30, 8, 0))])
+    scene = dc.Scene(targets=[dc.Target(position_m=(30, 8, 0))], shadowing=False)
     wall = WallMultipath(start_m=(0, 5), end_m=(60, 5))
     np.testing.assert_array_equal(
         simulate_samples(scene, radar, wall), simulate_samples(scene, radar)

@@ -21,6 +21,7 @@ from dechirp.scene.aliasing import (
 )
 from dechirp.scene.rcs import scatterer_cross_sections_m2
 from dechirp.scene.scene import Scene
+from dechirp.scene.shadowing import scatterer_shadow_gains
 
 GATE_CELLS = 2.0
 """Largest distance of a detection from its target, in resolution cells, on every estimated axis."""
@@ -323,11 +324,13 @@ def scatterer_range_and_range_rate(scene: Scene, times_s: ArrayLike) -> RangeVel
 
 
 def visible_scatterer_mask(scene: Scene, time_s: float, radar: Radar) -> np.ndarray:
-    """Return True for scatterers that reflect: not those on the far side of a car."""
-    rcs_m2 = scatterer_cross_sections_m2(scene, time_s, radar.frame.chirp.wavelength_m)
+    """Return True for scatterers that reflect: not those on the far side of a car, or behind it."""
+    wavelength_m = radar.frame.chirp.wavelength_m
+    rcs_m2 = scatterer_cross_sections_m2(scene, time_s, wavelength_m)
     strongest_m2 = np.zeros(len(scene.targets))
     np.maximum.at(strongest_m2, scene.target_index_of_scatterer, rcs_m2)
-    return rcs_m2 > _HIDDEN_RCS_RATIO * strongest_m2[scene.target_index_of_scatterer]
+    visible_m2 = rcs_m2 * scatterer_shadow_gains(scene, time_s, wavelength_m)
+    return visible_m2 > _HIDDEN_RCS_RATIO * strongest_m2[scene.target_index_of_scatterer]
 
 
 def _detection_columns_or_nan(columns: Mapping[str, np.ndarray]) -> _Columns:

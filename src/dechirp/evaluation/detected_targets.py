@@ -3,6 +3,7 @@
 import numpy as np
 
 from dechirp.evaluation.trial import TrialContext, TrialResult
+from dechirp.scene.shadowing import SHADOWED_LOSS
 
 
 def count_clusters_per_target_and_frame(result: TrialResult, context: TrialContext) -> np.ndarray:
@@ -37,6 +38,14 @@ def detected_target_mask_per_frame(result: TrialResult, context: TrialContext) -
     detected = np.zeros((len(context.target_names), len(context.times_s)), dtype=bool)
     detected[target[has_target], _detection_frame_indices(result, context)[has_target]] = True
     return detected
+
+
+def shadowed_target_mask_per_frame(context: TrialContext) -> np.ndarray:
+    """Return True for targets in the shadow of others, by frame, bool (n_targets, n_frames)."""
+    if "shadow_loss" not in context.truth:
+        return np.zeros((len(context.target_names), len(context.times_s)), dtype=bool)
+    loss = context.truth["shadow_loss"].transpose("target", "frame").values
+    return np.asarray(loss > SHADOWED_LOSS)
 
 
 def strongest_detection_rows_per_target_frame(

@@ -33,6 +33,17 @@ class ParabolicPaths(NamedTuple):
     """(2 or 3, n, 3): the position in radar coordinates is the sum of coefficients_m[k] t^k."""
 
 
+class BlockingBoxes(NamedTuple):
+    """Boxes of the bodies that shadow other targets."""
+
+    targets: np.ndarray
+    """(n,), indices of the targets."""
+    boxes_m: np.ndarray
+    """(n, low and high, 3), see `Body.blocking_box_m`."""
+    clearances_m: np.ndarray
+    """(n,), see `Body.ground_clearance_m`."""
+
+
 class _TargetMotions(NamedTuple):
     """Motion of the targets, each (n_targets, 3): fields of the targets as arrays."""
 
@@ -52,6 +63,8 @@ class Scene(Displayable):
 
     targets: tuple[Target, ...] = ()
     ego: Ego = Ego()
+    shadowing: bool = True
+    """Let bodies with a size shadow other targets, by diffraction at their edges."""
 
     def __post_init__(self) -> None:
         fix = "write targets=[Target(...)], also for a single one"
@@ -63,6 +76,13 @@ class Scene(Displayable):
                 value=self.ego,
                 expected="an Ego",
                 fix="write ego=Ego(velocity_m_per_s=(10, 0, 0)), or leave it out",
+            )
+        if not isinstance(self.shadowing, bool):
+            raise InvalidSetting(
+                "Scene.shadowing",
+                value=self.shadowing,
+                expected="true or false",
+                fix="choose one",
             )
         for name, count in Counter(self.names).items():
             if count > 1:
@@ -131,6 +151,29 @@ class Scene(Displayable):
             t.rcs_table is not None or isinstance(t.body, AspectBody) for t in self.targets
         ]
         return _make_read_only(np.flatnonzero(is_aspect_dependent))
+
+    @cached_property
+    def blocking_boxes(self) -> BlockingBoxes:
+        """Return the boxes of the bodies that shadow; none without shadowing."""
+        targets, boxes_m, clearances_m = [], [], []
+        for index, target in enumerate(self.targets if self.shadowing else ()):
+            box_m = None if target.body is None else target.body.blocking_box_m
+            if box_m is not None:
+                assert target.body is not None
+                _check_blocking_box(box_m, self.names[index])
+                targets.append(index)
+                boxes_m.append(box_m)
+                clearances_m.append(target.body.ground_clearance_m)
+        return BlockingBoxes(
+            _make_read_only(np.array(targets, dtype=int)),
+            _make_read_only(np.array(boxes_m, dtype=float).reshape(-1, 2, 3)),
+            _make_read_only(np.array(clearances_m, dtype=float)),
+        )
+
+    @property
+    def has_shadows(self) -> bool:
+        """Return whether a body may shadow another target."""
+        return bool(self.blocking_boxes.targets.size) and len(self.targets) > 1
 
     @cached_property
     def fluctuating_scatterers_by_model(self) -> dict[Fluctuation, np.ndarray]:
@@ -323,6 +366,17 @@ class Scene(Displayable):
                     fix="remove the target, or correct n_scatterers of the body",
                 )
         return counts
+
+
+def _check_blocking_box(box_m: np.ndarray, name: str) -> None:
+    is_valid = np.shape(box_m) == (2, 3) and not np.isnan(box_m).any()
+    if not (is_valid and np.isfinite(box_m[:, :2]).all() and (box_m[0] <= box_m[1]).all()):
+        raise InvalidSetting(
+            f"scene.targets.{name}.body",
+            value=f"a body with a blocking box of {np.array(box_m).tolist()}",
+            expected="its low and high corners, (2, 3), finite except for the lowest height",
+            fix="correct blocking_box_m of the body",
+        )
 
 
 def _make_read_only(array: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dechirp.core.findings import Finding
-from dechirp.core.units import SPEED_OF_LIGHT
+from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
 from dechirp.radar.angle_table import describe_wide_angle_gap
 from dechirp.radar.patterns.table import Table
 from dechirp.radar.radar import Radar
@@ -15,6 +15,7 @@ from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, beat_and
 from dechirp.scene.rcs import target_cross_sections_m2
 from dechirp.scene.rcs_table import RcsTable
 from dechirp.scene.scene import Scene
+from dechirp.scene.shadowing import SHADOWED_LOSS, target_shadow_losses
 from dechirp.scene.validity import check_scene_echoes_finite, frames_to_check
 
 # Smaller than the cross section of a grain of dust.
@@ -52,6 +53,8 @@ class _SceneSnapshot(NamedTuple):
     """Range of each scatterer, with the velocity of its target, without motion within the body."""
     is_dark: np.ndarray
     """(n_targets,): true if no part of the target reflects."""
+    shadow_losses: np.ndarray
+    """(n_targets,): two-way loss in the shadow of other bodies, a power ratio."""
 
 
 class _FindingCase(NamedTuple):
@@ -66,9 +69,9 @@ class _FindingCase(NamedTuple):
 def scene_findings(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Finding]:
     """Return findings on a scene before it is simulated.
 
-    Targets that are aliased, have a late echo, are behind, within or around the radar, or reflect
-    nothing. An echo is late if it misses samples worth more than 1 dB of its SNR. Coincident
-    antennas, codes that are not orthogonal, tables with gaps, and findings of bodies.
+    Targets that are aliased, have a late echo, are behind, within or around the radar, reflect
+    nothing, or are shadowed. An echo is late if it misses samples worth more than 1 dB of its SNR.
+    Coincident antennas, codes that are not orthogonal, tables with gaps, and findings of bodies.
 
     Each kind is reported once per target, for the first frame and scatterer concerned, and names at
     most 20 targets; of late echoes, only the latest is reported. `frames_to_check` selects the
@@ -96,6 +99,7 @@ def scene_findings(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Fin
                 _find_scatterers_inside_array,
                 _find_bodies_around_radar,
                 _find_bodies_without_echo,
+                _find_shadowed_targets,
             )
         ):
             case = find_case(snapshot)
@@ -151,8 +155,9 @@ def _snapshot_scene_at_mid_frame(
         wavelength_m = radar.frame.chirp.wavelength_m
         is_dark = target_cross_sections_m2(scene, time_s, wavelength_m)[0] < _MIN_RCS_M2
     range_velocity = RangeVelocity(range_m, radial_products / range_m)
+    losses = target_shadow_losses(scene, np.array(time_s), radar.frame.chirp.wavelength_m)[0]
     return _SceneSnapshot(
-        scene, radar, frame_text, position_m, velocity, resolved, range_velocity, is_dark
+        scene, radar, frame_text, position_m, velocity, resolved, range_velocity, is_dark, losses
     )
 
 
@@ -397,6 +402,22 @@ def _find_bodies_without_echo(snapshot: _SceneSnapshot) -> _FindingCase:
             value=f"a heading without any reflection towards the radar{snapshot.frame_text}",
             expected="a reflecting side towards the radar",
             fix="turn the target: without a heading it faces its direction of motion, or x at rest",
+        ),
+    )
+
+
+def _find_shadowed_targets(snapshot: _SceneSnapshot) -> _FindingCase:
+    """Find targets in the shadow of other bodies."""
+    losses, targets = snapshot.shadow_losses, snapshot.scene.target_index_of_scatterer
+    return _FindingCase(
+        losses[targets] > SHADOWED_LOSS,
+        lambda setting, i: Finding(
+            level="note",
+            setting=f"{setting}.position",
+            value=f"in the shadow of other bodies{snapshot.frame_text}: its echo is"
+            f" {to_decibels(losses[targets[i]]):.3g} dB weaker",
+            expected=f"a loss below {to_decibels(SHADOWED_LOSS):.3g} dB to count as visible",
+            fix="nothing, if it is hidden; else set scene.shadowing to false",
         ),
     )
 

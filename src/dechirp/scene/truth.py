@@ -18,6 +18,7 @@ from dechirp.radar.budget import received_power_w
 from dechirp.radar.radar import Radar
 from dechirp.scene.rcs import target_cross_sections_m2
 from dechirp.scene.scene import Scene
+from dechirp.scene.shadowing import target_shadow_losses
 
 
 @check_argument_types
@@ -40,7 +41,8 @@ def truth(
         `time` (s) of mid-frame, mid-window; `range` (m), `velocity` (m/s), `azimuth`,
         `elevation` (rad) at that instant, from the origin of the array; of a body, of the
         origin of its axes. `snr` after integration over samples, chirps and channels, for the
-        mean cross sections of all its scatterers, if the hardware is given.
+        mean cross sections of all its scatterers, if the hardware is given. `shadow_loss`, if
+        bodies of the scene shadow: the two-way loss, a power ratio, included in `snr`.
 
     Raises
     ------
@@ -66,11 +68,15 @@ def truth(
         "azimuth": (geometry.azimuth_rad, "rad"),
         "elevation": (geometry.elevation_rad, "rad"),
     }
+    shadow_losses = target_shadow_losses(scene, times_s, frame.chirp.wavelength_m)
+    if scene.has_shadows:
+        columns["shadow_loss"] = (shadow_losses, "1")
     if radar.hardware is not None:
         noise_w = thermal_noise_w(radar) if noise_power_w is None else noise_power_w
         with np.errstate(divide="ignore", invalid="ignore"):  # the SNR is infinite without noise
             snr = (
                 _received_powers_w(scene, radar, times_s, geometry)
+                / shadow_losses
                 / noise_w
                 * radar.integration_gain
             )
@@ -97,7 +103,8 @@ def _label_targets_and_frames(names: np.ndarray, frames: np.ndarray) -> xr.Coord
 def echo_powers_w(scene: Scene, radar: Radar, times_s: ArrayLike) -> np.ndarray:
     """Return the mean power of each target's echo in one receiver, (n_times, n_targets)."""
     times_s = np.asarray(times_s, dtype=float)
-    return _received_powers_w(scene, radar, times_s, _target_geometry(scene, times_s))
+    unshadowed_w = _received_powers_w(scene, radar, times_s, _target_geometry(scene, times_s))
+    return unshadowed_w / target_shadow_losses(scene, times_s, radar.frame.chirp.wavelength_m)
 
 
 class _TargetGeometry(NamedTuple):

@@ -6,6 +6,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.text import format_si
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
+from dechirp.scene.screens import screens_of_bodies
 from dechirp.scene.speed_limit import check_speed_limit
 
 _MAX_FRAMES = 33
@@ -31,8 +32,8 @@ def check_scene_echoes_finite(scene: Scene, radar: Radar, *, n_frames: int = 1) 
     """Raise `InvalidSetting`, with the target, for a scene without a finite echo.
 
     Causes are a scatterer within a micrometre of an antenna or of the radar's origin, at the start
-    or in the middle of the frames of `frames_to_check`; a target accelerated to a thousandth of the
-    speed of light; a body that is not finite.
+    or in the middle of the frames of `frames_to_check`; a radar inside a body that shadows; a
+    target accelerated to a thousandth of the speed of light; a body that is not finite.
     """
     if not scene.targets:
         return
@@ -50,6 +51,8 @@ def check_scene_echoes_finite(scene: Scene, radar: Radar, *, n_frames: int = 1) 
         for frame in frames_to_check(scene, n_frames)
         for after_s in (0.0, radar.frame.for_frame(frame).mid_frame_s)
     ]
+    for time_s in times_s:
+        screens_of_bodies(scene, time_s)  # raises for a radar inside a body
     step = max(_BLOCK_POSITIONS // len(scene.target_index_of_scatterer), 1)
     for first in range(0, len(times_s), step):
         block_times_s = times_s[first : first + step]

@@ -17,7 +17,8 @@ A frame passes these steps:
 1. `scene/trajectories.py` fits polynomials of time to the paths p(t).
 2. `echo_groups.py` collects scatterers, amplitudes and gains for each run of equal ramps.
 3. `impairments/`, stage Propagation, adds or attenuates echoes: walls, road, rain, coupling
-   (`mirror_images.py`, `path_attenuation.py`).
+   (`mirror_images.py`, `path_attenuation.py`); `path_shadowing.py` then applies the shadows of
+   bodies and walls.
 4. `kernels/selection.py` predicts the cheapest kernel and sums the echoes with it:
    `kernels/direct.py` echo by echo, `kernels/low_rank.py` as a product of chirps and fast time,
    `kernels/nufft.py` by non-uniform Fourier transforms. `engine.py` holds the settings.

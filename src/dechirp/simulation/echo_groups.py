@@ -60,6 +60,15 @@ class EchoGroup(NamedTuple):
     """Chirps of the frame, in the order sent; with a step if other ramps lie between."""
     scatterers: Scatterers
     transmission: Transmission
+    targets: np.ndarray | None = None
+    """(n_scatterers,): target of each scatterer; none: scatterers of no target, such as rain."""
+
+    def select(self, selected: np.ndarray) -> "EchoGroup":
+        """Return the group of some scatterers."""
+        return self._replace(
+            scatterers=selection.select_scatterers(self.scatterers, selected),
+            targets=None if self.targets is None else self.targets[selected],
+        )
 
     def scale_amplitudes(self, factor: float | np.ndarray) -> "EchoGroup":
         """Return the group with amplitudes multiplied by a factor, a number or (n_scatterers,)."""
@@ -102,11 +111,16 @@ def direct_echo_groups(
             path_m=path.path_m[:, is_fitted], chirp_factors=factors
         )
         if indices.size:
-            yield from echo_groups_of_equal_ramps(chirps, scatterers, path.mid_s, radar)
+            targets = scene.target_index_of_scatterer[indices]
+            yield from echo_groups_of_equal_ramps(chirps, scatterers, path.mid_s, radar, targets)
 
 
 def echo_groups_of_equal_ramps(
-    chirps: slice, scatterers: Scatterers, mid_s: float, radar: Radar
+    chirps: slice,
+    scatterers: Scatterers,
+    mid_s: float,
+    radar: Radar,
+    targets: np.ndarray | None = None,
 ) -> Iterator[EchoGroup]:
     """Split a run of chirps into one group per ramp; `mid_s` is its middle in the frame."""
     frame, chirp = radar.frame, radar.frame.chirp
@@ -128,7 +142,8 @@ def echo_groups_of_equal_ramps(
             chirp.adc_start_s,
             chirp.sample_rate_hz,
         )
-        yield EchoGroup(ramp_chirps, scatterers._replace(chirp_factors=factors), transmission)
+        ramp_scatterers = scatterers._replace(chirp_factors=factors)
+        yield EchoGroup(ramp_chirps, ramp_scatterers, transmission, targets)
 
 
 def tx_and_rx_amplitude_gains(

@@ -18,7 +18,6 @@ import numpy as np
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.simulation.echo_groups import EchoGroup, SampleWindow, tx_and_rx_amplitude_gains
-from dechirp.simulation.kernels import selection
 
 MIN_MIRROR_DISTANCE_M = 0.1
 """Least distance of a mirror from an antenna: images are 0.2 m away, displaced antennas less."""
@@ -101,7 +100,7 @@ def group_and_reflected_copies(
         outbound and inbound and inbound.apply_to(outbound.apply_to(group)),
     ):
         if copy is not None and (has_echo := _mask_of_scatterers_with_echo(copy)).any():
-            yield copy._replace(scatterers=selection.select_scatterers(copy.scatterers, has_echo))
+            yield copy.select(has_echo)
 
 
 class _MirroredPaths(NamedTuple):

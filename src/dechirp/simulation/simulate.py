@@ -31,6 +31,7 @@ from dechirp.simulation.impairments.base import Impairment
 from dechirp.simulation.impairments.noise import ThermalNoise
 from dechirp.simulation.kernels import selection
 from dechirp.simulation.kernels.direct import PreviousRamps
+from dechirp.simulation.path_shadowing import shadow_echoes
 from dechirp.simulation.stages import (
     Stages,
     check_ramps_supported,
@@ -364,6 +365,7 @@ def _sum_frame_signals(
     outbound_gain = math.prod(path.outbound_amplitude_gain(radar) for path in stages.paths)
     if outbound_gain != 1:
         groups = [group.scale_amplitudes(outbound_gain) for group in groups]
+    groups = shadow_echoes(groups, window, scene, radar, stages.paths)
     wide_window, delays, phase_rad = window, None, np.zeros(0)
     if stages.oscillators:
         added_s = [path.added_delay_bounds_s(radar) for path in stages.paths]

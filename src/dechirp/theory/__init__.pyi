@@ -49,6 +49,8 @@ from dechirp.theory.detection import detection_threshold as detection_threshold
 from dechirp.theory.detection import exceedance_probability as exceedance_probability
 from dechirp.theory.detection import required_snr as required_snr
 from dechirp.theory.direction_bounds import direction_std_rad as direction_std_rad
+from dechirp.theory.knife_edge import knife_edge_field as knife_edge_field
+from dechirp.theory.knife_edge import knife_edge_loss_db as knife_edge_loss_db
 from dechirp.theory.link_budget import beat_frequency as beat_frequency
 from dechirp.theory.link_budget import max_range as max_range
 from dechirp.theory.link_budget import noise_power as noise_power

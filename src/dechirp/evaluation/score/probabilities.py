@@ -7,7 +7,10 @@ import numpy as np
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation import false_alarms
-from dechirp.evaluation.detected_targets import detected_target_mask_per_frame
+from dechirp.evaluation.detected_targets import (
+    detected_target_mask_per_frame,
+    shadowed_target_mask_per_frame,
+)
 from dechirp.evaluation.preconditions import check_no_triangular_ramps, check_scene_has_targets
 from dechirp.evaluation.predicted_detection import theoretical_detection_probabilities
 from dechirp.evaluation.proportions import estimate_proportion
@@ -18,7 +21,11 @@ from dechirp.evaluation.trial_statistics import estimate_rate
 
 @frozen_dataclass
 class DetectionProbability(Score):
-    """Fraction of frames in which a target has a detection."""
+    """Fraction of frames in which a target has a detection, of those in which it is not shadowed.
+
+    Frames in which other bodies hide more than half of the field of its echo on each way (the
+    column `shadow_loss` of the truth exceeds 16, 12 dB) do not count.
+    """
 
     better: ClassVar[Better] = "more"
     n_sums: ClassVar[int] = 2
@@ -27,9 +34,10 @@ class DetectionProbability(Score):
         check_scene_has_targets(context, self.kind())
 
     def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
-        """Return the frames in which each target is detected, and all frames."""
+        """Return the frames in which each target is detected, and frames, without shadowed ones."""
         detected = detected_target_mask_per_frame(result, context)
-        return np.stack([detected.sum(axis=1), np.full(len(detected), detected.shape[1])], axis=1)
+        is_lit = ~shadowed_target_mask_per_frame(context)
+        return np.stack([(detected & is_lit).sum(axis=1), is_lit.sum(axis=1)], axis=1)
 
     def estimate_with_interval(self, sums: np.ndarray, *, confidence: float) -> Estimate:
         return estimate_proportion(*sums.T, confidence=confidence)

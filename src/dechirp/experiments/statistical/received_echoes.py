@@ -23,6 +23,7 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.aliasing import RangeVelocity, beat_and_doppler_frequencies
 from dechirp.scene.rcs import scatterer_cross_sections_m2
 from dechirp.scene.scene import Scene
+from dechirp.scene.shadowing import scatterer_shadow_gains
 from dechirp.simulation.echo_groups import (
     echo_groups_of_equal_ramps,
     frame_sampling_times,
@@ -127,6 +128,8 @@ def _echo_amplitudes_per_channel(
         rcs_m2 = np.broadcast_to(
             scatterer_cross_sections_m2(scene, times_s[0], wavelength_m), shape
         )
+    if scene.has_shadows:
+        rcs_m2 = rcs_m2 * [scatterer_shadow_gains(scene, item, wavelength_m) for item in times_s]
     flat_m = positions_m.reshape(-1, 3)
     tx_gain, rx_gain = tx_and_rx_amplitude_gains(flat_m, radar)
     attenuation = np.ones(len(flat_m))

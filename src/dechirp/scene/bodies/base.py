@@ -33,6 +33,19 @@ class Body(Family):
         """Return whether no part moves, so that `scatterer_offsets_m` is constant."""
         return False
 
+    @property
+    def blocking_box_m(self) -> np.ndarray | None:
+        """Return the corners of the box that shadows other targets, (low and high, 3), or None.
+
+        None: the body does not shadow. A low z of -inf: the body stands on the ground, at z = 0.
+        """
+        return None
+
+    @property
+    def ground_clearance_m(self) -> float:
+        """Return the height of the gap below a body that stands on the ground."""
+        return 0.0
+
     def n_scatterers(self) -> int:
         """Return the number of scatterers, constant over time."""
         return len(self.cross_sections_m2())

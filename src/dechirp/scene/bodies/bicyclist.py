@@ -118,6 +118,13 @@ class Bicyclist(Body):
     def is_rigid(self) -> bool:
         return self.speed_m_per_s == 0
 
+    @property
+    def blocking_box_m(self) -> np.ndarray:
+        """Return the box of the scatterers at time zero, with feet and wheels on the ground."""
+        points_m = self.scatterer_offsets_m(np.zeros(1))[0]
+        low_m = np.array([*points_m.min(axis=0)[:2], -np.inf])
+        return np.stack([low_m, points_m.max(axis=0)])
+
     def scatterer_offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         """Return the positions of the scatterers at each time, (n_times, n_scatterers, 3).
 

@@ -47,6 +47,11 @@ class CornerReflector(OpticalBody):
     def __post_init__(self) -> None:
         check_positive_fields(self, "edge_m", at_most=1e3)
 
+    @property
+    def blocking_box_m(self) -> np.ndarray:
+        points_m = self.edge_m * np.concatenate([np.zeros((3, 1)), _EDGES], axis=1)
+        return np.stack([points_m.min(axis=1), points_m.max(axis=1)])
+
     def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
         """Return the cross section, (n_positions, 1); raise if not in the optical region."""
         self.check_optical_size("edge_m", wavelength_m, min_wavelengths=4)

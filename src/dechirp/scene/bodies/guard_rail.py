@@ -11,6 +11,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import MAX_RCS_M2, MIN_RCS_M2, AspectBody
 
 _SPACING_M = 0.5  # of the points of the beam
+_BEAM_HEIGHT_M = 0.31  # of a W-beam (EN 1317 type A, AASHTO M 180)
 _N_WAVES = 2  # of the profile of the beam, each a separate mirror
 
 
@@ -69,6 +70,13 @@ class GuardRail(AspectBody):
     @property
     def is_rigid(self) -> bool:
         return True
+
+    @property
+    def blocking_box_m(self) -> np.ndarray:
+        """Return the beam alone: posts are narrower than a Fresnel zone."""
+        x, z = self.length_m / 2, _BEAM_HEIGHT_M / 2
+        return np.array([[-x, -self.wave_radius_m, self.height_m - z],
+                         [x, self.wave_radius_m, self.height_m + z]])  # fmt: skip
 
     def n_scatterers(self) -> int:
         return len(self._beam_point_x_m) + len(self._post_x_m)

@@ -114,6 +114,11 @@ class Mesh(AspectBody):
     def is_rigid(self) -> bool:
         return True
 
+    @property
+    def blocking_box_m(self) -> np.ndarray:
+        corners_m = self._mesh_file.surface.corners_m
+        return np.stack([corners_m.min(axis=(0, 1)), corners_m.max(axis=(0, 1))])
+
     def n_scatterers(self) -> int:
         return len(self._surface_cells.centres_m)
 

@@ -10,7 +10,12 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import Body
 from dechirp.scene.gait import MAX_RELATIVE_SPEED_PER_S, Gait
-from dechirp.scene.skeleton import HIP_HEIGHT, RCS_SHARES, scatterer_positions_on_segments_m
+from dechirp.scene.skeleton import (
+    HALF_SHOULDERS,
+    HIP_HEIGHT,
+    RCS_SHARES,
+    scatterer_positions_on_segments_m,
+)
 
 
 @frozen_dataclass
@@ -55,6 +60,12 @@ class Pedestrian(Body):
     @property
     def is_rigid(self) -> bool:
         return self.speed_m_per_s == 0
+
+    @property
+    def blocking_box_m(self) -> np.ndarray:
+        """Return the box of the shoulders, half as deep as wide, from the ground to the crown."""
+        half_m = HALF_SHOULDERS * self.height_m
+        return np.array([[-half_m / 2, -half_m, -np.inf], [half_m / 2, half_m, self.height_m]])
 
     def scatterer_offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         cycles = self.phase_rad / (2 * np.pi) + self._gait.cycle_frequency_hz * times_s

@@ -37,6 +37,11 @@ class Plate(OpticalBody):
     def __post_init__(self) -> None:
         check_positive_fields(self, "width_m", "height_m", at_most=1e3)
 
+    @property
+    def blocking_box_m(self) -> np.ndarray:
+        high_m = np.array([0.0, self.width_m / 2, self.height_m / 2])
+        return np.array([-high_m, high_m])
+
     def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
         """Return the cross section, (n_positions, 1); raise if not in the optical region."""
         for name in ("width_m", "height_m"):

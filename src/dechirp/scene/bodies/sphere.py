@@ -29,6 +29,10 @@ class Sphere(OpticalBody):
     def __post_init__(self) -> None:
         check_positive_fields(self, "radius_m", at_most=1e3)
 
+    @property
+    def blocking_box_m(self) -> np.ndarray:
+        return np.array([[-self.radius_m] * 3, [self.radius_m] * 3])
+
     def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
         """Return the cross section, (n_positions, 1); raise if not in the optical region."""
         self.check_optical_size("radius_m", wavelength_m, min_wavelengths=2)

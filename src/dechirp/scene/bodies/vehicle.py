@@ -136,6 +136,16 @@ class Vehicle(AspectBody):
     def is_rigid(self) -> bool:
         return self.speed_m_per_s == 0
 
+    @property
+    def blocking_box_m(self) -> np.ndarray:
+        x, y = self.length_m / 2, self.width_m / 2
+        return np.array([[-x, -y, -np.inf], [x, y, self.height_m]])
+
+    @property
+    def ground_clearance_m(self) -> float:
+        """Return half the radius of the wheels: 16 cm of a car, 25 cm of a truck."""
+        return self.wheel_radius_m / 2
+
     def n_scatterers(self) -> int:
         return len(self._all_scatterers.rcs_m2)
 

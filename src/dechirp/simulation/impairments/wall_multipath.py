@@ -46,7 +46,8 @@ class WallMultipath(Propagation):
 
     The radar must keep its distance from the wall: be at rest, or drive along it without turning.
     Only
-    scatterers on the radar's side are mirrored; the wall hides nothing. Cross sections are those of
+    scatterers on the radar's side are mirrored; scatterers behind it
+    are shadowed (`scene.shadowing`). Cross sections are those of
     the
     direct path, gains those of each path: a target may have a ghost without a direct echo. Each of
     several walls has its own ghosts, without paths via two walls; paths via the ground are
@@ -108,6 +109,14 @@ class WallMultipath(Propagation):
                     expected=f"all antennas on one side, at least {MIN_MIRROR_DISTANCE_M:g} m away",
                     fix="move the wall, or scene.ego.position",
                 )
+
+    def ends_from_radar_m(self, scene: Scene, time_s: float) -> np.ndarray:
+        """Return both ends from above, x + i y, relative to the radar, along axes of the scene.
+
+        The wall shadows what is behind it.
+        """
+        radar_m = np.array(scene.ego.position_m) + scene.ego.displacements_m(np.array([time_s]))[0]
+        return np.array([complex(*self.start_m), complex(*self.end_m)]) - complex(*radar_m[:2])
 
     def transform_echoes(
         self,
