@@ -85,6 +85,33 @@ def test_takes_one_sample_a_clock(tmp_path):
     assert f"; {n_samples} clocks for {n_samples} samples" in output
 
 
+# Feedback registers: they hold each side in about half of all clocks, not in step.
+RANDOM_READY = """
+    reg [16:0] shift_register = 17'd1;
+    always @(posedge clk)
+        shift_register <= {shift_register[15:0], shift_register[16] ^ shift_register[13]};
+    radar_core #("""
+
+
+@pytest.mark.parametrize("scaling", nightly_except(["block"], ["block", "halving"]))
+def test_memory_outside_may_hold_both_sides(tmp_path, scaling):
+    radar, words = make_radar(32, 16), WordLengths(scaling=scaling)
+    frame = draw_frame(radar, 16, seed=8)
+    write_verilog_and_vectors(tmp_path, frame, radar, small_window_chain(), words)
+    top = tmp_path / "v" / "radar.v"
+    text = top.read_text().replace("    radar_core #(", RANDOM_READY)
+    for side, bit in (("write", 0), ("read", 7)):
+        held = f".memory_{side}_ready(shift_register[{bit}])"
+        text = text.replace(f".memory_{side}_ready(1'b1)", held)
+    top.write_text(text)
+
+    output = simulate_in_icarus(tmp_path, "+frames=2", "+stall=20")
+
+    assert "PASS" in output, output[-3000:]
+    n_clocks, n_samples = map(int, re.findall(r"; (\d+) clocks for (\d+) samples", output)[0])
+    assert n_clocks > 1.5 * n_samples
+
+
 @pytest.mark.parametrize("name", ["range_fft_q", "doppler_fft_i", "threshold"])
 def test_test_bench_finds_one_wrong_bit(tmp_path, name):
     radar = make_radar(32, 16)

@@ -42,7 +42,7 @@ module dechirp_cfar #(
     localparam N_VELOCITY = 1 << VELOCITY_BITS;
     localparam H = HALF_RANGE, G = GUARD_RANGE;
     // Steps from a cell at the input of the sliding sum to the output, less one buffered bin.
-    localparam PIPELINE = 9;
+    localparam PIPELINE = 10;
     localparam EXTRA_ROWS = 1 + ((PIPELINE + N_VELOCITY - 1) >> VELOCITY_BITS);
     localparam N_STEPS_ROWS = N_ROWS + 2 * H + EXTRA_ROWS;
     localparam COUNT_BITS = $clog2(N_STEPS_ROWS + 1) + 1;  // signed
@@ -66,7 +66,9 @@ module dechirp_cfar #(
 
     reg  signed [COUNT_BITS-1:0] row;
     reg  [VELOCITY_BITS-1:0] v;
-    wire is_flush = row >= ROWS;  // zeros from inside
+    reg  is_flush;  // zeros from inside, after the last row
+    wire signed [COUNT_BITS-1:0] next_row
+        = row == LAST_STEP_ROW ? {COUNT_BITS{1'b0}} : row + 1'b1;
     wire out_free = !out_valid || out_ready;
     wire step = out_free && (is_flush || in_valid);
     assign in_ready = out_free && !is_flush;
@@ -75,9 +77,13 @@ module dechirp_cfar #(
         if (rst) begin
             row <= {COUNT_BITS{1'b0}};
             v <= {VELOCITY_BITS{1'b0}};
+            is_flush <= 1'b0;
         end else if (step) begin
             v <= v + 1'b1;
-            if (&v) row <= row == LAST_STEP_ROW ? {COUNT_BITS{1'b0}} : row + 1'b1;
+            if (&v) begin
+                row <= next_row;
+                is_flush <= next_row >= ROWS;
+            end
         end
     end
 
@@ -100,18 +106,20 @@ module dechirp_cfar #(
     wire moves = row >= BOX_MOVES && row < BOX_ENDS;
     wire guard_adds = row >= GUARD_ADDS;
     wire guard_subtracts = row >= GUARD_SUBTRACTS;
-    reg  [POWER_BITS-1:0] box_added, box_subtracted, guard_added, guard_subtracted, cell_1;
+    reg  [COLUMN_BITS-1:0] box_change_1, guard_change_1;
+    reg  [POWER_BITS-1:0] cell_1;
     reg  first_1, valid_1;
     reg  [VELOCITY_BITS-1:0] v_1;
     reg  [ROW_BITS-1:0] row_1;
     wire [ROW_BITS-1:0] cell_row = row[ROW_BITS-1:0] - CELLS_BEGIN_32[ROW_BITS-1:0];
     localparam [POWER_BITS-1:0] ZERO = {POWER_BITS{1'b0}};
+    localparam WIDER = COLUMN_BITS - POWER_BITS;
     always @(posedge clk) begin
         if (step) begin
-            box_added <= fills ? tap_0 : moves ? tap_box_add : ZERO;
-            box_subtracted <= moves ? tap_box_subtract : ZERO;
-            guard_added <= guard_adds ? tap_guard_add : ZERO;
-            guard_subtracted <= guard_subtracts ? tap_guard_subtract : ZERO;
+            box_change_1 <= {{WIDER{1'b0}}, fills ? tap_0 : moves ? tap_box_add : ZERO}
+                - {{WIDER{1'b0}}, moves ? tap_box_subtract : ZERO};
+            guard_change_1 <= {{WIDER{1'b0}}, guard_adds ? tap_guard_add : ZERO}
+                - {{WIDER{1'b0}}, guard_subtracts ? tap_guard_subtract : ZERO};
             cell_1 <= tap_cell;
             first_1 <= row == {COUNT_BITS{1'b0}};
             row_1 <= cell_row;
@@ -129,12 +137,11 @@ module dechirp_cfar #(
     end
 
     // Step 2: column sums; each comes back from a delay line after one range bin.
-    localparam WIDER = COLUMN_BITS - POWER_BITS;
     wire [COLUMN_BITS-1:0] box_before, guard_before;
     wire [COLUMN_BITS-1:0] box_column = (first_1 ? {COLUMN_BITS{1'b0}} : box_before)
-        + {{WIDER{1'b0}}, box_added} - {{WIDER{1'b0}}, box_subtracted};
+        + box_change_1;
     wire [COLUMN_BITS-1:0] guard_column = (first_1 ? {COLUMN_BITS{1'b0}} : guard_before)
-        + {{WIDER{1'b0}}, guard_added} - {{WIDER{1'b0}}, guard_subtracted};
+        + guard_change_1;
     dechirp_delay_line #(COLUMN_BITS, N_VELOCITY) box_memory (clk, rst, step, box_column, box_before);
     dechirp_delay_line #(COLUMN_BITS, N_VELOCITY)
         guard_memory (clk, rst, step, guard_column, guard_before);
@@ -195,57 +202,63 @@ module dechirp_cfar #(
     localparam [COLUMN_BITS-1:0] COLUMN_ZERO = {COLUMN_BITS{1'b0}};
     wire [COLUMN_BITS-1:0] first_added = in_box ? box_2 : COLUMN_ZERO;
     wire [COLUMN_BITS-1:0] first_subtracted = in_guard ? guard_2 : COLUMN_ZERO;
-    reg  [SUM_BITS-1:0] first_sum, sum, change;
-    reg  [VELOCITY_BITS-1:0] v_3, v_4;
-    reg  [ROW_BITS-1:0] row_before, row_3, row_4;
-    reg  [POWER_BITS-1:0] cell_4;
-    reg  valid_before, valid_3, valid_4;
+    reg  [SUM_BITS-1:0] first_sum, first_sum_held, box_change, guard_change, change, sum;
+    reg  [VELOCITY_BITS-1:0] v_3, v_4, v_5;
+    reg  [ROW_BITS-1:0] row_before, row_3, row_4, row_5;
+    reg  [POWER_BITS-1:0] cell_4, cell_5;
+    reg  valid_before, valid_3, valid_4, valid_5;
     always @(posedge clk) begin
         if (step) begin
             first_sum <= (v_2 == {VELOCITY_BITS{1'b0}} ? {SUM_BITS{1'b0}} : first_sum)
                 + {{SUM_WIDER{1'b0}}, first_added} - {{SUM_WIDER{1'b0}}, first_subtracted};
             if (&v_2) row_before <= row_2;
             row_3 <= row_before;
-            // Step 4: the change to the next velocity, and the sum at this one.
-            change <= {{SUM_WIDER{1'b0}}, box_enters} - {{SUM_WIDER{1'b0}}, box_leaves}
-                - {{SUM_WIDER{1'b0}}, guard_enters} + {{SUM_WIDER{1'b0}}, guard_leaves};
+            // The next range bin starts its own first sum in the step in which this one is taken.
+            if (v_2 == {VELOCITY_BITS{1'b0}}) first_sum_held <= first_sum;
+            // Step 4: the change to the next velocity. Step 5: the sum at this one.
+            box_change <= {{SUM_WIDER{1'b0}}, box_enters} - {{SUM_WIDER{1'b0}}, box_leaves};
+            guard_change <= {{SUM_WIDER{1'b0}}, guard_enters} - {{SUM_WIDER{1'b0}}, guard_leaves};
             cell_4 <= cell_3;
             row_4 <= row_3;
-            sum <= v_3 == {VELOCITY_BITS{1'b0}} ? first_sum_held : sum + change;
+            change <= box_change - guard_change;
+            sum <= v_4 == {VELOCITY_BITS{1'b0}} ? first_sum_held : sum + change;
+            cell_5 <= cell_4;
+            row_5 <= row_4;
         end
     end
-    // The next range bin starts its own first sum in the same step in which this one is read.
-    reg  [SUM_BITS-1:0] first_sum_held;
-    always @(posedge clk) if (step && v_2 == {VELOCITY_BITS{1'b0}}) first_sum_held <= first_sum;
     always @(posedge clk) begin
         if (rst) begin
             valid_before <= 1'b0;
             valid_3 <= 1'b0;
             valid_4 <= 1'b0;
+            valid_5 <= 1'b0;
             v_3 <= {VELOCITY_BITS{1'b1}};
             v_4 <= {VELOCITY_BITS{1'b1}};
+            v_5 <= {VELOCITY_BITS{1'b1}};
         end else if (step) begin
             if (&v_2) valid_before <= valid_2;
             valid_3 <= valid_before;
             valid_4 <= valid_3;
+            valid_5 <= valid_4;
             v_3 <= v_2;
             v_4 <= v_3;
+            v_5 <= v_4;
         end
     end
 
-    // Step 5: limbs of the sum times the factor, which the row selected a step earlier.
+    // Step 6: limbs of the sum times the factor, which the row selected a step earlier.
     localparam LIMB_BITS = FACTOR_BITS > 17 ? FACTOR_BITS : 17;  // multipliers have 18 bits
     localparam N_LIMBS = (SUM_BITS + LIMB_BITS - 1) / LIMB_BITS;
     localparam PADDED_BITS = N_LIMBS * LIMB_BITS;
     localparam PRODUCT_BITS = PADDED_BITS + FACTOR_BITS;
     wire [PADDED_BITS-1:0] padded = {{(PADDED_BITS - SUM_BITS){1'b0}}, sum};
     reg  [N_LIMBS*(LIMB_BITS+FACTOR_BITS)-1:0] limbs;
-    assign factor_address = row_3;
+    assign factor_address = row_4;
     assign factor_en = step;
-    reg  [POWER_BITS-1:0] cell_5, cell_6, cell_7;
-    reg  [ROW_BITS-1:0] row_5, row_6, row_7;
-    reg  [VELOCITY_BITS-1:0] v_5, v_6, v_7;
-    reg  valid_5, valid_6, valid_7;
+    reg  [POWER_BITS-1:0] cell_6, cell_7, cell_8;
+    reg  [ROW_BITS-1:0] row_6, row_7, row_8;
+    reg  [VELOCITY_BITS-1:0] v_6, v_7, v_8;
+    reg  valid_6, valid_7, valid_8;
     genvar k;
     generate
         for (k = 0; k < N_LIMBS; k = k + 1) begin : limb
@@ -259,8 +272,8 @@ module dechirp_cfar #(
         end
     endgenerate
 
-    // Step 6: add the even limbs to the odd ones, which do not overlap each other. Step 7: the sum.
-    reg  [PRODUCT_BITS-1:0] even, odd, even_6, odd_6, product_7;
+    // Step 7: add the even limbs to the odd ones, which do not overlap each other. Step 8: the sum.
+    reg  [PRODUCT_BITS-1:0] even, odd, even_7, odd_7, product_8;
     integer n;
     always @* begin
         even = {PRODUCT_BITS{1'b0}};
@@ -276,49 +289,49 @@ module dechirp_cfar #(
     end
     always @(posedge clk) begin
         if (step) begin
-            even_6 <= even;
-            odd_6 <= odd;
-            product_7 <= even_6 + odd_6;
-            cell_5 <= cell_4;
+            even_7 <= even;
+            odd_7 <= odd;
+            product_8 <= even_7 + odd_7;
             cell_6 <= cell_5;
             cell_7 <= cell_6;
-            row_5 <= row_4;
+            cell_8 <= cell_7;
             row_6 <= row_5;
             row_7 <= row_6;
-            v_5 <= v_4;
+            row_8 <= row_7;
             v_6 <= v_5;
             v_7 <= v_6;
+            v_8 <= v_7;
         end
     end
 
-    // Step 8: the threshold word and the comparison.
+    // Step 9: the threshold word and the comparison.
     localparam SHIFTED_BITS = PRODUCT_BITS > POWER_BITS ? PRODUCT_BITS : POWER_BITS + 1;
     wire [SHIFTED_BITS-1:0] shifted
-        = {{(SHIFTED_BITS - PRODUCT_BITS){1'b0}}, product_7} >> FACTOR_SHIFT;
+        = {{(SHIFTED_BITS - PRODUCT_BITS){1'b0}}, product_8} >> FACTOR_SHIFT;
     wire too_large = |shifted[SHIFTED_BITS-1:POWER_BITS];
     wire [POWER_BITS-1:0] threshold = too_large ? {POWER_BITS{1'b1}} : shifted[POWER_BITS-1:0];
     always @(posedge clk) begin
         if (rst) begin
-            valid_5 <= 1'b0;
             valid_6 <= 1'b0;
             valid_7 <= 1'b0;
+            valid_8 <= 1'b0;
             out_valid <= 1'b0;
         end else if (step) begin
-            valid_5 <= valid_4;
             valid_6 <= valid_5;
             valid_7 <= valid_6;
-            out_valid <= valid_7;
+            valid_8 <= valid_7;
+            out_valid <= valid_8;
         end else if (out_ready) begin
             out_valid <= 1'b0;
         end
     end
     always @(posedge clk) begin
         if (step) begin
-            out_power <= cell_7;
+            out_power <= cell_8;
             out_threshold <= threshold;
-            out_detected <= cell_7 > threshold;
-            out_row <= row_7;
-            out_velocity <= v_7;
+            out_detected <= cell_8 > threshold;
+            out_row <= row_8;
+            out_velocity <= v_8;
         end
     end
 endmodule

@@ -64,14 +64,15 @@ module dechirp_core #(
     output wire [ADDRESS_BITS-1:0]       memory_read_address,
     input  wire [2*RANGE_BITS-1:0]       memory_read_data
 );
-    localparam WINDOW_LATENCY = 3;
+    localparam WINDOW_LATENCY = 4, POWER_LATENCY = 3;
     localparam BLOCK_SCALING = SCALING_SHIFT < 0;
     localparam RANGE_LATENCY = WINDOW_LATENCY + (1 << RANGE_INDEX_BITS) - 1
         + (RANGE_INDEX_BITS > 2 ? 4 * RANGE_INDEX_BITS - 6 : RANGE_INDEX_BITS)
         + (BLOCK_SCALING ? RANGE_INDEX_BITS * ((1 << RANGE_INDEX_BITS) + 1) : 0);
     localparam DOPPLER_LATENCY = WINDOW_LATENCY + (1 << DOPPLER_INDEX_BITS) - 1
         + (DOPPLER_INDEX_BITS > 2 ? 4 * DOPPLER_INDEX_BITS - 6 : DOPPLER_INDEX_BITS)
-        + (BLOCK_SCALING ? DOPPLER_INDEX_BITS * ((1 << DOPPLER_INDEX_BITS) + 1) : 0) + 2;
+        + (BLOCK_SCALING ? DOPPLER_INDEX_BITS * ((1 << DOPPLER_INDEX_BITS) + 1) : 0)
+        + POWER_LATENCY;
     localparam MAX_EXPONENT = (1 << EXPONENT_BITS) - 1;
     localparam [EXPONENT_BITS-1:0] NO_EXPONENT = 0;
     localparam CHANNEL_BITS = CHANNEL_ADDRESS_BITS > 0 ? CHANNEL_ADDRESS_BITS : 1;
@@ -318,19 +319,25 @@ module dechirp_core #(
     // Cells whose power leaves in this step: channel, range bin, and pass.
     reg  [CHANNEL_BITS-1:0] power_channel;
     reg  [ROW_BITS-1:0] power_row;
-    reg  power_pass;
+    reg  power_pass, is_searched;
     wire [DOPPLER_INDEX_BITS-1:0] velocity = turn - DOPPLER_LAG[DOPPLER_INDEX_BITS-1:0];
     wire last_power_channel = power_channel == LAST_CHANNEL;
     wire row_ends = doppler_en && doppler_valid && &velocity && last_power_channel;
     wire pass_ends = row_ends && power_row == LAST_ROW;
+    wire [ROW_BITS-1:0] next_power_row = pass_ends ? {ROW_BITS{1'b0}} : power_row + 1'b1;
+    wire [ROW_BITS:0] searched_row = {1'b0, next_power_row} - FIRST_SEARCHED_32[ROW_BITS:0];
     always @(posedge clk) begin
         if (rst) begin
             power_channel <= {CHANNEL_BITS{1'b0}};
             power_row <= {ROW_BITS{1'b0}};
             power_pass <= !BLOCK_SCALING;
+            is_searched <= FIRST_SEARCHED == 0;
         end else if (doppler_en && doppler_valid && &velocity) begin
             power_channel <= last_power_channel ? {CHANNEL_BITS{1'b0}} : power_channel + 1'b1;
-            if (row_ends) power_row <= pass_ends ? {ROW_BITS{1'b0}} : power_row + 1'b1;
+            if (row_ends) begin
+                power_row <= next_power_row;
+                is_searched <= searched_row <= LAST_SEARCHED_32[ROW_BITS:0];
+            end
             if (pass_ends) power_pass <= !BLOCK_SCALING || !power_pass;
         end
     end
@@ -340,20 +347,22 @@ module dechirp_core #(
     wire [EXPONENT_BITS:0] power_alignment;
     generate
         if (BLOCK_SCALING) begin : doppler_exponents
-            reg  [EXPONENT_BITS-1:0] largest, exponent_1, exponent_2, below_largest;
+            reg  [EXPONENT_BITS-1:0] largest, exponent_1, exponent_2, exponent_3;
+            reg  [EXPONENT_BITS-1:0] below_largest;
             always @(posedge clk) begin
                 if (rst) begin
                     largest <= NO_EXPONENT;
                 end else if (doppler_en && doppler_valid) begin
                     if (pass_ends && power_pass) largest <= NO_EXPONENT;
-                    else if (!power_pass && exponent_2 > largest) largest <= exponent_2;
+                    else if (!power_pass && exponent_3 > largest) largest <= exponent_3;
                 end
             end
             always @(posedge clk) begin
                 if (doppler_en) begin
                     exponent_1 <= doppler_exponent;
                     exponent_2 <= exponent_1;
-                    below_largest <= largest - doppler_exponent;
+                    exponent_3 <= exponent_2;
+                    below_largest <= largest - exponent_1;
                 end
             end
             assign power_alignment = {below_largest, 1'b0};
@@ -365,7 +374,7 @@ module dechirp_core #(
     reg  [2*DOPPLER_BITS-1:0] square_re, square_im;
     wire [POWER_BITS:0] shifted_power;
     reg  [POWER_BITS-1:0] power;
-    wire [2*DOPPLER_BITS:0] squares = {1'b0, square_re} + {1'b0, square_im};
+    reg  [2*DOPPLER_BITS:0] squares;
     dechirp_round_saturate #(
         2 * DOPPLER_BITS + 2, POWER_SHIFT, EXPONENT_BITS + 1, BLOCK_SCALING ? 2 * MAX_EXPONENT : 0,
         POWER_BITS + 1, ROUNDING
@@ -375,6 +384,7 @@ module dechirp_core #(
         if (doppler_en) begin
             square_re <= doppler_re * doppler_re;
             square_im <= doppler_im * doppler_im;
+            squares <= {1'b0, square_re} + {1'b0, square_im};
             power <= shifted_power[POWER_BITS-1:0];
         end
     end
@@ -392,9 +402,7 @@ module dechirp_core #(
                 + (power_channel == {CHANNEL_BITS{1'b0}} ? {POWER_BITS{1'b0}} : sum_before);
         end
     endgenerate
-    wire [ROW_BITS:0] searched_row = {1'b0, power_row} - FIRST_SEARCHED_32[ROW_BITS:0];
-    assign cell_valid = doppler_valid && last_power_channel && power_pass
-        && searched_row <= LAST_SEARCHED_32[ROW_BITS:0];
+    assign cell_valid = doppler_valid && last_power_channel && power_pass && is_searched;
 
     // --- Detector -----------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-// Delay words by DEPTH enabled clocks: a wire, a register, or a circular buffer in memory.
+// Delay words by DEPTH enabled clocks: a wire, registers, or a circular buffer in memory.
 module dechirp_delay_line #(
     parameter BITS = 32,
     parameter DEPTH = 64
@@ -18,19 +18,26 @@ module dechirp_delay_line #(
             wire unused = &{1'b0, rst};
             assign out = word;
             always @(posedge clk) if (en) word <= in;
+        end else if (DEPTH <= 4) begin : registers
+            reg [DEPTH*BITS-1:0] words;
+            wire unused = &{1'b0, rst};
+            assign out = words[DEPTH*BITS-1 -: BITS];
+            always @(posedge clk) if (en) words <= {words[(DEPTH-1)*BITS-1:0], in};
         end else begin : buffer
-            localparam ADDRESS_BITS = DEPTH <= 2 ? 1 : $clog2(DEPTH);
-            localparam [31:0] LAST = DEPTH - 1;
-            reg [BITS-1:0] words [0:DEPTH-1];
-            reg [BITS-1:0] word;
+            // The last clock is a register, as reading a block RAM takes long.
+            localparam ADDRESS_BITS = $clog2(DEPTH - 1);
+            localparam [31:0] LAST = DEPTH - 2;
+            reg [BITS-1:0] words [0:DEPTH-2];
+            reg [BITS-1:0] word, last_word;
             reg [ADDRESS_BITS-1:0] address;
             wire at_last = address == LAST[ADDRESS_BITS-1:0];
             wire [ADDRESS_BITS-1:0] next = at_last ? {ADDRESS_BITS{1'b0}} : address + 1'b1;
-            assign out = word;
+            assign out = last_word;
             always @(posedge clk) begin
                 if (en) begin
                     words[address] <= in;
-                    word <= words[next];  // written DEPTH - 1 clocks ago
+                    word <= words[next];  // written DEPTH - 2 clocks ago
+                    last_word <= word;
                 end
             end
             always @(posedge clk) begin

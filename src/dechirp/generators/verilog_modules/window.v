@@ -1,4 +1,4 @@
-// Multiply a complex sample by a weight, shift by SHIFT + amount, round and saturate: two clocks.
+// Multiply a complex sample by a weight, shift by SHIFT + amount, round and saturate: three clocks.
 module dechirp_window #(
     parameter IN_BITS = 16,
     parameter WEIGHT_BITS = 16,
@@ -19,18 +19,24 @@ module dechirp_window #(
 );
     localparam PRODUCT_BITS = IN_BITS + WEIGHT_BITS;
     reg  signed [PRODUCT_BITS-1:0] product_re, product_im;
-    reg  [AMOUNT_BITS-1:0] amount_1;
+    reg  signed [IN_BITS-1:0] re_1, im_1;
+    reg  signed [WEIGHT_BITS-1:0] weight_1;
+    reg  [AMOUNT_BITS-1:0] amount_1, amount_2;
     wire signed [OUT_BITS-1:0] word_re, word_im;
 
     dechirp_round_saturate #(PRODUCT_BITS, SHIFT, AMOUNT_BITS, MAX_AMOUNT, OUT_BITS, ROUNDING)
-        round_re (product_re, amount_1, word_re),
-        round_im (product_im, amount_1, word_im);
+        round_re (product_re, amount_2, word_re),
+        round_im (product_im, amount_2, word_im);
 
     always @(posedge clk) begin
         if (en) begin
-            product_re <= in_re * weight;
-            product_im <= in_im * weight;
+            re_1 <= in_re;
+            im_1 <= in_im;
+            weight_1 <= weight;
             amount_1 <= amount;
+            product_re <= re_1 * weight_1;
+            product_im <= im_1 * weight_1;
+            amount_2 <= amount_1;
             out_re <= word_re;
             out_im <= word_im;
         end
