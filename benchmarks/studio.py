@@ -35,7 +35,8 @@ COUNT = """names => {
     window.sent = Object.fromEntries(names.map(name => [name, 0]));
     for (const name of names) {
         const root = Bokeh.documents[0].get_model_by_name(name);
-        const sources = [...root.references()].filter(m => m.type === "ColumnDataSource");
+        const sources = [...root.references()].filter(
+            m => m.type === "ColumnDataSource" || m.name === `${name}-rows`);
         const changed = new Set();
         for (const source of sources) source.change.connect(() => {
             if (changed.size === 0) requestAnimationFrame(() => { changed.clear(); });

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from html.parser import HTMLParser
 
 _DRAWING = re.compile(r"<svg\b.*?</svg>", re.DOTALL)
-_EMPTY = frozenset({"br", "meta"})
+_EMPTY = frozenset({"br", "col", "meta"})
 
 
 @dataclass

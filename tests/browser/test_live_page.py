@@ -261,8 +261,31 @@ def _move_focus_to(live_page, name: str) -> None:
     raise AssertionError(f"Tab does not reach {name}")
 
 
-_TABLE_RANGES_JS = """(name) => [...[...Bokeh.documents[0].get_model_by_name(name).references()]
-  .find((model) => model.type === "DataTable").source.data.range]"""
+_TABLE_ROWS_JS = """(name) => {
+  const { text } = Bokeh.documents[0].get_model_by_name(`${name}-rows`);
+  const parsed = new DOMParser().parseFromString(text, "text/html");
+  return [...parsed.querySelectorAll("tbody tr")]
+    .map((row) => [row.cells[0].textContent, row.hasAttribute("aria-current")]);
+}"""
+"""Range and mark of each row of a table, as the server wrote them."""
+
+
+def test_rows_are_picked_by_click_and_arrows(shared_page):
+    page = shared_page.page
+    shared_page.act_and_wait_for_frame(lambda: shared_page.press_button("Step"))
+
+    def marked_rows() -> list[int]:
+        rows = page.evaluate(_TABLE_ROWS_JS, "detections")
+        return [index for index, (_, is_marked) in enumerate(rows) if is_marked]
+
+    page.locator("[data-part=detections] tbody tr").nth(1).click()
+    shared_page.wait_until(lambda: marked_rows() == [1])
+    page.keyboard.press("ArrowUp")
+    shared_page.wait_until(lambda: marked_rows() == [0])
+    page.keyboard.press("ArrowUp")  # there is none above
+    page.keyboard.press("ArrowDown")
+    shared_page.wait_until(lambda: marked_rows() == [1])
+    assert page.locator("[data-part=detections] tr[aria-current]").count() == 1
 
 
 @nightly
@@ -271,19 +294,15 @@ def test_table_rows_follow_frame_with_equal_count_or_hidden_tab(live_page):
 
     def shows_ranges() -> bool:
         table_text = live_page.read_text("[data-part=detections]")
-        ranges_m = live_page.page.evaluate(_TABLE_RANGES_JS, "detections")
-        visible_ranges_m = ranges_m[:4]  # further rows are drawn when scrolled into view
-        return len(visible_ranges_m) > 0 and all(
-            # Decimals follow the standard errors: the first two are always shown.
-            f"{int(100 * value) / 100:.2f}" in table_text
-            for value in visible_ranges_m
-        )
+        rows = live_page.page.evaluate(_TABLE_ROWS_JS, "detections")
+        return len(rows) > 0 and all(range_m in table_text for range_m, _ in rows)
 
     range_columns = set()
     for _ in range(4):
         live_page.act_and_wait_for_frame(lambda: live_page.press_button("Step"))
         live_page.wait_until(shows_ranges)
-        range_columns.add(tuple(live_page.page.evaluate(_TABLE_RANGES_JS, "detections")))
+        rows = live_page.page.evaluate(_TABLE_ROWS_JS, "detections")
+        range_columns.add(tuple(range_m for range_m, _ in rows))
     assert len(range_columns) == 4 and len({len(value) for value in range_columns}) < 4
     live_page.open_tab("Findings")
     live_page.act_and_wait_for_frame(lambda: live_page.press_button("Step"))

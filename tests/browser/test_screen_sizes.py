@@ -42,19 +42,19 @@ SHOW_ALL_TABS_JS = """() => {
 OVERFLOWING_TITLES_JS = """() => {
   const titles = [...document.querySelectorAll("h2, figcaption p")];
   const visit = (node) => {
-    titles.push(...node.querySelectorAll(".slick-column-name, .slick-cell"));
+    titles.push(...node.querySelectorAll("th, td"));
     for (const child of node.querySelectorAll("*")) if (child.shadowRoot) visit(child.shadowRoot);
   };
   visit(document);
   return titles.filter((one) => one.offsetWidth
       && (one.scrollWidth > one.clientWidth + 1 || one.scrollHeight > one.clientHeight + 1
-        || !one.matches(".slick-cell") && one.offsetHeight > one.parentElement.clientHeight))
+        || !one.matches("td") && one.offsetHeight > one.parentElement.clientHeight))
     .map((one) => one.textContent);
 }"""
 TITLE_HEIGHTS_JS = """() => {
   const heights = [];
   const visit = (node) => {
-    for (const title of node.querySelectorAll(".slick-header-column"))
+    for (const title of node.querySelectorAll("thead th"))
       heights.push(title.offsetHeight);
     for (const child of node.querySelectorAll("*")) if (child.shadowRoot) visit(child.shadowRoot);
   };

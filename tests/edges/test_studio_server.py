@@ -144,7 +144,8 @@ def test_page_is_not_stored_and_scripts_take_half_of_bokeh(studio):
     assert headers["Cache-Control"] == "no-store"  # its session ends soon after it is closed
     scripts = re.findall(r'<script [^>]*src="([^"]+)"', text)
     sizes = {path: len(send_request(studio, path)[2].encode()) for path in scripts}
-    assert sum(sizes.values()) < 2_000_000, sizes  # all parts of Bokeh: 3.95 MB
+    # All parts of Bokeh 3.9: 3.95 MB; no table of its own, which takes 0.3 MB, 0.5 in Bokeh 3.10.
+    assert sum(sizes.values()) < 3_950_000 / 2, sizes
 
 
 def test_environment_cannot_set_external_resources(studio, monkeypatch):

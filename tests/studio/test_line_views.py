@@ -25,6 +25,7 @@ from dechirp.studio.views.micro_doppler import MicroDopplerView
 from dechirp.studio.views.table_tile import MAX_ROWS
 from dechirp.studio.views.threshold_cuts import ThresholdCutView
 from dechirp.studio.views.tracks import TracksView
+from html_tree import parse_html
 
 # Cells of 1 m and 0.61 m/s, to 64 m and 19 m/s; a beam of 13 degrees.
 SETTINGS = """
@@ -295,7 +296,7 @@ def test_spectrogram_of_walking_body_has_its_mean_velocity():
 def test_detection_table_uses_degrees_and_decibels_strongest_first():
     view = DetectionsView(build_session())
     frame_state = show_step(view)
-    table, detections = view.table.source.data, frame_state.detections
+    table, detections = view.table.columns, frame_state.detections
 
     order = np.argsort(-detections.snr.values)
     for key, expected in {
@@ -313,12 +314,11 @@ def test_detection_table_uses_degrees_and_decibels_strongest_first():
     car = get_row(table, table["target"].tolist().index("car"))
     assert car["range"] == pytest.approx(np.hypot(42, 10), abs=4 * float(car["range_std"]))
     assert car["azimuth"] == pytest.approx(np.degrees(np.arctan2(10, 42)), abs=0.5)
-    headers = {column.field: column.title for column in view.table.table.columns}
-    assert headers["azimuth"] == "Azimuth (°)"
-    assert headers["snr"] == "SNR (dB)"
-    formats = {column.field: column.formatter for column in view.table.table.columns}
+    headings = view.table.shown_headings
+    assert headings["azimuth"].title == "Azimuth (°)"
+    assert headings["snr"].title == "SNR (dB)"
     for key in ("range", "velocity", "azimuth"):
-        estimate_decimals = len(formats[key].format.partition(".")[2])
+        estimate_decimals = headings[key].decimals
         assert {len(text.partition(".")[2]) for text in table[f"{key}_std"]} == {estimate_decimals}
 
 
@@ -331,9 +331,8 @@ def test_detection_table_writes_motion_in_words():
     detections = frame_state.detections.assign(moving=("detection", motion))
     view.show_frame(replace(frame_state, detections=detections))
 
-    assert view.table.source.data["moving"].tolist()[:3] == ["no", "yes", ""][: order.size]
-    (column,) = (column for column in view.table.table.columns if column.field == "moving")
-    assert column.visible
+    assert view.table.columns["moving"].tolist()[:3] == ["no", "yes", ""][: order.size]
+    assert "moving" in view.table.shown_headings
 
 
 def test_detection_table_title_counts_detected_and_missed_targets():
@@ -343,7 +342,7 @@ def test_detection_table_title_counts_detected_and_missed_targets():
     assert view.table.title.text == (
         "<b>1 detection: 1 of 2 targets found at the true range, 0 of no target</b>"
     )
-    assert view.table.source.data["target"].tolist() == ["post"]
+    assert view.table.columns["target"].tolist() == ["post"]
 
 
 def test_target_beyond_largest_range_is_aliased_and_not_found():
@@ -354,9 +353,9 @@ def test_target_beyond_largest_range_is_aliased_and_not_found():
     )
     table = show_step(view)
 
-    names = view.table.source.data["target"].tolist()
+    names = view.table.columns["target"].tolist()
     assert "car (aliased)" in names and "post" in names
-    aliased = view.table.source.data["range"][names.index("car (aliased)")]
+    aliased = view.table.columns["range"][names.index("car (aliased)")]
     true_m = float(table.truth["range"].sel(target="car").item())
     assert true_m > largest_m > aliased
     title = view.table.title.text
@@ -378,9 +377,8 @@ def test_detection_table_of_recording_has_no_target_column():
     frame_state = show_step(view)
     view.show_frame(replace(frame_state, truth=None))
 
-    visible = {column.field: column.visible for column in view.table.table.columns}
-    assert not visible["target"]
-    assert visible["azimuth"]
+    assert "target" not in view.table.shown_headings
+    assert "azimuth" in view.table.shown_headings
     n = frame_state.detections.sizes["detection"]
     assert view.table.title.text == f"<b>{n} detections</b>"
 
@@ -389,9 +387,9 @@ def test_selected_row_moves_cursor_to_its_peak_on_map():
     # Beyond 19 m/s: aliased.
     view = DetectionsView(build_session("scene.targets.1.velocity.0=-32 m/s"))
     frame_state = show_step(view)
-    row = view.table.source.data["target"].tolist().index("car")
+    row = view.table.columns["target"].tolist().index("car")
 
-    view.table.source.selected.indices = [row]
+    view.table.picked.row = row
 
     cursor = view.session.cursor
     car = frame_state.truth.sel(target="car").squeeze()
@@ -410,12 +408,12 @@ def test_row_at_cursor_is_selected_without_moving_cursor():
     view = DetectionsView(build_session())
     frame_state = show_step(view)
 
-    assert view.table.source.selected.indices == [0]  # default: the strongest
+    assert view.table.selected == 0  # default: the strongest
     assert view.session.cursor is None
     show_step(
         view, cursor=Cursor(frame_state.cursor.range_m - 20, frame_state.cursor.velocity_m_per_s)
     )
-    assert view.table.source.selected.indices == []
+    assert view.table.selected is None
     assert view.session.cursor is None
 
 
@@ -425,7 +423,7 @@ def test_full_detection_table_shows_strongest_detections():
     n = frame_state.detections.sizes["detection"]
     assert n > MAX_ROWS
 
-    table = view.table.source.data
+    table = view.table.columns
 
     assert all(len(column) == MAX_ROWS for column in table.values())
     assert table["snr"][0] == pytest.approx(float(to_decibels(frame_state.detections.snr.max())))
@@ -435,7 +433,7 @@ def test_full_detection_table_shows_strongest_detections():
 def test_track_table_gives_positions_and_velocities():
     view = TracksView(build_session())
     frame_state = show_step(view, step=8)
-    table = view.table.source.data
+    table = view.table.columns
 
     car = get_row(table, int(np.argmin(table["vx"])))
     elapsed_s = frame_state.time_s
@@ -445,8 +443,8 @@ def test_track_table_gives_positions_and_velocities():
     assert car["velocity"] == pytest.approx(-6 * np.cos(np.arctan2(10, 42)), abs=0.3)
     assert view.table.title.text == "<b>2 tracks confirmed, 0 tentative</b>"
     post = int(np.argmax(table["vx"]))
-    view.table.source.selected.indices = [1 - post]
-    view.table.source.selected.indices = [post]
+    view.table.picked.row = 1 - post
+    view.table.picked.row = post
     assert view.session.cursor.range_m == pytest.approx(30, abs=0.5)
 
 
@@ -455,7 +453,24 @@ def test_track_table_without_tracker_states_reason():
     show_step(view)
 
     assert view.table.title.text == "<b>No tracks: the settings have no tracker (Processing)</b>"
-    assert len(view.table.source.data["x"]) == 0
+    assert len(view.table.columns["x"]) == 0
+
+
+def test_table_is_plain_html_with_one_marked_row_and_escaped_names():
+    view = DetectionsView(build_session("scene.targets.1.name=<b>car</b>"))
+    show_step(view)
+    view.table.picked.row = 1
+    (table,) = parse_html(view.table.table.text).descendants("table")
+
+    titles = [head.text for head in table.descendants("th")]
+    rows = [[cell.text for cell in row.descendants("td")] for row in table.descendants("tr")][1:]
+    assert titles == [heading.title for heading in view.table.shown_headings.values()]
+    assert {len(row) for row in rows} == {len(titles)}
+    assert "<b>car</b>" in {row[titles.index("target")] for row in rows}
+    ranges_m = [float(row[titles.index("Range (m)")]) for row in rows]
+    np.testing.assert_allclose(ranges_m, view.table.columns["range"], atol=0.005)
+    marked = ["aria-current" in row.attributes for row in table.descendants("tr")]
+    assert marked == [False, *(row == 1 for row in range(len(rows)))]
 
 
 def test_standard_error_below_last_digit_is_no_zero():
@@ -471,4 +486,4 @@ def test_standard_error_below_last_digit_is_no_zero():
     assert abs(float(car.range) - np.hypot(42, 10)) < 0.01  # mid-frame
     assert 1e-6 < float(car.range_std) < 1e-5
     # The table has 4 decimals; an error below the last one is written as one of it, not as zero.
-    assert set(view.table.source.data["range_std"]) == {"0.0001"}
+    assert set(view.table.columns["range_std"]) == {"0.0001"}

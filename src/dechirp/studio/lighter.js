@@ -7,9 +7,7 @@
 //
 // All that is drawn is made ready also as it would look selected, muted or decimated.
 //
-// Rows of a table are drawn five times for each change, and columns fitted to the width that they
-// have: 15 ms.
-// For other words in a line, 4 ms each, the whole tile is laid out.
+// For other words in a line or a table, 4 ms each, the whole tile is laid out.
 
 function lighten() {
   const lighter = new Map();  // prototypes that were changed, by the name of what was
@@ -35,23 +33,6 @@ function lighten() {
       return value;
     },
   });
-  const onceAFrame = (draw) => ({
-    ...draw,
-    value() {
-      this.due ||= requestAnimationFrame(() => {
-        this.due = 0;
-        this.isOld = this.root.el.closest("[hidden]") !== null;  // until its tab is chosen
-        if (!this.isOld) draw.value.call(this);
-      });
-    },
-  });
-  const ifResized = (fit) => ({
-    ...fit,
-    value(initialized, rerender) {  // when rows change, and when the table does
-      if (!rerender) fit.value.call(this, initialized, rerender);
-      if (this.isOld) this.updateGrid();
-    },
-  });
   // Bokeh clears from half a pixel on: a line of the other theme would stay.
   const clearWhole = (layer) => layer.undo_transform(
     (ctx) => ctx.clearRect(0, 0, layer.canvas.width, layer.canvas.height),
@@ -68,12 +49,6 @@ function lighten() {
       view.update_position = () => {};
       for (const kind of ["decimated", "selection", "nonselection", "muted"])
         Object.assign(view[`${kind}_glyph`], { set_data() {}, set_visuals() {}, map_data() {} });
-    }
-    if (view.model.type === "DataTable") {
-      change(view, "updateGrid", onceAFrame);
-      change(view, "updateLayout", ifResized);
-      // The grid depends on the number of rows, not on their contents.
-      view.model.source.properties.data.change.connect(() => view.updateGrid());
     }
     if (view.model.css_classes?.includes("line")) {
       view.rerender = () => { view.markup_el.innerHTML = view.model.text; };

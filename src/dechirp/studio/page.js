@@ -30,7 +30,7 @@ for (const list of document.querySelectorAll("[role=tablist]")) {
 
 // Names of the parts of widgets that Bokeh leaves without one.
 for (const [type, method, part] of [
-  ["Checkbox", "_update_label", (view) => [view.checkbox_el, view.model.label]],
+  ["Checkbox", "after_render", (view) => [view.shadow_el.querySelector("input"), view.model.label]],
   ["Slider", "render", (view) => [view.slider_el.querySelector(".noUi-handle"), view.model.title]],
 ]) {
   const made = window.Bokeh.Models[type].prototype.default_view.prototype;
@@ -38,7 +38,7 @@ for (const [type, method, part] of [
   made[method] = function (...how) {
     update.apply(this, how);
     const [element, name] = part(this);
-    element.setAttribute("aria-label", name);
+    element?.setAttribute("aria-label", name);
   };
 }
 
@@ -59,6 +59,10 @@ function begin(browser) {
   watchConnection(window.Bokeh.documents[0]);
   lighten();
   letTargetsBeDragged();
+  for (const name of ["detections-rows", "tracks-rows"]) {
+    const table = findView(name);
+    if (table) letRowsBePicked(table);  // no lesson has one
+  }
   wear(browser);
   shadeButton.addEventListener("click", () => {
     dark = !dark;
@@ -132,16 +136,33 @@ fold?.addEventListener("click", () => {
   fold.setAttribute("aria-expanded", String(open));
 });
 
-// A table would take the focus whenever a row of it is marked, from who types elsewhere too, and
-// would lead Tab through all its cells. The arrows do that.
-const inTable = (element) => element.getRootNode().host?.classList.contains("bk-DataTable");
-const { focus } = HTMLElement.prototype;
-HTMLElement.prototype.focus = function (...how) {
-  if (!inTable(this) || this.getRootNode().activeElement) focus.apply(this, how);
-};
-document.addEventListener("keydown", (event) => {
-  if (event.key === "Tab" && inTable(event.composedPath()[0])) event.stopPropagation();
-}, { capture: true });
+// Rows of a table are picked by a click or the arrows. A frame may replace them during a click.
+function letRowsBePicked(table) {
+  const host = table.el, [picked] = table.model.tags;
+  const rows = () => [...host.shadowRoot.querySelectorAll("tbody tr")];
+  const pick = (index) => {
+    const all = rows();
+    if (!all[index]) return;
+    picked.row = index;
+    for (const row of all) row.removeAttribute("aria-current");
+    all[index].setAttribute("aria-current", "true");  // the next arrow starts here
+    all[index].scrollIntoView({ block: "nearest" });
+  };
+  let pressed = -1;
+  host.addEventListener("pointerdown", (event) => {
+    pressed = rows().indexOf(event.composedPath()[0].closest("tr"));
+  });
+  host.addEventListener("click", () => pick(pressed));
+  host.addEventListener("keydown", (event) => {
+    const by = { ArrowUp: -1, ArrowDown: 1 }[event.key];
+    if (!by) return;
+    event.preventDefault();
+    pick(rows().findIndex((row) => row.hasAttribute("aria-current")) + by);
+  });
+  host.tabIndex = 0;
+  host.role = "group";
+  host.ariaLabel = "Rows";
+}
 
 const waiting = setInterval(() => {
   const made = window.Bokeh?.documents[0]?.get_model_by_name("browser");

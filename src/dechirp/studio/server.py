@@ -114,8 +114,8 @@ UNUSED_LIFETIME_MS = 30_000
 """Time after which a page that never connected is discarded. A page waits 20 s for its connection,
 see `connection.js`, and is then loaded again, so it never finds its session discarded before."""
 
-_SCRIPTS: tuple[Component, ...] = ("bokeh", "bokeh-widgets", "bokeh-tables")
-"""Parts of Bokeh that the pages use; mathematics in texts and WebGL take 1.98 MB more."""
+_SCRIPTS: tuple[Component, ...] = ("bokeh", "bokeh-widgets")
+"""Parts of Bokeh that the pages use; tables, mathematics in texts and WebGL take 2.28 MB more."""
 
 PageBuilder = Callable[[Document], None]
 

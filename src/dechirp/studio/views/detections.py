@@ -27,8 +27,8 @@ def _column_headings() -> Iterator[tuple[str, Heading]]:
     for column in SHOWN_COLUMNS:
         title, std = column.heading_with_unit, standard_error_column(column)
         # An estimate has the decimals of its error.
-        form = "" if column.is_flag else f"0.{'0' * (column if std is None else std).decimals}"
-        yield column.name, Heading(title, form, 75 if len(title) > 12 else 60)
+        decimals = None if column.is_flag else (column if std is None else std).decimals
+        yield column.name, Heading(title, decimals, 75 if len(title) > 12 else 60)
         if std is not None:
             yield std.name, Heading(f"± {column.shown_unit_symbol}", width=45)
 

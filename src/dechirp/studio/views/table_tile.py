@@ -1,21 +1,15 @@
 """Table tile: a title and rows that move the cursor."""
 
 from collections.abc import Callable, Mapping, Sequence
+from html import escape
 from importlib import resources
 from typing import NamedTuple
 
 import numpy as np
+from bokeh.core.properties import Int
 from bokeh.layouts import column
-from bokeh.models import (
-    ColumnDataSource,
-    DataTable,
-    Div,
-    InlineStyleSheet,
-    NumberFormatter,
-    StringFormatter,
-    TableColumn,
-    UIElement,
-)
+from bokeh.model import DataModel
+from bokeh.models import Div, InlineStyleSheet, UIElement
 
 from dechirp.core.text import EN_DASH
 from dechirp.report.figures.common import uniform_cell_width
@@ -24,14 +18,12 @@ from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 
 MAX_ROWS = 50
-_ROW_PX = 22
 _SHARE_OF_MIN_WIDTH = 0.85
 """Share of its usual width at which a column has room for its numbers; narrower tables scroll."""
 _TITLE_PX = 78
 """Width of the longest title, "Velocity (m/s)", on one line; some tables have equal columns."""
 _TWO_LINE_TITLES_CSS = """@container (max-width: %dpx) { /* the unit is below its quantity */
-  .slick-header-column.ui-state-default { height: 2.7em; }
-  .slick-column-name { white-space: normal; line-height: 1.3; }
+  th { white-space: normal; }
 }"""
 
 
@@ -39,52 +31,68 @@ class Heading(NamedTuple):
     """Heading of a column and format of its numbers."""
 
     title: str
-    number_format: str = ""
-    """Format of numbers, as 0.00; empty for a column of text."""
+    decimals: int | None = None
+    """Decimals of numbers; None for a column of text."""
     width: int = 60
     """Share of the width of the table."""
 
 
+class PickedRow(DataModel):
+    """Row that the user picked, counted from 0; page.js sets it."""
+
+    row = Int(-1)
+
+
 class TableTile:
-    """Title and table; selecting a row calls a function.
+    """Title and table; picking a row calls a function.
+
+    Bokeh's own table takes scripts of 302 kB, and Bokeh 3.10 gives it a role that its children
+    contradict. This one is HTML, which screen readers know.
 
     Parameters
     ----------
     name : str
         Name of the tile.
-    heads : mapping
+    headings : mapping
         Headings of the columns by name.
     on_pick : callable
-        Called with the cursor of a selected row.
+        Called with the cursor of a picked row.
     """
 
     def __init__(
-        self, name: str, heads: Mapping[str, Heading], *, on_pick: Callable[[Cursor], None]
+        self, name: str, headings: Mapping[str, Heading], *, on_pick: Callable[[Cursor], None]
     ) -> None:
+        self.headings = headings
+        self.columns: dict[str, np.ndarray] = {key: np.empty(0) for key in headings}
+        """Shown rows of each column, before they are written as text."""
+        self.selected: int | None = None
+        """Marked row."""
         self._on_pick = on_pick
         self._cursors: Sequence[Cursor] = ()
-        self._selected: list[int] = []
-        self.source = ColumnDataSource({key: [] for key in heads})
-        self.source.selected.on_change("indices", self._move_cursor_to_selected_row)
+        self._visible = dict.fromkeys(headings, True)
+        self.picked = PickedRow()
+        self.picked.on_change("row", self._move_cursor_to_picked_row)
         self.title = Div(
             text="", margin=(3, 8, 1, 8), sizing_mode="stretch_width", css_classes=["line"]
         )
         css = resources.files("dechirp.studio.views").joinpath("table.css").read_text("utf-8")
-        css += _TWO_LINE_TITLES_CSS % (len(heads) * _TITLE_PX)
-        self.table = DataTable(
-            source=self.source,
-            columns=[_create_table_column(key, head) for key, head in heads.items()],
-            index_position=None,
-            reorderable=False,
-            row_height=_ROW_PX,
-            autosize_mode="force_fit",
+        css += _TWO_LINE_TITLES_CSS % (len(headings) * _TITLE_PX)
+        self.table = Div(
+            name=f"{name}-rows",
+            css_classes=["line"],
+            tags=[self.picked],
             margin=0,
             sizing_mode="stretch_both",
             stylesheets=[InlineStyleSheet(css=css)],
         )
         self.root_element: UIElement = column(self.title, self.table, name=name, margin=0)
-        self.root_element.update(sizing_mode="stretch_both", styles={"overflow-x": "auto"})
-        self._fit_min_width_to_visible_columns()
+        self.root_element.update(sizing_mode="stretch_both")
+        self._write_table()
+
+    @property
+    def shown_headings(self) -> dict[str, Heading]:
+        """Headings of the visible columns by name."""
+        return {key: head for key, head in self.headings.items() if self._visible[key]}
 
     def show_rows(
         self,
@@ -94,29 +102,46 @@ class TableTile:
         cursors: Sequence[Cursor],
         selected: int | None,
     ) -> None:
-        """Show the first rows of the columns, with the cursor of each row and the selected row."""
+        """Show the first rows of the columns, with the cursor of each row and the marked row."""
         self.title.text = f"<b>{title}</b>"
         self._cursors = cursors[:MAX_ROWS]
-        self._selected = [] if selected is None or selected >= MAX_ROWS else [selected]
-        self.source.data = {key: column[:MAX_ROWS] for key, column in columns.items()}
-        self.source.selected.indices = self._selected
+        self.selected = None if selected is None or selected >= MAX_ROWS else selected
+        self.picked.row = -1 if self.selected is None else self.selected
+        self.columns = {key: column[:MAX_ROWS] for key, column in columns.items()}
+        self._write_table()
 
     def set_column_visibility(self, visible: Mapping[str, bool]) -> None:
-        """Show or hide columns."""
-        for table_column in self.table.columns:
-            shown = visible.get(table_column.field)
-            if shown is not None and table_column.visible != shown:
-                table_column.visible = shown
-        self._fit_min_width_to_visible_columns()
+        """Show or hide columns, from the next rows on."""
+        self._visible |= visible
 
-    def _fit_min_width_to_visible_columns(self) -> None:
-        width = sum(column.width for column in self.table.columns if column.visible)
-        self.table.min_width = round(_SHARE_OF_MIN_WIDTH * width)
+    def _write_table(self) -> None:
+        shown = self.shown_headings
+        total = sum(heading.width for heading in shown.values())
+        columns = "".join(
+            f'<col style="width:{100 * heading.width / total:.2f}%">' for heading in shown.values()
+        )
+        head = "".join(f'<th scope="col">{escape(head.title)}</th>' for head in shown.values())
+        texts = [
+            _format_cells(self.columns[key], heading.decimals)
+            for key, heading in shown.items()
+            if key in self.columns
+        ]
+        rows = "".join(
+            f"<tr{' aria-current=true' if row == self.selected else ''}>"
+            f"{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
+            for row, cells in enumerate(zip(*texts, strict=True))
+        )
+        self.table.text = (
+            f'<table style="min-width:{_SHARE_OF_MIN_WIDTH * total:.0f}px">'
+            f"<colgroup>{columns}</colgroup>"
+            f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+        )
 
-    def _move_cursor_to_selected_row(self, attr: str, old: list[int], new: list[int]) -> None:
-        if new and new != self._selected and new[-1] < len(self._cursors):
-            self._selected = new
-            self._on_pick(self._cursors[new[-1]])
+    def _move_cursor_to_picked_row(self, attr: str, old: int, new: int) -> None:
+        if new != self.selected and 0 <= new < len(self._cursors):
+            self.selected = new
+            self._write_table()
+            self._on_pick(self._cursors[new])
 
 
 def row_at_cursor(positions: RangeVelocity, frame_state: FrameState) -> int | None:
@@ -136,10 +161,8 @@ def row_at_cursor(positions: RangeVelocity, frame_state: FrameState) -> int | No
     return int(np.nanargmin(farthest))
 
 
-def _create_table_column(key: str, head: Heading) -> TableColumn:
-    formatter = (
-        NumberFormatter(format=head.number_format, nan_format=EN_DASH, text_align="right")
-        if head.number_format
-        else StringFormatter(text_align="right")
-    )
-    return TableColumn(field=key, title=head.title, formatter=formatter, width=head.width)
+def _format_cells(cells: np.ndarray, decimals: int | None) -> list[str]:
+    """Write the cells of a column as HTML; an unknown number is a dash."""
+    if decimals is None:
+        return [escape(str(cell)) for cell in cells]
+    return [EN_DASH if np.isnan(cell) else f"{cell:z.{decimals}f}" for cell in cells.tolist()]

@@ -44,19 +44,19 @@ class TrackTails:
 
 
 _HEADINGS = {
-    "number": Heading("track", "0", 40),
+    "number": Heading("track", 0, 40),
     "status": Heading("status", width=84),
-    "age": Heading("frames", "0", 45),
-    "range": Heading("Range (m)", "0.00"),
-    "velocity": Heading("Velocity (m/s)", "0.00", 88),
-    "x": Heading("Ahead (m)", "0.00"),
-    "x_std": Heading("± m", "0.00", 50),
-    "y": Heading("Left (m)", "0.00"),
-    "y_std": Heading("± m", "0.00", 50),
-    "vx": Heading("Ahead (m/s)", "0.00"),
-    "vx_std": Heading("± m/s", "0.00", 50),
-    "vy": Heading("Left (m/s)", "0.00"),
-    "vy_std": Heading("± m/s", "0.00", 50),
+    "age": Heading("frames", 0, 45),
+    "range": Heading("Range (m)", 2),
+    "velocity": Heading("Velocity (m/s)", 2, 88),
+    "x": Heading("Ahead (m)", 2),
+    "x_std": Heading("± m", 2, 50),
+    "y": Heading("Left (m)", 2),
+    "y_std": Heading("± m", 2, 50),
+    "vx": Heading("Ahead (m/s)", 2),
+    "vx_std": Heading("± m/s", 2, 50),
+    "vy": Heading("Left (m/s)", 2),
+    "vy_std": Heading("± m/s", 2, 50),
 }
 
 
