@@ -7,6 +7,7 @@ __getattr__, __dir__ = lazy_getattr_and_dir(
     "dechirp.processing.fixed_point",
     names_by_module={
         "dechirp.results.hex_vectors": "read_vectors write_vectors",
+        "dechirp.generators.c": "write_c",
         "dechirp.simulation.adc_codes": "extract_adc_codes",
     },
 )

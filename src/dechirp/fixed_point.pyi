@@ -1,5 +1,6 @@
 # Written by tests/test_api.py.
 
+from dechirp.generators.c import write_c as write_c
 from dechirp.processing.fixed_point.chain import fixed_point_map as fixed_point_map
 from dechirp.processing.fixed_point.comparison import DetectionAgreement as DetectionAgreement
 from dechirp.processing.fixed_point.comparison import compare_detections as compare_detections

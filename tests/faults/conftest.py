@@ -53,6 +53,7 @@ WRITE_COMMANDS = {
         "{out}.json",
     ),
     "fixed-point": ("fixed-point", "small.yaml", "--out", "{out}"),
+    "generate": ("generate", "c", "small.yaml", "--out", "{out}"),
     "twin": ("twin", "in.npz", "--out", "{out}"),
 }
 """Commands that write results, with their arguments."""
@@ -68,7 +69,7 @@ each_write_command = pytest.mark.parametrize(
         ),
     ],
 )
-"""Parametrisation over these commands; four run nightly, since the first two cover the writer."""
+"""Parametrisation over these commands; five run nightly, since the first two cover the writer."""
 
 CallResult = tuple[int, str, str]
 

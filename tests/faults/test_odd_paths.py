@@ -65,7 +65,7 @@ def test_written_scenario_of_recording_reproduces_run(odd_folder, call):
 
 @nightly
 @each_odd_name
-@pytest.mark.parametrize("command", ["inspect", "calibrate", "fixed-point", "twin"])
+@pytest.mark.parametrize("command", ["inspect", "calibrate", "fixed-point", "generate", "twin"])
 def test_every_command_writes_to_odd_path(command, odd_folder, call):
     assert call(*command_arguments(command, odd_folder / "out"))[0] == 0
 

@@ -1,13 +1,16 @@
 """C99 without a library and without dynamic memory, for a microcontroller or a DSP."""
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from dechirp.core.values import frozen_dataclass
 from dechirp.generators.base import BANNER, Design, Generator, code_templates
+from dechirp.processing.chain import Chain
 from dechirp.processing.fixed_point.fft import max_growth_per_stage
-from dechirp.processing.fixed_point.word_lengths import Rounding
+from dechirp.processing.fixed_point.word_lengths import Rounding, WordLengths
+from dechirp.radar.radar import Radar
 
 # fmt: off
 _RESERVED_WORDS = frozenset({
@@ -136,6 +139,18 @@ class C(Generator):
             "traced_stages": _traced_stages(design),
             "tables": _tables(design),
         }
+
+
+def write_c(
+    out: str | Path,
+    radar: Radar,
+    chain: Chain | None = None,
+    words: WordLengths | None = None,
+    *,
+    prefix: str = "radar",
+) -> dict[str, Path]:
+    """Write the fixed-point chain as C99 into a folder, as `dc.generators.C(...).write` does."""
+    return C(prefix=prefix).write(out, radar, chain, words)
 
 
 def _type_bits(bits: int) -> int:
