@@ -295,6 +295,55 @@ def test_echoes_that_prove_no_mixer_image_are_kept(tones):
     assert detect(cube, RADAR, chain).sizes["detection"] == len(tones)
 
 
+def make_cube_with_leakage_and_image(image_db, seed=3):
+    """Make a frame with echoes in 16 cells next to zero range, of different powers, and images."""
+    n_samples = 512
+    radar = replace(
+        RADAR,
+        frame=replace(
+            RADAR.frame, chirp=replace(CHIRP, n_samples=n_samples, ramp_duration_s=300e-6)
+        ),
+    )
+    rng = np.random.default_rng(seed)
+    near = [(cell, 0, 80 + 5 * rng.standard_normal()) for cell in range(1, 17)]
+    turns = 2j * np.pi * rng.uniform(size=(2, 16))
+    n = np.arange(n_samples)
+    clean = np.zeros(n_samples, complex)
+    for (cell, _, power_db), turn in zip(near, turns[0], strict=True):
+        amplitude = np.sqrt(10 ** (power_db / 10) / (N_CHIRPS * n_samples))
+        clean += amplitude * np.exp(2j * np.pi * cell * n / n_samples + turn)
+    cube = make_cube((100.0, 0, 60), radar=radar)
+    clean = clean + 10 ** (image_db / 20) * clean.conj()
+    return cube + clean.astype(np.complex64), radar
+
+
+def test_images_of_leakage_are_no_targets_at_largest_range():
+    cube, radar = make_cube_with_leakage_and_image(-32.0)
+    folded_m = (1 - 1 / 32) * radar.frame.chirp.max_range_m
+    assert detect(cube, radar, Chain(cfar=fit(cube, radar)[0].cfar)).range.values.max() > folded_m
+
+    chain, choices = fit(cube, radar)
+
+    (choice,) = (choice for choice in choices if choice.setting == "chain.image_rejection")
+    # The levels of single cells differ by the noise, and by the echoes beside them.
+    assert 10 * np.log10(chain.image_rejection) == pytest.approx(29, abs=3)
+    assert "leakage" in choice.reason
+    detections = detect(cube, radar, chain)
+    assert detections.range.values.max() < folded_m
+    cells = detections.range.values / radar.frame.chirp.range_resolution_m
+    assert abs(cells - 100).min() < 0.1
+
+
+def test_echoes_at_the_largest_range_that_mirror_no_leakage_are_kept():
+    cube, radar = make_cube_with_leakage_and_image(-120.0)
+    other, _ = make_cube_with_leakage_and_image(-120.0, seed=4)
+
+    # The echoes of another room, far away, 32 dB weaker.
+    far = cube + 10**-1.6 * other.values.conj()
+
+    assert fit(far, radar)[0].image_rejection is None
+
+
 def test_image_rejection_below_0_db_is_refused():
     with pytest.raises(InvalidSetting, match="an image is weaker than its echo"):
         Chain(image_rejection=0.01)

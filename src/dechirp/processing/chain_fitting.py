@@ -15,7 +15,9 @@ Only settings that have their default values and were not given are chosen. Rule
 * No I/Q images, of which each is at the negative beat and Doppler frequencies of a stronger echo.
   Moving echoes prove them, as all static ones have one velocity: two, 20 dB over the noise, whose
   levels agree to 6 dB (they depend on the beat frequency where I and Q differ in delay). Two other
-  echoes lie at mirrors of n stronger ones with a probability of (n / cells)^2.
+  echoes lie at mirrors of n stronger ones with a probability of (n / cells)^2. Or leakage and
+  static echoes next to zero range prove them, if their power over range recurs below zero: in eight
+  cells or more, with a correlation of 0.9 and levels whose standard deviation is below 3 dB.
 * One or two directions of each detection, where an echo has two that channels without calibration
   do not explain, see `angle.second_source_test`.
 """
@@ -67,6 +69,8 @@ _LEAKAGE_SHARE = 1 / 32
 # level (real samples have 0 dB) and its differences; and the margin of the rejection.
 _MIN_IMAGES, _MIN_IMAGE_POWER, _MAX_IMAGE_LEVEL = 2, 100.0, 10**-0.1
 _IMAGE_SPREAD_DB, _IMAGE_MARGIN_DB = 6.0, 3
+# Static images next to zero range: cells 6 dB over the noise, and the agreement of both sides.
+_MIN_IMAGE_CELLS, _MIN_IMAGE_CORRELATION, _MAX_LEVEL_STD_DB = 8, 0.9, 3.0
 # Largest difference between a spectrum and its mirror image, relative to its power, of real
 # samples; independent noise in both halves differs by about its own power.
 _MAX_ASYMMETRY = 0.01
@@ -151,10 +155,14 @@ def fit_chain_to_frames(
     may_reject_images = "image_rejection" not in kept and chain.image_rejection is None
     if may_reject_images and radar.frame.chirp.sampling == "complex":
         level = _moving_image_level(moving_maps, map_radar, default)
+        echoes = "moving echoes have"
+        if level is None:
+            level = _static_image_level(maps, map_radar, default)
+            echoes = "leakage and static echoes next to zero range have"
         if level is not None:
             rejection_db = max(round(float(-to_decibels(level))) - _IMAGE_MARGIN_DB, 1)
             fitted = replace(fitted, image_rejection=float(from_decibels(rejection_db)))
-            choices.append(_choice_of_image_rejection(rejection_db, level))
+            choices.append(_choice_of_image_rejection(rejection_db, level, echoes))
     if "angle" not in kept and _may_have_pairs(fitted, radar):
         candidate = replace(fitted, angle=_PAIR_ESTIMATOR)
         pair = _find_strongest_pair(frames, radar, candidate)
@@ -326,12 +334,34 @@ def _moving_image_level(
     return float(similar.max()) if similar.size >= _MIN_IMAGES else None
 
 
-def _choice_of_image_rejection(rejection_db: int, level: float) -> ChosenSetting:
+def _static_image_level(maps: Sequence[np.ndarray], radar: Radar, chain: Chain) -> float | None:
+    """Return the highest level of I/Q images next to zero range at rest; None without proof."""
+    first = int(np.ceil(chain.range_transform(radar.frame.chirp).main_lobe_half_width_bins))
+    levels = []
+    for power in maps:
+        static = power[len(power) // 2]
+        rows = np.arange(first, max(int(_LEAKAGE_SHARE * static.size), first) + 1)
+        rows = rows[static[-rows] > from_decibels(6.0) * np.median(power)]
+        if rows.size < _MIN_IMAGE_CELLS:
+            continue
+        near_db, image_db = to_decibels(static[rows]), to_decibels(static[-rows])
+        correlation = np.corrcoef(near_db, image_db)[0, 1]
+        level = static[-rows] / static[rows]
+        if (
+            correlation >= _MIN_IMAGE_CORRELATION
+            and np.std(image_db - near_db) <= _MAX_LEVEL_STD_DB
+            and level.max() < _MAX_IMAGE_LEVEL
+        ):
+            levels.append(float(level.max()))
+    return max(levels, default=None)
+
+
+def _choice_of_image_rejection(rejection_db: int, level: float, echoes: str) -> ChosenSetting:
     """Return the choice to leave out I/Q images."""
     return ChosenSetting(
         setting="chain.image_rejection",
         options=(f"chain.image_rejection={rejection_db} dB",),
-        reason=f"moving echoes have I/Q images of up to {to_decibels(level):.0f} dB at the mirrored"
+        reason=f"{echoes} I/Q images of up to {to_decibels(level):.0f} dB at the mirrored"
         " range and velocity",
     )
 
