@@ -42,6 +42,11 @@ from dechirp.processing.velocity_ambiguity.sign_by_range_rate import (
     DECISIVE_LOG_LIKELIHOOD_RATIO,
     velocity_sign_log_likelihood_ratio,
 )
+from dechirp.processing.velocity_drift import (
+    velocity_drift_findings,
+    velocity_drift_m_per_s,
+    widen_velocity_errors,
+)
 from dechirp.radar.radar import Radar
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.recording import open as open_recording
@@ -159,12 +164,19 @@ def detect_in_recording(
 
 
 def _resolve_velocities(detected: DetectedRecording) -> DetectedRecording:
-    """Return the detections with the ambiguity numbers that the ranges of targets give."""
+    """Return the detections with the ambiguity numbers that the ranges of targets give.
+
+    Their standard errors contain the drift that static echoes show.
+    """
     columns, radar = detected.columns, detected.frames.radar
     findings = detected.findings
     if _resolves_by_range_rate(detected.scenario, radar):
         columns = resolve_by_range_rate(columns, radar.frame)
         findings += range_rate_findings(detected.columns, columns)
+    drift_m_per_s = velocity_drift_m_per_s(columns, radar)
+    if drift_m_per_s > 0:
+        columns = widen_velocity_errors(columns, drift_m_per_s)
+        findings += velocity_drift_findings(drift_m_per_s, radar)
     findings += multiple_echo_findings(find_multiple_echoes(columns, radar))
     findings += hidden_channel_error_findings(columns, detected.totals.channel_phase_rms_rad, radar)
     return replace(detected, columns=columns, findings=findings)
