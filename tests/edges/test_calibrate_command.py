@@ -262,7 +262,7 @@ INVALID_CALLS = {
     ),
     "RECORDING: missing": ("--azimuth", "25 deg"),
     "one azimuth for each of the 2": ("left.npy", "right.npy", "--azimuth", "25 deg"),
-    "--azimuth: 25; expected an angle": ("left.npy", "--azimuth", "25"),
+    'an angle with its unit; write --azimuth "25 deg"': ("left.npy", "--azimuth", "25"),
     "--azimuth: 2.09": ("left.npy", "--azimuth", "120 deg"),
     "--elevation: -1.7": ("left.npy", "--azimuth", "0", "--elevation", "-100 deg"),
     "--range: 12; expected a length": ("left.npy", "--azimuth", "0", "--range", "12"),

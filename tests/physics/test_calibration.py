@@ -339,12 +339,25 @@ def test_recalibration_replaces_gains_and_keeps_positions():
 def test_warns_of_implausible_reflector_angle(wrong_deg):
     cube = simulate_reflector(TDM_RADAR, 30.0, EQUAL_CHANNELS)
 
-    wrong_angle_findings = dc.calibrate(cube, TDM_RADAR, azimuth_rad=np.radians(wrong_deg)).findings
+    wrong_angle_findings = dc.calibrate(
+        cube, TDM_RADAR, azimuth_rad=np.radians(wrong_deg), range_m=20.0
+    ).findings
     right_angle_findings = dc.calibrate(cube, TDM_RADAR, azimuth_rad=np.radians(30.0)).findings
 
     assert [finding.setting for finding in wrong_angle_findings] == ["azimuth_rad"]
     assert "30 degrees even before" in wrong_angle_findings[0].value
     assert right_angle_findings == ()
+
+
+def test_strongest_echo_in_another_direction_is_refused_without_range():
+    wall = simulate_reflector(TDM_RADAR, 0.0, EQUAL_CHANNELS, range_m=26.0)
+    cube = 0.3 * simulate_reflector(TDM_RADAR, 30.0, EQUAL_CHANNELS, range_m=20.0) + wall
+    azimuth = np.radians(30.0)
+
+    with pytest.raises(dc.InvalidSetting, match=r"^range_m: missing, .* 26 m, .* next .* 20 m,"):
+        dc.calibrate(cube, TDM_RADAR, azimuth_rad=azimuth)
+
+    assert dc.calibrate(cube, TDM_RADAR, azimuth_rad=azimuth, range_m=20.0).findings == ()
 
 
 def test_warns_of_inconsistent_angles():

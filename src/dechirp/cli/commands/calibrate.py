@@ -93,7 +93,26 @@ def calibrate(
 
 
 def _parse_angles(option: str, texts: Sequence[str] | None) -> list[float]:
+    from dechirp.core.errors import InvalidFile, Mistake
+
+    for text in texts or ():
+        if _is_bare_number(text):
+            raise InvalidFile(
+                Mistake(
+                    setting=option,
+                    value=f"{text}, without a unit",
+                    expected="an angle with its unit",
+                    fix=f'write {option} "{text} deg"',
+                )
+            )
     return _parse_quantities(option, texts, "rad")
+
+
+def _is_bare_number(text: str) -> bool:
+    try:
+        return float(text) != 0  # which is 0 in all units
+    except ValueError:
+        return False
 
 
 def _parse_quantities(option: str, texts: Sequence[str] | None, unit: str) -> list[float]:

@@ -14,8 +14,12 @@ from dechirp.core.findings import Finding
 from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.calibration.element_errors import ElementErrors, fit_element_errors
-from dechirp.processing.calibration.findings import calibration_findings, element_tx_rx_label
-from dechirp.processing.calibration.reflector import measure_static_reflector
+from dechirp.processing.calibration.findings import (
+    calibration_findings,
+    describe_direction_mismatch,
+    element_tx_rx_label,
+)
+from dechirp.processing.calibration.reflector import MeasuredReflector, measure_static_reflector
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.radar import Radar
 
@@ -79,7 +83,8 @@ def calibrate(
     ------
     InvalidSetting
         If the radar has one element or ramps that differ, an angle is beyond 90 degrees, there is
-        no static echo, an element receives it with less than 10 dB of SNR, or counts differ.
+        no static echo, an element receives it with less than 10 dB of SNR, or counts differ; if no
+        range is given and the array measures the strongest echo in another direction.
 
     Notes
     -----
@@ -116,6 +121,8 @@ def calibrate(
     ranges_m = np.where(is_range_given, given_m, measured_m)
     unit_vectors = np.array([placed.unit_vector for placed in recordings])
     paths_m = _two_way_paths_m(radar, ranges_m[:, None] * unit_vectors)
+    if not is_range_given[0]:
+        _check_strongest_echo_lies_in_direction(reflectors[0], unit_vectors[0], radar)
     snr = np.min(
         [abs(measured.snapshot) ** 2 / measured.noise_power for measured in reflectors], axis=0
     )
@@ -195,6 +202,25 @@ def _pair_recordings_with_positions(
         )
         for index in range(n)
     ]
+
+
+def _check_strongest_echo_lies_in_direction(
+    measured: MeasuredReflector, unit_vector: np.ndarray, radar: Radar
+) -> None:
+    """Raise `InvalidSetting` if the array measures the strongest echo far from the reflector."""
+    mismatch = describe_direction_mismatch(measured, unit_vector, radar, _wavelength_m(radar))
+    if mismatch is None:
+        return
+    others = [f"{range_m:.4g} m" for range_m in measured.other_ranges_m]
+    raise InvalidSetting(
+        "range_m",
+        value=f"missing, and the strongest static echo, at {measured.range_m:.4g} m, is not in the"
+        f" direction of the reflector: {mismatch}",
+        expected="the range of the reflector where another echo is the strongest, such as a wall",
+        fix=f"give the range, of this echo, {measured.range_m:.4g} m,"
+        + (f" or of the next strongest, {', '.join(others)}," if others else "")
+        + " and check the sign of the angle and the order of the antennas",
+    )
 
 
 def _setting_name_of_recording(name: str, index: int, n_recordings: int) -> str:

@@ -54,7 +54,19 @@ def calibration_findings(
             )
         ),
         *_low_element_snr_findings(snr, radar),
-        *_given_direction_mismatch_findings(reflectors[0], unit_vectors[0], radar, wavelength_m),
+        *(
+            Finding(
+                level="warning",
+                setting="azimuth_rad",
+                value=mismatch,
+                expected="where the reflector stands, left positive",
+                fix="check the sign of the angle, the order of the antennas, and the range",
+            )
+            for mismatch in [
+                describe_direction_mismatch(reflectors[0], unit_vectors[0], radar, wavelength_m)
+            ]
+            if mismatch
+        ),
         *_large_residual_or_position_findings(errors, wavelength_m),
     )
 
@@ -80,16 +92,12 @@ def _other_echo_findings(
             fix="clear the surroundings, or use a wider sweep",
         )
     rival = max(reflectors, key=lambda measured: measured.next_power)
-    if (
-        not is_range_given
-        and rival.next_power > _MAX_RIVAL_POWER
-        and rival.next_range_m is not None
-    ):
+    if not is_range_given and rival.next_power > _MAX_RIVAL_POWER and rival.other_ranges_m:
         yield Finding(
             level="warning",
             setting="range_m",
             value=f"missing, with static echoes in {recording_name} at {rival.range_m:.4g} m (used)"
-            f" and at {rival.next_range_m:.4g} m,"
+            f" and at {rival.other_ranges_m[0]:.4g} m,"
             f" {-float(to_decibels(rival.next_power)):.1f} dB below it",
             expected="a range where the reflector is not by far the strongest echo",
             fix="give the range of the reflector",
@@ -111,10 +119,10 @@ def _low_element_snr_findings(element_snr: np.ndarray, radar: Radar) -> Iterator
         )
 
 
-def _given_direction_mismatch_findings(
+def describe_direction_mismatch(
     measured: MeasuredReflector, unit_vector: np.ndarray, radar: Radar, wavelength_m: float
-) -> Iterator[Finding]:
-    """Report a reflector that a nearly ideal array measures in another direction."""
+) -> str | None:
+    """Describe a reflector that a nearly ideal array measures in another direction; else None."""
     azimuths = np.radians(np.arange(-90, 90.25, 0.5))
     horizontal, up = (
         np.hypot(unit_vector[0], unit_vector[1]),
@@ -132,15 +140,11 @@ def _given_direction_mismatch_findings(
     if scan_coherence.max() > 0.8 and coherence(unit_vector[None])[0] < 0.5:
         given_deg = np.degrees(np.arctan2(unit_vector[1], unit_vector[0]))
         estimated_deg = np.degrees(azimuths[scan_coherence.argmax()]) + 0.0  # avoids -0
-        yield Finding(
-            level="warning",
-            setting="azimuth_rad",
-            value=f"{given_deg:.4g} degrees, while the array measures the reflector at"
-            f" {estimated_deg:.4g} degrees"
-            " even before it is calibrated",
-            expected="where the reflector stands, left positive",
-            fix="check the sign of the angle, the order of the antennas, and the range",
+        return (
+            f"{given_deg:.4g} degrees, while the array measures the reflector at"
+            f" {estimated_deg:.4g} degrees even before it is calibrated"
         )
+    return None
 
 
 def _large_residual_or_position_findings(

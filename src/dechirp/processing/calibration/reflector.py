@@ -40,10 +40,10 @@ class MeasuredReflector:
     """Measured range, without calibration."""
     neighbour_power: float
     """Power of the strongest echo within three range cells, over the reflector's."""
-    next_range_m: float | None
-    """Range of the strongest other static echo that might be the reflector."""
+    other_ranges_m: tuple[float, ...]
+    """Ranges of the three strongest other static echoes that might be the reflector."""
     next_power: float
-    """Its power over the reflector's."""
+    """Power of the first of them over the reflector's."""
 
 
 def measure_static_reflector(
@@ -106,7 +106,7 @@ def measure_static_reflector(
         noise_power=channel_noise * element_to_channel_noise_ratio(radar.frame),
         range_m=float(ranges_m[reflector_index]),
         neighbour_power=float(tones.energy[is_neighbour].max(initial=0) / reflector_energy),
-        next_range_m=float(ranges_m[others[0]]) if others.size else None,
+        other_ranges_m=tuple(ranges_m[others[:3]].tolist()),
         next_power=float(tones.energy[others[0]] / reflector_energy) if others.size else 0.0,
     )
 
