@@ -11,6 +11,7 @@ import pytest
 import dechirp as dc
 from dechirp.evaluation.score.probabilities import DetectionProbability
 from dechirp.impairments import TwoRayGround, WallMultipath
+from dechirp.report.page import render_report
 from dechirp.scene.scene_warnings import scene_findings
 from dechirp.scene.screens import Screens, screens_of_bodies
 from dechirp.scene.shadowing import (
@@ -373,3 +374,32 @@ def test_boxes_follow_the_heading_of_bodies():
     assert sorted(screens.corners_m[0].real) == pytest.approx([19, 19, 21, 21])
     assert sorted(screens.corners_m[0].imag) == pytest.approx([-1.5, -1.5, 3.5, 3.5])
     np.testing.assert_allclose(screens.bands_m, [[[-np.inf, 1.1]]])
+
+
+def test_report_states_that_a_missed_target_is_shadowed():
+    scenario = dc.load(
+        "examples/crossing.yaml",
+        [
+            "tracker=null", "chain.cluster=null", "n_frames=1", "radar.frame.n_chirps=32",
+            "scene.targets=[{name: truck, position: [15 m, 0, -0.5 m], heading: 90 deg,"
+            " body: {kind: truck}}, {name: hidden, position: [30 m, 0, 0]}]",
+        ],
+    )  # fmt: skip
+    assert "no, shadowed by 76 dB" in render_report(dc.run(scenario), yaml="name: crossing\n")
+
+
+def test_statistical_sensor_draws_no_detections_of_shadowed_targets():
+    scenario = dc.load(
+        "examples/crossing.yaml",
+        [
+            "tracker=null", "chain.cluster=null", "n_frames=4", "radar.frame.n_chirps=64",
+            "scene.targets=[{name: sphere, position: [5 m, 0, 0],"
+            " body: {kind: sphere, radius: 50 cm}}, {name: hidden, position: [30 m, 0, 0]}]",
+        ],
+    )  # fmt: skip
+    n_near = []
+    for shadowing in (True, False):
+        scene = replace(scenario.scene, shadowing=shadowing)
+        detections = dc.studies.draw_statistical_detections(replace(scenario, scene=scene), seed=1)
+        n_near.append(int((abs(detections.range - 30) < 1).sum()))
+    assert n_near[0] == 0 and n_near[1] >= 4

@@ -27,6 +27,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.report.labels import axis_label
 from dechirp.report.page_context import PageContext
 from dechirp.scene.rcs import target_cross_sections_m2
+from dechirp.scene.shadowing import SHADOWED_LOSS
 
 _SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
 
@@ -182,10 +183,16 @@ def target_table_rows(context: PageContext) -> list[dict[str, str]]:
                 "snr": format_fixed(ratio_db(float(target_truth.snr)), 1)
                 if target_truth.snr > 0
                 else EN_DASH,
-                "detected": "yes" if index in hits else "no",
+                "detected": "yes" if index in hits else _describe_miss(target_truth),
             }
         )
     return rows
+
+
+def _describe_miss(target_truth: xr.Dataset) -> str:
+    """Return no, with the shadow loss of a target behind other bodies."""
+    loss = float(target_truth.get("shadow_loss", 1.0))
+    return f"no, shadowed by {format_fixed(ratio_db(loss), 0)} dB" if loss > SHADOWED_LOSS else "no"
 
 
 def describe_number_of_detected_targets(context: PageContext) -> str:

@@ -210,7 +210,7 @@ def _distances_to_left_m(start_m: complex, ends_m: np.ndarray, corners_m: np.nda
     """Return the distances of corners (n, 4) to the left of paths to ends (n,), (4, n)."""
     along_m = ends_m - start_m
     towards = along_m.conj() / np.maximum(abs(along_m), 1e-9)
-    return np.asarray(((corners_m.T - start_m) * towards).imag)
+    return ((np.ascontiguousarray(corners_m.T) - start_m) * towards).imag
 
 
 def _edges_across_paths(
@@ -224,7 +224,12 @@ def _edges_across_paths(
     length_m = np.maximum(np.hypot(x, y), 1e-9)
     cosine = length_m / np.hypot(length_m, z)
     towards = (x - 1j * y) / length_m
-    corners_m = (screens.corners_m.T - (antennas_m[:, 0] + 1j * antennas_m[:, 1])) * towards
+    # Adjacent in memory along the pairs, which are the last axis from here on.
+    corners_m, bands_m = (
+        np.ascontiguousarray(np.moveaxis(ends_m, 0, -1))
+        for ends_m in (screens.corners_m, screens.bands_m)
+    )
+    corners_m = (corners_m - (antennas_m[:, 0] + 1j * antennas_m[:, 1])) * towards
     # Shares of the path, and distances to its left.
     share, left_m = corners_m.real / length_m, corners_m.imag
     v_per_root = np.sqrt(2 * cosine / (wavelength_m * length_m))
@@ -239,11 +244,13 @@ def _edges_across_paths(
         crossing[:, columns] = outline.shares_of_crossing()
 
     per_metre = _v_per_metre(crossing, v_per_root) * cosine
-    height_m = np.moveaxis(screens.bands_m, 0, -1)[:, :, None] - (antennas_m[:, 2] + crossing * z)
-    height_v = height_m * per_metre
-    change = per_metre * (1 - crossing) / np.maximum(abs(height_v), 1)
-    sensitivity = np.maximum(sensitivity, change.max(axis=(0, 1, 2)))
-    bottom, top = height_v[:, 0].min(axis=1), height_v[:, 1].max(axis=1)
+    line_m = antennas_m[:, 2] + crossing * z
+    # (n_bands, 2, n): at both crossings.
+    below, above = ((bands_m[:, end, None] - line_m) * per_metre for end in (0, 1))
+    bottom, top = below.min(axis=1), above.max(axis=1)
+    nearest = np.minimum(abs(below), abs(above)).min(axis=(0, 1))
+    change = (per_metre * (1 - crossing)).max(axis=0) / np.maximum(nearest, 1)
+    sensitivity = np.maximum(sensitivity, change)
     # Bands that overlap, as a long body over its image in the road, leave no gap between them.
     top[:-1] = np.minimum(top[:-1], bottom[1:])
     return _Edges(width_v, np.stack([bottom, top]), sensitivity)
