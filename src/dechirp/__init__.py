@@ -92,7 +92,15 @@ _NAMESPACES = (
     *("studies", "tuning"),
     # Functions
     *("diagnosis", "fixed_point", "group_tracking", "link_budget", "maps", "object_lists"),
-    *("slow_time", "slow_time_files", "theory", "track_metrics", "vital_signs", "windows"),
+    *(
+        "slow_time",
+        "slow_time_files",
+        "theory",
+        "track_metrics",
+        "traffic",
+        "vital_signs",
+        "windows",
+    ),
     # Base classes, for packages that add members
     "extensions",
 )

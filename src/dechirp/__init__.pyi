@@ -23,6 +23,7 @@ from dechirp import slow_time_files as slow_time_files
 from dechirp import studies as studies
 from dechirp import theory as theory
 from dechirp import track_metrics as track_metrics
+from dechirp import traffic as traffic
 from dechirp import tuning as tuning
 from dechirp import vital_signs as vital_signs
 from dechirp import windows as windows

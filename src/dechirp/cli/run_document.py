@@ -34,6 +34,7 @@ def run_json_document(
                 ("clusters", result.clusters),
                 ("tracks", result.tracks),
                 ("truth", result.truth),
+                *((("traffic", result.traffic),) if result.traffic is not None else ()),
             )
         },
         **(

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from dechirp.experiments.scenario import (
     keep_given_chain_settings,
     load,
     reference,
+    traffic_scenario,
 )
 from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.lookup import device as known_device
@@ -28,6 +29,8 @@ from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.base import Iq
 from dechirp.recordings.settings.calibration import read_calibration
 from dechirp.recordings.settings.read import find_settings_file, read_radar
+from dechirp.traffic.source import TrafficSource
+from dechirp.traffic.traffic import recognise_traffic
 
 _FIXES_OF_SIMULATION_SETTINGS = {
     "seed": "remove it; only the noise of a simulation has a seed",
@@ -49,19 +52,25 @@ def build_scenario(
     frames: str | None,
     seed: str | None,
     metadata: Mapping[str, Any],
+    traffic: Mapping[str, str] | None = None,
 ) -> Scenario:
-    """Build the scenario of a settings file or recording; by default the reference scenario.
+    """Build the scenario of a settings file, recording or traffic file.
+
+    The reference scenario by default.
 
     Parameters
     ----------
     source : Path, optional
-        A scenario if its suffix is `.yaml` or `.yml`; else a recording.
+        A scenario if its suffix is `.yaml` or `.yml`; else traffic if a format recognises it; else
+        a recording.
     changes : sequence of str
         PATH=VALUE, the values of `--set`.
     radar, frames, seed
         Values of the options of these names.
     metadata : mapping
         Options for a recording: `device`, `format`, `axes`, `encoding`, `iq`, `calibration`.
+    traffic : mapping, optional
+        Options for traffic: `ego` and `mount`.
 
     Raises
     ------
@@ -69,12 +78,17 @@ def build_scenario(
         If a file or an option is invalid.
     """
     options = _OPTIONS
+    for name, value in (traffic or {}).items():
+        changes = [*changes, f"traffic.{name}={value}"]
+        options = {**options, f"traffic.{name}": f"--{name}"}
     if seed is not None:
         changes = [*changes, f"seed={seed}"]
         options = {**options, "seed": "--seed", "--set seed": "--seed"}
     try:
         scenario = _load_scenario_from_source(source, changes, radar, metadata)
         recording = scenario.recording
+        if scenario.traffic is not None:
+            return _set_traffic_frames(scenario, scenario.traffic, frames, metadata)
         if recording is None:
             return _set_simulated_frame_count(scenario, frames, metadata)
         _check_changes_affect_recording(changes)
@@ -103,6 +117,8 @@ def _load_scenario_from_source(
         return reference(changes)
     if source.suffix.lower() in (".yaml", ".yml"):
         return load(source, changes)
+    if recognise_traffic(source) is not None:
+        return traffic_scenario(source, changes)
     if is_udp_address(str(source)):
         return _udp_address_scenario(source, changes, radar)
     path, iq, opened_radar, layout = source.absolute(), None, None, None
@@ -209,23 +225,50 @@ def _set_simulated_frame_count(
     scenario: Scenario, frames: str | None, recording_options: Mapping[str, Any]
 ) -> Scenario:
     """Set the number of simulated frames; refuse options that belong to recordings."""
-    mistakes = [
-        Mistake(
-            setting=f"--{name}",
-            value="given for a simulated scene",
-            expected="a recording",
-            fix="remove it, or name the recording",
-        )
-        for name in recording_options
-    ]
-    if mistakes:
-        raise InvalidFile(*mistakes)
+    _refuse_recording_options(recording_options, "a simulated scene")
     if frames is None:
         return scenario
     first, stop = parse_frame_range(frames)
     if first:
         raise _invalid_frames_error(frames, expected="a number of frames to simulate")
     return replace(scenario, n_frames=stop)
+
+
+def _set_traffic_frames(
+    scenario: Scenario,
+    traffic: TrafficSource,
+    frames: str | None,
+    recording_options: Mapping[str, Any],
+) -> Scenario:
+    """Set start and duration of the frames of traffic; refuse options of recordings."""
+    _refuse_recording_options(recording_options, "traffic")
+    if frames is None:
+        return scenario
+    first, stop = parse_frame_range(frames)
+    assert scenario.radar is not None
+    if stop <= first:
+        raise _invalid_frames_error(
+            frames, expected="a first frame, and a later one to stop before"
+        )
+    frame = scenario.radar.frame
+    start_s = frame.frame_start_s(first)
+    end_s = frame.frame_start_s(stop - 1) + frame.for_frame(stop - 1).duration_s
+    selected = replace(traffic, start_s=traffic.start_s + start_s, duration_s=end_s - start_s)
+    return replace(scenario, traffic=selected)
+
+
+def _refuse_recording_options(names: Iterable[str], given_for: str) -> None:
+    mistakes = [
+        Mistake(
+            setting=f"--{name}",
+            value=f"given for {given_for}",
+            expected="a recording",
+            fix="remove it, or name the recording",
+        )
+        for name in names
+    ]
+    if mistakes:
+        raise InvalidFile(*mistakes)
 
 
 def parse_frame_range(text: str) -> tuple[int, int]:

@@ -45,6 +45,25 @@ _OF_EGO = {
 
 _OF_VERTICAL_EGO = {"vz_m_per_s": "vz", "vz_std_m_per_s": "vz_std"}
 
+_OF_TRAFFIC = {
+    "target": "target",
+    "frame": "frame",
+    "time_s": "time",
+    "range_m": "range",
+    "velocity_m_per_s": "velocity",
+    "azimuth_deg": "azimuth",
+    **_STATE,
+    "centre_x_m": "centre_x",
+    "centre_y_m": "centre_y",
+    "heading_deg": "heading",
+    "length_m": "length",
+    "width_m": "width",
+    "visible_share": "visible_share",
+    "n_detections": "n_detections",
+    "position_error_m": "position_error",
+    "velocity_error_m_per_s": "velocity_error",
+}
+
 _COLUMNS = {
     ("cluster",): _OF_CLUSTERS,
     ("frame",): _OF_EGO,
@@ -66,9 +85,15 @@ def dataset_to_columns(dataset: xr.Dataset) -> dict[str, list[Cell]]:
     if dims == ["track", "frame"]:
         return _tracks_to_columns(dataset)
     wanted = _COLUMNS.get(tuple(dims), COLUMNS)
+    if (
+        "visible_share" in dataset
+    ):  # objects in traffic, only in the frames in which they are in view
+        wanted = _OF_TRAFFIC
     if wanted is _OF_EGO and "vz" in dataset:
         wanted = {**_OF_EGO, **_OF_VERTICAL_EGO}
     rows = dataset.stack(row=dims, create_index=False)
+    if wanted is _OF_TRAFFIC:
+        rows = rows.isel(row=np.flatnonzero(np.isfinite(rows["range"].values)))
     n_rows = rows.sizes["row"]
     return {
         column: _to_cells_in_file_units(column, rows[name].values)

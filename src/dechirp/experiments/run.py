@@ -26,7 +26,12 @@ from dechirp.experiments.frame_totals import FrameTotals
 from dechirp.experiments.link_budget import added_noise_power_w, link_budget_of_first_target
 from dechirp.experiments.object_stage import estimate_ego_motion_clusters_tracks
 from dechirp.experiments.recording_stage import detect_in_recording, open_scenario_recording
-from dechirp.experiments.scenario import Scenario, prefix_setting_of_errors
+from dechirp.experiments.scenario import (
+    Scenario,
+    check_tracks_and_ego_motion_possible,
+    prefix_setting_of_errors,
+)
+from dechirp.experiments.traffic_stage import TrafficFrames
 from dechirp.processing import near_field
 from dechirp.processing.cfar.base import Cfar
 from dechirp.processing.chain import Chain
@@ -57,7 +62,7 @@ class Result(Displayable):
     radar: Radar
     source: xr.DataArray | Recording
     """The simulated cube, or the recording as processed, see `recording.repair_faults`; of a stream
-    the cube of its first frame.
+    and in traffic the cube of the first frame.
     """
     first_frame: int
     """Number of the first processed frame, whose maps are kept."""
@@ -74,7 +79,9 @@ class Result(Displayable):
     vital_signs: xr.Dataset | None = None
     """Breathing and heart rate over windows of time; None if not requested."""
     truth: xr.Dataset | None
-    """None for a recording."""
+    """None for a recording, and in traffic."""
+    traffic: xr.Dataset | None = None
+    """In traffic the true objects in view, with their detections; see `TrafficFrames`."""
     budget: tuple[BudgetLine, ...] | None
     """Link budget of the first target; None for a recording."""
     findings: tuple[Finding, ...]
@@ -102,7 +109,7 @@ class Result(Displayable):
 
     @property
     def n_frames_with_kept_samples(self) -> int:
-        """Number of frames whose samples are kept: of a stream the first alone."""
+        """Number of frames whose samples are kept: of a stream and in traffic the first alone."""
         return self.source.sizes["frame"]
 
     def _display_line(self) -> str:
@@ -178,6 +185,8 @@ def _run(
     if scenario.tracker is not None:
         with prefix_setting_of_errors("tracker", instead_of="Tracker"):
             LiveTracker(scenario.tracker)  # fails early if a library is missing
+    if scenario.traffic is not None:
+        return _run_in_traffic(scenario, rng, progress)
 
     def report_simulated(n_done: int, n_steps: int) -> None:
         if progress is not None:
@@ -221,6 +230,52 @@ def _run(
         timing_s={
             "simulate" if scenario.scene is not None else "open": source_time_s - start_s,
             "process": detection_time_s - source_time_s + result.timing_s["process"],
+        },
+    )
+
+
+def _run_in_traffic(
+    scenario: Scenario,
+    rng: np.random.Generator | None,
+    progress: Callable[[int, int], None] | None,
+) -> Result:
+    """Simulate and process the frames of a radar in traffic one at a time."""
+    start_s = perf_counter()
+    traffic = TrafficFrames(scenario)
+    radar, totals = traffic.radar, FrameTotals()
+    check_tracks_and_ego_motion_possible(scenario, radar, traffic.n_frames)
+    processor = FrameProcessor(radar, scenario.chain)
+    first_cube: list[xr.DataArray] = []
+
+    def keep_first_cube(cubes: Iterator[xr.DataArray]) -> Iterator[xr.DataArray]:
+        for cube in cubes:
+            if not first_cube:
+                first_cube.append(cube)
+            yield cube
+
+    open_time_s = perf_counter()
+    cubes = traffic.cubes(rng, progress or (lambda n_done, n_steps: None))
+    for frame in processor.process_cubes(keep_first_cube(cubes)):
+        totals.add_frame_result(frame)
+    detections = detections_from_columns(processor.joined_detection_columns())
+    frames_time_s = perf_counter()
+    result = build_result(
+        scenario,
+        radar,
+        first_cube[0],
+        DetectionRun(first_frame=0, detections=detections, frames=totals),
+    )
+    compare_time_s = perf_counter()
+    objects = traffic.compare_with_objects(detections)
+    return replace(
+        result,
+        traffic=objects,
+        findings=(*traffic.findings, *result.findings),
+        timing_s={
+            "open": open_time_s - start_s,
+            "simulate and process": frames_time_s - open_time_s,
+            "track": result.timing_s["process"],
+            "compare": perf_counter() - compare_time_s,
         },
     )
 

@@ -1,5 +1,6 @@
 """Scenario: all settings of one experiment, as its settings file contains them."""
 
+import json
 import math
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
@@ -37,9 +38,12 @@ from dechirp.simulation.impairments.noise import ThermalNoise
 from dechirp.simulation.stages import sort_into_stages
 from dechirp.tracking.ego import EgoMotion
 from dechirp.tracking.tracker import Tracker
+from dechirp.traffic.source import TrafficSource
 
 READERS: Readers = {Radar: read_radar, Calibration: read_calibration}
 """Readers of values that a scenario may give as the name of a file."""
+
+_WITH_ARTICLES = {"recording": "a recording", "traffic": "traffic"}
 
 _PATHS_OF_CHOSEN_SETTINGS: dict[ChosenSettingName, tuple[str, ...]] = {
     "mitigation": ("chain.mitigation",),
@@ -99,7 +103,7 @@ class RecordingSource:
 
 @frozen_dataclass
 class Scenario:
-    """One experiment on a simulated scene, or on a recording."""
+    """One experiment on a simulated scene, in traffic, or on a recording."""
 
     _file_reader: ClassVar[str] = "dechirp.load"
 
@@ -113,6 +117,8 @@ class Scenario:
     scene: Scene | None = None
     recording: RecordingSource | None = None
     """Replaces a scene."""
+    traffic: TrafficSource | None = None
+    """Traffic file, in place of a scene: each frame has a scene of its own."""
     engine: Engine = Engine()
     """Method that sums the echoes of a scene."""
     impairments: tuple[Impairment, ...] = (ThermalNoise(),)
@@ -129,16 +135,8 @@ class Scenario:
         object.__setattr__(self, "impairments", impairments)
         check_integer_fields(self, "seed", at_least=0, at_most=2**63 - 1)
         check_integer_fields(self, "n_frames", at_most=1_000_000)
-        if (self.scene is None) == (self.recording is None):
-            raise InvalidSetting(
-                "Scenario.scene",
-                value="missing, and recording as well"
-                if self.scene is None
-                else "cannot be combined with a recording",
-                expected="a scene to simulate, or a recording",
-                fix="add a scene or a recording" if self.scene is None else "remove one of them",
-            )
-        if self.scene is not None and self.radar is None:
+        self._check_single_source()
+        if self.recording is None and self.radar is None:
             raise InvalidSetting(
                 "Scenario.radar",
                 value="missing",
@@ -147,6 +145,9 @@ class Scenario:
             )
         if self.scene is not None and self.radar is not None:
             self._check_scene_and_impairments(self.scene, self.radar)
+        if self.traffic is not None and self.radar is not None:
+            with prefix_setting_of_errors("radar.hardware", instead_of="Radar.hardware"):
+                self.radar.require_hardware()
         for name, kind in (("ego_motion", EgoMotion), ("tracker", Tracker)):
             if not isinstance(getattr(self, name), kind | None):
                 raise InvalidSetting(
@@ -160,15 +161,31 @@ class Scenario:
             if self.recording is None or self.radar.frame.n_chirps_total > 1:
                 check_chain_fits_radar(self.chain, self.radar)
             check_tracks_and_ego_motion_possible(
-                self, self.radar, None if self.scene is None else self.n_frames
+                self, self.radar, self.n_frames if self.scene is not None else None
             )
 
     @property
     def n_simulated_samples(self) -> float:
-        """Number of samples in all frames; infinite for a recording, which must be opened first."""
-        if self.radar is None or self.recording is not None:
+        """Number of samples in all frames; infinite for files, which must be opened first."""
+        if self.radar is None or self.scene is None:
             return math.inf
         return self.n_frames * self.radar.n_samples_per_frame
+
+    def _check_single_source(self) -> None:
+        """Raise `InvalidSetting` unless there is one of scene, recording and traffic."""
+        sources = [
+            name for name in ("scene", "recording", "traffic") if getattr(self, name) is not None
+        ]
+        if len(sources) == 1:
+            return
+        raise InvalidSetting(
+            f"Scenario.{sources[0] if sources else 'scene'}",
+            value=f"cannot be combined with {_WITH_ARTICLES[sources[1]]}"
+            if sources
+            else "missing, and recording as well",
+            expected="a scene to simulate, or a recording, or a traffic file",
+            fix="remove one of them" if sources else "add a scene, a recording or traffic",
+        )
 
     def _check_scene_and_impairments(self, scene: Scene, radar: Radar) -> None:
         with prefix_setting_of_errors("radar.hardware", instead_of="Radar.hardware"):
@@ -333,3 +350,16 @@ def reference(overrides: Sequence[str] = ()) -> Scenario:
     """Load the reference scenario: a car at 50 m, receding at 10 m/s, in front of 77 GHz."""
     with resources.as_file(resources.files("dechirp.experiments") / "reference.yaml") as path:
         return load(path, overrides)
+
+
+@check_argument_types
+def traffic_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """Return the scenario of a front radar in the traffic of a file.
+
+    The radar is that of `traffic.yaml` beside this module: 76.5 GHz, 3 x 4 antennas, 100 m.
+    `PATH=VALUE` texts override settings: `traffic.ego=12` names the vehicle with the radar,
+    `traffic.mount=rear` the place on it, `radar=FILE` another radar.
+    """
+    traffic = f"traffic={{path: {json.dumps(str(Path(path).absolute()), ensure_ascii=False)}}}"
+    with resources.as_file(resources.files("dechirp.experiments") / "traffic.yaml") as settings:
+        return load(settings, [traffic, *overrides])

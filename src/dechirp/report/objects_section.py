@@ -249,6 +249,8 @@ def detections_and_true_paths(context: PageContext) -> figure.TrackBackground:
     paths_m = np.empty((0, 1, 2))
     if scene is not None and truth is not None:
         paths_m = scene.target_positions_m(truth.time.values)[..., :2].swapaxes(0, 1)
+    elif (objects := context.result.traffic) is not None:
+        paths_m = np.stack([objects[name].values for name in "xy"], axis=-1)
     return figure.TrackBackground(
         detections_m=np.stack([level_m * np.cos(azimuth), level_m * np.sin(azimuth)], axis=-1),
         is_static=is_static,

@@ -12,7 +12,12 @@ from dechirp.core.text import format_with_si_prefix
 from dechirp.evaluation.association import scatterer_range_and_range_rate
 from dechirp.processing.range_doppler_map import power_map
 from dechirp.processing.spectrogram import spectrogram
-from dechirp.report import detections_section, directions_section, objects_section
+from dechirp.report import (
+    detections_section,
+    directions_section,
+    objects_section,
+    traffic_section,
+)
 from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene, tracks
 from dechirp.report.figures import spectrogram as over
 from dechirp.report.figures.common import MapAxis
@@ -73,6 +78,9 @@ def render_report(result: "Result", *, yaml: str) -> str:
         and context.scatterer_map_positions.range_m.size > 0,
         targets=detections_section.target_table_rows(context),
         targets_found=detections_section.describe_number_of_detected_targets(context),
+        traffic=traffic_section.describe_traffic_scores(result),
+        traffic_columns=traffic_section.TRAFFIC_COLUMNS,
+        traffic_rows=traffic_section.traffic_table_rows(result),
         objects=objects_section.describe_ego_clusters_and_tracks(result),
         tracks=objects_section.track_table_rows(result, _MAX_ROWS),
         tracks_found=objects_section.describe_number_of_targets_with_tracks(result),
@@ -174,6 +182,9 @@ def _draw_report_figures(context: PageContext) -> dict[str, Markup]:
         figures["moving_map"] = _draw_map_of_moving_targets(context, marked_map)
     if result.scenario.scene is not None:
         figures["scene"] = _draw_scene(context, result.scenario.scene)
+    from_above = traffic_section.draw_traffic_from_above(result)
+    if from_above is not None:
+        figures["traffic"] = from_above
     longest_tracks = objects_section.draw_longest_tracks(context)
     if longest_tracks is not None:
         figures["tracks"] = longest_tracks

@@ -120,7 +120,8 @@ class FrameScenes:
             else mounting_on_vehicle(mount, *self._sizes[self._ego][:2])
         )
         """Pose of the radar on its vehicle."""
-        self._start_s, self.n_frames = self._select_frames(start_s, duration_s)
+        self.start_s, self.n_frames = self._select_frames(start_s, duration_s)
+        """Start of the first frame, in the time of the file; number of frames."""
         self._times_around_radar_s: dict[int, float] = {}
         self._findings = (
             *traffic.findings,
@@ -141,7 +142,7 @@ class FrameScenes:
     def mid_frame_s(self, number: int) -> float:
         """Return the middle of a frame, in the time of the file."""
         frame = self._radar.frame
-        return self._start_s + frame.frame_start_s(number) + frame.for_frame(number).mid_frame_s
+        return self.start_s + frame.frame_start_s(number) + frame.for_frame(number).mid_frame_s
 
     def radar_motion(self, number: int) -> RadarMotion:
         """Return the motion of the radar at mid-frame, in the axes of the file."""

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
+"""Rotation of vectors seen from above by 90 degrees to the left."""
 _N_RAYS = 1441  # over half a circle: 0.125 degrees, a car's width at 800 m
 
 

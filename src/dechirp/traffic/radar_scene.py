@@ -12,11 +12,10 @@ from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
 from dechirp.traffic.motion import Motion
 from dechirp.traffic.mounting import Mounting
-from dechirp.traffic.outlines import rectangle_corners_m, rotation
+from dechirp.traffic.outlines import QUARTER_TURN, rectangle_corners_m, rotation
 from dechirp.traffic.road_bodies import Size
 
 _SLOWEST_TURN_RAD_PER_S = 1e-5  # moves the ends of a truck by 1 um in a frame of 12 ms
-_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 class RadarMotion(NamedTuple):
@@ -47,9 +46,9 @@ def motion_of_mounted_radar(vehicle: Motion, mounting: Mounting) -> RadarMotion:
     turn_rate = vehicle.turn_rate_rad_per_s
     return RadarMotion(
         vehicle.position_m + np.array([*arm_m, mounting.position_m[2]]),
-        vehicle.velocity_m_per_s + turn_rate * _QUARTER_TURN @ arm_m,
+        vehicle.velocity_m_per_s + turn_rate * QUARTER_TURN @ arm_m,
         vehicle.acceleration_m_per_s2
-        + vehicle.turn_acceleration_rad_per_s2 * _QUARTER_TURN @ arm_m
+        + vehicle.turn_acceleration_rad_per_s2 * QUARTER_TURN @ arm_m
         - turn_rate**2 * arm_m,
         vehicle.heading_rad + mounting.yaw_rad,
         turn_rate,
@@ -85,7 +84,7 @@ def build_scene_around_radar(
     # The radar moves along an arc at constant speed; all other acceleration is that of the
     # targets against it.
     added_acceleration = (
-        radar.turn_rate_rad_per_s * _QUARTER_TURN @ radar.velocity_m_per_s
+        radar.turn_rate_rad_per_s * QUARTER_TURN @ radar.velocity_m_per_s
         - radar.acceleration_m_per_s2
     )
     targets = []

@@ -81,26 +81,36 @@ def open_traffic(path: str | Path) -> Traffic:
     file = Path(path)
     if not file.is_file():
         raise RecordingError(file, value="no such file", expected="a traffic file", fix="check it")
-    members = cast("dict[str, type[TrafficFormat]]", TrafficFormat.members())
-    for kind, member in members.items():
-        if member.recognises(file):
-            reader = member()
-            objects = _build_objects(file, reader.read_states(file))
-            completed, findings = _complete_velocities(objects)
-            return Traffic(
-                path=file,
-                format=kind,
-                host=reader.read_host(file),
-                objects=completed,
-                findings=(*findings, *_find_surprising_motion(completed)),
-            )
-    raise RecordingError(
-        file,
-        value="an unknown format",
-        expected=" or ".join(members),
-        fix="convert it to a CSV with the columns time, id, class, x, y, heading, length, width,"
-        " height",
+    kind = recognise_traffic(file)
+    if kind is None:
+        raise RecordingError(
+            file,
+            value="an unknown format",
+            expected=" or ".join(_format_classes()),
+            fix="convert it to a CSV with the columns time, id, class, x, y, heading, length,"
+            " width, height",
+        )
+    reader = _format_classes()[kind]()
+    objects = _build_objects(file, reader.read_states(file))
+    completed, findings = _complete_velocities(objects)
+    return Traffic(
+        path=file,
+        format=kind,
+        host=reader.read_host(file),
+        objects=completed,
+        findings=(*findings, *_find_surprising_motion(completed)),
     )
+
+
+def recognise_traffic(path: Path) -> str | None:
+    """Return the kind of the format that recognises a file, None if it is no traffic file."""
+    if not path.is_file():
+        return None
+    return next((kind for kind, cls in _format_classes().items() if cls.recognises(path)), None)
+
+
+def _format_classes() -> "dict[str, type[TrafficFormat]]":
+    return cast("dict[str, type[TrafficFormat]]", TrafficFormat.members())
 
 
 def _build_objects(path: Path, states: Iterable[ObjectState]) -> xr.Dataset:

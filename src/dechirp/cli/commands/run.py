@@ -1,4 +1,4 @@
-"""`dechirp run`: detections and a report from a scenario or a recording."""
+"""`dechirp run`: detections and a report from a scenario, a recording or a traffic file."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from dechirp.cli.options import NO_OPTIONS, Json, Pdf, Quiet, RecordingOptions
+from dechirp.cli.options import NO_OPTIONS, IntegerText, Json, Pdf, Quiet, RecordingOptions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,17 +28,20 @@ def run(
     pdf: Pdf = False,
     as_json: Json = False,
     quiet: Quiet = False,
+    ego: IntegerText = None,
+    mount: str | None = None,
     seed: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     changes: Annotated[list[str] | None, Parameter(name="--set")] = None,
     options: RecordingOptions = NO_OPTIONS,
 ) -> int:
-    """Simulate a scenario or read a recording, detect, and write a report.
+    """Simulate a scenario or traffic, or read a recording; detect, and write a report.
 
     Parameters
     ----------
     source
-        Scenario (YAML), recording (file or folder), or UDP address that receives the packets of a
-        DCA1000, such as udp://127.0.0.1:4098; the reference scenario by default.
+        Scenario (YAML), recording (file or folder), traffic file (ASAM OSI, CommonRoad, CSV of
+        trajectories), or UDP address that receives the packets of a DCA1000, such as
+        udp://127.0.0.1:4098; the reference scenario by default.
     out
         Folder for the results. Existing results in it are replaced as a whole.
     objects
@@ -52,6 +55,12 @@ def run(
     vital_signs
         Measure breathing and heart rate from the phase of the range cells up to 3 m. Also takes
         a slow-time file without chirps (CSV, HDF5 of Acconeer), and then prints the rates only.
+    ego
+        Vehicle of a traffic file that carries the radar, by its id; the host of the file by
+        default.
+    mount
+        Place of the radar on that vehicle: front, front-left, left, rear-left, rear, rear-right,
+        right or front-right; front by default.
     seed
         Seed of the noise; replaces the seed of the scenario.
     changes
@@ -79,6 +88,7 @@ def run(
         frames=options.frames,
         seed=seed,
         metadata=options.given_metadata(),
+        traffic={name: text for name, text in (("ego", ego), ("mount", mount)) if text is not None},
     )
     with plain_twins_for_small_work(scenario.n_simulated_samples):
         is_live = is_live_source(scenario, follow=follow, idle=idle)
@@ -205,14 +215,21 @@ def write_run_results(
     from dechirp.results.text_files import to_json_text
 
     started = perf_counter()
-    simulated = result.scenario.scene is not None
-    yaml = dump_yaml(
-        result.scenario, omitted_settings=() if simulated else ("n_frames", "impairments")
-    )
+    omitted: tuple[str, ...] = ()
+    if result.scenario.recording is not None:
+        omitted = ("n_frames", "impairments")
+    elif result.scenario.traffic is not None:
+        omitted = ("n_frames",)
+    yaml = dump_yaml(result.scenario, omitted_settings=omitted)
     page = render_report(result, yaml=yaml)
     pdf_bytes = html_to_pdf(page) if with_pdf else None
     timing_s = {**result.timing_s, "report": perf_counter() - started}
-    object_tables = {"ego": result.ego, "clusters": result.clusters, "tracks": result.tracks}
+    object_tables = {
+        "ego": result.ego,
+        "clusters": result.clusters,
+        "tracks": result.tracks,
+        "traffic": result.traffic,
+    }
     tables = {name: table for name, table in object_tables.items() if table is not None}
     files = result_paths_by_name(out, tables, has_pdf=with_pdf) | {
         file.name: file for file in objects
@@ -245,6 +262,7 @@ def print_run_results(result: "Result", out: Path, objects: Sequence[Path]) -> N
         track_table_and_object_sentences,
         vital_signs_table,
     )
+    from dechirp.report.traffic_section import describe_traffic_scores
 
     screen = open_stdout_console()
     screen.print(strongest_detections_table(result, at_most=20, width=screen.width))
@@ -252,7 +270,7 @@ def print_run_results(result: "Result", out: Path, objects: Sequence[Path]) -> N
         screen.print(part)
     if result.vital_signs is not None:
         screen.print(vital_signs_table(result.vital_signs))
-    for line in missed_target_lines(result):
+    for line in (*describe_traffic_scores(result), *missed_target_lines(result)):
         screen.print(line)
     for paragraph in finding_paragraphs(result.findings):
         screen.print(paragraph)

@@ -1,0 +1,110 @@
+"""Scores of a radar in traffic: detected objects, errors, GOSPA and identity switches."""
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.values import frozen_dataclass
+from dechirp.evaluation.gospa import gospa
+from dechirp.evaluation.identity import track_identities
+
+MIN_VISIBLE_SHARE = 0.5
+"""An object of which nearer ones hide more counts as shadowed."""
+MAX_AZIMUTH_RAD = np.pi / 3
+"""Objects farther from boresight are beyond the beam of a front radar."""
+CUTOFF_M = 5.0
+"""Largest distance of a track from the nearest point of its object: the length of a car."""
+
+
+@frozen_dataclass
+class TrafficScores:
+    """Scores over all objects in view that are not shadowed, and all frames."""
+
+    n_objects: int
+    n_object_frames: int
+    """Pairs of an object and a frame."""
+    detected_share: float
+    """Share of them with a detection; NaN without any."""
+    lowest_detected_share: float
+    """Detected share of the object for which it is lowest."""
+    position_rmse_m: float
+    """Distance of the strongest detection of an object from its outline."""
+    velocity_rmse_m_per_s: float
+    """Velocity of that detection against that of the outline there."""
+    gospa_m: float | None
+    """Mean over frames of confirmed tracks against the nearest points of objects; None without
+    tracks."""
+    n_identity_switches: int | None
+    """Changes of objects to another track."""
+    n_false_tracks: float | None
+    """Mean number of confirmed tracks without an object, in a frame."""
+
+
+def demanded_object_mask(objects: xr.Dataset) -> np.ndarray:
+    """Return True for objects in view and not shadowed, (target, frame)."""
+    objects = objects.transpose("target", "frame")
+    is_in_view = np.abs(objects["azimuth"].values) <= MAX_AZIMUTH_RAD
+    return np.asarray(is_in_view & (objects["visible_share"].values >= MIN_VISIBLE_SHARE))
+
+
+def score_traffic(objects: xr.Dataset, tracks: xr.Dataset | None) -> TrafficScores:
+    """Score detections and tracks against the objects of `TrafficFrames.compare_with_objects`.
+
+    Objects that are shadowed or beyond the beam count neither as detected nor as missed, nor the
+    tracks near them as false.
+    """
+    objects = objects.transpose("target", "frame")
+    is_demanded = demanded_object_mask(objects)
+    is_detected = is_demanded & (objects["n_detections"].values > 0)
+    n_frames_of_object = is_demanded.sum(axis=1)
+    shares = (
+        is_detected.sum(axis=1)[n_frames_of_object > 0] / n_frames_of_object[n_frames_of_object > 0]
+    )
+    n_demanded = int(is_demanded.sum())
+    mean_gospa_m = n_switches = n_false = None
+    if tracks is not None:
+        mean_gospa_m, n_switches, n_false = _score_tracks(objects, is_demanded, tracks)
+    return TrafficScores(
+        n_objects=shares.size,
+        n_object_frames=n_demanded,
+        detected_share=is_detected.sum() / n_demanded if n_demanded else np.nan,
+        lowest_detected_share=float(shares.min()) if shares.size else np.nan,
+        position_rmse_m=_rms(objects["position_error"].values[is_demanded]),
+        velocity_rmse_m_per_s=_rms(objects["velocity_error"].values[is_demanded]),
+        gospa_m=mean_gospa_m,
+        n_identity_switches=n_switches,
+        n_false_tracks=n_false,
+    )
+
+
+def _score_tracks(
+    objects: xr.Dataset, is_demanded: np.ndarray, tracks: xr.Dataset
+) -> tuple[float, int, float]:
+    """Return the mean GOSPA, the number of identity switches, and of false tracks in a frame."""
+    identities = track_identities(tracks, objects[["x", "y"]], cutoff_m=CUTOFF_M)
+    tracks = tracks.transpose("track", "frame", ...)
+    tracks_m = np.stack([tracks[name].values for name in "xy"], axis=-1)
+    is_confirmed = tracks["status"].values == "confirmed"
+    objects_m = np.stack([objects[name].values for name in "xy"], axis=-1)
+    holder = identities["holder"].values
+    errors_m = []
+    for frame in range(objects_m.shape[1]):
+        # Tracks of objects that are not demanded are neither right nor wrong.
+        others = holder[~is_demanded[:, frame], frame]
+        is_scored = is_confirmed[:, frame] & ~np.isin(np.arange(len(tracks_m)), others)
+        errors_m.append(
+            gospa(
+                tracks_m[is_scored, frame],
+                objects_m[is_demanded[:, frame], frame],
+                cutoff_m=CUTOFF_M,
+            ).error_m
+        )
+    return (
+        float(np.mean(errors_m)),
+        int(identities["n_swaps"].sum()),
+        float(identities["n_false"].mean()),
+    )
+
+
+def _rms(errors: np.ndarray) -> float:
+    known = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else np.nan

@@ -1,0 +1,154 @@
+"""Runs of a radar in traffic: detections, tracks, scores, files and commands."""
+
+import json
+
+import numpy as np
+import pytest
+
+import dechirp as dc
+from dechirp.cli.main import main
+from dechirp.evaluation.traffic_scores import score_traffic
+from dechirp.report.traffic_section import traffic_table_rows
+
+# The radar of car 1 sees car 2 pull away and car 4 hidden behind it; 3 is behind the radar.
+TRACE = """time,id,class,x,y,heading,length,width,height
+0.0,1,car,0,0,0,4.5,1.8,1.5
+0.2,1,car,2,0,0,4.5,1.8,1.5
+0.4,1,car,4,0,0,4.5,1.8,1.5
+0.0,2,car,20,0.5,0,4.5,1.8,1.5
+0.2,2,car,22.4,0.5,0,4.5,1.8,1.5
+0.4,2,car,24.8,0.5,0,4.5,1.8,1.5
+0.0,3,car,-20,3,0,4.5,1.8,1.5
+0.2,3,car,-18,3,0,4.5,1.8,1.5
+0.4,3,car,-16,3,0,4.5,1.8,1.5
+0.0,4,car,36,0.5,0,4.5,1.8,1.5
+0.2,4,car,38.4,0.5,0,4.5,1.8,1.5
+0.4,4,car,40.8,0.5,0,4.5,1.8,1.5
+"""
+FAST = ["radar.frame.n_chirps=64"]
+
+
+@pytest.fixture(scope="module")
+def trace(tmp_path_factory):
+    path = tmp_path_factory.mktemp("traffic") / "trace.csv"
+    path.write_text(TRACE, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def result(trace):
+    return dc.run(dc.traffic.traffic_scenario(trace, ["traffic.ego=1", *FAST]))
+
+
+def test_objects_in_view_are_detected_and_tracked(result):
+    assert result.n_frames == 10  # every 50 ms in 0.4 s and half a step
+    objects = result.traffic
+    assert objects["target"].values.tolist() == ["car-2", "car-4"]
+    # The rear of car 2 starts 20 - 2 * 2.25 - 2.25 m ahead and recedes at 2 m/s.
+    expected_m = 20 - 4.5 + 2 * objects["time"].values
+    assert objects["x"].values[0] == pytest.approx(expected_m, abs=1e-6)
+    assert objects["vx"].values[0] == pytest.approx(2, abs=1e-6)
+    # From 16 to 27 m, car 2 hides all of a car of its width.
+    assert objects["visible_share"].values.tolist() == [[1] * 10, [0] * 10]
+    assert np.all(objects["n_detections"].values[0] > 0)
+    # A range cell is 0.39 m, a velocity cell 0.7 m/s; the SNR of 40 dB leaves hundredths of them.
+    # Two reflections in a cell move the direction within the width of the car.
+    assert np.nanmedian(objects["position_error"].values[0]) < 0.05
+    assert np.nanmax(objects["position_error"].values[0]) < 1.8
+    assert np.nanmax(np.abs(objects["velocity_error"].values[0])) < 0.1
+
+
+def test_scores_leave_out_hidden_objects(result):
+    scores = score_traffic(result.traffic, result.tracks)
+
+    assert (scores.n_objects, scores.n_object_frames, scores.detected_share) == (1, 10, 1.0)
+    assert (scores.n_identity_switches, scores.n_false_tracks) == (0, 0.0)
+    # Two frames before the confirmation count sqrt(5^2 / 2) m each, as a missed target; the point
+    # of the outline nearest to the radar is within a car's width of the track afterwards.
+    missed_m = 2 * 5 / np.sqrt(2)
+    assert missed_m / 10 < scores.gospa_m < (missed_m + 8 * 1.8) / 10
+    (row,) = traffic_table_rows(result)
+    assert (row["name"], row["detected"], row["switches"]) == ("car-2", "100.0%", "0")
+
+
+def test_missed_frames_and_lost_tracks_lower_the_scores(result):
+    objects = result.traffic.copy(deep=True)
+    objects["n_detections"][0, :3] = 0
+
+    scores = score_traffic(objects, result.tracks.isel(track=[]))
+
+    assert scores.detected_share == pytest.approx(0.7)
+    assert scores.gospa_m == pytest.approx(5 / np.sqrt(2))
+
+
+def test_frames_do_not_depend_on_those_before(trace, result):
+    scenario = dc.traffic.traffic_scenario(
+        trace, ["traffic.ego=1", "traffic.duration=0.16 s", *FAST]
+    )
+
+    shorter = dc.run(scenario)
+
+    n = shorter.detections.sizes["detection"]
+    assert shorter.n_frames == 4
+    assert shorter.detections["range"].values.tolist() == (
+        result.detections["range"].values[:n].tolist()
+    )
+
+
+def test_other_mounts_see_other_cars(trace):
+    scenario = dc.traffic.traffic_scenario(
+        trace, ["traffic.ego=1", "traffic.mount=rear", "traffic.duration=0.16 s", *FAST]
+    )
+
+    objects = dc.run(scenario).traffic
+
+    assert objects["target"].values.tolist() == ["car-3"]
+    assert objects["y"].values[0] == pytest.approx(-2.1, abs=1e-6)  # 3 - 0.9 m, seen backwards
+
+
+def run(*words):
+    """Run a command that succeeds."""
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 0
+
+
+def test_command_runs_a_trace_and_its_own_scenario_again(trace, tmp_path, capsys):
+    options = [f"--set={change}" for change in (*FAST, "traffic.duration=0.16 s")]
+
+    run("run", str(trace), "--ego", "1", "--out", str(tmp_path / "a"), "--json", *options)
+
+    document = json.loads(capsys.readouterr().out)
+    assert {row["target"] for row in document["traffic"]} == {"car-2", "car-4"}
+    page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
+    assert "GOSPA" in page and "identity switches" in page and "car-2" in page
+    assert (tmp_path / "a" / "traffic.csv").read_text().startswith("target,frame,time_s")
+    run("run", str(tmp_path / "a" / "scenario.yaml"), "--out", str(tmp_path / "b"), "--json")
+    assert json.loads(capsys.readouterr().out)["detections"] == document["detections"]
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ([], "traffic.ego: missing, and the file names no host"),
+        (["--ego", "1", "--mount", "roof"], "--mount: roof; expected one of front"),
+        (["--ego", "one"], "--ego: "),
+        (["--ego", "1", "--device", "xwr1843"], "--device: given for traffic"),
+        (["--ego", "1", "--frames", "3:3"], "--frames: 3:3"),
+        (["--ego", "1", "--frames", "100:112"], "traffic.start_s"),
+    ],
+)
+def test_wrong_options_name_themselves(trace, tmp_path, capsys, options, expected):
+    with pytest.raises(SystemExit, match="[12]"):
+        main(["run", str(trace), "--out", str(tmp_path / "out"), *options])
+
+    assert expected in " ".join(capsys.readouterr().err.split())
+
+
+def test_only_one_source_is_accepted(trace):
+    with pytest.raises(dc.InvalidSetting, match="cannot be combined with traffic"):
+        dc.Scenario(
+            radar=dc.reference().radar,
+            scene=dc.Scene(),
+            traffic=dc.traffic.traffic_scenario(trace).traffic,
+        )
