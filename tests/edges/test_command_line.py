@@ -958,8 +958,8 @@ def test_list_shows_members_of_every_family_with_settings(run_cli):
     families = json.loads(out)["families"]
     assert (status, err) == (0, "")
     assert " ".join(families) == (
-        "angle body cfar device format impairment mitigation modulation multiplexing pattern score"
-        " traffic witness writer"
+        "angle body cfar device format generator impairment mitigation modulation multiplexing"
+        " pattern score traffic witness writer"
     )
     assert (
         families["multiplexing"]["tdm"]["settings"]["order"]["expected"]
