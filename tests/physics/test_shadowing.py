@@ -294,9 +294,47 @@ def test_radar_sees_below_a_vehicle_by_the_road_reflection(radar):
         powers[name] = np.mean(abs(both - alone) ** 2)
         powers[f"{name} free"] = np.mean(abs(behind) ** 2)
     assert powers["dry"] < 1e-5 * powers["dry free"]
-    # The path via the road, out and back, is one of four of equal amplitude in free space.
-    mirrored = 0.25**2
-    assert 0.1 * mirrored < powers["road"] / powers["dry free"] < 10
+
+    # The direct path runs 12.5 cm above the lower edge of the truck, that from the image of the
+    # radar through the gap and its image. Both have the edges of the front or the back, whichever
+    # are nearer: at 19 and 21 m of 40 m.
+    def parameter(height_m, d1_m):
+        return height_m * np.sqrt(2 / radar.frame.chirp.wavelength_m * (1 / d1_m + 1 / (40 - d1_m)))
+
+    direct = abs(1 - knife_edge_field(-parameter(0.125, 19)) + knife_edge_field(parameter(3.5, 19)))
+    gap = abs(knife_edge_field(-parameter(0.35, 19)) - knife_edge_field(parameter(0.35, 21)))
+    detour_m = np.hypot(40, 1) - 40
+    wavelengths = detour_m / radar.frame.chirp.wavelength_m
+    expected = abs(direct - gap * np.exp(-2j * np.pi * wavelengths)) ** 4
+    assert powers["road"] / powers["dry free"] == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("position_m", "is_hidden"),
+    [((7.5, 2.5, 0), True), ((22.5, 2.5, 0), True), ((22.5, 7.5, 0), False)],
+    ids=["before-the-wall", "after-the-wall", "behind-the-wall"],
+)
+def test_body_shadows_path_via_a_wall(radar, position_m, is_hidden):
+    # The path from the radar via (15, 5) to the target; the direct one passes 2.5 m beside.
+    wall = WallMultipath(start_m=(14, 5), end_m=(16, 5))
+    targets = [
+        dc.Target(name="far", position_m=(30, 0, 0)),
+        dc.Target(name="post", position_m=position_m, body=dc.bodies.Sphere(radius_m=0.7)),
+    ]
+    scene = dc.Scene(targets=targets)
+    shares = []
+    for item in (scene, replace(scene, shadowing=False)):
+        both, post, direct = (
+            dc.simulate(part, radar, impairments=impairments, dtype=np.complex128).values
+            for part, impairments in (
+                (item, [wall]), (replace(item, targets=targets[1:]), [wall]),
+                (replace(item, targets=targets[:1]), []),
+            )
+        )  # fmt: skip
+        shares.append(np.mean(abs(both - post - direct) ** 2) / np.mean(abs(direct) ** 2))
+    # Two of three ghosts have half of the path via the wall.
+    assert (shares[0] < 0.05 * shares[1]) == is_hidden
+    assert is_hidden or shares[0] == pytest.approx(shares[1], rel=1e-6)
 
 
 def test_thousand_bodies_take_bounded_memory(radar):
