@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -141,7 +142,9 @@ class SensorModel:
             self._tracker = LiveTracker(scenario.tracker, velocity_span_m_per_s=span_m_per_s)
         self._statistical = None
         if kind == "statistical":
-            self._statistical = StatisticalSensor(_empty_scenario(scenario))
+            self._statistical = StatisticalSensor(
+                replace(settings_without_scene(scenario), tracker=None, n_frames=1)
+            )
 
     def step(self, view: Any) -> Any:
         """Return the `osi3.SensorData` of a view.
@@ -295,14 +298,19 @@ def _scenario_of_radar(radar: Radar) -> Scenario:
     )
 
 
-def _empty_scenario(scenario: Scenario) -> Scenario:
-    """Return the settings that detections are drawn with, without a scene of their own."""
+def settings_without_scene(scenario: Scenario) -> Scenario:
+    """Return the settings of a scenario that a sensor model uses, with an empty scene."""
     return Scenario(
+        name=scenario.name,
+        seed=scenario.seed,
+        n_frames=scenario.n_frames,
         radar=scenario.radar,
         scene=Scene(),
+        engine=scenario.engine,
         impairments=scenario.impairments,
         chain=scenario.chain,
-        engine=scenario.engine,
+        ego_motion=scenario.ego_motion,
+        tracker=scenario.tracker,
     )
 
 

@@ -133,17 +133,7 @@ class OsiViews:
         self._reported |= self._subjects
 
     def _check_time(self, message: Any) -> float:
-        truth = message.global_ground_truth
-        stamped = next((item for item in (message, truth) if item.HasField("timestamp")), None)
-        if stamped is None:
-            raise _view_error("a view without timestamp", "its time", "set SensorView.timestamp")
-        time_s = float(stamped.timestamp.seconds + stamped.timestamp.nanos / 1e9)
-        if not abs(time_s) <= _MAX_TIME_S:
-            raise _view_error(
-                f"a view at {time_s:g} s",
-                f"times up to {_MAX_TIME_S:g} s",
-                "count from the start of the simulation",
-            )
+        time_s = _time_s(message)
         if self._last_s is not None and not time_s > self._last_s:
             raise _view_error(
                 f"a view at {time_s:.9g} s after one at {self._last_s:.9g} s",
@@ -273,6 +263,26 @@ class OsiViews:
                     fix=fix,
                 )
             )
+
+
+def view_time_s(view: Any) -> float:
+    """Return the time of a view: an `osi3` message, or its bytes."""
+    return _time_s(_parse_view(view))
+
+
+def _time_s(message: Any) -> float:
+    truth = message.global_ground_truth
+    stamped = next((item for item in (message, truth) if item.HasField("timestamp")), None)
+    if stamped is None:
+        raise _view_error("a view without timestamp", "its time", "set SensorView.timestamp")
+    time_s = float(stamped.timestamp.seconds + stamped.timestamp.nanos / 1e9)
+    if not abs(time_s) <= _MAX_TIME_S:
+        raise _view_error(
+            f"a view at {time_s:g} s",
+            f"times up to {_MAX_TIME_S:g} s",
+            "count from the start of the simulation",
+        )
+    return time_s
 
 
 def _parse_view(view: Any) -> Any:

@@ -147,10 +147,19 @@ def read_osi(path: str | Path) -> xr.Dataset:
     )
 
 
-def _set_sensor_data_header(message: Any, frame: int, time_s: float) -> None:
+def osi_version() -> str:
+    """Return the version of the installed OSI messages, such as 3.7.0."""
+    version = _interface_version()
+    return f"{version.version_major}.{version.version_minor}.{version.version_patch}"
+
+
+def _interface_version() -> Any:
     version = import_from_extra("io", "osi3.osi_version_pb2")
-    options = version.DESCRIPTOR.GetOptions()
-    message.version.CopyFrom(options.Extensions[version.current_interface_version])
+    return version.DESCRIPTOR.GetOptions().Extensions[version.current_interface_version]
+
+
+def _set_sensor_data_header(message: Any, frame: int, time_s: float) -> None:
+    message.version.CopyFrom(_interface_version())
     message.sensor_id.value = 0
     for timestamp in (message.timestamp, message.last_measurement_time):
         timestamp.seconds, timestamp.nanos = divmod(round(time_s * _NANO), _NANO)
