@@ -6,6 +6,7 @@ The files are written byte by byte, not with the package.
 import json
 import os
 import pickle
+import re
 import struct
 import subprocess
 import sys
@@ -1004,7 +1005,57 @@ def test_folder_with_several_recordings_names_all_with_command(tmp_path):
     mistake = catch_mistake(folder)
 
     assert mistake.value == "a folder with 2 recordings: a.bin, b.bin"
-    assert mistake.fix == f"give one of them: dechirp run '{folder / 'a.bin'}'"
+    assert mistake.fix.startswith(f"give one of them: dechirp run '{folder / 'a.bin'}'")
+
+
+def test_command_in_error_of_missing_settings_writes_a_radar(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    cube = np.exp(0.3j * np.arange(256)) * np.ones((2, 128, 1, 1))
+    for name in ("a", "b"):
+        np.savez(f"{name}.npz", cube=cube)
+
+    with pytest.raises(RecordingError) as caught:
+        dc.open(tmp_path, axes=["frame", "chirp", "rx", "sample"])
+    fix = caught.value.mistakes[0].fix
+    assert fix.startswith(f"give one of them: dechirp run {tmp_path / 'a.npz'}; for this one, ")
+    command = re.search("echo '.*' > radar.yaml", fix).group()
+    subprocess.run(["sh", "-c", command], check=True)
+
+    recording = dc.open("a.npz", axes=["frame", "chirp", "rx", "sample"], radar="radar.yaml")
+    assert recording.cube.shape == cube.shape
+
+
+def test_settings_with_words_of_other_recordings_are_named_last(tmp_path):
+    for name in ("wall.bin", "wall_wide.bin"):
+        (tmp_path / name).write_bytes(bytes(2**16))
+    for name in ("radar_wide.cfg", "radar_narrow.cfg"):
+        (tmp_path / name).write_text("profileCfg 0 77 7 7 58 0 0 68 1 256 5500 0 0 30\n")
+
+    fixes = {name: catch_mistake(tmp_path / name).fix for name in ("wall.bin", "wall_wide.bin")}
+
+    assert fixes["wall.bin"].index("radar_narrow") < fixes["wall.bin"].index("radar_wide")
+    assert fixes["wall_wide.bin"].index("radar_wide") < fixes["wall_wide.bin"].index("radar_narrow")
+
+
+def test_slow_time_files_name_the_command_that_reads_them(tmp_path):
+    times_s = np.arange(100) / 20
+    for name in ("first", "second"):
+        phase = np.cos(2 * np.pi * 0.3 * times_s)
+        rows = np.column_stack([times_s, np.cos(phase), np.sin(phase)])
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="t,I,Q", comments="")
+
+    assert catch_mistake(tmp_path).fix.endswith("first.csv --vital-signs")
+    assert catch_mistake(tmp_path / "second.csv").fix.endswith("second.csv --vital-signs")
+
+
+def test_arrays_of_one_column_are_no_recordings_of_a_folder(tmp_path):
+    np.save(tmp_path / "speed.npy", np.arange(1000.0))
+    np.save(tmp_path / "address.npy", np.arange(3000))
+
+    assert catch_mistake(tmp_path).value.endswith("no recording among them")
+
+    np.save(tmp_path / "cube.npy", np.ones((2, 16, 4, 64), np.complex64))
+    assert "cube.npy: recording: an array of complex64" in str(catch_mistake(tmp_path))
 
 
 def test_recordings_with_one_stem_are_both_named(tmp_path):

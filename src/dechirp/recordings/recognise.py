@@ -7,6 +7,8 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.text import join_names
@@ -28,11 +30,15 @@ from dechirp.recordings.readers.base import (
 from dechirp.recordings.readers.ros2_bag import Ros2Bag
 from dechirp.recordings.samples.sample_order import choose_sample_order
 from dechirp.recordings.settings.read import holds_settings
+from dechirp.recordings.slow_time_files import read_slow_time
 
 # Files of a folder that are looked at, to find the recordings among them; each takes 2 to 5 ms.
 _MAX_TRIED_FILES = 256
+# Samples of a chirp, or chirps, below which an array with two axes is a table.
+_MIN_CHIRP_VALUES = 8
 # Files that file managers of macOS and Windows leave in folders.
 _FILES_OF_FILE_MANAGERS = ("thumbs.db", "desktop.ini")
+_SUFFIXES_OF_SLOW_TIME = {".csv", ".h5", ".hdf5"}
 # Damaged ones have no signature, and are no raw samples either.
 _SUFFIXES_WITHOUT_SAMPLES = {
     *(".bmp", ".gif", ".heic", ".jpeg", ".jpg", ".png", ".svg", ".tif", ".tiff", ".webp"),
@@ -207,11 +213,28 @@ def _read_as_format(path: Path, reader: Format, hints: RecordingHints) -> Conten
         contents = reader.read(path, hints)
     except RecordingError as error:
         # A file beside or inside the recording may be a pointer, as a folder's `radar.npy`.
-        raise stand_in_error(Path(str(error.mistakes[0].file))) or error from None
+        stand_in = stand_in_error(Path(str(error.mistakes[0].file)))
+        raise stand_in or _slow_time_error(path) or error from None
     if not reader.experimental:
         return contents
     warning = experimental_reader_warning(reader.kind())
     return replace(contents, findings=(*contents.findings, warning))
+
+
+def _slow_time_error(path: Path) -> RecordingError | None:
+    """Return the error of a slow-time file, opened as a recording; None for another file."""
+    if path.suffix.lower() not in _SUFFIXES_OF_SLOW_TIME:
+        return None
+    try:
+        read_slow_time(path)
+    except RecordingError:
+        return None
+    return RecordingError(
+        path,
+        value="I/Q values of range cells over time, without chirps",
+        expected="a recording with chirps",
+        fix=f"measure breathing and heart rate: dechirp run {shlex.quote(str(path))} --vital-signs",
+    )
 
 
 def split_file_and_inner_path(path: Path) -> tuple[Path, str | None]:
@@ -274,9 +297,11 @@ def _find_recording_in_folder(
     ):
         return path, ()
     candidates = _list_recordings(path, wanted_format, hints)
-    if len(candidates) == 1:
+    tables = [file for file in candidates if _is_table(file)] if len(candidates) > 1 else []
+    candidates = [file for file in candidates if file not in tables]
+    if len(candidates) == 1 and not tables:
         return candidates[0], ()
-    unreadable = {}
+    unreadable = dict.fromkeys(tables, "a table of numbers")
     if len({file.suffix for file in candidates}) > 1:
         for file in candidates:
             if not file.is_file() or identify_non_raw_content(file) is None:
@@ -286,7 +311,8 @@ def _find_recording_in_folder(
             except DechirpError as error:
                 unreadable[file] = error.mistakes[0].value
     readable = [file for file in candidates if file not in unreadable]
-    if len(readable) == 1 and readable[0].suffix not in {file.suffix for file in unreadable}:
+    unreadable_suffixes = {file.suffix for file in unreadable if file not in tables}
+    if len(readable) == 1 and readable[0].suffix not in unreadable_suffixes:
         values = (f"{file.name} ({value})" for file, value in unreadable.items())
         note = Finding(
             level="note",
@@ -303,8 +329,8 @@ def _find_recording_in_folder(
             path,
             value=f"a folder with {len(candidates)} recordings:"
             f" {join_names(file.name for file in candidates)}",
-            expected="one recording",
-            fix=f"give one of them: dechirp run {shlex.quote(str(example))}",
+            expected="one recording, since each may be of another scene",
+            fix=_command_for_recording(example, wanted_format, hints),
         )
     for file in _list_folder(path)[:_MAX_TRIED_FILES]:
         stand_in = stand_in_error(file)
@@ -312,6 +338,37 @@ def _find_recording_in_folder(
             raise stand_in
     value, fix = _describe_folder_and_fix(path)
     raise RecordingError(path, value=value, expected="a folder with a recording", fix=fix)
+
+
+def _command_for_recording(
+    recording: Path, wanted_format: str | None, hints: RecordingHints
+) -> str:
+    """Return the command for one recording of several, and what it needs beside."""
+    advice = f"give one of them: dechirp run {shlex.quote(str(recording))}"
+    if recording.is_dir():
+        return advice
+    try:
+        read_as_best_format(recording, wanted_format, hints)
+    except DechirpError as error:
+        if _slow_time_error(recording) is not None:
+            return f"{advice} --vital-signs"
+        return f"{advice}; for this one, {error.mistakes[0].fix}"
+    return advice
+
+
+def _is_table(file: Path) -> bool:
+    """Return True for a NumPy file of numbers without chirps: a column, or rows of few values.
+
+    ADC words of 16 bits and complex samples are often stored in one column.
+    """
+    if file.suffix.lower() != ".npy":
+        return False
+    try:
+        array = np.load(file, mmap_mode="r")
+    except (OSError, ValueError, EOFError):
+        return False
+    few = array.ndim < 2 or (array.ndim == 2 and min(array.shape) < _MIN_CHIRP_VALUES)
+    return few and array.dtype.kind != "c" and array.dtype.itemsize > 2
 
 
 def _list_folder(path: Path) -> list[Path]:

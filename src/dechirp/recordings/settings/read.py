@@ -82,6 +82,13 @@ def read_settings(file: Path, device: Device | None = None) -> RecordingSettings
     return replace(settings.completed_from_device(device), path=file)
 
 
+_SHORTEST_RADAR = (
+    "frame: {chirp: {start_frequency: 77 GHz, slope: 20 MHz/us, ramp_duration: 60 us,"
+    " sample_rate: 5 MHz, n_samples: 256, sampling: complex}, n_chirps: 128, interval: 80 us}"
+)
+"""Smallest valid radar as YAML in one line, for the message of recordings without settings."""
+
+
 def find_settings_file(recording: Path) -> Path:
     """Find the settings file beside a recording: the one of the same name, else the only one.
 
@@ -128,11 +135,33 @@ def find_settings_file(recording: Path) -> Path:
         + (f"; in the folder {join_names(file.name for file in choices)}" if candidates else ""),
         expected="the radar of the recording",
         fix="give the one of this recording (radar=... in Python), or name it like the recording: "
-        + join_names(f"--radar {shlex.quote(str(file))}" for file in choices)
+        + join_names(
+            f"--radar {shlex.quote(str(file))}"
+            for file in _sort_by_shared_words(choices, recording)
+        )
         if candidates
-        else "give the radar: --radar FILE (radar=FILE in Python), a YAML file or the settings"
-        " file of its vendor",
+        else "give the radar: --radar FILE (radar=FILE in Python), the settings file of its vendor"
+        f" or YAML, such as echo '{_SHORTEST_RADAR}' > radar.yaml with its values, then --radar"
+        " radar.yaml",
     )
+
+
+def _sort_by_shared_words(settings_files: list[Path], recording: Path) -> list[Path]:
+    """Sort settings files by the words of their names that only this recording has, too.
+
+    Words of the names of other recordings in the folder speak against a file.
+    """
+
+    def words(file: Path) -> set[str]:
+        return set(re.split(r"[\W_]+", file.stem.lower()))
+
+    similar = [file for file in recording.parent.glob(f"*{recording.suffix}") if file != recording]
+    others = set().union(*map(words, similar)) - words(recording)
+
+    def rank(file: Path) -> tuple[int, int]:
+        return -len(words(file) & words(recording)), len(words(file) & others)
+
+    return sorted(settings_files, key=rank)
 
 
 def list_settings_files(recording: Path) -> list[Path]:
