@@ -561,6 +561,28 @@ def test_options_in_findings_are_never_broken(capsys):
     assert option in capsys.readouterr().out
 
 
+def test_findings_are_wrapped_at_words_on_a_terminal_only(monkeypatch):
+    option = "--set 'chain.mitigation=[{kind: interference-autoregression, threshold: 8}]'"
+    finding = Finding(
+        level="note",
+        setting="recording.interference",
+        value="bursts in 1 of 128 chirps, kurtosis up to 5.98: chirp 0 of frame 0",
+        expected="noise of constant power throughout a chirp, with kurtosis 3",
+        fix=f"repair these chirps: {option}",
+    )
+    monkeypatch.setenv("COLUMNS", "60")
+    (redirected,) = finding_paragraphs([finding])
+    assert redirected.plain == f"note: {finding}"
+
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    (wrapped,) = finding_paragraphs([finding])
+
+    lines = wrapped.plain.split("\n")
+    assert " ".join(" ".join(lines).split()) == redirected.plain
+    assert all(len(line) <= 60 for line in lines if option not in line)
+    assert lines[-1] == f"  {finding.fix}"
+
+
 def test_scenario_of_recording_omits_unused_settings(run_cli, recording_arguments):
     run_cli(*recording_arguments, "--frames", "1:3")
 

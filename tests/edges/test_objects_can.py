@@ -340,6 +340,19 @@ def test_rejects_unfit_dbc_with_reason(tmp_path, text, message):
     assert not log.exists()
 
 
+def test_repeated_message_of_dbc_prints_nothing_of_the_parser(tmp_path, capfd, caplog):
+    dbc = tmp_path / "twice.dbc"
+    part = SHIPPED[SHIPPED.index("BO_ 769") :]
+    part = part[: part.index("\n\n")]
+    dbc.write_text(SHIPPED.replace(part, f"{part}\n\n{part.replace('BO_ 769', 'BO_ 770')}"))
+
+    with pytest.raises(InvalidSetting, match="2 messages of the name ObjectListPart"):
+        read_dbc_layout(dbc)
+
+    assert capfd.readouterr() == ("", "")
+    assert not caplog.records
+
+
 def test_rejects_unknown_values_when_dbc_has_no_code_for_them(tmp_path):
     dbc = tmp_path / "own.dbc"
     dbc.write_text(re.sub(r"VAL_ 769 Z_\d .*\n", "", SHIPPED))

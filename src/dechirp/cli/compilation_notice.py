@@ -1,4 +1,4 @@
-"""Notice that a command compiles loops, which takes half a minute after an installation."""
+"""Notice that a command compiles loops, which takes up to a minute after an installation."""
 
 import sys
 from collections.abc import Iterator
@@ -42,15 +42,16 @@ class CompilationNotice:
         self._depth += 1
 
     def end_compilation(self) -> None:
-        """Print the line when that time has passed."""
+        """Print the line when that time has passed, also within the compilation of a loop."""
         self._depth -= 1
+        time_s = self._total_s + perf_counter() - self._start_s
         if self._depth == 0:
-            self._total_s += perf_counter() - self._start_s
-        if self._total_s > MIN_NOTED_S and not self._is_printed:
+            self._total_s = time_s
+        if time_s > MIN_NOTED_S and not self._is_printed:
             self._is_printed = True
             print(
-                "Compiling loops for this processor, once after the installation: half a minute"
-                " in all ...",
+                "Compiling loops for this processor, once after the installation: up to a"
+                " minute of processor time ...",
                 file=sys.stderr,
                 flush=True,
             )

@@ -1,6 +1,8 @@
 """Terminal output: tables, findings and progress bars."""
 
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol
@@ -52,9 +54,35 @@ def new_table(
 
 
 def finding_paragraphs(findings: Iterable[Finding]) -> Iterator[Text]:
-    """Yield a paragraph for each finding."""
+    """Yield a paragraph for each finding: on a terminal wrapped, else one line for `grep`."""
     for finding in findings:
-        yield Text.assemble((finding.level, _STYLES[finding.level]), f": {finding}")
+        text = f"{finding.level}: {finding}"
+        if sys.stdout.isatty():
+            text = _wrap_finding(finding, width=shutil.get_terminal_size().columns)
+        yield Text.assemble(
+            (finding.level, _STYLES[finding.level]), text.removeprefix(finding.level)
+        )
+
+
+def _wrap_finding(finding: Finding, *, width: int) -> str:
+    """Break a finding at words, except its fix, so that options in it can be copied."""
+    parts = (
+        f"{finding.level}: {finding.setting}: {finding.value};",
+        f"expected {finding.expected};",
+    )
+    lines = [
+        line
+        for number, part in enumerate(parts)
+        for line in textwrap.wrap(
+            part,
+            max(width, 20),
+            initial_indent="  " * (number > 0),
+            subsequent_indent="  ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    ]
+    return "\n".join([*lines, f"  {finding.fix}"])
 
 
 class ProgressCallback(Protocol):

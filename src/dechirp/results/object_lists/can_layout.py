@@ -1,7 +1,9 @@
 """DBC layout of the object list: the signal and code of each column."""
 
+import logging
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
@@ -225,6 +227,9 @@ def load_dbc_messages(path: Path, *, strict: bool = True) -> list[Any]:
         raise _dbc_error(path, f"not a DBC ({error.reason})", "a DBC", "correct it") from None
     _check_number_sizes(path, text)
     _check_is_complete(path, text)
+    logger = logging.getLogger("cantools.database.can.database")
+    was_disabled = logger.disabled
+    logger.disabled = True  # it would print that one message replaces another
     try:
         database = cantools.database.load_string(text, database_format="dbc", strict=strict)
     except (cantools.Error, ValueError, KeyError, AttributeError, TypeError, IndexError) as error:
@@ -233,7 +238,22 @@ def load_dbc_messages(path: Path, *, strict: bool = True) -> list[Any]:
         raise _dbc_error(
             path, f"not a DBC ({reason})", "a DBC", "correct it, or use the shipped one"
         ) from None
-    return list(database.messages)
+    finally:
+        logger.disabled = was_disabled
+    messages = list(database.messages)
+    for kind, count in (
+        ("name", Counter(message.name for message in messages)),
+        ("identifier", Counter(message.frame_id for message in messages)),
+    ):
+        value, n_messages = max(count.items(), key=lambda item: item[1], default=("", 0))
+        if strict and n_messages > 1:
+            raise _dbc_error(
+                path,
+                f"{n_messages} messages of the {kind} {value}",
+                "one message for each name and identifier",
+                "remove one of them",
+            )
+    return messages
 
 
 def check_signals_fit(path: Path, message: Any) -> None:
