@@ -337,6 +337,23 @@ def test_body_shadows_path_via_a_wall(radar, position_m, is_hidden):
     assert is_hidden or shares[0] == pytest.approx(shares[1], rel=1e-6)
 
 
+def test_degenerate_geometry_yields_finite_amplitudes():
+    rng = np.random.default_rng(3)
+    grid = np.array([-20, -2, -1, 0, 0, 1, 2, 20.0])  # many points on corners, sides and lines
+    for _ in range(300):
+        n = int(rng.integers(1, 6))
+        x, y, z = np.sort(rng.choice(grid, (3, n, 2)), axis=-1)
+        corners_m = x[:, [0, 1, 1, 0]] + 1j * y[:, [0, 0, 1, 1]]
+        z[rng.random(n) < 0.3, 0] = -np.inf
+        amplitudes = shadowed_amplitudes(
+            rng.choice(grid, (3, 3)) * rng.choice([0.01, 1]), rng.choice(grid, (8, 3)),
+            rng.integers(0, 8, 8), Screens(corners_m, z[:, None], np.arange(n)), WAVELENGTH_M,
+        )  # fmt: skip
+        # The largest ripple of a screen: 1.37 dB of each edge across its width and its height.
+        assert np.isfinite(amplitudes).all()
+        assert amplitudes.min() >= 0 and amplitudes.max() < 1.4**n * 1.2
+
+
 def test_thousand_bodies_take_bounded_memory(radar):
     sphere = dc.bodies.Sphere(radius_m=0.5)
     targets = [

@@ -120,7 +120,7 @@ def _add_log_amplitudes(
     edges = _edges_across_paths(middle_m[None], positions_m[scatterers], screens, wavelength_m)
     change = edges.sensitivity * radius_m
     differs = _SLOPE_DB * change > _TOLERANCE_DB
-    is_near = edges.clearances * (1 - change) < _FADE_END
+    is_near = edges.clearances < _FADE_END / np.maximum(1 - change, 1e-3)
     common = np.flatnonzero(is_near & ~differs)
     common_edges = _Edges(*(column[..., common] for column in edges))
     log_amplitudes += _sum_logarithms(common_edges.amplitudes(), scatterers[common], n_scatterers)
@@ -271,13 +271,16 @@ class _Sides(NamedTuple):
     """(4 or 8, n): distance to its left."""
     per_metre: np.ndarray
     """(4 or 8, n): v per metre."""
+    v: np.ndarray
+    """(4 or 8, n): parameters of edges there."""
     is_between: np.ndarray | None
     """(8, n): False for sides entirely before the antenna or beyond the scatterer; None: True."""
 
     @classmethod
     def of_corners(cls, share: np.ndarray, left_m: np.ndarray, v_per_root: np.ndarray) -> "_Sides":
         """Return the sides of screens that are between the antenna and the scatterer."""
-        return cls(share, left_m, _v_per_metre(share, v_per_root), None)
+        per_metre = _v_per_metre(share, v_per_root)
+        return cls(share, left_m, per_metre, left_m * per_metre, None)
 
     @classmethod
     def clipped_to_path(
@@ -291,20 +294,19 @@ class _Sides(NamedTuple):
         clipped = (share + ends * step).reshape(8, -1)
         left_m = (left_m + ends * left_step_m).reshape(8, -1)
         is_between = (clipped > 0.5 * _MIN_SHARE) & (clipped < 1 - 0.5 * _MIN_SHARE)
-        return cls(clipped, left_m, _v_per_metre(clipped, v_per_root), is_between)
+        per_metre = _v_per_metre(clipped, v_per_root)
+        return cls(clipped, left_m, per_metre, left_m * per_metre, is_between)
 
     def width_v(self) -> np.ndarray:
         """Return the parameters of the right and the left edge, (2, n)."""
-        v = self.left_m * self.per_metre
         if self.is_between is None:
-            return np.stack([v.min(axis=0), v.max(axis=0)])
-        right, left = (np.where(self.is_between, v, end) for end in (np.inf, -np.inf))
+            return np.stack([self.v.min(axis=0), self.v.max(axis=0)])
+        right, left = (np.where(self.is_between, self.v, end) for end in (np.inf, -np.inf))
         return np.stack([right.min(axis=0), left.max(axis=0)])
 
     def sensitivity(self) -> np.ndarray:
         """Return `_Edges.sensitivity` of these edges, (n,)."""
-        v = self.left_m * self.per_metre
-        change = self.per_metre * (1 - self.share) / np.maximum(abs(v), 1)
+        change = self.per_metre * (1 - self.share) / np.maximum(abs(self.v), 1)
         if self.is_between is not None:
             change = np.where(self.is_between, change, 0.0)
         return np.asarray(change.max(axis=0))
@@ -325,9 +327,7 @@ class _Sides(NamedTuple):
         crossing = share + where * (next_share - share)
         first = np.where(crosses, crossing, np.inf).min(axis=0)
         last = np.where(crosses, crossing, -np.inf).max(axis=0)
-        distance_v = abs(self.left_m * self.per_metre)
         if self.is_between is not None:
-            distance_v = np.where(self.is_between, distance_v, np.inf)
             # The antenna or the scatterer is above or below the screen.
             for is_at_end, ends, end in (
                 (self.is_between & (self.share < 2 * _MIN_SHARE), first, 0.0),
@@ -336,7 +336,10 @@ class _Sides(NamedTuple):
                 end_left_m = np.where(is_at_end, self.left_m, 0.0)
                 ends[(end_left_m > 0).any(axis=0) & (end_left_m < 0).any(axis=0)] = end
         beside = np.flatnonzero(np.isinf(first) | np.isinf(last))
-        nearest = distance_v[:, beside].argmin(axis=0)
+        distance_v = abs(self.v[:, beside])
+        if self.is_between is not None:
+            distance_v[~self.is_between[:, beside]] = np.inf
+        nearest = distance_v.argmin(axis=0)
         first[beside] = last[beside] = self.share[nearest, beside]
         return np.stack([first, last])
 
