@@ -1,7 +1,9 @@
 """`dechirp diagnose`: arrays in files of NumPy and MATLAB."""
 
 import json
+from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import scipy
@@ -25,6 +27,18 @@ def call(tmp_path, monkeypatch, capsys):
     return run_command
 
 
+def save_mat73(file, arrays):
+    """Save arrays as MATLAB's version 7.3 does: HDF5 with reversed axes, after 512 bytes."""
+    with h5py.File(file, "w", userblock_size=512) as content:
+        for name, array in arrays.items():
+            content[name] = np.atleast_2d(array).T
+            content[name].attrs["MATLAB_class"] = np.bytes_("double")
+        refs = content.create_group("#refs#")
+        refs["a"] = np.zeros(3)
+    with Path(file).open("r+b") as content:
+        content.write(b"MATLAB 7.3 MAT-file".ljust(128))
+
+
 def test_map_of_amplitudes_is_found_in_npz_and_mat(call):
     rng = np.random.default_rng(1)
     _, _, made = random_map(rng, radar=random_radar(rng, n_samples=256), padding=(1, 1))
@@ -36,7 +50,8 @@ def test_map_of_amplitudes_is_found_in_npz_and_mat(call):
         }
         np.savez("map.npz", **arrays)
         scipy.io.savemat("map.mat", arrays)
-        for file in ("map.npz", "map.mat"):
+        save_mat73("map73.mat", arrays)
+        for file in ("map.npz", "map.mat", "map73.mat"):
             status, out, _ = call(file, "--scale", scale, "--summed", made.n_channels, "--json")
             assert status == expected
             document = json.loads(out)

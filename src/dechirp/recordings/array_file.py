@@ -1,4 +1,4 @@
-"""All numeric arrays of a file: NumPy's `.npy` and `.npz`, MATLAB's `.mat` up to version 7."""
+"""All numeric arrays of a file: NumPy's `.npy` and `.npz`, MATLAB's `.mat`, also of version 7.3."""
 
 import math
 from pathlib import Path
@@ -7,6 +7,7 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.memory import check_free_memory
+from dechirp.recordings.arrays.hdf5_datasets import open_matlab_arrays
 from dechirp.recordings.arrays.lazy_array import (
     LazyArray,
     check_plausible_size,
@@ -18,7 +19,7 @@ from dechirp.recordings.readers.npy import open_npy_array
 from dechirp.recordings.readers.npz import MAGIC as NPZ_MAGIC
 from dechirp.recordings.readers.npz import open_npz_arrays
 
-_MAT5_MAGIC = b"MATLAB 5.0 MAT-file"
+_MAT5_MAGIC, _MAT73_MAGIC = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"
 
 
 def read_array_file(path: Path) -> dict[str, np.ndarray]:
@@ -48,12 +49,14 @@ def read_array_file(path: Path) -> dict[str, np.ndarray]:
     elif head == _MAT5_MAGIC:
         variables = find_numeric_variables(path)
         arrays = {name: variable.to_lazy_array() for name, variable in variables.items()}
+    elif head == _MAT73_MAGIC:
+        arrays = open_matlab_arrays(path)
     else:
         raise RecordingError(
             path,
-            value="neither a NumPy file nor a MATLAB file of version 5 to 7",
+            value="neither a NumPy file nor a MATLAB file",
             expected="an array in .npy, or arrays with names in .npz or .mat",
-            fix="save it with numpy.savez, or in MATLAB with save(..., '-v7')",
+            fix="save it with numpy.savez, or in MATLAB with save",
         )
     return {name: _read_whole(path, array) for name, array in arrays.items()}
 

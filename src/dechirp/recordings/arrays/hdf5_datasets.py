@@ -25,6 +25,7 @@ from dechirp.recordings.arrays.lazy_array import (
     count_chunks,
     is_numeric,
     memory_exceeds_file_error,
+    reverse_axes,
     unwritten_chunk_indices_or_none,
 )
 from dechirp.recordings.readers.base import RecordingHints
@@ -89,6 +90,22 @@ def open_lazy_dataset(
             path, {key: (dataset.shape, dataset.dtype) for key, dataset in datasets.items()}, hints
         )
         return dataset_to_lazy_array(path, file, datasets[name])
+
+
+def open_matlab_arrays(path: Path) -> dict[str, LazyArray]:
+    """Open all numeric arrays of a MATLAB file of version 7.3 by path, with MATLAB's axes.
+
+    Raises
+    ------
+    RecordingError
+        If the file is damaged.
+    """
+    with convert_parser_errors(path, EXPECTED):
+        file = open_hdf5(path)
+        return {
+            name: reverse_axes(dataset_to_lazy_array(path, file, dataset))
+            for name, dataset in _find_numeric_datasets(file, is_matlab_file=True).items()
+        }
 
 
 def _find_numeric_datasets(file: Any, *, is_matlab_file: bool) -> dict[str, Any]:
