@@ -35,7 +35,7 @@ from radars import street_radar
 
 # The same examples in every run; slow machines are not failures.
 settings.register_profile(
-    "fixed", derandomize=True, deadline=None, max_examples=100 if NIGHTLY else 25
+    "fixed", derandomize=True, deadline=None, max_examples=100 if NIGHTLY else 15
 )
 settings.load_profile("fixed")
 

@@ -48,13 +48,13 @@ def skip_without_pdf() -> None:
         pytest.skip(f"no PDF: {error}")
 
 
-def check_pdf_contains_page_text(page: str) -> bytes:
-    """Convert a page to PDF, and check that the PDF contains all of its text.
+def check_pdf_contains_page_text(page: str, pdf: bytes | None = None) -> bytes:
+    """Check that the PDF of a page contains all of its text; by default convert the page.
 
     Folded figures, which a reader opens on demand, are left out.
     """
     skip_without_pdf()
-    pdf = html_to_pdf(page)
+    pdf = html_to_pdf(page) if pdf is None else pdf
     pdf_text = extract_pdf_text(pdf)
     tree = parse_html(re.sub(r'<details class="figures">.*?</details>', "", page, flags=re.S))
     for kind in ("h1", "h2", "h3", "figcaption", "th", "td", "p", "li", "pre"):

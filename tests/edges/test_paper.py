@@ -197,8 +197,12 @@ def test_paper_loads_no_external_resources(page):
     assert len(page.encode()) < 3_000_000
 
 
-def test_figures_have_captions_and_pdf_contains_all_text(page):
+def test_figures_have_captions(page):
     check_captions(page)
+
+
+@nightly  # the layout takes six seconds
+def test_pdf_contains_all_text(page):
     check_pdf_contains_page_text(page)
 
 

@@ -28,6 +28,7 @@ from dechirp.report.study.page import (
 from dechirp.report.study.settings import format_confidence_percent
 from dechirp.report.study.table import build_point_table
 from dechirp.results.text_files import to_json_text
+from nightly import NIGHTLY
 from page_checks import check_captions, check_pdf_contains_page_text
 from sample_studies import (
     DISTANCE,
@@ -90,7 +91,8 @@ def test_every_kind_of_study_has_expected_number_of_figures(axes, settings, n_fi
     assert "@import" not in html
     assert "mathdefault" not in html
     assert "nan" not in re.findall(r"[a-z]+", extract_text(html).lower())
-    check_pdf_contains_page_text(html)
+    if NIGHTLY or n_figures == 3:  # a page of lines and tables
+        check_pdf_contains_page_text(html)
     if n_figures:
         check_captions(html)
 

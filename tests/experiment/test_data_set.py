@@ -560,7 +560,8 @@ def test_datasheet_lists_contents_and_is_self_contained(undisturbed_folder, data
         make_study(), data, n_bytes=folder_size_bytes(undisturbed_folder / "data.zarr")
     )
     check_captions(page)
-    check_pdf_contains_page_text(page)
+    if NIGHTLY:
+        check_pdf_contains_page_text(page)
 
 
 def test_python_code_of_datasheet_reads_an_item(undisturbed_folder, data, monkeypatch):
@@ -596,4 +597,4 @@ def test_command_writes_data_set_and_datasheet(tmp_path, capsys):
     files = json.loads((out / "study.json").read_text())["files"]
     for name in ("report", "datasheet"):
         page = (out / f"{name}.html").read_text()
-        assert Path(files[f"{name}.pdf"]).read_bytes() == check_pdf_contains_page_text(page)
+        check_pdf_contains_page_text(page, Path(files[f"{name}.pdf"]).read_bytes())

@@ -19,7 +19,7 @@ from dechirp.experiments.tune.document import tune_result_as_dict
 from dechirp.experiments.tune.parsing import load_tune
 from dechirp.experiments.tune.run import TuneResult, run_search
 from dechirp.report.tune import describe_improvement_and_limits, format_headline, render_tune_page
-from nightly import nightly
+from nightly import NIGHTLY, nightly
 from page_checks import check_captions, check_pdf_contains_page_text
 
 RADAR = """\
@@ -254,7 +254,8 @@ def test_page_shows_gain_and_is_self_contained(reference_result):
     assert page.count("<svg") == 1 and "chain.cfar.n_training.range=" in page
     assert not any(word in page for word in ("http://", "https://", "src=", "@import"))
     check_captions(page)
-    check_pdf_contains_page_text(page)
+    if NIGHTLY:
+        check_pdf_contains_page_text(page)
 
 
 @contextmanager

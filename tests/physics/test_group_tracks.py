@@ -17,6 +17,7 @@ from dechirp.tracking.group_filter import start_groups, update_groups
 from dechirp.tracking.group_points import usable_rows_to_group_points
 from dechirp.tracking.group_tracker import GroupTracker
 from dechirp.tracking.groups import LiveGroupTracker, track_groups
+from nightly import nightly_except
 
 PERSON = np.diag([0.04, 0.06])
 """Covariance of points about the centre, m^2."""
@@ -438,7 +439,10 @@ def test_invalid_arguments_are_refused(arguments, message):
         track_groups(**{**valid, **arguments})
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 0.0, -1.0, 1e300, 1e-300, 1e12])
+@pytest.mark.parametrize(
+    "value",
+    nightly_except(4, [np.nan, -np.inf, 0.0, 1e300, np.inf, -1.0, 1e-300, 1e12]),
+)
 @pytest.mark.parametrize(
     "column", ["range", "azimuth", "velocity", "elevation", "range_std", "velocity_std"]
 )

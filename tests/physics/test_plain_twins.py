@@ -17,7 +17,7 @@ from dechirp.core.compiled_kernels import Kernel, kernel, plain_twins_for_small_
 from dechirp.core.threads import limit_threads
 from dechirp.experiments.run import run
 from dechirp.processing.cfar.base import TrainingWindow
-from nightly import nightly_except
+from nightly import nightly
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # Single precision: sums of some thousand products, each rounded to 6e-8.
@@ -210,7 +210,8 @@ def _sums(value):
     return value
 
 
-@pytest.mark.parametrize("case", nightly_except(["cold"], ["cold", "numba-hidden", "jit-disabled"]))
+@nightly  # by default, test_package.py checks that a first run does not load Numba
+@pytest.mark.parametrize("case", ["cold", "numba-hidden", "jit-disabled"])
 def test_first_command_compiles_nothing_and_needs_no_numba(tmp_path, monkeypatch, case, reference):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
     if case == "jit-disabled":
