@@ -1,11 +1,14 @@
 """Generated C99 equals the fixed-point chain in every word, under sanitizers and on a Cortex-M7."""
 
 import itertools
+import subprocess
 from dataclasses import replace
 
 import pytest
 
 import dechirp as dc
+from dechirp.generators.base import Design
+from dechirp.processing.fixed_point.lookup_tables import make_lookup_tables
 from dechirp.processing.fixed_point.word_lengths import WordLengths
 from generators.compiled_c import (
     CORTEX_M7_COMPILER,
@@ -155,6 +158,39 @@ def test_compiles_without_warning(tmp_path, compiler, words):
             run_program(*command, folder / "radar.c", *sources, cwd=tmp_path / "objects")
 
 
+def test_cmake_builds_check_program(tmp_path):
+    radar, chain = make_radar(64, 16), small_window_chain()
+    dc.fixed_point.write_c(tmp_path / "c", radar, chain, prefix="front_left")
+    dc.fixed_point.write_vectors(tmp_path / "vectors", draw_frame(radar, 16, 1), radar, chain)
+    require_program("gcc")
+    run_program(require_program("cmake"), "-S", tmp_path / "c", "-B", tmp_path / "build")
+    run_program("cmake", "--build", tmp_path / "build")
+    output = run_program(tmp_path / "build" / "front_left_check", tmp_path / "vectors")
+    assert " words compared, 0 differ" in output
+
+
+def test_check_program_finds_one_wrong_bit(tmp_path):
+    radar, chain = make_radar(64, 16), small_window_chain()
+    dc.fixed_point.write_c(tmp_path / "c", radar, chain)
+    dc.fixed_point.write_vectors(tmp_path / "vectors", draw_frame(radar, 16, 1), radar, chain)
+    compiler, sources = require_program("gcc"), ("-DRADAR_TRACE", "main.c", "radar.c")
+    run_program(compiler, "-std=c99", *sources, "-o", tmp_path / "check", cwd=tmp_path / "c")
+    file = tmp_path / "vectors" / "power.hex"
+    words = file.read_text().split("\n")
+    words[700] = f"{int(words[700], 16) ^ 1:012x}"
+
+    for text, status, message in (
+        ("\n".join(words), 1, "power, word 701: "),
+        ("\n".join(words[:700]), 2, "power.hex: only 700 words"),
+        ("\n".join([*words[:5], "xyz", *words[5:]]), 2, "no hexadecimal word in line 6"),
+    ):
+        file.write_text(text)
+        call = [tmp_path / "check", tmp_path / "vectors"]
+        result = subprocess.run(call, capture_output=True, check=False, text=True)
+        assert result.returncode == status
+        assert message in result.stderr
+
+
 def test_library_needs_neither_other_functions_nor_static_data(tmp_path):
     dc.generators.C().write(tmp_path / "c", make_radar(64, 16), small_window_chain())
     compiler, *options = (require_program(CORTEX_M7_COMPILER[0]), *CORTEX_M7_COMPILER[1:])
@@ -169,6 +205,14 @@ def test_library_needs_neither_other_functions_nor_static_data(tmp_path):
         f"radar_{name}" for name in ("initialise", "push_chirp", "finish_frame", "read_detections")
     }
     assert not {"B", "b", "D", "d"} & set(kinds.values())
+
+
+def test_refuses_cube_whose_words_32_bits_cannot_count():
+    radar, chain, words = make_radar(64, 16), small_window_chain(), WordLengths()
+    tables = make_lookup_tables(radar, chain.fit_to_radar(radar), words)
+    design = Design(radar, chain, words, tables._replace(n_channels=2**20))
+    with pytest.raises(dc.InvalidSetting, match="2,147,483,648 words in the buffer"):
+        dc.generators.C().render_files(design)
 
 
 STATES_PROGRAM = r"""

@@ -11,6 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 import dechirp
 from dechirp.config.dumping import dump_yaml
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.atomic_files import atomic_folder, check_output_folder_replaceable
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
@@ -80,6 +81,7 @@ class Generator(Family):
     def reserved_words(self) -> frozenset[str]:
         """Return the words in lower case that are no valid prefix in this language."""
 
+    @check_argument_types
     def write(
         self,
         out: str | Path,

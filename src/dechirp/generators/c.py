@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dechirp.core.argument_types import check_argument_types
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.generators.base import BANNER, Design, Generator, code_templates
 from dechirp.processing.chain import Chain
@@ -67,6 +69,7 @@ class C(Generator):
     """C99 source with a test program, for a microcontroller or a DSP."""
 
     def render_files(self, design: Design) -> dict[str, str]:
+        _check_cube_size(design)
         templates, context = code_templates("c_templates"), self._context(design)
         names = {
             f"{self.prefix}.h": "prefix.h",
@@ -141,6 +144,7 @@ class C(Generator):
         }
 
 
+@check_argument_types
 def write_c(
     out: str | Path,
     radar: Radar,
@@ -149,8 +153,43 @@ def write_c(
     *,
     prefix: str = "radar",
 ) -> dict[str, Path]:
-    """Write the fixed-point chain as C99 into a folder, as `dc.generators.C(...).write` does."""
+    """Write the fixed-point chain as C99 into a folder, atomically, and replace an earlier one.
+
+    Parameters
+    ----------
+    out : str or Path
+        The folder.
+    radar, chain, words
+        As for `fixed_point_map`; transform lengths must be powers of two.
+    prefix : str
+        Start of all names in the code.
+
+    Returns
+    -------
+    dict
+        Path of each file by its name.
+
+    Raises
+    ------
+    InvalidSetting
+        If settings have no fixed-point form, or the prefix is no C identifier.
+    DechirpError
+        If the folder holds other files or cannot be written. It is then unchanged.
+    """
     return C(prefix=prefix).write(out, radar, chain, words)
+
+
+def _check_cube_size(design: Design) -> None:
+    """Check that 32-bit numbers count the words of the cube."""
+    tables = design.tables
+    n_words = 2 * tables.n_channels * tables.n_rows * tables.doppler_transform.n_bins
+    if n_words >= 2**31:
+        raise InvalidSetting(
+            "Chain.n_range_bins",
+            value=f"{n_words:,} words in the buffer of the corner turn",
+            expected=f"fewer than {2**31:,} = 2 x channels x rows x velocity bins",
+            fix="take fewer bins of range or velocity, or fewer channels",
+        )
 
 
 def _type_bits(bits: int) -> int:
