@@ -1,7 +1,9 @@
 """Object lists in the CAN messages of vendors' radars, through their DBCs and mappings."""
 
 import math
+import os
 import warnings
+from pathlib import Path
 
 import can
 import cantools
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
+from dechirp.cli.main import main
 from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
 from dechirp.results.object_lists.can_bus import CanFd
 from dechirp.results.object_lists.can_frames import CanFrame
@@ -16,7 +19,14 @@ from dechirp.results.object_lists.can_logs import SUFFIXES, read_can_log, write_
 from dechirp.results.object_lists.can_mapping import CanMapping, MappedSignal, read_vendor_layout
 from dechirp.results.object_lists.list_columns import MEASURED, build_object_list
 from dechirp.results.object_lists.vendor_lists import assemble_vendor_list, encode_vendor_frames
-from sample_vendor_dbc import ESR, LISTED_MAPPING, LISTS, TOYOTA
+from sample_vendor_dbc import (
+    ESR,
+    LISTED_MAPPING,
+    LISTS,
+    TOYOTA,
+    dbc_text,
+    numbered_messages,
+)
 
 pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 
@@ -305,3 +315,131 @@ def test_cut_dbc_is_refused_with_the_line(tmp_path):
     line = ESR[:cut].count("\n") + 1
     with pytest.raises(InvalidSetting, match=f"incomplete statement at its end, line {line}"):
         read_vendor_layout(path, "delphi-esr")
+
+
+FD_TEMPLATE = """\
+BO_ {id} OBJECT_{n}: 16 XXX
+ SG_ COUNTER : 0|8@1+ (1,0) [0|255] "" XXX
+ SG_ STATE : 8|2@1+ (1,0) [0|3] "" XXX
+ SG_ X : 16|16@1- (0.01,0) [-327.68|327.67] "m" XXX
+ SG_ Y : 32|16@1- (0.01,0) [-327.68|327.67] "m" XXX
+ SG_ VX : 64|16@1- (0.01,0) [-327.68|327.67] "m/s" XXX
+ SG_ VY : 80|16@1- (0.01,0) [-327.68|327.67] "m/s" XXX
+"""
+FD_MAPPING = """\
+messages: [OBJECT_#]
+counter: COUNTER
+status: {signal: STATE, confirmed: [2], tentative: [1], empty: 0}
+x: {signal: X}
+y: {signal: Y}
+vx: {signal: VX}
+vy: {signal: VY}
+"""
+
+
+@pytest.fixture
+def fd_files(tmp_path):
+    (tmp_path / "fd.dbc").write_text(dbc_text(numbered_messages(FD_TEMPLATE, 768, range(12))))
+    (tmp_path / "fd.yaml").write_text(FD_MAPPING)
+    return {"dbc": tmp_path / "fd.dbc", "mapping": tmp_path / "fd.yaml"}
+
+
+def decode_with_cantools(dbc, frames):
+    database = cantools.database.load_file(dbc)
+    return [database.decode_message(frame.arbitration_id, frame.data) for frame in frames]
+
+
+def decode_with_opendbc(dbc, frames):
+    """Decode each frame with the parser of commaai/opendbc."""
+    parsers = pytest.importorskip("opendbc.can.parser", reason="needs opendbc: pip install opendbc")
+    identifiers = {frame.arbitration_id for frame in frames}
+    parser = parsers.CANParser(str(dbc), [(identifier, 0) for identifier in identifiers], 0)
+    rows = []
+    for frame in frames:
+        nanoseconds = round(frame.timestamp * 1e9)
+        updated = parser.update([(nanoseconds, [(frame.arbitration_id, bytes(frame.data), 0)])])
+        assert updated == {frame.arbitration_id}
+        rows.append(dict(parser.vl[frame.arbitration_id]))
+    return rows
+
+
+@pytest.mark.parametrize("decode", [decode_with_cantools, decode_with_opendbc])
+def test_strangers_decode_every_frame_of_tracks_within_half_a_step(decode, fd_files, tmp_path):
+    # Of 11 objects in 12 messages of 16 bytes: CAN FD, each list within its cycle.
+    objects = radial_object_list(6, 11)
+    log = tmp_path / "log.blf"
+    write_can_log(objects, log, **fd_files)
+    with can.BLFReader(log) as reader:
+        frames = list(reader)
+    assert len(frames) == 6 * 12
+    assert all(frame.is_fd and frame.dlc == 16 for frame in frames)
+    times_s = np.array([frame.timestamp for frame in frames])
+    assert np.all(np.diff(times_s) > 0)
+    np.testing.assert_allclose(times_s[::12] - times_s[0], np.arange(6) * 0.05, atol=1e-6)
+    decoded = decode(fd_files["dbc"], frames)
+    filled = [row for row in decoded if row["STATE"]]
+    assert len(filled) == objects.sizes["object"]
+    for signal, name in (("X", "x"), ("Y", "y"), ("VX", "vx"), ("VY", "vy")):
+        (expected,) = sorted_columns(objects, name)
+        received = [row[signal] for row in filled]
+        np.testing.assert_allclose(received, expected, atol=0.005 + 1e-9)
+
+
+@pytest.mark.parametrize("decode", [decode_with_cantools, decode_with_opendbc])
+def test_strangers_decode_a_published_dbc(decode, tmp_path):
+    # ESR.dbc of commaai/opendbc: angles clockwise, so their sign is the opposite one.
+    folder = os.environ.get("DECHIRP_WITNESS_DATA")
+    dbc = Path(folder or "", "car_dbc", "ESR.dbc")
+    if not folder or not dbc.is_file():
+        pytest.skip("needs car_dbc of DECHIRP_WITNESS_DATA")
+    objects = radial_object_list(4, 20)
+    write_can_log(objects, tmp_path / "log.blf", dbc=dbc, mapping="delphi-esr")
+    with can.BLFReader(tmp_path / "log.blf") as reader:
+        frames = list(reader)
+    assert len(frames) == 4 * 64
+    decoded = decode(dbc, frames)
+    range_m, azimuth, rate = range_azimuth_rate(objects)
+    filled = [row for row in decoded if row["CAN_TX_TRACK_RANGE"]]
+    assert len(filled) == 80
+    for signal, expected, step in (
+        ("CAN_TX_TRACK_RANGE", range_m, 0.1),
+        ("CAN_TX_TRACK_ANGLE", -np.degrees(azimuth), 0.1),
+        ("CAN_TX_TRACK_RANGE_RATE", rate, 0.01),
+    ):
+        received = [row[signal] for row in filled]
+        np.testing.assert_allclose(received, expected, atol=step / 2 + 1e-9)
+
+
+def test_lists_longer_than_their_cycle_are_reported(fd_files):
+    layout = read_vendor_layout(fd_files["dbc"], fd_files["mapping"])
+    objects = radial_object_list(3, 11)
+    # At 10 kbit/s a frame of 16 bytes takes some 20 ms, the list 240 ms of a cycle of 50.
+    bus = CanFd(arbitration_bit_rate_hz=1e4, data_bit_rate_hz=1e4)
+    with pytest.warns(dc.PhysicsWarning, match="lists of 12 messages take longer than their cycle"):
+        encode_vendor_frames(objects, layout, bus)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", dc.PhysicsWarning)
+        encode_vendor_frames(objects, layout, CanFd())
+
+
+def test_run_writes_its_tracks_by_the_dbc_of_a_vendor(fd_files, tmp_path, capsys):
+    settings = ["n_frames=5", "radar.frame.n_chirps=64", "tracker={}", "chain.angle.kind=fft"]
+    words = ["run", "examples/mimo.yaml", "--out", str(tmp_path / "run"), "--quiet"]
+    words += [word for setting in settings for word in ("--set", setting)]
+    coding = ["--dbc", str(fd_files["dbc"]), "--mapping", str(fd_files["mapping"])]
+    log = tmp_path / "tracks.asc"
+    with pytest.raises(SystemExit) as done:
+        main([*words, "--objects", str(log), *coding])
+    assert not done.value.code
+    received = read_can_log(log, **fd_files)
+    assert received.sizes["cycle"] == 5
+    assert received.sizes["object"] > 5
+    for extra, message in (
+        (["--objects", str(tmp_path / "tracks.csv"), *coding], "--dbc: given without a CAN log"),
+        (["--objects", str(log), "--mapping", "toyota-adas"], "--dbc"),
+        (["--objects", str(log), "--dbc", str(fd_files["dbc"]), "--mapping", "x"], "--mapping"),
+    ):
+        with pytest.raises(SystemExit) as done:
+            main([*words, *extra])
+        assert done.value.code == 2
+        assert message in capsys.readouterr().err

@@ -1,6 +1,6 @@
 """`dechirp run`: detections and a report from a scenario, a recording or a traffic file."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -22,6 +22,8 @@ def run(
     *,
     out: Path = Path("dechirp-run"),
     objects: list[Path] | None = None,
+    dbc: Path | None = None,
+    mapping: str | None = None,
     follow: Annotated[bool, Parameter(show_default=False)] = False,
     idle: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     vital_signs: Annotated[bool, Parameter(show_default=False)] = False,
@@ -47,6 +49,10 @@ def run(
     objects
         File for the object list (tracks if available, else clusters or detections): .blf, .asc,
         .log (CAN FD), .osi, .pcd, .ply, .csv or .parquet; may be repeated.
+    dbc
+        DBC that codes the objects in CAN logs; the one of the package by default.
+    mapping
+        Signals of a vendor's DBC: toyota-adas, delphi-esr or a YAML file.
     follow
         Continue with new frames while the recording, a DCA1000 .bin, is being written, until
         Ctrl-C, SIGTERM or the time --idle without data.
@@ -80,7 +86,8 @@ def run(
     check_results_folder_replaceable(out)
     if pdf:
         check_pdf_available()
-    _check_object_files_writable(objects or ())
+    coding = {"dbc": dbc, "mapping": mapping}
+    _check_object_files_writable(objects or (), coding)
     scenario = build_scenario(
         source,
         changes=changes or [],
@@ -108,7 +115,7 @@ def run(
             result = _add_vital_signs(result)
     if objects:
         try:
-            result = _write_object_lists_and_add_findings(result, objects)
+            result = _write_object_lists_and_add_findings(result, objects, coding)
         except DechirpError:  # a full disk: keep the results of the run
             write_run_results(result, source=source, out=out, objects=(), with_pdf=pdf)
             raise
@@ -169,22 +176,34 @@ def _add_vital_signs(result: "Result") -> "Result":
         ) from None
 
 
-def _check_object_files_writable(files: Sequence[Path]) -> None:
+def _check_object_files_writable(
+    files: Sequence[Path], coding: Mapping[str, str | Path | None]
+) -> None:
     """Raise `DechirpError` if an object list cannot be written to one of the files."""
     from dechirp.cli.errors import replace_settings_by_options
-    from dechirp.core.errors import DechirpError
+    from dechirp.core.errors import DechirpError, InvalidSetting
+    from dechirp.results.object_lists import can_logs
     from dechirp.results.object_lists.files import check_object_list_path_writable
 
+    given = [f"--{name}" for name, item in coding.items() if item is not None]
+    if given and not any(file.suffix.lower() in can_logs.SUFFIXES for file in files):
+        raise InvalidSetting(
+            given[0],
+            value="given without a CAN log",
+            expected=f"--objects FILE with one of {', '.join(can_logs.SUFFIXES)}",
+            fix=f"add the file, or leave {' and '.join(given)} out",
+        )
     for file in files:
         try:
-            check_object_list_path_writable(file)
+            check_object_list_path_writable(file, **coding)
         except DechirpError as error:
-            raise replace_settings_by_options(
-                error, dict.fromkeys(("path", "objects"), "--objects")
-            ) from None
+            options = {"path": "--objects", "objects": "--objects", "dbc": "--dbc"}
+            raise replace_settings_by_options(error, options | {"mapping": "--mapping"}) from None
 
 
-def _write_object_lists_and_add_findings(result: "Result", files: Sequence[Path]) -> "Result":
+def _write_object_lists_and_add_findings(
+    result: "Result", files: Sequence[Path], coding: Mapping[str, str | Path | None]
+) -> "Result":
     """Write the object list to each file; return the result with the findings on it."""
     from dechirp.core.findings import capture_warned_findings
     from dechirp.experiments.run import build_result_object_list
@@ -193,7 +212,7 @@ def _write_object_lists_and_add_findings(result: "Result", files: Sequence[Path]
     with capture_warned_findings() as findings:
         objects = build_result_object_list(result)
         for file in files:
-            write_objects(objects, file)
+            write_objects(objects, file, **coding)
     return replace(result, findings=(*result.findings, *findings))
 
 

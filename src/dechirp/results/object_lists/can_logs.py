@@ -61,7 +61,7 @@ def write_can_log(
         Coding of the objects; default: the DBC of the package.
     mapping : name, path or CanMapping, optional
         Signals of a vendor's DBC, as `read_vendor_layout` reads it: the log has its messages, in
-        frames of classical CAN.
+        frames of CAN FD where the DBC declares them or they have more than 8 bytes.
     bus : CanFd, optional
         Default: 500 kbit/s and 2 Mbit/s, half of it for the list.
 

@@ -33,7 +33,13 @@ _READERS: dict[str, Callable[[Path], xr.Dataset]] = {
 
 
 @check_argument_types
-def write_objects(objects: xr.Dataset, path: str | Path) -> None:
+def write_objects(
+    objects: xr.Dataset,
+    path: str | Path,
+    *,
+    dbc: str | Path | None = None,
+    mapping: str | Path | None = None,
+) -> None:
     """Write an object list to a file, atomically, in the format of its suffix.
 
     Parameters
@@ -44,12 +50,14 @@ def write_objects(objects: xr.Dataset, path: str | Path) -> None:
         `.blf`, `.asc` or `.log` (candump): CAN FD frames by the DBC of the package; `.osi`: ASAM
         OSI; `.pcd`, `.ply`: points; `.csv`, `.parquet`: a table. The functions of the formats
         have further settings.
+    dbc, mapping : optional
+        Coding in CAN logs, as of `write_can_log`; other formats have none.
 
     Raises
     ------
     InvalidSetting
-        If the suffix is unknown, it is not an object list, the path cannot be written, or the
-        extra `io` is missing.
+        If the suffix is unknown, it is not an object list, the path or the DBC cannot be used, or
+        the extra `io` is missing.
 
     Warns
     -----
@@ -57,7 +65,10 @@ def write_objects(objects: xr.Dataset, path: str | Path) -> None:
         If objects are left out, or values exceed the range of the format.
     """
     output_path = check_file_suffix(path, _WRITERS)
-    _WRITERS[output_path.suffix.lower()](objects, output_path)
+    if output_path.suffix.lower() in can_logs.SUFFIXES:
+        write_can_log(objects, output_path, dbc=dbc, mapping=mapping)
+    else:
+        _WRITERS[output_path.suffix.lower()](objects, output_path)
 
 
 @check_argument_types
@@ -75,14 +86,17 @@ def read_objects(path: str | Path) -> xr.Dataset:
     return _READERS[input_path.suffix.lower()](input_path)
 
 
-def check_object_list_path_writable(path: str | Path) -> None:
+def check_object_list_path_writable(
+    path: str | Path, *, dbc: str | Path | None = None, mapping: str | Path | None = None
+) -> None:
     """Raise `InvalidSetting` if the path cannot be written; call this before a long run.
 
     An empty list is written to a temporary folder, to check that the required libraries are
-    installed.
+    installed and that the DBC suits the mapping.
     """
     output_path = check_file_suffix(path, _WRITERS)
     check_output_writable(output_path)
     with TemporaryDirectory() as folder:
         empty = build_object_list(dict.fromkeys(COLUMNS, ()), (), ())
-        write_objects(empty, Path(folder) / f"objects{output_path.suffix}")
+        file = Path(folder) / f"objects{output_path.suffix}"
+        write_objects(empty, file, dbc=dbc, mapping=mapping)

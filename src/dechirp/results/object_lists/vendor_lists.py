@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.core.text import format_si
 from dechirp.results.object_lists.can_bus import CanFd
 from dechirp.results.object_lists.can_frames import CanFrame, encode_dbc_message
 from dechirp.results.object_lists.can_mapping import VendorLayout, message_identifier
@@ -23,6 +24,7 @@ from dechirp.results.object_lists.list_columns import (
 from dechirp.results.object_lists.priority import keep_most_important
 
 _MAX_TIME_S = 2.0**32
+_MAX_CLASSIC_BYTES = 8
 
 
 @dataclass
@@ -160,7 +162,10 @@ def _distance_m(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
 def encode_vendor_frames(
     objects: xr.Dataset, layout: VendorLayout, bus: CanFd, *, first: int = 0
 ) -> list[CanFrame]:
-    """Encode an object list as classical CAN frames of a vendor's radar, list by list.
+    """Encode an object list as CAN frames of a vendor's radar, list by list.
+
+    Frames are those of CAN FD where the DBC declares them or a message has more than 8 bytes, else
+    those of classical CAN.
 
     An object keeps its number as the number of its message where that exists and is free; the
     others get free messages. Messages without an object have the `empty` status.
@@ -168,7 +173,8 @@ def encode_vendor_frames(
     Warns
     -----
     PhysicsWarning
-        If objects are left out, values are clipped, or unknown values are sent as 0.
+        If objects are left out, values are clipped, unknown values are sent as 0, or a list takes
+        longer than the time to the next.
     """
     objects = check_object_list(objects)
     by_slot: dict[int | None, list[Any]] = {}
@@ -211,7 +217,23 @@ def encode_vendor_frames(
                 for message in by_slot[None]
             ]
         sent += _time_messages(messages, float(np.clip(time_s, 0, _MAX_TIME_S)), bus)
+    _warn_lists_beyond_cycle(sent, objects["cycle_time"].values)
     return sent
+
+
+def _warn_lists_beyond_cycle(sent: list[CanFrame], cycle_time_s: np.ndarray) -> None:
+    """Warn if the frames of a list begin after the time of the next one."""
+    times_s = np.array([frame.time_s for frame in sent])
+    if cycle_time_s.size > 1 and np.any(np.diff(times_s) < 0):
+        finding = Finding(
+            level="warning",
+            setting="objects",
+            value=f"lists of {len(sent) // cycle_time_s.size} messages take longer than their"
+            f" cycle of {format_si(float(np.diff(cycle_time_s).min()), 's', 3)}",
+            expected="lists that end before the next begins",
+            fix="raise the bit rates of the bus, or list every second frame",
+        )
+        warnings.warn(PhysicsWarning(finding), stacklevel=4)
 
 
 def _time_messages(
@@ -220,8 +242,19 @@ def _time_messages(
     for message, codes in messages:
         known = {signal.name for signal in message.signals}
         data = encode_dbc_message(message, {n: code for n, code in codes.items() if n in known})
-        yield CanFrame(time_s, message.frame_id, message.is_extended_frame, data, fd=False)
-        time_s += bus.classic_frame_duration_s(message.length, extended=message.is_extended_frame)
+        extended = message.is_extended_frame
+        fd = is_fd_message(message)
+        yield CanFrame(time_s, message.frame_id, extended, data, fd=fd)
+        time_s += (
+            bus.frame_duration_s(message.length, extended=extended)
+            if fd
+            else bus.classic_frame_duration_s(message.length, extended=extended)
+        )
+
+
+def is_fd_message(message: Any) -> bool:
+    """Return True if the DBC declares CAN FD, or the message is too long for classical CAN."""
+    return bool(message.is_fd) or message.length > _MAX_CLASSIC_BYTES
 
 
 def _assign_slots(number: np.ndarray, indices: np.ndarray, slots: list[int]) -> dict[int, int]:
