@@ -387,6 +387,30 @@ def _standard_error_factors(
     return factors[0], factors[1]
 
 
+def _residual_sidelobe_power(
+    directions: Directions, sidelobes: np.ndarray, aperture: Aperture
+) -> np.ndarray:
+    """Return the power in an element that sidelobes leave in the residual of the strongest, (n,).
+
+    Sidelobes (n, n_components, n_elements) of echoes from its own direction leave none: they change
+    the fitted amplitude, and do not explain a residual.
+    """
+    azimuth, elevation = (
+        np.nan_to_num(angle[:, 0]) for angle in (directions.azimuth_rad, directions.elevation_rad)
+    )
+    fitted = np.concatenate(
+        [
+            aperture.steering_vectors(azimuth, elevation)[:, None],
+            aperture.steering_derivatives(azimuth, elevation),
+        ],
+        axis=1,
+    )
+    basis = np.linalg.qr(fitted.swapaxes(1, 2))[0]
+    rest = sidelobes - (sidelobes @ basis.conj()) @ basis.swapaxes(1, 2)
+    n_residuals = max(aperture.n_elements - fitted.shape[1], 1)
+    return np.asarray(np.sum(np.abs(rest) ** 2, axis=(1, 2)) / n_residuals)
+
+
 def estimate_sources(
     amplitudes: np.ndarray,
     doppler_hz: np.ndarray,
@@ -424,13 +448,14 @@ def estimate_sources(
     snapshots, noise = element_snapshots_and_noise(amplitudes, doppler_hz, noise_power, radar)
     if sidelobes is None:
         directions = estimator.find_directions(snapshots, virtual_aperture, noise)
-        element_noise = noise
+        residual_noise = noise
     else:
         components = _element_sidelobes(sidelobes.components, amplitudes, doppler_hz, radar)
         sidelobe_power = np.sum(np.abs(components) ** 2, axis=1).mean(axis=1)
         element_noise = noise + sidelobe_power
         directions = estimator.find_directions(snapshots, virtual_aperture, element_noise)
         factors = _standard_error_factors(directions, components, noise, virtual_aperture)
+        residual_noise = noise + _residual_sidelobe_power(directions, components, virtual_aperture)
         is_masked = sidelobe_dominated_mask(amplitudes, sidelobes)
         for angle, std, factor in (
             (directions.azimuth_rad, directions.azimuth_std_rad, factors[0]),
@@ -442,7 +467,7 @@ def estimate_sources(
     channel_errors = estimate_channel_errors(
         snapshots[:, 0],
         directions,
-        element_noise,
+        residual_noise,
         virtual_aperture,
         None if range_m is None else lambda: _wavefront_curvature_rad(range_m, *strongest, radar),
     )
