@@ -29,6 +29,7 @@ from dechirp.processing.chain_fitting import ChosenSettingName, fit_chain_to_fra
 from dechirp.processing.channel_errors import hidden_channel_error_findings
 from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.multiple_echoes import find_multiple_echoes, multiple_echo_findings
+from dechirp.processing.noise_profile import noise_excess_of_ranges, noise_profile_findings
 from dechirp.processing.receiver_noise import (
     correlated_noise_findings,
     count_independent_receivers,
@@ -200,8 +201,27 @@ def _process_frames(
         frames=prepared.frames,
         totals=totals,
         columns=columns,
-        findings=_find_correlated_noise(prepared, columns["snr"]),
+        findings=(
+            *_find_correlated_noise(prepared, columns["snr"]),
+            *_find_noise_profile(prepared, columns),
+        ),
     )
+
+
+def _find_noise_profile(
+    prepared: PreparedRecording, columns: Mapping[str, np.ndarray]
+) -> tuple[Finding, ...]:
+    """Return a note on moving detections in noise that depends on range."""
+    radar = prepared.frames.radar
+    chain = prepared.scenario.chain.fit_to_radar(radar)
+    if chain.moving_targets is None or not np.any(columns["moving"] == 1):
+        return ()
+    moving_chain = chain.moving_target_chain()
+    frames = (
+        cube.transpose(*CUBE_AXES).values[0] for cube in prepared.frames.first_and_middle_frame()
+    )
+    excess = noise_excess_of_ranges(frames, radar, moving_chain)
+    return noise_profile_findings(columns, excess, radar, moving_chain)
 
 
 def _find_correlated_noise(prepared: PreparedRecording, snr: np.ndarray) -> tuple[Finding, ...]:

@@ -1,0 +1,77 @@
+"""Noise that depends on range, and the moving detections that it may cause."""
+
+import numpy as np
+import pytest
+from test_chain_fitting import CELL_M, RADAR, make_cube
+
+import dechirp as dc
+from dechirp.experiments.scenario import RecordingSource
+from dechirp.processing.chain import Chain
+from dechirp.processing.moving_targets import MovingTargetMap
+from dechirp.processing.noise_profile import noise_excess_of_ranges, noise_profile_findings
+from dechirp.radar.cube import label_cube
+
+CHAIN = Chain(moving_targets=MovingTargetMap()).fit_to_radar(RADAR).moving_target_chain()
+NOISY_CELLS = range(3, 7)
+N_FRAMES = 40
+
+
+def make_noisy_frames(factor, *tones, n_frames=N_FRAMES):
+    """Make frames whose noise is stronger by a factor in four cells of range."""
+    rng = np.random.default_rng(5)
+    n_chirps, n_samples = RADAR.frame.n_chirps, RADAR.frame.chirp.n_samples
+    bins = np.exp(2j * np.pi * np.outer(NOISY_CELLS, np.arange(n_samples)) / n_samples)
+    frames = []
+    for number in range(n_frames):
+        noise = rng.normal(size=(n_chirps, len(bins), 2)) @ [1, 1j]
+        extra = np.sqrt((factor - 1) / 2 / n_samples) * noise @ bins
+        frames.append(make_cube(*tones, seed=[5, number]).values[0] + extra[:, None])
+    return np.array(frames, np.complex64)
+
+
+def test_excess_is_that_of_the_noise():
+    excess = noise_excess_of_ranges(make_noisy_frames(4.0), RADAR, CHAIN)
+
+    # Four of the 21 rows of the training cells have it too, the outer two with half of a main lobe:
+    # 4 / (1 + 3 x 4 / 21) = 2.5. The median of 40 x 32 cells has a standard deviation of 3.5 %.
+    assert excess[4:6] == pytest.approx(2.5, rel=0.3)
+    assert np.all(excess[20:] == 1)
+
+
+def test_white_noise_has_no_excess():
+    # Four standard deviations, and 1 dB, in each of 128 rows: 1.26 is 7 deviations here.
+    assert np.all(noise_excess_of_ranges(make_noisy_frames(1.0), RADAR, CHAIN) == 1)
+
+
+def test_detections_that_the_noise_explains_are_named():
+    excess = np.where(np.isin(np.arange(128), NOISY_CELLS), 3.0, 1.0)
+    # One channel and many training cells: a threshold of 11.4 dB over the mean, 16.2 dB over this.
+    snr_db = np.array([14.0, 20.0, 14.0, 14.0])
+    columns = {
+        "range": np.array([4.0, 4.0, 60.0, 5.0]) * CELL_M,
+        "snr": 10 ** (snr_db / 10),
+        "moving": np.array([1.0, 1.0, 1.0, 0.0]),
+    }
+
+    (note,) = noise_profile_findings(columns, excess, RADAR, CHAIN)
+
+    assert note.level == "note"
+    assert "1 moving detection of 3" in note.value
+    assert "4.8 dB higher" in note.value
+    assert noise_profile_findings(columns, np.ones(128), RADAR, CHAIN) == ()
+
+
+def test_run_names_false_movers_of_coloured_noise(tmp_path):
+    frames = make_noisy_frames(8.0, (30.0, 0, 60), (60.0, 5, 40))
+    path = tmp_path / "capture.h5"
+    dc.write(dc.recording_from_cube(label_cube(frames, RADAR, units="1"), RADAR), path)
+
+    result = dc.run(dc.Scenario(recording=RecordingSource(path=str(path))))
+
+    cells = result.detections.range.values[result.detections.moving.values == 1] / CELL_M
+    is_false = cells < 10
+    assert is_false.any()
+    (note,) = (f for f in result.findings if "may be false alarms: without static" in f.value)
+    assert f"of {cells.size}, at" in note.value
+    n_named = int(note.value.split()[0])
+    assert 0.7 * is_false.sum() <= n_named <= is_false.sum()
