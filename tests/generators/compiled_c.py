@@ -88,6 +88,7 @@ def compare_compiled_c_with_model(
     words: WordLengths,
     *,
     on_cortex_m7: bool = False,
+    optimisation: str = "-O0",
 ) -> int:
     """Generate, compile and run C on one frame; return the number of words, all equal."""
     dc.fixed_point.write_c(folder / "c", radar, chain, words)
@@ -95,7 +96,7 @@ def compare_compiled_c_with_model(
     if on_cortex_m7:
         output = run_on_emulated_cortex_m7(folder / "c", folder / "vectors")
     else:
-        output = run_program(compile_check_program(folder / "c"), folder / "vectors")
+        output = run_program(compile_check_program(folder / "c", optimisation), folder / "vectors")
     return check_output_equals_map(output, fixed_point_map(frame, radar, chain, words))
 
 

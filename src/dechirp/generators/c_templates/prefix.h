@@ -25,14 +25,14 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define {{ NAME }}_N_SAMPLES {{ n_samples }}U       /* in a chirp */
+#define {{ NAME }}_N_SAMPLES {{ n_samples }}U /* in a chirp */
 #define {{ NAME }}_N_RX {{ n_rx }}U
-#define {{ NAME }}_N_SLOTS {{ n_slots }}U           /* chirps of a round, one after the other */
-#define {{ NAME }}_N_CHIRPS {{ n_chirps }}U         /* of each slot in a frame */
+#define {{ NAME }}_N_SLOTS {{ n_slots }}U /* chirps of a round, one after the other */
+#define {{ NAME }}_N_CHIRPS {{ n_chirps }}U /* of each slot in a frame */
 #define {{ NAME }}_N_CHIRPS_SENT ({{ NAME }}_N_CHIRPS * {{ NAME }}_N_SLOTS)
 #define {{ NAME }}_N_CHANNELS ({{ NAME }}_N_SLOTS * {{ NAME }}_N_RX)
-#define {{ NAME }}_N_RANGE_BINS {{ n_range_bins }}U    /* of the transform */
-#define {{ NAME }}_N_ROWS {{ n_rows }}U             /* range bins of the map */
+#define {{ NAME }}_N_RANGE_BINS {{ n_range_bins }}U /* of the transform */
+#define {{ NAME }}_N_ROWS {{ n_rows }}U /* range bins of the map */
 #define {{ NAME }}_N_VELOCITY_BINS {{ n_velocity_bins }}U
 #define {{ NAME }}_FIRST_SEARCHED_ROW {{ first_searched_row }}U
 #define {{ NAME }}_N_SEARCHED_ROWS {{ n_searched_rows }}U
@@ -57,19 +57,19 @@
 #define {{ NAME }}_N_WORK_POINTS {{ [n_range_bins, n_velocity_bins] | max }}U
 
 typedef {{ sample_type }} {{ name }}_sample; /* {{ words.sample_bits }} bits are used */
-typedef {{ word_type }} {{ name }}_word;   /* {{ words.range_bits }} bits for range, {{ words.doppler_bits }} for Doppler */
+typedef {{ word_type }} {{ name }}_word; /* {{ words.range_bits }} bits for range, {{ words.doppler_bits }} for Doppler */
 
 typedef enum {
     {{ NAME }}_OK = 0,
-    {{ NAME }}_TOO_MANY_CHIRPS,  /* finish the frame first */
-    {{ NAME }}_TOO_FEW_CHIRPS,   /* push all chirps first */
+    {{ NAME }}_TOO_MANY_CHIRPS, /* finish the frame first */
+    {{ NAME }}_TOO_FEW_CHIRPS, /* push all chirps first */
     {{ NAME }}_SAMPLE_TOO_LARGE  /* a sample needs more than {{ NAME }}_SAMPLE_BITS; chirp ignored */
 } {{ name }}_status;
 
 typedef struct {
     uint32_t velocity_bin;
     uint32_t range_bin;
-    uint64_t power;     /* {{ words.power_bits }} bits */
+    uint64_t power; /* {{ words.power_bits }} bits */
     uint64_t threshold;
     uint32_t log_power; /* log2(power) with {{ words.log_fraction_bits }} bits behind the point */
 } {{ name }}_detection;
@@ -78,7 +78,7 @@ typedef struct {
     {{ name }}_word *cube; /* [channel][row][velocity][I, Q], before the frame ends [chirp] */
     uint32_t n_chirps_pushed;
     uint32_t is_finished;
-    uint32_t range_exponent;   /* largest one of the frame */
+    uint32_t range_exponent; /* largest one of the frame */
     uint32_t doppler_exponent; /* largest one of the frame */
     uint8_t range_exponents[{{ NAME }}_N_CHIRPS][{{ NAME }}_N_CHANNELS];
     uint8_t doppler_exponents[{{ NAME }}_N_CHANNELS][{{ NAME }}_N_ROWS];
@@ -87,10 +87,14 @@ typedef struct {
     uint32_t velocity_bin; /* the cell that is read next */
     uint32_t searched_row;
     uint64_t lines[{{ NAME }}_N_LINES][{{ NAME }}_N_ROWS]; /* powers around velocity_bin */
-    uint64_t box_sums[{{ NAME }}_N_SEARCHED_ROWS];   /* over the lines of the box */
+    uint64_t box_sums[{{ NAME }}_N_SEARCHED_ROWS]; /* over the lines of the box */
     uint64_t guard_sums[{{ NAME }}_N_SEARCHED_ROWS]; /* over the lines of the guard cells */
     uint64_t thresholds[{{ NAME }}_N_SEARCHED_ROWS];
 } {{ name }}_state;
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 /* Prepare a state; the caller provides the buffer of the corner turn, {{ NAME }}_CUBE_WORDS long. */
 void {{ name }}_initialise({{ name }}_state *state, {{ name }}_word *cube);
@@ -118,6 +122,10 @@ typedef enum {
 } {{ name }}_traced_stage;
 
 void {{ name }}_trace({{ name }}_traced_stage stage, int64_t word);
+#endif
+
+#ifdef __cplusplus
+}
 #endif
 
 #endif
