@@ -246,15 +246,17 @@ module dechirp_cfar #(
         end
     end
 
-    // Step 6: limbs of the sum times the factor, which the row selected a step earlier.
+    // Step 6: limbs of the sum times the factor, which the row selected two steps earlier.
     localparam LIMB_BITS = FACTOR_BITS > 17 ? FACTOR_BITS : 17;  // multipliers have 18 bits
     localparam N_LIMBS = (SUM_BITS + LIMB_BITS - 1) / LIMB_BITS;
     localparam PADDED_BITS = N_LIMBS * LIMB_BITS;
     localparam PRODUCT_BITS = PADDED_BITS + FACTOR_BITS;
     wire [PADDED_BITS-1:0] padded = {{(PADDED_BITS - SUM_BITS){1'b0}}, sum};
     reg  [N_LIMBS*(LIMB_BITS+FACTOR_BITS)-1:0] limbs;
-    assign factor_address = row_4;
+    assign factor_address = row_3;
     assign factor_en = step;
+    reg  [FACTOR_BITS-1:0] factor_5;
+    always @(posedge clk) if (step) factor_5 <= factor;
     reg  [POWER_BITS-1:0] cell_6, cell_7, cell_8;
     reg  [ROW_BITS-1:0] row_6, row_7, row_8;
     reg  [VELOCITY_BITS-1:0] v_6, v_7, v_8;
@@ -266,7 +268,7 @@ module dechirp_cfar #(
             always @(posedge clk) begin
                 if (step) begin
                     limbs[k*(LIMB_BITS+FACTOR_BITS) +: LIMB_BITS+FACTOR_BITS]
-                        <= {{FACTOR_BITS{1'b0}}, part} * {{LIMB_BITS{1'b0}}, factor};
+                        <= {{FACTOR_BITS{1'b0}}, part} * {{LIMB_BITS{1'b0}}, factor_5};
                 end
             end
         end

@@ -64,13 +64,13 @@ module dechirp_core #(
     output wire [ADDRESS_BITS-1:0]       memory_read_address,
     input  wire [2*RANGE_BITS-1:0]       memory_read_data
 );
-    localparam WINDOW_LATENCY = 4, POWER_LATENCY = 3;
+    localparam WINDOW_LATENCY = 4, POWER_LATENCY = 4;
     localparam BLOCK_SCALING = SCALING_SHIFT < 0;
     localparam RANGE_LATENCY = WINDOW_LATENCY + (1 << RANGE_INDEX_BITS) - 1
-        + (RANGE_INDEX_BITS > 2 ? 4 * RANGE_INDEX_BITS - 6 : RANGE_INDEX_BITS)
+        + (RANGE_INDEX_BITS > 2 ? 5 * RANGE_INDEX_BITS - 8 : RANGE_INDEX_BITS)
         + (BLOCK_SCALING ? RANGE_INDEX_BITS * ((1 << RANGE_INDEX_BITS) + 1) : 0);
     localparam DOPPLER_LATENCY = WINDOW_LATENCY + (1 << DOPPLER_INDEX_BITS) - 1
-        + (DOPPLER_INDEX_BITS > 2 ? 4 * DOPPLER_INDEX_BITS - 6 : DOPPLER_INDEX_BITS)
+        + (DOPPLER_INDEX_BITS > 2 ? 5 * DOPPLER_INDEX_BITS - 8 : DOPPLER_INDEX_BITS)
         + (BLOCK_SCALING ? DOPPLER_INDEX_BITS * ((1 << DOPPLER_INDEX_BITS) + 1) : 0)
         + POWER_LATENCY;
     localparam MAX_EXPONENT = (1 << EXPONENT_BITS) - 1;
@@ -347,14 +347,14 @@ module dechirp_core #(
     wire [EXPONENT_BITS:0] power_alignment;
     generate
         if (BLOCK_SCALING) begin : doppler_exponents
-            reg  [EXPONENT_BITS-1:0] largest, exponent_1, exponent_2, exponent_3;
+            reg  [EXPONENT_BITS-1:0] largest, exponent_1, exponent_2, exponent_3, exponent_4;
             reg  [EXPONENT_BITS-1:0] below_largest;
             always @(posedge clk) begin
                 if (rst) begin
                     largest <= NO_EXPONENT;
                 end else if (doppler_en && doppler_valid) begin
                     if (pass_ends && power_pass) largest <= NO_EXPONENT;
-                    else if (!power_pass && exponent_3 > largest) largest <= exponent_3;
+                    else if (!power_pass && exponent_4 > largest) largest <= exponent_4;
                 end
             end
             always @(posedge clk) begin
@@ -362,6 +362,7 @@ module dechirp_core #(
                     exponent_1 <= doppler_exponent;
                     exponent_2 <= exponent_1;
                     exponent_3 <= exponent_2;
+                    exponent_4 <= exponent_3;
                     below_largest <= largest - exponent_1;
                 end
             end
@@ -372,20 +373,34 @@ module dechirp_core #(
         end
     endgenerate
     reg  [2*DOPPLER_BITS-1:0] square_re, square_im;
-    wire [POWER_BITS:0] shifted_power;
-    reg  [POWER_BITS-1:0] power;
     reg  [2*DOPPLER_BITS:0] squares;
-    dechirp_round_saturate #(
-        2 * DOPPLER_BITS + 2, POWER_SHIFT, EXPONENT_BITS + 1, BLOCK_SCALING ? 2 * MAX_EXPONENT : 0,
-        POWER_BITS + 1, ROUNDING
-    ) round_power ({1'b0, squares}, power_alignment, shifted_power);
-    wire unused_sign = shifted_power[POWER_BITS];
+    localparam POWER_LEFT = POWER_SHIFT < 0 ? -POWER_SHIFT : 0;
+    localparam SQUARES_BITS = 2 * DOPPLER_BITS + 2;
+    localparam SHIFTED_BITS
+        = (SQUARES_BITS + POWER_LEFT > POWER_BITS + 1 ? SQUARES_BITS + POWER_LEFT : POWER_BITS + 1)
+        + 1;
+    wire [SHIFTED_BITS-1:0] next_floor;
+    wire next_half, next_beyond;
+    reg  [SHIFTED_BITS-1:0] power_floor;
+    reg  power_half, power_beyond;
+    wire [POWER_BITS:0] rounded_power;
+    reg  [POWER_BITS-1:0] power;
+    dechirp_shift_right #(
+        SQUARES_BITS, POWER_SHIFT, EXPONENT_BITS + 1, BLOCK_SCALING ? 2 * MAX_EXPONENT : 0,
+        SHIFTED_BITS
+    ) shift_power ({1'b0, squares}, power_alignment, next_floor, next_half, next_beyond);
+    dechirp_round #(SHIFTED_BITS, POWER_BITS + 1, ROUNDING)
+        round_power (power_floor, power_half, power_beyond, rounded_power);
+    wire unused_sign = rounded_power[POWER_BITS];
     always @(posedge clk) begin
         if (doppler_en) begin
             square_re <= doppler_re * doppler_re;
             square_im <= doppler_im * doppler_im;
             squares <= {1'b0, square_re} + {1'b0, square_im};
-            power <= shifted_power[POWER_BITS-1:0];
+            power_floor <= next_floor;
+            power_half <= next_half;
+            power_beyond <= next_beyond;
+            power <= rounded_power[POWER_BITS-1:0];
         end
     end
 
@@ -406,6 +421,13 @@ module dechirp_core #(
 
     // --- Detector -----------------------------------------------------------------------------------
 
+    // The register slice separates the enables of the transform and of the detector.
+    wire power_valid, power_ready;
+    wire [POWER_BITS-1:0] searched_power;
+    dechirp_skid_buffer #(POWER_BITS) power_slice (
+        clk, rst, cell_valid && doppler_run && memory_read_ready, cell_ready, total_power,
+        power_valid, power_ready, searched_power
+    );
     wire [SEARCHED_BITS-1:0] factor_row, out_row;
     wire factor_en, out_detected;
     wire [FACTOR_BITS-1:0] factor;
@@ -426,9 +448,9 @@ module dechirp_core #(
     ) cfar (
         .clk(clk),
         .rst(rst),
-        .in_valid(cell_valid && doppler_run && memory_read_ready),
-        .in_ready(cell_ready),
-        .in_power(total_power),
+        .in_valid(power_valid),
+        .in_ready(power_ready),
+        .in_power(searched_power),
         .factor_address(factor_row),
         .factor_en(factor_en),
         .factor(factor),

@@ -6,7 +6,7 @@
 // Products and sums are exact; each result is rounded once, as in the model.
 //
 // TWIDDLES: 0 for W = 1; 1 for W = 1 or -i; 2 for W from a table outside, which the address
-// selects one clock before the word is needed. A result appears DELAY + 4 clocks after its first
+// selects one clock before the word is needed. A result appears DELAY + 5 clocks after its first
 // sample where W comes from a table, else DELAY + 1 clocks after it; with block scaling (a
 // SCALING_SHIFT of -1), one transform and one clock later.
 module dechirp_fft_stage #(
@@ -37,7 +37,7 @@ module dechirp_fft_stage #(
 );
     localparam DELAY_BITS = NATURAL_INPUT ? INDEX_BITS - STAGE : STAGE - 1;
     localparam DELAY = 1 << DELAY_BITS;
-    localparam LATENCY = DELAY + (TWIDDLES == 2 ? 4 : 1);
+    localparam LATENCY = DELAY + (TWIDDLES == 2 ? 5 : 1);
     localparam FRACTION = TWIDDLES == 2 ? TWIDDLE_BITS - 2 : 0;
     localparam PRODUCT_BITS = TWIDDLES == 2 ? BITS + TWIDDLE_BITS + 1 : BITS + 1;
     localparam SUM_BITS = PRODUCT_BITS + 1;
@@ -85,37 +85,41 @@ module dechirp_fft_stage #(
         end
 
         if (TWIDDLES == 2) begin : multiplier
-            wire signed [TWIDDLE_BITS-1:0] c = twiddle[TWIDDLE_BITS-1:0];
-            wire signed [TWIDDLE_BITS-1:0] s = twiddle[2*TWIDDLE_BITS-1:TWIDDLE_BITS];
-            reg [2:0] seconds;
-            reg [1:0] shift_1, shift_2, shift_3;
-            reg signed [BITS-1:0] re1, im1, re2, im2, re3, im3;
+            reg signed [TWIDDLE_BITS-1:0] c, s;
+            reg [3:0] seconds;
+            reg [1:0] shift_1, shift_2, shift_3, shift_4;
+            reg signed [BITS-1:0] re1, im1, re2, im2, re3, im3, re4, im4;
             reg signed [BITS+TWIDDLE_BITS-1:0] re_c, im_s, re_s, im_c;
             reg signed [PRODUCT_BITS-1:0] sum_re, sum_im;
             always @(posedge clk) begin
                 if (en) begin
-                    seconds <= {seconds[1:0], is_second};
+                    seconds <= {seconds[2:0], is_second};
                     shift_1 <= shift;
                     shift_2 <= shift_1;
                     shift_3 <= shift_2;
+                    shift_4 <= shift_3;
                     re1 <= re;
                     im1 <= im;
                     re2 <= re1;
                     im2 <= im1;
-                    re_c <= re1 * c;
-                    im_s <= im1 * s;
-                    re_s <= re1 * s;
-                    im_c <= im1 * c;
+                    c <= twiddle[TWIDDLE_BITS-1:0];
+                    s <= twiddle[2*TWIDDLE_BITS-1:TWIDDLE_BITS];
+                    re_c <= re2 * c;
+                    im_s <= im2 * s;
+                    re_s <= re2 * s;
+                    im_c <= im2 * c;
                     re3 <= re2;
                     im3 <= im2;
+                    re4 <= re3;
+                    im4 <= im3;
                     sum_re <= {re_c[BITS+TWIDDLE_BITS-1], re_c} - {im_s[BITS+TWIDDLE_BITS-1], im_s};
                     sum_im <= {re_s[BITS+TWIDDLE_BITS-1], re_s} + {im_c[BITS+TWIDDLE_BITS-1], im_c};
                 end
             end
-            assign second = seconds[2];
-            assign butterfly_shift = shift_3;
-            assign x_re = re3;
-            assign x_im = im3;
+            assign second = seconds[3];
+            assign butterfly_shift = shift_4;
+            assign x_re = re4;
+            assign x_im = im4;
             assign rotated_re = sum_re;
             assign rotated_im = sum_im;
         end else begin : quarter_turns

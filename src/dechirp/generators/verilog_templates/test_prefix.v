@@ -115,7 +115,7 @@ module test_{{ name }};
     // Words of the two transforms, inside.
     wire [RANGE_INDEX_BITS-1:0] bin = dut.core.bin;
     reg signed [DOPPLER_BITS-1:0] doppler_re_1, doppler_im_1, doppler_re_2, doppler_im_2;
-    reg signed [DOPPLER_BITS-1:0] doppler_re_3, doppler_im_3;
+    reg signed [DOPPLER_BITS-1:0] doppler_re_3, doppler_im_3, doppler_re_4, doppler_im_4;
     integer place, cell_place;
     always @(posedge clk) begin
         if (!rst && dut.core.memory_write_en && dut.core.memory_write_ready) begin
@@ -133,13 +133,15 @@ module test_{{ name }};
                 place = (dut.core.power_channel * N_ROWS + dut.core.power_row) * N_VELOCITY
                     + dut.core.velocity;
                 doppler_words = doppler_words + 1;
-                if (doppler_re_3 !== doppler_i[place] || doppler_im_3 !== doppler_q[place]) begin
+                if (doppler_re_4 !== doppler_i[place] || doppler_im_4 !== doppler_q[place]) begin
                     errors = errors + 1;
                     if (errors <= MAX_SHOWN)
                         $display("doppler_fft: word %0d is %0d + %0d i, the model has %0d + %0d i",
-                            place, doppler_re_3, doppler_im_3, doppler_i[place], doppler_q[place]);
+                            place, doppler_re_4, doppler_im_4, doppler_i[place], doppler_q[place]);
                 end
             end
+            doppler_re_4 <= doppler_re_3;
+            doppler_im_4 <= doppler_im_3;
             doppler_re_3 <= doppler_re_2;
             doppler_im_3 <= doppler_im_2;
             doppler_re_2 <= doppler_re_1;
