@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dechirp as dc
+from dechirp.traffic.frame_scenes import FrameScenes
 
 HEADER = "time,id,class,x,y,heading,length,width,height"
 
@@ -166,7 +167,9 @@ def test_impossible_rows_are_named(tmp_path, rows, expected):
 
 
 def test_times_that_go_back_and_lost_positions_are_named(tmp_path):
-    with pytest.raises(dc.RecordingError, match="message 1 at 0 s after one at 1 s"):
+    with pytest.raises(
+        dc.RecordingError, match="message 1, with object 3, at 0 s after one at 1 s"
+    ):
         dc.open_traffic(write_osi(tmp_path, [make_view(1.0), make_view(0.0)]))
     view = make_view(0.0)
     view.global_ground_truth.moving_object[0].base.ClearField("position")
@@ -182,11 +185,71 @@ def test_files_of_other_formats_are_refused(tmp_path):
             dc.open_traffic(path)
 
 
-@given(data=st.data(), kind=st.sampled_from(["osi", "xml", "csv"]))
+def write_mcap(folder, messages, schema="osi3.SensorView", compression=None):
+    writers = pytest.importorskip("mcap.writer")
+    path = folder / "trace.mcap"
+    with path.open("wb") as file:
+        writer = writers.Writer(
+            file, compression=compression or writers.CompressionType.NONE, chunk_size=4096
+        )
+        writer.start()
+        other = writer.register_channel("/rosout", "json", 0)
+        writer.add_message(other, 0, b"{}", 0)
+        # The descriptor of the schema is not needed: the messages are known.
+        schema_id = writer.register_schema(schema, "protobuf", b"")
+        channel = writer.register_channel("ground_truth", "protobuf", schema_id)
+        for index, message in enumerate(messages):
+            writer.add_message(channel, index, message.SerializeToString(), index)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("is_view", [True, False])
+@pytest.mark.parametrize("compression", ["NONE", "ZSTD", "LZ4"])
+def test_osi_in_mcap_equals_osi_in_a_trace(tmp_path, is_view, compression):
+    writers = pytest.importorskip("mcap.writer")
+    messages = [make_view(0.1 * step, x_m=10 + step, vx=10, is_view=is_view) for step in range(4)]
+    schema = "osi3.SensorView" if is_view else "osi3.GroundTruth"
+
+    packed = dc.open_traffic(
+        write_mcap(tmp_path, messages, schema, writers.CompressionType[compression])
+    )
+
+    assert (packed.format, packed.host) == ("osi-trace", 3)
+    assert packed.objects.identical(dc.open_traffic(write_osi(tmp_path, messages)).objects)
+
+
+def test_mcap_cut_short_names_the_message(tmp_path):
+    path = write_mcap(tmp_path, [make_view(0.1 * step) for step in range(100)])
+    content = path.read_bytes()
+    path.write_bytes(content[: 2 * len(content) // 3])
+
+    with pytest.raises(dc.RecordingError, match="message [1-9][0-9]*: .*cut the file"):
+        dc.open_traffic(path)
+
+
+def test_mcap_without_traffic_is_refused(tmp_path):
+    path = write_mcap(tmp_path, [make_view(0.0)], "osi3.SensorData")
+
+    with pytest.raises(dc.RecordingError, match="an unknown format"):
+        dc.open_traffic(path)
+
+
+def test_common_road_of_another_version_is_refused(tmp_path):
+    path = tmp_path / "scenario.xml"
+    path.write_text(COMMON_ROAD.replace("2020a", "2017a"), encoding="utf-8")
+
+    with pytest.raises(dc.RecordingError, match="version '2017a'.*2018b and 2020a"):
+        dc.open_traffic(path)
+
+
+@given(data=st.data(), kind=st.sampled_from(["osi", "mcap", "xml", "csv"]))
 def test_damaged_files_end_in_one_error_or_are_read(data, kind, tmp_path_factory):
     folder = tmp_path_factory.mktemp("damaged")
     if kind == "osi":
         path = write_osi(folder, [make_view(0.1 * step) for step in range(3)])
+    elif kind == "mcap":
+        path = write_mcap(folder, [make_view(0.1 * step) for step in range(3)])
     elif kind == "xml":
         path = folder / "scenario.xml"
         path.write_text(COMMON_ROAD, encoding="utf-8")
@@ -203,3 +266,17 @@ def test_damaged_files_end_in_one_error_or_are_read(data, kind, tmp_path_factory
         assert len(str(error)) < 1000
     else:
         assert np.isfinite(traffic.objects["x"].values).any()
+        build_some_scenes(traffic)
+
+
+RADAR = dc.reference().radar
+
+
+def build_some_scenes(traffic):
+    """Build scenes from what was read: they, too, end in one error."""
+    try:
+        scenes = FrameScenes(traffic, RADAR, ego=int(traffic.objects["id"].values[0]))
+        for number in (0, scenes.n_frames - 1):
+            scenes.scene(number)
+    except dc.DechirpError as error:
+        assert len(str(error)) < 1000

@@ -322,7 +322,7 @@ def test_warns_of_or_rejects_unmodelled_settings():
     with pytest.raises(InvalidSetting, match="white noise"):
         StatisticalSensor(replace(scenario, impairments=()))
     recording_scenario = Scenario(radar=scenario.radar, recording=RecordingSource(path="a.bin"))
-    with pytest.raises(InvalidSetting, match=r"scenario.recording: a recording.*give a scene"):
+    with pytest.raises(InvalidSetting, match=r"scenario: a recording, or traffic.*give a scene"):
         StatisticalSensor(recording_scenario)
     frame = replace(scenario.radar.frame, modulation=dc.modulations.Triangular(), interval_s=30e-6)
     with pytest.raises(InvalidSetting, match=r"frame.modulation: triangular.*simulate samples"):

@@ -395,15 +395,14 @@ def simulate_or_read_frame_and_radar(
     DechirpError
         If a setting is invalid, the recording cannot be read, or memory is insufficient.
     """
+    if scenario.traffic is not None:
+        traffic = TrafficFrames(scenario)
+        _check_frame_number(number, range(traffic.n_frames))
+        cube = traffic.simulate_frame(number, traffic.scenes.scene(number))
+        return cube.isel(frame=0), traffic.radar.for_frame(number)
     source, radar, _ = _simulate_cube_or_open_recording(scenario, lambda n_done, n_steps: None)
     numbers = _frame_numbers_of_source(source)
-    if number not in numbers:
-        raise InvalidSetting(
-            "frame",
-            value=number,
-            expected=f"a frame from {numbers.start} to {numbers.stop - 1}",
-            fix="count frames from 0; n_frames is the number of simulated frames",
-        )
+    _check_frame_number(number, numbers)
     frames = _iter_frame_cubes(source)
     cube = next(
         frame_cube
@@ -411,6 +410,16 @@ def simulate_or_read_frame_and_radar(
         if frame_number == number
     )
     return cube.isel(frame=0), radar.for_frame(number)
+
+
+def _check_frame_number(number: int, numbers: range) -> None:
+    if number not in numbers:
+        raise InvalidSetting(
+            "frame",
+            value=number,
+            expected=f"a frame from {numbers.start} to {numbers.stop - 1}",
+            fix="count frames from 0; n_frames is the number of simulated frames",
+        )
 
 
 def simulate_cube_truth_and_findings(
@@ -421,8 +430,15 @@ def simulate_cube_truth_and_findings(
     Raises
     ------
     DechirpError
-        If a setting is invalid, or memory is insufficient.
+        If a setting is invalid, memory is insufficient, or the scenario has no scene.
     """
+    if scenario.scene is None:
+        raise InvalidSetting(
+            "scenario.traffic",
+            value="traffic",
+            expected="a scene, whose cube fits into memory",
+            fix="process traffic with dechirp run, which simulates one frame at a time",
+        )
     source, radar, findings = _simulate_cube_or_open_recording(
         scenario, progress or (lambda n_done, n_steps: None)
     )

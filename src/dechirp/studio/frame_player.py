@@ -164,6 +164,7 @@ class FramePlayer:
             clusters=processed.clusters,
             tracks=processed.tracks,
             truth=prepared.frames.truth(step),
+            scene=prepared.frames.scene(step),
             findings=tuple(
                 translate_finding_to_page(finding)
                 for finding in (*prepared.findings, *processed.findings)

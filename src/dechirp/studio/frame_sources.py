@@ -1,4 +1,4 @@
-"""Sources of frames: a simulated scene or a recording."""
+"""Sources of frames: a simulated scene, traffic or a recording."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +15,9 @@ from dechirp.experiments.recording_stage import (
     prepare_recording,
 )
 from dechirp.experiments.scenario import Scenario
+from dechirp.experiments.traffic_stage import TrafficFrames
 from dechirp.radar.radar import Radar
+from dechirp.scene.scene import Scene
 from dechirp.scene.truth import truth
 from dechirp.simulation.frame_by_frame import FrameSimulator
 from dechirp.simulation.simulate import build_stages_with_warnings
@@ -60,13 +62,22 @@ class FrameSource(Protocol):
         ...
 
     def truth(self, step: int) -> xr.Dataset | None:
-        """Return the truth of that frame over `target` and `frame`; None if unknown."""
+        """Return the truth of that frame over `target` and `frame`; None if unknown.
+
+        Its times are those of the scene of the frame.
+        """
+        ...
+
+    def scene(self, step: int) -> Scene | None:
+        """Return the scene of that frame; None if unknown."""
         ...
 
 
 def open_frame_source(scenario: Scenario, limits: PageLimits) -> FrameSource:
     """Open the frames of a scenario; raise as `dc.run` does if a setting is invalid."""
-    return RecordingFrames(scenario, limits) if scenario.scene is None else SceneFrames(scenario)
+    if scenario.recording is not None:
+        return RecordingFrames(scenario, limits)
+    return SceneFrames(scenario) if scenario.traffic is None else FramesInTraffic(scenario)
 
 
 class SceneFrames:
@@ -104,6 +115,41 @@ class SceneFrames:
 
     def truth(self, step: int) -> xr.Dataset:
         return truth(self._scene, self._truth_radar, first_frame=self.frame_number(step))
+
+    def scene(self, step: int) -> Scene:
+        return self._scene
+
+
+class FramesInTraffic:
+    """Frames of a radar in traffic, simulated on demand as by `dechirp run`."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._frames = TrafficFrames(scenario)
+        self.scenario, self.radar = scenario, self._frames.radar
+        self.n_frames = self._frames.n_frames
+        self._truth_radar = replace(self.radar, hardware=None)
+        self._scene_of_frame: tuple[int, Scene] | None = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings on the traffic, and on objects around the radar in the frames so far."""
+        return self._frames.findings
+
+    def frame_number(self, step: int) -> int:
+        return step % self.n_frames
+
+    def cube(self, step: int) -> xr.DataArray:
+        return self._frames.simulate_frame(self.frame_number(step), self.scene(step))
+
+    def truth(self, step: int) -> xr.Dataset:
+        return self._frames.truth(self.frame_number(step), self.scene(step), self._truth_radar)
+
+    def scene(self, step: int) -> Scene:
+        """Return the scene of the frame, kept until another one is asked for."""
+        number = self.frame_number(step)
+        if self._scene_of_frame is None or self._scene_of_frame[0] != number:
+            self._scene_of_frame = number, self._frames.scenes.scene(number)
+        return self._scene_of_frame[1]
 
 
 class RecordingFrames:
@@ -155,6 +201,9 @@ class RecordingFrames:
 
     def truth(self, step: int) -> None:
         """Return None: the truth of a recording is unknown."""
+
+    def scene(self, step: int) -> None:
+        """Return None: a recording has no scene."""
 
 
 def _first_frames_note(n_frames: int) -> Finding:

@@ -11,6 +11,7 @@ import xarray as xr
 from dechirp.core.findings import Finding
 from dechirp.processing.chain import Chain
 from dechirp.radar.radar import Radar
+from dechirp.scene.scene import Scene
 from dechirp.studio.cursor import (
     BeatSignal,
     Cursor,
@@ -58,6 +59,8 @@ class FrameState:
     """Tracks since the last rewind or jump; empty without a tracker."""
     truth: xr.Dataset | None
     """Truth over `target` and `frame` of this frame, without SNR; None for a recording."""
+    scene: Scene | None
+    """Scene of this frame, at the times of the truth; None for a recording."""
     findings: tuple[Finding, ...]
     """Findings on the settings or the recording, and on the frames shown so far, in the terms of
     the page."""

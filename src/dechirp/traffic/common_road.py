@@ -19,6 +19,7 @@ _KINDS: dict[str, ObjectKind] = {
     "bicycle": "bicyclist",
     "pedestrian": "pedestrian",
 }
+_VERSIONS = {"2018b", "2020a"}
 _OBSTACLES = {"dynamicObstacle", "staticObstacle", "obstacle"}
 
 
@@ -39,6 +40,7 @@ class CommonRoad(TrafficFormat):
         try:
             for event, element in ElementTree.iterparse(path, events=("start", "end")):
                 if event == "start" and element.tag == "commonRoad":
+                    _check_version(element.attrib["commonRoadVersion"])
                     step_s = float(element.attrib["timeStepSize"])
                 elif event == "end" and element.tag in _OBSTACLES:
                     yield from _read_obstacle(element, step_s)
@@ -51,6 +53,11 @@ class CommonRoad(TrafficFormat):
                 " rectangles or circles, positions and times",
                 fix="export it again; only versions 2018b and 2020a are read",
             ) from None
+
+
+def _check_version(version: str) -> None:
+    if version not in _VERSIONS:
+        raise ValueError(f"version {version[:20]!r}")
 
 
 def _read_obstacle(obstacle: ElementTree.Element, step_s: float) -> Iterator[ObjectState]:

@@ -1,17 +1,21 @@
-"""Traces of ASAM OSI messages `SensorView` or `GroundTruth`: each after its length, four bytes."""
+"""Traces of ASAM OSI messages `SensorView` or `GroundTruth`: each after its length, or in MCAP."""
 
 import math
 import struct
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from dechirp.core.errors import RecordingError
+from dechirp.core.errors import DechirpError, RecordingError
+from dechirp.core.mcap_messages import iter_mcap_messages
 from dechirp.core.optional_imports import import_from_extra
 from dechirp.traffic.base import ObjectKind, ObjectState, TrafficFormat
 
 _LENGTH_PREFIX = struct.Struct("<I")
 _MAX_MESSAGE_BYTES = 2**28
+_MCAP_TYPES = ("protobuf/osi3.SensorView", "protobuf/osi3.GroundTruth")
+_MAX_SEARCHED_MESSAGES = 1000  # before a recording counts as one without OSI
 _VEHICLE_KINDS: dict[str, ObjectKind] = {
     "TYPE_DELIVERY_VAN": "van",
     "TYPE_HEAVY_TRUCK": "truck",
@@ -33,7 +37,9 @@ class OsiTrace(TrafficFormat):
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
-        """Return True for files named .osi but for traces of `SensorData`, "sd" by convention."""
+        """Return True for .mcap with such messages, and for .osi but for `SensorData`, _sd_."""
+        if path.suffix.lower() == ".mcap":
+            return _find_mcap_type(path) is not None
         return path.suffix.lower() == ".osi" and "_sd_" not in path.name
 
     def read_states(self, path: Path) -> Iterator[ObjectState]:
@@ -44,7 +50,13 @@ class OsiTrace(TrafficFormat):
             if time_s < last_s:
                 raise RecordingError(
                     path,
-                    value=f"message {index} at {time_s:g} s after one at {last_s:g} s",
+                    value=f"message {index}"
+                    + (
+                        f", with object {truth.moving_object[0].id.value},"
+                        if truth.moving_object
+                        else ""
+                    )
+                    + f" at {time_s:g} s after one at {last_s:g} s",
                     expected="times that ascend",
                     fix="sort the messages by time",
                 )
@@ -64,9 +76,25 @@ def _iter_ground_truths(path: Path) -> Iterator[Any]:
     views = import_from_extra("io", "osi3.osi_sensorview_pb2", setting="traffic")
     truths = import_from_extra("io", "osi3.osi_groundtruth_pb2", setting="traffic")
     decode_error = import_from_extra("io", "google.protobuf.message", setting="traffic").DecodeError
+    is_view = None
+    for index, content in enumerate(_iter_contents(path)):
+        try:
+            view = views.SensorView.FromString(content)
+            if is_view is None:
+                is_view = view.HasField("global_ground_truth")
+            truth = view.global_ground_truth if is_view else truths.GroundTruth.FromString(content)
+        except decode_error as error:
+            raise _damaged_trace_error(path, index, error) from None
+        yield truth
+
+
+def _iter_contents(path: Path) -> Iterator[bytes]:
+    """Yield the bytes of each message."""
+    if path.suffix.lower() == ".mcap":
+        yield from _iter_mcap_contents(path)
+        return
+    index = 0
     with path.open("rb") as trace:
-        is_view = None
-        index = 0
         while prefix := trace.read(_LENGTH_PREFIX.size):
             try:
                 (n_bytes,) = _LENGTH_PREFIX.unpack(prefix)
@@ -75,20 +103,43 @@ def _iter_ground_truths(path: Path) -> Iterator[Any]:
                 content = trace.read(n_bytes)
                 if len(content) < n_bytes:
                     raise ValueError(f"{len(content)} of {n_bytes} bytes")
-                view = views.SensorView.FromString(content)
-                if is_view is None:
-                    is_view = view.HasField("global_ground_truth")
-                yield (
-                    view.global_ground_truth if is_view else truths.GroundTruth.FromString(content)
-                )
-            except (struct.error, ValueError, decode_error) as error:
-                raise RecordingError(
-                    path,
-                    value=f"message {index}: {error}",
-                    expected="a trace of SensorView or GroundTruth, each message after its length",
-                    fix="record it again, or cut the file before this message",
-                ) from None
+            except (struct.error, ValueError) as error:
+                raise _damaged_trace_error(path, index, error) from None
+            yield content
             index += 1
+
+
+def _iter_mcap_contents(path: Path) -> Iterator[bytes]:
+    """Yield the messages of the first type of OSI in an MCAP file."""
+    wanted = _find_mcap_type(path)
+    index = 0
+    try:
+        for message in iter_mcap_messages(path):
+            if message.type == wanted:
+                yield bytes(message.data)
+                index += 1
+    except (DechirpError, GeneratorExit):
+        raise
+    except Exception as error:  # the library raises any error for damaged bytes
+        raise _damaged_trace_error(path, index, error) from None
+
+
+def _find_mcap_type(path: Path) -> str | None:
+    """Return the first type of OSI among the messages of an MCAP file, None without any."""
+    try:
+        messages = islice(iter_mcap_messages(path), _MAX_SEARCHED_MESSAGES)
+        return next((message.type for message in messages if message.type in _MCAP_TYPES), None)
+    except Exception:  # damaged, or without the extra io: for the reader of recordings to state
+        return None
+
+
+def _damaged_trace_error(path: Path, index: int, error: Exception) -> RecordingError:
+    return RecordingError(
+        path,
+        value=f"message {index}: {type(error).__name__}: {error}",
+        expected="a trace of SensorView or GroundTruth, each message after its length, or in MCAP",
+        fix="record it again, or cut the file before this message",
+    )
 
 
 def state_of_moving_object(path: object, moving: Any, time_s: float) -> ObjectState:

@@ -30,7 +30,8 @@ def studio(
     folders
         Folders with recordings and settings files that the page may open; none by default.
     scenario
-        Initial scenario of each page (YAML); a scene with a car and a person by default.
+        Initial scenario of each page (YAML), or a traffic file, with --set traffic.ego=ID; a scene
+        with a car and a person by default.
     changes
         PATH=VALUE changes a setting of the scenario, such as seed=7; may be repeated.
     host
@@ -87,10 +88,12 @@ def _resolve_folder(folder: Path) -> Path:
 def _initial_scenario(path: Path | None, changes: list[str]) -> "Scenario":
     from importlib import resources, util
 
-    from dechirp.experiments.scenario import load
+    from dechirp.experiments.scenario import load, traffic_scenario
+    from dechirp.traffic.traffic import recognise_traffic
 
     if path is not None:
-        return load(path, changes)
+        is_traffic = recognise_traffic(path) is not None
+        return traffic_scenario(path, changes) if is_traffic else load(path, changes)
     if util.find_spec("stonesoup") is None:
         changes = ["tracker=null", *changes]
     with resources.as_file(resources.files("dechirp.studio") / "start.yaml") as file:

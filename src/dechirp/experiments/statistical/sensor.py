@@ -92,8 +92,8 @@ class StatisticalSensor:
         """
         if scenario.scene is None or scenario.radar is None:
             raise InvalidSetting(
-                "scenario.recording",
-                value="a recording",
+                "scenario",
+                value="a recording, or traffic",
                 expected="a scene to draw detections of",
                 fix="give a scene and a radar",
             )

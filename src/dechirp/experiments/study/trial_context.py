@@ -20,8 +20,8 @@ def build_trial_context(scenario: Scenario) -> TrialContext:
     """
     if scenario.scene is None or scenario.radar is None:
         raise InvalidSetting(
-            "scenario.recording",
-            value="a recording",
+            "scenario",
+            value="a recording, or traffic",
             expected="a scene that can be simulated again and again",
             fix="give a scene, or take `dechirp tune`, which takes recordings",
         )

@@ -169,12 +169,12 @@ class Tune:
                 expected="scenarios to try settings on, or recordings, or both",
                 fix="add the name of a scenario",
             )
-        if any(scenario.recording is not None for scenario in self.scenarios):
+        if any(scenario.scene is None for scenario in self.scenarios):
             raise InvalidSetting(
                 "Tune.scenarios",
-                value="with one of a recording",
+                value="with one of a recording or of traffic",
                 expected="scenarios with a scene, which is simulated again and again",
-                fix="name it under recordings, as scenario: FILE, with its truth",
+                fix="name a recording under recordings, as scenario: FILE, with its truth",
             )
         if not self.search:
             raise InvalidSetting(

@@ -5,11 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from dechirp.core.errors import RecordingError
+from dechirp.core.mcap_messages import Message
 from dechirp.recordings.arrays.lazy_array import convert_parser_errors
 from dechirp.recordings.description import is_native_description
 from dechirp.recordings.messages import foreign_point_clouds, native_tables
 from dechirp.recordings.messages.message_arrays import collect_message_arrays
-from dechirp.recordings.messages.ros import Message, ros2_message_type_store
+from dechirp.recordings.messages.ros import ros2_message_type_store
 from dechirp.recordings.native import check_device_and_iq_hints
 from dechirp.recordings.readers.base import Contents, RecordingHints
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dechirp.core.mcap_messages import Message
 from dechirp.core.memory import SMALL_BYTES, check_free_memory
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.messages.ros import (
@@ -19,7 +20,6 @@ from dechirp.recordings.messages.ros import (
     SCAN,
     TEXT,
     TRACKS,
-    Message,
     decode_message,
     is_number_array_type,
     parse_cloud_points,

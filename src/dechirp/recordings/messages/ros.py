@@ -12,10 +12,11 @@ whose velocities are negative towards the sensor (issue 11).
 
 import math
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from dechirp.core.mcap_messages import Message
 from dechirp.core.optional_imports import import_from_extra
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -56,16 +57,6 @@ float32[6] size_covariance
 }
 """Definitions of radar_msgs, which are not part of a distribution; m, m/s, rad and dB."""
 NANO = 10**9
-
-
-class Message(NamedTuple):
-    """One message, as sent."""
-
-    topic: str
-    type: str
-    time_ns: int
-    data: bytes | memoryview
-    """Content in CDR."""
 
 
 @cache

@@ -15,13 +15,9 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
+from dechirp.core.mcap_messages import Message
 from dechirp.core.optional_imports import import_from_extra
-from dechirp.recordings.messages.ros import (
-    NANO,
-    POINT_TYPES,
-    Message,
-    ros2_message_type_store,
-)
+from dechirp.recordings.messages.ros import NANO, POINT_TYPES, ros2_message_type_store
 
 MAGIC = b"#ROSBAG V2.0\n"
 

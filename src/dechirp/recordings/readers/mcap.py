@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import ClassVar
 
+from dechirp.core.mcap_messages import MAGIC, iter_mcap_messages
 from dechirp.core.optional_imports import import_from_extra
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.messages.contents import messages_to_contents
-from dechirp.recordings.messages.mcap_messages import MAGIC, iter_mcap_messages
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 
 

@@ -15,12 +15,12 @@ from pathlib import Path, PurePath
 from typing import Any, ClassVar
 
 from dechirp.config.yaml_tree import parse_yaml
+from dechirp.core import mcap_messages
 from dechirp.core.errors import InvalidFile, RecordingError
+from dechirp.core.mcap_messages import Message
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.lazy_array import convert_parser_errors
-from dechirp.recordings.messages import mcap_messages
 from dechirp.recordings.messages.contents import messages_to_contents
-from dechirp.recordings.messages.ros import Message
 from dechirp.recordings.readers.base import (
     Contents,
     Format,

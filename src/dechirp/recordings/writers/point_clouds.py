@@ -27,11 +27,12 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.errors import DechirpError, Mistake
+from dechirp.core.mcap_messages import Message
 from dechirp.core.units import to_decibels
 from dechirp.recordings.arrays.json_columns import NUMBERS
 from dechirp.recordings.messages.message_arrays import DESCRIPTION, ROOT
 from dechirp.recordings.messages.native_tables import DETECTIONS
-from dechirp.recordings.messages.ros import NANO, Message
+from dechirp.recordings.messages.ros import NANO
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.base import Progress
 from dechirp.recordings.writers.description_text import (

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from dechirp.core.atomic_files import atomic_folder, check_output_folder_replaceable
+from dechirp.core.mcap_messages import Message
 from dechirp.core.optional_imports import import_from_extra
 from dechirp.core.values import frozen_dataclass
-from dechirp.recordings.messages.ros import POINT_TYPES, Message, ros2_message_type_store
+from dechirp.recordings.messages.ros import POINT_TYPES, ros2_message_type_store
 from dechirp.recordings.readers.ros2_bag import METADATA
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.base import Progress, Writer

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from dechirp.core.mcap_messages import Message
 from dechirp.core.optional_imports import import_from_extra
 from dechirp.recordings.messages.ros import (
     CLOUD,
@@ -14,7 +15,6 @@ from dechirp.recordings.messages.ros import (
     SCAN,
     TEXT,
     TRACKS,
-    Message,
     create_message,
     encode_message,
 )

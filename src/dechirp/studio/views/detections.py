@@ -96,9 +96,8 @@ class DetectionsView(View):
         if truth is None or scenario.radar is None:
             return np.full(order.size, EN_DASH, dtype=object)
         columns = {str(name): column.values for name, column in frame_state.detections.items()}
-        target = Associator(truth, scenario.radar, scenario.scene).nearest_target_indices(columns)[
-            order
-        ]
+        associator = Associator(truth, scenario.radar, frame_state.scene)
+        target = associator.nearest_target_indices(columns)[order]
         names = np.array([*truth.target.values.tolist(), _NO_TARGET], dtype=object)
         return np.asarray(names[target])
 

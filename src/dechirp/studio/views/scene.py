@@ -156,8 +156,11 @@ class SceneView(View):
         self.top_view.apply_theme(theme)
 
     def show_frame(self, frame_state: FrameState) -> None:
-        scene = None if frame_state.truth is None else self.session.scenario.scene
-        self._positions = target_positions_and_velocities(scene or Targets(), frame_state.time_s)
+        truth = frame_state.truth
+        scene, time_s = Targets(), frame_state.time_s
+        if truth is not None and frame_state.scene is not None:
+            scene, time_s = frame_state.scene, float(truth["time"].values[0])
+        self._positions = target_positions_and_velocities(scene, time_s)
         self._fit_range_to_targets(frame_state)
         marks = [
             self._draw_targets(),

@@ -11,15 +11,24 @@ import mmap
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from dechirp.core.optional_imports import import_from_extra
-from dechirp.recordings.messages.ros import Message
 
 MAGIC = b"\x89MCAP0\r\n"
 
 _MAX_CHUNK_BYTES = 2**28  # bytes; writers close chunks at about 1 MiB
 _SCHEMAS = ("ros2msg", "ros2idl", "omgidl")
+
+
+class Message(NamedTuple):
+    """One message, as sent."""
+
+    topic: str
+    type: str
+    time_ns: int
+    data: bytes | memoryview
+    """Content in CDR, or in the encoding that the type names."""
 
 
 def iter_mcap_messages(path: Path) -> Iterator[Message]:
