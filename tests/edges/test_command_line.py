@@ -1114,6 +1114,22 @@ def test_run_measures_vital_signs_of_a_scene(run_cli, folder):
     assert "18.0 (" in out and "not measurable" in out
 
 
+def test_run_of_a_long_recording_of_a_person_names_vital_signs(run_cli, folder):
+    (folder / "chest.yaml").write_text(CHEST)
+    scenario = dc.load(folder / "chest.yaml", ["n_frames=60"])
+    cube = dc.simulate(scenario.scene, scenario.radar, n_frames=60, seed=1)
+    dc.write(dc.recording_from_cube(cube, scenario.radar), folder / "chest.npz")
+
+    _, out, _ = run_cli("run", "chest.npz")
+    assert "note: vital_signs: not measured: 11.8 s" in out
+    assert "add --vital-signs" in out
+    _, out, _ = run_cli("run", "chest.npz", "--vital-signs")
+    assert "breathing (1/min)" in out
+    assert "note: vital_signs" not in out
+    _, out, _ = run_cli("run", "chest.npz", "--frames", "40")
+    assert "vital_signs" not in out
+
+
 def test_run_measures_vital_signs_of_a_slow_time_file(run_cli, folder):
     times = np.arange(0, 40, 0.05)
     # A chest that moves by 4 mm, 15 times a minute, at a wavelength of 5 mm; no noise but rounding.

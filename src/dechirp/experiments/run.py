@@ -53,6 +53,15 @@ from dechirp.tracking.online import LiveTracker
 
 _LOGGER = logging.getLogger(__name__)
 
+VITAL_SIGNS_SETTING = "vital_signs"
+"""Setting of the note on vital signs that were not measured."""
+_MIN_BREATHING_S = 10.0  # half a window of the measurement
+_MIN_BREATHING_RATE_HZ = 1.4  # twice the highest breathing rate
+_PERSON_RANGE_M = (0.2, 3.0)
+_MAX_CHEST_M_PER_S = 0.1
+_MIN_PERSON_SNR = 100.0
+_MIN_PERSON_SHARE = 0.8
+
 
 @frozen_dataclass
 class Result(Displayable):
@@ -220,6 +229,8 @@ def _run(
     detection_run = DetectionRun(
         first_frame=numbers.start, detections=detections_from_columns(columns), frames=totals
     )
+    if isinstance(source, Recording):
+        findings = (*findings, *_vital_sign_findings(detection_run))
     detection_time_s = perf_counter()
     result = build_result(scenario, radar, source, detection_run)
     return replace(
@@ -351,6 +362,35 @@ def detection_findings(detection_run: DetectionRun, radar: Radar) -> tuple[Findi
             mitigation_findings(detection_run.frames.removed)
             if detection_run.frames.removed
             else ()
+        ),
+    )
+
+
+def _vital_sign_findings(detection_run: DetectionRun) -> tuple[Finding, ...]:
+    """Return a note if the frames are long and fast enough for breathing, with an echo near by.
+
+    The limits are those of `processing.vital_signs`, which this does not import: it takes 0.04 s.
+    """
+    times_s = detection_run.frames.times_s
+    duration_s = times_s[-1] - times_s[0] if times_s else 0.0
+    if duration_s < _MIN_BREATHING_S or len(times_s) < _MIN_BREATHING_RATE_HZ * duration_s:
+        return ()
+    detections = detection_run.detections
+    near, far = _PERSON_RANGE_M
+    ranges_m, snr = detections["range"].values, detections["snr"].values
+    is_person = (near <= ranges_m) & (ranges_m <= far) & (snr >= _MIN_PERSON_SNR)
+    is_person &= abs(detections["velocity"].values) <= _MAX_CHEST_M_PER_S
+    n_frames = len(np.unique(detections["frame"].values[is_person]))
+    if n_frames < _MIN_PERSON_SHARE * len(times_s):
+        return ()
+    return (
+        Finding(
+            level="note",
+            setting=VITAL_SIGNS_SETTING,
+            value=f"not measured: {duration_s:.3g} s with a nearly static echo from {near:g} to"
+            f" {far:g} m, which may be a person",
+            expected="breathing and heart rate, if a person sits there",
+            fix="add --vital-signs to measure them",
         ),
     )
 
