@@ -58,7 +58,7 @@ def test_rejects_unwritable_object_list_before_run(tmp_path, capsys, monkeypatch
 
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_results_are_kept_when_writing_object_list_fails(tmp_path, capsys, monkeypatch):
-    def fail_on_list(objects, path):
+    def fail_on_list(objects, path, **coding):
         if path != file:
             return  # check before the run
         raise dc.InvalidSetting("path", value="full", expected="a disk with room", fix="Make room.")
