@@ -3,6 +3,7 @@
 import ctypes
 import json
 import sys
+import zipfile
 from pathlib import Path
 from xml.etree.ElementTree import fromstring
 
@@ -12,6 +13,7 @@ import dechirp as dc
 from dechirp.cli.fmu_file import write_fmu
 from dechirp.core.errors import InvalidSetting
 from dechirp.experiments.osmp import BinaryVariable, OsmpRadar, annotate_model_description
+from dechirp.experiments.scenario import traffic_scenario
 from sample_osi_views import make_view
 
 SensorData = pytest.importorskip("osi3.osi_sensordata_pb2").SensorData
@@ -81,6 +83,27 @@ def test_radar_of_resources_measures_each_view_that_is_due(scenario, tmp_path):
     radar.variables[INPUT].integers = dict(zip(ROLES, integers_of_buffer(buffer), strict=True))
     with pytest.raises(InvalidSetting, match=r"0 s after one at 0\.12 s"):
         radar.step()
+
+
+def test_pose_of_traffic_is_packed(scenario, tmp_path):
+    pytest.importorskip("pythonfmu", reason="needs the extra fmu")
+    changes = ["traffic.pose={position: [1 m, 0.5 m, 0.6 m], yaw: 90 deg}", "n_frames=3"]
+    traffic = traffic_scenario(tmp_path / "none.csv", changes)
+    write_fmu(traffic, tmp_path / "radar.fmu", kind="statistical")
+    with zipfile.ZipFile(tmp_path / "radar.fmu") as file:
+        file.extractall(tmp_path / "unzipped")
+    radar = OsmpRadar(tmp_path / "unzipped" / "resources")
+    view = make_view(0.0, {"id": 1}, {"id": 2, "y": 30.0}).SerializeToString()
+    buffer = ctypes.create_string_buffer(view, len(view))
+    radar.variables[INPUT].integers = dict(zip(ROLES, integers_of_buffer(buffer), strict=True))
+    radar.step()
+    data = SensorData.FromString(radar.variables[OUTPUT].read())
+    pose = data.mounting_position
+    assert (pose.position.x, pose.position.y) == (1.0, 0.5)
+    assert pose.orientation.yaw == pytest.approx(1.5708, abs=1e-4)
+    # The car's side is 29.1 m left of the host's centre, 28.6 m from the radar.
+    nearest = min(item.position.distance for item in data.feature_data.radar_sensor[0].detection)
+    assert nearest == pytest.approx(28.6, abs=0.8)
 
 
 def test_model_description_has_annotations_of_osmp():

@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,8 +15,14 @@ from dechirp.core.atomic_files import atomic_output_file, check_file_suffix
 from dechirp.core.optional_imports import import_from_extra
 from dechirp.experiments.osmp import OPTIONS_NAME, SETTINGS_NAME
 from dechirp.experiments.scenario import Scenario
-from dechirp.experiments.sensor_model import Kind, SensorModel, settings_without_scene
+from dechirp.experiments.sensor_model import (
+    Kind,
+    SensorModel,
+    mount_of_traffic,
+    settings_without_scene,
+)
 from dechirp.results.object_lists.osi import osi_version
+from dechirp.traffic.mounting import Mounting
 
 REQUIREMENT = f"dechirp[io,track]=={dechirp.__version__}"
 """Requirement of the Python that runs the FMU."""
@@ -107,7 +114,9 @@ def write_fmu(
     builder = import_from_extra("fmu", "pythonfmu.builder", setting="fmu").FmuBuilder
     SensorModel(scenario, mount=mount, kind=kind, seed=seed)  # raises for settings that do not fit
     osi_version()  # raises without the extra io
-    options = {"mount": mount, "kind": kind, "seed": seed}
+    place = mount or mount_of_traffic(scenario)
+    pose = asdict(place) if isinstance(place, Mounting) else place
+    options = {"mount": pose, "kind": kind, "seed": seed}
     with TemporaryDirectory() as name, _import_path_restored():
         folder = Path(name)
         files = {

@@ -20,6 +20,7 @@ from dechirp.core.findings import Finding
 from dechirp.experiments.scenario import load
 from dechirp.experiments.sensor_model import SensorModel
 from dechirp.results.object_lists.osi import osi_version
+from dechirp.traffic.mounting import Mounting
 from dechirp.traffic.osi_views import view_time_s
 
 SETTINGS_NAME, OPTIONS_NAME = "settings.yaml", "options.json"
@@ -65,6 +66,8 @@ class OsmpRadar:
     def __init__(self, resources: Path) -> None:
         scenario = load(resources / SETTINGS_NAME)
         options = json.loads((resources / OPTIONS_NAME).read_text(encoding="utf-8"))
+        if isinstance(options["mount"], dict):
+            options["mount"] = Mounting(**options["mount"])
         self._model = SensorModel(scenario, **options)
         self._n_logged_findings = 0
         self._last_s: float | None = None

@@ -81,8 +81,8 @@ class SensorModel:
         Of a scenario radar, impairments, chain, ego motion, tracker and engine are used. A radar
         alone has the default chain with clusters, and a tracker if it measures azimuths.
     mount : str or Mounting, optional
-        Place on the outline of the host, such as front or rear-left, or a pose. Default: the
-        mounting position of the view, and without one the front.
+        Place on the outline of the host, such as front or rear-left, or a pose. Default: that of
+        the scenario's traffic, else the mounting position of the view, else the front.
     kind : "samples" or "statistical"
         Simulate and process samples, or draw detections from their distribution, which takes a
         fraction of the time; see `StatisticalSensor` for its approximations.
@@ -127,7 +127,7 @@ class SensorModel:
         self.radar: Radar = scenario.radar
         self.findings: tuple[Finding, ...] = ()
         """Findings of all steps so far, each once; notes are here alone."""
-        self._scenario, self._mount = scenario, mount
+        self._scenario, self._mount = scenario, mount or mount_of_traffic(scenario)
         self._seed = scenario.seed if seed is None else seed
         check_integer("SensorModel.seed", self._seed, at_least=0, at_most=2**63 - 1)
         check_integer("SensorModel.sensor_id", sensor_id, at_least=0, at_most=2**63 - 1)
@@ -296,6 +296,12 @@ def _scenario_of_radar(radar: Radar) -> Scenario:
         n_frames=_TRAFFIC_TRACKER.confirm_after[0],
         tracker=_TRAFFIC_TRACKER if has_azimuth else None,
     )
+
+
+def mount_of_traffic(scenario: Scenario) -> str | Mounting | None:
+    """Return place or pose of the radar in a scenario's traffic, None without traffic."""
+    traffic = scenario.traffic
+    return None if traffic is None else traffic.pose or traffic.mount
 
 
 def settings_without_scene(scenario: Scenario) -> Scenario:
