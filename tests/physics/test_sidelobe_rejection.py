@@ -127,17 +127,24 @@ def test_target_in_sidelobes_that_no_window_removes_has_no_direction():
 def test_directions_masked_by_sidelobes_are_reported():
     radar, chain = make_radar(), dc.Chain(cfar=STATIC_CFAR).fit_to_radar(make_radar())
     rng = np.random.default_rng(5)
-    n_reported = n_nan = 0
+    masked_m, nan_m = [], []
     for _ in range(20):
         cube, *_ = simulate_beside_extended_echo(radar, rng, n_cells=3, ratio_db=38)
         frame = process_frame(cube.values[0], radar, chain)
-        n_reported += frame.n_masked_directions
-        n_nan += int(np.isnan(frame.detections["azimuth"]).sum())
+        masked_m.extend(frame.masked_ranges_m)
+        is_nan = np.isnan(frame.detections["azimuth"])
+        nan_m.extend(frame.detections["range"][is_nan])
 
-    assert n_reported == n_nan > 0
-    (finding,) = _masked_direction_findings(n_nan)
-    assert finding.setting == "chain.angle" and f"{n_nan} detections" in finding.value
-    assert "no direction for 1 detection beside" in _masked_direction_findings(1)[0].value
+    assert len(nan_m) > 0
+    # The ranges are those of the beat frequencies, of targets at rest.
+    cell_m = radar.frame.chirp.range_resolution_m
+    assert masked_m == pytest.approx(nan_m, abs=0.1 * cell_m)
+    (finding,) = _masked_direction_findings(masked_m, cell_m)
+    assert finding.setting == "chain.angle" and f"{len(nan_m)} detections" in finding.value
+    far_m = 100 * cell_m
+    (finding,) = _masked_direction_findings([2.0, far_m, 2.0 + cell_m], cell_m)
+    assert f"at 2 to {2 + cell_m:.3g}, {far_m:.3g} m" in finding.value
+    assert "no direction for 1 detection beside" in _masked_direction_findings([2.0], 1.0)[0].value
 
 
 @pytest.mark.parametrize("offset_cells", [(5, 0), (0, 6), (4, 4)], ids=str)

@@ -16,8 +16,9 @@ class FrameTotals:
         """Power that mitigation removed from each frame; empty without mitigation."""
         self.n_crowded = 0
         """Frames with more peaks than are kept."""
-        self.n_masked_directions = 0
-        """Detections without directions since the sidelobes of other echoes dominate them."""
+        self.masked_ranges_m: list[float] = []
+        """Ranges of detections without directions since the sidelobes of other echoes dominate
+        them."""
         self.n_unknown_angles = 0
         """Sources with an angle that their amplitudes do not determine."""
         self.channel_phase_rms_rad: list[float] = []
@@ -34,6 +35,6 @@ class FrameTotals:
         if frame.removed:
             self.removed.append(frame.removed)
         self.n_crowded += frame.n_dropped_peaks > 0
-        self.n_masked_directions += frame.n_masked_directions
+        self.masked_ranges_m.extend(frame.masked_ranges_m.tolist())
         self.n_unknown_angles += frame.n_unknown_angles
         self.channel_phase_rms_rad.append(frame.channel_phase_rms_rad)

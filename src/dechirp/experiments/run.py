@@ -1,7 +1,7 @@
 """Run of one experiment: simulate or read samples, and process them."""
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -21,6 +21,7 @@ from dechirp.core.findings import (
     findings_display_table,
     log_findings,
 )
+from dechirp.core.text import format_number
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.frame_totals import FrameTotals
 from dechirp.experiments.link_budget import added_noise_power_w, link_budget_of_first_target
@@ -355,7 +356,9 @@ def detection_findings(detection_run: DetectionRun, radar: Radar) -> tuple[Findi
     return (
         *near_field.near_field_findings(radar, detection_run.detections),
         *_dropped_peak_findings(detection_run.frames.n_crowded),
-        *_masked_direction_findings(detection_run.frames.n_masked_directions),
+        *_masked_direction_findings(
+            detection_run.frames.masked_ranges_m, radar.frame.chirp.range_resolution_m
+        ),
         *_unknown_angle_findings(detection_run.frames.n_unknown_angles),
         *channel_error_findings(detection_run.frames.channel_phase_rms_rad, radar),
         *(
@@ -532,16 +535,26 @@ def _dropped_directions_findings(
     )
 
 
-def _masked_direction_findings(n_detections: int) -> tuple[Finding, ...]:
-    """Return a note if detections have no direction beside much stronger echoes."""
-    if not n_detections:
+def _masked_direction_findings(
+    ranges_m: Sequence[float], resolution_m: float
+) -> tuple[Finding, ...]:
+    """Return a note if detections at ranges have no direction beside much stronger echoes."""
+    if not ranges_m:
         return ()
+    ordered_m = np.sort(ranges_m)
+    groups = np.split(ordered_m, np.flatnonzero(np.diff(ordered_m) > 3 * resolution_m) + 1)
+    spans = [
+        " to ".join(dict.fromkeys(format_number(m, 3) for m in (group[0], group[-1])))
+        for group in sorted(groups, key=len, reverse=True)
+    ]
+    more = f" and {len(spans) - 4} other places" if len(spans) > 4 else ""
     return (
         Finding(
             level="note",
             setting="chain.angle",
-            value=f"no direction for {format_count_with_noun(n_detections, 'detection')} beside"
-            " much stronger echoes, whose sidelobes contain more than a tenth of the power",
+            value=f"no direction for {format_count_with_noun(len(ranges_m), 'detection')} beside"
+            " much stronger echoes, whose sidelobes contain more than a tenth of the power:"
+            f" they may be shoulders of those echoes, at {', '.join(spans[:4])} m{more}",
             expected="echoes at least 10 dB above the sidelobes of others, with every window",
             fix="more bandwidth or a longer frame separates the echoes; else nothing is to be done",
         ),

@@ -76,8 +76,8 @@ class FrameResult(NamedTuple):
     """Power that each method of the mitigation removed."""
     n_dropped_peaks: int
     """Peaks beyond the 2,000 strongest of a map."""
-    n_masked_directions: int
-    """Detections without directions since the sidelobes of other echoes dominate them."""
+    masked_ranges_m: np.ndarray
+    """Ranges of detections without directions since the sidelobes of other echoes dominate them."""
     n_unknown_angles: int
     """Sources with an angle at the limit of the field of view, or of a useless error."""
     channel_phase_rms_rad: float
@@ -158,11 +158,11 @@ def process_frame(
         ),
         removed=removed,
         n_dropped_peaks=sum(map_peaks.n_dropped_peaks for map_peaks in maps),
-        n_masked_directions=0
+        masked_ranges_m=np.zeros(0)
         if chain.angle is None
-        else int(
-            sidelobe_dominated_mask(resolved.peaks.tones.amplitude, resolved.peaks.sidelobes).sum()
-        ),
+        else _beat_ranges_m(resolved, radar)[
+            sidelobe_dominated_mask(resolved.peaks.tones.amplitude, resolved.peaks.sidelobes)
+        ],
         n_unknown_angles=int(sources.has_unknown_angle.sum()),
         channel_phase_rms_rad=median_or_nan(sources.channel_phase_rms_rad),
     )
@@ -238,9 +238,7 @@ def find_directions(resolved: ResolvedPeaks, radar: Radar, chain: Chain) -> Sour
         return sources_without_directions(len(resolved.doppler_hz))
     radar = _rising_ramp_radar(radar)
     aperture = checked_direction_aperture(radar, chain.field_of_view)
-    peaks, chirp = resolved.peaks, radar.frame.chirp
-    offset_m = 0.0 if radar.calibration is None else radar.calibration.range_offset_m
-    beat_hz = peaks.tones.fast * (chirp.sample_rate_hz / (2 * np.pi))
+    peaks = resolved.peaks
     return estimate_sources(
         peaks.tones.amplitude,
         resolved.doppler_hz,
@@ -249,8 +247,16 @@ def find_directions(resolved: ResolvedPeaks, radar: Radar, chain: Chain) -> Sour
         chain.angle,
         aperture,
         sidelobes=peaks.sidelobes,
-        range_m=beat_hz * chirp.range_m(1.0) - offset_m,
+        range_m=_beat_ranges_m(resolved, radar),
     )
+
+
+def _beat_ranges_m(resolved: ResolvedPeaks, radar: Radar) -> np.ndarray:
+    """Return ranges of peaks by their beat frequencies, with the shift by range-Doppler coupling."""
+    chirp = radar.frame.chirp
+    offset_m = 0.0 if radar.calibration is None else radar.calibration.range_offset_m
+    beat_hz = resolved.peaks.tones.fast * (chirp.sample_rate_hz / (2 * np.pi))
+    return np.asarray(beat_hz * chirp.range_m(1.0) - offset_m)
 
 
 def build_detection_columns(
