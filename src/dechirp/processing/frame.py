@@ -252,7 +252,7 @@ def find_directions(resolved: ResolvedPeaks, radar: Radar, chain: Chain) -> Sour
 
 
 def _beat_ranges_m(resolved: ResolvedPeaks, radar: Radar) -> np.ndarray:
-    """Return ranges of peaks by their beat frequencies, with the shift by range-Doppler coupling."""
+    """Return ranges of peaks by their beat frequencies, shifted by range-Doppler coupling."""
     chirp = radar.frame.chirp
     offset_m = 0.0 if radar.calibration is None else radar.calibration.range_offset_m
     beat_hz = resolved.peaks.tones.fast * (chirp.sample_rate_hz / (2 * np.pi))
