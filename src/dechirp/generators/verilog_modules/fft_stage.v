@@ -30,7 +30,7 @@ module dechirp_fft_stage #(
     input  wire [EXPONENT_BITS-1:0]     in_exponent,  // sum of the shifts of earlier stages
     output wire [(STAGE > 1 ? STAGE-2 : 0):0] twiddle_address,
     input  wire [2*TWIDDLE_BITS-1:0]    twiddle,   // imaginary, real part
-    output wire [INDEX_BITS-1:0]        out_index,
+    output reg  [INDEX_BITS-1:0]        out_index,
     output reg  signed [BITS-1:0]       out_re,
     output reg  signed [BITS-1:0]       out_im,
     output wire [EXPONENT_BITS-1:0]     out_exponent
@@ -63,7 +63,8 @@ module dechirp_fft_stage #(
             assign out_exponent = in_exponent;
         end
     endgenerate
-    assign out_index = index - LAG[INDEX_BITS-1:0];
+    // A step later `index` is higher by one.
+    always @(posedge clk) if (en) out_index <= index + 1'b1 - LAG[INDEX_BITS-1:0];
 
     // Rotation: the sample itself, and W times it, at the input of the butterfly.
     wire second;  // the sample is a b
