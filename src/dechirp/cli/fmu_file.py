@@ -139,9 +139,9 @@ def write_fmu(
 @contextmanager
 def _import_path_restored() -> Iterator[None]:
     """Restore the import path and forget the module, which PythonFMU adds."""
-    before = list(sys.path)
+    folders = list(sys.path)
     try:
         yield
     finally:
-        sys.path[:] = before
+        sys.path[:] = folders
         sys.modules.pop(_MODULE, None)

@@ -276,12 +276,12 @@ class SensorModel:
 
     def _add_findings(self, findings: list[Finding]) -> None:
         """Keep the findings that no step before has given; issue warnings among them."""
-        known = {(finding.setting, finding.expected) for finding in self.findings}
+        reported = {(finding.setting, finding.expected) for finding in self.findings}
         for finding in findings:
             # Views give each finding once for an object, scenes again in every step.
             is_of_view = finding.setting.startswith("view.")
-            if is_of_view or (finding.setting, finding.expected) not in known:
-                known.add((finding.setting, finding.expected))
+            if is_of_view or (finding.setting, finding.expected) not in reported:
+                reported.add((finding.setting, finding.expected))
                 self.findings += (finding,)
                 if finding.level != "note":
                     warnings.warn(PhysicsWarning(finding), stacklevel=4)

@@ -145,18 +145,18 @@ class OsiViews:
     def _next_history(self, state: ObjectState) -> _History:
         """Return the history of an object with its present state."""
         position_m = np.array([state.x_m, state.y_m])
-        before = self._histories.get(state.id)
+        past = self._histories.get(state.id)
         stated_speed = math.hypot(state.vx_m_per_s, state.vy_m_per_s)
         velocity, interval_s = None, 0.0
-        if before is not None:
-            interval_s = state.time_s - before.time_s
-            velocity = (position_m - before.position_m) / interval_s
+        if past is not None:
+            interval_s = state.time_s - past.time_s
+            velocity = (position_m - past.position_m) / interval_s
             if np.hypot(*velocity) > FASTEST_M_PER_S:
                 self._report(
                     "position",
                     state.id,
                     value=f"object {state.id} jumps by"
-                    f" {format_number(float(np.hypot(*(position_m - before.position_m))), 3)} m at"
+                    f" {format_number(float(np.hypot(*(position_m - past.position_m))), 3)} m at"
                     f" {state.time_s:g} s",
                     expected=f"at most {FASTEST_M_PER_S:g} m/s from view to view",
                     fix="give the object behind the jump another id",
@@ -165,14 +165,14 @@ class OsiViews:
         return _History(
             time_s=state.time_s,
             position_m=position_m,
-            heading_rad=self._heading_rad(state, before, velocity),
+            heading_rad=self._heading_rad(state, past, velocity),
             velocity=velocity,
             interval_s=interval_s,
-            states_velocity=stated_speed > 0 or (before is not None and before.states_velocity),
+            states_velocity=stated_speed > 0 or (past is not None and past.states_velocity),
         )
 
     def _heading_rad(
-        self, state: ObjectState, before: _History | None, velocity: np.ndarray | None
+        self, state: ObjectState, past: _History | None, velocity: np.ndarray | None
     ) -> float:
         """Return the stated heading, else the course of an object that moves, else the last one."""
         if math.isfinite(state.heading_rad):
@@ -180,7 +180,7 @@ class OsiViews:
         for course in ((state.vx_m_per_s, state.vy_m_per_s), velocity):
             if course is not None and math.hypot(*course) > MOVES_M_PER_S:
                 return math.atan2(course[1], course[0])
-        return 0.0 if before is None else before.heading_rad
+        return 0.0 if past is None else past.heading_rad
 
     def _viewed_object(self, state: ObjectState, moving: Any, history: _History) -> ViewedObject:
         stated_size = Size(state.length_m, state.width_m, state.height_m)
@@ -218,11 +218,11 @@ class OsiViews:
                     fix="nothing to do: 0 until its next view, then from positions",
                 )
             return np.nan_to_num(stated)
-        before = self._histories[state.id]
+        past = self._histories[state.id]
         derived = history.velocity
-        if before.velocity is not None:
-            share = history.interval_s / (history.interval_s + before.interval_s)
-            derived = derived + share * (derived - before.velocity)
+        if past.velocity is not None:
+            share = history.interval_s / (history.interval_s + past.interval_s)
+            derived = derived + share * (derived - past.velocity)
         moves = float(np.hypot(*derived)) > MOVES_M_PER_S
         if is_missing or (moves and not history.states_velocity):
             self._report(
@@ -237,14 +237,14 @@ class OsiViews:
         return stated
 
     def _turn_rate(self, number: int, moving: Any, history: _History) -> float:
-        """Return the stated rate, else the change of heading since the view before."""
+        """Return the stated rate, else the change of heading since the last view."""
         rate = moving.base.orientation_rate
         if rate.HasField("yaw") and math.isfinite(rate.yaw):
             return float(rate.yaw)
-        before = self._histories.get(number)
-        if before is None:
+        past = self._histories.get(number)
+        if past is None:
             return 0.0
-        turned_rad = math.remainder(history.heading_rad - before.heading_rad, 2 * math.pi)
+        turned_rad = math.remainder(history.heading_rad - past.heading_rad, 2 * math.pi)
         turn_rate = turned_rad / history.interval_s
         return turn_rate if abs(turn_rate) <= _MAX_TURN_RATE_RAD_PER_S else 0.0
 
