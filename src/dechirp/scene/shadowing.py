@@ -33,8 +33,8 @@ _TOLERANCE_DB = 0.2
 _SLOPE_DB = 8.7
 # Distance from the ends of a path within which edges count as infinitely sharp.
 _MIN_SHARE = 1e-9
-# Pairs of scatterers and screens that are evaluated together: some 100 arrays of 2**14 pairs.
-_BLOCK_PAIRS = 2**14
+# Pairs of scatterers and screens that are evaluated together: some 100 arrays of 2**12 pairs.
+_BLOCK_PAIRS = 2**12
 
 
 class _Edges(NamedTuple):
@@ -122,7 +122,7 @@ def _add_log_amplitudes(
     differs = _SLOPE_DB * change > _TOLERANCE_DB
     is_near = edges.clearances < _FADE_END / np.maximum(1 - change, 1e-3)
     common = np.flatnonzero(is_near & ~differs)
-    common_edges = _Edges(*(column[..., common] for column in edges))
+    common_edges = _Edges(*(column.take(common, axis=-1) for column in edges))
     log_amplitudes += _sum_logarithms(common_edges.amplitudes(), scatterers[common], n_scatterers)
     pairs = np.repeat(np.flatnonzero(is_near & differs), len(antennas_m))
     antennas = np.resize(np.arange(len(antennas_m)), len(pairs))
@@ -239,7 +239,8 @@ def _edges_across_paths(
         (np.flatnonzero(~is_cut), _Sides.of_corners),
         (np.flatnonzero(is_cut), _Sides.clipped_to_path),
     ):
-        outline = sides(share[:, columns], left_m[:, columns], v_per_root[columns])
+        # take keeps the order in memory, which indexing reverses.
+        outline = sides(*(values.take(columns, axis=-1) for values in (share, left_m, v_per_root)))
         width_v[:, columns], sensitivity[columns] = outline.width_v(), outline.sensitivity()
         crossing[:, columns] = outline.shares_of_crossing()
 
@@ -336,9 +337,9 @@ class _Sides(NamedTuple):
                 end_left_m = np.where(is_at_end, self.left_m, 0.0)
                 ends[(end_left_m > 0).any(axis=0) & (end_left_m < 0).any(axis=0)] = end
         beside = np.flatnonzero(np.isinf(first) | np.isinf(last))
-        distance_v = abs(self.v[:, beside])
+        distance_v = abs(self.v.take(beside, axis=1))
         if self.is_between is not None:
-            distance_v[~self.is_between[:, beside]] = np.inf
+            distance_v[~self.is_between.take(beside, axis=1)] = np.inf
         nearest = distance_v.argmin(axis=0)
         first[beside] = last[beside] = self.share[nearest, beside]
         return np.stack([first, last])
