@@ -28,7 +28,7 @@ from dechirp.report.study.page import (
 from dechirp.report.study.settings import format_confidence_percent
 from dechirp.report.study.table import build_point_table
 from dechirp.results.text_files import to_json_text
-from nightly import NIGHTLY
+from nightly import NIGHTLY, nightly
 from page_checks import check_captions, check_pdf_contains_page_text
 from sample_studies import (
     DISTANCE,
@@ -73,7 +73,7 @@ def extract_text(page):
         ((RCS, WINDOW), {"scores": SCORES}, 3),
         ((WINDOW,), {"targets": ("car", "truck")}, 1),
         # Lines and a map for each target.
-        ((RCS, DISTANCE), {"targets": ("car", "truck")}, 4),
+        pytest.param((RCS, DISTANCE), {"targets": ("car", "truck")}, 4, marks=nightly),
         ((WINDOW, OFFSET), {"n_draws": 8}, 1),
         # One figure for each window.
         ((RCS, TWO_DISTANCES, WINDOW), {}, 2),

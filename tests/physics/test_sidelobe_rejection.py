@@ -10,7 +10,7 @@ import dechirp as dc
 from dechirp.certificate.resolution import run_resolution_trials
 from dechirp.experiments.run import _masked_direction_findings
 from dechirp.processing.frame import process_frame
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 from radars import eight_receiver_radar
 
 N_TRIALS = 80
@@ -147,7 +147,9 @@ def test_directions_masked_by_sidelobes_are_reported():
     assert "no direction for 1 detection beside" in _masked_direction_findings([2.0], 1.0)[0].value
 
 
-@pytest.mark.parametrize("offset_cells", [(5, 0), (0, 6), (4, 4)], ids=str)
+@pytest.mark.parametrize(
+    "offset_cells", [(4, 4), *(pytest.param(c, marks=nightly) for c in [(5, 0), (0, 6)])], ids=str
+)
 def test_undetected_echo_beside_strong_target_does_not_bias_it(offset_cells):
     """An echo 40 dB weaker, which the detector drops in the training cells of a target of 60 dB."""
     radar = make_radar(n_chirps=64)
