@@ -5,9 +5,7 @@ from abc import abstractmethod
 from functools import cache
 from pathlib import Path
 from textwrap import indent
-from typing import ClassVar, NamedTuple
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import dechirp
 from dechirp.config.dumping import dump_yaml
@@ -20,6 +18,9 @@ from dechirp.processing.chain import Chain
 from dechirp.processing.fixed_point.lookup_tables import LookupTables, make_lookup_tables
 from dechirp.processing.fixed_point.word_lengths import WordLengths
 from dechirp.radar.radar import Radar
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 SETTINGS_FILE, WORDS_FILE = "settings.yaml", "words.yaml"
 """Scenario of radar, chain and an empty scene, and word lengths, in every generated folder."""
@@ -144,8 +145,10 @@ class Generator(Family):
 
 
 @cache
-def code_templates(folder: str) -> Environment:
+def code_templates(folder: str) -> "Environment":
     """Return the templates in a folder beside this file; unknown names raise an error."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # unused by `dechirp list`
+
     return Environment(
         loader=PackageLoader("dechirp.generators", folder),
         undefined=StrictUndefined,
