@@ -204,6 +204,7 @@ def make_result(**changes) -> SimpleNamespace:
         ego=None,
         clusters=None,
         tracks=None,
+        traffic=None,
         truth=truth(scene, RADAR, n_frames=n_frames),
         findings=(),
         timing_s={"simulate": 0.21, "range-Doppler map": 0.013, "CFAR": 0.008, "peaks": 0.0006},
