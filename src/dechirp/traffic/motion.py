@@ -15,9 +15,9 @@ _MAX_TURN_ACCELERATION_OF_VEHICLES_RAD_PER_S2 = 3.0
 _MOVES_M_PER_S = 0.5  # slower objects keep their heading: the course of jitter is random
 _MIN_SMOOTHED_STEPS = 5  # fewer are joined by a straight line
 
-# Change of the smoothing parameter in each step of its search, and their number: the acceleration
-# falls from any noise to zero within 10^16.
-_SMOOTHING_FACTOR, _MAX_SMOOTHING_STEPS = 10**0.5, 40
+# Decades of the smoothing parameter, in cubes of a step: from none to a straight line; halvings of
+# this interval in the search, to a tenth of a decade.
+_SMOOTHING_DECADES, _N_HALVINGS = (-6.0, 8.0), 7
 
 
 class Motion(NamedTuple):
@@ -166,17 +166,20 @@ def _fit_bounded_spline(
     spline = CubicSpline(times_s, values, bc_type="natural")
     if _peak_second_derivative(spline, times_s) <= limit:
         return spline
-    if len(times_s) >= _MIN_SMOOTHED_STEPS:
-        # Times in steps, so that the parameter does not depend on the unit.
-        step_s = (times_s[-1] - times_s[0]) / (len(times_s) - 1)
-        smoothing = 1e-6 * step_s**3
-        for _ in range(_MAX_SMOOTHING_STEPS):
-            smooth = make_smoothing_spline(times_s, values, lam=smoothing)
-            if _peak_second_derivative(smooth, times_s) <= limit:
-                return smooth
-            smoothing *= _SMOOTHING_FACTOR
     slope, start = np.polyfit(times_s - times_s[0], values, 1)
-    return _Line(times_s[0], start, slope)
+    smoothest: Callable[..., np.ndarray] = _Line(times_s[0], start, slope)
+    if len(times_s) < _MIN_SMOOTHED_STEPS:
+        return smoothest
+    step_s = (times_s[-1] - times_s[0]) / (len(times_s) - 1)
+    low, high = _SMOOTHING_DECADES
+    for _ in range(_N_HALVINGS):
+        middle = (low + high) / 2
+        smooth = make_smoothing_spline(times_s, values, lam=10**middle * step_s**3)
+        if _peak_second_derivative(smooth, times_s) <= limit:
+            smoothest, high = smooth, middle
+        else:
+            low = middle
+    return smoothest
 
 
 def _peak_second_derivative(spline: Callable[..., np.ndarray], knots_s: np.ndarray) -> float:
