@@ -361,6 +361,33 @@ def _check_refusal_message(arguments: list[str], out: str, err: str) -> None:
     )
 
 
+def _step_sensor_model(file: Path, _scratch: Path) -> None:
+    """Step a small radar through a view and the same world 0.1 s later."""
+    from osi3.osi_sensorview_pb2 import SensorView
+
+    import dechirp as dc
+
+    chirp = dc.Chirp(
+        start_frequency_hz=77e9,
+        slope_hz_per_s=30e12,
+        ramp_duration_s=30e-6,
+        sample_rate_hz=10e6,
+        n_samples=64,
+        sampling="complex",
+    )
+    radar = dc.Radar(
+        frame=dc.Frame(chirp=chirp, n_chirps=16, interval_s=40e-6),
+        array=dc.Array(tx_m=((0, 0, 0),), rx_m=((0, 0, 0), (0, 1.95e-3, 0))),
+        hardware=dc.Hardware(transmit_power_w=0.01, antenna_gain=10.0, noise_factor=10.0, loss=1.0),
+    )
+    model = dc.SensorModel(radar, seed=1)
+    data = model.step(file.read_bytes())
+    later = SensorView.FromString(file.read_bytes())
+    for stamped in (later, later.global_ground_truth):
+        stamped.timestamp.seconds = data.timestamp.seconds + 1
+    model.step(later)
+
+
 class _WorkStarted(Exception):
     """Signal that a valid command starts its long work."""
 
@@ -412,6 +439,7 @@ ENTRIES: dict[str, Entry] = {
     "vectors": _read_vectors,
     "record": _read_study_ledger,
     "udp": _reassemble_packets,
+    "view": _step_sensor_model,
     "command-line": _run_command_line,
 }
 """Entry functions by folder name of the corpus."""
