@@ -61,6 +61,7 @@ ONLY_IN = {
     "bokeh": {"studio"},
     "tornado": {"studio"},
     "cyclopts": {"cli"},
+    "pythonfmu": {"cli"},
     "rich": {"cli"},
 }
 
