@@ -42,6 +42,7 @@ from dechirp.report.figures import (
     training_window,
     tune,
     twin,
+    vital_signs,
     waveform,
 )
 from dechirp.report.figures.common import range_axis_end_m
@@ -161,6 +162,15 @@ ALARM_CHECK = {
 TONE = np.exp(2j * np.pi * 0.1 * np.arange(256))
 
 # One call of each figure function, on axes or a figure; the name of a variant follows a space.
+CHEST_M = xr.DataArray(1e-3 * np.sin(N), dims="time", coords={"time": 0.1 * N})
+CHEST_RATES = xr.Dataset(
+    {
+        f"{sign}_rate{end}": ("window", [rate + shift_hz, np.nan])
+        for sign, rate in (("breathing", 0.3), ("heart", 1.1))
+        for end, shift_hz in (("", 0.0), ("_low", -0.01), ("_high", 0.01))
+    },
+    attrs={"confidence": 0.95},
+)
 DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
     "beat.draw_first_chirp_signal": lambda area, run: (
         beat.draw_first_chirp_signal(area, run.cube, doppler_frequency_hz=100.0)
@@ -232,6 +242,10 @@ DRAW_CALLS: dict[str, Callable[..., Axes | list[Axes]]] = {
     "frames.draw_estimates_over_time": lambda area, run: frames.draw_estimates_over_time(
         area, run.peaks, variable="velocity", truth=(N, N[None])
     ),
+    "vital_signs.draw_vital_signs": lambda figure, _: vital_signs.draw_vital_signs(
+        figure, CHEST_M, CHEST_M.rename(time="frequency"), CHEST_RATES
+    ),
+    "vital_signs.draw_displacement": lambda area, _: vital_signs.draw_displacement(area, CHEST_M),
     "range_doppler.draw_map": lambda area, run: range_doppler.draw_map(area, run.marked_map),
     "range_doppler.draw_map_over_noise": lambda area, run: range_doppler.draw_map_over_noise(
         area, run.marked_map, highest_db=60.0

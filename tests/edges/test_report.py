@@ -205,6 +205,8 @@ def make_result(**changes) -> SimpleNamespace:
         clusters=None,
         tracks=None,
         traffic=None,
+        vital_signs=None,
+        displacement=None,
         truth=truth(scene, RADAR, n_frames=n_frames),
         findings=(),
         timing_s={"simulate": 0.21, "range-Doppler map": 0.013, "CFAR": 0.008, "peaks": 0.0006},

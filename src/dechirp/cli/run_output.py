@@ -175,25 +175,15 @@ def track_table_and_object_sentences(
 
 def vital_signs_table(vital: xr.Dataset) -> Table:
     """Return a table of the rates of each window, with their confidence intervals."""
-    headings = ("time (s)", "range (m)", "breathing (1/min)", "heart (1/min)")
+    from dechirp.experiments.vital_signs import VITAL_SIGN_HEADINGS, vital_sign_rows
+
     table = new_table(
-        f"Vital signs, {vital.attrs['confidence']:.0%} intervals", number_columns=headings
+        f"Vital signs, {vital.attrs['confidence']:.0%} intervals",
+        number_columns=VITAL_SIGN_HEADINGS,
     )
-    for index in range(vital.sizes["window"]):
-        window = vital.isel(window=index)
-        table.add_row(
-            format_fixed(float(window["time"]), 1),
-            format_fixed(float(window["range"]) if "range" in window else np.nan, 2),
-            *(_format_rate(window, sign) for sign in ("breathing", "heart")),
-        )
+    for row in vital_sign_rows(vital):
+        table.add_row(*row)
     return table
-
-
-def _format_rate(window: xr.Dataset, sign: str) -> str:
-    rate, low, high = (60 * float(window[f"{sign}_rate{end}"]) for end in ("", "_low", "_high"))
-    if not np.isfinite(rate):
-        return "not measurable"
-    return f"{format_fixed(rate, 1)} ({format_fixed(low, 1)} to {format_fixed(high, 1)})"
 
 
 def missed_target_lines(result: Result) -> Iterator[str]:

@@ -88,6 +88,8 @@ class Result(Displayable):
     tracks: xr.Dataset | None = None
     vital_signs: xr.Dataset | None = None
     """Breathing and heart rate over windows of time; None if not requested."""
+    displacement: xr.DataArray | None = None
+    """Displacement of the chest over slow time, from which they are measured."""
     truth: xr.Dataset | None
     """None for a recording, and in traffic."""
     traffic: xr.Dataset | None = None

@@ -37,7 +37,7 @@ from dechirp.processing.periodicity import (
     slow_functions,
 )
 
-__all__ = ["VitalSigns", "measure_vital_signs"]
+__all__ = ["VitalSigns", "chest_displacement", "measure_vital_signs"]
 
 
 def __dir__() -> list[str]:
@@ -166,6 +166,52 @@ def measure_vital_signs(trace: xr.DataArray, settings: VitalSigns | None = None)
     ).set_coords("time")
 
 
+@check_argument_types
+def chest_displacement(trace: xr.DataArray, settings: VitalSigns | None = None) -> xr.DataArray:
+    """Compute the displacement of the cell that moves most, for figures.
+
+    lambda / (4 pi) times the phase about the centre of the arc that I and Q describe, without
+    motion slower than breathing. Where they are no arc, the amplitude is not that of the chest.
+
+    Parameters
+    ----------
+    trace, settings
+        As of `measure_vital_signs`; the cell is chosen over all times.
+
+    Returns
+    -------
+    DataArray (time,), m
+        Positive away from the radar; in rad if the trace has no `wavelength_m`.
+
+    Raises
+    ------
+    InvalidSetting
+        As `measure_vital_signs`.
+    """
+    settings = VitalSigns() if settings is None else settings
+    cells, times_s, _ = _cells_of_trace(trace, settings)
+    cells, times_s = _average_to_lower_rate(cells, times_s)
+    _check_times_suit_settings(times_s, settings)
+    values = cells[:, _strongest_moving_cell(cells, times_s, settings)]
+    is_present = values != 0
+    values, times_s = values[is_present], times_s[is_present]
+    phase = np.zeros(len(values))
+    if np.ptp(values):
+        phase = np.unwrap(np.angle(values - fit_arc(values).centre))
+        trend = slow_functions(times_s, settings.breathing_hz[0] / 2)
+        phase -= trend @ (trend.T @ phase)
+    wavelength_m = trace.attrs.get("wavelength_m")
+    return xr.DataArray(
+        phase if wavelength_m is None else wavelength_m / (4 * np.pi) * phase,
+        dims=("time",),
+        coords={"time": ("time", times_s, {"units": "s", "long_name": "time"})},
+        attrs={
+            "units": "rad" if wavelength_m is None else "m",
+            "long_name": "phase" if wavelength_m is None else "displacement",
+        },
+    )
+
+
 def _units_of_sign(name: str) -> str:
     if "probability" in name:
         return "1"
@@ -279,9 +325,7 @@ def _measure_window(
     settings: VitalSigns,
 ) -> dict[str, float]:
     """Measure both rates of one window."""
-    trend = slow_functions(times_s, settings.breathing_hz[0] / 2)
-    changes = cells - trend @ (trend.T @ cells)
-    chosen = int(np.argmax(np.sum(abs(changes) ** 2, axis=0)))
+    chosen = _strongest_moving_cell(cells, times_s, settings)
     row = {name: float(values[chosen]) for name, values in coordinates.items()}
     is_present = cells[:, chosen] != 0
     values, times_s = cells[is_present, chosen], times_s[is_present]
@@ -292,6 +336,13 @@ def _measure_window(
         amplitude_scale_m = wavelength_m / (4 * np.pi) if is_phase else math.nan
     row |= _row_of_line("breathing", breathing, amplitude_scale_m, settings)
     return row | _row_of_line("heart", heart, amplitude_scale_m, settings)
+
+
+def _strongest_moving_cell(cells: np.ndarray, times_s: np.ndarray, settings: VitalSigns) -> int:
+    """Return the cell with the most energy after removal of slow trends."""
+    trend = slow_functions(times_s, settings.breathing_hz[0] / 2)
+    changes = cells - trend @ (trend.T @ cells)
+    return int(np.argmax(np.sum(abs(changes) ** 2, axis=0)))
 
 
 def _find_breathing_and_heart(

@@ -18,7 +18,16 @@ from dechirp.report import (
     objects_section,
     traffic_section,
 )
-from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene, tracks
+from dechirp.report.figures import (
+    bars,
+    beat,
+    cfar,
+    frames,
+    range_doppler,
+    scene,
+    tracks,
+    vital_signs,
+)
 from dechirp.report.figures import spectrogram as over
 from dechirp.report.figures.common import MapAxis
 from dechirp.report.figures.style import TALL_IN, render_svg
@@ -86,6 +95,7 @@ def render_report(result: "Result", *, yaml: str) -> str:
         tracks_found=objects_section.describe_number_of_targets_with_tracks(result),
         most_drawn=objects_section.MAX_TRACKS,
         n_tracks=0 if result.tracks is None else result.tracks.sizes["track"],
+        vital_signs=_vital_sign_rows(result.vital_signs),
         budget=bars.link_budget_bars(result.budget or ()),
         settings=format_settings_by_group(result),
         findings=result.findings,
@@ -96,7 +106,9 @@ def render_report(result: "Result", *, yaml: str) -> str:
 
 
 def draw_first_figure(axes: Axes, result: "Result") -> Axes:
-    """Draw the first figure of the page: the scene, else the tracks, else the first chirp."""
+    """Draw the displacement of a chest, if any, else the scene, the tracks or the first chirp."""
+    if result.displacement is not None:
+        return vital_signs.draw_displacement(axes, result.displacement)
     context = sort_match_and_locate_detections(result)
     if result.scenario.scene is not None:
         return _draw_scene_from_above(axes, context, result.scenario.scene)
@@ -185,6 +197,8 @@ def _draw_report_figures(context: PageContext) -> dict[str, Markup]:
     from_above = traffic_section.draw_traffic_from_above(result)
     if from_above is not None:
         figures["traffic"] = from_above
+    if result.vital_signs is not None and result.displacement is not None:
+        figures["vital_signs"] = _draw_vital_signs(result.vital_signs, result.displacement)
     longest_tracks = objects_section.draw_longest_tracks(context)
     if longest_tracks is not None:
         figures["tracks"] = longest_tracks
@@ -195,6 +209,24 @@ def _draw_report_figures(context: PageContext) -> dict[str, Markup]:
         figures["range_over_time"] = _draw_estimates_over_time(context, "range")
         figures["velocity_over_time"] = _draw_estimates_over_time(context, "velocity")
     return figures
+
+
+def _vital_sign_rows(vital: xr.Dataset | None) -> list[tuple[str, ...]]:
+    if vital is None:
+        return []
+    from dechirp.experiments.vital_signs import vital_sign_rows  # takes 0.04 s
+
+    return vital_sign_rows(vital)
+
+
+def _draw_vital_signs(vital: xr.Dataset, displacement: xr.DataArray) -> Markup:
+    from dechirp.processing.slow_time import displacement_spectrum  # takes 0.03 s
+
+    spectrum = displacement_spectrum(displacement)
+    return render_svg(
+        lambda figure: vital_signs.draw_vital_signs(figure, displacement, spectrum, vital),
+        height_in=TALL_IN,
+    )
 
 
 def _draw_map_of_moving_targets(

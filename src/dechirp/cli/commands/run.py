@@ -166,14 +166,10 @@ def _add_vital_signs(result: "Result") -> "Result":
     """Return the result with breathing and heart rate."""
     from dechirp.cli.errors import replace_settings_by_options
     from dechirp.core.errors import DechirpError
-    from dechirp.experiments.run import VITAL_SIGNS_SETTING
-    from dechirp.experiments.vital_signs import measure_run_vital_signs
+    from dechirp.experiments.vital_signs import add_vital_signs
 
-    findings = [f for f in result.findings if f.setting != VITAL_SIGNS_SETTING]
     try:
-        return replace(
-            result, vital_signs=measure_run_vital_signs(result), findings=tuple(findings)
-        )
+        return add_vital_signs(result)
     except DechirpError as error:
         raise replace_settings_by_options(
             error, dict.fromkeys(("trace", "range_m", "VitalSigns.range_m"), "--vital-signs")
