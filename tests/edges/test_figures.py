@@ -52,7 +52,8 @@ from dechirp.scene.aliasing import RangeVelocity
 from radars import eight_receiver_radar
 
 UNIT = re.compile(
-    r"\((10\S+ )?(m|mm|m/s|s|ms|1/min|rad|µs|MHz|GHz|dB|dBm|dBFS|dBsm|°|√W|full scale|cells)(, [^)]*)?\)"
+    r"\((10\S+ )?(m|mm|m/s|s|ms|1/min|rad|µs|MHz|GHz|dB|dBm|dBFS|dBsm|°|√W|full scale|cells)"
+    r"(, [^)]*)?\)"
 )
 # Labels without a unit: counts and proportions.
 UNITLESS_LABEL = re.compile(
