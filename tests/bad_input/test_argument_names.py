@@ -19,6 +19,8 @@ CALLABLES = {
     if callable(member := getattr(space, name))
     # Exceptions and results are not called by users.
     and not (inspect.isclass(member) and issubclass(member, Exception | tuple))
+    # Python's own error of a class without arguments says so.
+    and getattr(member, "__init__", None) is not object.__init__
 }
 
 

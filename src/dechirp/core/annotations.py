@@ -60,7 +60,7 @@ def _fits_annotation(value: Any, hint: Any) -> bool:
     cls = types.NoneType if hint is None else origin or hint
     if not inspect.isclass(cls) or getattr(cls, "_is_protocol", False):
         return True
-    if cls is not str and isinstance(value, str) and issubclass(cls, typing.Collection):
+    if cls is not str and isinstance(value, str) and issubclass(cls, typing.Iterable):
         return False  # a text is no list of its characters
     # Classes convert lists to tuples.
     is_instance = isinstance(value, tuple | list if cls is tuple else cls)

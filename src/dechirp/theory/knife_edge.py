@@ -15,6 +15,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from dechirp.core.checks import check_real_array
+
 __all__ = ["knife_edge_field", "knife_edge_loss_db"]
 
 
@@ -24,7 +26,7 @@ def knife_edge_field(v: ArrayLike) -> np.ndarray:
     It is 1 far above the edge (v = -inf), 1/2 on its level, and 0 far below. Valid for distances
     of many wavelengths and small angles of diffraction.
     """
-    s, c = scipy.special.fresnel(np.asarray(v, dtype=float))
+    s, c = scipy.special.fresnel(check_real_array("v", v))
     return np.asarray((0.5 + 0.5j) * ((0.5 - c) - 1j * (0.5 - s)))
 
 

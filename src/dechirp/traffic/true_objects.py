@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.traffic.frame_scenes import FrameScenes, ObjectInView
 from dechirp.traffic.outlines import QUARTER_TURN, nearest_point_m, rotation, visible_shares
 from dechirp.traffic.radar_scene import RadarMotion
@@ -25,6 +26,7 @@ _UNITS = {
 }
 
 
+@check_argument_types
 def find_true_objects(scenes: FrameScenes, numbers: Iterable[int]) -> xr.Dataset:
     """Return the true objects of frames, in coordinates of the radar at mid-frame.
 
