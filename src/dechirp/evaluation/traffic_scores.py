@@ -106,5 +106,5 @@ def _score_tracks(
 
 
 def _rms(errors: np.ndarray) -> float:
-    known = errors[np.isfinite(errors)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else np.nan
+    known_errors = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.mean(known_errors**2))) if known_errors.size else np.nan

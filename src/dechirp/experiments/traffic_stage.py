@@ -90,9 +90,9 @@ class TrafficFrames:
             owners = associator.nearest_target_indices(of_frame)
             for target, name in enumerate(scene.names):
                 row = row_of_name[name]
-                own = {key: column[owners == target] for key, column in of_frame.items()}
-                n_detections[row, number] = own["snr"].size
-                errors = _errors_of_strongest(own, objects.isel(target=row, frame=number))
+                rows = {key: column[owners == target] for key, column in of_frame.items()}
+                n_detections[row, number] = rows["snr"].size
+                errors = _errors_of_strongest(rows, objects.isel(target=row, frame=number))
                 position_error_m[row, number], velocity_error[row, number] = errors
         axes = ("target", "frame")
         return objects.assign(

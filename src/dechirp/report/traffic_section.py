@@ -154,5 +154,7 @@ def _track_changes(objects: xr.Dataset, tracks: xr.Dataset | None) -> np.ndarray
 
 
 def _format_rms(errors: np.ndarray) -> str:
-    known = errors[np.isfinite(errors)]
-    return format_fixed(float(np.sqrt(np.mean(known**2))), 2) if known.size else EN_DASH
+    known_errors = errors[np.isfinite(errors)]
+    return (
+        format_fixed(float(np.sqrt(np.mean(known_errors**2))), 2) if known_errors.size else EN_DASH
+    )

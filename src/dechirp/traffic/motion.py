@@ -119,10 +119,12 @@ class ObjectPath:
         vx, vy = self._position(self.times_s, 1).T
         course_rad = np.where(np.hypot(vx, vy) > _MOVES_M_PER_S, np.arctan2(vy, vx), np.nan)
         headings_rad = np.where(np.isfinite(stated_rad), stated_rad, course_rad)
-        known = np.flatnonzero(np.isfinite(headings_rad))
-        if not known.size:
+        known_steps = np.flatnonzero(np.isfinite(headings_rad))
+        if not known_steps.size:
             return np.zeros(len(headings_rad))
-        nearest = known[np.abs(self.times_s[:, None] - self.times_s[known]).argmin(axis=1)]
+        nearest = known_steps[
+            np.abs(self.times_s[:, None] - self.times_s[known_steps]).argmin(axis=1)
+        ]
         return np.unwrap(headings_rad[nearest])
 
 

@@ -67,8 +67,8 @@ def mounting_on_vehicle(name: str, length_m: float, width_m: float) -> Mounting:
             expected=f"one of {', '.join(_PLACES)}",
             fix="choose one, or give a pose",
         )
-    forward, left, azimuth_deg = _PLACES[name]
+    x_share, y_share, azimuth_deg = _PLACES[name]
     return Mounting(
-        position_m=(forward * length_m / 2, left * width_m / 2, _HEIGHT_M),
+        position_m=(x_share * length_m / 2, y_share * width_m / 2, _HEIGHT_M),
         yaw_rad=math.radians(azimuth_deg),
     )

@@ -49,8 +49,8 @@ def complete_size(kind: ObjectKind, size: Size) -> Size:
     """Return a size with that of its kind where it is unknown (NaN)."""
     return Size(
         *(
-            known if math.isfinite(known) else typical
-            for known, typical in zip(size, _TYPICAL_SIZES[kind], strict=True)
+            length_m if math.isfinite(length_m) else typical_m
+            for length_m, typical_m in zip(size, _TYPICAL_SIZES[kind], strict=True)
         )
     )
 

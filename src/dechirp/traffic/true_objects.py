@@ -1,4 +1,4 @@
-"""True objects in the view of a radar: what it can measure of them, frame by frame."""
+"""True objects in the view of a radar, with their measurable states, frame by frame."""
 
 from collections.abc import Iterable
 
