@@ -28,23 +28,25 @@ def lint(folder: Path) -> str:
     return run_program(require_program("verilator"), *options, *design)
 
 
-def simulate_in_icarus(folder: Path, *options: str) -> str:
+def simulate_in_icarus(folder: Path, *options: str, must_fail: bool = False) -> str:
     """Compile design and test bench with Icarus Verilog, run them, and return what they print."""
     sources = sorted((folder / "v").glob("*.v"))
     compiler = (require_program("iverilog"), "-g2005", "-Wall", "-Wno-timescale")
-    run_program(*compiler, "-o", folder / "check", *sources)
-    return run_program(
-        require_program("vvp"), folder / "check", f"+vectors={folder / 'vectors'}", *options
-    )
+    # The shell joins the warnings to the output, which is empty without them.
+    compile_with_warnings = ("sh", "-c", 'exec "$@" 2>&1', "sh", *compiler)
+    assert run_program(*compile_with_warnings, "-o", folder / "check", *sources) == ""
+    call = (require_program("vvp"), folder / "check", f"+vectors={folder / 'vectors'}", *options)
+    return run_program(*call, must_fail=must_fail)
 
 
-def simulate_in_verilator(folder: Path, *options: str) -> str:
+def simulate_in_verilator(folder: Path, *options: str, must_fail: bool = False) -> str:
     """Compile design and test bench with Verilator, run them, and return what they print."""
     sources = sorted((folder / "v").glob("*.v"))
     compiler = (require_program("verilator"), "--binary", "--timing", "-Wno-fatal", "-Wno-lint")
     target = ("--top-module", "test_radar", "--Mdir", folder / "build", "-o", folder / "check")
     run_program(*compiler, *target, *sources)
-    return run_program(folder / "check", f"+vectors={folder / 'vectors'}", *options)
+    call = (folder / "check", f"+vectors={folder / 'vectors'}", *options)
+    return run_program(*call, must_fail=must_fail)
 
 
 def check_output_equals_map(output: str, expected: xr.Dataset, n_frames: int) -> None:

@@ -2,17 +2,19 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import dechirp as dc
 from dechirp.processing.fixed_point.word_lengths import WordLengths
-from generators.compiled_c import draw_frame, make_radar, small_window_chain
+from generators.compiled_c import draw_frame, make_radar, run_program, small_window_chain
 from generators.simulated_verilog import (
     compare_simulated_verilog_with_model,
     lint,
     simulate_in_icarus,
+    simulate_in_verilator,
     write_verilog_and_vectors,
 )
 from generators.test_c import MODES, tdm_radar
@@ -123,10 +125,50 @@ def test_test_bench_finds_one_wrong_bit(tmp_path, name):
     lines[k] = f"{int(lines[k], 16) ^ 1:0{len(lines[k])}x}"
     file.write_text("\n".join(lines) + "\n")
 
-    output = simulate_in_icarus(tmp_path)
+    output = simulate_in_icarus(tmp_path, must_fail=True)
 
     assert "FAIL" in output and "PASS" not in output
     assert re.search(name.removesuffix("_i").removesuffix("_q"), output)
+
+
+def break_vectors(folder: Path, name: str, damage: str) -> None:
+    """Remove, shorten or lengthen a file of vectors."""
+    file = folder / "vectors" / f"{name}.hex"
+    if damage == "missing":
+        file.unlink()
+    elif damage == "short":
+        file.write_text("".join(file.read_text().splitlines(keepends=True)[:-1]))
+    else:
+        file.write_text(file.read_text() + "0\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "damage", "n_words"),
+    [("samples_i", "missing", 0), ("power", "short", 511), ("detected", "long", 513)],
+)
+def test_test_bench_fails_without_whole_vectors(tmp_path, name, damage, n_words):
+    radar = make_radar(32, 16)
+    frame = draw_frame(radar, 16, seed=6)
+    write_verilog_and_vectors(tmp_path, frame, radar, small_window_chain(), WordLengths())
+    break_vectors(tmp_path, name, damage)
+
+    output = simulate_in_icarus(tmp_path, must_fail=True)
+
+    assert f"{name}.hex: {n_words} words, expected 512" in output
+    assert "FAIL" in output and "PASS" not in output
+
+
+@nightly
+def test_test_bench_in_verilator_fails_without_vectors_and_for_a_wrong_bit(tmp_path):
+    radar = make_radar(32, 16)
+    frame = draw_frame(radar, 16, seed=6)
+    write_verilog_and_vectors(tmp_path, frame, radar, small_window_chain(), WordLengths())
+    file = tmp_path / "vectors" / "threshold.hex"
+    file.write_text(file.read_text().replace("1", "0", 1))
+    assert "FAIL" in simulate_in_verilator(tmp_path, must_fail=True)
+    break_vectors(tmp_path, "threshold", "missing")
+    output = run_program(tmp_path / "check", f"+vectors={tmp_path / 'vectors'}", must_fail=True)
+    assert "threshold.hex: 0 words, expected 512" in output and "PASS" not in output
 
 
 def test_verilog_refuses_keywords_and_transforms_of_two_points(tmp_path):

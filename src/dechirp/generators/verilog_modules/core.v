@@ -308,6 +308,7 @@ module dechirp_core #(
         doppler_window_re, doppler_window_im
     );
     localparam [31:0] DOPPLER_LAG = DOPPLER_LATENCY;
+    wire [EXPONENT_BITS-1:0] doppler_exponent;
     dechirp_fft #(
         DOPPLER_BITS, TWIDDLE_BITS, DOPPLER_INDEX_BITS, 0, SCALING_SHIFT, EXPONENT_BITS,
         DOPPLER_LIMITS, ROUNDING
@@ -343,7 +344,6 @@ module dechirp_core #(
     end
 
     // Squares; the exponent accompanies them, in steps of two bits.
-    wire [EXPONENT_BITS-1:0] doppler_exponent;
     wire [EXPONENT_BITS:0] power_alignment;
     generate
         if (BLOCK_SCALING) begin : doppler_exponents

@@ -3,7 +3,8 @@
 // Self-checking test bench: frames of test vectors in, every word out compared.
 //
 // Plus arguments: +vectors=FOLDER, +frames=N repeats the frame, +stall=PERCENT holds both ends back
-// at random, +seed=N starts the random numbers.
+// at random, +seed=N starts the random numbers. A file of vectors that is missing or of another
+// length, and any wrong word, end the simulation with a status other than 0.
 `timescale 1ns / 1ps
 module test_{{ name }};
 {% for parameter, number in parameters.items() %}
@@ -20,6 +21,8 @@ module test_{{ name }};
 
     reg [8*256-1:0] folder, name;
     integer n_frames, stall, seed;
+    integer file, n_read, errors = 0;
+    reg [63:0] word_of_file;
 
     reg signed [SAMPLE_BITS-1:0] samples_i [0:N_WORDS-1];
     reg signed [SAMPLE_BITS-1:0] samples_q [0:N_WORDS-1];
@@ -65,33 +68,64 @@ module test_{{ name }};
         .m_axis_tlast(out_last)
     );
 
+    // Icarus Verilog ends $stop with a prompt, so it has a task of its own for the status.
+    task end_with_failure;
+        begin
+            $display("FAIL: %0d errors", errors);
+`ifdef __ICARUS__
+            $finish_and_return(1);
+`else
+            $stop;
+`endif
+        end
+    endtask
+
+    // Set `name` to the path of a file of vectors, and check that it has `n_words` words.
+    task check_file(input [8*16-1:0] stage, input integer n_words);
+        begin
+            $sformat(name, "%0s/%0s.hex", folder, stage);
+            file = $fopen(name, "r");
+            n_read = 0;
+            if (file != 0) begin
+                while ($fscanf(file, "%h", word_of_file) == 1) n_read = n_read + 1;
+                $fclose(file);
+            end
+            if (n_read != n_words) begin
+                errors = errors + 1;
+                $display("%0s: %0d words, expected %0d; write it with dechirp fixed-point for the same settings",
+                    name, n_read, n_words);
+                end_with_failure;
+            end
+        end
+    endtask
+
     initial begin
         if (!$value$plusargs("vectors=%s", folder)) folder = "vectors";
         if (!$value$plusargs("frames=%d", n_frames)) n_frames = 1;
         if (!$value$plusargs("stall=%d", stall)) stall = 0;
         if (!$value$plusargs("seed=%d", seed)) seed = 1;
         if (COMPLEX_SAMPLES) begin
-            $sformat(name, "%0s/samples_i.hex", folder);
+            check_file("samples_i", N_WORDS);
             $readmemh(name, samples_i);
-            $sformat(name, "%0s/samples_q.hex", folder);
+            check_file("samples_q", N_WORDS);
             $readmemh(name, samples_q);
         end else begin
-            $sformat(name, "%0s/samples.hex", folder);
+            check_file("samples", N_WORDS);
             $readmemh(name, samples_i);
         end
-        $sformat(name, "%0s/range_fft_i.hex", folder);
+        check_file("range_fft_i", N_PROFILES);
         $readmemh(name, range_i);
-        $sformat(name, "%0s/range_fft_q.hex", folder);
+        check_file("range_fft_q", N_PROFILES);
         $readmemh(name, range_q);
-        $sformat(name, "%0s/doppler_fft_i.hex", folder);
+        check_file("doppler_fft_i", N_SPECTRA);
         $readmemh(name, doppler_i);
-        $sformat(name, "%0s/doppler_fft_q.hex", folder);
+        check_file("doppler_fft_q", N_SPECTRA);
         $readmemh(name, doppler_q);
-        $sformat(name, "%0s/power.hex", folder);
+        check_file("power", N_CELLS);
         $readmemh(name, power);
-        $sformat(name, "%0s/threshold.hex", folder);
+        check_file("threshold", N_CELLS);
         $readmemh(name, threshold);
-        $sformat(name, "%0s/detected.hex", folder);
+        check_file("detected", N_CELLS);
         $readmemh(name, detected);
         $display("velocity_bin range_bin power threshold");
         repeat (4) @(negedge clk);
@@ -99,7 +133,7 @@ module test_{{ name }};
     end
 
     integer clocks = 0, idle = 0, first_clock = 0, last_clock = 0;
-    integer frames_in = 0, frames_out = 0, cells = 0, detections = 0, errors = 0;
+    integer frames_in = 0, frames_out = 0, cells = 0, detections = 0;
     integer range_words = 0, doppler_words = 0;
 
     // A new offer on either side only after the last was taken, as AXI4-Stream requires.
@@ -195,7 +229,7 @@ module test_{{ name }};
             $display("%0d frames, %0d cells, %0d detections; %0d clocks for %0d samples", frames_out,
                 cells, detections, last_clock - first_clock + 1, frames_in * N_WORDS);
             if (errors == 0) $display("PASS: every word equals the model");
-            else $display("FAIL: %0d errors", errors);
+            else end_with_failure;
             $finish;
         end
     end
