@@ -161,6 +161,14 @@ def test_compiles_without_warning(tmp_path, compiler, words):
             run_program(*command, folder / "radar.c", *sources, cwd=tmp_path / "objects")
 
 
+# Names of main.c and radar.c begin with these words as well.
+@pytest.mark.parametrize("prefix", ["read", "to", "exit", "next"])
+def test_compiles_with_prefixes_of_other_names(tmp_path, prefix):
+    dc.fixed_point.write_c(tmp_path, make_radar(64, 16), small_window_chain(), prefix=prefix)
+    sources = (f"-D{prefix.upper()}_TRACE", "-I.", "-fsyntax-only", "main.c", f"{prefix}.c")
+    run_program(require_program("gcc"), *WARNINGS, *sources, cwd=tmp_path)
+
+
 def test_cmake_builds_check_program(tmp_path):
     radar, chain = make_radar(64, 16), small_window_chain()
     dc.fixed_point.write_c(tmp_path / "c", radar, chain, prefix="front_left")

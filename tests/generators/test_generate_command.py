@@ -1,6 +1,7 @@
 """`dechirp generate` and `dc.generators`: files, refused settings, existing folders, interrupts."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -65,7 +66,8 @@ def test_files_carry_version_and_settings_that_reproduce_them(tmp_path, capsys, 
         (["{language}", "--prefix", "front-left"], "choose a name such as radar or front_left"),
         (["{language}", "--prefix", "a" * 16], "15 characters at most"),
         (["{language}", "--prefix", "radär"], "--prefix"),
-        (["{language}", "--set", "chain.n_range_bins=3000"], "set n_range_bins to 4096"),
+        (["{language}", "--prefix", "lpt1"], "no word of the language, its tools"),
+        (["{language}", "--set", "chain.n_range_bins=5000"], "set n_range_bins to 8192"),
         (["{language}", "--set", "chain.cfar.estimator.kind=ordered-statistic"], "chain.cfar."),
         (["{language}", "--words", "nowhere.yaml"], "nowhere.yaml: the file: not found"),
         (["{language}", "nowhere.yaml"], "nowhere.yaml"),
@@ -79,17 +81,58 @@ def test_refuses_invalid_calls_and_writes_nothing(tmp_path, capsys, language, ar
     assert message in errors and "Traceback" not in errors
 
 
-@pytest.mark.parametrize("prefix", ["main", "int", "Static", "CON", "", "a b", 'x"y', 3, None])
+# stdint hides a header; make has targets of its own, and would make its Makefile of makefile.c.
+@pytest.mark.parametrize(
+    "prefix",
+    [
+        "main",
+        "int",
+        "Static",
+        "CON",
+        "COM1",
+        "stdint",
+        "all",
+        "Makefile",
+        "",
+        "a b",
+        'x"y',
+        3,
+        None,
+    ],
+)
 def test_c_refuses_prefixes_that_are_no_names(prefix):
     with pytest.raises(dc.InvalidSetting, match=r"C\.prefix"):
         dc.generators.C(prefix=prefix)
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
+def test_pads_transforms_as_the_command_does(tmp_path, language):
+    generator = make_generator(language)
+    radar = make_radar(50, 20)
+    generator.write(tmp_path / "padded", radar, small_window_chain())
+    set_lengths = small_window_chain(n_range_bins=64, n_velocity_bins=32)
+    generator.write(tmp_path / "set", radar, set_lengths)
+    assert read_texts(tmp_path / "padded") == read_texts(tmp_path / "set")
+
+
+# Recordings state no hardware.
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_settings_of_a_radar_without_hardware_reproduce_the_files(tmp_path, capsys, language):
+    radar = replace(make_radar(64, 16), hardware=None)
+    make_generator(language).write(tmp_path / "first", radar, small_window_chain())
+    status, _, errors = run_cli(
+        capsys, language, str(tmp_path / "first" / "settings.yaml"),
+        "--words", str(tmp_path / "first" / "words.yaml"), "--out", str(tmp_path / "second"),
+    )  # fmt: skip
+    assert status == 0, errors
+    assert read_texts(tmp_path / "first") == read_texts(tmp_path / "second")
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
 def test_refuses_settings_without_fixed_point_form(tmp_path, language):
     radar, generator = make_radar(64, 16), make_generator(language)
     for chain, message in (
-        (small_window_chain(n_velocity_bins=24), "set n_velocity_bins to 16"),
+        (small_window_chain(n_velocity_bins=24), "set n_velocity_bins to 32"),
         (small_window_chain(range_walk="keystone"), "range_walk"),
     ):
         with pytest.raises(dc.InvalidSetting, match=message):
@@ -101,13 +144,17 @@ def test_refuses_settings_without_fixed_point_form(tmp_path, language):
 def test_replaces_own_folder_and_keeps_folder_of_others(tmp_path, language):
     radar, generator, out = make_radar(64, 16), make_generator(language), tmp_path / "code"
     files = generator.write(out, radar, small_window_chain())
-    (out / sorted(generator.build_products())[0]).write_text("built")
+    (out / "build").mkdir()
+    for product in generator.build_products() - {"build"}:
+        (out / product.replace("*", "any")).write_text("built")
     generator.write(out, radar, small_window_chain(n_range_bins=128))
     assert set(read_texts(out)) == set(files)
 
+    with pytest.raises(DechirpError, match="written with the prefix radar: keep that prefix"):
+        make_generator(language, prefix="front").write(out, radar, small_window_chain())
     (out / "notes.txt").write_text("mine")
     before = read_texts(out)
-    with pytest.raises(DechirpError, match=r"a folder with notes\.txt"):
+    with pytest.raises(DechirpError, match=r"a folder with notes\.txt.*outside of it"):
         generator.write(out, radar, small_window_chain())
     with pytest.raises(DechirpError, match="not writable|a file"):
         generator.write(out / "notes.txt" / "code", radar, small_window_chain())
@@ -132,6 +179,15 @@ def test_interrupted_writing_leaves_earlier_folder(tmp_path, language, monkeypat
         generator.write(out, radar, small_window_chain(n_range_bins=128))
     assert read_texts(out) == before
     assert list(tmp_path.iterdir()) == [out]
+
+
+def test_lines_of_c_have_100_characters_at_most(tmp_path):
+    radar = replace(make_radar(64, 16), array=dc.Array(rx_m=[(0, k / 7e3, 0) for k in range(16)]))
+    dc.generators.C().write(tmp_path / "code", radar, small_window_chain())
+    texts = [
+        text for name, text in read_texts(tmp_path / "code").items() if name[-2:] in (".c", ".h")
+    ]
+    assert max(len(line) for text in texts for line in text.splitlines()) <= 100
 
 
 def test_settings_cannot_end_comment_of_c(tmp_path, monkeypatch):

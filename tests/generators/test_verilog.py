@@ -172,7 +172,18 @@ def test_test_bench_in_verilator_fails_without_vectors_and_for_a_wrong_bit(tmp_p
 
 
 def test_verilog_refuses_keywords_and_transforms_of_two_points(tmp_path):
-    for prefix in ("module", "wire", "Always", "logic", "2nd", "front-left", ""):
+    for prefix in (
+        "module",
+        "Always",
+        "logic",
+        "core",
+        "clk",
+        "dut",
+        "com1",
+        "2nd",
+        "front-left",
+        "",
+    ):
         with pytest.raises(dc.InvalidSetting, match=r"Verilog\.prefix"):
             dc.generators.Verilog(prefix=prefix)
     chain = dc.Chain(

@@ -30,7 +30,11 @@ def completed_outputs() -> tuple[Path, ...]:
 
 
 def check_output_folder_replaceable(
-    out: Path, *, marker_file: str, own_names: Collection[str]
+    out: Path,
+    *,
+    marker_file: str,
+    own_names: Collection[str],
+    fix: str = "name another folder, or empty it: the output folder is replaced completely",
 ) -> None:
     """Raise `DechirpError` unless a folder is absent, empty, or an earlier result.
 
@@ -42,6 +46,8 @@ def check_output_folder_replaceable(
         Name of a file that identifies an earlier result.
     own_names : collection of str
         Names that a result may contain; any other file belongs to the user.
+    fix : str
+        Advice of the error message on a folder with other files.
     """
     try:
         if not out.exists() and not out.is_symlink():
@@ -62,7 +68,7 @@ def check_output_folder_replaceable(
             raise _out_option_error(
                 out,
                 value=f"a folder with {foreign_names[0] if foreign_names else f'no {marker_file}'}",
-                fix="name another folder, or empty it: the output folder is replaced completely",
+                fix=fix,
             )
         _check_folder_creatable(out)
     except OSError as error:

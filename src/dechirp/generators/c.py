@@ -1,6 +1,7 @@
 """C99 without a library and without dynamic memory, for a microcontroller or a DSP."""
 
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,13 @@ _RESERVED_WORDS = frozenset({
     "extern", "float", "for", "goto", "if", "inline", "int", "long", "register", "restrict",
     "return", "short", "signed", "sizeof", "static", "struct", "switch", "typedef", "union",
     "unsigned", "void", "volatile", "while",
-    "main", "aux", "con", "nul", "prn",  # main.c, and devices of Windows
+    # Headers of the standard library, which a generated header would hide.
+    "assert", "complex", "ctype", "errno", "features", "fenv", "inttypes", "iso646", "limits",
+    "locale", "math", "setjmp", "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio",
+    "stdlib", "string", "tgmath", "time", "wchar", "wctype",
+    # Files and targets of make and CMake.
+    "main", "makefile", "all", "check", "clean", "depend", "edit_cache", "help", "install",
+    "package", "package_source", "preinstall", "rebuild_cache", "test",
 })
 # fmt: on
 _ROUNDING_TEXTS: dict[Rounding, str] = {
@@ -83,7 +90,8 @@ class C(Generator):
         }
 
     def build_products(self) -> frozenset[str]:
-        return frozenset({f"{self.prefix}.o", f"{self.prefix}_check"})
+        program = f"{self.prefix}_check"
+        return frozenset({"build", "*.o", "*.obj", "a.out", program, f"{program}.exe"})
 
     def reserved_words(self) -> frozenset[str]:
         return _RESERVED_WORDS
@@ -93,7 +101,7 @@ class C(Generator):
         words, tables = design.words, design.tables
         frame, chirp = design.radar.frame, design.radar.frame.chirp
         window = tables.training_window
-        is_complex = chirp.sampling == "complex"
+        is_complex = design.is_complex
         accumulator_bits = _needed_accumulator_bits(design)
         range_bins, velocity_bins = (
             tables.range_transform.n_bins,
@@ -115,7 +123,7 @@ class C(Generator):
             "n_range_stages": range_bins.bit_length() - 1,
             "n_doppler_stages": velocity_bins.bit_length() - 1,
             "first_searched_row": tables.searched_rows.start,
-            "n_searched_rows": tables.searched_rows.stop - tables.searched_rows.start,
+            "n_searched_rows": design.n_searched_rows,
             "sample_parts": 2 if is_complex else 1,
             "sample_files": ["samples_i", "samples_q"] if is_complex else ["samples"],
             "range_step_m": f"{chirp.range_bins_m(range_bins)[1]:.6g}",
@@ -160,7 +168,8 @@ def write_c(
     out : str or Path
         The folder.
     radar, chain, words
-        As for `fixed_point_map`; transform lengths must be powers of two.
+        As for `fixed_point_map`. Transforms are zero-padded to powers of two, where their lengths
+        are not set.
     prefix : str
         Start of all names in the code.
 
@@ -316,6 +325,13 @@ def _twiddles_by_stage(twiddles: np.ndarray, n_bins: int) -> np.ndarray:
 
 
 def _comment_lines(design: Design) -> list[str]:
-    """Return the lines of the settings, of which none ends the comment."""
+    """Return the lines of the settings, of limited length; none ends the comment."""
     text = design.settings_text + design.words_text
-    return [line.replace("*/", "* /").replace("??/", "?? /") for line in text.splitlines()]
+    text = text.replace("*/", "* /").replace("??/", "?? /")
+    return [
+        part
+        for line in text.splitlines()
+        for part in wrap(
+            line, _MAX_LINE_CHARACTERS, subsequent_indent=" " * 8, break_on_hyphens=False
+        )
+    ]

@@ -1,6 +1,7 @@
 """Verilog-2005 of one sample a clock, for an FPGA."""
 
 import re
+from functools import cache
 from importlib.resources import files
 from typing import Any
 
@@ -77,10 +78,27 @@ class Verilog(Generator):
         return texts
 
     def build_products(self) -> frozenset[str]:
-        return frozenset({f"{self.prefix}_check"})
+        return frozenset({f"{self.prefix}_check", "*.vvp", "*.vcd", "a.out", "build", "obj_dir"})
 
     def reserved_words(self) -> frozenset[str]:
-        return _KEYWORDS
+        return _KEYWORDS | _names_in_modules()
+
+
+@cache
+def _names_in_modules() -> frozenset[str]:
+    """Return the names of signals, instances and tasks, in lower case.
+
+    A module of the same name hides them, or is found instead of them.
+    """
+    folder = files("dechirp.generators")
+    texts = [
+        file.read_text(encoding="utf-8")
+        for name in ("verilog_modules", "verilog_templates")
+        for file in folder.joinpath(name).iterdir()
+        if file.name.endswith(".v")
+    ]
+    code = re.sub(r"//.*|\"[^\"\n]*\"|{%.*?%}|{{.*?}}", " ", "\n".join(texts))
+    return frozenset(name.lower() for name in re.findall(r"[A-Za-z]\w*", code))
 
 
 def _check_has_hardware_form(design: Design) -> None:
@@ -107,8 +125,7 @@ def _top_level_context(design: Design) -> dict[str, Any]:
     """Return the values of the top level and of the test bench."""
     words, tables = design.words, design.tables
     window = tables.training_window
-    is_complex = design.radar.frame.chirp.sampling == "complex"
-    n_searched = tables.searched_rows.stop - tables.searched_rows.start
+    is_complex, n_searched = design.is_complex, design.n_searched_rows
     range_index_bits = _address_bits(tables.range_transform.n_bins)
     velocity_bits = _address_bits(tables.doppler_transform.n_bins)
     row_bits = max(1, _address_bits(tables.n_rows))

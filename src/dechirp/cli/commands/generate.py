@@ -50,7 +50,6 @@ def generate(
     from dechirp.cli.scenario_source import build_scenario
     from dechirp.config import loading
     from dechirp.core.errors import DechirpError
-    from dechirp.processing.fixed_point.lookup_tables import pad_to_powers_of_two
     from dechirp.processing.fixed_point.word_lengths import WordLengths
     from dechirp.results.text_files import to_json_text
 
@@ -66,7 +65,7 @@ def generate(
     try:
         generator = _make_generator(language, prefix)
         radar = _radar_of_scenario(scenario)
-        files = generator.write(out, radar, pad_to_powers_of_two(scenario.chain, radar), lengths)
+        files = generator.write(out, radar, scenario.chain, lengths)
     except DechirpError as error:
         raise replace_settings_by_options(error, _option_by_setting()) from None
     if as_json:

@@ -53,7 +53,7 @@ static void open_file(vector_file *vectors)
 }
 
 /* Read the next word, as an unsigned number; return 0 at the end of the file. */
-static int read_word(vector_file *vectors, uint64_t *word)
+static int read_next_number(vector_file *vectors, uint64_t *word)
 {
     char line[32], *end;
 
@@ -76,7 +76,7 @@ void {{ name }}_trace({{ name }}_traced_stage stage, int64_t word)
     const uint64_t found = (uint64_t)word & (((uint64_t)1 << vectors->bits) - 1U);
     uint64_t expected = 0;
 
-    if (!read_word(vectors, &expected)) {
+    if (!read_next_number(vectors, &expected)) {
         fprintf(stderr, "%s.hex: only %lu words; write it with the same settings\n", vectors->name,
                 vectors->n_words);
         exit(2);
@@ -94,7 +94,7 @@ static void read_chirp(void)
 
     for (k = 0; k < {{ NAME }}_CHIRP_WORDS; ++k) {
         uint64_t word = 0;
-        if (!read_word(&sample_files[k % {{ NAME }}_SAMPLE_PARTS], &word) || word >= 2U * sign) {
+        if (!read_next_number(&sample_files[k % {{ NAME }}_SAMPLE_PARTS], &word) || word >= 2U * sign) {
             fprintf(stderr, "samples: too few, or too long; write them with the same settings\n");
             exit(2);
         }
@@ -102,7 +102,7 @@ static void read_chirp(void)
     }
 }
 
-static void check_status({{ name }}_status status)
+static void exit_unless_ok({{ name }}_status status)
 {
     if (status != {{ NAME }}_OK) {
         fprintf(stderr, "status %d\n", (int)status);
@@ -126,9 +126,9 @@ int main(int argc, char **argv)
     {{ name }}_initialise(&state, cube);
     for (chirp = 0; chirp < {{ NAME }}_N_CHIRPS_SENT; ++chirp) {
         read_chirp();
-        check_status({{ name }}_push_chirp(&state, samples));
+        exit_unless_ok({{ name }}_push_chirp(&state, samples));
     }
-    check_status({{ name }}_finish_frame(&state));
+    exit_unless_ok({{ name }}_finish_frame(&state));
     printf("velocity_bin range_bin power threshold log_power\n");
     while ((n = {{ name }}_read_detections(&state, detections, 64)) > 0) {
         for (k = 0; k < n; ++k) {
@@ -144,7 +144,7 @@ int main(int argc, char **argv)
         uint64_t word;
         n_words += stage_files[k].n_words;
         n_different += stage_files[k].n_different;
-        if (read_word(&stage_files[k], &word)) {
+        if (read_next_number(&stage_files[k], &word)) {
             fprintf(stderr, "%s.hex: more words than the settings have\n", stage_files[k].name);
             exit(2);
         }

@@ -108,7 +108,7 @@ static inline uint32_t next_bit_reversed(uint32_t j, uint32_t n)
 }
 
 /* Return a word of the result from its sum x before the shift. */
-static inline int32_t to_word(accumulator x, uint32_t shift, int32_t top)
+static inline int32_t round_and_limit(accumulator x, uint32_t shift, int32_t top)
 {
 {% if words.scaling == "block" %}
     (void)top; /* the shifts prevent overflow */
@@ -123,8 +123,8 @@ static inline void add_and_subtract(int32_t *a, int32_t *b, int32_t turned_b, ui
                                     int32_t top)
 {
     const accumulator sum = (accumulator)*a + turned_b, difference = (accumulator)*a - turned_b;
-    *a = shift == 0U ? saturate(sum, top) : to_word(sum, shift, top);
-    *b = shift == 0U ? saturate(difference, top) : to_word(difference, shift, top);
+    *a = shift == 0U ? saturate(sum, top) : round_and_limit(sum, shift, top);
+    *b = shift == 0U ? saturate(difference, top) : round_and_limit(difference, shift, top);
 }
 
 /* Combine points to transforms of two: W = 1. */
@@ -164,10 +164,10 @@ static void combine(
         const accumulator re = a_re[k] * unit, im = a_im[k] * unit;
         const accumulator turned_re = b_re[k] * c - b_im[k] * s;
         const accumulator turned_im = b_re[k] * s + b_im[k] * c;
-        a_re[k] = to_word(re + turned_re, shift, top);
-        a_im[k] = to_word(im + turned_im, shift, top);
-        b_re[k] = to_word(re - turned_re, shift, top);
-        b_im[k] = to_word(im - turned_im, shift, top);
+        a_re[k] = round_and_limit(re + turned_re, shift, top);
+        a_im[k] = round_and_limit(im + turned_im, shift, top);
+        b_re[k] = round_and_limit(re - turned_re, shift, top);
+        b_im[k] = round_and_limit(im - turned_im, shift, top);
     }
 }
 {% if words.scaling == "block" %}
@@ -370,7 +370,8 @@ static void compute_powers(const {{ name }}_state *state, uint32_t velocity_bin,
         for (row = 0; row < {{ NAME }}_N_ROWS; ++row) {
             const int64_t re = point[0], im = point[1];
             const uint32_t below = state->doppler_exponent - state->doppler_exponents[channel][row];
-            powers[row] += scale_power((uint64_t)(re * re + im * im), POWER_SHIFT + 2 * (int32_t)below);
+            const uint64_t square = (uint64_t)(re * re + im * im);
+            powers[row] += scale_power(square, POWER_SHIFT + 2 * (int32_t)below);
             point += 2U * {{ NAME }}_N_VELOCITY_BINS;
         }
     }
@@ -436,7 +437,9 @@ static void compute_thresholds({{ name }}_state *state)
     }
 }
 
-/* Return log2 of a power: the position of its leading one, and a table addressed by the bits below. */
+/* Return log2 of a power: the position of its leading one, and a table addressed by the bits
+ * below.
+ */
 static uint32_t log2_of_power(uint64_t power)
 {
     uint32_t leading_bit = 0;

@@ -62,7 +62,7 @@ typedef {{ word_type }} {{ name }}_word; /* {{ words.range_bits }} bits for rang
 typedef enum {
     {{ NAME }}_OK = 0,
     {{ NAME }}_TOO_MANY_CHIRPS, /* finish the frame first */
-    {{ NAME }}_TOO_FEW_CHIRPS, /* push all chirps first */
+    {{ NAME }}_TOO_FEW_CHIRPS, /* push all chirps first: after a finished frame, those of the next */
     {{ NAME }}_SAMPLE_TOO_LARGE  /* a sample needs more than {{ NAME }}_SAMPLE_BITS; chirp ignored */
 } {{ name }}_status;
 
@@ -104,7 +104,9 @@ void {{ name }}_initialise({{ name }}_state *state, {{ name }}_word *cube);
  */
 {{ name }}_status {{ name }}_push_chirp({{ name }}_state *state, const {{ name }}_sample *samples);
 
-/* Transform all range bins over the chirps. */
+/* Transform all range bins over the chirps. A second call before the next chirp changes nothing and
+ * returns {{ NAME }}_TOO_FEW_CHIRPS: it asks for a frame without chirps.
+ */
 {{ name }}_status {{ name }}_finish_frame({{ name }}_state *state);
 
 /* Write the next detections, `capacity` at most, and return their number; 0 after the last one.

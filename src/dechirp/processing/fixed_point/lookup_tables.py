@@ -87,7 +87,7 @@ def make_lookup_tables(radar: Radar, chain: Chain, words: WordLengths) -> Lookup
         check_power_of_two(
             f"Chain.{name}",
             transform.n_bins,
-            fix=f"pad with zeros: set {name} to {_next_power_of_two(transform.n_points)}",
+            fix=f"pad with zeros: set {name} to {_next_power_of_two(transform.n_bins)}",
         )
     searched_rows = rows_with_circular_noise(chirp, range_transform)
     n_searched = searched_rows.stop - searched_rows.start
