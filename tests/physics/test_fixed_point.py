@@ -411,7 +411,7 @@ def test_padding_keeps_explicit_number_of_bins(reference, radar):
 @pytest.mark.parametrize(
     ("chain", "message"),
     [
-        (dc.Chain(n_velocity_bins=200), "set n_velocity_bins to 128"),
+        (dc.Chain(n_velocity_bins=200), "set n_velocity_bins to 256"),
         (dc.Chain(range_walk="keystone"), "range_walk"),
         (
             dc.Chain(cfar=dc.Cfar(estimator=dc.cfar.OrderedStatistic(), offset=10.0)),
