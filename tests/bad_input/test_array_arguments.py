@@ -160,6 +160,8 @@ VALID_ARGUMENTS = {
     "theory.vapour_db_per_km": {"frequency_hz": 77e9, **ATMOSPHERE},
     "theory.water_film_loss": {"frequency_hz": 77e9, "film_m": 1e-4, "temperature_k": 283.0},
     "theory.water_relative_permittivity": {"frequency_hz": 77e9, "temperature_k": 283.0},
+    "theory.knife_edge_field": {"v": 0.5},
+    "theory.knife_edge_loss_db": {"v": 0.5},
     "theory.sphere_rcs_m2": {"radius_m": 1e-3, "wavelength_m": 4e-3},
     "windows.window_weights": {"window": "hann", "n": 8},
     "windows.chebyshev_weights": {"n": 8, "sidelobe_db": 60.0},

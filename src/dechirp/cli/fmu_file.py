@@ -40,7 +40,7 @@ try:
     from dechirp.core.errors import DechirpError
     from dechirp.experiments.osmp import OsmpRadar, annotate_model_description
 except ImportError as error:
-    raise ImportError("this FMU needs {REQUIREMENT} in the Python that runs it: " + str(error))
+    raise RuntimeError("this FMU needs {REQUIREMENT} in the Python that runs it") from error
 
 
 class DechirpRadar(Fmi2Slave):

@@ -22,7 +22,7 @@ from dechirp.scene.rcs import scatterer_cross_sections_m2
 from dechirp.scene.rotations import from_local_axes
 from dechirp.scene.scene import Scene
 from dechirp.scene.screens import Screens, screens_of_bodies
-from dechirp.theory.knife_edge import knife_edge_field
+from dechirp.theory.knife_edge import field_beyond_edge
 
 # Parameters v of the clearance between which the ripple of the field beside an edge, 0.6 dB at
 # v = 3, is faded out, so that paths further away remain exactly unshadowed.
@@ -57,8 +57,8 @@ class _Edges(NamedTuple):
 
     def amplitudes(self) -> np.ndarray:
         """Return the amplitude ratios, (n,)."""
-        right, left = knife_edge_field(self.width_v)
-        bottom, top = knife_edge_field(self.height_v)
+        right, left = field_beyond_edge(self.width_v)
+        bottom, top = field_beyond_edge(self.height_v)
         fade = np.clip((_FADE_END - self.clearances) / (_FADE_END - _FADE_START), 0.0, 1.0)
         share = (right - left) * (bottom - top).sum(axis=0)
         return np.asarray(abs(1 - fade**2 * (3 - 2 * fade) * share))

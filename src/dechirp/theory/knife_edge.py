@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_real_array
+from dechirp.core.checks import check_finite_array
 
 __all__ = ["knife_edge_field", "knife_edge_loss_db"]
 
@@ -26,8 +26,14 @@ def knife_edge_field(v: ArrayLike) -> np.ndarray:
     It is 1 far above the edge (v = -inf), 1/2 on its level, and 0 far below. Valid for distances
     of many wavelengths and small angles of diffraction.
     """
-    s, c = scipy.special.fresnel(check_real_array("v", v))
-    return np.asarray((0.5 + 0.5j) * ((0.5 - c) - 1j * (0.5 - s)))
+    return np.asarray(field_beyond_edge(check_finite_array("v", v)))
+
+
+def field_beyond_edge(v: np.ndarray) -> np.ndarray:
+    """Return the same without a check, of infinite parameters too, such as at the edge itself."""
+    s, c = scipy.special.fresnel(v)
+    field: np.ndarray = (0.5 + 0.5j) * ((0.5 - c) - 1j * (0.5 - s))
+    return field
 
 
 def knife_edge_loss_db(v: ArrayLike) -> np.ndarray:
