@@ -87,6 +87,24 @@ def test_takes_one_sample_a_clock(tmp_path):
     assert f"; {n_samples} clocks for {n_samples} samples" in output
 
 
+# A zero takes a clock as a sample does; those after the last sample are not counted.
+def test_padding_takes_a_clock_for_each_zero(tmp_path):
+    radar = make_radar(16, 16)
+    output = compare_simulated_verilog_with_model(
+        tmp_path, draw_frame(radar, 16, seed=4), radar, small_window_chain(n_range_bins=32),
+        WordLengths(scaling="halving"), n_frames=1,
+    )  # fmt: skip
+    assert f"; {16 * 32 - 16} clocks for {16 * 16} samples" in output
+
+
+def test_ports_have_whole_bytes(tmp_path):
+    for _, radar, chain, words in OTHER_SETTINGS:
+        dc.generators.Verilog().write(tmp_path / "v", radar, chain, words)
+        text = (tmp_path / "v" / "radar.v").read_text()
+        tops = re.findall(r"put +wire \[(\d+):0\] [sm]_axis_t(?:data|user)", text)
+        assert [(int(top) + 1) % 8 for top in tops] == [0, 0, 0]
+
+
 # Feedback registers: they hold each side in about half of all clocks, not in step.
 RANDOM_READY = """
     reg [16:0] shift_register = 17'd1;

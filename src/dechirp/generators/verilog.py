@@ -121,11 +121,16 @@ def _address_bits(n_words: int) -> int:
     return (n_words - 1).bit_length()
 
 
+def _round_up_to_bytes(bits: int) -> int:
+    return 8 * -(-bits // 8)
+
+
 def _top_level_context(design: Design) -> dict[str, Any]:
     """Return the values of the top level and of the test bench."""
     words, tables = design.words, design.tables
     window = tables.training_window
     is_complex, n_searched = design.is_complex, design.n_searched_rows
+    data_in_bits = words.sample_bits * (2 if is_complex else 1)
     range_index_bits = _address_bits(tables.range_transform.n_bins)
     velocity_bits = _address_bits(tables.doppler_transform.n_bins)
     row_bits = max(1, _address_bits(tables.n_rows))
@@ -179,9 +184,12 @@ def _top_level_context(design: Design) -> dict[str, Any]:
         "sample_bits": words.sample_bits,
         "range_bits": words.range_bits,
         "power_bits": words.power_bits,
-        "data_in_bits": words.sample_bits * (2 if is_complex else 1),
+        "data_in_bits": data_in_bits,
+        "sample_stream_bits": _round_up_to_bytes(data_in_bits),
+        "cell_stream_bits": _round_up_to_bytes(2 * words.power_bits + 1),
         "velocity_bits": velocity_bits,
         "user_bits": range_index_bits + velocity_bits,
+        "user_stream_bits": _round_up_to_bytes(range_index_bits + velocity_bits),
         "bank_words": tables.n_rows << (channel_bits + chirp_bits),
         "address_bits": 1 + row_bits + channel_bits + chirp_bits,
     }

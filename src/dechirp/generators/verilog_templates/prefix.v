@@ -9,14 +9,14 @@ module {{ name }} (
     // One sample: {{ "bits %d to 0 are I, bits %d to %d are Q" | format(sample_bits - 1, 2 * sample_bits - 1, sample_bits) if is_complex else "a real number" }}, two's complement.
     input  wire         s_axis_tvalid,
     output wire         s_axis_tready,
-    input  wire [{{ data_in_bits - 1 }}:0] s_axis_tdata,
+    input  wire [{{ sample_stream_bits - 1 }}:0] s_axis_tdata,
     // One cell: bits {{ power_bits - 1 }} to 0 are its power, bits {{ 2 * power_bits - 1 }} to {{ power_bits }} its threshold, bit {{ 2 * power_bits }} is 1
     // where the power exceeds the threshold.
     output wire         m_axis_tvalid,
     input  wire         m_axis_tready,
-    output wire [{{ 2 * power_bits }}:0] m_axis_tdata,
+    output wire [{{ cell_stream_bits - 1 }}:0] m_axis_tdata,
     // Its velocity bin in bits {{ velocity_bits - 1 }} to 0, its range bin in bits {{ user_bits - 1 }} to {{ velocity_bits }}.
-    output wire [{{ user_bits - 1 }}:0] m_axis_tuser,
+    output wire [{{ user_stream_bits - 1 }}:0] m_axis_tuser,
     output wire         m_axis_tlast    // the last cell of a frame
 );
     wire write_en, read_en;
@@ -37,7 +37,7 @@ module {{ name }} (
         .rst(rst),
         .s_axis_tvalid(s_axis_tvalid),
         .s_axis_tready(s_axis_tready),
-        .s_axis_tdata(s_axis_tdata),
+        .s_axis_tdata(s_axis_tdata[{{ data_in_bits - 1 }}:0]),
         .m_axis_tvalid(cell_valid),
         .m_axis_tready(cell_ready),
         .m_axis_tdata(cell_data),
@@ -59,6 +59,16 @@ module {{ name }} (
 
     {{ name }}_skid_buffer #({{ 2 * power_bits + user_bits + 2 }}) output_slice (
         clk, rst, cell_valid, cell_ready, {cell_last, cell_user, cell_data},
-        m_axis_tvalid, m_axis_tready, {m_axis_tlast, m_axis_tuser, m_axis_tdata}
+        m_axis_tvalid, m_axis_tready,
+        {m_axis_tlast, m_axis_tuser[{{ user_bits - 1 }}:0], m_axis_tdata[{{ 2 * power_bits }}:0]}
     );
+
+    // AXI4-Stream transports whole bytes. Bits beyond the words are 0, and not read.
+{% if sample_stream_bits > data_in_bits %}
+    wire unused_bits = &{1'b0, s_axis_tdata[{{ sample_stream_bits - 1 }}:{{ data_in_bits }}]};
+{% endif %}
+{% if user_stream_bits > user_bits %}
+    assign m_axis_tuser[{{ user_stream_bits - 1 }}:{{ user_bits }}] = {{ user_stream_bits - user_bits }}'d0;
+{% endif %}
+    assign m_axis_tdata[{{ cell_stream_bits - 1 }}:{{ 2 * power_bits + 1 }}] = {{ cell_stream_bits - 2 * power_bits - 1 }}'d0;
 endmodule

@@ -40,11 +40,11 @@ module test_{{ name }};
 
     reg in_valid = 1'b0;
     wire in_ready;
-    wire [(1+COMPLEX_SAMPLES)*SAMPLE_BITS-1:0] in_data;
+    wire [{{ sample_stream_bits - 1 }}:0] in_data;
     wire out_valid, out_last;
     reg out_ready = 1'b0;
-    wire [2*POWER_BITS:0] out_data;
-    wire [RANGE_INDEX_BITS+DOPPLER_INDEX_BITS-1:0] out_user;
+    wire [{{ cell_stream_bits - 1 }}:0] out_data;
+    wire [{{ user_stream_bits - 1 }}:0] out_user;
 
     integer next_sample = 0;
     generate
