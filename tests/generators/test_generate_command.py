@@ -126,6 +126,9 @@ def test_settings_of_a_radar_without_hardware_reproduce_the_files(tmp_path, caps
     )  # fmt: skip
     assert status == 0, errors
     assert read_texts(tmp_path / "first") == read_texts(tmp_path / "second")
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", str(tmp_path / "first" / "settings.yaml"), "--out", str(tmp_path / "run")])
+    assert "hardware: missing" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

@@ -9,6 +9,8 @@ from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
+import numpy as np
+
 import dechirp
 from dechirp.config.dumping import dump_yaml
 from dechirp.core.argument_types import check_argument_types
@@ -188,6 +190,11 @@ def _find_prefix(names: Collection[str]) -> str | None:
     """Return the prefix of the generated files of a folder."""
     matches = filter(None, map(_FILE_WITH_PREFIX.fullmatch, sorted(names)))
     return next((match["c"] or match["verilog"] for match in matches), None)
+
+
+def twiddles_of_stage(twiddles: np.ndarray, stage: int) -> np.ndarray:
+    """Return exp(-2 pi i k / 2^stage) for k < 2^(stage - 1), of those of a whole transform."""
+    return twiddles[:: len(twiddles) >> (stage - 1)]
 
 
 @cache

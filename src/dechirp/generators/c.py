@@ -9,7 +9,13 @@ import numpy as np
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
-from dechirp.generators.base import BANNER, Design, Generator, code_templates
+from dechirp.generators.base import (
+    BANNER,
+    Design,
+    Generator,
+    code_templates,
+    twiddles_of_stage,
+)
 from dechirp.processing.chain import Chain
 from dechirp.processing.fixed_point.fft import max_growth_per_stage
 from dechirp.processing.fixed_point.word_lengths import Rounding, WordLengths
@@ -319,8 +325,7 @@ def _twiddles_by_stage(twiddles: np.ndarray, n_bins: int) -> np.ndarray:
     Compilers vectorise loops over successive factors, but not over every n-th one. Index 0 is
     unused.
     """
-    halves = 2 ** np.arange(n_bins.bit_length() - 1)
-    by_stage = [twiddles[:: n_bins // (2 * half)] for half in halves]
+    by_stage = [twiddles_of_stage(twiddles, stage) for stage in range(1, n_bins.bit_length())]
     return np.concatenate([np.zeros((2 if n_bins == 1 else 1, 2), np.int64), *by_stage])
 
 

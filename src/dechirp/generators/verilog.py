@@ -9,7 +9,13 @@ import numpy as np
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
-from dechirp.generators.base import BANNER, Design, Generator, code_templates
+from dechirp.generators.base import (
+    BANNER,
+    Design,
+    Generator,
+    code_templates,
+    twiddles_of_stage,
+)
 from dechirp.processing.fixed_point.coefficients import INTEGER_BITS
 from dechirp.processing.fixed_point.fft import max_growth_per_stage
 from dechirp.processing.fixed_point.word_lengths import ROUNDING_CODES, Scaling
@@ -250,7 +256,7 @@ def _twiddle_context(design: Design) -> dict[str, Any]:
     twiddles = max(tables.range_twiddles, tables.doppler_twiddles, key=len)
     n_stages = len(twiddles).bit_length()
     stages = {
-        stage: [_join_parts(factor, part_bits) for factor in twiddles[:: 1 << (n_stages - stage)]]
+        stage: [_join_parts(factor, part_bits) for factor in twiddles_of_stage(twiddles, stage)]
         for stage in range(_FIRST_STAGE_WITH_TABLE, n_stages + 1)
     }
     return {"bits": 2 * part_bits, "digits": -(-2 * part_bits // 4), "stages": stages}
