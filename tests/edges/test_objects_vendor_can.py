@@ -28,6 +28,8 @@ from sample_vendor_dbc import (
     numbered_messages,
 )
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
 pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 
 
@@ -424,7 +426,7 @@ def test_lists_longer_than_their_cycle_are_reported(fd_files):
 
 def test_run_writes_its_tracks_by_the_dbc_of_a_vendor(fd_files, tmp_path, capsys):
     settings = ["n_frames=5", "radar.frame.n_chirps=64", "tracker={}", "chain.angle.kind=fft"]
-    words = ["run", "examples/mimo.yaml", "--out", str(tmp_path / "run"), "--quiet"]
+    words = ["run", str(EXAMPLES / "mimo.yaml"), "--out", str(tmp_path / "run"), "--quiet"]
     words += [word for setting in settings for word in ("--set", setting)]
     coding = ["--dbc", str(fd_files["dbc"]), "--mapping", str(fd_files["mapping"])]
     log = tmp_path / "tracks.asc"

@@ -19,12 +19,13 @@ from sample_osi_views import make_view
 SensorData = pytest.importorskip("osi3.osi_sensordata_pb2").SensorData
 INPUT, OUTPUT = "OSMPSensorViewIn", "OSMPSensorDataOut"
 ROLES = ("base.lo", "base.hi", "size")
+EXAMPLES = Path(__file__).parents[2] / "examples"
 NAMESPACE = "{http://xsd.pmsf.net/OSISensorModelPackaging}"
 
 
 @pytest.fixture
 def scenario() -> dc.Scenario:
-    return dc.load("examples/mimo.yaml", ["radar.frame.n_chirps=64", "chain.angle.kind=fft"])
+    return dc.load(EXAMPLES / "mimo.yaml", ["radar.frame.n_chirps=64", "chain.angle.kind=fft"])
 
 
 def integers_of_buffer(buffer) -> list[int]:

@@ -14,13 +14,14 @@ from dechirp.core.findings import PhysicsWarning
 from dechirp.traffic.osi_views import OsiViews
 from sample_osi_views import make_view
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 SensorView = pytest.importorskip("osi3.osi_sensorview_pb2").SensorView
 
 
 @pytest.fixture(scope="module")
 def radar() -> dc.Radar:
     """3 x 4 antennas in a row, 77 GHz, 0.6 m and 0.5 m/s a cell."""
-    radar = dc.load("examples/mimo.yaml").radar
+    radar = dc.load(EXAMPLES / "mimo.yaml").radar
     assert radar is not None
     return replace(radar, frame=replace(radar.frame, n_chirps=64))
 

@@ -1,6 +1,7 @@
 """Traffic around a radar: bounded paths, poses, presence, bodies and the view of each frame."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,12 +12,13 @@ from dechirp.traffic.motion import MAX_ACCELERATION_M_PER_S2, fit_paths
 from dechirp.traffic.mounting import Mounting
 from dechirp.traffic.outlines import visible_shares
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 HEADER = "time,id,class,x,y,heading,length,width,height"
 
 
 @pytest.fixture(scope="module")
 def radar():
-    return dc.load("examples/highway.yaml").radar
+    return dc.load(EXAMPLES / "highway.yaml").radar
 
 
 def open_rows(folder, *rows, header=HEADER):

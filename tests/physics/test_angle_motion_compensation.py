@@ -70,7 +70,7 @@ def test_angle_does_not_depend_on_velocity_for_any_transmit_order(radar, code):
             # The noise is below 0.01 degrees. Between slots the range walks by 1 mm of 1.2 m, which
             # leaves a part of the other transmitters in each channel and widens the stated error.
             error_deg = np.degrees(detection.azimuth - truth.azimuth)
-            assert np.degrees(detection.azimuth_std) < 0.1
+            assert np.degrees(detection.azimuth_std) < 0.15
             assert abs(error_deg) < 0.1
 
 

@@ -2,6 +2,7 @@
 
 import tracemalloc
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import mpmath
@@ -23,6 +24,7 @@ from dechirp.theory.knife_edge import knife_edge_field, knife_edge_loss_db
 
 pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 WAVELENGTH_M = 0.0039
 FAR_M = 1e4
 

@@ -261,10 +261,12 @@ def test_recording_shows_no_targets(page):
 
 
 def test_errors_of_echoes_without_noise_are_not_magnified(page):
-    page.scenario = replace(page.scenario, impairments=())
-    view = SceneView(page)
-    frame_state = page.show(view)
+    frame_state = page.show(SceneView(page))
     assert frame_state.detections.sizes["detection"] > 0
+    tiny = {f"{name}_std": ("detection", [1e-9]) for name in ("range", "azimuth")}
+    frame_state = replace(frame_state, detections=frame_state.detections.assign(tiny))
+    view = SceneView(page)
+    view.show_frame(frame_state)
     assert len(view.top_view.errors.data_source.data["x"]) == 0
     view.update_caption(frame_state)
     assert "detected" in view.caption.note and "errors" not in view.caption.note

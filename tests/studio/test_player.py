@@ -446,7 +446,9 @@ def test_start_scenario_fills_all_views():
     player = FramePlayer(replace(start_scenario, tracker=None))
     for step in (0, 1, 199):
         frame_state = player.process_frame_at_step(step, None)
-        assert not frame_state.findings
+        # The bicyclist passes behind the pedestrian: a note, no warning.
+        assert [finding.level for finding in frame_state.findings] == ["note"]
+        assert "in the shadow of other bodies" in frame_state.findings[0].value
         truth, clusters = frame_state.truth, frame_state.clusters
         range_errors_m = abs(truth["range"].values - clusters["range"].values)
         azimuth_errors_rad = abs(truth["azimuth"].values - clusters["azimuth"].values)

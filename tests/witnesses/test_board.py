@@ -61,7 +61,7 @@ def test_array_is_judged_by_the_element_farthest_beyond_its_tolerance():
 
 @pytest.mark.parametrize(("theirs", "ours"), [([], []), ([1.0], [1.0, 2.0])])
 def test_arrays_of_other_shapes_are_refused(theirs, ours):
-    with pytest.raises(ValueError, match="levels: shapes"):
+    with pytest.raises(ValueError, match="theirs and ours of levels: arrays"):
         compare_arrays("levels", theirs, ours, unit="1", basis="a test")
 
 

@@ -403,7 +403,7 @@ def test_m_of_n_reduces_to_any_and_all_trials():
         (lambda: albersheim(0.9, 1e-6, n_summed=0), "n_summed"),
         (lambda: shnidman(1e-7, 1e-6), "false-alarm probability"),
         (lambda: shnidman(0.9, 1e-6, swerling=7), "swerling"),
-        (lambda: detection_threshold("1e-6"), "false_alarm_probability: 1e-6; expected between"),
+        (lambda: detection_threshold("1e-6"), "false_alarm_probability: '1e-6'; expected between"),
         (lambda: detection_threshold(np.array([1e-6, 1e-4])), "false_alarm_probability"),
         (lambda: detection_threshold(True), "false_alarm_probability"),
         (lambda: detection_probability([1.0, 2.0], [1e-6] * 3), "false_alarm_probability"),

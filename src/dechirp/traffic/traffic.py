@@ -104,7 +104,10 @@ def open_traffic(path: str | Path) -> Traffic:
 
 def recognise_traffic(path: Path) -> str | None:
     """Return the kind of the format that recognises a file, None if it is no traffic file."""
-    if not path.is_file():
+    try:
+        if not path.is_file():
+            return None
+    except OSError:  # a name that the system refuses
         return None
     return next((kind for kind, cls in _format_classes().items() if cls.recognises(path)), None)
 
