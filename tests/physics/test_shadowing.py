@@ -46,7 +46,7 @@ def amplitude(antenna_m, position_m, screens):
 def radar():
     """Return a radar of one transmitter and one receiver at the origin, 77 GHz."""
     array = "radar.array={tx: [[0, 0, 0]], rx: [[0, 0, 0]]}"
-    return dc.load("examples/crossing.yaml", [array, "tracker=null", "chain.cluster=null"]).radar
+    return dc.load(EXAMPLES / "crossing.yaml", [array, "tracker=null", "chain.cluster=null"]).radar
 
 
 def echo_power(scene, radar, *impairments):
@@ -399,7 +399,7 @@ def test_detection_probability_counts_frames_without_shadow():
                 dc.Target(position_m=(30, 15, 0), velocity_m_per_s=(0, 25, 0)),
             ]
         ),
-        dc.load("examples/crossing.yaml").radar,
+        dc.load(EXAMPLES / "crossing.yaml").radar,
         n_frames=8,
     )
     lit = truth.shadow_loss.values < SHADOWED_LOSS
@@ -435,7 +435,7 @@ def test_boxes_follow_the_heading_of_bodies():
 
 def test_report_states_that_a_missed_target_is_shadowed():
     scenario = dc.load(
-        "examples/crossing.yaml",
+        EXAMPLES / "crossing.yaml",
         [
             "tracker=null", "chain.cluster=null", "n_frames=1", "radar.frame.n_chirps=32",
             "scene.targets=[{name: truck, position: [15 m, 0, -0.5 m], heading: 90 deg,"
@@ -447,7 +447,7 @@ def test_report_states_that_a_missed_target_is_shadowed():
 
 def test_statistical_sensor_draws_no_detections_of_shadowed_targets():
     scenario = dc.load(
-        "examples/crossing.yaml",
+        EXAMPLES / "crossing.yaml",
         [
             "tracker=null", "chain.cluster=null", "n_frames=4", "radar.frame.n_chirps=64",
             "scene.targets=[{name: sphere, position: [5 m, 0, 0],"
