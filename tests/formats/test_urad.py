@@ -223,7 +223,16 @@ def test_half_that_stopped_a_line_earlier_ends_the_recording(tmp_path):
 VALID_TEXT = format_lines(simulate_beat(12.0, 0.0, n_chirps=8), times=True)
 
 
-def test_only_the_first_line_is_checked_word_by_word(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "text",
+    [
+        VALID_TEXT,
+        VALID_TEXT.replace(" ", ", "),
+        VALID_TEXT.replace(" ", "\t"),
+        re.sub(r"\b(\d{3})(?= )", r"0\1", VALID_TEXT),
+    ],
+)
+def test_only_the_first_line_is_checked_word_by_word(tmp_path, monkeypatch, text):
     n_checked = 0
 
     def count_word(word):
@@ -233,9 +242,28 @@ def test_only_the_first_line_is_checked_word_by_word(tmp_path, monkeypatch):
 
     is_code = urad._is_code
     monkeypatch.setattr(urad, "_is_code", count_word)
-    read_contents(tmp_path, VALID_TEXT)
+    read_contents(tmp_path, text)
 
     assert n_checked == 2 * N
+
+
+def test_lines_are_parsed_at_once_only_if_all_numbers_are_codes():
+    """Every byte value at every place of two lines, among them all digits and separators."""
+    line = b"0 17 4095 2048 1.5\n"
+    text = line + line
+    starts = np.array([0, len(line)])
+    for place in range(len(line)):
+        for byte in range(256):
+            changed = text[:place] + bytes([byte]) + text[place + 1 :]
+            codes = urad._parse_plain_lines(changed, starts, 4)
+            words = changed[: len(line)].split(b" ")[:4]
+            words[-1] = re.split(rb"\s", words[-1])[0]  # any blank ends the last code
+            is_code = [word.isdigit() and len(word) <= 4 and int(word) <= 4095 for word in words]
+            if codes is not None:
+                assert all(is_code)
+                assert codes.tolist() == [[*map(int, words)], [0, 17, 4095, 2048]]
+            elif place < 14:  # the last code and a blank end there
+                assert not all(is_code)
 
 
 def test_leading_zeros_do_not_change_codes(tmp_path):

@@ -191,6 +191,8 @@ def _is_blank_or_comment(line: bytes) -> bool:
 
 def _is_number(word: bytes) -> bool:
     """Return whether a word is a real or complex number."""
+    if word.isdigit():
+        return True
     if b"_" in word:
         return False
     try:
