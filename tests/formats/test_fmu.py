@@ -11,6 +11,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.fmu_file import write_fmu
+from dechirp.cli.main import main
 from dechirp.core.errors import InvalidSetting
 from dechirp.experiments.osmp import BinaryVariable, OsmpRadar, annotate_model_description
 from dechirp.experiments.scenario import traffic_scenario
@@ -146,6 +147,23 @@ def test_settings_are_checked_before_packing(scenario, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_command_packs_a_radar_or_names_the_option(tmp_path, capsys):
+    pytest.importorskip("pythonfmu", reason="needs the extra fmu")
+    out, settings = tmp_path / "radar.fmu", str(EXAMPLES / "mimo.yaml")
+    for options in (["--out", str(out), "--mount", "roof"], ["--out", str(tmp_path / "radar.zip")]):
+        with pytest.raises(SystemExit, match="2"):
+            main(["fmu", settings, *options])
+    error = capsys.readouterr().err
+    assert "--mount" in error and "roof" in error and "--out" in error and "radar.zip" in error
+    assert not list(tmp_path.iterdir())
+
+    with pytest.raises(SystemExit, match="0"):
+        main(["fmu", settings, "--out", str(out), "--set", "radar.frame.n_chirps=64"])
+    assert "FMI 2" in capsys.readouterr().out
+    with zipfile.ZipFile(out) as file:
+        assert "modelDescription.xml" in file.namelist()
+
+
 def test_fmpy_validates_loads_and_steps_the_fmu(scenario, tmp_path):
     pytest.importorskip("pythonfmu", reason="needs the extra fmu")
     fmpy = pytest.importorskip("fmpy", reason="needs FMPy: pip install fmpy")
