@@ -2,11 +2,13 @@
 
 import importlib
 import tomllib
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+import zarr
 
 import dechirp as dc
 from dechirp.recordings.lazy_frames import LazyFrames
@@ -109,6 +111,27 @@ def test_options_of_open_apply(capture, tmp_path):
         open_lazily(tmp_path / "codes.npy", **options)
     with pytest.raises(dc.InvalidSetting, match="group: truth"):
         open_lazily(capture, group="truth")
+
+
+def test_store_of_a_recording_is_opened_as_dc_open_does(capture, tmp_path):
+    path = tmp_path / "capture.zarr"
+    dc.write(dc.open(capture), path)
+    expected = dc.open(path).cube
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        cube = open_lazily(path).cube
+        assert open_lazily(path, frames=(1, 3)).sizes["frame"] == 2
+
+    xr.testing.assert_identical(cube.load(), expected)
+    with pytest.raises(dc.DechirpError, match="iq"):
+        open_lazily(path, iq="zz")
+
+
+def test_foreign_store_is_no_data_set(tmp_path):
+    zarr.save_array(tmp_path / "x.zarr", np.zeros((3, 2)))
+    with pytest.raises(dc.DechirpError, match="axes"):
+        open_lazily(tmp_path / "x.zarr")
 
 
 def test_variables_can_be_dropped(capture):

@@ -26,6 +26,8 @@ from dechirp.recordings.arrays.zarr_arrays import find_absent_chunks, list_files
 from dechirp.results.shards import ShardedArray, is_temporary_shard_file
 
 FORMAT_VERSION = 1
+MARK = "dechirp_data_set"
+"""Attribute of the root group with the version of the format; recordings have none."""
 GROUPS = ("settings", "truth", "detections")
 EXPECTED = "an unchanged data set of a study"
 
@@ -158,6 +160,11 @@ class DetectionRows:
 def is_data_set_complete(folder: Path) -> bool:
     """Return True if a data set can be opened: its metadata is written last."""
     return (folder / "zarr.json").is_file()
+
+
+def is_data_set(folder: Path) -> bool:
+    """Return True if a Zarr folder is a complete data set, and no recording."""
+    return is_data_set_complete(folder) and MARK.encode() in (folder / "zarr.json").read_bytes()
 
 
 def missing_shard_files(

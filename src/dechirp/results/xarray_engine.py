@@ -9,7 +9,7 @@ from xarray.backends import BackendEntrypoint
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.recordings.recording import open as open_recording
-from dechirp.results.data_set import is_data_set_complete, open_data_set_groups
+from dechirp.results.data_set import is_data_set, open_data_set_groups
 
 
 class DechirpBackend(BackendEntrypoint):
@@ -57,12 +57,13 @@ class DechirpBackend(BackendEntrypoint):
         Raises
         ------
         InvalidSetting
-            If the group does not exist.
+            If the group does not exist, or a data set is opened with options of recordings.
         RecordingError
             As `dechirp.open` does, or when damaged samples are loaded.
         """
         path = Path(filename_or_obj)
-        if is_data_set_complete(path):
+        if is_data_set(path):
+            _check_no_options(path, options)
             groups = open_data_set_groups(path)
         else:
             recording = open_recording(path, **options)
@@ -81,3 +82,13 @@ class DechirpBackend(BackendEntrypoint):
             )
         dropped = [drop_variables] if isinstance(drop_variables, str) else drop_variables or ()
         return groups[group or ""].drop_vars(dropped, errors="ignore")
+
+
+def _check_no_options(path: Path, options: dict[str, Any]) -> None:
+    for name, value in options.items():
+        raise InvalidSetting(
+            name,
+            value=value,
+            expected=f"no options of recordings for the data set {path}",
+            fix="leave it out; select parts of the arrays by .isel",
+        )

@@ -86,7 +86,7 @@ def _metadata_datasets_by_group(
         if axes[name].size and set(dims) <= _item_dimension_names(shapes)
     }
     attributes = {
-        "dechirp_data_set": store.FORMAT_VERSION,
+        store.MARK: store.FORMAT_VERSION,
         "dechirp": str(import_module("dechirp").__version__),
         "name": study.name,
         "seed": study.seed,
