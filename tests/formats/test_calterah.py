@@ -6,6 +6,7 @@ import pytest
 import dechirp as dc
 from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.radar.multiplexing.ddma import Ddma
+from dechirp.recordings.readers import calterah
 from small_radars import HALF_WAVELENGTH_M
 
 pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
@@ -114,6 +115,26 @@ def test_name_and_given_radar_choose_the_profile(recording, tmp_path):
         dc.open(file, radar=radar)
 
 
+def test_profiles_of_equal_layout_are_compared_once(recording, monkeypatch):
+    folder, _ = recording
+    (folder / "sensor_config_init2.hxx").write_text(settings_text(1))
+    shapes = []
+
+    def count_shape(codes, *shape):
+        shapes.append(shape)
+        return measure(codes, *shape)
+
+    measure = calterah._echo_concentration
+    monkeypatch.setattr(calterah, "_echo_concentration", count_shape)
+    try:
+        opened = dc.open(folder)
+    finally:
+        (folder / "sensor_config_init2.hxx").unlink()
+
+    assert sorted(shapes) == [(64, 256), (128, 128)]
+    assert "sensor_config_init2.hxx would read the same samples" in opened.findings[0].value
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -121,6 +142,8 @@ def test_name_and_given_radar_choose_the_profile(recording, tmp_path):
         (lambda text: text + ",99999999999", "11 digits"),
         (lambda text: text + ",4294967296", "4294967296"),
         (lambda text: text + ",00000000001", "11 digits"),
+        (lambda text: text.replace(",0", ",04294967295,0"), "11 digits"),
+        (lambda text: text + "," + 30 * "9", "11 digits"),  # beyond 64 bits
         (lambda text: text[:2000], "numbers"),
         (lambda _: "", "no recording"),
     ],

