@@ -176,8 +176,8 @@ def _has_long_number_with_leading_zero(text: bytes) -> bool:
     characters = np.frombuffer(text, np.uint8)
     for first in range(0, len(text), _BLOCK_BYTES):
         block = characters[first : first + _BLOCK_BYTES + 2]
-        before, digits, after = block[:-2], block[1:-1], block[2:]
-        is_leading = (before == ord(" ")) & (digits == ord("0")) & (after != ord(" "))
+        previous, digits, following = block[:-2], block[1:-1], block[2:]
+        is_leading = (previous == ord(" ")) & (digits == ord("0")) & (following != ord(" "))
         starts += (np.flatnonzero(is_leading) + (first + 1)).tolist()
     words = (text[start : start + 11] for start in starts)
     return any(len(word) == 11 and word.isdigit() for word in words)
