@@ -12,7 +12,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
@@ -148,13 +147,16 @@ class _Cells(NamedTuple):
 
 def _range_doppler_spectrum(chirps: np.ndarray) -> np.ndarray:
     """Return (doppler, rx, range); of real samples the positive beat frequencies."""
+    import scipy  # unused where another format is opened
+
     n_chirps, _, n_samples = chirps.shape
     # Sidelobes 58 dB down: each of a strong echo would count as one more of its velocity.
     window = np.blackman(n_samples + 2)[1:-1].astype(np.float32)
     slow_window = np.hanning(n_chirps + 2)[1:-1, None, None].astype(np.float32)
     # SciPy transforms several series at once: a quarter of the time of NumPy.
-    transform = scipy.fft.fft if np.iscomplexobj(chirps) else scipy.fft.rfft
-    ranges = transform(chirps * window, axis=2)
+    is_complex = np.iscomplexobj(chirps)
+    windowed = chirps * window
+    ranges = scipy.fft.fft(windowed, axis=2) if is_complex else scipy.fft.rfft(windowed, axis=2)
     ranges *= slow_window
     return np.asarray(scipy.fft.fft(ranges, axis=0, overwrite_x=True))
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.core.findings import Finding
@@ -259,6 +258,8 @@ def _frame_shape(profile: CalterahProfile) -> tuple[int, int]:
 
 def _echo_concentration(codes: np.ndarray, n_chirps: int, n_samples: int) -> float:
     """Return the sum of squared powers over the squared sum, of one frame in range and Doppler."""
+    import scipy  # unused where another format is opened
+
     windows = [np.hanning(n).astype(np.float32) for n in (n_chirps, n_samples)]
     power = np.zeros((n_chirps, n_samples // 2 + 1))
     for receiver_codes in codes[:, : n_chirps * n_samples]:  # one at a time fits into the cache
