@@ -118,7 +118,7 @@ def _iter_mcap_contents(path: Path) -> Iterator[bytes]:
             if message.type == wanted:
                 yield bytes(message.data)
                 index += 1
-    except (DechirpError, GeneratorExit):
+    except DechirpError:
         raise
     except Exception as error:  # the library raises any error for damaged bytes
         raise _damaged_trace_error(path, index, error) from None
