@@ -145,6 +145,11 @@ def test_root_names_are_few_and_no_modules():
         assert importlib.util.find_spec(f"dechirp.{name}") is None
 
 
+def test_root_names_are_members_of_no_namespace():
+    members = {name for namespace in NAMESPACES for name in getattr(dechirp, namespace).__all__}
+    assert members & (set(dechirp.__all__) - set(NAMESPACES)) == set()
+
+
 def test_dir_shows_root_names_and_namespaces():
     assert set(dir(dechirp)) == {*dechirp.__all__, *NAMESPACES, "__version__"}
     assert not set(dechirp.__all__) & set(NAMESPACES)
