@@ -1171,6 +1171,43 @@ def test_run_measures_vital_signs_of_a_slow_time_file(run_cli, folder):
     assert (status, "columns for I" in error) == (2, True)
 
 
+def test_run_measures_vital_signs_unasked_where_there_are_no_chirps(run_cli, folder):
+    times = np.arange(0, 40, 0.05)
+    phase = 4 * np.pi / 5 * 2 * np.sin(2 * np.pi * 0.25 * times)
+    rows = np.column_stack([times, np.cos(phase), np.sin(phase)])
+    (folder / "rest").mkdir()
+    for name in ("first", "second"):
+        heading = {"header": "time,I,Q", "comments": "", "delimiter": ","}
+        np.savetxt(folder / "rest" / f"{name}.csv", rows, "%.4f", **heading)
+
+    for source in ("rest", "rest/first.csv"):
+        status, out, _ = run_cli("run", source)
+        assert (status, "Vital signs" in out) == (0, True)
+        assert "note: --vital-signs: chosen because first.csv contains" in out
+        status, out, _ = run_cli("run", source, "--json")
+        assert 60 * json.loads(out)["vital_signs"][0]["breathing_rate_hz"] == pytest.approx(
+            15, abs=0.1
+        )
+
+
+def test_traffic_file_of_a_folder_runs_into_the_same_results_twice(run_cli, folder):
+    (folder / "crossing").mkdir()
+    rows = [
+        f"{t / 10},{number},car,{20 * number},0,0,4,2,1.5" for t in range(3) for number in (1, 2)
+    ]
+    text = "\n".join(["time,id,class,x,y,heading,length,width,height", *rows])
+    (folder / "crossing" / "car.csv").write_text(text + "\n")
+
+    for _ in range(2):
+        assert run_cli("run", "crossing", "--frames", "3", "--ego", "1")[0] == 0
+    assert (folder / "dechirp-run" / "traffic.csv").exists()
+
+    (folder / "crossing" / "other.csv").write_text(text + "\n")
+    status, _, error = run_cli("run", "crossing")
+    assert (status, "a folder with 2 traffic files: car.csv, other.csv" in error) == (2, True)
+    assert "dechirp run crossing/car.csv" in error
+
+
 def test_vital_signs_need_time(run_cli, folder):
     code, _, err = run_cli("run", "small.yaml", "--vital-signs")
     assert code == 2 and "--vital-signs: 0 s long" in err and "10 s or more" in err

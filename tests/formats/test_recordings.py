@@ -10,6 +10,7 @@ import re
 import struct
 import subprocess
 import sys
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +30,7 @@ from dechirp.radar.devices.lookup import device
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.recordings.recording import open as open_recording
-from dechirp.recordings.settings.read import read_radar
+from dechirp.recordings.settings.read import choose_settings_file, read_radar
 
 
 def make_radar(*, n_chirps=4, n_rx=2, n_samples=8, sampling="complex") -> Radar:
@@ -997,15 +998,30 @@ def test_folder_names_truth_table_that_it_does_not_read(tmp_path):
     assert "truth.npy" in recording.findings[0].value
 
 
-def test_folder_with_several_recordings_names_all_with_command(tmp_path):
+@pytest.mark.parametrize("read", [open_recording, lambda path: inspect(path).recording])
+def test_first_of_several_recordings_is_chosen_with_a_note(tmp_path, read):
     folder = tmp_path / "two walks"
-    write_capture_folder(folder, "a")
-    write_capture_folder(folder, "b")
+    for name in ("walk 10", "walk 2"):
+        write_capture_folder(folder, name)
 
-    mistake = catch_mistake(folder)
+    recording = read(folder)
 
-    assert mistake.value == "a folder with 2 recordings: a.bin, b.bin"
-    assert mistake.fix.startswith(f"give one of them: dechirp run '{folder / 'a.bin'}'")
+    note = next(f for f in recording.findings if f.setting == "recording")
+    assert recording.path == folder / "walk 2.bin"
+    assert note.value == (
+        "chosen walk 2.bin, the first of 2 recordings of the folder; others: walk 10.bin"
+    )
+    assert note.fix.endswith(f"'{folder / 'walk 10.bin'}'")
+
+
+def test_recordings_that_cannot_be_read_are_passed_over(tmp_path):
+    write_capture_folder(tmp_path, "second")
+    (tmp_path / "first.bin").write_bytes(bytes(100))
+
+    recording = open_recording(tmp_path)
+
+    assert recording.path.name == "second.bin"
+    assert "the first of 2 recordings of the folder that can be read" in recording.findings[0].value
 
 
 def test_command_in_error_of_missing_settings_writes_a_radar(tmp_path, monkeypatch):
@@ -1025,16 +1041,33 @@ def test_command_in_error_of_missing_settings_writes_a_radar(tmp_path, monkeypat
     assert recording.cube.shape == cube.shape
 
 
-def test_settings_with_words_of_other_recordings_are_named_last(tmp_path):
+def write_settings_of_two_slopes(folder, *names):
+    for slope, name in enumerate(names, 60):
+        (folder / name).write_text(f"profileCfg 0 77 7 7 58 0 0 {slope} 1 256 5500 0 0 30\n")
+
+
+def test_words_of_names_choose_the_settings_of_a_recording(tmp_path):
     for name in ("wall.bin", "wall_wide.bin"):
         (tmp_path / name).write_bytes(bytes(2**16))
-    for name in ("radar_wide.cfg", "radar_narrow.cfg"):
-        (tmp_path / name).write_text("profileCfg 0 77 7 7 58 0 0 68 1 256 5500 0 0 30\n")
+    write_settings_of_two_slopes(tmp_path, "radar_wide.cfg", "radar_narrow.cfg")
 
-    fixes = {name: catch_mistake(tmp_path / name).fix for name in ("wall.bin", "wall_wide.bin")}
+    chosen = {
+        name: choose_settings_file(tmp_path / f"{name}.bin") for name in ("wall", "wall_wide")
+    }
 
-    assert fixes["wall.bin"].index("radar_narrow") < fixes["wall.bin"].index("radar_wide")
-    assert fixes["wall_wide.bin"].index("radar_wide") < fixes["wall_wide.bin"].index("radar_narrow")
+    assert chosen["wall_wide"][0].name == "radar_wide.cfg"
+    assert "shares a word with the name of the recording: wide" in chosen["wall_wide"][1][0].value
+    assert chosen["wall"][0].name == "radar_narrow.cfg"
+    assert "words of other recordings in their names: wide" in chosen["wall"][1][0].value
+
+
+def test_settings_without_distinguishing_words_are_all_named(tmp_path):
+    (tmp_path / "wall.bin").write_bytes(bytes(2**16))
+    write_settings_of_two_slopes(tmp_path, "radar_wide.cfg", "radar_narrow.cfg")
+
+    fix = catch_mistake(tmp_path / "wall.bin").fix
+
+    assert "radar_wide.cfg" in fix and "radar_narrow.cfg" in fix
 
 
 def test_slow_time_files_name_the_command_that_reads_them(tmp_path):
@@ -1058,11 +1091,36 @@ def test_arrays_of_one_column_are_no_recordings_of_a_folder(tmp_path):
     assert "cube.npy: recording: an array of complex64" in str(catch_mistake(tmp_path))
 
 
+@pytest.mark.parametrize("heading", ["f,P,T,rho,gamma\n(GHz),(hPa),(K),(g/cm3),(dB/km)\n", ""])
+def test_text_tables_of_many_quantities_are_no_recordings_of_a_folder(tmp_path, heading):
+    for name in ("first", "second"):
+        (tmp_path / f"{name}.csv").write_text(heading + "1,2,3,4,5\n" * 20)
+
+    problem = "no recording among them" if heading else "a folder with 2 recordings"
+    assert problem in catch_mistake(tmp_path).value
+
+
+def test_channels_of_an_oscilloscope_are_recordings_of_a_folder(tmp_path):
+    for name in ("first", "second"):
+        heading = "Time,CH1,CH2,CH3,CH4,CH5,CH6\ns,V,V,V,V,V,V\n"
+        (tmp_path / f"{name}.csv").write_text(heading + "1,2,3,4,5,6,7\n" * 20)
+
+    assert "a folder with 2 recordings" in catch_mistake(tmp_path).value
+
+
+def test_folder_of_an_archive_names_it(tmp_path):
+    with zipfile.ZipFile(tmp_path / "walk.zip", "w") as archive:
+        archive.writestr("walk.bin", b"0")
+
+    assert "walk.zip is a ZIP archive with walk.bin: unpack it" in catch_mistake(tmp_path).fix
+
+
 def test_recordings_with_one_stem_are_both_named(tmp_path):
     write_capture_folder(tmp_path, "walk")
     (tmp_path / "walk.cf32").write_bytes(draw_samples(3, 4, 2, 8).astype(np.complex64).tobytes())
 
-    assert "walk.bin, walk.cf32" in catch_mistake(tmp_path).value
+    assert "chosen walk.bin" in open_recording(tmp_path).findings[0].value
+    assert "others: walk.cf32" in open_recording(tmp_path).findings[0].value
 
 
 def test_parts_of_split_capture_are_one_recording_of_folder(tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,14 @@ from dechirp.cli.errors import replace_settings_by_options
 from dechirp.config import loading
 from dechirp.config.dumping import dump_yaml
 from dechirp.config.validation import Readers
-from dechirp.core.errors import DechirpError, InvalidFile, Mistake, quote_for_message
+from dechirp.core.errors import (
+    DechirpError,
+    InvalidFile,
+    Mistake,
+    RecordingError,
+    quote_for_message,
+)
+from dechirp.core.text import join_names
 from dechirp.experiments.scenario import (
     READERS,
     RecordingSource,
@@ -25,6 +33,8 @@ from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.lookup import device as known_device
 from dechirp.radar.radar import Radar
 from dechirp.recordings.live.udp import is_udp_address
+from dechirp.recordings.readers.base import RecordingHints
+from dechirp.recordings.recognise import find_recording_in_folder
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.base import Iq
 from dechirp.recordings.settings.calibration import read_calibration
@@ -117,8 +127,9 @@ def _load_scenario_from_source(
         return reference(changes)
     if source.suffix.lower() in (".yaml", ".yml"):
         return load(source, changes)
-    if recognise_traffic(source) is not None:
-        return traffic_scenario(source, changes)
+    traffic_file = _find_traffic_file(source)
+    if traffic_file is not None:
+        return traffic_scenario(traffic_file, changes)
     if is_udp_address(str(source)):
         return _udp_address_scenario(source, changes, radar)
     path, iq, opened_radar, layout = source.absolute(), None, None, None
@@ -141,6 +152,41 @@ def _load_scenario_from_source(
         if changes
         else scenario
     )
+
+
+def _find_traffic_file(source: Path) -> Path | None:
+    """Return the traffic file of a source: itself, or that of a folder without recordings.
+
+    Raises
+    ------
+    RecordingError
+        If a folder without recordings contains several traffic files.
+    """
+    if not source.is_dir():
+        return source if recognise_traffic(source) is not None else None
+    try:
+        files = [file for file in sorted(source.iterdir()) if recognise_traffic(file) is not None]
+    except OSError:  # `open` reports the reason
+        return None
+    if not files or _contains_recording(source):
+        return None
+    if len(files) > 1:
+        raise RecordingError(
+            source,
+            value=f"a folder with {len(files)} traffic files:"
+            f" {join_names(file.name for file in files)}",
+            expected="one traffic file",
+            fix=f"give one of them: dechirp run {shlex.quote(str(files[0]))}",
+        )
+    return files[0]
+
+
+def _contains_recording(folder: Path) -> bool:
+    try:
+        find_recording_in_folder(folder, None, RecordingHints())
+    except DechirpError:
+        return False
+    return True
 
 
 def _open_unchanged_recording(

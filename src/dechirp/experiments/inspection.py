@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import cast
 
 import xarray as xr
 
@@ -24,8 +25,10 @@ from dechirp.recordings.recording import (
     check_axes_and_frames,
     combine_radar_and_layout_settings,
     recording_path,
+    split_axis_names,
 )
 from dechirp.recordings.recording import open as open_recording
+from dechirp.recordings.settings.base import Iq
 from dechirp.recordings.settings.calibration import read_calibration
 
 _FRAME_SETTINGS = ("radar.frame.n_chirps", "radar.frame.period")
@@ -85,7 +88,11 @@ def inspect(
     check_axes_and_frames(axes, frames)
     chip = None if device is None else known_device(device)
     hints = RecordingHints(
-        settings=combine_radar_and_layout_settings(radar, None, chip), device=chip
+        settings=combine_radar_and_layout_settings(radar, None, chip),
+        device=chip,
+        axes=None if axes is None else split_axis_names(axes),
+        encoding=encoding,
+        iq=cast(Iq | None, iq),
     )
     file, _ = find_recording_in_folder(path, format, hints)
     kinds = recognise_formats(

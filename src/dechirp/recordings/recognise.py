@@ -1,6 +1,7 @@
 """Format recognition of a path, from its content and the options of the user."""
 
 import os
+import re
 import shlex
 from collections.abc import Collection
 from contextlib import suppress
@@ -38,6 +39,8 @@ _MAX_TRIED_FILES = 256
 _MIN_CHIRP_VALUES = 8
 # Files that file managers of macOS and Windows leave in folders.
 _FILES_OF_FILE_MANAGERS = ("thumbs.db", "desktop.ini")
+_SUFFIXES_OF_TEXT_TABLES = {".csv", ".txt", ".tsv"}
+_MIN_TABLE_QUANTITIES = 5
 _SUFFIXES_OF_SLOW_TIME = {".csv", ".h5", ".hdf5"}
 # Damaged ones have no signature, and are no raw samples either.
 _SUFFIXES_WITHOUT_SAMPLES = {
@@ -266,7 +269,7 @@ def _describe_path_content_and_fix(path: Path) -> tuple[str, str | None]:
 def find_recording_in_folder(
     path: Path, wanted_format: str | None, hints: RecordingHints
 ) -> tuple[Path, tuple[Finding, ...]]:
-    """Return the only recording in a folder, and a note on files that cannot be read beside it.
+    """Return the recording in a folder, or the first of several, and a note on the other files.
 
     Return the path itself if it is no folder, or a folder that a format reads as a whole. Settings,
     documents and pictures are no recordings, nor are tables of another file type that cannot be
@@ -275,7 +278,7 @@ def find_recording_in_folder(
     Raises
     ------
     RecordingError
-        If the folder contains several recordings or none, or cannot be read.
+        If the folder contains no recording that can be read as given.
     """
     try:
         return _find_recording_in_folder(path, wanted_format, hints)
@@ -297,7 +300,11 @@ def _find_recording_in_folder(
     ):
         return path, ()
     candidates = _list_recordings(path, wanted_format, hints)
-    tables = [file for file in candidates if _is_table(file)] if len(candidates) > 1 else []
+    tables = [
+        file
+        for file in candidates
+        if len(candidates) > 1 and _is_table(file) and _slow_time_error(file) is None
+    ]
     candidates = [file for file in candidates if file not in tables]
     if len(candidates) == 1 and not tables:
         return candidates[0], ()
@@ -323,15 +330,7 @@ def _find_recording_in_folder(
         )
         return readable[0], (note,)
     if candidates:
-        # A capture of commands, or one that was stopped at once, is smaller than the others.
-        example = max(candidates, key=lambda file: file.stat().st_size)
-        raise RecordingError(
-            path,
-            value=f"a folder with {len(candidates)} recordings:"
-            f" {join_names(file.name for file in candidates)}",
-            expected="one recording, since each may be of another scene",
-            fix=_command_for_recording(example, wanted_format, hints),
-        )
+        return _first_readable_recording(path, candidates, wanted_format, hints)
     for file in _list_folder(path)[:_MAX_TRIED_FILES]:
         stand_in = stand_in_error(file)
         if stand_in is not None:
@@ -340,35 +339,97 @@ def _find_recording_in_folder(
     raise RecordingError(path, value=value, expected="a folder with a recording", fix=fix)
 
 
-def _command_for_recording(
-    recording: Path, wanted_format: str | None, hints: RecordingHints
-) -> str:
+def _first_readable_recording(
+    folder: Path, candidates: list[Path], wanted_format: str | None, hints: RecordingHints
+) -> tuple[Path, tuple[Finding, ...]]:
+    """Return the first of several recordings that can be read, and a note on the others.
+
+    Numbers in names count by their value. Files whose format was recognised but that cannot be
+    read as given, such as captures of commands, are passed over.
+    """
+    ordered = sorted(candidates, key=_natural_order)
+    errors: dict[Path, DechirpError] = {}
+    for file in ordered:
+        try:
+            read_as_best_format(file, wanted_format, hints)
+        except DechirpError as error:
+            errors[file] = error
+            continue
+        others = [other for other in ordered if other != file]
+        example = next((other for other in others if other not in errors), others[0])
+        note = Finding(
+            level="note",
+            setting="recording",
+            value=f"chosen {file.name}, the first of {len(ordered)} recordings of the folder"
+            f"{' that can be read' if errors else ''}; others:"
+            f" {join_names(other.name for other in others)}",
+            expected="one recording, since each may be of another scene",
+            fix=f"give the path of another one: {shlex.quote(str(example))}",
+        )
+        return file, (note,)
+    # A capture of commands, or one that was stopped at once, is smaller than the others.
+    example = max(candidates, key=lambda file: file.stat().st_size)
+    raise RecordingError(
+        folder,
+        value=f"a folder with {len(candidates)} recordings:"
+        f" {join_names(file.name for file in candidates)}",
+        expected="a recording that can be read as given",
+        fix=_command_for_recording(example, errors[example]),
+    )
+
+
+def _natural_order(file: Path) -> str:
+    """Return the sort key of a name, by which walk_2 comes before walk_10."""
+    return re.sub(r"\d+", lambda digits: digits[0].zfill(20), file.name)
+
+
+def _command_for_recording(recording: Path, error: DechirpError) -> str:
     """Return the command for one recording of several, and what it needs beside."""
     advice = f"give one of them: dechirp run {shlex.quote(str(recording))}"
     if recording.is_dir():
         return advice
-    try:
-        read_as_best_format(recording, wanted_format, hints)
-    except DechirpError as error:
-        if _slow_time_error(recording) is not None:
-            return f"{advice} --vital-signs"
-        return f"{advice}; for this one, {error.mistakes[0].fix}"
-    return advice
+    if _slow_time_error(recording) is not None:
+        return f"{advice} --vital-signs"
+    return f"{advice}; for this one, {error.mistakes[0].fix}"
 
 
 def _is_table(file: Path) -> bool:
+    """Return True for a table of values of other quantities than samples: NumPy, or text."""
+    if file.suffix.lower() == ".npy":
+        return _is_table_of_numpy(file)
+    return file.suffix.lower() in _SUFFIXES_OF_TEXT_TABLES and _is_text_table(file)
+
+
+def _is_table_of_numpy(file: Path) -> bool:
     """Return True for a NumPy file of numbers without chirps: a column, or rows of few values.
 
     ADC words of 16 bits and complex samples are often stored in one column.
     """
-    if file.suffix.lower() != ".npy":
-        return False
     try:
         array = np.load(file, mmap_mode="r")
     except (OSError, ValueError, EOFError):
         return False
     few = array.ndim < 2 or (array.ndim == 2 and min(array.shape) < _MIN_CHIRP_VALUES)
     return few and array.dtype.kind != "c" and array.dtype.itemsize > 2
+
+
+def _is_text_table(file: Path) -> bool:
+    """Return True for text whose heading names five quantities or more.
+
+    Samples have at most a time, I, Q and a sync; digits only number their channels.
+    """
+    head = read_head(file).decode("utf-8", "replace").lstrip("\ufeff#% ")
+    names = re.split(r"[,;\t]", head.partition("\n")[0])
+    quantities = {re.sub(r"[\d\W_]+", "", name).lower() for name in names}
+    return len(quantities - {""}) >= _MIN_TABLE_QUANTITIES and not any(map(_is_number, names))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _list_folder(path: Path) -> list[Path]:
@@ -423,16 +484,21 @@ def _describe_folder_and_fix(path: Path) -> tuple[str, str]:
         file.name + (" (broken link)" if file.is_symlink() and not file.exists() else "")
         for file in members
     )
-    folders = [file for file in members if file.is_dir()]
-    return (
+    value = (
         f"a folder with {names or 'nothing'}, no recording among them"
         if names
-        else "an empty folder",
-        f"give the recording, or the folder that contains it: dechirp run"
-        f" {shlex.quote(str(folders[0]))}"
-        if folders
-        else "give the recording, or the folder that contains it",
+        else "an empty folder"
     )
+    fix = "give the recording, or the folder that contains it"
+    folders = [file for file in members if file.is_dir()]
+    if folders:
+        return value, f"{fix}: dechirp run {shlex.quote(str(folders[0]))}"
+    for file in members[:_MAX_TRIED_FILES]:
+        kind = identify_foreign_file(read_head(file)) if file.is_file() else None
+        if kind is not None and kind.fix is not None:
+            description = describe_foreign_file(file, kind)
+            return value, f"{fix}; {file.name} is {description}: {kind.fix}"
+    return value, fix
 
 
 def check_choice(path: Path, name: str, value: str | None, choices: tuple[str, ...]) -> None:

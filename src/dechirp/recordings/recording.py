@@ -345,8 +345,6 @@ def open(
     path = recording_path(path)
     if isinstance(calibration, str | Path):
         calibration = read_calibration(calibration)
-    if isinstance(axes, str):
-        axes = axes.replace(",", " ").split()
     check_axes_and_frames(axes, frames)
     check_choice(path, "iq", iq, IQ_ORDERS)
     known_device_type = None if device is None else known_device(device)
@@ -358,7 +356,7 @@ def open(
             settings=given_settings,
             device=known_device_type,
             inner_name=inner_name,
-            axes=None if axes is None else tuple(axes),
+            axes=None if axes is None else split_axis_names(axes),
             encoding=encoding,
             iq=cast(Iq | None, iq),
         )
@@ -391,6 +389,11 @@ def recording_path(path: str | Path) -> Path:
             fix="give it; . is the current folder",
         )
     return Path(path)
+
+
+def split_axis_names(axes: Sequence[str] | str) -> tuple[str, ...]:
+    """Return the names of axes, given as a list or as one text with commas."""
+    return tuple(axes.replace(",", " ").split() if isinstance(axes, str) else axes)
 
 
 def check_axes_and_frames(axes: object, frames: object) -> None:

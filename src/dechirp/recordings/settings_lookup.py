@@ -9,7 +9,7 @@ from dechirp.radar.array import Array
 from dechirp.recordings.readers.base import RecordingHints
 from dechirp.recordings.settings.base import RecordingSettings
 from dechirp.recordings.settings.read import (
-    find_settings_file,
+    choose_settings_file,
     list_settings_files,
     read_settings,
 )
@@ -23,7 +23,10 @@ def find_recording_settings(path: Path, hints: RecordingHints) -> RecordingSetti
     RecordingError
         If none were given, and none or several are next to it.
     """
-    return hints.settings or read_settings(find_settings_file(path), hints.device)
+    if hints.settings is not None:
+        return hints.settings
+    file, findings = choose_settings_file(path)
+    return read_settings(file, hints.device).with_findings(*findings)
 
 
 def find_optional_settings(

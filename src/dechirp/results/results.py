@@ -19,7 +19,7 @@ from dechirp.results.text_files import dataset_to_csv, to_json_text
 _TEXTS = ("report.html", "scenario.yaml", "run.json")
 _MARK = "run.json"
 FILES = (*_TEXTS, "detections.csv", "detections.json", "cube.zarr")
-_OPTIONAL_FILES = ("ego.csv", "clusters.csv", "tracks.csv", "report.pdf")
+_OPTIONAL_FILES = ("ego.csv", "clusters.csv", "tracks.csv", "traffic.csv", "report.pdf")
 
 
 def check_results_folder_replaceable(out: Path) -> None:

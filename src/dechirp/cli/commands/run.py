@@ -13,6 +13,7 @@ from dechirp.cli.options import NO_OPTIONS, IntegerText, Json, Pdf, Quiet, Recor
 if TYPE_CHECKING:
     import xarray as xr
 
+    from dechirp.core.findings import Finding
     from dechirp.experiments.run import Result
 
 
@@ -76,13 +77,13 @@ def run(
     from dechirp.cli.scenario_source import build_scenario
     from dechirp.cli.stream import is_live_source, process_live_frames
     from dechirp.core.compiled_kernels import plain_twins_for_small_work
-    from dechirp.core.errors import DechirpError, InvalidSetting
+    from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
     from dechirp.experiments.run import run as run_scenario
     from dechirp.report.pdf import check_pdf_available
     from dechirp.results.results import check_results_folder_replaceable
 
-    if vital_signs and source is not None and (trace := _read_slow_time_file(source)) is not None:
-        return _print_vital_signs_of_trace(trace, source, as_json=as_json, quiet=quiet)
+    if vital_signs and source is not None and (trace := _read_slow_time(source, is_requested=True)):
+        return _print_vital_signs_of_trace(*trace, as_json=as_json, quiet=quiet)
     check_results_folder_replaceable(out)
     if pdf:
         check_pdf_available()
@@ -109,8 +110,16 @@ def run(
         if is_live:
             result = process_live_frames(scenario, idle=idle, quiet=quiet)
         else:
-            with progress_bar("steps", quiet=quiet) as report:
-                result = run_scenario(scenario, progress=report)
+            try:
+                with progress_bar("steps", quiet=quiet) as report:
+                    result = run_scenario(scenario, progress=report)
+            except RecordingError:
+                trace = None if source is None or vital_signs else _read_slow_time(source)
+                if trace is None:
+                    raise
+                return _print_vital_signs_of_trace(
+                    *trace, as_json=as_json, quiet=quiet, note=_chosen_vital_signs_note(trace[1])
+                )
         if vital_signs:
             result = _add_vital_signs(result)
     if objects:
@@ -129,25 +138,51 @@ def run(
     return 0
 
 
-def _read_slow_time_file(source: Path) -> "xr.DataArray | None":
-    """Return the trace of a file without chirps; None if it is a recording or a scenario."""
+def _read_slow_time(
+    source: Path, *, is_requested: bool = False
+) -> "tuple[xr.DataArray, Path] | None":
+    """Return the trace of a file without chirps, and the file; None if it is something else.
+
+    Of a folder, the first such file. If the rates are requested, raise the error of a CSV file:
+    it is no recording with chirps.
+    """
     from dechirp.core.errors import RecordingError
     from dechirp.recordings.slow_time_files import read_slow_time
 
-    if not source.is_file() or source.suffix.lower() not in {".csv", ".h5", ".hdf5"}:
-        return None
-    try:
-        return read_slow_time(source)
-    except RecordingError:
-        if source.suffix.lower() == ".csv":  # never a recording with chirps
-            raise
-        return None
+    for file in sorted(source.iterdir()) if source.is_dir() else [source]:
+        if not file.is_file() or file.suffix.lower() not in {".csv", ".h5", ".hdf5"}:
+            continue
+        try:
+            return read_slow_time(file), file
+        except RecordingError:
+            if is_requested and file == source and file.suffix.lower() == ".csv":
+                raise
+    return None
+
+
+def _chosen_vital_signs_note(file: Path) -> "Finding":
+    from dechirp.core.findings import Finding
+
+    return Finding(
+        level="note",
+        setting="--vital-signs",
+        value=f"chosen because {file.name} contains I/Q values of range cells over time, without"
+        " chirps",
+        expected="chirps, for ranges and velocities",
+        fix="no action needed for breathing and heart rate; of a folder, give the path of another"
+        " file to read that",
+    )
 
 
 def _print_vital_signs_of_trace(
-    trace: "xr.DataArray", source: Path, *, as_json: bool, quiet: bool
+    trace: "xr.DataArray",
+    source: Path,
+    *,
+    as_json: bool,
+    quiet: bool,
+    note: "Finding | None" = None,
 ) -> int:
-    from dechirp.cli.console import open_stdout_console
+    from dechirp.cli.console import finding_paragraphs, open_stdout_console
     from dechirp.cli.run_document import vital_sign_records
     from dechirp.cli.run_output import vital_signs_table
     from dechirp.processing.vital_signs import measure_vital_signs
@@ -158,7 +193,10 @@ def _print_vital_signs_of_trace(
         document = {"source": str(source), "vital_signs": vital_sign_records(vital)}
         print(to_json_text(document), end="")
     elif not quiet:
-        open_stdout_console().print(vital_signs_table(vital))
+        screen = open_stdout_console()
+        screen.print(vital_signs_table(vital))
+        for paragraph in finding_paragraphs([] if note is None else [note]):
+            screen.print(paragraph)
     return 0
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from dechirp.core.errors import DechirpError, RecordingError
+from dechirp.core.findings import Finding
 from dechirp.core.text import join_names
 from dechirp.radar.devices.base import Device
 from dechirp.radar.radar import Radar
@@ -90,7 +91,15 @@ _SHORTEST_RADAR = (
 
 
 def find_settings_file(recording: Path) -> Path:
-    """Find the settings file beside a recording: the one of the same name, else the only one.
+    """Find the settings file beside a recording, see `choose_settings_file`."""
+    return choose_settings_file(recording)[0]
+
+
+def choose_settings_file(recording: Path) -> tuple[Path, tuple[Finding, ...]]:
+    """Choose the settings file beside a recording, with a finding where only words decide.
+
+    It is the one of the same name, else the only one, else the only one that shares a word of its
+    name with this recording, else the only one without a word of the other recordings.
 
     A `.setup.json` and the `.mmwave.json` that it names count as one; of several equivalent files
     with the recording's name, the first is used. A script counts if there is nothing else, since
@@ -126,42 +135,70 @@ def find_settings_file(recording: Path) -> Path:
         if len(choices) == 1 or (
             choices and choices is not others and _have_equal_settings(choices)
         ):
-            return choices[0]
+            return choices[0], ()
         if choices:
             break
+    if not candidates:
+        raise RecordingError(
+            recording,
+            value="no settings in the recording",
+            expected="the radar of the recording",
+            fix="give the radar: --radar FILE (radar=FILE in Python), the settings file of its"
+            f" vendor or YAML, such as echo '{_SHORTEST_RADAR}' > radar.yaml with its values, then"
+            " --radar radar.yaml",
+        )
+    shared, foreign = _shared_and_foreign_words(choices, recording)
+    matching = [file for file in choices if shared[file]]
+    neutral = [file for file in choices if not foreign[file]]
+    for chosen, why in (
+        (matching, "it alone shares a word with the name of the recording: {}"),
+        (neutral, "the others have words of other recordings in their names: {}"),
+    ):
+        if len(chosen) == 1:
+            (file,) = chosen
+            words = shared[file] if chosen is matching else set().union(*foreign.values())
+            return file, (_settings_by_words_finding(file, choices, why.format(join_names(words))),)
+    ordered = sorted(choices, key=lambda file: (-len(shared[file]), len(foreign[file])))
     raise RecordingError(
         recording,
-        value="no settings in the recording"
-        + (f"; in the folder {join_names(file.name for file in choices)}" if candidates else ""),
+        value="no settings in the recording; in the folder"
+        f" {join_names(file.name for file in choices)}",
         expected="the radar of the recording",
         fix="give the one of this recording (radar=... in Python), or name it like the recording: "
-        + join_names(
-            f"--radar {shlex.quote(str(file))}"
-            for file in _sort_by_shared_words(choices, recording)
-        )
-        if candidates
-        else "give the radar: --radar FILE (radar=FILE in Python), the settings file of its vendor"
-        f" or YAML, such as echo '{_SHORTEST_RADAR}' > radar.yaml with its values, then --radar"
-        " radar.yaml",
+        + join_names(f"--radar {shlex.quote(str(file))}" for file in ordered),
     )
 
 
-def _sort_by_shared_words(settings_files: list[Path], recording: Path) -> list[Path]:
-    """Sort settings files by the words of their names that only this recording has, too.
+def _shared_and_foreign_words(
+    settings_files: list[Path], recording: Path
+) -> tuple[dict[Path, set[str]], dict[Path, set[str]]]:
+    """Return words of the names of settings files that distinguish recordings of the folder.
 
-    Words of the names of other recordings in the folder speak against a file.
+    Those that the name of this recording contains, but not the names of all settings files; and
+    those that names of other recordings contain, but not that of this one.
     """
 
     def words(file: Path) -> set[str]:
-        return set(re.split(r"[\W_]+", file.stem.lower()))
+        return {word for word in re.split(r"[\W_]+", file.stem.lower()) if word}
 
     similar = [file for file in recording.parent.glob(f"*{recording.suffix}") if file != recording]
     others = set().union(*map(words, similar)) - words(recording)
+    of_all = set.intersection(*map(words, settings_files))
+    shared = {file: (words(file) & words(recording)) - of_all for file in settings_files}
+    return shared, {file: words(file) & others for file in settings_files}
 
-    def rank(file: Path) -> tuple[int, int]:
-        return -len(words(file) & words(recording)), len(words(file) & others)
 
-    return sorted(settings_files, key=rank)
+def _settings_by_words_finding(file: Path, choices: list[Path], reason: str) -> Finding:
+    """Return the warning that a settings file was chosen by the words of its name."""
+    others = [choice for choice in choices if choice != file]
+    return Finding(
+        level="warning",
+        setting="radar",
+        value=f"chosen --radar {shlex.quote(str(file))} because {reason}",
+        expected=f"the settings of this recording, out of {len(choices)} files of the folder",
+        fix="no action needed if they are; else give --radar"
+        f" {shlex.quote(str(others[0]))}, and name it like the recording",
+    )
 
 
 def list_settings_files(recording: Path) -> list[Path]:
