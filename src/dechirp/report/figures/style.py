@@ -140,7 +140,7 @@ def _lay_out_once(figure: Figure) -> None:
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
-        figure.set_layout_engine("none")
+        figure.set_layout_engine(None)  # after "none" `savefig` still draws twice
 
 
 def _legend_height_in(axes: Axes) -> float:
