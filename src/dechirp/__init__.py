@@ -91,7 +91,15 @@ _NAMESPACES = (
     # Settings of studies and searches
     *("studies", "tuning"),
     # Functions
-    *("diagnosis", "fixed_point", "group_tracking", "link_budget", "maps", "object_lists"),
+    *(
+        "diagnosis",
+        "fixed_point",
+        "fusion",
+        "group_tracking",
+        "link_budget",
+        "maps",
+        "object_lists",
+    ),
     *(
         "slow_time",
         "slow_time_files",

@@ -7,6 +7,7 @@ from dechirp import devices as devices
 from dechirp import diagnosis as diagnosis
 from dechirp import extensions as extensions
 from dechirp import fixed_point as fixed_point
+from dechirp import fusion as fusion
 from dechirp import generators as generators
 from dechirp import group_tracking as group_tracking
 from dechirp import impairments as impairments

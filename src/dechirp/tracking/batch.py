@@ -112,11 +112,10 @@ def track(
     tracker.check_confirmable_within(len(times))
     live_tracker = LiveTracker(tracker, velocity_span_m_per_s=velocity_span_m_per_s)
     rows = usable_row_mask(detections)
-    _warn_of_ignored_rows(int(np.sum(~rows)), len(rows), axis)
+    warn_of_ignored_rows(int(np.sum(~rows)), len(rows), axis)
     measurements = live_tracker.usable_rows_to_measurements(detections)
     frame_index = frame_index_per_row(detections, first, len(times))[rows]
-    if len(frame_index):
-        tracker.check_false_alarm_density(_median_measurement_errors(measurements, tracker))
+    check_false_alarm_density(measurements, tracker)
     history: TrackHistory[Track] = {}
     for frame, time_s in enumerate(times):
         tracks = live_tracker.step_with_measurements(
@@ -166,6 +165,12 @@ def frame_index_per_row(
     return index
 
 
+def check_false_alarm_density(measurements: Measurements, tracker: Tracker) -> None:
+    """Raise `InvalidSetting` if false alarms are so dense that a miss is always likelier."""
+    if len(measurements.z):
+        tracker.check_false_alarm_density(_median_measurement_errors(measurements, tracker))
+
+
 def _median_measurement_errors(measurements: Measurements, tracker: Tracker) -> np.ndarray:
     """Medians of the standard errors of azimuth, range and rate."""
     azimuth, range_m, rate = np.sqrt(measurements.variance).T
@@ -181,7 +186,8 @@ def _median_measurement_errors(measurements: Measurements, tracker: Tracker) -> 
     )
 
 
-def _warn_of_ignored_rows(n_ignored: int, n_rows: int, row_axis: str) -> None:
+def warn_of_ignored_rows(n_ignored: int, n_rows: int, row_axis: str) -> None:
+    """Warn of rows without range, azimuth or their errors."""
     if n_ignored:
         finding = Finding(
             level="warning",

@@ -17,6 +17,7 @@ from dechirp.tracking.measurements import (
     checked_row_axis_name,
     usable_rows_to_measurements,
 )
+from dechirp.tracking.poses import AT_ORIGIN, RadarPose, RadarView
 from dechirp.tracking.tracker import Tracker
 
 if TYPE_CHECKING:
@@ -24,23 +25,31 @@ if TYPE_CHECKING:
 
 
 def initial_track_means_and_covariances(
-    measurements: Measurements, speed_std_m_per_s: float
+    measurements: Measurements, speed_std_m_per_s: float, pose: RadarPose = AT_ORIGIN
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute means (n, 4) and covariances (n, 4, 4) of x, vx, y, vy.
 
     Along the line of sight from range and range rate; across it from the azimuth and an unknown
     velocity. A speed v across and an azimuth error d change the rate by v d, which adds to its
-    error. An ambiguous rate is ignored if 4 standard deviations of speed exceed half a span.
+    error; that of the radar correlates it with the position. An ambiguous rate is ignored if 4
+    standard deviations of speed exceed half a span.
     """
     azimuth, range_m, rate = measurements.z.T
+    azimuth = azimuth + pose.yaw_rad
+    cos, sin = np.cos(azimuth), np.sin(azimuth)
+    radar_vx, radar_vy = pose.velocity_m_per_s
+    radar_radial, radar_across = cos * radar_vx + sin * radar_vy, cos * radar_vy - sin * radar_vx
     azimuth_variance, range_variance, rate_variance = measurements.variance.T
     has_rate = np.isfinite(rate) & (4 * speed_std_m_per_s < measurements.span_m_per_s / 2)
     speed_variance = speed_std_m_per_s**2
-    radial_speed = np.where(has_rate, rate, 0.0)
+    radial_speed = np.where(has_rate, rate + radar_radial, 0.0)
+    span = np.where(np.isfinite(measurements.span_m_per_s), measurements.span_m_per_s, 0.0)
+    radial_speed -= span * np.round(radial_speed / measurements.span_m_per_s)
     radial_variance = np.where(
-        has_rate, rate_variance + speed_variance * azimuth_variance, speed_variance
+        has_rate,
+        rate_variance + (speed_variance + radar_across**2) * azimuth_variance,
+        speed_variance,
     )
-    cos, sin = np.cos(azimuth), np.sin(azimuth)
     # x vx y vy from radial and tangential position and speed.
     rotation = np.zeros((len(range_m), 4, 4))
     rotation[:, [0, 1, 2, 3], [0, 1, 2, 3]] = cos[:, None]
@@ -56,9 +65,15 @@ def initial_track_means_and_covariances(
         ],
         axis=-1,
     )
+    local = np.zeros((len(range_m), 4, 4))
+    local[:, range(4), range(4)] = variance
+    local[:, 1, 2] = local[:, 2, 1] = np.where(
+        has_rate, range_m * radar_across * azimuth_variance, 0.0
+    )
+    origin = np.array([pose.position_m[0], 0.0, pose.position_m[1], 0.0])
     return (
-        np.einsum("nij,nj->ni", rotation, mean),
-        np.einsum("nij,nj,nkj->nik", rotation, variance, rotation),
+        np.einsum("nij,nj->ni", rotation, mean) + origin,
+        rotation @ local @ rotation.swapaxes(1, 2),
     )
 
 
@@ -73,12 +88,13 @@ class Track:
     number: int
     """Number from 0 in the order of track starts, false tracks included."""
     state: tuple[float, float, float, float]
-    """x, vx, y, vy, in m and m/s, coordinates of the radar."""
+    """x, vx, y, vy, in m and m/s, coordinates of the radar; of several radars those of their
+    poses."""
     covariance: tuple[tuple[float, ...], ...]
     """4 by 4."""
     status: Literal["tentative", "confirmed"]
     age: int
-    """Frames since the first one."""
+    """Frames since the first one in which it was in view."""
 
 
 class LiveTracker:
@@ -147,40 +163,67 @@ class LiveTracker:
     ) -> tuple[Track, ...]:
         """Update the tracks like `step`, with measurements."""
         passed_s, self._time_s = interval_since_frame_before(time_s, self._time_s)
+        return self._step_over_interval(measurements, passed_s, RadarView(), 1)
+
+    def step_with_view(
+        self, measurements: Measurements, time_s: float, view: RadarView, n_radars: int
+    ) -> tuple[Track, ...]:
+        """Update the tracks with measurements of one of several radars.
+
+        Frames of different radars may have the same time. A frame without a detection counts as a
+        miss only of tracks in its view; tracks end as well without a detection in any of
+        `drop_after` (or the frames of `confirm_after`, if more) of each radar.
+        """
+        passed_s = 0.0
+        if time_s != self._time_s:
+            passed_s, self._time_s = interval_since_frame_before(time_s, self._time_s)
+        return self._step_over_interval(measurements, passed_s, view, n_radars)
+
+    def _step_over_interval(
+        self, measurements: Measurements, passed_s: float, view: RadarView, n_radars: int
+    ) -> tuple[Track, ...]:
         for status in ("confirmed", "tentative"):
             tracks = [live_track for live_track in self._tracks if live_track.status == status]
             measurements = self._update_tracks_and_select_unassociated(
-                tracks, passed_s, measurements
+                tracks, passed_s, measurements, view
             )
+        longest_gap = max(self._tracker.drop_after, self._tracker.confirm_after[1])
         self._tracks = [
             live_track
             for live_track in self._tracks
             if live_track.is_alive(
                 confirm_after=self._tracker.confirm_after, drop_after=self._tracker.drop_after
             )
+            and live_track.frames_since_hit < n_radars * longest_gap
         ]
-        self._start_tracks(measurements)
+        self._start_tracks(measurements, view.pose)
         return tuple(live_track.to_track() for live_track in self._tracks)
 
     def _update_tracks_and_select_unassociated(
-        self, tracks: Sequence["_LiveTrack"], passed_s: float, measurements: Measurements
+        self,
+        tracks: Sequence["_LiveTrack"],
+        passed_s: float,
+        measurements: Measurements,
+        view: RadarView,
     ) -> Measurements:
         """Update some tracks, and return the measurements that belong to none of them."""
         step = self._filters.predict_associate_and_update(
-            [live_track.belief for live_track in tracks], passed_s, measurements
+            [live_track.belief for live_track in tracks], passed_s, measurements, view.pose
         )
         for live_track, belief, shares in zip(tracks, step.states, step.shares, strict=True):
             live_track.belief = belief
-            live_track.count_frame(
-                is_hit=shares.sum() >= _MIN_SHARE, confirm_after=self._tracker.confirm_after
-            )
+            is_hit = bool(shares.sum() >= _MIN_SHARE)
+            if is_hit or view.contains(float(belief.mean[0]), float(belief.mean[2])):
+                live_track.count_frame(is_hit=is_hit, confirm_after=self._tracker.confirm_after)
+            else:
+                live_track.frames_since_hit += 1
         return measurements.select_measurements(step.shares.sum(axis=0) < _MIN_SHARE)
 
-    def _start_tracks(self, measurements: Measurements) -> None:
+    def _start_tracks(self, measurements: Measurements, pose: RadarPose) -> None:
         from dechirp.tracking.stone_soup import StateEstimate
 
         means, covariances = initial_track_means_and_covariances(
-            measurements, self._tracker.speed_std_m_per_s
+            measurements, self._tracker.speed_std_m_per_s, pose
         )
         for mean, covariance in zip(means, covariances, strict=True):
             live_track = _LiveTrack(self._n_started, StateEstimate(mean, covariance))
@@ -218,12 +261,15 @@ class TrackStatus:
         self.hits = 1
         self.misses = 0
         """Consecutive misses."""
+        self.frames_since_hit = 0
+        """Frames without a detection, also out of view."""
 
     def count_frame(self, *, is_hit: bool, confirm_after: tuple[int, int]) -> None:
         """Count a frame after the first one."""
         self.age += 1
         self.hits += is_hit
         self.misses = 0 if is_hit else self.misses + 1
+        self.frames_since_hit = 0 if is_hit else self.frames_since_hit + 1
         self.confirm_if_enough_hits(confirm_after)
 
     def confirm_if_enough_hits(self, confirm_after: tuple[int, int]) -> None:
