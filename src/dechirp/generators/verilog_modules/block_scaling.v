@@ -1,7 +1,7 @@
 // Block scaling of a stage: hold a transform back until its largest part has determined the shift.
 //
 // The shift is 0, 1 or 2: one bit for each limit that the largest part exceeds. Words appear
-// 2^INDEX_BITS + 1 clocks later, together with the shift of their transform and its exponent.
+// 2^INDEX_BITS + 2 clocks later, together with the shift of their transform and its exponent.
 module dechirp_block_scaling #(
     parameter BITS = 16,
     parameter INDEX_BITS = 8,
@@ -22,30 +22,30 @@ module dechirp_block_scaling #(
     output reg  [EXPONENT_BITS-1:0] exponent
 );
     localparam [BITS-1:0] LIMIT_0 = LIMITS[BITS-1:0], LIMIT_1 = LIMITS[2*BITS-1:BITS];
-    localparam [INDEX_BITS-1:0] FIRST = 0;
+    localparam [INDEX_BITS-1:0] FIRST = 0, LAG = 2;
 
     wire [BITS-1:0] size_re = in_re[BITS-1] ? -in_re : in_re;
     wire [BITS-1:0] size_im = in_im[BITS-1] ? -in_im : in_im;
-    reg  [BITS-1:0] size, largest_before;
-    reg  [EXPONENT_BITS-1:0] exponent_before;
-    wire is_first = out_index == FIRST;  // of the word in `size`
-    wire is_last = in_index == FIRST;
-    wire [BITS-1:0] largest = is_first || size > largest_before ? size : largest_before;
+    reg  [BITS-1:0] size, largest;
+    reg  [EXPONENT_BITS-1:0] exponent_1, exponent_2;
+    reg  is_first;  // `size` is that of a first word, `largest` that of the transform before
     wire [1:0] next_shift = {1'b0, largest > LIMIT_0} + {1'b0, largest > LIMIT_1};
     always @(posedge clk) begin
         if (en) begin
             size <= size_re > size_im ? size_re : size_im;
-            exponent_before <= in_exponent;
-            largest_before <= largest;
-            if (is_last) begin
+            exponent_1 <= in_exponent;
+            exponent_2 <= exponent_1;
+            is_first <= in_index == FIRST;
+            if (is_first || size > largest) largest <= size;
+            if (is_first) begin
                 shift <= next_shift;
-                exponent <= exponent_before + {{(EXPONENT_BITS - 2){1'b0}}, next_shift};
+                exponent <= exponent_2 + {{(EXPONENT_BITS - 2){1'b0}}, next_shift};
             end
         end
     end
 
-    assign out_index = in_index - 1'b1;
-    dechirp_delay_line #(2 * BITS, (1 << INDEX_BITS) + 1) transform (
+    assign out_index = in_index - LAG;
+    dechirp_delay_line #(2 * BITS, (1 << INDEX_BITS) + 2) transform (
         clk, rst, en, {in_im, in_re}, {out_im, out_re}
     );
 endmodule

@@ -64,16 +64,18 @@ module dechirp_core #(
     output wire [ADDRESS_BITS-1:0]       memory_read_address,
     input  wire [2*RANGE_BITS-1:0]       memory_read_data
 );
-    localparam WINDOW_LATENCY = 4, POWER_LATENCY = 4;
+    localparam WINDOW_LATENCY = 5, POWER_LATENCY = 5;
     localparam BLOCK_SCALING = SCALING_SHIFT < 0;
     localparam RANGE_LATENCY = WINDOW_LATENCY + (1 << RANGE_INDEX_BITS) - 1
-        + (RANGE_INDEX_BITS > 2 ? 5 * RANGE_INDEX_BITS - 8 : RANGE_INDEX_BITS)
-        + (BLOCK_SCALING ? RANGE_INDEX_BITS * ((1 << RANGE_INDEX_BITS) + 1) : 0);
+        + (RANGE_INDEX_BITS > 2 ? 6 * RANGE_INDEX_BITS - 8 : 2 * RANGE_INDEX_BITS)
+        + (BLOCK_SCALING ? RANGE_INDEX_BITS * ((1 << RANGE_INDEX_BITS) + 2) : 0);
     localparam DOPPLER_LATENCY = WINDOW_LATENCY + (1 << DOPPLER_INDEX_BITS) - 1
-        + (DOPPLER_INDEX_BITS > 2 ? 5 * DOPPLER_INDEX_BITS - 8 : DOPPLER_INDEX_BITS)
-        + (BLOCK_SCALING ? DOPPLER_INDEX_BITS * ((1 << DOPPLER_INDEX_BITS) + 1) : 0)
+        + (DOPPLER_INDEX_BITS > 2 ? 6 * DOPPLER_INDEX_BITS - 8 : 2 * DOPPLER_INDEX_BITS)
+        + (BLOCK_SCALING ? DOPPLER_INDEX_BITS * ((1 << DOPPLER_INDEX_BITS) + 2) : 0)
         + POWER_LATENCY;
-    localparam MAX_EXPONENT = (1 << EXPONENT_BITS) - 1;
+    // Largest exponents: two bits in each stage.
+    localparam MAX_RANGE_EXPONENT = 2 * RANGE_INDEX_BITS;
+    localparam MAX_DOPPLER_EXPONENT = 2 * DOPPLER_INDEX_BITS;
     localparam [EXPONENT_BITS-1:0] NO_EXPONENT = 0;
     localparam CHANNEL_BITS = CHANNEL_ADDRESS_BITS > 0 ? CHANNEL_ADDRESS_BITS : 1;
     localparam [31:0] LAST_CHANNEL_32 = N_CHANNELS - 1, LAST_CHIRP_32 = N_CHIRPS - 1;
@@ -302,7 +304,7 @@ module dechirp_core #(
     dechirp_doppler_weights doppler_weights (clk, doppler_en, chirp, doppler_weight);
     dechirp_window #(
         RANGE_BITS, WINDOW_BITS, DOPPLER_BITS, DOPPLER_SHIFT, EXPONENT_BITS,
-        BLOCK_SCALING ? MAX_EXPONENT : 0, ROUNDING
+        BLOCK_SCALING ? MAX_RANGE_EXPONENT : 0, ROUNDING
     ) doppler_window (
         clk, doppler_en, word_re, word_im, doppler_weight, alignment,
         doppler_window_re, doppler_window_im
@@ -343,18 +345,33 @@ module dechirp_core #(
         end
     end
 
-    // Squares; the exponent accompanies them, in steps of two bits.
-    wire [EXPONENT_BITS:0] power_alignment;
+    // Squares; the exponent accompanies them, in steps of two bits. The shift to the largest
+    // exponent takes two clocks: multiples of 8 bits, then the rest.
+    localparam SQUARES_BITS = 2 * DOPPLER_BITS + 2;
+    localparam MAX_ALIGNMENT = BLOCK_SCALING ? 2 * MAX_DOPPLER_EXPONENT : 0;
+    localparam FINE_SHIFT = POWER_SHIFT + MAX_ALIGNMENT;
+    localparam FINE_LEFT = FINE_SHIFT < 0 ? -FINE_SHIFT : 0;
+    localparam ALIGNED_BITS = SQUARES_BITS + MAX_ALIGNMENT;
+    localparam SHIFTED_BITS
+        = (ALIGNED_BITS + FINE_LEFT > POWER_BITS + 1 ? ALIGNED_BITS + FINE_LEFT : POWER_BITS + 1)
+        + 1;
+    reg  [2*DOPPLER_BITS-1:0] square_re, square_im;
+    reg  [2*DOPPLER_BITS:0] squares;
+    reg  [ALIGNED_BITS-1:0] aligned;  // by multiples of 8 bits
+    wire [2:0] fine_alignment;
     generate
         if (BLOCK_SCALING) begin : doppler_exponents
             reg  [EXPONENT_BITS-1:0] largest, exponent_1, exponent_2, exponent_3, exponent_4;
-            reg  [EXPONENT_BITS-1:0] below_largest;
+            reg  [EXPONENT_BITS-1:0] exponent_5;
+            reg  [1:0] below_largest_3;  // its lowest bits
+            wire [EXPONENT_BITS-1:0] below_largest = largest - exponent_2;
+            assign fine_alignment = {below_largest_3, 1'b0};
             always @(posedge clk) begin
                 if (rst) begin
                     largest <= NO_EXPONENT;
                 end else if (doppler_en && doppler_valid) begin
                     if (pass_ends && power_pass) largest <= NO_EXPONENT;
-                    else if (!power_pass && exponent_4 > largest) largest <= exponent_4;
+                    else if (!power_pass && exponent_5 > largest) largest <= exponent_5;
                 end
             end
             always @(posedge clk) begin
@@ -363,32 +380,26 @@ module dechirp_core #(
                     exponent_2 <= exponent_1;
                     exponent_3 <= exponent_2;
                     exponent_4 <= exponent_3;
-                    below_largest <= largest - exponent_1;
+                    exponent_5 <= exponent_4;
+                    below_largest_3 <= below_largest[1:0];
+                    aligned <= {1'b0, squares, {MAX_ALIGNMENT{1'b0}}}
+                        >> {below_largest[EXPONENT_BITS-1:2], 3'd0};
                 end
             end
-            assign power_alignment = {below_largest, 1'b0};
         end else begin : no_doppler_exponents
             wire unused_doppler_exponent = &{1'b0, doppler_exponent};
-            assign power_alignment = {NO_EXPONENT, 1'b0};
+            assign fine_alignment = 3'd0;
+            always @(posedge clk) if (doppler_en) aligned <= {1'b0, squares};
         end
     endgenerate
-    reg  [2*DOPPLER_BITS-1:0] square_re, square_im;
-    reg  [2*DOPPLER_BITS:0] squares;
-    localparam POWER_LEFT = POWER_SHIFT < 0 ? -POWER_SHIFT : 0;
-    localparam SQUARES_BITS = 2 * DOPPLER_BITS + 2;
-    localparam SHIFTED_BITS
-        = (SQUARES_BITS + POWER_LEFT > POWER_BITS + 1 ? SQUARES_BITS + POWER_LEFT : POWER_BITS + 1)
-        + 1;
     wire [SHIFTED_BITS-1:0] next_floor;
     wire next_half, next_beyond;
     reg  [SHIFTED_BITS-1:0] power_floor;
     reg  power_half, power_beyond;
     wire [POWER_BITS:0] rounded_power;
     reg  [POWER_BITS-1:0] power;
-    dechirp_shift_right #(
-        SQUARES_BITS, POWER_SHIFT, EXPONENT_BITS + 1, BLOCK_SCALING ? 2 * MAX_EXPONENT : 0,
-        SHIFTED_BITS
-    ) shift_power ({1'b0, squares}, power_alignment, next_floor, next_half, next_beyond);
+    dechirp_shift_right #(ALIGNED_BITS, FINE_SHIFT, 3, BLOCK_SCALING ? 6 : 0, SHIFTED_BITS)
+        shift_power (aligned, fine_alignment, next_floor, next_half, next_beyond);
     dechirp_round #(SHIFTED_BITS, POWER_BITS + 1, ROUNDING)
         round_power (power_floor, power_half, power_beyond, rounded_power);
     wire unused_sign = rounded_power[POWER_BITS];

@@ -2,9 +2,9 @@
 //
 // All stages have the butterflies, twiddle factors and rounding of the model. With NATURAL_INPUT,
 // words enter in natural and leave in bit-reversed order; without it, the reverse. The first result
-// appears 2^INDEX_BITS - 1 clocks after its first sample, plus 1 clock for each of the first two
-// stages and 5 for each of the others; with block scaling (a SCALING_SHIFT of -1), one transform
-// and one clock later for each stage.
+// appears 2^INDEX_BITS - 1 clocks after its first sample, plus 2 clocks for each of the first two
+// stages and 6 for each of the others; with block scaling (a SCALING_SHIFT of -1), one transform
+// and two clocks later for each stage.
 module dechirp_fft #(
     parameter BITS = 16,
     parameter TWIDDLE_BITS = 16,

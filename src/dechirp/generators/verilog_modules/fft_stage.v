@@ -6,9 +6,9 @@
 // Products and sums are exact; each result is rounded once, as in the model.
 //
 // TWIDDLES: 0 for W = 1; 1 for W = 1 or -i; 2 for W from a table outside, which the address
-// selects one clock before the word is needed. A result appears DELAY + 5 clocks after its first
-// sample where W comes from a table, else DELAY + 1 clocks after it; with block scaling (a
-// SCALING_SHIFT of -1), one transform and one clock later.
+// selects one clock before the word is needed. A result appears DELAY + 6 clocks after its first
+// sample where W comes from a table, else DELAY + 2 clocks after it; with block scaling (a
+// SCALING_SHIFT of -1), one transform and two clocks later.
 module dechirp_fft_stage #(
     parameter BITS = 16,
     parameter TWIDDLE_BITS = 16,
@@ -37,7 +37,7 @@ module dechirp_fft_stage #(
 );
     localparam DELAY_BITS = NATURAL_INPUT ? INDEX_BITS - STAGE : STAGE - 1;
     localparam DELAY = 1 << DELAY_BITS;
-    localparam LATENCY = DELAY + (TWIDDLES == 2 ? 5 : 1);
+    localparam LATENCY = DELAY + (TWIDDLES == 2 ? 6 : 2);
     localparam FRACTION = TWIDDLES == 2 ? TWIDDLE_BITS - 2 : 0;
     localparam PRODUCT_BITS = TWIDDLES == 2 ? BITS + TWIDDLE_BITS + 1 : BITS + 1;
     localparam SUM_BITS = PRODUCT_BITS + 1;
@@ -137,31 +137,54 @@ module dechirp_fft_stage #(
         end
     endgenerate
 
-    // Butterfly.
+    // Butterfly: sums and differences in one clock, rounding in the next.
     wire signed [BITS-1:0] a_re, a_im, sum_re_word, sum_im_word, difference_re, difference_im;
     wire signed [SUM_BITS-1:0] wide_a_re = {{(SUM_BITS - BITS){a_re[BITS-1]}}, a_re} <<< FRACTION;
     wire signed [SUM_BITS-1:0] wide_a_im = {{(SUM_BITS - BITS){a_im[BITS-1]}}, a_im} <<< FRACTION;
     wire signed [SUM_BITS-1:0] wide_b_re = {rotated_re[PRODUCT_BITS-1], rotated_re};
     wire signed [SUM_BITS-1:0] wide_b_im = {rotated_im[PRODUCT_BITS-1], rotated_im};
-    localparam SHIFT = FRACTION + (SCALING_SHIFT < 0 ? 0 : SCALING_SHIFT);
-    localparam MAX_AMOUNT = SCALING_SHIFT < 0 ? 2 : 0;
-
-    dechirp_round_saturate #(SUM_BITS, SHIFT, 2, MAX_AMOUNT, BITS, ROUNDING)
-        round_sum_re (wide_a_re + wide_b_re, butterfly_shift, sum_re_word),
-        round_sum_im (wide_a_im + wide_b_im, butterfly_shift, sum_im_word),
-        round_difference_re (wide_a_re - wide_b_re, butterfly_shift, difference_re),
-        round_difference_im (wide_a_im - wide_b_im, butterfly_shift, difference_im);
-
-    dechirp_delay_line #(2 * BITS, DELAY) feedback (
-        clk, rst, en,
-        second ? {difference_im, difference_re} : {x_im, x_re},
-        {a_im, a_re}
-    );
-
+    reg  signed [SUM_BITS-1:0] plus_re, plus_im, minus_re, minus_im;
+    reg  signed [BITS-1:0] x_re_1, x_im_1;
+    reg  [1:0] shift_before_rounding;
+    reg  second_1;
     always @(posedge clk) begin
         if (en) begin
-            out_re <= second ? sum_re_word : a_re;
-            out_im <= second ? sum_im_word : a_im;
+            plus_re <= wide_a_re + wide_b_re;
+            plus_im <= wide_a_im + wide_b_im;
+            minus_re <= wide_a_re - wide_b_re;
+            minus_im <= wide_a_im - wide_b_im;
+            x_re_1 <= x_re;
+            x_im_1 <= x_im;
+            shift_before_rounding <= butterfly_shift;
+            second_1 <= second;
+        end
+    end
+
+    localparam SHIFT = FRACTION + (SCALING_SHIFT < 0 ? 0 : SCALING_SHIFT);
+    localparam MAX_AMOUNT = SCALING_SHIFT < 0 ? 2 : 0;
+    dechirp_round_saturate #(SUM_BITS, SHIFT, 2, MAX_AMOUNT, BITS, ROUNDING)
+        round_sum_re (plus_re, shift_before_rounding, sum_re_word),
+        round_sum_im (plus_im, shift_before_rounding, sum_im_word),
+        round_difference_re (minus_re, shift_before_rounding, difference_re),
+        round_difference_im (minus_im, shift_before_rounding, difference_im);
+
+    // The delay line is one clock shorter than DELAY, for the register before it.
+    wire signed [BITS-1:0] delayed_re, delayed_im;
+    dechirp_delay_line #(2 * BITS, DELAY - 1) feedback (
+        clk, rst, en,
+        second_1 ? {difference_im, difference_re} : {x_im_1, x_re_1},
+        {delayed_im, delayed_re}
+    );
+    assign a_re = DELAY == 1 ? x_re_1 : delayed_re;
+    assign a_im = DELAY == 1 ? x_im_1 : delayed_im;
+
+    reg  signed [BITS-1:0] delayed_re_1, delayed_im_1;
+    always @(posedge clk) begin
+        if (en) begin
+            delayed_re_1 <= delayed_re;
+            delayed_im_1 <= delayed_im;
+            out_re <= second_1 ? sum_re_word : delayed_re_1;
+            out_im <= second_1 ? sum_im_word : delayed_im_1;
         end
     end
 endmodule

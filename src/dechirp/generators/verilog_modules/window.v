@@ -1,4 +1,4 @@
-// Multiply a complex sample by a weight, shift by SHIFT + amount, round and saturate: three clocks.
+// Multiply a complex sample by a weight, shift by SHIFT + amount, round and saturate: four clocks.
 module dechirp_window #(
     parameter IN_BITS = 16,
     parameter WEIGHT_BITS = 16,
@@ -22,11 +22,20 @@ module dechirp_window #(
     reg  signed [IN_BITS-1:0] re_1, im_1;
     reg  signed [WEIGHT_BITS-1:0] weight_1;
     reg  [AMOUNT_BITS-1:0] amount_1, amount_2;
+    localparam LEFT = SHIFT < 0 ? -SHIFT : 0;
+    localparam BITS = (PRODUCT_BITS + LEFT > OUT_BITS ? PRODUCT_BITS + LEFT : OUT_BITS) + 1;
+    wire signed [BITS-1:0] next_floor_re, next_floor_im;
+    wire next_half_re, next_half_im, next_beyond_re, next_beyond_im;
+    reg  signed [BITS-1:0] floor_re, floor_im;
+    reg  half_re, half_im, beyond_re, beyond_im;
     wire signed [OUT_BITS-1:0] word_re, word_im;
 
-    dechirp_round_saturate #(PRODUCT_BITS, SHIFT, AMOUNT_BITS, MAX_AMOUNT, OUT_BITS, ROUNDING)
-        round_re (product_re, amount_2, word_re),
-        round_im (product_im, amount_2, word_im);
+    dechirp_shift_right #(PRODUCT_BITS, SHIFT, AMOUNT_BITS, MAX_AMOUNT, BITS)
+        shift_re (product_re, amount_2, next_floor_re, next_half_re, next_beyond_re),
+        shift_im (product_im, amount_2, next_floor_im, next_half_im, next_beyond_im);
+    dechirp_round #(BITS, OUT_BITS, ROUNDING)
+        round_re (floor_re, half_re, beyond_re, word_re),
+        round_im (floor_im, half_im, beyond_im, word_im);
 
     always @(posedge clk) begin
         if (en) begin
@@ -37,6 +46,12 @@ module dechirp_window #(
             product_re <= re_1 * weight_1;
             product_im <= im_1 * weight_1;
             amount_2 <= amount_1;
+            floor_re <= next_floor_re;
+            floor_im <= next_floor_im;
+            half_re <= next_half_re;
+            half_im <= next_half_im;
+            beyond_re <= next_beyond_re;
+            beyond_im <= next_beyond_im;
             out_re <= word_re;
             out_im <= word_im;
         end

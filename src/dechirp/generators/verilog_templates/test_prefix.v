@@ -148,8 +148,11 @@ module test_{{ name }};
 
     // Words of the two transforms, inside.
     wire [RANGE_INDEX_BITS-1:0] bin = dut.core.bin;
-    reg signed [DOPPLER_BITS-1:0] doppler_re_1, doppler_im_1, doppler_re_2, doppler_im_2;
-    reg signed [DOPPLER_BITS-1:0] doppler_re_3, doppler_im_3, doppler_re_4, doppler_im_4;
+    // Those of the Doppler transform accompany their powers.
+    localparam LAG = 5;  // POWER_LATENCY of the core
+    reg signed [DOPPLER_BITS-1:0] doppler_re [0:LAG-1];
+    reg signed [DOPPLER_BITS-1:0] doppler_im [0:LAG-1];
+    integer k;
     integer place, cell_place;
     always @(posedge clk) begin
         if (!rst && dut.core.memory_write_en && dut.core.memory_write_ready) begin
@@ -167,21 +170,20 @@ module test_{{ name }};
                 place = (dut.core.power_channel * N_ROWS + dut.core.power_row) * N_VELOCITY
                     + dut.core.velocity;
                 doppler_words = doppler_words + 1;
-                if (doppler_re_4 !== doppler_i[place] || doppler_im_4 !== doppler_q[place]) begin
+                if (doppler_re[LAG-1] !== doppler_i[place] || doppler_im[LAG-1] !== doppler_q[place]) begin
                     errors = errors + 1;
                     if (errors <= MAX_SHOWN)
                         $display("doppler_fft: word %0d is %0d + %0d i, the model has %0d + %0d i",
-                            place, doppler_re_4, doppler_im_4, doppler_i[place], doppler_q[place]);
+                            place, doppler_re[LAG-1], doppler_im[LAG-1], doppler_i[place],
+                            doppler_q[place]);
                 end
             end
-            doppler_re_4 <= doppler_re_3;
-            doppler_im_4 <= doppler_im_3;
-            doppler_re_3 <= doppler_re_2;
-            doppler_im_3 <= doppler_im_2;
-            doppler_re_2 <= doppler_re_1;
-            doppler_im_2 <= doppler_im_1;
-            doppler_re_1 <= dut.core.doppler_re;
-            doppler_im_1 <= dut.core.doppler_im;
+            for (k = 1; k < LAG; k = k + 1) begin
+                doppler_re[k] <= doppler_re[k-1];
+                doppler_im[k] <= doppler_im[k-1];
+            end
+            doppler_re[0] <= dut.core.doppler_re;
+            doppler_im[0] <= dut.core.doppler_im;
         end
     end
 
