@@ -142,6 +142,7 @@ def _top_level_context(design: Design) -> dict[str, Any]:
     row_bits = max(1, _address_bits(tables.n_rows))
     channel_bits = _address_bits(tables.n_channels)
     chirp_bits = max(1, _address_bits(tables.doppler_transform.n_points))
+    n_transforms = tables.n_rows * tables.n_channels
     parameters = {
         "SAMPLE_BITS": words.sample_bits,
         "COMPLEX_SAMPLES": int(is_complex),
@@ -174,6 +175,7 @@ def _top_level_context(design: Design) -> dict[str, Any]:
         "GUARD_RANGE": window.n_guard.range,
         "GUARD_VELOCITY": window.n_guard.velocity,
         "FACTOR_SHIFT": tables.factor_shift,
+        "TRANSFORM_BITS": (transform_bits := _address_bits(n_transforms)),
     }
     return {
         "parameters": parameters,
@@ -189,6 +191,7 @@ def _top_level_context(design: Design) -> dict[str, Any]:
         "is_complex": is_complex,
         "sample_bits": words.sample_bits,
         "range_bits": words.range_bits,
+        "doppler_bits": words.doppler_bits,
         "power_bits": words.power_bits,
         "data_in_bits": data_in_bits,
         "sample_stream_bits": _round_up_to_bytes(data_in_bits),
@@ -197,6 +200,8 @@ def _top_level_context(design: Design) -> dict[str, Any]:
         "user_bits": range_index_bits + velocity_bits,
         "user_stream_bits": _round_up_to_bytes(range_index_bits + velocity_bits),
         "bank_words": tables.n_rows << (channel_bits + chirp_bits),
+        "spectrum_words": n_transforms << velocity_bits if words.scaling == "block" else 0,
+        "spectrum_address_bits": transform_bits + velocity_bits,
         "address_bits": 1 + row_bits + channel_bits + chirp_bits,
     }
 

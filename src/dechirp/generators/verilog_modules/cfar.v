@@ -4,13 +4,16 @@
 // stays within the map and the cell under test moves off its centre.
 //
 // 1. Delay lines of whole range bins supply the powers that enter and leave the box and the guard.
-//    Column sums over range follow by one addition and one subtraction a cell.
+//    Column sums over range follow by one addition and one subtraction a cell. Those of the first
+//    box and guard of a frame grow in sums of their own, while the frame before still needs the
+//    others.
 // 2. A double buffer holds the column sums of one range bin; a sliding sum over velocity adds and
 //    subtracts one column a cell. Its first value is summed up while the buffer is written.
 // 3. threshold = floor(sum x factor / 2^FACTOR_SHIFT), at most the largest word.
 //
-// After the last range bin of a frame, the detector takes 2 HALF_RANGE + 2 range bins of zeros from
-// inside to deliver the last cells; `in_ready` is 0 in the meantime.
+// The first 2 HALF_RANGE range bins of a frame push the last cells of the frame before out. If no
+// cell follows for two range bins, as many steps without input do so; `in_ready` is 0 in the
+// meantime.
 module dechirp_cfar #(
     parameter POWER_BITS = 48,
     parameter N_ROWS = 256,         // range bins
@@ -50,48 +53,62 @@ module dechirp_cfar #(
     localparam SUM_BITS = COLUMN_BITS + $clog2(2 * HALF_VELOCITY + 2);
 
     // Rows at which something begins or ends.
-    localparam [31:0] ROWS_32 = N_ROWS, LAST_STEP_ROW_32 = N_STEPS_ROWS - 1;
-    localparam [31:0] BOX_FILLED_32 = 2 * H, BOX_MOVES_32 = 3 * H + 1, BOX_ENDS_32 = N_ROWS + H;
-    localparam [31:0] GUARD_ADDS_32 = 2 * H - G, GUARD_SUBTRACTS_32 = 2 * H + G + 1;
+    localparam [31:0] ROWS_32 = N_ROWS, LAST_ROW_32 = N_ROWS - 1;
+    localparam [31:0] LAST_STEP_ROW_32 = N_STEPS_ROWS - 1;
+    localparam [31:0] BOX_MOVES_32 = 3 * H + 1, BOX_ENDS_32 = N_ROWS + H;
+    localparam [31:0] GUARD_BEGINS_32 = 2 * H - G, GUARD_SUBTRACTS_32 = 2 * H + G + 1;
+    localparam [31:0] GUARD_ENDS_32 = N_ROWS + 2 * H - G;
     localparam [31:0] CELLS_BEGIN_32 = 2 * H, CELLS_END_32 = N_ROWS + 2 * H;
     localparam signed [COUNT_BITS-1:0] ROWS = ROWS_32[COUNT_BITS-1:0];
+    localparam signed [COUNT_BITS-1:0] LAST_ROW = LAST_ROW_32[COUNT_BITS-1:0];
     localparam signed [COUNT_BITS-1:0] LAST_STEP_ROW = LAST_STEP_ROW_32[COUNT_BITS-1:0];
-    localparam signed [COUNT_BITS-1:0] BOX_FILLED = BOX_FILLED_32[COUNT_BITS-1:0];
     localparam signed [COUNT_BITS-1:0] BOX_MOVES = BOX_MOVES_32[COUNT_BITS-1:0];
     localparam signed [COUNT_BITS-1:0] BOX_ENDS = BOX_ENDS_32[COUNT_BITS-1:0];
-    localparam signed [COUNT_BITS-1:0] GUARD_ADDS = GUARD_ADDS_32[COUNT_BITS-1:0];
+    localparam signed [COUNT_BITS-1:0] GUARD_BEGINS = GUARD_BEGINS_32[COUNT_BITS-1:0];
+    localparam signed [COUNT_BITS-1:0] GUARD_ENDS = GUARD_ENDS_32[COUNT_BITS-1:0];
     localparam signed [COUNT_BITS-1:0] GUARD_SUBTRACTS = GUARD_SUBTRACTS_32[COUNT_BITS-1:0];
     localparam signed [COUNT_BITS-1:0] CELLS_BEGIN = CELLS_BEGIN_32[COUNT_BITS-1:0];
     localparam signed [COUNT_BITS-1:0] CELLS_END = CELLS_END_32[COUNT_BITS-1:0];
 
     reg  signed [COUNT_BITS-1:0] row;
     reg  [VELOCITY_BITS-1:0] v;
-    reg  is_flush;  // zeros from inside, after the last row
-    wire signed [COUNT_BITS-1:0] next_row
-        = row == LAST_STEP_ROW ? {COUNT_BITS{1'b0}} : row + 1'b1;
+    reg  [VELOCITY_BITS:0] idle;
+    reg  follows;   // this frame, or its first step that still waits, follows another without a flush
+    reg  is_flush;  // steps without input, after the last row
     wire out_free = !out_valid || out_ready;
     wire step = out_free && (is_flush || in_valid);
+    wire waits = follows && row == {COUNT_BITS{1'b0}} && v == {VELOCITY_BITS{1'b0}};
     assign in_ready = out_free && !is_flush;
 
     always @(posedge clk) begin
         if (rst) begin
             row <= {COUNT_BITS{1'b0}};
             v <= {VELOCITY_BITS{1'b0}};
+            idle <= {(VELOCITY_BITS + 1){1'b0}};
+            follows <= 1'b0;
             is_flush <= 1'b0;
         end else if (step) begin
             v <= v + 1'b1;
+            idle <= {(VELOCITY_BITS + 1){1'b0}};
             if (&v) begin
-                row <= next_row;
-                is_flush <= next_row >= ROWS;
+                row <= row == (is_flush ? LAST_STEP_ROW : LAST_ROW) ? {COUNT_BITS{1'b0}} : row + 1'b1;
+                if (row == LAST_ROW) follows <= 1'b1;
+                if (row == LAST_STEP_ROW) is_flush <= 1'b0;
+            end
+        end else if (waits) begin
+            idle <= idle + 1'b1;
+            if (&idle) begin
+                row <= ROWS;
+                follows <= 1'b0;
+                is_flush <= 1'b1;
             end
         end
     end
 
     // 1. Taps of the delay lines, by how many range bins they lie behind the input.
-    wire [POWER_BITS-1:0] tap_0 = is_flush ? {POWER_BITS{1'b0}} : in_power;
     wire [POWER_BITS-1:0] tap_box_add, tap_guard_add, tap_cell, tap_guard_subtract, tap_box_subtract;
     dechirp_delay_line #(POWER_BITS, H << VELOCITY_BITS)
-        line_box_add (clk, rst, step, tap_0, tap_box_add);
+        line_box_add (clk, rst, step, in_power, tap_box_add);
     dechirp_delay_line #(POWER_BITS, (H - G) << VELOCITY_BITS)
         line_guard_add (clk, rst, step, tap_box_add, tap_guard_add);
     dechirp_delay_line #(POWER_BITS, G << VELOCITY_BITS)
@@ -101,27 +118,35 @@ module dechirp_cfar #(
     dechirp_delay_line #(POWER_BITS, (H - G) << VELOCITY_BITS)
         line_box_subtract (clk, rst, step, tap_guard_subtract, tap_box_subtract);
 
-    // Step 1: what changes in each column.
-    wire fills = row <= BOX_FILLED;
-    wire moves = row >= BOX_MOVES && row < BOX_ENDS;
-    wire guard_adds = row >= GUARD_ADDS;
-    wire guard_subtracts = row >= GUARD_SUBTRACTS;
+    // Step 1: what changes in each column. `row` of the frame before is higher by N_ROWS; its last
+    // cell leaves in the step before `takes_over`, with which the sums of this frame take over.
+    wire takes_over = row == CELLS_BEGIN;
+    wire signed [COUNT_BITS-1:0] sums_row = row < CELLS_BEGIN ? row + ROWS : row;
+    wire moves = sums_row >= BOX_MOVES && sums_row < BOX_ENDS;
+    wire guard_adds = sums_row < GUARD_ENDS;
+    wire guard_subtracts = sums_row >= GUARD_SUBTRACTS;
+    reg  [POWER_BITS-1:0] box_added_1, guard_added_1;  // to the sums of this frame
     reg  [COLUMN_BITS-1:0] box_change_1, guard_change_1;
+    reg  guard_begins_1, takes_over_1;
     reg  [POWER_BITS-1:0] cell_1;
     reg  first_1, valid_1;
     reg  [VELOCITY_BITS-1:0] v_1;
     reg  [ROW_BITS-1:0] row_1;
-    wire [ROW_BITS-1:0] cell_row = row[ROW_BITS-1:0] - CELLS_BEGIN_32[ROW_BITS-1:0];
+    wire [ROW_BITS-1:0] cell_row = sums_row[ROW_BITS-1:0] - CELLS_BEGIN_32[ROW_BITS-1:0];
     localparam [POWER_BITS-1:0] ZERO = {POWER_BITS{1'b0}};
     localparam WIDER = COLUMN_BITS - POWER_BITS;
     always @(posedge clk) begin
         if (step) begin
-            box_change_1 <= {{WIDER{1'b0}}, fills ? tap_0 : moves ? tap_box_add : ZERO}
+            box_added_1 <= in_power;
+            guard_added_1 <= tap_guard_add;
+            box_change_1 <= {{WIDER{1'b0}}, moves ? tap_box_add : ZERO}
                 - {{WIDER{1'b0}}, moves ? tap_box_subtract : ZERO};
             guard_change_1 <= {{WIDER{1'b0}}, guard_adds ? tap_guard_add : ZERO}
                 - {{WIDER{1'b0}}, guard_subtracts ? tap_guard_subtract : ZERO};
             cell_1 <= tap_cell;
             first_1 <= row == {COUNT_BITS{1'b0}};
+            guard_begins_1 <= row == GUARD_BEGINS;
+            takes_over_1 <= takes_over;
             row_1 <= cell_row;
         end
     end
@@ -131,19 +156,25 @@ module dechirp_cfar #(
             valid_1 <= 1'b0;
             v_1 <= {VELOCITY_BITS{1'b1}};
         end else if (step) begin
-            valid_1 <= row >= CELLS_BEGIN && row < CELLS_END;
+            valid_1 <= row >= CELLS_BEGIN ? row < CELLS_END : follows;
             v_1 <= v;
         end
     end
 
     // Step 2: column sums; each comes back from a delay line after one range bin.
-    wire [COLUMN_BITS-1:0] box_before, guard_before;
-    wire [COLUMN_BITS-1:0] box_column = (first_1 ? {COLUMN_BITS{1'b0}} : box_before)
-        + box_change_1;
-    wire [COLUMN_BITS-1:0] guard_column = (first_1 ? {COLUMN_BITS{1'b0}} : guard_before)
-        + guard_change_1;
-    dechirp_delay_line #(COLUMN_BITS, N_VELOCITY) box_memory (clk, rst, step, box_column, box_before);
+    localparam [COLUMN_BITS-1:0] COLUMN_ZERO = {COLUMN_BITS{1'b0}};
+    wire [COLUMN_BITS-1:0] box_before, guard_before, first_box_before, first_guard_before;
+    wire [COLUMN_BITS-1:0] first_box = (first_1 ? COLUMN_ZERO : first_box_before)
+        + {{WIDER{1'b0}}, box_added_1};
+    wire [COLUMN_BITS-1:0] first_guard = (guard_begins_1 ? COLUMN_ZERO : first_guard_before)
+        + {{WIDER{1'b0}}, guard_added_1};
+    wire [COLUMN_BITS-1:0] box_column = takes_over_1 ? first_box : box_before + box_change_1;
+    wire [COLUMN_BITS-1:0] guard_column
+        = takes_over_1 ? first_guard : guard_before + guard_change_1;
     dechirp_delay_line #(COLUMN_BITS, N_VELOCITY)
+        first_box_memory (clk, rst, step, first_box, first_box_before),
+        first_guard_memory (clk, rst, step, first_guard, first_guard_before),
+        box_memory (clk, rst, step, box_column, box_before),
         guard_memory (clk, rst, step, guard_column, guard_before);
 
     reg  [COLUMN_BITS-1:0] box_2, guard_2;
@@ -199,7 +230,6 @@ module dechirp_cfar #(
     wire in_box = v_2 <= BOX_LOW || {1'b0, v_2} >= BOX_HIGH_32[VELOCITY_BITS:0];
     wire in_guard = v_2 <= GUARD_LOW || {1'b0, v_2} >= GUARD_HIGH_32[VELOCITY_BITS:0];
     localparam SUM_WIDER = SUM_BITS - COLUMN_BITS;
-    localparam [COLUMN_BITS-1:0] COLUMN_ZERO = {COLUMN_BITS{1'b0}};
     wire [COLUMN_BITS-1:0] first_added = in_box ? box_2 : COLUMN_ZERO;
     wire [COLUMN_BITS-1:0] first_subtracted = in_guard ? guard_2 : COLUMN_ZERO;
     reg  [SUM_BITS-1:0] first_sum, first_sum_held, box_change, guard_change, change, sum;

@@ -4,8 +4,10 @@
 // channel; frames follow each other without a mark. Cells leave range bin by range bin, velocity
 // by velocity. Words are those of the fixed-point model.
 //
-// The memory has two banks, so that one frame enters while the one before leaves. It takes one word
-// a clock and returns the word of an address one clock after the enabled read.
+// The corner-turn memory has two banks, so that one frame enters while the one before leaves. With
+// block scaling, a second memory of one frame holds the Doppler spectra until their largest exponent
+// is known. Each takes one word a clock and returns the word of an address one clock after the
+// enabled read.
 module dechirp_core #(
     parameter SAMPLE_BITS = 16,
     parameter COMPLEX_SAMPLES = 1,
@@ -40,7 +42,9 @@ module dechirp_core #(
     parameter FACTOR_SHIFT = 20,
     parameter [2*RANGE_INDEX_BITS*RANGE_BITS-1:0] RANGE_LIMITS = 0,  // of block scaling
     parameter [2*DOPPLER_INDEX_BITS*DOPPLER_BITS-1:0] DOPPLER_LIMITS = 0,
-    parameter ADDRESS_BITS = 1 + ROW_BITS + CHANNEL_ADDRESS_BITS + CHIRP_ADDRESS_BITS
+    parameter ADDRESS_BITS = 1 + ROW_BITS + CHANNEL_ADDRESS_BITS + CHIRP_ADDRESS_BITS,
+    parameter TRANSFORM_BITS = 8,      // of the number of a Doppler transform in its frame
+    parameter SPECTRUM_ADDRESS_BITS = TRANSFORM_BITS + DOPPLER_INDEX_BITS
 ) (
     input  wire                          clk,
     input  wire                          rst,
@@ -62,7 +66,16 @@ module dechirp_core #(
     output wire                          memory_read_en,
     input  wire                          memory_read_ready,     // also: the last word has arrived
     output wire [ADDRESS_BITS-1:0]       memory_read_address,
-    input  wire [2*RANGE_BITS-1:0]       memory_read_data
+    input  wire [2*RANGE_BITS-1:0]       memory_read_data,
+    // Memory of the spectra, for block scaling alone.
+    output wire                          spectrum_write_en,
+    input  wire                          spectrum_write_ready,
+    output wire [SPECTRUM_ADDRESS_BITS-1:0] spectrum_write_address,
+    output wire [2*DOPPLER_BITS-1:0]     spectrum_write_data,   // imaginary, real part
+    output wire                          spectrum_read_en,
+    input  wire                          spectrum_read_ready,
+    output wire [SPECTRUM_ADDRESS_BITS-1:0] spectrum_read_address,
+    input  wire [2*DOPPLER_BITS-1:0]     spectrum_read_data
 );
     localparam WINDOW_LATENCY = 5, POWER_LATENCY = 5;
     localparam BLOCK_SCALING = SCALING_SHIFT < 0;
@@ -71,8 +84,7 @@ module dechirp_core #(
         + (BLOCK_SCALING ? RANGE_INDEX_BITS * ((1 << RANGE_INDEX_BITS) + 2) : 0);
     localparam DOPPLER_LATENCY = WINDOW_LATENCY + (1 << DOPPLER_INDEX_BITS) - 1
         + (DOPPLER_INDEX_BITS > 2 ? 6 * DOPPLER_INDEX_BITS - 8 : 2 * DOPPLER_INDEX_BITS)
-        + (BLOCK_SCALING ? DOPPLER_INDEX_BITS * ((1 << DOPPLER_INDEX_BITS) + 2) : 0)
-        + POWER_LATENCY;
+        + (BLOCK_SCALING ? DOPPLER_INDEX_BITS * ((1 << DOPPLER_INDEX_BITS) + 2) : 0);
     // Largest exponents: two bits in each stage.
     localparam MAX_RANGE_EXPONENT = 2 * RANGE_INDEX_BITS;
     localparam MAX_DOPPLER_EXPONENT = 2 * DOPPLER_INDEX_BITS;
@@ -86,21 +98,16 @@ module dechirp_core #(
     localparam [CHIRP_ADDRESS_BITS-1:0] LAST_CHIRP = LAST_CHIRP_32[CHIRP_ADDRESS_BITS-1:0];
     localparam [ROW_BITS-1:0] LAST_ROW = LAST_ROW_32[ROW_BITS-1:0];
 
-    // Banks: reserved from the first sample of a frame to its last read, full from its last write.
-    reg  [1:0] reserved, full;
-    reg  accept_bank, write_bank, read_bank;
-    wire frame_begins, frame_written, frame_read;
+    // Banks: full from the last write of a frame to its last read.
+    reg  [1:0] full;
+    reg  write_bank, read_bank;
+    wire frame_written, frame_read;
     always @(posedge clk) begin
         if (rst) begin
-            reserved <= 2'b00;
             full <= 2'b00;
         end else begin
-            if (frame_begins) reserved[accept_bank] <= 1'b1;
             if (frame_written) full[write_bank] <= 1'b1;
-            if (frame_read) begin
-                reserved[read_bank] <= 1'b0;
-                full[read_bank] <= 1'b0;
-            end
+            if (frame_read) full[read_bank] <= 1'b0;
         end
     end
 
@@ -112,17 +119,15 @@ module dechirp_core #(
     reg  [CHIRP_ADDRESS_BITS-1:0] accept_chirp;
     wire frame_start = accept_channel == {CHANNEL_BITS{1'b0}}
         && accept_chirp == {CHIRP_ADDRESS_BITS{1'b0}};
-    wire first_sample = sample == {RANGE_INDEX_BITS{1'b0}};
     wire is_sample = {1'b0, sample} < N_SAMPLES_32[RANGE_INDEX_BITS:0];  // else zero padding
-    wire bank_free = !(frame_start && first_sample && reserved[accept_bank]);
-    wire sample_available = is_sample ? s_axis_tvalid && bank_free : 1'b1;
+    wire sample_available = !is_sample || s_axis_tvalid;
 
     dechirp_block_control #(RANGE_INDEX_BITS, RANGE_LATENCY) range_control (
-        clk, rst, sample_available, frame_start, memory_write_ready,
+        clk, rst, sample_available, frame_start,
+        memory_write_ready && !(range_valid && full[write_bank]),
         range_run, range_en, range_accept, sample, range_valid
     );
     assign s_axis_tready = range_accept && is_sample;
-    assign frame_begins = range_accept && frame_start && first_sample;
 
     wire unused_run = range_run;
     wire last_accepted_channel = accept_channel == LAST_CHANNEL;
@@ -131,13 +136,10 @@ module dechirp_core #(
         if (rst) begin
             accept_channel <= {CHANNEL_BITS{1'b0}};
             accept_chirp <= {CHIRP_ADDRESS_BITS{1'b0}};
-            accept_bank <= 1'b0;
         end else if (range_accept && &sample) begin
             accept_channel <= last_accepted_channel ? {CHANNEL_BITS{1'b0}} : accept_channel + 1'b1;
-            if (last_accepted_channel) begin
+            if (last_accepted_channel)
                 accept_chirp <= last_accepted_chirp ? {CHIRP_ADDRESS_BITS{1'b0}} : accept_chirp + 1'b1;
-                if (last_accepted_chirp) accept_bank <= !accept_bank;
-            end
         end
     end
 
@@ -229,33 +231,27 @@ module dechirp_core #(
         end
     end
 
-    // --- Doppler: window and transform of each range bin, then the power --------------------------
+    // --- Doppler: window and transform of each range bin ------------------------------------------
 
     wire [DOPPLER_INDEX_BITS-1:0] turn;
-    wire doppler_run, doppler_en, doppler_accept, doppler_valid, cell_valid, cell_ready;
+    wire doppler_run, doppler_en, doppler_accept, doppler_valid, doppler_ready;
     dechirp_block_control #(DOPPLER_INDEX_BITS, DOPPLER_LATENCY) doppler_control (
-        clk, rst, full[read_bank], 1'b1, memory_read_ready && (!cell_valid || cell_ready),
+        clk, rst, full[read_bank], 1'b1, memory_read_ready && (!doppler_valid || doppler_ready),
         doppler_run, doppler_en, doppler_accept, turn, doppler_valid
     );
 
-    // Block scaling reads a frame twice: the power is shifted to the largest exponent of all range
-    // bins, which is known after the first pass.
     reg  [ROW_BITS-1:0] read_row;
     reg  [CHANNEL_BITS-1:0] read_channel;
-    reg  read_pass;
     wire last_read_channel = read_channel == LAST_CHANNEL;
-    wire pass_read = doppler_accept && &turn && last_read_channel && read_row == LAST_ROW;
-    assign frame_read = pass_read && (read_pass || !BLOCK_SCALING);
+    assign frame_read = doppler_accept && &turn && last_read_channel && read_row == LAST_ROW;
     always @(posedge clk) begin
         if (rst) begin
             read_row <= {ROW_BITS{1'b0}};
             read_channel <= {CHANNEL_BITS{1'b0}};
-            read_pass <= 1'b0;
             read_bank <= 1'b0;
         end else if (doppler_accept && &turn) begin
             read_channel <= last_read_channel ? {CHANNEL_BITS{1'b0}} : read_channel + 1'b1;
-            if (last_read_channel) read_row <= pass_read ? {ROW_BITS{1'b0}} : read_row + 1'b1;
-            if (pass_read) read_pass <= !frame_read;
+            if (last_read_channel) read_row <= frame_read ? {ROW_BITS{1'b0}} : read_row + 1'b1;
             if (frame_read) read_bank <= !read_bank;
         end
     end
@@ -309,7 +305,6 @@ module dechirp_core #(
         clk, doppler_en, word_re, word_im, doppler_weight, alignment,
         doppler_window_re, doppler_window_im
     );
-    localparam [31:0] DOPPLER_LAG = DOPPLER_LATENCY;
     wire [EXPONENT_BITS-1:0] doppler_exponent;
     dechirp_fft #(
         DOPPLER_BITS, TWIDDLE_BITS, DOPPLER_INDEX_BITS, 0, SCALING_SHIFT, EXPONENT_BITS,
@@ -319,99 +314,90 @@ module dechirp_core #(
         doppler_window_re, doppler_window_im, doppler_re, doppler_im, doppler_exponent
     );
 
-    // Cells whose power leaves in this step: channel, range bin, and pass.
+    wire doppler_moves = doppler_run && memory_read_ready && doppler_valid;  // if it is ready
+
+    // --- Power ------------------------------------------------------------------------------------
+
+    // Words for the power, with the bits by which their exponent is below that of the frame.
+    wire power_run, power_en, word_valid;  // the memory has its word; a step; the word is real
+    wire signed [DOPPLER_BITS-1:0] spectrum_re, spectrum_im;
+    wire [EXPONENT_BITS-1:0] power_alignment;
+    generate
+        if (BLOCK_SCALING) begin : block_exponent
+            wire write_ready, read_valid;
+            reg  was_read;
+            assign doppler_ready = write_ready && spectrum_write_ready;
+            assign spectrum_write_en = doppler_moves && doppler_ready;
+            assign spectrum_write_data = {doppler_im, doppler_re};
+            assign power_run = spectrum_read_ready;
+            assign spectrum_read_en = power_en && read_valid;
+            dechirp_spectrum_buffer #(
+                N_ROWS * N_CHANNELS, DOPPLER_INDEX_BITS, TRANSFORM_BITS, EXPONENT_BITS
+            ) spectrum_buffer (
+                clk, rst, spectrum_write_en, write_ready, doppler_exponent, spectrum_write_address,
+                power_en, read_valid, spectrum_read_address, power_alignment
+            );
+            always @(posedge clk) begin
+                if (rst) was_read <= 1'b0;
+                else if (power_en) was_read <= read_valid;
+            end
+            assign word_valid = was_read;
+            assign {spectrum_im, spectrum_re} = spectrum_read_data;
+        end else begin : no_exponent
+            wire unused = &{1'b0, doppler_exponent, spectrum_write_ready, spectrum_read_ready,
+                spectrum_read_data};
+            assign doppler_ready = power_en;
+            assign power_run = 1'b1;
+            assign word_valid = doppler_moves;
+            assign spectrum_re = doppler_re;
+            assign spectrum_im = doppler_im;
+            assign power_alignment = NO_EXPONENT;
+            assign spectrum_write_en = 1'b0;
+            assign spectrum_write_address = {SPECTRUM_ADDRESS_BITS{1'b0}};
+            assign spectrum_write_data = {2 * DOPPLER_BITS{1'b0}};
+            assign spectrum_read_en = 1'b0;
+            assign spectrum_read_address = {SPECTRUM_ADDRESS_BITS{1'b0}};
+        end
+    endgenerate
+
+    wire [POWER_BITS-1:0] power;
+    dechirp_power #(
+        DOPPLER_BITS, EXPONENT_BITS, BLOCK_SCALING ? MAX_DOPPLER_EXPONENT : 0, POWER_SHIFT,
+        POWER_BITS, ROUNDING
+    ) power_of_word (clk, power_en, spectrum_re, spectrum_im, power_alignment, power);
+    reg  [POWER_LATENCY-1:0] in_power;  // words on their way
+    wire power_of_word_valid = in_power[POWER_LATENCY-1];
+    always @(posedge clk) begin
+        if (rst) in_power <= {POWER_LATENCY{1'b0}};
+        else if (power_en) in_power <= {in_power[POWER_LATENCY-2:0], word_valid};
+    end
+
+    // Channel and range bin of the power.
     reg  [CHANNEL_BITS-1:0] power_channel;
     reg  [ROW_BITS-1:0] power_row;
-    reg  power_pass, is_searched;
-    wire [DOPPLER_INDEX_BITS-1:0] velocity = turn - DOPPLER_LAG[DOPPLER_INDEX_BITS-1:0];
+    reg  [DOPPLER_INDEX_BITS-1:0] velocity;
+    reg  is_searched;
+    wire cell_valid, cell_ready;
     wire last_power_channel = power_channel == LAST_CHANNEL;
-    wire row_ends = doppler_en && doppler_valid && &velocity && last_power_channel;
-    wire pass_ends = row_ends && power_row == LAST_ROW;
-    wire [ROW_BITS-1:0] next_power_row = pass_ends ? {ROW_BITS{1'b0}} : power_row + 1'b1;
+    wire [ROW_BITS-1:0] next_power_row
+        = power_row == LAST_ROW ? {ROW_BITS{1'b0}} : power_row + 1'b1;
     wire [ROW_BITS:0] searched_row = {1'b0, next_power_row} - FIRST_SEARCHED_32[ROW_BITS:0];
+    assign power_en = power_run && (!cell_valid || cell_ready);
     always @(posedge clk) begin
         if (rst) begin
             power_channel <= {CHANNEL_BITS{1'b0}};
             power_row <= {ROW_BITS{1'b0}};
-            power_pass <= !BLOCK_SCALING;
+            velocity <= {DOPPLER_INDEX_BITS{1'b0}};
             is_searched <= FIRST_SEARCHED == 0;
-        end else if (doppler_en && doppler_valid && &velocity) begin
-            power_channel <= last_power_channel ? {CHANNEL_BITS{1'b0}} : power_channel + 1'b1;
-            if (row_ends) begin
-                power_row <= next_power_row;
-                is_searched <= searched_row <= LAST_SEARCHED_32[ROW_BITS:0];
-            end
-            if (pass_ends) power_pass <= !BLOCK_SCALING || !power_pass;
-        end
-    end
-
-    // Squares; the exponent accompanies them, in steps of two bits. The shift to the largest
-    // exponent takes two clocks: multiples of 8 bits, then the rest.
-    localparam SQUARES_BITS = 2 * DOPPLER_BITS + 2;
-    localparam MAX_ALIGNMENT = BLOCK_SCALING ? 2 * MAX_DOPPLER_EXPONENT : 0;
-    localparam FINE_SHIFT = POWER_SHIFT + MAX_ALIGNMENT;
-    localparam FINE_LEFT = FINE_SHIFT < 0 ? -FINE_SHIFT : 0;
-    localparam ALIGNED_BITS = SQUARES_BITS + MAX_ALIGNMENT;
-    localparam SHIFTED_BITS
-        = (ALIGNED_BITS + FINE_LEFT > POWER_BITS + 1 ? ALIGNED_BITS + FINE_LEFT : POWER_BITS + 1)
-        + 1;
-    reg  [2*DOPPLER_BITS-1:0] square_re, square_im;
-    reg  [2*DOPPLER_BITS:0] squares;
-    reg  [ALIGNED_BITS-1:0] aligned;  // by multiples of 8 bits
-    wire [2:0] fine_alignment;
-    generate
-        if (BLOCK_SCALING) begin : doppler_exponents
-            reg  [EXPONENT_BITS-1:0] largest, exponent_1, exponent_2, exponent_3, exponent_4;
-            reg  [EXPONENT_BITS-1:0] exponent_5;
-            reg  [1:0] below_largest_3;  // its lowest bits
-            wire [EXPONENT_BITS-1:0] below_largest = largest - exponent_2;
-            assign fine_alignment = {below_largest_3, 1'b0};
-            always @(posedge clk) begin
-                if (rst) begin
-                    largest <= NO_EXPONENT;
-                end else if (doppler_en && doppler_valid) begin
-                    if (pass_ends && power_pass) largest <= NO_EXPONENT;
-                    else if (!power_pass && exponent_5 > largest) largest <= exponent_5;
+        end else if (power_en && power_of_word_valid) begin
+            velocity <= velocity + 1'b1;
+            if (&velocity) begin
+                power_channel <= last_power_channel ? {CHANNEL_BITS{1'b0}} : power_channel + 1'b1;
+                if (last_power_channel) begin
+                    power_row <= next_power_row;
+                    is_searched <= searched_row <= LAST_SEARCHED_32[ROW_BITS:0];
                 end
             end
-            always @(posedge clk) begin
-                if (doppler_en) begin
-                    exponent_1 <= doppler_exponent;
-                    exponent_2 <= exponent_1;
-                    exponent_3 <= exponent_2;
-                    exponent_4 <= exponent_3;
-                    exponent_5 <= exponent_4;
-                    below_largest_3 <= below_largest[1:0];
-                    aligned <= {1'b0, squares, {MAX_ALIGNMENT{1'b0}}}
-                        >> {below_largest[EXPONENT_BITS-1:2], 3'd0};
-                end
-            end
-        end else begin : no_doppler_exponents
-            wire unused_doppler_exponent = &{1'b0, doppler_exponent};
-            assign fine_alignment = 3'd0;
-            always @(posedge clk) if (doppler_en) aligned <= {1'b0, squares};
-        end
-    endgenerate
-    wire [SHIFTED_BITS-1:0] next_floor;
-    wire next_half, next_beyond;
-    reg  [SHIFTED_BITS-1:0] power_floor;
-    reg  power_half, power_beyond;
-    wire [POWER_BITS:0] rounded_power;
-    reg  [POWER_BITS-1:0] power;
-    dechirp_shift_right #(ALIGNED_BITS, FINE_SHIFT, 3, BLOCK_SCALING ? 6 : 0, SHIFTED_BITS)
-        shift_power (aligned, fine_alignment, next_floor, next_half, next_beyond);
-    dechirp_round #(SHIFTED_BITS, POWER_BITS + 1, ROUNDING)
-        round_power (power_floor, power_half, power_beyond, rounded_power);
-    wire unused_sign = rounded_power[POWER_BITS];
-    always @(posedge clk) begin
-        if (doppler_en) begin
-            square_re <= doppler_re * doppler_re;
-            square_im <= doppler_im * doppler_im;
-            squares <= {1'b0, square_re} + {1'b0, square_im};
-            power_floor <= next_floor;
-            power_half <= next_half;
-            power_beyond <= next_beyond;
-            power <= rounded_power[POWER_BITS-1:0];
         end
     end
 
@@ -423,20 +409,20 @@ module dechirp_core #(
         end else begin : several_channels
             wire [POWER_BITS-1:0] sum_before;
             dechirp_delay_line #(POWER_BITS, 1 << DOPPLER_INDEX_BITS)
-                sums (clk, rst, doppler_en, total_power, sum_before);
+                sums (clk, rst, power_en && power_of_word_valid, total_power, sum_before);
             assign total_power = power
                 + (power_channel == {CHANNEL_BITS{1'b0}} ? {POWER_BITS{1'b0}} : sum_before);
         end
     endgenerate
-    assign cell_valid = doppler_valid && last_power_channel && power_pass && is_searched;
+    assign cell_valid = power_of_word_valid && last_power_channel && is_searched;
 
     // --- Detector -----------------------------------------------------------------------------------
 
-    // The register slice separates the enables of the transform and of the detector.
+    // The register slice separates the enables of the power and of the detector.
     wire power_valid, power_ready;
     wire [POWER_BITS-1:0] searched_power;
     dechirp_skid_buffer #(POWER_BITS) power_slice (
-        clk, rst, cell_valid && doppler_run && memory_read_ready, cell_ready, total_power,
+        clk, rst, cell_valid && power_run, cell_ready, total_power,
         power_valid, power_ready, searched_power
     );
     wire [SEARCHED_BITS-1:0] factor_row, out_row;

@@ -1,8 +1,8 @@
 // {{ banner }}
 //
-// Range-Doppler chain of {{ n_samples }} samples, {{ n_channels }} channel{{ "s" if n_channels > 1 }} and {{ n_chirps }} chirps, with its corner-turn memory
-// in block RAM: {{ 2 * bank_words }} words of {{ 2 * range_bits }} bits. Where that is too much, use {{ name }}_core
-// with a memory of your own.
+// Range-Doppler chain of {{ n_samples }} samples, {{ n_channels }} channel{{ "s" if n_channels > 1 }} and {{ n_chirps }} chirps, with its memory in block
+// RAM: {{ 2 * bank_words }} words of {{ 2 * range_bits }} bits for the corner turn{% if spectrum_words %}, {{ spectrum_words }} words of {{ 2 * doppler_bits }} bits for spectra{% endif %}.
+// Where that is too much, use {{ name }}_core with memories of your own.
 module {{ name }} (
     input  wire         clk,
     input  wire         rst,            // synchronous
@@ -22,6 +22,9 @@ module {{ name }} (
     wire write_en, read_en;
     wire [{{ address_bits - 1 }}:0] write_address, read_address;
     wire [{{ 2 * range_bits - 1 }}:0] write_data, read_data;
+    wire spectrum_write_en, spectrum_read_en;
+    wire [{{ spectrum_address_bits - 1 }}:0] spectrum_write_address, spectrum_read_address;
+    wire [{{ 2 * doppler_bits - 1 }}:0] spectrum_write_data, spectrum_read_data;
     wire cell_valid, cell_ready, cell_last;
     wire [{{ 2 * power_bits }}:0] cell_data;
     wire [{{ user_bits - 1 }}:0] cell_user;
@@ -50,12 +53,31 @@ module {{ name }} (
         .memory_read_en(read_en),
         .memory_read_ready(1'b1),
         .memory_read_address(read_address),
-        .memory_read_data(read_data)
+        .memory_read_data(read_data),
+        .spectrum_write_en(spectrum_write_en),
+        .spectrum_write_ready(1'b1),
+        .spectrum_write_address(spectrum_write_address),
+        .spectrum_write_data(spectrum_write_data),
+        .spectrum_read_en(spectrum_read_en),
+        .spectrum_read_ready(1'b1),
+        .spectrum_read_address(spectrum_read_address),
+        .spectrum_read_data(spectrum_read_data)
     );
 
     {{ name }}_corner_memory #({{ 2 * range_bits }}, {{ bank_words }}, {{ address_bits }}) corner_memory (
         clk, write_en, write_address, write_data, read_en, read_address, read_data
     );
+
+{% if spectrum_words %}
+    {{ name }}_ram #({{ 2 * doppler_bits }}, {{ spectrum_words }}, {{ spectrum_address_bits }}) spectrum_memory (
+        clk, spectrum_write_en, spectrum_write_address, spectrum_write_data,
+        spectrum_read_en, spectrum_read_address, spectrum_read_data
+    );
+{% else %}
+    assign spectrum_read_data = {{ 2 * doppler_bits }}'d0;
+    wire unused_spectrum = &{1'b0, spectrum_write_en, spectrum_write_address, spectrum_write_data,
+        spectrum_read_en, spectrum_read_address};
+{% endif %}
 
     {{ name }}_skid_buffer #({{ 2 * power_bits + user_bits + 2 }}) output_slice (
         clk, rst, cell_valid, cell_ready, {cell_last, cell_user, cell_data},

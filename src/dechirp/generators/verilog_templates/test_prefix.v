@@ -15,7 +15,6 @@ module test_{{ name }};
     localparam N_PROFILES = N_CHIRPS * N_CHANNELS * N_ROWS;
     localparam N_SPECTRA = N_CHANNELS * N_ROWS * N_VELOCITY;
     localparam N_CELLS = N_VELOCITY * N_ROWS;
-    localparam N_DOPPLER_WORDS = N_SPECTRA * (SCALING_SHIFT < 0 ? 2 : 1);  // two passes
     localparam MAX_IDLE = 16 * (N_WORDS + N_CELLS) + 1000000;  // clocks
     localparam MAX_SHOWN = 10;
 
@@ -148,12 +147,7 @@ module test_{{ name }};
 
     // Words of the two transforms, inside.
     wire [RANGE_INDEX_BITS-1:0] bin = dut.core.bin;
-    // Those of the Doppler transform accompany their powers.
-    localparam LAG = 5;  // POWER_LATENCY of the core
-    reg signed [DOPPLER_BITS-1:0] doppler_re [0:LAG-1];
-    reg signed [DOPPLER_BITS-1:0] doppler_im [0:LAG-1];
-    integer k;
-    integer place, cell_place;
+    integer place, row, channel, cell_place;
     always @(posedge clk) begin
         if (!rst && dut.core.memory_write_en && dut.core.memory_write_ready) begin
             place = (dut.core.write_chirp * N_CHANNELS + dut.core.write_channel) * N_ROWS + bin;
@@ -165,25 +159,19 @@ module test_{{ name }};
                         dut.core.range_re, dut.core.range_im, range_i[place], range_q[place]);
             end
         end
-        if (!rst && dut.core.doppler_en) begin
-            if (dut.core.doppler_valid) begin
-                place = (dut.core.power_channel * N_ROWS + dut.core.power_row) * N_VELOCITY
-                    + dut.core.velocity;
-                doppler_words = doppler_words + 1;
-                if (doppler_re[LAG-1] !== doppler_i[place] || doppler_im[LAG-1] !== doppler_q[place]) begin
-                    errors = errors + 1;
-                    if (errors <= MAX_SHOWN)
-                        $display("doppler_fft: word %0d is %0d + %0d i, the model has %0d + %0d i",
-                            place, doppler_re[LAG-1], doppler_im[LAG-1], doppler_i[place],
-                            doppler_q[place]);
-                end
+        // Range bin by range bin, channel by channel within one.
+        if (!rst && dut.core.doppler_en && dut.core.doppler_valid) begin
+            row = doppler_words / (N_CHANNELS * N_VELOCITY) % N_ROWS;
+            channel = doppler_words / N_VELOCITY % N_CHANNELS;
+            place = (channel * N_ROWS + row) * N_VELOCITY + doppler_words % N_VELOCITY;
+            doppler_words = doppler_words + 1;
+            if (dut.core.doppler_re !== doppler_i[place] || dut.core.doppler_im !== doppler_q[place])
+            begin
+                errors = errors + 1;
+                if (errors <= MAX_SHOWN)
+                    $display("doppler_fft: word %0d is %0d + %0d i, the model has %0d + %0d i", place,
+                        dut.core.doppler_re, dut.core.doppler_im, doppler_i[place], doppler_q[place]);
             end
-            for (k = 1; k < LAG; k = k + 1) begin
-                doppler_re[k] <= doppler_re[k-1];
-                doppler_im[k] <= doppler_im[k-1];
-            end
-            doppler_re[0] <= dut.core.doppler_re;
-            doppler_im[0] <= dut.core.doppler_im;
         end
     end
 
@@ -219,11 +207,11 @@ module test_{{ name }};
             end
             if (out_last) frames_out = frames_out + 1;
         end
-        if ((frames_out == n_frames && doppler_words >= n_frames * N_DOPPLER_WORDS) || idle > MAX_IDLE)
+        if ((frames_out == n_frames && doppler_words >= n_frames * N_SPECTRA) || idle > MAX_IDLE)
         begin
             if (cells != n_frames * N_VELOCITY * N_SEARCHED
                 || range_words != n_frames * N_PROFILES
-                || doppler_words != n_frames * N_DOPPLER_WORDS) begin
+                || doppler_words != n_frames * N_SPECTRA) begin
                 errors = errors + 1;
                 $display("%0d words of range_fft, %0d of doppler_fft, %0d cells in %0d frames",
                     range_words, doppler_words, cells, frames_out);
