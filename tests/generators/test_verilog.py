@@ -75,16 +75,18 @@ def test_verilator_has_no_warning(tmp_path, scaling):
         assert lint(tmp_path) == ""
 
 
-# Fixed shifts: one sample a clock for two frames without a gap, as both banks of the memory are
-# free.
-def test_takes_one_sample_a_clock(tmp_path):
-    radar = make_radar(32, 16)
+# Six frames without a gap: more than both banks of the memory and all delays contain. With block
+# scaling, the memory of the spectra loses at most three clocks at the start of a frame.
+@pytest.mark.parametrize(("scaling", "n_lost"), [("halving", 0), ("block", 3)])
+def test_takes_one_sample_a_clock(tmp_path, scaling, n_lost):
+    radar, n_frames = make_radar(32, 16), 6
     output = compare_simulated_verilog_with_model(
         tmp_path, draw_frame(radar, 16, seed=4), radar, small_window_chain(),
-        WordLengths(scaling="halving"),
+        WordLengths(scaling=scaling), n_frames=n_frames,
     )  # fmt: skip
-    n_samples = 2 * 32 * 16
-    assert f"; {n_samples} clocks for {n_samples} samples" in output
+    n_clocks, n_samples = map(int, re.findall(r"; (\d+) clocks for (\d+) samples", output)[0])
+    assert n_samples == n_frames * 32 * 16
+    assert n_samples <= n_clocks <= n_samples + n_frames * n_lost
 
 
 # A zero takes a clock as a sample does; those after the last sample are not counted.
@@ -120,9 +122,10 @@ def test_memory_outside_may_hold_both_sides(tmp_path, scaling):
     write_verilog_and_vectors(tmp_path, frame, radar, small_window_chain(), words)
     top = tmp_path / "v" / "radar.v"
     text = top.read_text().replace("    radar_core #(", RANDOM_READY)
-    for side, bit in (("write", 0), ("read", 7)):
-        held = f".memory_{side}_ready(shift_register[{bit}])"
-        text = text.replace(f".memory_{side}_ready(1'b1)", held)
+    ports = ("memory_write", "memory_read", "spectrum_write", "spectrum_read")
+    for bit, port in zip((0, 7, 3, 11), ports, strict=True):
+        assert f".{port}_ready(1'b1)" in text
+        text = text.replace(f".{port}_ready(1'b1)", f".{port}_ready(shift_register[{bit}])")
     top.write_text(text)
 
     output = simulate_in_icarus(tmp_path, "+frames=2", "+stall=20")

@@ -19,6 +19,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.chain import Chain
+from dechirp.processing.fixed_point.coefficients import INTEGER_BITS
 from dechirp.processing.fixed_point.lookup_tables import (
     LookupTables,
     make_lookup_tables,
@@ -47,6 +48,14 @@ _DEVICES = frozenset({"aux", "con", "nul", "prn"}).union(
 _FILE_WITH_PREFIX = re.compile(r"(?P<c>\w+)_tables\.h|test_(?P<verilog>\w+)\.v")
 
 
+class CoefficientTable(NamedTuple):
+    """Constant numbers of the chain: weights of a window, or factors of the threshold."""
+
+    help: str
+    numbers: np.ndarray
+    bits: int
+
+
 class Design(NamedTuple):
     """Fixed-point chain of one radar, checked and with its lookup tables."""
 
@@ -64,6 +73,28 @@ class Design(NamedTuple):
     def n_searched_rows(self) -> int:
         """Number of range bins in which targets are detected."""
         return self.tables.searched_rows.stop - self.tables.searched_rows.start
+
+    @property
+    def coefficients(self) -> dict[str, CoefficientTable]:
+        """Weights and threshold factors by their name in the generated code."""
+        words, tables = self.words, self.tables
+        weights_help = f"{words.window_bits - INTEGER_BITS} bits behind the point."
+        return {
+            "range_weights": CoefficientTable(
+                f"Window over samples, {weights_help}", tables.range_window, words.window_bits
+            ),
+            "doppler_weights": CoefficientTable(
+                f"Window over chirps, with alternating signs, {weights_help}",
+                tables.doppler_window,
+                words.window_bits,
+            ),
+            "factors": CoefficientTable(
+                "Threshold over sum of the training cells in each searched range bin, times"
+                f" 2^{tables.factor_shift}.",
+                tables.factors,
+                words.factor_bits,
+            ),
+        }
 
     @property
     def settings_text(self) -> str:

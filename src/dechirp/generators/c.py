@@ -17,6 +17,7 @@ from dechirp.generators.base import (
     twiddles_of_stage,
 )
 from dechirp.processing.chain import Chain
+from dechirp.processing.fixed_point.coefficients import INTEGER_BITS
 from dechirp.processing.fixed_point.fft import max_growth_per_stage
 from dechirp.processing.fixed_point.word_lengths import Rounding, WordLengths
 from dechirp.radar.radar import Radar
@@ -232,7 +233,7 @@ def _needed_accumulator_bits(design: Design) -> int:
     then larger than the product, up to 2^30 in 32 bits.
     """
     words, tables = design.words, design.tables
-    fraction_bits = words.twiddle_bits - 2
+    fraction_bits = words.twiddle_bits - INTEGER_BITS
     largest = [2 ** (words.sample_bits - 1) * int(abs(tables.range_window).max()) * 2]
     largest += [2 ** (words.range_bits - 1) * int(abs(tables.doppler_window).max()) * 2]
     for bits, twiddles, transform in (
@@ -265,24 +266,27 @@ def _traced_stages(design: Design) -> list[dict[str, Any]]:
 def _tables(design: Design) -> list[_Table]:
     """Return the constant arrays."""
     words, tables = design.words, design.tables
-    window_type, twiddle_type = _signed_type(words.window_bits), _signed_type(words.twiddle_bits)
-    window_fraction, twiddle_fraction = words.window_bits - 2, words.twiddle_bits - 2
+    twiddle_type = _signed_type(words.twiddle_bits)
+    twiddle_fraction = words.twiddle_bits - INTEGER_BITS
     transforms = {
-        "range": (tables.range_window, tables.range_twiddles, tables.range_transform),
-        "doppler": (tables.doppler_window, tables.doppler_twiddles, tables.doppler_transform),
+        "range": (tables.range_twiddles, tables.range_transform),
+        "doppler": (tables.doppler_twiddles, tables.doppler_transform),
+    }
+    weights_and_factors = {
+        name: _Table(
+            name,
+            table.help,
+            (_unsigned_type if name == "factors" else _signed_type)(table.bits),
+            table.numbers,
+        )
+        for name, table in design.coefficients.items()
     }
     arrays = []
-    for name, (window, twiddles, transform) in transforms.items():
+    for name, (twiddles, transform) in transforms.items():
         cosines, sines = _twiddles_by_stage(twiddles, transform.n_bins).T
         growth = max_growth_per_stage(twiddles, transform.n_bins, words.twiddle_bits)
         arrays += [
-            _Table(
-                f"{name}_weights",
-                f"Window over {'samples' if name == 'range' else 'chirps, with alternating signs'},"
-                f" {window_fraction} bits behind the point.",
-                window_type,
-                window,
-            ),
+            weights_and_factors[f"{name}_weights"],
             *(
                 _Table(
                     f"{name}_{part}",
@@ -309,13 +313,7 @@ def _tables(design: Design) -> list[_Table]:
             "uint16_t",
             tables.logarithms,
         ),
-        _Table(
-            "factors",
-            "Threshold over sum of the training cells in each searched row,"
-            f" times 2^{tables.factor_shift}.",
-            _unsigned_type(words.factor_bits),
-            tables.factors,
-        ),
+        weights_and_factors["factors"],
     ]
 
 

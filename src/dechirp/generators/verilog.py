@@ -223,35 +223,22 @@ def _block_scaling_limits(twiddles: np.ndarray, n_stages: int, bits: int, twiddl
 
 def _table_contexts(design: Design) -> list[dict[str, Any]]:
     """Return the values of each table of weights or factors."""
-    words, tables = design.words, design.tables
-    weight_help = f"{words.window_bits - 2} bits behind the point."
-    n_samples, n_chirps = tables.range_transform.n_bins, tables.doppler_transform.n_bins
-    contents = [
-        ("range_weights", f"Window over samples, {weight_help}", tables.range_window, n_samples),
-        (
-            "doppler_weights",
-            f"Window over chirps, with alternating signs, {weight_help}",
-            tables.doppler_window,
-            n_chirps,
-        ),
-        (
-            "factors",
-            "Threshold over sum of the training cells, in each range bin searched, times"
-            f" 2^{tables.factor_shift}.",
-            tables.factors,
-            len(tables.factors),
-        ),
-    ]
+    tables = design.tables
+    n_addresses = {
+        "range_weights": tables.range_transform.n_bins,
+        "doppler_weights": tables.doppler_transform.n_bins,
+        "factors": design.n_searched_rows,
+    }
     return [
         {
-            "table": table,
-            "help": text,
-            "address_bits": max(1, _address_bits(n_addresses)),
-            "bits": (bits := words.factor_bits if table == "factors" else words.window_bits),
-            "digits": -(-bits // 4),
-            "words": [int(number) & ((1 << bits) - 1) for number in numbers],
+            "table": name,
+            "help": table.help,
+            "address_bits": max(1, _address_bits(n_addresses[name])),
+            "bits": table.bits,
+            "digits": -(-table.bits // 4),
+            "words": [int(number) & ((1 << table.bits) - 1) for number in table.numbers],
         }
-        for table, text, numbers, n_addresses in contents
+        for name, table in design.coefficients.items()
     ]
 
 

@@ -77,7 +77,7 @@ module dechirp_core #(
     output wire [SPECTRUM_ADDRESS_BITS-1:0] spectrum_read_address,
     input  wire [2*DOPPLER_BITS-1:0]     spectrum_read_data
 );
-    localparam WINDOW_LATENCY = 5, POWER_LATENCY = 5;
+    localparam WINDOW_LATENCY = 5, POWER_LATENCY = 6;
     localparam BLOCK_SCALING = SCALING_SHIFT < 0;
     localparam RANGE_LATENCY = WINDOW_LATENCY + (1 << RANGE_INDEX_BITS) - 1
         + (RANGE_INDEX_BITS > 2 ? 6 * RANGE_INDEX_BITS - 8 : 2 * RANGE_INDEX_BITS)
