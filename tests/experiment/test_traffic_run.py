@@ -9,7 +9,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.evaluation.traffic_scores import demanded_object_mask, score_traffic
+from dechirp.evaluation.traffic_scores import score_traffic
 from dechirp.report.traffic_section import traffic_table_rows
 from nightly import nightly
 
@@ -159,8 +159,8 @@ def test_only_one_source_is_accepted(trace):
 
 @nightly
 def test_recorded_motorway_traffic_is_detected():
-    # The requirement: every vehicle in view and not shadowed in 95 % of the frames, to 0.5 m. Its
-    # speed, 0.1 m/s, holds in most frames; in some, the strongest echo is that of a wheel.
+    # The requirement: every vehicle in view and not shadowed in 95 % of the frames, to 0.5 m and
+    # 0.1 m/s. In one of 715 sightings, only wheels are detected, and no velocity is known.
     folder = os.environ.get("DECHIRP_WITNESS_DATA")
     path = Path(folder or "") / "commonroad_us101" / "USA_US101-4_1_T-1.xml"
     if not (folder and path.is_file()):
@@ -172,5 +172,5 @@ def test_recorded_motorway_traffic_is_detected():
     assert (scores.n_objects, result.n_frames) == (8, 201)
     assert scores.lowest_detected_share >= 0.95
     assert scores.position_rmse_m <= 0.5
-    errors = np.abs(result.traffic["velocity_error"].values[demanded_object_mask(result.traffic)])
-    assert np.nanquantile(errors, 0.9) <= 0.1
+    assert scores.velocity_rmse_m_per_s <= 0.1
+    assert scores.velocity_known_share >= 0.99

@@ -27,9 +27,11 @@ class TrafficScores:
     lowest_detected_share: float
     """Detected share of the object for which it is lowest."""
     position_rmse_m: float
-    """Distance of the strongest detection of an object from its outline."""
+    """Distance of the detection of a body, see `body_echoes`, from its outline."""
     velocity_rmse_m_per_s: float
-    """Velocity of that detection against that of the outline there."""
+    """Velocity of the body against that of the outline there."""
+    velocity_known_share: float
+    """Share of the detected pairs whose detections determine a velocity; NaN without any."""
     gospa_m: float | None
     """Mean over frames of confirmed tracks against the nearest points of objects; None without
     tracks."""
@@ -70,6 +72,11 @@ def score_traffic(objects: xr.Dataset, tracks: xr.Dataset | None) -> TrafficScor
         lowest_detected_share=float(shares.min()) if shares.size else np.nan,
         position_rmse_m=_rms(objects["position_error"].values[is_demanded]),
         velocity_rmse_m_per_s=_rms(objects["velocity_error"].values[is_demanded]),
+        velocity_known_share=(
+            float(np.isfinite(objects["velocity_error"].values[is_detected]).mean())
+            if is_detected.any()
+            else np.nan
+        ),
         gospa_m=mean_gospa_m,
         n_identity_switches=n_switches,
         n_false_tracks=n_false,

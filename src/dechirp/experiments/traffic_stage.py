@@ -7,6 +7,7 @@ import xarray as xr
 
 from dechirp.core.findings import Finding
 from dechirp.evaluation.association import Associator
+from dechirp.evaluation.body_echoes import find_body_echo
 from dechirp.experiments.scenario import Scenario
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
@@ -71,8 +72,9 @@ class TrafficFrames:
 
         Adds to `find_true_objects`, over (target, frame): `n_detections`, those within two cells of
         a visible scatterer of the object, with aliasing and unknown directions as for other scenes;
-        of the strongest with a direction `position_error` (m), its distance from the outline, and
-        `velocity_error` (m/s), its velocity minus the range rate of that point of the outline.
+        of the echo of the body, see `evaluation.body_echoes`, `position_error` (m), its distance
+        from the outline, and `velocity_error` (m/s), its velocity minus the range rate of that
+        point of the outline.
         """
         objects = find_true_objects(self.scenes, range(self.n_frames))
         row_of_name = {name: row for row, name in enumerate(objects["target"].values.tolist())}
@@ -92,7 +94,7 @@ class TrafficFrames:
                 row = row_of_name[name]
                 rows = {key: column[owners == target] for key, column in of_frame.items()}
                 n_detections[row, number] = rows["snr"].size
-                errors = _errors_of_strongest(rows, objects.isel(target=row, frame=number))
+                errors = _errors_of_body(rows, objects.isel(target=row, frame=number))
                 position_error_m[row, number], velocity_error[row, number] = errors
         axes = ("target", "frame")
         return objects.assign(
@@ -102,13 +104,12 @@ class TrafficFrames:
         )
 
 
-def _errors_of_strongest(columns: dict[str, np.ndarray], item: xr.Dataset) -> tuple[float, float]:
-    """Return position and velocity error of the strongest detection with a direction, or NaN."""
-    has_direction = np.flatnonzero(np.isfinite(columns["azimuth"]))
-    if not has_direction.size:
+def _errors_of_body(columns: dict[str, np.ndarray], item: xr.Dataset) -> tuple[float, float]:
+    """Return position and velocity error of the echo of the body, NaN where it is unknown."""
+    echo = find_body_echo(columns)
+    if echo is None:
         return np.nan, np.nan
-    strongest = has_direction[np.argmax(columns["snr"][has_direction])]
-    range_m, azimuth_rad = columns["range"][strongest], columns["azimuth"][strongest]
+    range_m, azimuth_rad = columns["range"][echo.row], columns["azimuth"][echo.row]
     detection_m = range_m * np.array([np.cos(azimuth_rad), np.sin(azimuth_rad)])
     point_m = nearest_point_m(
         rectangle_corners_m(
@@ -123,4 +124,4 @@ def _errors_of_strongest(columns: dict[str, np.ndarray], item: xr.Dataset) -> tu
     velocity = np.array([float(item["vx"]), float(item["vy"])])
     velocity += float(item["turn_rate"]) * QUARTER_TURN @ arm_m
     range_rate = float(point_m @ velocity) / float(np.linalg.norm(point_m))
-    return error_m, float(columns["velocity"][strongest]) - range_rate
+    return error_m, echo.velocity_m_per_s - range_rate

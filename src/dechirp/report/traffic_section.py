@@ -48,9 +48,10 @@ def describe_traffic_scores(result: "Result") -> list[str]:
         f" {MIN_VISIBLE_SHARE:.0%} of each not hidden by others: detected in"
         f" {scores.detected_share:.1%} of {scores.n_object_frames} sightings, the least often"
         f" detected one in {scores.lowest_detected_share:.1%}.",
-        f"Strongest detection of each: RMS distance from the outline"
+        f"Echo of each body: RMS distance from the outline"
         f" {format_fixed(scores.position_rmse_m, 2)} m, RMS error of the velocity"
-        f" {format_fixed(scores.velocity_rmse_m_per_s, 2)} m/s.",
+        f" {format_fixed(scores.velocity_rmse_m_per_s, 2)} m/s, known in"
+        f" {scores.velocity_known_share:.1%}.",
     ]
     if scores.gospa_m is not None:
         sentences.append(

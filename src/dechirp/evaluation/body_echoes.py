@@ -1,0 +1,63 @@
+"""Echo of the body of a vehicle, among those of its wheels."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+# A detection without an ambiguity number is of echoes in one cell that disagree: it counts as a
+# tenth of its power.
+_UNRESOLVED_WEIGHT = 0.1
+# Bodies alone spread by less, in m/s: a car of 5 m that turns by 0.2 rad/s.
+_MIN_WHEEL_SPREAD_M_PER_S = 1.0
+# Share of the spread that counts as its end, and power ratio of equal ends (1.8 dB).
+_END_SHARE, _EQUAL_RATIO = 1 / 8, 1.5
+
+
+class BodyEcho(NamedTuple):
+    """Row of the detection of a body, and its velocity."""
+
+    row: int
+    velocity_m_per_s: float
+    """NaN if the detections do not determine it."""
+
+
+def find_body_echo(columns: Mapping[str, np.ndarray]) -> BodyEcho | None:
+    """Find the echo of the body of one object among its detections, (n,) each.
+
+    It is the strongest detection with a direction. Where another vehicle hides the body in its
+    cell, only wheels remain: rims of rolling wheels move between standstill and twice the speed of
+    their vehicle, most of the time near these ends, symmetrically about its speed. So if the
+    strongest detection is at one end of all velocities and one as strong is on the other side, the
+    velocity of the body is the middle of the ends.
+
+    Returns
+    -------
+    BodyEcho or None
+        None without a direction. The velocity is NaN if only wheels are detected and the ambiguity
+        number of one of both sides is unknown.
+
+    References
+    ----------
+    V. C. Chen, The Micro-Doppler Effect in Radar, 2nd ed., 2019 (rolling wheels).
+    """
+    velocity, snr = columns["velocity"], columns["snr"]
+    rows = np.flatnonzero(np.isfinite(columns["azimuth"]))
+    if not rows.size:
+        return None
+    is_resolved = np.isfinite(columns["ambiguity_number"])
+    weight = snr * np.where(is_resolved, 1.0, _UNRESOLVED_WEIGHT)
+    strongest = int(rows[np.argmax(weight[rows])])
+    low, high = velocity.min(), velocity.max()
+    spread = high - low
+    from_end = min(velocity[strongest] - low, high - velocity[strongest])
+    is_opposite = abs(velocity - velocity[strongest]) > spread / 2
+    if (
+        spread < _MIN_WHEEL_SPREAD_M_PER_S
+        or from_end > _END_SHARE * spread
+        or snr[strongest] > _EQUAL_RATIO * snr[is_opposite].max()
+    ):
+        return BodyEcho(strongest, float(velocity[strongest]))
+    opposite = np.flatnonzero(is_opposite)[np.argmax(snr[is_opposite])]
+    is_known = is_resolved[strongest] and is_resolved[opposite]
+    return BodyEcho(strongest, float((low + high) / 2) if is_known else np.nan)
