@@ -741,13 +741,36 @@ def test_unambiguous_numbers_need_no_encoding(tmp_path):
         )
 
 
-@pytest.mark.parametrize("dtype", [np.uint16, np.int32, np.float64])
-def test_rejects_ambiguous_numbers_without_encoding(tmp_path, dtype):
-    file = save_array(tmp_path, np.full((4, 2, 8, 2), 40000, dtype))
+@pytest.mark.parametrize("numbers", [3000, 70000, [20000, 60000, 100]])
+@pytest.mark.parametrize("dtype", [np.uint32, np.float64])
+def test_rejects_ambiguous_numbers_without_encoding(tmp_path, dtype, numbers):
+    file = save_array(tmp_path, np.resize(np.array(numbers, dtype), (4, 2, 8, 2)))
 
     mistake = catch_mistake(file, radar=make_radar(), axes="chirp,rx,sample,iq")
 
     assert "int16, uint16-wrapped, offset-binary, full-scale" in mistake.expected
+
+
+@pytest.mark.parametrize(
+    ("encoding", "dtype"),
+    [
+        ("int16", np.int64),
+        ("int16", np.float32),
+        ("uint16-wrapped", np.uint16),
+        ("uint16-wrapped", np.float64),
+        ("offset-binary", np.uint16),
+        ("offset-binary", np.float64),
+    ],
+)
+def test_numbers_of_the_first_frame_choose_the_encoding(tmp_path, encoding, dtype):
+    codes = np.random.default_rng(2).integers(-4000, 4000, (4, 2, 8, 2))
+    offset = {"int16": 0, "uint16-wrapped": 2**16 * (codes < 0), "offset-binary": 2**15}[encoding]
+    file = save_array(tmp_path, (codes + offset).astype(dtype))
+
+    recording = open_recording(file, radar=make_radar(), axes="chirp,rx,sample,iq")
+
+    assert f"chosen --encoding {encoding} because" in str(recording.findings)
+    np.testing.assert_allclose(recording.cube.values[0], (codes @ [1, 1j]) / 2**15, rtol=1e-6)
 
 
 def test_rejects_numbers_beyond_encoding(tmp_path):
@@ -1024,21 +1047,43 @@ def test_recordings_that_cannot_be_read_are_passed_over(tmp_path):
     assert "the first of 2 recordings of the folder that can be read" in recording.findings[0].value
 
 
-def test_command_in_error_of_missing_settings_writes_a_radar(tmp_path, monkeypatch):
+def test_commands_in_error_of_missing_settings_and_axes_read_the_recording(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    cube = np.exp(0.3j * np.arange(256)) * np.ones((2, 128, 1, 1))
+    cube = np.exp(0.3j * np.arange(100)) * np.ones((16, 4, 1))
     for name in ("a", "b"):
         np.savez(f"{name}.npz", cube=cube)
 
-    with pytest.raises(RecordingError) as caught:
-        dc.open(tmp_path, axes=["frame", "chirp", "rx", "sample"])
-    fix = caught.value.mistakes[0].fix
+    fix = catch_mistake(tmp_path).fix
     assert fix.startswith(f"give one of them: dechirp run {tmp_path / 'a.npz'}; for this one, ")
-    command = re.search("echo '.*' > radar.yaml", fix).group()
+    command, axes = re.search(
+        rf"(echo '.*' > radar.yaml), then dechirp run {tmp_path / 'a.npz'} --axes (\S+)", fix
+    ).groups()
     subprocess.run(["sh", "-c", command], check=True)
 
-    recording = dc.open("a.npz", axes=["frame", "chirp", "rx", "sample"], radar="radar.yaml")
-    assert recording.cube.shape == cube.shape
+    recording = dc.open("a.npz", axes=axes, radar="radar.yaml")
+    assert recording.cube.shape == (1, *cube.shape)
+    assert recording.radar.frame.chirp.sampling == "complex"
+
+
+def test_arrays_of_a_file_without_settings_are_listed(tmp_path):
+    np.savez(tmp_path / "walk.npz", one=np.ones((4, 8), complex), time=np.ones((4, 1)))
+
+    mistake = catch_mistake(tmp_path / "walk.npz")
+
+    assert "one (complex128 of 4 x 8), time (float64 of 4 x 1)" in mistake.value
+    assert mistake.fix.endswith(f"dechirp run {tmp_path / 'walk.npz' / 'one'}")
+
+
+def test_capture_of_fewer_chirps_than_a_frame_is_one_shorter_frame(tmp_path):
+    samples = draw_samples(1, 4, 2, 8)
+    file = tmp_path / "capture.bin"
+    file.write_bytes(encode_dca1000(samples[:, :3]))
+
+    recording = open_recording(file, radar=make_radar(), iq="iq")
+
+    assert recording.sizes == {"frame": 1, "chirp": 3, "rx": 2, "sample": 8}
+    assert "chosen --set radar.frame.n_chirps=3" in str(recording.findings)
+    np.testing.assert_array_equal(recording.cube.values * 2**15, samples[:, :3])
 
 
 def write_settings_of_two_slopes(folder, *names):

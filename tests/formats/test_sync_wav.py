@@ -1,5 +1,6 @@
 """WAV recordings of a beat signal and its sync: ramps, polarity, gaps, damaged files."""
 
+import re
 import struct
 import wave
 
@@ -8,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import dechirp as dc
 from dechirp.core.errors import RecordingError
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
@@ -390,3 +392,20 @@ def test_fuzzed_bytes_decode_or_raise_recording_error(tmp_path_factory, data):
         return
     assert np.isfinite(frames).all()
     assert contents.gaps is None or contents.gaps.shape == frames.shape[:2]
+
+
+def test_missing_settings_are_advised_with_the_times_of_the_sync(tmp_path):
+    file = write_wav(tmp_path / "car.wav", -simulate_channels())
+
+    with pytest.raises(RecordingError) as caught:
+        dc.open(file)
+    fix = caught.value.mistakes[0].fix
+    command = re.search(r"echo '(.*)' > radar.yaml", fix)[1]
+    (tmp_path / "radar.yaml").write_text(command)
+
+    recording = dc.open(file)
+    assert "sample_rate, n_samples, interval are of the recording" in fix
+    assert list_warnings(recording.contents) == ["radar.frame.interval"]  # persons who walk
+    chirp = recording.radar.frame.chirp
+    # The sync is high for a whole ramp; the settings of the other tests leave some samples out.
+    assert chirp.sample_rate_hz == RATE and 90 <= chirp.n_samples <= 100

@@ -265,7 +265,7 @@ def test_rejects_sample_rate_that_contradicts_radar(tmp_path):
 
 
 def test_floats_beyond_full_scale_need_encoding(tmp_path):
-    numbers = draw_codes(1, 6, 32, 2).astype("<f4")
+    numbers = abs(draw_codes(1, 6, 32, 2)).astype("<f4")
     file = write_foreign(tmp_path, numbers, "cf32_le")
     with pytest.raises(RecordingError, match="without an encoding"):
         dc.open(file, radar=make_radar()).cube.load()

@@ -356,7 +356,7 @@ def _first_readable_recording(
             errors[file] = error
             continue
         others = [other for other in ordered if other != file]
-        example = next((other for other in others if other not in errors), others[0])
+        example = next((other for other in others if other not in errors), None)
         note = Finding(
             level="note",
             setting="recording",
@@ -364,7 +364,9 @@ def _first_readable_recording(
             f"{' that can be read' if errors else ''}; others:"
             f" {join_names(other.name for other in others)}",
             expected="one recording, since each may be of another scene",
-            fix=f"give the path of another one: {shlex.quote(str(example))}",
+            fix="no action needed: the others cannot be read as given"
+            if example is None
+            else f"give the path of another one: {shlex.quote(str(example))}",
         )
         return file, (note,)
     # A capture of commands, or one that was stopped at once, is smaller than the others.

@@ -8,6 +8,7 @@ from dechirp.core.findings import Finding
 from dechirp.radar.array import Array
 from dechirp.recordings.readers.base import RecordingHints
 from dechirp.recordings.settings.base import RecordingSettings
+from dechirp.recordings.settings.radar_example import RadarExample
 from dechirp.recordings.settings.read import (
     choose_settings_file,
     list_settings_files,
@@ -15,8 +16,12 @@ from dechirp.recordings.settings.read import (
 )
 
 
-def find_recording_settings(path: Path, hints: RecordingHints) -> RecordingSettings:
+def find_recording_settings(
+    path: Path, hints: RecordingHints, example: RadarExample | None = None
+) -> RecordingSettings:
     """Return the settings of a recording.
+
+    The example, with what is known of the recording, is for the message if there are none.
 
     Raises
     ------
@@ -25,7 +30,7 @@ def find_recording_settings(path: Path, hints: RecordingHints) -> RecordingSetti
     """
     if hints.settings is not None:
         return hints.settings
-    file, findings = choose_settings_file(path)
+    file, findings = choose_settings_file(path, example)
     return read_settings(file, hints.device).with_findings(*findings)
 
 

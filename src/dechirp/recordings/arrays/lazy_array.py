@@ -2,8 +2,9 @@
 
 import itertools
 import math
+import shlex
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -198,22 +199,27 @@ def choose_array_name(
     else:
         fitting = [name for name in candidates if len(arrays[name][0]) >= 2]
         if len(fitting) > 1:
-            n_samples = find_recording_settings(path, hints).radar.frame.chirp.n_samples
-            fitting = [name for name in fitting if n_samples in arrays[name][0]]
+            with suppress(RecordingError):  # without settings, the message lists the arrays
+                n_samples = find_recording_settings(path, hints).radar.frame.chirp.n_samples
+                fitting = [name for name in fitting if n_samples in arrays[name][0]]
     if len(fitting) == 1:
         return fitting[0]
     descriptions = [
         f"{name} ({dtype} of {format_shape(shape)})" for name, (shape, dtype) in arrays.items()
     ]
     more = f" and {len(descriptions) - 12} more" if len(descriptions) > 12 else ""
-    example = next(iter(candidates), "cube")
+    # The largest is rather the samples than a time or a constant.
+    example = max(
+        fitting or candidates, key=lambda name: math.prod(arrays[name][0]), default="cube"
+    )
     raise RecordingError(
         path,
         value=f"a file with {', '.join(descriptions[:12]) or 'no array'}{more}",
         expected=f"a numeric array named {hints.inner_name}"
         if hints.inner_name
         else "a single array that can be a cube, or the name of the array",
-        fix=f"append the name of the array to the file: {path.name}/{example}",
+        fix="append the name of the array to the file: dechirp run"
+        f" {shlex.quote(str(path / example))}",
     )
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +23,19 @@ from dechirp.recordings.arrays.phase_rotated_channels import (
 from dechirp.recordings.readers.base import Contents, RecordingHints
 from dechirp.recordings.settings.antenna_positions import fit_array_to_receiver_count
 from dechirp.recordings.settings.base import RecordingSettings
+from dechirp.recordings.settings.radar_example import RadarExample
+from dechirp.recordings.settings.read import list_settings_files
 from dechirp.recordings.settings_lookup import (
     assumed_single_receiver_findings,
     find_recording_settings,
 )
 
 _EXAMPLES = {1: "sample", 2: "chirp,sample", 3: "chirp,rx,sample", 4: "frame,chirp,rx,sample"}
+_LONGEST_EXAMPLE = "frame,chirp,rx,sample,iq"
+# Rows of two axes: as many are rather receivers than chirps.
+_MANY_RECEIVERS = 16
+# Codes of 16 bits: those of weak signals in offset binary, as `Tsw1400` recognises them.
+_MIDDLE, _MOST = (16384, 49152), 0.9
 # More than any radar has; it is another axis, and each would get an assumed position.
 _MAX_CHANNELS = 4096
 
@@ -60,8 +68,8 @@ def interpret_array_as_recording(
     RecordingError
         If axes or encoding are missing, or sizes or encoding do not fit the radar.
     """
-    sizes = _sizes_by_axis_name(path, array, hints.axes)
-    settings = find_recording_settings(path, hints)
+    sizes = _sizes_by_axis_name(path, array, hints)
+    settings = find_recording_settings(path, hints, _radar_example(sizes, array.dtype))
     radar, receiver_findings = _check_sizes_and_fit_receivers(path, sizes, settings.radar)
     cube = NamedArray(
         path=path,
@@ -72,7 +80,9 @@ def interpret_array_as_recording(
         iq=hints.iq,
     )
     cube.check_frame_memory(file_bytes)
-    encoding = hints.encoding or _infer_encoding(path, array.dtype, cube)
+    encoding, encoding_findings = (
+        (hints.encoding, ()) if hints.encoding else _infer_encoding(path, array.dtype, cube)
+    )
     is_full_scale_assumed = hints.encoding is None and encoding == "full-scale"
     gaps = cube.unwritten_chirp_mask(radar.frame.n_chirps_total)
     phase_factors: np.ndarray | None = None
@@ -103,6 +113,7 @@ def interpret_array_as_recording(
         findings=(
             *settings.findings,
             *receiver_findings,
+            *encoding_findings,
             *phase_findings,
             *findings,
             *_repeated_decompression_note(cube),
@@ -187,27 +198,53 @@ def check_even_byte_count(path: Path, n_bytes: int) -> None:
         )
 
 
-def _sizes_by_axis_name(
-    path: Path, array: LazyArray, axes: tuple[str, ...] | None
-) -> dict[str, int]:
+def _sizes_by_axis_name(path: Path, array: LazyArray, hints: RecordingHints) -> dict[str, int]:
     """Return the sizes by axis name, in the order of the file."""
     shape = format_shape(array.shape)
-    if axes is None:
+    if hints.axes is None:
         description = f"an array of {array.dtype} of shape {shape} without axis names"
-        raise _missing_axis_names_error(path, description, len(array.shape))
+        named = path if hints.inner_name is None else path / hints.inner_name
+        raise _missing_axis_names_error(
+            named,
+            description,
+            array.shape,
+            dtype=None if hints.settings or list_settings_files(path) else array.dtype,
+        )
     description = f"an array of shape {shape}"
-    _check_axis_names(path, axes, description, n_axes=len(array.shape))
-    return dict(zip(axes, array.shape, strict=True))
+    _check_axis_names(path, hints.axes, description, n_axes=len(array.shape))
+    return dict(zip(hints.axes, array.shape, strict=True))
 
 
-def _missing_axis_names_error(path: Path, description: str, n_axes: int = 2) -> RecordingError:
-    """Return the error of an array without axis names."""
+def _missing_axis_names_error(
+    path: Path, description: str, shape: tuple[int, ...] = (), dtype: np.dtype | None = None
+) -> RecordingError:
+    """Return the error of an array without axis names, and of its settings if a dtype is given."""
+    axes = _EXAMPLES.get(len(shape) or 2, _LONGEST_EXAMPLE)
+    if len(shape) == 2 and min(shape) <= _MANY_RECEIVERS:
+        axes = "rx,sample" if shape[0] <= _MANY_RECEIVERS else "sample,rx"
+    fix = f"give them, such as --axes {axes} (axes=[...] in Python)"
+    if dtype is not None:
+        sizes = dict(zip(axes.split(","), shape, strict=False))
+        fix = f"{fix}; {_radar_example(sizes, dtype).advice(path)}"
     return RecordingError(
         path,
         value=description,
         expected=f"one name for each axis, out of {', '.join(AXES)}",
-        fix=f"give them, such as --axes {_EXAMPLES.get(n_axes, 'frame,chirp,rx,sample,iq')}"
-        " (axes=[...] in Python)",
+        fix=fix,
+    )
+
+
+def _radar_example(sizes: dict[str, int], dtype: np.dtype) -> RadarExample:
+    """Return the example of a radar that fits an array with named axes."""
+    is_complex = "iq" in sizes or dtype.kind == "c" or complex_field_names(dtype) is not None
+    example = RadarExample()
+    return replace(
+        example,
+        n_samples=sizes.get("sample", example.n_samples),
+        n_chirps=sizes.get("chirp", 1),
+        sampling="complex" if is_complex else "real",
+        options=f" --axes {','.join(sizes)}",
+        known=("n_samples", "n_chirps"),
     )
 
 
@@ -311,27 +348,74 @@ def _determine_complex_sampling(
     return is_complex
 
 
-def _infer_encoding(path: Path, dtype: np.dtype, cube: NamedArray) -> str:
-    """Return the encoding, if the dtype and the values leave no doubt."""
+def _infer_encoding(
+    path: Path, dtype: np.dtype, cube: NamedArray
+) -> tuple[str, tuple[Finding, ...]]:
+    """Return the encoding, with a note where the numbers of the first frame decide."""
     numbers = dtype if dtype.names is None else dtype[0]
     if numbers.kind == "i" and numbers.itemsize == 2:
-        return "int16"
-    if numbers.kind not in "fc":
-        raise _missing_encoding_error(path, str(dtype))
+        return "int16", ()
+    if numbers.kind in "fc" and all(
+        _are_within_full_scale(parts) for _, parts in cube.iter_chirp_blocks(0)
+    ):
+        return "full-scale", ()
+    extremes, n_middle, n_numbers = [], 0, 0
     for _, parts in cube.iter_chirp_blocks(0):
-        _check_within_full_scale(path, 0, parts)
-    return "full-scale"
+        for part in parts:
+            extremes += [float(np.min(part)), float(np.max(part))]
+            n_middle += int(np.count_nonzero((part >= _MIDDLE[0]) & (part < _MIDDLE[1])))
+            n_numbers += part.size
+    low, high, middle = min(extremes), max(extremes), n_middle / n_numbers
+    encoding = _encoding_of_numbers(low, high, middle)
+    if encoding is None:
+        description = f"{dtype} with numbers from {low:.6g} to {high:.6g} in frame 0"
+        raise _missing_encoding_error(path, description)
+    note = Finding(
+        level="note",
+        setting="encoding",
+        value=f"chosen --encoding {encoding} because the first frame has whole numbers from"
+        f" {low:.6g} to {high:.6g}, {middle:.0%} of them from {_MIDDLE[0]} to {_MIDDLE[1]}",
+        expected="int16 with negative numbers; uint16-wrapped, of which few lie in the middle half;"
+        " offset-binary, of which most lie there",
+        fix="give another --encoding if the map looks wrong; full-scale keeps the numbers as they"
+        " are",
+    )
+    return encoding, (note,)
 
 
-def _check_within_full_scale(path: Path, frame_index: int, parts: list[np.ndarray]) -> None:
-    """Raise `RecordingError` if floats may be ADC codes: whole numbers beyond full scale 1.
+def _encoding_of_numbers(low: float, high: float, middle_fraction: float) -> str | None:
+    """Return the 16-bit encoding that numbers between two extremes have; None if it is ambiguous.
 
-    Numbers with fractions are kept as they are. A first frame of small numbers, or of zeros, does
-    not predict the others.
+    Of signed numbers that wrapped round, those of weak signals lie at both ends of the codes.
+    """
+    if low < 0:
+        return "int16" if low >= -(2**15) and high < 2**15 else None
+    if high >= 2**16:
+        return None
+    if middle_fraction > _MOST:
+        return "offset-binary"
+    if middle_fraction < 1 - _MOST and low < _MIDDLE[0] and high >= _MIDDLE[1]:
+        return "uint16-wrapped"
+    return None
+
+
+def _are_within_full_scale(parts: list[np.ndarray]) -> bool:
+    """Return False if floats may be ADC codes: whole numbers beyond full scale 1.
+
+    Numbers with fractions are kept as they are.
     """
     # NaN passes here: reading the samples raises its own error.
     largest = max(float(np.max(np.abs(part))) for part in parts)
-    if largest > 1 and all(bool(np.all(part == np.round(part))) for part in parts):
+    return not (largest > 1 and all(bool(np.all(part == np.round(part))) for part in parts))
+
+
+def _check_within_full_scale(path: Path, frame_index: int, parts: list[np.ndarray]) -> None:
+    """Raise `RecordingError` if the floats of a frame may be ADC codes.
+
+    A first frame of small numbers, or of zeros, does not predict the others.
+    """
+    if not _are_within_full_scale(parts):
+        largest = max(float(np.max(np.abs(part))) for part in parts)
         description = f"{parts[0].dtype} with numbers up to {largest:.6g} in frame {frame_index}"
         raise _missing_encoding_error(path, description)
 

@@ -23,6 +23,7 @@ from dechirp.recordings.samples.continuous import (
     chirp_start_samples,
     count_frames_with_pauses,
     join_single_chirps,
+    wav_radar_example,
 )
 from dechirp.recordings.samples.iq_files import iq_file_names, leading_iq_file, other_iq_file
 from dechirp.recordings.samples.iq_order import negative_beat_frequency_findings
@@ -60,7 +61,8 @@ class ContinuousWav(Format):
         return leading_iq_file(path)
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        settings = find_recording_settings(path, hints)
+        example = wav_radar_example(parse_wav_header(path).sample_rate_hz)
+        settings = find_recording_settings(path, hints, example)
         frame = settings.radar.frame
         sampling = frame.chirp.sampling
         check_single_receiver_and_sampling(path, settings.radar, sampling)

@@ -30,8 +30,10 @@ from dechirp.recordings.samples.continuous import (
     chirp_interval_findings,
     divide_chirps_into_frames,
     join_single_chirps,
+    wav_radar_example,
 )
 from dechirp.recordings.samples.stationary_tones import StationaryTones
+from dechirp.recordings.settings.radar_example import RadarExample
 from dechirp.recordings.settings_lookup import find_recording_settings
 from dechirp.recordings.streams.riff import Wav, is_wav_header, parse_wav_header
 
@@ -71,7 +73,7 @@ class SyncWav(Format):
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         sign = 1 if hints.encoding == "upright" else -1
         recording = parse_wav_header(path)
-        settings = find_recording_settings(path, hints)
+        settings = find_recording_settings(path, hints, _radar_example(recording, sign))
         if recording.n_channels == 2 and settings.radar.frame.chirp.sampling == "complex":
             raise RecordingError(
                 path,
@@ -198,6 +200,38 @@ def _find_ramps_by_sync(recording: Wav, polarity_sign: int, min_samples: int) ->
             f" {n_high_samples / max(n_pulses, 1):.6g} samples on average",
         )
     return _assign_ramp_numbers_by_spacing(starts, n_short, recording.sample_rate_hz)
+
+
+def _radar_example(recording: Wav, polarity_sign: int) -> RadarExample:
+    """Return the example of a radar with the times of the sync, if there is one.
+
+    The sweep of amateur radars covers the band at 2.4 GHz, 87 MHz in 20 ms.
+    """
+    example = wav_radar_example(recording.sample_rate_hz)
+    if recording.n_channels != 2:
+        return example
+    recording = _put_sync_last(recording)
+    low, high = _estimate_sync_levels(recording, polarity_sign)
+    middle, half = (low + high) / 2, (high - low) / 4
+    if not half > 0:
+        return example
+    starts, lengths = (
+        np.concatenate(parts)
+        for parts in zip(
+            *_iter_sync_high_intervals(recording, polarity_sign, middle - half, middle + half, 1),
+            strict=True,
+        )
+    )
+    if len(starts) < 2:
+        return example
+    rate_hz = recording.sample_rate_hz
+    return replace(
+        example,
+        # Ramps differ by a few samples.
+        n_samples=max(int(np.quantile(lengths, 0.1)) - 1, 1),
+        interval_s=float(np.median(np.diff(starts))) / rate_hz,
+        known=("sample_rate", "n_samples", "interval"),
+    )
 
 
 def _put_sync_last(recording: Wav) -> Wav:

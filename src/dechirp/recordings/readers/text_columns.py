@@ -36,9 +36,11 @@ from dechirp.recordings.arrays.named_axes import (
     interpret_array_as_recording,
 )
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
+from dechirp.recordings.settings.radar_example import RadarExample
 from dechirp.recordings.settings_lookup import find_recording_settings
 
 _HEAD_BYTES = 2**16
+_EXAMPLE_CHIRPS = 128
 _MAX_HEADINGS = 100
 _MAX_LINE_BYTES = 2**22  # its words take 14 times as much memory
 _LINES_PER_OFFSET = 64  # lines between two stored offsets
@@ -95,7 +97,7 @@ class TextColumns(Format):
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         text = _TextFile(path)
         table = _index_number_lines(text)
-        settings = find_recording_settings(path, hints)
+        settings = find_recording_settings(path, hints, _radar_example(table, hints.axes))
         n_numbers = table.n_lines * table.n_columns
         description = f"text of {table.n_lines} lines of {table.n_columns} numbers"
         shape, findings = infer_shape_and_findings(
@@ -111,6 +113,20 @@ class TextColumns(Format):
             file_bytes=table.n_bytes,
             findings=(*table.findings, *findings),
         )
+
+
+def _radar_example(table: "_LineIndex", axes: tuple[str, ...] | None) -> RadarExample:
+    """Return the example of a radar whose chirps are the lines of a text."""
+    n_chirps = min(table.n_lines, _EXAMPLE_CHIRPS)
+    names = axes or (("frame",) if table.n_lines > n_chirps else ()) + ("chirp", "sample")
+    return replace(
+        RadarExample(),
+        n_samples=table.n_columns,
+        n_chirps=n_chirps,
+        sampling="complex" if table.is_complex else "real",
+        options=f" --axes {','.join(names)}",
+        known=("n_samples",),
+    )
 
 
 class _TextFile:

@@ -13,6 +13,7 @@ from dechirp.radar.chirp import Sampling
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.radar.velocity_ambiguity import range_shift_per_ambiguity_m
+from dechirp.recordings.settings.radar_example import RadarExample
 
 
 def check_single_receiver_and_sampling(path: Path, radar: Radar, sampling: Sampling) -> None:
@@ -32,6 +33,19 @@ _JOINED_FRAME_S = 0.3
 _WALKING_M_PER_S = 2.0
 # The fewest chirps with training cells along velocity, and the most.
 _MIN_JOINED_CHIRPS, _MAX_JOINED_CHIRPS = 8, 256
+
+
+def wav_radar_example(sample_rate_hz: float) -> RadarExample:
+    """Return the example of a radar that a sound card samples: 2.4 GHz, ramps of 20 ms."""
+    return RadarExample(
+        start_frequency="2.4 GHz",
+        slope="4.35 GHz/s",
+        sample_rate_hz=sample_rate_hz,
+        n_samples=round(0.02 * sample_rate_hz),
+        sampling="real",
+        n_chirps=1,
+        known=("sample_rate",),
+    )
 
 
 def join_single_chirps(

@@ -300,6 +300,12 @@ def _locate_first_frame_and_count_frames(
     if settings.has_merged_frames and n_frames and n_left and not rest_of_chirp:
         settings = settings.with_findings(chirps_left_out_note(n_frames, frame, n_left))
         size, rest = size - rest, 0
+    round_bytes = chirp_bytes * frame.n_slots
+    n_rounds, rest_of_round = divmod(size, round_bytes)
+    if n_frames < 1 and n_rounds and not (settings.sub_frames or size % 8 or rest_of_round):
+        warning = _shorter_frame_warning(n_rounds, size, frame_text)
+        shorter_radar = replace(settings.radar, frame=replace(frame, n_chirps=n_rounds))
+        return replace(settings, radar=shorter_radar).with_findings(warning), first_frame, 1
     if (
         n_frames < 1
         or size % 8
@@ -310,10 +316,9 @@ def _locate_first_frame_and_count_frames(
             if expected_frames is None
             else f"{expected_frames * frame_bytes}"
         )
-        n_chirps = size // (chirp_bytes * frame.n_slots)
         shorter = (
-            f", or shorter frames: --set radar.frame.n_chirps={n_chirps}"
-            if n_frames < 1 and n_chirps and not settings.sub_frames
+            f", or shorter frames: --set radar.frame.n_chirps={n_rounds}"
+            if n_frames < 1 and n_rounds and not settings.sub_frames
             else ""
         )
         raise RecordingError(
@@ -332,6 +337,18 @@ def _locate_first_frame_and_count_frames(
         _add_cut_short_warning(settings, size, value=found_text, expected=expected_text),
         first_frame,
         n_frames,
+    )
+
+
+def _shorter_frame_warning(n_chirps: int, n_bytes: int, frame_text: str) -> Finding:
+    """Return the warning that the recording is read as one frame of fewer chirps."""
+    return Finding(
+        level="warning",
+        setting="radar.frame.n_chirps",
+        value=f"chosen --set radar.frame.n_chirps={n_chirps} because the recording has only"
+        f" {n_bytes} bytes: one frame of fewer chirps",
+        expected=f"at least one whole frame, {frame_text}",
+        fix="copy the whole file again, or give its settings: --radar FILE",
     )
 
 

@@ -22,6 +22,7 @@ from dechirp.recordings.settings import (
     ti_cfg,
 )
 from dechirp.recordings.settings.base import RecordingSettings
+from dechirp.recordings.settings.radar_example import RadarExample
 
 _YAML = (".yaml", ".yml")
 _SUFFIXES = (*_YAML, ".txt", ".log", ".json", ".cfg", ".lua")
@@ -83,20 +84,17 @@ def read_settings(file: Path, device: Device | None = None) -> RecordingSettings
     return replace(settings.completed_from_device(device), path=file)
 
 
-_SHORTEST_RADAR = (
-    "frame: {chirp: {start_frequency: 77 GHz, slope: 20 MHz/us, ramp_duration: 60 us,"
-    " sample_rate: 5 MHz, n_samples: 256, sampling: complex}, n_chirps: 128, interval: 80 us}"
-)
-"""Smallest valid radar as YAML in one line, for the message of recordings without settings."""
-
-
 def find_settings_file(recording: Path) -> Path:
     """Find the settings file beside a recording, see `choose_settings_file`."""
     return choose_settings_file(recording)[0]
 
 
-def choose_settings_file(recording: Path) -> tuple[Path, tuple[Finding, ...]]:
+def choose_settings_file(
+    recording: Path, example: RadarExample | None = None
+) -> tuple[Path, tuple[Finding, ...]]:
     """Choose the settings file beside a recording, with a finding where only words decide.
+
+    The example, with what is known of the recording, is for the message if there is none.
 
     It is the one of the same name, else the only one, else the only one that shares a word of its
     name with this recording, else the only one without a word of the other recordings.
@@ -143,9 +141,7 @@ def choose_settings_file(recording: Path) -> tuple[Path, tuple[Finding, ...]]:
             recording,
             value="no settings in the recording",
             expected="the radar of the recording",
-            fix="give the radar: --radar FILE (radar=FILE in Python), the settings file of its"
-            f" vendor or YAML, such as echo '{_SHORTEST_RADAR}' > radar.yaml with its values, then"
-            " --radar radar.yaml",
+            fix=(example or RadarExample()).advice(recording),
         )
     shared, foreign = _shared_and_foreign_words(choices, recording)
     matching = [file for file in choices if shared[file]]
