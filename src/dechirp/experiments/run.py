@@ -3,8 +3,9 @@
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from time import perf_counter
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -29,6 +30,7 @@ from dechirp.experiments.object_stage import estimate_ego_motion_clusters_tracks
 from dechirp.experiments.recording_stage import detect_in_recording, open_scenario_recording
 from dechirp.experiments.scenario import (
     Scenario,
+    check_single_radar,
     check_tracks_and_ego_motion_possible,
     prefix_setting_of_errors,
 )
@@ -159,6 +161,7 @@ class Result(Displayable):
 def run(
     scenario: Scenario,
     *,
+    kind: Literal["samples", "statistical"] = "samples",
     rng: np.random.Generator | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Result:
@@ -168,6 +171,10 @@ def run(
     ----------
     scenario : Scenario
         As `load` reads it, or built in Python.
+    kind : "samples" or "statistical"
+        Simulate and process samples, or, in traffic, draw the detections of each frame from their
+        distribution, which takes a fraction of the time; maps are then those of the samples of the
+        first frame alone. See `StatisticalSensor` for its approximations.
     rng : Generator, optional
         Random generator of a simulation; by default seeded with the scenario's seed.
     progress : callable, optional
@@ -179,8 +186,16 @@ def run(
     DechirpError
         If a setting is invalid, the recording cannot be read, or memory is insufficient.
     """
+    check_single_radar(scenario)
+    if kind not in ("samples", "statistical") or (kind != "samples" and scenario.traffic is None):
+        raise InvalidSetting(
+            "kind",
+            value=repr(kind),
+            expected="samples, or in traffic statistical",
+            fix="leave it out",
+        )
     with plain_twins_for_small_work(scenario.n_simulated_samples):
-        result = _run(scenario, rng, progress)
+        result = _run(scenario, kind, rng, progress)
     log_findings(_LOGGER, result.findings)
     stages = ", ".join(f"{name} {time_s:.3f} s" for name, time_s in result.timing_s.items())
     _LOGGER.info("%s: %s", result._display_line(), stages)
@@ -189,6 +204,7 @@ def run(
 
 def _run(
     scenario: Scenario,
+    kind: Literal["samples", "statistical"],
     rng: np.random.Generator | None,
     progress: Callable[[int, int], None] | None,
 ) -> Result:
@@ -198,7 +214,7 @@ def _run(
         with prefix_setting_of_errors("tracker", instead_of="Tracker"):
             LiveTracker(scenario.tracker)  # fails early if a library is missing
     if scenario.traffic is not None:
-        return _run_in_traffic(scenario, rng, progress)
+        return _run_in_traffic(scenario, kind, rng, progress)
 
     def report_simulated(n_done: int, n_steps: int) -> None:
         if progress is not None:
@@ -250,6 +266,7 @@ def _run(
 
 def _run_in_traffic(
     scenario: Scenario,
+    kind: Literal["samples", "statistical"],
     rng: np.random.Generator | None,
     progress: Callable[[int, int], None] | None,
 ) -> Result:
@@ -268,10 +285,18 @@ def _run_in_traffic(
             yield cube
 
     open_time_s = perf_counter()
-    cubes = traffic.cubes(rng, progress or (lambda n_done, n_steps: None))
+    report = progress or (lambda n_done, n_steps: None)
+    cubes = traffic.cubes(rng, report)
+    if kind == "statistical":
+        cubes = islice(cubes, 1)
     for frame in processor.process_cubes(keep_first_cube(cubes)):
         totals.add_frame_result(frame)
-    detections = detections_from_columns(processor.joined_detection_columns())
+    if kind == "statistical":
+        columns = traffic.draw_detections(rng, report)
+        totals.times_s = [traffic.mid_frame_s(number) for number in range(traffic.n_frames)]
+    else:
+        columns = processor.joined_detection_columns()
+    detections = detections_from_columns(columns)
     frames_time_s = perf_counter()
     result = build_result(
         scenario,
@@ -440,6 +465,7 @@ def simulate_or_read_frame_and_radar(
     DechirpError
         If a setting is invalid, the recording cannot be read, or memory is insufficient.
     """
+    check_single_radar(scenario)
     if scenario.traffic is not None:
         traffic = TrafficFrames(scenario)
         _check_frame_number(number, range(traffic.n_frames))
@@ -477,6 +503,7 @@ def simulate_cube_truth_and_findings(
     DechirpError
         If a setting is invalid, memory is insufficient, or the scenario has no scene.
     """
+    check_single_radar(scenario)
     if scenario.scene is None:
         raise InvalidSetting(
             "scenario.traffic",

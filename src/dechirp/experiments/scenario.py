@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import resources
+from itertools import combinations
 from pathlib import Path
 from typing import ClassVar, Literal, get_args
 
@@ -21,6 +22,7 @@ from dechirp.core.checks import check_instances, check_integer_fields
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake
 from dechirp.core.findings import PhysicsWarning
 from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.mounted_radar import MountedRadar
 from dechirp.processing.angle.fft import Fft
 from dechirp.processing.chain import Chain, n_searched_range_rows
 from dechirp.processing.chain_fitting import ChosenSettingName
@@ -42,6 +44,8 @@ from dechirp.traffic.source import TrafficSource
 
 READERS: Readers = {Radar: read_radar, Calibration: read_calibration}
 """Readers of values that a scenario may give as the name of a file."""
+
+_MIN_RADAR_DISTANCE_M = 0.02  # housings are larger
 
 _WITH_ARTICLES = {"recording": "a recording", "traffic": "traffic"}
 
@@ -114,6 +118,9 @@ class Scenario:
     radar: Radar | None = None
     """In files also the name of a settings file. Optional if the recording, or a
     file beside it, contains it."""
+    radars: tuple[MountedRadar, ...] = ()
+    """Several radars on one vehicle, each with its mounting; none: `radar` alone. In a scene its
+    `ego` is then the centre of the vehicle, on the ground."""
     scene: Scene | None = None
     recording: RecordingSource | None = None
     """Replaces a scene."""
@@ -136,6 +143,9 @@ class Scenario:
         check_integer_fields(self, "seed", at_least=0, at_most=2**63 - 1)
         check_integer_fields(self, "n_frames", at_most=1_000_000)
         self._check_single_source()
+        if self.radars:
+            self._check_radars()
+            return
         if self.recording is None and self.radar is None:
             raise InvalidSetting(
                 "Scenario.radar",
@@ -164,10 +174,56 @@ class Scenario:
                 self, self.radar, self.n_frames if self.scene is not None else None
             )
 
+    def _check_radars(self) -> None:
+        """Check names and places of several radars, and the scenario of each."""
+        fix = "give a list of radars, each with its mount"
+        radars = check_instances("Scenario.radars", self.radars, MountedRadar, fix=fix)
+        object.__setattr__(self, "radars", radars)
+        if self.recording is not None:
+            raise InvalidSetting(
+                "Scenario.radars",
+                value="given for a recording",
+                expected="a scene or traffic, whose radars are simulated",
+                fix="process the recording of each radar, then fuse their detections with"
+                " dechirp.fusion.fuse_detections",
+            )
+        for (first, one), (second, other) in combinations(enumerate(radars), 2):
+            if one.label == other.label:
+                raise InvalidSetting(
+                    f"Scenario.radars.{second}.name",
+                    value=f"{other.label}, also that of radar {first}",
+                    expected="a name of its own for each radar",
+                    fix="give one of them a name",
+                )
+            places_m = [radar.mounting_on(4.0, 2.0).position_m for radar in (one, other)]
+            if math.dist(*places_m) < _MIN_RADAR_DISTANCE_M:
+                raise InvalidSetting(
+                    f"Scenario.radars.{second}.{'mount' if other.pose is None else 'pose'}",
+                    value=f"within {100 * _MIN_RADAR_DISTANCE_M:g} cm of radar {one.label}",
+                    expected="a place of its own for each radar",
+                    fix="move one of them",
+                )
+        for number, mounted in enumerate(radars):
+            if mounted.radar is None and self.radar is None:
+                raise InvalidSetting(
+                    f"Scenario.radars.{number}.radar",
+                    value="missing, and the radar of the scenario as well",
+                    expected="a radar for each mounting",
+                    fix="add radar: its settings, or the name of their file",
+                )
+            replace(self, radars=(), radar=mounted.radar or self.radar)  # raises if it is invalid
+
     @property
     def n_simulated_samples(self) -> float:
         """Number of samples in all frames; infinite for files, which must be opened first."""
-        if self.radar is None or self.scene is None:
+        if self.scene is None:
+            return math.inf
+        if self.radars:
+            return sum(
+                replace(self, radars=(), radar=mounted.radar or self.radar).n_simulated_samples
+                for mounted in self.radars
+            )
+        if self.radar is None:
             return math.inf
         return self.n_frames * self.radar.n_samples_per_frame
 
@@ -201,6 +257,17 @@ class Scenario:
                 warnings.simplefilter("ignore", PhysicsWarning)  # reported by the run
                 for stage in sort_into_stages([impairment], radar).impairments:
                     stage.check(scene, radar)
+
+
+def check_single_radar(scenario: Scenario) -> None:
+    """Raise `InvalidSetting` if a scenario has a list of radars."""
+    if scenario.radars:
+        raise InvalidSetting(
+            "scenario.radars",
+            value=f"{len(scenario.radars)} radars",
+            expected="a single radar: results of several have another form",
+            fix="call dechirp.fusion.run_radars or dechirp run, or replace radars by radar",
+        )
 
 
 def check_chain_fits_radar(chain: Chain, radar: Radar) -> None:

@@ -1,6 +1,7 @@
 """Radar in traffic: frames simulated one at a time, and detections compared with the objects."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -13,6 +14,7 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.scene.truth import truth
 from dechirp.simulation.frame_by_frame import FrameSimulator
+from dechirp.simulation.impairments.interference import Interference
 from dechirp.traffic.outlines import QUARTER_TURN, nearest_point_m, rectangle_corners_m
 from dechirp.traffic.true_objects import find_true_objects
 
@@ -39,17 +41,20 @@ class TrafficFrames:
         self, number: int, scene: Scene, rng: np.random.Generator | None = None
     ) -> xr.DataArray:
         """Simulate the scene of one frame, (frame, chirp, rx, sample) with a single frame."""
-        if rng is None:
-            key = (number,) if number else ()
-            rng = np.random.default_rng(np.random.SeedSequence(self._scenario.seed, spawn_key=key))
+        # Time zero of a scene is the start of its frame; that of interferers is frame 0.
+        start_s = self.radar.frame.frame_start_s(number)
         simulator = FrameSimulator(
             scene,
             self.radar.for_frame(number),
-            impairments=self._scenario.impairments,
+            impairments=[
+                stage.delayed(-start_s) if isinstance(stage, Interference) else stage
+                for stage in self._scenario.impairments
+            ],
             engine=self._scenario.engine,
         )
-        start_s = self.radar.frame.frame_start_s(number)
-        return simulator.simulate_frame(0, rng).assign_coords(frame=[start_s])
+        return simulator.simulate_frame(0, rng or self._frame_rng(number)).assign_coords(
+            frame=[start_s]
+        )
 
     def cubes(
         self, rng: np.random.Generator | None, progress: Callable[[int, int], None]
@@ -58,6 +63,43 @@ class TrafficFrames:
         for number in range(self.n_frames):
             yield self.simulate_frame(number, self.scenes.scene(number), rng)
             progress(number + 1, self.n_frames)
+
+    def mid_frame_s(self, number: int) -> float:
+        """Return the middle of a frame since the start of the first one, as `detect` has it."""
+        return (
+            self.radar.frame.frame_start_s(number) + self.radar.for_frame(number).frame.mid_frame_s
+        )
+
+    def draw_detections(
+        self, rng: np.random.Generator | None, progress: Callable[[int, int], None]
+    ) -> dict[str, np.ndarray]:
+        """Draw the detections of all frames from their distribution, without samples.
+
+        Raises
+        ------
+        InvalidSetting
+            If the statistical sensor does not model the radar.
+        """
+        from dechirp.experiments.statistical.sensor import StatisticalSensor
+
+        sensor = StatisticalSensor(
+            replace(self._scenario, traffic=None, scene=Scene(), tracker=None, n_frames=1)
+        )
+        frames = []
+        for number in range(self.n_frames):
+            scene = self.scenes.scene(number)
+            columns = sensor.draw_frame_detections(scene, rng or self._frame_rng(number))
+            n_rows = columns["range"].size
+            columns["frame"] = np.full(n_rows, number)
+            columns["time"] = np.full(n_rows, self.mid_frame_s(number))
+            frames.append(columns)
+            progress(number + 1, self.n_frames)
+        return {name: np.concatenate([frame[name] for frame in frames]) for name in frames[0]}
+
+    def _frame_rng(self, number: int) -> np.random.Generator:
+        """Return the random generator of a frame, which depends on the seed and its number."""
+        key = (number,) if number else ()
+        return np.random.default_rng(np.random.SeedSequence(self._scenario.seed, spawn_key=key))
 
     def truth(self, number: int, scene: Scene, radar: Radar | None = None) -> xr.Dataset:
         """Return the truth about the origins of the objects of a frame, (target, frame).

@@ -135,6 +135,16 @@ class FrameScenes:
         return self.names[self._ego]
 
     @property
+    def ego_size(self) -> Size:
+        """Return the size of the vehicle that carries the radar."""
+        return self._sizes[self._ego]
+
+    @property
+    def first_step_s(self) -> float:
+        """Return the time of the first step of the file."""
+        return float(self._times_s[0])
+
+    @property
     def findings(self) -> tuple[Finding, ...]:
         """Return findings on the traffic, and on objects around the radar in frames so far."""
         return (*self._findings, *self._around_radar_findings())

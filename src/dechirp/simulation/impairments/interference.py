@@ -4,6 +4,7 @@ import math
 import reprlib
 import warnings
 from collections import Counter
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -78,6 +79,9 @@ class Interferer:
     heading_rad: float | None = None
     """Direction of its antenna, to the left of the scene's x axis; none: that of its velocity, 0
     at rest."""
+    moves_with_radar: bool = False
+    """Position and heading in the coordinates of the radar at all times, as of another radar on its
+    vehicle, without a velocity of its own."""
 
     def __post_init__(self) -> None:
         if not (self.name is None or (isinstance(self.name, str) and self.name)):
@@ -102,6 +106,20 @@ class Interferer:
         check_positive_fields(self, "transmit_power_w", at_least=1e-15, at_most=1e12)
         check_and_convert_vector_field(self, "position_m", max_magnitude=1e9)
         check_and_convert_velocity_field(self, "velocity_m_per_s")
+        if not isinstance(self.moves_with_radar, bool | np.bool_):
+            raise InvalidSetting(
+                "Interferer.moves_with_radar",
+                value=reprlib.repr(self.moves_with_radar),
+                expected="True or False",
+                fix="omit it for a position and a velocity in the coordinates of the scene",
+            )
+        if self.moves_with_radar and any(self.velocity_m_per_s):
+            raise InvalidSetting(
+                "Interferer.velocity_m_per_s",
+                value=f"{self.velocity_m_per_s}, of an interferer that moves with the radar",
+                expected="zero: it keeps its place beside the radar",
+                fix="leave out the velocity, or moves_with_radar",
+            )
         if self.heading_rad is not None:
             full_circle = 2 * math.pi
             check_number(
@@ -201,6 +219,8 @@ class Interferer:
 
     def positions_from_radar_m(self, times_s: np.ndarray, ego: Ego) -> np.ndarray:
         """Return its positions in the coordinates of the radar at each time, (n_times, 3)."""
+        if self.moves_with_radar:
+            return np.tile(np.array(self.position_m), (len(times_s), 1))
         start_m = np.array(self.position_m) - np.array(ego.position_m)
         displacements_m = times_s[:, None] * np.array(self.velocity_m_per_s) - ego.displacements_m(
             times_s
@@ -213,9 +233,10 @@ class Interferer:
         """Return its antenna gain towards the radar, a ratio."""
         if self.pattern is None:
             return float(self.antenna_gain or 0.0)
-        times_s = np.array([time_s])
-        position_m = np.array(self.position_m) + time_s * np.array(self.velocity_m_per_s)
-        to_radar_m = np.array(ego.position_m) + ego.displacements_m(times_s)[0] - position_m
+        to_radar_m = -np.array(self.position_m)
+        if not self.moves_with_radar:
+            to_radar_m += np.array(ego.position_m) + ego.displacements_m(np.array([time_s]))[0]
+            to_radar_m -= time_s * np.array(self.velocity_m_per_s)
         heading_rad = self.heading_rad
         if heading_rad is None:
             heading_rad = math.atan2(self.velocity_m_per_s[1], self.velocity_m_per_s[0])
@@ -309,8 +330,8 @@ class Interference(Propagation):
                     expected="another position: the received power would be infinite",
                     fix="move the interferer",
                 )
-            low_hz, high_hz = passband.passed_rf_band_hz(radar.frame.chirp)
-            if interferer.band_hz[0] > high_hz or interferer.band_hz[1] < low_hz:
+            if not self.can_receive(interferer, radar):
+                low_hz, high_hz = passband.passed_rf_band_hz(radar.frame.chirp)
                 band_text = " to ".join(f"{hz / 1e9:.6g}" for hz in interferer.band_hz)
                 finding = Finding(
                     level="warning",
@@ -320,6 +341,22 @@ class Interference(Propagation):
                     fix="check its start frequency, slope and duration",
                 )
                 warnings.warn(PhysicsWarning(finding), stacklevel=3)
+
+    def can_receive(self, interferer: Interferer, radar: Radar) -> bool:
+        """Return whether the chirps of an interferer pass the filter of a radar at some time."""
+        passband = self._receiver_passband(radar.frame.chirp)
+        low_hz, high_hz = passband.passed_rf_band_hz(radar.frame.chirp)
+        return interferer.band_hz[0] <= high_hz and interferer.band_hz[1] >= low_hz
+
+    def delayed(self, delay_s: float) -> "Interference":
+        """Return the interference with all first ramps later by a delay, which may be negative."""
+        return replace(
+            self,
+            interferers=tuple(
+                replace(interferer, offset_s=interferer.offset_s + delay_s)
+                for interferer in self.interferers
+            ),
+        )
 
     def add_signals(
         self,

@@ -1,0 +1,241 @@
+"""Runs of several radars on one vehicle: poses, clocks, mutual interference, fused tracks."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dechirp as dc
+from dechirp.core.errors import DechirpError
+from dechirp.experiments.scenario import RecordingSource, check_single_radar
+from dechirp.experiments.single_radars import ego_of_mounted_radar, split_radars
+
+FAST = ["traffic.ego=1", "radar.frame.n_chirps=32", "traffic.duration=0.2 s"]
+PAIR = "radars=[{mount: front-left}, {mount: front-right, start_offset: 20 ms}]"
+# Car 1 drives at 10 m/s past car 2, which drives at 12 m/s, 20 m ahead.
+TRACE = """time,id,class,x,y,heading,length,width,height
+0.0,1,car,100,50,0,4.5,1.8,1.5
+0.4,1,car,104,50,0,4.5,1.8,1.5
+0.0,2,car,120,50.5,0,4.5,1.8,1.5
+0.4,2,car,124.8,50.5,0,4.5,1.8,1.5
+"""
+
+
+@pytest.fixture(scope="module")
+def trace(tmp_path_factory):
+    path = tmp_path_factory.mktemp("radars") / "trace.csv"
+    path.write_text(TRACE, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def radar(trace):
+    return dc.traffic.traffic_scenario(trace, FAST).radar
+
+
+@pytest.fixture(scope="module", params=["samples", "statistical"])
+def result(request, trace):
+    scenario = dc.traffic.traffic_scenario(trace, [*FAST, PAIR])
+    with ThreadPoolExecutor(1) as executor:
+        return dc.fusion.run_radars(scenario, kind=request.param, executor=executor)
+
+
+def test_fused_track_follows_object_over_the_ground(result):
+    assert list(result.radars) == ["front-left", "front-right"]
+    assert result.tracks["radar"].values.tolist() == ["front-left", "front-right"] * 4
+    mid_frame_s = result.radars["front-left"].times_s[0]
+    assert result.tracks["time"].values[:2] == pytest.approx([mid_frame_s, mid_frame_s + 0.02])
+    objects = result.objects
+    assert objects["target"].values.tolist() == ["car-2"]
+    times_s = objects["time"].values
+    assert objects["centre_x"].values[0] == pytest.approx(120 + 12 * times_s, abs=1e-6)
+    assert objects["vx"].values[0] == pytest.approx(12, abs=1e-6)
+    assert objects["x"].values[0] == pytest.approx(120 - 2.25 + 12 * times_s, abs=1e-6)
+    assert objects["in_view"].values.all()
+    # Scatterers of the rear are within the car, its clusters within its width.
+    (track,) = range(result.tracks.sizes["track"])
+    last = result.tracks.isel(track=track, frame=-1)
+    assert objects["x"].values[0, -1] - 0.4 < last["x"] < objects["x"].values[0, -1] + 2.25
+    assert abs(last["y"] - 50.5) < 0.9 + 0.4
+    # A velocity cell of 32 chirps is 1.4 m/s; the radars look at 45 degrees past the car.
+    assert last["vx"] == pytest.approx(12, abs=1.4 / 2)
+
+
+def test_objects_of_each_radar_have_its_own_coordinates(result):
+    left = result.radars["front-left"]
+    pose = result.poses["front-left"][0]
+    assert result.mountings["front-left"].position_m == (2.25, 0.9, 0.5)
+    assert pose.position_m == pytest.approx((100 + 2.25 + 10 * left.times_s[0], 50.9), abs=1e-6)
+    assert pose.velocity_m_per_s == pytest.approx((10, 0), abs=1e-6)
+    # The nearest point of car 2 is straight ahead of the radar's place, which looks left.
+    assert left.traffic["azimuth"].values[0] == pytest.approx(-math.pi / 4, abs=1e-6)
+    assert left.tracks is None
+
+
+def test_scenario_of_each_radar_repeats_its_result(request, result):
+    own = result.radars["front-right"]
+    again = dc.run(own.scenario, kind=request.node.callspec.params["result"])
+    assert own.detections["range"].values.tolist() == again.detections["range"].values.tolist()
+
+
+def test_hand_written_scene_is_seen_from_each_mount(radar):
+    target_m = (25.0, 3.0, 0.5)
+    scenario = dc.Scenario(
+        radars=(
+            dc.fusion.MountedRadar(mount="front-left"),
+            dc.fusion.MountedRadar(mount="front-right", start_offset_s=0.01),
+        ),
+        radar=radar,
+        scene=dc.Scene(
+            targets=(dc.Target(position_m=target_m, rcs_m2=10.0),),
+            ego=dc.Ego(position_m=(0.0, 0.0, 0.0), velocity_m_per_s=(5.0, 0.0, 0.0)),
+        ),
+        n_frames=4,
+        tracker=dc.Tracker(),
+    )
+
+    with ThreadPoolExecutor(2) as executor:
+        result = dc.fusion.run_radars(scenario, executor=executor)
+
+    assert result.objects is None
+    for name, yaw, side in (("front-left", 45, 0.9), ("front-right", -45, -0.9)):
+        own = result.radars[name]
+        offset_s = 0.01 * (name == "front-right")
+        x = target_m[0] - 2.25 - 5 * (own.truth["time"].values + offset_s)
+        expected = np.hypot(x, target_m[1] - side)
+        assert own.truth["range"].values[0] == pytest.approx(expected, abs=1e-6)
+        azimuth = np.arctan2(target_m[1] - side, x) - math.radians(yaw)
+        assert own.truth["azimuth"].values[0] == pytest.approx(azimuth, abs=1e-6)
+    assert result.tracks.sizes["track"] == 1
+    last = result.tracks.isel(track=0, frame=-1)
+    errors = np.array([last["x"] - 25, last["vx"], last["y"] - 3, last["vy"]])
+    # Within five standard errors, and over the ground at rest.
+    assert np.all(np.abs(errors) < 5 * np.sqrt(np.diagonal(last["covariance"].values)))
+
+
+def test_mounted_radar_moves_with_its_turning_vehicle():
+    vehicle = dc.Ego(
+        position_m=(1.0, 2.0, 0.0),
+        yaw_rad=0.3,
+        velocity_m_per_s=(8.0, 3.0, 0.0),
+        turn_rate_rad_per_s=0.5,
+    )
+    mounting = dc.Mounting(position_m=(2.0, -0.9, 0.5), yaw_rad=-0.8, pitch_rad=0.1, roll_rad=0.05)
+
+    for time_s in (0.0, 0.7):
+        moved = ego_of_mounted_radar(vehicle, mounting, time_s)
+        for later_s in (0.0, 0.4):
+            times_s = np.array([time_s + later_s])
+            axes = vehicle.axes(times_s)[0]
+            place_m = np.array(vehicle.position_m) + vehicle.displacements_m(times_s)[0]
+            place_m = place_m + axes @ np.array(mounting.position_m)
+            own_m = np.array(moved.position_m) + moved.displacements_m(np.array([later_s]))[0]
+            assert own_m == pytest.approx(place_m, abs=1e-9)
+            on_vehicle = dc.Ego(yaw_rad=-0.8, pitch_rad=0.1, roll_rad=0.05).axes(np.zeros(1))[0]
+            own_axes = moved.axes(np.array([later_s]))[0]
+            assert own_axes == pytest.approx(axes @ on_vehicle, abs=1e-9)
+
+
+def pair_scenario(front, **second):
+    """Return two forward radars 1 m apart, whose antennas radiate in all directions."""
+    hardware = replace(front.hardware, antenna_gain=1.0, tx_pattern=None, rx_pattern=None)
+    first = replace(front, hardware=hardware)
+    poses = [dc.Mounting(position_m=(2.0, y, 0.5)) for y in (0.5, -0.5)]
+    return dc.Scenario(
+        radars=(
+            dc.fusion.MountedRadar(name="left", pose=poses[0], radar=first),
+            dc.fusion.MountedRadar(**{"name": "right", "pose": poses[1], "radar": first} | second),
+        ),
+        scene=dc.Scene(ego=dc.Ego(velocity_m_per_s=(20.0, 0.0, 0.0))),
+    )
+
+
+def test_radars_in_one_band_interfere_on_the_direct_path(radar):
+    scenario = pair_scenario(radar, start_offset_s=1e-3, clock_error=-100e-6)
+
+    singles, findings = split_radars(scenario)
+
+    assert findings == ()
+    left = singles["left"].scenario.impairments[0].interferers[0]
+    assert (left.name, left.offset_s, left.position_m) == ("right", 1e-3, (0.0, -1.0, 0.0))
+    # Its oscillator is slow: lower frequencies, longer intervals.
+    chirp = radar.frame.chirp
+    assert left.start_frequency_hz == pytest.approx(chirp.start_frequency_hz * (1 - 100e-6))
+    assert left.interval_s == pytest.approx(radar.frame.interval_s / (1 - 100e-6), rel=1e-12)
+    right = singles["right"].scenario.impairments[0].interferers[0]
+    assert (right.offset_s, right.position_m) == (-1e-3, (0.0, 1.0, 0.0))
+    # Friis: the power of the direct path, gains of 1, beats of 8 to 12 MHz, in the band of 20.
+    own = replace(singles["left"].scenario, impairments=singles["left"].scenario.impairments[:1])
+    same_start = replace(own.impairments[0], interferers=(replace(left, offset_s=0.0),))
+    cube = dc.simulate(own.scene, own.radar, impairments=(same_start,), seed=1)
+    power_w = np.mean(np.abs(cube.values[:, :3]) ** 2)
+    expected_w = radar.hardware.transmit_power_w * (chirp.wavelength_m / (4 * math.pi)) ** 2
+    assert power_w == pytest.approx(expected_w, rel=0.02)
+
+
+def test_radars_in_other_bands_do_not_interfere(radar):
+    chirp = radar.frame.chirp
+    other = replace(
+        radar,
+        frame=replace(
+            radar.frame,
+            chirp=replace(chirp, start_frequency_hz=chirp.start_frequency_hz + 2e9),
+        ),
+        hardware=replace(radar.hardware, antenna_gain=1.0, tx_pattern=None, rx_pattern=None),
+    )
+
+    singles, _ = split_radars(pair_scenario(radar, radar=other))
+
+    assert singles["left"].scenario.impairments == pair_scenario(radar).impairments
+
+
+@pytest.mark.parametrize(
+    ("radars", "message"),
+    [
+        ("[{mount: front-left}, {mount: front-left}]", "radars.1.name.*also that of radar 0"),
+        ("[{mount: front}, {name: b, mount: front}]", "radars.1.mount.*within 2 cm"),
+        ("[{mount: roof}]", "mount"),
+        ("[{pose: {position: [0 m, 0 m, 1 m]}}]", "missing, with a pose"),
+        ("[{name: a/b}]", "a folder name"),
+        ("[{name: fused}]", "other than fused"),
+        ("[{mount: front, start_offset: -1 s}]", "start_offset"),
+        ("[{mount: front, clock_error: 0.1}]", "clock_error"),
+        ("[{mount: front, radar: missing.yaml}]", "missing.yaml"),
+    ],
+)
+def test_rejects_invalid_radars(trace, radars, message):
+    with pytest.raises(DechirpError, match=f"(?s){message}"):
+        dc.traffic.traffic_scenario(trace, [*FAST, f"radars={radars}"])
+
+
+def test_rejects_missing_radar_and_recordings(radar):
+    mounted = (dc.fusion.MountedRadar(),)
+    with pytest.raises(DechirpError, match="radars.0.radar"):
+        dc.Scenario(radars=mounted, scene=dc.Scene())
+    with pytest.raises(DechirpError, match="given for a recording"):
+        dc.Scenario(radars=mounted, radar=radar, recording=RecordingSource(path="capture.bin"))
+
+
+def test_single_and_several_radars_have_their_own_functions(trace):
+    scenario = dc.traffic.traffic_scenario(trace, [*FAST, PAIR])
+    with pytest.raises(DechirpError, match="run_radars"):
+        dc.run(scenario)
+    single = replace(scenario, radars=())
+    check_single_radar(single)
+    with pytest.raises(DechirpError, match="empty"):
+        dc.fusion.run_radars(single)
+    with pytest.raises(DechirpError, match="in traffic statistical"):
+        dc.run(dc.reference(), kind="statistical")
+
+
+def test_start_offset_with_waypoints_is_refused(radar):
+    way = (dc.Waypoint(time_s=1.0, position_m=(30.0, 0.0, 0.0)),)
+    scenario = dc.Scenario(
+        radars=(dc.fusion.MountedRadar(start_offset_s=0.01),),
+        radar=radar,
+        scene=dc.Scene(targets=(dc.Target(position_m=(20.0, 0, 0), rcs_m2=1.0, waypoints=way),)),
+    )
+    with pytest.raises(DechirpError, match="waypoints"):
+        split_radars(scenario)
