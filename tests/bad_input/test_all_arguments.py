@@ -13,6 +13,7 @@ import xarray as xr
 import dechirp as dc
 from bad_input.entries import check_error_is_complete
 from bad_input.test_array_arguments import VALID_ARGUMENTS
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.compiled_kernels import plain_twins_for_small_work
 from radars import street_radar
 
@@ -165,3 +166,12 @@ def test_error_of_a_right_call_stays_as_it_is():
     )
     with pytest.raises(TypeError, match="from the function of the caller"):
         dc.theory.calibrate_factor(1e-2, statistic, window)
+
+
+def test_error_of_a_function_of_any_value_stays_as_it_is():
+    @check_argument_types
+    def fail(value: typing.Any) -> None:
+        raise ValueError("from the function itself")
+
+    with pytest.raises(ValueError, match="from the function itself"):
+        fail(1)

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import dechirp as dc
+from bad_input.entries import check_error_is_complete
+from dechirp.processing.angle.base import Directions
 
+Numbers = int | float | list | np.ndarray
 LINE = 0.5 * np.arange(8)
 SNAPSHOTS = np.exp(-2j * np.pi * LINE * np.sin(0.2)) * np.array([[1.0], [1.0j], [-1.0]])
 POWER = np.random.default_rng(1).exponential(size=(20, 30))
@@ -247,6 +250,68 @@ def test_each_invalid_argument_is_named_in_one_error(name):
                 wrong.append(f"{argument}={value!r}: {error!r}")
 
     assert wrong == []
+
+
+def extreme_values(valid):
+    """Return arrays of other shapes and magnitudes, and values of other types."""
+    array = np.atleast_1d(valid)
+    lost = array.astype(complex if np.iscomplexobj(array) else float)
+    lost.flat[0] = np.nan
+    return [
+        *(np.empty(shape) for shape in ((0,), (0, 8), (3, 0))),
+        *(np.ones(shape) for shape in ((), (1,), (1, 1), (5, 7), (2, 3, 4))),
+        *(array * factor for factor in (0, -1, 1e-200, 1e-30, 1e30, 1e200)),
+        *(lost, array[None], array.T, array[:-1], np.concatenate([array, array])),
+        *(1e-300, 1e300, np.inf, 10**30, -1, True, (), {}, {1}, len, [None]),
+        *(np.array(["2020-01-01"], "M8[s]"), np.array([None, 1.0]), ["text"]),
+    ]
+
+
+def has_nan(result):
+    """Return True for NaN in numbers, arrays or a tuple of them; angles may be unresolved."""
+    if isinstance(result, Directions):
+        result = result.azimuth_rad, result.power
+    return any(np.isnan(x).any() for x in (result if isinstance(result, tuple) else (result,)))
+
+
+@pytest.mark.parametrize("name", VALID_ARGUMENTS)
+def test_extreme_argument_gives_numbers_or_one_error(name):
+    function, valid_arguments = load_function(name), VALID_ARGUMENTS[name]
+    wrong = []
+    for argument, valid in valid_arguments.items():
+        for value in extreme_values(valid) if isinstance(valid, Numbers) else ():
+            try:
+                with np.errstate(all="ignore"):
+                    result = function(**{**valid_arguments, argument: value})
+                if has_nan(result):
+                    wrong.append(f"{argument}={value!r}: NaN")
+            except dc.DechirpError as error:
+                check_error_is_complete(error)
+            except Exception as error:
+                wrong.append(f"{argument}={value!r}: {error!r}")
+
+    assert wrong == []
+
+
+@pytest.mark.parametrize("kind", ["bartlett", "capon", "fft", "iterative-adaptive", "music"])
+@pytest.mark.parametrize("exponent", [-90, 90])
+def test_directions_do_not_depend_on_the_unit_of_snapshots(kind, exponent):
+    rng = np.random.default_rng(3)
+    snapshots = SNAPSHOTS + 0.1 * rng.standard_normal(SNAPSHOTS.shape)
+    scaled = snapshots * 2.0**exponent
+    noise, scaled_noise = 0.01, np.ldexp(0.01, 2 * exponent)
+
+    expected = dc.angle.estimate_directions(snapshots, LINE, 1, kind, noise_power=noise)
+    result = dc.angle.estimate_directions(scaled, LINE, 1, kind, noise_power=scaled_noise)
+    np.testing.assert_array_equal(result.azimuth_rad, expected.azimuth_rad)
+    np.testing.assert_array_equal(result.azimuth_std_rad, expected.azimuth_std_rad)
+    np.testing.assert_array_equal(result.power, np.ldexp(expected.power, 2 * exponent))
+    spectra = [
+        dc.angle.direction_spectrum(x, LINE, [0.1, 0.2], kind=kind, noise_power=power)
+        for x, power in ((snapshots, noise), (scaled, scaled_noise))
+    ]
+    scale = 1.0 if kind == "music" else 4.0**exponent
+    np.testing.assert_array_equal(spectra[1], spectra[0] * scale)
 
 
 def test_cases_cover_all_public_functions_on_plain_arrays():

@@ -147,15 +147,41 @@ def test_plot_without_axes_takes_the_current_ones():
     assert mpl.rcParams["font.size"] == mpl.rcParamsDefault["font.size"]
 
 
+def draw(array, **arguments):
+    return array.dechirp.plot(Figure().subplots(), **arguments)
+
+
+NAN_RANGE = {"range": POWER.range * np.nan}
+
+
 @pytest.mark.parametrize(
     ("plot", "message"),
     [
-        (lambda: POWER.dechirp.plot("axes"), "axes: a str"),
-        (lambda: POWER.expand_dims("frame").dechirp.plot(Figure().subplots()), "over frame"),
+        (lambda: POWER.dechirp.plot("axes"), "^axes: a str"),
+        (lambda: POWER.dechirp.plot(ax=Figure().subplots()), r"plot\.ax: .* did you mean axes\?$"),
+        (lambda: draw(POWER, unknown=1), r"plot\.unknown: unknown argument"),
+        (lambda: draw(DETECTIONS, unknown=1), r"plot\.unknown: unknown argument"),
+        (lambda: draw(POWER.expand_dims("frame")), "over frame"),
+        (lambda: draw(POWER.isel(range=[])), r"an array \(32, 0\); expected at least 1 cell;"),
+        (lambda: draw(POWER[0, :1]), "expected at least 2 cells;"),
+        (lambda: draw(POWER.copy(data=POWER * np.nan)), "2048 powers that are not finite"),
+        (lambda: draw(POWER[0].copy(data=POWER[0] * np.inf)), "64 powers that are not finite"),
+        (lambda: draw(POWER.copy(data=POWER.dechirp.db())), "of 0 or more, not decibels"),
+        (lambda: draw(POWER.assign_coords(NAN_RANGE)), "values of range that are not finite"),
+        (lambda: draw(POWER, detections="x"), "^detections: 'x'; expected Dataset or None"),
+        (lambda: draw(POWER, detections=xr.Dataset()), "detections: .* without range, velocity"),
+        (lambda: draw(POWER[0], detections=DETECTIONS), "detections: .* leave detections out"),
+        (lambda: draw(DETECTIONS.drop_vars("snr")), "a dataset without snr"),
+        (lambda: draw(DETECTIONS.isel(detection=[])), "without a detection to draw"),
+        (lambda: draw(DETECTIONS * np.nan), "without a detection to draw"),
         (lambda: plots.plot_table(DETECTIONS, None, dim="frame"), "ego motion"),
-        (lambda: DETECTIONS.isel(detection=[]).dechirp.plot(Figure().subplots()), "without a det"),
     ],
 )
 def test_what_has_no_figure_is_named(plot, message):
     with pytest.raises(dc.InvalidSetting, match=message):
         plot()
+
+
+def test_cells_left_out_of_a_map_are_not_drawn(axes):
+    (image,) = draw(POWER.where(POWER.mean() < POWER)).get_images()
+    assert np.isfinite(image.get_array()).sum() == (POWER.mean() < POWER).sum()

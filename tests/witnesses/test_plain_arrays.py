@@ -467,8 +467,10 @@ def test_spectrum_peaks_at_source_with_its_power(kind):
         power = np.mean(abs(amplitude) ** 2, axis=(1, 2))
         # Noise, 1e-6 / 0.25 of the weaker source, and the inverse of 40 snapshots of 8 elements.
         np.testing.assert_allclose(spectrum.max(axis=(1, 2)), power, rtol=0.01)
-    empty = dc.angle.direction_spectrum(np.zeros(8), HALF_WAVE_LINE, azimuth, kind=kind)
+    cells = np.stack([np.zeros((1, 8)), np.ones((1, 8))])
+    empty, full = dc.angle.direction_spectrum(cells, HALF_WAVE_LINE, azimuth, kind=kind)
     assert np.isnan(empty).all()
+    assert np.isfinite(full).all()
 
 
 POWER = np.ones((20, 30))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.arrow_stream import export_arrow_stream
 from dechirp.core.detection_columns import SHOWN_COLUMNS
 from dechirp.core.display import (
@@ -71,6 +72,7 @@ class TableAccessor:
         """Return the table as an Arrow stream: `polars.DataFrame(detections.dechirp)`."""
         return export_arrow_stream(dataset_to_columns(self._dataset))
 
+    @check_argument_types
     def plot(self, axes: Any = None) -> Any:
         """Draw the rows from above, as the report does, and return the axes.
 
@@ -125,6 +127,7 @@ class PowerMapAccessor:
             return f"no cells: {cells}"
         return f"{cells}, {format_number(level.min(), 3)} to {format_number(level.max(), 3)} {unit}"
 
+    @check_argument_types
     def plot(self, axes: Any = None, *, detections: xr.Dataset | None = None) -> Any:
         """Draw the map, spectrogram or spectrum as the report does, and return the axes.
 

@@ -58,7 +58,7 @@ def _fits_annotation(value: Any, hint: Any) -> bool:
     if hint in _NUMBERS:
         return isinstance(value, _NUMBERS[hint][0]) and not isinstance(value, bool)
     cls = types.NoneType if hint is None else origin or hint
-    if not inspect.isclass(cls) or getattr(cls, "_is_protocol", False):
+    if cls is Any or not inspect.isclass(cls) or getattr(cls, "_is_protocol", False):
         return True
     if cls is not str and isinstance(value, str) and issubclass(cls, typing.Iterable):
         return False  # a text is no list of its characters

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
 
+# Squares and fourth powers of larger numbers overflow, and those of smaller ones vanish.
+_LARGEST_MAGNITUDE, _SMALLEST_RATIO = 1e60, 1e-60
 Vector = tuple[float, float, float]
 _T = TypeVar("_T")
 
@@ -173,33 +175,43 @@ def check_detection_probability(
         )
 
 
-def check_non_negative_ratios(setting: str, array: ArrayLike) -> np.ndarray:
-    """Return an array of floats, or raise `InvalidSetting` unless all are finite and 0 or more."""
+def check_non_negative_ratios(
+    setting: str, array: ArrayLike, *, at_most: float = _LARGEST_MAGNITUDE
+) -> np.ndarray:
+    """Return an array of floats, or raise `InvalidSetting` unless all are from 0 to `at_most`."""
     values = check_real_array(setting, array)
-    _check_ratios_by_mask(setting, values, values >= 0, "finite, 0 or more")
+    _check_ratios_by_mask(setting, values, values >= 0, "finite, 0 or more", at_most)
     return values
 
 
 def check_positive_ratios(setting: str, array: ArrayLike) -> np.ndarray:
-    """Return an array of floats, or raise `InvalidSetting` unless all are finite and above 0."""
+    """Return an array of floats, or raise `InvalidSetting` unless all are from 1e-60 to 1e60."""
     values = check_real_array(setting, array)
-    _check_ratios_by_mask(setting, values, values > 0, "finite and above 0")
+    _check_ratios_by_mask(
+        setting, values, values >= _SMALLEST_RATIO, f"finite and above 0, from {_SMALLEST_RATIO:g}"
+    )
     return values
 
 
 def check_finite_array(
     setting: str, array: ArrayLike, *, above: float = -math.inf, below: float = math.inf
 ) -> np.ndarray:
-    """Return an array of floats, or raise `InvalidSetting` unless all are finite, within bounds."""
+    """Return an array of floats, or raise `InvalidSetting` unless all are finite, within bounds.
+
+    Magnitudes are at most 1e60.
+    """
     values = check_real_array(setting, array)
-    wrong = values[~((above < values) & (values < below))]  # infinite is not below infinity
+    wrong = values[~((above < values) & (values < below) & (abs(values) <= _LARGEST_MAGNITUDE))]
     if wrong.size:
         bounds = [(above, f"above {above:.6g}"), (below, f"below {below:.6g}")]
         raise InvalidSetting(
             setting,
             value=wrong.flat[0],
             expected=" and ".join(
-                ["finite", *(relation for bound, relation in bounds if math.isfinite(bound))]
+                [
+                    f"finite, of magnitude up to {_LARGEST_MAGNITUDE:g}",
+                    *(relation for bound, relation in bounds if math.isfinite(bound)),
+                ]
             ),
             fix="check the sign and the unit",
         )
@@ -262,7 +274,7 @@ def check_axes(
         numbers = normalize_axis_tuple(as_tuple_or_none(axes) or axes, array.ndim)  # type: ignore[arg-type]
         if len(numbers) in n_axes:
             return numbers
-    except (TypeError, ValueError):  # among them AxisError
+    except (TypeError, ValueError, OverflowError):  # among them AxisError
         pass
     raise InvalidSetting(
         setting,
@@ -357,12 +369,19 @@ def check_instances(setting: str, values: object, cls: type[_T], *, fix: str) ->
 
 
 def _check_ratios_by_mask(
-    setting: str, array: np.ndarray, is_valid: np.ndarray, expected: str
+    setting: str,
+    array: np.ndarray,
+    is_valid: np.ndarray,
+    expected: str,
+    at_most: float = _LARGEST_MAGNITUDE,
 ) -> None:
-    wrong = array[~(is_valid & np.isfinite(array))]
+    wrong = array[~(is_valid & (array <= at_most))]
     if wrong.size:
         raise InvalidSetting(
-            setting, value=wrong.flat[0], expected=expected, fix="give a ratio of powers, not dB"
+            setting,
+            value=wrong.flat[0],
+            expected=f"{expected}, at most {at_most:g}",
+            fix="give a ratio of powers, not dB",
         )
 
 

@@ -143,6 +143,7 @@ class Result(Displayable):
         if self.tracks is not None:
             yield first_rows_display_table(self.tracks, "Tracks")
 
+    @check_argument_types
     def plot(self, axes: Any = None) -> Any:
         """Draw the first figure of the report and return its axes.
 

@@ -3,7 +3,7 @@
 The methods `plot` of results and of the accessors `array.dechirp` call these functions.
 """
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.angle.aperture import FieldOfView
 from dechirp.report import objects_section, page
@@ -29,6 +30,19 @@ from dechirp.scene.aliasing import RangeVelocity
 
 if TYPE_CHECKING:
     from dechirp.experiments.run import Result
+
+
+_LOCATED_COLUMNS = ("range", "azimuth", "elevation", "range_std", "azimuth_std", "snr", "time")
+_LOCATED_COLUMNS += ("ambiguity_number",)
+# Variables that the figures of a dataset draw, by the dimension of its rows.
+_DRAWN_COLUMNS = {
+    "detection": _LOCATED_COLUMNS,
+    "cluster": _LOCATED_COLUMNS,
+    "track": ("x", "y", "vx", "vy", "covariance"),
+    "target": ("range", "velocity", "azimuth", "elevation"),
+}
+# Maps on which detections are marked.
+_MARKED_MAPS = ({"velocity", "range"}, {"azimuth", "range"}, {"azimuth", "elevation"})
 
 
 @contextmanager
@@ -63,6 +77,9 @@ def plot_power(
     `units` are those of the samples.
     """
     dims = set(power.dims)
+    _check_power(power)
+    if detections is not None:
+        _check_detections(detections, dims)
     with user_axes(axes) as panel:
         if dims == {"velocity", "range"} and detections is not None:
             marked = range_doppler.MarkedMap(
@@ -105,12 +122,21 @@ def plot_table(table: xr.Dataset, axes: Axes | None, *, dim: str) -> Axes:
 
     Detections without an azimuth are drawn as ranges over time.
     """
-    if dim == "frame" or not table.sizes[dim]:
+    if dim == "frame":
         raise InvalidSetting(
             "array.dechirp.plot",
-            value="ego motion" if dim == "frame" else f"a dataset without a {dim}",
-            expected="detections, clusters, tracks or truth, at least one",
-            fix="use the plot method of xarray" if dim == "frame" else "lower the threshold",
+            value="ego motion",
+            expected="detections, clusters, tracks or truth",
+            fix="use the plot method of xarray",
+        )
+    _check_columns("array.dechirp.plot", table, _DRAWN_COLUMNS[dim])
+    table = table.isel({dim: np.flatnonzero(_is_drawable(table, dim))})
+    if not table.sizes[dim]:
+        raise InvalidSetting(
+            "array.dechirp.plot",
+            value=f"a dataset without a {dim} to draw",
+            expected="a confirmed track" if dim == "track" else "at least one finite range",
+            fix="lower the threshold, or draw another frame",
         )
     with user_axes(axes) as panel:
         if dim == "track":
@@ -140,3 +166,62 @@ def plot_table(table: xr.Dataset, axes: Axes | None, *, dim: str) -> Axes:
                 field_of_view_rad=FieldOfView().azimuth_rad,
             ),
         )
+
+
+def _check_power(power: xr.DataArray) -> None:
+    """Raise `InvalidSetting` for an array over the axes of a figure that has nothing to draw."""
+    values, n_cells_needed = power.values, 2 if power.ndim == 1 else 1
+    is_known = np.isfinite(values)
+    # Maps may leave cells out, which are NaN; a line is drawn through all of its cells.
+    n_wrong = np.sum(~is_known) if power.ndim == 1 or not is_known.any() else np.isinf(values).sum()
+    if power.size < n_cells_needed:
+        value, expected = (
+            f"an array {power.shape}",
+            f"at least {format_count_with_noun(n_cells_needed, 'cell')}",
+        )
+    elif n_wrong:
+        value, expected = f"{n_wrong} powers that are not finite", "finite powers"
+    elif np.min(values, where=is_known, initial=0.0) < 0:
+        value, expected = f"a power of {np.nanmin(values):.3g}", "powers of 0 or more, not decibels"
+    else:
+        value = ""
+    for name in power.dims if not value else ():
+        if not np.isfinite(power[name].values).all():
+            value, expected = f"values of {name} that are not finite", f"finite values of {name}"
+    if value:
+        raise InvalidSetting(
+            "array.dechirp.plot",
+            value=value,
+            expected=expected,
+            fix="pass a result of dc.power_map or a similar function",
+        )
+
+
+def _check_detections(detections: xr.Dataset, dims: set[Hashable]) -> None:
+    """Raise `InvalidSetting` unless detections can be marked on a figure over these axes."""
+    if dims not in _MARKED_MAPS:
+        raise InvalidSetting(
+            "detections",
+            value=f"given for an array over {', '.join(sorted(map(str, dims)))}",
+            expected="a map over range, velocity or directions, on which detections are marked",
+            fix="leave detections out",
+        )
+    _check_columns("detections", detections, sorted(map(str, dims)))
+
+
+def _check_columns(setting: str, table: xr.Dataset, columns: Sequence[str]) -> None:
+    """Raise `InvalidSetting` unless a dataset has all columns that a figure draws."""
+    missing = [name for name in columns if name not in table]
+    if missing:
+        raise InvalidSetting(
+            setting,
+            value=f"a dataset without {', '.join(missing)}",
+            expected=f"a dataset of {', '.join(columns)}",
+            fix="pass a result of dc.detect or a similar function, with all of its variables",
+        )
+
+
+def _is_drawable(table: xr.Dataset, dim: str) -> np.ndarray:
+    """Return True for each row with a position, of tracks for the confirmed ones."""
+    mask = table.status == "confirmed" if dim == "track" else np.isfinite(table.range)
+    return mask.any([name for name in mask.dims if name != dim]).values

@@ -244,6 +244,10 @@ def coherent_required_snr(detection_probability: float, false_alarm_probability:
 _TINY = 5e-324  # keeps the logarithm of a probability that underflows
 
 
+# Its mixture has 52 terms for each unit of the square root: a second at most.
+_MAX_THRESHOLD = 1e9
+
+
 class _GammaMixture:
     """Mixture of gamma laws, summed by parts so that all terms are positive and few suffice.
 
@@ -258,7 +262,7 @@ class _GammaMixture:
     def __init__(self, threshold: float, n_summed: int, swerling: int) -> None:
         self._n_summed = n_summed
         self._shape = swerling_shape(swerling, n_summed)
-        threshold = check_number("threshold", threshold, above=0)
+        threshold = check_number("threshold", threshold, above=0, at_most=_MAX_THRESHOLD)
         # Below 40 deviations p is 0 in floating point; above 12 it is 1e-31 of what is kept.
         deviation = math.sqrt(max(threshold, n_summed))
         first = max(threshold - n_summed - 40 * deviation, 0)

@@ -8,7 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
-from dechirp.core.checks import check_finite_array, check_finite_samples, check_number
+from dechirp.core.checks import (
+    broadcast_arguments,
+    check_finite_array,
+    check_finite_samples,
+    check_number,
+)
 from dechirp.core.errors import InvalidSetting
 
 __all__ = ["direction_std_rad"]
@@ -126,10 +131,17 @@ def direction_std_rad(
             expected="a row (x, y, z) for each element",
             fix="give the position of each element, in wavelengths",
         )
-    azimuth, elevation = _broadcast_angles(
-        np.atleast_1d(check_finite_array("azimuth_rad", azimuth_rad)),
-        check_finite_array("elevation_rad", elevation_rad),
+    azimuth, elevation = broadcast_arguments(
+        azimuth_rad=np.atleast_1d(check_finite_array("azimuth_rad", azimuth_rad)),
+        elevation_rad=check_finite_array("elevation_rad", elevation_rad),
     )
+    if azimuth.ndim > 1:
+        raise InvalidSetting(
+            "azimuth_rad and elevation_rad",
+            value=f"directions over {azimuth.shape}",
+            expected="(n_sources,)",
+            fix="give one row of directions",
+        )
     check_number("noise_power", noise_power, above=0)
     snapshots = check_finite_samples(
         "amplitudes",
@@ -137,6 +149,7 @@ def direction_std_rad(
         axes=f"({len(azimuth)},) or ({len(azimuth)}, n_snapshots)",
         fits=lambda array: array.shape[:1] in {(), (len(azimuth),)},
     )
+    check_finite_array("amplitudes", abs(snapshots))  # squares are finite
     snapshots = snapshots.astype(complex).reshape(len(azimuth), -1)
     steering = np.exp(-2j * np.pi * (unit_vectors(azimuth, elevation) @ element_positions.T))
     phase_derivatives = np.moveaxis(

@@ -20,13 +20,19 @@ from dechirp.core.checks import check_finite_array
 __all__ = ["knife_edge_field", "knife_edge_loss_db"]
 
 
+# Differences of Fresnel integrals from 1/2 keep ten digits here; they fall as 1 / (pi v).
+_MAX_PARAMETER = 1e5
+
+
 def knife_edge_field(v: ArrayLike) -> np.ndarray:
     """Return the complex field beyond an edge, relative to that without it.
 
     It is 1 far above the edge (v = -inf), 1/2 on its level, and 0 far below. Valid for distances
-    of many wavelengths and small angles of diffraction.
+    of many wavelengths and small angles of diffraction, and for |v| below 1e5.
     """
-    return np.asarray(field_beyond_edge(check_finite_array("v", v)))
+    return np.asarray(
+        field_beyond_edge(check_finite_array("v", v, above=-_MAX_PARAMETER, below=_MAX_PARAMETER))
+    )
 
 
 def field_beyond_edge(v: np.ndarray) -> np.ndarray:

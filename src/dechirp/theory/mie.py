@@ -52,7 +52,7 @@ def sphere_rcs_m2(
     4.8.
     """
     radii_m = check_positive_ratios("radius_m", radius_m)
-    wavelength_m = check_number("wavelength_m", wavelength_m, above=0)
+    wavelength_m = check_number("wavelength_m", wavelength_m, at_least=1e-30, at_most=1e30)
     x = (2 * np.pi * radii_m / wavelength_m).ravel()
     if x.size and x.max() > _MAX_SIZE_PARAMETER:
         raise InvalidSetting(

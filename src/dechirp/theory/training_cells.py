@@ -40,8 +40,14 @@ def n_training_of_each_half(n_training: int | tuple[int, int]) -> tuple[int, int
         return half, half
     for count in n_training:
         check_integer("n_training", count, at_least=1)
-    first, second = n_training
-    return first, second
+    if len(n_training) != 2:
+        raise InvalidSetting(
+            "n_training",
+            value=n_training,
+            expected="an even number, or the numbers of both halves",
+            fix="give one number, or two",
+        )
+    return n_training
 
 
 def order_statistic_step_rates(n_training: int, rank: int) -> np.ndarray:

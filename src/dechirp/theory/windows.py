@@ -264,7 +264,7 @@ def scalloping_loss(weights: ArrayLike) -> float:
 def _check_weights(weights: ArrayLike) -> np.ndarray:
     """Return the weights of a window, (n,), with a sum above 0, or raise `InvalidSetting`."""
     values = check_finite_array("weights", weights)
-    if values.ndim != 1 or not values.sum() > 0:
+    if values.ndim != 1 or not values.sum() > 1e-60:
         raise InvalidSetting(
             "weights",
             value=f"an array {values.shape} with the sum {values.sum():g}",

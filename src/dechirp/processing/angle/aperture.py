@@ -27,7 +27,7 @@ _MIN_GRID_EXTENT = 4.0
 _MAX_STEERING_VALUES = 2**26
 # Smallest extents across the line of sight, in wavelengths, that resolve a direction. The second
 # axis needs a phase change of a quarter of a cycle over +-30 degrees.
-_MIN_EXTENT, _MIN_SECOND_EXTENT = 0.01, 0.25
+MIN_EXTENT, _MIN_SECOND_EXTENT = 0.01, 0.25
 # At +-90 degrees the spectrum has zero slope: the limit is 0.08 degrees short of it.
 _MAX_SINE = 1 - 1e-6
 
@@ -105,7 +105,7 @@ class Aperture:
             )
         positions.flags.writeable = False
         object.__setattr__(self, "positions", positions)
-        if self._longest_and_perpendicular_extents[0] < _MIN_EXTENT:
+        if self._longest_and_perpendicular_extents[0] < MIN_EXTENT:
             raise InvalidSetting(
                 "Radar.array",
                 value=f"{len(positions)} virtual element{'s' * (len(positions) > 1)} within"

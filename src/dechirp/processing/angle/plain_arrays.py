@@ -16,8 +16,9 @@ from dechirp.core.checks import (
 )
 from dechirp.core.compiled_kernels import SAMPLES_PER_AMPLITUDE, plain_twins_in_first_calls
 from dechirp.core.errors import InvalidSetting
-from dechirp.processing.angle.aperture import Aperture, FieldOfView
+from dechirp.processing.angle.aperture import MIN_EXTENT, Aperture, FieldOfView
 from dechirp.processing.angle.base import DirectionEstimator, Directions, SpectralEstimator
+from dechirp.processing.angle.music import Music
 
 __all__ = [
     "bartlett",
@@ -32,6 +33,9 @@ __all__ = [
     "music",
     "root_music",
 ]
+
+# Wavelengths; eight directions are searched in each beam, and a longer array has more of them.
+_MAX_POSITION = 1e5
 
 NumberOfSources = int | Literal["mdl", "aic"]
 
@@ -206,13 +210,13 @@ def estimate_directions(
     Directions
         `azimuth_rad`, `elevation_rad`, their standard errors and `power`, strongest source first,
         (..., n_sources). An angle that the array does not resolve is NaN, and so are all values of
-        a cell of zeros.
+        a cell of zeros beside others.
 
     Raises
     ------
     InvalidSetting
-        If snapshots are not finite or do not match the positions, elements share one position, the
-        sources are too many for the array or the estimator, or a kind is unknown.
+        If snapshots are not finite, all zero or do not match the positions, elements share one
+        position, the sources are too many for the array or the estimator, or a kind is unknown.
     """
     estimator = _direction_estimator(kind, n_sources)
     if noise_power is None and n_sources in ("mdl", "aic"):
@@ -228,6 +232,7 @@ def estimate_directions(
     if noise_power is None:
         directions.azimuth_std_rad.fill(np.nan)
         directions.elevation_std_rad.fill(np.nan)
+    directions.power[:] = np.ldexp(directions.power, 2 * cells.exponents[:, None])
     return Directions(*(values.reshape(*cells.shape, -1) for values in directions))
 
 
@@ -290,14 +295,18 @@ def direction_spectrum(
                 cells.snapshots[has_signal], cells.aperture, cells.noise_power[has_signal]
             )
             spectrum[has_signal] = estimator.spectrum_at(data, steering)
+    if not isinstance(estimator, Music):  # a pseudospectrum has no unit
+        spectrum = np.ldexp(spectrum, 2 * cells.exponents[:, None])
     return spectrum.reshape((*cells.shape, *azimuth.shape))
 
 
 class _ArrayCells(NamedTuple):
     snapshots: np.ndarray
-    """Amplitudes (n, n_snapshots, n_elements), complex."""
+    """Amplitudes (n, n_snapshots, n_elements), complex, divided by 2^exponents."""
     noise_power: np.ndarray
-    """Noise power (n,)."""
+    """Noise power (n,), divided by 4^exponents."""
+    exponents: np.ndarray
+    """Exponents (n,) of the powers of two by which the amplitudes are divided."""
     aperture: Aperture
     shape: tuple[int, ...]
     """Shape of the cells, of product n."""
@@ -338,9 +347,22 @@ def _array_cells(
             expected=f"one value, or {cells}: one for each cell",
             fix="give the noise of one element",
         ) from None
+    amplitudes = amplitudes.reshape(-1, *amplitudes.shape[-2:])
+    # Spectra are computed in single precision, which holds powers of 1e-38 to 1e38.
+    largest = abs(amplitudes.view(float)).max(axis=(1, 2), initial=0.0)
+    if not largest.any():
+        raise InvalidSetting(
+            "snapshots",
+            value=f"an array {np.shape(snapshots)} of zeros",
+            expected="at least one cell with amplitudes other than 0",
+            fix="leave out what has no echo",
+        )
+    # Beyond -1000, the inverse of the power of two would overflow.
+    exponents = np.maximum(np.frexp(largest)[1], -1000)
     return _ArrayCells(
-        amplitudes.reshape(-1, *amplitudes.shape[-2:]),
-        np.ravel(noise),
+        amplitudes * np.ldexp(1.0, -exponents)[:, None, None],
+        np.ldexp(np.ravel(noise), -2 * exponents),
+        exponents,
         Aperture(elements, field_of_view or FieldOfView()),
         cells,
     )
@@ -348,13 +370,18 @@ def _array_cells(
 
 def _element_positions(positions: ArrayLike) -> np.ndarray:
     """Return positions (n_elements, 3), or raise `InvalidSetting`."""
-    array = check_finite_array("positions", positions)
+    array = check_finite_array("positions", positions, above=-_MAX_POSITION, below=_MAX_POSITION)
     if array.ndim == 1 and array.size:
         array = np.stack([np.zeros_like(array), array, np.zeros_like(array)], axis=1)
-    if array.ndim != 2 or array.shape[1] != 3 or np.ptp(array[:, 1:], axis=0).max(initial=0) == 0:
+    if (
+        array.ndim != 2
+        or array.shape[1] != 3
+        or not len(array)
+        or np.ptp(array[:, 1:], axis=0).max() < MIN_EXTENT
+    ):
         raise InvalidSetting(
             "positions",
-            value=f"an array {np.shape(positions)}",
+            value=f"an array {np.shape(positions)}, largest {abs(array).max(initial=0.0):.3g}",
             expected="(n_elements,) or (n_elements, 3), at two or more places across the line of"
             " sight",
             fix="give positions in wavelengths, along y or as rows of x, y and z",

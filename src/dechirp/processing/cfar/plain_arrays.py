@@ -76,7 +76,7 @@ def cfar_threshold(
         If powers are not finite, below 0 or in no such shape, the cells with the guard do not fit
         on an axis, the probability is out of bounds, or a kind or a window is unknown.
     """
-    cells = check_non_negative_ratios("power", power)
+    cells = check_non_negative_ratios("power", power, at_most=np.finfo(float).max)
     if cells.size == 0 or cells.ndim == 0:
         raise InvalidSetting(
             "power",
