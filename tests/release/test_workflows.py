@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from check_jsonschema.cli import main as check_jsonschema
 from ruamel.yaml import YAML
 
 from release.pinned_requirements import PROJECT, ROOT
@@ -25,12 +26,43 @@ EXTRA_PERMISSIONS = {
 }
 
 
+# Files by their schema in check-jsonschema, which contains copies of the published ones.
+FILES_BY_SCHEMA = {
+    "vendor.github-workflows": ".github/workflows/*.yml",
+    "custom.github-workflows-require-timeout": ".github/workflows/*.yml",
+    "vendor.github-issue-forms": ".github/ISSUE_TEMPLATE/[!c]*.yml",
+    "vendor.github-issue-config": ".github/ISSUE_TEMPLATE/config.yml",
+    "vendor.dependabot": ".github/dependabot.yml",
+    "vendor.readthedocs": ".readthedocs.yaml",
+    "vendor.citation-file-format": "CITATION.cff",
+}
+
+
+def lint(schema: str, *files: Path) -> int:
+    with pytest.raises(SystemExit) as end:
+        check_jsonschema(["--builtin-schema", schema, *map(str, files)])
+    return end.value.code
+
+
 def read_yaml(path: Path) -> dict:
     return YAML(typ="safe").load(path.read_text(encoding="utf-8"))
 
 
 def read_script(name: str) -> str:
     return (ROOT / ".ci" / name).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("schema", "pattern"), FILES_BY_SCHEMA.items())
+def test_files_of_services_pass_their_linter(schema, pattern):
+    files = sorted(ROOT.glob(pattern))
+    assert files
+    assert lint(schema, *files) == 0
+
+
+def test_linter_refuses_a_job_without_a_machine(tmp_path):
+    text = (ROOT / ".github" / "workflows" / "guide.yml").read_text(encoding="utf-8")
+    (tmp_path / "guide.yml").write_text(text.replace("runs-on", "runs_on"), encoding="utf-8")
+    assert lint("vendor.github-workflows", tmp_path / "guide.yml") == 1
 
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
@@ -65,7 +97,7 @@ def test_declared_pythons_are_those_of_scripts_and_jobs():
 
     assert declared == set(defaults.split()) == tested - {"oldest"}
     assert "oldest" in tested
-    assert set(jobs["systems"]["strategy"]["matrix"]["python"]) <= declared
+    assert set(jobs["systems"]["strategy"]["matrix"]["python"]) == declared
 
 
 def test_public_guide_is_built_from_pins_and_fails_on_warnings():

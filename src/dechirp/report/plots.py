@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from dechirp.experiments.run import Result
 
 
-_LOCATED_COLUMNS = ("range", "azimuth", "elevation", "range_std", "azimuth_std", "snr", "time")
-_LOCATED_COLUMNS += ("ambiguity_number",)
+_ESTIMATES = ("range", "azimuth", "elevation", "range_std", "azimuth_std", "snr")
+_LOCATED_COLUMNS = (*_ESTIMATES, "ambiguity_number", "time")
 # Variables that the figures of a dataset draw, by the dimension of its rows.
 _DRAWN_COLUMNS = {
     "detection": _LOCATED_COLUMNS,
