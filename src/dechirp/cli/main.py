@@ -77,9 +77,10 @@ def _collect_garbage_rarely() -> None:
     """Let the garbage collector of cycles skip the many objects that libraries create for good.
 
     Of the 1.9 s CPU of `dechirp inspect`, collections during imports took 0.1 s, and 0.3 s those at
-    exit, which free memory that the system frees anyway.
+    exit, which free memory that the system frees anyway. `dechirp run` creates 0.4 million objects
+    that stay. Processing leaves no cycles that hold arrays (none in 160 frames).
     """
-    gc.set_threshold(50_000)
+    gc.set_threshold(500_000)
     atexit.register(gc.freeze)
 
 
