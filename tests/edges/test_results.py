@@ -7,6 +7,9 @@ import math
 import os
 import shutil
 import sys
+import threading
+import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -465,6 +468,23 @@ def test_interrupt_after_replacement_leaves_new_folder_and_names_it(
 
     assert (out / "file").read_text() == "new"
     assert completed_outputs() == (out, out)
+
+
+def test_interrupted_folder_is_removed_while_threads_write_into_it(tmp_path):
+    def write(folder):
+        for number in range(30):  # 0.3 s
+            (folder / "cube.zarr").mkdir(parents=True, exist_ok=True)
+            with suppress(OSError):
+                (folder / "cube.zarr" / f"{number}").touch()
+            time.sleep(0.01)
+
+    with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path / "out") as made:
+        writer = threading.Thread(target=write, args=(made,))
+        writer.start()
+        raise KeyboardInterrupt
+    writer.join()
+
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_interrupted_replacement_is_not_complete(tmp_path, monkeypatch):

@@ -1,12 +1,14 @@
 """Atomic files and folders: written under a hidden name, then renamed."""
 
 import ctypes
+import math
 import os
 import re
 import shutil
 import signal
 import sys
 import threading
+import time
 import uuid
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
@@ -16,6 +18,7 @@ from types import FrameType
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 
 _FILE_MANAGER_FILES = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
+_ABSENT_S, _MAX_REMOVAL_S = 0.2, 5.0
 _AT_WORKING_FOLDER, _RENAME_EXCHANGE, _RENAME_SWAP = -100, 2, 2  # of Linux and macOS
 
 if sys.platform != "win32":
@@ -92,7 +95,7 @@ def atomic_folder(out: Path) -> Iterator[Path]:
     target = out.resolve()
     new_folder = _unique_hidden_sibling(target, suffix=".new")
     backup = new_folder.with_suffix(".before")
-    new_identity = None
+    new_identity, is_placed = None, False
     try:
         _clean_up_after_killed_processes(target)
         new_folder.parent.mkdir(parents=True, exist_ok=True)
@@ -104,6 +107,7 @@ def atomic_folder(out: Path) -> Iterator[Path]:
             elif not _exchange_paths(new_folder, target):
                 target.rename(backup)
                 new_folder.rename(target)
+            is_placed = True
     except OSError as error:
         raise _unwritable_out_option_error(out, error) from None
     finally:
@@ -113,7 +117,27 @@ def atomic_folder(out: Path) -> Iterator[Path]:
             if new_identity is not None and _file_identity(target) == new_identity:
                 _completed.append(out)
             shutil.rmtree(backup, ignore_errors=True)
-            shutil.rmtree(new_folder, ignore_errors=True)
+            if is_placed:
+                shutil.rmtree(new_folder, ignore_errors=True)
+            else:
+                _remove_while_written(new_folder)
+
+
+def _remove_while_written(folder: Path) -> None:
+    """Remove a folder into which threads of an interrupted library may still write.
+
+    Zarr writes in threads of its own, which create missing folders again. The folder counts as
+    removed after 0.2 s without it.
+    """
+    end = time.monotonic() + _MAX_REMOVAL_S
+    last_seen = -math.inf
+    while time.monotonic() < end:
+        if folder.exists():
+            last_seen = time.monotonic()
+            shutil.rmtree(folder, ignore_errors=True)
+        elif time.monotonic() - last_seen > _ABSENT_S:
+            return
+        time.sleep(_ABSENT_S / 10)
 
 
 @contextmanager
