@@ -17,7 +17,7 @@ from generators.simulated_verilog import (
     simulate_in_verilator,
     write_verilog_and_vectors,
 )
-from generators.test_c import MODES, tdm_radar
+from generators.test_c import LENGTHS, MODES, tdm_radar
 from nightly import nightly, nightly_except
 
 
@@ -269,14 +269,22 @@ def test_every_word_equals_model_for_random_settings(tmp_path, seed):
     assert lint(tmp_path) == ""
 
 
-# Verilator compiles for a minute and then simulates 200 times faster than Icarus.
+# The frames of the C test, each in two of the nine modes. Verilator compiles for a minute and then
+# simulates 200 times faster than Icarus.
 @nightly
-@pytest.mark.parametrize("scaling", ["block", "halving"])
-@pytest.mark.parametrize(("n_samples", "n_chirps"), [(64, 128), (256, 64), (1024, 32), (4096, 32)])
-def test_long_frames_equal_model_in_verilator(tmp_path, n_samples, n_chirps, scaling):
-    radar, words = make_radar(n_samples, n_chirps), WordLengths(scaling=scaling)
+@pytest.mark.parametrize(
+    ("n_samples", "n_chirps", "mode"),
+    [
+        (*lengths, MODES[(2 * k + j) % len(MODES)])
+        for k, lengths in enumerate(LENGTHS)
+        for j in range(2)
+    ],
+)
+def test_long_frames_equal_model_in_verilator(tmp_path, n_samples, n_chirps, mode):
+    scaling, rounding = mode
+    radar, words = make_radar(n_samples, n_chirps), WordLengths(scaling=scaling, rounding=rounding)
     frame = draw_frame(radar, 16, seed=n_samples)
     compare_simulated_verilog_with_model(
         tmp_path, frame, radar, dc.Chain(), words,
-        stall_percent=20, n_frames=3, in_verilator=True,
+        stall_percent=20, n_frames=2, in_verilator=True,
     )  # fmt: skip
