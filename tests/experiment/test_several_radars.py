@@ -1,5 +1,6 @@
 """Runs of several radars on one vehicle: poses, clocks, mutual interference, fused tracks."""
 
+import json
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
+from dechirp.cli.main import main
 from dechirp.core.errors import DechirpError
 from dechirp.experiments.scenario import RecordingSource, check_single_radar
 from dechirp.experiments.single_radars import ego_of_mounted_radar, split_radars
@@ -228,6 +230,53 @@ def test_single_and_several_radars_have_their_own_functions(trace):
         dc.fusion.run_radars(single)
     with pytest.raises(DechirpError, match="in traffic statistical"):
         dc.run(dc.reference(), kind="statistical")
+
+
+def run_command(*words):
+    """Run a command, and return its exit code."""
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    return ended.value.code
+
+
+def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(trace, tmp_path, capsys):
+    out = tmp_path / "out"
+    options = ["--ego", "1", "--mount", "front-left", "--mount", "front-right", "--statistical"]
+    changes = ["--set=radar.frame.n_chirps=32", "--set=traffic.duration=0.2 s"]
+
+    # A second run replaces the results of the first.
+    for _ in range(2):
+        assert run_command("run", str(trace), *options, *changes, "--out", str(out)) == 0
+
+    screen = capsys.readouterr().out
+    assert "front-right: 4 frames" in screen
+    assert "mean GOSPA" in screen
+    document = json.loads((out / "run.json").read_text(encoding="utf-8"))
+    assert list(document["radars"]) == ["front-left", "front-right"]
+    assert document["radars"]["front-right"]["mounting"]["position_m"] == [2.25, -0.9, 0.5]
+    assert document["tracks"]
+    for name in document["radars"]:
+        own = json.loads((out / name / "run.json").read_text(encoding="utf-8"))
+        assert own["files"]["report.html"] == str(out / name / "report.html")
+        assert (out / name / "report.html").is_file()
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert 'href="front-left/report.html"' in page
+    assert page.count("<svg") == 2
+    # The scenario beside the results is that of all radars.
+    assert len(dc.load(out / "scenario.yaml").radars) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--mount", "front", "--mount", "front-lef"], "--mount: front-lef"),
+        (["--mount", "front", "--mount", "front"], "also that of radar 0"),
+        (["--mount", "front", "--mount", "rear", "--objects", "o.csv"], "--objects: given for sev"),
+    ],
+)
+def test_command_refuses_wrong_options(trace, words, message, capsys):
+    assert run_command("run", str(trace), "--ego", "1", *words) == 2
+    assert message in " ".join(capsys.readouterr().err.split())
 
 
 def test_start_offset_with_waypoints_is_refused(radar):

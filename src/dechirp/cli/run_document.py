@@ -13,6 +13,7 @@ from dechirp.radar.radar import Radar
 
 if TYPE_CHECKING:
     from dechirp.experiments.run import Result
+    from dechirp.experiments.run_radars import RadarsResult
 
 
 def run_json_document(
@@ -44,6 +45,35 @@ def run_json_document(
         ),
         "findings": [to_json_data(finding) for finding in result.findings],
         "timing_s": timing_s,
+        "files": {name: str(path) for name, path in files.items()},
+    }
+
+
+def radars_json_document(
+    result: "RadarsResult", *, source: Path | None, files: dict[str, Path]
+) -> dict[str, Any]:
+    """Return the results of several radars together; those of each are in its own document."""
+    from dechirp.cli.scenario_source import format_source_as_typed  # 0.3 s of imports
+
+    return {
+        "version": dechirp.__version__,
+        "seed": result.scenario.seed,
+        "source": "reference" if source is None else format_source_as_typed(source),
+        "radars": {
+            name: {
+                "mounting": to_json_data(result.mountings[name]),
+                "frames": radar.n_frames,
+                "detections": radar.detections.sizes["detection"],
+                "run": str(files["run.json"].parent / name / "run.json"),
+            }
+            for name, radar in result.radars.items()
+        },
+        **{
+            name: None if table is None else dataset_to_records(table)
+            for name, table in (("tracks", result.tracks), ("traffic", result.objects))
+        },
+        "findings": [to_json_data(finding) for finding in result.findings],
+        "timing_s": result.timing_s,
         "files": {name: str(path) for name, path in files.items()},
     }
 

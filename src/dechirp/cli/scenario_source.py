@@ -63,6 +63,7 @@ def build_scenario(
     seed: str | None,
     metadata: Mapping[str, Any],
     traffic: Mapping[str, str] | None = None,
+    mounts: Sequence[str] = (),
 ) -> Scenario:
     """Build the scenario of a settings file, recording or traffic file.
 
@@ -80,7 +81,9 @@ def build_scenario(
     metadata : mapping
         Options for a recording: `device`, `format`, `axes`, `encoding`, `iq`, `calibration`.
     traffic : mapping, optional
-        Options for traffic: `ego` and `mount`.
+        Options for traffic: `ego`.
+    mounts : sequence of str
+        Places of the radar in traffic; of several radars if there is more than one.
 
     Raises
     ------
@@ -88,6 +91,13 @@ def build_scenario(
         If a file or an option is invalid.
     """
     options = _OPTIONS
+    if len(mounts) > 1:
+        radars = ", ".join(f"{{mount: {json.dumps(mount)}}}" for mount in mounts)
+        changes = [*changes, f"radars=[{radars}]"]
+        options = {**options, **{f"radars.{n}.mount": "--mount" for n in range(len(mounts))}}
+        options |= {f"radars.{n}.name": "--mount" for n in range(len(mounts))}
+    elif mounts:
+        traffic = {**(traffic or {}), "mount": mounts[0]}
     for name, value in (traffic or {}).items():
         changes = [*changes, f"traffic.{name}={value}"]
         options = {**options, f"traffic.{name}": f"--{name}"}
@@ -291,12 +301,14 @@ def _set_traffic_frames(
     if frames is None:
         return scenario
     first, stop = parse_frame_range(frames)
-    assert scenario.radar is not None
+    radar = scenario.radars[0].radar if scenario.radars else None
+    radar = radar or scenario.radar
+    assert radar is not None
     if stop <= first:
         raise _invalid_frames_error(
             frames, expected="a first frame, and a later one to stop before"
         )
-    frame = scenario.radar.frame
+    frame = radar.frame
     start_s = frame.frame_start_s(first)
     end_s = frame.frame_start_s(stop - 1) + frame.for_frame(stop - 1).duration_s
     selected = replace(traffic, start_s=traffic.start_s + start_s, duration_s=end_s - start_s)

@@ -16,6 +16,18 @@ CUTOFF_M = 5.0
 
 
 @frozen_dataclass
+class TrackScores:
+    """Scores of tracks over all objects that are demanded, and all frames."""
+
+    gospa_m: float
+    """Mean over frames of confirmed tracks against the nearest points of objects."""
+    n_identity_switches: int
+    """Changes of objects to another track."""
+    n_false_tracks: float
+    """Mean number of confirmed tracks without an object, in a frame."""
+
+
+@frozen_dataclass
 class TrafficScores:
     """Scores over all objects in view that are not shadowed, and all frames."""
 
@@ -62,9 +74,7 @@ def score_traffic(objects: xr.Dataset, tracks: xr.Dataset | None) -> TrafficScor
         is_detected.sum(axis=1)[n_frames_of_object > 0] / n_frames_of_object[n_frames_of_object > 0]
     )
     n_demanded = int(is_demanded.sum())
-    mean_gospa_m = n_switches = n_false = None
-    if tracks is not None:
-        mean_gospa_m, n_switches, n_false = _score_tracks(objects, is_demanded, tracks)
+    track_scores = None if tracks is None else score_tracks(objects, is_demanded, tracks)
     return TrafficScores(
         n_objects=shares.size,
         n_object_frames=n_demanded,
@@ -77,16 +87,14 @@ def score_traffic(objects: xr.Dataset, tracks: xr.Dataset | None) -> TrafficScor
             if is_detected.any()
             else np.nan
         ),
-        gospa_m=mean_gospa_m,
-        n_identity_switches=n_switches,
-        n_false_tracks=n_false,
+        gospa_m=None if track_scores is None else track_scores.gospa_m,
+        n_identity_switches=None if track_scores is None else track_scores.n_identity_switches,
+        n_false_tracks=None if track_scores is None else track_scores.n_false_tracks,
     )
 
 
-def _score_tracks(
-    objects: xr.Dataset, is_demanded: np.ndarray, tracks: xr.Dataset
-) -> tuple[float, int, float]:
-    """Return the mean GOSPA, the number of identity switches, and of false tracks in a frame."""
+def score_tracks(objects: xr.Dataset, is_demanded: np.ndarray, tracks: xr.Dataset) -> TrackScores:
+    """Score tracks against objects, `x y` over (target, frame), of which some are demanded."""
     identities = track_identities(tracks, objects[["x", "y"]], cutoff_m=CUTOFF_M)
     tracks = tracks.transpose("track", "frame", ...)
     tracks_m = np.stack([tracks[name].values for name in "xy"], axis=-1)
@@ -105,10 +113,10 @@ def _score_tracks(
                 cutoff_m=CUTOFF_M,
             ).error_m
         )
-    return (
-        float(np.mean(errors_m)),
-        int(identities["n_swaps"].sum()),
-        float(identities["n_false"].mean()),
+    return TrackScores(
+        gospa_m=float(np.mean(errors_m)),
+        n_identity_switches=int(identities["n_swaps"].sum()),
+        n_false_tracks=float(identities["n_false"].mean()),
     )
 
 

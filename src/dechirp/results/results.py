@@ -25,9 +25,12 @@ _OPTIONAL_FILES = ("ego.csv", "clusters.csv", "tracks.csv", "traffic.csv", "repo
 def check_results_folder_replaceable(out: Path) -> None:
     """Raise `DechirpError` if a folder cannot take results; call this before a long run.
 
-    The folder must be absent, empty or hold only earlier results, and be writable.
+    The folder must be absent, empty or hold only earlier results, and be writable. Those of several
+    radars have a folder for each.
     """
-    check_output_folder_replaceable(out, marker_file=_MARK, own_names=(*FILES, *_OPTIONAL_FILES))
+    of_radars = [folder.parent.name for folder in out.glob(f"*/{_MARK}")] if out.is_dir() else []
+    own_names = (*FILES, *_OPTIONAL_FILES, *of_radars)
+    check_output_folder_replaceable(out, marker_file=_MARK, own_names=own_names)
 
 
 def write_results(

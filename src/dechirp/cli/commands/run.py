@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from dechirp.core.findings import Finding
     from dechirp.experiments.run import Result
+    from dechirp.experiments.run_radars import Kind
 
 
 def run(
@@ -32,7 +33,8 @@ def run(
     as_json: Json = False,
     quiet: Quiet = False,
     ego: IntegerText = None,
-    mount: str | None = None,
+    mount: list[str] | None = None,
+    statistical: Annotated[bool, Parameter(show_default=False)] = False,
     seed: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     changes: Annotated[list[str] | None, Parameter(name="--set")] = None,
     options: RecordingOptions = NO_OPTIONS,
@@ -67,7 +69,9 @@ def run(
         default.
     mount
         Place of the radar on that vehicle: front, front-left, left, rear-left, rear, rear-right,
-        right or front-right; front by default.
+        right or front-right; front by default. May be repeated: then each place has a radar.
+    statistical
+        In traffic, draw detections from their distribution instead of simulating samples.
     seed
         Seed of the noise; replaces the seed of the scenario.
     changes
@@ -75,9 +79,10 @@ def run(
     """
     from dechirp.cli.console import progress_bar
     from dechirp.cli.scenario_source import build_scenario
+    from dechirp.cli.several_radars import refuse_options_of_single_radars, run_several_radars
     from dechirp.cli.stream import is_live_source, process_live_frames
     from dechirp.core.compiled_kernels import plain_twins_for_small_work
-    from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
+    from dechirp.core.errors import DechirpError, RecordingError
     from dechirp.experiments.run import run as run_scenario
     from dechirp.report.pdf import check_pdf_available
     from dechirp.results.results import check_results_folder_replaceable
@@ -96,23 +101,31 @@ def run(
         frames=options.frames,
         seed=seed,
         metadata=options.given_metadata(),
-        traffic={name: text for name, text in (("ego", ego), ("mount", mount)) if text is not None},
+        traffic={} if ego is None else {"ego": ego},
+        mounts=mount or (),
     )
+    kind: Kind = "statistical" if statistical else "samples"
+    if scenario.radars:
+        given = {
+            "--objects": objects,
+            "--vital-signs": vital_signs,
+            "--follow": follow,
+            "--idle": idle,
+            "--pdf": pdf,
+        }
+        refuse_options_of_single_radars([name for name, value in given.items() if value])
+        return run_several_radars(
+            scenario, kind, source=source, out=out, as_json=as_json, quiet=quiet
+        )
     with plain_twins_for_small_work(scenario.n_simulated_samples):
         is_live = is_live_source(scenario, follow=follow, idle=idle)
-        if is_live and vital_signs:
-            raise InvalidSetting(
-                "--vital-signs",
-                value="given for a stream, whose samples are not kept",
-                expected="a recording or a scenario",
-                fix="record the stream, then run the file with --vital-signs",
-            )
+        _check_samples_are_kept(is_live=is_live, vital_signs=vital_signs)
         if is_live:
             result = process_live_frames(scenario, idle=idle, quiet=quiet)
         else:
             try:
                 with progress_bar("steps", quiet=quiet) as report:
-                    result = run_scenario(scenario, progress=report)
+                    result = run_scenario(scenario, kind=kind, progress=report)
             except RecordingError:
                 trace = None if source is None or vital_signs else _read_slow_time(source)
                 if trace is None:
@@ -136,6 +149,19 @@ def run(
     elif not quiet:
         print_run_results(result, out, objects or ())
     return 0
+
+
+def _check_samples_are_kept(*, is_live: bool, vital_signs: bool) -> None:
+    """Raise `InvalidSetting` for vital signs of a stream."""
+    from dechirp.core.errors import InvalidSetting
+
+    if is_live and vital_signs:
+        raise InvalidSetting(
+            "--vital-signs",
+            value="given for a stream, whose samples are not kept",
+            expected="a recording or a scenario",
+            fix="record the stream, then run the file with --vital-signs",
+        )
 
 
 def _read_slow_time(
@@ -261,8 +287,12 @@ def write_run_results(
     out: Path,
     objects: Sequence[Path],
     with_pdf: bool = False,
+    shown_out: Path | None = None,
 ) -> str:
-    """Write the results of a run and return the JSON document."""
+    """Write the results of a run and return the JSON document.
+
+    `shown_out` is the folder in the document, if it is not yet the one that is written.
+    """
     from dechirp.cli.run_document import run_json_document
     from dechirp.config.dumping import dump_yaml
     from dechirp.recordings.recording import Recording
@@ -288,7 +318,7 @@ def write_run_results(
         "traffic": result.traffic,
     }
     tables = {name: table for name, table in object_tables.items() if table is not None}
-    files = result_paths_by_name(out, tables, has_pdf=with_pdf) | {
+    files = result_paths_by_name(shown_out or out, tables, has_pdf=with_pdf) | {
         file.name: file for file in objects
     }
     document_values = run_json_document(result, source=source, files=files, timing_s=timing_s)

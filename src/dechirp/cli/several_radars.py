@@ -1,0 +1,83 @@
+"""Runs of several radars: their command-line output and their results folder."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dechirp.experiments.run_radars import Kind, RadarsResult
+    from dechirp.experiments.scenario import Scenario
+
+
+def refuse_options_of_single_radars(names: Sequence[str]) -> None:
+    """Raise `InvalidSetting` for options that several radars do not have."""
+    from dechirp.core.errors import InvalidSetting
+
+    if names:
+        raise InvalidSetting(
+            names[0],
+            value="given for several radars",
+            expected="a single radar",
+            fix="leave it out, or run the scenario.yaml in the folder of one radar",
+        )
+
+
+def run_several_radars(
+    scenario: "Scenario",
+    kind: "Kind",
+    *,
+    source: Path | None,
+    out: Path,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Run several radars, write the results of each and those of all, and print them."""
+    from dechirp.cli.console import finding_paragraphs, open_stdout_console, progress_bar
+    from dechirp.experiments.run_radars import run_radars
+    from dechirp.report.radars_page import describe_fused_tracks
+
+    with progress_bar("radars", quiet=quiet) as report:
+        result = run_radars(scenario, kind=kind, progress=report)
+    document = write_radars_results(result, source=source, out=out)
+    if as_json:
+        print(document, end="")
+    elif not quiet:
+        screen = open_stdout_console()
+        for name, radar in result.radars.items():
+            screen.print(f"{name}: {radar._display_line().partition(': ')[2]}")
+        screen.print(" ".join(describe_fused_tracks(result)))
+        for paragraph in finding_paragraphs(result.findings):
+            screen.print(paragraph)
+        screen.print(f"Report: {out / 'report.html'}")
+    return 0
+
+
+def write_radars_results(result: "RadarsResult", *, source: Path | None, out: Path) -> str:
+    """Write the results of several radars, a folder for each, and return the JSON document."""
+    from dechirp.cli.commands.run import write_run_results
+    from dechirp.cli.run_document import radars_json_document
+    from dechirp.config.dumping import dump_yaml
+    from dechirp.core.atomic_files import atomic_folder, encode_utf8_with_escapes
+    from dechirp.report.radars_page import render_radars_report
+    from dechirp.results.results import check_results_folder_replaceable
+    from dechirp.results.text_files import dataset_to_csv, to_json_text
+
+    check_results_folder_replaceable(out)
+    yaml = dump_yaml(
+        result.scenario, omitted_settings=() if result.scenario.traffic is None else ("n_frames",)
+    )
+    tables = {"tracks": result.tracks, "traffic": result.objects}
+    texts = {"report.html": render_radars_report(result, yaml=yaml), "scenario.yaml": yaml}
+    texts |= {
+        f"{name}.csv": dataset_to_csv(table) for name, table in tables.items() if table is not None
+    }
+    files = {name: out / name for name in (*texts, "run.json")}
+    texts["run.json"] = to_json_text(radars_json_document(result, source=source, files=files))
+    with atomic_folder(out) as made:
+        for name, radar in result.radars.items():
+            write_run_results(
+                radar, source=source, out=made / name, shown_out=out / name, objects=()
+            )
+        for name, text in texts.items():
+            (made / name).write_bytes(encode_utf8_with_escapes(text))
+    return texts["run.json"]

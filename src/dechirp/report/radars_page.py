@@ -1,0 +1,273 @@
+"""Page of a run of several radars: fields of view from above, fused tracks, and their scores."""
+
+from typing import TYPE_CHECKING, NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+import xarray as xr
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from dechirp.core.display import format_count_with_noun
+from dechirp.core.text import EN_DASH, format_fixed, join_names
+from dechirp.evaluation.traffic_scores import (
+    CUTOFF_M,
+    MAX_AZIMUTH_RAD,
+    score_tracks,
+    score_traffic,
+)
+from dechirp.report.figures.style import GREEN, INK, LINE_COLORS, MUTED, PALE, render_svg
+from dechirp.report.labels import X_LABEL, Y_LABEL
+from dechirp.report.template import load_template
+from dechirp.traffic.outlines import rectangle_corners_m, rotation
+
+if TYPE_CHECKING:
+    from dechirp.experiments.run_radars import RadarsResult
+
+_COLUMNS = (
+    ("Radar", "name", ""),
+    ("x (m)", "x", "num"),
+    ("y (m)", "y", "num"),
+    ("Yaw (°)", "yaw", "num"),
+    ("Frames", "frames", "num"),
+    ("Detections", "detections", "num"),
+    ("Detected", "detected", "num"),
+    ("Position error (m)", "position", "num"),
+)
+_TRAIL_FRAMES_S = 1.0
+_HEIGHT_IN = 3.8
+_MAX_TRACKS = 40
+
+
+def render_radars_report(result: "RadarsResult", *, yaml: str) -> str:
+    """Return the HTML of the report on several radars; equal results give equal pages.
+
+    Parameters
+    ----------
+    result : RadarsResult
+        Result of `run_radars`.
+    yaml : str
+        Scenario of the run, for reproduction.
+
+    Returns
+    -------
+    str
+        Self-contained HTML page, with links to the pages of the radars beside it.
+    """
+    n_tracks = None if result.tracks is None else result.tracks.sizes["track"]
+    headline = format_count_with_noun(len(result.radars), "radar")
+    if n_tracks is not None:
+        headline += f", {format_count_with_noun(n_tracks, 'fused track')}"
+    return load_template("radars.html").render(
+        name=result.scenario.name,
+        seed=result.scenario.seed,
+        headline=headline,
+        lead=f"Fields of view, tracks and scores of {join_names(list(result.radars))} together.",
+        cards=(),
+        scores=describe_fused_tracks(result),
+        from_above=None if result.tracks is None else _draw_from_above(result),
+        paths=None if result.tracks is None else _draw_paths(result),
+        columns=_COLUMNS,
+        rows=_radar_rows(result),
+        pages=[(name, f"{quote(name)}/report.html") for name in result.radars],
+        findings=[
+            *result.findings,
+            *(finding for radar in result.radars.values() for finding in radar.findings),
+        ],
+        yaml=yaml,
+    )
+
+
+def describe_fused_tracks(result: "RadarsResult") -> list[str]:
+    """Return sentences on the fused tracks, with their scores in traffic."""
+    if result.tracks is None:
+        return ["No tracks: the scenario has no tracker."]
+    sentences = [
+        f"{format_count_with_noun(result.tracks.sizes['track'], 'fused track')} in"
+        f" {format_count_with_noun(result.tracks.sizes['frame'], 'frame')} of all radars."
+    ]
+    if result.objects is not None and result.objects.sizes["target"]:
+        scores = score_tracks(result.objects, result.objects["in_view"].values, result.tracks)
+        sentences.append(
+            f"Against the objects in view of a radar and at most half hidden: mean GOSPA"
+            f" {format_fixed(scores.gospa_m, 2)} m (cut-off {CUTOFF_M:g} m, order 2),"
+            f" {scores.n_identity_switches} identity switches,"
+            f" {format_fixed(scores.n_false_tracks, 2)} false tracks in a frame."
+        )
+    return sentences
+
+
+def _radar_rows(result: "RadarsResult") -> list[dict[str, str]]:
+    rows = []
+    for name, radar in result.radars.items():
+        mounting = result.mountings[name]
+        detected = position = EN_DASH
+        if radar.traffic is not None and radar.traffic.sizes["target"]:
+            scores = score_traffic(radar.traffic, None)
+            if scores.n_object_frames:
+                detected = f"{scores.detected_share:.1%}"
+                position = format_fixed(scores.position_rmse_m, 2)
+        rows.append(
+            {
+                "name": name,
+                "x": format_fixed(mounting.position_m[0], 2),
+                "y": format_fixed(mounting.position_m[1], 2),
+                "yaw": format_fixed(float(np.degrees(mounting.yaw_rad)), 0),
+                "frames": str(radar.n_frames),
+                "detections": str(radar.detections.sizes["detection"]),
+                "detected": detected,
+                "position": position,
+            }
+        )
+    return rows
+
+
+class _Vehicle(NamedTuple):
+    """Centre and heading of the vehicle over the ground at one time."""
+
+    position_m: np.ndarray
+    heading_rad: float
+
+    def to_vehicle_m(self, positions_m: np.ndarray) -> np.ndarray:
+        """Return positions over the ground, (..., 2), in the axes of the vehicle."""
+        return np.asarray((positions_m - self.position_m) @ rotation(self.heading_rad))
+
+
+def _vehicle_in_frame(result: "RadarsResult", column: int) -> _Vehicle:
+    """Return the vehicle at the time of a fused frame, from the pose of its radar."""
+    assert result.tracks is not None
+    name = str(result.tracks["radar"].values[column])
+    mounting, own = result.mountings[name], result.radars[name]
+    pose = result.poses[name][int(result.tracks["radar_frame"].values[column]) - own.first_frame]
+    heading_rad = pose.yaw_rad - mounting.yaw_rad
+    arm_m = rotation(heading_rad) @ np.array(mounting.position_m[:2])
+    return _Vehicle(np.array(pose.position_m) - arm_m, heading_rad)
+
+
+def _draw_from_above(result: "RadarsResult") -> Markup:
+    assert result.tracks is not None
+    n_frames = result.tracks.sizes["frame"]
+    columns = sorted({0, n_frames // 2, n_frames - 1})
+    return render_svg(lambda figure: _draw_views(figure, result, columns), height_in=_HEIGHT_IN)
+
+
+def _draw_views(figure: Figure, result: "RadarsResult", columns: list[int]) -> Axes:
+    assert result.tracks is not None
+    all_axes = figure.subplots(1, len(columns), sharex=True, sharey=True, squeeze=False)[0]
+    half_width_m = _reach_m(result)
+    for axes, column in zip(all_axes, columns, strict=True):
+        vehicle = _vehicle_in_frame(result, column)
+        axes.set_aspect("equal")
+        axes.set(xlim=(half_width_m, -half_width_m), ylim=(-half_width_m, half_width_m))
+        axes.grid(False)
+        for index, name in enumerate(result.radars):
+            _draw_sector(axes, result, name, LINE_COLORS[index % len(LINE_COLORS)])
+        if result.objects is not None:
+            _draw_objects(axes, result.objects.isel(frame=column), vehicle)
+        _draw_tracks(axes, result.tracks, column, vehicle)
+        axes.set_title(f"{float(result.tracks['time'].values[column]):.2f} s", fontsize=9)
+        axes.set_xlabel(Y_LABEL)
+    all_axes[0].set_ylabel(X_LABEL)
+    all_axes[0].set_label(
+        "Fields of view of all radars from above, objects and fused tracks, in three frames"
+    )
+    figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return all_axes[0]
+
+
+def _reach_m(result: "RadarsResult") -> float:
+    """Return half the width of the views: the distance of the farthest object or track."""
+    assert result.tracks is not None
+    table = result.tracks if result.objects is None else result.objects
+    distances_m = [10.0]
+    for column in range(0, table.sizes["frame"], max(table.sizes["frame"] // 20, 1)):
+        vehicle = _vehicle_in_frame(result, column)
+        positions_m = np.stack([table[name].values[:, column] for name in "xy"], axis=-1)
+        away_m = np.abs(vehicle.to_vehicle_m(positions_m))
+        distances_m.append(float(np.nanmax(away_m)) if np.isfinite(away_m).any() else 0.0)
+    return max(distances_m) + 5
+
+
+def _draw_sector(axes: Axes, result: "RadarsResult", name: str, color: str) -> None:
+    mounting, radar = result.mountings[name], result.radars[name]
+    half_rad = min(radar.scenario.chain.field_of_view.azimuth_rad, MAX_AZIMUTH_RAD)
+    angles_rad = mounting.yaw_rad + np.linspace(-half_rad, half_rad, 61)
+    reach_m = radar.radar.frame.chirp.max_range_m
+    x_m, y_m = mounting.position_m[:2]
+    axes.fill(
+        [y_m, *(y_m + reach_m * np.sin(angles_rad))],
+        [x_m, *(x_m + reach_m * np.cos(angles_rad))],
+        facecolor=color,
+        alpha=0.08,
+        edgecolor=color,
+        linewidth=0.8,
+    )
+    axes.plot(y_m, x_m, "^", color=color, markersize=4, linestyle="", label=name)
+
+
+def _draw_objects(axes: Axes, objects: xr.Dataset, vehicle: _Vehicle) -> None:
+    for index in np.flatnonzero(np.isfinite(objects["centre_x"].values)).tolist():
+        item = objects.isel(target=index)
+        corners_m = vehicle.to_vehicle_m(
+            rectangle_corners_m(
+                np.array([float(item["centre_x"]), float(item["centre_y"])]),
+                float(item["heading"]),
+                float(item["length"]),
+                float(item["width"]),
+            )
+        )
+        axes.fill(
+            corners_m[:, 1],
+            corners_m[:, 0],
+            facecolor="none",
+            edgecolor=GREEN if bool(item["in_view"]) else PALE,
+            linewidth=1,
+        )
+
+
+def _draw_tracks(axes: Axes, tracks: xr.Dataset, column: int, vehicle: _Vehicle) -> None:
+    """Draw the tracks of a frame, and their path over the ground in the last second."""
+    times_s = tracks["time"].values
+    first = int(np.searchsorted(times_s, times_s[column] - _TRAIL_FRAMES_S))
+    is_confirmed = tracks["status"].values == "confirmed"
+    for row in np.flatnonzero(is_confirmed[:, column]).tolist():
+        frames = first + np.flatnonzero(is_confirmed[row, first : column + 1])
+        positions_m = np.stack([tracks[name].values[row, frames] for name in "xy"], axis=-1)
+        own_m = vehicle.to_vehicle_m(positions_m)
+        axes.plot(own_m[:, 1], own_m[:, 0], color=INK, linewidth=1)
+        axes.plot(own_m[-1, 1], own_m[-1, 0], "o", color=INK, markersize=3.5)
+
+
+def _draw_paths(result: "RadarsResult") -> Markup:
+    return render_svg(lambda figure: _draw_ground(figure.subplots(), result), height_in=_HEIGHT_IN)
+
+
+def _draw_ground(axes: Axes, result: "RadarsResult") -> Axes:
+    """Draw the paths of the vehicle, the objects and the tracks over the ground."""
+    tracks, objects = result.tracks, result.objects
+    assert tracks is not None
+    axes.set_aspect("equal", adjustable="datalim")
+    vehicle_m = np.array(
+        [_vehicle_in_frame(result, column).position_m for column in range(tracks.sizes["frame"])]
+    )
+    origin_m = vehicle_m[0]
+    axes.plot(*(vehicle_m - origin_m).T, color=MUTED, linewidth=2, label="vehicle")
+    if objects is not None:
+        for index in range(objects.sizes["target"]):
+            item = objects.isel(target=index)
+            x_m = np.where(item["in_view"].values, item["x"].values, np.nan) - origin_m[0]
+            label = "object in view" if index == 0 else None
+            axes.plot(x_m, item["y"].values - origin_m[1], color=GREEN, linewidth=3, label=label)
+    is_confirmed = tracks["status"].values == "confirmed"
+    longest = np.argsort(-is_confirmed.sum(axis=1), kind="stable")[:_MAX_TRACKS]
+    for number, row in enumerate(longest.tolist()):
+        x_m, y_m = (
+            np.where(is_confirmed[row], tracks[name].values[row], np.nan) - origin_m[axis]
+            for axis, name in enumerate("xy")
+        )
+        axes.plot(x_m, y_m, color=INK, linewidth=1, label=None if number else "fused track")
+    axes.set(xlabel="x (m, from the start of the vehicle)", ylabel="y (m)")
+    axes.set_label("Paths of the vehicle, of objects and of fused tracks over the ground")
+    axes.legend(loc="best")
+    return axes
