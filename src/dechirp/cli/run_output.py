@@ -139,6 +139,7 @@ _TRACK_HEADINGS = {
     "y": "y (m)",
     "vx": "vx (m/s)",
     "vy": "vy (m/s)",
+    "size": "size (m)",
     "target": "target",
 }
 
@@ -153,7 +154,8 @@ def track_table_and_object_sentences(
         title = f"{n_all} track{'' if n_all == 1 else 's'}, last state"
         if len(tracks) < n_all:
             title += f": the first {len(tracks)} (complete list: tracks.csv)"
-        columns = {head: [row[name] for row in tracks] for name, head in _TRACK_HEADINGS.items()}
+        headings = {name: head for name, head in _TRACK_HEADINGS.items() if name in tracks[0]}
+        columns = {head: [row[name] for row in tracks] for name, head in headings.items()}
         if result.truth is None:
             del columns["target"]
         for name in ("frames", "target"):

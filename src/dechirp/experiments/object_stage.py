@@ -7,11 +7,13 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.findings import Finding, capture_warned_findings
-from dechirp.experiments.scenario import Scenario
+from dechirp.experiments.scenario import Scenario, prefix_setting_of_errors
 from dechirp.processing.cluster import cluster
 from dechirp.radar.radar import Radar
 from dechirp.tracking.batch import track
 from dechirp.tracking.ego import ego_motion, label_static_and_moving
+from dechirp.tracking.groups import LiveGroupTracker, track_groups
+from dechirp.tracking.online import LiveTracker
 
 
 class ObjectStage(NamedTuple):
@@ -33,10 +35,15 @@ class GroupedDetections(NamedTuple):
     clusters: xr.Dataset | None
     findings: tuple[Finding, ...]
 
-    @property
-    def clusters_or_detections(self) -> xr.Dataset:
-        """Input of the tracker: clusters if there are any, else detections."""
-        return self.detections if self.clusters is None else self.clusters
+    def rows_to_track(self, scenario: Scenario, radar: Radar) -> xr.Dataset:
+        """Return the input of the tracker: clusters if there are any, else detections.
+
+        Groups consist of detections. Static rows are left out, and velocities of unresolved
+        ambiguity where chirp intervals differ.
+        """
+        is_clustered = self.clusters is not None and scenario.group_tracker is None
+        rows = self.clusters if self.clusters is not None and is_clustered else self.detections
+        return _drop_static_rows_and_unresolved_velocities(rows, radar)
 
 
 def estimate_ego_motion_clusters_tracks(
@@ -49,8 +56,8 @@ def estimate_ego_motion_clusters_tracks(
 ) -> ObjectStage:
     """Estimate ego motion, clusters and tracks, as far as a scenario requests them.
 
-    Tracks follow clusters if there are any, else detections; with known ego motion, static ones
-    are excluded.
+    Tracks follow groups of detections, clusters if there are any, or detections; with known ego
+    motion, static ones are excluded.
 
     Parameters
     ----------
@@ -59,7 +66,7 @@ def estimate_ego_motion_clusters_tracks(
     times_s : sequence of float
         Middle of each frame, including frames without detections.
     scenario : Scenario
-        Its settings `ego_motion`, `chain.cluster` and `tracker`.
+        Its settings `ego_motion`, `chain.cluster`, `tracker` and `group_tracker`.
     radar : Radar
         Radar of the detections.
     first_frame : int
@@ -67,17 +74,44 @@ def estimate_ego_motion_clusters_tracks(
     """
     groups = estimate_ego_motion_and_clusters(detections, scenario, radar)
     tracks, findings = None, list(groups.findings)
-    if scenario.tracker is not None:
-        with capture_warned_findings() as warned:
-            tracks = track(
-                drop_static_rows_and_unresolved_velocities(groups.clusters_or_detections, radar),
-                times_s,
-                scenario.tracker,
+    rows, span_m_per_s = groups.rows_to_track(scenario, radar), _velocity_span_m_per_s(radar)
+    with capture_warned_findings() as warned:
+        if scenario.tracker is not None:
+            with prefix_setting_of_errors("tracker", instead_of="Tracker"):
+                tracks = track(
+                    *(rows, times_s, scenario.tracker),
+                    first=first_frame,
+                    velocity_span_m_per_s=span_m_per_s,
+                )
+        if scenario.group_tracker is not None:
+            tracks = track_groups(
+                *(rows, times_s, scenario.group_tracker),
                 first=first_frame,
-                velocity_span_m_per_s=2 * radar.frame.for_frame(0).max_velocity_m_per_s,
+                velocity_span_m_per_s=span_m_per_s,
             )
-        findings += warned
+    findings += warned
     return ObjectStage(groups.detections, groups.ego, groups.clusters, tracks, tuple(findings))
+
+
+def start_live_tracker(scenario: Scenario, radar: Radar) -> LiveTracker | LiveGroupTracker | None:
+    """Start the tracker of a scenario; None if it has none.
+
+    Raises
+    ------
+    InvalidSetting
+        If a library is missing.
+    """
+    span_m_per_s = _velocity_span_m_per_s(radar)
+    if scenario.group_tracker is not None:
+        return LiveGroupTracker(scenario.group_tracker, velocity_span_m_per_s=span_m_per_s)
+    if scenario.tracker is None:
+        return None
+    with prefix_setting_of_errors("tracker", instead_of="Tracker"):
+        return LiveTracker(scenario.tracker, velocity_span_m_per_s=span_m_per_s)
+
+
+def _velocity_span_m_per_s(radar: Radar) -> float:
+    return 2 * radar.frame.for_frame(0).max_velocity_m_per_s
 
 
 def estimate_ego_motion_and_clusters(
@@ -101,7 +135,7 @@ def estimate_ego_motion_and_clusters(
     return GroupedDetections(detections, ego, clusters, tuple(findings))
 
 
-def drop_static_rows_and_unresolved_velocities(rows: xr.Dataset, radar: Radar) -> xr.Dataset:
+def _drop_static_rows_and_unresolved_velocities(rows: xr.Dataset, radar: Radar) -> xr.Dataset:
     """Select the rows that may belong to a track; drop velocities of unresolved ambiguity."""
     if "motion" in rows:
         (row_dimension,) = rows["motion"].dims

@@ -336,10 +336,9 @@ def build_result(
     start_s = perf_counter()
     chain, first = scenario.chain.fit_to_radar(radar), detection_run.first_frame
     fitted = replace(scenario, chain=chain)
-    with prefix_setting_of_errors("tracker", instead_of="Tracker"):
-        objects = estimate_ego_motion_clusters_tracks(
-            detection_run.detections, detection_run.frames.times_s, fitted, radar, first_frame=first
-        )
+    objects = estimate_ego_motion_clusters_tracks(
+        detection_run.detections, detection_run.frames.times_s, fitted, radar, first_frame=first
+    )
     power = label_frame_power_map(
         detection_run.frames.first_power, next(_iter_frame_cubes(source)), first, radar, chain
     )

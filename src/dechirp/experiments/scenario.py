@@ -39,6 +39,7 @@ from dechirp.simulation.impairments.base import Impairment
 from dechirp.simulation.impairments.noise import ThermalNoise
 from dechirp.simulation.stages import sort_into_stages
 from dechirp.tracking.ego import EgoMotion
+from dechirp.tracking.group_tracker import GroupTracker
 from dechirp.tracking.tracker import Tracker
 from dechirp.traffic.source import TrafficSource
 
@@ -48,6 +49,7 @@ READERS: Readers = {Radar: read_radar, Calibration: read_calibration}
 _MIN_RADAR_DISTANCE_M = 0.02  # housings are larger
 
 _WITH_ARTICLES = {"recording": "a recording", "traffic": "traffic"}
+_OBJECT_STAGES = {"ego_motion": EgoMotion, "tracker": Tracker, "group_tracker": GroupTracker}
 
 _PATHS_OF_CHOSEN_SETTINGS: dict[ChosenSettingName, tuple[str, ...]] = {
     "mitigation": ("chain.mitigation",),
@@ -135,6 +137,8 @@ class Scenario:
     """Estimates the ego motion and excludes static detections from tracking; None: off."""
     tracker: Tracker | None = None
     """Tracks detections, or clusters if there are any; None: off."""
+    group_tracker: GroupTracker | None = None
+    """Tracks people and cars as groups of detections, in place of `tracker`; None: off."""
 
     def __post_init__(self) -> None:
         fix = "Write [ThermalNoise()], with both brackets, even for one alone."
@@ -158,7 +162,7 @@ class Scenario:
         if self.traffic is not None and self.radar is not None:
             with prefix_setting_of_errors("radar.hardware", instead_of="Radar.hardware"):
                 self.radar.require_hardware()
-        for name, kind in (("ego_motion", EgoMotion), ("tracker", Tracker)):
+        for name, kind in _OBJECT_STAGES.items():
             if not isinstance(getattr(self, name), kind | None):
                 raise InvalidSetting(
                     f"Scenario.{name}",
@@ -166,6 +170,13 @@ class Scenario:
                     expected=f"settings of the kind {kind.__name__}, or none",
                     fix=f"give {kind.__name__}(), or leave it out",
                 )
+        if self.tracker is not None and self.group_tracker is not None:
+            raise InvalidSetting(
+                "Scenario.group_tracker",
+                value="given beside tracker",
+                expected="one of them: groups of detections, or single detections and clusters",
+                fix="set tracker to null to follow groups, or group_tracker to null",
+            )
         if self.radar is not None:
             # Readers join single chirps to frames, which are checked when the recording is opened.
             if self.recording is None or self.radar.frame.n_chirps_total > 1:
@@ -212,6 +223,11 @@ class Scenario:
                     fix="add radar: its settings, or the name of their file",
                 )
             replace(self, radars=(), radar=mounted.radar or self.radar)  # raises if it is invalid
+
+    @property
+    def has_tracker(self) -> bool:
+        """True if targets, or groups of detections, are tracked."""
+        return self.tracker is not None or self.group_tracker is not None
 
     @property
     def n_simulated_samples(self) -> float:
@@ -314,9 +330,12 @@ def check_tracks_and_ego_motion_possible(
     if scenario.tracker is not None and n_frames is not None:
         with prefix_setting_of_errors("tracker", instead_of="Tracker"):
             scenario.tracker.check_confirmable_within(n_frames)
+    if scenario.group_tracker is not None and n_frames is not None:
+        with prefix_setting_of_errors("group_tracker", instead_of="GroupTracker"):
+            scenario.group_tracker.check_confirmable_within(n_frames)
     if scenario.chain.fit_to_radar(radar).angle is not None:
         return
-    for name in ("ego_motion", "tracker"):
+    for name in _OBJECT_STAGES:
         if getattr(scenario, name) is not None:
             raise InvalidSetting(
                 name,

@@ -16,8 +16,8 @@ from dechirp.core.findings import Finding, PhysicsWarning, capture_warned_findin
 from dechirp.core.text import format_number
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.object_stage import (
-    drop_static_rows_and_unresolved_velocities,
     estimate_ego_motion_and_clusters,
+    start_live_tracker,
 )
 from dechirp.experiments.scenario import Scenario
 from dechirp.experiments.statistical.sensor import StatisticalSensor
@@ -31,7 +31,8 @@ from dechirp.results.object_lists.osi import osi_messages
 from dechirp.scene.bodies.base import Body
 from dechirp.scene.scene import Scene
 from dechirp.simulation.simulate import simulate
-from dechirp.tracking.online import LiveTracker, Track
+from dechirp.tracking.groups import GroupTrack
+from dechirp.tracking.online import Track
 from dechirp.tracking.tracker import Tracker
 from dechirp.traffic.mounting import Mounting, mounting_on_vehicle
 from dechirp.traffic.osi_views import OsiViews, View, ViewedObject
@@ -78,7 +79,7 @@ class SensorModel:
     Parameters
     ----------
     settings : Scenario or Radar
-        Of a scenario radar, impairments, chain, ego motion, tracker and engine are used. A radar
+        Of a scenario radar, impairments, chain, ego motion, trackers and engine are used. A radar
         alone has the default chain with clusters, and a tracker if it measures azimuths.
     mount : str or Mounting, optional
         Place on the outline of the host, such as front or rear-left, or a pose. Default: that of
@@ -136,14 +137,16 @@ class SensorModel:
         self._views, self._n_steps = OsiViews(), 0
         self._turns: dict[int, float] = {}
         self._objects_around_radar: set[int] = set()
-        self._tracker = None
-        if scenario.tracker is not None:
-            span_m_per_s = 2 * self.radar.frame.for_frame(0).max_velocity_m_per_s
-            self._tracker = LiveTracker(scenario.tracker, velocity_span_m_per_s=span_m_per_s)
+        self._tracker = start_live_tracker(scenario, self.radar)
         self._statistical = None
         if kind == "statistical":
             self._statistical = StatisticalSensor(
-                replace(settings_without_scene(scenario), tracker=None, n_frames=1)
+                replace(
+                    settings_without_scene(scenario),
+                    tracker=None,
+                    group_tracker=None,
+                    n_frames=1,
+                )
             )
 
     def step(self, view: Any) -> Any:
@@ -269,10 +272,7 @@ class SensorModel:
         if self._tracker is None:
             return ()
         grouped = estimate_ego_motion_and_clusters(detections, self._scenario, self.radar)
-        rows = drop_static_rows_and_unresolved_velocities(
-            grouped.clusters_or_detections, self.radar
-        )
-        return self._tracker.step(rows, time_s)
+        return self._tracker.step(grouped.rows_to_track(self._scenario, self.radar), time_s)
 
     def _add_findings(self, findings: list[Finding]) -> None:
         """Keep the findings that no step before has given; issue warnings among them."""
@@ -317,6 +317,7 @@ def settings_without_scene(scenario: Scenario) -> Scenario:
         chain=scenario.chain,
         ego_motion=scenario.ego_motion,
         tracker=scenario.tracker,
+        group_tracker=scenario.group_tracker,
     )
 
 
@@ -338,6 +339,8 @@ def _add_tracks(listed: xr.Dataset, tracks: tuple[Track, ...]) -> xr.Dataset:
         for axis, name in enumerate(("x", "vx", "y", "vy")):
             rows[name][index] = track.state[axis]
             rows[f"{name}_std"][index] = np.sqrt(variances[axis])
+        if isinstance(track, GroupTrack):
+            rows["length"][index], rows["width"][index] = track.length_m, track.width_m
     frame, time_s = listed["cycle_frame"].values, listed["cycle_time"].values
     columns = {
         **rows,

@@ -15,6 +15,7 @@ from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.frame_totals import FrameTotals
+from dechirp.experiments.object_stage import start_live_tracker
 from dechirp.experiments.recording_faults import (
     FaultTreatment,
     FrameRepair,
@@ -28,7 +29,6 @@ from dechirp.experiments.scenario import (
     Scenario,
     check_chain_fits_radar,
     check_tracks_and_ego_motion_possible,
-    prefix_setting_of_errors,
 )
 from dechirp.processing.detect import process_cubes
 from dechirp.processing.quality.measures import measure_frame_quality
@@ -37,7 +37,6 @@ from dechirp.radar.radar import Radar
 from dechirp.recordings.live.growing_file import follow
 from dechirp.recordings.live.stream import Stream
 from dechirp.recordings.live.udp import is_udp_address, listen
-from dechirp.tracking.online import LiveTracker
 
 
 @frozen_dataclass
@@ -75,9 +74,7 @@ def open_stream(scenario: Scenario, *, idle_s: float) -> Stream:
     try:
         check_chain_fits_radar(scenario.chain, stream.radar)
         check_tracks_and_ego_motion_possible(scenario, stream.radar, None)
-        if scenario.tracker is not None:
-            with prefix_setting_of_errors("tracker", instead_of="Tracker"):
-                LiveTracker(scenario.tracker)  # fails early if a library is missing
+        start_live_tracker(scenario, stream.radar)  # fails early if a library is missing
     except DechirpError:
         stream.close()
         raise

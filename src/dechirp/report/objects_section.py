@@ -48,6 +48,9 @@ def describe_ego_clusters_and_tracks(result: "Result") -> list[str]:
     if result.tracks is not None:
         n_tracks = result.tracks.sizes["track"]
         sentences.append(f"{n_tracks} track{'' if n_tracks == 1 else 's'} confirmed{frame_text}.")
+        if "length" in result.tracks and n_tracks:
+            n_at_once = int((result.tracks.status == "confirmed").sum("track").max())
+            sentences.append(f"At most {n_at_once} groups of detections at once.")
     return sentences
 
 
@@ -105,12 +108,18 @@ def track_table_rows(result: "Result", max_rows: int) -> list[dict[str, str]]:
                 name: format_with_std(float(last[name]), std_of[name][row], decimals[name])
                 for name in _STATE
             },
+            **({"size": _format_group_size(last)} if "length" in last else {}),
             "target": ", then ".join(names) or EN_DASH,
         }
         for row, (last, indices, names) in enumerate(
             zip(last_states, confirmed, target_names_per_track(result, shown_tracks), strict=True)
         )
     ]
+
+
+def _format_group_size(group: xr.Dataset) -> str:
+    """Format the axes of the ellipse of a group of detections."""
+    return f"{format_fixed(float(group.length), 1)} x {format_fixed(float(group.width), 1)}"
 
 
 def describe_number_of_targets_with_tracks(result: "Result") -> str:

@@ -192,7 +192,7 @@ def _format_processing_settings(result: "Result") -> list[tuple[str, str]]:
 def _format_mitigation_and_tracking_settings(result: "Result") -> list[tuple[str, str]]:
     """Return the settings of mitigation, clustering and tracking, if present."""
     chain, tracker = result.scenario.chain, result.scenario.tracker
-    rows = []
+    group_tracker, rows = result.scenario.group_tracker, []
     if chain.mitigation:
         kinds = ", ".join(method.kind().replace("-", " ") for method in chain.mitigation)
         rows.append(("mitigation", kinds))
@@ -203,11 +203,16 @@ def _format_mitigation_and_tracking_settings(result: "Result") -> list[tuple[str
         rows.append(("clusters, reach in range, velocity, direction", f"{reach} cells"))
     if tracker is not None:
         rows.append(("tracks", f"{tracker.filter} filter, {tracker.association} association"))
-        hits, frames = tracker.confirm_after
+    if group_tracker is not None:
+        size = f"{format_number(group_tracker.size_std_m)} m of expected standard deviation"
+        rows.append(("tracks", f"groups of detections, {size}"))
+    used_tracker = tracker or group_tracker
+    if used_tracker is not None:
+        hits, frames = used_tracker.confirm_after
         rows.append(
             (
                 "confirmation, deletion",
-                f"{hits} in {frames} frames, after {tracker.drop_after} misses",
+                f"{hits} in {frames} frames, after {used_tracker.drop_after} misses",
             )
         )
     return rows

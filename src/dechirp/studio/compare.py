@@ -196,7 +196,7 @@ class _Variant:
     """One of the two settings with the sums of its trials."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
-        first = replace(scenario, n_frames=1, tracker=None, ego_motion=None)
+        first = replace(scenario, n_frames=1, tracker=None, group_tracker=None, ego_motion=None)
         case = build_trial_context(first)
         self.scores = tuple(score for score in COMPARED_SCORES if _is_score_applicable(score, case))
         self._runner = TrialRunner(first, self.scores, seed=seed)

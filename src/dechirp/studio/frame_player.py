@@ -12,7 +12,6 @@ from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.findings import Finding
 from dechirp.experiments.frame_totals import FrameTotals
 from dechirp.experiments.object_stage import (
-    drop_static_rows_and_unresolved_velocities,
     estimate_ego_motion_and_clusters,
 )
 from dechirp.experiments.recording_stage import DetectedRecording
@@ -234,7 +233,7 @@ class _PreparedScenario:
         self._counts = _DetectionCounts(radar)
         self._hidden_echo_findings: tuple[Finding, ...] | None = None
         """Those of the first processed frame, as in `run`."""
-        self.history = FrameHistory(scenario.tracker, radar)
+        self.history = FrameHistory(scenario, radar)
         self._scenario = scenario
         self.detected: DetectedRecording | None = None
         """Detections in all frames of a recording, once they are known."""
@@ -282,10 +281,7 @@ class _PreparedScenario:
         )
         self._followed = peak
         tracks = self.history.update_tracks(
-            drop_static_rows_and_unresolved_velocities(
-                grouped.clusters_or_detections, self.frames.radar
-            ),
-            time_s,
+            grouped.rows_to_track(self._scenario, self.frames.radar), time_s
         )
         self.history.store_frame_map(power, radar, time_s, peak.range_m)
         return _ProcessedStep(

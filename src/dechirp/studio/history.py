@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dechirp.experiments.scenario import prefix_setting_of_errors
+from dechirp.experiments.object_stage import start_live_tracker
+from dechirp.experiments.scenario import Scenario
 from dechirp.processing.spectrum import Transform
 from dechirp.radar.radar import Radar
-from dechirp.tracking.online import LiveTracker, Track
-from dechirp.tracking.tracker import Tracker
+from dechirp.tracking.online import Track
 
 # parts of a body lie within this distance of its strongest one; a bicycle is 1.7 m long
 _HALF_WIDTH_M = 2.0
@@ -40,20 +40,14 @@ class FrameHistory:
     frames: tuple[HistoryEntry, ...]
     """Most recent frames, oldest first."""
 
-    def __init__(self, tracker: Tracker | None, radar: Radar) -> None:
-        self._tracker = tracker
-        self._span_m_per_s = 2 * radar.frame.for_frame(0).max_velocity_m_per_s
+    def __init__(self, scenario: Scenario, radar: Radar) -> None:
+        self._scenario, self._radar = scenario, radar
         self.reset()
 
     def reset(self) -> None:
         """Discard all frames and tracks."""
         self.frames = ()
-        self._live_tracker: LiveTracker | None = None
-        if self._tracker is not None:
-            with prefix_setting_of_errors("tracker", instead_of="Tracker"):
-                self._live_tracker = LiveTracker(
-                    self._tracker, velocity_span_m_per_s=self._span_m_per_s
-                )
+        self._live_tracker = start_live_tracker(self._scenario, self._radar)
 
     def is_after_last_frame(self, time_s: float) -> bool:
         """Return True if a frame at this time can follow the last one."""

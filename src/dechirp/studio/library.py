@@ -153,7 +153,9 @@ def open_item_as_scenario(
     try:
         check_tracks_and_ego_motion_possible(opened_scenario, recording.radar, recording.n_frames)
     except InvalidSetting:  # no azimuth resolution, or too short
-        opened_scenario = replace(opened_scenario, tracker=None, ego_motion=None)
+        opened_scenario = replace(
+            opened_scenario, tracker=None, group_tracker=None, ego_motion=None
+        )
     return parse_scenario(dump_yaml(opened_scenario), limits)
 
 

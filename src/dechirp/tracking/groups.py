@@ -56,6 +56,16 @@ class GroupTrack(Track):
     n_points: int
     """Points of the object in the frame."""
 
+    @property
+    def length_m(self) -> float:
+        """Longer axis of the ellipse that points of this extent fill evenly."""
+        return float(_ellipse_axes_m(np.array(self.extent_m2))[1])
+
+    @property
+    def width_m(self) -> float:
+        """Shorter axis of that ellipse."""
+        return float(_ellipse_axes_m(np.array(self.extent_m2))[0])
+
 
 class LiveGroupTracker:
     """Tracker of extended objects that is updated frame by frame.
@@ -309,8 +319,7 @@ def _add_extents(tracks: xr.Dataset, history: TrackHistory[GroupTrack]) -> xr.Da
             cell = row, frame
             turn_rate[cell], extent[cell] = group.turn_rate_rad_per_s, group.extent_m2
             n_points[cell] = group.n_points
-    # An evenly filled ellipse has the variance of a sixteenth of its squared axes.
-    width, length = 4 * np.sqrt(np.moveaxis(_eigenvalues(extent), -1, 0))
+    width, length = np.moveaxis(_ellipse_axes_m(extent), -1, 0)
     dims = ("track", "frame")
     axes = ["x", "y"]
     return tracks.assign(
@@ -320,6 +329,14 @@ def _add_extents(tracks: xr.Dataset, history: TrackHistory[GroupTrack]) -> xr.Da
         width=(dims, width, {"units": "m"}),
         n_points=(dims, n_points),
     ).assign_coords(axis=axes, other_axis=axes)
+
+
+def _ellipse_axes_m(extent_m2: np.ndarray) -> np.ndarray:
+    """Compute the axes of ellipses (..., 2) from extents (..., 2, 2), the shorter first.
+
+    An evenly filled ellipse has the variance of a sixteenth of its squared axes.
+    """
+    return 4 * np.sqrt(_eigenvalues(extent_m2))
 
 
 def _eigenvalues(matrices: np.ndarray) -> np.ndarray:

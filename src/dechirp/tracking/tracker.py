@@ -105,14 +105,7 @@ class Tracker:
 
     def check_confirmable_within(self, n_frames: int) -> None:
         """Raise `InvalidSetting` if a run has too few frames to confirm any track."""
-        hits, _ = self.confirm_after
-        if n_frames < hits:
-            raise InvalidSetting(
-                "Tracker.confirm_after",
-                value=f"{hits} detections, in a run of {n_frames} frames",
-                expected="at most one for each frame of the run, or no track is ever confirmed",
-                fix="process more frames, or require fewer detections",
-            )
+        check_confirmable_within("Tracker.confirm_after", self.confirm_after, n_frames)
 
     def check_false_alarm_density(self, measurement_errors: np.ndarray) -> None:
         """Raise `InvalidSetting` if false alarms are so dense that a miss is always likelier.
@@ -132,6 +125,18 @@ class Tracker:
                 " or no track is ever confirmed",
                 fix="raise the threshold of the detector, or correct the number and the extents",
             )
+
+
+def check_confirmable_within(setting: str, confirm_after: tuple[int, int], n_frames: int) -> None:
+    """Raise `InvalidSetting` if a run has too few frames to confirm any track."""
+    hits, _ = confirm_after
+    if n_frames < hits:
+        raise InvalidSetting(
+            setting,
+            value=f"{hits} detections, in a run of {n_frames} frames",
+            expected="at most one for each frame of the run, or no track is ever confirmed",
+            fix="process more frames, or require fewer detections",
+        )
 
 
 def check_confirmation_counts(setting: str, value: object) -> tuple[int, int]:

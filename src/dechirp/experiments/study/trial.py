@@ -165,7 +165,7 @@ def check_scores_computable(
     """Raise `InvalidSetting` if a scenario lacks what a score needs."""
     for score in scores:
         score.check_score_defined(context)
-        if "tracks" in score.needs and scenario.tracker is None:
+        if "tracks" in score.needs and not scenario.has_tracker:
             raise InvalidSetting(
                 "scores",
                 value=f"{score.kind()}, of a scenario without a tracker",

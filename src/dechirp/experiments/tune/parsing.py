@@ -56,7 +56,7 @@ T = TypeVar("T")
 
 _MAX_VALUES = 10_000
 _MAX_MISTAKES = 10  # reported invalid values of one setting
-SEARCHABLE_SECTIONS = ("chain", "ego_motion", "tracker")
+SEARCHABLE_SECTIONS = ("chain", "ego_motion", "tracker", "group_tracker")
 _PARSED_KEYS = ("scenarios", "recordings", "search", "objective")
 
 

@@ -88,7 +88,9 @@ class RecordingTrialRunner:
         rows = detections_from_columns(frame.detections)
         clusters = None
         if "clusters" in self._needs:
-            untracked = replace(self.recorded.scenario, chain=self.chain, tracker=None)
+            untracked = replace(
+                self.recorded.scenario, chain=self.chain, tracker=None, group_tracker=None
+            )
             times_s = [float(time_s) for time_s in self._context_of_frame_trial(trial).times_s]
             rows, _, clusters, _, _ = estimate_ego_motion_clusters_tracks(
                 rows, times_s, untracked, self.radar, first_frame=number

@@ -75,7 +75,13 @@ def _without_direction_processing(scenario: Scenario) -> Scenario:
     """Return the scenario with no use of directions: `Fft` also accepts arrays without any."""
     chain = scenario.chain
     angle = None if chain.angle is None else Fft()
-    return replace(scenario, chain=replace(chain, angle=angle), ego_motion=None, tracker=None)
+    return replace(
+        scenario,
+        chain=replace(chain, angle=angle),
+        ego_motion=None,
+        tracker=None,
+        group_tracker=None,
+    )
 
 
 def _tdm_override(n_tx: int) -> str:

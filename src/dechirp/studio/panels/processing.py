@@ -30,6 +30,7 @@ _PATHS = (
     "chain.cluster",
     "ego_motion",
     "tracker",
+    "group_tracker",
     "chain.mitigation",
 )
 _GROUPS = {
@@ -39,6 +40,7 @@ _GROUPS = {
     "chain.cluster": "Objects and tracks",
     "ego_motion": "Objects and tracks",
     "tracker": "Objects and tracks",
+    "group_tracker": "Objects and tracks",
     "chain.mitigation": "Mitigation of interference",
 }
 

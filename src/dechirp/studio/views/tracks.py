@@ -93,7 +93,7 @@ class TracksView(View):
         """Do nothing: the widgets inherit the colours of the page."""
 
     def _track_counts_title(self, tracks: Sequence[Track]) -> str:
-        if self.session.scenario.tracker is None:
+        if not self.session.scenario.has_tracker:
             return "No tracks: the settings have no tracker (Processing)"
         n_confirmed = sum(track.status == "confirmed" for track in tracks)
         n_tentative = len(tracks) - n_confirmed
