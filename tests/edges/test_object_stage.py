@@ -191,3 +191,56 @@ def test_rejects_tracking_settings_of_wrong_type(result):
     for name, value in (("tracker", Dbscan()), ("ego_motion", {})):
         with pytest.raises(dc.InvalidSetting, match=f"Scenario.{name}"):
             replace(result.scenario, **{name: value})
+
+
+def test_group_tracker_follows_detections_in_place_of_tracker(street, tmp_path, capsys):
+    changes = ["--set", "tracker=null", "--set", "group_tracker={min_points: 1}"]
+    objects = tmp_path / "objects.csv"
+    with pytest.raises(SystemExit) as exit_info:
+        main(
+            [
+                "run",
+                str(street),
+                "--out",
+                str(tmp_path / "out"),
+                "--objects",
+                str(objects),
+                *changes,
+            ]
+        )
+    printed = capsys.readouterr()
+    assert exit_info.value.code == 0, printed.err
+    assert "1 track, last state" in printed.out
+    assert "size (m)" in printed.out
+    rows = list(csv.DictReader((tmp_path / "out" / "tracks.csv").read_text().splitlines()))
+    (last,) = [row for row in rows if row["frame"] == str(N_FRAMES - 1)]
+    # 30 m, and 6 m/s relative to the radar for five and a half periods of 50 ms.
+    assert float(last["x_m"]) == pytest.approx(31.65, abs=0.3)
+    assert float(last["y_m"]) == pytest.approx(1, abs=0.5)
+    assert float(last["length_m"]) >= float(last["width_m"]) > 0
+    assert int(last["n_points"]) == 1
+    assert "Sizes are the axes" in (tmp_path / "out" / "report.html").read_text()
+    listed = list(csv.DictReader(objects.read_text().splitlines()))
+    assert float(listed[-1]["length_m"]) > 0
+
+
+def test_groups_that_are_too_small_give_finding(result):
+    scenario = replace(
+        result.scenario, tracker=None, group_tracker=dc.group_tracking.GroupTracker()
+    )
+    detections = result.detections.drop_vars(["cluster", "motion"])
+    stage = estimate_ego_motion_clusters_tracks(detections, result.times_s, scenario, result.radar)
+    assert stage.tracks.sizes["track"] == 0
+    assert [finding.setting for finding in stage.findings] == ["group_tracker.min_points"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "match"),
+    [
+        ({}, "Scenario.group_tracker: given beside tracker"),
+        ({"tracker": None, "n_frames": 2}, "group_tracker.confirm_after: 3 detections, in a run"),
+    ],
+)
+def test_rejects_impossible_group_tracker(result, settings, match):
+    with pytest.raises(dc.InvalidSetting, match=match):
+        replace(result.scenario, group_tracker=dc.group_tracking.GroupTracker(), **settings)

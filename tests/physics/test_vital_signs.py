@@ -159,6 +159,31 @@ def test_full_turns_of_several_echoes_are_measured_in_i_and_q():
     assert float(vital.breathing_rate) == pytest.approx(BREATHING_HZ, abs=2e-3)
 
 
+def test_breathing_of_a_body_in_several_noisy_cells_is_measured_together():
+    """Five cells, each with an energy of breathing over noise of z = 7 in expectation.
+
+    Of one cell such a line has a false-alarm probability above 1 %: B T of 24 independent
+    frequencies times exp(-7). Of five it has exp(-35) times the fourth power of 35 over 4!.
+    """
+    amplitude = np.sqrt(4 * 7 / len(TIMES_S))  # z = N A^2 / 4 for noise of 1 in I and in Q
+    n_alone = n_together = 0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        noise = rng.normal(size=(400, 5)) + 1j * rng.normal(size=(400, 5))
+        ways = np.exp(2j * np.pi * rng.random(5))
+        values = 5 + noise + amplitude * np.outer(np.sin(2 * np.pi * 0.3 * TIMES_S), ways)
+        trace = xr.DataArray(
+            values,
+            dims=("time", "range"),
+            coords={"time": TIMES_S, "range": np.linspace(0.5, 1, 5)},
+        )
+        rate_hz = measure_vital_signs(trace).breathing_rate[0]
+        n_together += abs(float(rate_hz) - 0.3) < 0.01
+        n_alone += abs(float(measure_vital_signs(trace[:, :1]).breathing_rate[0]) - 0.3) < 0.01
+    assert n_alone <= 2
+    assert n_together >= 5
+
+
 CHIRP = dc.Chirp(
     start_frequency_hz=58e9,
     slope_hz_per_s=170e12,

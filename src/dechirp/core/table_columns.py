@@ -34,6 +34,12 @@ _INTEGERS = frozenset(column.name_with_unit for column in TABLE if column.is_int
 
 _STATE = {"x_m": "x", "y_m": "y", "vx_m_per_s": "vx", "vy_m_per_s": "vy"}
 _OF_TRACKS = {"track": "track", "frame": "frame", "time_s": "time", "status": "status", **_STATE}
+_OF_GROUPS = {
+    "turn_rate_deg_per_s": "turn_rate",
+    "length_m": "length",
+    "width_m": "width",
+    "n_points": "n_points",
+}
 _PAIRS = tuple(combinations_with_replacement(_STATE.values(), 2))
 
 _OF_EGO = {
@@ -79,7 +85,7 @@ def dataset_to_columns(dataset: xr.Dataset) -> dict[str, list[Cell]]:
     """Return the cells of each column, None for missing estimates; truth also has `target`.
 
     Tracks have only the rows in which they exist, and their covariance in columns such as
-    `covariance_x_vy`, in SI units.
+    `covariance_x_vy`, in SI units; those of extended objects also turn rate, axes and points.
     """
     dims = [name for name in _AXES if name in dataset.dims]
     if dims == ["track", "frame"]:
@@ -110,7 +116,8 @@ def _tracks_to_columns(tracks: xr.Dataset) -> dict[str, list[Cell]]:
     return {
         **{
             column: _to_cells_in_file_units(column, present[name].values)
-            for column, name in _OF_TRACKS.items()
+            for column, name in {**_OF_TRACKS, **_OF_GROUPS}.items()
+            if name in present.variables
         },
         **{
             f"covariance_{a}_{b}": _to_cells_in_file_units(
@@ -131,7 +138,7 @@ def _to_cells_in_file_units(column: str, values: np.ndarray) -> list[Cell]:
     if column.endswith("_db"):
         with np.errstate(divide="ignore"):  # no signal at all is minus infinity
             values = to_decibels(values)
-    elif column.endswith("_deg"):
+    elif column.endswith(("_deg", "_deg_per_s")):
         values = np.degrees(values)
     cells = [None if isinstance(c, float) and not math.isfinite(c) else c for c in values.tolist()]
     # Integers are floats in datasets, beside NaN where none is known.

@@ -12,6 +12,7 @@ from dechirp.processing.cluster import cluster
 from dechirp.radar.radar import Radar
 from dechirp.tracking.batch import track
 from dechirp.tracking.ego import ego_motion, label_static_and_moving
+from dechirp.tracking.group_tracker import GroupTracker
 from dechirp.tracking.groups import LiveGroupTracker, track_groups
 from dechirp.tracking.online import LiveTracker
 
@@ -89,6 +90,7 @@ def estimate_ego_motion_clusters_tracks(
                 first=first_frame,
                 velocity_span_m_per_s=span_m_per_s,
             )
+            findings += _too_small_group_findings(rows, tracks, scenario.group_tracker)
     findings += warned
     return ObjectStage(groups.detections, groups.ego, groups.clusters, tracks, tuple(findings))
 
@@ -144,6 +146,26 @@ def _drop_static_rows_and_unresolved_velocities(rows: xr.Dataset, radar: Radar) 
         # Each interval has its own unambiguous span: unresolved velocities are dropped.
         rows = rows.assign(velocity=rows["velocity"].where(np.isfinite(rows["ambiguity_number"])))
     return rows
+
+
+def _too_small_group_findings(
+    rows: xr.Dataset, tracks: xr.Dataset, tracker: GroupTracker
+) -> list[Finding]:
+    """Return a warning if no frame has a confirmed group, though frames have detections."""
+    n_rows, n_frames = rows["range"].size, tracks.sizes["frame"]
+    if tracks.sizes["track"] or n_rows < n_frames:
+        return []
+    return [
+        Finding(
+            level="warning",
+            setting="group_tracker.min_points",
+            value=f"{tracker.min_points}, and no group of neighbouring detections is confirmed"
+            f" among the {n_rows} in {n_frames} frames",
+            expected="at most the detections that an object has in most frames",
+            fix="lower it, to 1 where objects have single detections, or set size_std to that of"
+            " the objects",
+        )
+    ]
 
 
 def _unknown_ego_motion_findings(ego: xr.Dataset) -> list[Finding]:

@@ -3,7 +3,9 @@ r"""Breathing and heart rate of a person, from the slow-time values of range cel
 For each window of time: the cell and channel with the largest movement, a circle fitted to its I/Q
 values (`processing.arc_fit`), the displacement from the phase about its centre, and the strongest
 lines of the displacement in the bands of breathing and heart (`processing.periodicity`). The
-harmonics of breathing are fitted with it, and no heart rate is searched beside them.
+harmonics of breathing are fitted with it, and no heart rate is searched beside them. Where several
+parts of a body move in the cell, so that neither phase nor I and Q have such a line, I and Q of all
+cells with a third of its movement are searched together, decorrelated.
 
 The cell is chosen by its power without the static part. Significance does not depend on power, so
 the choice does not raise the false-alarm probability of white noise.
@@ -47,6 +49,8 @@ def __dir__() -> list[str]:
 # A chest that moves at 20 mm/s moves 0.4 mm between values at this rate: 0.08 of a cycle at 60 GHz.
 _MAX_RATE_HZ = 50.0
 _MAX_HARMONICS = 6
+_MIN_SHARE_OF_MOVEMENT = 1 / 3
+_MIN_SHARE_OF_POWER = 1e-3  # of a decorrelated component: rounding, and copies of others, have less
 # Distances from the circle, and error of its radius, over the radius: at 0.15 the phase is known to
 # 0.15 rad, and its cycles are counted without an error. Noise alone has 0.5 and more.
 _CLEAN_ARC_ERROR = 0.15
@@ -192,7 +196,7 @@ def chest_displacement(trace: xr.DataArray, settings: VitalSigns | None = None) 
     cells, times_s, _ = _cells_of_trace(trace, settings)
     cells, times_s = _average_to_lower_rate(cells, times_s)
     _check_times_suit_settings(times_s, settings)
-    values = cells[:, _strongest_moving_cell(cells, times_s, settings)]
+    values = cells[:, int(np.argmax(_moving_energies(cells, times_s, settings)))]
     is_present = values != 0
     values, times_s = values[is_present], times_s[is_present]
     phase = np.zeros(len(values))
@@ -325,33 +329,37 @@ def _measure_window(
     settings: VitalSigns,
 ) -> dict[str, float]:
     """Measure both rates of one window."""
-    chosen = _strongest_moving_cell(cells, times_s, settings)
+    energies = _moving_energies(cells, times_s, settings)
+    chosen = int(np.argmax(energies))
     row = {name: float(values[chosen]) for name, values in coordinates.items()}
     is_present = cells[:, chosen] != 0
     values, times_s = cells[is_present, chosen], times_s[is_present]
+    is_moving = energies >= _MIN_SHARE_OF_MOVEMENT * energies[chosen]
+    moving = cells[np.ix_(is_present, is_moving)]
     breathing = heart = None
     amplitude_scale_m = math.nan
     if len(values) >= len(is_present) / 2 and np.ptp(values):
-        breathing, heart, is_phase = _find_breathing_and_heart(values, times_s, settings)
+        breathing, heart, is_phase = _find_breathing_and_heart(values, moving, times_s, settings)
         amplitude_scale_m = wavelength_m / (4 * np.pi) if is_phase else math.nan
     row |= _row_of_line("breathing", breathing, amplitude_scale_m, settings)
     return row | _row_of_line("heart", heart, amplitude_scale_m, settings)
 
 
-def _strongest_moving_cell(cells: np.ndarray, times_s: np.ndarray, settings: VitalSigns) -> int:
-    """Return the cell with the most energy after removal of slow trends."""
+def _moving_energies(cells: np.ndarray, times_s: np.ndarray, settings: VitalSigns) -> np.ndarray:
+    """Return the energy of each cell after removal of slow trends, (cell,)."""
     trend = slow_functions(times_s, settings.breathing_hz[0] / 2)
     changes = cells - trend @ (trend.T @ cells)
-    return int(np.argmax(np.sum(abs(changes) ** 2, axis=0)))
+    return np.asarray(np.sum(abs(changes) ** 2, axis=0))
 
 
 def _find_breathing_and_heart(
-    values: np.ndarray, times_s: np.ndarray, settings: VitalSigns
+    values: np.ndarray, moving: np.ndarray, times_s: np.ndarray, settings: VitalSigns
 ) -> tuple[Line | None, Line | None, bool]:
     """Find both lines, in the phase about the centre of the arc or in I and Q.
 
     I and Q are periodic as the chest is, whatever their path. They replace the phase where they
-    are not near a circle and show breathing with more significance.
+    are not near a circle and show breathing with more significance. If neither has a significant
+    line, those of all cells in `moving` (time, cell) replace them.
     """
     arc = fit_arc(values)
     phase = np.unwrap(np.angle(values - arc.centre))[:, None]
@@ -359,23 +367,43 @@ def _find_breathing_and_heart(
     of_phase = _find_lines(phase, times_s, settings)
     if error < _CLEAN_ARC_ERROR:
         return *of_phase, True
-    of_both = _find_lines(np.stack([values.real, values.imag], axis=1), times_s, settings)
-    probabilities = [
-        1.0 if breathing is None else breathing.false_alarm_probability
-        for breathing, _ in (of_phase, of_both)
-    ]
-    is_phase = (
-        arc.radius_std < _CLEAN_ARC_ERROR * arc.radius and probabilities[0] < probabilities[1]
-    )
-    breathing, heart = of_phase if is_phase else of_both
-    return _double_probability(breathing), _double_probability(heart), is_phase
+    choices = [_find_lines(_in_phase_and_quadrature(values[:, None]), times_s, settings)]
+    if arc.radius_std < _CLEAN_ARC_ERROR * arc.radius:
+        choices.append(of_phase)
+    chosen = min(choices, key=_breathing_probability)
+    n_choices = 2 if moving.shape[1] == 1 else 3
+    if n_choices * _breathing_probability(chosen) > settings.false_alarm_probability:
+        trend = slow_functions(times_s, settings.breathing_hz[0] / 2)
+        components = _decorrelate(_in_phase_and_quadrature(moving), trend)
+        chosen = min(chosen, _find_lines(components, times_s, settings), key=_breathing_probability)
+    breathing, heart = (_multiply_probability(line, n_choices) for line in chosen)
+    return breathing, heart, chosen is of_phase
 
 
-def _double_probability(line: Line | None) -> Line | None:
-    """Account for the choice between two descriptions of the movement."""
+def _in_phase_and_quadrature(cells: np.ndarray) -> np.ndarray:
+    """Return real and imaginary parts, (time, 2 cell)."""
+    return np.concatenate([cells.real, cells.imag], axis=1)
+
+
+def _decorrelate(components: np.ndarray, trend: np.ndarray) -> np.ndarray:
+    """Return the principal components without trend, each of unit power: neighbours are alike."""
+    changes = components - trend @ (trend.T @ components)
+    power, axes = np.linalg.eigh(changes.T @ changes)
+    is_kept = power > _MIN_SHARE_OF_POWER * power[-1]
+    return np.asarray(changes @ axes[:, is_kept] / np.sqrt(power[is_kept]))
+
+
+def _breathing_probability(lines: tuple[Line | None, Line | None]) -> float:
+    breathing, _ = lines
+    return 1.0 if breathing is None else breathing.false_alarm_probability
+
+
+def _multiply_probability(line: Line | None, n_choices: int) -> Line | None:
+    """Account for the choice between descriptions of the movement."""
     if line is None:
         return None
-    return replace(line, false_alarm_probability=min(2 * line.false_alarm_probability, 1.0))
+    probability = min(n_choices * line.false_alarm_probability, 1.0)
+    return replace(line, false_alarm_probability=probability)
 
 
 def _find_lines(

@@ -22,7 +22,10 @@ _WINDOW_S = 1.0
 _LATENCY_S = 0.1  # of the radar's tracks behind the speed of the car
 _TRAFFIC = (
     "none or one object stands in 734 of 1,200 lists, too few beside the cars of the same traffic:"
-    " no velocity has a clear majority, and the result is NaN"
+    " no velocity has a clear majority, and the result is NaN. Where the car's own speed tells the"
+    " standing objects, the radial velocities of 44 windows still differ from it by 0.076 m/s RMS;"
+    " taken for the fastest group on a straight course, without the car's speed, by 0.06 m/s in 16"
+    " windows of 2 s: the radar's tracks lag, by up to 0.3 m/s beyond 15 degrees of azimuth"
 )
 
 
@@ -94,7 +97,7 @@ def _compare_speeds(objects: xr.Dataset, folder: Path) -> Iterator[Comparison]:
         basis="found with comma's values, objects within 0.5 m/s",
     )
     windows = _pool_windows(detections)
-    motion = ego_motion(windows, None, EgoMotion(min_static=40, min_share=0.3))
+    motion = ego_motion(windows, None, EgoMotion(min_share=0.3))
     speed = np.hypot(motion["vx"].values, motion["vy"].values)
     is_known = np.isfinite(speed)
     car = np.interp(motion["time"].values - _LATENCY_S, car_times_s, car_speeds)
