@@ -107,6 +107,26 @@ def test_threshold_probability_is_that_of_drawn_noise():
     assert false_alarm_probability(13.8, 16, 1) == pytest.approx((1 + 13.8 / 16) ** -16)
 
 
+def test_threshold_of_a_window_over_range_alone_is_recognised():
+    power = np.random.default_rng(5).exponential(size=(32, 256))
+    ways = np.r_[np.ones(8), np.zeros(5), np.ones(8)] / 16
+    mean = np.apply_along_axis(np.convolve, 1, power, ways, "same")
+    for factor, settings in ((-np.log(1e-4), ["threshold"]), (16 * (1e4 ** (1 / 16) - 1), [])):
+        diagnosis = dc.diagnosis.diagnose_threshold(factor * mean, power, 8, 2, 1e-4)
+        assert [finding.setting for finding in diagnosis.findings] == settings
+        assert not diagnosis.undetermined
+
+
+def test_known_target_at_half_its_range_is_a_wrong_axis():
+    """An axis up to fs / 2 in place of fs halves all ranges; a phase f(t) t doubles them."""
+    profile = np.random.default_rng(2).exponential(size=256)
+    profile[80] += 1e4
+    axis_m = 0.1 * np.arange(256)
+    for scale, setting in ((0.5, "range_m.scale"), (2.0, "samples.phase")):
+        diagnosis = dc.diagnosis.diagnose_map(profile, scale * axis_m, target_range_m=8.0)
+        assert [finding.setting for finding in diagnosis.findings] == [setting]
+
+
 def test_own_simulator_and_maps_carry_no_mistake():
     rng = np.random.default_rng(13)
     radar, foreign = fast_scene(rng)

@@ -36,7 +36,7 @@ def diagnose(
     Parameters
     ----------
     file
-        File of arrays: .npy, .npz or .mat up to version 7.
+        File of arrays: .npy, .npz or .mat, also of version 7.3.
     radar
         Settings of the radar: YAML, or a vendor's file. Required for samples.
     scale

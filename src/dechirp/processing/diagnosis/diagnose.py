@@ -437,6 +437,7 @@ def diagnose_threshold(
         Threshold and map of linear powers.
     n_training, n_guard : int or (int, int)
         Training and guard cells on each side of the cell under test; a pair for velocity and range.
+        With single numbers for a map, a window over range or velocity alone is tried, too.
     pfa : float
         False-alarm probability that the threshold should give.
     n_summed : int
@@ -469,15 +470,33 @@ def diagnose_threshold(
         for name, cells in (("n_training", n_training), ("n_guard", n_guard))
     )
     power, threshold = np.atleast_2d(power), np.atleast_2d(threshold)
+    _check_window_fits(training, guard, power.shape)
+    diagnosis = diagnose_factor(threshold, power, training, guard, pfa, n_summed)
+    if not diagnosis.undetermined or isinstance(n_training, tuple) or isinstance(n_guard, tuple):
+        return diagnosis
+    lines = [
+        diagnose_factor(
+            *(threshold, power, (training[0] * v, training[1] * r), (guard[0] * v, guard[1] * r)),
+            pfa,
+            n_summed,
+        )
+        for v, r in ((0, 1), (1, 0))
+    ]
+    return next((line for line in lines if not line.undetermined), diagnosis)
+
+
+def _check_window_fits(
+    training: tuple[int, int], guard: tuple[int, int], shape: tuple[int, ...]
+) -> None:
+    """Raise `InvalidSetting` unless there are training cells and they fit into a map."""
     for axis, name in enumerate(("velocity", "range")):
         check_integer(f"n_guard.{name}", guard[axis], at_least=0)
-        most = max((power.shape[axis] - 1) // 2 - guard[axis], 0)
+        most = max((shape[axis] - 1) // 2 - guard[axis], 0)
         check_integer(f"n_training.{name}", training[axis], at_least=0, at_most=most)
     if not any(training):
         raise InvalidSetting(
             "n_training", value=training, expected="training cells", fix="give their number"
         )
-    return diagnose_factor(threshold, power, training, guard, pfa, n_summed)
 
 
 def _cells_of_axes(setting: str, cells: int | tuple[int, int], n_axes: int) -> tuple[int, int]:

@@ -40,7 +40,7 @@ def diagnose_known_target(
     places = [
         (None, target_m, v, ""),
         ("samples.phase", 2 * target_m, v, _PHASE_FIX),
-        ("samples.phase", target_m / 2, v, "check the slope S: ranges are half of the true ones"),
+        ("range_m.scale", target_m / 2, v, _HALF_FIX),
     ]
     if knows_velocity:
         places += [
@@ -104,6 +104,10 @@ def diagnose_known_target(
 _PHASE_FIX = (
     "integrate the frequency: the phase of f0 + S t is 2 pi (f0 t + S t^2 / 2), not 2 pi f(t) t;"
     " in a recording, check the slope S"
+)
+_HALF_FIX = (
+    "ranges are half of the true ones: the axis ends at fs / 2 in place of fs, or the slope S is"
+    " twice the true one"
 )
 _SIGN_FIX = "positive velocities recede here: negate the velocity axis, or conjugate slow time"
 _SHIFT_FIX = "apply fftshift along the velocity axis, and only there"
