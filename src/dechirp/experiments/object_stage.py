@@ -44,7 +44,7 @@ class GroupedDetections(NamedTuple):
         """
         is_clustered = self.clusters is not None and scenario.group_tracker is None
         rows = self.clusters if self.clusters is not None and is_clustered else self.detections
-        return _drop_static_rows_and_unresolved_velocities(rows, radar)
+        return drop_static_rows_and_unresolved_velocities(rows, radar)
 
 
 def estimate_ego_motion_clusters_tracks(
@@ -137,7 +137,7 @@ def estimate_ego_motion_and_clusters(
     return GroupedDetections(detections, ego, clusters, tuple(findings))
 
 
-def _drop_static_rows_and_unresolved_velocities(rows: xr.Dataset, radar: Radar) -> xr.Dataset:
+def drop_static_rows_and_unresolved_velocities(rows: xr.Dataset, radar: Radar) -> xr.Dataset:
     """Select the rows that may belong to a track; drop velocities of unresolved ambiguity."""
     if "motion" in rows:
         (row_dimension,) = rows["motion"].dims

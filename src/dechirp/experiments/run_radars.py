@@ -89,6 +89,13 @@ def run_radars(
             expected="a list of radars, each with its mount",
             fix="add radars, or call dechirp.run for a single one",
         )
+    if scenario.group_tracker is not None:
+        raise InvalidSetting(
+            "group_tracker",
+            value="given for several radars",
+            expected="tracker, which fuses the clusters or detections of all radars",
+            fix="set group_tracker to null, and tracker for fused tracks",
+        )
     start_s = perf_counter()
     singles, findings = split_radars(scenario)
     n_workers = min(len(singles), 64)

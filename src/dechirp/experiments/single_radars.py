@@ -74,6 +74,7 @@ def split_radars(scenario: Scenario) -> tuple[dict[str, SingleRadar], tuple[Find
             radars=(),
             radar=radar,
             tracker=None,
+            group_tracker=None,
             impairments=(*interference, *scenario.impairments),
             traffic=own_traffic,
             scene=own_scene,
