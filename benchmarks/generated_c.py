@@ -52,7 +52,8 @@ def compile_library(folder: Path) -> ctypes.CDLL:
     return ctypes.CDLL(str(folder / "frame.so"))
 
 
-def main() -> None:
+def make_radar(n_chirps: int) -> dc.Radar:
+    """Return a radar with chirps of 256 complex samples and one channel."""
     chirp = dc.Chirp(
         start_frequency_hz=77e9,
         slope_hz_per_s=20e12,
@@ -61,9 +62,13 @@ def main() -> None:
         n_samples=256,
         sampling="complex",
     )
-    frame = dc.Frame(chirp=chirp, n_chirps=128, interval_s=35e-6)
+    frame = dc.Frame(chirp=chirp, n_chirps=n_chirps, interval_s=35e-6)
     hardware = dc.Hardware(transmit_power_w=0.016, antenna_gain=10.0, noise_factor=16.0)
-    radar, chain = dc.Radar(frame=frame, hardware=hardware), dc.Chain()
+    return dc.Radar(frame=frame, hardware=hardware)
+
+
+def main() -> None:
+    radar, chain = make_radar(n_chirps=128), dc.Chain()
     scene = dc.Scene(targets=[dc.Target(position_m=(30, 0, 0), rcs_m2=10)])
     cube = dc.simulate(scene, radar, seed=1).isel(frame=0)
     parts = np.stack([cube.values.real, cube.values.imag], axis=-1)

@@ -15,6 +15,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from generated_c import make_radar
+
 import dechirp as dc
 
 BAR_HZ = 60e6
@@ -47,17 +49,7 @@ def route(folder: Path) -> dict:
 
 
 def main() -> None:
-    chirp = dc.Chirp(
-        start_frequency_hz=77e9,
-        slope_hz_per_s=20e12,
-        ramp_duration_s=30e-6,
-        sample_rate_hz=10e6,
-        n_samples=256,
-        sampling="complex",
-    )
-    frame = dc.Frame(chirp=chirp, n_chirps=64, interval_s=35e-6)
-    hardware = dc.Hardware(transmit_power_w=0.016, antenna_gain=10.0, noise_factor=16.0)
-    radar = dc.Radar(frame=frame, hardware=hardware)
+    radar = make_radar(n_chirps=64)
     for scaling in sys.argv[1:] or ("halving", "block"):
         with tempfile.TemporaryDirectory() as folder:
             words = dc.fixed_point.WordLengths(scaling=scaling)
