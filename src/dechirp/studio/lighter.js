@@ -2,7 +2,7 @@
 //
 // Bokeh sets the positions of all drawn elements again, and reads their styles in between. So the
 // browser computes all styles 40 times a frame, which takes 30 ms of 80. Without this
-// script the tab takes 2.1 times as long for a map with Bokeh 3.9, 1.7 times with 3.10. Nearly all
+// script the tab takes 1.3 to 2.1 times as long for a map. Nearly all
 // positions are unchanged, no colour of these pages is in a variable of Bokeh's, and letters keep their size.
 // Nothing on a page reads the positions of marks.
 //
