@@ -224,6 +224,9 @@ def test_single_and_several_radars_have_their_own_functions(trace):
     scenario = dc.traffic.traffic_scenario(trace, [*FAST, PAIR])
     with pytest.raises(DechirpError, match="run_radars"):
         dc.run(scenario)
+    grouped = replace(scenario, tracker=None, group_tracker=dc.group_tracking.GroupTracker())
+    with pytest.raises(DechirpError, match="group_tracker: given for several radars"):
+        dc.fusion.run_radars(grouped)
     single = replace(scenario, radars=())
     check_single_radar(single)
     with pytest.raises(DechirpError, match="empty"):
