@@ -1,7 +1,9 @@
-"""JSON document of a run."""
+"""Files of a run and its JSON document."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import xarray as xr
@@ -109,3 +111,62 @@ def radar_json_document(radar: Radar) -> dict[str, Any]:
         "integration_gain": radar.integration_gain,
     }
     return {**to_json_data(radar), "derived": derived}
+
+
+def write_run_results(
+    result: "Result",
+    *,
+    source: Path | None,
+    out: Path,
+    objects: Sequence[Path],
+    with_pdf: bool = False,
+    shown_out: Path | None = None,
+) -> str:
+    """Write the results of a run and return the JSON document.
+
+    `shown_out` is the folder in the document, if it is not yet the one that is written.
+    """
+    from dechirp.config.dumping import dump_yaml
+    from dechirp.recordings.recording import Recording
+    from dechirp.report.page import render_report
+    from dechirp.report.pdf import html_to_pdf
+    from dechirp.results.results import result_paths_by_name, write_results
+    from dechirp.results.text_files import to_json_text
+
+    started = perf_counter()
+    omitted: tuple[str, ...] = ()
+    if result.scenario.recording is not None:
+        omitted = ("n_frames", "impairments")
+    elif result.scenario.traffic is not None:
+        omitted = ("n_frames",)
+    yaml = dump_yaml(result.scenario, omitted_settings=omitted)
+    page = render_report(result, yaml=yaml)
+    pdf_bytes = html_to_pdf(page) if with_pdf else None
+    timing_s = {**result.timing_s, "report": perf_counter() - started}
+    object_tables = {
+        "ego": result.ego,
+        "clusters": result.clusters,
+        "tracks": result.tracks,
+        "traffic": result.traffic,
+    }
+    tables = {name: table for name, table in object_tables.items() if table is not None}
+    files = result_paths_by_name(shown_out or out, tables, has_pdf=with_pdf) | {
+        file.name: file for file in objects
+    }
+    document_values = run_json_document(result, source=source, files=files, timing_s=timing_s)
+    texts = {"report.html": page, "scenario.yaml": yaml, "run.json": to_json_text(document_values)}
+    contents = result.source.contents if isinstance(result.source, Recording) else None
+    write_results(
+        out,
+        texts,
+        frames=result.frames(),
+        n_frames=result.n_frames_with_kept_samples,
+        radar=result.radar,
+        detections=result.detections,
+        truth=result.truth,
+        other_tables=tables,
+        pdf=pdf_bytes,
+        device=contents.device if contents else None,
+        iq=contents.iq if contents else None,
+    )
+    return texts["run.json"]

@@ -54,8 +54,7 @@ def run_several_radars(
 
 def write_radars_results(result: "RadarsResult", *, source: Path | None, out: Path) -> str:
     """Write the results of several radars, a folder for each, and return the JSON document."""
-    from dechirp.cli.commands.run import write_run_results
-    from dechirp.cli.run_document import radars_json_document
+    from dechirp.cli.run_document import radars_json_document, write_run_results
     from dechirp.config.dumping import dump_yaml
     from dechirp.core.atomic_files import atomic_folder, encode_utf8_with_escapes
     from dechirp.report.radars_page import render_radars_report

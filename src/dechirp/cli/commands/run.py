@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
@@ -78,6 +77,7 @@ def run(
         PATH=VALUE changes a setting, such as radar.frame.n_chirps=64; may be repeated.
     """
     from dechirp.cli.console import progress_bar
+    from dechirp.cli.run_document import write_run_results
     from dechirp.cli.scenario_source import build_scenario
     from dechirp.cli.several_radars import refuse_options_of_single_radars, run_several_radars
     from dechirp.cli.stream import is_live_source, process_live_frames
@@ -278,66 +278,6 @@ def _write_object_lists_and_add_findings(
         for file in files:
             write_objects(objects, file, **coding)
     return replace(result, findings=(*result.findings, *findings))
-
-
-def write_run_results(
-    result: "Result",
-    *,
-    source: Path | None,
-    out: Path,
-    objects: Sequence[Path],
-    with_pdf: bool = False,
-    shown_out: Path | None = None,
-) -> str:
-    """Write the results of a run and return the JSON document.
-
-    `shown_out` is the folder in the document, if it is not yet the one that is written.
-    """
-    from dechirp.cli.run_document import run_json_document
-    from dechirp.config.dumping import dump_yaml
-    from dechirp.recordings.recording import Recording
-    from dechirp.report.page import render_report
-    from dechirp.report.pdf import html_to_pdf
-    from dechirp.results.results import result_paths_by_name, write_results
-    from dechirp.results.text_files import to_json_text
-
-    started = perf_counter()
-    omitted: tuple[str, ...] = ()
-    if result.scenario.recording is not None:
-        omitted = ("n_frames", "impairments")
-    elif result.scenario.traffic is not None:
-        omitted = ("n_frames",)
-    yaml = dump_yaml(result.scenario, omitted_settings=omitted)
-    page = render_report(result, yaml=yaml)
-    pdf_bytes = html_to_pdf(page) if with_pdf else None
-    timing_s = {**result.timing_s, "report": perf_counter() - started}
-    object_tables = {
-        "ego": result.ego,
-        "clusters": result.clusters,
-        "tracks": result.tracks,
-        "traffic": result.traffic,
-    }
-    tables = {name: table for name, table in object_tables.items() if table is not None}
-    files = result_paths_by_name(shown_out or out, tables, has_pdf=with_pdf) | {
-        file.name: file for file in objects
-    }
-    document_values = run_json_document(result, source=source, files=files, timing_s=timing_s)
-    texts = {"report.html": page, "scenario.yaml": yaml, "run.json": to_json_text(document_values)}
-    contents = result.source.contents if isinstance(result.source, Recording) else None
-    write_results(
-        out,
-        texts,
-        frames=result.frames(),
-        n_frames=result.n_frames_with_kept_samples,
-        radar=result.radar,
-        detections=result.detections,
-        truth=result.truth,
-        other_tables=tables,
-        pdf=pdf_bytes,
-        device=contents.device if contents else None,
-        iq=contents.iq if contents else None,
-    )
-    return texts["run.json"]
 
 
 def print_run_results(result: "Result", out: Path, objects: Sequence[Path]) -> None:

@@ -275,7 +275,8 @@ def _replay_trial(
     study: "Study", trial: int, out: Path, *, with_pdf: bool, as_json: bool, quiet: bool
 ) -> int:
     """Run one trial alone, and show it as `dechirp run` does."""
-    from dechirp.cli.commands.run import print_run_results, write_run_results
+    from dechirp.cli.commands.run import print_run_results
+    from dechirp.cli.run_document import write_run_results
     from dechirp.core.errors import InvalidSetting
     from dechirp.experiments.study.plan import Plan
     from dechirp.experiments.study.run import replay_trial
