@@ -193,6 +193,7 @@ def make_result(**changes) -> SimpleNamespace:
             scene=scene,
             recording=None,
             tracker=None,
+            group_tracker=None,
         ),
         radar=RADAR,
         n_frames=n_frames,

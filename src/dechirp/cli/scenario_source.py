@@ -172,9 +172,9 @@ def _find_traffic_file(source: Path) -> Path | None:
     RecordingError
         If a folder without recordings contains several traffic files.
     """
-    if not source.is_dir():
-        return source if recognise_traffic(source) is not None else None
     try:
+        if not source.is_dir():
+            return source if recognise_traffic(source) is not None else None
         files = [file for file in sorted(source.iterdir()) if recognise_traffic(file) is not None]
     except OSError:  # `open` reports the reason
         return None

@@ -194,22 +194,29 @@ def check_positive_ratios(setting: str, array: ArrayLike) -> np.ndarray:
 
 
 def check_finite_array(
-    setting: str, array: ArrayLike, *, above: float = -math.inf, below: float = math.inf
+    setting: str,
+    array: ArrayLike,
+    *,
+    above: float = -math.inf,
+    below: float = math.inf,
+    largest: float = _LARGEST_MAGNITUDE,
 ) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are finite, within bounds.
 
-    Magnitudes are at most 1e60.
+    Magnitudes are at most `largest`.
     """
     values = check_real_array(setting, array)
-    wrong = values[~((above < values) & (values < below) & (abs(values) <= _LARGEST_MAGNITUDE))]
+    wrong = values[~((above < values) & (values < below) & (abs(values) <= largest))]
     if wrong.size:
         bounds = [(above, f"above {above:.6g}"), (below, f"below {below:.6g}")]
+        if largest < abs(wrong.flat[0]) < math.inf:
+            bounds.append((largest, f"of magnitude up to {largest:g}"))
         raise InvalidSetting(
             setting,
             value=wrong.flat[0],
             expected=" and ".join(
                 [
-                    f"finite, of magnitude up to {_LARGEST_MAGNITUDE:g}",
+                    "finite",
                     *(relation for bound, relation in bounds if math.isfinite(bound)),
                 ]
             ),

@@ -28,7 +28,10 @@ def check_results_folder_replaceable(out: Path) -> None:
     The folder must be absent, empty or hold only earlier results, and be writable. Those of several
     radars have a folder for each.
     """
-    of_radars = [folder.parent.name for folder in out.glob(f"*/{_MARK}")] if out.is_dir() else []
+    try:
+        of_radars = [mark.parent.name for mark in out.glob(f"*/{_MARK}")]
+    except OSError:  # such as a name that is too long: the check below reports it
+        of_radars = []
     own_names = (*FILES, *_OPTIONAL_FILES, *of_radars)
     check_output_folder_replaceable(out, marker_file=_MARK, own_names=own_names)
 

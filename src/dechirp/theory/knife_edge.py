@@ -28,7 +28,7 @@ def knife_edge_field(v: ArrayLike) -> np.ndarray:
     """Return the complex field beyond an edge, relative to that without it.
 
     It is 1 far above the edge (v = -inf), 1/2 on its level, and 0 far below. Valid for distances
-    of many wavelengths and small angles of diffraction, and for |v| below 1e5.
+    of many wavelengths and small angles of diffraction, and for v between -1e5 and 1e5.
     """
     return np.asarray(
         field_beyond_edge(check_finite_array("v", v, above=-_MAX_PARAMETER, below=_MAX_PARAMETER))

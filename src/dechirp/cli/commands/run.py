@@ -175,7 +175,11 @@ def _read_slow_time(
     from dechirp.core.errors import RecordingError
     from dechirp.recordings.slow_time_files import read_slow_time
 
-    for file in sorted(source.iterdir()) if source.is_dir() else [source]:
+    try:
+        files = sorted(source.iterdir()) if source.is_dir() else [source]
+    except OSError:  # such as a name that is too long: opening as a recording reports it
+        return None
+    for file in files:
         if not file.is_file() or file.suffix.lower() not in {".csv", ".h5", ".hdf5"}:
             continue
         try:

@@ -165,7 +165,7 @@ def check_numbers_or_nan(setting: str, values: np.ndarray) -> np.ndarray:
     column = np.asarray(values)
     if column.dtype.kind not in "iuf":
         column = check_finite_array(setting, column)
-    check_finite_array(setting, column[~np.isnan(column)])
+    check_finite_array(setting, column[~np.isnan(column)], largest=np.finfo(float).max)
     return column.astype(float)
 
 
