@@ -267,7 +267,10 @@ def _draw_ground(axes: Axes, result: "RadarsResult") -> Axes:
             for axis, name in enumerate("xy")
         )
         axes.plot(x_m, y_m, color=INK, linewidth=1, label=None if number else "fused track")
-    axes.set(xlabel="x (m, from the start of the vehicle)", ylabel="y (m)")
-    axes.set_label("Paths of the vehicle, of objects and of fused tracks over the ground")
+    axes.set(xlabel=X_LABEL, ylabel=Y_LABEL)
+    axes.set_label(
+        "Paths of the vehicle, of objects and of fused tracks over the ground, from the place where"
+        " the vehicle starts"
+    )
     axes.legend(loc="best")
     return axes
