@@ -13,6 +13,7 @@ from dechirp.cli.main import main
 from dechirp.core.errors import DechirpError
 from dechirp.experiments.scenario import RecordingSource, check_single_radar
 from dechirp.experiments.single_radars import ego_of_mounted_radar, split_radars
+from dechirp.studio.scenario_edits import PageLimits, check_scenario_within_limits
 
 FAST = ["traffic.ego=1", "radar.frame.n_chirps=32", "traffic.duration=0.2 s"]
 PAIR = "radars=[{mount: front-left}, {mount: front-right, start_offset: 20 ms}]"
@@ -224,6 +225,10 @@ def test_single_and_several_radars_have_their_own_functions(trace):
     scenario = dc.traffic.traffic_scenario(trace, [*FAST, PAIR])
     with pytest.raises(DechirpError, match="run_radars"):
         dc.run(scenario)
+    with pytest.raises(DechirpError, match="run_radars"):
+        dc.SensorModel(scenario)
+    with pytest.raises(DechirpError, match="run_radars"):
+        check_scenario_within_limits(scenario, PageLimits())
     grouped = replace(scenario, tracker=None, group_tracker=dc.group_tracking.GroupTracker())
     with pytest.raises(DechirpError, match="group_tracker: given for several radars"):
         dc.fusion.run_radars(grouped)
@@ -265,6 +270,8 @@ def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(trace, tmp_
     page = (out / "report.html").read_text(encoding="utf-8")
     assert 'href="front-left/report.html"' in page
     assert page.count("<svg") == 2
+    # Both radars have this finding, which stands once.
+    assert page.count("traffic.velocity: velocities of 2 objects are missing") == 1
     # The scenario beside the results is that of all radars.
     assert len(dc.load(out / "scenario.yaml").radars) == 2
 

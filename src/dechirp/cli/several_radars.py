@@ -72,11 +72,11 @@ def write_radars_results(result: "RadarsResult", *, source: Path | None, out: Pa
     }
     files = {name: out / name for name in (*texts, "run.json")}
     texts["run.json"] = to_json_text(radars_json_document(result, source=source, files=files))
-    with atomic_folder(out) as made:
+    with atomic_folder(out) as folder:
         for name, radar in result.radars.items():
             write_run_results(
-                radar, source=source, out=made / name, shown_out=out / name, objects=()
+                radar, source=source, out=folder / name, shown_out=out / name, objects=()
             )
         for name, text in texts.items():
-            (made / name).write_bytes(encode_utf8_with_escapes(text))
+            (folder / name).write_bytes(encode_utf8_with_escapes(text))
     return texts["run.json"]

@@ -184,12 +184,17 @@ def check_non_negative_ratios(
     return values
 
 
-def check_positive_ratios(setting: str, array: ArrayLike) -> np.ndarray:
-    """Return an array of floats, or raise `InvalidSetting` unless all are from 1e-60 to 1e60."""
+def check_positive_ratios(
+    setting: str,
+    array: ArrayLike,
+    *,
+    at_least: float = _SMALLEST_RATIO,
+    at_most: float = _LARGEST_MAGNITUDE,
+) -> np.ndarray:
+    """Return an array of floats, or raise `InvalidSetting` unless all are within the limits."""
     values = check_real_array(setting, array)
-    _check_ratios_by_mask(
-        setting, values, values >= _SMALLEST_RATIO, f"finite and above 0, from {_SMALLEST_RATIO:g}"
-    )
+    expected = f"finite and above 0, from {at_least:g}"
+    _check_ratios_by_mask(setting, values, values >= at_least, expected, at_most)
     return values
 
 
@@ -215,10 +220,7 @@ def check_finite_array(
             setting,
             value=wrong.flat[0],
             expected=" and ".join(
-                [
-                    "finite",
-                    *(relation for bound, relation in bounds if math.isfinite(bound)),
-                ]
+                ["finite", *(relation for bound, relation in bounds if math.isfinite(bound))]
             ),
             fix="check the sign and the unit",
         )

@@ -98,11 +98,10 @@ def run_radars(
         )
     start_s = perf_counter()
     singles, findings = split_radars(scenario)
-    n_workers = min(len(singles), 64)
-    workers = local_workers(n_workers) if executor is None else workers_from_executor(executor)
+    workers = local_workers() if executor is None else workers_from_executor(executor)
     with workers as pool:
         futures = {
-            name: pool.executor.submit(_run_single, single.scenario, kind)
+            name: pool.executor.submit(run, single.scenario, kind=kind)
             for name, single in singles.items()
         }
         results = {}
@@ -133,10 +132,6 @@ def run_radars(
         findings=(*findings, *warned),
         timing_s={"radars": radars_s - start_s, "fusion": perf_counter() - radars_s},
     )
-
-
-def _run_single(scenario: Scenario, kind: Kind) -> Result:
-    return run(scenario, kind=kind)
 
 
 def _detections(
@@ -203,12 +198,14 @@ def _objects_over_ground(
     tracks: xr.Dataset | None,
 ) -> xr.Dataset | None:
     """Return the true objects of all radars at the times of the tracks."""
-    if tracks is None or any(result.traffic is None for result in results.values()):
+    own_tables = {
+        name: result.traffic for name, result in results.items() if result.traffic is not None
+    }
+    if tracks is None or len(own_tables) < len(results):
         return None
     tables = [
-        _own_objects_over_ground(result.traffic, poses[name], _times_s(singles[name], result))
-        for name, result in results.items()
-        if result.traffic is not None
+        _own_objects_over_ground(table, poses[name], _times_s(singles[name], results[name]))
+        for name, table in own_tables.items()
     ]
     names = sorted({name for table in tables for name in table["target"].values.tolist()})
     times_s = tracks["time"].values
@@ -230,9 +227,10 @@ def _objects_over_ground(
         is_better |= np.isnan(merged["x"]) & np.isfinite(values["x"])
         merged = {name: np.where(is_better, values[name], merged[name]) for name in merged}
     sizes = {
-        name: np.nanmax([table.reindex(target=names)[name].values for table in sized], axis=0)
-        for sized in [[r.traffic for r in results.values() if r.traffic is not None]]
-        for name in ("length", "width")
+        size: np.nanmax(
+            [table.reindex(target=names)[size].values for table in own_tables.values()], axis=0
+        )
+        for size in ("length", "width")
     }
     merged["in_view"] = merged["in_view"] > 0
     return xr.Dataset(

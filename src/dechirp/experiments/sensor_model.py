@@ -19,7 +19,7 @@ from dechirp.experiments.object_stage import (
     estimate_ego_motion_and_clusters,
     start_live_tracker,
 )
-from dechirp.experiments.scenario import Scenario
+from dechirp.experiments.scenario import Scenario, check_single_radar
 from dechirp.experiments.statistical.sensor import StatisticalSensor
 from dechirp.processing.chain import Chain
 from dechirp.processing.cluster import Dbscan, Reach
@@ -109,6 +109,7 @@ class SensorModel:
         sensor_id: int = 0,
     ) -> None:
         scenario = _scenario_of_radar(settings) if isinstance(settings, Radar) else settings
+        check_single_radar(scenario)
         if scenario.radar is None:
             raise InvalidSetting(
                 "SensorModel.settings",

@@ -1,5 +1,6 @@
 """Page of a run of several radars: fields of view from above, fused tracks, and their scores."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
@@ -10,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dechirp.core.display import format_count_with_noun
+from dechirp.core.findings import Finding
 from dechirp.core.text import EN_DASH, format_fixed, join_names
 from dechirp.evaluation.traffic_scores import (
     CUTOFF_M,
@@ -71,12 +73,21 @@ def render_radars_report(result: "RadarsResult", *, yaml: str) -> str:
         columns=_COLUMNS,
         rows=_radar_rows(result),
         pages=[(name, f"{quote(name)}/report.html") for name in result.radars],
-        findings=[
-            *result.findings,
-            *(finding for radar in result.radars.values() for finding in radar.findings),
-        ],
+        findings=[*result.findings, *_findings_of_radars(result)],
         yaml=yaml,
     )
+
+
+def _findings_of_radars(result: "RadarsResult") -> list[Finding]:
+    """Return each finding once; those of one radar alone with its name."""
+    names_by_finding: dict[Finding, list[str]] = {}
+    for name, radar in result.radars.items():
+        for finding in radar.findings:
+            names_by_finding.setdefault(finding, []).append(name)
+    return [
+        replace(finding, setting=f"{names[0]}: {finding.setting}") if len(names) == 1 else finding
+        for finding, names in names_by_finding.items()
+    ]
 
 
 def describe_fused_tracks(result: "RadarsResult") -> list[str]:
@@ -92,7 +103,7 @@ def describe_fused_tracks(result: "RadarsResult") -> list[str]:
         sentences.append(
             f"Against the objects in view of a radar and at most half hidden: mean GOSPA"
             f" {format_fixed(scores.gospa_m, 2)} m (cut-off {CUTOFF_M:g} m, order 2),"
-            f" {scores.n_identity_switches} identity switches,"
+            f" {format_count_with_noun(scores.n_identity_switches, 'identity switch')},"
             f" {format_fixed(scores.n_false_tracks, 2)} false tracks in a frame."
         )
     return sentences
@@ -172,7 +183,11 @@ def _draw_views(figure: Figure, result: "RadarsResult", columns: list[int]) -> A
     all_axes[0].set_label(
         "Fields of view of all radars from above, objects and fused tracks, in three frames"
     )
-    figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    handles, labels = all_axes[-1].get_legend_handles_labels()
+    handle_by_label = dict(zip(labels, handles, strict=True))  # one for all tracks
+    figure.legend(
+        handle_by_label.values(), handle_by_label.keys(), loc="outside upper center", ncols=4
+    )
     return all_axes[0]
 
 
@@ -223,6 +238,7 @@ def _draw_objects(axes: Axes, objects: xr.Dataset, vehicle: _Vehicle) -> None:
             facecolor="none",
             edgecolor=GREEN if bool(item["in_view"]) else PALE,
             linewidth=1,
+            label="object in view" if bool(item["in_view"]) else None,
         )
 
 
@@ -236,7 +252,7 @@ def _draw_tracks(axes: Axes, tracks: xr.Dataset, column: int, vehicle: _Vehicle)
         positions_m = np.stack([tracks[name].values[row, frames] for name in "xy"], axis=-1)
         own_m = vehicle.to_vehicle_m(positions_m)
         axes.plot(own_m[:, 1], own_m[:, 0], color=INK, linewidth=1)
-        axes.plot(own_m[-1, 1], own_m[-1, 0], "o", color=INK, markersize=3.5)
+        axes.plot(own_m[-1, 1], own_m[-1, 0], "o", color=INK, markersize=3.5, label="fused track")
 
 
 def _draw_paths(result: "RadarsResult") -> Markup:

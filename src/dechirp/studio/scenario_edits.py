@@ -31,7 +31,12 @@ from dechirp.core.errors import (
     quote_for_message,
 )
 from dechirp.core.values import frozen_dataclass
-from dechirp.experiments.scenario import READERS, Scenario, keep_given_chain_settings
+from dechirp.experiments.scenario import (
+    READERS,
+    Scenario,
+    check_single_radar,
+    keep_given_chain_settings,
+)
 from dechirp.experiments.study.variants import check_settings_do_not_overlap
 from dechirp.processing.chain import Chain
 from dechirp.radar.radar import Radar
@@ -101,7 +106,8 @@ def apply_overrides(scenario: Scenario, overrides: Iterable[str], limits: PageLi
 
 
 def check_scenario_within_limits(scenario: Scenario, limits: PageLimits) -> Scenario:
-    """Return the scenario, or raise `InvalidSetting` if it exceeds the limits."""
+    """Return the scenario, or raise `InvalidSetting` for several radars or exceeded limits."""
+    check_single_radar(scenario)
     check_settings_within_limits({name: getattr(scenario, name) for name in _SIZE_SETTINGS}, limits)
     return scenario
 

@@ -39,6 +39,11 @@ __all__ = [
 ]
 
 
+def _check_snr(snr: ArrayLike) -> np.ndarray:
+    """Return ratios of any magnitude: bounds of tiny ones are huge or infinite."""
+    return check_positive_ratios("snr", snr, at_least=5e-324, at_most=np.finfo(float).max)
+
+
 def frequency_variance(*, snr: ArrayLike, n_points: int) -> np.ndarray:
     r"""Return the bound on the variance of a tone's frequency, (rad per sample)^2.
 
@@ -52,7 +57,7 @@ def frequency_variance(*, snr: ArrayLike, n_points: int) -> np.ndarray:
     observations, IEEE Trans. IT 20(5), 1974. S. M. Kay, Fundamentals of Statistical Signal
     Processing I: Estimation Theory, 1993, 3.11.
     """
-    chi = check_positive_ratios("snr", snr)
+    chi = _check_snr(snr)
     _check_at_least_two_points("n_points", n_points)
     with np.errstate(over="ignore"):  # infinite below a ratio of 1e-308
         return np.asarray(6.0 / (chi * (float(n_points) ** 2 - 1.0)))
@@ -76,7 +81,7 @@ def noncoherent_effective_snr(*, snr: ArrayLike, n_channels: int) -> np.ndarray:
     from 15 dB on, at 12 channels too, and of higher order. At such SNR a map detects fewer
     targets; those that noise lifts above the threshold have overestimated ratios.
     """
-    chi = check_positive_ratios("snr", snr)
+    chi = _check_snr(snr)
     check_integer("n_channels", n_channels, at_least=1)
     with np.errstate(over="ignore"):  # 0 below a ratio of 1e-308
         return np.asarray(chi / (1.0 + n_channels / chi))
@@ -162,7 +167,7 @@ def crlb_angle(
     P. Stoica and A. Nehorai, MUSIC, maximum likelihood, and Cramer-Rao bound, IEEE Trans.
     ASSP 37(5), 1989, for one source. H. L. Van Trees, Optimum Array Processing, 2002.
     """
-    chi = check_positive_ratios("snr", snr)
+    chi = _check_snr(snr)
     wavelength = check_finite_array("wavelength_m", wavelength_m, above=0)
     angle = check_finite_array("angle_rad", angle_rad, above=-np.pi / 2, below=np.pi / 2)
     positions = check_finite_array("positions_m", positions_m)
@@ -192,7 +197,7 @@ def monopulse_std_rad(
     ----------
     D. K. Barton, Radar System Analysis and Modeling, 2005.
     """
-    chi = check_positive_ratios("snr", snr)
+    chi = _check_snr(snr)
     beamwidth = check_finite_array("beamwidth_rad", beamwidth_rad, above=0)
     return np.asarray(
         beamwidth / (check_finite_array("slope", slope, above=0) * np.sqrt(2) * np.sqrt(chi))
