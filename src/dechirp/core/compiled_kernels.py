@@ -169,6 +169,11 @@ def uses_compiled_kernels() -> bool:
     return not _uses_plain_twins.get() and can_compile()
 
 
+def is_small_work() -> bool:
+    """Return True within work so small that loading compiled code would take longer than it."""
+    return bool(_uses_plain_twins.get())
+
+
 @contextmanager
 def plain_twins_for_small_work(n_samples: float) -> Iterator[None]:
     """Use plain twins inside the block if it processes few samples, see MAX_PLAIN_SAMPLES.

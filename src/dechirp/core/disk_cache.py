@@ -1,4 +1,4 @@
-"""Cache on disk: numbers that take seconds to compute, shared by all processes of a user.
+"""Cache on disk: numbers that take long to compute, shared by all processes of a user.
 
 Each entry is a file whose name is the hash of its key. It is written under another name and
 renamed, so that processes that read or write at the same time see complete entries only, and it
@@ -33,6 +33,15 @@ def cache_folder() -> Path | None:
 def key_hash(key: Mapping[str, object]) -> str:
     """Return the name of an entry: the hash of its key, which JSON must be able to hold."""
     return hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def source_hash(*files: Path) -> str | None:
+    """Return the hash of the code that computes an entry, a part of its key; None if unreadable."""
+    try:
+        sources = [file.read_bytes() for file in sorted(set(files))]
+    except OSError:
+        return None
+    return hashlib.sha256(b"\0".join(sources)).hexdigest()[:16]
 
 
 def read_cached_numbers(kind: str, key: Mapping[str, object]) -> list[float] | None:

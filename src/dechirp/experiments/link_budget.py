@@ -1,7 +1,10 @@
 """Link budget of a scenario, from the transmitter to the margin over the threshold."""
 
+from pathlib import Path
+
 import numpy as np
 
+from dechirp.core.disk_cache import read_cached_numbers, source_hash, write_cached_numbers
 from dechirp.core.units import to_decibels
 from dechirp.evaluation.predicted_detection import nearest_cell_snr_fraction
 from dechirp.experiments.scenario import Scenario
@@ -12,7 +15,7 @@ from dechirp.scene.aliasing import RangeVelocity
 from dechirp.scene.rcs import target_cross_sections_m2
 from dechirp.scene.truth import truth
 from dechirp.simulation.stages import sort_into_stages
-from dechirp.theory.detection import required_snr
+from dechirp.theory import detection, swerling
 
 DETECTION_PROBABILITY = 0.9
 
@@ -107,13 +110,32 @@ def _processing_budget_lines(
     pfa = chain.cfar.false_alarm_probability
     if pfa is None:
         return lines
-    needed_snr = float(required_snr(DETECTION_PROBABILITY, pfa, n_summed=n_summed))
+    needed_snr = _find_or_compute_required_snr(pfa, n_summed)
     formula = f"Pd {DETECTION_PROBABILITY:g} at Pfa {pfa:g}, steady target"
     return (
         *lines,
         _level_budget_line("SNR needed", needed_snr, "dB", formula),
         _gain_budget_line("margin", in_map / needed_snr, ""),
     )
+
+
+def _find_or_compute_required_snr(pfa: float, n_summed: int) -> float:
+    """Return the SNR that a steady target needs, from the disk if it was computed before.
+
+    In the run of one frame, nothing else needs SciPy's special functions; importing them takes
+    0.17 s of CPU time.
+    """
+    key = {
+        "detection_probability": DETECTION_PROBABILITY,
+        "false_alarm_probability": pfa,
+        "n_summed": n_summed,
+        "source": source_hash(Path(detection.__file__), Path(swerling.__file__)),
+    }
+    numbers = read_cached_numbers("required-snr", key)
+    if numbers is None:
+        numbers = [float(detection.required_snr(DETECTION_PROBABILITY, pfa, n_summed=n_summed))]
+        write_cached_numbers("required-snr", key, numbers)
+    return numbers[0]
 
 
 def _antenna_budget_lines(

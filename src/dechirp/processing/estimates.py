@@ -1,7 +1,6 @@
 """Noise, range and velocity of peaks, with standard errors."""
 
 import numpy as np
-import scipy
 
 from dechirp.core.compiled_kernels import kernel
 from dechirp.core.units import SPEED_OF_LIGHT
@@ -11,6 +10,7 @@ from dechirp.radar.chirp import Chirp
 from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
 from dechirp.radar.frame import Frame
 from dechirp.theory.bounds import noncoherent_effective_snr
+from dechirp.theory.detection import detection_threshold
 
 
 def local_noise_power(
@@ -22,11 +22,11 @@ def local_noise_power(
     exponentials: the sidelobes of a separable window lie on the cross that the corners leave out,
     and other targets shift a median little. All cells of a training window along one axis count.
     """
-    median = scipy.special.gammaincinv(n_channels, 0.5) / n_channels
+    median = detection_threshold(0.5, n_summed=n_channels)
     guard, rows = training_window.n_guard, 2 * training_window.half_range + 1
     first = cells[:, 1] - training_window.tested_rows_in_training_box(power.shape[1])[cells[:, 1]]
     reach = np.array([training_window.half_velocity, guard.velocity, rows, guard.range])
-    return np.asarray(_training_corner_medians(power, cells, first, reach) / median)
+    return np.asarray(_training_corner_medians(power, cells, first, reach) * n_channels / median)
 
 
 def _training_corner_medians_in_numpy(

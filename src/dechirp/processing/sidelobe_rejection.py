@@ -30,6 +30,7 @@ import scipy
 from dechirp.core.compiled_kernels import kernel
 from dechirp.core.threads import run_in_threads, thread_count
 from dechirp.processing.refine import SidelobeErrors, Tones
+from dechirp.theory.detection import detection_threshold
 from dechirp.theory.windows import Window, window_weights
 
 WINDOWS: tuple[Window, ...] = ("rectangular", "hann", "blackman-harris")
@@ -196,9 +197,7 @@ def _significant_remainder_mask(
 
 @lru_cache(maxsize=32)
 def _highest_noise_power(n_channels: int) -> float:
-    return float(
-        scipy.special.gammaincinv(n_channels, 1 - _FALSE_REMAINDER_PROBABILITY / 30) / n_channels
-    )
+    return detection_threshold(_FALSE_REMAINDER_PROBABILITY / 30, n_summed=n_channels) / n_channels
 
 
 def _estimate_along_fast_time(

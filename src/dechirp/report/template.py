@@ -3,10 +3,22 @@
 import importlib.metadata
 import platform
 import re
+from contextlib import suppress
 from datetime import UTC, datetime
 from functools import cache
+from pathlib import Path
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, Template
+from jinja2 import (
+    ChoiceLoader,
+    Environment,
+    FileSystemBytecodeCache,
+    PackageLoader,
+    StrictUndefined,
+    Template,
+)
+from jinja2.bccache import Bucket
+
+from dechirp.core.disk_cache import cache_folder
 
 # fmt: off
 _MONTHS = (
@@ -20,13 +32,24 @@ _SPACE_BEFORE_UNIT = re.compile(
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "matplotlib")
 
 
+class _CompiledTemplates(FileSystemBytecodeCache):
+    """Compiled templates on disk, where it can be written: compiling them takes 0.04 s."""
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        with suppress(OSError):
+            Path(self.directory).mkdir(parents=True, exist_ok=True)
+            super().dump_bytecode(bucket)
+
+
 @cache
 def template_environment(*packages: str) -> Environment:
     """Return the templates of this folder and of further packages.
 
     All pages extend `base.html`, with the macros of `parts.html`.
     """
+    folder = cache_folder()
     environment = Environment(
+        bytecode_cache=None if folder is None else _CompiledTemplates(str(folder / "templates")),
         loader=ChoiceLoader([PackageLoader(name, "") for name in ("dechirp.report", *packages)]),
         autoescape=True,
         undefined=StrictUndefined,

@@ -135,15 +135,15 @@ def run(
                 )
         if vital_signs:
             result = _add_vital_signs(result)
-    if objects:
-        try:
-            result = _write_object_lists_and_add_findings(result, objects, coding)
-        except DechirpError:  # a full disk: keep the results of the run
-            write_run_results(result, source=source, out=out, objects=(), with_pdf=pdf)
-            raise
-    document = write_run_results(
-        result, source=source, out=out, objects=objects or (), with_pdf=pdf
-    )
+        if objects:
+            try:
+                result = _write_object_lists_and_add_findings(result, objects, coding)
+            except DechirpError:  # a full disk: keep the results of the run
+                write_run_results(result, source=source, out=out, objects=(), with_pdf=pdf)
+                raise
+        document = write_run_results(
+            result, source=source, out=out, objects=objects or (), with_pdf=pdf
+        )
     if as_json:
         print(document, end="")
     elif not quiet:
@@ -248,12 +248,14 @@ def _check_object_files_writable(
     files: Sequence[Path], coding: Mapping[str, str | Path | None]
 ) -> None:
     """Raise `DechirpError` if an object list cannot be written to one of the files."""
-    from dechirp.cli.errors import replace_settings_by_options
+    given = [f"--{name}" for name, item in coding.items() if item is not None]
+    if not (files or given):
+        return
+    from dechirp.cli.errors import replace_settings_by_options  # these take 0.02 s
     from dechirp.core.errors import DechirpError, InvalidSetting
     from dechirp.results.object_lists import can_logs
     from dechirp.results.object_lists.files import check_object_list_path_writable
 
-    given = [f"--{name}" for name, item in coding.items() if item is not None]
     if given and not any(file.suffix.lower() in can_logs.SUFFIXES for file in files):
         raise InvalidSetting(
             given[0],

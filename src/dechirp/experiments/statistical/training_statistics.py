@@ -10,9 +10,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from dechirp.processing.cfar.base import Cfar, MapNoise
+from dechirp.theory.detection import detection_threshold
 
 # Complex numbers for all draws: one second. 4,000 draws determine the mean of a level with a
 # standard deviation of 6 % to 0.1 %, 0.004 dB.
@@ -55,7 +55,7 @@ def draw_training_window_statistics(cfar: Cfar, noise: MapNoise) -> TrainingStat
     ):
         if half > guarded:
             is_corner &= abs(offsets[:, dimension]) > guarded
-    median = scipy.special.gammaincinv(n_channels, 0.5) / n_channels
+    median = detection_threshold(0.5, n_summed=n_channels) / n_channels
     n_draws = int(np.clip(_NUMBERS / (n_rows * n_columns * n_channels), _MIN_DRAWS, _MAX_DRAWS))
     step = max(_NUMBERS_PER_STEP // (n_rows * n_columns * n_channels), 1)
     rng = np.random.default_rng(1)

@@ -5,7 +5,6 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-import scipy
 import xarray as xr
 
 from dechirp.processing.chain import Chain
@@ -18,6 +17,7 @@ from dechirp.processing.range_doppler_map import (
 from dechirp.processing.spectrum import amplitude_range_weights, rows_with_circular_noise
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.radar import Radar
+from dechirp.theory.detection import detection_threshold
 
 # 256 cells give a median to 0.5 dB in one channel, and better in several; 24 segments keep a
 # settings file readable.
@@ -43,7 +43,7 @@ class FrameMap:
     def theoretical_noise_median_over_mean(self) -> float:
         """Ratio of median to mean of the noise in a cell: of a mean of exponentials."""
         n_channels = self.radar.n_summed_maps
-        return float(scipy.special.gammaincinv(n_channels, 0.5) / n_channels)
+        return detection_threshold(0.5, n_summed=n_channels) / n_channels
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 import xarray as xr
 
 from dechirp.core.errors import InvalidSetting
@@ -19,6 +18,7 @@ from dechirp.processing.virtual_array import (
     split_chirps_into_slots,
 )
 from dechirp.radar.radar import Radar
+from dechirp.theory.detection import detection_threshold
 
 _FALSE_ALARM_PROBABILITY = 1e-9  # of noise only, in a cell
 # Leakage and the bumper fill the first cells.
@@ -74,10 +74,8 @@ def measure_static_reflector(
         power[:, rows], noise.doppler_transform.main_lobe_half_width_bins, noise.n_channels
     )
     threshold = np.full_like(power, np.inf)
-    factor = (
-        scipy.special.gammainccinv(noise.n_channels, _FALSE_ALARM_PROBABILITY) / noise.n_channels
-    )
-    threshold[middle, rows] = factor * cell_noise
+    factor = detection_threshold(_FALSE_ALARM_PROBABILITY, n_summed=noise.n_channels)
+    threshold[middle, rows] = factor / noise.n_channels * cell_noise
     peaks = find_peaks(power, threshold, noise)
 
     gain = noise_gain(noise.range_transform, noise.doppler_transform, chirp)
@@ -117,7 +115,7 @@ def _noise_power_from_moving_rows(
     """Return the mean noise in a cell: by the median of moving rows, or of all if none is free."""
     is_far = abs(np.arange(len(power)) - len(power) // 2) > np.ceil(main_lobe_bins)
     cells = power[is_far] if is_far.any() else power
-    return float(np.median(cells) * n_channels / scipy.special.gammaincinv(n_channels, 0.5))
+    return float(np.median(cells) * n_channels / detection_threshold(0.5, n_summed=n_channels))
 
 
 def _choose_reflector_and_rank_others(

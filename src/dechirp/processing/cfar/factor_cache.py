@@ -14,7 +14,12 @@ from dataclasses import is_dataclass
 from functools import cache
 from pathlib import Path
 
-from dechirp.core.disk_cache import key_hash, read_cached_numbers, write_cached_numbers
+from dechirp.core.disk_cache import (
+    key_hash,
+    read_cached_numbers,
+    source_hash,
+    write_cached_numbers,
+)
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.spectrum import Transform
 from dechirp.theory import cfar_calibration
@@ -60,17 +65,17 @@ def find_or_calibrate_factors(
     calibrate : callable
         Computes the factors.
     """
-    source_hash = None
+    code_hash = None
     if is_dataclass(estimator_class):
-        source_hash = _source_hash(estimator_class.__module__)
-    key_on_disk = {**key, "source": source_hash}
+        code_hash = _code_hash(estimator_class.__module__)
+    key_on_disk = {**key, "source": code_hash}
     numbers = _shipped_factors().get(key_hash(key))
-    if numbers is None and source_hash is not None:
+    if numbers is None and code_hash is not None:
         numbers = read_cached_numbers("cfar-factors", key_on_disk)
     if numbers is not None and len(numbers) == n_rows + 1:
         return RowFactors(values=tuple(numbers[1:]), relative_error=numbers[0])
     factors = calibrate()
-    if source_hash is not None:
+    if code_hash is not None:
         write_cached_numbers("cfar-factors", key_on_disk, factors.to_numbers())
     return factors
 
@@ -93,15 +98,12 @@ def _shipped_factors() -> dict[str, list[float]]:
 
 
 @cache
-def _source_hash(estimator_module: str) -> str | None:
+def _code_hash(estimator_module: str) -> str | None:
     """Return the hash of the code behind a factor; None if the code of the detector has no file."""
     own_folder, theory_folder = Path(__file__).parent, Path(cfar_calibration.__file__).parent
     estimator_file = getattr(sys.modules.get(estimator_module), "__file__", None)
     if estimator_file is None:
         return None
-    files = {*own_folder.glob("*.py"), *theory_folder.glob("cfar*.py"), Path(estimator_file)}
-    try:
-        sources = [file.read_bytes() for file in sorted(files)]
-    except OSError:
-        return None
-    return hashlib.sha256(b"\0".join(sources)).hexdigest()[:16]
+    return source_hash(
+        *own_folder.glob("*.py"), *theory_folder.glob("cfar*.py"), Path(estimator_file)
+    )

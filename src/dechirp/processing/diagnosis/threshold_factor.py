@@ -11,6 +11,7 @@ from dechirp.processing.diagnosis.diagnosis import (
     cannot_be_told,
     mistake_found,
 )
+from dechirp.theory.detection import detection_threshold
 
 _MAX_SPREAD = 0.02  # of the factor over the cells; other detectors than cell averaging vary
 _RELATIVE_TOLERANCE = 0.01
@@ -90,7 +91,7 @@ def diagnose_factor(
             fix="check the numbers of training and guard cells, and their order (velocity, range);"
             " other detectors are not judged",
         )
-    known_noise = float(scipy.special.gammainccinv(n_summed, pfa)) / n_summed
+    known_noise = detection_threshold(pfa, n_summed=n_summed) / n_summed
     right = _factor_of_probability(pfa, n_cells, n_summed)
     rate = false_alarm_probability(factor, n_cells, n_summed)
     is_sum = abs(factor / (right * n_cells) - 1) < _RELATIVE_TOLERANCE

@@ -17,6 +17,7 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
 from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
+from dechirp.theory.detection import detection_threshold
 
 _MIN_ROUNDS = 16  # of fewer, the main lobe of an echo takes half of the velocities
 # Of the chirps of a transmitter. What remains of an echo 60 dB over the noise is below the noise
@@ -99,10 +100,10 @@ def _slow_time_power_and_noise(series: np.ndarray) -> tuple[np.ndarray, np.ndarr
         power += np.sum(spectrum.real**2 + spectrum.imag**2, axis=1)
     power /= n_channels * float(np.sum(taper**2))
     # Means of n exponential powers have a gamma distribution.
-    quantile_of_noise = scipy.special.gammaincinv(n_channels, _NOISE_QUANTILE) / n_channels
+    quantile_of_noise = detection_threshold(1 - _NOISE_QUANTILE, n_summed=n_channels) / n_channels
     noise = np.quantile(power, _NOISE_QUANTILE, axis=0) / quantile_of_noise
     noise = np.maximum(noise, _MIN_NOISE_RATIO * power.max(axis=0))
-    threshold = float(scipy.special.gammainccinv(n_channels, _FALSE_CELL_PROBABILITY)) / n_channels
+    threshold = detection_threshold(_FALSE_CELL_PROBABILITY, n_summed=n_channels) / n_channels
     return power, noise, threshold
 
 

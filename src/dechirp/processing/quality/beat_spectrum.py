@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 
 from dechirp.core.compiled_kernels import kernel
+from dechirp.theory.detection import detection_threshold
 from dechirp.theory.windows import window_weights
 
 NEAR_BINS = 3
@@ -135,7 +136,7 @@ def measure_echoes_and_mirror_images(spectrum: MeanSpectrum, is_alive: np.ndarra
     )
     # Receivers may share their noise, so they count as one: at worst a weak echo is missed.
     threshold = (
-        scipy.special.gammainccinv(spectrum.n_chirps, _FALSE_ALARM_PROBABILITY / n_bins)
+        detection_threshold(_FALSE_ALARM_PROBABILITY / n_bins, n_summed=spectrum.n_chirps)
         / spectrum.n_chirps
     )
     n_echoes = float(np.count_nonzero(over_noise[is_counted] > threshold))
@@ -174,7 +175,7 @@ def _noise_power_per_bin(power: np.ndarray, n_chirps: int) -> np.ndarray:
     """Return the mean noise power in a bin, (rx, 1), from the median over bins."""
     median = np.median(power, axis=1, keepdims=True)
     smallest = np.maximum(power.max(axis=1, keepdims=True) * 1e-15, 1e-300)
-    return np.maximum(median, smallest) / (scipy.special.gammaincinv(n_chirps, 0.5) / n_chirps)
+    return np.maximum(median, smallest) / (detection_threshold(0.5, n_summed=n_chirps) / n_chirps)
 
 
 def _mirror_similarity(power: np.ndarray, mirror_difference: np.ndarray, n_chirps: int) -> float:
