@@ -49,6 +49,7 @@ VALID_ARGUMENTS = {
         "window": "rectangular",
         "n_points": (20, 30),
     },
+    "cfar.find_peaks": {"power": POWER, "threshold": 2.0},
     "angle.estimate_directions": {**DIRECTIONS, "kind": "music", "axis": -1},
     "angle.direction_spectrum": {
         **DIRECTIONS,

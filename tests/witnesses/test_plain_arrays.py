@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.ndimage
 import scipy.signal
 import scipy.stats
 import xarray as xr
@@ -544,3 +545,54 @@ def test_invalid_argument_is_named(call, argument):
 
     (mistake,) = caught.value.mistakes
     assert argument in mistake.setting
+
+
+@pytest.mark.parametrize("shape", [(20, 33), (2, 33), (33,)])
+def test_peaks_are_maxima_of_their_neighbourhood(shape):
+    rng = np.random.default_rng(4)
+    power = rng.exponential(size=shape)
+    footprint = (3,) * len(shape)
+    modes = ("wrap", "constant")[-len(shape) :]
+    highest = scipy.ndimage.maximum_filter(power, footprint, mode=modes)
+    expected = np.argwhere((power == highest) & (power > 1.5))
+
+    peaks = dc.cfar.find_peaks(power, 1.5)
+
+    assert sorted(peaks.tolist()) == expected.tolist()
+    assert np.all(np.diff(power[tuple(peaks.T)]) < 0)
+
+
+def test_plateau_is_one_peak():
+    assert dc.cfar.find_peaks([0, 2, 2, 2, 0, 1, 0], 0.5).tolist() == [[1], [5]]
+
+
+def test_each_echo_is_one_peak():
+    chirp, sample = np.arange(64)[:, None], np.arange(128)
+    rng = np.random.default_rng(1)
+    samples = 0.5 * (rng.standard_normal((8, 64, 128)) + 1j * rng.standard_normal((8, 64, 128)))
+    for doppler, beat in ((10 / 64, 38 / 128), (-0.5, 77 / 128)):
+        samples += 0.1 * np.exp(2j * np.pi * (doppler * chirp + beat * sample))
+    power = dc.maps.range_doppler_map(samples, "hann")
+    threshold = dc.cfar.cfar_threshold(power, 8, 3, 1e-6, n_summed=8, window="hann")
+
+    # By chance another of 8192 cells exceeds its threshold with a probability of 0.8 %, seeded.
+    peaks = dc.cfar.find_peaks(power, threshold)
+
+    assert sorted(peaks.tolist()) == [[0, 77], [42, 38]]
+    assert np.count_nonzero(power > threshold) > len(peaks)
+
+
+@pytest.mark.parametrize(
+    ("power", "threshold", "named"),
+    [
+        (np.ones((2, 3, 4)), 1, "power"),
+        ([1.0, np.nan], 1, "power"),
+        ([], 1, "power"),
+        ([1.0, -1.0], 1, "power"),
+        (np.ones((3, 4)), np.ones(4), "threshold"),
+        (np.ones(4), np.nan, "threshold"),
+    ],
+)
+def test_peaks_of_wrong_arrays_are_refused(power, threshold, named):
+    with pytest.raises(dc.InvalidSetting, match=f"^{named}: "):
+        dc.cfar.find_peaks(power, threshold)

@@ -38,7 +38,7 @@ def strongest_local_maxima_and_n_dropped(
     int
         Number of weaker cells that are dropped.
     """
-    cells = _find_local_maxima(power, mask)
+    cells = find_local_maxima(power, mask)
     order = np.argsort(-power[cells[:, 0], cells[:, 1]], kind="stable")[:MAX_PEAKS]
     return np.asarray(cells[order]), len(cells) - len(order)
 
@@ -97,7 +97,7 @@ def sidelobe_envelope(transform: Transform) -> np.ndarray:
 
 
 def _find_local_maxima_in_numpy(power: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Plain twin of `_find_local_maxima`: equal cells."""
+    """Plain twin of `find_local_maxima`: equal cells."""
     cells = np.argwhere(mask)
     n_v, n_r = power.shape
     velocity, row = cells.T
@@ -116,7 +116,8 @@ def _find_local_maxima_in_numpy(power: np.ndarray, mask: np.ndarray) -> np.ndarr
 
 
 @kernel(plain=_find_local_maxima_in_numpy)
-def _find_local_maxima(power: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def find_local_maxima(power: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return the cells of a mask (velocity, range) that no neighbour exceeds, (n, 2)."""
     n_v, n_r = power.shape
     cells = [(v, 0) for v in range(0)]  # empty, typed for the compiler
     for v in range(n_v):

@@ -1,4 +1,4 @@
-"""CFAR thresholds of plain arrays, without a `Radar`."""
+"""CFAR thresholds and peaks of plain arrays, without a `Radar`."""
 
 from typing import Any, cast
 
@@ -16,10 +16,11 @@ from dechirp.core.compiled_kernels import plain_twins_in_first_calls
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.cfar.base import Cells, Cfar, MapNoise, NoiseEstimator
 from dechirp.processing.maps import pair_of, unity_exponent
+from dechirp.processing.peaks import find_local_maxima
 from dechirp.processing.spectrum import Transform
 from dechirp.theory.windows import Window
 
-__all__ = ["cfar_threshold"]
+__all__ = ["cfar_threshold", "find_peaks"]
 
 
 @check_argument_types
@@ -76,14 +77,7 @@ def cfar_threshold(
         If powers are not finite, below 0 or in no such shape, the cells with the guard do not fit
         on an axis, the probability is out of bounds, or a kind or a window is unknown.
     """
-    cells = check_non_negative_ratios("power", power, at_most=np.finfo(float).max)
-    if cells.size == 0 or cells.ndim == 0:
-        raise InvalidSetting(
-            "power",
-            value=f"an array {cells.shape}",
-            expected="cells over (range,) or (velocity, range)",
-            fix="give spectra or maps, with filled axes",
-        )
+    cells = _check_power(power)
     check_false_alarm_probability("pfa", pfa)
     check_integer("n_summed", n_summed, at_least=1)
     axes = check_axes(
@@ -119,6 +113,64 @@ def cfar_threshold(
             single_threshold = detector.threshold(single, noise)
         np.ldexp(single_threshold, exponent, out=threshold, dtype=float)
     return np.moveaxis(thresholds, last_axes, axes)
+
+
+@check_argument_types
+def find_peaks(power: ArrayLike, threshold: ArrayLike) -> np.ndarray:
+    """Find the cells over threshold that no neighbour exceeds: one for each echo, not all it fills.
+
+    Parameters
+    ----------
+    power : array (range,) or (velocity, range)
+        A power spectrum or a range-Doppler map.
+    threshold : array
+        Threshold of each cell, as of `cfar_threshold`, or a number.
+
+    Returns
+    -------
+    array (n, 1) or (n, 2)
+        Indices of the peaks on the axes of `power`, strongest first. Of the eight neighbours of a
+        cell, or the two in a spectrum, those over the ends of velocity are on the other side. Of
+        equal neighbours the first is the peak. Sidelobes of strong echoes are peaks of their own:
+        choose a window whose sidelobes stay below the threshold.
+
+    Raises
+    ------
+    InvalidSetting
+        If powers are not finite, below 0 or on more than two axes, or the threshold does not fit.
+    """
+    cells = _check_power(power)
+    if cells.ndim > 2:
+        raise InvalidSetting(
+            "power",
+            value=f"an array {cells.shape}",
+            expected="one spectrum (range,) or one map (velocity, range)",
+            fix="call the function for each of them",
+        )
+    limits = check_non_negative_ratios("threshold", threshold, at_most=np.finfo(float).max)
+    if limits.shape not in ((), cells.shape):
+        raise InvalidSetting(
+            "threshold",
+            value=f"an array {limits.shape}",
+            expected=f"a number, or the shape of power, {cells.shape}",
+            fix="compute it from the same map",
+        )
+    with plain_twins_in_first_calls(cells.size):
+        peaks = find_local_maxima(np.atleast_2d(cells), np.atleast_2d(cells > limits))
+    order = np.argsort(-cells[tuple(peaks[:, -cells.ndim :].T)], kind="stable")
+    return peaks[order, -cells.ndim :]
+
+
+def _check_power(power: ArrayLike) -> np.ndarray:
+    cells = check_non_negative_ratios("power", power, at_most=np.finfo(float).max)
+    if cells.size == 0 or cells.ndim == 0:
+        raise InvalidSetting(
+            "power",
+            value=f"an array {cells.shape}",
+            expected="cells over (range,) or (velocity, range)",
+            fix="give spectra or maps, with filled axes",
+        )
+    return cells
 
 
 def _pair_of_axes(
