@@ -194,6 +194,34 @@ def test_unknown_device_gives_uniform_linear_virtual_array(tmp_path):
     assert settings.device is None
 
 
+@pytest.mark.parametrize(("masks", "rx"), [(("0x1", "0x2", "0x4"), 15), (("0x2", "0x4"), 9)])
+def test_unknown_device_with_third_transmitter_has_antennas_of_boost_boards(tmp_path, masks, rx):
+    chip = make_chip(masks=masks)
+    chip["rfConfig"]["rlChanCfg_t"]["rxChannelEn"] = rx
+    settings = read_settings_text(tmp_path, format_studio(chip), "any.mmwave.json")
+
+    board = device("xwr1843").select_antennas(sum(int(mask, 0) for mask in masks), rx)
+    scale = settings.radar.frame.chirp.wavelength_m / 2 / abs(device("xwr1843").rx_m[1][1])
+    for assumed_m, board_m in (
+        (settings.radar.array.tx_m, board.tx_m),
+        (settings.radar.array.rx_m, board.rx_m),
+    ):
+        # `Array` may place its first antenna anywhere.
+        offsets_m = [
+            [value - first for value, first in zip(position, assumed_m[0], strict=True)]
+            for position in assumed_m
+        ]
+        expected_m = [
+            [scale * (value - first) for value, first in zip(position, board_m[0], strict=True)]
+            for position in board_m
+        ]
+        assert offsets_m == [pytest.approx(position, abs=1e-9) for position in expected_m]
+    (finding,) = settings.findings
+    assert (finding.level, finding.setting) == ("note", "radar.array")
+    assert "TX2 between them and half a wavelength higher" in str(finding)
+    assert "ambiguity numbers of velocities" in str(finding)
+
+
 def test_given_device_takes_precedence_over_cfg(tmp_path):
     settings = read_settings_text(
         tmp_path,

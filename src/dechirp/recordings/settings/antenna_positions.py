@@ -15,6 +15,11 @@ from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.lookup import device
 from dechirp.radar.radar import Radar
 
+_TI_TX_MASK, _TI_RX_MASK = 0b111, 0b1111
+"""Antennas of a chip of TI."""
+_TI_THREE_TX, _TI_TWO_TX = ((0, 0), (2, 1), (4, 0)), ((0, 0), (4, 0))
+"""Columns to the right and rows of the transmitters in half wavelengths, see `devices.ti`."""
+
 
 def find_device_or_none(name: str) -> Device | None:
     """Return the device with the name in a file; None if it is unknown."""
@@ -70,7 +75,8 @@ def device_or_assumed_array(
     device : Device or None
         Device with the antennas; None if unknown.
     is_ti : bool
-        Whether it is a chip of TI: on its boards with receivers in a row, the first is leftmost.
+        Whether it is a chip of TI: an unknown device is taken for one of its boards with
+        receivers in a row, of which the first is leftmost.
 
     Raises
     ------
@@ -83,8 +89,49 @@ def device_or_assumed_array(
     if device is not None:
         return device.select_antennas(tx_mask, rx_mask), ()
     n_rx, n_tx = rx_mask.bit_count(), tx_mask.bit_count()
-    findings = (assumed_positions_note(n_rx, n_tx, is_ti=is_ti),) if n_rx * n_tx > 1 else ()
-    return assumed_ula(chirp, n_rx, n_tx, is_ti=is_ti), findings
+    if is_ti and tx_mask <= _TI_TX_MASK and rx_mask <= _TI_RX_MASK:
+        array, layout = _assumed_ti_board(chirp, tx_mask, rx_mask), _describe_ti_board(tx_mask)
+    else:
+        array = assumed_ula(chirp, n_rx, n_tx, is_ti=is_ti)
+        layout = _describe_ula(n_rx, n_tx, "from left to right" if is_ti else "along y")
+    return array, (_assumed_positions_note(n_rx, n_tx, layout),) if n_rx * n_tx > 1 else ()
+
+
+def _assumed_ti_board(chirp: Chirp, tx_mask: int, rx_mask: int) -> Array:
+    """Return the antennas in use of a board of TI with a single chip and receivers in a row.
+
+    Boards of chips with three transmitters have the second one raised between the others; those of
+    chips with two have the second one in the place of the third.
+    """
+    half_m = chirp.wavelength_m / 2
+    transmitters = _TI_THREE_TX if tx_mask & 0b100 else _TI_TWO_TX
+    return Array(
+        tx_m=tuple(
+            (0.0, -column * half_m, row * half_m)
+            for n, (column, row) in enumerate(transmitters)
+            if tx_mask >> n & 1
+        ),
+        rx_m=tuple(
+            (0.0, -n * half_m, 0.0) for n in range(rx_mask.bit_length()) if rx_mask >> n & 1
+        ),
+    )
+
+
+def _describe_ti_board(tx_mask: int) -> str:
+    """Describe the antennas of `_assumed_ti_board`."""
+    receivers = "as on boards of TI: receivers half a wavelength apart from left to right"
+    transmitters = "the transmitters two wavelengths apart"
+    if tx_mask & 0b100:
+        transmitters = "TX1 and TX3 two wavelengths apart"
+    if tx_mask & 0b110 == 0b110:
+        transmitters = f"{transmitters}, TX2 between them and half a wavelength higher"
+    return receivers if tx_mask.bit_count() == 1 else f"{receivers}, {transmitters}"
+
+
+def _describe_ula(n_rx: int, n_tx: int, direction: str) -> str:
+    """Describe the antennas of `assumed_ula`."""
+    transmitters = f" and {n_rx / 2:g} wavelengths" if n_tx > 1 else ""
+    return f"half a wavelength{transmitters} apart {direction}"
 
 
 def assumed_ula(chirp: Chirp, n_rx: int, n_tx: int = 1, *, is_ti: bool = False) -> Array:
@@ -100,20 +147,18 @@ def assumed_ula(chirp: Chirp, n_rx: int, n_tx: int = 1, *, is_ti: bool = False) 
     )
 
 
-def assumed_positions_note(n_rx: int, n_tx: int = 1, *, is_ti: bool = False) -> Finding:
-    """Return the note that the positions are assumed."""
+def _assumed_positions_note(n_rx: int, n_tx: int, layout: str) -> Finding:
+    """Return the note that positions of the given layout are assumed."""
     if n_tx == 1:
-        description = f"{n_rx} receivers at unknown positions, assumed half a wavelength apart"
+        antennas, depend = f"{n_rx} receivers", "which only directions depend on"
     else:
-        description = (
-            f"{n_rx} receivers and {n_tx} transmitters at unknown positions, assumed half a"
-            f" wavelength and {n_rx / 2:g} wavelengths apart"
-        )
+        antennas = f"{n_rx} receivers and {n_tx} transmitters"
+        depend = "which directions depend on, and with them the ambiguity numbers of velocities"
     return Finding(
         level="note",
         setting="radar.array.rx" if n_tx == 1 else "radar.array",
-        value=f"{description} {'from left to right, as on boards of TI' if is_ti else 'along y'}",
-        expected="their true positions, which only directions depend on",
+        value=f"{antennas} at unknown positions, assumed {layout}",
+        expected=f"their true positions, {depend}",
         fix="give the device (--device NAME), or the radar with its array",
     )
 
@@ -140,5 +185,5 @@ def fit_array_to_receiver_count(
             fix="correct radar.array.rx, or the order of the axes",
         )
     return replace(radar, array=assumed_ula(radar.frame.chirp, n_rx)), (
-        assumed_positions_note(n_rx),
+        _assumed_positions_note(n_rx, 1, _describe_ula(n_rx, 1, "along y")),
     )
