@@ -60,6 +60,7 @@ _NAMES = {
     "processing.calibration.calibrate": "calibrate",
     # Tracking: from detections to objects
     "tracking.ego": "EgoMotion ego_motion",
+    "tracking.forward_speed": "ForwardSpeed forward_speed",
     "tracking.tracker": "Tracker",
     "tracking.batch": "track",
     "tracking.online": "LiveTracker",

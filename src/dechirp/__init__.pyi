@@ -92,6 +92,8 @@ from dechirp.simulation.simulate import simulate as simulate
 from dechirp.tracking.batch import track as track
 from dechirp.tracking.ego import EgoMotion as EgoMotion
 from dechirp.tracking.ego import ego_motion as ego_motion
+from dechirp.tracking.forward_speed import ForwardSpeed as ForwardSpeed
+from dechirp.tracking.forward_speed import forward_speed as forward_speed
 from dechirp.tracking.online import LiveTracker as LiveTracker
 from dechirp.tracking.tracker import Tracker as Tracker
 from dechirp.traffic.mounting import Mounting as Mounting

@@ -17,9 +17,12 @@ _SUB_BANDS = (0, 1, 4, 6)
 """Sub-bands of the strongest lines in the Doppler spectrum, by plain NumPy."""
 _STRONGEST = 5
 _ORDER = (
-    "the receivers were recorded one after another, 8 s apart: in no order do plane waves explain"
-    " more than 40 % of the echoes, or 56 % with each receiver for itself. By the settings file two"
-    " transmitters are at one place, so two orders always fit alike. Directions are left unknown"
+    "the settings file places two transmitters at one point, where two sub-bands would differ by"
+    " one constant whatever the echoes are. No two do: over 8 to 11 echoes a receiver, 20 dB over"
+    " the noise, the coherence of the likest pair is 0.48, 1 at one point. So its positions are not"
+    " those of the recording, and nothing else tells the transmitters apart. The receivers were"
+    " recorded one after another, 8 s apart: in no order do plane waves explain more than 40 % of"
+    " the echoes, or 56 % with each receiver for itself. Directions are left unknown"
 )
 
 
