@@ -103,7 +103,7 @@ def field_docstrings(cls: type[Any]) -> dict[str, str]:
     """
     docstrings: dict[str, str] = {}
     for base in reversed(cls.__mro__):
-        if is_dataclass(base):
+        if is_dataclass(base) and inspect.get_annotations(base):
             docstrings |= _own_field_docstrings(base)
     return {field.name: docstrings.get(field.name, "") for field in fields(cls)}
 
