@@ -45,9 +45,9 @@ def test_is_synthesised_without_latches_and_loops(tmp_path, scaling, n_samples, 
 
     assert not re.findall(r"Warning: .*(?:latch|loop|driver|undriven).*", log)
     cells = json.loads((tmp_path / "cells.json").read_text())["design"]["num_cells_by_type"]
-    # Complex words times a weight: 2 multipliers; times a twiddle factor: 4, from the third stage
-    # of a transform on. Two squares. The sum of the detector has 2 to 4 limbs of 17 bits.
-    n_stages = n_samples.bit_length() - 3 + (16).bit_length() - 3
-    n_of_transforms = 2 * 2 + 4 * n_stages + 2
+    # Complex words times a weight: 2 multipliers; times a twiddle factor: 4, after each pair of
+    # stages but the last ones. Two squares. The sum of the detector has 2 to 4 limbs of 17 bits.
+    n_products = sum((n_points.bit_length() - 2) // 2 for n_points in (n_samples, 16))
+    n_of_transforms = 2 * 2 + 4 * n_products + 2
     assert n_of_transforms + 2 <= cells["MULT18X18D"] <= n_of_transforms + 4
     assert cells["DP16KD"] >= 2  # both banks

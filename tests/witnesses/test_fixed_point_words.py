@@ -42,46 +42,51 @@ def compute_twiddle(k: int, n: int, word_lengths: WordLengths) -> tuple[Fraction
     )
 
 
-def find_block_shift(parts, turns, bits: int) -> int:
+def find_block_shift(parts, factors, bits: int) -> int:
     """Return the smallest shift for which no result can overflow."""
-    largest = max(max(abs(re), abs(im)) for part in parts for re, im in part)
-    growth = 1 + max(abs(c) + abs(s) for c, s in turns)
+    largest = max(max(abs(re), abs(im)) for part in parts.values() for re, im in part)
+    growth = 2 * max(abs(c) + abs(s) for c, s in factors)
     shift = 0
     while largest * growth / 2**shift > 2 ** (bits - 1) - 1:
         shift += 1
     return shift
 
 
-def transform_by_halves(points, bits, word_lengths):
-    """Transform by radix-2 decimation in time; return the numbers, shifts and overflow counts."""
+def transform_by_quarters(points, bits, word_lengths):
+    """Transform by radix 2^2 as He and Torkelson; return the numbers, shifts and overflow counts.
+
+    Part r of m: the points whose transform has the bins r, r + m, ... In the first stage of a pair
+    the differences should be multiplied by W^q. The second stage does so with both halves at once:
+    W^(q + size) = -i W^q, if a part of 4 x size points has entered the pair.
+    """
     n = len(points)
-    parts = [[point] for point in points]  # part i of m: the transform of samples i, i + m, ...
+    parts = {0: points}
     shifts, overflows = [], []
-    while len(parts) > 1:
-        size, m = len(parts[0]), len(parts) // 2
-        turns = [compute_twiddle(k, 2 * size, word_lengths) for k in range(size)]
-        shift = {"block": find_block_shift(parts, turns, bits), "halving": 1, "none": 0}[
+    while len(parts) < n:
+        m, size = len(parts), n // len(parts) // 2
+        is_second = len(shifts) % 2 == 1
+        exponents = range(3 * size if is_second else 1)
+        factors = [compute_twiddle(k, 4 * size, word_lengths) for k in exponents]
+        shift = {"block": find_block_shift(parts, factors, bits), "halving": 1, "none": 0}[
             word_lengths.scaling
         ]
-        stage_parts, n_saturated = [], 0
-        for even, odd in zip(parts[:m], parts[m:], strict=True):
-            outputs = [None] * (2 * size)
-            for k in range(size):
-                (c, s), (re, im) = turns[k], odd[k]
-                product = (re * c - im * s, re * s + im * c)
-                for index, sign in ((k, 1), (k + size, -1)):
-                    results = [
-                        round_to_word((e + sign * p) / 2**shift, bits, word_lengths)
-                        for e, p in zip(even[k], product, strict=True)
-                    ]
-                    outputs[index] = tuple(number for number, _ in results)
+        stage_parts, n_saturated = {}, 0
+        for r, part in parts.items():
+            lacks_factor = int(is_second and r >= m // 2)
+            for bin_index, sign in ((r, 1), (r + m, -1)):
+                stage_parts[bin_index] = []
+                for q, (a, b) in enumerate(zip(part[:size], part[size:], strict=True)):
+                    turned_b = (b[1], -b[0]) if lacks_factor else b
+                    re, im = (a[part] + sign * turned_b[part] for part in range(2))
+                    c, s = factors[q * (lacks_factor + (1 - sign)) if is_second else 0]
+                    product = (re * c - im * s, re * s + im * c)
+                    results = [round_to_word(x / 2**shift, bits, word_lengths) for x in product]
+                    stage_parts[bin_index].append(tuple(number for number, _ in results))
                     n_saturated += sum(overflow for _, overflow in results)
-            stage_parts.append(outputs)
         parts = stage_parts
         shifts.append(shift)
         overflows.append(n_saturated)
-    assert len(parts[0]) == n
-    return parts[0], shifts, overflows
+    return [parts[k][0] for k in range(n)], shifts, overflows
 
 
 def make_window(kind, n, word_lengths, signs=False):
@@ -109,7 +114,7 @@ def simulate_chain(samples, n_range, n_velocity, window_kind, word_lengths, is_c
                         x, word_lengths.range_bits, word_lengths
                     )[0]
             points = [tuple(point) for point in windowed_samples[m, c]]
-            profile, range_shifts[m, c], overflows = transform_by_halves(
+            profile, range_shifts[m, c], overflows = transform_by_quarters(
                 points, word_lengths.range_bits, word_lengths
             )
             profiles[m, c] = profile
@@ -139,7 +144,7 @@ def simulate_chain(samples, n_range, n_velocity, window_kind, word_lengths, is_c
                         x, word_lengths.doppler_bits, word_lengths
                     )[0]
             points = [tuple(point) for point in windowed_samples[c, row]]
-            spectrum[c, row], doppler_shifts[c, row], _ = transform_by_halves(
+            spectrum[c, row], doppler_shifts[c, row], _ = transform_by_quarters(
                 points, word_lengths.doppler_bits, word_lengths
             )
     blocks |= {

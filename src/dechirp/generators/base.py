@@ -20,6 +20,7 @@ from dechirp.core.families import Family
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.chain import Chain
 from dechirp.processing.fixed_point.coefficients import INTEGER_BITS
+from dechirp.processing.fixed_point.fft import twiddles_after_pair
 from dechirp.processing.fixed_point.lookup_tables import (
     LookupTables,
     make_lookup_tables,
@@ -223,9 +224,14 @@ def _find_prefix(names: Collection[str]) -> str | None:
     return next((match["c"] or match["verilog"] for match in matches), None)
 
 
-def twiddles_of_stage(twiddles: np.ndarray, stage: int) -> np.ndarray:
-    """Return exp(-2 pi i k / 2^stage) for k < 2^(stage - 1), of those of a whole transform."""
-    return twiddles[:: len(twiddles) >> (stage - 1)]
+def twiddles_by_pair(twiddles: np.ndarray) -> dict[int, np.ndarray]:
+    """Return the factors after each pair of stages by its number of points, largest first, (m, 2).
+
+    The last pair of an even number of stages has no factors, and neither has a last stage alone.
+    """
+    n_bits = len(twiddles).bit_length()  # log2 of the points of the whole transform
+    sizes = [1 << bits for bits in range(n_bits, 2, -2)]
+    return {n_points: twiddles_after_pair(twiddles, n_points) for n_points in sizes}
 
 
 @cache

@@ -14,7 +14,7 @@ from dechirp.generators.base import (
     Design,
     Generator,
     code_templates,
-    twiddles_of_stage,
+    twiddles_by_pair,
 )
 from dechirp.processing.chain import Chain
 from dechirp.processing.fixed_point.coefficients import INTEGER_BITS
@@ -283,15 +283,15 @@ def _tables(design: Design) -> list[_Table]:
     }
     arrays = []
     for name, (twiddles, transform) in transforms.items():
-        cosines, sines = _twiddles_by_stage(twiddles, transform.n_bins).T
+        cosines, sines = _twiddles_without_ones(twiddles).T
         growth = max_growth_per_stage(twiddles, transform.n_bins, words.twiddle_bits)
         arrays += [
             weights_and_factors[f"{name}_weights"],
             *(
                 _Table(
                     f"{name}_{part}",
-                    f"{formula} of exp(-pi i k / half) for k < half, at index half + k,"
-                    f" {twiddle_fraction} bits behind the point.",
+                    f"{formula} of exp(-2 pi i e / m) of each pair, e = 2 k, k and 3 k for"
+                    f" k < m / 4; {twiddle_fraction} fraction bits.",
                     twiddle_type,
                     numbers,
                 )
@@ -299,7 +299,7 @@ def _tables(design: Design) -> list[_Table]:
             ),
             _Table(
                 f"{name}_growth",
-                "Largest growth of a part in each stage, 1 + |Re W| + |Im W|, in words of W.",
+                "Largest growth of a part in each stage, 2 or 2 (|Re W| + |Im W|), in words of W.",
                 "uint32_t",
                 growth if len(growth) else np.ones(1, np.int64),
             ),
@@ -317,14 +317,13 @@ def _tables(design: Design) -> list[_Table]:
     ]
 
 
-def _twiddles_by_stage(twiddles: np.ndarray, n_bins: int) -> np.ndarray:
-    """Return the factors of each stage one after the other, (max(n_bins, 2), 2).
+def _twiddles_without_ones(twiddles: np.ndarray) -> np.ndarray:
+    """Return the factors of each pair of stages one after the other, without its first quarter.
 
-    Compilers vectorise loops over successive factors, but not over every n-th one. Index 0 is
-    unused.
+    Compilers vectorise loops over successive factors, but not over every n-th one.
     """
-    by_stage = [twiddles_of_stage(twiddles, stage) for stage in range(1, n_bins.bit_length())]
-    return np.concatenate([np.zeros((2 if n_bins == 1 else 1, 2), np.int64), *by_stage])
+    pairs = [factors[len(factors) // 4 :] for factors in twiddles_by_pair(twiddles).values()]
+    return np.concatenate(pairs) if pairs else np.zeros((1, 2), np.int64)
 
 
 def _comment_lines(design: Design) -> list[str]:

@@ -14,14 +14,13 @@ from dechirp.generators.base import (
     Design,
     Generator,
     code_templates,
-    twiddles_of_stage,
+    twiddles_by_pair,
 )
 from dechirp.processing.fixed_point.coefficients import INTEGER_BITS
 from dechirp.processing.fixed_point.fft import max_growth_per_stage
 from dechirp.processing.fixed_point.word_lengths import ROUNDING_CODES, Scaling
 
 _SHIFT_PER_STAGE: dict[Scaling, int] = {"block": -1, "halving": 1, "none": 0}  # -1: by block
-_FIRST_STAGE_WITH_TABLE = 3  # twiddle factors of the first two stages are 1 and -i
 _MIN_POINTS = 4
 _MODULE_PREFIX = "dechirp_"  # of names in verilog_modules
 
@@ -243,15 +242,14 @@ def _table_contexts(design: Design) -> list[dict[str, Any]]:
 
 
 def _twiddle_context(design: Design) -> dict[str, Any]:
-    """Return the values of the table of twiddle factors, by stage."""
+    """Return the values of the table of twiddle factors, by address bits."""
     tables, part_bits = design.tables, design.words.twiddle_bits
-    twiddles = max(tables.range_twiddles, tables.doppler_twiddles, key=len)
-    n_stages = len(twiddles).bit_length()
-    stages = {
-        stage: [_join_parts(factor, part_bits) for factor in twiddles_of_stage(twiddles, stage)]
-        for stage in range(_FIRST_STAGE_WITH_TABLE, n_stages + 1)
+    by_pair = twiddles_by_pair(tables.range_twiddles) | twiddles_by_pair(tables.doppler_twiddles)
+    pairs = {
+        _address_bits(n_points): [_join_parts(factor, part_bits) for factor in factors]
+        for n_points, factors in sorted(by_pair.items())
     }
-    return {"bits": 2 * part_bits, "digits": -(-2 * part_bits // 4), "stages": stages}
+    return {"bits": 2 * part_bits, "digits": -(-2 * part_bits // 4), "pairs": pairs}
 
 
 def _join_parts(factor: np.ndarray, bits: int) -> int:

@@ -86,8 +86,8 @@ static inline int32_t saturate(accumulator x, int32_t top)
 typedef struct {
     uint32_t n_stages;
     int32_t top;                  /* largest part of a word */
-    const {{ twiddle_type }} *cosines; /* Re and Im of W = exp(-2 pi i k / (2 half)), k < half; */
-    const {{ twiddle_type }} *sines;   /* those of the stage begin at index half */
+    const {{ twiddle_type }} *cosines; /* Re and Im of W after each pair of stages, the first pair */
+    const {{ twiddle_type }} *sines;   /* first, in the order of its last three quarters */
     const uint32_t *growth;       /* of the largest part in each stage, in words of W */
 } transform_plan;
 
@@ -118,56 +118,108 @@ static inline int32_t round_and_limit(accumulator x, uint32_t shift, int32_t top
 {% endif %}
 }
 
-/* Replace a and b by a + b and a - b. */
-static inline void add_and_subtract(int32_t *a, int32_t *b, int32_t turned_b, uint32_t shift,
-                                    int32_t top)
+/* Return a word of the result from a sum x of words. */
+static inline int32_t round_sum(accumulator x, uint32_t shift, int32_t top)
 {
-    const accumulator sum = (accumulator)*a + turned_b, difference = (accumulator)*a - turned_b;
-    *a = shift == 0U ? saturate(sum, top) : round_and_limit(sum, shift, top);
-    *b = shift == 0U ? saturate(difference, top) : round_and_limit(difference, shift, top);
+    return shift == 0U ? saturate(x, top) : round_and_limit(x, shift, top);
 }
 
-/* Combine points to transforms of two: W = 1. */
-static void combine_points(uint32_t n, int32_t *re, int32_t *im, uint32_t shift, int32_t top)
+/* Replace a and b by a + b and a - b. */
+static inline void add_and_subtract(int32_t *a, int32_t *b, uint32_t shift, int32_t top)
+{
+    const accumulator sum = (accumulator)*a + *b, difference = (accumulator)*a - *b;
+    *a = round_sum(sum, shift, top);
+    *b = round_sum(difference, shift, top);
+}
+
+/* First stage of a pair: replace the points a of one half and b of the other by a + b and a - b. */
+static void split_into_halves(
+    uint32_t half, int32_t *restrict a_re, int32_t *restrict a_im, int32_t *restrict b_re,
+    int32_t *restrict b_im, uint32_t shift, int32_t top)
 {
     uint32_t k;
-    for (k = 0; k < n; k += 2U) {
-        add_and_subtract(&re[k], &re[k + 1U], re[k + 1U], shift, top);
-        add_and_subtract(&im[k], &im[k + 1U], im[k + 1U], shift, top);
+    for (k = 0; k < half; ++k) {
+        add_and_subtract(&a_re[k], &b_re[k], shift, top);
+        add_and_subtract(&a_im[k], &b_im[k], shift, top);
     }
 }
 
-/* Combine transforms of two to transforms of four: W = 1 and W = -i. */
-static void combine_pairs(uint32_t n, int32_t *re, int32_t *im, uint32_t shift, int32_t top)
+/* As `split_into_halves`, of all pairs of neighbours: the last stage of an odd number. */
+static void split_neighbours(uint32_t n, int32_t *re, int32_t *im, uint32_t shift, int32_t top)
+{
+    uint32_t k;
+    for (k = 0; k < n; k += 2U) {
+        add_and_subtract(&re[k], &re[k + 1U], shift, top);
+        add_and_subtract(&im[k], &im[k + 1U], shift, top);
+    }
+}
+
+/* First stage of the last pair. */
+static void split_fours(uint32_t n, int32_t *re, int32_t *im, uint32_t shift, int32_t top)
+{
+    uint32_t k;
+    for (k = 0; k < n; k += 4U) {
+        add_and_subtract(&re[k], &re[k + 2U], shift, top);
+        add_and_subtract(&im[k], &im[k + 2U], shift, top);
+        add_and_subtract(&re[k + 1U], &re[k + 3U], shift, top);
+        add_and_subtract(&im[k + 1U], &im[k + 3U], shift, top);
+    }
+}
+
+/* Second stage of the last pair: W = 1, and -i b in place of b in the second half. */
+static void split_halves_of_fours(
+    uint32_t n, int32_t *re, int32_t *im, uint32_t shift, int32_t top)
 {
     uint32_t k;
     for (k = 0; k < n; k += 4U) {
         const int32_t re_3 = re[k + 3U];
-        add_and_subtract(&re[k], &re[k + 2U], re[k + 2U], shift, top);
-        add_and_subtract(&im[k], &im[k + 2U], im[k + 2U], shift, top);
-        add_and_subtract(&re[k + 1U], &re[k + 3U], im[k + 3U], shift, top);
-        add_and_subtract(&im[k + 1U], &im[k + 3U], -re_3, shift, top);
+        add_and_subtract(&re[k], &re[k + 1U], shift, top);
+        add_and_subtract(&im[k], &im[k + 1U], shift, top);
+        re[k + 3U] = im[k + 3U];
+        im[k + 3U] = -re_3;
+        add_and_subtract(&re[k + 2U], &re[k + 3U], shift, top);
+        add_and_subtract(&im[k + 2U], &im[k + 3U], shift, top);
     }
 }
 
-/* Replace `half` pairs of points a and b by a + W b and a - W b. */
-static void combine(
-    uint32_t half, int32_t *restrict a_re, int32_t *restrict a_im, int32_t *restrict b_re,
+/* Second stage of a pair, first half: replace its points a and b by a + b and W (a - b). */
+static void split_first_half(
+    uint32_t quarter, int32_t *restrict a_re, int32_t *restrict a_im, int32_t *restrict b_re,
     int32_t *restrict b_im, const {{ twiddle_type }} *restrict cosines,
     const {{ twiddle_type }} *restrict sines, uint32_t shift, int32_t top)
 {
-    const accumulator unit = (accumulator)1 << TWIDDLE_FRACTION_BITS;
     uint32_t k;
-
-    for (k = 0; k < half; ++k) {
+    for (k = 0; k < quarter; ++k) {
         const accumulator c = cosines[k], s = sines[k];
-        const accumulator re = a_re[k] * unit, im = a_im[k] * unit;
-        const accumulator turned_re = b_re[k] * c - b_im[k] * s;
-        const accumulator turned_im = b_re[k] * s + b_im[k] * c;
-        a_re[k] = round_and_limit(re + turned_re, shift, top);
-        a_im[k] = round_and_limit(im + turned_im, shift, top);
-        b_re[k] = round_and_limit(re - turned_re, shift, top);
-        b_im[k] = round_and_limit(im - turned_im, shift, top);
+        const accumulator sum_re = (accumulator)a_re[k] + b_re[k];
+        const accumulator sum_im = (accumulator)a_im[k] + b_im[k];
+        const accumulator re = (accumulator)a_re[k] - b_re[k], im = (accumulator)a_im[k] - b_im[k];
+        a_re[k] = round_sum(sum_re, shift, top);
+        a_im[k] = round_sum(sum_im, shift, top);
+        b_re[k] = round_and_limit(re * c - im * s, TWIDDLE_FRACTION_BITS + shift, top);
+        b_im[k] = round_and_limit(re * s + im * c, TWIDDLE_FRACTION_BITS + shift, top);
+    }
+}
+
+/* Second stage of a pair, second half: replace a and b by W (a - i b) and W (a + i b); the second
+ * W is `quarter` entries behind the first.
+ */
+static void split_second_half(
+    uint32_t quarter, int32_t *restrict a_re, int32_t *restrict a_im, int32_t *restrict b_re,
+    int32_t *restrict b_im, const {{ twiddle_type }} *restrict cosines,
+    const {{ twiddle_type }} *restrict sines, uint32_t shift, int32_t top)
+{
+    uint32_t k;
+    for (k = 0; k < quarter; ++k) {
+        const accumulator c = cosines[k], s = sines[k];
+        const accumulator next_c = cosines[quarter + k], next_s = sines[quarter + k];
+        const accumulator re = (accumulator)a_re[k] + b_im[k], im = (accumulator)a_im[k] - b_re[k];
+        const accumulator next_re = (accumulator)a_re[k] - b_im[k];
+        const accumulator next_im = (accumulator)a_im[k] + b_re[k];
+        a_re[k] = round_and_limit(re * c - im * s, shift, top);
+        a_im[k] = round_and_limit(re * s + im * c, shift, top);
+        b_re[k] = round_and_limit(next_re * next_c - next_im * next_s, shift, top);
+        b_im[k] = round_and_limit(next_re * next_s + next_im * next_c, shift, top);
     }
 }
 {% if words.scaling == "block" %}
@@ -187,18 +239,51 @@ static int32_t largest_magnitude(const int32_t *re, const int32_t *im, uint32_t 
 }
 {% endif %}
 
-/* Transform points in bit-reversed order in place, by decimation in time; write the bits that each
- * stage shifted right, and return their sum.
+/* Do one stage of the transforms of 2 half points, with `shift` bits to the right. The factors W of
+ * a second stage begin at cosines and sines.
+ */
+static void split(
+    uint32_t n, uint32_t half, uint32_t is_second, int32_t *re, int32_t *im,
+    const {{ twiddle_type }} *cosines, const {{ twiddle_type }} *sines, uint32_t shift, int32_t top)
+{
+    uint32_t first;
+
+    if (half == 1U && is_second) {
+        split_halves_of_fours(n, re, im, shift, top);
+    } else if (half == 1U) {
+        split_neighbours(n, re, im, shift, top);
+    } else if (half == 2U && !is_second) {
+        split_fours(n, re, im, shift, top);
+    } else if (!is_second) {
+        for (first = 0; first < n; first += 2U * half) {
+            split_into_halves(half, re + first, im + first, re + first + half, im + first + half,
+                              shift, top);
+        }
+    } else {
+        for (first = 0; first < n; first += 4U * half) {
+            const uint32_t second = first + 2U * half;
+            split_first_half(half, re + first, im + first, re + first + half, im + first + half,
+                             cosines, sines, shift, top);
+            split_second_half(half, re + second, im + second, re + second + half,
+                              im + second + half, cosines + half, sines + half,
+                              TWIDDLE_FRACTION_BITS + shift, top);
+        }
+    }
+}
+
+/* Transform points in place into bit-reversed order, by decimation in frequency with radix 2^2;
+ * write the bits that each stage shifted right, and return their sum.
  *
- * A stage combines neighbouring transforms of `half` points. Each result is rounded once.
+ * Stages are paired; the last one of an odd number is alone. Each result is rounded once.
  */
 static uint32_t transform(const transform_plan *plan, int32_t *re, int32_t *im, uint8_t *shifts)
 {
     const uint32_t n = (uint32_t)1 << plan->n_stages;
-    uint32_t exponent = 0, stage, first;
+    const {{ twiddle_type }} *cosines = plan->cosines, *sines = plan->sines;
+    uint32_t exponent = 0, stage;
 
     for (stage = 0; stage < plan->n_stages; ++stage) {
-        const uint32_t half = (uint32_t)1 << stage;
+        const uint32_t half = n >> (stage + 1U), is_second = stage & 1U;
         uint32_t shift = {{ {"block": 0, "halving": 1, "none": 0}[words.scaling] }};
 {% if words.scaling == "block" %}
         /* The smallest shift for which no result can exceed the largest word. */
@@ -209,16 +294,10 @@ static uint32_t transform(const transform_plan *plan, int32_t *re, int32_t *im, 
 {% endif %}
         shifts[stage] = (uint8_t)shift;
         exponent += shift;
-        if (stage == 0U) {
-            combine_points(n, re, im, shift, plan->top);
-        } else if (stage == 1U) {
-            combine_pairs(n, re, im, shift, plan->top);
-        } else {
-            for (first = 0; first < n; first += 2U * half) {
-                combine(half, re + first, im + first, re + first + half, im + first + half,
-                        plan->cosines + half, plan->sines + half, TWIDDLE_FRACTION_BITS + shift,
-                        plan->top);
-            }
+        split(n, half, is_second, re, im, cosines, sines, shift, plan->top);
+        if (is_second) {
+            cosines += 3U * half;
+            sines += 3U * half;
         }
     }
     return exponent;
@@ -238,22 +317,20 @@ static void transform_channel(
     for (k = 0; k < {{ NAME }}_N_SAMPLES; ++k) {
         const accumulator weight = range_weights[k];
 {% if sample_parts == 2 %}
-        re[j] = saturate(scale(samples[2U * k] * weight, RANGE_PRODUCT_SHIFT), range_plan.top);
-        im[j] = saturate(scale(samples[2U * k + 1U] * weight, RANGE_PRODUCT_SHIFT), range_plan.top);
+        re[k] = saturate(scale(samples[2U * k] * weight, RANGE_PRODUCT_SHIFT), range_plan.top);
+        im[k] = saturate(scale(samples[2U * k + 1U] * weight, RANGE_PRODUCT_SHIFT), range_plan.top);
 {% else %}
-        re[j] = saturate(scale(samples[k] * weight, RANGE_PRODUCT_SHIFT), range_plan.top);
-        im[j] = 0;
+        re[k] = saturate(scale(samples[k] * weight, RANGE_PRODUCT_SHIFT), range_plan.top);
+        im[k] = 0;
 {% endif %}
-        TRACE(RANGE_WINDOW_I, re[j]);
-        TRACE(RANGE_WINDOW_Q, im[j]);
-        j = next_bit_reversed(j, {{ NAME }}_N_RANGE_BINS);
+        TRACE(RANGE_WINDOW_I, re[k]);
+        TRACE(RANGE_WINDOW_Q, im[k]);
     }
     for (; k < {{ NAME }}_N_RANGE_BINS; ++k) {
-        re[j] = 0;
-        im[j] = 0;
+        re[k] = 0;
+        im[k] = 0;
         TRACE(RANGE_WINDOW_I, 0);
         TRACE(RANGE_WINDOW_Q, 0);
-        j = next_bit_reversed(j, {{ NAME }}_N_RANGE_BINS);
     }
     exponent = transform(&range_plan, re, im, shifts);
     state->range_exponents[chirp][channel] = (uint8_t)exponent;
@@ -261,11 +338,12 @@ static void transform_channel(
         state->range_exponent = exponent;
     }
     for (k = 0; k < {{ NAME }}_N_ROWS; ++k) {
-        target[0] = ({{ name }}_word)re[k];
-        target[1] = ({{ name }}_word)im[k];
+        target[0] = ({{ name }}_word)re[j];
+        target[1] = ({{ name }}_word)im[j];
         target += 2U * {{ NAME }}_N_VELOCITY_BINS;
-        TRACE(RANGE_FFT_I, re[k]);
-        TRACE(RANGE_FFT_Q, im[k]);
+        TRACE(RANGE_FFT_I, re[j]);
+        TRACE(RANGE_FFT_Q, im[j]);
+        j = next_bit_reversed(j, {{ NAME }}_N_RANGE_BINS);
     }
     for (k = 0; k < range_plan.n_stages; ++k) {
         TRACE(RANGE_SHIFTS, shifts[k]);
@@ -324,18 +402,16 @@ static void transform_row({{ name }}_state *state, uint32_t channel, uint32_t ro
             DOPPLER_PRODUCT_SHIFT
             + (int32_t)(state->range_exponent - state->range_exponents[k][channel]);
         const accumulator weight = doppler_weights[k];
-        re[j] = saturate(scale(points[2U * k] * weight, shift), doppler_plan.top);
-        im[j] = saturate(scale(points[2U * k + 1U] * weight, shift), doppler_plan.top);
-        TRACE(DOPPLER_WINDOW_I, re[j]);
-        TRACE(DOPPLER_WINDOW_Q, im[j]);
-        j = next_bit_reversed(j, {{ NAME }}_N_VELOCITY_BINS);
+        re[k] = saturate(scale(points[2U * k] * weight, shift), doppler_plan.top);
+        im[k] = saturate(scale(points[2U * k + 1U] * weight, shift), doppler_plan.top);
+        TRACE(DOPPLER_WINDOW_I, re[k]);
+        TRACE(DOPPLER_WINDOW_Q, im[k]);
     }
     for (; k < {{ NAME }}_N_VELOCITY_BINS; ++k) {
-        re[j] = 0;
-        im[j] = 0;
+        re[k] = 0;
+        im[k] = 0;
         TRACE(DOPPLER_WINDOW_I, 0);
         TRACE(DOPPLER_WINDOW_Q, 0);
-        j = next_bit_reversed(j, {{ NAME }}_N_VELOCITY_BINS);
     }
     exponent = transform(&doppler_plan, re, im, shifts);
     state->doppler_exponents[channel][row] = (uint8_t)exponent;
@@ -343,10 +419,11 @@ static void transform_row({{ name }}_state *state, uint32_t channel, uint32_t ro
         state->doppler_exponent = exponent;
     }
     for (k = 0; k < {{ NAME }}_N_VELOCITY_BINS; ++k) {
-        points[2U * k] = ({{ name }}_word)re[k];
-        points[2U * k + 1U] = ({{ name }}_word)im[k];
-        TRACE(DOPPLER_FFT_I, re[k]);
-        TRACE(DOPPLER_FFT_Q, im[k]);
+        points[2U * k] = ({{ name }}_word)re[j];
+        points[2U * k + 1U] = ({{ name }}_word)im[j];
+        TRACE(DOPPLER_FFT_I, re[j]);
+        TRACE(DOPPLER_FFT_Q, im[j]);
+        j = next_bit_reversed(j, {{ NAME }}_N_VELOCITY_BINS);
     }
     for (k = 0; k < doppler_plan.n_stages; ++k) {
         TRACE(DOPPLER_SHIFTS, shifts[k]);

@@ -80,10 +80,10 @@ module dechirp_core #(
     localparam WINDOW_LATENCY = 5, POWER_LATENCY = 6;
     localparam BLOCK_SCALING = SCALING_SHIFT < 0;
     localparam RANGE_LATENCY = WINDOW_LATENCY + (1 << RANGE_INDEX_BITS) - 1
-        + (RANGE_INDEX_BITS > 2 ? 6 * RANGE_INDEX_BITS - 8 : 2 * RANGE_INDEX_BITS)
+        + 2 * RANGE_INDEX_BITS + 3 * ((RANGE_INDEX_BITS - 1) / 2)
         + (BLOCK_SCALING ? RANGE_INDEX_BITS * ((1 << RANGE_INDEX_BITS) + 2) : 0);
     localparam DOPPLER_LATENCY = WINDOW_LATENCY + (1 << DOPPLER_INDEX_BITS) - 1
-        + (DOPPLER_INDEX_BITS > 2 ? 6 * DOPPLER_INDEX_BITS - 8 : 2 * DOPPLER_INDEX_BITS)
+        + 2 * DOPPLER_INDEX_BITS + 3 * ((DOPPLER_INDEX_BITS - 1) / 2)
         + (BLOCK_SCALING ? DOPPLER_INDEX_BITS * ((1 << DOPPLER_INDEX_BITS) + 2) : 0);
     // Largest exponents: two bits in each stage.
     localparam MAX_RANGE_EXPONENT = 2 * RANGE_INDEX_BITS;

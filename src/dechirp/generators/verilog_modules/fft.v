@@ -1,10 +1,10 @@
-// Streaming FFT, one sample a clock: stages of radix 2 with single-path delay feedback.
+// Streaming FFT, one sample a clock: radix 2^2 with single-path delay feedback.
 //
-// All stages have the butterflies, twiddle factors and rounding of the model. With NATURAL_INPUT,
-// words enter in natural and leave in bit-reversed order; without it, the reverse. The first result
-// appears 2^INDEX_BITS - 1 clocks after its first sample, plus 2 clocks for each of the first two
-// stages and 6 for each of the others; with block scaling (a SCALING_SHIFT of -1), one transform
-// and two clocks later for each stage.
+// All stages have the butterflies, twiddle factors and rounding of the model: every other one has
+// four multipliers, and the last two have none. With NATURAL_INPUT, words enter in natural and leave
+// in bit-reversed order; without it, the reverse. The first result appears 2^INDEX_BITS - 1 clocks
+// after its first sample, plus 2 clocks for each stage and 3 for each with factors; with block
+// scaling (a SCALING_SHIFT of -1), one transform and two clocks later for each stage.
 module dechirp_fft #(
     parameter BITS = 16,
     parameter TWIDDLE_BITS = 16,
@@ -38,24 +38,27 @@ module dechirp_fft #(
     assign out_im = im[INDEX_BITS];
     wire unused = &{1'b0, index[INDEX_BITS]};
 
-    genvar j;
+    genvar j, k;
     generate
         for (j = 1; j <= INDEX_BITS; j = j + 1) begin : stages
-            localparam TWIDDLES = j < 3 ? j - 1 : 2;
-            localparam ADDRESS_BITS = j < 2 ? 1 : j - 1;
-            wire [ADDRESS_BITS-1:0] address;
+            localparam PAIR_BITS = INDEX_BITS - j + 2;  // log2 of the points of the pair
+            wire [INDEX_BITS-1:0] position;
             wire [2*TWIDDLE_BITS-1:0] twiddle;
-            if (TWIDDLES == 2) begin : table_of_factors
-                dechirp_twiddles #(j) twiddles (clk, en, address, twiddle);
-            end else begin : no_table
-                wire unused_address = &{1'b0, address};
+            wire unused_position = &{1'b0, position};
+            if (j % 2 == 0 && j < INDEX_BITS) begin : factors
+                wire [PAIR_BITS-1:0] address;
+                for (k = 0; k < PAIR_BITS; k = k + 1) begin : bits
+                    assign address[k] = position[NATURAL_INPUT ? k : INDEX_BITS-1-k];
+                end
+                dechirp_twiddles #(PAIR_BITS) twiddles (clk, en, address, twiddle);
+            end else begin : no_factors
                 assign twiddle = {2 * TWIDDLE_BITS{1'b0}};
             end
             dechirp_fft_stage #(
-                BITS, TWIDDLE_BITS, INDEX_BITS, j, NATURAL_INPUT, TWIDDLES, SCALING_SHIFT,
+                BITS, TWIDDLE_BITS, INDEX_BITS, j, NATURAL_INPUT, SCALING_SHIFT,
                 EXPONENT_BITS, LIMITS[2*BITS*(j-1) +: 2*BITS], ROUNDING
             ) stage (
-                clk, rst, en, index[j-1], re[j-1], im[j-1], exponent[j-1], address, twiddle,
+                clk, rst, en, index[j-1], re[j-1], im[j-1], exponent[j-1], position, twiddle,
                 index[j], re[j], im[j], exponent[j]
             );
         end

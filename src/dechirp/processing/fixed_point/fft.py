@@ -1,4 +1,4 @@
-"""Fixed-point FFT, radix 2, with optional block scaling."""
+"""Fixed-point FFT, radix 2^2, with optional block scaling."""
 
 from typing import NamedTuple
 
@@ -35,14 +35,18 @@ def fft(points: np.ndarray, bits: int, words: WordLengths) -> FftResult:
 
     .. math:: X_k = 2^{-\sum s} \sum_i x_i\, e^{-2 \pi \mathrm{i} k i / n}
 
-    Decimation in time: samples are in bit-reversed order, and stage j = 1 ... log2 n combines
-    neighbouring transforms of 2^(j-1) points, a and b, to those of 2^j, a + W b and a - W b. Each
-    result is rounded once: products are exact until the sum is shifted by the fraction bits of W
-    and the s of the stage.
+    Decimation in frequency: stage j = 1 ... log2 n splits each transform of n / 2^(j-1) points into
+    two of half the points. Stages are paired. The first of a pair replaces points a and b, half a
+    transform apart, by a + b and a - b. The second one does so within both halves, with -i b for b
+    in the second half, and multiplies the results of the quarter (u, v), of halves u and then v,
+    by W^(q (u + 2 v)), where W = exp(-2 pi i / m), m is the number of points of the pair and q is
+    the position in the quarter. The last stage of an odd number is alone. So every other stage
+    has neither products nor factors, and the turn by -i is exact. Each result is rounded once:
+    products are exact until they are shifted by the fraction bits of W and the s of the stage.
 
     Block scaling uses the smallest s for which no result can overflow, from the largest part of any
-    value of the transform: it grows by at most 1 + |Re W| + |Im W|, 2 in the first two stages and
-    1 + sqrt 2 in the others.
+    value of the transform: it grows by at most 2 in the first stage of a pair, and by at most
+    2 (\|Re W\| + \|Im W\|), 2 sqrt 2, in the second one.
 
     Parameters
     ----------
@@ -60,8 +64,9 @@ def fft(points: np.ndarray, bits: int, words: WordLengths) -> FftResult:
 
     References
     ----------
-    P. D. Welch, A fixed-point fast Fourier transform error analysis, IEEE Trans. Audio and
-    Electroacoustics 17(2), 1969. A. V. Oppenheim, C. J. Weinstein, Effects of finite register
+    S. He, M. Torkelson, A new approach to pipeline FFT processor, Proc. IPPS, 1996. P. D. Welch, A
+    fixed-point fast Fourier transform error analysis, IEEE Trans. Audio and Electroacoustics 17(2),
+    1969. A. V. Oppenheim, C. J. Weinstein, Effects of finite register
     length in digital filtering and the fast Fourier transform, Proc. IEEE 60(8), 1972.
     """
     check_integer("bits", bits, at_least=4, at_most=24)
@@ -95,7 +100,7 @@ def check_power_of_two(setting: str, n: int, *, fix: str) -> None:
 
 
 def bit_reversed_order(n: int) -> np.ndarray:
-    """Return the sample index at each position before the first stage, (n,)."""
+    """Return the bin at each position after the last stage, (n,); it is its own inverse."""
     order = np.zeros(1, np.int64)
     while order.size < n:
         order = np.concatenate([2 * order, 2 * order + 1])
@@ -109,9 +114,25 @@ def _shift_per_stage_or_by_block(scaling: Scaling) -> int:
 def max_growth_per_stage(twiddles: np.ndarray, n: int, bits: int) -> np.ndarray:
     """Return the largest growth of a part in each stage, in words of W."""
     sizes = np.abs(twiddles).sum(axis=-1)
-    halves = 2 ** np.arange(n.bit_length() - 1)
-    largest = [sizes[:: n // (2 * half)].max() for half in halves]
-    return 2 ** (bits - INTEGER_BITS) + np.array(largest, np.int64)
+    largest = [
+        sizes[:: 1 << (stage - 1)].max() if stage % 2 else 1 << (bits - INTEGER_BITS)
+        for stage in range(n.bit_length() - 1)
+    ]
+    return 2 * np.array(largest, np.int64)
+
+
+def turns_after_pair(n_points: int) -> np.ndarray:
+    """Return the exponents of W after a pair of stages of this many points, by position, (m,)."""
+    return np.outer([0, 2, 1, 3], np.arange(n_points // 4)).ravel()
+
+
+def twiddles_after_pair(twiddles: np.ndarray, n_points: int) -> np.ndarray:
+    """Return the twiddle factors after a pair of stages of this many points, by position, (m, 2).
+
+    `twiddles` are those of a transform of n_points or more, see `integer_twiddle_factors`.
+    """
+    whole_turn = np.concatenate([twiddles, -twiddles])
+    return whole_turn[turns_after_pair(n_points) * (len(whole_turn) // n_points)]
 
 
 def _check_points_fit_bits(points: np.ndarray, bits: int) -> None:
@@ -148,7 +169,7 @@ def _fft_in_place(
     for block in range(len(points)):
         largest = np.int64(0)
         for k in range(n):
-            re[k], im[k] = points[block, order[k], 0], points[block, order[k], 1]
+            re[k], im[k] = points[block, k, 0], points[block, k, 1]
             largest = max(largest, abs(re[k]), abs(im[k]))
         for stage in range(len(growth)):
             shift = shift_per_stage[stage]
@@ -157,30 +178,40 @@ def _fft_in_place(
                 while largest * growth[stage] > top << (fraction + shift):
                     shift += 1
             shifts[block, stage] = shift
-            total_shift = fraction + shift
-            half = 1 << stage
-            step = n >> (stage + 1)
+            is_second = stage % 2 == 1
+            total_shift = shift + (fraction if is_second else 0)
+            half = n >> (stage + 1)
             largest = np.int64(0)
             for first in range(0, n, 2 * half):
+                u = first // (2 * half) % 2 if is_second else 0
                 for k in range(half):
                     a, b = first + k, first + k + half
-                    c, s = twiddles[k * step, 0], twiddles[k * step, 1]
-                    a_re, a_im = re[a] << fraction, im[a] << fraction
-                    b_re, b_im = re[b] * c - im[b] * s, re[b] * s + im[b] * c
+                    b_re, b_im = (im[b], -re[b]) if u else (re[b], im[b])
                     results = (
-                        shift_right_rounded(a_re + b_re, total_shift, mode),
-                        shift_right_rounded(a_im + b_im, total_shift, mode),
-                        shift_right_rounded(a_re - b_re, total_shift, mode),
-                        shift_right_rounded(a_im - b_im, total_shift, mode),
+                        (a, re[a] + b_re, im[a] + b_im, u * k),
+                        (b, re[a] - b_re, im[a] - b_im, (u + 2) * k),
                     )
-                    re[a], im[a] = saturate(results[0], bits), saturate(results[1], bits)
-                    re[b], im[b] = saturate(results[2], bits), saturate(results[3], bits)
-                    overflows[stage] += (
-                        (re[a] != results[0])
-                        + (im[a] != results[1])
-                        + (re[b] != results[2])
-                        + (im[b] != results[3])
-                    )
-                    largest = max(largest, abs(re[a]), abs(im[a]), abs(re[b]), abs(im[b]))
+                    for position, sum_re, sum_im, turn in results:
+                        x_re, x_im = sum_re, sum_im
+                        if is_second:
+                            c, s = _twiddle_factor(twiddles, turn << (stage - 1))
+                            x_re, x_im = sum_re * c - sum_im * s, sum_re * s + sum_im * c
+                        rounded_re = shift_right_rounded(x_re, total_shift, mode)
+                        rounded_im = shift_right_rounded(x_im, total_shift, mode)
+                        re[position] = saturate(rounded_re, bits)
+                        im[position] = saturate(rounded_im, bits)
+                        overflows[stage] += (re[position] != rounded_re) + (
+                            im[position] != rounded_im
+                        )
+                        largest = max(largest, abs(re[position]), abs(im[position]))
         for k in range(n):
-            points[block, k, 0], points[block, k, 1] = re[k], im[k]
+            points[block, k, 0], points[block, k, 1] = re[order[k]], im[order[k]]
+
+
+@kernel(plain=AS_WRITTEN)
+def _twiddle_factor(twiddles: np.ndarray, k: int) -> tuple[int, int]:
+    """Return exp(-2 pi i k / n) for k < n, from a table of the first half."""
+    n_half = len(twiddles)
+    if k < n_half:
+        return twiddles[k, 0], twiddles[k, 1]
+    return -twiddles[k - n_half, 0], -twiddles[k - n_half, 1]

@@ -9,7 +9,12 @@ from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.fixed_point.coefficients import INTEGER_BITS, integer_twiddle_factors
-from dechirp.processing.fixed_point.fft import FftResult, fft
+from dechirp.processing.fixed_point.fft import (
+    FftResult,
+    fft,
+    turns_after_pair,
+    twiddles_after_pair,
+)
 from dechirp.processing.fixed_point.word_lengths import WordLengths
 
 __all__ = ["predict_quantisation_noise", "signal_to_quantisation_noise_over_bits"]
@@ -23,14 +28,21 @@ def predict_quantisation_noise(
 ) -> np.ndarray:
     r"""Return the mean square error of the values of `fft`, in squares of the last bit.
 
-    .. math:: v_j = 2 \cdot 4^{-s_j} v_{j-1} + 2 r(s_j)
+    .. math:: v_j = 2 \cdot 4^{-s_j} v_{j-1} + 2 r_j
 
     after stage j, which adds two independent values, shifts them by s_j and rounds both parts
-    of the result once: with an error of mean square r = (1 + 2 / 4^s) / 12 where it is a
-    multiple of 2^-s, as for W = 1 or -i (1/8 for s = 1, 0 for none), and 1/12 elsewhere. The
-    signal times the mean square error of W is added, for the half of the signal that passes W
-    in a stage. (Welch, and Oppenheim and Weinstein, give the recursion; they round the product,
-    the shift and the sum one after the other.)
+    of the result once. The mean square r of that error is 1/12 where the result is the product with
+    a twiddle factor W. Where W is 1 or a quarter turn, in the first stage of a pair and for 1/4 +
+    4/m of its m points in the second one, the result is a multiple of 2^-s and
+
+    .. math:: r = e_{s-1} + 2 q (e_s - e_{s-1}), \quad e_s = (1 + 2 / 4^s) / 12, \quad e_0 = 0
+
+    and 0 for s = 0, where q is the share of odd sums: 2 p (1 - p) of words of which a share p is
+    odd, 1/2 at first and after a product. Halves (q of the sums for s = 1, else (1 - q) 2^(1-s))
+    are rounded to even words; every second one of the other sums becomes odd. The signal times the
+    mean square error of W is added in every second stage. (Welch, and Oppenheim and Weinstein, give
+    the recursion for radix 2; they round the product, the shift and the sum one after the other,
+    and take every q as 1/2.)
 
     Parameters
     ----------
@@ -47,9 +59,8 @@ def predict_quantisation_noise(
 
     Notes
     -----
-    Valid for signals with random last bits, such as noise, and for tones off the bins averaged over
-    many, from 12 bits on: with fewer, values near 0 are rounded to 0. Up to 7 % too large under
-    block scaling, as a halving passes more even than odd values to the next stage. Valid without
+    Accurate to 2 % for signals with random last bits, such as noise, and for tones off the bins
+    averaged over many, from 12 bits on: with fewer, values near 0 are rounded to 0. Valid without
     overflows. Half-up and truncated words have an additional mean error.
 
     References
@@ -70,19 +81,30 @@ def predict_quantisation_noise(
     factors = integer_twiddle_factors(n, words.twiddle_bits) / 2.0 ** (
         words.twiddle_bits - INTEGER_BITS
     )
-    exact = np.exp(-2j * np.pi * np.arange(n // 2) / n)
-    error = np.abs(factors @ np.array([1, 1j]) - exact) ** 2
-    noise = np.zeros(shifts.shape[:-1])
+    noise, odd_words = np.zeros(shifts.shape[:-1]), np.full(shifts.shape[:-1], 0.5)
     relative = 0.0
     for stage in range(n_stages):
-        step = n >> (stage + 1)
-        used_factors = np.arange(0, n // 2, step)
-        quarter_turns = np.mean(4 * used_factors % n == 0)
-        attenuation = 4.0 ** -shifts[..., stage]
-        aligned = np.where(shifts[..., stage] > 0, (1 + 2 * attenuation) / 12, 0.0)
-        noise = 2 * attenuation * noise + 2 * (quarter_turns * aligned + (1 - quarter_turns) / 12)
-        relative += error[used_factors].mean() / 2
+        shift, quarter_turns = shifts[..., stage], 1.0
+        if stage % 2:
+            n_points = n >> (stage - 1)
+            turns = turns_after_pair(n_points)
+            exact = np.exp(-2j * np.pi * turns / n_points)
+            error = twiddles_after_pair(factors, n_points) @ np.array([1, 1j]) - exact
+            relative += np.mean(np.abs(error) ** 2)
+            quarter_turns = np.mean(4 * turns % n_points == 0)
+        odd_sums = 2 * odd_words * (1 - odd_words)
+        before, after = _error_of_uniform_fraction(shift - 1), _error_of_uniform_fraction(shift)
+        aligned = np.where(shift > 0, before + 2 * odd_sums * (after - before), 0.0)
+        noise = 2 * 4.0**-shift * noise + 2 * (quarter_turns * aligned + (1 - quarter_turns) / 12)
+        halves = np.where(shift == 1, odd_sums, (1 - odd_sums) * 2.0 ** (1 - shift))
+        odd_of_aligned = np.where(shift > 0, (1 - halves) / 2, odd_sums)
+        odd_words = quarter_turns * odd_of_aligned + (1 - quarter_turns) / 2
     return np.asarray(noise + relative * signal_power)
+
+
+def _error_of_uniform_fraction(bits: np.ndarray) -> np.ndarray:
+    """Return the mean square error of rounding a word with this many random fraction bits."""
+    return np.where(bits > 0, (1 + 2 * 4.0**-bits) / 12, 0.0)
 
 
 def signal_to_quantisation_noise(points: np.ndarray, result: FftResult) -> np.ndarray:
@@ -102,18 +124,18 @@ def make_full_scale_signal(
 ) -> np.ndarray:
     """Return full-scale tones of random frequency and phase, or noise, (n_trials, n_points, 2).
 
-    The amplitude of a tone is the largest word; noise is uniform up to it.
+    The amplitude of a tone is the largest word; noise is uniform in the disc of this radius.
     """
     largest_word = 2 ** (bits - 1) - 1
+    amplitude = float(largest_word)
     if signal == "noise":
-        return rng.integers(
-            -largest_word, largest_word, size=(n_trials, n_points, 2), endpoint=True
-        )
-    cycles, start = rng.uniform(size=(2, n_trials, 1))
-    phase = 2 * np.pi * (cycles * np.arange(n_points) + start)
-    return np.rint(largest_word * np.stack([np.cos(phase), np.sin(phase)], axis=-1)).astype(
-        np.int64
-    )
+        amplitude = largest_word * np.sqrt(rng.uniform(size=(n_trials, n_points, 1)))
+        phase = rng.uniform(0, 2 * np.pi, size=(n_trials, n_points))
+    else:
+        cycles, start = rng.uniform(size=(2, n_trials, 1))
+        phase = 2 * np.pi * (cycles * np.arange(n_points) + start)
+    points = amplitude * np.stack([np.cos(phase), np.sin(phase)], axis=-1)
+    return np.rint(points).astype(np.int64)
 
 
 @check_argument_types
