@@ -144,14 +144,12 @@ static void split_into_halves(
     }
 }
 
-/* As `split_into_halves`, of all pairs of neighbours: the last stage of an odd number. */
-static void split_neighbours(uint32_t n, int32_t *re, int32_t *im, uint32_t shift, int32_t top)
+/* As `split_into_halves`, of the points a and b. */
+static inline void split_points(
+    int32_t *re, int32_t *im, uint32_t a, uint32_t b, uint32_t shift, int32_t top)
 {
-    uint32_t k;
-    for (k = 0; k < n; k += 2U) {
-        add_and_subtract(&re[k], &re[k + 1U], shift, top);
-        add_and_subtract(&im[k], &im[k + 1U], shift, top);
-    }
+    add_and_subtract(&re[a], &re[b], shift, top);
+    add_and_subtract(&im[a], &im[b], shift, top);
 }
 
 /* First stage of the last pair. */
@@ -159,26 +157,23 @@ static void split_fours(uint32_t n, int32_t *re, int32_t *im, uint32_t shift, in
 {
     uint32_t k;
     for (k = 0; k < n; k += 4U) {
-        add_and_subtract(&re[k], &re[k + 2U], shift, top);
-        add_and_subtract(&im[k], &im[k + 2U], shift, top);
-        add_and_subtract(&re[k + 1U], &re[k + 3U], shift, top);
-        add_and_subtract(&im[k + 1U], &im[k + 3U], shift, top);
+        split_points(re, im, k, k + 2U, shift, top);
+        split_points(re, im, k + 1U, k + 3U, shift, top);
     }
 }
 
-/* Second stage of the last pair: W = 1, and -i b in place of b in the second half. */
-static void split_halves_of_fours(
-    uint32_t n, int32_t *re, int32_t *im, uint32_t shift, int32_t top)
+/* Last stage: neighbours; if it is the second one of a pair, with -i b in place of every other b. */
+static void split_neighbours(
+    uint32_t n, uint32_t is_second, int32_t *re, int32_t *im, uint32_t shift, int32_t top)
 {
     uint32_t k;
-    for (k = 0; k < n; k += 4U) {
+    for (k = 0; is_second && k < n; k += 4U) {
         const int32_t re_3 = re[k + 3U];
-        add_and_subtract(&re[k], &re[k + 1U], shift, top);
-        add_and_subtract(&im[k], &im[k + 1U], shift, top);
         re[k + 3U] = im[k + 3U];
         im[k + 3U] = -re_3;
-        add_and_subtract(&re[k + 2U], &re[k + 3U], shift, top);
-        add_and_subtract(&im[k + 2U], &im[k + 3U], shift, top);
+    }
+    for (k = 0; k < n; k += 2U) {
+        split_points(re, im, k, k + 1U, shift, top);
     }
 }
 
@@ -248,10 +243,8 @@ static void split(
 {
     uint32_t first;
 
-    if (half == 1U && is_second) {
-        split_halves_of_fours(n, re, im, shift, top);
-    } else if (half == 1U) {
-        split_neighbours(n, re, im, shift, top);
+    if (half == 1U) {
+        split_neighbours(n, is_second, re, im, shift, top);
     } else if (half == 2U && !is_second) {
         split_fours(n, re, im, shift, top);
     } else if (!is_second) {

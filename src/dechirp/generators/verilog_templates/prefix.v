@@ -46,22 +46,16 @@ module {{ name }} (
         .m_axis_tdata(cell_data),
         .m_axis_tuser(cell_user),
         .m_axis_tlast(cell_last),
-        .memory_write_en(write_en),
-        .memory_write_ready(1'b1),
-        .memory_write_address(write_address),
-        .memory_write_data(write_data),
-        .memory_read_en(read_en),
-        .memory_read_ready(1'b1),
-        .memory_read_address(read_address),
-        .memory_read_data(read_data),
-        .spectrum_write_en(spectrum_write_en),
-        .spectrum_write_ready(1'b1),
-        .spectrum_write_address(spectrum_write_address),
-        .spectrum_write_data(spectrum_write_data),
-        .spectrum_read_en(spectrum_read_en),
-        .spectrum_read_ready(1'b1),
-        .spectrum_read_address(spectrum_read_address),
-        .spectrum_read_data(spectrum_read_data)
+{% for memory, wires in (("memory", ""), ("spectrum", "spectrum_")) %}
+        .{{ memory }}_write_en({{ wires }}write_en),
+        .{{ memory }}_write_ready(1'b1),
+        .{{ memory }}_write_address({{ wires }}write_address),
+        .{{ memory }}_write_data({{ wires }}write_data),
+        .{{ memory }}_read_en({{ wires }}read_en),
+        .{{ memory }}_read_ready(1'b1),
+        .{{ memory }}_read_address({{ wires }}read_address),
+        .{{ memory }}_read_data({{ wires }}read_data){{ "," if not loop.last }}
+{% endfor %}
     );
 
     {{ name }}_corner_memory #({{ 2 * range_bits }}, {{ bank_words }}, {{ address_bits }}) corner_memory (
