@@ -162,7 +162,7 @@ static void split_fours(uint32_t n, int32_t *re, int32_t *im, uint32_t shift, in
     }
 }
 
-/* Last stage: neighbours; if it is the second one of a pair, with -i b in place of every other b. */
+/* Last stage: neighbours; the second one of a pair takes -i b in place of every other b. */
 static void split_neighbours(
     uint32_t n, uint32_t is_second, int32_t *re, int32_t *im, uint32_t shift, int32_t top)
 {
