@@ -133,7 +133,7 @@ def test_several_receivers_need_axis_names(tmp_path):
 
 @pytest.mark.parametrize(
     ("n_bytes", "message"),
-    [(0, "an empty file"), (3, "0 complex samples"), (4095, "511 complex samples")],
+    [(0, "an empty file"), (3, "only 3 bytes"), (4095, "511 complex samples")],
 )
 def test_too_short_file_is_refused(tmp_path, n_bytes, message):
     file = tmp_path / "capture.cf32"

@@ -71,6 +71,17 @@ KINDS = {
     "pickle 2": (pickle.dumps({"radar": [1.0, 2.0]}, 2), "pickle", "numpy.save"),
     "pickle 5": (pickle.dumps(np.arange(9.0), 5), "pickle", "numpy.save"),
     "utf-16": ("1,2,3\r\n4,5,6\r\n".encode("utf-16"), "UTF-16", "UTF-8"),
+    "dicom": (bytes(128) + b"DICM" + bytes(90), "DICOM", "the recording"),
+    "hdf4": (b"\x0e\3\x13\1" + bytes(90), "HDF4", "h4toh5"),
+    "mach-o": (b"\xcf\xfa\xed\xfe" + bytes(90), "program", "the recording"),
+    "gtrack": (b"6\n40\nNUM=2\n35.6,1.03,1.69\n34.6,1.01,1.74\n", "group tracker", "the recording"),
+    "vectors": (
+        np.array([5, *(128 << np.arange(5)), 7, 9], "<u4").tobytes() + bytes(90),
+        "mmwavelib",
+        "the recording",
+    ),
+    "windows": (np.array([32767] * 128 + [-32768, 0] * 64, "<i2").tobytes(), "mmwavelib", ".npy"),
+    "few bytes": (b"\1\0\0\0\x0d\0", "only 6 bytes", "--format"),
     "empty": (b"", "an empty file", "copy it again"),
 }
 

@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 import scipy.io
 
+from dechirp.core.errors import RecordingError
+from dechirp.recordings.readers.base import RecordingHints
+from dechirp.recordings.recognise import find_recording_in_folder
 from dechirp.recordings.recording import open as open_recording
 
 
@@ -68,3 +71,9 @@ def test_people_counting_points_equal_those_of_matlab_file(witness_data):
     expected = np.concatenate([np.reshape(frame.pointCloud, (4, -1)) for frame in history], axis=1)
     columns = [points[name].values for name in ("range", "azimuth", "velocity", "snr")]
     assert np.array_equal(columns, expected * np.array([[1], [-1], [1], [1]]))
+
+
+@pytest.mark.parametrize("folder", ["ti_mmwavelib", "ti_gtrack"])
+def test_test_vectors_are_not_taken_for_samples(witness_data, folder):
+    with pytest.raises(RecordingError, match="test (vectors|data) of TI's"):
+        find_recording_in_folder(witness_data / folder, None, RecordingHints())

@@ -1,7 +1,8 @@
 """Well-known files that are no recordings, recognised by their first bytes.
 
 A stand-in is a small text that was stored in place of a recording: a pointer of Git LFS, git-annex
-or DVC, or the error page of a web server.
+or DVC, or the error page of a web server. Test vectors of TI's mmwavelib contain windows and powers
+besides samples, in layouts that only the source of each test states.
 
 References
 ----------
@@ -11,6 +12,7 @@ Digital Formats (signatures of file formats).
 
 import codecs
 import re
+import struct
 import zipfile
 from pathlib import Path
 from typing import NamedTuple
@@ -89,6 +91,16 @@ _SIGNATURES = {
     b"ID3": ForeignFile("an MP3 sound file", _TO_WAV),
     b"FORM": ForeignFile("an AIFF sound file", _TO_WAV),
     b"\x7fELF": ForeignFile("a program (ELF)", _WRONG_FILE),
+    **dict.fromkeys(
+        (b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe"),
+        ForeignFile("a program (Mach-O or Java)", _WRONG_FILE),
+    ),
+    b"\0asm": ForeignFile("a program (WebAssembly)", _WRONG_FILE),
+    b"8BPS": ForeignFile("a Photoshop picture", _WRONG_FILE),
+    b"\x0e\x03\x13\x01": ForeignFile("an HDF4 file", "convert it to HDF5: h4toh5 IN OUT.h5"),
+    b"SIMPLE  = ": ForeignFile("a FITS file", _SAVE_ARRAY),
+    b"Obj\1": ForeignFile("an Avro table", _SAVE_ARRAY),
+    b"\0\1\0\0Standard ": ForeignFile("an Access database", _TO_CSV),
 }
 
 # Signatures that need more evidence than their first bytes.
@@ -135,6 +147,15 @@ _PATTERNS = {
         "fetch the file: git annex get FILE, or datalad get FILE",
         is_stand_in=True,
     ),
+    rb".{128}DICM": ForeignFile("a medical picture (DICOM)", _WRONG_FILE),
+    rb"\d{1,6}\s+\d{1,6}\s+NUM=\d+\s": ForeignFile(
+        "test data of TI's group tracker, points and reference tracks without samples",
+        _WRONG_FILE,
+    ),
+    rb"(?:\xff\x7f){128,132}(?:\0\x80\0\0|\0\0\xff\x7f){15}": ForeignFile(
+        "test vectors of TI's mmwavelib, windows and twiddle factors before the samples",
+        "give the recording itself; of test vectors, save the samples as .npy",
+    ),
     rb"outs:\s+- (?:md5|hash|etag):": ForeignFile(
         "a pointer of DVC, not the file itself", "fetch the file: dvc pull FILE", is_stand_in=True
     ),
@@ -172,9 +193,20 @@ def identify_foreign_file(head: bytes) -> ForeignFile | None:
             return kind
     if head[_TAR_OFFSET : _TAR_OFFSET + 5] == b"ustar":
         return ForeignFile("a tar archive", "unpack it: tar -xf FILE")
+    if _begins_with_vector_sizes(head):
+        return ForeignFile("test vectors of TI's mmwavelib, several lengths in turn", _WRONG_FILE)
     if head[:2] == b"\xff\xfe" and head[3::2].count(0) == len(head) // 2 - 1 > 3:
         return ForeignFile("text in UTF-16", "save it as UTF-8")
     return None
+
+
+def _begins_with_vector_sizes(head: bytes) -> bool:
+    """Return whether a file begins with a number of sizes, each twice the one before (uint32)."""
+    n_sizes = int.from_bytes(head[:4], "little")
+    if not 4 <= n_sizes <= 16 or len(head) < 4 * (n_sizes + 1):
+        return False
+    sizes = struct.unpack_from(f"<{n_sizes}I", head, 4)
+    return sizes[0] > 0 and all(size == sizes[0] << n for n, size in enumerate(sizes))
 
 
 def is_text(head: bytes) -> bool:

@@ -128,6 +128,8 @@ class Format(Family):
         return path
 
 
+_MIN_RAW_BYTES = 32  # eight complex int16 samples
+
 # Suffixes of file types that begin with a signature; without it, the file is damaged.
 _SUFFIXES_WITH_SIGNATURE = {
     ".npy",
@@ -155,6 +157,8 @@ def identify_non_raw_content(path: Path) -> str | None:
         return kind.description
     if is_text(head):
         return "text"
+    if path.stat().st_size < _MIN_RAW_BYTES:
+        return f"only {path.stat().st_size} bytes"
     if path.suffix.lower() in _SUFFIXES_WITH_SIGNATURE:
         return f"bytes without the signature of a {path.suffix} file"
     return None

@@ -35,6 +35,7 @@ from dechirp.recordings.arrays.named_axes import (
     infer_shape_and_findings,
     interpret_array_as_recording,
 )
+from dechirp.recordings.foreign_files import identify_foreign_file
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.settings.radar_example import RadarExample
 from dechirp.recordings.settings_lookup import find_recording_settings
@@ -78,6 +79,8 @@ class TextColumns(Format):
         except RecordingError:  # no text of gzip
             return MatchQuality.NO
         if head.translate(None, _NOT_TEXT) != head or head.lstrip()[:1] in (b"{", b"["):
+            return MatchQuality.NO
+        if identify_foreign_file(head) is not None:
             return MatchQuality.NO
         lines = [line for line in head.splitlines() if not _is_blank_or_comment(line)]
         if len(head) == _HEAD_BYTES and len(lines) > 1:
