@@ -195,3 +195,11 @@ def test_other_sample_rate_than_in_settings_is_refused(tmp_path):
 
     with pytest.raises(RecordingError, match="samples at 8 kHz"):
         open_recording(file, radar=replace(radar, frame=replace(radar.frame, chirp=chirp)))
+
+
+def test_pair_without_settings_gets_an_example_of_complex_samples(tmp_path):
+    for letter in "IQ":
+        write_wav(tmp_path / f"walk_{letter}.wav", draw_iq().real)
+
+    with pytest.raises(RecordingError, match=r"sampling: complex.*radar\.yaml"):
+        open_recording(tmp_path / "walk_I.wav")

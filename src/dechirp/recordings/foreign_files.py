@@ -191,6 +191,11 @@ def identify_foreign_file(head: bytes) -> ForeignFile | None:
     for magic, kind in _SIGNATURES.items():
         if head.startswith(magic):
             return kind
+    return _identify_by_structure(head)
+
+
+def _identify_by_structure(head: bytes) -> ForeignFile | None:
+    """Return the kind of a file without a signature at its start; None if it may be another."""
     if head[_TAR_OFFSET : _TAR_OFFSET + 5] == b"ustar":
         return ForeignFile("a tar archive", "unpack it: tar -xf FILE")
     if _begins_with_vector_sizes(head):

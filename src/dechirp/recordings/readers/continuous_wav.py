@@ -6,6 +6,7 @@ follow at the times of the radar's settings, pauses between frames included.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -62,6 +63,8 @@ class ContinuousWav(Format):
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         example = wav_radar_example(parse_wav_header(path).sample_rate_hz)
+        if other_iq_file(path) is not None:
+            example = replace(example, sampling="complex", known=(*example.known, "sampling"))
         settings = find_recording_settings(path, hints, example)
         frame = settings.radar.frame
         sampling = frame.chirp.sampling
