@@ -162,7 +162,7 @@ def test_compiles_without_warning(tmp_path, compiler, words):
 
 
 # Names of main.c and radar.c begin with these words as well.
-@pytest.mark.parametrize("prefix", ["read", "to", "exit", "next"])
+@pytest.mark.parametrize("prefix", ["read", "to", "exit", "next", "split"])
 def test_compiles_with_prefixes_of_other_names(tmp_path, prefix):
     dc.fixed_point.write_c(tmp_path, make_radar(64, 16), small_window_chain(), prefix=prefix)
     sources = (f"-D{prefix.upper()}_TRACE", "-I.", "-fsyntax-only", "main.c", f"{prefix}.c")
