@@ -199,7 +199,7 @@ def test_other_sample_rate_than_in_settings_is_refused(tmp_path):
 
 def test_pair_without_settings_gets_an_example_of_complex_samples(tmp_path):
     for letter in "IQ":
-        write_wav(tmp_path / f"walk_{letter}.wav", draw_iq().real)
+        write_wav(tmp_path / f"walk_{letter}.wav", draw_iq()[0])
 
     with pytest.raises(RecordingError, match=r"sampling: complex.*radar\.yaml"):
         open_recording(tmp_path / "walk_I.wav")

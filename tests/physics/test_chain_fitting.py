@@ -349,34 +349,29 @@ def test_image_rejection_below_0_db_is_refused():
         Chain(image_rejection=0.01)
 
 
-def test_options_of_note_repeat_the_run(tmp_path):
+def test_options_of_notes_repeat_the_run_together_and_one_by_one(tmp_path):
     path = tmp_path / "scene.h5"
     cube = make_cube(*STATIC, (31.8, 5.3, 30), (-0.3, 0, 75))
     dc.write(dc.recording_from_cube(cube, RADAR), path)
     scenario = Scenario(recording=RecordingSource(path=str(path)))
     chosen = run(scenario)
 
-    overrides = [
-        word
+    choices = [
+        [word for word in shlex.split(finding.value.split(" because ")[0]) if "=" in word]
         for finding in chosen.findings
         if " because " in finding.value
-        for word in shlex.split(finding.value.split(" because ")[0])
-        if "=" in word
     ]
-    repeated = run(
-        loading.parse_settings(
-            dump_yaml(scenario),
-            Scenario,
-            file="",
-            overrides=[*overrides, "recording.fit_chain=false"],
-            readers=READERS,
-        )
-    )
-
-    assert len(overrides) == 6
+    together = sum(choices, ["recording.fit_chain=false"])
+    assert len(together) == 7
     assert chosen.detections.sizes["detection"] == 7
-    for name, column in chosen.detections.items():
-        np.testing.assert_array_equal(repeated.detections[name], column)
+    for overrides in (together, *choices):
+        repeated = run(
+            loading.parse_settings(
+                dump_yaml(scenario), Scenario, file="", overrides=overrides, readers=READERS
+            )
+        )
+        for name, column in chosen.detections.items():
+            np.testing.assert_array_equal(repeated.detections[name], column)
 
 
 @pytest.mark.parametrize("place", ["option", "file"])

@@ -1,11 +1,13 @@
 """Echoes hidden beside a strong one, compared with those that the detector finds."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import dechirp as dc
+from dechirp.processing.cfar.base import Cells
 from dechirp.processing.hidden_echoes import hidden_echo_findings, hidden_levels
 from physics.test_sidelobe_rejection import STATIC_CFAR, make_radar, simulate_tones
 
@@ -66,11 +68,31 @@ def test_finding_states_cells_and_levels_of_hidden_echoes():
 
     # Sidelobes of a Hann window: -31 dB at 3 cells, -40.4 dB at 4, -57 dB at 7, -61 dB at 8.
     assert "20 dB weaker at cells 1 to 2, 40 dB weaker at cells 1 to 3, 60 dB" in finding.value
-    assert finding.level == "note" and "blackman-harris" in finding.fix
+    assert finding.level == "note"
+    assert "--set chain.range_window=blackman-harris" in finding.fix
     # Proposed window: sidelobes of -92 dB, beside a main lobe of 4 cells on each side.
     sharper = replace(chain, range_window="blackman-harris")
     found = dc.detect(cube, radar, sharper)
     assert len(found.range) == 2 > len(dc.detect(cube, radar, chain).range)
+
+
+@pytest.mark.parametrize("n_chirps", [2, 64])
+def test_proposed_cells_fit_the_map(n_chirps):
+    radar = make_radar()
+    radar = replace(radar, frame=replace(radar.frame, n_chirps=n_chirps))
+    chain = dc.Chain().fit_to_radar(radar)
+    cube, _ = simulate_pair(radar, np.random.default_rng(1), n_cells=5, level_db=-60)
+    (finding,) = hidden_echo_findings(*make_map_and_threshold(cube, radar, chain), radar, chain)
+
+    cells = dict(re.findall(r"chain\.cfar\.(\w+\.\w+)=(\d+)", finding.fix))
+    assert bool(cells) == (n_chirps == 64)  # two velocities are too few
+    if cells:
+        n_training, n_guard = (
+            Cells(range=int(cells[f"{name}.range"]), velocity=int(cells[f"{name}.velocity"]))
+            for name in ("n_training", "n_guard")
+        )
+        cfar = replace(chain.cfar, n_training=n_training, n_guard=n_guard)
+        assert len(dc.detect(cube, radar, replace(chain, cfar=cfar)).range) >= 1
 
 
 def test_weak_echoes_give_no_finding():

@@ -84,12 +84,14 @@ def chain_findings(radar: Radar, chain: Chain) -> list[Finding]:
     chirp, n_rows = radar.frame.chirp, noise.range_transform.n_bins // 2 + 1
     if chirp.sampling == "real":
         rows = rows_with_circular_noise(chirp, noise.range_transform)
+        searched_m = chirp.range_bins_m(noise.range_transform.n_bins)[[rows.start, rows.stop - 1]]
         findings.append(
             Finding(
                 level="note",
                 setting="radar.frame.chirp.sampling",
-                value=f"real samples: {rows.start} rows at range 0 and {n_rows - rows.stop} at"
-                f" {chirp.max_range_m:.4g} m are not searched",
+                value=f"real samples: ranges below {searched_m[0]:.4g} m and beyond"
+                f" {searched_m[1]:.4g} m are not searched, {rows.start} and {n_rows - rows.stop}"
+                " rows of the map",
                 expected="noise independent of its mirror image, for false alarms as designed",
                 fix="nothing is to be done; pad less to lose fewer metres",
             )

@@ -34,7 +34,8 @@ from dechirp.core.units import from_decibels, to_decibels
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle.fft import Fft
 from dechirp.processing.angle.maximum_likelihood import MaximumLikelihood
-from dechirp.processing.cfar.base import Cells, Cfar
+from dechirp.processing.cfar.base import Cfar
+from dechirp.processing.cfar_along_velocity import cfar_along_velocity, training_cell_options
 from dechirp.processing.chain import Chain
 from dechirp.processing.frame import (
     find_directions,
@@ -120,13 +121,14 @@ def fit_chain_to_frames(
     chain, fitted to the radar, and the choices.
     """
     default = chain.fit_to_radar(radar)
+    reference = replace(chain, cfar=_cfar_over_both_axes(chain.cfar)).fit_to_radar(radar)
     frames = [samples for samples in frames if samples.any() and np.isfinite(samples).all()]
-    maps, moving_maps, map_radar = _range_doppler_maps(frames, radar, default)
+    maps, moving_maps, map_radar = _range_doppler_maps(frames, radar, reference)
     if not maps:
         return default, ()
     fitted, choices = default, []
     filters_slow_time = any(method.filters_slow_time for method in chain.mitigation)
-    along_velocity = _cfar_along_velocity(default, radar)
+    along_velocity = cfar_along_velocity(default, radar)
     may_choose_cells = "cfar" not in kept and chain.cfar.has_default_window
     if along_velocity is not None and may_choose_cells and not filters_slow_time:
         candidate = replace(default, cfar=along_velocity)
@@ -143,7 +145,7 @@ def fit_chain_to_frames(
         and radar.frame.n_chirps >= _MIN_CHIRPS_OF_MOVING_MAP
         and radar.frame.n_intervals == 1
     ):
-        moving = MovingTargetMap(cfar=chain.cfar)
+        moving = MovingTargetMap(cfar=_cfar_over_both_axes(chain.cfar))
         fitted = replace(fitted, moving_targets=moving).fit_to_radar(radar)
         choices.append(_choice_of_moving_target_map(static))
     if "max_range" not in kept and chain.max_range_m is None:
@@ -154,10 +156,10 @@ def fit_chain_to_frames(
             choices.append(ChosenSetting(setting="chain.max_range", options=options, reason=reason))
     may_reject_images = "image_rejection" not in kept and chain.image_rejection is None
     if may_reject_images and radar.frame.chirp.sampling == "complex":
-        level = _moving_image_level(moving_maps, map_radar, default)
+        level = _moving_image_level(moving_maps, map_radar, reference)
         echoes = "moving echoes have"
         if level is None:
-            level = _static_image_level(maps, map_radar, default)
+            level = _static_image_level(maps, map_radar, reference)
             echoes = "leakage and static echoes next to zero range have"
         if level is not None:
             rejection_db = max(round(float(-to_decibels(level))) - _IMAGE_MARGIN_DB, 1)
@@ -204,23 +206,15 @@ def _moving_chain(chain: Chain) -> Chain:
     return replace(chain, mitigation=(MeanSubtraction(),))
 
 
-def _cfar_along_velocity(default: Chain, radar: Radar) -> Cfar | None:
-    """Return the detector with training cells along velocity; None for too few velocities.
+def _cfar_over_both_axes(cfar: Cfar) -> Cfar:
+    """Return the detector, with the default cells if its own lie along velocity alone.
 
-    The guard of the default window, or half of the cells of a small map; as many training cells.
+    Such cells, chosen or given, are meant for static echoes: maps without these, and levels of
+    images, are judged by the default cells, so that chosen cells given as an option change nothing.
     """
-    transform = default.doppler_transform(radar.frame)
-    default_cfar = Chain.cfar
-    half = (transform.n_bins - 1) // 2
-    half = min(half, default_cfar.n_training.velocity + default_cfar.n_guard.velocity)
-    guard = min(default_cfar.n_guard.velocity, half // 2)
-    if guard == half or guard < transform.main_lobe_half_width_bins - 1:
-        return None  # the main lobe of an echo would raise its own threshold
-    return replace(
-        default.cfar,
-        n_training=Cells(range=0, velocity=half - guard),
-        n_guard=Cells(range=0, velocity=guard),
-    )
+    if cfar.n_training.range:
+        return cfar
+    return replace(cfar, n_training=Chain.cfar.n_training, n_guard=Chain.cfar.n_guard)
 
 
 def _static_peaks(power: np.ndarray, radar: Radar, chain: Chain) -> list[_StaticPeak]:
@@ -253,11 +247,7 @@ def _choice_of_cells_along_velocity(cfar: Cfar, hidden: Sequence[_StaticPeak]) -
     strongest = max(hidden, key=lambda peak: peak.power_ratio)
     return ChosenSetting(
         setting="chain.cfar",
-        options=tuple(
-            f"chain.cfar.{name}.{axis}={getattr(getattr(cfar, name), axis)}"
-            for name in ("n_training", "n_guard")
-            for axis in ("range", "velocity")
-        ),
+        options=training_cell_options(cfar, "chain.cfar"),
         reason=f"static echoes hide another at {strongest.range_m:.4g} m,"
         f" {to_decibels(strongest.power_ratio):.0f} dB over the noise, from the default cells",
     )

@@ -16,6 +16,7 @@ import xarray as xr
 from dechirp.core.findings import Finding
 from dechirp.core.text import format_number_ranges
 from dechirp.core.units import from_decibels, to_decibels
+from dechirp.processing.cfar_along_velocity import cfar_along_velocity, training_cell_options
 from dechirp.processing.chain import Chain
 from dechirp.processing.peaks import sidelobe_envelope
 from dechirp.radar.radar import Radar
@@ -92,9 +93,14 @@ def hidden_echo_findings(
     range_m, velocity_m_per_s = power["range"].values, power["velocity"].values
     remedies = []
     if chain.range_window == Chain.range_window:
-        remedies.append("chain.range_window=blackman-harris lowers the sidelobes")
-    if chain.cfar.n_training.range:
-        remedies.append("chain.cfar.n_training.range=0 keeps the echo out of the training cells")
+        remedies.append("--set chain.range_window=blackman-harris lowers the sidelobes")
+    along_velocity = cfar_along_velocity(chain, radar)
+    if chain.cfar.n_training.range and along_velocity is not None:
+        options = training_cell_options(along_velocity, "chain.cfar")
+        remedies.append(
+            f"{' '.join(f'--set {option}' for option in options)} keeps the echo out of the"
+            " training cells"
+        )
     return (
         Finding(
             level="note",

@@ -16,6 +16,7 @@ from dechirp.core.display import format_count_with_noun
 from dechirp.core.findings import Finding
 from dechirp.core.text import format_number
 from dechirp.core.units import to_decibels
+from dechirp.processing.cfar_along_velocity import cfar_along_velocity, training_cell_options
 from dechirp.processing.chain import Chain
 from dechirp.processing.frame import split_by_ramp_direction
 from dechirp.processing.mitigation.apply import apply_mitigation
@@ -92,6 +93,14 @@ def noise_profile_findings(
     span = " to ".join(
         dict.fromkeys(format_number(m, 2) for m in (min(doubtful_m), max(doubtful_m)))
     )
+    fix = "discard them if no other frame confirms them"
+    along_velocity = cfar_along_velocity(chain, radar)
+    if chain.cfar.n_training.range and along_velocity is not None:
+        options = training_cell_options(along_velocity, "chain.moving_targets.cfar")
+        fix += (
+            ", or take training cells along velocity alone:"
+            f" {' '.join(f'--set {option}' for option in options)}"
+        )
     return (
         Finding(
             level="note",
@@ -102,8 +111,6 @@ def noise_profile_findings(
             " the training cells at other ranges, as of amplifiers at low beat frequencies, or"
             " beside strong leakage, and these detections would not exceed a threshold for it",
             expected="noise that is equal in the training cells",
-            fix="discard them if no other frame confirms them, or take training cells along"
-            " velocity alone (--set chain.moving_targets.cfar.n_training.range=0"
-            " --set chain.moving_targets.cfar.n_guard.range=0)",
+            fix=fix,
         ),
     )
