@@ -28,7 +28,7 @@ RECORDINGS = (
 _WORD = r"(?:'[^']*'|[^\s;,()']+)"
 _OPTION = rf"--(?:set|encoding|format|device|iq|axes|radar|calibration) {_WORD}"
 _GROUP = re.compile(rf"{_OPTION}(?: {_OPTION})*|--vital-signs")
-_PLACEHOLDER = re.compile(r"\b(?:FILE|NAME|ANGLE)\b|with |cal\.json|radar\.yaml")
+_PLACEHOLDER = re.compile(r"\b(?:FILE|NAME|ANGLE|with)\b|cal\.json|radar\.yaml")
 
 
 def find_suggestions(text: str) -> list[tuple[str, bool]]:

@@ -150,6 +150,8 @@ def fit_chain_to_frames(
         choices.append(_choice_of_moving_target_map(static))
     if "max_range" not in kept and chain.max_range_m is None:
         limit_m, reason = _range_limit_and_reason(maps, static, map_radar, fitted)
+        if reason:
+            limit_m = float(f"{limit_m:.4g}")  # as printed, so that the option repeats the run
         fitted = replace(fitted, max_range_m=limit_m)
         if reason:
             options = (f"chain.max_range={limit_m:.4g} m",)

@@ -185,7 +185,9 @@ def chest_displacement(trace: xr.DataArray, settings: VitalSigns | None = None) 
     Returns
     -------
     DataArray (time,), m
-        Positive away from the radar; in rad if the trace has no `wavelength_m`.
+        Positive away from the radar; in rad if the trace has no `wavelength_m`. Times that are
+        more than a step from their places in equal steps, as of short frames with several values
+        each, are replaced by even ones.
 
     Raises
     ------
@@ -204,6 +206,10 @@ def chest_displacement(trace: xr.DataArray, settings: VitalSigns | None = None) 
         phase = np.unwrap(np.angle(values - fit_arc(values).centre))
         trend = slow_functions(times_s, settings.breathing_hz[0] / 2)
         phase -= trend @ (trend.T @ phase)
+    even_times_s = np.linspace(times_s[0], times_s[-1], len(times_s))
+    if (abs(times_s - even_times_s) > np.ptp(times_s) / (len(times_s) - 1)).any():
+        # Bursts of chirps: a line, since splines would continue the noise within each over the gap.
+        phase, times_s = np.interp(even_times_s, times_s, phase), even_times_s
     wavelength_m = trace.attrs.get("wavelength_m")
     return xr.DataArray(
         phase if wavelength_m is None else wavelength_m / (4 * np.pi) * phase,
