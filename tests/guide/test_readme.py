@@ -55,14 +55,10 @@ def test_block_of_arrays_prints_directions(is_complex, tmp_path, monkeypatch, ca
 
     names, output = run_block("samples.npy", capsys)
 
-    power = names["power"][names["power"] > names["threshold"]]
     azimuth_deg = np.degrees(names["directions"].azimuth_rad[:, 0])
-    assert len(output.split()) >= len(azimuth_deg) == len(power)
-    # The Cramer-Rao bound is 0.2 degrees at an SNR of 20 dB in each receiver, 13 dB below the top.
-    strong_deg = azimuth_deg[power > 0.05 * power.max()]
-    nearest = np.where(strong_deg < 0, -20, 12)
-    assert np.max(abs(strong_deg - nearest)) < 1
-    assert set(nearest) == {-20, 12}
+    assert output.count("[") == 1 + len(azimuth_deg) == 3
+    # The Cramer-Rao bound is 0.2 degrees at an SNR of 20 dB in each receiver.
+    assert np.max(abs(np.sort(azimuth_deg) - [-20, 12])) < 1
 
 
 def test_blocks_compile_nothing_in_a_new_installation(tmp_path, monkeypatch):

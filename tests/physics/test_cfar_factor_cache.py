@@ -9,9 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import platformdirs
 import pytest
 
-from dechirp.core.disk_cache import key_hash
+from dechirp.core.disk_cache import cache_folder, key_hash
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar import base, factor_cache
 from dechirp.processing.cfar.base import Cells, Cfar, MapNoise, NoiseEstimator, factor_key
@@ -141,6 +142,16 @@ def test_empty_variable_keeps_nothing(cache_dir, monkeypatch):
 
     assert find_factors(SMALL, map_noise(), lambda: factors) == factors
     assert not cache_dir.exists()
+
+
+def test_user_without_home_folder_keeps_nothing(monkeypatch):
+    def refuse(*arguments, **options):
+        raise RuntimeError("could not determine the home directory")
+
+    monkeypatch.delenv("DECHIRP_CACHE_DIR", raising=False)
+    monkeypatch.setattr(platformdirs, "user_cache_path", refuse)
+
+    assert cache_folder() is None
 
 
 def test_detector_without_file_is_not_kept(cache_dir, monkeypatch):

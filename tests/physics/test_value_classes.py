@@ -7,7 +7,15 @@ import pytest
 
 from dechirp.core.values import frozen_dataclass
 
-CONTENTS = {"x_m": math.nan, "pair": (1, "b"), "hidden": "unseen", "other": None}
+CONTENTS = {"x_m": 2.5, "pair": (1, "b"), "hidden": "unseen", "other": None}
+
+
+def test_nan_equals_itself_as_the_same_object_only():
+    """As in tuples, and in dataclasses up to Python 3.12."""
+    sample = frozen_dataclass(type("Sample", (), {"__annotations__": {"x_m": float}}))
+
+    assert sample(x_m=math.nan) == sample(x_m=math.nan)
+    assert sample(x_m=math.nan) != sample(x_m=float("nan"))
 
 
 @pytest.mark.parametrize("n_fields", range(len(CONTENTS) + 1))
@@ -28,7 +36,6 @@ def test_values_compare_hash_and_print_as_dataclasses(n_fields):
     ours = frozen_dataclass(bare)
 
     for change in ({}, *({name: "changed"} for name in values)):
-        # As in tuples, NaN equals itself only as the same object.
         assert (ours(**values | change) == ours(**values)) == (
             plain(**values | change) == plain(**values)
         )

@@ -22,11 +22,12 @@ FOLDER_VARIABLE = "DECHIRP_CACHE_DIR"
 def cache_folder() -> Path | None:
     """Return the folder of the environment variable DECHIRP_CACHE_DIR, or that of the system.
 
-    None if the variable is set to nothing: then nothing is kept.
+    None if the variable is set to nothing, or the user has no home folder: then nothing is kept.
     """
     folder = os.environ.get(FOLDER_VARIABLE)
     if folder is None:
-        return platformdirs.user_cache_path("dechirp", appauthor=False)
+        with suppress(RuntimeError):  # of platformdirs, without a home folder
+            return platformdirs.user_cache_path("dechirp", appauthor=False)
     return Path(folder) if folder else None
 
 
