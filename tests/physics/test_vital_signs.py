@@ -113,6 +113,25 @@ def test_empty_room_has_no_vital_signs():
             assert np.sum(np.array(of_sign) < level) <= at_most
 
 
+@nightly
+@pytest.mark.parametrize(("n_cells", "first"), [(1, 8), (3, 7), (20, 8)])
+def test_random_walks_have_no_breathing(n_cells, first):
+    """Slow noise of an empty room: its principal components and leaked trends are no lines."""
+    n_trials, rng, probabilities = 60, np.random.default_rng(first), []
+    for _ in range(n_trials):
+        steps = rng.normal(size=(400, n_cells, 2)) @ np.array([1, 1j])
+        trace = xr.DataArray(
+            5 + np.cumsum(steps, axis=0),
+            dims=("time", "range"),
+            coords={"time": TIMES_S, "range": np.linspace(0.4, 1.4, n_cells)},
+        )
+        vital = measure_vital_signs(trace).isel(window=0)
+        probabilities.append(float(vital.breathing_false_alarm_probability))
+    for level in (0.2, 0.05, 0.01):
+        at_most = scipy.stats.binom.isf(1e-3, n_trials, level)
+        assert np.sum(np.array(probabilities) < level) <= at_most
+
+
 def test_harmonics_of_breathing_are_no_heart_rate():
     for seed in range(5):
         breath = np.sin(2 * np.pi * BREATHING_HZ * TIMES_S + seed)

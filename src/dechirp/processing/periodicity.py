@@ -19,7 +19,9 @@ exceeds z with the probability
 
 with the tail Q and the density q of z, and the width B of the band (Rice's rate of crossings;
 Davies 1987, Baluev 2008). The number of harmonics is the one of the least p, which is multiplied
-by the number of choices.
+by the number of choices. The exponent a is fitted to the logarithms of some tens of energies, so
+its error tilts the noise by a factor of up to two at the ends of the band: p is the mean over the
+normal distribution of a about its estimate (as Vaughan 2005).
 
 The rate is the least-squares solution of all parameters together. Its standard error attains the
 Cramer-Rao bound for white noise, of one sinusoid of amplitude A at N even times T apart
@@ -32,6 +34,7 @@ D. C. Rife and R. R. Boorstyn, Single-tone parameter estimation from discrete-ti
 IEEE Trans. IT 20(5), 1974 (complex tones; twice the noise for real ones). R. B. Davies, Hypothesis
 testing when a nuisance parameter is present only under the alternative, Biometrika 74(1), 1987.
 R. V. Baluev, Assessing the statistical significance of periodogram peaks, MNRAS 385, 2008.
+S. Vaughan, A simple test for periodic signals in red noise, Astronomy and Astrophysics 431, 2005.
 J. Geweke and S. Porter-Hudak, The estimation and application of long memory time series models,
 Journal of Time Series Analysis 4(4), 1983 (the exponent a).
 """
@@ -45,8 +48,27 @@ from dechirp.core.values import frozen_dataclass
 
 _GRID_OVERSAMPLING = 3  # per 1/T and harmonic: Gauss-Newton converges from a sixth of a peak
 _MAX_ITERATIONS = 20
+_N_SLOPES = 200  # the tails decide: the outermost lies 2.8 standard errors out
 # Least energy of the fundamental over that of the second harmonic: half of a rate has less.
 _MIN_FUNDAMENTAL = 0.5
+
+
+@frozen_dataclass
+class NoiseSlope:
+    """Exponent a of a noise power f^-a, fitted to energies."""
+
+    exponent: float = 0.0
+    std: float = 0.0
+
+    def quantiles(self) -> np.ndarray:
+        """Return exponents of equal probability, by the normal distribution."""
+        if self.std == 0:
+            return np.array([self.exponent])
+        centres = (np.arange(_N_SLOPES) + 0.5) / _N_SLOPES
+        return np.asarray(self.exponent + self.std * scipy.special.ndtri(centres))
+
+
+_WHITE = NoiseSlope()
 
 
 @frozen_dataclass
@@ -90,7 +112,7 @@ def find_line(
     *,
     basis: np.ndarray,
     max_harmonics: int = 1,
-    noise_slope: float = 0.0,
+    noise_slope: NoiseSlope = _WHITE,
     excluded_hz: tuple[tuple[float, float], ...] = (),
 ) -> Line | None:
     """Find the strongest line of a band; None if too little of the band is left to judge it.
@@ -106,7 +128,7 @@ def find_line(
         Orthonormal columns that are no part of the line.
     max_harmonics : int
         Largest number of harmonics, with the fundamental.
-    noise_slope : float
+    noise_slope : NoiseSlope
         Exponent of the power law of the noise, see `fit_noise_slope`.
     excluded_hz : tuple of intervals
         Neither searched nor used as noise.
@@ -132,7 +154,7 @@ def find_line(
     energies = np.zeros(len(fundamentals))
     for n_harmonics in range(1, max_harmonics + 1):
         harmonics = n_harmonics * fundamentals
-        energies += energy_of_row[harmonics] * (harmonics * step_hz) ** noise_slope
+        energies += energy_of_row[harmonics] * (harmonics * step_hz) ** noise_slope.exponent
         peak = int(np.argmax(np.where(is_searched, energies, -1.0)))
         lines.append(
             _judge_line(
@@ -157,7 +179,7 @@ def fit_noise_slope(
     times_s: np.ndarray,
     band_hz: tuple[float, float],
     basis: np.ndarray,
-) -> float:
+) -> NoiseSlope:
     """Fit the exponent a of a noise power that falls as f^-a over a band, from -2 to 2.
 
     The slope of the logarithm of the periodogram, which few lines do not change (Geweke and
@@ -167,9 +189,18 @@ def fit_noise_slope(
     bins_hz = np.arange(math.ceil(band_hz[0] * duration_s), band_hz[1] * duration_s) / duration_s
     energies = _line_energies(movement, times_s, bins_hz, basis)
     if len(bins_hz) < 8 or not (energies > 0).all():
-        return 0.0
-    slope = np.polyfit(np.log(bins_hz), np.log(energies), 1)[0]
-    return float(np.clip(-slope, -2.0, 2.0))
+        return _WHITE
+    abscissa, logarithms = np.log(bins_hz), np.log(energies)
+    line = np.polyfit(abscissa, logarithms, 1)
+    # The logarithm of the energy of C components has the variance psi'(C). Noise that is no power
+    # law has more; the median of the deviations ignores lines.
+    deviations = np.abs(logarithms - np.polyval(line, abscissa))
+    variance = max(
+        float(scipy.special.polygamma(1, movement.shape[1])),
+        float(np.median(deviations) / scipy.special.ndtri(0.75)) ** 2,
+    )
+    variance /= len(bins_hz) * float(np.var(abscissa))
+    return NoiseSlope(exponent=float(np.clip(-line[0], -2.0, 2.0)), std=math.sqrt(variance))
 
 
 def rate_interval_hz(line: Line, confidence: float) -> tuple[float, float]:
@@ -187,7 +218,7 @@ def _judge_line(
     band_hz: tuple[float, float],
     basis: np.ndarray,
     n_harmonics: int,
-    noise_slope: float,
+    noise_slope: NoiseSlope,
     excluded_hz: tuple[tuple[float, float], ...],
     *,
     searched_hz: float,
@@ -211,22 +242,31 @@ def _judge_line(
     if not band_hz[0] <= fit.frequency_hz <= band_hz[1]:
         return None  # the flank of a movement outside the band
     energies = _line_energies(remainder, times_s, bins_hz, fit.basis)
-    noise_energy = float(np.sum(energies * bins_hz**noise_slope))
     total_energy = float(np.sum(remainder**2))
-    # Rounding of samples and regression remains without any noise.
-    noise = max(noise_energy / (2 * n_left * n_components), 1e-20 * total_energy, 1e-300)
     harmonics_hz = fit.frequency_hz * np.arange(1, n_harmonics + 1)
-    z = float(fit.energies @ harmonics_hz**noise_slope) / (2 * noise)
     shape, scale = n_harmonics * n_components, n_left * n_components
-    tail = float(scipy.stats.betaprime.sf(z / scale, shape, scale))
-    density = float(scipy.stats.betaprime.pdf(z / scale, shape, scale)) / scale
     mean_square_order = float(np.mean(np.arange(1, n_harmonics + 1) ** 2))
     independent = searched_hz * math.sqrt(4 * np.pi * float(np.var(times_s)) * mean_square_order)
-    probability = tail + independent * math.sqrt(z) * (1 + z / scale) * density
+
+    def noise_for(exponents: np.ndarray) -> np.ndarray:
+        """Return the variance of the noise at 1 Hz for exponents of its power."""
+        noise = energies @ bins_hz[:, None] ** exponents / (2 * n_left * n_components)
+        # Rounding of samples and regression remains without any noise.
+        return np.asarray(np.maximum(noise, max(1e-20 * total_energy, 1e-300)))
+
+    exponents = noise_slope.quantiles()
+    z = fit.energies @ harmonics_hz[:, None] ** exponents / (2 * noise_for(exponents))
+    tail = scipy.stats.betaprime.sf(z / scale, shape, scale)
+    density = scipy.stats.betaprime.pdf(z / scale, shape, scale) / scale
+    # Rice's bound exceeds 1 for low lines.
+    probabilities = tail + independent * np.sqrt(z) * (1 + z / scale) * density
+    probability = float(np.mean(np.minimum(probabilities, 1.0)))
+    exponent = noise_slope.exponent
+    noise = float(noise_for(np.array([exponent]))[0])
     return Line(
         frequency_hz=fit.frequency_hz,
         frequency_std_hz=math.sqrt(
-            noise / fit.frequency_hz**noise_slope / max(fit.information, 1e-300)
+            noise / fit.frequency_hz**exponent / max(fit.information, 1e-300)
         ),
         amplitude=fit.amplitude,
         n_harmonics=n_harmonics,

@@ -49,6 +49,8 @@ def __dir__() -> list[str]:
 # A chest that moves at 20 mm/s moves 0.4 mm between values at this rate: 0.08 of a cycle at 60 GHz.
 _MAX_RATE_HZ = 50.0
 _MAX_HARMONICS = 6
+_DECORRELATION_LAG_S = 0.5
+_MAX_PROBABILITY_OF_SAME_LINE = 0.2
 _MIN_SHARE_OF_MOVEMENT = 1 / 3
 _MIN_SHARE_OF_POWER = 1e-3  # of a decorrelated component: rounding, and copies of others, have less
 # Distances from the circle, and error of its radius, over the radius: at 0.15 the phase is known to
@@ -380,10 +382,33 @@ def _find_breathing_and_heart(
     n_choices = 2 if moving.shape[1] == 1 else 3
     if n_choices * _breathing_probability(chosen) > settings.false_alarm_probability:
         trend = slow_functions(times_s, settings.breathing_hz[0] / 2)
-        components = _decorrelate(_in_phase_and_quadrature(moving), trend)
-        chosen = min(chosen, _find_lines(components, times_s, settings), key=_breathing_probability)
+        components = _decorrelate(_in_phase_and_quadrature(moving), trend, times_s)
+        joint = _find_lines(components, times_s, settings)
+        if _breathing_probability(joint) < _breathing_probability(chosen):
+            chosen = _prefer_rate_of_strongest_cell(chosen, joint, float(np.ptp(times_s)))
     breathing, heart = (_multiply_probability(line, n_choices) for line in chosen)
     return breathing, heart, chosen is of_phase
+
+
+def _prefer_rate_of_strongest_cell(
+    single: tuple[Line | None, Line | None],
+    joint: tuple[Line | None, Line | None],
+    duration_s: float,
+) -> tuple[Line | None, Line | None]:
+    """Return the lines of all cells, with the breathing of the strongest cell if it is the same.
+
+    All cells together decide whether a person breathes. Their decorrelated components weigh every
+    movement alike, so the rate of the cell that moves most is nearer to that of the chest.
+    """
+    breathing, of_all = single[0], joint[0]
+    if (
+        breathing is None
+        or of_all is None
+        or breathing.false_alarm_probability > _MAX_PROBABILITY_OF_SAME_LINE
+        or abs(breathing.frequency_hz - of_all.frequency_hz) > 1 / duration_s
+    ):
+        return joint
+    return replace(breathing, false_alarm_probability=of_all.false_alarm_probability), joint[1]
 
 
 def _in_phase_and_quadrature(cells: np.ndarray) -> np.ndarray:
@@ -391,12 +416,19 @@ def _in_phase_and_quadrature(cells: np.ndarray) -> np.ndarray:
     return np.concatenate([cells.real, cells.imag], axis=1)
 
 
-def _decorrelate(components: np.ndarray, trend: np.ndarray) -> np.ndarray:
-    """Return the principal components without trend, each of unit power: neighbours are alike."""
-    changes = components - trend @ (trend.T @ components)
+def _decorrelate(components: np.ndarray, trend: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+    """Return components whose changes over half a second are uncorrelated and of unit power.
+
+    Neighbouring cells have correlated noise. Of slow noise, such as a random walk, the principal
+    components of the values themselves would be sinusoids.
+    """
+    values = components - trend @ (trend.T @ components)
+    step_s = float(np.ptp(times_s)) / (len(times_s) - 1)
+    lag = max(round(_DECORRELATION_LAG_S / step_s), 1)
+    changes = values[lag:] - values[:-lag]
     power, axes = np.linalg.eigh(changes.T @ changes)
     is_kept = power > _MIN_SHARE_OF_POWER * power[-1]
-    return np.asarray(changes @ axes[:, is_kept] / np.sqrt(power[is_kept]))
+    return np.asarray(values @ axes[:, is_kept] / np.sqrt(power[is_kept]))
 
 
 def _breathing_probability(lines: tuple[Line | None, Line | None]) -> float:
