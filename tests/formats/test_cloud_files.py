@@ -231,6 +231,9 @@ def draw_rows(n_columns, n=200, seed=2):
     rows[:, 1:3] = rng.normal(0, 10, (n, 2))
     if n_columns == 7:
         rows[:, 3:6] = rng.normal(0, 8, (n, 3))
+    elif n_columns == 8:
+        rows[:, 3:] = rng.normal(0, 8, (n, 5))
+        rows[:, 4] = np.linalg.norm(rows[:, :3], axis=1)
     else:
         rows[:, 3] = rng.random(n)
         rows[:, 4:] = rng.integers(0, 32, (n, n_columns - 4))
@@ -243,6 +246,7 @@ def draw_rows(n_columns, n=200, seed=2):
         (4, {3: "intensity"}),
         (5, {3: "intensity", 4: "ring"}),
         (7, {3: "rcs", 4: "velocity", 5: "v_r_compensated"}),
+        (8, {3: "velocity", 5: "power"}),
     ],
 )
 def test_plain_rows_are_points(tmp_path, n_columns, names):
