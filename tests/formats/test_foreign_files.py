@@ -67,6 +67,17 @@ KINDS = {
     "mp3": (b"ID3\4" + bytes(90), "MP3", "WAV"),
     "las": (b"LASF" + bytes(300), "LAS", "radar"),
     "netcdf": (b"CDF\1" + bytes(90), "netCDF", "nccopy"),
+    "asc": (
+        b"date Sat Nov 28 06:14:08.414 2026\nbase hex  timestamps absolute\n",
+        "(ASC)",
+        "the DBC",
+    ),
+    "candump": (
+        b"(0.003455) can0 300##10000070000\n(0.1) can0 301#00\n",
+        "candump",
+        "dechirp.track",
+    ),
+    "blf": (b"LOGG" + bytes(90), "(BLF)", "objects_to_detections"),
     "parquet": (b"PAR1" + bytes(90), "Parquet", ".npy"),
     "pickle 2": (pickle.dumps({"radar": [1.0, 2.0]}, 2), "pickle", "numpy.save"),
     "pickle 5": (pickle.dumps(np.arange(9.0), 5), "pickle", "numpy.save"),

@@ -22,6 +22,10 @@ from dechirp.core.errors import RecordingError, quote_for_message
 _HEAD_BYTES = 512
 _TAR_OFFSET = 257  # of the signature in the first entry
 
+_READ_CAN_LOG = (
+    "read its objects with dechirp.object_lists.read_objects, or read_can_log with the DBC of the"
+    " vendor; follow them with dechirp.object_lists.objects_to_detections and dechirp.track"
+)
 _WRONG_FILE = "give the recording itself"
 _UNPACK = "unpack it, and give the recording in it"
 _SAVE_ARRAY = "save its array as .npy, .mat or .h5, and name the axes with --axes"
@@ -65,7 +69,7 @@ _SIGNATURES = {
     ),
     b"LASF": ForeignFile("a LAS point cloud of a laser scanner", "give the radar's point cloud"),
     b"ASTM-E57": ForeignFile("an E57 point cloud of a laser scanner", "give the radar's points"),
-    b"LOGG": ForeignFile("a CAN log (BLF)", "read it with dechirp.object_lists.read_objects"),
+    b"LOGG": ForeignFile("a CAN log (BLF)", _READ_CAN_LOG),
     b"MDF     ": ForeignFile("a measurement file (ASAM MDF)", _SAVE_ARRAY),
     b"TDSm": ForeignFile("a LabVIEW measurement file (TDMS)", _SAVE_ARRAY),
     b"PAR1": ForeignFile("a Parquet table", _SAVE_ARRAY),
@@ -121,6 +125,8 @@ _PATTERNS = {
         "a PLY point cloud",
         "read an object list with dechirp.object_lists.read_objects; convert others to PCD",
     ),
+    rb"date [^\n]+\r?\nbase (?:hex|dec) ": ForeignFile("a CAN log (ASC)", _READ_CAN_LOG),
+    rb"\(\d+\.\d+\) \w+ [0-9A-Fa-f]{3,8}#": ForeignFile("a CAN log (candump)", _READ_CAN_LOG),
     rb'(?:\xef\xbb\xbf)?\s*VERSION\s+"': ForeignFile(
         "a CAN database (DBC), which describes messages",
         "give the recording itself; dechirp.object_lists.read_objects reads CAN logs",
