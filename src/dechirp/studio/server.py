@@ -4,9 +4,9 @@ import asyncio
 import secrets
 import socket
 from collections.abc import Awaitable, Callable, Mapping
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from errno import EADDRINUSE
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 from bokeh.application.application import Application
 from bokeh.application.handlers.function import FunctionHandler
@@ -16,6 +16,7 @@ from bokeh.document.events import DocumentPatchedEvent
 from bokeh.document.json import PatchJson
 from bokeh.document.models import DocumentModelManager
 from bokeh.model import Model
+from bokeh.protocol import Protocol
 from bokeh.protocol.message import Message
 from bokeh.protocol.messages.patch_doc import patch_doc
 from bokeh.resources import Component, Resources
@@ -37,18 +38,42 @@ from dechirp.core.compiled_kernels import use_compiled_kernels
 from dechirp.core.errors import InvalidSetting
 from dechirp.studio.access_control import AccessControl, Refusal, SecurityHeaders, is_loopback
 
+T = TypeVar("T")
+
+
+class _CollectedChange(NamedTuple):
+    """Message of a change that is sent with the others of its batch."""
+
+    def prepare(self) -> None:
+        """Serialize nothing: the batch does."""
+
+
+class _CollectingProtocol(Protocol):
+    """Bokeh protocol that collects changes of the page instead of making a message of each."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.changes: list[DocumentPatchedEvent] = []
+
+    def create(self, msgtype: Any, *arguments: Any, **metadata: Any) -> Any:
+        """Create a message; that of a change is a `_CollectedChange`."""
+        if msgtype != "PATCH-DOC":
+            return super().create(msgtype, *arguments, **metadata)
+        self.changes += arguments[0]
+        return _CollectedChange()
+
 
 class BatchingConnection(ServerConnection):
     """Bokeh connection that batches changes: Bokeh itself sends some forty messages per frame.
 
-    Changes are awaited after the code that makes them has returned, so the first awaited change
-    can send all of them. The page then draws a frame as a whole.
+    Messages are sent after the code that makes the changes has returned, so the first one can
+    contain all of them. The page then draws a frame as a whole.
     """
 
-    def __init__(self, protocol: Any, socket: WSHandler, *arguments: Any) -> None:
-        super().__init__(protocol, socket, *arguments)
+    def __init__(self, protocol: Protocol, socket: Any, *arguments: Any) -> None:
+        self._collected = _CollectingProtocol()
+        super().__init__(self._collected, socket, *arguments)
         self._browser = socket
-        self._changes: list[DocumentPatchedEvent] = []
 
     def detach_session(self) -> None:
         """End the session with its browser: a closed page takes no place among `MAX_PAGES`."""
@@ -57,12 +82,15 @@ class BatchingConnection(ServerConnection):
         super().detach_session()
 
     def send_patch_document(self, event: DocumentPatchedEvent) -> Awaitable[None]:
-        """Send a change with all others that are made before it is awaited."""
-        self._changes.append(event)
-        return self._send_batch()
+        """Send a change with all others that are made before it is awaited: Bokeh up to 3.9."""
+        return self.send_message(self.protocol.create("PATCH-DOC", [event]))
 
-    async def _send_batch(self) -> None:
-        changes, self._changes = self._changes, []
+    async def send_message(self, message: Any) -> None:
+        """Send a message, of changes the whole batch: called by Bokeh from 3.10 on."""
+        if not isinstance(message, _CollectedChange):
+            await self._browser.send_message(message)
+            return
+        changes, self._collected.changes = self._collected.changes, []
         changes = [change for change in changes if _is_changed_model_in_document(change)]
         if changes:
             await self._browser.send_message(_build_patch_message(changes))
@@ -105,6 +133,23 @@ class _LazySerializer(Serializer):
     def _remember_unsent(self, model: Model) -> bool:
         self._unsent.add(model)
         return True
+
+
+class _CallingThread(ThreadPoolExecutor):
+    """Executor that runs each job at once, on the thread that submits it.
+
+    From 3.10 on, Bokeh runs handlers on threads. Those of the studio are short and use its
+    asynchronous loop, on whose thread earlier versions of Bokeh call them.
+    """
+
+    def submit(self, job: Callable[..., T], /, *arguments: Any, **options: Any) -> Future[T]:
+        """Run a job."""
+        future: Future[T] = Future()
+        try:
+            future.set_result(job(*arguments, **options))
+        except Exception as error:
+            future.set_exception(error)
+        return future
 
 
 MAX_PAGES = 8
@@ -155,6 +200,7 @@ class StudioServer:
     async def serve(self, stop_event: asyncio.Event) -> None:
         """Serve requests until the event is set."""
         use_compiled_kernels()
+        asyncio.get_running_loop().set_default_executor(_CallingThread())
         settings.resources = "server"  # overrides the environment: no external resources
         settings.compression_level = 0  # compressing arrays would take longer than sending them
         pages = {path: Application(FunctionHandler(make)) for path, make in self._pages.items()}
