@@ -30,10 +30,10 @@ def _column_headings() -> Iterator[tuple[str, Heading]]:
         decimals = None if column.is_flag else (column if std is None else std).decimals
         yield column.name, Heading(title, decimals, 75 if len(title) > 12 else 60)
         if std is not None:
-            yield std.name, Heading(f"± {column.shown_unit_symbol}", width=45)
+            yield std.name, Heading(f"± {column.shown_unit_symbol}", width=52)
 
 
-_HEADINGS = {**dict(_column_headings()), "target": Heading("target", width=110)}
+_HEADINGS = {**dict(_column_headings()), "target": Heading("target", width=90)}
 _HIDDEN_IF_UNKNOWN = tuple(
     name for name in _HEADINGS if name in BY_NAME and BY_NAME[name].is_hidden_if_unknown
 )

@@ -18,7 +18,7 @@ from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 
 MAX_ROWS = 50
-_SHARE_OF_MIN_WIDTH = 0.85
+_SHARE_OF_MIN_WIDTH = 0.9
 """Share of its usual width at which a column has room for its numbers; narrower tables scroll."""
 _TITLE_PX = 78
 """Width of the longest title, "Velocity (m/s)", on one line; some tables have equal columns."""
