@@ -219,13 +219,70 @@ def test_osi_in_mcap_equals_osi_in_a_trace(tmp_path, is_view, compression):
     assert packed.objects.identical(dc.open_traffic(write_osi(tmp_path, messages)).objects)
 
 
-def test_mcap_cut_short_names_the_message(tmp_path):
-    path = write_mcap(tmp_path, [make_view(0.1 * step) for step in range(100)])
+def test_mcap_cut_short_is_read_up_to_the_cut(tmp_path):
+    messages = [make_view(0.1 * step, x_m=step) for step in range(100)]
+    whole = dc.open_traffic(write_mcap(tmp_path, messages)).objects
+    path = tmp_path / "trace.mcap"
     content = path.read_bytes()
     path.write_bytes(content[: 2 * len(content) // 3])
 
-    with pytest.raises(dc.RecordingError, match="message [1-9][0-9]*: .*cut the file"):
+    traffic = dc.open_traffic(path)
+
+    n_read = traffic.objects.sizes["time"]
+    assert 20 < n_read < 100
+    np.testing.assert_array_equal(traffic.objects.x, whole.x.isel(time=slice(n_read)))
+    assert traffic.findings[0].setting == "traffic.path"
+    assert f"message {n_read}: " in traffic.findings[0].value
+
+
+@pytest.mark.parametrize("n_lost", [1, 30])
+def test_trace_cut_short_is_read_up_to_the_cut(tmp_path, n_lost):
+    messages = [make_view(0.1 * step, x_m=10 + step, vx=10) for step in range(4)]
+    whole = dc.open_traffic(write_osi(tmp_path, messages)).objects
+    path = write_osi(tmp_path, messages)
+    path.write_bytes(path.read_bytes()[:-n_lost])
+
+    traffic = dc.open_traffic(path)
+
+    assert traffic.objects.identical(whole.isel(time=slice(3)))
+    (finding,) = traffic.findings
+    assert finding.level == "warning" and "cut short at message 3: " in finding.value
+    assert "up to 0.2 s, the last of object 3" in finding.value
+
+
+def test_trace_cut_in_its_first_message_is_refused(tmp_path):
+    path = write_osi(tmp_path, [make_view(0.0)])
+    path.write_bytes(path.read_bytes()[:-1])
+
+    with pytest.raises(dc.RecordingError, match="message 0: .*cut the file"):
         dc.open_traffic(path)
+
+
+def test_csv_cut_within_a_line_is_read_up_to_it(tmp_path):
+    path = write_csv(tmp_path, *(car_row(time, 10 * time, 4) for time in range(3)))
+    whole = dc.open_traffic(path).objects
+    lines = path.read_text("utf-8").splitlines(keepends=True)
+    path.write_text("".join(lines) + lines[-1][:3], encoding="utf-8")
+
+    traffic = dc.open_traffic(path)
+
+    assert traffic.objects.identical(whole)
+    assert "cut short at line 5: " in traffic.findings[0].value
+    path.write_text("".join(lines[:2]) + lines[2][:3] + "\n" + lines[3], encoding="utf-8")
+    with pytest.raises(dc.RecordingError, match="line 3: "):
+        dc.open_traffic(path)
+
+
+def test_csv_with_times_that_go_back_is_sorted_with_a_note(tmp_path):
+    rows = [car_row(time, 10 * time, number) for number in (4, 5) for time in (0, 1, 2)]
+    assert dc.open_traffic(write_csv(tmp_path, *rows)).findings[0].setting != "traffic.time"
+    sorted_objects = dc.open_traffic(write_csv(tmp_path, *rows)).objects
+    rows[4], rows[5] = rows[5], rows[4]
+
+    traffic = dc.open_traffic(write_csv(tmp_path, *rows))
+
+    assert traffic.objects.identical(sorted_objects)
+    assert traffic.findings[0].value == "times of 1 object go back: object 5 at 1 s"
 
 
 def test_mcap_without_traffic_is_refused(tmp_path):

@@ -6,6 +6,7 @@ from math import nan
 from pathlib import Path
 from typing import ClassVar, Literal, NamedTuple
 
+from dechirp.core.errors import RecordingError
 from dechirp.core.families import Family
 
 ObjectKind = Literal["car", "van", "truck", "bus", "motorcycle", "bicyclist", "pedestrian", "other"]
@@ -30,6 +31,10 @@ class ObjectState(NamedTuple):
     height_m: float = nan
 
 
+class CutTrafficError(RecordingError):
+    """File that ends within a message or a line; the states before it are complete."""
+
+
 class TrafficFormat(Family):
     """Base class of the formats of traffic files."""
 
@@ -46,6 +51,8 @@ class TrafficFormat(Family):
 
         Raises
         ------
+        CutTrafficError
+            If the file ends within a message or a line.
         RecordingError
             If the file is damaged, with the place.
         """

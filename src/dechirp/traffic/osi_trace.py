@@ -10,7 +10,7 @@ from typing import Any
 from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.core.mcap_messages import iter_mcap_messages
 from dechirp.core.optional_imports import import_from_extra
-from dechirp.traffic.base import ObjectKind, ObjectState, TrafficFormat
+from dechirp.traffic.base import CutTrafficError, ObjectKind, ObjectState, TrafficFormat
 
 _LENGTH_PREFIX = struct.Struct("<I")
 _MAX_MESSAGE_BYTES = 2**28
@@ -98,13 +98,15 @@ def _iter_contents(path: Path) -> Iterator[bytes]:
         while prefix := trace.read(_LENGTH_PREFIX.size):
             try:
                 (n_bytes,) = _LENGTH_PREFIX.unpack(prefix)
-                if n_bytes > _MAX_MESSAGE_BYTES:
-                    raise ValueError(f"a length of {n_bytes} bytes")
-                content = trace.read(n_bytes)
-                if len(content) < n_bytes:
-                    raise ValueError(f"{len(content)} of {n_bytes} bytes")
-            except (struct.error, ValueError) as error:
-                raise _damaged_trace_error(path, index, error) from None
+            except struct.error as error:
+                raise _damaged_trace_error(path, index, error, CutTrafficError) from None
+            if n_bytes > _MAX_MESSAGE_BYTES:
+                too_long = ValueError(f"a length of {n_bytes} bytes")
+                raise _damaged_trace_error(path, index, too_long)
+            content = trace.read(n_bytes)
+            if len(content) < n_bytes:
+                cut = ValueError(f"{len(content)} of {n_bytes} bytes")
+                raise _damaged_trace_error(path, index, cut, CutTrafficError)
             yield content
             index += 1
 
@@ -121,7 +123,8 @@ def _iter_mcap_contents(path: Path) -> Iterator[bytes]:
     except DechirpError:
         raise
     except Exception as error:  # the library raises any error for damaged bytes
-        raise _damaged_trace_error(path, index, error) from None
+        # Most recordings that were not closed end within a message.
+        raise _damaged_trace_error(path, index, error, CutTrafficError) from None
 
 
 def _find_mcap_type(path: Path) -> str | None:
@@ -133,8 +136,10 @@ def _find_mcap_type(path: Path) -> str | None:
         return None
 
 
-def _damaged_trace_error(path: Path, index: int, error: Exception) -> RecordingError:
-    return RecordingError(
+def _damaged_trace_error(
+    path: Path, index: int, error: Exception, kind: type[RecordingError] = RecordingError
+) -> RecordingError:
+    return kind(
         path,
         value=f"message {index}: {type(error).__name__}: {error}",
         expected="a trace of SensorView or GroundTruth, each message after its length, or in MCAP",

@@ -1,6 +1,5 @@
 """Traffic: positions, headings and velocities of all objects over time, read from a file."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, cast
 
@@ -8,12 +7,13 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.memory import check_free_memory
 from dechirp.core.text import format_number, join_names
 from dechirp.core.values import frozen_dataclass
-from dechirp.traffic.base import ObjectState, TrafficFormat
+from dechirp.traffic.base import CutTrafficError, ObjectState, TrafficFormat
 
 _UNITS = {
     "x": "m",
@@ -63,7 +63,8 @@ def open_traffic(path: str | Path) -> Traffic:
     -------
     Traffic
         Velocities that are missing, or zero although the object moves, come from the positions;
-        findings name such objects, ids that reappear, jumps, and objects in one place.
+        findings name such objects, ids that reappear, jumps, and objects in one place. Of a file
+        that is cut short, what precedes the cut is read, with a finding.
 
     Raises
     ------
@@ -91,14 +92,15 @@ def open_traffic(path: str | Path) -> Traffic:
             " width, height",
         )
     reader = _format_classes()[kind]()
-    objects = _build_objects(file, reader.read_states(file))
+    states, reading_findings = _read_states_up_to_cut(file, reader)
+    objects = _build_objects(file, states)
     completed, findings = _complete_velocities(objects)
     return Traffic(
         path=file,
         format=kind,
         host=reader.read_host(file),
         objects=completed,
-        findings=(*findings, *_find_surprising_motion(completed)),
+        findings=(*reading_findings, *findings, *_find_surprising_motion(completed)),
     )
 
 
@@ -116,8 +118,49 @@ def _format_classes() -> "dict[str, type[TrafficFormat]]":
     return cast("dict[str, type[TrafficFormat]]", TrafficFormat.members())
 
 
-def _build_objects(path: Path, states: Iterable[ObjectState]) -> xr.Dataset:
-    rows = list(states)
+def _read_states_up_to_cut(
+    path: Path, reader: TrafficFormat
+) -> tuple[list[ObjectState], list[Finding]]:
+    """Read all states, of a file that is cut short those before the cut, and say so."""
+    states: list[ObjectState] = []
+    findings = []
+    try:
+        states.extend(reader.read_states(path))
+    except CutTrafficError as error:
+        if not states:
+            raise
+        mistake = error.mistakes[0]
+        findings.append(
+            Finding(
+                level="warning",
+                setting="traffic.path",
+                value=f"the file is cut short at {mistake.value}; {len(states)} states up to"
+                f" {states[-1].time_s:g} s, the last of object {states[-1].id}, are read",
+                expected="a complete file",
+                fix="record it again if what follows matters",
+            )
+        )
+    last_s: dict[int, float] = {}
+    back: dict[int, str] = {}
+    for state in states:
+        if state.time_s < last_s.get(state.id, state.time_s):
+            back.setdefault(state.id, f"object {state.id} at {state.time_s:g} s")
+        last_s[state.id] = state.time_s
+    if back:
+        findings.append(
+            Finding(
+                level="note",
+                setting="traffic.time",
+                value=f"times of {format_count_with_noun(len(back), 'object')} go back: "
+                f"{join_names(list(back.values()), at_most=4)}",
+                expected="times that ascend",
+                fix="nothing to do: the states are sorted by time",
+            )
+        )
+    return states, findings
+
+
+def _build_objects(path: Path, rows: list[ObjectState]) -> xr.Dataset:
     if not rows:
         raise RecordingError(
             path, value="no object", expected="objects with positions", fix="check the file"

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import get_args
 
 from dechirp.core.errors import RecordingError
-from dechirp.traffic.base import ObjectKind, ObjectState, TrafficFormat
+from dechirp.traffic.base import CutTrafficError, ObjectKind, ObjectState, TrafficFormat
 
 _REQUIRED = ("time", "id", "class", "x", "y", "heading", "length", "width", "height")
 _OPTIONAL = ("z", "vx", "vy")
@@ -44,9 +44,11 @@ class TrajectoryCsv(TrafficFormat):
                 try:
                     yield _state_of_row(row)
                 except (TypeError, ValueError) as error:
-                    raise RecordingError(
+                    line = reader.line_num
+                    is_last = next(reader, None) is None
+                    raise (CutTrafficError if is_last else RecordingError)(
                         path,
-                        value=f"line {reader.line_num}: {error}",
+                        value=f"line {line}: {error}",
                         expected=f"{', '.join(_REQUIRED)} as numbers, class as one of"
                         f" {', '.join(get_args(ObjectKind))}",
                         fix="correct the line",
@@ -58,6 +60,9 @@ def _state_of_row(row: dict[str, str | None]) -> ObjectState:
     kind = next((kind for kind in get_args(ObjectKind) if kind == name_of_class), None)
     if kind is None:
         raise ValueError(f"class {name_of_class[:40]!r}")
+    for name in ("time", "x", "y"):
+        if not (row[name] or "").strip():
+            raise ValueError(f"no {name}")
     number = int(row["id"] or "")
     numbers = {
         field: float(text)
