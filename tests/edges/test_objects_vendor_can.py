@@ -310,6 +310,28 @@ def test_asc_without_the_end_of_its_block_is_reported(files, tmp_path):
         read_can_log(log, **options)
 
 
+@pytest.mark.filterwarnings("default::dechirp.PhysicsWarning")
+@pytest.mark.parametrize(
+    ("dbc", "mapping", "n_messages"), [("toyota.dbc", "toyota-adas", 16), ("lists.dbc", None, 9)]
+)
+def test_log_cut_between_two_lines_is_reported(dbc, mapping, n_messages, files, tmp_path):
+    log = tmp_path / "log.log"
+    options = {"dbc": files[dbc], "mapping": mapping or files["lists.yaml"]}
+    write_can_log(radial_object_list(3, 4), log, **options)
+    lines = log.read_bytes().splitlines(keepends=True)
+    assert len(lines) == 3 * n_messages
+    log.write_bytes(b"".join(lines[:-3]))
+    n_missing = 3 if mapping else 1  # of numbered objects: the second message of the third
+    with pytest.warns(dc.PhysicsWarning, match=f"list 2, the last, lacks {n_missing} messages"):
+        objects = read_can_log(log, **options)
+    assert objects.sizes["cycle"] == 3
+
+    log.write_bytes(b"".join(lines[:-n_messages]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", dc.PhysicsWarning)
+        assert read_can_log(log, **options).sizes["cycle"] == 2
+
+
 def test_cut_dbc_is_refused_with_the_line(tmp_path):
     cut = ESR.rindex("|", 0, ESR.rindex("SG_") + 60) + 1
     path = tmp_path / "cut.dbc"

@@ -106,7 +106,8 @@ def read_can_log(
     PhysicsWarning
         If lists are missing, incomplete or damaged; they are omitted. If the log is cut off: a BLF
         shorter than its header states, an ASC without the end of its trigger block, a candump
-        that ends within a line. One that ends between two lines cannot be told from a whole log.
+        that ends within a line, or a last list of a vendor's radar without all of its messages. One
+        that ends between two lists cannot be told from a whole log.
     """
     path, layout = check_file_suffix(path, SUFFIXES), _read_layout(dbc, mapping)
     reader = _python_can_log_class(path, "Reader")

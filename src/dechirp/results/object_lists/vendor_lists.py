@@ -51,7 +51,8 @@ def assemble_vendor_list(received_frames: Iterable[CanFrame], layout: VendorLayo
     Warns
     -----
     PhysicsWarning
-        If messages are shorter than their signals; they are omitted.
+        If messages are shorter than their signals; they are omitted. If the last list ends before
+        messages that the list before it has, or within an object of several messages.
     """
     lists: list[_VendorList] = []
     n_short = 0
@@ -89,7 +90,33 @@ def assemble_vendor_list(received_frames: Iterable[CanFrame], layout: VendorLayo
         expected="messages with the length of the DBC",
         fix="look for the DBC of this radar",
     )
+    if n_missing := _count_missing_messages(lists, layout):
+        finding = Finding(
+            level="warning",
+            setting="objects",
+            value=f"list {len(lists) - 1}, the last, lacks {n_missing} messages at its end",
+            expected="a log that ends between two lists",
+            fix=f"select lists before frame {len(lists) - 1} if its missing objects matter",
+        )
+        warnings.warn(PhysicsWarning(finding), stacklevel=4)
     return _vendor_lists_to_object_list(lists, layout)
+
+
+def _count_missing_messages(lists: list[_VendorList], layout: VendorLayout) -> int:
+    """Count the messages that the last list lacks, as in a log cut off between two messages.
+
+    The list before gives the messages with fixed places, and the kinds of those of numbered
+    objects, each of which has one of each kind.
+    """
+    if len(lists) < 2:
+        return 0
+    previous, last = lists[-2].identifiers, lists[-1].identifiers
+    expected = set()
+    for identifier, extended, number in previous:
+        is_fixed = layout.slots[identifier, extended] is not None
+        numbers = [number] if is_fixed else [item[2] for item in last]
+        expected |= {(identifier, extended, expected_number) for expected_number in numbers}
+    return len(expected - last)
 
 
 def _vendor_lists_to_object_list(lists: list[_VendorList], layout: VendorLayout) -> xr.Dataset:
