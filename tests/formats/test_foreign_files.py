@@ -11,10 +11,13 @@ from contextlib import closing
 import numpy as np
 import pytest
 
+import dechirp as dc
+from dechirp.cli.main import main
 from dechirp.core.errors import RecordingError
 from dechirp.recordings.foreign_files import identify_foreign_file, is_text
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.settings.read import read_radar
+from dechirp.results.object_lists.list_columns import COLUMNS, build_object_list
 
 LFS_POINTER = (
     b"version https://git-lfs.github.com/spec/v1\noid sha256:"
@@ -79,6 +82,13 @@ KINDS = {
     ),
     "blf": (b"LOGG" + bytes(90), "(BLF)", "objects_to_detections"),
     "parquet": (b"PAR1" + bytes(90), "Parquet", ".npy"),
+    "object csv": (
+        b"frame,time_s,number,status,x_m,y_m,z_m\n0,0.0,1,confirmed,1.0,2.0,\n",
+        "object list (CSV)",
+        "read_objects",
+    ),
+    "object parquet": (b"PAR1" + bytes(90), "Parquet", "objects_to_detections and dechirp.track"),
+    "ply": (b"ply\nformat ascii 1.0\n", "PLY", "objects_to_detections and dechirp.track"),
     "pickle 2": (pickle.dumps({"radar": [1.0, 2.0]}, 2), "pickle", "numpy.save"),
     "pickle 5": (pickle.dumps(np.arange(9.0), 5), "pickle", "numpy.save"),
     "utf-16": ("1,2,3\r\n4,5,6\r\n".encode("utf-16"), "UTF-16", "UTF-8"),
@@ -111,6 +121,19 @@ def test_foreign_file_is_named_with_its_fix(tmp_path, kind):
     assert fix in mistake.fix
     assert mistake.file == str(file)
     assert len(str(error.value)) < 400 + len(str(file))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "function"), [(".osi", "read_objects"), (".pcd", "group_tracking.track_groups")]
+)
+def test_run_names_the_function_that_reads_objects(suffix, function, tmp_path, capsys):
+    empty = np.zeros(1)
+    columns = dict.fromkeys(COLUMNS, empty) | {"number": np.ones(1), "status": ["confirmed"]}
+    path = tmp_path / f"objects{suffix}"
+    dc.object_lists.write_objects(build_object_list(columns, [0], [0.0]), path)
+    with pytest.raises(SystemExit):
+        main(["run", str(path)])
+    assert function in capsys.readouterr().err
 
 
 def test_database_without_messages_is_named(tmp_path):

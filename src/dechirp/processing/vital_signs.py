@@ -74,7 +74,11 @@ class VitalSigns:
     confidence: float = 0.95
     """Of the intervals of the rates."""
     false_alarm_probability: float = 1e-2
-    """Probability that noise is taken for a breathing rate or for a heart rate, for each window."""
+    """Probability that noise is taken for a breathing rate or for a heart rate, for each window.
+
+    Of 200 windows with random walks in 20 cells, 7 were taken for a heart rate at 1 %, and none
+    for breathing: for heart rates, the bound holds in white noise only.
+    """
 
     def __post_init__(self) -> None:
         check_positive_fields(self, "window_s", "step_s")

@@ -26,6 +26,10 @@ _READ_CAN_LOG = (
     "read its objects with dechirp.object_lists.read_objects, or read_can_log with the DBC of the"
     " vendor; follow them with dechirp.object_lists.objects_to_detections and dechirp.track"
 )
+_READ_OBJECT_LIST = (
+    "read an object list with dechirp.object_lists.read_objects, and follow its objects with"
+    " dechirp.object_lists.objects_to_detections and dechirp.track"
+)
 _WRONG_FILE = "give the recording itself"
 _UNPACK = "unpack it, and give the recording in it"
 _SAVE_ARRAY = "save its array as .npy, .mat or .h5, and name the axes with --axes"
@@ -72,7 +76,8 @@ _SIGNATURES = {
     b"LOGG": ForeignFile("a CAN log (BLF)", _READ_CAN_LOG),
     b"MDF     ": ForeignFile("a measurement file (ASAM MDF)", _SAVE_ARRAY),
     b"TDSm": ForeignFile("a LabVIEW measurement file (TDMS)", _SAVE_ARRAY),
-    b"PAR1": ForeignFile("a Parquet table", _SAVE_ARRAY),
+    b"PAR1": ForeignFile("a Parquet table", f"{_READ_OBJECT_LIST}; of samples, {_SAVE_ARRAY}"),
+    b"frame,time_s,number,status,x_m,": ForeignFile("an object list (CSV)", _READ_OBJECT_LIST),
     **dict.fromkeys((b"ARROW1", b"FEA1"), ForeignFile("an Arrow table", _SAVE_ARRAY)),
     b"PK\x03\x04": ForeignFile("a ZIP archive", _UNPACK),
     b"PK\x05\x06": ForeignFile("an empty ZIP archive", _UNPACK),
@@ -123,7 +128,7 @@ _PATTERNS = {
     ),
     rb"ply\r?\nformat ": ForeignFile(
         "a PLY point cloud",
-        "read an object list with dechirp.object_lists.read_objects; convert others to PCD",
+        f"{_READ_OBJECT_LIST}; convert other clouds to PCD, which dechirp inspect reads",
     ),
     rb"date [^\n]+\r?\nbase (?:hex|dec) ": ForeignFile("a CAN log (ASC)", _READ_CAN_LOG),
     rb"\(\d+\.\d+\) \w+ [0-9A-Fa-f]{3,8}#": ForeignFile("a CAN log (candump)", _READ_CAN_LOG),

@@ -169,8 +169,10 @@ class Recording(Displayable):
                 self.path,
                 value=f"of the format {self.format}, which contains detections without samples",
                 expected="a recording with samples",
-                fix=f"see them with dechirp inspect {shlex.quote(str(self.path))}, or use `points`"
-                " of the recording in Python",
+                fix=f"see them with dechirp inspect {shlex.quote(str(self.path))}; in Python,"
+                " follow `points` of the recording with dechirp.group_tracking.track_groups, and an"
+                " object list with dechirp.object_lists.read_objects, objects_to_detections and"
+                " dechirp.track",
             )
 
     @property

@@ -155,7 +155,8 @@ def state_of_moving_object(path: object, moving: Any, time_s: float) -> ObjectSt
             path,
             value=f"object {moving.id.value} at {time_s:g} s without a position",
             expected="base.position of every moving object",
-            fix="record the trace with positions",
+            fix="record the trace with positions; if it is the object list of a sensor, read it"
+            " with dechirp.object_lists.read_objects",
         )
 
     def known(message: Any, field: str) -> float:
