@@ -155,6 +155,20 @@ def test_descending_axes_and_transposed_maps():
     assert [finding.setting for finding in diagnosis.findings] == ["axes"]
 
 
+def test_exchanged_axes_of_a_square_map_are_told_by_a_known_target():
+    axes = 0.5 * np.arange(128), 0.25 * (np.arange(128) - 64)
+    hann = np.outer([0.25, 1, 0.25], [0.25, 1, 0.25])  # powers beside the peak of a Hann window
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        power = rng.exponential(size=(128, 128))
+        row, column = rng.integers(8, 120, 2)
+        power[row - 1 : row + 2, column - 1 : column + 2] += 1e4 * hann
+        target = {"target_range_m": axes[0][column], "target_velocity_m_per_s": axes[1][row]}
+        assert not dc.diagnosis.diagnose_map(power, *axes, **target).findings
+        (finding,) = dc.diagnosis.diagnose_map(power.T, *axes, **target).findings
+        assert (finding.setting, finding.fix) == ("axes", "transpose the map")
+
+
 @pytest.mark.parametrize("power", [np.ones((16, 32)), np.eye(16, 32)[:, ::-1]])
 def test_maps_without_noise_have_no_mistake(power):
     diagnosis = dc.diagnosis.diagnose_map(power, np.arange(32), np.arange(16) - 8)

@@ -52,6 +52,13 @@ def diagnose_known_target(
             places.append(("fftshift", target_m, _wrap(v + half_span, half_span), _SHIFT_FIX))
     shifted_m = target_m + range_span * (1 if target_m < range_m.min() + range_span else -1)
     places.append(("fftshift", shifted_m, v, "apply fftshift along velocity, not along range"))
+    if knows_velocity and range_m.size == velocities.size:
+        # Axes of equal length: an exchange swaps the cells of range and velocity.
+        range_cell = (target_m - range_m[0]) / _step(range_m)
+        velocity_cell = (v - velocities[0]) / _step(velocities)
+        exchanged_m = range_m[0] + velocity_cell * _step(range_m)
+        exchanged_v = velocities[0] + range_cell * _step(velocities)
+        places.append(("axes", exchanged_m, exchanged_v, "transpose the map"))
     if iq_mirror_m is not None:
         places.append(("iq", iq_mirror_m - target_m, -v, "exchange I and Q"))
     levels = [
