@@ -40,6 +40,7 @@ def __dir__() -> list[str]:
     return __all__
 
 
+_INT16_PAIRS = np.dtype([("real", "<i2"), ("imag", "<i2")])
 _ACCONEER_CARRIER_HZ = 60.5e9
 _ENTRY = "sessions/session_0/group_0/entry_0"
 _MAX_TEXT_BYTES = 2**20
@@ -117,6 +118,10 @@ def _read_acconeer(path: Path) -> xr.DataArray:
 
 
 def _mean_of_sweeps(parts: np.ndarray) -> np.ndarray:
+    if parts.dtype == _INT16_PAIRS:
+        # Sums of both parts side by side, in integers, take half the time.
+        sums = np.ascontiguousarray(parts).view("<i2").sum(axis=1, dtype=np.int64)
+        return np.asarray((sums / parts.shape[1]).view(np.complex128))
     if parts.dtype.names:
         real, imaginary = (parts[name].mean(axis=1, dtype=np.float64) for name in ("real", "imag"))
         return real + 1j * imaginary
