@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 from mpmath import betainc, gammainc, mp, mpf
 from scipy.special import comb
 
@@ -275,3 +276,42 @@ def test_ratio_of_gamma_sums_follows_beta_distribution():
     tail = sum(comb(3 + j - 1, j) * mpf(1.7) ** 3 / mpf(2.7) ** (3 + j) for j in range(5))
     beta_cumulative = betainc(3, 5, 0, mpf(1.7) / mpf(2.7), regularized=True)
     assert abs(tail - beta_cumulative) < 1e-15
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    nightly_except(
+        1,
+        [
+            ("cell_averaging", {}),
+            ("smallest_of", {}),
+            ("greatest_of", {}),
+            ("ordered_statistic", {"rank": 12}),
+        ],
+    ),
+)
+def test_factors_of_a_million_summed_powers_follow_normal_law(kind, options):
+    n_training, n_summed = 16, 10**6
+    laws = {"n_training": n_training, "n_summed": n_summed} | options
+
+    factor = getattr(cfar, f"{kind}_factor")(1e-6, **laws)
+
+    inverse = getattr(cfar, f"{kind}_false_alarm_probability")(factor, **laws)
+    assert inverse == pytest.approx(1e-6, rel=1e-6)
+    # Sums of K powers are normal numbers with a deviation of 1 / sqrt(K): the factor is 1 plus
+    # that of normal cells, of the order 1 / sqrt(K), to a relative error of the same order.
+    normal = np.random.default_rng(1).normal(size=(400_000, n_training))
+    statistic = {
+        "cell_averaging": lambda: normal.mean(axis=1),
+        "greatest_of": lambda: np.maximum(normal[:, :8].mean(axis=1), normal[:, 8:].mean(axis=1)),
+        "smallest_of": lambda: np.minimum(normal[:, :8].mean(axis=1), normal[:, 8:].mean(axis=1)),
+        "ordered_statistic": lambda: np.partition(normal, 11, axis=1)[:, 11],
+    }[kind]()
+    excess = (factor - 1) * np.sqrt(n_summed)
+    alarms = scipy.special.ndtr(-(excess + statistic)).mean()
+    assert alarms == pytest.approx(1e-6, rel=0.15)
+
+
+def test_more_summed_powers_than_the_law_can_add_are_refused():
+    with pytest.raises(InvalidSetting, match="n_summed: 100000000; expected .* to 10000000"):
+        cfar.greatest_of_factor(1e-6, n_training=16, n_summed=10**8)

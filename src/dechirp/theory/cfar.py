@@ -17,7 +17,8 @@ n_training : int
     Training cells, N, at least 1. Where there are halves, those in both together, an even
     number, or a pair: those in each.
 n_summed : int
-    Powers that are summed in each cell, K: receivers, or pulses.
+    Powers that are summed in each cell, K: receivers, or pulses; at most 1e7, except in the
+    probability of cell averaging.
 rank : int
     Which training cell in order of power, k: 1 for the smallest, N for the largest.
 
@@ -47,6 +48,7 @@ from dechirp.core.checks import check_false_alarm_probability, check_integer, ch
 from dechirp.theory.cfar_ordered_statistic import OrderedStatisticLaw
 from dechirp.theory.training_cells import (
     count_training_powers,
+    likely_event_counts,
     n_training_of_each_half,
     noise_sum_below_probability,
     noise_sum_exceeds_probability,
@@ -80,19 +82,20 @@ def cell_averaging_factor(
     shape = count_training_powers(n_training, n_summed)
     if n_summed == 1:
         return float(n_training * np.expm1(-np.log(false_alarm_probability) / n_training))
-    growth = np.log1p((shape - 1) / np.arange(1, n_summed))
+    event_counts = likely_event_counts(n_summed)
+    log_ways = _log_ways(shape, event_counts)
 
     def excess(log_a: float) -> float:
         # Logarithms of a / (1 + a) and 1 / (1 + a), for the smallest probabilities as well.
         go, stop = -np.logaddexp(0, -log_a), -np.logaddexp(0, log_a)
-        log_probability = shape * stop + scipy.special.logsumexp(
-            np.concatenate([[0], np.cumsum(growth + go)])
-        )
+        log_probability = shape * stop + scipy.special.logsumexp(log_ways + event_counts * go)
         return float(log_probability - np.log(false_alarm_probability))
 
     from scipy.optimize import brentq  # 0.2 s, unused by most commands
 
-    return n_training * math.exp(brentq(excess, -60.0, 700.0, xtol=1e-14))
+    # Counts are left out only where alarms are certain.
+    low = math.log(_certain_alarm_factor(n_summed) / n_training) if event_counts[0] else -60.0
+    return n_training * math.exp(brentq(excess, low, 700.0, xtol=1e-14))
 
 
 def ordered_statistic_factor(
@@ -225,20 +228,42 @@ def _greatest_or_smallest_of_false_alarm_probability(
     """Return the alarm probability over the mean of the half that wins the comparison of sums."""
     factors = check_positive_ratios("factor", factor)
     n, m = n_training_of_each_half(n_training)
-    probability = np.zeros_like(factors)
-    for n_own, n_other in ((n, m), (m, n)):
-        shape, t = count_training_powers(n_own, n_summed), factors / n_own
+    halves = [(n, 2)] if n == m else [(n, 1), (m, 1)]
+    event_counts = likely_event_counts(n_summed)
+    probability = np.zeros(factors.size)
+    for n_own, n_equal in halves:
+        n_other = n + m - n_own
+        shape = count_training_powers(n_own, n_summed)
+        log_ways = _log_ways(shape, event_counts)
         # The cell under test exceeds T x, x the sum of this half, if fewer than K events fall
         # into T x. Weighted by the probability of j events, x is again a gamma variate, of shape
         # + j and 1 + T times smaller, and must still win the comparison with the other half.
-        log_weight = -shape * np.log1p(t)
-        for j in range(n_summed):
-            comparison_probability = selection_probability(
-                shape + j, (1 + t) * n_own / n_other, count_training_powers(n_other, n_summed)
+        for index, t in enumerate(factors.ravel() / n_own):
+            comparison_probabilities = selection_probability(
+                shape + event_counts,
+                (1 + t) * n_own / n_other,
+                count_training_powers(n_other, n_summed),
             )
-            probability += np.exp(log_weight) * comparison_probability
-            log_weight += math.log((shape + j) / (j + 1)) - np.log1p(1 / t)
-    return probability
+            log_weights = log_ways - shape * np.log1p(t) - event_counts * np.log1p(1 / t)
+            probability[index] += n_equal * (np.exp(log_weights) @ comparison_probabilities)
+    if event_counts[0]:
+        probability[factors.ravel() < _certain_alarm_factor(n_summed)] = 1.0
+    return probability.reshape(factors.shape)
+
+
+def _certain_alarm_factor(n_summed: int) -> float:
+    """Return the factor, ten standard deviations below 1, below which alarms are certain.
+
+    The ratio of sums of many powers deviates from 1 by at most sqrt(2 / K).
+    """
+    return 1 - 15 / math.sqrt(n_summed)
+
+
+def _log_ways(shape: int, event_counts: np.ndarray) -> np.ndarray:
+    """Return ln C(shape + j - 1, j) of event counts j that follow one another."""
+    growth = np.log1p((shape - 1) / np.arange(1, event_counts[-1] + 1))
+    log_first = np.sum(growth[: event_counts[0]])
+    return np.asarray(log_first + np.concatenate([[0.0], np.cumsum(growth[event_counts[0] :])]))
 
 
 def _ln_of_checked_probability(false_alarm_probability: float) -> float:

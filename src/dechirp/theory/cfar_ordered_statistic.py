@@ -22,6 +22,7 @@ import scipy
 
 from dechirp.core.checks import check_integer
 from dechirp.core.values import frozen_dataclass
+from dechirp.theory.training_cells import likely_event_counts
 
 _LOG_CUTOFF = -45.0  # omits 3e-20 of the peak at each end
 _N_STEPS = 400
@@ -70,7 +71,7 @@ class OrderedStatisticLaw:
         with np.errstate(divide="ignore"):
             # May be as small as s^K / K!, which underflows.
             log_below = np.where(
-                below > 1e-280, np.log(below), shape * log_s - scipy.special.gammaln(shape + 1)
+                below > 1e-280, np.log(below), shape * log_s - s - scipy.special.gammaln(shape + 1)
             )
         density = shape * log_s - s - scipy.special.gammaln(shape)
         log_beyond, exceeds = (
@@ -81,10 +82,16 @@ class OrderedStatisticLaw:
 
     def _log_noise_exceedance_probability(self, threshold: np.ndarray) -> np.ndarray:
         """Return ln of Q(K, x) = exp(-x) sum_{j<K} x^j / j!."""
-        j = np.arange(self.n_summed)
-        return np.asarray(
-            scipy.special.logsumexp(
-                np.log(threshold)[:, None] * j - scipy.special.gammaln(j + 1), axis=1
+        tail = scipy.special.gammaincc(self.n_summed, threshold)
+        is_tiny = tail < 1e-280
+        with np.errstate(divide="ignore"):
+            log_tail = np.asarray(np.log(tail))
+        if is_tiny.any():
+            j, tiny = likely_event_counts(self.n_summed), threshold[is_tiny]
+            log_tail[is_tiny] = (
+                scipy.special.logsumexp(
+                    np.log(tiny)[:, None] * j - scipy.special.gammaln(j + 1), axis=1
+                )
+                - tiny
             )
-            - threshold
-        )
+        return log_tail

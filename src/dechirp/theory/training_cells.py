@@ -3,11 +3,15 @@
 Noise is independent from cell to cell, its power exponential.
 """
 
+import math
+
 import numpy as np
 import scipy
 
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
+
+_MAX_SUMMED = 10**7  # a tenth of a second for a factor
 
 
 def count_training_powers(n_training: int, n_summed: int) -> int:
@@ -15,6 +19,18 @@ def count_training_powers(n_training: int, n_summed: int) -> int:
     check_integer("n_training", n_training, at_least=1)
     check_integer("n_summed", n_summed, at_least=1)
     return n_training * n_summed
+
+
+def likely_event_counts(n_summed: int) -> np.ndarray:
+    """Return the counts j < K of events that matter to the tail of a sum of K powers.
+
+    Fewer than K events fall below the threshold if the cell exceeds it. Their mean is above K, or
+    at most 6.5 standard deviations of sqrt(2 K) or less below it for probabilities up to 1 - 1e-9,
+    so counts below K - 25 sqrt(K) are together less probable than 1e-16 of the others.
+    """
+    check_integer("n_summed", n_summed, at_least=1, at_most=_MAX_SUMMED)
+    first = max(0, n_summed - 100 - math.ceil(25 * math.sqrt(n_summed)))
+    return np.arange(first, n_summed)
 
 
 def n_training_per_half(n_training: int) -> int:
