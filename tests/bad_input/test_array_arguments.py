@@ -330,3 +330,23 @@ def test_cases_cover_all_public_functions_on_plain_arrays():
         assert arguments.keys() <= inspect.signature(load_function(name)).parameters.keys() | {
             "noise_power"
         }
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        dc.maps.range_doppler_map,
+        dc.maps.range_spectrum,
+        lambda a: dc.cfar.cfar_threshold(a, n_training=2, n_guard=1, pfa=1e-3),
+        lambda a: dc.angle.fft(a[None], 0.5 * np.arange(16)),
+        lambda a: dc.theory.albersheim(a / 20, 1e-6),
+        lambda a: dc.maps.range_doppler_map([a, a]),
+    ],
+)
+def test_masked_values_are_refused_and_unmasked_ones_accepted(call):
+    values = np.ma.array(np.full((16, 16), 10.0))
+    call(values)
+
+    values[3, 4] = np.ma.masked
+    with pytest.raises(dc.InvalidSetting, match=r"[12] masked values; .*filled\(0\)"):
+        call(values)

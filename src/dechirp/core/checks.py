@@ -228,7 +228,11 @@ def check_finite_array(
 
 
 def check_real_array(setting: str, array: ArrayLike) -> np.ndarray:
-    """Convert real numbers to a float array; refuse text and ragged rows by `InvalidSetting`."""
+    """Convert real numbers to a float array.
+
+    Text, ragged rows and masked values are refused by `InvalidSetting`.
+    """
+    check_unmasked(setting, array)
     try:
         values = np.asarray(array)
     except ValueError:  # ragged rows
@@ -250,8 +254,9 @@ def check_finite_samples(
     """Return real or complex numbers as an array, or raise `InvalidSetting`.
 
     Refused are text, empty arrays, values that are not finite, and shapes that do not fit `axes`,
-    their description.
+    their description, or whose values are masked.
     """
+    check_unmasked(setting, samples)
     try:
         array = np.asarray(samples)
     except ValueError:  # ragged rows
@@ -273,6 +278,23 @@ def check_finite_samples(
             fix="set lost samples to 0, or leave them out: one NaN would invalidate the result",
         )
     return array
+
+
+def check_unmasked(setting: str, array: object) -> None:
+    """Raise `InvalidSetting` if values of a masked array, or of one in a list, are masked.
+
+    NumPy's functions drop the mask of most arrays without a warning.
+    """
+    members = array if isinstance(array, list | tuple) else (array,)
+    n_masked = sum(int(np.ma.count_masked(m)) for m in members if isinstance(m, np.ma.MaskedArray))
+    if n_masked:
+        raise InvalidSetting(
+            setting,
+            value=f"{n_masked} masked values",
+            expected="values without a mask",
+            fix="set lost samples to 0 with array.filled(0), or leave them out with"
+            " array.compressed()",
+        )
 
 
 def check_axes(
