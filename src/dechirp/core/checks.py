@@ -286,7 +286,8 @@ def check_unmasked(setting: str, array: object) -> None:
     NumPy's functions drop the mask of most arrays without a warning.
     """
     members = array if isinstance(array, list | tuple) else (array,)
-    n_masked = sum(int(np.ma.count_masked(m)) for m in members if isinstance(m, np.ma.MaskedArray))
+    masked_arrays = [member for member in members if isinstance(member, np.ma.MaskedArray)]
+    n_masked = sum(np.count_nonzero(np.ma.getmask(member)) for member in masked_arrays)
     if n_masked:
         raise InvalidSetting(
             setting,
