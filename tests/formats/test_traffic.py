@@ -273,6 +273,13 @@ def test_csv_cut_within_a_line_is_read_up_to_it(tmp_path):
         dc.open_traffic(path)
 
 
+def test_csv_field_beyond_the_limit_of_the_library_is_named(tmp_path):
+    path = write_csv(tmp_path, car_row(0, 0), car_row(1, "1" * 200_000))
+
+    with pytest.raises(dc.RecordingError, match="line 3: field larger"):
+        dc.open_traffic(path)
+
+
 def test_csv_with_times_that_go_back_is_sorted_with_a_note(tmp_path):
     rows = [car_row(time, 10 * time, number) for number in (4, 5) for time in (0, 1, 2)]
     assert dc.open_traffic(write_csv(tmp_path, *rows)).findings[0].setting != "traffic.time"

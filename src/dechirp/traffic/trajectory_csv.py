@@ -40,19 +40,19 @@ class TrajectoryCsv(TrafficFormat):
         """Yield a state for each row; empty cells are unknown."""
         with path.open(encoding="utf-8", errors="replace", newline="") as file:
             reader = csv.DictReader(file, skipinitialspace=True)
-            for row in reader:
-                try:
+            try:
+                for row in reader:
                     yield _state_of_row(row)
-                except (TypeError, ValueError) as error:
-                    line = reader.line_num
-                    is_last = next(reader, None) is None
-                    raise (CutTrafficError if is_last else RecordingError)(
-                        path,
-                        value=f"line {line}: {error}",
-                        expected=f"{', '.join(_REQUIRED)} as numbers, class as one of"
-                        f" {', '.join(get_args(ObjectKind))}",
-                        fix="correct the line",
-                    ) from None
+            except (TypeError, ValueError, csv.Error) as error:
+                line = reader.line_num
+                is_last = file.read(1) == "" and not isinstance(error, csv.Error)
+                raise (CutTrafficError if is_last else RecordingError)(
+                    path,
+                    value=f"line {line}: {error}",
+                    expected=f"{', '.join(_REQUIRED)} as numbers, class as one of"
+                    f" {', '.join(get_args(ObjectKind))}",
+                    fix="correct the line",
+                ) from None
 
 
 def _state_of_row(row: dict[str, str | None]) -> ObjectState:
