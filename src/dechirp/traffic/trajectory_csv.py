@@ -44,7 +44,8 @@ class TrajectoryCsv(TrafficFormat):
                 for row in reader:
                     yield _state_of_row(row)
             except (TypeError, ValueError, csv.Error) as error:
-                line = reader.line_num
+                # The library does not count the line that it cannot split.
+                line = reader.line_num + isinstance(error, csv.Error)
                 is_last = file.read(1) == "" and not isinstance(error, csv.Error)
                 raise (CutTrafficError if is_last else RecordingError)(
                     path,
