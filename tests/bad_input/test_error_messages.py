@@ -57,7 +57,21 @@ def _simulate_far_target(_: Path) -> None:
     dc.simulate(scene, radar, seed=1)
 
 
+def _open_cut_traffic(folder: Path) -> None:
+    path = folder / "traffic.csv"
+    path.write_text("time,id,class,x,y,heading,length,width,height\n0.1,3,ca")
+    dc.open_traffic(path)
+
+
 CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
+    (
+        "CutTrafficError",
+        _open_cut_traffic,
+        "traffic.csv",
+        "line 2: class 'ca'",
+        "class as one of car, van",
+        "correct the line",
+    ),
     (
         "InvalidSetting",
         lambda _: _make_chirp(ramp_duration_s=9.9999999e-6, sample_rate_hz=6.3e6),
