@@ -10,6 +10,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#ifndef {{ NAME }}_TRACE
+#error "compile with -D{{ NAME }}_TRACE, as the Makefile does, to compare the words of all stages"
+#endif
 #include "{{ name }}.h"
 
 typedef struct {
@@ -46,8 +49,8 @@ static void open_file(vector_file *vectors)
 
     vectors->file = length > 0 && (size_t)length < sizeof path ? fopen(path, "r") : NULL;
     if (vectors->file == NULL) {
-        fprintf(stderr, "%s/%s.hex: cannot be opened; write it with dechirp fixed-point\n", folder,
-                vectors->name);
+        fprintf(stderr, "%s/%s.hex: cannot be opened; write it with dechirp fixed-point "
+                "for the same settings\n", folder, vectors->name);
         exit(2);
     }
 }
