@@ -46,6 +46,19 @@ def write_database(path):
     return path.read_bytes()
 
 
+def masked_crc32c(content):
+    """Return the checksum of TFRecord, by division of polynomials over GF(2), bit by bit."""
+    generator = 0x11EDC6F41  # Castagnoli, highest power first
+    bits = [byte >> n & 1 for byte in content for n in range(8)] + [0] * 32
+    bits[:32] = [1 - bit for bit in bits[:32]]
+    remainder = 0
+    for bit in bits:
+        remainder = remainder << 1 | bit
+        remainder ^= generator if remainder >> 32 else 0
+    crc = int(f"{remainder:032b}"[::-1], 2) ^ 0xFFFFFFFF
+    return ((crc >> 15 | crc << 17) + 0xA282EAD8 & 0xFFFFFFFF).to_bytes(4, "little")
+
+
 KINDS = {
     "lfs": (LFS_POINTER, "Git LFS to a file of 2525184 bytes", "git lfs pull"),
     "annex": (b"/annex/objects/SHA256E-s9--ab.bin\n", "git-annex", "git annex get"),
@@ -68,6 +81,16 @@ KINDS = {
     "mp4": (b"\0\0\0\x18ftypmp42" + bytes(90), "MP4", "the recording"),
     "avi": (b"RIFF\0\1\0\0AVI LIST" + bytes(90), "AVI", "the recording"),
     "mp3": (b"ID3\4" + bytes(90), "MP3", "WAV"),
+    "mp3 bare": (4 * (b"\xff\xfb\x90\x64" + bytes(range(7, 180)) + bytes(240)), "MP3", "WAV"),
+    "iso": (bytes(32768) + b"\1CD001\1\0" + bytes(2040), "ISO 9660", "mount"),
+    "nifti 1": (b"\x5c\1\0\0" + bytes(340) + b"n+1\0" + bytes(90), "NIfTI", "the recording"),
+    "nifti 2": (b"\x1c\2\0\0n+2\0\r\n\x1a\n" + bytes(600), "NIfTI", "the recording"),
+    "tfrecord": (
+        (269).to_bytes(8, "little") + masked_crc32c((269).to_bytes(8, "little")) + bytes(273),
+        "TFRecord",
+        ".npy",
+    ),
+    "onnx": (b"\x08\7\x12\7pytorch\x1a\0051.9.0:\x20" + bytes(90), "ONNX", "the recording"),
     "las": (b"LASF" + bytes(300), "LAS", "radar"),
     "netcdf": (b"CDF\1" + bytes(90), "netCDF", "nccopy"),
     "asc": (

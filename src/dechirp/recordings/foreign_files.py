@@ -7,7 +7,8 @@ besides samples, in layouts that only the source of each test states.
 References
 ----------
 Git LFS specification, "Pointer"; git-annex, "pointer file"; Library of Congress, Sustainability of
-Digital Formats (signatures of file formats).
+Digital Formats (signatures of file formats). ISO/IEC 11172-3 (MP3); ECMA-119 (ISO 9660);
+TensorFlow, "TFRecord and tf.train.Example"; NIfTI-1 and NIfTI-2 headers; `onnx.proto`.
 """
 
 import codecs
@@ -19,7 +20,9 @@ from typing import NamedTuple
 
 from dechirp.core.errors import RecordingError, quote_for_message
 
-_HEAD_BYTES = 512
+_ISO_OFFSET = 32_769  # of the signature in the first descriptor, after 16 sectors and its type
+_HEAD_BYTES = _ISO_OFFSET + 5
+_TEXT_BYTES = 512
 _TAR_OFFSET = 257  # of the signature in the first entry
 
 _READ_CAN_LOG = (
@@ -159,6 +162,14 @@ _PATTERNS = {
         is_stand_in=True,
     ),
     rb".{128}DICM": ForeignFile("a medical picture (DICOM)", _WRONG_FILE),
+    # The size of the header, 348 or 540 bytes in either byte order, and the version.
+    **dict.fromkeys(
+        (
+            rb"(?:\x5c\x01\0\0|\0\0\x01\x5c).{340}n[i+]1\0",
+            rb"(?:\x1c\x02\0\0|\0\0\x02\x1c)n[i+]2\0",
+        ),
+        ForeignFile("a medical picture (NIfTI)", _WRONG_FILE),
+    ),
     rb"\d{1,6}\s+\d{1,6}\s+NUM=\d+\s": ForeignFile(
         "test data of TI's group tracker, points and reference tracks without samples",
         _WRONG_FILE,
@@ -207,13 +218,83 @@ def identify_foreign_file(head: bytes) -> ForeignFile | None:
 
 def _identify_by_structure(head: bytes) -> ForeignFile | None:
     """Return the kind of a file without a signature at its start; None if it may be another."""
-    if head[_TAR_OFFSET : _TAR_OFFSET + 5] == b"ustar":
-        return ForeignFile("a tar archive", "unpack it: tar -xf FILE")
-    if _begins_with_vector_sizes(head):
-        return ForeignFile("test vectors of TI's mmwavelib, several lengths in turn", _WRONG_FILE)
-    if head[:2] == b"\xff\xfe" and head[3::2].count(0) == len(head) // 2 - 1 > 3:
-        return ForeignFile("text in UTF-16", "save it as UTF-8")
+    for has_structure, kind in _STRUCTURES.items():
+        if has_structure(head):
+            return kind
     return None
+
+
+def _is_tar(head: bytes) -> bool:
+    return head[_TAR_OFFSET : _TAR_OFFSET + 5] == b"ustar"
+
+
+def _is_disc_image(head: bytes) -> bool:
+    return head[_ISO_OFFSET : _ISO_OFFSET + 5] == b"CD001"
+
+
+def _is_utf_16(head: bytes) -> bool:
+    text = head[:_TEXT_BYTES]
+    return text[:2] == b"\xff\xfe" and text[3::2].count(0) == len(text) // 2 - 1 > 3
+
+
+def _begins_with_mpeg_frames(head: bytes) -> bool:
+    """Return whether a file begins with three frames of MPEG sound, layer III, without a tag.
+
+    One header, such as FF FB, is an ordinary int16 sample; the length that it states leads to
+    the next one (ISO/IEC 11172-3, 2.4.2.3, and 13818-3 for half the sample rates).
+    """
+    start = 0
+    for _ in range(3):
+        length = _mpeg_frame_bytes(head[start : start + 4])
+        if length is None:
+            return False
+        start += length
+    return True
+
+
+_MPEG1_KBPS = (32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256, 320)
+_MPEG2_KBPS = (8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 144, 160)
+_MPEG1_RATES_HZ = (44_100, 48_000, 32_000)
+
+
+def _mpeg_frame_bytes(header: bytes) -> int | None:
+    """Return the length of a frame of layer III by its header; None if these bytes are none."""
+    if len(header) < 4 or header[0] != 0xFF or header[1] & 0xE6 != 0xE2:
+        return None
+    version = header[1] >> 3 & 3  # 3: MPEG 1, 2: MPEG 2, 0: 2.5
+    bit_rate, rate = header[2] >> 4, header[2] >> 2 & 3
+    if version == 1 or bit_rate in (0, 15) or rate == 3:
+        return None
+    kbps = (_MPEG1_KBPS if version == 3 else _MPEG2_KBPS)[bit_rate - 1]
+    rate_hz = _MPEG1_RATES_HZ[rate] // {3: 1, 2: 2, 0: 4}[version]
+    return (144 if version == 3 else 72) * kbps * 1000 // rate_hz + (header[2] >> 1 & 1)
+
+
+def _begins_with_checked_length(head: bytes) -> bool:
+    """Return whether a file begins with a length (uint64) and its masked CRC-32C, as TFRecord."""
+    if len(head) < 12:
+        return False
+    crc = 0xFFFFFFFF
+    for byte in head[:8]:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ 0x82F63B78 * (crc & 1)
+    crc ^= 0xFFFFFFFF
+    masked = ((crc >> 15 | crc << 17) + 0xA282EAD8) & 0xFFFFFFFF
+    return masked == int.from_bytes(head[8:12], "little")
+
+
+def _begins_with_model(head: bytes) -> bool:
+    """Return whether a file begins with the version and the producer of an ONNX model.
+
+    Fields 1 and 2 of `ModelProto` in `onnx.proto`; a model without a producer is not recognised.
+    """
+    if len(head) < 5 or head[0] != 0x08 or not 1 <= head[1] <= 32 or head[2] != 0x12:
+        return False
+    end = 4 + head[3]
+    producer, next_field = head[4:end], head[end : end + 1]
+    is_name = len(producer) > 2 and all(0x20 <= letter < 0x7F for letter in producer)
+    return is_name and next_field in {b"\x1a", b"\x22", b"\x28", b"\x32", b"\x3a", b"\x42"}
 
 
 def _begins_with_vector_sizes(head: bytes) -> bool:
@@ -225,13 +306,28 @@ def _begins_with_vector_sizes(head: bytes) -> bool:
     return sizes[0] > 0 and all(size == sizes[0] << n for n, size in enumerate(sizes))
 
 
+_STRUCTURES = {
+    _is_tar: ForeignFile("a tar archive", "unpack it: tar -xf FILE"),
+    _is_disc_image: ForeignFile(
+        "an image of a disc (ISO 9660)", "mount it, and give the recording in it"
+    ),
+    _begins_with_mpeg_frames: ForeignFile("an MP3 sound file", _TO_WAV),
+    _begins_with_checked_length: ForeignFile("a file of TensorFlow (TFRecord)", _SAVE_ARRAY),
+    _begins_with_model: ForeignFile("a neural network (ONNX)", _WRONG_FILE),
+    _begins_with_vector_sizes: ForeignFile(
+        "test vectors of TI's mmwavelib, several lengths in turn", _WRONG_FILE
+    ),
+    _is_utf_16: ForeignFile("text in UTF-16", "save it as UTF-8"),
+}
+
+
 def is_text(head: bytes) -> bool:
     """Return whether the first bytes of a file are text in UTF-8.
 
     int16 samples of a silent input are mostly bytes 0 and 255; text has neither.
     """
     try:
-        text = codecs.getincrementaldecoder("utf-8-sig")().decode(head)
+        text = codecs.getincrementaldecoder("utf-8-sig")().decode(head[:_TEXT_BYTES])
     except UnicodeDecodeError:
         return False
     return bool(text) and all(letter in "\t\n\r\f" or letter >= " " for letter in text)
