@@ -291,10 +291,10 @@ def _average_to_lower_rate(cells: np.ndarray, times_s: np.ndarray) -> tuple[np.n
     if block < 2:
         return cells, times_s
     n_blocks = len(times_s) // block
-    kept = slice(0, n_blocks * block)
+    complete_blocks = slice(0, n_blocks * block)
     return (
-        cells[kept].reshape(n_blocks, block, -1).mean(axis=1),
-        times_s[kept].reshape(n_blocks, block).mean(axis=1),
+        cells[complete_blocks].reshape(n_blocks, block, -1).mean(axis=1),
+        times_s[complete_blocks].reshape(n_blocks, block).mean(axis=1),
     )
 
 
@@ -342,11 +342,11 @@ def _measure_window(
 ) -> dict[str, float]:
     """Measure both rates of one window."""
     energies = _moving_energies(cells, times_s, settings)
-    chosen = int(np.argmax(energies))
-    row = {name: float(values[chosen]) for name, values in coordinates.items()}
-    is_present = cells[:, chosen] != 0
-    values, times_s = cells[is_present, chosen], times_s[is_present]
-    is_moving = energies >= _MIN_SHARE_OF_MOVEMENT * energies[chosen]
+    strongest_cell = int(np.argmax(energies))
+    row = {name: float(values[strongest_cell]) for name, values in coordinates.items()}
+    is_present = cells[:, strongest_cell] != 0
+    values, times_s = cells[is_present, strongest_cell], times_s[is_present]
+    is_moving = energies >= _MIN_SHARE_OF_MOVEMENT * energies[strongest_cell]
     moving = cells[np.ix_(is_present, is_moving)]
     breathing = heart = None
     amplitude_scale_m = math.nan

@@ -237,7 +237,7 @@ def _is_utf_16(head: bytes) -> bool:
     return text[:2] == b"\xff\xfe" and text[3::2].count(0) == len(text) // 2 - 1 > 3
 
 
-def _begins_with_mpeg_frames(head: bytes) -> bool:
+def _is_mp3_sound(head: bytes) -> bool:
     """Return whether a file begins with three frames of MPEG sound, layer III, without a tag.
 
     One header, such as FF FB, is an ordinary int16 sample; the length that it states leads to
@@ -270,7 +270,7 @@ def _mpeg_frame_bytes(header: bytes) -> int | None:
     return (144 if version == 3 else 72) * kbps * 1000 // rate_hz + (header[2] >> 1 & 1)
 
 
-def _begins_with_checked_length(head: bytes) -> bool:
+def _is_tf_record(head: bytes) -> bool:
     """Return whether a file begins with a length (uint64) and its masked CRC-32C, as TFRecord."""
     if len(head) < 12:
         return False
@@ -284,7 +284,7 @@ def _begins_with_checked_length(head: bytes) -> bool:
     return masked == int.from_bytes(head[8:12], "little")
 
 
-def _begins_with_model(head: bytes) -> bool:
+def _is_onnx_model(head: bytes) -> bool:
     """Return whether a file begins with the version and the producer of an ONNX model.
 
     Fields 1 and 2 of `ModelProto` in `onnx.proto`; a model without a producer is not recognised.
@@ -297,7 +297,7 @@ def _begins_with_model(head: bytes) -> bool:
     return is_name and next_field in {b"\x1a", b"\x22", b"\x28", b"\x32", b"\x3a", b"\x42"}
 
 
-def _begins_with_vector_sizes(head: bytes) -> bool:
+def _is_mmwavelib_vectors(head: bytes) -> bool:
     """Return whether a file begins with a number of sizes, each twice the one before (uint32)."""
     n_sizes = int.from_bytes(head[:4], "little")
     if not 4 <= n_sizes <= 16 or len(head) < 4 * (n_sizes + 1):
@@ -311,10 +311,10 @@ _STRUCTURES = {
     _is_disc_image: ForeignFile(
         "an image of a disc (ISO 9660)", "mount it, and give the recording in it"
     ),
-    _begins_with_mpeg_frames: ForeignFile("an MP3 sound file", _TO_WAV),
-    _begins_with_checked_length: ForeignFile("a file of TensorFlow (TFRecord)", _SAVE_ARRAY),
-    _begins_with_model: ForeignFile("a neural network (ONNX)", _WRONG_FILE),
-    _begins_with_vector_sizes: ForeignFile(
+    _is_mp3_sound: ForeignFile("an MP3 sound file", _TO_WAV),
+    _is_tf_record: ForeignFile("a file of TensorFlow (TFRecord)", _SAVE_ARRAY),
+    _is_onnx_model: ForeignFile("a neural network (ONNX)", _WRONG_FILE),
+    _is_mmwavelib_vectors: ForeignFile(
         "test vectors of TI's mmwavelib, several lengths in turn", _WRONG_FILE
     ),
     _is_utf_16: ForeignFile("text in UTF-16", "save it as UTF-8"),

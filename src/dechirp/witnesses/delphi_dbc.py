@@ -81,19 +81,21 @@ def _find_signal(text: str, track: int, name: str) -> tuple[int, int, bool, floa
     return int(start), int(length), sign == "-", float(factor), float(offset)
 
 
-def _places(start: int, length: int) -> np.ndarray:
+def _bit_indices(start: int, length: int) -> np.ndarray:
     """Return the indices of a big-endian signal among the bits in the order of transmission."""
     return 8 * (start // 8) + 7 - start % 8 + np.arange(length)
 
 
 def _write_signal(bits: np.ndarray, signal: tuple[int, int, bool, float, float], code: int) -> None:
     start, length, *_ = signal
-    bits[_places(start, length)] = [code >> (length - 1 - index) & 1 for index in range(length)]
+    bits[_bit_indices(start, length)] = [
+        code >> (length - 1 - index) & 1 for index in range(length)
+    ]
 
 
 def _decode(bits: np.ndarray, signal: tuple[int, int, bool, float, float]) -> float:
     start, length, is_signed, factor, offset = signal
-    number = int("".join(map(str, bits[_places(start, length)].tolist())), 2)
+    number = int("".join(map(str, bits[_bit_indices(start, length)].tolist())), 2)
     if is_signed and number >= 1 << (length - 1):
         number -= 1 << length
     return number * factor + offset

@@ -93,8 +93,11 @@ def predict_quantisation_noise(
             relative += np.mean(np.abs(error) ** 2)
             quarter_turns = np.mean(4 * turns % n_points == 0)
         odd_sums = 2 * odd_words * (1 - odd_words)
-        before, after = _error_of_uniform_fraction(shift - 1), _error_of_uniform_fraction(shift)
-        aligned = np.where(shift > 0, before + 2 * odd_sums * (after - before), 0.0)
+        shorter_error = _error_of_uniform_fraction(shift - 1)
+        full_error = _error_of_uniform_fraction(shift)
+        aligned = np.where(
+            shift > 0, shorter_error + 2 * odd_sums * (full_error - shorter_error), 0.0
+        )
         noise = 2 * 4.0**-shift * noise + 2 * (quarter_turns * aligned + (1 - quarter_turns) / 12)
         halves = np.where(shift == 1, odd_sums, (1 - odd_sums) * 2.0 ** (1 - shift))
         odd_of_aligned = np.where(shift > 0, (1 - halves) / 2, odd_sums)
