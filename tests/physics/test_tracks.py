@@ -26,9 +26,10 @@ from dechirp.scene.target import Target
 from dechirp.tracking import stone_soup
 from dechirp.tracking.batch import track
 from dechirp.tracking.false_alarms import FalseAlarms
+from dechirp.tracking.kalman_filter import StateEstimates
 from dechirp.tracking.measurements import usable_rows_to_measurements
 from dechirp.tracking.online import LiveTracker
-from dechirp.tracking.stone_soup import StateEstimate, StoneSoup
+from dechirp.tracking.track_update import predict_associate_and_update
 from dechirp.tracking.tracker import Tracker
 from nightly import nightly, nightly_except
 
@@ -399,22 +400,24 @@ def test_joint_shares_match_enumeration_of_joint_events():
         false_alarms=FalseAlarms(per_frame=2000.0),
     )
     spread = np.diag([1.0, 0.5, 1.0, 0.5])
-    beliefs = [StateEstimate(np.array([40.0, 5, y, 1.0]), spread) for y in (0.0, 1.2)]
+    means = np.array([[40.0, 5, y, 1.0] for y in (0.0, 1.2)])
     measured_states = np.array([[40.3, 5, 0.2, 1], [40.0, 5, 0.9, 1], [40.4, 5, 1.5, 1]])
     frame = usable_rows_to_measurements(
         build_detections([0] * 3, measured_states), target_size_m=0, velocity_span_m_per_s=None
     )
-    stone_soup_tracker = StoneSoup(tracker)
 
-    shares = stone_soup_tracker.predict_associate_and_update(beliefs, 0.1, frame).shares
+    def shares_of(tracks, detections):
+        states = StateEstimates(means[tracks], np.array([spread] * len(tracks)))
+        chosen = frame.select_measurements(detections)
+        return predict_associate_and_update(tracker, states, 0.1, chosen).shares
+
+    shares = shares_of([0, 1], [0, 1, 2])
 
     # Weight of each pair, from a single track without competitors.
     miss_probability = 1 - tracker.hit_probability
     weight = np.empty((2, 3))
     for i, j in product(range(2), range(3)):
-        share = stone_soup_tracker.predict_associate_and_update(
-            beliefs[i : i + 1], 0.1, frame.select_measurements([j])
-        ).shares[0, 0]
+        share = shares_of([i], [j])[0, 0]
         weight[i, j] = miss_probability * share / (1 - share)
     sums, total = np.zeros((2, 3)), 0.0
     for first_choice, second_choice in product([None, 0, 1, 2], repeat=2):
@@ -437,18 +440,16 @@ def test_joint_shares_match_enumeration_of_joint_events():
 def test_shares_of_many_tracks_approximate_exact_sums(monkeypatch):
     rng = np.random.default_rng(3)
     positions_m = rng.normal(size=(9, 2)) * [0.1, 0.25] + [40, 0]
-    beliefs = [
-        StateEstimate(np.array([x, 5, y, 1]), np.diag([0.1, 0.05] * 2)) for x, y in positions_m
-    ]
     measured_states = np.stack([*positions_m.T, np.full(9, 5.0), np.ones(9)])[[0, 2, 1, 3]].T
+    states = StateEstimates(measured_states, np.array([np.diag([0.1, 0.05] * 2)] * 9))
     frame = usable_rows_to_measurements(
         build_detections([0] * 9, measured_states), target_size_m=0, velocity_span_m_per_s=None
     )
-    stone_soup_tracker = StoneSoup(Tracker(association="joint"))
+    tracker = Tracker(association="joint")
 
-    approximate_shares = stone_soup_tracker.predict_associate_and_update(beliefs, 0.1, frame).shares
+    approximate_shares = predict_associate_and_update(tracker, states, 0.1, frame).shares
     monkeypatch.setattr(stone_soup, "_MAX_EXACT_TRACKS", 9)
-    exact_shares = stone_soup_tracker.predict_associate_and_update(beliefs, 0.1, frame).shares
+    exact_shares = predict_associate_and_update(tracker, states, 0.1, frame).shares
 
     assert np.all(np.sum(exact_shares > 0.01, axis=0) > 1)  # all compete
     assert 0 < abs(approximate_shares - exact_shares).max() < 0.1

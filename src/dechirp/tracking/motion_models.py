@@ -26,7 +26,7 @@ def predict_straight_motion(
     transition = np.eye(N_STATES)
     transition[[X, Y], [VX, VY]] = interval_s
     transition[TURN_RATE, TURN_RATE] = 0.0
-    noise = _white_acceleration_covariance(interval_s, process_noise_m2_per_s3)
+    noise = white_acceleration_covariance(interval_s, process_noise_m2_per_s3, N_STATES)
     noise[TURN_RATE, TURN_RATE] = turn_rate_std_rad_per_s**2
     return mean @ transition.T, transition @ covariance @ transition.T + noise
 
@@ -81,14 +81,19 @@ def predict_coordinated_turn(
     jacobian[..., VX, TURN_RATE] = -interval_s * (sin * vx + cos * vy)
     jacobian[..., VY, TURN_RATE] = interval_s * (cos * vx - sin * vy)
 
-    noise = _white_acceleration_covariance(interval_s, process_noise_m2_per_s3)
+    noise = white_acceleration_covariance(interval_s, process_noise_m2_per_s3, N_STATES)
     noise[TURN_RATE, TURN_RATE] = turn_rate_std_rad_per_s**2 * (1 - decay**2)
     return predicted, jacobian @ covariance @ jacobian.swapaxes(-1, -2) + noise
 
 
-def _white_acceleration_covariance(interval_s: float, density_m2_per_s3: float) -> np.ndarray:
-    """Compute the covariance that white acceleration along x and y adds in an interval."""
-    covariance = np.zeros((N_STATES, N_STATES))
+def white_acceleration_covariance(
+    interval_s: float, density_m2_per_s3: float, n_states: int
+) -> np.ndarray:
+    """Compute the covariance that white acceleration along x and y adds in an interval.
+
+    For the first `n_states` of the states of this module.
+    """
+    covariance = np.zeros((n_states, n_states))
     for position, velocity in ((X, VX), (Y, VY)):
         covariance[position, position] = density_m2_per_s3 * interval_s**3 / 3
         covariance[position, velocity] = density_m2_per_s3 * interval_s**2 / 2

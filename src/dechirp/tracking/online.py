@@ -1,7 +1,8 @@
 """Online tracking: predicts, associates, confirms, drops and starts tracks frame by frame."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from importlib import import_module
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -12,16 +13,15 @@ from dechirp.core.detection_columns import check_type
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
+from dechirp.tracking.kalman_filter import StateEstimates
 from dechirp.tracking.measurements import (
     Measurements,
     checked_row_axis_name,
     usable_rows_to_measurements,
 )
 from dechirp.tracking.poses import AT_ORIGIN, RadarPose, RadarView
+from dechirp.tracking.track_update import predict_associate_and_update
 from dechirp.tracking.tracker import Tracker
-
-if TYPE_CHECKING:
-    from dechirp.tracking.stone_soup import StateEstimate, StoneSoup
 
 
 def initial_track_means_and_covariances(
@@ -124,7 +124,7 @@ class LiveTracker:
             check_number("velocity_span_m_per_s", velocity_span_m_per_s, above=0)
         self._tracker = tracker
         self._span_m_per_s = velocity_span_m_per_s
-        self._filters = _import_and_create_stone_soup(tracker)
+        _check_stone_soup_is_installed()
         self._tracks: list[_LiveTrack] = []
         self._n_started = 0
         self._time_s: float | None = None
@@ -207,26 +207,32 @@ class LiveTracker:
         view: RadarView,
     ) -> Measurements:
         """Update some tracks, and return the measurements that belong to none of them."""
-        step = self._filters.predict_associate_and_update(
-            [live_track.belief for live_track in tracks], passed_s, measurements, view.pose
+        if not tracks:
+            return measurements
+        states = StateEstimates(
+            np.array([live_track.mean for live_track in tracks]),
+            np.array([live_track.covariance for live_track in tracks]),
         )
-        for live_track, belief, shares in zip(tracks, step.states, step.shares, strict=True):
-            live_track.belief = belief
-            is_hit = bool(shares.sum() >= _MIN_SHARE)
-            if is_hit or view.contains(float(belief.mean[0]), float(belief.mean[2])):
+        step = predict_associate_and_update(
+            self._tracker, states, passed_s, measurements, view.pose
+        )
+        hit_mask = (step.shares.sum(axis=1) >= _MIN_SHARE).tolist()
+        for live_track, mean, covariance, is_hit in zip(
+            tracks, *step.states, hit_mask, strict=True
+        ):
+            live_track.mean, live_track.covariance = mean, covariance
+            if is_hit or view.contains(float(mean[0]), float(mean[2])):
                 live_track.count_frame(is_hit=is_hit, confirm_after=self._tracker.confirm_after)
             else:
                 live_track.frames_since_hit += 1
         return measurements.select_measurements(step.shares.sum(axis=0) < _MIN_SHARE)
 
     def _start_tracks(self, measurements: Measurements, pose: RadarPose) -> None:
-        from dechirp.tracking.stone_soup import StateEstimate
-
         means, covariances = initial_track_means_and_covariances(
             measurements, self._tracker.speed_std_m_per_s, pose
         )
         for mean, covariance in zip(means, covariances, strict=True):
-            live_track = _LiveTrack(self._n_started, StateEstimate(mean, covariance))
+            live_track = _LiveTrack(self._n_started, mean, covariance)
             live_track.confirm_if_enough_hits(self._tracker.confirm_after)
             self._tracks.append(live_track)
             self._n_started += 1
@@ -288,30 +294,29 @@ class TrackStatus:
 class _LiveTrack(TrackStatus):
     """Live track: state and status."""
 
-    def __init__(self, number: int, belief: "StateEstimate") -> None:
+    def __init__(self, number: int, mean: np.ndarray, covariance: np.ndarray) -> None:
         super().__init__(number)
-        self.belief = belief
+        self.mean, self.covariance = mean, covariance
 
     def to_track(self) -> Track:
         return Track(
             number=self.number,
-            state=tuple(self.belief.mean.tolist()),
-            covariance=tuple(map(tuple, self.belief.covariance.tolist())),
+            state=tuple(self.mean.tolist()),
+            covariance=tuple(map(tuple, self.covariance.tolist())),
             status=self.status,
             age=self.age,
         )
 
 
-def _import_and_create_stone_soup(tracker: Tracker) -> "StoneSoup":
+def _check_stone_soup_is_installed() -> None:
     try:
-        from dechirp.tracking.stone_soup import StoneSoup
+        import_module("dechirp.tracking.stone_soup")
     except ImportError as error:
         if (error.name or "").partition(".")[0] != "stonesoup":
             raise
         raise InvalidSetting(
             "Tracker",
             value="a tracker without Stone Soup installed",
-            expected="Stone Soup, for its filters and association",
+            expected="Stone Soup, for its association",
             fix="run pip install 'dechirp[track]'",
         ) from None
-    return StoneSoup(tracker)

@@ -1,0 +1,149 @@
+"""Kalman filter of many tracks at once, with azimuth, range and range rate as measurements.
+
+States are x, vx, y, vy over the plane, in m and m/s. Motion is straight but for white acceleration.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dechirp.tracking.motion_models import white_acceleration_covariance
+from dechirp.tracking.poses import RadarPose
+
+_N_STATES = 4
+
+
+class StateEstimates(NamedTuple):
+    """Means (n, 4) and covariances (n, 4, 4) of x, vx, y, vy."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+class PredictedMeasurements(NamedTuple):
+    """Measurements (azimuth, range, rate) expected of tracks, without the errors of detections."""
+
+    mean: np.ndarray
+    """(n_tracks, 3)."""
+    covariance: np.ndarray
+    """(n_tracks, 3, 3)."""
+    cross_covariance: np.ndarray
+    """(n_tracks, 4, 3): of the states and the measurements."""
+
+
+def predict_states(
+    states: StateEstimates, interval_s: float, process_noise_m2_per_s3: float
+) -> StateEstimates:
+    """Predict states over an interval."""
+    transition = np.kron(np.eye(2), [[1.0, interval_s], [0.0, 1.0]])
+    noise = white_acceleration_covariance(interval_s, process_noise_m2_per_s3, _N_STATES)
+    return StateEstimates(
+        states.mean @ transition.T, transition @ states.covariance @ transition.T + noise
+    )
+
+
+def states_relative_to_radar(states: StateEstimates, pose: RadarPose) -> StateEstimates:
+    """Return states with position and velocity relative to a radar, in axes that are not turned."""
+    (x_m, y_m), (vx, vy) = pose.position_m, pose.velocity_m_per_s
+    return StateEstimates(states.mean - [x_m, vx, y_m, vy], states.covariance)
+
+
+def predict_linearised_measurements(states: StateEstimates) -> PredictedMeasurements:
+    """Predict the measurement of each state to first order, with exact derivatives."""
+    x, vx, y, vy = states.mean.T
+    range_m = np.hypot(x, y)
+    cosine, sine = x / range_m, y / range_m
+    turn_rad_per_s = (cosine * vy - sine * vx) / range_m
+    zero = np.zeros_like(x)
+    rows = [
+        [-sine / range_m, zero, cosine / range_m, zero],
+        [cosine, zero, sine, zero],
+        [-sine * turn_rad_per_s, cosine, cosine * turn_rad_per_s, sine],
+    ]
+    jacobian = np.moveaxis(np.array(rows), -1, 0)
+    cross_covariance = states.covariance @ jacobian.swapaxes(1, 2)
+    return PredictedMeasurements(
+        mean=_measure(states.mean),
+        covariance=jacobian @ cross_covariance,
+        cross_covariance=cross_covariance,
+    )
+
+
+def predict_sigma_point_measurements(states: StateEstimates) -> PredictedMeasurements:
+    r"""Predict the measurement of each state from sigma points (unscented transform).
+
+    The points are the mean and, for each column :math:`\sigma_i` of the Cholesky factor of the
+    covariance, :math:`\mu \pm 2 \sigma_i`, with equal weights of 1/8. The mean itself has weight 0
+    in the mean and 2 in the covariance: alpha 1, beta 2, kappa 0. No weight is negative, or
+    covariances could lose their sign: those with kappa -1 did, once in 4,000 frames.
+
+    References
+    ----------
+    E. A. Wan, R. van der Merwe, The Unscented Kalman Filter for Nonlinear Estimation, 2000.
+    """
+    steps = 2 * _square_roots(states.covariance).swapaxes(1, 2)
+    offsets = np.concatenate([np.zeros_like(steps[:, :1]), steps, -steps], axis=1)
+    measured = _measure(states.mean[:, None] + offsets)
+    mean = measured[:, 1:].mean(axis=1)
+    mean[:, 0] = np.angle(np.exp(1j * measured[:, 1:, 0]).sum(axis=1))
+    residual = measured - mean[:, None]
+    residual[..., 0] = wrap_angles(residual[..., 0])
+    weighted = residual / 8
+    weighted[:, 0] = 2 * residual[:, 0]
+    return PredictedMeasurements(
+        mean=mean,
+        covariance=residual.swapaxes(1, 2) @ weighted,
+        cross_covariance=offsets.swapaxes(1, 2) @ weighted,
+    )
+
+
+def update_states(
+    states: StateEstimates,
+    track: np.ndarray,
+    residual: np.ndarray,
+    covariance: np.ndarray,
+    cross_covariance: np.ndarray,
+    share: np.ndarray,
+) -> StateEstimates:
+    """Update predicted states with pairs of a track and a detection, (n_pairs, ...) each.
+
+    A state becomes the mean and the covariance of a mixture: of the updates with its detections,
+    weighted by their shares, and of the prediction with the remaining probability. Pairs of a track
+    have a residual (3,), its covariance (3, 3), and the cross-covariance (4, 3) of state and
+    measurement.
+    """
+    gain = np.linalg.solve(covariance, cross_covariance.swapaxes(1, 2)).swapaxes(1, 2)
+    shift = np.einsum("pij,pj->pi", gain, residual)
+    mean_shift = np.zeros_like(states.mean)
+    np.add.at(mean_shift, track, share[:, None] * shift)
+    weight = share[:, None, None]
+    second_moment = np.zeros_like(states.covariance)
+    np.add.at(
+        second_moment,
+        track,
+        weight * (shift[:, :, None] * shift[:, None] - gain @ cross_covariance.swapaxes(1, 2)),
+    )
+    # Moments about the prediction, then about the mean of the mixture.
+    updated = states.covariance + second_moment - mean_shift[:, :, None] * mean_shift[:, None]
+    return StateEstimates(states.mean + mean_shift, (updated + updated.swapaxes(1, 2)) / 2)
+
+
+def wrap_angles(angles_rad: np.ndarray) -> np.ndarray:
+    """Return angles in [-pi, pi)."""
+    return np.mod(angles_rad + np.pi, 2 * np.pi) - np.pi
+
+
+def _measure(states: np.ndarray) -> np.ndarray:
+    """Return azimuth, range and range rate (..., 3) of states (..., 4)."""
+    x, vx, y, vy = np.moveaxis(states, -1, 0)
+    range_m = np.hypot(x, y)
+    return np.stack([np.arctan2(y, x), range_m, (x * vx + y * vy) / range_m], axis=-1)
+
+
+def _square_roots(covariance: np.ndarray) -> np.ndarray:
+    """Return matrices whose product with their transpose is the covariance, (n, 4, 4)."""
+    try:
+        return np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:  # rounding has left one without its sign
+        variance, axes = np.linalg.eigh(covariance)
+        return np.asarray(axes * np.sqrt(np.maximum(variance, 0))[:, None])
