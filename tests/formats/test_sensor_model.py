@@ -186,7 +186,8 @@ def test_surprising_views_give_one_finding_for_each_object(radar):
                 {"id": 3, "x": 60.0 * (k + 1)},
                 {"id": 4, "x": 2.0},
             )
-            view.global_ground_truth.stationary_object.add().id.value = 9
+            stationary = view.global_ground_truth.stationary_object.add()
+            stationary.id.value, stationary.base.position.x = 9, 50.0
             model.step(view)
     texts = [str(finding) for finding in model.findings]
     for subject, text in (
@@ -194,7 +195,7 @@ def test_surprising_views_give_one_finding_for_each_object(radar):
         ("velocity", "object 2 at 0 s is missing"),
         ("position", "object 3 jumps by 60 m at 0.1 s"),
         ("mounting_position", "inside object 4 from 0 s on"),
-        ("stationary", "1 stationary objects at 0 s"),
+        ("stationary", "1 stationary object at 0 s: 1 wall"),
     ):
         assert sum(t.startswith(f"view.{subject}:") and text in t for t in texts) == 1
     assert len(texts) == len(set(texts))

@@ -34,12 +34,16 @@ from dechirp.simulation.simulate import simulate
 from dechirp.tracking.groups import GroupTrack
 from dechirp.tracking.online import Track
 from dechirp.tracking.tracker import Tracker
+from dechirp.traffic.base import STRUCTURE_KINDS
 from dechirp.traffic.mounting import Mounting, mounting_on_vehicle
 from dechirp.traffic.osi_views import OsiViews, View, ViewedObject
 from dechirp.traffic.outlines import contains_origin, nearest_point_m, rotation
 from dechirp.traffic.radar_scene import (
     MovingBody,
+    RadarMotion,
     build_scene_around_radar,
+    cut_to_range,
+    is_below_body,
     motion_of_mounted_radar,
     outline_around_radar_m,
 )
@@ -74,7 +78,7 @@ class SensorModel:
     """Radar on the host vehicle of another simulator's world.
 
     Each view is the middle of one frame. Tracks, times and random numbers go on from step to step:
-    the same views and seed yield the same data. Stationary objects of the world have no echoes.
+    the same views and seed yield the same data.
 
     Parameters
     ----------
@@ -219,15 +223,15 @@ class SensorModel:
         radar = motion_of_mounted_radar(view.host.motion, mounting)
         max_range_m = self.radar.frame.for_frame(self._n_steps).chirp.max_range_m
         bodies = []
-        for viewed in view.objects:
+        for viewed in (_cut_structure(item, radar, max_range_m) for item in view.objects):
             corners_m = outline_around_radar_m(viewed.motion, viewed.size, radar)
-            if contains_origin(corners_m):
+            body = self._body(viewed, view.time_s)
+            if contains_origin(corners_m) and not is_below_body(body, viewed.motion, radar):
                 if viewed.id not in self._objects_around_radar:
                     self._objects_around_radar.add(viewed.id)
                     findings.append(_radar_inside_finding(viewed, view.time_s))
                 continue
             is_near = np.linalg.norm(nearest_point_m(corners_m)) < max_range_m
-            body = self._body(viewed, view.time_s)
             if corners_m[:, 0].max() > 0 and is_near:
                 bodies.append(MovingBody(viewed.name, viewed.motion, body))
         mid_s = self.radar.frame.for_frame(self._n_steps).mid_frame_s
@@ -286,6 +290,13 @@ class SensorModel:
                 self.findings += (finding,)
                 if finding.level != "note":
                     warnings.warn(PhysicsWarning(finding), stacklevel=4)
+
+
+def _cut_structure(viewed: ViewedObject, radar: RadarMotion, max_range_m: float) -> ViewedObject:
+    if viewed.kind not in STRUCTURE_KINDS:
+        return viewed
+    motion, size = cut_to_range(viewed.motion, viewed.size, radar, max_range_m)
+    return viewed._replace(motion=motion, size=size)
 
 
 def _scenario_of_radar(radar: Radar) -> Scenario:

@@ -133,7 +133,9 @@ class TrafficFrames:
             associator = Associator(self.truth(number, scene), self.radar.for_frame(number), scene)
             owners = associator.nearest_target_indices(of_frame)
             for target, name in enumerate(scene.names):
-                row = row_of_name[name]
+                row = row_of_name.get(name)
+                if row is None:  # a structure
+                    continue
                 rows = {key: column[owners == target] for key, column in of_frame.items()}
                 n_detections[row, number] = rows["snr"].size
                 errors = _errors_of_body(rows, objects.isel(target=row, frame=number))

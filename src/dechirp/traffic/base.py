@@ -9,7 +9,25 @@ from typing import ClassVar, Literal, NamedTuple
 from dechirp.core.errors import RecordingError
 from dechirp.core.families import Family
 
-ObjectKind = Literal["car", "van", "truck", "bus", "motorcycle", "bicyclist", "pedestrian", "other"]
+ObjectKind = Literal[
+    "car",
+    "van",
+    "truck",
+    "bus",
+    "motorcycle",
+    "bicyclist",
+    "pedestrian",
+    "other",
+    "wall",
+    "building",
+    "guard-rail",
+    "pole",
+    "tree",
+    "hedge",
+    "overhead",
+]
+STRUCTURE_KINDS = frozenset({"wall", "building", "guard-rail", "pole", "tree", "hedge", "overhead"})
+"""Kinds that never move. They shadow and reflect, but are no road users to detect."""
 
 
 class ObjectState(NamedTuple):
@@ -29,6 +47,8 @@ class ObjectState(NamedTuple):
     length_m: float = nan
     width_m: float = nan
     height_m: float = nan
+    is_stationary: bool = False
+    """True: the object stays at its place at all times of the file, also without rows."""
 
 
 class CutTrafficError(RecordingError):

@@ -18,6 +18,10 @@ _KINDS: dict[str, ObjectKind] = {
     "motorcycle": "motorcycle",
     "bicycle": "bicyclist",
     "pedestrian": "pedestrian",
+    "building": "building",
+    "pillar": "pole",
+    "roadBoundary": "wall",
+    "median_strip": "wall",
 }
 _VERSIONS = {"2018b", "2020a"}
 _OBSTACLES = {"dynamicObstacle", "staticObstacle", "obstacle"}
@@ -62,6 +66,9 @@ def _check_version(version: str) -> None:
 
 def _read_obstacle(obstacle: ElementTree.Element, step_s: float) -> Iterator[ObjectState]:
     number = int(obstacle.attrib["id"])
+    is_stationary = (
+        obstacle.tag == "staticObstacle" or (obstacle.findtext("role") or "").strip() == "static"
+    )
     kind = _KINDS.get((obstacle.findtext("type") or "").strip(), "other")
     length_m, width_m = _read_size(obstacle)
     for state in (
@@ -69,7 +76,7 @@ def _read_obstacle(obstacle: ElementTree.Element, step_s: float) -> Iterator[Obj
         *obstacle.findall("trajectory/state"),
     ):
         heading_rad = _read_number(state, "orientation")
-        speed = _read_number(state, "velocity")
+        speed = 0.0 if is_stationary else _read_number(state, "velocity")
         yield ObjectState(
             time_s=step_s * _read_number(state, "time"),
             id=number,
@@ -81,6 +88,7 @@ def _read_obstacle(obstacle: ElementTree.Element, step_s: float) -> Iterator[Obj
             vy_m_per_s=speed * math.sin(heading_rad),
             length_m=length_m,
             width_m=width_m,
+            is_stationary=is_stationary,
         )
 
 

@@ -1,5 +1,6 @@
 """Scenes of traffic: the objects around a radar on one of its vehicles, frame by frame."""
 
+import math
 from bisect import bisect_right
 from collections.abc import Iterator
 from typing import NamedTuple, cast
@@ -14,7 +15,7 @@ from dechirp.core.text import format_number, format_si, join_names
 from dechirp.radar.radar import Radar
 from dechirp.scene.bodies.base import Body
 from dechirp.scene.scene import Scene
-from dechirp.traffic.base import ObjectKind
+from dechirp.traffic.base import STRUCTURE_KINDS, ObjectKind
 from dechirp.traffic.motion import MAX_ACCELERATION_M_PER_S2, Motion, ObjectPath, fit_paths
 from dechirp.traffic.mounting import Mounting, mounting_on_vehicle
 from dechirp.traffic.outlines import contains_origin, nearest_point_m, rotation
@@ -22,6 +23,8 @@ from dechirp.traffic.radar_scene import (
     MovingBody,
     RadarMotion,
     build_scene_around_radar,
+    cut_to_range,
+    is_below_body,
     motion_of_mounted_radar,
     outline_around_radar_m,
 )
@@ -34,7 +37,6 @@ _MAX_FRAMES = 1_000_000
 _SINGLE_STEP_S = 1.0  # presence of objects in a trace of one step
 _ROUNDING_S = 1e-9
 _LARGEST_UNNOTICED_SHIFT_M = 0.5
-_MAX_HALF_EXTENT_M = 31.0  # of 60 by 10 m, the largest vehicle
 
 
 class ObjectInView(NamedTuple):
@@ -50,6 +52,12 @@ class ObjectInView(NamedTuple):
     size: Size
     corners_m: np.ndarray
     """(4, 2): outline at mid-frame, x forward and y left of the radar."""
+    kind: ObjectKind
+
+    @property
+    def is_structure(self) -> bool:
+        """Return whether the object is a structure, no road user."""
+        return self.kind in STRUCTURE_KINDS
 
 
 class FrameScenes:
@@ -109,9 +117,13 @@ class FrameScenes:
         ]
         self._step_s = float(np.diff(self._times_s).max(initial=0.0)) or _SINGLE_STEP_S
         margin_s = float(np.median(np.diff(self._times_s))) / 2 if self._times_s.size > 1 else 0.5
+        heights_m = [size.height_m for size in self._sizes]
+        objects = objects.assign(height=("object", heights_m))
         self._paths = [
             fit_paths(objects.isel(object=index), margin_s) for index in range(len(self._ids))
         ]
+        half_diagonals_m = [math.hypot(size.length_m, size.width_m) / 2 for size in self._sizes]
+        self._half_diagonals_m = np.array(half_diagonals_m)
         self._check_bodies()
         self._ego = self._find_ego(traffic, ego)
         self.mounting = (
@@ -173,14 +185,20 @@ class FrameScenes:
             if path is None or index == self._ego:
                 continue
             motion, size = path.motion_at(time_s), self._sizes[index]
+            if self._kinds[index] in STRUCTURE_KINDS:
+                motion, size = cut_to_range(motion, size, radar, max_range_m)
             corners_m = outline_around_radar_m(motion, size, radar)
-            if contains_origin(corners_m):
+            if contains_origin(corners_m) and not is_below_body(
+                body_of_object(self._kinds[index], size, 0.0, lambda rate: 0.0), motion, radar
+            ):
                 self._times_around_radar_s.setdefault(index, time_s)
                 continue
             is_near = np.linalg.norm(nearest_point_m(corners_m)) < max_range_m
             if corners_m[:, 0].max() > 0 and is_near:
                 objects.append(
-                    ObjectInView(self.names[index], index, path, motion, size, corners_m)
+                    ObjectInView(
+                        self.names[index], index, path, motion, size, corners_m, self._kinds[index]
+                    )
                 )
         return objects
 
@@ -214,8 +232,8 @@ class FrameScenes:
         nearest = int(np.argmin(np.abs(self._times_s - time_s)))
         # An object may be absent in the nearest step, but present within half a step of another.
         around = self._positions_m[:, max(nearest - 1, 0) : nearest + 2]
-        reach_m = range_m + _MAX_HALF_EXTENT_M + 2 * self._step_s * FASTEST_M_PER_S
-        is_near = np.any(np.linalg.norm(around - place_m, axis=-1) < reach_m, axis=1)
+        reach_m = range_m + self._half_diagonals_m + 2 * self._step_s * FASTEST_M_PER_S
+        is_near = np.any(np.linalg.norm(around - place_m, axis=-1) < reach_m[:, None], axis=1)
         return [int(index) for index in np.flatnonzero(is_near)]
 
     def _find_ego(self, traffic: Traffic, ego: int | None) -> int:
@@ -223,7 +241,11 @@ class FrameScenes:
         if number is not None and number in self._ids:
             return self._ids.index(number)
         n_steps = np.isfinite(self._positions_m[..., 0]).sum(axis=1)
+        is_structure = [kind in STRUCTURE_KINDS for kind in self._kinds]
+        if not all(is_structure):
+            n_steps[is_structure] = 0
         longest = np.argsort(-n_steps, kind="stable")[:_MAX_SUGGESTED_IDS]
+        longest = longest[n_steps[longest] > 0]
         raise InvalidSetting(
             "traffic.ego",
             value="missing, and the file names no host" if number is None else number,

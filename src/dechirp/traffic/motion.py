@@ -133,11 +133,21 @@ def fit_paths(steps: xr.Dataset, margin_s: float) -> list[ObjectPath]:
 
     A run ends where the object is absent, or jumps.
     """
+    if steps["is_stationary"].item() and not np.any(_ranges_over_time(steps)):
+        times_s = steps["time"].values
+        margin_s += float(times_s[-1] - times_s[0])
+        return [ObjectPath(steps.isel(time=[0]), margin_s)]
     present = np.flatnonzero(np.isfinite(steps["x"].values))
     speeds = step_speeds_m_per_s(steps.isel(time=present))
     is_break = (np.diff(present) > 1) | (speeds > FASTEST_M_PER_S)
     runs = np.split(present, np.flatnonzero(is_break) + 1)
     return [ObjectPath(steps.isel(time=run), margin_s) for run in runs if run.size]
+
+
+def _ranges_over_time(steps: xr.Dataset) -> np.ndarray:
+    """Return the spans of position and heading over all steps, (4,); 0 of unknown ones."""
+    names = ("x", "y", "z", "heading")
+    return np.array([np.ptp(np.nan_to_num(steps[name].values)) for name in names])
 
 
 def _fit_bounded_path(

@@ -16,6 +16,17 @@ _LENGTH_PREFIX = struct.Struct("<I")
 _MAX_MESSAGE_BYTES = 2**28
 _MCAP_TYPES = ("protobuf/osi3.SensorView", "protobuf/osi3.GroundTruth")
 _MAX_SEARCHED_MESSAGES = 1000  # before a recording counts as one without OSI
+_STRUCTURE_KINDS: dict[str, ObjectKind] = {
+    "TYPE_BUILDING": "building",
+    "TYPE_POLE": "pole",
+    "TYPE_PYLON": "pole",
+    "TYPE_DELINEATOR": "pole",
+    "TYPE_VERTICAL_STRUCTURE": "pole",
+    "TYPE_TREE": "tree",
+    "TYPE_VEGETATION": "hedge",
+    "TYPE_BRIDGE": "overhead",
+    "TYPE_OVERHEAD_STRUCTURE": "overhead",
+}
 _VEHICLE_KINDS: dict[str, ObjectKind] = {
     "TYPE_DELIVERY_VAN": "van",
     "TYPE_HEAVY_TRUCK": "truck",
@@ -33,7 +44,7 @@ _VEHICLE_KINDS: dict[str, ObjectKind] = {
 
 
 class OsiTrace(TrafficFormat):
-    """Moving objects of each message, with the host vehicle; requires the extra io."""
+    """Moving and stationary objects of each message, and the host; requires the extra io."""
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
@@ -43,8 +54,9 @@ class OsiTrace(TrafficFormat):
         return path.suffix.lower() == ".osi" and "_sd_" not in path.name
 
     def read_states(self, path: Path) -> Iterator[ObjectState]:
-        """Yield the moving objects of all messages."""
+        """Yield the moving objects of all messages, and stationary ones that are new or changed."""
         last_s = -math.inf
+        last_contents: dict[int, bytes] = {}
         for index, truth in enumerate(_iter_ground_truths(path)):
             time_s = truth.timestamp.seconds + truth.timestamp.nanos / 1e9
             if time_s < last_s:
@@ -63,6 +75,11 @@ class OsiTrace(TrafficFormat):
             last_s = time_s
             for moving in truth.moving_object:
                 yield state_of_moving_object(path, moving, time_s)
+            for stationary in truth.stationary_object:
+                content = stationary.SerializeToString()
+                if last_contents.get(stationary.id.value) != content:
+                    last_contents[stationary.id.value] = content
+                    yield state_of_stationary_object(path, stationary, time_s)
 
     def read_host(self, path: Path) -> int | None:
         """Return the host vehicle of the first message."""
@@ -149,41 +166,73 @@ def _damaged_trace_error(
 
 def state_of_moving_object(path: object, moving: Any, time_s: float) -> ObjectState:
     """Return the state in an `osi3` message of type `MovingObject`; `path` is for the error."""
-    base = moving.base
-    if not base.HasField("position"):
-        raise RecordingError(
-            path,
-            value=f"object {moving.id.value} at {time_s:g} s without a position",
-            expected="base.position of every moving object",
-            fix="record the trace with positions; if it is the object list of a sensor, read it"
-            " with dechirp.object_lists.read_objects",
-        )
-
-    def known(message: Any, field: str) -> float:
-        return getattr(message, field) if message.HasField(field) else math.nan
-
-    return ObjectState(
-        time_s=time_s,
-        id=int(moving.id.value),
-        kind=_kind_of_object(moving),
-        x_m=base.position.x,
-        y_m=base.position.y,
-        z_m=base.position.z,
-        heading_rad=known(base.orientation, "yaw"),
-        vx_m_per_s=known(base.velocity, "x"),
-        vy_m_per_s=known(base.velocity, "y"),
-        length_m=known(base.dimension, "length"),
-        width_m=known(base.dimension, "width"),
-        height_m=known(base.dimension, "height"),
+    return _state_of_base(path, moving, time_s, _kind_of_object(moving))._replace(
+        vx_m_per_s=_known_number(moving.base.velocity, "x"),
+        vy_m_per_s=_known_number(moving.base.velocity, "y"),
     )
 
 
+def state_of_stationary_object(path: object, stationary: Any, time_s: float) -> ObjectState:
+    """Return the state in an `osi3` message of type `StationaryObject`; `path` is for the error.
+
+    Barriers of metal are guard rails, along their longer side; structures of other types are walls.
+    """
+    classification = stationary.classification
+    type_name = _enum_name(classification, "type")
+    kind = _STRUCTURE_KINDS.get(type_name, "wall")
+    if type_name == "TYPE_BARRIER" and _enum_name(classification, "material") == "MATERIAL_METAL":
+        kind = "guard-rail"
+    state = _state_of_base(path, stationary, time_s, kind)._replace(
+        vx_m_per_s=0.0, vy_m_per_s=0.0, is_stationary=True
+    )
+    if kind == "guard-rail" and state.width_m > state.length_m:
+        return state._replace(
+            length_m=state.width_m,
+            width_m=state.length_m,
+            heading_rad=state.heading_rad + math.pi / 2,
+        )
+    return state
+
+
+def _state_of_base(path: object, item: Any, time_s: float, kind: ObjectKind) -> ObjectState:
+    base = item.base
+    if not base.HasField("position"):
+        raise RecordingError(
+            path,
+            value=f"object {item.id.value} at {time_s:g} s without a position",
+            expected="base.position of every object",
+            fix="record the trace with positions; if it is the object list of a sensor, read it"
+            " with dechirp.object_lists.read_objects",
+        )
+    return ObjectState(
+        time_s=time_s,
+        id=int(item.id.value),
+        kind=kind,
+        x_m=base.position.x,
+        y_m=base.position.y,
+        z_m=base.position.z,
+        heading_rad=_known_number(base.orientation, "yaw"),
+        length_m=_known_number(base.dimension, "length"),
+        width_m=_known_number(base.dimension, "width"),
+        height_m=_known_number(base.dimension, "height"),
+    )
+
+
+def _known_number(message: Any, field: str) -> float:
+    return float(getattr(message, field)) if message.HasField(field) else math.nan
+
+
+def _enum_name(message: Any, field: str) -> str:
+    """Return the name of an enumeration value; empty if the installed OSI version has none."""
+    enum = message.DESCRIPTOR.fields_by_name[field].enum_type
+    value = enum.values_by_number.get(getattr(message, field))
+    return "" if value is None else str(value.name)
+
+
 def _kind_of_object(moving: Any) -> ObjectKind:
-    kind = moving.DESCRIPTOR.enum_types_by_name["Type"].values_by_number[moving.type].name
+    kind = _enum_name(moving, "type")
     if kind == "TYPE_PEDESTRIAN":
         return "pedestrian"
     if kind != "TYPE_VEHICLE":
         return "other"
-    classification = moving.vehicle_classification
-    enum = classification.DESCRIPTOR.enum_types_by_name["Type"]
-    return _VEHICLE_KINDS.get(enum.values_by_number[classification.type].name, "car")
+    return _VEHICLE_KINDS.get(_enum_name(moving.vehicle_classification, "type"), "car")

@@ -4,19 +4,22 @@ A simulator sends one view at a time, so that velocities come from positions of 
 """
 
 import math
+from collections import Counter
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.errors import InvalidSetting, RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.optional_imports import import_from_extra
-from dechirp.core.text import format_number
+from dechirp.core.text import format_number, join_names
 from dechirp.traffic.base import ObjectKind, ObjectState
 from dechirp.traffic.motion import Motion
 from dechirp.traffic.mounting import Mounting
-from dechirp.traffic.osi_trace import state_of_moving_object
+from dechirp.traffic.osi_trace import state_of_moving_object, state_of_stationary_object
 from dechirp.traffic.road_bodies import Size, complete_size
 from dechirp.traffic.traffic import FASTEST_M_PER_S, MOVES_M_PER_S, check_state
 
@@ -53,7 +56,7 @@ class View(NamedTuple):
     mounting: Mounting | None
     """Pose of the radar on the host that the view states."""
     objects: tuple[ViewedObject, ...]
-    """All moving objects without the host."""
+    """All moving objects without the host, then the stationary ones."""
     findings: tuple[Finding, ...]
     """Findings that no view before has given."""
 
@@ -109,13 +112,19 @@ class OsiViews:
         }
         rear_axle_m = _rear_axle_m(states[host_id][1])
         mounting = _mounting_of_view(message, rear_axle_m, objects[host_id].size.height_m)
-        if len(truth.stationary_object):
+        standing = [
+            self._standing_object(state)
+            for state in _stationary_states(truth, time_s, frozenset(states))
+        ]
+        if standing:
+            counts = sorted(Counter(item.kind for item in standing).items())
             self._report(
                 "stationary",
                 None,
-                value=f"{len(truth.stationary_object)} stationary objects at {time_s:g} s",
-                expected="moving objects, which the radar is simulated with",
-                fix="nothing to do, unless their echoes matter",
+                value=f"{format_count_with_noun(len(standing), 'stationary object')} at"
+                f" {time_s:g} s: {join_names([f'{count} {kind}' for kind, count in counts])}",
+                expected="boxes with the classes of the guide",
+                fix="nothing to do: they reflect and shadow",
             )
         self._read = time_s, histories
         return View(
@@ -123,7 +132,7 @@ class OsiViews:
             host=objects.pop(host_id),
             rear_axle_m=rear_axle_m,
             mounting=mounting,
-            objects=tuple(objects.values()),
+            objects=(*objects.values(), *standing),
             findings=tuple(self._findings),
         )
 
@@ -183,20 +192,10 @@ class OsiViews:
         return 0.0 if past is None else past.heading_rad
 
     def _viewed_object(self, state: ObjectState, moving: Any, history: _History) -> ViewedObject:
-        stated_size = Size(state.length_m, state.width_m, state.height_m)
-        size = complete_size(state.kind, stated_size)
-        if size != stated_size:
-            self._report(
-                "size",
-                state.id,
-                value=f"object {state.id} at {state.time_s:g} s without length, width or height",
-                expected="base.dimension of every moving object",
-                fix=f"nothing to do: those typical of its class ({state.kind}) replace them",
-            )
-        ground_m = state.z_m - size.height_m / 2 if math.isfinite(state.z_m) else 0.0
+        size = self._complete_size(state)
         acceleration = moving.base.acceleration
         motion = Motion(
-            position_m=np.array([state.x_m, state.y_m, ground_m]),
+            position_m=_position_on_ground_m(state, size),
             velocity_m_per_s=self._velocity(state, history),
             acceleration_m_per_s2=np.nan_to_num([acceleration.x, acceleration.y]),
             heading_rad=history.heading_rad,
@@ -204,6 +203,33 @@ class OsiViews:
             turn_acceleration_rad_per_s2=0.0,
         )
         return ViewedObject(state.id, state.kind, motion, size, history.interval_s)
+
+    def _standing_object(self, state: ObjectState) -> ViewedObject:
+        size = self._complete_size(state)
+        heading_rad = state.heading_rad if math.isfinite(state.heading_rad) else 0.0
+        motion = Motion(
+            position_m=_position_on_ground_m(state, size),
+            velocity_m_per_s=np.zeros(2),
+            acceleration_m_per_s2=np.zeros(2),
+            heading_rad=math.remainder(heading_rad, 2 * math.pi),
+            turn_rate_rad_per_s=0.0,
+            turn_acceleration_rad_per_s2=0.0,
+        )
+        return ViewedObject(state.id, state.kind, motion, size, 0.0)
+
+    def _complete_size(self, state: ObjectState) -> Size:
+        """Return the size of an object, with that of its class where it is unknown."""
+        stated_size = Size(state.length_m, state.width_m, state.height_m)
+        size = complete_size(state.kind, stated_size)
+        if size != stated_size:
+            self._report(
+                "size",
+                state.id,
+                value=f"object {state.id} at {state.time_s:g} s without length, width or height",
+                expected="base.dimension of every object",
+                fix=f"nothing to do: those typical of its class ({state.kind}) replace them",
+            )
+        return size
 
     def _velocity(self, state: ObjectState, history: _History) -> np.ndarray:
         stated = np.array([state.vx_m_per_s, state.vy_m_per_s])
@@ -308,44 +334,80 @@ def _parse_view(view: Any) -> Any:
     return message
 
 
+def _position_on_ground_m(state: ObjectState, size: Size) -> np.ndarray:
+    ground_m = state.z_m - size.height_m / 2 if math.isfinite(state.z_m) else 0.0
+    return np.array([state.x_m, state.y_m, ground_m])
+
+
 def _states_by_id(truth: Any, time_s: float) -> dict[int, tuple[ObjectState, Any]]:
     """Return the checked state and the message of each object."""
     states: dict[int, tuple[ObjectState, Any]] = {}
     for moving in truth.moving_object:
-        try:
-            state = state_of_moving_object(_SETTING, moving, time_s)
-            check_state(_SETTING, state)
-            _check_motion(state, moving)
-        except RecordingError as error:
-            (mistake,) = error.mistakes
-            raise _view_error(mistake.value, mistake.expected, mistake.fix) from None
-        if state.id in states:
-            raise _view_error(
-                f"object {state.id} twice at {time_s:g} s",
-                "one state of an object at a time",
-                "give each object its own id",
-            )
+        state = _checked_state(state_of_moving_object, moving, time_s, states)
+        _check_motion(state, moving)
         states[state.id] = state, moving
     return states
+
+
+def _stationary_states(
+    truth: Any, time_s: float, moving_ids: frozenset[int]
+) -> Iterator[ObjectState]:
+    """Yield the checked states of all stationary objects."""
+    ids = set(moving_ids)
+    for stationary in truth.stationary_object:
+        state = _checked_state(state_of_stationary_object, stationary, time_s, ids)
+        _check_position(state)
+        ids.add(state.id)
+        yield state
+
+
+def _checked_state(
+    read_state: Callable[[object, Any, float], ObjectState],
+    item: Any,
+    time_s: float,
+    ids: Container[int],
+) -> ObjectState:
+    """Return a state with possible numbers, whose id is not among others."""
+    try:
+        state = read_state(_SETTING, item, time_s)
+        check_state(_SETTING, state)
+    except RecordingError as error:
+        (mistake,) = error.mistakes
+        raise _view_error(mistake.value, mistake.expected, mistake.fix) from None
+    if state.id in ids:
+        raise _view_error(
+            f"object {state.id} twice at {time_s:g} s",
+            "one state of an object at a time",
+            "give each object its own id",
+        )
+    return state
 
 
 def _check_motion(state: ObjectState, moving: Any) -> None:
     """Raise `InvalidSetting` for a place or a motion that no road user has."""
     acceleration, rate = moving.base.acceleration, moving.base.orientation_rate
+    _check_position(state)
     for name, unit, numbers in (
-        ("position", "m", (state.x_m, state.y_m, state.z_m)),
         ("velocity", "m/s", (state.vx_m_per_s, state.vy_m_per_s)),
         ("acceleration", "m/s^2", (acceleration.x, acceleration.y)),
         ("turn rate", "rad/s", (rate.yaw,)),
     ):
-        largest = _LARGEST[name]
-        if any(abs(number) > largest for number in numbers):  # false for NaN, which is missing
-            raise _view_error(
-                f"object {state.id} at {state.time_s:g} s: {name}"
-                f" {', '.join(f'{number:g}' for number in numbers)} {unit}",
-                f"at most {largest:g} {unit}",
-                "correct it, or leave it out",
-            )
+        _check_magnitudes(state, name, unit, numbers)
+
+
+def _check_position(state: ObjectState) -> None:
+    _check_magnitudes(state, "position", "m", (state.x_m, state.y_m, state.z_m))
+
+
+def _check_magnitudes(state: ObjectState, name: str, unit: str, numbers: tuple[float, ...]) -> None:
+    largest = _LARGEST[name]
+    if any(abs(number) > largest for number in numbers):  # false for NaN, which is missing
+        raise _view_error(
+            f"object {state.id} at {state.time_s:g} s: {name}"
+            f" {', '.join(f'{number:g}' for number in numbers)} {unit}",
+            f"at most {largest:g} {unit}",
+            "correct it, or leave it out",
+        )
 
 
 def _host_id(message: Any, states: dict[int, Any], time_s: float) -> int:

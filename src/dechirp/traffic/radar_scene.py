@@ -15,6 +15,7 @@ from dechirp.traffic.mounting import Mounting
 from dechirp.traffic.outlines import QUARTER_TURN, rectangle_corners_m, rotation
 from dechirp.traffic.road_bodies import Size
 
+_CUT_STEP_M = 4.0  # twice the distance of the posts of guard rails
 _SLOWEST_TURN_RAD_PER_S = 1e-5  # moves the ends of a truck by 1 um in a frame of 12 ms
 
 
@@ -53,6 +54,34 @@ def motion_of_mounted_radar(vehicle: Motion, mounting: Mounting) -> RadarMotion:
         vehicle.heading_rad + mounting.yaw_rad,
         turn_rate,
     )
+
+
+def cut_to_range(
+    motion: Motion, size: Size, radar: RadarMotion, max_range_m: float
+) -> tuple[Motion, Size]:
+    """Return centre and size of the part of a long structure that is abreast of the view.
+
+    Along its length, it ends at the largest range before and behind the radar, rounded up to 4 m,
+    so that posts stay where they are from frame to frame.
+    """
+    forward = rotation(motion.heading_rad)[:, 0]
+    abreast_m = float((radar.position_m - motion.position_m)[:2] @ forward)
+    half_m = size.length_m / 2
+    low_m = max(-half_m, _CUT_STEP_M * math.floor((abreast_m - max_range_m) / _CUT_STEP_M))
+    high_m = min(half_m, _CUT_STEP_M * math.ceil((abreast_m + max_range_m) / _CUT_STEP_M))
+    if high_m <= low_m:  # out of view, as a whole
+        return motion, size
+    middle_m = np.array([*((low_m + high_m) / 2 * forward), 0.0])
+    return (
+        motion._replace(position_m=motion.position_m + middle_m),
+        size._replace(length_m=high_m - low_m),
+    )
+
+
+def is_below_body(body: Body, motion: Motion, radar: RadarMotion) -> bool:
+    """Return True if the radar is below the box of a body, such as a bridge over the road."""
+    box_m = body.blocking_box_m
+    return box_m is not None and bool(box_m[0, 2] > radar.position_m[2] - motion.position_m[2])
 
 
 def outline_around_radar_m(motion: Motion, size: Size, radar: RadarMotion) -> np.ndarray:

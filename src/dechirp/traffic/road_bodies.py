@@ -1,4 +1,4 @@
-"""Bodies of road users: the kinds of traffic files as scatterers, at the sizes of the objects."""
+"""Bodies of objects: the kinds of traffic files as scatterers, at the sizes of the objects."""
 
 import math
 from collections.abc import Callable
@@ -6,11 +6,15 @@ from typing import NamedTuple
 
 from dechirp.scene.bodies.base import Body
 from dechirp.scene.bodies.bicyclist import Bicyclist
+from dechirp.scene.bodies.foliage import Foliage
+from dechirp.scene.bodies.guard_rail import GuardRail
 from dechirp.scene.bodies.pedestrian import Pedestrian
+from dechirp.scene.bodies.pole import Pole
 from dechirp.scene.bodies.vehicle import Car, Truck, Van
+from dechirp.scene.bodies.wall import Wall
 from dechirp.scene.gait import MAX_RELATIVE_SPEED_PER_S, Gait
 from dechirp.scene.skeleton import HIP_HEIGHT
-from dechirp.traffic.base import ObjectKind
+from dechirp.traffic.base import STRUCTURE_KINDS, ObjectKind
 
 
 class Size(NamedTuple):
@@ -30,6 +34,13 @@ _TYPICAL_SIZES: dict[ObjectKind, Size] = {
     "bicyclist": Size(1.8, 0.6, 1.75),
     "pedestrian": Size(0.5, 0.5, 1.75),
     "other": Size(1.0, 1.0, 1.0),
+    "wall": Size(10.0, 0.2, 2.0),
+    "building": Size(10.0, 10.0, 6.0),
+    "guard-rail": Size(10.0, 0.3, 0.75),
+    "pole": Size(0.12, 0.12, 6.0),
+    "tree": Size(4.0, 4.0, 8.0),
+    "hedge": Size(2.0, 1.0, 1.5),
+    "overhead": Size(10.0, 2.0, 1.0),
 }
 # Buses reflect as vans, motorcycles and other objects as cars, of their own size.
 _VEHICLES: dict[ObjectKind, type[Car] | type[Van] | type[Truck]] = {
@@ -42,6 +53,8 @@ _VEHICLES: dict[ObjectKind, type[Car] | type[Van] | type[Truck]] = {
 }
 _MAX_PEDESTRIAN_HEIGHT_M, _MIN_PEDESTRIAN_HEIGHT_M = 2.5, 0.5
 _MIN_BICYCLIST_HEIGHT_M = 1.0
+_TRUNK_SHARE = 0.3  # of the height of a tree
+_HALF_BEAM_HEIGHT_M = 0.16  # of a guard rail, whose beam ends at the height of the object
 _DEVELOPMENT_M = 5.0  # of a bicycle: distance per turn of the cranks
 
 
@@ -77,6 +90,8 @@ def body_of_object(
         return _make_pedestrian(size, abs(speed_m_per_s), integrate_over_speed)
     if kind == "bicyclist":
         return _make_bicyclist(size, abs(speed_m_per_s), integrate_over_speed)
+    if kind in STRUCTURE_KINDS:
+        return _make_structure(kind, size)
     vehicle = _VEHICLES[kind]
     typical = vehicle()
     # Wheels that fit under the typical vehicle fit under one with all of its sizes scaled.
@@ -87,6 +102,24 @@ def body_of_object(
         height_m=size.height_m,
         wheel_radius_m=scale * typical.wheel_radius_m,
         speed_m_per_s=0.0 if kind == "other" else speed_m_per_s,
+    )
+
+
+def _make_structure(kind: ObjectKind, size: Size) -> Body:
+    length_m, width_m, height_m = size
+    if kind == "guard-rail":
+        middle_m = max(height_m - _HALF_BEAM_HEIGHT_M, height_m / 2)
+        wave_radius_m = min(GuardRail.wave_radius_m, middle_m)
+        return GuardRail(length_m=length_m, height_m=middle_m, wave_radius_m=wave_radius_m)
+    if kind == "pole":
+        return Pole(radius_m=min(length_m, width_m) / 2, height_m=height_m)
+    if kind in ("tree", "hedge"):
+        base_height_m = _TRUNK_SHARE * height_m if kind == "tree" else 0.0
+        return Foliage(
+            length_m=length_m, width_m=width_m, height_m=height_m, base_height_m=base_height_m
+        )
+    return Wall(
+        length_m=length_m, width_m=width_m, height_m=height_m, is_overhead=kind == "overhead"
     )
 
 

@@ -1,5 +1,6 @@
 """Traffic: positions, headings and velocities of all objects over time, read from a file."""
 
+from collections import Counter
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,7 +14,7 @@ from dechirp.core.findings import Finding
 from dechirp.core.memory import check_free_memory
 from dechirp.core.text import format_number, join_names
 from dechirp.core.values import frozen_dataclass
-from dechirp.traffic.base import CutTrafficError, ObjectState, TrafficFormat
+from dechirp.traffic.base import STRUCTURE_KINDS, CutTrafficError, ObjectState, TrafficFormat
 
 _UNITS = {
     "x": "m",
@@ -44,7 +45,8 @@ class Traffic:
     """Id of the vehicle that the file is about."""
     objects: xr.Dataset
     """Columns over (object, time): `x y z` (m), `heading` (rad), `vx vy` (m/s), NaN where an object
-    is absent; over object: `id`, `kind`, and `length width height` (m), NaN if unknown."""
+    is absent; over object: `id`, `kind`, `is_stationary`, and `length width height` (m), NaN if
+    unknown."""
     findings: tuple[Finding, ...]
 
 
@@ -100,7 +102,12 @@ def open_traffic(path: str | Path) -> Traffic:
         format=kind,
         host=reader.read_host(file),
         objects=completed,
-        findings=(*reading_findings, *findings, *_find_surprising_motion(completed)),
+        findings=(
+            *reading_findings,
+            *findings,
+            *_stationary_findings(completed),
+            *_find_surprising_motion(completed),
+        ),
     )
 
 
@@ -187,18 +194,26 @@ def _build_objects(path: Path, rows: list[ObjectState]) -> xr.Dataset:
             expected="one state of an object at a time",
             fix="give each object its own id",
         )
-    values = np.array([row[3:] for row in rows], float)
-    columns = dict(zip((*_OVER_TIME, *_SIZES), values.T, strict=True))
+    names = (*_OVER_TIME, *_SIZES)
+    columns = dict(
+        zip(names, np.array([row[3 : 3 + len(names)] for row in rows], float).T, strict=True)
+    )
+    is_stationary = np.zeros(len(ids), bool)
+    is_stationary[at_object[[row.is_stationary for row in rows]]] = True
     variables: dict[str, tuple[Any, ...]] = {}
     for name in _OVER_TIME:
         cells = np.full((len(ids), len(times_s)), np.nan)
         cells[at_object, at_time] = columns[name]
+        cells[is_stationary] = _continue_states(
+            cells[is_stationary], n_rows_of_cell[is_stationary] > 0
+        )
         variables[name] = (("object", "time"), cells, {"units": _UNITS[name]})
     for name in _SIZES:
         sizes = np.full(len(ids), np.nan)
         is_known = np.isfinite(columns[name])
         sizes[at_object[is_known]] = columns[name][is_known]
         variables[name] = ("object", sizes, {"units": _UNITS[name]})
+    variables["is_stationary"] = ("object", is_stationary)
     kinds = {row.id: row.kind for row in rows}
     return xr.Dataset(
         variables,
@@ -208,6 +223,14 @@ def _build_objects(path: Path, rows: list[ObjectState]) -> xr.Dataset:
             "time": ("time", times_s, {"units": "s"}),
         },
     )
+
+
+def _continue_states(cells: np.ndarray, has_row: np.ndarray) -> np.ndarray:
+    """Return values over time, (n, n_times), of the last row, and of the first before it."""
+    steps = np.arange(has_row.shape[1])
+    last = np.maximum.accumulate(np.where(has_row, steps, -1), axis=1)
+    last = np.where(last < 0, has_row.argmax(axis=1)[:, None], last)
+    return np.take_along_axis(cells, last, axis=1)
 
 
 def check_state(path: object, row: ObjectState) -> None:
@@ -275,6 +298,24 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
     )
 
 
+def _stationary_findings(objects: xr.Dataset) -> tuple[Finding, ...]:
+    """Return a note with the numbers of stationary objects by kind; none without any."""
+    kinds = objects["kind"].values[objects["is_stationary"].values].tolist()
+    if not kinds:
+        return ()
+    counts = [f"{count} {kind}" for kind, count in sorted(Counter(kinds).items())]
+    return (
+        Finding(
+            level="note",
+            setting="traffic.stationary",
+            value=f"{format_count_with_noun(len(kinds), 'stationary object')}:"
+            f" {join_names(counts)}",
+            expected="boxes with the classes of the guide, present in all frames",
+            fix="nothing to do: they reflect and shadow, and are no objects of the scores",
+        ),
+    )
+
+
 def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
     """Return findings on gaps, jumps, and objects in one place."""
     ids, times_s = objects["id"].values, objects["time"].values
@@ -333,8 +374,9 @@ def step_speeds_m_per_s(steps: xr.Dataset) -> np.ndarray:
 
 
 def _objects_in_one_place(objects: xr.Dataset) -> list[str]:
-    """Return the pairs of objects whose centres share a square of 0.1 m, with the first time."""
-    present = np.argwhere(np.isfinite(objects["x"].values))
+    """Return the pairs of road users whose centres share a square of 0.1 m, with the first time."""
+    is_road_user = ~np.isin(objects["kind"].values, list(STRUCTURE_KINDS))
+    present = np.argwhere(np.isfinite(objects["x"].values) & is_road_user[:, None])
     cells = np.stack(
         [
             present[:, 1],

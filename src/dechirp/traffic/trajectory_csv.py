@@ -6,7 +6,13 @@ from pathlib import Path
 from typing import get_args
 
 from dechirp.core.errors import RecordingError
-from dechirp.traffic.base import CutTrafficError, ObjectKind, ObjectState, TrafficFormat
+from dechirp.traffic.base import (
+    STRUCTURE_KINDS,
+    CutTrafficError,
+    ObjectKind,
+    ObjectState,
+    TrafficFormat,
+)
 
 _REQUIRED = ("time", "id", "class", "x", "y", "heading", "length", "width", "height")
 _OPTIONAL = ("z", "vx", "vy")
@@ -70,4 +76,4 @@ def _state_of_row(row: dict[str, str | None]) -> ObjectState:
         for name, field in _FIELDS.items()
         if name in row and (text := (row[name] or "").strip())
     }
-    return ObjectState(id=number, kind=kind, **numbers)
+    return ObjectState(id=number, kind=kind, is_stationary=kind in STRUCTURE_KINDS, **numbers)

@@ -10,6 +10,7 @@ from dechirp.traffic.frame_scenes import FrameScenes, ObjectInView
 from dechirp.traffic.outlines import QUARTER_TURN, nearest_point_m, rotation, visible_shares
 from dechirp.traffic.radar_scene import RadarMotion
 
+_CAR_HEIGHT_M = 1.5
 _UNITS = {
     "x": "m",
     "y": "m",
@@ -31,7 +32,9 @@ def find_true_objects(scenes: FrameScenes, numbers: Iterable[int]) -> xr.Dataset
     """Return the true objects of frames, in coordinates of the radar at mid-frame.
 
     Positions and velocities are those of the point of the outline that is nearest to the radar,
-    seen from above: a radar measures surfaces, not centres.
+    seen from above: a radar measures surfaces, not centres. Structures (walls, buildings, guard
+    rails, poles, trees, hedges, bridges) are left out. Walls and buildings of at least 1.5 m hide
+    what is behind them.
 
     Returns
     -------
@@ -43,15 +46,17 @@ def find_true_objects(scenes: FrameScenes, numbers: Iterable[int]) -> xr.Dataset
         target: `length`, `width` (m). Over frame: `time` (s) since the start of the first frame.
     """
     numbers = list(numbers)
-    objects = [scenes.objects_in_view(number) for number in numbers]
+    in_view = [scenes.objects_in_view(number) for number in numbers]
+    objects = [[item for item in items if not item.is_structure] for items in in_view]
     indices = sorted({item.number for in_frame in objects for item in in_frame})
     row_of_object = {index: row for row, index in enumerate(indices)}
     cells = {name: np.full((len(indices), len(numbers)), np.nan) for name in _UNITS}
     sizes = {item.number: item.size for in_frame in objects for item in in_frame}
     for column, (number, in_frame) in enumerate(zip(numbers, objects, strict=True)):
         radar = scenes.radar_motion(number)
-        shares = visible_shares(np.array([item.corners_m for item in in_frame]))
-        for item, share in zip(in_frame, shares.tolist(), strict=True):
+        hiding = [item for item in in_view[column] if _hides_vehicles(item)]
+        shares = visible_shares(np.array([item.corners_m for item in (*in_frame, *hiding)]))
+        for item, share in zip(in_frame, shares[: len(in_frame)].tolist(), strict=True):
             values = (*_measurable_state(item, radar), share)
             for name, value in zip(_UNITS, values, strict=True):
                 cells[name][row_of_object[item.number], column] = value
@@ -69,6 +74,10 @@ def find_true_objects(scenes: FrameScenes, numbers: Iterable[int]) -> xr.Dataset
             "time": ("frame", times_s, {"units": "s"}),
         },
     )
+
+
+def _hides_vehicles(item: ObjectInView) -> bool:
+    return item.kind in ("wall", "building") and item.size.height_m >= _CAR_HEIGHT_M
 
 
 def _measurable_state(item: ObjectInView, radar: RadarMotion) -> tuple[float, ...]:
