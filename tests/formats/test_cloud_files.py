@@ -1,5 +1,6 @@
 """Point clouds of radars in PCD files and in float32 files: fields, times, damaged files."""
 
+import gzip
 import struct
 
 import numpy as np
@@ -11,6 +12,8 @@ from dechirp.core.errors import RecordingError
 from dechirp.recordings.readers.pcd import read_pcd_points
 from dechirp.recordings.recognise import recognise_formats
 from dechirp.recordings.recording import open as open_recording
+from dechirp.results.object_lists.files import write_objects
+from dechirp.results.object_lists.list_columns import build_object_list
 from nightly import n_examples
 
 # The fields of a radar point of nuScenes, of mixed types.
@@ -189,7 +192,7 @@ def test_organised_cloud_without_some_points_keeps_the_others(tmp_path):
         (lambda text: text.replace(b"POINTS 50", b"POINTS 99999999999"), "99999999999 points"),
         (lambda text: text.replace(b"POINTS 50", b"POINTS many"), "not readable"),
         (lambda text: text.replace(b"FIELDS x y z", b"FIELDS x y z w"), "FIELDS"),
-        (lambda text: text.replace(b"FIELDS x y", b"FIELDS a b"), "fields x, y and z"),
+        (lambda text: text.replace(b"FIELDS x y", b"FIELDS a b"), "fields x and y"),
         (lambda text: text.replace(b"DATA binary", b"DATA zipped"), "DATA zipped"),
         (lambda text: text.replace(b"COUNT 1", b"COUNT 0"), "COUNT"),
         (lambda text: text.replace(b"TYPE F", b"TYPE X"), "TYPE X"),
@@ -285,3 +288,90 @@ def test_truncated_file_of_a_folder_is_refused(tmp_path):
 
     with pytest.raises(RecordingError, match=r"1\.bin.*rows of 4"):
         open_recording(tmp_path)
+
+
+TEXT_CLOUDS = {
+    "comma.csv": ("x,y,z,velocity,power\n3,4,0,2,7\n3,-4,0,-2,7\n", 1),
+    "blanks.txt": ("# x y z v_r power\n3 4 0 2 7\n3 -4 0 -2 7\n", 1),
+    "decimal commas.csv": (
+        "Time [s];X [m];Y [m];Z [m];Doppler [m/s];power;class\n"
+        "0,5;3,0;4;0;2;7;car\n0,6;3;-4;0;-2,0;7;bike\n",
+        2,
+    ),
+    "frames.tsv": (
+        "frame\ttimestamp\tpos_x\tpos_y\tvelocity_m_s\tpower\n"
+        "4\t1700000000500\t3\t4\t2\t7\n9\t1700000000600\t3\t-4\t-2\t7\n",
+        2,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TEXT_CLOUDS)
+@pytest.mark.parametrize("is_compressed", [False, True])
+def test_text_with_named_columns_of_points_has_detections(name, is_compressed, tmp_path):
+    text, n_frames = TEXT_CLOUDS[name]
+    path = tmp_path / name
+    path.write_bytes(gzip.compress(text.encode()) if is_compressed else text.encode())
+    recording = open_recording(path)
+    points = recording.points
+    assert recording.format == "point-columns" and recording.n_frames == n_frames
+    np.testing.assert_allclose(points.range, 5)
+    np.testing.assert_allclose(points.azimuth, np.arctan2([4, -4], 3))
+    np.testing.assert_allclose(points.velocity, [2, -2])
+    np.testing.assert_allclose(points.power, 7)
+    np.testing.assert_array_equal(points.frame, [0, n_frames - 1])
+    np.testing.assert_allclose(points.time, [0, 0.1 * (n_frames - 1)], atol=1e-6)
+    assert np.isnan(points.elevation).all() == (name == "frames.tsv")
+
+
+def test_folder_of_text_clouds_is_a_frame_for_each_file(tmp_path):
+    for number in (10, 9):
+        (tmp_path / f"cloud_{number}.csv").write_text(f"x,y,z\n{number},0,0\n{number},0,0\n")
+    recording = open_recording(tmp_path)
+    assert recording.n_frames == 2
+    np.testing.assert_array_equal(recording.points.range, [9, 9, 10, 10])
+
+
+@pytest.mark.parametrize(
+    ("line", "problem"), [("1,2", "line 3: 2 columns"), ("1,2,far", "line 3: .*'far'")]
+)
+def test_damaged_line_of_text_cloud_is_named(line, problem, tmp_path):
+    path = tmp_path / "cloud.csv"
+    path.write_text(f"x,y,z\n1,2,3\n{line}\n")
+    with pytest.raises(RecordingError, match=f"{problem}.*expected 3 columns"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("heading", ["x,y", "time,I,Q", "a,b,c"])
+def test_text_without_names_of_points_is_no_cloud(heading, tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(heading + "\n" + ",".join("1" * len(heading.split(","))) + "\n")
+    assert "point-columns" not in recognise_formats(path)
+
+
+def test_object_list_in_pcd_has_its_frames_and_ratios(tmp_path):
+    objects = build_object_list(
+        {
+            "frame": [0, 0, 3],
+            "time": [0.0, 0.0, 0.3],
+            "number": [1, 2, 1],
+            "status": ["confirmed", "tentative", "confirmed"],
+            "x": [10.0, 20.0, 30.0],
+            "y": [1.0, -2.0, 3.0],
+            "vx": [-5.0, 0.0, 5.0],
+            "vy": [0.0, 0.0, 0.0],
+            "snr": [100.0, 10.0, 1.0],
+        },
+        [0, 3],
+        [0.0, 0.3],
+    )
+    write_objects(objects, tmp_path / "objects.pcd")
+    recording = open_recording(tmp_path / "objects.pcd")
+    points = recording.points
+    assert recording.n_frames == 2
+    np.testing.assert_array_equal(points.frame, [0, 0, 1])
+    np.testing.assert_allclose(points.time, [0, 0, 0.3])
+    np.testing.assert_allclose(points.range, np.hypot(objects.x, objects.y), rtol=1e-6)
+    np.testing.assert_allclose(points.velocity * points.range, objects.vx * objects.x, rtol=1e-6)
+    np.testing.assert_allclose(points.snr, objects.snr, rtol=1e-6)
+    assert np.isnan(points.elevation).all()

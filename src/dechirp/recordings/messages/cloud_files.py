@@ -1,7 +1,8 @@
-"""Point clouds in files: one file a frame, in a folder of them."""
+"""Point clouds in files: one file a frame, in a folder of them, or one file for all frames."""
 
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,10 @@ import numpy as np
 from dechirp.core.memory import SMALL_BYTES, check_free_memory
 from dechirp.recordings.messages.foreign_point_clouds import convert_clouds_to_contents
 from dechirp.recordings.messages.message_arrays import PointCloud
+from dechirp.recordings.messages.ros import NANO
 from dechirp.recordings.readers.base import Contents, RecordingHints, check_stays_in_folder
 
+_MAX_TIME_S = 2**63 / NANO
 # Digits of a time since 1970 at the end of a file name, and the ns of their last digit.
 _NS_OF_DIGITS = {13: 10**6, 16: 10**3, 19: 1}
 
@@ -37,7 +40,8 @@ def read_cloud_files(
     """Read the points of all files as detections, a frame for each file.
 
     `read_points` returns (n,) with the fields of its points. Times are those of the file names, if
-    these end with the ms, us or ns since 1970; else those of the radar if it was given.
+    these end with the ms, us or ns since 1970; else those of the radar if it was given. Points of a
+    single file with a field `frame` are divided by it, with times in s of their field `time`.
     """
     n_bytes = sum(file.stat().st_size for file in files)
     if n_bytes > SMALL_BYTES:
@@ -61,7 +65,23 @@ def read_cloud_files(
             points = _with_fields_of(points, dtype)
         time_ns = None if times_ns is None else times_ns[number]
         clouds.append(PointCloud(time_ns=time_ns, frame_id="", points=points))
+    if len(clouds) == 1 and "frame" in (clouds[0].points.dtype.names or ()):
+        clouds = _divide_into_frames(clouds[0])
     return convert_clouds_to_contents(path, clouds, radar, source=path.name)
+
+
+def _divide_into_frames(cloud: PointCloud) -> list[PointCloud]:
+    """Return a cloud for each value of the field `frame`, in ascending order."""
+    points = cloud.points[np.argsort(cloud.points["frame"], kind="stable")]
+    starts = 1 + np.flatnonzero(np.diff(points["frame"]))
+    clouds = []
+    for frame_points in np.split(points, starts):
+        time_s = np.nan
+        if "time" in (points.dtype.names or ()) and len(frame_points):
+            time_s = float(frame_points["time"][0])
+        time_ns = round(time_s * NANO) if abs(time_s) < _MAX_TIME_S else None
+        clouds.append(replace(cloud, time_ns=time_ns, points=frame_points))
+    return clouds
 
 
 def _natural_sort_key(file: Path) -> list[tuple[int, str]]:

@@ -75,11 +75,11 @@ def convert_clouds_to_contents(
     """
     fields = clouds[0].points.dtype.names or ()
     names = {name.lower(): name for name in fields}
-    if not names.keys() >= set(_XYZ):
+    if not names.keys() >= {"x", "y"}:
         raise RecordingError(
             path,
             value=f"points with fields {', '.join(fields[:20]) or '(none)'} on {source}",
-            expected="points with fields x, y and z",
+            expected="points with fields x and y, and z if the radar measures heights",
             fix="give other points: of a bag, append the topic, as in bag.mcap/front/radar",
         )
     with np.errstate(all="ignore"):  # foreign numbers: overflow gives no valid position
@@ -106,11 +106,12 @@ def _clouds_to_detections(clouds: Sequence[PointCloud], field_names: dict[str, s
     def column(name: str) -> np.ndarray:
         return np.concatenate([cloud.points[field_names[name]] for cloud in clouds]).astype(float)
 
-    x, y, z = map(column, _XYZ)
+    x, y = column("x"), column("y")
     velocity = next((name for name in VELOCITIES if name in field_names), None)
     snr = next((name for name in _SNRS if name in field_names), None)
     ground = np.hypot(x, y)
     unknown = np.full(len(x), np.nan)
+    z = column("z") if "z" in field_names else unknown
     if velocity is not None:
         radial_velocity = column(velocity)
     elif {"vx", "vy"} <= field_names.keys():  # components of the radial velocity, as in nuScenes
@@ -120,7 +121,7 @@ def _clouds_to_detections(clouds: Sequence[PointCloud], field_names: dict[str, s
     columns = {
         "frame": frame,
         "time": np.repeat(times_s, counts),
-        "range": np.hypot(ground, z),
+        "range": np.hypot(ground, np.where(np.isnan(z), 0.0, z)),  # in the plane if z is unknown
         "velocity": radial_velocity,
         "azimuth": np.arctan2(y, x),
         "elevation": np.arctan2(z, ground),

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
+from dechirp.core.units import to_decibels
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.lazy_array import convert_parser_errors
 from dechirp.recordings.messages.cloud_files import list_cloud_files, read_cloud_files
@@ -24,13 +25,15 @@ _MAX_EXPANSION = 300  # LZF: three bytes stand for at most 264
 _START = re.compile(rb"(?:#[^\n]*\n|\s)*(?:VERSION\s+\.?\d|FIELDS\s)")
 _DATA_LINE = re.compile(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", re.MULTILINE)
 _EXPECTED = "a complete PCD point cloud"
+_OBJECT_LIST_FIELDS = {"x_std", "vx_std", "snr", "frame", "time", "number", "status"}
 
 
 @frozen_dataclass
 class Pcd(Format):
     """Detections in PCD files: a file, or a folder of such files, a frame each.
 
-    Fields x, y, z; velocities as in messages of ROS, or vx and vy along the line of sight.
+    Fields x, y, z; velocities as in messages of ROS, or vx and vy along the line of sight. A file
+    with a field `frame`, such as an object list, contains several frames.
     """
 
     def recognise(self, path: Path) -> MatchQuality:
@@ -42,7 +45,17 @@ class Pcd(Format):
         return MatchQuality.SELF_DESCRIBING if is_pcd else MatchQuality.NO
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        return read_cloud_files(path, list_cloud_files(path, ".pcd"), read_pcd_points, hints)
+        return read_cloud_files(path, list_cloud_files(path, ".pcd"), _read_points, hints)
+
+
+def _read_points(path: Path) -> np.ndarray:
+    """Return the points of a file, those of a native object list with the ratio `snr` in dB."""
+    points = read_pcd_points(path)
+    if set(points.dtype.names or ()) >= _OBJECT_LIST_FIELDS:
+        points = points.copy()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            points["snr"] = to_decibels(points["snr"])
+    return points
 
 
 def read_pcd_points(path: Path) -> np.ndarray:

@@ -1,0 +1,252 @@
+"""Point clouds in text: a heading that names x, y and z or a velocity, and a point a line.
+
+Comma, semicolon, tab or blanks separate the columns. Names are compared without their units:
+`x_m`, `X [m]`, `pos_x` are all x. A column `frame`, else a column of times, divides the points into
+frames. Columns of text are left out, and empty cells are unknown (NaN). The text may be compressed
+with gzip.
+"""
+
+import gzip
+import re
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.memory import check_free_memory
+from dechirp.core.values import frozen_dataclass
+from dechirp.recordings.foreign_files import identify_foreign_file
+from dechirp.recordings.messages.cloud_files import list_cloud_files, read_cloud_files
+from dechirp.recordings.messages.message_arrays import VELOCITIES
+from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
+
+_HEAD_BYTES = 2**14
+_MAX_HEADINGS = 20
+_BYTES_PER_NUMBER = 40  # of memory, while the lines are parsed
+_GZIP = b"\x1f\x8b\x08"
+_NOT_TEXT = bytes(byte for byte in range(32) if byte not in b"\t\n\r\f")
+_SUFFIXES = (".csv", ".txt", ".tsv")
+_PCD = re.compile(rb"(?:#[^\n]*\n|\s)*(?:VERSION|FIELDS)\s")
+_COMMENT_MARKS = "#%/ \t"
+_UNIT = re.compile(r"\s*[\[(].*[\])]$|_(?:m|m_s|mps|m_per_s|ms|us|ns|s|sec)$")
+_POSITION = re.compile(r"(?:pos|position|point)?[_.]?([xyz])(?:[_.]?pos)?")
+_FRAMES = ("frame", "frame_id", "frame_number", "frame_idx", "framenumber", "scan")
+_TIMES = ("time", "timestamp", "t")
+_SECONDS_OF_UNIT = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+# Times since 1970 without a unit, by their size: s until the year 5138, ms, us and ns above.
+_SECONDS_OF_SIZE = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (0.0, 1.0))
+
+
+@frozen_dataclass
+class PointColumns(Format):
+    """Detections in text with named columns: x, y, z, velocity, frame or time, and others.
+
+    A file with all frames, or a folder of files (`.csv`, `.txt`, `.tsv`), a frame each.
+    """
+
+    def recognise(self, path: Path) -> MatchQuality:
+        files = _list_files(path)
+        if not files or _find_columns(_read_head(files[0])) is None:
+            return MatchQuality.NO
+        return MatchQuality.SELF_DESCRIBING
+
+    def read(self, path: Path, hints: RecordingHints) -> Contents:
+        return read_cloud_files(path, _list_files(path), _read_points, hints)
+
+
+@frozen_dataclass
+class _Columns:
+    """Columns of numbers that a heading names."""
+
+    n_headings: int
+    separator: str
+    """Empty for blanks."""
+    n_columns: int
+    names: tuple[str, ...]
+    """Of the columns of numbers."""
+    indices: tuple[int, ...]
+    time_scale: float
+    """Seconds of the unit of times; 0 if the heading does not name it."""
+
+
+def _list_files(path: Path) -> list[Path]:
+    return next((files for suffix in _SUFFIXES if (files := list_cloud_files(path, suffix))), [])
+
+
+def _open_text(path: Path) -> gzip.GzipFile | None:
+    """Return the decompressed text of a file that is compressed."""
+    with path.open("rb") as file:
+        return gzip.GzipFile(path) if file.read(len(_GZIP)) == _GZIP else None
+
+
+def _read_head(path: Path) -> bytes:
+    try:
+        with _open_text(path) or path.open("rb") as file:
+            return file.read(_HEAD_BYTES)
+    except (OSError, EOFError):
+        return b""
+
+
+def _find_columns(head: bytes) -> _Columns | None:
+    """Return the columns that the last heading names; None if it does not name those of points."""
+    if head.translate(None, _NOT_TEXT) != head or identify_foreign_file(head) is not None:
+        return None
+    if _PCD.match(head):
+        return None
+    lines = [line.strip() for line in head.decode("utf-8-sig", "replace").splitlines()]
+    heading = None
+    for number, line in enumerate(lines[: _MAX_HEADINGS + 1]):
+        if heading is not None and (columns := _match_heading(*heading, line)) is not None:
+            return columns
+        if line and not _is_number(re.split(r"[,;\s]", line)[0]):
+            heading = number + 1, line.lstrip(_COMMENT_MARKS)
+    return None
+
+
+def _match_heading(n_headings: int, heading: str, first_row: str) -> _Columns | None:
+    """Return the columns of points, if a heading names those of the first row."""
+    separator = next((mark for mark in ";\t," if mark in heading), "")
+    headings, cells = _split(heading, separator), _split(first_row, separator)
+    names = [_name_of_heading(text) for text in headings]
+    is_number = [_is_number(cell) or not cell for cell in cells]
+    if len(names) != len(cells) or not any(cells):
+        return None
+    numeric = [name for name, is_used in zip(names, is_number, strict=True) if is_used]
+    if numeric.count("x") != 1 or numeric.count("y") != 1:
+        return None
+    if "z" not in numeric and set(VELOCITIES).isdisjoint(numeric):
+        return None
+    indices = [
+        index for index, name in enumerate(names) if is_number[index] and name not in names[:index]
+    ]
+    units = re.findall(r"_?([mun]s)\W?$", headings[names.index("time")]) if "time" in names else ()
+    return _Columns(
+        n_headings=n_headings,
+        separator=separator,
+        n_columns=len(names),
+        names=tuple(names[index] for index in indices),
+        indices=tuple(indices),
+        time_scale=_SECONDS_OF_UNIT[units[0]] if units else 0.0,
+    )
+
+
+def _split(line: str, separator: str) -> list[str]:
+    cells = line.split(separator or None)
+    return [_with_decimal_point(cell.strip().strip("\"'"), separator) for cell in cells]
+
+
+def _with_decimal_point(cell: str, separator: str) -> str:
+    return cell if separator == "," else cell.replace(",", ".")
+
+
+def _name_of_heading(text: str) -> str:
+    """Return the name of a column, in lower case and without its unit."""
+    name = _UNIT.sub("", text.lower()).replace(" ", "_")
+    position = _POSITION.fullmatch(name)
+    if position:
+        return position[1]
+    for common, names in (("frame", _FRAMES), ("time", _TIMES)):
+        if name in names:
+            return common
+    return name or "_"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_points(path: Path) -> np.ndarray:
+    """Return the points (n,) of a file, with its fields and `frame` where the text has it."""
+    try:
+        with _open_text(path) or path.open("rb") as file:
+            content = file.read()
+    except (OSError, EOFError) as error:
+        raise RecordingError(
+            path,
+            value=f"not readable ({error})",
+            expected="text compressed with gzip, complete",
+            fix="copy the file again from its source",
+        ) from None
+    columns = _find_columns(content[:_HEAD_BYTES])
+    if columns is None:
+        raise RecordingError(
+            path,
+            value="no heading that names its columns",
+            expected="a heading with x, y, and z or a velocity, as x,y,z,velocity",
+            fix="name the columns in the first line",
+        )
+    text = content.decode("utf-8-sig", "replace")
+    check_free_memory(
+        f"the points of {path.name}",
+        needed_bytes=len(content) + _BYTES_PER_NUMBER * len(columns.names) * text.count("\n"),
+        fix="divide the file, a frame each",
+    )
+    table = _parse_rows(path, text.splitlines(), columns)
+    points = np.empty(len(table), [(name, "<f8") for name in columns.names])
+    for name, values in zip(columns.names, table.T, strict=True):
+        points[name] = values
+    if "time" in columns.names:
+        points["time"] *= columns.time_scale or _seconds_of_size(points["time"])
+    return (
+        _number_frames(points)
+        if columns.names.count("frame") == 0 and "time" in columns.names
+        else points
+    )
+
+
+def _parse_rows(path: Path, lines: list[str], columns: _Columns) -> np.ndarray:
+    """Parse the lines of points, (point, column)."""
+    body = [line for line in lines[columns.n_headings :] if line.strip() and line[0] not in "#%"]
+    if columns.separator in (",", "\t") and all(
+        line.count(columns.separator) == columns.n_columns - 1 for line in body
+    ):
+        # Ten times as fast as the loop below, which reads empty cells, quotes and other separators.
+        with suppress(ValueError):
+            return np.loadtxt(
+                body, delimiter=columns.separator, comments=None, usecols=columns.indices, ndmin=2
+            ).reshape(-1, len(columns.names))
+    rows = []
+    for number, line in enumerate(lines[columns.n_headings :], columns.n_headings + 1):
+        if not line.strip() or line.lstrip()[0] in "#%":
+            continue
+        cells = line.split(columns.separator or None)
+        if len(cells) != columns.n_columns:
+            problem = f"{len(cells)} columns"
+        else:
+            try:
+                rows.append([_parse_cell(cells[i], columns.separator) for i in columns.indices])
+                continue
+            except ValueError as error:
+                problem = str(error)[:60]
+        raise RecordingError(
+            path,
+            value=f"line {number}: {problem}",
+            expected=f"{columns.n_columns} columns, with numbers for {', '.join(columns.names)}",
+            fix="correct the line, or copy the file again from its source",
+        )
+    return np.array(rows).reshape(-1, len(columns.names))
+
+
+def _parse_cell(cell: str, separator: str) -> float:
+    cell = _with_decimal_point(cell.strip().strip("\"'"), separator)
+    return float(cell) if cell else np.nan
+
+
+def _seconds_of_size(times: np.ndarray) -> float:
+    """Return the seconds of the unit of times, s unless they are ms, us or ns since 1970."""
+    largest = float(np.nanmax(np.abs(times), initial=0.0))
+    return next(scale for size, scale in _SECONDS_OF_SIZE if largest >= size)
+
+
+def _number_frames(points: np.ndarray) -> np.ndarray:
+    """Return points with a field `frame`, one for each time."""
+    numbered = np.empty(len(points), [*points.dtype.descr, ("frame", "<f8")])
+    for name in points.dtype.names or ():
+        numbered[name] = points[name]
+    numbered["frame"] = np.unique(points["time"], return_inverse=True)[1]
+    return numbered
