@@ -2,6 +2,7 @@
 
 from dechirp.simulation.impairments.aperture_jitter import ApertureJitter as ApertureJitter
 from dechirp.simulation.impairments.automotive_chip import AutomotiveChip as AutomotiveChip
+from dechirp.simulation.impairments.body_multipath import BodyMultipath as BodyMultipath
 from dechirp.simulation.impairments.bumper import Bumper as Bumper
 from dechirp.simulation.impairments.channel_mismatch import ChannelMismatch as ChannelMismatch
 from dechirp.simulation.impairments.compression import Compression as Compression

@@ -17,7 +17,7 @@ _GROUPS = {
     " position-errors automotive-chip",
     "Leakage and interference": "leakage interference",
     "Propagation and weather": "bumper radome rain-attenuation rain-backscatter fog-attenuation"
-    " gas-attenuation two-ray-ground wall-multipath",
+    " gas-attenuation two-ray-ground wall-multipath body-multipath",
 }
 _GROUP_BY_KIND = {kind: title for title, kinds in _GROUPS.items() for kind in kinds.split()}
 _HARDWARE = "transmit_power antenna_gain noise_factor loss tx_pattern rx_pattern"
