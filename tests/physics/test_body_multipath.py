@@ -223,6 +223,8 @@ def test_power_is_that_of_radar_equation_and_fresnel(radar):
     assert abs(amplitudes) ** 2 == pytest.approx([mixed_w, both_w], rel=1e-6)
 
 
+# The second box hides truck and rail.
+@pytest.mark.filterwarnings("ignore::dechirp.core.findings.PhysicsWarning")
 def test_truck_and_rail_mirror_a_car_and_shadows_apply(mimo):
     rail = dc.Target(
         name="rail", position_m=(30.5, -5.0, -0.5), heading_rad=0.0, body=GuardRail(length_m=60.0)
