@@ -179,6 +179,8 @@ def fit_noise_slope(
     times_s: np.ndarray,
     band_hz: tuple[float, float],
     basis: np.ndarray,
+    *,
+    excluded_hz: tuple[tuple[float, float], ...] = (),
 ) -> NoiseSlope:
     """Fit the exponent a of a noise power that falls as f^-a over a band, from -2 to 2.
 
@@ -187,6 +189,7 @@ def fit_noise_slope(
     """
     duration_s = float(np.ptp(times_s)) * len(times_s) / (len(times_s) - 1)
     bins_hz = np.arange(math.ceil(band_hz[0] * duration_s), band_hz[1] * duration_s) / duration_s
+    bins_hz = bins_hz[~_is_inside(bins_hz, excluded_hz)]
     energies = _line_energies(movement, times_s, bins_hz, basis)
     if len(bins_hz) < 8 or not (energies > 0).all():
         return _WHITE

@@ -3,9 +3,11 @@ r"""Breathing and heart rate of a person, from the slow-time values of range cel
 For each window of time: the cell and channel with the largest movement, a circle fitted to its I/Q
 values (`processing.arc_fit`), the displacement from the phase about its centre, and the strongest
 lines of the displacement in the bands of breathing and heart (`processing.periodicity`). The
-harmonics of breathing are fitted with it, and no heart rate is searched beside them. Where several
-parts of a body move in the cell, so that neither phase nor I and Q have such a line, I and Q of all
-cells with a third of its movement are searched together, decorrelated.
+harmonics of breathing are fitted with it, and no heart rate is searched beside them. The noise of
+a heart rate is fitted over the band of hearts alone, where white noise may exceed a random walk
+that decides at lower rates. Where several parts of a body move in the cell, so that neither phase
+nor I and Q have such a line, I and Q of all cells with a third of its movement are searched
+together, decorrelated.
 
 The cell is chosen by its power without the static part. Significance does not depend on power, so
 the choice does not raise the false-alarm probability of white noise.
@@ -50,6 +52,9 @@ def __dir__() -> list[str]:
 _MAX_RATE_HZ = 50.0
 _MAX_HARMONICS = 6
 _DECORRELATION_LAG_S = 0.5
+# Changes over half a second vanish at 2 Hz: decorrelated by them, random walks had 1.5 times the
+# noise there. Those over 0.1 s grow up to 5 Hz, beyond hearts.
+_HEART_DECORRELATION_LAG_S = 0.1
 _MAX_PROBABILITY_OF_SAME_LINE = 0.2
 _MIN_SHARE_OF_MOVEMENT = 1 / 3
 _MIN_SHARE_OF_POWER = 1e-3  # of a decorrelated component: rounding, and copies of others, have less
@@ -74,11 +79,7 @@ class VitalSigns:
     confidence: float = 0.95
     """Of the intervals of the rates."""
     false_alarm_probability: float = 1e-2
-    """Probability that noise is taken for a breathing rate or for a heart rate, for each window.
-
-    Of 200 windows with random walks in 20 cells, 7 were taken for a heart rate at 1 %, and none
-    for breathing: for heart rates, the bound holds in white noise only.
-    """
+    """Probability that noise is taken for a breathing rate or for a heart rate, for each window."""
 
     def __post_init__(self) -> None:
         check_positive_fields(self, "window_s", "step_s")
@@ -386,8 +387,13 @@ def _find_breathing_and_heart(
     n_choices = 2 if moving.shape[1] == 1 else 3
     if n_choices * _breathing_probability(chosen) > settings.false_alarm_probability:
         trend = slow_functions(times_s, settings.breathing_hz[0] / 2)
-        components = _decorrelate(_in_phase_and_quadrature(moving), trend, times_s)
-        joint = _find_lines(components, times_s, settings)
+        quadratures = _in_phase_and_quadrature(moving)
+        joint = _find_lines(
+            _decorrelate(quadratures, trend, times_s, _DECORRELATION_LAG_S),
+            times_s,
+            settings,
+            heart_movement=_decorrelate(quadratures, trend, times_s, _HEART_DECORRELATION_LAG_S),
+        )
         if _breathing_probability(joint) < _breathing_probability(chosen):
             chosen = _prefer_rate_of_strongest_cell(chosen, joint, float(np.ptp(times_s)))
     breathing, heart = (_multiply_probability(line, n_choices) for line in chosen)
@@ -420,15 +426,17 @@ def _in_phase_and_quadrature(cells: np.ndarray) -> np.ndarray:
     return np.concatenate([cells.real, cells.imag], axis=1)
 
 
-def _decorrelate(components: np.ndarray, trend: np.ndarray, times_s: np.ndarray) -> np.ndarray:
-    """Return components whose changes over half a second are uncorrelated and of unit power.
+def _decorrelate(
+    components: np.ndarray, trend: np.ndarray, times_s: np.ndarray, lag_s: float
+) -> np.ndarray:
+    """Return components whose changes over a time are uncorrelated and of unit power.
 
     Neighbouring cells have correlated noise. Of slow noise, such as a random walk, the principal
     components of the values themselves would be sinusoids.
     """
     values = components - trend @ (trend.T @ components)
     step_s = float(np.ptp(times_s)) / (len(times_s) - 1)
-    lag = max(round(_DECORRELATION_LAG_S / step_s), 1)
+    lag = max(round(lag_s / step_s), 1)
     changes = values[lag:] - values[:-lag]
     power, axes = np.linalg.eigh(changes.T @ changes)
     is_kept = power > _MIN_SHARE_OF_POWER * power[-1]
@@ -449,9 +457,16 @@ def _multiply_probability(line: Line | None, n_choices: int) -> Line | None:
 
 
 def _find_lines(
-    movement: np.ndarray, times_s: np.ndarray, settings: VitalSigns
+    movement: np.ndarray,
+    times_s: np.ndarray,
+    settings: VitalSigns,
+    *,
+    heart_movement: np.ndarray | None = None,
 ) -> tuple[Line | None, Line | None]:
-    """Find the lines of breathing and heart, the heart apart from harmonics of breathing."""
+    """Find the lines of breathing and heart, the heart apart from harmonics of breathing.
+
+    `heart_movement` replaces the movement (time, component) where the heart is searched.
+    """
     times_s = times_s - times_s.mean()
     trend = slow_functions(times_s, settings.breathing_hz[0] / 2)
     nyquist_hz = (len(times_s) - 1) / (2 * np.ptp(times_s))
@@ -481,8 +496,17 @@ def _find_lines(
         for order in orders.tolist():
             half_hz = 1 / float(np.ptp(times_s)) + 3 * order * std_hz
             excluded_hz.append((order * rate_hz - half_hz, order * rate_hz + half_hz))
+    if heart_movement is None:
+        heart_movement = movement
     heart = find_line(
-        movement, times_s, heart_hz, basis=basis, noise_slope=slope, excluded_hz=tuple(excluded_hz)
+        heart_movement,
+        times_s,
+        heart_hz,
+        basis=basis,
+        noise_slope=fit_noise_slope(
+            heart_movement, times_s, heart_hz, basis, excluded_hz=tuple(excluded_hz)
+        ),
+        excluded_hz=tuple(excluded_hz),
     )
     if (
         breathing is not None
