@@ -195,30 +195,15 @@ class Associator:
 
     def _target_cells_of_frame(self, frame_index: int) -> "_FrameTargets":
         radar = self.radar.for_frame(int(self._truth_frame_numbers[frame_index]))
-        if self.scene is None:
-            range_m, velocity, _, _, azimuth, elevation = self._expected_detection_values.expected[
-                :, :-1, frame_index
-            ]
-            owners = np.arange(len(range_m))
-        else:
-            is_visible = visible_scatterer_mask(
-                self.scene, float(self.truth.time[frame_index]), self.radar
-            )
-            owners, time_s = (
-                self.scene.target_index_of_scatterer[is_visible],
-                self.truth.time.values[frame_index : frame_index + 1],
-            )
-            motion = scatterer_range_and_range_rate(self.scene, time_s)
-            range_m, velocity = alias_range_velocity(
-                RangeVelocity(*(values[0, is_visible] for values in motion)), radar
-            )
-            x, y, z = self.scene.scatterer_positions_m(time_s)[0, is_visible].T
-            azimuth, elevation = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
-        n_chirps = radar.frame.n_chirps
-        positions = alias_doppler_cells(
-            to_resolution_cells(range_m, velocity, azimuth, elevation, radar), n_chirps
+        if self.scene is not None:
+            return _target_cells_of_scene(self.scene, float(self.truth.time[frame_index]), radar)
+        range_m, velocity, _, _, azimuth, elevation = self._expected_detection_values.expected[
+            :, :-1, frame_index
+        ]
+        cells = to_resolution_cells(range_m, velocity, azimuth, elevation, radar)
+        return _FrameTargets(
+            radar, np.arange(len(range_m)), alias_doppler_cells(cells, radar.frame.n_chirps)
         )
-        return _FrameTargets(radar, owners, positions)
 
 
 class _Columns(NamedTuple):
@@ -312,6 +297,34 @@ class _FrameTargets:
             periods = np.array([0, self.radar.frame.n_chirps, 0, 0])
             self._trees[key] = scipy.spatial.KDTree(self.cells[:, axes], boxsize=periods[axes])
         return self._trees[key]
+
+
+def nearest_target_indices(
+    columns: Mapping[str, np.ndarray], scene: Scene, radar: Radar
+) -> np.ndarray:
+    """Return the target of each detection of the first frame of a scene, -1 for none.
+
+    As `Associator` with the scene, without the truth, which takes as long again.
+    """
+    cells = _target_cells_of_scene(scene, radar.frame.mid_frame_s, radar)
+    return cells.nearest_target_indices(_detection_columns_or_nan(columns))
+
+
+def _target_cells_of_scene(scene: Scene, time_s: float, radar: Radar) -> _FrameTargets:
+    """Return the cells of all visible scatterers at one time."""
+    is_visible = visible_scatterer_mask(scene, time_s, radar)
+    motion = scatterer_range_and_range_rate(scene, [time_s])
+    range_m, velocity = alias_range_velocity(
+        RangeVelocity(*(values[0, is_visible] for values in motion)), radar
+    )
+    x, y, z = scene.scatterer_positions_m([time_s])[0, is_visible].T
+    azimuth, elevation = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+    cells = to_resolution_cells(range_m, velocity, azimuth, elevation, radar)
+    return _FrameTargets(
+        radar,
+        scene.target_index_of_scatterer[is_visible],
+        alias_doppler_cells(cells, radar.frame.n_chirps),
+    )
 
 
 def scatterer_range_and_range_rate(scene: Scene, times_s: ArrayLike) -> RangeVelocity:

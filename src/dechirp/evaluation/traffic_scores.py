@@ -61,7 +61,7 @@ def demanded_object_mask(objects: xr.Dataset) -> np.ndarray:
 
 
 def score_traffic(objects: xr.Dataset, tracks: xr.Dataset | None) -> TrafficScores:
-    """Score detections and tracks against the objects of `TrafficFrames.compare_with_objects`.
+    """Score detections and tracks against the objects of a run.
 
     Objects that are shadowed or beyond the beam count neither as detected nor as missed, nor the
     tracks near them as false.

@@ -34,7 +34,7 @@ from dechirp.experiments.scenario import (
     check_tracks_and_ego_motion_possible,
     prefix_setting_of_errors,
 )
-from dechirp.experiments.traffic_stage import TrafficFrames
+from dechirp.experiments.traffic_stage import ObjectComparison, TrafficFrames
 from dechirp.processing import near_field
 from dechirp.processing.cfar.base import Cfar
 from dechirp.processing.chain import Chain
@@ -95,7 +95,7 @@ class Result(Displayable):
     truth: xr.Dataset | None
     """None for a recording, and in traffic."""
     traffic: xr.Dataset | None = None
-    """In traffic the true objects in view, with their detections; see `TrafficFrames`."""
+    """In traffic the true objects in view, with their detections; see `ObjectComparison`."""
     budget: tuple[BudgetLine, ...] | None
     """Link budget of the first target; None for a recording."""
     findings: tuple[Finding, ...]
@@ -274,6 +274,7 @@ def _run_in_traffic(
     """Simulate and process the frames of a radar in traffic one at a time."""
     start_s = perf_counter()
     traffic = TrafficFrames(scenario)
+    comparison = ObjectComparison(traffic)
     radar, totals = traffic.radar, FrameTotals()
     check_tracks_and_ego_motion_possible(scenario, radar, traffic.n_frames)
     processor = FrameProcessor(radar, scenario.chain)
@@ -293,7 +294,7 @@ def _run_in_traffic(
     for frame in processor.process_cubes(keep_first_cube(cubes)):
         totals.add_frame_result(frame)
     if kind == "statistical":
-        columns = traffic.draw_detections(rng, report)
+        columns = traffic.draw_detections(rng, report, comparison)
         totals.times_s = [traffic.mid_frame_s(number) for number in range(traffic.n_frames)]
     else:
         columns = processor.joined_detection_columns()
@@ -306,10 +307,11 @@ def _run_in_traffic(
         DetectionRun(first_frame=0, detections=detections, frames=totals),
     )
     compare_time_s = perf_counter()
-    objects = traffic.compare_with_objects(detections)
+    if kind == "samples":
+        comparison.add_all_frames(columns)
     return replace(
         result,
-        traffic=objects,
+        traffic=comparison.to_dataset(),
         findings=(*traffic.findings, *result.findings),
         timing_s={
             "open": open_time_s - start_s,

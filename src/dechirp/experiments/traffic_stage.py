@@ -1,13 +1,13 @@
 """Radar in traffic: frames simulated one at a time, and detections compared with the objects."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
 from dechirp.core.findings import Finding
-from dechirp.evaluation.association import Associator
+from dechirp.evaluation.association import nearest_target_indices
 from dechirp.evaluation.body_echoes import find_body_echo
 from dechirp.experiments.scenario import Scenario
 from dechirp.radar.radar import Radar
@@ -16,7 +16,8 @@ from dechirp.scene.truth import truth
 from dechirp.simulation.frame_by_frame import FrameSimulator
 from dechirp.simulation.impairments.interference import Interference
 from dechirp.traffic.outlines import QUARTER_TURN, nearest_point_m, rectangle_corners_m
-from dechirp.traffic.true_objects import find_true_objects
+from dechirp.traffic.road_bodies import Size
+from dechirp.traffic.true_objects import ObjectState, TrueObjects
 
 
 class TrafficFrames:
@@ -71,9 +72,12 @@ class TrafficFrames:
         )
 
     def draw_detections(
-        self, rng: np.random.Generator | None, progress: Callable[[int, int], None]
+        self,
+        rng: np.random.Generator | None,
+        progress: Callable[[int, int], None],
+        comparison: "ObjectComparison",
     ) -> dict[str, np.ndarray]:
-        """Draw the detections of all frames from their distribution, without samples.
+        """Draw the detections of all frames from their distribution, and compare them.
 
         Raises
         ------
@@ -93,6 +97,7 @@ class TrafficFrames:
             columns["frame"] = np.full(n_rows, number)
             columns["time"] = np.full(n_rows, self.mid_frame_s(number))
             frames.append(columns)
+            comparison.add_frame(number, scene, columns)
             progress(number + 1, self.n_frames)
         return {name: np.concatenate([frame[name] for frame in frames]) for name in frames[0]}
 
@@ -109,7 +114,37 @@ class TrafficFrames:
         radar = (radar or self.radar).for_frame(number)
         return truth(scene, radar).assign_coords(frame=[number])
 
-    def compare_with_objects(self, detections: xr.Dataset) -> xr.Dataset:
+
+class ObjectComparison:
+    """Comparison of detections with the objects of traffic, frame by frame."""
+
+    def __init__(self, traffic: TrafficFrames) -> None:
+        self._traffic = traffic
+        self._objects = TrueObjects(traffic.scenes)
+        self._columns: list[dict[str, tuple[float, float, float]]] = []
+
+    def add_frame(self, number: int, scene: Scene, columns: Mapping[str, np.ndarray]) -> None:
+        """Compare the detections of the next frame with the objects of its scene."""
+        states = self._objects.add_frame(number)
+        owners = nearest_target_indices(columns, scene, self._traffic.radar.for_frame(number))
+        comparisons = {}
+        for target, name in enumerate(scene.names):
+            if name not in states:  # a structure
+                continue
+            rows = {key: column[owners == target] for key, column in columns.items()}
+            comparisons[name] = (float(rows["snr"].size), *_errors_of_body(rows, *states[name]))
+        self._columns.append(comparisons)
+
+    def add_all_frames(self, columns: Mapping[str, np.ndarray]) -> None:
+        """Compare the detections of all frames, in the order of their frames."""
+        n_frames = self._traffic.n_frames
+        first_rows = np.searchsorted(columns["frame"], np.arange(n_frames + 1))
+        for number in range(n_frames):
+            rows = slice(*first_rows[number : number + 2])
+            of_frame = {name: column[rows] for name, column in columns.items()}
+            self.add_frame(number, self._traffic.scenes.scene(number), of_frame)
+
+    def to_dataset(self) -> xr.Dataset:
         """Return the true objects of all frames with their detections.
 
         Adds to `find_true_objects`, over (target, frame): `n_detections`, those within two cells of
@@ -118,54 +153,36 @@ class TrafficFrames:
         from the outline, and `velocity_error` (m/s), its velocity minus the range rate of that
         point of the outline.
         """
-        objects = find_true_objects(self.scenes, range(self.n_frames))
+        objects = self._objects.to_dataset()
         row_of_name = {name: row for row, name in enumerate(objects["target"].values.tolist())}
-        shape = (len(row_of_name), self.n_frames)
-        n_detections = np.where(np.isfinite(objects["range"].values), 0.0, np.nan)
-        position_error_m, velocity_error = np.full(shape, np.nan), np.full(shape, np.nan)
-        columns = {str(name): column.values for name, column in detections.items()}
-        for number in range(self.n_frames):
-            in_frame = np.flatnonzero(columns["frame"] == number)
-            scene = self.scenes.scene(number)
-            if not (in_frame.size and scene.targets):
-                continue
-            of_frame = {name: column[in_frame] for name, column in columns.items()}
-            associator = Associator(self.truth(number, scene), self.radar.for_frame(number), scene)
-            owners = associator.nearest_target_indices(of_frame)
-            for target, name in enumerate(scene.names):
-                row = row_of_name.get(name)
-                if row is None:  # a structure
-                    continue
-                rows = {key: column[owners == target] for key, column in of_frame.items()}
-                n_detections[row, number] = rows["snr"].size
-                errors = _errors_of_body(rows, objects.isel(target=row, frame=number))
-                position_error_m[row, number], velocity_error[row, number] = errors
-        axes = ("target", "frame")
+        values = np.full((3, len(row_of_name), len(self._columns)), np.nan)
+        for frame, comparisons in enumerate(self._columns):
+            for name, comparison in comparisons.items():
+                values[:, row_of_name[name], frame] = comparison
+        units = {"n_detections": "1", "position_error": "m", "velocity_error": "m/s"}
         return objects.assign(
-            n_detections=(axes, n_detections, {"units": "1"}),
-            position_error=(axes, position_error_m, {"units": "m"}),
-            velocity_error=(axes, velocity_error, {"units": "m/s"}),
+            {
+                name: (("target", "frame"), column, {"units": unit})
+                for (name, unit), column in zip(units.items(), values, strict=True)
+            }
         )
 
 
-def _errors_of_body(columns: dict[str, np.ndarray], item: xr.Dataset) -> tuple[float, float]:
+def _errors_of_body(
+    columns: Mapping[str, np.ndarray], state: ObjectState, size: Size
+) -> tuple[float, float]:
     """Return position and velocity error of the echo of the body, NaN where it is unknown."""
     echo = find_body_echo(columns)
     if echo is None:
         return np.nan, np.nan
     range_m, azimuth_rad = columns["range"][echo.row], columns["azimuth"][echo.row]
     detection_m = range_m * np.array([np.cos(azimuth_rad), np.sin(azimuth_rad)])
+    centre_m = np.array([state.centre_x, state.centre_y])
     point_m = nearest_point_m(
-        rectangle_corners_m(
-            np.array([float(item["centre_x"]), float(item["centre_y"])]) - detection_m,
-            float(item["heading"]),
-            float(item["length"]),
-            float(item["width"]),
-        )
+        rectangle_corners_m(centre_m - detection_m, state.heading, size.length_m, size.width_m)
     )
     error_m, point_m = float(np.linalg.norm(point_m)), point_m + detection_m
-    arm_m = point_m - [float(item["x"]), float(item["y"])]
-    velocity = np.array([float(item["vx"]), float(item["vy"])])
-    velocity += float(item["turn_rate"]) * QUARTER_TURN @ arm_m
+    velocity = np.array([state.vx, state.vy])
+    velocity += state.turn_rate * QUARTER_TURN @ (point_m - [state.x, state.y])
     range_rate = float(point_m @ velocity) / float(np.linalg.norm(point_m))
     return error_m, echo.velocity_m_per_s - range_rate

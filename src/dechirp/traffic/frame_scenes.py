@@ -135,6 +135,7 @@ class FrameScenes:
         self.start_s, self.n_frames = self._select_frames(start_s, duration_s)
         """Start of the first frame, in the time of the file; number of frames."""
         self._times_around_radar_s: dict[int, float] = {}
+        self._latest_view: tuple[int, list[ObjectInView]] = (-1, [])
         self._findings = (
             *traffic.findings,
             *self._unknown_size_findings(stated_sizes),
@@ -177,6 +178,8 @@ class FrameScenes:
 
         Objects around the radar are left out, with a finding.
         """
+        if self._latest_view[0] == number:
+            return self._latest_view[1]
         time_s, radar = self.mid_frame_s(number), self.radar_motion(number)
         max_range_m = self._radar.frame.chirp.max_range_m
         objects = []
@@ -200,6 +203,7 @@ class FrameScenes:
                         self.names[index], index, path, motion, size, corners_m, self._kinds[index]
                     )
                 )
+        self._latest_view = number, objects
         return objects
 
     def scene(self, number: int) -> Scene:

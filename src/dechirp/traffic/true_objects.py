@@ -1,6 +1,7 @@
 """True objects in the view of a radar, with their measurable states, frame by frame."""
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -9,22 +10,93 @@ from dechirp.core.argument_types import check_argument_types
 from dechirp.traffic.frame_scenes import FrameScenes, ObjectInView
 from dechirp.traffic.outlines import QUARTER_TURN, nearest_point_m, rotation, visible_shares
 from dechirp.traffic.radar_scene import RadarMotion
+from dechirp.traffic.road_bodies import Size
+
 
 _CAR_HEIGHT_M = 1.5
-_UNITS = {
-    "x": "m",
-    "y": "m",
-    "vx": "m/s",
-    "vy": "m/s",
-    "range": "m",
-    "velocity": "m/s",
-    "azimuth": "rad",
-    "centre_x": "m",
-    "centre_y": "m",
-    "heading": "rad",
-    "turn_rate": "rad/s",
-    "visible_share": "1",
-}
+
+
+class ObjectState(NamedTuple):
+    """True state of an object in one frame, see `find_true_objects`."""
+
+    x: float
+    y: float
+    vx: float
+    vy: float
+    range: float
+    velocity: float
+    azimuth: float
+    centre_x: float
+    centre_y: float
+    heading: float
+    turn_rate: float
+    visible_share: float
+
+
+_UNITS = dict(
+    zip(
+        ObjectState._fields,
+        ("m", "m", "m/s", "m/s", "m", "m/s", "rad", "m", "m", "rad", "rad/s", "1"),
+        strict=True,
+    )
+)
+
+
+class TrueObjects:
+    """True objects in the view of a radar, collected frame by frame."""
+
+    def __init__(self, scenes: FrameScenes) -> None:
+        self._scenes = scenes
+        self._numbers: list[int] = []
+        self._states: list[dict[int, ObjectState]] = []
+        self._sizes: dict[int, Size] = {}
+
+    def add_frame(self, number: int) -> dict[str, tuple[ObjectState, Size]]:
+        """Add a frame; return the states and sizes of its objects by their names."""
+        in_view = self._scenes.objects_in_view(number)
+        items = [item for item in in_view if not item.is_structure]
+        hiding = [item for item in in_view if _hides_vehicles(item)]
+        radar = self._scenes.radar_motion(number)
+        shares = visible_shares(np.array([item.corners_m for item in (*items, *hiding)]))
+        states = {
+            item.number: _measurable_state(item, radar, share)
+            for item, share in zip(items, shares.tolist(), strict=False)
+        }
+        self._numbers.append(number)
+        self._states.append(states)
+        self._sizes |= {item.number: item.size for item in items}
+        return {item.name: (states[item.number], item.size) for item in items}
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return all frames as `find_true_objects` does."""
+        indices = sorted(self._sizes)
+        row_of_object = {index: row for row, index in enumerate(indices)}
+        values = np.full((len(indices), len(self._numbers), len(_UNITS)), np.nan)
+        for column, states in enumerate(self._states):
+            for index, state in states.items():
+                values[row_of_object[index], column] = state
+        times_s = [
+            self._scenes.mid_frame_s(number) - self._scenes.start_s for number in self._numbers
+        ]
+        return xr.Dataset(
+            {
+                name: (("target", "frame"), values[..., position].copy(), {"units": unit})
+                for position, (name, unit) in enumerate(_UNITS.items())
+            }
+            | {
+                name: (
+                    "target",
+                    [getattr(self._sizes[index], f"{name}_m") for index in indices],
+                    {"units": "m"},
+                )
+                for name in ("length", "width")
+            },
+            coords={
+                "target": np.array([self._scenes.names[index] for index in indices], dtype=str),
+                "frame": self._numbers,
+                "time": ("frame", times_s, {"units": "s"}),
+            },
+        )
 
 
 @check_argument_types
@@ -45,43 +117,17 @@ def find_true_objects(scenes: FrameScenes, numbers: Iterable[int]) -> xr.Dataset
         `visible_share` of the angle under which the object appears that no nearer one hides. Over
         target: `length`, `width` (m). Over frame: `time` (s) since the start of the first frame.
     """
-    numbers = list(numbers)
-    in_view = [scenes.objects_in_view(number) for number in numbers]
-    objects = [[item for item in items if not item.is_structure] for items in in_view]
-    indices = sorted({item.number for in_frame in objects for item in in_frame})
-    row_of_object = {index: row for row, index in enumerate(indices)}
-    cells = {name: np.full((len(indices), len(numbers)), np.nan) for name in _UNITS}
-    sizes = {item.number: item.size for in_frame in objects for item in in_frame}
-    for column, (number, in_frame) in enumerate(zip(numbers, objects, strict=True)):
-        radar = scenes.radar_motion(number)
-        hiding = [item for item in in_view[column] if _hides_vehicles(item)]
-        shares = visible_shares(np.array([item.corners_m for item in (*in_frame, *hiding)]))
-        for item, share in zip(in_frame, shares[: len(in_frame)].tolist(), strict=True):
-            values = (*_measurable_state(item, radar), share)
-            for name, value in zip(_UNITS, values, strict=True):
-                cells[name][row_of_object[item.number], column] = value
-    names = [scenes.names[index] for index in indices]
-    times_s = [scenes.mid_frame_s(number) - scenes.start_s for number in numbers]
-    return xr.Dataset(
-        {name: (("target", "frame"), cells[name], {"units": unit}) for name, unit in _UNITS.items()}
-        | {
-            name: ("target", [getattr(sizes[i], f"{name}_m") for i in indices], {"units": "m"})
-            for name in ("length", "width")
-        },
-        coords={
-            "target": np.array(names, dtype=str),
-            "frame": numbers,
-            "time": ("frame", times_s, {"units": "s"}),
-        },
-    )
+    objects = TrueObjects(scenes)
+    for number in numbers:
+        objects.add_frame(number)
+    return objects.to_dataset()
 
 
 def _hides_vehicles(item: ObjectInView) -> bool:
     return item.kind in ("wall", "building") and item.size.height_m >= _CAR_HEIGHT_M
 
 
-def _measurable_state(item: ObjectInView, radar: RadarMotion) -> tuple[float, ...]:
-    """Return the values of one object in the order of `_UNITS`, without its visible share."""
+def _measurable_state(item: ObjectInView, radar: RadarMotion, visible_share: float) -> ObjectState:
     to_radar = rotation(-radar.yaw_rad)
     nearest_m, centre_m = nearest_point_m(item.corners_m), item.corners_m.mean(axis=0)
     velocity = to_radar @ (item.motion.velocity_m_per_s - radar.velocity_m_per_s)
@@ -89,14 +135,19 @@ def _measurable_state(item: ObjectInView, radar: RadarMotion) -> tuple[float, ..
     range_m = float(np.linalg.norm(nearest_m))
     vx, vy = velocity - radar.turn_rate_rad_per_s * QUARTER_TURN @ nearest_m
     heading_rad = item.motion.heading_rad - radar.yaw_rad
-    return (
-        *nearest_m,
-        vx,
-        vy,
-        range_m,
-        float(nearest_m @ velocity) / range_m,
-        float(np.arctan2(nearest_m[1], nearest_m[0])),
-        *centre_m,
-        float((heading_rad + np.pi) % (2 * np.pi) - np.pi),
-        item.motion.turn_rate_rad_per_s - radar.turn_rate_rad_per_s,
+    x, y = map(float, nearest_m)
+    centre_x, centre_y = map(float, centre_m)
+    return ObjectState(
+        x=x,
+        y=y,
+        vx=float(vx),
+        vy=float(vy),
+        range=range_m,
+        velocity=float(nearest_m @ velocity) / range_m,
+        azimuth=float(np.arctan2(y, x)),
+        centre_x=centre_x,
+        centre_y=centre_y,
+        heading=float((heading_rad + np.pi) % (2 * np.pi) - np.pi),
+        turn_rate=item.motion.turn_rate_rad_per_s - radar.turn_rate_rad_per_s,
+        visible_share=visible_share,
     )
