@@ -6,10 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import dechirp as dc
 from dechirp.cli.main import main
+from dechirp.evaluation.association import Associator, nearest_target_indices
 from dechirp.evaluation.traffic_scores import score_traffic
+from dechirp.experiments.traffic_stage import ObjectComparison, TrafficFrames
 from dechirp.report.traffic_section import traffic_table_rows
 from nightly import nightly
 
@@ -59,6 +62,34 @@ def test_objects_in_view_are_detected_and_tracked(result):
     assert np.nanmedian(objects["position_error"].values[0]) < 0.05
     assert np.nanmax(objects["position_error"].values[0]) < 1.8
     assert np.nanmax(np.abs(objects["velocity_error"].values[0])) < 0.1
+
+
+def test_detections_belong_to_the_objects_of_the_truth(result):
+    traffic = TrafficFrames(result.scenario)
+    columns = {str(name): column.values for name, column in result.detections.items()}
+    for number in (0, 9):
+        of_frame = {name: column[columns["frame"] == number] for name, column in columns.items()}
+        scene, radar = traffic.scenes.scene(number), traffic.radar.for_frame(number)
+        of_truth = Associator(traffic.truth(number, scene), radar, scene)
+
+        owners = nearest_target_indices(of_frame, scene, radar)
+
+        assert owners.tolist() == of_truth.nearest_target_indices(of_frame).tolist()
+        assert np.bincount(owners[owners >= 0], minlength=2).tolist() == (
+            result.traffic["n_detections"].values[:, number].tolist()
+        )
+
+
+def test_drawn_detections_are_compared_like_those_of_samples(trace):
+    scenario = dc.traffic.traffic_scenario(trace, ["traffic.ego=1", *FAST])
+    drawn = dc.run(scenario, kind="statistical")
+    comparison = ObjectComparison(TrafficFrames(drawn.scenario))
+
+    comparison.add_all_frames(
+        {str(name): column.values for name, column in drawn.detections.items()}
+    )
+
+    xr.testing.assert_equal(comparison.to_dataset(), drawn.traffic)
 
 
 def test_scores_leave_out_hidden_objects(result):

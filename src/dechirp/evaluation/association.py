@@ -313,11 +313,11 @@ def nearest_target_indices(
 def _target_cells_of_scene(scene: Scene, time_s: float, radar: Radar) -> _FrameTargets:
     """Return the cells of all visible scatterers at one time."""
     is_visible = visible_scatterer_mask(scene, time_s, radar)
-    motion = scatterer_range_and_range_rate(scene, [time_s])
+    motion, positions_m = _scatterer_motion_and_positions_m(scene, np.array([time_s]))
     range_m, velocity = alias_range_velocity(
         RangeVelocity(*(values[0, is_visible] for values in motion)), radar
     )
-    x, y, z = scene.scatterer_positions_m([time_s])[0, is_visible].T
+    x, y, z = positions_m[0, is_visible].T
     azimuth, elevation = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
     cells = to_resolution_cells(range_m, velocity, azimuth, elevation, radar)
     return _FrameTargets(
@@ -329,11 +329,17 @@ def _target_cells_of_scene(scene: Scene, time_s: float, radar: Radar) -> _FrameT
 
 def scatterer_range_and_range_rate(scene: Scene, times_s: ArrayLike) -> RangeVelocity:
     """Return range and range rate of each scatterer at each time, (n_times, n_scatterers)."""
-    times_s = np.asarray(times_s, dtype=float)
+    return _scatterer_motion_and_positions_m(scene, np.asarray(times_s, dtype=float))[0]
+
+
+def _scatterer_motion_and_positions_m(
+    scene: Scene, times_s: np.ndarray
+) -> tuple[RangeVelocity, np.ndarray]:
+    """Return range and range rate of each scatterer, and its position (n_times, n, 3)."""
     moments_s = np.add.outer([-_RANGE_RATE_STEP_S, 0.0, _RANGE_RATE_STEP_S], times_s)
-    ranges_m = np.linalg.norm(scene.scatterer_positions_m(moments_s.ravel()), axis=-1)
-    before_m, at_m, after_m = ranges_m.reshape(*moments_s.shape, -1)
-    return RangeVelocity(at_m, (after_m - before_m) / (2 * _RANGE_RATE_STEP_S))
+    positions_m = np.split(scene.scatterer_positions_m(moments_s.ravel()), 3)
+    before_m, at_m, after_m = np.linalg.norm(positions_m, axis=-1)
+    return RangeVelocity(at_m, (after_m - before_m) / (2 * _RANGE_RATE_STEP_S)), positions_m[1]
 
 
 def visible_scatterer_mask(scene: Scene, time_s: float, radar: Radar) -> np.ndarray:

@@ -17,12 +17,16 @@ def scatterer_cross_sections_m2(scene: Scene, time_s: float, wavelength_m: float
     The aspect is that of the radar's origin: from the target, all antennas have about the same
     direction, as in the radar equation.
     """
-    cross_sections = scene.fixed_scatterer_rcs_m2.copy()
-    for target, aspect_m2 in _aspect_dependent_cross_sections_m2(
-        scene, np.array([time_s]), wavelength_m
-    ):
-        cross_sections[scene.target_index_of_scatterer == target] = aspect_m2[0]
-    return cross_sections
+
+    def compute() -> np.ndarray:
+        cross_sections = scene.fixed_scatterer_rcs_m2.copy()
+        for target, aspect_m2 in _aspect_dependent_cross_sections_m2(
+            scene, np.array([time_s]), wavelength_m
+        ):
+            cross_sections[scene.target_index_of_scatterer == target] = aspect_m2[0]
+        return cross_sections
+
+    return scene.latest_value("cross sections", (time_s, wavelength_m), compute)
 
 
 def target_cross_sections_m2(scene: Scene, times_s: ArrayLike, wavelength_m: float) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Scene: targets, radar motion, and scatterer positions relative to the radar."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cached_property
 from typing import NamedTuple, get_args
 
@@ -289,6 +289,22 @@ class Scene(Displayable):
             # Velocity and acceleration of such targets are zero.
             positions_m[:, column] += self.targets[indices[column]].displacements_m(times_s)
         return positions_m - self.ego.displacements_m(times_s)[:, None]
+
+    def latest_value(
+        self, name: str, arguments: tuple[float, ...], compute: Callable[[], np.ndarray]
+    ) -> np.ndarray:
+        """Return a function of this scene, computed once for successive calls with equal arguments.
+
+        Simulation, truth and comparison of a frame need the same cross sections and shadows.
+        """
+        latest = self._latest_values.get(name)
+        if latest is None or latest[0] != arguments:
+            latest = self._latest_values[name] = arguments, _make_read_only(compute())
+        return latest[1]
+
+    @cached_property
+    def _latest_values(self) -> dict[str, tuple[tuple[float, ...], np.ndarray]]:
+        return {}
 
     def _display_line(self) -> str:
         shown_names = self.names if len(self.names) <= 4 else (*self.names[:3], "...")

@@ -353,14 +353,18 @@ def scatterer_shadow_gains(scene: Scene, time_s: float, wavelength_m: float) -> 
     """Return the two-way power ratio with to without shadows, from the radar's origin, (n,)."""
     if not scene.has_shadows:
         return np.ones(scene.n_scatterers)
-    positions_m = from_local_axes(
-        scene.ego.axes(np.array([time_s])), scene.scatterer_positions_m([time_s])
-    )[0]
-    (amplitudes,) = shadowed_amplitudes(
-        np.zeros((1, 3)), positions_m, scene.target_index_of_scatterer,
-        screens_of_bodies(scene, time_s), wavelength_m,
-    )  # fmt: skip
-    return np.asarray(amplitudes**4)
+
+    def compute() -> np.ndarray:
+        positions_m = from_local_axes(
+            scene.ego.axes(np.array([time_s])), scene.scatterer_positions_m([time_s])
+        )[0]
+        (amplitudes,) = shadowed_amplitudes(
+            np.zeros((1, 3)), positions_m, scene.target_index_of_scatterer,
+            screens_of_bodies(scene, time_s), wavelength_m,
+        )  # fmt: skip
+        return np.asarray(amplitudes**4)
+
+    return scene.latest_value("shadow gains", (time_s, wavelength_m), compute)
 
 
 def target_shadow_losses(scene: Scene, times_s: np.ndarray, wavelength_m: float) -> np.ndarray:

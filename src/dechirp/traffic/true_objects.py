@@ -12,7 +12,6 @@ from dechirp.traffic.outlines import QUARTER_TURN, nearest_point_m, rotation, vi
 from dechirp.traffic.radar_scene import RadarMotion
 from dechirp.traffic.road_bodies import Size
 
-
 _CAR_HEIGHT_M = 1.5
 
 

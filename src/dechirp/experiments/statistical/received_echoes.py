@@ -64,9 +64,8 @@ def compute_received_echoes(
     """Compute the echoes at mid-frame of each time; `attenuations` must be in `ATTENUATIONS`."""
     frame, chirp = radar.frame, radar.frame.chirp
     step_s = frame.duration_s / 4
-    before_m, at_m, after_m = (
-        scene.scatterer_positions_m(times_s + offset_s) for offset_s in (-step_s, 0.0, step_s)
-    )
+    moments_s = np.add.outer([-step_s, 0.0, step_s], times_s).ravel()
+    before_m, at_m, after_m = np.split(scene.scatterer_positions_m(moments_s), 3)
     middle_m = (np.mean(radar.array.tx_m, axis=0) + np.mean(radar.array.rx_m, axis=0)) / 2
     range_m = np.linalg.norm(at_m - middle_m, axis=-1)
     ends_m = [np.linalg.norm(item - middle_m, axis=-1) for item in (before_m, after_m)]
