@@ -10,6 +10,7 @@ import dechirp as dc
 from dechirp.certificate.resolution import run_resolution_trials
 from dechirp.experiments.run import _masked_direction_findings
 from dechirp.processing.frame import process_frame
+from dechirp.processing.refine import refine_tones
 from nightly import nightly, nightly_except
 from radars import eight_receiver_radar
 
@@ -190,6 +191,74 @@ def test_undetected_echo_beside_strong_target_does_not_bias_it(offset_cells):
     # Measured: 0.8 to 1.1; unwindowed estimates had 7 along range and 2.4 along velocity.
     limit = chi2.ppf(1 - 1e-7, len(squares)) / len(squares)
     assert np.all(np.mean(squares, axis=0) < limit)
+
+
+@pytest.mark.parametrize(
+    ("offset_cells", "ratio_db"),
+    nightly_except(
+        [((0, 2), 10), ((1, 0), 20)],
+        [
+            (cells, ratio_db)
+            for cells in [(1, 0), (0, 1), (1.5, 0), (0, 1.5), (2, 0), (0, 2), (3, 0), (0, 4)]
+            for ratio_db in (10, 20, 40)
+        ],
+    ),
+    ids=str,
+)
+def test_errors_of_strong_target_contain_echo_within_four_cells(offset_cells, ratio_db):
+    """A weaker echo that is merged with the target, or that the detector finds beside it."""
+    radar = make_radar(n_chirps=64)
+    frame, n_trials = radar.frame, 50
+    rng = np.random.default_rng([int(2 * max(offset_cells)), offset_cells[1] > 0, ratio_db])
+    squares = np.empty((n_trials, 3))
+    for trial in range(n_trials):
+        range_cells, velocity_cells = 20 + rng.random(), rng.uniform(-0.5, 0.5)
+        azimuths, apart = rng.uniform(-0.8, 0.8, 2), np.array(offset_cells, float)
+        # Anywhere within half a cell on the other axis, within a quarter on its own.
+        apart += np.where(apart, 0.25, 0.5) * rng.uniform(-1, 1, 2)
+        cells = np.array([[0, 0], apart])
+        cube = simulate_tones(
+            radar,
+            rng,
+            range_cells=range_cells + cells[:, 0],
+            velocity_cells=velocity_cells + cells[:, 1],
+            azimuths=azimuths,
+            amplitudes=np.array([1, 10 ** (-ratio_db / 20)]) * np.exp(2j * np.pi * rng.random(2)),
+            snr_db=60,
+        )
+        found = dc.detect(cube, radar)
+        found = found.isel(detection=int(np.argmax(found.snr.values)))
+        beat_hz = range_cells / frame.chirp.n_samples * frame.chirp.sample_rate_hz
+        doppler_hz = velocity_cells / (frame.n_chirps * frame.repetition_s)
+        range_m = frame.chirp.range_m(1.0) * (beat_hz - doppler_hz)
+        velocity = velocity_cells * frame.velocity_resolution_m_per_s
+        for axis, (name, true) in enumerate(
+            zip(("range", "velocity", "azimuth"), (range_m, velocity, azimuths[0]), strict=True)
+        ):
+            squares[trial, axis] = ((found[name] - true) / found[f"{name}_std"]).item() ** 2
+
+    # Measured: 0.1 to 1.5; 88 along range before the other echo counted, at (0, 2) and 10 dB.
+    assert np.all(squares.mean(axis=0) < chi2.ppf(1 - 1e-7, n_trials) / n_trials)
+
+
+def test_two_tones_two_bins_apart_are_refined_until_they_change_no_more():
+    n = np.arange(64)
+    slow, fast = 2 * np.pi * np.array([3.1, 3.3]) / 64, 2 * np.pi * np.array([10.2, 12.1]) / 64
+    samples = sum(
+        a * np.exp(1j * (s * n[:, None] + f * n))
+        for a, s, f in zip((1, 0.3j), slow, fast, strict=True)
+    )
+    tones = refine_tones(
+        samples[:, None].astype(np.complex64),
+        slow + 0.2 * 2 * np.pi / 64,
+        fast - 0.2 * 2 * np.pi / 64,
+        noise_power=np.full(2, 1e-6),
+    )
+
+    # Three passes leave 6e-5 bins, the Cramer-Rao bound at 76 dB in the map.
+    bins = 64 / (2 * np.pi)
+    assert abs(tones.fast - fast).max() * bins < 1e-5
+    assert abs(tones.slow - slow).max() * bins < 1e-5
 
 
 def test_equal_targets_one_and_a_half_cells_apart_are_not_merged():

@@ -20,6 +20,12 @@ from dechirp.core.threads import run_in_threads, thread_count
 # by 7 degrees within a block, which costs 0.05 % of its amplitude.
 N_BLOCKS = 16
 N_PASSES = 3
+# Passes over the strongest 256 tones that are within 3 bins of another on both axes, until their
+# amplitudes change by less than a tenth of their noise. At 2 bins three passes leave an error of
+# 6e-5 bins, the Cramer-Rao bound at 76 dB. A thousand tones in 128 x 128 cells would take 8 s.
+MAX_PASSES = 10
+_CLOSE_BINS = 3.0
+_MAX_CLOSE_TONES = 256
 
 
 @dataclass(frozen=True)
@@ -257,8 +263,11 @@ def _estimate_tones(
         _write_half_angle_sines_and_cosines(slow[i], fast[i], half[i])
     half_now = half.copy()
     n_passes = N_PASSES if n_tones > 1 else 1
-    for turn in range(n_passes):
+    is_changing = _close_tone_mask(half, rows[-1], columns[-1])
+    for turn in range(MAX_PASSES):
         for i in range(n_tones):
+            if turn >= n_passes and not is_changing[i]:
+                continue
             residual, is_alone = sums[i].copy(), True
             for k in range(n_tones):
                 # In the first pass, weaker tones are unknown.
@@ -293,10 +302,13 @@ def _estimate_tones(
             )
             moments = _periodogram_moments(residual, rows, columns, d_slow[i], d_fast[i])
             largest[i] = 0.0
+            change = 0.0
             for k in range(n_rx):
+                change = max(change, abs(moments[0, k] / gain - amplitude[i, k]))
                 amplitude[i, k] = moments[0, k] / gain
                 largest[i] = max(largest[i], abs(amplitude[i, k]))
-            if turn == n_passes - 1 or is_alone:
+            is_changing[i] &= change > negligible[i]
+            if turn >= n_passes - 1 or is_alone:
                 _subtract_tone_at(residual, amplitude[i], d_slow[i], d_fast[i], rows, columns)
                 remaining_power[i, 0], remaining_power[i, 1] = _highest_power_beside(
                     residual, d_slow[i], d_fast[i], rows, columns
@@ -406,6 +418,26 @@ def _write_half_angle_sines_and_cosines(slow: float, fast: float, out: np.ndarra
     """Write sine and cosine of half of each, from which those of half a difference follow."""
     out[0], out[1] = np.sin(slow / 2), np.cos(slow / 2)
     out[2], out[3] = np.sin(fast / 2), np.cos(fast / 2)
+
+
+@kernel(plain=AS_WRITTEN)
+def _close_tone_mask(half: np.ndarray, n_rows: int, n_columns: int) -> np.ndarray:
+    """Return which of the first tones have another one within _CLOSE_BINS on both axes, (n,).
+
+    `half` (n, 4): see `_write_half_angle_sines_and_cosines`.
+    """
+    is_close = np.zeros(len(half), np.bool_)
+    limit_slow, limit_fast = (
+        np.sin(min(np.pi * _CLOSE_BINS / n_rows, np.pi / 2)),
+        np.sin(min(np.pi * _CLOSE_BINS / n_columns, np.pi / 2)),
+    )
+    for i in range(min(len(half), _MAX_CLOSE_TONES)):
+        for k in range(i):
+            sine_slow = half[k, 0] * half[i, 1] - half[k, 1] * half[i, 0]
+            sine_fast = half[k, 2] * half[i, 3] - half[k, 3] * half[i, 2]
+            if abs(sine_slow) <= limit_slow and abs(sine_fast) <= limit_fast:
+                is_close[i] = is_close[k] = True
+    return is_close
 
 
 @kernel(plain=AS_WRITTEN)
