@@ -392,6 +392,7 @@ def test_leftovers_of_killed_run_are_restored_or_removed(tmp_path, radar, monkey
         (tmp_path / ".out.0123abcd.new").mkdir()
     else:
         (tmp_path / ".out.0123abcd.before").mkdir()
+    (tmp_path / ".out.0123abcd.trying").mkdir()  # of a process that was killed at its first check
     (tmp_path / ".out.mine.before").mkdir()
     monkeypatch.setattr(results, "write_cube_store", make_failing_writer(KeyboardInterrupt()))
 

@@ -236,7 +236,7 @@ def _clean_up_after_killed_processes(target: Path) -> None:
 
     A hidden folder without a lock belongs to no process.
     """
-    pattern = re.compile(rf"{re.escape(f'.{target.name}.')}[0-9a-f]{{8}}\.(new|before)")
+    pattern = re.compile(rf"{re.escape(f'.{target.name}.')}[0-9a-f]{{8}}\.(new|before|trying)")
     siblings = target.parent.iterdir() if target.parent.is_dir() else ()
     leftovers = [path for path in siblings if pattern.fullmatch(path.name)]
     for backup in [path for path in leftovers if path.suffix == ".before"]:
@@ -245,9 +245,9 @@ def _clean_up_after_killed_processes(target: Path) -> None:
         if not target.exists():
             backup.rename(target)
         shutil.rmtree(backup, ignore_errors=True)
-    for new_folder in [path for path in leftovers if path.suffix == ".new"]:
-        if _is_locked(new_folder) is False:
-            shutil.rmtree(new_folder, ignore_errors=True)
+    for folder in [path for path in leftovers if path.suffix != ".before"]:
+        if _is_locked(folder) is False:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
