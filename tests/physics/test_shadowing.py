@@ -10,17 +10,19 @@ import numpy as np
 import pytest
 
 import dechirp as dc
+from dechirp.core.compiled_kernels import plain_twins_for_small_work
 from dechirp.evaluation.score.probabilities import DetectionProbability
 from dechirp.impairments import TwoRayGround, WallMultipath
 from dechirp.report.page import render_report
 from dechirp.scene.scene_warnings import scene_findings
 from dechirp.scene.screens import Screens, screens_of_bodies
+from dechirp.scene.shadow_kernel import edge_field, edge_field_table
 from dechirp.scene.shadowing import (
     SHADOWED_LOSS,
     scatterer_shadow_gains,
     shadowed_amplitudes,
 )
-from dechirp.theory.knife_edge import knife_edge_field, knife_edge_loss_db
+from dechirp.theory.knife_edge import field_beyond_edge, knife_edge_field, knife_edge_loss_db
 
 pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 
@@ -98,6 +100,43 @@ def test_distances_along_an_inclined_path_count_in_three_dimensions():
         v = height_m * 50 / d * np.sqrt(2 / WAVELENGTH_M * (1 / (0.4 * d) + 1 / (0.6 * d)))
         found = amplitude((0, 0, 20), (50, 0, 0), screen)
         assert found == pytest.approx(abs(knife_edge_field(v)), rel=1e-3)
+
+
+def test_field_of_the_table_is_that_of_the_integrals():
+    table = edge_field_table()
+    v = np.concatenate([np.linspace(-12, 12, 1501), [-1e7, -2e5, 300.0, 1e7]])
+
+    fields = np.array([edge_field(value, table) for value in v.tolist()])
+
+    # Cubic pieces of 1/128 err by (8 pi)^3 / sqrt(2) / 384 / 128^4 = 1.1e-7 at v = 8.
+    assert abs(fields - field_beyond_edge(v)).max() < 1.2e-7
+    assert [edge_field(value, table) for value in (-np.inf, np.inf)] == [1, 0]
+
+
+@pytest.mark.parametrize("has_road", [False, True])
+def test_compiled_loop_equals_its_plain_twin(has_road):
+    # Boxes on both sides of the array, around scatterers, and at their ends; with images in a road.
+    rng = np.random.default_rng(8)
+    antennas_m = rng.normal(0, 0.01, (5, 3))
+    positions_m = rng.uniform([2, -20, -0.5], [80, 20, 3], (400, 3))
+    middles_m = rng.uniform(-5, 70, 30) + 1j * rng.uniform(-15, 15, 30)
+    corners_m = np.array([-1 - 1j, 1 - 1j, 1 + 1j, -1 + 1j]) * rng.uniform(0.2, 4, (30, 1))
+    corners_m = middles_m[:, None] + corners_m * np.exp(1j * rng.uniform(0, 6, (30, 1)))
+    bands_m = np.sort(rng.uniform(-0.5, 3, (30, 1, 2)))
+    bands_m[::3, 0, 0] = -np.inf
+    if has_road:
+        bands_m = np.concatenate([-1.0 - bands_m[:, :, ::-1], bands_m], axis=1)
+    screens = Screens(corners_m, bands_m, np.arange(30))
+    targets = np.repeat(np.arange(40), 10)
+
+    compiled = shadowed_amplitudes(antennas_m, positions_m, targets, screens, WAVELENGTH_M)
+    with plain_twins_for_small_work(0):
+        plain = shadowed_amplitudes(antennas_m, positions_m, targets, screens, WAVELENGTH_M)
+
+    assert 0.05 < (plain < 0.5).mean() < 0.95
+    # Two fields of each of two pairs of edges, within 1.2e-7.
+    assert abs(compiled - plain).max() < 1e-6
+    assert np.array_equal(compiled == 1, plain == 1)
 
 
 def test_paths_are_reciprocal():

@@ -18,21 +18,23 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dechirp.core.compiled_kernels import kernel
 from dechirp.scene.rcs import scatterer_cross_sections_m2
 from dechirp.scene.rotations import from_local_axes
 from dechirp.scene.scene import Scene
 from dechirp.scene.screens import Screens, screens_of_bodies
+from dechirp.scene.shadow_kernel import (
+    FADE_END,
+    FADE_START,
+    MIN_AMPLITUDE,
+    MIN_SHARE,
+    SLOPE_DB,
+    TOLERANCE_DB,
+    edge_field_table,
+    multiply_by_shadows,
+)
 from dechirp.theory.knife_edge import field_beyond_edge
 
-# Parameters v of the clearance between which the ripple of the field beside an edge, 0.6 dB at
-# v = 3, is faded out, so that paths further away remain exactly unshadowed.
-_FADE_START, _FADE_END = 3.0, 6.0
-# Antennas use the amplitude of the middle of their array if they differ by less; one way.
-_TOLERANCE_DB = 0.2
-# The loss of an edge changes by at most 8.7 dB per unit of v, and by 8.7 dB / v in its shadow.
-_SLOPE_DB = 8.7
-# Distance from the ends of a path within which edges count as infinitely sharp.
-_MIN_SHARE = 1e-9
 # Pairs of scatterers and screens that are evaluated together: some 100 arrays of 2**12 pairs.
 _BLOCK_PAIRS = 2**12
 
@@ -59,7 +61,7 @@ class _Edges(NamedTuple):
         """Return the amplitude ratios, (n,)."""
         right, left = field_beyond_edge(self.width_v)
         bottom, top = field_beyond_edge(self.height_v)
-        fade = np.clip((_FADE_END - self.clearances) / (_FADE_END - _FADE_START), 0.0, 1.0)
+        fade = np.clip((FADE_END - self.clearances) / (FADE_END - FADE_START), 0.0, 1.0)
         share = (right - left) * (bottom - top).sum(axis=0)
         return np.asarray(abs(1 - fade**2 * (3 - 2 * fade) * share))
 
@@ -91,18 +93,44 @@ def shadowed_amplitudes(
     targets : array (n_scatterers,)
         Target of each scatterer.
     """
-    n_antennas, n_scatterers = len(antennas_m), len(positions_m)
-    middle_m = antennas_m.mean(axis=0)
-    radius_m = float(np.linalg.norm(antennas_m - middle_m, axis=1).max())
-    log_amplitudes = np.zeros((n_antennas, n_scatterers))
+    amplitudes = np.ones((len(antennas_m), len(positions_m)))
+    near = _find_near_rows(antennas_m, positions_m, targets, screens, wavelength_m)
+    _multiply_by_shadows(
+        amplitudes, np.ascontiguousarray(antennas_m), np.ascontiguousarray(positions_m),
+        *near, np.ascontiguousarray(screens.corners_m), np.ascontiguousarray(screens.bands_m),
+        wavelength_m, edge_field_table(),
+    )  # fmt: skip
+    return amplitudes
+
+
+def _multiply_pairs_in_blocks(
+    amplitudes: np.ndarray,
+    antennas_m: np.ndarray,
+    positions_m: np.ndarray,
+    order: np.ndarray,
+    rows: np.ndarray,
+    margins_m: np.ndarray,
+    corners_m: np.ndarray,
+    bands_m: np.ndarray,
+    wavelength_m: float,
+    table: np.ndarray,
+) -> None:
+    """Multiply amplitudes by those that screens leave, as `multiply_by_shadows`."""
+    screens = Screens(corners_m, bands_m, np.zeros(len(corners_m)))
+    log_amplitudes = np.zeros(amplitudes.shape)
     for scatterers, screen_indices in _blocks_of_near_pairs(
-        middle_m, positions_m, targets, screens, radius_m, wavelength_m
+        antennas_m.mean(axis=0), positions_m, order, rows, margins_m, corners_m
     ):
         _add_log_amplitudes(
             log_amplitudes, antennas_m, positions_m, scatterers,
             screens.select(screen_indices), wavelength_m,
         )  # fmt: skip
-    return np.asarray(np.exp(log_amplitudes))
+    amplitudes *= np.exp(log_amplitudes)
+
+
+_multiply_by_shadows = kernel(plain=_multiply_pairs_in_blocks, fastmath={"contract"})(
+    multiply_by_shadows
+)
 
 
 def _add_log_amplitudes(
@@ -119,8 +147,8 @@ def _add_log_amplitudes(
     radius_m = np.linalg.norm(antennas_m - middle_m, axis=1).max()
     edges = _edges_across_paths(middle_m[None], positions_m[scatterers], screens, wavelength_m)
     change = edges.sensitivity * radius_m
-    differs = _SLOPE_DB * change > _TOLERANCE_DB
-    is_near = edges.clearances < _FADE_END / np.maximum(1 - change, 1e-3)
+    differs = SLOPE_DB * change > TOLERANCE_DB
+    is_near = edges.clearances < FADE_END / np.maximum(1 - change, 1e-3)
     common = np.flatnonzero(is_near & ~differs)
     common_edges = _Edges(*(column.take(common, axis=-1) for column in edges))
     log_amplitudes += _sum_logarithms(common_edges.amplitudes(), scatterers[common], n_scatterers)
@@ -135,22 +163,30 @@ def _add_log_amplitudes(
 
 
 def _sum_logarithms(amplitudes: np.ndarray, indices: np.ndarray, n: int) -> np.ndarray:
-    # 1e-30 is 600 dB.
-    return np.bincount(indices, np.log(np.maximum(amplitudes, 1e-30)), minlength=n)
+    return np.bincount(indices, np.log(np.maximum(amplitudes, MIN_AMPLITUDE)), minlength=n)
 
 
-def _blocks_of_near_pairs(
-    antenna_m: np.ndarray,
+class _NearRows(NamedTuple):
+    """Pairs of a target and a screen near its paths, seen from above."""
+
+    order: np.ndarray
+    """(n_scatterers,): scatterers in the order of their targets."""
+    rows: np.ndarray
+    """(n, 3): first and end of the scatterers in this order, and the screen."""
+    margins_m: np.ndarray
+    """(n,): distance within which a path passes near the screen."""
+
+
+def _find_near_rows(
+    antennas_m: np.ndarray,
     positions_m: np.ndarray,
     targets: np.ndarray,
     screens: Screens,
-    radius_m: float,
     wavelength_m: float,
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield blocks of scatterers and the screens near their paths from above, (n_pairs,) each.
-
-    Targets are compared first, as circles about their scatterers and as wedges of paths.
-    """
+) -> _NearRows:
+    """Compare targets with screens, as circles about their scatterers and as wedges of paths."""
+    antenna_m = antennas_m.mean(axis=0)
+    radius_m = float(np.linalg.norm(antennas_m - antenna_m, axis=1).max())
     from_above_m = positions_m[:, 0] + 1j * positions_m[:, 1]
     start_m = complex(antenna_m[0], antenna_m[1])
     owners, owner_of_scatterer, counts = np.unique(targets, return_inverse=True, return_counts=True)
@@ -161,7 +197,7 @@ def _blocks_of_near_pairs(
     np.maximum.at(spread_m, owner_of_scatterer, abs(from_above_m - middles_m[owner_of_scatterer]))
     # Half the width of the zone at the middle of the longest path; narrower elsewhere.
     lengths_m = abs(middles_m - start_m) + spread_m
-    margins_m = radius_m + _FADE_END * np.sqrt(wavelength_m * lengths_m / 8)
+    margins_m = radius_m + FADE_END * np.sqrt(wavelength_m * lengths_m / 8)
     distances_m = _distances_from_segments_m(start_m, middles_m[:, None], screens.centres_m)
     is_near = distances_m < screens.radii_m + (spread_m + margins_m)[:, None]
     owner, screen = np.nonzero(is_near & (owners[:, None] != screens.targets))
@@ -180,20 +216,34 @@ def _blocks_of_near_pairs(
         (left_m.min(axis=0) > margins_m[owner]) | (right_m.max(axis=0) < -margins_m[owner])
     )
     owner, screen = owner[~passes], screen[~passes]
-    # Expand each owner to its scatterers, which are consecutive in this order.
-    order = np.argsort(owner_of_scatterer, kind="stable")
-    starts, n_each = np.cumsum(counts) - counts, counts[owner]
-    stops = np.cumsum(n_each)
-    for first in range(0, int(n_each.sum()), _BLOCK_PAIRS):
+    stops = np.cumsum(counts)
+    return _NearRows(
+        np.argsort(owner_of_scatterer, kind="stable"),
+        np.stack([(stops - counts)[owner], stops[owner], screen], axis=1),
+        margins_m[owner],
+    )
+
+
+def _blocks_of_near_pairs(
+    antenna_m: np.ndarray,
+    positions_m: np.ndarray,
+    order: np.ndarray,
+    rows: np.ndarray,
+    margins_m: np.ndarray,
+    corners_m: np.ndarray,
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield blocks of scatterers and the screens near their paths from above, (n_pairs,) each."""
+    start_m = complex(antenna_m[0], antenna_m[1])
+    starts, ends, screens = rows.T
+    stops = np.cumsum(ends - starts)
+    for first in range(0, int((ends - starts).sum()), _BLOCK_PAIRS):
         pair = np.arange(first, min(first + _BLOCK_PAIRS, int(stops[-1])))
         row = np.searchsorted(stops, pair, side="right")
-        scatterers = order[starts[owner[row]] + pair - (stops - n_each)[row]]
-        margin_m, screen_of_pair = margins_m[owner[row]], screen[row]
-        left_m = _distances_to_left_m(
-            start_m, from_above_m[scatterers], screens.corners_m[screen_of_pair]
-        )
-        is_near = (left_m.min(axis=0) < margin_m) & (left_m.max(axis=0) > -margin_m)
-        yield scatterers[is_near], screen_of_pair[is_near]
+        scatterers = order[ends[row] + pair - stops[row]]
+        x_m, y_m, _ = positions_m[scatterers].T
+        left_m = _distances_to_left_m(start_m, x_m + 1j * y_m, corners_m[screens[row]])
+        is_near = (left_m.min(axis=0) < margins_m[row]) & (left_m.max(axis=0) > -margins_m[row])
+        yield scatterers[is_near], screens[row][is_near]
 
 
 def _distances_from_segments_m(
@@ -233,7 +283,7 @@ def _edges_across_paths(
     # Shares of the path, and distances to its left.
     share, left_m = corners_m.real / length_m, corners_m.imag
     v_per_root = np.sqrt(2 * cosine / (wavelength_m * length_m))
-    is_cut = (share.min(axis=0) < _MIN_SHARE) | (share.max(axis=0) > 1 - _MIN_SHARE)
+    is_cut = (share.min(axis=0) < MIN_SHARE) | (share.max(axis=0) > 1 - MIN_SHARE)
     width_v, crossing, sensitivity = np.empty((2, len(x))), np.empty((2, len(x))), np.empty(len(x))
     for columns, sides in (
         (np.flatnonzero(~is_cut), _Sides.of_corners),
@@ -259,7 +309,7 @@ def _edges_across_paths(
 
 def _v_per_metre(share: np.ndarray, v_per_root: np.ndarray) -> np.ndarray:
     """Return the parameter v of an edge per metre across the path, at a share of the path."""
-    ends = np.clip(share, _MIN_SHARE, 1 - _MIN_SHARE)
+    ends = np.clip(share, MIN_SHARE, 1 - MIN_SHARE)
     return np.asarray(v_per_root / np.sqrt(ends * (1 - ends)))
 
 
@@ -290,11 +340,11 @@ class _Sides(NamedTuple):
         """Return the parts of the sides that are between the antenna and the scatterer."""
         step, left_step_m = np.roll(share, -1, axis=0) - share, np.roll(left_m, -1, axis=0) - left_m
         step[abs(step) < 1e-15] = 1e-15
-        low, high = (_MIN_SHARE - share) / step, (1 - _MIN_SHARE - share) / step
+        low, high = (MIN_SHARE - share) / step, (1 - MIN_SHARE - share) / step
         ends = np.clip([np.minimum(low, high), np.maximum(low, high)], 0.0, 1.0)
         clipped = (share + ends * step).reshape(8, -1)
         left_m = (left_m + ends * left_step_m).reshape(8, -1)
-        is_between = (clipped > 0.5 * _MIN_SHARE) & (clipped < 1 - 0.5 * _MIN_SHARE)
+        is_between = (clipped > 0.5 * MIN_SHARE) & (clipped < 1 - 0.5 * MIN_SHARE)
         per_metre = _v_per_metre(clipped, v_per_root)
         return cls(clipped, left_m, per_metre, left_m * per_metre, is_between)
 
@@ -331,8 +381,8 @@ class _Sides(NamedTuple):
         if self.is_between is not None:
             # The antenna or the scatterer is above or below the screen.
             for is_at_end, ends, end in (
-                (self.is_between & (self.share < 2 * _MIN_SHARE), first, 0.0),
-                (self.is_between & (self.share > 1 - 2 * _MIN_SHARE), last, 1.0),
+                (self.is_between & (self.share < 2 * MIN_SHARE), first, 0.0),
+                (self.is_between & (self.share > 1 - 2 * MIN_SHARE), last, 1.0),
             ):
                 end_left_m = np.where(is_at_end, self.left_m, 0.0)
                 ends[(end_left_m > 0).any(axis=0) & (end_left_m < 0).any(axis=0)] = end
