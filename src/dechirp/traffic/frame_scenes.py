@@ -182,27 +182,28 @@ class FrameScenes:
             return self._latest_view[1]
         time_s, radar = self.mid_frame_s(number), self.radar_motion(number)
         max_range_m = self._radar.frame.chirp.max_range_m
-        objects = []
+        items = []
         for index in self._indices_near(radar.position_m[:2], max_range_m, time_s):
             path = _path_at(self._paths[index], time_s)
             if path is None or index == self._ego:
                 continue
-            motion, size = path.motion_at(time_s), self._sizes[index]
-            if self._kinds[index] in STRUCTURE_KINDS:
+            motion, size, kind = path.motion_at(time_s), self._sizes[index], self._kinds[index]
+            if kind in STRUCTURE_KINDS:
                 motion, size = cut_to_range(motion, size, radar, max_range_m)
             corners_m = outline_around_radar_m(motion, size, radar)
-            if contains_origin(corners_m) and not is_below_body(
-                body_of_object(self._kinds[index], size, 0.0, lambda rate: 0.0), motion, radar
-            ):
-                self._times_around_radar_s.setdefault(index, time_s)
-                continue
-            is_near = np.linalg.norm(nearest_point_m(corners_m)) < max_range_m
-            if corners_m[:, 0].max() > 0 and is_near:
-                objects.append(
-                    ObjectInView(
-                        self.names[index], index, path, motion, size, corners_m, self._kinds[index]
-                    )
-                )
+            items.append(
+                ObjectInView(self.names[index], index, path, motion, size, corners_m, kind)
+            )
+        outlines_m = np.array([item.corners_m for item in items]).reshape(-1, 4, 2)
+        is_near = np.linalg.norm(nearest_point_m(outlines_m), axis=-1) < max_range_m
+        is_in_view = is_near & (outlines_m[..., 0].max(axis=-1) > 0)
+        for place in np.flatnonzero(contains_origin(outlines_m)):
+            item = items[place]
+            body = body_of_object(item.kind, item.size, 0.0, lambda rate: 0.0)
+            if not is_below_body(body, item.motion, radar):
+                self._times_around_radar_s.setdefault(item.number, time_s)
+                is_in_view[place] = False
+        objects = [item for item, is_chosen in zip(items, is_in_view, strict=True) if is_chosen]
         self._latest_view = number, objects
         return objects
 

@@ -21,19 +21,20 @@ def rectangle_corners_m(
     return np.asarray(corners @ rotation(heading_rad).T + centre_m)
 
 
-def contains_origin(corners_m: np.ndarray) -> bool:
-    """Return True if the origin is inside a rectangle or on its edge."""
-    edges_m = np.roll(corners_m, -1, axis=0) - corners_m
-    sides = edges_m[:, 0] * corners_m[:, 1] - edges_m[:, 1] * corners_m[:, 0]
-    return bool(np.all(sides <= 0) or np.all(sides >= 0))
+def contains_origin(corners_m: np.ndarray) -> np.ndarray:
+    """Return True if the origin is inside a rectangle (..., 4, 2) or on its edge, (...)."""
+    edges_m = np.roll(corners_m, -1, axis=-2) - corners_m
+    sides = edges_m[..., 0] * corners_m[..., 1] - edges_m[..., 1] * corners_m[..., 0]
+    return np.asarray(np.all(sides <= 0, axis=-1) | np.all(sides >= 0, axis=-1))
 
 
 def nearest_point_m(corners_m: np.ndarray) -> np.ndarray:
-    """Return the point of an outline that is nearest to the origin, (2,)."""
-    edges_m = np.roll(corners_m, -1, axis=0) - corners_m
-    along = -np.sum(corners_m * edges_m, axis=1) / np.sum(edges_m**2, axis=1)
-    points_m = corners_m + np.clip(along, 0, 1)[:, None] * edges_m
-    return np.asarray(points_m[np.argmin(np.sum(points_m**2, axis=1))])
+    """Return the point of an outline (..., 4, 2) that is nearest to the origin, (..., 2)."""
+    edges_m = np.roll(corners_m, -1, axis=-2) - corners_m
+    along = -np.sum(corners_m * edges_m, axis=-1) / np.sum(edges_m**2, axis=-1)
+    points_m = corners_m + np.clip(along, 0, 1)[..., None] * edges_m
+    nearest = np.argmin(np.sum(points_m**2, axis=-1), axis=-1)[..., None, None]
+    return np.asarray(np.take_along_axis(points_m, nearest, axis=-2)[..., 0, :])
 
 
 def visible_shares(outlines_m: np.ndarray) -> np.ndarray:
