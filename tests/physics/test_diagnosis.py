@@ -9,15 +9,19 @@ from dechirp.processing.diagnosis.threshold_factor import false_alarm_probabilit
 from foreign_arrays import (
     RIGHT,
     WRONG,
+    amplitude_as_power,
     amplitude_decibels,
+    both_halves_of_real_samples,
     fast_scene,
     missing_fftshift,
     random_map,
     random_radar,
+    range_axis_to_half_the_sample_rate,
     right_map,
     swapped_samples,
     target_of,
 )
+from nightly import nightly
 
 SEED = 9000  # thresholds were chosen on scenes with seeds below 1000
 
@@ -40,6 +44,30 @@ def test_no_mistake_gets_a_wrong_diagnosis():
     for n, make in enumerate(WRONG):
         case = make(np.random.default_rng(SEED + 200 + n))
         assert case.settings() <= {case.expected}, case.kind
+
+
+@pytest.mark.parametrize(
+    ("make", "seed"),
+    [
+        # 32 rows, crowded: main lobes of strong echoes show the length of the FFT.
+        (range_axis_to_half_the_sample_rate, 5_001_000),
+        (range_axis_to_half_the_sample_rate, 5_002_000),
+        # 107 independent cells of noise, with the number of averaged powers.
+        (amplitude_as_power, 5_001_021),
+        (amplitude_as_power, 5_002_021),
+        # Windowed: lobes and mirrored lobes looked like sidelobes of a rectangular window.
+        (both_halves_of_real_samples, 5_000_006),
+    ],
+)
+def test_small_and_crowded_maps_have_their_mistake_alone(make, seed):
+    case = make(np.random.default_rng(seed))
+    assert case.settings() == {case.expected}
+
+
+@nightly
+def test_right_arrays_of_many_scenes_have_no_mistake():
+    cases = [make(np.random.default_rng(7_000_000 + n)) for n in range(8) for make in RIGHT]
+    assert [case.kind for case in cases if case.settings()] == []
 
 
 def test_evidence_is_a_number_and_correction_names_the_code():

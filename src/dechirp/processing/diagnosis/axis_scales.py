@@ -14,7 +14,7 @@ from dechirp.processing.diagnosis.diagnosis import (
     cannot_be_told,
     mistake_found,
 )
-from dechirp.processing.diagnosis.map_peaks import noise_correlation
+from dechirp.processing.diagnosis.map_peaks import measure_main_lobes, noise_correlation
 from dechirp.processing.diagnosis.window_leakage import measure_leakage
 from dechirp.radar.frame import Frame
 from dechirp.theory.windows import Window, bin_correlation, window_weights
@@ -23,6 +23,7 @@ _MAX_END_ERROR_CELLS = 0.25
 """Accepted error at the end of an axis; `linspace` with both ends makes one of a cell."""
 _MIN_SIGNIFICANCE = 5.0
 _LAGS = np.arange(1, 5)
+_MIN_LOBES, _LOBE_MARGIN = 3, 0.1
 
 
 @dataclass(frozen=True)
@@ -194,13 +195,18 @@ def _diagnose_step(axis: _Axis, power: np.ndarray, causes: Mapping[float, str]) 
         # The step fits a longer FFT of which cells were left out: its noise would be correlated.
         implied = round(axis.implied_bins)
         significance = _significance_of_length(power, axis, usual, implied)
+        lobes = (
+            ""
+            if abs(significance) > _MIN_SIGNIFICANCE
+            else _lobes_of_length(power, axis, usual, implied)
+        )
         if significance < -_MIN_SIGNIFICANCE:
             return AxisScale(n_bins=implied, diagnosis=NOTHING_FOUND)
         is_ramp = abs(usual / axis.implied_bins / axis.ramp_ratio - 1) < axis.tolerance
         is_length = axis.implies(implied) and _is_product_of_small_primes(implied)
         # Ranges that were left out of a padded FFT have such ratios by chance.
         is_plausible = is_length and not (is_ramp and usual % axis.n_points == 0)
-        if is_plausible and significance < _MIN_SIGNIFICANCE:
+        if is_plausible and significance < _MIN_SIGNIFICANCE and not lobes:
             return AxisScale(
                 n_bins=np.nan,
                 diagnosis=cannot_be_told(
@@ -211,7 +217,7 @@ def _diagnose_step(axis: _Axis, power: np.ndarray, causes: Mapping[float, str]) 
                     fix="give all cells of the FFT",
                 ),
             )
-        evidence = (
+        evidence = lobes or (
             f"the correlation of the noise between cells fits it better than"
             f" {axis.implied_bins:.5g} bins, by {significance:.1f} sigma"
         )
@@ -254,6 +260,42 @@ def _significance_of_length(power: np.ndarray, axis: _Axis, usual: int, implied:
         ]
         misfits.append(min(float(np.linalg.norm(measured - model)) for model in models))
     return (misfits[1] - misfits[0]) / std
+
+
+def _lobes_of_length(power: np.ndarray, axis: _Axis, usual: int, implied: int) -> str:
+    """Return the evidence of strong echoes for `usual` bins against `implied` ones; else empty.
+
+    Of windows of n points, more bins make the main lobe wider in cells.
+    """
+    lobes = measure_main_lobes(power, axis.number)
+    if lobes.size < _MIN_LOBES or axis.n_points < 8:
+        return ""
+    lobe = float(np.median(lobes))
+    limits = []
+    for n_bins in (usual, implied):
+        leakage = measure_leakage(power, axis.number, n_bins / axis.n_points)
+        shapes = [
+            _main_lobes_of_window(window_weights(window, axis.n_points), n_bins)
+            for window in get_args(Window)
+            if window != "rectangular" or leakage.is_rectangular or not leakage.n_cells
+        ]
+        limits.append((min(map(np.min, shapes)), max(map(np.max, shapes))))
+    (low, high), (longer_low, _) = limits
+    if low - _LOBE_MARGIN < lobe < min(high, longer_low - _LOBE_MARGIN):
+        return (
+            f"the neighbours of {lobes.size} echoes have {lobe:.2f} times the amplitude of their"
+            f" peaks together, those of {implied} bins {longer_low:.2f} or more"
+        )
+    return ""
+
+
+def _main_lobes_of_window(weights: np.ndarray, n_bins: int) -> np.ndarray:
+    """Return the amplitudes of both neighbours over that of the peak, of tones beside the grid."""
+    offsets = np.linspace(-0.5, 0.5, 11)
+    cells = offsets[:, None] + np.array([-1, 0, 1])
+    phase = np.outer(cells / n_bins, np.arange(weights.size))
+    amplitude = abs(np.exp(2j * np.pi * phase) @ weights).reshape(cells.shape)
+    return np.asarray((amplitude[:, 0] + amplitude[:, 2]) / amplitude[:, 1])
 
 
 def _is_product_of_small_primes(number: int) -> bool:

@@ -24,6 +24,7 @@ from dechirp.processing.diagnosis.diagnosis import (
     mistake_found,
 )
 from dechirp.processing.diagnosis.echo_positions import (
+    MIRRORED,
     diagnose_axis_order,
     diagnose_fftshift,
     diagnose_iq_order,
@@ -238,8 +239,10 @@ def diagnose_map(
         power, ranges, velocities, radar, is_mirrored=bool(diagnosis.findings)
     )
     diagnosis += axes
+    # Of a spectrum and its mirror image, the lines of one half: the lobes of both add up.
+    half = power[:, : power.shape[1] // 2 + 1] if similarity >= MIRRORED else power
     leakages = {
-        axis: measure_leakage(power, axis, padding[axis])
+        axis: measure_leakage(half if axis == 1 else power, axis, padding[axis])
         for axis in ((1,) if is_profile else (0, 1))
     }
     diagnosis += diagnose_window(leakages)

@@ -19,7 +19,7 @@ _MIN_STATIC_ECHOES = 4
 _MIN_FAR_ECHOES = 4
 _FAR_ENERGY = 0.95
 _MAX_SIMILARITY_BY_CHANCE = 0.8
-_MIRRORED = 0.98
+MIRRORED = 0.98
 """Independent noise has a similarity of 0.5, with a standard error of 0.01 in a thousand cells."""
 
 
@@ -47,7 +47,7 @@ def _similarity(power: np.ndarray, other: np.ndarray) -> float:
 
 def diagnose_mirror_image(similarity: float, *, content: str) -> Diagnosis:
     """Report a map that is its own mirror image."""
-    if similarity < _MIRRORED:
+    if similarity < MIRRORED:
         return NOTHING_FOUND
     is_map = content == "map"
     return mistake_found(

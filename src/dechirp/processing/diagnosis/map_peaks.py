@@ -10,6 +10,7 @@ _MIN_OVER_STRONGEST = 1e-6  # in maps without noise, sidelobes and rounding erro
 _MAX_PEAKS = 400
 _MIN_ECHO_OVER_MEDIAN, _CLIPPED_OVER_MEDIAN = 14.0, 6.0
 _SIDELOBE_MARGIN = 16.0
+_MIN_LOBE_OVER_MEDIAN, _MAX_LOBES = 1000.0, 24
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,28 @@ def noise_correlation(power: np.ndarray, axis: int, lags: np.ndarray) -> np.ndar
     lines = clipped - clipped.mean()
     covariance = [np.mean(lines[:, lag:] * lines[:, :-lag]) for lag in lags]
     return np.array(covariance) / max(float(np.mean(lines**2)), 1e-300)
+
+
+def measure_main_lobes(power: np.ndarray, axis: int) -> np.ndarray:
+    """Return the main lobes of the strongest echoes along an axis, (echo,).
+
+    The sum of the amplitudes of both neighbours over that of the peak, from 0 of a tone on the grid
+    without a window to 2 of a long zero-padded transform.
+    """
+    lines = np.moveaxis(power, axis, -1)
+    over_noise = np.moveaxis(power / median_noise(power), axis, -1)
+    line, cell = np.nonzero(
+        (lines > np.roll(lines, 1, -1))
+        & (lines >= np.roll(lines, -1, -1))
+        & (over_noise > _MIN_LOBE_OVER_MEDIAN)
+    )
+    is_inner = (cell > 1) & (cell < lines.shape[-1] - 2)
+    line, cell = line[is_inner], cell[is_inner]
+    strongest = np.argsort(-lines[line, cell])[:_MAX_LOBES]
+    line, cell = line[strongest], cell[strongest]
+    amplitude = np.sqrt(lines)
+    neighbours = amplitude[line, cell - 1] + amplitude[line, cell + 1]
+    return np.asarray(neighbours / amplitude[line, cell])
 
 
 def find_map_peaks(

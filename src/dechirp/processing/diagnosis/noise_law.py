@@ -27,6 +27,8 @@ _MIN_ECHO_OVER_MEDIAN = 30.0
 _DECISIVE_CHI2 = {0.5: 30.0, 1.0: 30.0, 2.0: 150.0}
 """Lead of each factor over the others: 30 is a likelihood ratio of exp(15) = 3e6. Leakage and
 interference spread powers too, as if they were squared, with a lead of 33 in a map."""
+_LEAD_OF_KNOWN_LAW = 2 / 3
+"""Where the number of averaged powers is known, three laws are compared instead of 120."""
 _MAX_CHI2 = 25.0
 """Of 10 degrees of freedom: 0.5 % of right laws stay undecided. Interference, whose powers spread
 like the squares of noise, has reached 41."""
@@ -65,7 +67,10 @@ def measure_noise_scale(power: np.ndarray, n_summed: int | None) -> NoiseScale:
     }
     best = min(misfits, key=lambda scale: misfits[scale])
     runner_up = min(chi2 for scale, chi2 in misfits.items() if scale != best)
-    is_decided = misfits[best] < _MAX_CHI2 and runner_up - misfits[best] > _DECISIVE_CHI2[best]
+    lead = runner_up - misfits[best]
+    is_decided = misfits[best] < _MAX_CHI2 and lead > _DECISIVE_CHI2[best] * (
+        1.0 if n_summed is None else _LEAD_OF_KNOWN_LAW
+    )
     return NoiseScale(
         factor=best if is_decided else np.nan,
         chi2=misfits[best],
