@@ -14,9 +14,15 @@ LIMITS = {
     "full-scale": (-np.finfo(np.float32).max, np.finfo(np.float32).max),
 }
 
+_INT16_STEP = np.float32(2**-15)
 
-def scale_to_full_scale(numbers: np.ndarray, encoding: str) -> np.ndarray:
+
+def scale_to_full_scale(
+    numbers: np.ndarray, encoding: str, out: np.ndarray | None = None
+) -> np.ndarray:
     """Convert real numbers of an encoding to float32, within -1 to 1 except for `full-scale`.
+
+    `out` is an array of float32 for the result.
 
     int16: two's complement. uint16-wrapped: the same, but negative numbers passed through an
     unsigned type and are 65536 too large. offset-binary: 32768 stands for zero. full-scale: already
@@ -28,16 +34,24 @@ def scale_to_full_scale(numbers: np.ndarray, encoding: str) -> np.ndarray:
         If a number cannot occur in the encoding; the message gives the extremes.
     """
     least, most = LIMITS[encoding]
-    low, high = numbers.min(), numbers.max()
-    if low < least or high > most:
-        raise ValueError(f"numbers from {low:.6g} to {high:.6g}")
+    is_int16 = numbers.dtype == np.int16
+    if not (is_int16 and encoding in ("int16", "full-scale")):  # each int16 can occur there
+        low, high = numbers.min(), numbers.max()
+        if low < least or high > most:
+            raise ValueError(f"numbers from {low:.6g} to {high:.6g}")
     if encoding == "uint16-wrapped":
         numbers = numbers.astype(np.int64).astype(np.int16)
-    scaled = numbers.astype(np.float32)
+    scaled = np.empty(numbers.shape, np.float32) if out is None else out
+    # Products with a power of two are exact.
     if encoding == "offset-binary":
+        scaled[...] = numbers
         scaled -= 32768
-    if encoding != "full-scale":
-        scaled /= 32768
+        scaled *= _INT16_STEP
+    elif encoding == "full-scale":
+        scaled[...] = numbers
+    else:
+        scaled[...] = numbers
+        scaled *= _INT16_STEP
     return scaled
 
 

@@ -14,7 +14,7 @@ from dechirp.radar.radar import Radar
 from dechirp.recordings.arrays.encodings import LIMITS, scale_to_full_scale
 from dechirp.recordings.arrays.lazy_array import LazyArray, complex_field_names, format_shape
 from dechirp.recordings.arrays.lazy_files import CACHE_BYTES
-from dechirp.recordings.arrays.named_array import AXES, NamedArray, finite_mask
+from dechirp.recordings.arrays.named_array import AXES, NamedArray
 from dechirp.recordings.arrays.phase_rotated_channels import (
     add_phase_factors_to_calibration,
     find_channel_phase_factors,
@@ -96,7 +96,7 @@ def interpret_array_as_recording(
         is_lost = np.zeros(len(out), bool) if gaps is None else gaps[index]
         for first, parts in cube.iter_chirp_blocks(index, is_lost):
             rows = out[first : first + len(parts[0])]
-            if not all(finite_mask(part).all() for part in parts):
+            if not all(part.dtype.kind in "iu" or np.isfinite(part).all() for part in parts):
                 raise cube.non_finite_samples_error(index, is_lost)
             if is_full_scale_assumed:
                 _check_within_full_scale(path, index, parts)
@@ -443,7 +443,11 @@ def _convert_chirps_to_full_scale(
 ) -> None:
     """Fill (chirp, rx, sample) with parts at full scale 1, after checking each number."""
     try:
-        scaled = [scale_to_full_scale(part, encoding) for part in parts]
+        targets = (out.real, out.imag) if np.iscomplexobj(out) else (None, None)
+        scaled = [
+            scale_to_full_scale(part, encoding, target)
+            for part, target in zip(parts, targets, strict=False)
+        ]
     except ValueError as error:
         raise RecordingError(
             path,
@@ -452,7 +456,6 @@ def _convert_chirps_to_full_scale(
             fix=f"choose another encoding: {', '.join(LIMITS)}",
         ) from None
     if np.iscomplexobj(out):
-        out.real, out.imag = scaled
         return
     try:
         if phase_factors is not None:
