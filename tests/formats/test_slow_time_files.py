@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
+from dechirp.core import compiled_kernels
 
 N_FRAMES, N_SWEEPS, N_POINTS = 30, 4, 3
 ENTRY = "sessions/session_0/group_0/entry_0"
@@ -39,7 +40,10 @@ def write_acconeer(path, **changes):
     return frames
 
 
-def test_acconeer_frames_are_means_of_sweeps(tmp_path):
+@pytest.mark.parametrize("can_compile", [True, False])
+def test_acconeer_frames_are_means_of_sweeps(can_compile, tmp_path, monkeypatch):
+    if not can_compile:
+        monkeypatch.setattr(compiled_kernels, "can_compile", lambda: False)
     frames = write_acconeer(tmp_path / "a.h5")
     trace = dc.slow_time_files.read_slow_time(tmp_path / "a.h5")
     assert trace.dims == ("time", "range")
