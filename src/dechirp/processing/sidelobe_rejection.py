@@ -51,6 +51,8 @@ _OWN_CELLS = 1
 # echo of the power that remains: one at 3/4 to 5/4 of a bin shifts the maximum by 0.41 to 0.2 bins
 # times its amplitude ratio; of its amplitude 0.6 to 0.9 remain, in a Hann window 0.4 to 0.6.
 _NEAR_CELLS, _NEAR_SHIFT_CELLS = 3, 0.6
+# Bins over which the remainder of an echo within half a cell spreads.
+_BINS_OF_REMAINDER = 3
 # Power of a cell of the remainder, relative to the noise, from which it counts as an echo.
 _MIN_EXCESS = 2.0
 # Vectors that describe the sidelobes of a peak along one axis: echoes come from few directions.
@@ -163,12 +165,13 @@ def estimate_tones_without_sidelobes(
         sidelobes.components[rows] = np.concatenate(
             [along_fast.components, along_chirps.components], axis=1
         )
-        sidelobes.fast_variance_gain[rows] = along_fast.variance_gain + _shift_variance_gain(
-            along_chirps, noise_power[rows], n_samples
-        )
-        sidelobes.slow_variance_gain[rows] = along_chirps.variance_gain + _shift_variance_gain(
-            along_fast, noise_power[rows], n_chirps
-        )
+        for gain, along, across, axis, n_points in (
+            (sidelobes.fast_variance_gain, along_fast, along_chirps, 1, n_samples),
+            (sidelobes.slow_variance_gain, along_chirps, along_fast, 0, n_chirps),
+        ):
+            gain[rows] = along.variance_gain + _shift_variance_gain(
+                across.components, remaining_power[rows, axis], noise_power[rows], n_points
+            )
         is_windowed = (along_fast.window_index > 0) | (along_chirps.window_index > 0)
         is_windowed &= ~has_neighbour[rows]
         windowed = rows[is_windowed]
@@ -181,18 +184,22 @@ def estimate_tones_without_sidelobes(
 
 
 def _shift_variance_gain(
-    across: _WindowedAxis, noise_power: np.ndarray, n_points: int
+    components: np.ndarray, remaining_power: np.ndarray, noise_power: np.ndarray, n_points: int
 ) -> np.ndarray:
     """Return the variance of a frequency by echoes of nearly the same one, (n_peaks,).
 
     Relative to that of a lone tone in white noise, 6 sigma^2 / ((n^2 - 1) A^2). Echoes with another
-    frequency on the other axis that remain there with a power q relative to the peak shift the
-    maximum by sqrt(q) cos(phase) d, where d is their distance along this axis: up to half a
-    cell, because those farther away are counted on this axis.
+    frequency on the other axis that contribute q A^2 to the peak (`components`) shift its maximum
+    by sqrt(q) cos(phase) d, d cells apart along this axis, which the peak absorbs. Of their phase
+    theta x, -1 < x < 1, theta = pi d, it does not absorb the curvature: q A^2 theta^4 / 45 remain
+    along this axis, in few bins. So the highest `remaining_power` bounds d. Echoes more than half a
+    cell apart are counted along this axis.
     """
-    half_cell = np.pi / n_points
-    remaining = np.sum(np.abs(across.components) ** 2, axis=(1, 2))
-    return np.asarray(remaining * half_cell**2 / 2 * (n_points**2 - 1) / (6 * noise_power))
+    contributed = np.sum(np.abs(components) ** 2, axis=1).mean(axis=1)
+    share = _BINS_OF_REMAINDER * remaining_power / np.maximum(contributed, 1e-300)
+    cells_apart = np.minimum((45 * share) ** 0.25 / np.pi, 0.5)
+    shift_variance = (2 * np.pi / n_points * cells_apart) ** 2 / 2 * contributed
+    return np.asarray(shift_variance * (n_points**2 - 1) / (6 * noise_power))
 
 
 def _near_neighbour_mask(tones: Tones, n_chirps: int, n_samples: int) -> np.ndarray:
