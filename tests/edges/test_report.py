@@ -339,7 +339,7 @@ def test_tables_of_report_and_terminal_write_motion_in_words():
         re.findall(r"<td.*?>(.*?)</td>", row)[column]
         for row in rows[rows.index(heading) + 1 : rows.index(heading) + 4]
     ]
-    assert in_report == ["yes", "no", ""]
+    assert in_report == ["yes", "no", "\N{EN DASH}"]
     assert _detection_table_cells(run_result, run_result.detections)["moving"] == in_report
 
 

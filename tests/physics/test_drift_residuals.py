@@ -54,6 +54,31 @@ def test_weak_residual_does_not_mark_a_static_echo_as_moving(radar, residual_snr
     assert joined["moving"].tolist() == [moves]
 
 
+@pytest.mark.parametrize(
+    ("all_echoes_cells", "moving_cells", "motion"),
+    [
+        (0.3, None, 0.0),  # static, or too slow for the filter
+        (0.9, 0.2, 0.0),  # not the same echo: estimates of slow ones differ by less
+        (-3.0, None, np.nan),  # no static echo, but not confirmed
+        (-3.0, -3.8, 1.0),  # the filter shifts estimates
+    ],
+)
+def test_only_slow_detections_are_static(radar, all_echoes_cells, moving_cells, motion):
+    cell = radar.frame.velocity_resolution_m_per_s
+    moving_velocity = [] if moving_cells is None else [moving_cells * cell]
+
+    joined = join_moving_detections(
+        make_columns([10.0], [all_echoes_cells * cell], [100.0]),
+        make_columns(
+            [10.0] * len(moving_velocity), moving_velocity, [100.0] * len(moving_velocity)
+        ),
+        radar,
+        range_main_lobe_m=0.6,
+    )
+
+    np.testing.assert_equal(joined["moving"], [motion])
+
+
 def test_slow_targets_beside_drifting_echoes_still_move(radar):
     cell = radar.frame.velocity_resolution_m_per_s
     plate = dc.Target(position_m=(10, 0, 0), rcs_m2=300.0)

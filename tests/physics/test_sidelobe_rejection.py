@@ -241,6 +241,24 @@ def test_errors_of_strong_target_contain_echo_within_four_cells(offset_cells, ra
     assert np.all(squares.mean(axis=0) < chi2.ppf(1 - 1e-7, n_trials) / n_trials)
 
 
+def test_static_echoes_widen_the_error_of_a_static_velocity_by_little():
+    radar = make_radar(n_chirps=64)
+    cell = radar.frame.velocity_resolution_m_per_s
+    rng, n_trials = np.random.default_rng(4), 30
+    ratios, squares = np.empty((2, n_trials))
+    for trial in range(n_trials):
+        cube, range_m, _ = simulate_beside_extended_echo(radar, rng, n_cells=3, ratio_db=20)
+        found = dc.detect(cube, radar, dc.Chain(cfar=STATIC_CFAR))
+        found = found.isel(detection=int(np.argmin(abs(found.range.values - range_m))))
+        lone_std = np.sqrt(6 / found.snr) / (2 * np.pi) * cell
+        ratios[trial] = (found.velocity_std / lone_std).item()
+        squares[trial] = (found.velocity / found.velocity_std).item() ** 2
+
+    # Echoes up to half a cell of velocity apart would widen it by a factor of 7 (median).
+    assert np.median(ratios) < 5
+    assert np.mean(squares) < chi2.ppf(1 - 1e-7, n_trials) / n_trials
+
+
 def test_two_tones_two_bins_apart_are_refined_until_they_change_no_more():
     n = np.arange(64)
     slow, fast = 2 * np.pi * np.array([3.1, 3.3]) / 64, 2 * np.pi * np.array([10.2, 12.1]) / 64

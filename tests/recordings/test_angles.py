@@ -51,6 +51,19 @@ def test_calibration_reduces_angle_error(real_data, name, azimuth_deg):
     assert calibrated_error_deg < uncalibrated_error_deg - 0.5
 
 
+@pytest.mark.parametrize("name", ["az_-10", "az_30"])
+def test_static_velocities_agree_with_their_standard_errors(real_data, name):
+    """Other static echoes within a cell count; without them 15 to 18 % exceeded 3 errors."""
+    recording = open_real_recording(real_data / KNOWN_ANGLES, f"{name}.raw")
+
+    found = dc.detect(recording.cube, recording.radar, Chain(cfar=STATIC_SCENE_CFAR, angle=None))
+
+    is_static = abs(found.velocity) < 0.5 * recording.radar.frame.velocity_resolution_m_per_s
+    errors = (found.velocity / found.velocity_std).values[is_static.values]
+    assert errors.size > 30
+    assert np.mean(abs(errors) > 3) < 0.08
+
+
 def test_run_with_music_resolves_two_reflectors(real_data):
     folder = real_data / KNOWN_ANGLES
     scenario = dc.Scenario(

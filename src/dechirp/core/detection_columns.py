@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.text import format_fixed
+from dechirp.core.text import EN_DASH, format_fixed
 from dechirp.core.units import from_decibels, to_decibels
 
 _SUFFIXES = {"m": "_m", "m/s": "_m_per_s", "s": "_s", "rad": "_rad", "deg": "_deg", "dB": "_db"}
@@ -80,9 +80,9 @@ class DetectionColumn(NamedTuple):
         return values
 
     def format_shown_values(self, values: np.ndarray) -> list[str]:
-        """Write values in the shown unit for people; a flag in words, empty where unknown."""
+        """Write values in the shown unit for people; a flag in words, a dash where unknown."""
         if self.is_flag:
-            return [{1.0: "yes", 0.0: "no"}.get(value, "") for value in values.tolist()]
+            return [{1.0: "yes", 0.0: "no"}.get(value, EN_DASH) for value in values.tolist()]
         return [format_fixed(value, self.decimals) for value in values.tolist()]
 
     def from_shown_unit(self, values: np.ndarray) -> np.ndarray:
@@ -139,7 +139,11 @@ TABLE = (
     ),
     DetectionColumn("ambiguity_confidence", "1", "probability of that ambiguity number"),
     DetectionColumn(
-        *("moving", "1", "1 if found without static echoes, 0 if only with them, NaN if unknown"),
+        *(
+            "moving",
+            "1",
+            "1 if found without static echoes, 0 if slow and only with them, NaN if unknown",
+        ),
         heading="moving",
         cluster="strongest",
         is_integer=True,

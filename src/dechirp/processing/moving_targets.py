@@ -66,8 +66,11 @@ def join_moving_detections(
     cell of velocity: rows within their main lobe of range (to each side) and a cell of velocity, at
     least 10 dB weaker. A linear drift of d in amplitude or phase (rad) leaves d^2 / 12 of the power
     after the mean, at 0.7 cells of velocity whatever its own: 10 dB are 1.1 rad in a frame.
-    The column `moving` is 1 for targets of the second map, within half a cell of velocity, and 0
-    for those found only with all echoes, or with residuals: static, or too slow for the filter.
+    The column `moving` is 1 for targets of the second map: within half a cell of velocity, or
+    within a cell where both are faster than a cell, since no static echo is there. It is 0 for
+    those found only with all echoes, or with residuals, which are slower than a cell: static, or
+    too slow for the filter. Faster ones that the second map does not confirm, because noise or
+    thresholds differ, are unknown: NaN.
     """
     range_offset_m = abs(moving["range"][:, None] - all_echoes["range"])
     velocity_offset = abs(moving["velocity"][:, None] - all_echoes["velocity"])
@@ -83,7 +86,8 @@ def join_moving_detections(
     joined = {
         name: np.concatenate([column, moving[name][is_new]]) for name, column in all_echoes.items()
     }
-    is_target = near & ~is_residual
-    is_moving = (is_target & (velocity_offset <= velocity_cell / 2)).any(axis=0)
-    joined["moving"] = np.concatenate([is_moving, np.ones(int(is_new.sum()))]).astype(float)
+    is_fast = abs(all_echoes["velocity"]) > velocity_cell
+    is_target = near & ~is_residual & ((velocity_offset <= velocity_cell / 2) | is_fast)
+    motion = np.where(is_target.any(axis=0), 1.0, np.where(is_fast, np.nan, 0.0))
+    joined["moving"] = np.concatenate([motion, np.ones(int(is_new.sum()))])
     return joined
