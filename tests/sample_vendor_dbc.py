@@ -7,6 +7,7 @@ BO_ {id} TRACK_A_{n}: 8 XXX
  SG_ LONG_DIST : 15|13@0+ (0.04,0) [0|300] "m" XXX
  SG_ REL_SPEED : 47|12@0- (0.025,0) [-100|100] "m/s" XXX
  SG_ VALID : 48|1@0+ (1,0) [0|1] "" XXX
+ SG_ CHECKSUM : 63|8@0+ (1,0) [0|255] "" XXX
 """
 TARGET = """\
 BO_ {id} Target{n}: 8 XXX

@@ -434,6 +434,28 @@ def test_strangers_decode_a_published_dbc(decode, tmp_path):
         np.testing.assert_allclose(received, expected, atol=step / 2 + 1e-9)
 
 
+@pytest.fixture
+def toyota_frames(files, tmp_path):
+    dbc = files["toyota.dbc"].rename(tmp_path / "toyota_adas.dbc")  # opendbc checks by this name
+    write_can_log(radial_object_list(4, 10), tmp_path / "log.blf", dbc=dbc, mapping="toyota-adas")
+    with can.BLFReader(tmp_path / "log.blf") as reader:
+        return dbc, list(reader)
+
+
+def test_checksums_are_sums_as_in_frames_of_a_car(toyota_frames):
+    """Bytes of the identifier, length and other bytes: in all of 19,200 frames of comma2k19."""
+    _, frames = toyota_frames
+    assert len(frames) == 4 * 16
+    for frame in frames:
+        high, low = divmod(frame.arbitration_id, 256)
+        assert frame.data[7] == (high + low + 8 + sum(frame.data[:7])) % 256
+    assert len({frame.data[7] for frame in frames}) > 16
+
+
+def test_parser_of_opendbc_accepts_each_checksum(toyota_frames):
+    assert len(decode_with_opendbc(*toyota_frames)) == 4 * 16
+
+
 def test_lists_longer_than_their_cycle_are_reported(fd_files):
     layout = read_vendor_layout(fd_files["dbc"], fd_files["mapping"])
     objects = radial_object_list(3, 11)

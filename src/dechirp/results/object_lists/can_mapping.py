@@ -137,6 +137,9 @@ class CanMapping:
     a message of an object that it already contains."""
     start: str | None = None
     """Message that begins each list, if there is one."""
+    checksum: str | None = None
+    """Signal with the sum of the bytes of the identifier, the number of bytes and all other bytes,
+    modulo its size, as Toyota defines it. It is computed when messages that have it are written."""
     status: StatusSignal | None = None
     """None: every message has a confirmed object."""
     x: MappedSignal | None = None
@@ -308,7 +311,8 @@ def _iter_codes_of_mapped_signals(
 ) -> Iterator[tuple[str, SignalCodes]]:
     """Yield the codes of each mapped signal; raise `InvalidSetting` if messages disagree."""
     names = {signal.signal for signal in mapping.signals.values()}
-    names |= {name for name in (mapping.number, mapping.counter) if name is not None}
+    others = (mapping.number, mapping.counter, mapping.checksum)
+    names |= {name for name in others if name is not None}
     names |= set() if mapping.status is None else {mapping.status.signal}
     for name in sorted(names):
         signals = [(m, s) for m in messages for s in m.signals if s.name == name]

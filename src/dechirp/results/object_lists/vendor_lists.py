@@ -243,7 +243,7 @@ def encode_vendor_frames(
                 for row in indices
                 for message in by_slot[None]
             ]
-        sent += _time_messages(messages, float(np.clip(time_s, 0, _MAX_TIME_S)), bus)
+        sent += _time_messages(messages, float(np.clip(time_s, 0, _MAX_TIME_S)), bus, layout)
     _warn_lists_beyond_cycle(sent, objects["cycle_time"].values)
     return sent
 
@@ -264,11 +264,17 @@ def _warn_lists_beyond_cycle(sent: list[CanFrame], cycle_time_s: np.ndarray) -> 
 
 
 def _time_messages(
-    messages: list[tuple[Any, dict[str, int]]], time_s: float, bus: CanFd
+    messages: list[tuple[Any, dict[str, int]]], time_s: float, bus: CanFd, layout: VendorLayout
 ) -> Iterator[CanFrame]:
+    checksum = layout.mapping.checksum
     for message, codes in messages:
-        known = {signal.name for signal in message.signals}
-        data = encode_dbc_message(message, {n: code for n, code in codes.items() if n in known})
+        bits = {signal.name: signal.length for signal in message.signals}
+        known = {name: code for name, code in codes.items() if name in bits}
+        if checksum in bits:
+            known[checksum] = 0
+            total = _sum_of_message(message.frame_id, encode_dbc_message(message, known))
+            known[checksum] = total % 2 ** bits[checksum]
+        data = encode_dbc_message(message, known)
         extended = message.is_extended_frame
         fd = is_fd_message(message)
         yield CanFrame(time_s, message.frame_id, extended, data, fd=fd)
@@ -277,6 +283,11 @@ def _time_messages(
             if fd
             else bus.classic_frame_duration_s(message.length, extended=extended)
         )
+
+
+def _sum_of_message(identifier: int, data: bytes) -> int:
+    """Return the sum of the bytes of an identifier, the number of bytes, and the bytes."""
+    return sum(identifier.to_bytes(4, "big")) + len(data) + sum(data)
 
 
 def is_fd_message(message: Any) -> bool:
