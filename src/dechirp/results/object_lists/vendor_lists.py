@@ -270,7 +270,7 @@ def _time_messages(
     for message, codes in messages:
         bits = {signal.name: signal.length for signal in message.signals}
         known = {name: code for name, code in codes.items() if name in bits}
-        if checksum in bits:
+        if checksum is not None and checksum in bits:
             known[checksum] = 0
             total = _sum_of_message(message.frame_id, encode_dbc_message(message, known))
             known[checksum] = total % 2 ** bits[checksum]
