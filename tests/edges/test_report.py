@@ -11,6 +11,7 @@ import xarray as xr
 from dechirp.cli.run_output import _detection_table_cells
 from dechirp.config.quantities import parse_quantity
 from dechirp.core.conventions import axis_coordinate
+from dechirp.core.detection_columns import decimals_of_estimates
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.text import (
     EN_DASH,
@@ -272,6 +273,28 @@ def test_rows_of_column_share_digits_of_smallest_standard_error(stds, digits, de
 
 
 @pytest.mark.parametrize(
+    ("std_m", "digits", "decimals"),
+    [
+        (0.02, 2, 3),
+        (0.0021, 2, 4),
+        (3e-6, 2, 5),  # a hundredth of the cell of 27.3 mm is 0.27 mm
+        (3e-6, 1, 4),
+    ],
+)
+def test_tables_show_two_digits_of_errors_above_a_hundredth_of_a_cell(std_m, digits, decimals):
+    detections = make_detections(2).assign(
+        range_std=("detection", [std_m, 0.5]), azimuth_std=("detection", [1e-6, 1e-6])
+    )
+
+    shown = decimals_of_estimates(
+        detections, range_cell_m=0.0273, velocity_cell_m_per_s=1.0, digits=digits
+    )
+
+    assert shown["range"] == decimals
+    assert shown["azimuth"] == 2
+
+
+@pytest.mark.parametrize(
     ("amount", "unit", "text"),
     [
         (2e-5, "s", "20 us"),
@@ -289,7 +312,7 @@ def test_quantity_in_message_has_prefix_and_is_accepted_as_setting(amount, unit,
 
 @pytest.mark.parametrize(
     ("std", "text"),
-    [(0.0021, "1.234 ± 0.002"), (2e-9, "1.234 ± 0.001"), (0.0, "1.234 ± 0.000")],
+    [(0.0021, "1.234 ± 0.002"), (2e-9, "1.234 ± <0.001"), (0.0, "1.234 ± 0.000")],
 )
 def test_known_standard_error_is_never_written_as_zero(std, text):
     assert format_with_std(1.2341, std, 3).replace("\N{NO-BREAK SPACE}", " ") == text
@@ -318,11 +341,11 @@ def test_report_of_recording_has_no_scene_budget_truth_or_dbm():
 
 
 def test_detection_table_shows_values_with_standard_errors(page):
-    assert "50.0012 ±\N{NO-BREAK SPACE}0.0039" in page
-    assert "10.0034 ±\N{NO-BREAK SPACE}0.0081" in page
+    assert "50.001 ±\N{NO-BREAK SPACE}0.004" in page
+    assert "10.003 ±\N{NO-BREAK SPACE}0.008" in page
     target_truth = truth(Scene(targets=(CAR,)), RADAR).isel(target=0, frame=0)
     error_m = 50.0012 - float(target_truth.range)
-    assert f"{error_m:+.4f}".replace("-", "\N{MINUS SIGN}") in page
+    assert f"{error_m:+.3f}".replace("-", "\N{MINUS SIGN}") in page
     assert f"{abs(error_m) / 0.0039:.1f}\N{NO-BREAK SPACE}\N{GREEK SMALL LETTER SIGMA}" in page
     assert f"{10 * np.log10(12_500):.1f}" in page
 

@@ -10,12 +10,13 @@ from rich.table import Table
 from dechirp.cli.console import new_table
 from dechirp.core.detection_columns import (
     SHOWN_COLUMNS,
+    decimals_of_estimates,
     rows_to_show,
     shown_columns,
     standard_error_column,
 )
 from dechirp.core.display import format_count_with_noun
-from dechirp.core.text import EN_DASH, decimals_for_column, format_fixed, format_with_std
+from dechirp.core.text import EN_DASH, format_fixed, format_with_std
 from dechirp.evaluation.association import associate_detections
 from dechirp.experiments.run import Result
 from dechirp.report import objects_section
@@ -76,31 +77,29 @@ def _detection_table_cells(
 ) -> dict[str, list[str]]:
     """Return the cells of each column, from the left; angles and motion only if any is known.
 
-    Rounded cells have 3 decimals of a range and a velocity, or those of a hundredth of a resolution
-    cell where it is smaller, and an error that is smaller as 0.001.
+    Rounded cells have a digit less of the standard errors.
     """
     columns: dict[str, list[str]] = {}
     if result.n_frames > 1:
         columns["frame"] = [str(frame) for frame in detections.frame.values.tolist()]
     target = None if result.truth is None else _matched_target_indices(result, detections)
     frame = result.radar.for_frame(0).frame
-    cell_sizes = {
-        "range": frame.chirp.range_resolution_m,
-        "velocity": frame.velocity_resolution_m_per_s,
-    }
+    decimals_by_name = decimals_of_estimates(
+        detections,
+        range_cell_m=frame.chirp.range_resolution_m,
+        velocity_cell_m_per_s=frame.velocity_resolution_m_per_s,
+        digits=1 if is_rounded else 2,
+    )
     for column in shown_columns(detections):
         values = column.to_shown_unit(detections[column.name].values)
         std = standard_error_column(column)
         if std is None:
             columns[column.heading] = column.format_shown_values(values)
             continue
-        # More digits are in detections.csv; no array is calibrated to a hundredth of a degree.
-        stds = std.to_shown_unit(detections[std.name].values)
-        at_most = column.decimals if column.shown_unit == "deg" else 6
-        if is_rounded and column.name in cell_sizes:
-            hundredth = np.array([cell_sizes[column.name] / 100])
-            at_most = max(decimals_for_column(hundredth, digits=1), 3)
-        decimals = decimals_for_column(stds, digits=1, at_most=at_most)
+        stds, decimals = (
+            std.to_shown_unit(detections[std.name].values),
+            decimals_by_name[column.name],
+        )
         columns[column.heading] = [
             format_with_std(value, error, decimals) if np.isfinite(value) else EN_DASH
             for value, error in zip(values.tolist(), stds.tolist(), strict=True)

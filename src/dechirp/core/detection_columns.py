@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.text import EN_DASH, format_fixed
+from dechirp.core.text import EN_DASH, decimals_for_column, format_fixed
 from dechirp.core.units import from_decibels, to_decibels
 
 _SUFFIXES = {"m": "_m", "m/s": "_m_per_s", "s": "_s", "rad": "_rad", "deg": "_deg", "dB": "_db"}
@@ -170,6 +170,28 @@ def shown_columns(detections: xr.Dataset) -> tuple[DetectionColumn, ...]:
         if column.name in detections
         and not (column.is_hidden_if_unknown and np.isnan(detections[column.name].values).all())
     )
+
+
+def decimals_of_estimates(
+    detections: xr.Dataset, *, range_cell_m: float, velocity_cell_m_per_s: float, digits: int = 2
+) -> dict[str, int]:
+    """Return the decimals of each estimate and its standard error in tables for people, by name.
+
+    They show two `digits` of the smallest error. Errors below a hundredth of a resolution cell do
+    not matter: other echoes and the oscillator shift estimates by more. No array is calibrated to
+    a hundredth of a degree. All digits are in files.
+    """
+    smallest = {"range": range_cell_m / 100, "velocity": velocity_cell_m_per_s / 100}
+    return {
+        column.name: decimals_for_column(
+            std.to_shown_unit(detections[std.name].values),
+            digits=digits,
+            at_most=column.decimals if column.shown_unit == "deg" else 6,
+            smallest=smallest.get(column.name, 0.0),
+        )
+        for column in SHOWN_COLUMNS
+        if (std := standard_error_column(column)) is not None and std.name in detections
+    }
 
 
 def rows_to_show(

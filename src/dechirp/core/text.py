@@ -75,15 +75,19 @@ def decimals_for_std(std: float) -> int:
     return min(max(1 - exponent, 1), 9)
 
 
-def decimals_for_column(stds: np.ndarray, *, digits: int, at_most: int = 6) -> int:
+def decimals_for_column(
+    stds: np.ndarray, *, digits: int, at_most: int = 6, smallest: float = 0.0
+) -> int:
     """Return the decimals that show some digits of the smallest standard error, 1 to `at_most`.
 
-    All rows of a column share them, as columns of one unit do; 3 where no error is known.
+    Errors below `smallest` count as that. All rows of a column share the decimals, as columns of
+    one unit do; 3 where no error is known.
     """
     known_stds = stds[np.isfinite(stds) & (stds > 0)]
     if not known_stds.size:
         return 3
-    return min(max(decimals_for_std(float(known_stds.min())) + digits - 2, 1), at_most)
+    shown_std = max(float(known_stds.min()), smallest)
+    return min(max(decimals_for_std(shown_std) + digits - 2, 1), at_most)
 
 
 def format_with_std(value: float, std: float, decimals: int) -> str:
@@ -92,10 +96,10 @@ def format_with_std(value: float, std: float, decimals: int) -> str:
 
 
 def format_std(std: float, decimals: int) -> str:
-    """Write a standard error; one that rounds to zero as one of the last decimal, never smaller."""
+    """Write a standard error; one that rounds to zero as less than one of the last decimal."""
     error = format_fixed(std, decimals)
     if std > 0 and math.isfinite(std) and float(error) == 0:
-        return f"{10.0**-decimals:.{decimals}f}"
+        return f"<{10.0**-decimals:.{decimals}f}"
     return error
 
 

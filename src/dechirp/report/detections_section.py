@@ -10,13 +10,13 @@ import xarray as xr
 from dechirp.core.detection_columns import (
     SHOWN_COLUMNS,
     DetectionColumn,
+    decimals_of_estimates,
     rows_to_show,
     shown_columns,
     standard_error_column,
 )
 from dechirp.core.text import (
     EN_DASH,
-    decimals_for_column,
     decimals_for_std,
     format_fixed,
     format_probability,
@@ -100,11 +100,14 @@ def detection_table_rows(context: PageContext, max_rows: int) -> list[dict[str, 
     )
     shown = context.strongest.isel(detection=indices)
     columns = [column for column in SHOWN_COLUMNS if column.name in shown]
-    estimates = {column.name: _format_estimates(shown, column) for column in columns}
-    decimals = {
-        column.name: decimals_for_column(errors.to_shown_unit(shown[errors.name].values), digits=2)
+    decimals = decimals_of_estimates(
+        shown,
+        range_cell_m=frame.chirp.range_resolution_m,
+        velocity_cell_m_per_s=frame.velocity_resolution_m_per_s,
+    )
+    estimates = {
+        column.name: _format_estimates(shown, column, decimals.get(column.name, 0))
         for column in columns
-        if (errors := standard_error_column(column)) is not None
     }
     rows = []
     for place, index in enumerate(indices.tolist()):
@@ -260,14 +263,13 @@ def _threshold_margin_cards(context: PageContext) -> list[Card]:
     return [Card(name="over the threshold", number=margin_db, unit="dB", small_print=note)]
 
 
-def _format_estimates(detections: xr.Dataset, column: DetectionColumn) -> list[str]:
+def _format_estimates(detections: xr.Dataset, column: DetectionColumn, decimals: int) -> list[str]:
     """Write a column of the table of detections, with standard errors where there are some."""
     estimates = column.to_shown_unit(detections[column.name].values)
     std = standard_error_column(column)
     if std is None:
         return column.format_shown_values(estimates)
     stds = std.to_shown_unit(detections[std.name].values)
-    decimals = decimals_for_column(stds, digits=2)
     return [
         format_with_std(estimate, error, decimals)
         if math.isfinite(estimate) or column.shown_unit != "deg"
