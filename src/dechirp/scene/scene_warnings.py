@@ -180,7 +180,8 @@ def _find_aliased_velocities(snapshot: _SceneSnapshot) -> _FindingCase:
                 snapshot, i, resolved.n_spans_by_ramps if is_resolved else resolved.n_spans
             ),
             expected=f"between -{max_velocity:.4g} and {max_velocity:.4g} m/s to be unambiguous",
-            fix=f"nothing: {resolved.method} resolve velocities up to {resolved.n_spans * span:.4g}"
+            fix=f"no action needed: {resolved.method} resolve velocities up to"
+            f" {resolved.n_spans * span:.4g}"
             " m/s, except for detections with an ambiguity_confidence below 0.99"
             if is_resolved
             else "shorten the interval between chirps, or expect the aliased velocity",

@@ -9,6 +9,7 @@ with gzip.
 import gzip
 import re
 from contextlib import suppress
+from operator import methodcaller
 from pathlib import Path
 
 import numpy as np
@@ -201,17 +202,18 @@ def _read_points(path: Path) -> np.ndarray:
 
 def _parse_rows(path: Path, lines: list[str], columns: _Columns) -> np.ndarray:
     """Parse the lines of points, (point, column)."""
-    body = [line for line in lines[columns.n_headings :] if line.strip() and line[0] not in "#%"]
-    if columns.separator in (",", "\t") and all(
-        line.count(columns.separator) == columns.n_columns - 1 for line in body
-    ):
-        # Ten times as fast as the loop below, which reads empty cells, quotes and other separators.
+    body = lines[columns.n_headings :]
+    if columns.separator in (",", "\t"):
+        # Four times as fast as the loop below, which reads empty cells, quotes and comments.
         with suppress(ValueError):
-            return np.loadtxt(
+            table = np.loadtxt(
                 body, delimiter=columns.separator, comments=None, usecols=columns.indices, ndmin=2
-            ).reshape(-1, len(columns.names))
+            )
+            n_cells = len(table) + sum(map(methodcaller("count", columns.separator), body))
+            if n_cells == len(table) * columns.n_columns:
+                return table.reshape(-1, len(columns.names))
     rows = []
-    for number, line in enumerate(lines[columns.n_headings :], columns.n_headings + 1):
+    for number, line in enumerate(body, columns.n_headings + 1):
         if not line.strip() or line.lstrip()[0] in "#%":
             continue
         cells = line.split(columns.separator or None)

@@ -85,7 +85,7 @@ class Mesh(AspectBody):
                     setting=f"{setting}.path",
                     value=f"{n_degenerate} triangles of {self.path} have no area",
                     expected="triangles with an area",
-                    fix="nothing: they are omitted",
+                    fix="no action needed: they are omitted",
                 )
             )
         if surface.extent_m < _MIN_EXTENT_M:
