@@ -133,11 +133,13 @@ def _clouds_to_detections(clouds: Sequence[PointCloud], field_names: dict[str, s
         if name[:1] != "_" and name not in used_names and not point_dtype[field_names[name]].shape:
             columns[name] = column(name)
     has_position = np.isfinite(columns["range"])  # the others pad an organised cloud
+    if not has_position.all():  # copies take as long as all else
+        columns = {name: values[has_position] for name, values in columns.items()}
     return xr.Dataset(
         {
             name: (
                 "detection",
-                values[has_position],
+                values,
                 {"units": UNITS[name]} if name in _COMPUTED else {},
             )
             for name, values in columns.items()
