@@ -36,6 +36,7 @@ def make_view(time_s, *, x_m=10.0, vx=None, is_view=True):
     truths = pytest.importorskip("osi3.osi_groundtruth_pb2")
     view = views.SensorView()
     truth = view.global_ground_truth if is_view else truths.GroundTruth()
+    truth.version.version_major = 3
     truth.timestamp.seconds = int(time_s)
     truth.timestamp.nanos = round((time_s - int(time_s)) * 1e9)
     truth.host_vehicle_id.value = 3
@@ -109,7 +110,7 @@ def test_missing_velocities_come_from_positions(tmp_path):
     assert traffic.format == "trajectory-csv"
     assert traffic.objects["vx"].values[0, 1:3] == pytest.approx([6, 7], rel=1e-12)
     (finding,) = traffic.findings
-    assert "velocities of 1 objects are missing" in str(finding) and ": 7" in str(finding)
+    assert "velocities of 1 object are missing" in str(finding) and ": 7" in str(finding)
 
 
 @pytest.mark.parametrize(("speed", "n_findings"), [(0.0, 1), (10.0, 0)])

@@ -8,6 +8,7 @@ from typing import ClassVar, Literal, NamedTuple
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.families import Family
+from dechirp.core.findings import Finding
 
 ObjectKind = Literal[
     "car",
@@ -76,6 +77,10 @@ class TrafficFormat(Family):
         RecordingError
             If the file is damaged, with the place.
         """
+
+    def read_findings(self, path: Path) -> tuple[Finding, ...]:
+        """Return findings on the file itself, such as a version that it does not state."""
+        return ()
 
     def read_host(self, path: Path) -> int | None:
         """Return the id of the vehicle that the file is about, None if it names none."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_number
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.core.text import format_number, format_si, join_names
@@ -303,8 +304,8 @@ class FrameScenes:
 
     def _unknown_size_findings(self, stated_sizes: list[Size]) -> tuple[Finding, ...]:
         unknown = [
-            name
-            for name, size in zip(self.names, stated_sizes, strict=True)
+            f"{name} from {format_number(float(paths[0].times_s[0]))} s"
+            for name, size, paths in zip(self.names, stated_sizes, self._paths, strict=True)
             if not np.all(np.isfinite(size))
         ]
         if not unknown:
@@ -313,7 +314,8 @@ class FrameScenes:
             Finding(
                 level="note",
                 setting="traffic.size",
-                value=f"length, width or height of {len(unknown)} objects are unknown:"
+                value="length, width or height of"
+                f" {format_count_with_noun(len(unknown), 'object')} are unknown:"
                 f" {join_names(unknown, at_most=_MAX_NAMED)}",
                 expected="sizes in the file",
                 fix="nothing to do: those typical of their class replace them",
@@ -355,7 +357,8 @@ class FrameScenes:
             Finding(
                 level="warning",
                 setting="traffic.mount",
-                value=f"the radar is inside {len(places)} objects, which are left out:"
+                value="the radar is inside"
+                f" {format_count_with_noun(len(places), 'object')}, left out:"
                 f" {join_names(places, at_most=_MAX_NAMED)}",
                 expected="a radar outside of all other objects",
                 fix="move the radar, or remove what belongs to its vehicle, such as a trailer",

@@ -34,6 +34,24 @@ class Motion(NamedTuple):
     turn_acceleration_rad_per_s2: float
 
 
+class _Steps(NamedTuple):
+    """Steps of one object, arrays over time; all present. Columns as of `Traffic.objects`."""
+
+    kind: str
+    height_m: float
+    time: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    heading: np.ndarray
+    vx: np.ndarray
+    vy: np.ndarray
+
+    def select(self, indices: np.ndarray) -> "_Steps":
+        """Return some of the steps."""
+        return _Steps(self.kind, self.height_m, *(column[indices] for column in self[2:]))
+
+
 class ObjectPath:
     r"""Path of one object between two gaps: polynomials of degree 3 between the steps.
 
@@ -51,12 +69,12 @@ class ObjectPath:
     C. H. Reinsch, Smoothing by spline functions, Numerische Mathematik 10, 1967.
     """
 
-    def __init__(self, steps: xr.Dataset, margin_s: float) -> None:
-        """Fit the path to the steps of one object, over `time`; all are present."""
-        self.times_s = steps["time"].values
+    def __init__(self, steps: _Steps, margin_s: float) -> None:
+        """Fit the path to the steps of one object."""
+        self.times_s = steps.time
         self.start_s, self.end_s = self.times_s[0] - margin_s, self.times_s[-1] + margin_s
-        positions_m = np.stack([steps["x"].values, steps["y"].values], axis=-1)
-        velocities = np.stack([steps["vx"].values, steps["vy"].values], axis=-1)
+        positions_m = np.stack([steps.x, steps.y], axis=-1)
+        velocities = np.stack([steps.vx, steps.vy], axis=-1)
         velocities = np.where(np.isfinite(velocities), velocities, 0.0)
         self._position, self.follows_velocities = _fit_bounded_path(
             self.times_s, positions_m, velocities
@@ -67,15 +85,13 @@ class ObjectPath:
         """Largest distance between the path and the positions of the file."""
         self._heading = _fit_bounded_spline(
             self.times_s,
-            self._unwrapped_headings_rad(steps["heading"].values)[:, None],
+            self._unwrapped_headings_rad(steps.heading)[:, None],
             _MAX_TURN_ACCELERATION_RAD_PER_S2.get(
-                str(steps["kind"].item()), _MAX_TURN_ACCELERATION_OF_VEHICLES_RAD_PER_S2
+                steps.kind, _MAX_TURN_ACCELERATION_OF_VEHICLES_RAD_PER_S2
             ),
         )
-        height_m = float(steps["height"])
-        centre_m = steps["z"].values
-        half_height_m = height_m / 2 if np.isfinite(height_m) else 0.0
-        self._ground_m = np.where(np.isfinite(centre_m), centre_m - half_height_m, 0.0)
+        half_height_m = steps.height_m / 2 if np.isfinite(steps.height_m) else 0.0
+        self._ground_m = np.where(np.isfinite(steps.z), steps.z - half_height_m, 0.0)
 
     def motion_at(self, time_s: float) -> Motion:
         """Return the motion at a time from `start_s` to `end_s`."""
@@ -133,21 +149,25 @@ def fit_paths(steps: xr.Dataset, margin_s: float) -> list[ObjectPath]:
 
     A run ends where the object is absent, or jumps.
     """
-    if steps["is_stationary"].item() and not np.any(_ranges_over_time(steps)):
-        times_s = steps["time"].values
-        margin_s += float(times_s[-1] - times_s[0])
-        return [ObjectPath(steps.isel(time=[0]), margin_s)]
-    present = np.flatnonzero(np.isfinite(steps["x"].values))
-    speeds = step_speeds_m_per_s(steps.isel(time=present))
+    columns = _Steps(
+        str(steps["kind"].item()),
+        float(steps["height"]),
+        *(steps[name].values for name in _Steps._fields[2:]),
+    )
+    if steps["is_stationary"].item() and not np.any(_ranges_over_time(columns)):
+        margin_s += float(columns.time[-1] - columns.time[0])
+        return [ObjectPath(columns.select(np.array([0])), margin_s)]
+    present = np.flatnonzero(np.isfinite(columns.x))
+    there = columns.select(present)
+    speeds = step_speeds_m_per_s(there.time, there.x, there.y)
     is_break = (np.diff(present) > 1) | (speeds > FASTEST_M_PER_S)
     runs = np.split(present, np.flatnonzero(is_break) + 1)
-    return [ObjectPath(steps.isel(time=run), margin_s) for run in runs if run.size]
+    return [ObjectPath(columns.select(run), margin_s) for run in runs if run.size]
 
 
-def _ranges_over_time(steps: xr.Dataset) -> np.ndarray:
+def _ranges_over_time(steps: _Steps) -> np.ndarray:
     """Return the spans of position and heading over all steps, (4,); 0 of unknown ones."""
-    names = ("x", "y", "z", "heading")
-    return np.array([np.ptp(np.nan_to_num(steps[name].values)) for name in names])
+    return np.ptp(np.nan_to_num([steps.x, steps.y, steps.z, steps.heading]), axis=1)
 
 
 def _fit_bounded_path(

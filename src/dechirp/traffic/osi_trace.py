@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from dechirp.core.errors import DechirpError, RecordingError
+from dechirp.core.findings import Finding
 from dechirp.core.mcap_messages import iter_mcap_messages
 from dechirp.core.optional_imports import import_from_extra
 from dechirp.traffic.base import CutTrafficError, ObjectKind, ObjectState, TrafficFormat
 
+OSI_VERSION = 3
+"""Major version of ASAM OSI."""
 _LENGTH_PREFIX = struct.Struct("<I")
 _MAX_MESSAGE_BYTES = 2**28
 _MCAP_TYPES = ("protobuf/osi3.SensorView", "protobuf/osi3.GroundTruth")
@@ -62,13 +65,8 @@ class OsiTrace(TrafficFormat):
             if time_s < last_s:
                 raise RecordingError(
                     path,
-                    value=f"message {index}"
-                    + (
-                        f", with object {truth.moving_object[0].id.value},"
-                        if truth.moving_object
-                        else ""
-                    )
-                    + f" at {time_s:g} s after one at {last_s:g} s",
+                    value=f"message {index}{_first_object_text(truth)} at {time_s:g} s after one at"
+                    f" {last_s:g} s",
                     expected="times that ascend",
                     fix="sort the messages by time",
                 )
@@ -81,6 +79,22 @@ class OsiTrace(TrafficFormat):
                     last_contents[stationary.id.value] = content
                     yield state_of_stationary_object(path, stationary, time_s)
 
+    def read_findings(self, path: Path) -> tuple[Finding, ...]:
+        """Return a note if the first message states no version of OSI."""
+        for view, truth in _iter_views_and_truths(path):
+            if not any(item.version.HasField("version_major") for item in (view, truth)):
+                return (
+                    Finding(
+                        level="note",
+                        setting="traffic.version",
+                        value="the first message states no version of OSI",
+                        expected=f"version {OSI_VERSION}",
+                        fix=f"nothing to do: it is read as version {OSI_VERSION}",
+                    ),
+                )
+            break
+        return ()
+
     def read_host(self, path: Path) -> int | None:
         """Return the host vehicle of the first message."""
         for truth in _iter_ground_truths(path):
@@ -88,8 +102,27 @@ class OsiTrace(TrafficFormat):
         return None
 
 
+def foreign_osi_version(*messages: Any) -> str | None:
+    """Return the version of OSI that a message states if it is not one that is read, else None."""
+    for version in (message.version for message in messages):
+        if version.HasField("version_major") and version.version_major != OSI_VERSION:
+            return f"{version.version_major}.{version.version_minor}"
+    return None
+
+
 def _iter_ground_truths(path: Path) -> Iterator[Any]:
     """Yield the ground truth of each message, of a `SensorView` that inside it."""
+    return (truth for _, truth in _iter_views_and_truths(path))
+
+
+def _iter_views_and_truths(path: Path) -> Iterator[tuple[Any, Any]]:
+    """Yield the outer message, and its ground truth, which is the same in traces of `GroundTruth`.
+
+    Raises
+    ------
+    RecordingError
+        If a message is damaged, or of another version, with its number, time and first object.
+    """
     views = import_from_extra("io", "osi3.osi_sensorview_pb2", setting="traffic")
     truths = import_from_extra("io", "osi3.osi_groundtruth_pb2", setting="traffic")
     decode_error = import_from_extra("io", "google.protobuf.message", setting="traffic").DecodeError
@@ -102,7 +135,21 @@ def _iter_ground_truths(path: Path) -> Iterator[Any]:
             truth = view.global_ground_truth if is_view else truths.GroundTruth.FromString(content)
         except decode_error as error:
             raise _damaged_trace_error(path, index, error) from None
-        yield truth
+        outer = view if is_view else truth
+        if (version := foreign_osi_version(outer, truth)) is not None:
+            time_s = truth.timestamp.seconds + truth.timestamp.nanos / 1e9
+            raise RecordingError(
+                path,
+                value=f"message {index}{_first_object_text(truth)} at {time_s:g} s: OSI version"
+                f" {version}",
+                expected=f"version {OSI_VERSION}",
+                fix=f"convert the trace to ASAM OSI {OSI_VERSION}",
+            )
+        yield outer, truth
+
+
+def _first_object_text(truth: Any) -> str:
+    return f", with object {truth.moving_object[0].id.value}," if truth.moving_object else ""
 
 
 def _iter_contents(path: Path) -> Iterator[bytes]:

@@ -19,7 +19,12 @@ from dechirp.core.text import format_number, join_names
 from dechirp.traffic.base import ObjectKind, ObjectState
 from dechirp.traffic.motion import Motion
 from dechirp.traffic.mounting import Mounting
-from dechirp.traffic.osi_trace import state_of_moving_object, state_of_stationary_object
+from dechirp.traffic.osi_trace import (
+    OSI_VERSION,
+    foreign_osi_version,
+    state_of_moving_object,
+    state_of_stationary_object,
+)
 from dechirp.traffic.road_bodies import Size, complete_size
 from dechirp.traffic.traffic import FASTEST_M_PER_S, MOVES_M_PER_S, check_state
 
@@ -324,12 +329,12 @@ def _parse_view(view: Any) -> Any:
             message = kind.FromString(bytes(view))
         except decode_error as error:
             raise _view_error(f"{len(bytes(view))} bytes: {error}", "a SensorView", fix) from None
-    version = message.version
-    if version.HasField("version_major") and version.version_major != 3:
+    version = foreign_osi_version(message, message.global_ground_truth)
+    if version is not None:
         raise _view_error(
-            f"OSI version {version.version_major}.{version.version_minor}",
-            "version 3",
-            "convert the view to ASAM OSI 3",
+            f"OSI version {version}",
+            f"version {OSI_VERSION}",
+            f"convert the view to ASAM OSI {OSI_VERSION}",
         )
     return message
 

@@ -33,6 +33,13 @@ MOVES_M_PER_S = 0.5  # faster than the jitter of recorded positions at rest
 FASTEST_M_PER_S = 100.0
 """360 km/h: an object that is faster between two steps jumps."""
 _SAME_PLACE_M = 0.1
+# Map coordinates and Unix times are below; squares of larger numbers lose the metre.
+_LARGEST = (
+    (("time_s",), "s", 1e12),
+    (("x_m", "y_m", "z_m"), "m", 1e9),
+    (("heading_rad",), "rad", 1e4),
+    (("vx_m_per_s", "vy_m_per_s"), "m/s", 1e4),
+)
 
 
 @frozen_dataclass
@@ -104,6 +111,7 @@ def open_traffic(path: str | Path) -> Traffic:
         objects=completed,
         findings=(
             *reading_findings,
+            *reader.read_findings(file),
             *findings,
             *_stationary_findings(completed),
             *_find_surprising_motion(completed),
@@ -247,6 +255,15 @@ def check_state(path: object, row: ObjectState) -> None:
         raise RecordingError(
             path, value=place, expected="ids below 2^63", fix="number the objects anew"
         )
+    for names, unit, largest in _LARGEST:
+        for name in names:
+            if abs(getattr(row, name)) > largest:  # false for NaN, which is unknown
+                raise RecordingError(
+                    path,
+                    value=f"{place}: {name.partition('_')[0]} {getattr(row, name):g} {unit}",
+                    expected=f"at most {largest:g} {unit}",
+                    fix="correct it, or leave it out",
+                )
     for name in ("length_m", "width_m", "height_m"):
         size_m = getattr(row, name)
         if size_m <= 0 or np.isinf(size_m):
@@ -277,7 +294,8 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
         for name, of_positions in zip(("vx", "vy"), derived, strict=True):
             velocities[name][index, present[is_missing]] = of_positions[is_missing]
         if moves and is_missing.any():
-            completed.append(str(number))
+            first_s = times_s[present[int(is_missing.argmax())]]
+            completed.append(f"{number} from {format_number(first_s)} s")
     changed = objects.assign(
         {
             name: (("object", "time"), values, {"units": "m/s"})
@@ -290,8 +308,8 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
         Finding(
             level="note",
             setting="traffic.velocity",
-            value=f"velocities of {len(completed)} objects are missing, or zero although they move:"
-            f" {join_names(completed)}",
+            value=f"velocities of {format_count_with_noun(len(completed), 'object')} are missing,"
+            f" or zero although they move: {join_names(completed)}",
             expected="velocities in the file",
             fix="nothing to do: differences of positions replace them",
         ),
@@ -319,14 +337,14 @@ def _stationary_findings(objects: xr.Dataset) -> tuple[Finding, ...]:
 def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
     """Return findings on gaps, jumps, and objects in one place."""
     ids, times_s = objects["id"].values, objects["time"].values
-    x = objects["x"].values
+    x, y = objects["x"].values, objects["y"].values
     gaps, jumps = [], []
     for index, number in enumerate(ids.tolist()):
         present = np.flatnonzero(np.isfinite(x[index]))
         if np.any(np.diff(present) > 1):
             first = present[np.argmax(np.diff(present) > 1) + 1]
             gaps.append(f"object {number} at {format_number(times_s[first])} s")
-        speeds = step_speeds_m_per_s(objects.isel(object=index, time=present))
+        speeds = step_speeds_m_per_s(times_s[present], x[index, present], y[index, present])
         if np.any(speeds > FASTEST_M_PER_S):
             first = present[int(np.argmax(speeds > FASTEST_M_PER_S)) + 1]
             jumps.append(
@@ -367,10 +385,9 @@ def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
     return findings
 
 
-def step_speeds_m_per_s(steps: xr.Dataset) -> np.ndarray:
+def step_speeds_m_per_s(times_s: np.ndarray, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
     """Return the speed of one object between its steps, all present, from the positions, (n-1,)."""
-    steps_m = np.hypot(np.diff(steps["x"].values), np.diff(steps["y"].values))
-    return np.asarray(steps_m / np.diff(steps["time"].values))
+    return np.asarray(np.hypot(np.diff(x_m), np.diff(y_m)) / np.diff(times_s))
 
 
 def _objects_in_one_place(objects: xr.Dataset) -> list[str]:
