@@ -121,10 +121,10 @@ def set_id(number):
         (set_number("position.x", math.nan), "object 2 at 0.2 s: x nan"),
         (
             set_number("position.x", 1e300),
-            "object 2 at 0.2 s: x 1e+300 m; expected at most 1e+09 m",
+            "object 2 at 0.2 s: position 1e+300, 0, 0.75 m; expected at most",
         ),
-        (set_number("position.z", math.inf), "object 2 at 0.2 s: z inf m"),
-        (set_number("velocity.x", 1e9), "object 2 at 0.2 s: vx 1e+09 m/s"),
+        (set_number("position.z", math.inf), "object 2 at 0.2 s: position 31, 0, inf m"),
+        (set_number("velocity.x", 1e9), "object 2 at 0.2 s: velocity 1e+09, 0 m/s"),
         (set_number("orientation.yaw", math.inf), "object 2 at 0.2 s: heading inf rad"),
         (set_time(0.05), "message 2, with object 1, at 0.05 s after one at 0.1 s"),
         (set_time(0.1), "object 1 twice at 0.1 s"),
@@ -190,7 +190,7 @@ def test_command_states_the_findings_of_a_trace(tmp_path, capsys, without_figure
         ("0.2,3,car,50,0,0,inf,1.8,1.5", "object 3 at 0.2 s: length inf m"),
         ("0.2,3,car,50,0,1e9,4,1.8,1.5", "object 3 at 0.2 s: heading 1e+09 rad"),
         ("1e20,3,car,50,0,0,4,1.8,1.5", "object 3 at 1e+20 s: time 1e+20 s"),
-        ("0.2,3,car,1e12,0,0,4,1.8,1.5", "object 3 at 0.2 s: x 1e+12 m"),
+        ("0.2,3,car,1e12,0,0,4,1.8,1.5", "object 3 at 0.2 s: position 1e+12, 0, nan m"),
         ("0.2,3,wall,50,0,0,1e6,0.3,2", "object 3: Wall.length_m 1000000.0, from 0"),
     ],
 )
@@ -206,7 +206,7 @@ def test_thousand_objects_have_scenes(tmp_path):
         {"id": 10 + i, "x": 20 + (i % 40) * 4.7, "y": -40 + (i // 40) * 3.3, "vx": 10.0, "vy": 0.0}
         for i in range(1000)
     ]
-    path = write_views(tmp_path, make_views(n=2, others=others))
+    path = write_views(tmp_path, make_views(n=1, others=others))
     scenario = dc.traffic.traffic_scenario(path, ["radar.frame.n_chirps=8"])
     scenes = scenario.traffic.open_scenes(scenario.radar)
 

@@ -34,12 +34,8 @@ FASTEST_M_PER_S = 100.0
 """360 km/h: an object that is faster between two steps jumps."""
 _SAME_PLACE_M = 0.1
 # Map coordinates and Unix times are below; squares of larger numbers lose the metre.
-_LARGEST = (
-    (("time_s",), "s", 1e12),
-    (("x_m", "y_m", "z_m"), "m", 1e9),
-    (("heading_rad",), "rad", 1e4),
-    (("vx_m_per_s", "vy_m_per_s"), "m/s", 1e4),
-)
+_LARGEST_TIME_S, _LARGEST_POSITION_M = 1e12, 1e9
+_LARGEST_HEADING_RAD, _LARGEST_SPEED_M_PER_S = 1e4, 1e4
 
 
 @frozen_dataclass
@@ -255,15 +251,19 @@ def check_state(path: object, row: ObjectState) -> None:
         raise RecordingError(
             path, value=place, expected="ids below 2^63", fix="number the objects anew"
         )
-    for names, unit, largest in _LARGEST:
-        for name in names:
-            if abs(getattr(row, name)) > largest:  # false for NaN, which is unknown
-                raise RecordingError(
-                    path,
-                    value=f"{place}: {name.partition('_')[0]} {getattr(row, name):g} {unit}",
-                    expected=f"at most {largest:g} {unit}",
-                    fix="correct it, or leave it out",
-                )
+    for name, unit, largest, numbers in (
+        ("time", "s", _LARGEST_TIME_S, (row.time_s,)),
+        ("position", "m", _LARGEST_POSITION_M, (row.x_m, row.y_m, row.z_m)),
+        ("heading", "rad", _LARGEST_HEADING_RAD, (row.heading_rad,)),
+        ("velocity", "m/s", _LARGEST_SPEED_M_PER_S, (row.vx_m_per_s, row.vy_m_per_s)),
+    ):
+        if any(abs(number) > largest for number in numbers):  # false for NaN, which is unknown
+            raise RecordingError(
+                path,
+                value=f"{place}: {name} {', '.join(f'{number:g}' for number in numbers)} {unit}",
+                expected=f"at most {largest:g} {unit}",
+                fix="correct it, or leave it out",
+            )
     for name in ("length_m", "width_m", "height_m"):
         size_m = getattr(row, name)
         if size_m <= 0 or np.isinf(size_m):
