@@ -49,7 +49,12 @@ def cell_distances(a, b, radar):
     velocity_difference = (a.velocity - b.velocity + span / 2) % span - span / 2
     length = np.ptp(radar.array.virtual_positions_m[:, 1]) / wavelength_m
     sines = np.sin(a.azimuth) - np.sin(b.azimuth)
-    return abs(range_cells), abs(velocity_difference) / (span / frame.n_chirps), abs(sines) * length
+    return (
+        abs(range_cells),
+        abs(velocity_difference) / (span / frame.n_chirps),
+        abs(sines) * length,
+        min(a.range, b.range) * abs(a.azimuth - b.azimuth),
+    )
 
 
 def cluster_by_brute_force(rows, radar, dbscan):
@@ -57,7 +62,8 @@ def cluster_by_brute_force(rows, radar, dbscan):
     n = rows.sizes["detection"]
     columns = ("range", "velocity", "azimuth", "frame")
     detections = [SimpleNamespace(**{c: float(rows[c][i]) for c in columns}) for i in range(n)]
-    reach = (dbscan.reach.range, dbscan.reach.velocity, dbscan.reach.direction)
+    limits = dbscan.reach
+    reach = (limits.range, limits.velocity, limits.direction, limits.across_m or np.inf)
     is_near = np.array(
         [
             [
@@ -77,9 +83,9 @@ def cluster_by_brute_force(rows, radar, dbscan):
     return sets, is_core, noise
 
 
-@pytest.mark.parametrize("min_detections", [1, 3])
+@pytest.mark.parametrize(("min_detections", "across_m"), [(1, None), (3, None), (3, 2.0)])
 @pytest.mark.parametrize("seed", nightly_except(1, range(5)))
-def test_clusters_match_definition_of_dbscan(radar, min_detections, seed):
+def test_clusters_match_definition_of_dbscan(radar, min_detections, across_m, seed):
     rng = np.random.default_rng(seed)
     n = 120
     azimuth = np.where(rng.random(n) < 0.2, NAN, rng.uniform(-1.2, 1.2, n))
@@ -90,7 +96,8 @@ def test_clusters_match_definition_of_dbscan(radar, min_detections, seed):
         velocity=rng.uniform(-top, top, n),
         azimuth=azimuth,
     )
-    dbscan = Dbscan(reach=Reach(velocity=5.0, direction=0.3), min_detections=min_detections)
+    reach = Reach(velocity=5.0, direction=0.3, across_m=across_m)
+    dbscan = Dbscan(reach=reach, min_detections=min_detections)
 
     marked, clusters = cluster(rows, radar, dbscan)
 
@@ -101,6 +108,18 @@ def test_clusters_match_definition_of_dbscan(radar, min_detections, seed):
     assert set(np.flatnonzero(label == -1)) == noise
     assert clusters.sizes["cluster"] == len(sets) < n
     assert (noise == set()) == (min_detections == 1)
+
+
+def test_vehicles_side_by_side_are_separate_within_a_beam(radar):
+    # At 30 m, 3.5 m from middle to middle, within half a cell of the direction.
+    azimuth = np.array([0.0, 3.5 / 30.0])
+    rows = make_detections(range=np.full(2, 30.0), velocity=np.full(2, 3.0), azimuth=azimuth)
+    aperture = np.ptp(radar.array.virtual_positions_m[:, 1]) / radar.frame.chirp.wavelength_m
+    direction = 2 * np.sin(azimuth[1]) * aperture
+
+    for across_m, n_clusters in ((None, 1), (3.6, 1), (3.4, 2)):
+        reach = Reach(direction=direction, across_m=across_m)
+        assert cluster(rows, radar, Dbscan(reach=reach))[1].sizes["cluster"] == n_clusters
 
 
 def test_order_of_detections_does_not_change_clusters(radar):
@@ -335,6 +354,7 @@ def test_rejects_pairs_larger_than_memory(radar, monkeypatch):
         (lambda: Reach(velocity=NAN), "Reach.velocity"),
         (lambda: Reach(direction=-1.0), "Reach.direction"),
         (lambda: Reach(range=1e9), "Reach.range"),
+        (lambda: Reach(across_m=0.0), "Reach.across_m"),
         (lambda: Dbscan(reach=2.0), "Dbscan.reach"),
         (lambda: Dbscan(min_detections=0), "Dbscan.min_detections"),
         (lambda: Dbscan(min_detections=2.5), "Dbscan.min_detections"),

@@ -185,6 +185,24 @@ def test_track_is_confirmed_after_m_detections_in_n_frames():
         assert (confirmed_frames[0] if confirmed_frames else None) == first_frame
 
 
+@pytest.mark.parametrize(("min_separation_m", "n_tracks"), [(0.0, 2), (5.0, 1), (3.0, 2)])
+def test_parts_of_a_target_start_no_second_track_within_the_separation(min_separation_m, n_tracks):
+    # The front of a car of 4.5 m appears when its rear has been tracked for half a second.
+    times_s = np.arange(15) * 0.1
+    rear, front = (straight_states((x_m, 6.0, 15.0, 3.0), times_s) for x_m in (40.0, 44.5))
+    frames = np.concatenate([np.arange(15), np.arange(5, 15)])
+    tracker = Tracker(min_separation_m=min_separation_m, false_alarms=FEW_FALSE_ALARMS)
+
+    tracks = track(
+        build_detections(frames, np.concatenate([rear, front[5:]])).sortby("frame"),
+        times_s,
+        tracker,
+    )
+
+    assert tracks.sizes["track"] == n_tracks
+    assert tracks["x"].values[0] == pytest.approx(rear[:, 0], abs=STD["range"])
+
+
 def test_confirmed_track_ends_after_missed_frames():
     times_s = np.arange(20) * 0.1
     truth = straight_states((40.0, 6.0, 15.0, 3.0), times_s)
@@ -478,6 +496,7 @@ INVALID_TRACKERS = [
     ({"confirm_after": 3}, "two counts"),
     ({"confirm_after": (0, 5)}, "confirm_after.0: 0"),
     ({"drop_after": 0}, "drop_after: 0"),
+    ({"min_separation_m": -1.0}, "min_separation_m: -1"),
     ({"process_noise_m2_per_s3": 0.0}, "process_noise_m2_per_s3: 0"),
     ({"gate_probability": 1.0}, "gate_probability: 1"),
     ({"filter": "kalman"}, "filter: 'kalman'"),

@@ -47,10 +47,15 @@ class Reach:
     direction: float = 0.5
     """Of the sines of azimuth and elevation. Below 1, since detections in different cells of the
     map are separated more finely than sources in one cell."""
+    across_m: float | None = None
+    """Largest distance across the line of sight in azimuth, in metres, in addition to `direction`:
+    far away, a beam is wider than the gap between vehicles side by side. None: no such limit."""
 
     def __post_init__(self) -> None:
         # A reach wider than any map has a wrong unit.
         check_positive_fields(self, "range", "velocity", "direction", at_most=1e4)
+        if self.across_m is not None:
+            check_positive_fields(self, "across_m", at_most=1e6)
 
     @property
     def as_array_by_axis(self) -> np.ndarray:
@@ -157,22 +162,22 @@ def cluster(
         },
     )
     placed = detections_to_resolution_cells(columns, radar)
-    label = _cluster_labels(columns["frame"], placed, radar, dbscan)
+    label = _cluster_labels(columns, placed, radar, dbscan)
     marked = detections.assign(cluster=("detection", label, {"units": "1"}))
     return marked, cluster_centroids(columns, placed, label, radar.frame.n_chirps)
 
 
 def _cluster_labels(
-    frame: np.ndarray, detection_cells: DetectionCells, radar: Radar, dbscan: Dbscan
+    columns: dict[str, np.ndarray], detection_cells: DetectionCells, radar: Radar, dbscan: Dbscan
 ) -> np.ndarray:
     """Assign each detection to the first cluster of the core detections near it, (n,)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components  # 0.2 s, unused by most commands
 
-    n = frame.size
+    n = columns["frame"].size
     if not n:
         return np.empty(0, np.int64)
-    first, second = _find_neighbour_pairs(frame, detection_cells, radar, dbscan.reach)
+    first, second = _find_neighbour_pairs(columns, detection_cells, radar, dbscan.reach)
     n_near = 1 + np.bincount(first, minlength=n) + np.bincount(second, minlength=n)
     is_core = n_near >= dbscan.min_detections
     is_link = is_core[first] & is_core[second]
@@ -187,9 +192,10 @@ def _cluster_labels(
 
 
 def _find_neighbour_pairs(
-    frame: np.ndarray, detection_cells: DetectionCells, radar: Radar, reach: Reach
+    columns: dict[str, np.ndarray], detection_cells: DetectionCells, radar: Radar, reach: Reach
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find pairs of detections of a frame within reach along all known axes, (n_pairs,)."""
+    frame = columns["frame"]
     order = np.lexsort((detection_cells.cells[:, 0], frame))
     cells = detection_cells.cells[order] / reach.as_array_by_axis
     rows = (
@@ -208,6 +214,13 @@ def _find_neighbour_pairs(
         pairs = np.empty((n_pairs, 2), np.int64)
         _count_and_write_near_pairs(*rows, pairs)
     first, second = order[pairs[:n_pairs]].T
+    if reach.across_m is not None:
+        range_m, azimuth_rad = columns["range"], columns["azimuth"]
+        across_m = np.minimum(range_m[first], range_m[second]) * abs(
+            azimuth_rad[first] - azimuth_rad[second]
+        )
+        is_near = ~(across_m > reach.across_m)  # NaN is not beyond
+        first, second = first[is_near], second[is_near]
     return first, second
 
 

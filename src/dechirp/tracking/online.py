@@ -196,7 +196,7 @@ class LiveTracker:
             )
             and live_track.frames_since_hit < n_radars * longest_gap
         ]
-        self._start_tracks(measurements, view.pose)
+        self._start_tracks(self._select_separate(measurements, view.pose), view.pose)
         return tuple(live_track.to_track() for live_track in self._tracks)
 
     def _update_tracks_and_select_unassociated(
@@ -226,6 +226,18 @@ class LiveTracker:
             else:
                 live_track.frames_since_hit += 1
         return measurements.select_measurements(step.shares.sum(axis=0) < _MIN_SHARE)
+
+    def _select_separate(self, measurements: Measurements, pose: RadarPose) -> Measurements:
+        """Return the measurements that are not within the separation of a confirmed track."""
+        confirmed = [item.mean[[0, 2]] for item in self._tracks if item.status == "confirmed"]
+        if not (self._tracker.min_separation_m and confirmed):
+            return measurements
+        azimuth, range_m, _ = measurements.z.T
+        direction = np.exp(1j * (azimuth + pose.yaw_rad))
+        position_m = complex(*pose.position_m) + range_m * direction
+        tracks_m = np.array(confirmed) @ [1, 1j]
+        distance_m = abs(position_m - tracks_m[:, None]).min(axis=0)
+        return measurements.select_measurements(distance_m >= self._tracker.min_separation_m)
 
     def _start_tracks(self, measurements: Measurements, pose: RadarPose) -> None:
         means, covariances = initial_track_means_and_covariances(

@@ -28,7 +28,8 @@ class Tracker:
     """Settings of a tracker, in the order of its steps.
 
     Targets move at a velocity that white acceleration changes. A target has at most one detection
-    per frame: cluster extended targets first.
+    per frame: cluster extended targets first. Where clusters split targets, `min_separation_m`
+    prevents a second track.
     """
 
     filter: Filter = "unscented"
@@ -46,6 +47,9 @@ class Tracker:
     target_size_m: float = 0.0
     """Standard deviation of the scattering centre on a target, added to the errors along and
     across the line of sight."""
+    min_separation_m: float = 0.0
+    """Distance from all confirmed tracks below which a detection starts no track: the length of
+    targets that have several detections or clusters in a frame."""
     gate_probability: float = 0.999
     """Probability that a detection of a target is within the gate of its track."""
     detection_probability: float = 0.9
@@ -69,7 +73,7 @@ class Tracker:
         # From a drifting buoy to a missile; from a snail to a meteor.
         check_positive_fields(self, "process_noise_m2_per_s3", at_least=1e-9, at_most=1e9)
         check_positive_fields(self, "speed_std_m_per_s", at_least=1e-6, at_most=1e5)
-        check_non_negative_fields(self, "target_size_m", at_most=1e4)
+        check_non_negative_fields(self, "target_size_m", "min_separation_m", at_most=1e4)
         check_probability("Tracker.gate_probability", self.gate_probability)
         check_probability("Tracker.detection_probability", self.detection_probability)
         if not isinstance(self.false_alarms, FalseAlarms):
