@@ -256,7 +256,7 @@ def _significance_of_length(power: np.ndarray, axis: _Axis, usual: int, implied:
         models = [
             abs(bin_correlation(window_weights(window, axis.n_points), n_bins, _LAGS)) ** 2
             for window in get_args(Window)
-            if window != "rectangular" or leakage.is_rectangular or not leakage.n_cells
+            if window != "rectangular" or leakage.has_rectangular_sidelobes or not leakage.n_cells
         ]
         misfits.append(min(float(np.linalg.norm(measured - model)) for model in models))
     return (misfits[1] - misfits[0]) / std
@@ -277,7 +277,7 @@ def _lobes_of_length(power: np.ndarray, axis: _Axis, usual: int, implied: int) -
         shapes = [
             _main_lobes_of_window(window_weights(window, axis.n_points), n_bins)
             for window in get_args(Window)
-            if window != "rectangular" or leakage.is_rectangular or not leakage.n_cells
+            if window != "rectangular" or leakage.has_rectangular_sidelobes or not leakage.n_cells
         ]
         limits.append((min(map(np.min, shapes)), max(map(np.max, shapes))))
     (low, high), (longer_low, _) = limits

@@ -62,11 +62,10 @@ def measure_main_lobes(power: np.ndarray, axis: int) -> np.ndarray:
     """
     lines = np.moveaxis(power, axis, -1)
     over_noise = np.moveaxis(power / median_noise(power), axis, -1)
-    line, cell = np.nonzero(
-        (lines > np.roll(lines, 1, -1))
-        & (lines >= np.roll(lines, -1, -1))
-        & (over_noise > _MIN_LOBE_OVER_MEDIAN)
-    )
+    is_peak = (lines > np.roll(lines, 1, -1)) & (lines >= np.roll(lines, -1, -1))
+    if len(lines) > 2:  # each echo once, not in all lines of its lobe
+        is_peak &= (lines > np.roll(lines, 1, 0)) & (lines >= np.roll(lines, -1, 0))
+    line, cell = np.nonzero(is_peak & (over_noise > _MIN_LOBE_OVER_MEDIAN))
     is_inner = (cell > 1) & (cell < lines.shape[-1] - 2)
     line, cell = line[is_inner], cell[is_inner]
     strongest = np.argsort(-lines[line, cell])[:_MAX_LOBES]

@@ -7,7 +7,7 @@ import scipy
 
 from dechirp.core.units import to_decibels
 from dechirp.processing.diagnosis.diagnosis import NOTHING_FOUND, Diagnosis, mistake_found
-from dechirp.processing.diagnosis.map_peaks import median_noise
+from dechirp.processing.diagnosis.map_peaks import measure_main_lobes, median_noise
 
 _AXES = ("velocity", "range")
 _N_LINES = 12
@@ -24,6 +24,13 @@ _FALSE_ALARM_PROBABILITY = 1e-6
 _MIN_SHARE = 0.6  # static clutter of a recorded room has reached 0.48 under a Hann window
 
 
+_MIN_OFFSET_LOBE = 0.1  # echoes on the grid do not leak
+_LOBE_MARGIN = 0.06
+_MIN_NARROW_LOBES = 3
+_NARROW_SHARE_BY_CHANCE = 0.06  # 1 of 17 in crowded maps with windows
+_MAX_CHANCE_OF_LOBES = 3e-3
+
+
 @dataclass(frozen=True)
 class Leakage:
     """Leakage of strong echoes along one axis, compared with that of a rectangular window."""
@@ -34,6 +41,10 @@ class Leakage:
     """Cells in which the leakage of a rectangular window would exceed the noise by 12 dB."""
     over_noise: float
     """Largest leakage over the noise in matching cells."""
+    n_narrow: int = 0
+    """Main lobes of strong echoes that are narrower than those of a Hamming window."""
+    n_lobes: int = 0
+    """Main lobes of strong echoes."""
 
     @property
     def chance(self) -> float:
@@ -41,10 +52,27 @@ class Leakage:
         return float(scipy.stats.binom.sf(self.n_matching - 1, self.n_cells, _SHARE_BY_CHANCE))
 
     @property
-    def is_rectangular(self) -> bool:
-        """Return whether the cells show a rectangular window."""
+    def has_rectangular_sidelobes(self) -> bool:
+        """Return whether the cells show the sidelobes of a rectangular window."""
         is_frequent = self.n_matching > _MIN_SHARE * self.n_cells
         return is_frequent and self.chance < _FALSE_ALARM_PROBABILITY
+
+    @property
+    def chance_of_lobes(self) -> float:
+        """Return the probability that so many main lobes are narrow by chance."""
+        tail = scipy.stats.binom.sf(self.n_narrow - 1, self.n_lobes, _NARROW_SHARE_BY_CHANCE)
+        return float(tail)
+
+    @property
+    def is_rectangular(self) -> bool:
+        """Return whether sidelobes or main lobes show a rectangular window.
+
+        Sidelobes of crowded echoes interfere; their main lobes stay narrow.
+        """
+        has_narrow_lobes = (
+            self.n_narrow >= _MIN_NARROW_LOBES and self.chance_of_lobes < _MAX_CHANCE_OF_LOBES
+        )
+        return self.has_rectangular_sidelobes or has_narrow_lobes
 
 
 def measure_leakage(power: np.ndarray, axis: int, padding: float) -> Leakage:
@@ -71,7 +99,32 @@ def measure_leakage(power: np.ndarray, axis: int, padding: float) -> Leakage:
         n_matching += int(is_matching.sum() / padding)
         over_noise = (measured / noise)[is_clear][is_matching]
         largest = max(largest, float(over_noise.max(initial=0.0)))
-    return Leakage(n_matching=n_matching, n_cells=n_cells, over_noise=largest)
+    lobes = measure_main_lobes(power, axis)
+    narrowest = _narrowest_lobe_of_window(padding)
+    return Leakage(
+        n_matching=n_matching,
+        n_cells=n_cells,
+        over_noise=largest,
+        n_narrow=int(np.count_nonzero((lobes > _MIN_OFFSET_LOBE) & (lobes < narrowest))),
+        n_lobes=lobes.size,
+    )
+
+
+def _narrowest_lobe_of_window(padding: float) -> float:
+    """Return a limit below the main lobes of a Hamming window, see `measure_main_lobes`.
+
+    With zero padding, the middle between these and those of a rectangular window. The spectrum of
+    a window is sinc(x) + b (sinc(x - 1) + sinc(x + 1)), b = 0.23 / 0.54 for Hamming.
+    """
+    x = (np.linspace(-0.5, 0.5, 11)[:, None] + np.array([-1, 0, 1])) / padding
+
+    def lobes(b: float) -> np.ndarray:
+        amplitude = abs(np.sinc(x) + b * (np.sinc(x - 1) + np.sinc(x + 1)))
+        return np.asarray((amplitude[:, 0] + amplitude[:, 2]) / amplitude[:, 1])
+
+    narrowest, widest_rectangular = lobes(0.23 / 0.54).min(), lobes(0.0).max()
+    middle = (narrowest + widest_rectangular) / 2
+    return float(min((1 - _LOBE_MARGIN) * narrowest, middle))
 
 
 def _is_at_range_zero(measured: np.ndarray, padding: float) -> bool:
@@ -144,13 +197,21 @@ def diagnose_window(leakages: dict[int, Leakage]) -> Diagnosis:
     missing = {axis: leakage for axis, leakage in leakages.items() if leakage.is_rectangular}
     if not missing:
         return NOTHING_FOUND
-    texts = [
-        f"along {_AXES[axis]}, {leakage.n_matching} of {leakage.n_cells} resolution cells beside"
-        f" strong echoes have the sidelobes of a rectangular window, up to"
-        f" {to_decibels(leakage.over_noise):.0f} dB over the noise (probability of chance"
-        f" {leakage.chance:.1g})"
-        for axis, leakage in sorted(missing.items())
-    ]
+    texts = []
+    for axis, leakage in sorted(missing.items()):
+        if leakage.has_rectangular_sidelobes:
+            texts.append(
+                f"along {_AXES[axis]}, {leakage.n_matching} of {leakage.n_cells} resolution cells"
+                " beside strong echoes have the sidelobes of a rectangular window, up to"
+                f" {to_decibels(leakage.over_noise):.0f} dB over the noise (probability of chance"
+                f" {leakage.chance:.1g})"
+            )
+        else:
+            texts.append(
+                f"along {_AXES[axis]}, {leakage.n_narrow} of {leakage.n_lobes} main lobes of strong"
+                " echoes are narrower than those of usual windows (probability of chance"
+                f" {leakage.chance_of_lobes:.1g})"
+            )
     return mistake_found(
         "window",
         value="; ".join(texts),
