@@ -96,6 +96,20 @@ def test_faulty_receiver_takes_no_part_in_directions(tmp_path, capsys, fault):
     assert "--set recording.repair_faults=false" in note
 
 
+def test_receiver_copied_in_some_frames_takes_no_part_in_directions(tmp_path, capsys):
+    samples = simulate_samples(make_radar())
+    samples[1, :, 2] = samples[1, :, 1]
+
+    document = run_bare(tmp_path, capsys, samples)
+
+    # With the copy, the azimuth of frame 1 was off by degrees, without a finding.
+    assert_target_in_every_frame(document)
+    assert len(document["radar"]["array"]["rx_m"]) == 3
+    assert "receiver 2 of frame 1 bit-identical to receiver 1" in finding_text(
+        document, "recording.receivers"
+    )
+
+
 def test_single_working_receiver_gives_no_azimuth(tmp_path, capsys):
     samples = simulate_samples(make_radar())
     samples[:, :, 1:] = 0

@@ -1,5 +1,7 @@
 """Quality checks of recordings: converter, mixer, receivers, bursts and lost chirps."""
 
+import re
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -10,6 +12,8 @@ from hypothesis.extra import numpy as hnp
 import dechirp as dc
 from dechirp.processing.quality.findings import recording_findings
 from dechirp.processing.quality.measures import measure_frame_quality
+from dechirp.processing.quality.receivers import working_receivers
+from dechirp.processing.quality.recording_measures import RecordingMeasures
 from dechirp.radar.cube import label_cube
 from noise_cubes import simulate_noise_cube
 
@@ -375,6 +379,24 @@ def test_reports_duplicated_receiver():
     assert find_by_setting(cube, radar)["recording.receivers"].value == (
         "receiver 2 bit-identical to receiver 0"
     )
+
+
+def test_reports_frames_of_temporarily_weak_and_copied_receivers():
+    radar = make_radar(4)
+    cube = simulate_recording(radar, n_frames=4)
+    cube.values[1:3, :, 0] *= 0.01
+    cube.values[3, :, 2] = cube.values[3, :, 1]
+
+    measures = measure_frames(cube, radar)
+    values = [f.value for f in recording_findings(measures, radar) if f.level == "warning"]
+
+    assert len(values) == 2
+    assert re.fullmatch(
+        r"receiver 0 of frames 1 to 2 (39|40|41)\.\d dB below the median of the others", values[0]
+    )
+    assert values[1] == "receiver 2 of frame 3 bit-identical to receiver 1"
+    recorded = RecordingMeasures(measures=measures, radar=radar)
+    assert working_receivers(recorded).tolist() == [1, 3]
 
 
 TARGETS_ALL_AROUND = [

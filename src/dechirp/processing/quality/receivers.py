@@ -39,11 +39,14 @@ def silent_frame_findings(recorded: RecordingMeasures) -> list[Finding]:
 
 
 def working_receivers(recorded: RecordingMeasures) -> np.ndarray:
-    """Return the receivers with a signal of their own, (n,): not constant, dead or copied."""
-    is_faulty = recorded.stuck_receiver_mask.copy()
-    is_faulty[_dead_receivers(recorded)] = True
-    is_faulty |= _first_receiver_copied_always(recorded) >= 0
-    return np.flatnonzero(~is_faulty)
+    """Return the receivers with a signal of their own in each frame, (n,).
+
+    A receiver that is constant, dead or copied in some frames corrupts the directions of those.
+    """
+    is_faulty = (_constant_receiver_mask(recorded) | _dead_receiver_mask(recorded)) | (
+        _first_receivers_copied(recorded) >= 0
+    )
+    return np.flatnonzero(~is_faulty.any(axis=0) & ~recorded.stuck_receiver_mask)
 
 
 def faulty_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
@@ -57,47 +60,66 @@ def faulty_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
     ]
 
 
+def _constant_receiver_mask(recorded: RecordingMeasures) -> np.ndarray:
+    """Return the mask (frame, rx) of constant samples in frames with a signal."""
+    return recorded.constant_receiver_mask_by_frame & ~recorded.silent_frame_mask[:, None]
+
+
 def _stuck_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
-    is_constant = recorded.constant_receiver_mask_by_frame & ~recorded.silent_frame_mask[:, None]
-    if not is_constant.any():
-        return []
-    is_always = recorded.stuck_receiver_mask
-    is_sometimes = is_constant.any(axis=0) & ~is_always
-    texts = []
-    if is_always.any():
-        texts.append(f"in {format_number_ranges('receiver', np.flatnonzero(is_always))}")
-    if is_sometimes.any():
-        frames = recorded.frame_numbers[is_constant[:, is_sometimes].any(axis=1)]
-        receivers = format_number_ranges("receiver", np.flatnonzero(is_sometimes))
-        texts.append(f"in {receivers} of {format_number_ranges('frame', frames)}")
-    return [_faulty_receiver_finding(f"the same number always {text}") for text in texts]
-
-
-def _dead_receivers(recorded: RecordingMeasures) -> list[int]:
-    """Return receivers far weaker than the median of the others."""
-    power = recorded.receiver_power_about_mean
     return [
-        rx
-        for rx in np.flatnonzero(~recorded.stuck_receiver_mask).tolist()
-        if power[rx] < _DEAD_POWER_RATIO * _median_power_of_others(recorded, rx)
+        _faulty_receiver_finding(f"the same number always in {receivers}")
+        for receivers in _format_receivers_and_frames(_constant_receiver_mask(recorded), recorded)
     ]
 
 
-def _median_power_of_others(recorded: RecordingMeasures, rx: int) -> float:
-    working = np.flatnonzero(~recorded.stuck_receiver_mask)
-    others = recorded.receiver_power_about_mean[working[working != rx]]
-    return float(np.median(others)) if others.size else 0.0
+def _format_receivers_and_frames(is_faulty: np.ndarray, recorded: RecordingMeasures) -> list[str]:
+    """Return texts on the receivers of a mask (frame, rx): of all frames, and of some."""
+    usable = recorded.mask_of_frames_with_samples & ~recorded.silent_frame_mask
+    is_always = is_faulty[usable].all(axis=0) & usable.any()
+    is_sometimes = is_faulty.any(axis=0) & ~is_always
+    texts = []
+    if is_always.any():
+        texts.append(format_number_ranges("receiver", np.flatnonzero(is_always)))
+    if is_sometimes.any():
+        frames = recorded.frame_numbers[is_faulty[:, is_sometimes].any(axis=1)]
+        receivers = format_number_ranges("receiver", np.flatnonzero(is_sometimes))
+        texts.append(f"{receivers} of {format_number_ranges('frame', frames)}")
+    return texts
+
+
+def _power_relative_to_others(recorded: RecordingMeasures) -> np.ndarray:
+    """Return the power of each receiver over the median of the others, (frame, rx).
+
+    Constant receivers count for none; NaN where there are no others.
+    """
+    power = recorded.values_of_measure("power").sum(axis=2)
+    is_usable = recorded.mask_of_frames_with_samples[:, None]
+    power = np.where(is_usable & ~recorded.constant_receiver_mask_by_frame, power, np.nan)
+    ratio = np.full(power.shape, np.nan)
+    for rx in range(power.shape[1]):
+        others = np.delete(power, rx, axis=1)
+        is_known = np.isfinite(others).any(axis=1)
+        medians = np.nanmedian(others[is_known], axis=1)
+        ratio[is_known, rx] = power[is_known, rx] / np.maximum(medians, 1e-300)
+    return ratio
+
+
+def _dead_receiver_mask(recorded: RecordingMeasures) -> np.ndarray:
+    """Return the mask (frame, rx) of receivers far weaker than the median of the others."""
+    return np.asarray(_power_relative_to_others(recorded) < _DEAD_POWER_RATIO)
 
 
 def _dead_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
     findings = []
-    for rx in _dead_receivers(recorded):
-        others = _median_power_of_others(recorded, rx)
-        power = max(float(recorded.receiver_power_about_mean[rx]), 1e-30 * others)
-        below_db = float(to_decibels(others / power))
+    is_dead, ratio = _dead_receiver_mask(recorded), _power_relative_to_others(recorded)
+    for rx in np.flatnonzero(is_dead.any(axis=0)):
+        mean_ratio = max(float(ratio[is_dead[:, rx], rx].mean()), 1e-30)
+        (receiver,) = _format_receivers_and_frames(
+            is_dead & (np.arange(is_dead.shape[1]) == rx), recorded
+        )
         findings.append(
             _faulty_receiver_finding(
-                f"receiver {rx} {below_db:.1f} dB below the median of the others"
+                f"{receiver} {-to_decibels(mean_ratio):.1f} dB below the median of the others"
             )
         )
     return findings
@@ -113,27 +135,30 @@ def _faulty_receiver_finding(observed: str) -> Finding:
     )
 
 
-def _first_receiver_copied_always(recorded: RecordingMeasures) -> np.ndarray:
-    """Return the receiver of which each one is a copy in every frame, (rx,); -1 for none."""
+def _first_receivers_copied(recorded: RecordingMeasures) -> np.ndarray:
+    """Return the receiver of which each one is a copy, (frame, rx); -1 for none."""
     is_usable = recorded.mask_of_frames_with_samples & ~recorded.silent_frame_mask
-    copies = recorded.values_of_measure("copy_of")[is_usable]
-    if not len(copies):
-        return np.full(recorded.values_of_measure("copy_of").shape[1], -1)
-    return np.where(np.all(copies == copies[0], axis=0), copies[0], -1)
+    copies = recorded.values_of_measure("copy_of")
+    return np.where(is_usable[:, None], copies, -1).astype(int)
 
 
 def _copied_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
-    return [
-        Finding(
-            level="warning",
-            setting="recording.receivers",
-            value=f"receiver {rx} bit-identical to receiver {first}",
-            expected="different samples, since two receivers have different noise",
-            fix="check the number of receivers and the order of samples in the settings",
-        )
-        for rx, first in enumerate(_first_receiver_copied_always(recorded).tolist())
-        if first >= 0
-    ]
+    copies = _first_receivers_copied(recorded)
+    findings = []
+    for rx in np.flatnonzero((copies >= 0).any(axis=0)):
+        for first in np.unique(copies[copies[:, rx] >= 0, rx]).tolist():
+            is_copy = (copies == first) & (np.arange(copies.shape[1]) == rx)
+            (receiver,) = _format_receivers_and_frames(is_copy, recorded)
+            findings.append(
+                Finding(
+                    level="warning",
+                    setting="recording.receivers",
+                    value=f"{receiver} bit-identical to receiver {first}",
+                    expected="different samples, since two receivers have different noise",
+                    fix="check the number of receivers and the order of samples in the settings",
+                )
+            )
+    return findings
 
 
 def receiver_order_findings(recorded: RecordingMeasures) -> list[Finding]:
