@@ -324,6 +324,31 @@ def test_text_with_named_columns_of_points_has_detections(name, is_compressed, t
     assert np.isnan(points.elevation).all() == (name == "frames.tsv")
 
 
+@pytest.mark.parametrize(
+    ("heading", "row"),
+    [
+        ("X [cm],Y [mm],z_km,Velocity [km/h],Time [ms]", "300,4000,0,7.2,500"),
+        ("x_m,y_cm,z,v_r_km_h,t_us", "3,400,0,7.2,500000"),
+        ("pos_x (m),pos_y (m),vx_kmh,vy_mps,timestamp_s", "3,4,4.32,1.6,0.5"),
+    ],
+)
+def test_units_of_headings_are_converted(heading, row, tmp_path):
+    path = tmp_path / "cloud.csv"
+    path.write_text(f"{heading}\n{row}\n{row}\n")
+    points = open_recording(path).points
+    np.testing.assert_allclose(points.range, 5)
+    np.testing.assert_allclose(points.velocity, 2)
+    assert set(points) >= {"frame", "time"} and (points.time == 0).all()
+
+
+@pytest.mark.parametrize("heading", ["x [ft],y,z", "x,y,velocity [mph]"])
+def test_unknown_unit_of_heading_is_refused(heading, tmp_path):
+    path = tmp_path / "cloud.csv"
+    path.write_text(f"{heading}\n1,2,3\n")
+    with pytest.raises(RecordingError, match="an unknown unit of .*expected positions in m"):
+        open_recording(path)
+
+
 def test_folder_of_text_clouds_is_a_frame_for_each_file(tmp_path):
     for number in (10, 9):
         (tmp_path / f"cloud_{number}.csv").write_text(f"x,y,z\n{number},0,0\n{number},0,0\n")

@@ -1,12 +1,13 @@
 """Point clouds in text: a heading that names x, y and z or a velocity, and a point a line.
 
-Comma, semicolon, tab or blanks separate the columns. Names are compared without their units:
-`x_m`, `X [m]`, `pos_x` are all x. A column `frame`, else a column of times, divides the points into
-frames. Columns of text are left out, and empty cells are unknown (NaN). The text may be compressed
-with gzip.
+Comma, semicolon, tab or blanks separate the columns. Names may have units: `x_m`, `X [cm]`, `pos_x`
+are all x, and `velocity [km/h]` becomes m/s. A column `frame`, else a column of times, divides the
+points into frames. Columns of text are left out, and empty cells are unknown (NaN). The text may be
+compressed with gzip.
 """
 
 import gzip
+import math
 import re
 from contextlib import suppress
 from operator import methodcaller
@@ -30,11 +31,18 @@ _NOT_TEXT = bytes(byte for byte in range(32) if byte not in b"\t\n\r\f")
 _SUFFIXES = (".csv", ".txt", ".tsv")
 _PCD = re.compile(rb"(?:#[^\n]*\n|\s)*(?:VERSION|FIELDS)\s")
 _COMMENT_MARKS = "#%/ \t"
-_UNIT = re.compile(r"\s*[\[(].*[\])]$|_(?:m|m_s|mps|m_per_s|ms|us|ns|s|sec)$")
+_BRACKETS = re.compile(r"(.*?)\s*[\[(](.*)[\])]")
 _POSITION = re.compile(r"(?:pos|position|point)?[_.]?([xyz])(?:[_.]?pos)?")
 _FRAMES = ("frame", "frame_id", "frame_number", "frame_idx", "framenumber", "scan")
 _TIMES = ("time", "timestamp", "t")
-_SECONDS_OF_UNIT = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_VELOCITIES = (*VELOCITIES, "vx", "vy")
+_KILOMETRES_PER_HOUR = 1 / 3.6
+_SCALES_OF_POSITION = {"": 1.0, "m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3}
+_SCALES_OF_VELOCITY = {
+    **dict.fromkeys(("", "m/s", "m_s", "ms", "mps", "m_per_s"), 1.0),
+    **dict.fromkeys(("km/h", "km_h", "kmh", "kph", "km_per_h"), _KILOMETRES_PER_HOUR),
+}
+_SCALES_OF_TIME = {"": 0.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Times since 1970 without a unit, by their size: s until the year 5138, ms, us and ns above.
 _SECONDS_OF_SIZE = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (0.0, 1.0))
 
@@ -67,8 +75,9 @@ class _Columns:
     names: tuple[str, ...]
     """Of the columns of numbers."""
     indices: tuple[int, ...]
-    time_scale: float
-    """Seconds of the unit of times; 0 if the heading does not name it."""
+    scales: tuple[float, ...]
+    """SI units of the unit of each column; 0 for times whose unit the heading does not name, NaN
+    for unknown units."""
 
 
 def _list_files(path: Path) -> list[Path]:
@@ -109,26 +118,26 @@ def _match_heading(n_headings: int, heading: str, first_row: str) -> _Columns | 
     """Return the columns of points, if a heading names those of the first row."""
     separator = next((mark for mark in ";\t," if mark in heading), "")
     headings, cells = _split(heading, separator), _split(first_row, separator)
-    names = [_name_of_heading(text) for text in headings]
+    named = [_name_and_scale(text) for text in headings]
+    names = [name for name, _ in named]
     is_number = [_is_number(cell) or not cell for cell in cells]
     if len(names) != len(cells) or not any(cells):
         return None
     numeric = [name for name, is_used in zip(names, is_number, strict=True) if is_used]
     if numeric.count("x") != 1 or numeric.count("y") != 1:
         return None
-    if "z" not in numeric and set(VELOCITIES).isdisjoint(numeric):
+    if "z" not in numeric and set(_VELOCITIES).isdisjoint(numeric):
         return None
     indices = [
         index for index, name in enumerate(names) if is_number[index] and name not in names[:index]
     ]
-    units = re.findall(r"_?([mun]s)\W?$", headings[names.index("time")]) if "time" in names else ()
     return _Columns(
         n_headings=n_headings,
         separator=separator,
         n_columns=len(names),
         names=tuple(names[index] for index in indices),
         indices=tuple(indices),
-        time_scale=_SECONDS_OF_UNIT[units[0]] if units else 0.0,
+        scales=tuple(named[index][1] for index in indices),
     )
 
 
@@ -141,16 +150,28 @@ def _with_decimal_point(cell: str, separator: str) -> str:
     return cell if separator == "," else cell.replace(",", ".")
 
 
-def _name_of_heading(text: str) -> str:
-    """Return the name of a column, in lower case and without its unit."""
-    name = _UNIT.sub("", text.lower()).replace(" ", "_")
+def _name_and_scale(text: str) -> tuple[str, float]:
+    """Return the name of a column in lower case, and the SI units of its unit, 1 for others."""
+    bracketed = _BRACKETS.fullmatch(text.lower())
+    name, unit = bracketed.groups() if bracketed else (text.lower(), None)
+    name = name.strip().replace(" ", "_")
+    for scales, find_name in (
+        (_SCALES_OF_POSITION, _position_name),
+        (_SCALES_OF_VELOCITY, lambda name: name if name in _VELOCITIES else None),
+        (_SCALES_OF_TIME, lambda name: "time" if name in _TIMES else None),
+    ):
+        units = [unit] if unit is not None else sorted(scales, key=len, reverse=True)
+        for candidate in units:
+            suffix = "" if bracketed or not candidate else f"_{candidate}"
+            found = find_name(name.removesuffix(suffix)) if name.endswith(suffix) else None
+            if found is not None:
+                return found, scales.get(candidate.strip(), math.nan)
+    return ("frame" if name in _FRAMES else name or "_"), 1.0
+
+
+def _position_name(name: str) -> str | None:
     position = _POSITION.fullmatch(name)
-    if position:
-        return position[1]
-    for common, names in (("frame", _FRAMES), ("time", _TIMES)):
-        if name in names:
-            return common
-    return name or "_"
+    return position[1] if position else None
 
 
 def _is_number(text: str) -> bool:
@@ -181,6 +202,20 @@ def _read_points(path: Path) -> np.ndarray:
             expected="a heading with x, y, and z or a velocity, as x,y,z,velocity",
             fix="name the columns in the first line",
         )
+    if np.isnan(columns.scales).any():
+        raise RecordingError(
+            path,
+            value="an unknown unit of "
+            + " and ".join(
+                name
+                for name, scale in zip(columns.names, columns.scales, strict=True)
+                if np.isnan(scale)
+            ),
+            expected="positions in m, km, cm or mm, velocities in m/s or km/h, times in s, ms, us"
+            " or ns",
+            fix="convert the column, or correct its heading; read samples with"
+            " --format text-columns",
+        )
     text = content.decode("utf-8-sig", "replace")
     check_free_memory(
         f"the points of {path.name}",
@@ -189,15 +224,10 @@ def _read_points(path: Path) -> np.ndarray:
     )
     table = _parse_rows(path, text.splitlines(), columns)
     points = np.empty(len(table), [(name, "<f8") for name in columns.names])
-    for name, values in zip(columns.names, table.T, strict=True):
-        points[name] = values
-    if "time" in columns.names:
-        points["time"] *= columns.time_scale or _seconds_of_size(points["time"])
-    return (
-        _number_frames(points)
-        if columns.names.count("frame") == 0 and "time" in columns.names
-        else points
-    )
+    for name, values, scale in zip(columns.names, table.T, columns.scales, strict=True):
+        points[name] = values * (scale or _seconds_of_size(values))
+    has_only_times = "time" in columns.names and "frame" not in columns.names
+    return _number_frames(points) if has_only_times else points
 
 
 def _parse_rows(path: Path, lines: list[str], columns: _Columns) -> np.ndarray:
