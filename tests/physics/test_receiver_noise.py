@@ -57,5 +57,8 @@ def test_warning_names_detections_below_the_threshold_of_common_noise():
     # 100 expected above, with a standard deviation of 10; five of them 1 in 10^6.
     assert n_trials - n_below == pytest.approx(100, abs=50)
     assert not correlated_noise_findings(
+        1.0, 4, snr[:0], n_training=n_training, false_alarm_probability=probability
+    )
+    assert not correlated_noise_findings(
         3.6, 4, snr, n_training=n_training, false_alarm_probability=probability
     )

@@ -114,6 +114,73 @@ def test_errors_beside_extended_echo_match_stated_ones(n_cells, ratio_db, min_sh
     assert np.all(squares.mean(axis=0) < limit)
 
 
+def make_array_radar(kind):
+    """Return the radar of `make_radar` with other channels or samples."""
+    radar = make_radar()
+    if kind == "six receivers":
+        receivers = dc.Array(rx_m=[(0, (k - 2.5) * 0.00193, 0) for k in range(6)])
+        return replace(radar, array=receivers)
+    if kind == "real samples":
+        chirp = radar.frame.chirp
+        real = replace(
+            chirp,
+            sampling="real",
+            n_samples=2 * chirp.n_samples,
+            sample_rate_hz=2 * chirp.sample_rate_hz,
+        )
+        return replace(radar, frame=replace(radar.frame, chirp=real))
+    return replace(
+        radar,
+        frame=replace(radar.frame, multiplexing=dc.multiplexing.Tdm(order=(0, 1))),
+        array=dc.Array(
+            tx_m=[(0, -2 * 0.00193, 0), (0, 2 * 0.00193, 0)],
+            rx_m=[(0, (k - 1.5) * 0.00193, 0) for k in range(4)],
+        ),
+    )
+
+
+@nightly
+@pytest.mark.parametrize("kind", ["six receivers", "two transmitters", "real samples"])
+@pytest.mark.parametrize(("n_cells", "ratio_db"), [(3, 20), (5, 40), (10, 60), (30, 80)])
+def test_directions_of_other_arrays_contain_extended_echo(kind, n_cells, ratio_db):
+    """Point targets of the simulator, with range-Doppler coupling, thermal noise and walk."""
+    radar, n_trials = make_array_radar(kind), 40
+    cell_m = radar.frame.chirp.range_resolution_m
+    alone = dc.Scene(targets=[dc.Target(position_m=(20.5 * cell_m, 0, 0), rcs_m2=1)])
+    rcs_m2 = 10**3.9 / dc.truth(alone, radar).snr.item()  # 39 dB
+    rng, squares = np.random.default_rng([n_cells, ratio_db]), []
+    for _ in range(n_trials):
+        range_m, azimuth_rad = (20 + rng.random()) * cell_m, rng.uniform(-0.8, 0.8)
+        ranges_m = range_m + np.concatenate([[0], (n_cells + 2 * rng.random(12)) * cell_m])
+        azimuths = rng.uniform(-0.8, 0.8) + 0.1 * rng.normal(size=13)
+        powers = rng.exponential(size=13)
+        powers *= 10 ** (ratio_db / 10) / powers[1:].sum() * (ranges_m / range_m) ** 4
+        azimuths[0], powers[0] = azimuth_rad, 1
+        targets = [
+            dc.Target(
+                name=str(i),
+                position_m=(
+                    ranges_m[i] * np.cos(azimuths[i]),
+                    ranges_m[i] * np.sin(azimuths[i]),
+                    0,
+                ),
+                rcs_m2=rcs_m2 * powers[i],
+            )
+            for i in range(13)
+        ]
+        cube = dc.simulate(dc.Scene(targets=targets), radar, seed=int(rng.integers(1 << 31)))
+        found = dc.detect(cube, radar, dc.Chain(cfar=STATIC_CFAR))
+        distances_m = abs(found.range.values - range_m)
+        if distances_m.min(initial=np.inf) < cell_m:
+            nearest = found.isel(detection=int(distances_m.argmin()))
+            squares.append(((nearest.azimuth - azimuth_rad) / nearest.azimuth_std).item() ** 2)
+    known = np.array(squares)[np.isfinite(squares)]
+
+    # Measured in 36 cases of 60 trials: 0.3 to 1.15.
+    assert known.size >= 0.5 * n_trials
+    assert known.mean() < chi2.ppf(1 - 1e-7, known.size) / known.size
+
+
 def test_target_in_sidelobes_that_no_window_removes_has_no_direction():
     squares = measure_squared_errors(
         make_radar(), dc.Chain(cfar=STATIC_CFAR), n_cells=3, ratio_db=40, n_trials=40

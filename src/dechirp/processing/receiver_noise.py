@@ -60,7 +60,7 @@ def correlated_noise_findings(
     n_training: int,
     false_alarm_probability: float,
 ) -> tuple[Finding, ...]:
-    """Return a warning if the noise of receivers is correlated, with the doubtful detections.
+    """Return a warning on the detections that correlated noise of receivers makes doubtful.
 
     `snr` are those of all detections: sums over the receivers, relative to the noise of one.
     """
@@ -71,6 +71,8 @@ def correlated_noise_findings(
     )
     least_snr = n_receivers * (ratio - 1)
     n_doubtful = int(np.count_nonzero(snr < least_snr))
+    if n_doubtful == 0:
+        return ()
     return (
         Finding(
             level="warning",
