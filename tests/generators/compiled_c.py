@@ -35,7 +35,7 @@ def require_program(name: str) -> str:
 def run_program(*words: str | Path, cwd: Path | None = None, must_fail: bool = False) -> str:
     """Run a program, check whether it succeeds, and return what it prints."""
     result = subprocess.run(
-        words, cwd=cwd, capture_output=True, check=False, text=True, timeout=500
+        words, cwd=cwd, capture_output=True, check=False, text=True, timeout=3600
     )
     assert (result.returncode != 0) == must_fail, result.stdout[-1000:] + result.stderr[-3000:]
     return result.stdout
