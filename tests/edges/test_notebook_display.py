@@ -14,6 +14,7 @@ import xarray as xr
 import dechirp as dc
 import sample_studies
 from dechirp.core.dimensions import DIMENSIONS
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.table_columns import dataset_to_columns
 from dechirp.core.text import format_quantity
 from dechirp.experiments.study.run import StudyOutcome
@@ -316,3 +317,15 @@ def test_quantity_is_formatted_by_dimension(number, unit, text):
 def test_every_dimension_is_formatted(unit):
     for number in (0.0, 1e-9, 1.0, 1e12):
         assert format_quantity(number, unit)[0] in "0123456789\N{MINUS SIGN}"
+
+
+@pytest.mark.parametrize(
+    ("n", "noun", "text"),
+    [
+        (1, "chirp", "1 chirp"),
+        (2048, "chirp", "2,048 chirps"),
+        (0, "identity switch", "0 identity switches"),
+    ],
+)
+def test_count_is_written_with_plural_of_its_noun(n, noun, text):
+    assert format_count_with_noun(n, noun) == text

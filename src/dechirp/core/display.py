@@ -92,8 +92,9 @@ def truncated_display_table(
 
 
 def format_count_with_noun(n: int, noun: str) -> str:
-    """Write a count with its noun: 1 chirp, 128 chirps."""
-    return f"{n:,} {noun}{'s' if n != 1 else ''}"
+    """Write a count with its noun: 1 chirp, 128 chirps, 2 switches."""
+    ending = "es" if noun.endswith(("ch", "sh", "s", "x")) else "s"
+    return f"{n:,} {noun}{ending if n != 1 else ''}"
 
 
 def format_setting_value(value: Any, unit: str | None = None) -> str:
