@@ -56,7 +56,7 @@ def describe_traffic_scores(result: "Result") -> list[str]:
     if scores.gospa_m is not None:
         sentences.append(
             f"Tracks: mean GOSPA {format_fixed(scores.gospa_m, 2)} m (cut-off {CUTOFF_M:g} m,"
-            f" order 2), {format_count_with_noun(scores.n_identity_switches, 'identity switch')},"
+            f" order 2), {format_count_with_noun(scores.n_identity_switches or 0, 'identity switch')},"
             f" {format_fixed(scores.n_false_tracks or 0.0, 2)} false tracks in a frame."
         )
     return sentences
