@@ -196,7 +196,9 @@ def _shift_variance_gain(
     cell apart are counted along this axis.
     """
     contributed = np.sum(np.abs(components) ** 2, axis=1).mean(axis=1)
-    share = _BINS_OF_REMAINDER * remaining_power / np.maximum(contributed, 1e-300)
+    # Shares over 0.14 are half a cell or more; 1e9 stands for nothing contributed.
+    least_power = np.maximum(1e-9 * remaining_power, np.finfo(float).tiny)
+    share = _BINS_OF_REMAINDER * remaining_power / np.maximum(contributed, least_power)
     cells_apart = np.minimum((45 * share) ** 0.25 / np.pi, 0.5)
     shift_variance = (2 * np.pi / n_points * cells_apart) ** 2 / 2 * contributed
     return np.asarray(shift_variance * (n_points**2 - 1) / (6 * noise_power))
