@@ -54,9 +54,10 @@ def describe_traffic_scores(result: "Result") -> list[str]:
         f" {scores.velocity_known_share:.1%}.",
     ]
     if scores.gospa_m is not None:
+        switches = format_count_with_noun(scores.n_identity_switches or 0, "identity switch")
         sentences.append(
             f"Tracks: mean GOSPA {format_fixed(scores.gospa_m, 2)} m (cut-off {CUTOFF_M:g} m,"
-            f" order 2), {format_count_with_noun(scores.n_identity_switches or 0, 'identity switch')},"
+            f" order 2), {switches},"
             f" {format_fixed(scores.n_false_tracks or 0.0, 2)} false tracks in a frame."
         )
     return sentences
