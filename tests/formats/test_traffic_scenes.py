@@ -138,6 +138,23 @@ def test_stated_velocities_shape_the_path_between_coarse_steps(tmp_path):
     assert path.motion_at(1.5).acceleration_m_per_s2[0] == pytest.approx(3.0, rel=1e-12)
 
 
+def test_wrong_velocities_are_told_though_the_path_passes_through_the_positions(tmp_path, radar):
+    # 10 m/s in positions, 40 m/s stated at both ends of 1 s: 180 m/s^2 for a cubic.
+    rows = [
+        f"{t},{n},car,{10 * t + 30 * n},0,0,4.5,1.8,1.5,{v},0"
+        for t in (0, 1)
+        for n, v in ((0, 10), (1, 40))
+    ]
+    traffic = open_rows(tmp_path, *rows, header=f"{HEADER},vx,vy")
+
+    scenes = FrameScenes(traffic, radar, ego=0)
+
+    (finding,) = [entry for entry in scenes.findings if entry.setting == "traffic.position"]
+    assert finding.level == "note"
+    assert finding.value.startswith("positions and velocities of 1 path contradict")
+    assert finding.value.endswith("1; smooth paths pass through the positions")
+
+
 def test_objects_exist_only_while_present(tmp_path, radar):
     gap_s = [t for t in STEPS_S if not 0.65 < t < 1.25]
     rows = states(1, STEPS_S, constant(0.0), constant(0.0))

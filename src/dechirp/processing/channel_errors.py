@@ -34,6 +34,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.findings import Finding
 from dechirp.processing.angle.aperture import Aperture, radar_aperture
 from dechirp.processing.angle.base import Directions
@@ -417,13 +418,14 @@ def hidden_channel_error_findings(
     n_phases = int(np.linalg.matrix_rank(phases)) - n_angles - 1
     if n_phases >= 3:
         return ()
+    further_phases = format_count_with_noun(n_phases, "phase") if n_phases else "no phases"
     return (
         Finding(
             level="note",
             setting="chain.angle",
             value="the standard errors of directions may contain noise alone: the array is not"
-            f" calibrated, and {n_elements} elements have {n_phases or 'no'} phases besides those"
-            " of a plane wave",
+            f" calibrated, and {n_elements} elements have {further_phases} besides those of a"
+            " plane wave",
             expected=f"a calibrated array, or three such phases ({n_angles + 4} receivers of one"
             " transmitter), which show the errors of the channels",
             fix=_CALIBRATION_FIX,

@@ -37,7 +37,7 @@ _MAX_SUGGESTED_IDS = 5
 _MAX_FRAMES = 1_000_000
 _SINGLE_STEP_S = 1.0  # presence of objects in a trace of one step
 _ROUNDING_S = 1e-9
-_LARGEST_UNNOTICED_SHIFT_M = 0.5
+_LARGEST_UNNOTICED_SHIFT_M, _LEAST_NAMED_SHIFT_M = 0.5, 1e-3
 
 
 class ObjectInView(NamedTuple):
@@ -332,15 +332,20 @@ class FrameScenes:
         if not rough:
             return ()
         name, path = max(paths, key=lambda item: item[1].shift_m)
+        if path.shift_m < _LEAST_NAMED_SHIFT_M:
+            places = "smooth paths pass through the positions"
+        else:
+            places = (
+                f"smooth paths are up to {format_number(path.shift_m, 2)} m beside the positions"
+                f" ({name} from {format_number(float(path.times_s[0]))} s)"
+            )
         return (
             Finding(
                 level="warning" if path.shift_m > _LARGEST_UNNOTICED_SHIFT_M else "note",
                 setting="traffic.position",
-                value=f"positions and velocities of {len(rough)} paths contradict each other, or"
-                f" need more than {MAX_ACCELERATION_M_PER_S2:g} m/s^2:"
-                f" {join_names(rough, at_most=_MAX_NAMED)}; smooth paths are up to"
-                f" {format_number(path.shift_m, 2)} m beside the positions ({name} from"
-                f" {format_number(float(path.times_s[0]))} s)",
+                value=f"positions and velocities of {format_count_with_noun(len(rough), 'path')}"
+                f" contradict each other, or need more than {MAX_ACCELERATION_M_PER_S2:g} m/s^2:"
+                f" {join_names(rough, at_most=_MAX_NAMED)}; {places}",
                 expected="smooth motion",
                 fix="nothing to do for the jitter of measured positions; else correct the trace",
             ),
