@@ -6,7 +6,6 @@ from dechirp.witnesses.base import Witness
 from nightly import nightly
 
 EXPECTED_FAILURES = {
-    "acconeer-breathing": {"vendor's breathing rates"},
     "comma-radar": {"RMSE of the own speed"},
     "ctsai-ddma": {"transmit order"},
 }
