@@ -471,8 +471,8 @@ def _find_lines(
     trend = slow_functions(times_s, settings.breathing_hz[0] / 2)
     nyquist_hz = (len(times_s) - 1) / (2 * np.ptp(times_s))
     top_hz = min(settings.heart_hz[1], 0.9 * nyquist_hz)
-    # Up to second harmonics. Over all of the heart's band, the slope of a random walk in white noise
-    # of its power at 1 Hz is too low for breathing: 14 false ones of 200 below 1 %, instead of 2.
+    # Up to second harmonics. Over all of the heart's band, the slope of a random walk in white
+    # noise of its power at 1 Hz is too low for breathing: 14 false of 200 below 1 %, not 2.
     slope_hz = settings.breathing_hz[0], min(2 * settings.breathing_hz[1], top_hz)
     slope = fit_noise_slope(movement, times_s, slope_hz, trend)
     max_harmonics = max(1, min(_MAX_HARMONICS, int(nyquist_hz / settings.breathing_hz[1])))

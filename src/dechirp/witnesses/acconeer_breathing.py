@@ -62,6 +62,4 @@ class AcconeerBreathing(Witness):
             unit="1",
             tolerance=0.0,
             basis=f"all of them; {_BASIS}",
-            cause="the window before 30.6 s is 2.7 a minute off: body movements are as strong as"
-            " breathing there, and each cell alone shows another line",
         )
