@@ -345,6 +345,8 @@ def test_link_budget_equals_that_of_radar():
     assert dc.link_budget.range_from_beat(beat_hz, slope_hz_per_s=20e12) == pytest.approx(20.0)
     limits = {"sample_rate_hz": 5e6, "slope_hz_per_s": 20e12}
     assert dc.link_budget.unambiguous_range(**limits) == pytest.approx(CHIRP.max_range_m)
+    with pytest.raises(dc.InvalidSetting, match=r"is_complex: 'yes'; expected True or False"):
+        dc.link_budget.unambiguous_range(**limits, is_complex="yes")
     frame, frequency_hz = RADAR.frame, LINK["frequency_hz"]
     velocity = dc.link_budget.unambiguous_velocity(frequency_hz=frequency_hz, interval_s=40e-6)
     assert velocity == pytest.approx(frame.max_velocity_m_per_s, rel=1e-12)
@@ -425,6 +427,10 @@ def test_directions_equal_those_of_estimator(kind):
     for values, named_values, expected_values in zip(directions, by_name, expected, strict=True):
         np.testing.assert_array_equal(values, expected_values)
         np.testing.assert_array_equal(named_values, expected_values)
+    of_fortran_order = getattr(dc.angle, kind.replace("-", "_"))(
+        np.asfortranarray(snapshots), HALF_WAVE_LINE, n_sources, noise_power=4e-4
+    )
+    np.testing.assert_array_equal(of_fortran_order.azimuth_rad, directions.azimuth_rad)
     # 30 snapshots at 34 dB: the bound is 0.3 mrad, and 10 of it cover the leakage of two beams.
     error = np.sort(directions.azimuth_rad, axis=1) - np.sort(azimuth)
     assert np.max(abs(error)) < 3e-3

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import broadcast_arguments, check_finite_array, check_integer
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import BOLTZMANN, REFERENCE_TEMPERATURE, SPEED_OF_LIGHT
 
 __all__ = [
@@ -197,6 +198,13 @@ def unambiguous_range(
 
     Farther echoes are aliased.
     """
+    if not isinstance(is_complex, bool | np.bool_):
+        raise InvalidSetting(
+            "is_complex",
+            value=repr(is_complex),
+            expected="True or False",
+            fix="give False for real samples, without I and Q",
+        )
     rate, slope = _broadcast_positive(sample_rate_hz=sample_rate_hz, slope_hz_per_s=slope_hz_per_s)
     return range_from_beat(rate if is_complex else rate / 2, slope_hz_per_s=slope)
 

@@ -335,7 +335,7 @@ def _array_cells(
             expected=f"{len(elements)} elements, one for each of the positions",
             fix="give a position for each element, or the axis of the elements",
         )
-    amplitudes = np.atleast_2d(amplitudes).astype(complex)
+    amplitudes = np.atleast_2d(amplitudes).astype(complex, order="C")
     cells = amplitudes.shape[:-2]
     noise = check_non_negative_ratios("noise_power", 0.0 if noise_power is None else noise_power)
     try:
