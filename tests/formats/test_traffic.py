@@ -135,7 +135,10 @@ def test_object_at_rest_keeps_its_velocity_of_zero(tmp_path):
 @pytest.mark.parametrize(
     ("rows", "expected"),
     [
-        ([car_row(0, 0), car_row(1, 10), car_row(3, 30), car_row(2, 0, 8)], "object 7 at 3 s"),
+        (
+            [*(car_row(t, t) for t in (0, 1, 2, 7)), car_row(4, 0, 8)],
+            "1 ids reappear after a gap: object 7 at 7 s",
+        ),
         ([car_row(0, 0), car_row(0.1, 50)], "object 7 at 0.1 s (500 m/s)"),
         ([car_row(0, 5), car_row(0, 5.01, 8)], "7 and 8 at 0 s"),
     ],

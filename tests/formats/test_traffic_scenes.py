@@ -111,7 +111,7 @@ def test_jitter_of_positions_does_not_exceed_the_acceleration_limit(tmp_path):
         tmp_path, *states(1, STEPS_S, lambda t: 20 * t + jitter_m[float(t)], constant(0.0))
     )
 
-    (path,) = fit_paths(traffic.objects.isel(object=0), 0.05)
+    (path,) = fit_paths(traffic.objects.isel(object=0), 0.1)
 
     times_s = np.linspace(0, 2, 2001)
     motions = [path.motion_at(t) for t in times_s]
@@ -131,7 +131,7 @@ def test_stated_velocities_shape_the_path_between_coarse_steps(tmp_path):
     rows = [f"{t},1,car,{t**3 / 3:.17g},0,0,4.5,1.8,1.5,{t**2},0" for t in range(4)]
     traffic = open_rows(tmp_path, *rows, header=header)
 
-    (path,) = fit_paths(traffic.objects.isel(object=0), 0.5)
+    (path,) = fit_paths(traffic.objects.isel(object=0), 1.0)
 
     # A cubic is its own Hermite interpolant.
     assert path.motion_at(1.5).position_m[0] == pytest.approx(1.5**3 / 3, rel=1e-12)
@@ -166,6 +166,67 @@ def test_objects_exist_only_while_present(tmp_path, radar):
     times_s = np.array([scenes.mid_frame_s(number) for number in range(scenes.n_frames)])
     # Present in the steps 0.6 and 1.3 s, and half a step beyond.
     assert present == np.where((times_s > 0.65) & (times_s < 1.25), 0, 1).tolist()
+
+
+@pytest.mark.parametrize(
+    "times_s",
+    [
+        np.nextafter(STEPS_S, 9),  # 1 ulp later
+        np.arange(0, 2.01, 0.05),
+        STEPS_S + 0.05,
+        np.delete(STEPS_S, [4, 5, 6, 12]),
+    ],
+    ids=["rounding", "20 Hz", "half a step apart", "rows missing"],
+)
+@pytest.mark.parametrize("of_ego", [False, True])
+def test_objects_of_different_times_are_whole(tmp_path, radar, times_s, of_ego):
+    # Both cars keep 10 m/s on straight lines, on which any interpolation is exact.
+    times = [STEPS_S, times_s] if of_ego else [times_s, STEPS_S]
+    other, ego = (
+        [f"{t!r},{number},car,{start_m + 10 * t!r},0,,4.5,1.8,1.5" for t in its_times_s.tolist()]
+        for number, start_m, its_times_s in ((2, 30, times[0]), (1, 0, times[1]))
+    )
+    scenes = FrameScenes(open_rows(tmp_path, *ego, *other), radar, ego=1)
+
+    assert scenes.n_frames == 41
+    within = [
+        number
+        for number in range(scenes.n_frames)
+        if max(times[0][0], times[1][0]) - 0.04 < scenes.mid_frame_s(number) < 2.04
+    ]
+    assert len(within) >= 39
+    for number in within:
+        (car,) = scenes.scene(number).targets
+        assert car.position_m[0] == pytest.approx(30 - 2.25, abs=1e-9)
+    assert [entry.setting for entry in scenes.findings] == ["traffic.velocity"]
+
+
+def test_rows_of_one_time_are_one_step_in_unix_time(tmp_path):
+    now_s = 1.7e9 + STEPS_S
+    rows = [f"{t!r},1,car,0,0,0,4.5,1.8,1.5" for t in now_s.tolist()]
+    rows += [f"{t!r},2,car,9,0,0,4.5,1.8,1.5" for t in np.nextafter(now_s, 0).tolist()]
+
+    objects = open_rows(tmp_path, *rows).objects
+
+    assert objects.sizes["time"] == 21
+    assert np.isfinite(objects["x"]).all()
+
+
+def test_frames_continue_after_a_gap_of_the_ego(tmp_path, radar):
+    gap_s = [t for t in STEPS_S if not 0.55 < t < 1.45]
+    rows = states(1, gap_s, lambda t: 10 * t, constant(0.0))
+    rows += states(2, STEPS_S, lambda t: 30 + 10 * t, constant(0.0))
+    scenes = FrameScenes(open_rows(tmp_path, *rows), radar, ego=1)
+
+    n_targets = [len(scenes.scene(number).targets) for number in range(scenes.n_frames)]
+
+    times_s = np.array([scenes.mid_frame_s(number) for number in range(scenes.n_frames)])
+    assert n_targets == np.where((times_s > 0.55) & (times_s < 1.45), 0, 1).tolist()
+    assert len(n_targets) == 41
+    finding = next(entry for entry in scenes.findings if entry.setting == "traffic.ego")
+    assert finding.value.startswith("car-1 is absent from 0.55 to 1.45 s")
+    later = FrameScenes(open_rows(tmp_path, *rows), radar, ego=1, start_s=1.45)
+    assert "traffic.ego" not in [entry.setting for entry in later.findings]
 
 
 def test_jump_splits_the_path(tmp_path, radar):

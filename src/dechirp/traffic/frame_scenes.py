@@ -3,9 +3,11 @@
 import math
 from bisect import bisect_right
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple, cast
 
 import numpy as np
+import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_number
@@ -19,6 +21,7 @@ from dechirp.scene.scene import Scene
 from dechirp.traffic.base import STRUCTURE_KINDS, ObjectKind
 from dechirp.traffic.motion import MAX_ACCELERATION_M_PER_S2, Motion, ObjectPath, fit_paths
 from dechirp.traffic.mounting import Mounting, mounting_on_vehicle
+from dechirp.traffic.object_steps import SAME_TIME_S, typical_steps_s
 from dechirp.traffic.outlines import contains_origin, nearest_point_m, rotation
 from dechirp.traffic.radar_scene import (
     MovingBody,
@@ -35,7 +38,6 @@ from dechirp.traffic.traffic import FASTEST_M_PER_S, Traffic
 _MAX_NAMED = 4
 _MAX_SUGGESTED_IDS = 5
 _MAX_FRAMES = 1_000_000
-_SINGLE_STEP_S = 1.0  # presence of objects in a trace of one step
 _ROUNDING_S = 1e-9
 _LARGEST_UNNOTICED_SHIFT_M, _LEAST_NAMED_SHIFT_M = 0.5, 1e-3
 
@@ -80,7 +82,7 @@ class FrameScenes:
     mount : str or Mounting
         Place on the outline of the vehicle, such as front or rear-left, or any pose.
     start_s, duration_s : float, optional
-        Part of the trace, from its first step; default: all, as far as the vehicle is present.
+        Part of the trace, from its first step; default: all, while the vehicle is present.
 
     Raises
     ------
@@ -102,7 +104,7 @@ class FrameScenes:
     ) -> None:
         objects = traffic.objects
         self._radar, self._times_s = radar, objects["time"].values
-        self._positions_m = np.stack([objects["x"].values, objects["y"].values], axis=-1)
+        self._nearest_positions_m = _nearest_positions_m(objects)
         self._ids = [int(number) for number in objects["id"].values]
         self._kinds = [cast(ObjectKind, str(kind)) for kind in objects["kind"].values]
         self.names = tuple(
@@ -116,13 +118,18 @@ class FrameScenes:
         self._sizes = [
             complete_size(kind, size) for kind, size in zip(self._kinds, stated_sizes, strict=True)
         ]
-        self._step_s = float(np.diff(self._times_s).max(initial=0.0)) or _SINGLE_STEP_S
-        margin_s = float(np.median(np.diff(self._times_s))) / 2 if self._times_s.size > 1 else 0.5
+        steps_s = typical_steps_s(objects)
         heights_m = [size.height_m for size in self._sizes]
         objects = objects.assign(height=("object", heights_m))
         self._paths = [
-            fit_paths(objects.isel(object=index), margin_s) for index in range(len(self._ids))
+            fit_paths(objects.isel(object=index), step_s)
+            for index, step_s in enumerate(steps_s.tolist())
         ]
+        self._longest_step_s = max(
+            float(np.diff(path.times_s).max(initial=step_s))
+            for paths, step_s in zip(self._paths, steps_s, strict=True)
+            for path in paths
+        )
         half_diagonals_m = [math.hypot(size.length_m, size.width_m) / 2 for size in self._sizes]
         self._half_diagonals_m = np.array(half_diagonals_m)
         self._check_bodies()
@@ -141,6 +148,7 @@ class FrameScenes:
             *traffic.findings,
             *self._unknown_size_findings(stated_sizes),
             *self._path_findings(),
+            *self._ego_gap_findings(),
         )
 
     @property
@@ -169,19 +177,24 @@ class FrameScenes:
         return self.start_s + frame.frame_start_s(number) + frame.for_frame(number).mid_frame_s
 
     def radar_motion(self, number: int) -> RadarMotion:
-        """Return the motion of the radar at mid-frame, in the axes of the file."""
-        path = _path_at(self._paths[self._ego], self.mid_frame_s(number))
-        assert path is not None  # frames are within one path
+        """Return the motion of the radar at mid-frame, in the axes of the file.
+
+        While the vehicle is absent, it is that of the nearest path, straight on.
+        """
+        path, _ = self._ego_path_at(self.mid_frame_s(number))
         return motion_of_mounted_radar(path.motion_at(self.mid_frame_s(number)), self.mounting)
 
     def objects_in_view(self, number: int) -> list[ObjectInView]:
         """Return the objects within the largest range and in front of the antennas at mid-frame.
 
-        Objects around the radar are left out, with a finding.
+        Objects around the radar are left out, with a finding. No object is in view while the
+        vehicle of the radar is absent.
         """
         if self._latest_view[0] == number:
             return self._latest_view[1]
         time_s, radar = self.mid_frame_s(number), self.radar_motion(number)
+        if not self._ego_path_at(time_s)[1]:
+            return []
         max_range_m = self._radar.frame.chirp.max_range_m
         items = []
         for index in self._indices_near(radar.position_m[:2], max_range_m, time_s):
@@ -236,17 +249,22 @@ class FrameScenes:
     def _indices_near(self, place_m: np.ndarray, range_m: float, time_s: float) -> list[int]:
         """Return the objects that may be within a range of a place, from the nearest step."""
         nearest = int(np.argmin(np.abs(self._times_s - time_s)))
-        # An object may be absent in the nearest step, but present within half a step of another.
-        around = self._positions_m[:, max(nearest - 1, 0) : nearest + 2]
-        reach_m = range_m + self._half_diagonals_m + 2 * self._step_s * FASTEST_M_PER_S
-        is_near = np.any(np.linalg.norm(around - place_m, axis=-1) < reach_m[:, None], axis=1)
-        return [int(index) for index in np.flatnonzero(is_near)]
+        distances_m = np.linalg.norm(self._nearest_positions_m[:, nearest] - place_m, axis=-1)
+        reach_m = range_m + self._half_diagonals_m + 2 * self._longest_step_s * FASTEST_M_PER_S
+        return [int(index) for index in np.flatnonzero(distances_m < reach_m)]
+
+    def _ego_path_at(self, time_s: float) -> tuple[ObjectPath, bool]:
+        """Return the path of the radar's vehicle nearest to a time, and whether it is present."""
+        paths = self._paths[self._ego]
+        distances_s = [max(path.start_s - time_s, time_s - path.end_s) for path in paths]
+        nearest = int(np.argmin(distances_s))
+        return paths[nearest], distances_s[nearest] <= SAME_TIME_S
 
     def _find_ego(self, traffic: Traffic, ego: int | None) -> int:
         number = traffic.host if ego is None else ego
         if number is not None and number in self._ids:
             return self._ids.index(number)
-        n_steps = np.isfinite(self._positions_m[..., 0]).sum(axis=1)
+        n_steps = np.isfinite(traffic.objects["x"].values).sum(axis=1)
         is_structure = [kind in STRUCTURE_KINDS for kind in self._kinds]
         if not all(is_structure):
             n_steps[is_structure] = 0
@@ -267,7 +285,7 @@ class FrameScenes:
         earliest_s = float(self._times_s[0]) + start_s
         paths = self._paths[self._ego]
         path = next((path for path in paths if path.end_s > earliest_s), paths[-1])
-        first_s, end_s = max(earliest_s, float(path.times_s[0])), path.end_s
+        first_s, end_s = max(earliest_s, float(path.times_s[0])), paths[-1].end_s
         if duration_s is not None:
             end_s = min(end_s, first_s + check_number("traffic.duration_s", duration_s, above=0))
         frame = self._radar.frame
@@ -351,6 +369,30 @@ class FrameScenes:
             ),
         )
 
+    def _ego_gap_findings(self) -> tuple[Finding, ...]:
+        paths, frame = self._paths[self._ego], self._radar.frame
+        end_s = self.start_s + frame.frame_start_s(self.n_frames - 1)
+        gaps = [
+            f"from {format_number(before.end_s)} to {format_number(after.start_s)} s"
+            for before, after in pairwise(paths)
+            if after.start_s - before.end_s > SAME_TIME_S
+            and before.end_s < end_s
+            and after.start_s > self.start_s
+        ]
+        if not gaps:
+            return ()
+        return (
+            Finding(
+                level="warning",
+                setting="traffic.ego",
+                value=f"{self.ego_name} is absent {join_names(gaps, at_most=_MAX_NAMED)}: no object"
+                " is in view of the frames there",
+                expected="a vehicle that is present in all frames",
+                fix="select a part with traffic.start_s and traffic.duration_s, or complete the"
+                " file",
+            ),
+        )
+
     def _around_radar_findings(self) -> tuple[Finding, ...]:
         if not self._times_around_radar_s:
             return ()
@@ -369,6 +411,17 @@ class FrameScenes:
                 fix="move the radar, or remove what belongs to its vehicle, such as a trailer",
             ),
         )
+
+
+def _nearest_positions_m(objects: xr.Dataset) -> np.ndarray:
+    """Return the position of each object in its step nearest to each time, (n, n_times, 2)."""
+    times_s = objects["time"].values
+    positions_m = np.stack([objects["x"].values, objects["y"].values], axis=-1)
+    for of_object in positions_m:
+        present = np.flatnonzero(np.isfinite(of_object[:, 0]))
+        middles_s = (times_s[present][1:] + times_s[present][:-1]) / 2
+        of_object[:] = of_object[present[np.searchsorted(middles_s, times_s)]]
+    return positions_m
 
 
 def _path_at(paths: list[ObjectPath], time_s: float) -> ObjectPath | None:

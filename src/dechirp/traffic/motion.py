@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from dechirp.traffic.object_steps import find_gaps
 from dechirp.traffic.traffic import FASTEST_M_PER_S, step_speeds_m_per_s
 
 MAX_ACCELERATION_M_PER_S2 = 12.0
@@ -144,10 +145,10 @@ class ObjectPath:
         return np.unwrap(headings_rad[nearest])
 
 
-def fit_paths(steps: xr.Dataset, margin_s: float) -> list[ObjectPath]:
+def fit_paths(steps: xr.Dataset, step_s: float) -> list[ObjectPath]:
     """Fit a path to each run of steps of one object, from `open_traffic`, over `time`.
 
-    A run ends where the object is absent, or jumps.
+    A run ends where the object is absent, or jumps; `step_s` is its typical step.
     """
     columns = _Steps(
         str(steps["kind"].item()),
@@ -155,14 +156,14 @@ def fit_paths(steps: xr.Dataset, margin_s: float) -> list[ObjectPath]:
         *(steps[name].values for name in _Steps._fields[2:]),
     )
     if steps["is_stationary"].item() and not np.any(_ranges_over_time(columns)):
-        margin_s += float(columns.time[-1] - columns.time[0])
+        margin_s = step_s / 2 + float(columns.time[-1] - columns.time[0])
         return [ObjectPath(columns.select(np.array([0])), margin_s)]
     present = np.flatnonzero(np.isfinite(columns.x))
     there = columns.select(present)
     speeds = step_speeds_m_per_s(there.time, there.x, there.y)
-    is_break = (np.diff(present) > 1) | (speeds > FASTEST_M_PER_S)
+    is_break = find_gaps(columns.time, present, step_s) | (speeds > FASTEST_M_PER_S)
     runs = np.split(present, np.flatnonzero(is_break) + 1)
-    return [ObjectPath(columns.select(run), margin_s) for run in runs if run.size]
+    return [ObjectPath(columns.select(run), step_s / 2) for run in runs if run.size]
 
 
 def _ranges_over_time(steps: _Steps) -> np.ndarray:

@@ -15,6 +15,7 @@ from dechirp.core.memory import check_free_memory
 from dechirp.core.text import format_number, join_names
 from dechirp.core.values import frozen_dataclass
 from dechirp.traffic.base import STRUCTURE_KINDS, CutTrafficError, ObjectState, TrafficFormat
+from dechirp.traffic.object_steps import find_gaps, join_times_s, typical_steps_s
 
 _UNITS = {
     "x": "m",
@@ -68,8 +69,9 @@ def open_traffic(path: str | Path) -> Traffic:
     -------
     Traffic
         Velocities that are missing, or zero although the object moves, come from the positions;
-        findings name such objects, ids that reappear, jumps, and objects in one place. Of a file
-        that is cut short, what precedes the cut is read, with a finding.
+        findings name such objects, ids that reappear, jumps, and objects in one place. Up to three
+        missing rows of an object are no gap. Of a file that is cut short, what precedes the cut is
+        read, with a finding.
 
     Raises
     ------
@@ -178,7 +180,7 @@ def _build_objects(path: Path, rows: list[ObjectState]) -> xr.Dataset:
         )
     for row in rows:
         check_state(path, row)
-    times_s = np.unique([row.time_s for row in rows])
+    times_s, at_time = join_times_s(np.array([row.time_s for row in rows]))
     ids = list(dict.fromkeys(row.id for row in rows))
     check_free_memory(
         f"{len(ids)} objects at {len(times_s)} times",
@@ -187,7 +189,6 @@ def _build_objects(path: Path, rows: list[ObjectState]) -> xr.Dataset:
     )
     object_index = {number: index for index, number in enumerate(ids)}
     at_object = np.array([object_index[row.id] for row in rows])
-    at_time = np.searchsorted(times_s, [row.time_s for row in rows])
     n_rows_of_cell = np.zeros((len(ids), len(times_s)), int)
     np.add.at(n_rows_of_cell, (at_object, at_time), 1)
     if n_rows_of_cell.max() > 1:
@@ -339,10 +340,12 @@ def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
     ids, times_s = objects["id"].values, objects["time"].values
     x, y = objects["x"].values, objects["y"].values
     gaps, jumps = [], []
+    steps_s = typical_steps_s(objects)
     for index, number in enumerate(ids.tolist()):
         present = np.flatnonzero(np.isfinite(x[index]))
-        if np.any(np.diff(present) > 1):
-            first = present[np.argmax(np.diff(present) > 1) + 1]
+        is_gap = find_gaps(times_s, present, steps_s[index])
+        if np.any(is_gap):
+            first = present[np.argmax(is_gap) + 1]
             gaps.append(f"object {number} at {format_number(times_s[first])} s")
         speeds = step_speeds_m_per_s(times_s[present], x[index, present], y[index, present])
         if np.any(speeds > FASTEST_M_PER_S):
