@@ -271,10 +271,30 @@ def test_csv_cut_within_a_line_is_read_up_to_it(tmp_path):
     traffic = dc.open_traffic(path)
 
     assert traffic.objects.identical(whole)
-    assert "cut short at line 5: " in traffic.findings[0].value
+    assert "cut short at line 5, which has no line end; 3 states" in traffic.findings[0].value
+    # A number that is cut is still a number: a height of 1.5 m becomes 1 m.
+    path.write_text("".join(lines).removesuffix(".5\n"), encoding="utf-8")
+    traffic = dc.open_traffic(path)
+    assert traffic.objects.identical(whole.isel(time=slice(2)))
+    assert "line 4, which has no line end; 2 states up to 1 s" in traffic.findings[0].value
+    path.write_text("".join(lines[:3]) + lines[3].replace("car", "lorry"), encoding="utf-8")
+    with pytest.raises(dc.RecordingError, match="line 4: class 'lorry'"):
+        dc.open_traffic(path)
     path.write_text("".join(lines[:2]) + lines[2][:3] + "\n" + lines[3], encoding="utf-8")
     with pytest.raises(dc.RecordingError, match="line 3: "):
         dc.open_traffic(path)
+
+
+@pytest.mark.parametrize("prefix", ["", "\ufeff"])
+@pytest.mark.parametrize("separator", [",", " ,", ", ", " , "])
+def test_csv_headers_have_blanks_and_byte_order_marks(tmp_path, prefix, separator):
+    rows = [car_row(time, 10 * time) for time in range(3)]
+    expected = dc.open_traffic(write_csv(tmp_path, *rows)).objects
+
+    header = prefix + HEADER.replace(",", separator)
+    objects = dc.open_traffic(write_csv(tmp_path, *rows, header=header)).objects
+
+    assert objects.identical(expected)
 
 
 def test_csv_field_beyond_the_limit_of_the_library_is_named(tmp_path):

@@ -150,7 +150,7 @@ def _read_states_up_to_cut(
                 value=f"the file is cut short at {mistake.value}; {len(states)} states up to"
                 f" {states[-1].time_s:g} s, the last of object {states[-1].id}, are read",
                 expected="a complete file",
-                fix="record it again if what follows matters",
+                fix=mistake.fix,
             )
         )
     last_s: dict[int, float] = {}

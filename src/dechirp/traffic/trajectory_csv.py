@@ -3,7 +3,7 @@
 import csv
 from collections.abc import Iterator
 from pathlib import Path
-from typing import get_args
+from typing import TextIO, get_args
 
 from dechirp.core.errors import RecordingError
 from dechirp.traffic.base import (
@@ -38,28 +38,52 @@ class TrajectoryCsv(TrafficFormat):
         """Return True if the first line names the columns."""
         if path.suffix.lower() != ".csv":
             return False
-        with path.open(encoding="utf-8", errors="replace") as file:
+        with _open_text(path) as file:
             header = file.readline(10_000)
         return set(_REQUIRED) <= {name.strip() for name in header.split(",")}
 
     def read_states(self, path: Path) -> Iterator[ObjectState]:
         """Yield a state for each row; empty cells are unknown."""
-        with path.open(encoding="utf-8", errors="replace", newline="") as file:
-            reader = csv.DictReader(file, skipinitialspace=True)
+        with _open_text(path) as file:
+            reader = csv.DictReader(_iter_complete_lines(path, file), skipinitialspace=True)
             try:
+                reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
                 for row in reader:
                     yield _state_of_row(row)
             except (TypeError, ValueError, csv.Error) as error:
                 # The library does not count the line that it cannot split.
                 line = reader.line_num + isinstance(error, csv.Error)
-                is_last = file.read(1) == "" and not isinstance(error, csv.Error)
-                raise (CutTrafficError if is_last else RecordingError)(
+                raise RecordingError(
                     path,
                     value=f"line {line}: {error}",
                     expected=f"{', '.join(_REQUIRED)} as numbers, class as one of"
                     f" {', '.join(get_args(ObjectKind))}",
                     fix="correct the line",
                 ) from None
+
+
+def _open_text(path: Path) -> TextIO:
+    """Open a file whose first bytes may be the byte order mark that spreadsheets write."""
+    return path.open(encoding="utf-8-sig", errors="replace", newline="")
+
+
+def _iter_complete_lines(path: Path, file: TextIO) -> Iterator[str]:
+    """Yield the lines of a file; the last one without a line end may be cut inside a number.
+
+    Raises
+    ------
+    CutTrafficError
+        If the last line has no line end.
+    """
+    for number, line in enumerate(file, 1):
+        if not line.endswith(("\n", "\r")):
+            raise CutTrafficError(
+                path,
+                value=f"line {number}, which has no line end",
+                expected="a line end after each row",
+                fix="add the line end if the line is complete, else record the file again",
+            )
+        yield line
 
 
 def _state_of_row(row: dict[str, str | None]) -> ObjectState:
