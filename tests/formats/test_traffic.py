@@ -327,7 +327,30 @@ def test_common_road_of_another_version_is_refused(tmp_path):
     path = tmp_path / "scenario.xml"
     path.write_text(COMMON_ROAD.replace("2020a", "2017a"), encoding="utf-8")
 
-    with pytest.raises(dc.RecordingError, match="version '2017a'.*2018b and 2020a"):
+    with pytest.raises(dc.RecordingError, match="version '2017a'.*2018b or 2020a"):
+        dc.open_traffic(path)
+
+
+@pytest.mark.parametrize("mark", ["<position>", "</trajectory>", "</dynamicObstacle>", "<x>9"])
+def test_common_road_cut_short_is_read_up_to_the_cut(tmp_path, mark):
+    path = tmp_path / "cut.xml"
+    # Two copies of the first obstacle; the cut is in the second one, or in the obstacle after it.
+    first, end = COMMON_ROAD.split("  <staticObstacle")
+    obstacle = first[first.index("  <dynamicObstacle") :].replace('"40"', '"39"')
+    start = first.replace("  <dynamicObstacle", f"{obstacle}  <dynamicObstacle", 1)
+    text = f"{start}  <staticObstacle{end}"
+    path.write_text(text[: text.rindex(mark) + len(mark) - 1], encoding="utf-8")
+
+    traffic = dc.open_traffic(path)
+
+    n_complete = 2 if mark in ("<x>9", "<position>") else 1
+    assert traffic.objects["id"].values.tolist() == [39, 40][:n_complete]
+    finding = traffic.findings[0]
+    assert (finding.level, finding.setting) == ("warning", "traffic.path")
+    assert "cut short at ParseError: " in finding.value
+    assert f"up to 1.5 s, the last of object {38 + n_complete}, are read" in finding.value
+    path.write_text(COMMON_ROAD[:300], encoding="utf-8")
+    with pytest.raises(dc.RecordingError, match="ParseError.*a complete CommonRoad"):
         dc.open_traffic(path)
 
 

@@ -4,9 +4,10 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.parsers.expat import errors as xml_errors
 
 from dechirp.core.errors import RecordingError
-from dechirp.traffic.base import ObjectKind, ObjectState, TrafficFormat
+from dechirp.traffic.base import CutTrafficError, ObjectKind, ObjectState, TrafficFormat
 
 _KINDS: dict[str, ObjectKind] = {
     "car": "car",
@@ -23,7 +24,16 @@ _KINDS: dict[str, ObjectKind] = {
     "roadBoundary": "wall",
     "median_strip": "wall",
 }
-_VERSIONS = {"2018b", "2020a"}
+_VERSIONS = ("2018b", "2020a")
+_ERRORS_AT_FILE_END = {
+    xml_errors.codes[message]
+    for message in (
+        xml_errors.XML_ERROR_NO_ELEMENTS,
+        xml_errors.XML_ERROR_UNCLOSED_TOKEN,
+        xml_errors.XML_ERROR_PARTIAL_CHAR,
+        xml_errors.XML_ERROR_UNCLOSED_CDATA_SECTION,
+    )
+}
 _OBSTACLES = {"dynamicObstacle", "staticObstacle", "obstacle"}
 
 
@@ -44,24 +54,30 @@ class CommonRoad(TrafficFormat):
         try:
             for event, element in ElementTree.iterparse(path, events=("start", "end")):
                 if event == "start" and element.tag == "commonRoad":
-                    _check_version(element.attrib["commonRoadVersion"])
+                    _check_version(path, element.attrib["commonRoadVersion"])
                     step_s = float(element.attrib["timeStepSize"])
                 elif event == "end" and element.tag in _OBSTACLES:
                     yield from _read_obstacle(element, step_s)
                     element.clear()
         except (ElementTree.ParseError, KeyError, TypeError, ValueError) as error:
-            raise RecordingError(
+            is_cut = getattr(error, "code", None) in _ERRORS_AT_FILE_END
+            raise (CutTrafficError if is_cut else RecordingError)(
                 path,
                 value=f"{type(error).__name__}: {error}",
                 expected="a complete CommonRoad scenario with timeStepSize, and obstacles with"
                 " rectangles or circles, positions and times",
-                fix="export it again; only versions 2018b and 2020a are read",
+                fix="export it again",
             ) from None
 
 
-def _check_version(version: str) -> None:
+def _check_version(path: Path, version: str) -> None:
     if version not in _VERSIONS:
-        raise ValueError(f"version {version[:20]!r}")
+        raise RecordingError(
+            path,
+            value=f"version {version[:20]!r}",
+            expected=f"a CommonRoad scenario of version {' or '.join(_VERSIONS)}",
+            fix="convert it to one of these versions",
+        )
 
 
 def _read_obstacle(obstacle: ElementTree.Element, step_s: float) -> Iterator[ObjectState]:
