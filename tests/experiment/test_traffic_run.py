@@ -179,6 +179,21 @@ def test_wrong_options_name_themselves(trace, tmp_path, capsys, options, expecte
     assert expected in " ".join(capsys.readouterr().err.split())
 
 
+@pytest.mark.parametrize("option", ["--ego", "--set traffic.ego"])
+def test_options_of_traffic_name_a_source_that_is_no_traffic(tmp_path, capsys, option):
+    other = tmp_path / "other.csv"
+    other.write_text("time;id\n", encoding="utf-8")
+    for path, expected in (
+        (tmp_path / "missing.csv", "missing.csv: recording: no such file; expected a traffic file"),
+        (tmp_path, "recording: a folder; expected a traffic file"),
+        (other, "other.csv: recording: an unknown format; expected common-road or"),
+    ):
+        values = ["--ego", "1"] if option == "--ego" else ["--set", "traffic.ego=1"]
+        with pytest.raises(SystemExit, match="[12]"):
+            main(["run", str(path), "--out", str(tmp_path / "out"), *values])
+        assert expected in " ".join(capsys.readouterr().err.split())
+
+
 def test_only_one_source_is_accepted(trace):
     with pytest.raises(dc.InvalidSetting, match="cannot be combined with traffic"):
         dc.Scenario(

@@ -142,6 +142,8 @@ def _load_scenario_from_source(
         return traffic_scenario(traffic_file, changes)
     if is_udp_address(str(source)):
         return _udp_address_scenario(source, changes, radar)
+    if any(change.lstrip().startswith("traffic.") for change in changes):
+        return traffic_scenario(source, changes)  # its reader states what the source is
     path, iq, opened_radar, layout = source.absolute(), None, None, None
     chip = known_device(metadata["device"]) if "device" in metadata else None
     if _has_radar_changes(changes):

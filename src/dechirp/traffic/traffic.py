@@ -88,7 +88,12 @@ def open_traffic(path: str | Path) -> Traffic:
     """
     file = Path(path)
     if not file.is_file():
-        raise RecordingError(file, value="no such file", expected="a traffic file", fix="check it")
+        raise RecordingError(
+            file,
+            value="a folder" if file.is_dir() else "no such file",
+            expected="a traffic file",
+            fix="check its name",
+        )
     kind = recognise_traffic(file)
     if kind is None:
         raise RecordingError(
