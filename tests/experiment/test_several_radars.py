@@ -1,5 +1,6 @@
 """Runs of several radars on one vehicle: poses, clocks, mutual interference, fused tracks."""
 
+import csv
 import json
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -247,6 +248,11 @@ def run_command(*words):
     return ended.value.code
 
 
+def read_rows(path):
+    with path.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
 def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(trace, tmp_path, capsys):
     out = tmp_path / "out"
     options = ["--ego", "1", "--mount", "front-left", "--mount", "front-right", "--statistical"]
@@ -263,6 +269,15 @@ def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(trace, tmp_
     assert list(document["radars"]) == ["front-left", "front-right"]
     assert document["radars"]["front-right"]["mounting"]["position_m"] == [2.25, -0.9, 0.5]
     assert document["tracks"]
+    for rows in (document["traffic"], read_rows(out / "traffic.csv")):
+        assert [row["target"] for row in rows] == ["car-2"] * 8
+        for row in rows:
+            x_m = 120 + 12 * float(row["time_s"])
+            assert float(row["centre_x_m"]) == pytest.approx(x_m, abs=1e-6)
+            assert float(row["x_m"]) == pytest.approx(x_m - 2.25, abs=1e-6)
+            assert float(row["vx_m_per_s"]) == pytest.approx(12, abs=1e-6)
+            sides = ("heading_deg", "length_m", "width_m", "in_view")
+            assert [float(row[side]) for side in sides] == pytest.approx([0, 4.5, 1.8, 1], abs=1e-6)
     for name in document["radars"]:
         own = json.loads((out / name / "run.json").read_text(encoding="utf-8"))
         assert own["files"]["report.html"] == str(out / name / "report.html")

@@ -30,7 +30,9 @@ _OF_CLUSTERS = {
     "n_detections": "n_detections",
 }
 
-_INTEGERS = frozenset(column.name_with_unit for column in TABLE if column.is_integer)
+_INTEGERS = frozenset(
+    {column.name_with_unit for column in TABLE if column.is_integer} | {"in_view"}
+)
 
 _STATE = {"x_m": "x", "y_m": "y", "vx_m_per_s": "vx", "vy_m_per_s": "vy"}
 _OF_TRACKS = {"track": "track", "frame": "frame", "time_s": "time", "status": "status", **_STATE}
@@ -70,6 +72,20 @@ _OF_TRAFFIC = {
     "velocity_error_m_per_s": "velocity_error",
 }
 
+_OF_FUSED_TRAFFIC = {
+    "target": "target",
+    "frame": "frame",
+    "time_s": "time",
+    **_STATE,
+    "centre_x_m": "centre_x",
+    "centre_y_m": "centre_y",
+    "heading_deg": "heading",
+    "length_m": "length",
+    "width_m": "width",
+    "in_view": "in_view",
+}
+"""Objects over the ground, of several radars: 1 in view of any of them, otherwise 0."""
+
 _COLUMNS = {
     ("cluster",): _OF_CLUSTERS,
     ("frame",): _OF_EGO,
@@ -91,15 +107,14 @@ def dataset_to_columns(dataset: xr.Dataset) -> dict[str, list[Cell]]:
     if dims == ["track", "frame"]:
         return _tracks_to_columns(dataset)
     wanted = _COLUMNS.get(tuple(dims), COLUMNS)
-    if (
-        "visible_share" in dataset
-    ):  # objects in traffic, only in the frames in which they are in view
-        wanted = _OF_TRAFFIC
+    for variable, columns in (("visible_share", _OF_TRAFFIC), ("in_view", _OF_FUSED_TRAFFIC)):
+        if variable in dataset:
+            wanted = columns
     if wanted is _OF_EGO and "vz" in dataset:
         wanted = {**_OF_EGO, **_OF_VERTICAL_EGO}
     rows = dataset.stack(row=dims, create_index=False)
-    if wanted is _OF_TRAFFIC:
-        rows = rows.isel(row=np.flatnonzero(np.isfinite(rows["range"].values)))
+    if wanted in (_OF_TRAFFIC, _OF_FUSED_TRAFFIC):  # objects, only in frames with a position
+        rows = rows.isel(row=np.flatnonzero(np.isfinite(rows["x"].values)))
     n_rows = rows.sizes["row"]
     return {
         column: _to_cells_in_file_units(column, rows[name].values)
