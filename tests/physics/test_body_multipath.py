@@ -11,6 +11,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.config.loading import parse_settings
+from dechirp.scene.bodies.foliage import Foliage
 from dechirp.scene.bodies.guard_rail import GuardRail
 from dechirp.scene.bodies.vehicle import Truck
 from dechirp.scene.bodies.wall import Wall
@@ -18,7 +19,8 @@ from dechirp.simulation.impairments.base import Impairment
 from dechirp.simulation.impairments.body_multipath import BodyMultipath
 
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
-BOX = Wall(length_m=14.0, width_m=2.5, height_m=4.0)
+CONCRETE = Wall(length_m=14.0, width_m=2.5, height_m=4.0)
+BOX = replace(CONCRETE, reflectivity=1.0, scattering=1e-3)  # like metal
 
 
 @pytest.fixture
@@ -155,8 +157,6 @@ def test_ghosts_have_half_the_sum_of_the_legs_and_its_derivative(mimo):
 
 def test_ghosts_are_detected_at_their_range_velocity_and_angle(mimo):
     scene = make_scene(box_velocity=(18.0, -2.0, 0.0))
-    scene = replace(scene, targets=(replace(scene.targets[0], body=replace(BOX, scattering=1.0,
-                    reflectivity=1e-9)), scene.targets[1]))  # fmt: skip
     impairments = [BodyMultipath(), dc.impairments.ThermalNoise()]
     detections = dc.detect(dc.simulate(scene, mimo, impairments=impairments, seed=2), mimo)
     ghosts = BodyMultipath().ghosts(scene, mimo)
@@ -198,14 +198,17 @@ def test_power_is_that_of_radar_equation_and_fresnel(radar):
         ego=dc.Ego(),
         targets=tuple(replace(item, velocity_m_per_s=(0.0, 0.0, 0.0)) for item in scene.targets),
     )
+    scene = replace(scene, targets=(replace(scene.targets[0], body=CONCRETE), *scene.targets[1:]))
     direct_m, via_m = one_way_lengths_m(scene, 0.0)
     outwards = turn_about_z(0.05) @ [0.0, -1.0, 0.0]
     image_m = image_in_right_side_m(scene.targets[0], np.zeros(3), 0.0)
     cosine = abs((np.array([24.0, -2.0, 0.3]) - image_m) @ outwards) / via_m
-    root = math.sqrt(5.24 - 1 + cosine**2)
+    amplitude = math.sqrt(CONCRETE.reflectivity * (1 - CONCRETE.scattering**2))
+    permittivity = ((1 + amplitude) / (1 - amplitude)) ** 2
+    root = math.sqrt(permittivity - 1 + cosine**2)
     gamma2 = ((cosine - root) / (cosine + root)) ** 2 / 2.0
 
-    samples = ghost_samples(scene, radar, BodyMultipath(permittivity=5.24, loss=2.0))[0, 0]
+    samples = ghost_samples(scene, radar, BodyMultipath(loss=2.0))[0, 0]
 
     hardware = radar.hardware
     unit_w = hardware.transmit_power_w * hardware.antenna_gain**2 * 3.0
@@ -221,6 +224,22 @@ def test_power_is_that_of_radar_equation_and_fresnel(radar):
         tones.append(np.exp(2j * np.pi * phase))
     amplitudes, *_ = np.linalg.lstsq(np.stack(tones, axis=1), samples, rcond=None)
     assert abs(amplitudes) ** 2 == pytest.approx([mixed_w, both_w], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("body", "is_mirror"),
+    [
+        (Foliage(length_m=14.0, width_m=2.5), False),
+        (dc.bodies.Pole(radius_m=3.0), False),
+        (Truck(), True),
+    ],
+)
+def test_only_flat_sides_are_mirrors(mimo, body, is_mirror):
+    scene = make_scene(box_velocity=(22.0, 0.0, 0.0))
+    scene = replace(scene, targets=(replace(scene.targets[0], body=body), scene.targets[1]))
+
+    assert bool(abs(ghost_samples(scene, mimo, BodyMultipath())).max() > 0) == is_mirror
+    assert bool(BodyMultipath().ghosts(scene, mimo).sizes["ghost"]) == is_mirror
 
 
 # The second box hides truck and rail.

@@ -42,6 +42,15 @@ class Body(Family):
         return None
 
     @property
+    def side_reflectivity(self) -> float | None:
+        """Return the share of power that the sides of the box reflect like mirrors, or None.
+
+        It is that of normal incidence; 0: the body has no flat sides, so it is no mirror. None: its
+        sides are flat, of a material that `BodyMultipath` specifies.
+        """
+        return 0.0
+
+    @property
     def ground_clearance_m(self) -> float:
         """Return the height of the gap below a body that stands on the ground."""
         return 0.0

@@ -33,9 +33,8 @@ class GuardRail(AspectBody):
     Notes
     -----
     The radius of the waves and the cross section of a post are assumptions: no published
-    levels were found. Mirror images of cars in the beam are modelled by `WallMultipath`, not by
-    this
-    body.
+    levels were found. Mirror images of cars in the beam are modelled by `BodyMultipath`, or by
+    `WallMultipath` for a line beside the radar, not by this body.
 
     References
     ----------
@@ -77,6 +76,10 @@ class GuardRail(AspectBody):
         x, z = self.length_m / 2, _BEAM_HEIGHT_M / 2
         return np.array([[-x, -self.wave_radius_m, self.height_m - z],
                          [x, self.wave_radius_m, self.height_m + z]])  # fmt: skip
+
+    @property
+    def side_reflectivity(self) -> None:
+        return None
 
     def n_scatterers(self) -> int:
         return len(self._beam_point_x_m) + len(self._post_x_m)

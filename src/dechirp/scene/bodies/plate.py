@@ -42,6 +42,10 @@ class Plate(OpticalBody):
         high_m = np.array([0.0, self.width_m / 2, self.height_m / 2])
         return np.array([-high_m, high_m])
 
+    @property
+    def side_reflectivity(self) -> None:
+        return None
+
     def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
         """Return the cross section, (n_positions, 1); raise if not in the optical region."""
         for name in ("width_m", "height_m"):

@@ -142,6 +142,10 @@ class Vehicle(AspectBody):
         return np.array([[-x, -y, -np.inf], [x, y, self.height_m]])
 
     @property
+    def side_reflectivity(self) -> None:
+        return None
+
+    @property
     def ground_clearance_m(self) -> float:
         """Return half the radius of the wheels: 16 cm of a car, 25 cm of a truck."""
         return self.wheel_radius_m / 2

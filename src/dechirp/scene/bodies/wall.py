@@ -99,6 +99,11 @@ class Wall(AspectBody):
         x, y = self.length_m / 2, self.width_m / 2
         return np.array([[-x, -y, 0.0 if self.is_overhead else -np.inf], [x, y, self.height_m]])
 
+    @property
+    def side_reflectivity(self) -> float:
+        """Return the share that is not scattered diffusely, R (1 - S^2)."""
+        return self.reflectivity * (1 - self.scattering**2)
+
     def n_scatterers(self) -> int:
         return len(self._points.face)
 

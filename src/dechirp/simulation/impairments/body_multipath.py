@@ -47,10 +47,9 @@ class _Face(NamedTuple):
     band_m: np.ndarray
     """(2,): lower and upper end, along `up`."""
     up: np.ndarray
+    permittivity: float
 
-    def coefficients(
-        self, image_m: np.ndarray, positions_m: np.ndarray, permittivity: float
-    ) -> np.ndarray:
+    def coefficients(self, image_m: np.ndarray, positions_m: np.ndarray) -> np.ndarray:
         """Return the coefficients of paths from an image, (3,), to points, (n, 3)."""
         behind_m = -self.mirror.signed_distances_m(image_m[None])
         ahead_m = np.maximum(self.mirror.signed_distances_m(positions_m), 0.0)
@@ -62,17 +61,19 @@ class _Face(NamedTuple):
         sines = abs(path_m @ self.mirror.normal) / np.linalg.norm(path_m, axis=-1)
         # The field is vertical: across the plane of incidence of an upright mirror, as a
         # horizontal one is to the road.
-        return np.where(is_on_face, fresnel_coefficients(sines, permittivity, "horizontal"), 0.0)
+        return np.where(
+            is_on_face, fresnel_coefficients(sines, self.permittivity, "horizontal"), 0.0
+        )
 
 
 @frozen_dataclass
 class BodyMultipath(Propagation):
     r"""Reflections off the flat vertical sides of bodies: two-bounce and three-bounce ghosts.
 
-    A long side of a box that shadows (a truck, a wall, the beam of a guard rail) mirrors all other
-    targets on its outer side. With the image a' of an antenna a in the moving side, a path via the
-    mirror is as long as the straight one from a' to the scatterer p (image method), so that a ghost
-    has range, velocity and two directions of its own:
+    A long flat side of a body (a truck, a wall, the beam of a guard rail) mirrors all other targets
+    on its outer side; foliage and curved bodies are no mirrors. With the image a' of an antenna a
+    in the moving side, a path via the mirror is as long as the straight one from a' to the
+    scatterer p (image method), so that a ghost has range, velocity and two directions of its own:
 
     .. math:: R = \tfrac12 (|p - a'| + |p - a|), \quad v = \dot R
 
@@ -88,6 +89,9 @@ class BodyMultipath(Propagation):
 
     Notes
     -----
+    Walls have the permittivity that reflects the share R (1 - S^2) of their settings at normal
+    incidence: with S = 0.4, within 0.8 dB of (1 - S^2) times that of R at all angles.
+
     Sides are flat and smooth, with sharp edges: a hard limit replaces the Fresnel zone, and the
     profile of a real beam weakens its reflections further, for which `loss` stands. Paths via two
     bodies are left out, and of moving mirrors those of one bounce to targets within 8 deg of the
@@ -103,7 +107,8 @@ class BodyMultipath(Propagation):
     """Least length of a side that reflects: 4 m includes cars' sides of more than that, trucks,
     walls and rails."""
     permittivity: float = _METAL
-    """Relative permittivity of the sides, a ratio; 1e6 metal, 5.24 concrete (ITU-R P.2040)."""
+    """Relative permittivity of the sides, a ratio; 1e6 metal, 5.24 concrete (ITU-R P.2040). Walls
+    have that of their own `reflectivity`."""
     loss: float = 1.0
     """Further loss of power at each reflection (dB in files)."""
 
@@ -155,6 +160,8 @@ class BodyMultipath(Propagation):
 
     def ghosts(self, scene: Scene, radar: Radar, *, frame: int = 0) -> xr.Dataset:
         """Return the ghosts of the origins of all targets, as a label of detections.
+
+        Shadows are not applied: some of these ghosts may be hidden by other bodies.
 
         Returns
         -------
@@ -217,7 +224,7 @@ class BodyMultipath(Propagation):
     def _coefficients(
         self, face: _Face, image_m: np.ndarray, positions_m: np.ndarray
     ) -> np.ndarray:
-        return face.coefficients(image_m, positions_m, self.permittivity) / np.sqrt(self.loss)
+        return face.coefficients(image_m, positions_m) / np.sqrt(self.loss)
 
     def _faces_towards_radar(self, scene: Scene, time_s: float) -> dict[tuple[int, int], _Face]:
         return {
@@ -233,7 +240,10 @@ class BodyMultipath(Propagation):
         up = np.array([0.0, 0.0, 1.0]) @ axes
         sides_m = np.roll(screens.corners_m, -1, axis=1) - screens.corners_m
         faces = {}
+        permittivities = [self._permittivity(scene, target) for target in screens.targets]
         for box, side in np.argwhere(abs(sides_m) >= max(self.min_length_m, 1e-3)).tolist():
+            if permittivities[box] == 1.0:
+                continue
             corner_m, length_m = screens.corners_m[box, side], abs(sides_m[box, side])
             along = sides_m[box, side] / length_m
             outwards = -1j * along  # the corners run to the left
@@ -246,8 +256,18 @@ class BodyMultipath(Propagation):
                 length_m=float(length_m),
                 band_m=screens.bands_m[box, 0],
                 up=up,
+                permittivity=permittivities[box],
             )
         return faces
+
+    def _permittivity(self, scene: Scene, target: int) -> float:
+        """Return the permittivity of the sides of a body; 1, which reflects nothing, if curved."""
+        body = scene.targets[target].body
+        reflectivity = None if body is None else body.side_reflectivity
+        if reflectivity is None:
+            return self.permittivity
+        amplitude = np.sqrt(reflectivity)
+        return float(min(((1 + amplitude) / max(1 - amplitude, 1e-9)) ** 2, _METAL))
 
 
 def _upright_vector(from_above: complex) -> np.ndarray:
