@@ -335,3 +335,31 @@ def test_warns_of_or_rejects_unmodelled_settings():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         StatisticalSensor(scenario)
+
+
+def test_scatterers_that_cancel_in_a_peak_leave_no_snr_below_its_threshold():
+    # Six scatterers within 1.4 cells: often they cancel where the strongest one is.
+    radar = build_radar(8)
+    scenario = build_scenario(radar, target_cells=[(50.0, 5.0)], snr_db=16.0, pfa=1e-6)
+    (target,) = scenario.scene.targets
+    position_m, velocity = np.array(target.position_m), np.array(target.velocity_m_per_s)
+    direction = position_m / np.linalg.norm(position_m)
+    cells = radar.frame.chirp.range_resolution_m, radar.frame.velocity_resolution_m_per_s
+    rng, snr = np.random.default_rng(3), []
+    for _ in range(150):
+        range_m, rate = rng.uniform(-0.7, 0.7, (6, 2, 1)).swapaxes(0, 1) * np.reshape(
+            cells, (2, 1, 1)
+        )
+        scene = dc.Scene(
+            targets=tuple(
+                replace(target, position_m=tuple(place), velocity_m_per_s=tuple(speed))
+                for place, speed in zip(
+                    position_m + range_m * direction, velocity + rate * direction, strict=True
+                )
+            )
+        )
+        sensor = StatisticalSensor(replace(scenario, scene=scene))
+        snr += sensor.draw_detections(rng)["snr"].tolist()
+    assert len(snr) > 75
+    # The least SNR of the tones of 500 frames from samples is 10 dB; half of it for noise.
+    assert min(snr) > 5

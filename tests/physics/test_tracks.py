@@ -203,6 +203,25 @@ def test_parts_of_a_target_start_no_second_track_within_the_separation(min_separ
     assert tracks["x"].values[0] == pytest.approx(rear[:, 0], abs=STD["range"])
 
 
+# The gate of 99.9 % is 4 standard errors wide: 12 m of 15 m, or 16 m; 2.8 rad, or 3.3 rad.
+@pytest.mark.parametrize(
+    ("errors", "n_tracks"),
+    [
+        ({"range_std": 3.0}, 1),
+        ({"range_std": 4.0}, 0),
+        ({"azimuth_std": 0.7}, 1),
+        ({"azimuth_std": 0.81}, 0),
+    ],
+)
+def test_detections_whose_gate_contains_the_radar_or_all_azimuths_start_no_track(errors, n_tracks):
+    wide = {name: np.full(1, std) for name, std in errors.items()}
+    live_tracker = LiveTracker(Tracker(target_size_m=2.0, false_alarms=FEW_FALSE_ALARMS))
+
+    tracks = live_tracker.step(build_detections([0], [15.0, 1.0, 0.0, 0.0], **wide), 0.0)
+
+    assert len(tracks) == n_tracks
+
+
 def test_confirmed_track_ends_after_missed_frames():
     times_s = np.arange(20) * 0.1
     truth = straight_states((40.0, 6.0, 15.0, 3.0), times_s)

@@ -5,6 +5,7 @@ from importlib import import_module
 from typing import Literal
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from dechirp.core.argument_types import check_argument_types
@@ -101,7 +102,8 @@ class LiveTracker:
     """Tracker that is updated frame by frame.
 
     Confirmed tracks are associated first, tentative ones with the remaining detections; those that
-    then remain start new tracks. So false alarms do not compete with known targets.
+    then remain start new tracks. So false alarms do not compete with known targets. A detection
+    with errors so large that its gate contains the radar, or all azimuths, starts no track.
 
     Parameters
     ----------
@@ -196,6 +198,7 @@ class LiveTracker:
             )
             and live_track.frames_since_hit < n_radars * longest_gap
         ]
+        measurements = self._select_located(measurements)
         self._start_tracks(self._select_separate(measurements, view.pose), view.pose)
         return tuple(live_track.to_track() for live_track in self._tracks)
 
@@ -238,6 +241,21 @@ class LiveTracker:
         tracks_m = np.array(confirmed) @ [1, 1j]
         distance_m = abs(position_m - tracks_m[:, None]).min(axis=0)
         return measurements.select_measurements(distance_m >= self._tracker.min_separation_m)
+
+    def _select_located(self, measurements: Measurements) -> Measurements:
+        """Return the measurements whose gate excludes the radar and is below a full turn.
+
+        Others have errors as large as their coordinates, so Cartesian states cannot represent them,
+        and their gate contains the detections of other targets. The size of a target is no error.
+        """
+        half_width = np.sqrt(scipy.special.chdtri(3, 1 - self._tracker.gate_probability))
+        azimuth_variance, range_variance, _ = measurements.variance.T
+        size_variance = self._tracker.target_size_m**2
+        range_m = measurements.z[:, 1]
+        range_std = np.sqrt(np.maximum(range_variance - size_variance, 0.0))
+        azimuth_std = np.sqrt(np.maximum(azimuth_variance - size_variance / range_m**2, 0.0))
+        is_located = (half_width * range_std < range_m) & (half_width * azimuth_std < np.pi)
+        return measurements.select_measurements(is_located)
 
     def _start_tracks(self, measurements: Measurements, pose: RadarPose) -> None:
         means, covariances = initial_track_means_and_covariances(

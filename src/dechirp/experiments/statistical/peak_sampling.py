@@ -345,6 +345,22 @@ def _try_sampling_detection_at_position(
     step_v, step_r = _refine_peak_by_newton_step(
         work.sums, over_velocity.n_bins == 1, out_amplitude
     )
+    # Noise alone at the threshold has this energy without a window, in the mean: the window
+    # correlates cell and tone by one over its noise bandwidth.
+    bandwidth = over_velocity.noise_bandwidth * over_range.noise_bandwidth
+    least_energy = len(out_amplitude) * (1 + (threshold - _MEAN_NOISE) / bandwidth)
+    if not alarm_power and np.sum(np.abs(out_amplitude) ** 2) < least_energy:
+        # Scatterers cancel at the strongest one: the peak is beside it, where processing starts.
+        position = float(cell_v + top_v - half_v), float(cell_r + top_r - half_r)
+        _fill_cell_signals_and_sum_window_power(
+            echoes, frame, position, over_velocity, over_range, windows, work.cells, work.sums
+        )
+        _add_noise_to_estimator_sums(normal_numbers, work.sums)
+        step_v, step_r = _refine_peak_by_newton_step(
+            work.sums, over_velocity.n_bins == 1, out_amplitude
+        )
+        if np.sum(np.abs(out_amplitude) ** 2) < least_energy:
+            return False
     out[0] = 2 * np.pi * position[0] / over_velocity.n_bins + step_v / over_velocity.rms_index
     out[1] = 2 * np.pi * position[1] / over_range.n_bins + step_r / over_range.rms_index
     out[2] = windows.corners[window_draw]
