@@ -68,9 +68,9 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
         "CutTrafficError",
         _open_cut_traffic,
         "traffic.csv",
-        "line 2: class 'ca'",
-        "class as one of car, van",
-        "correct the line",
+        "line 2, which has no line end",
+        "a line end after each row",
+        "add the line end if the line is complete",
     ),
     (
         "InvalidSetting",
