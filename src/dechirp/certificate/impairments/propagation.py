@@ -24,8 +24,11 @@ from dechirp.certificate.impairments.reference_radar import (
 )
 from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
 from dechirp.radar.array import Array
+from dechirp.scene.bodies.vehicle import Truck
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
+from dechirp.simulation.impairments.base import Propagation
+from dechirp.simulation.impairments.body_multipath import BodyMultipath
 from dechirp.simulation.impairments.bumper import Bumper
 from dechirp.simulation.impairments.interference import Interference, Interferer
 from dechirp.simulation.impairments.leakage import Leakage
@@ -128,14 +131,34 @@ _REFLECTIVITY = 0.25
 
 def _measure_wall_ghost_levels(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the ghosts of a target beside a wall relative to its echo: one and two bounces."""
-    radar = replace(impairment_radar(1), array=Array())
-    scene = Scene(targets=(Target(position_m=(20.0, -3.0, 0.0)),))
     wall = WallMultipath(start_m=(-10.0, 6.0), end_m=(60.0, 6.0), reflectivity=_REFLECTIVITY)
-    echo = simulate_samples(scene, radar=radar)[0, 0, 0]
-    ghosts = simulate_samples(scene, wall, radar=radar)[0, 0, 0] - echo
+    return _ghost_level_pairs((), wall, np.sqrt(_REFLECTIVITY))
+
+
+def _measure_body_ghost_levels(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+    """Measure the ghosts of a target beside the side of a truck, of a permittivity of 5.24."""
+    truck = Truck(length_m=14.0, width_m=2.5, height_m=4.0)
+    beside = Target(name="truck", position_m=(8.0, 6.0 + truck.width_m / 2, -2.0), body=truck)
+    # The wave arrives at asin(0.8) from the normal of the side.
+    root = np.sqrt(5.24 - 0.8**2)
+    fresnel = (0.6 - root) / (0.6 + root)
+    return _ghost_level_pairs((beside,), BodyMultipath(permittivity=5.24), abs(fresnel))
+
+
+def _ghost_level_pairs(
+    others: tuple[Target, ...], impairment: Propagation, coefficient: float
+) -> list[MeasuredPair]:
+    """Return levels over the echo of a target 9 m beside a mirror along x, and their formulas."""
+    radar = replace(impairment_radar(1), array=Array())
+    target = Target(name="target", position_m=(20.0, -3.0, 0.0))
+    echo = simulate_samples(Scene(targets=(target,)), radar=radar)[0, 0, 0]
+    scene = Scene(targets=(*others, target))
+    ghosts = (
+        simulate_samples(scene, impairment, radar=radar) - simulate_samples(scene, radar=radar)
+    )[0, 0, 0]
     direct_m, image_m = np.hypot(20.0, 3.0), np.hypot(20.0, 15.0)
-    single_bounce = 2 * np.sqrt(_REFLECTIVITY) * direct_m / image_m  # out and back
-    double_bounce = _REFLECTIVITY * (direct_m / image_m) ** 2
+    single_bounce = 2 * coefficient * direct_m / image_m  # out and back
+    double_bounce = (coefficient * direct_m / image_m) ** 2
     return [
         (
             float(
@@ -258,6 +281,16 @@ MEASUREMENTS = (
             Quantity(name="double bounce, over the echo", unit="dB", tolerance=0.02),
         ),
         measure=_measure_wall_ghost_levels,
+    ),
+    Measurement(
+        kind="body-multipath",
+        claim="The side of a truck produces ghosts at the mirror image of a target and halfway to"
+        " it, with the power of the radar equation and the Fresnel reflection coefficient.",
+        quantities=(
+            Quantity(name="single bounce, over the echo", unit="dB", tolerance=0.02),
+            Quantity(name="double bounce, over the echo", unit="dB", tolerance=0.02),
+        ),
+        measure=_measure_body_ghost_levels,
     ),
     Measurement(
         kind="interference",
