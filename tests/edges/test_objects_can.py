@@ -203,7 +203,7 @@ def test_list_longer_than_cycle_is_truncated():
     objects = random_object_list(30, 4, period_s=5e-3)
     allowed_s = 5e-3 * BUS.largest_load
 
-    with pytest.warns(dc.PhysicsWarning, match="15 objects left out of 1 lists") as warnings:
+    with pytest.warns(dc.PhysicsWarning, match="15 objects left out of 1 list") as warnings:
         frames = encode_can_frames(objects, LAYOUT, BUS)
 
     n_kept = max_objects_per_list(5e-3, LAYOUT, BUS)

@@ -433,7 +433,8 @@ def _host_id(message: Any, states: dict[int, Any], time_s: float) -> int:
     number = int(named[0])
     if number not in states:
         raise _view_error(
-            f"host vehicle {number} is not among the {len(states)} objects at {time_s:g} s",
+            f"host vehicle {number} is not among the"
+            f" {format_count_with_noun(len(states), 'object')} at {time_s:g} s",
             "the host as a moving object with its position",
             "add it to global_ground_truth.moving_object, or correct host_vehicle_id",
         )

@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import xarray as xr
 
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.results.object_lists.list_columns import STATUSES, status_codes
 
@@ -70,7 +71,8 @@ def _warn_objects_left_out(left_out: xr.Dataset, at_most: int, reason: str, fix:
     finding = Finding(
         level="warning",
         setting="objects",
-        value=f"{len(status)} objects left out of {n_frames} lists ({', '.join(counts)}{nearest})",
+        value=f"{format_count_with_noun(len(status), 'object')} left out of"
+        f" {format_count_with_noun(n_frames, 'list')} ({', '.join(counts)}{nearest})",
         expected=f"at most {at_most} in a list: {reason}",
         fix=fix,
     )
