@@ -77,7 +77,15 @@ def test_report_of_recording_shows_detections_from_above_without_truth(result):
     scenario = SimpleNamespace(
         **{
             name: getattr(result.scenario, name)
-            for name in ("name", "seed", "chain", "n_frames", "ego_motion", "tracker")
+            for name in (
+                "name",
+                "seed",
+                "chain",
+                "n_frames",
+                "ego_motion",
+                "tracker",
+                "group_tracker",
+            )
         },
         impairments=(),
         engine=result.scenario.engine,
@@ -85,7 +93,7 @@ def test_report_of_recording_shows_detections_from_above_without_truth(result):
         recording=SimpleNamespace(path="street.bin"),
     )
     attributes = ("first_frame", "radar", "n_frames", "frames", "cube", "power", "threshold")
-    attributes = (*attributes, "ego", "clusters", "tracks")
+    attributes = (*attributes, "ego", "clusters", "tracks", "traffic", "vital_signs")
     recorded_result = SimpleNamespace(
         **{
             name: getattr(result, name)
