@@ -137,7 +137,7 @@ def test_object_at_rest_keeps_its_velocity_of_zero(tmp_path):
     [
         (
             [*(car_row(t, t) for t in (0, 1, 2, 7)), car_row(4, 0, 8)],
-            "1 ids reappear after a gap: object 7 at 7 s",
+            "gaps in the rows of 1 object: object 7 at 7 s",
         ),
         ([car_row(0, 0), car_row(0.1, 50)], "object 7 at 0.1 s (500 m/s)"),
         ([car_row(0, 5), car_row(0, 5.01, 8)], "7 and 8 at 0 s"),

@@ -365,7 +365,8 @@ def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
             Finding(
                 level="note",
                 setting="traffic.id",
-                value=f"{len(gaps)} ids reappear after a gap: {join_names(gaps, at_most=4)}",
+                value=f"gaps in the rows of {format_count_with_noun(len(gaps), 'object')}:"
+                f" {join_names(gaps, at_most=4)}",
                 expected="objects that stay until they leave",
                 fix="check that both are one object; its path through the gap is unknown",
             )
@@ -375,7 +376,8 @@ def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
             Finding(
                 level="warning",
                 setting="traffic.position",
-                value=f"{len(jumps)} objects jump: {join_names(jumps, at_most=4)}",
+                value=f"jumps of {format_count_with_noun(len(jumps), 'object')}:"
+                f" {join_names(jumps, at_most=4)}",
                 expected=f"at most {FASTEST_M_PER_S:g} m/s between steps",
                 fix="give the object behind the jump another id",
             )
