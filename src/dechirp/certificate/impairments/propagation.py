@@ -138,11 +138,11 @@ def _measure_wall_ghost_levels(rng: np.random.Generator) -> Sequence[MeasuredPai
 def _measure_body_ghost_levels(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the ghosts of a target beside the side of a truck, of a permittivity of 5.24."""
     truck = Truck(length_m=14.0, width_m=2.5, height_m=4.0)
-    beside = Target(name="truck", position_m=(8.0, 6.0 + truck.width_m / 2, -2.0), body=truck)
+    truck_target = Target(name="truck", position_m=(8.0, 6.0 + truck.width_m / 2, -2.0), body=truck)
     # The wave arrives at asin(0.8) from the normal of the side.
     root = np.sqrt(5.24 - 0.8**2)
     fresnel = (0.6 - root) / (0.6 + root)
-    return _ghost_level_pairs((beside,), BodyMultipath(permittivity=5.24), abs(fresnel))
+    return _ghost_level_pairs((truck_target,), BodyMultipath(permittivity=5.24), abs(fresnel))
 
 
 def _ghost_level_pairs(
