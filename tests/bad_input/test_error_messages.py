@@ -69,8 +69,8 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
         _open_cut_traffic,
         "traffic.csv",
         "line 2, which has no line end",
-        "a line end after each row",
-        "add the line end if the line is complete",
+        "complete rows",
+        "complete the last row",
     ),
     (
         "InvalidSetting",

@@ -271,18 +271,54 @@ def test_csv_cut_within_a_line_is_read_up_to_it(tmp_path):
     traffic = dc.open_traffic(path)
 
     assert traffic.objects.identical(whole)
-    assert "cut short at line 5, which has no line end; 3 states" in traffic.findings[0].value
-    # A number that is cut is still a number: a height of 1.5 m becomes 1 m.
-    path.write_text("".join(lines).removesuffix(".5\n"), encoding="utf-8")
-    traffic = dc.open_traffic(path)
-    assert traffic.objects.identical(whole.isel(time=slice(2)))
-    assert "line 4, which has no line end; 2 states up to 1 s" in traffic.findings[0].value
+    assert "cut short at line 5, which has no line end: " in traffic.findings[0].value
+    for cut in (lines[-1].rpartition(",")[0], lines[-1].replace("car", "ca")[:-1], "3,1,car,1e"):
+        path.write_text("".join(lines[:3]) + cut, encoding="utf-8")
+        traffic = dc.open_traffic(path)
+        assert traffic.objects.identical(whole.isel(time=slice(2)))
+        assert "line 4, which has no line end: " in traffic.findings[0].value
+        assert "; 2 states up to 1 s" in traffic.findings[0].value
     path.write_text("".join(lines[:3]) + lines[3].replace("car", "lorry"), encoding="utf-8")
     with pytest.raises(dc.RecordingError, match="line 4: class 'lorry'"):
         dc.open_traffic(path)
     path.write_text("".join(lines[:2]) + lines[2][:3] + "\n" + lines[3], encoding="utf-8")
     with pytest.raises(dc.RecordingError, match="line 3: "):
         dc.open_traffic(path)
+
+
+def test_csv_without_a_final_line_end_keeps_its_last_row(tmp_path):
+    path = write_csv(tmp_path, *(car_row(time, 10 * time, 4) for time in range(3)))
+    whole = dc.open_traffic(path)
+    path.write_text(path.read_text("utf-8").removesuffix("\n"), encoding="utf-8")
+
+    traffic = dc.open_traffic(path)
+
+    assert traffic.objects.identical(whole.objects)
+    assert [finding.value for finding in traffic.findings] == [
+        finding.value for finding in whole.findings
+    ]
+
+
+def test_changing_classes_and_sizes_are_reported_and_the_first_counts(tmp_path):
+    rows = [car_row(time, 10 * time) for time in range(3)]
+    expected = dc.open_traffic(write_csv(tmp_path, *rows)).objects
+    rows[1:] = [row.replace("car", "truck") for row in rows[1:]]
+    rows[2] = rows[2].removesuffix("1.5") + "1"
+
+    traffic = dc.open_traffic(write_csv(tmp_path, *rows))
+
+    assert traffic.objects.identical(expected)
+    (finding,) = (item for item in traffic.findings if item.setting == "traffic.size")
+    assert finding.level == "warning"
+    # The first of its changes.
+    assert "1 object changes: object 7 at 1 s (class car, then truck)" in finding.value
+    sizes_alone = [row.replace("truck", "car") for row in rows]
+    (finding,) = (
+        item
+        for item in dc.open_traffic(write_csv(tmp_path, *sizes_alone)).findings
+        if item.setting == "traffic.size"
+    )
+    assert "object 7 at 2 s (height 1.5 m, then 1.0 m)" in finding.value
 
 
 @pytest.mark.parametrize("prefix", ["", "\ufeff"])

@@ -34,6 +34,7 @@ MOVES_M_PER_S = 0.5  # faster than the jitter of recorded positions at rest
 FASTEST_M_PER_S = 100.0
 """360 km/h: an object that is faster between two steps jumps."""
 _SAME_PLACE_M = 0.1
+_SAME_SIZE_M = 0.1  # sizes of recorded objects differ by centimetres from step to step
 # Map coordinates and Unix times are below; squares of larger numbers lose the metre.
 _LARGEST_TIME_S, _LARGEST_POSITION_M = 1e12, 1e9
 _LARGEST_HEADING_RAD, _LARGEST_SPEED_M_PER_S = 1e4, 1e4
@@ -69,9 +70,9 @@ def open_traffic(path: str | Path) -> Traffic:
     -------
     Traffic
         Velocities that are missing, or zero although the object moves, come from the positions;
-        findings name such objects, ids that reappear, jumps, and objects in one place. Up to three
-        missing rows of an object are no gap. Of a file that is cut short, what precedes the cut is
-        read, with a finding.
+        findings name such objects, ids that reappear, jumps, objects in one place, and objects that
+        change their class or size, of which the first counts. Up to three missing rows of an object
+        are no gap. Of a file that is cut short, what precedes the cut is read, with a finding.
 
     Raises
     ------
@@ -115,6 +116,7 @@ def open_traffic(path: str | Path) -> Traffic:
         findings=(
             *reading_findings,
             *reader.read_findings(file),
+            *_change_findings(states, completed),
             *findings,
             *_stationary_findings(completed),
             *_find_surprising_motion(completed),
@@ -220,11 +222,11 @@ def _build_objects(path: Path, rows: list[ObjectState]) -> xr.Dataset:
         variables[name] = (("object", "time"), cells, {"units": _UNITS[name]})
     for name in _SIZES:
         sizes = np.full(len(ids), np.nan)
-        is_known = np.isfinite(columns[name])
-        sizes[at_object[is_known]] = columns[name][is_known]
+        known = np.flatnonzero(np.isfinite(columns[name]))[::-1]
+        sizes[at_object[known]] = columns[name][known]  # the first one is assigned last
         variables[name] = ("object", sizes, {"units": _UNITS[name]})
     variables["is_stationary"] = ("object", is_stationary)
-    kinds = {row.id: row.kind for row in rows}
+    kinds = {row.id: row.kind for row in reversed(rows)}
     return xr.Dataset(
         variables,
         coords={
@@ -320,6 +322,37 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
             fix="nothing to do: differences of positions replace them",
         ),
     )
+
+
+def _change_findings(rows: list[ObjectState], objects: xr.Dataset) -> list[Finding]:
+    """Return a warning on objects whose class or size changes; none without any."""
+    index_of_id = {number: index for index, number in enumerate(objects["id"].values.tolist())}
+    at_object = np.array([index_of_id[row.id] for row in rows])
+    changes = []
+    for name, unit in (("kind", ""), *((size, " m") for size in _SIZES)):
+        values = np.array([getattr(row, f"{name}_m" if unit else name) for row in rows])
+        firsts = objects[name].values[at_object]
+        # False for NaN, which is unknown.
+        is_change = abs(values - firsts) > _SAME_SIZE_M if unit else values != firsts
+        for row in np.flatnonzero(is_change).tolist():
+            what = f"{name if unit else 'class'} {firsts[row]}{unit}, then {values[row]}{unit}"
+            changes.append((row, what))
+    if not changes:
+        return []
+    first_changes = {
+        rows[row].id: f"object {rows[row].id} at {format_number(rows[row].time_s)} s ({what})"
+        for row, what in sorted(changes, reverse=True)
+    }
+    return [
+        Finding(
+            level="warning",
+            setting="traffic.size",
+            value=f"class or size of {format_count_with_noun(len(first_changes), 'object')}"
+            f" changes: {join_names(list(first_changes.values())[::-1], at_most=4)}",
+            expected="one class and one size for each object",
+            fix="check these rows; the first class and size of each object are used",
+        )
+    ]
 
 
 def _stationary_findings(objects: xr.Dataset) -> tuple[Finding, ...]:

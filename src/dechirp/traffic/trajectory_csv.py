@@ -45,14 +45,24 @@ class TrajectoryCsv(TrafficFormat):
     def read_states(self, path: Path) -> Iterator[ObjectState]:
         """Yield a state for each row; empty cells are unknown."""
         with _open_text(path) as file:
-            reader = csv.DictReader(_iter_complete_lines(path, file), skipinitialspace=True)
+            lines = _Lines(file)
+            reader = csv.DictReader(lines, skipinitialspace=True)
             try:
                 reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
                 for row in reader:
+                    if lines.lack_end and None in row.values():
+                        raise ValueError("cells are missing")
                     yield _state_of_row(row)
             except (TypeError, ValueError, csv.Error) as error:
                 # The library does not count the line that it cannot split.
                 line = reader.line_num + isinstance(error, csv.Error)
+                if lines.lack_end:
+                    raise CutTrafficError(
+                        path,
+                        value=f"line {line}, which has no line end: {error}",
+                        expected="complete rows",
+                        fix="complete the last row, or record the file again",
+                    ) from None
                 raise RecordingError(
                     path,
                     value=f"line {line}: {error}",
@@ -67,23 +77,18 @@ def _open_text(path: Path) -> TextIO:
     return path.open(encoding="utf-8-sig", errors="replace", newline="")
 
 
-def _iter_complete_lines(path: Path, file: TextIO) -> Iterator[str]:
-    """Yield the lines of a file; the last one without a line end may be cut inside a number.
+class _Lines(Iterator[str]):
+    """Lines of a file. The last one may lack its end, complete or cut."""
 
-    Raises
-    ------
-    CutTrafficError
-        If the last line has no line end.
-    """
-    for number, line in enumerate(file, 1):
-        if not line.endswith(("\n", "\r")):
-            raise CutTrafficError(
-                path,
-                value=f"line {number}, which has no line end",
-                expected="a line end after each row",
-                fix="add the line end if the line is complete, else record the file again",
-            )
-        yield line
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
+        self.lack_end = False
+        """True if the line read last has no end."""
+
+    def __next__(self) -> str:
+        line = next(self._file)
+        self.lack_end = not line.endswith(("\n", "\r"))
+        return line
 
 
 def _state_of_row(row: dict[str, str | None]) -> ObjectState:
