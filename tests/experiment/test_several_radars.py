@@ -11,6 +11,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.main import main
+from dechirp.cli.several_radars import write_radars_results
 from dechirp.core.errors import DechirpError
 from dechirp.experiments.scenario import RecordingSource, check_single_radar
 from dechirp.experiments.single_radars import ego_of_mounted_radar, split_radars
@@ -253,14 +254,22 @@ def read_rows(path):
         return list(csv.DictReader(stream))
 
 
-def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(trace, tmp_path, capsys):
+@pytest.mark.parametrize("result", ["statistical"], indirect=True)
+def test_later_results_replace_earlier_ones(result, without_figures, tmp_path):
+    out = tmp_path / "out"
+    documents = [write_radars_results(result, source=None, out=out) for _ in range(2)]
+    assert documents[0] == documents[1] == (out / "run.json").read_text(encoding="utf-8")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(
+    trace, without_figures, tmp_path, capsys
+):
     out = tmp_path / "out"
     options = ["--ego", "1", "--mount", "front-left", "--mount", "front-right", "--statistical"]
     changes = ["--set=radar.frame.n_chirps=32", "--set=traffic.duration=0.2 s"]
 
-    # A second run replaces the results of the first.
-    for _ in range(2):
-        assert run_command("run", str(trace), *options, *changes, "--out", str(out)) == 0
+    assert run_command("run", str(trace), *options, *changes, "--out", str(out)) == 0
 
     screen = capsys.readouterr().out
     assert "front-right: 4 frames" in screen
