@@ -1391,3 +1391,15 @@ def test_missing_receiver_count_gives_finding(tmp_path):
 
     assert contents.n_frames == 6
     assert [finding.setting for finding in contents.findings] == ["radar.array.rx"]
+
+
+def test_file_of_several_formats_needs_the_name_of_one(tmp_path, monkeypatch):
+    np.save(tmp_path / "cube.npy", np.ones((4, 2, 8), np.complex64))
+    monkeypatch.setattr(type(FORMATS["hdf5"]), "recognise", type(FORMATS["npy"]).recognise)
+
+    with pytest.raises(RecordingError, match=r"of several formats: hdf5, npy.*--format hdf5"):
+        open_recording(tmp_path / "cube.npy", radar=make_radar(), axes=AXES[1:])
+    recording = open_recording(
+        tmp_path / "cube.npy", radar=make_radar(), format="npy", axes=AXES[1:]
+    )
+    assert recording.format == "npy"

@@ -168,7 +168,15 @@ def _best_fitting_format_names(
             if wanted_format
             else [kind for kind, quality in qualities.items() if quality == best]
         )
-        return _format_names_accepting_options(path, kinds, formats, given_options)
+        accepting = _format_names_accepting_options(path, kinds, formats, given_options)
+        if best >= MatchQuality.CONTAINER and len(accepting) > 1:
+            raise RecordingError(
+                path,
+                value=f"a recording of several formats: {join_names(accepting)}",
+                expected="a single one",
+                fix=f"give one of them: --format {accepting[0]} (format={accepting[0]!r})",
+            )
+        return accepting
     content, fix = (
         ("an empty file (0 bytes)", "copy it again from its source")
         if is_empty
