@@ -313,6 +313,25 @@ def test_command_refuses_wrong_options(trace, words, message, capsys):
     assert message in " ".join(capsys.readouterr().err.split())
 
 
+def test_command_names_a_missing_file(tmp_path, capsys):
+    words = [str(tmp_path / "none.csv"), "--mount", "front-left", "--mount", "front-right"]
+    assert run_command("run", *words) == 2
+    assert "none.csv: recording: no such file" in " ".join(capsys.readouterr().err.split())
+
+
+def test_tracks_of_several_radars_need_frames_of_all_together(radar):
+    scene = dc.Scene(targets=(dc.Target(position_m=(20.0, 0, 0), rcs_m2=1.0),))
+    pair = (
+        dc.fusion.MountedRadar(mount="front-left"),
+        dc.fusion.MountedRadar(mount="front-right"),
+    )
+    settings = {"radar": radar, "scene": scene, "tracker": dc.Tracker()}
+    scenario = dc.Scenario(radars=pair, n_frames=2, **settings)
+    assert all(single.scenario.n_frames == 2 for single in split_radars(scenario)[0].values())
+    with pytest.raises(DechirpError, match="in a run of 2 frames.*at least 3 frames.*2, 2"):
+        dc.Scenario(radars=pair, n_frames=1, **settings)
+
+
 def test_start_offset_with_waypoints_is_refused(radar):
     way = (dc.Waypoint(time_s=1.0, position_m=(30.0, 0.0, 0.0)),)
     scenario = dc.Scenario(

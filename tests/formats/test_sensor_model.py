@@ -164,7 +164,7 @@ def test_errors_name_object_and_time_and_the_model_continues(radar):
         (make_view(0.6, {"id": 1}, {"id": 2, "x": math.nan}), ("object 2 at 0.6 s",)),
         (make_view(0.6, {"id": 1}, {"id": 2, "vx": 4e8}), ("object 2 at 0.6 s", "velocity")),
         (make_view(0.6, {"id": 1}, {"id": 2}, {"id": 2}), ("object 2 twice at 0.6 s",)),
-        (old, ("OSI version 2",)),
+        (old, ("a view at 0.6 s, with object 1, of OSI version 2",)),
         (b"\xff\x01", ("2 bytes",)),
         ("view", ("a str",)),
     ):
@@ -173,6 +173,15 @@ def test_errors_name_object_and_time_and_the_model_continues(radar):
         for text in texts:
             assert text in str(error.value)
     assert model.step(make_view(0.6, {"id": 1}, {"id": 2, "x": 30.0})).timestamp.nanos == 600000000
+
+
+def test_changing_classes_and_sizes_are_reported(radar):
+    model = dc.SensorModel(radar, kind="statistical")
+    with pytest.warns(PhysicsWarning, match="object 2 at 0.2 s: car of 4.55 x .*, then car of 6 x "):
+        for k in range(4):
+            length = 4.5 + 0.05 * k if k < 2 else 6.0
+            model.step(make_view(0.1 * k, {"id": 1}, {"id": 2, "x": 30.0, "length": length}))
+    assert [finding.setting for finding in model.findings].count("view.change") == 1
 
 
 def test_surprising_views_give_one_finding_for_each_object(radar):

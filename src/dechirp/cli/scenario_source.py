@@ -1,6 +1,7 @@
 """Scenario of a call of `run`, from its source and options."""
 
 import json
+import os
 import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
@@ -142,7 +143,9 @@ def _load_scenario_from_source(
         return traffic_scenario(traffic_file, changes)
     if is_udp_address(str(source)):
         return _udp_address_scenario(source, changes, radar)
-    if any(change.lstrip().startswith("traffic.") for change in changes):
+    is_of_traffic = any(change.lstrip().startswith("traffic.") for change in changes)
+    has_radars = any(change.lstrip().startswith("radars") for change in changes)
+    if is_of_traffic or (has_radars and not os.path.exists(source)):
         return traffic_scenario(source, changes)  # its reader states what the source is
     path, iq, opened_radar, layout = source.absolute(), None, None, None
     chip = known_device(metadata["device"]) if "device" in metadata else None

@@ -147,21 +147,6 @@ class Scenario:
         check_integer_fields(self, "seed", at_least=0, at_most=2**63 - 1)
         check_integer_fields(self, "n_frames", at_most=1_000_000)
         self._check_single_source()
-        if self.radars:
-            self._check_radars()
-            return
-        if self.recording is None and self.radar is None:
-            raise InvalidSetting(
-                "Scenario.radar",
-                value="missing",
-                expected="the radar that observes the scene",
-                fix="add radar: its settings, or the name of their file",
-            )
-        if self.scene is not None and self.radar is not None:
-            self._check_scene_and_impairments(self.scene, self.radar)
-        if self.traffic is not None and self.radar is not None:
-            with prefix_setting_of_errors("radar.hardware", instead_of="Radar.hardware"):
-                self.radar.require_hardware()
         for name, kind in _OBJECT_STAGES.items():
             if not isinstance(getattr(self, name), kind | None):
                 raise InvalidSetting(
@@ -177,6 +162,21 @@ class Scenario:
                 expected="one of them: groups of detections, or single detections and clusters",
                 fix="set tracker to null to follow groups, or group_tracker to null",
             )
+        if self.radars:
+            self._check_radars()
+            return
+        if self.recording is None and self.radar is None:
+            raise InvalidSetting(
+                "Scenario.radar",
+                value="missing",
+                expected="the radar that observes the scene",
+                fix="add radar: its settings, or the name of their file",
+            )
+        if self.scene is not None and self.radar is not None:
+            self._check_scene_and_impairments(self.scene, self.radar)
+        if self.traffic is not None and self.radar is not None:
+            with prefix_setting_of_errors("radar.hardware", instead_of="Radar.hardware"):
+                self.radar.require_hardware()
         if self.radar is not None:
             # Readers join single chirps to frames, which are checked when the recording is opened.
             if self.recording is None or self.radar.frame.n_chirps_total > 1:
@@ -222,7 +222,17 @@ class Scenario:
                     expected="a radar for each mounting",
                     fix="add radar: its settings, or the name of their file",
                 )
-            replace(self, radars=(), radar=mounted.radar or self.radar)  # raises if it is invalid
+            # Raises if it is invalid. Tracks are those of all radars, in the frames of all.
+            single = replace(
+                self,
+                radars=(),
+                radar=mounted.radar or self.radar,
+                tracker=None,
+                group_tracker=None,
+            )
+            assert single.radar is not None
+            n_frames = None if self.scene is None else self.n_frames * len(radars)
+            check_tracks_and_ego_motion_possible(self, single.radar, n_frames)
 
     @property
     def has_tracker(self) -> bool:

@@ -139,7 +139,8 @@ def check_confirmable_within(setting: str, confirm_after: tuple[int, int], n_fra
             setting,
             value=f"{hits} detections, in a run of {n_frames} frames",
             expected="at most one for each frame of the run, or no track is ever confirmed",
-            fix="process more frames, or require fewer detections",
+            fix=f"process at least {hits} frames, or require fewer detections, such as"
+            f" [{n_frames}, {max(n_frames, 2)}]",
         )
 
 

@@ -65,7 +65,7 @@ class OsiTrace(TrafficFormat):
             if time_s < last_s:
                 raise RecordingError(
                     path,
-                    value=f"message {index}{_first_object_text(truth)} at {time_s:g} s after one at"
+                    value=f"message {index}{first_object_text(truth)} at {time_s:g} s after one at"
                     f" {last_s:g} s",
                     expected="times that ascend",
                     fix="sort the messages by time",
@@ -140,7 +140,7 @@ def _iter_views_and_truths(path: Path) -> Iterator[tuple[Any, Any]]:
             time_s = truth.timestamp.seconds + truth.timestamp.nanos / 1e9
             raise RecordingError(
                 path,
-                value=f"message {index}{_first_object_text(truth)} at {time_s:g} s: OSI version"
+                value=f"message {index}{first_object_text(truth)} at {time_s:g} s: OSI version"
                 f" {version}",
                 expected=f"version {OSI_VERSION}",
                 fix=f"convert the trace to ASAM OSI {OSI_VERSION}",
@@ -148,7 +148,8 @@ def _iter_views_and_truths(path: Path) -> Iterator[tuple[Any, Any]]:
         yield outer, truth
 
 
-def _first_object_text(truth: Any) -> str:
+def first_object_text(truth: Any) -> str:
+    """Return words that name the first moving object of a ground truth; empty without one."""
     return f", with object {truth.moving_object[0].id.value}," if truth.moving_object else ""
 
 

@@ -21,12 +21,13 @@ from dechirp.traffic.motion import Motion
 from dechirp.traffic.mounting import Mounting
 from dechirp.traffic.osi_trace import (
     OSI_VERSION,
+    first_object_text,
     foreign_osi_version,
     state_of_moving_object,
     state_of_stationary_object,
 )
 from dechirp.traffic.road_bodies import Size, complete_size
-from dechirp.traffic.traffic import FASTEST_M_PER_S, MOVES_M_PER_S, check_state
+from dechirp.traffic.traffic import FASTEST_M_PER_S, MOVES_M_PER_S, SAME_SIZE_M, check_state
 
 _SETTING = "SensorModel.view"
 _MAX_TIME_S = 1e9
@@ -78,6 +79,9 @@ class _History:
     interval_s: float
     states_velocity: bool
     """True if a velocity other than zero was stated in any view."""
+    kind: ObjectKind
+    size: Size
+    """In the last view."""
 
 
 class OsiViews:
@@ -183,6 +187,8 @@ class OsiViews:
             velocity=velocity,
             interval_s=interval_s,
             states_velocity=stated_speed > 0 or (past is not None and past.states_velocity),
+            kind=state.kind,
+            size=self._complete_size(state),
         )
 
     def _heading_rad(
@@ -197,7 +203,8 @@ class OsiViews:
         return 0.0 if past is None else past.heading_rad
 
     def _viewed_object(self, state: ObjectState, moving: Any, history: _History) -> ViewedObject:
-        size = self._complete_size(state)
+        size = history.size
+        self._report_change(state, history)
         acceleration = moving.base.acceleration
         motion = Motion(
             position_m=_position_on_ground_m(state, size),
@@ -235,6 +242,26 @@ class OsiViews:
                 fix=f"nothing to do: those typical of its class ({state.kind}) replace them",
             )
         return size
+
+    def _report_change(self, state: ObjectState, history: _History) -> None:
+        """Report another class or size than in the view before."""
+        past = self._histories.get(state.id)
+        if past is None:
+            return
+        if state.kind != past.kind or not np.allclose(
+            history.size, past.size, rtol=0.0, atol=SAME_SIZE_M
+        ):
+            old, new = (
+                f"{item.kind} of {' x '.join(format_number(side, 3) for side in item.size)} m"
+                for item in (past, history)
+            )
+            self._report(
+                "change",
+                state.id,
+                value=f"object {state.id} at {state.time_s:g} s: {old}, then {new}",
+                expected="one class and one size for each object",
+                fix="give another object its own id; each view is simulated as it is",
+            )
 
     def _velocity(self, state: ObjectState, history: _History) -> np.ndarray:
         stated = np.array([state.vx_m_per_s, state.vy_m_per_s])
@@ -287,7 +314,7 @@ class OsiViews:
             self._subjects.add((subject, number))
             self._findings.append(
                 Finding(
-                    level="warning" if subject == "position" else "note",
+                    level="warning" if subject in ("position", "change") else "note",
                     setting=f"view.{subject}",
                     value=value,
                     expected=expected,
@@ -331,8 +358,9 @@ def _parse_view(view: Any) -> Any:
             raise _view_error(f"{len(bytes(view))} bytes: {error}", "a SensorView", fix) from None
     version = foreign_osi_version(message, message.global_ground_truth)
     if version is not None:
+        truth = message.global_ground_truth
         raise _view_error(
-            f"OSI version {version}",
+            f"a view at {_time_s(message):g} s{first_object_text(truth)} of OSI version {version}",
             f"version {OSI_VERSION}",
             f"convert the view to ASAM OSI {OSI_VERSION}",
         )

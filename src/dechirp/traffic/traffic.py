@@ -34,7 +34,8 @@ MOVES_M_PER_S = 0.5  # faster than the jitter of recorded positions at rest
 FASTEST_M_PER_S = 100.0
 """360 km/h: an object that is faster between two steps jumps."""
 _SAME_PLACE_M = 0.1
-_SAME_SIZE_M = 0.1  # sizes of recorded objects differ by centimetres from step to step
+SAME_SIZE_M = 0.1
+"""Sizes of recorded objects differ by centimetres from step to step."""
 # Map coordinates and Unix times are below; squares of larger numbers lose the metre.
 _LARGEST_TIME_S, _LARGEST_POSITION_M = 1e12, 1e9
 _LARGEST_HEADING_RAD, _LARGEST_SPEED_M_PER_S = 1e4, 1e4
@@ -333,7 +334,7 @@ def _change_findings(rows: list[ObjectState], objects: xr.Dataset) -> list[Findi
         values = np.array([getattr(row, f"{name}_m" if unit else name) for row in rows])
         firsts = objects[name].values[at_object]
         # False for NaN, which is unknown.
-        is_change = abs(values - firsts) > _SAME_SIZE_M if unit else values != firsts
+        is_change = abs(values - firsts) > SAME_SIZE_M if unit else values != firsts
         for row in np.flatnonzero(is_change).tolist():
             what = f"{name if unit else 'class'} {firsts[row]}{unit}, then {values[row]}{unit}"
             changes.append((row, what))
