@@ -1,7 +1,6 @@
 """Scenario of a call of `run`, from its source and options."""
 
 import json
-import os
 import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
@@ -145,7 +144,7 @@ def _load_scenario_from_source(
         return _udp_address_scenario(source, changes, radar)
     is_of_traffic = any(change.lstrip().startswith("traffic.") for change in changes)
     has_radars = any(change.lstrip().startswith("radars") for change in changes)
-    if is_of_traffic or (has_radars and not os.path.exists(source)):
+    if is_of_traffic or (has_radars and not _is_existing(source)):
         return traffic_scenario(source, changes)  # its reader states what the source is
     path, iq, opened_radar, layout = source.absolute(), None, None, None
     chip = known_device(metadata["device"]) if "device" in metadata else None
@@ -167,6 +166,14 @@ def _load_scenario_from_source(
         if changes
         else scenario
     )
+
+
+def _is_existing(source: Path) -> bool:
+    """Return whether a file or folder exists; False for a name that the system refuses."""
+    try:
+        return source.exists()
+    except OSError:
+        return False
 
 
 def _find_traffic_file(source: Path) -> Path | None:
