@@ -78,11 +78,12 @@ class NamedArray:
 
     def iter_chirp_blocks(
         self, frame_index: int, is_chirp_lost: np.ndarray | None = None
-    ) -> Iterator[tuple[int, list[np.ndarray]]]:
+    ) -> Iterator[tuple[int, np.ndarray]]:
         """Yield the chirps of a frame in the order sent, some MB at a time.
 
-        Each item is the number of the first chirp, and the real samples or both parts of complex
-        ones, each (chirp, rx, sample). Chirps that are lost come out as zeros.
+        Each item is the number of the first chirp, and real numbers: the samples (chirp, rx,
+        sample), or I and Q of complex ones (chirp, rx, sample, 2). Chirps that are lost come out
+        as zeros.
         """
         n_chirps = self.sizes.get("chirp", 1)
         step = max(1, _PIECE_BYTES // self.bytes_per_chirp_index)
@@ -100,7 +101,7 @@ class NamedArray:
                         chirp_block = np.where(
                             is_block_lost.reshape(-1, *[1] * (chirp_block.ndim - 1)), 0, chirp_block
                         )
-                yield first_chirp, self._split_iq(chirp_block)
+                yield first_chirp, self._as_real_numbers(chirp_block)
 
     def _round_up_to_chunks(self, n_chirps: int) -> int:
         """Return the number of chirps to read at a time so that no chunk is read twice."""
@@ -118,23 +119,24 @@ class NamedArray:
         """Return slices that select rows along the axis `chirp`."""
         return tuple(rows if name == "chirp" else slice(None) for name in self.sizes)
 
-    def _split_iq(self, block: np.ndarray) -> list[np.ndarray]:
-        """Split samples into I and Q; real samples are one part."""
+    def _as_real_numbers(self, block: np.ndarray) -> np.ndarray:
+        """Return real samples as they are; I and Q of complex ones as last axis."""
         if not self.is_complex:
-            return [block]
+            return block
         if block.dtype.kind == "c":
-            parts = [block.real, block.imag]
-        else:
-            parts = [block[..., 0], block[..., 1]]
-        return parts[::-1] if self.iq == "qi" else parts
+            block = np.ascontiguousarray(block)
+            block = block.view(block.real.dtype).reshape(*block.shape, 2)
+        return block[..., ::-1] if self.iq == "qi" else block
 
     def non_finite_samples_error(
         self, frame_index: int, is_chirp_lost: np.ndarray
     ) -> RecordingError:
         """Return the error of a frame with non-finite samples: number and first position."""
         n_bad, n_samples, position = 0, 0, ""
-        for number, parts in self.iter_chirp_blocks(frame_index, is_chirp_lost):
-            is_bad = ~np.logical_and.reduce([finite_mask(part) for part in parts])
+        for number, block in self.iter_chirp_blocks(frame_index, is_chirp_lost):
+            is_bad = ~finite_mask(block)
+            if self.is_complex:
+                is_bad = is_bad.any(axis=-1)
             if is_bad.any() and not n_bad:
                 chirp, rx, sample = np.argwhere(is_bad)[0]
                 position = f"chirp {number + chirp}, rx {rx}, sample {sample}"

@@ -94,14 +94,14 @@ def interpret_array_as_recording(
 
     def decode(index: int, out: np.ndarray) -> None:
         is_lost = np.zeros(len(out), bool) if gaps is None else gaps[index]
-        for first, parts in cube.iter_chirp_blocks(index, is_lost):
-            rows = out[first : first + len(parts[0])]
-            if not all(part.dtype.kind in "iu" or np.isfinite(part).all() for part in parts):
+        for first, numbers in cube.iter_chirp_blocks(index, is_lost):
+            rows = out[first : first + len(numbers)]
+            if not (numbers.dtype.kind in "iu" or np.isfinite(numbers).all()):
                 raise cube.non_finite_samples_error(index, is_lost)
             if is_full_scale_assumed:
-                _check_within_full_scale(path, index, parts)
+                _check_within_full_scale(path, index, numbers)
             _convert_chirps_to_full_scale(
-                path, index, parts, encoding, rows, phase_factors=phase_factors, first_chirp=first
+                path, index, numbers, encoding, rows, phase_factors=phase_factors, first_chirp=first
             )
             rows[is_lost[first : first + len(rows)]] = 0
 
@@ -352,19 +352,18 @@ def _infer_encoding(
     path: Path, dtype: np.dtype, cube: NamedArray
 ) -> tuple[str, tuple[Finding, ...]]:
     """Return the encoding, with a note where the numbers of the first frame decide."""
-    numbers = dtype if dtype.names is None else dtype[0]
-    if numbers.kind == "i" and numbers.itemsize == 2:
+    number_type = dtype if dtype.names is None else dtype[0]
+    if number_type.kind == "i" and number_type.itemsize == 2:
         return "int16", ()
-    if numbers.kind in "fc" and all(
-        _are_within_full_scale(parts) for _, parts in cube.iter_chirp_blocks(0)
+    if number_type.kind in "fc" and all(
+        _are_within_full_scale(numbers) for _, numbers in cube.iter_chirp_blocks(0)
     ):
         return "full-scale", ()
     extremes, n_middle, n_numbers = [], 0, 0
-    for _, parts in cube.iter_chirp_blocks(0):
-        for part in parts:
-            extremes += [float(np.min(part)), float(np.max(part))]
-            n_middle += int(np.count_nonzero((part >= _MIDDLE[0]) & (part < _MIDDLE[1])))
-            n_numbers += part.size
+    for _, numbers in cube.iter_chirp_blocks(0):
+        extremes += [float(np.min(numbers)), float(np.max(numbers))]
+        n_middle += int(np.count_nonzero((numbers >= _MIDDLE[0]) & (numbers < _MIDDLE[1])))
+        n_numbers += numbers.size
     low, high, middle = min(extremes), max(extremes), n_middle / n_numbers
     encoding = _encoding_of_numbers(low, high, middle)
     if encoding is None:
@@ -399,24 +398,27 @@ def _encoding_of_numbers(low: float, high: float, middle_fraction: float) -> str
     return None
 
 
-def _are_within_full_scale(parts: list[np.ndarray]) -> bool:
+def _are_within_full_scale(numbers: np.ndarray) -> bool:
     """Return False if floats may be ADC codes: whole numbers beyond full scale 1.
 
     Numbers with fractions are kept as they are.
     """
     # NaN passes here: reading the samples raises its own error.
-    largest = max(float(np.max(np.abs(part))) for part in parts)
-    return not (largest > 1 and all(bool(np.all(part == np.round(part))) for part in parts))
+    return not (_largest_magnitude(numbers) > 1 and np.all(numbers == np.round(numbers)))
 
 
-def _check_within_full_scale(path: Path, frame_index: int, parts: list[np.ndarray]) -> None:
+def _largest_magnitude(numbers: np.ndarray) -> float:
+    return max(float(np.max(numbers)), -float(np.min(numbers)))
+
+
+def _check_within_full_scale(path: Path, frame_index: int, numbers: np.ndarray) -> None:
     """Raise `RecordingError` if the floats of a frame may be ADC codes.
 
     A first frame of small numbers, or of zeros, does not predict the others.
     """
-    if not _are_within_full_scale(parts):
-        largest = max(float(np.max(np.abs(part))) for part in parts)
-        description = f"{parts[0].dtype} with numbers up to {largest:.6g} in frame {frame_index}"
+    if not _are_within_full_scale(numbers):
+        largest = _largest_magnitude(numbers)
+        description = f"{numbers.dtype} with numbers up to {largest:.6g} in frame {frame_index}"
         raise _missing_encoding_error(path, description)
 
 
@@ -434,20 +436,18 @@ def _missing_encoding_error(path: Path, description: str) -> RecordingError:
 def _convert_chirps_to_full_scale(
     path: Path,
     frame_index: int,
-    parts: list[np.ndarray],
+    numbers: np.ndarray,
     encoding: str,
     out: np.ndarray,
     *,
     phase_factors: np.ndarray | None,
     first_chirp: int,
 ) -> None:
-    """Fill (chirp, rx, sample) with parts at full scale 1, after checking each number."""
+    """Fill (chirp, rx, sample) with numbers at full scale 1, after checking each."""
+    # I and Q side by side, in the file and in the result, are converted 5 times as fast as apart.
+    target = out.view(np.float32).reshape(*out.shape, 2) if np.iscomplexobj(out) else None
     try:
-        targets = (out.real, out.imag) if np.iscomplexobj(out) else (None, None)
-        scaled = [
-            scale_to_full_scale(part, encoding, target)
-            for part, target in zip(parts, targets, strict=False)
-        ]
+        scaled = scale_to_full_scale(numbers, encoding, target)
     except ValueError as error:
         raise RecordingError(
             path,
@@ -457,11 +457,12 @@ def _convert_chirps_to_full_scale(
         ) from None
     if np.iscomplexobj(out):
         return
+    is_complex = scaled.ndim > out.ndim
     try:
         if phase_factors is not None:
-            out[:] = rotate_to_real_samples(scaled[0], scaled[1], phase_factors, first_chirp)
+            out[:] = rotate_to_real_samples(scaled, phase_factors, first_chirp)
             return
-        if len(scaled) == 2 and scaled[1].any():
+        if is_complex and scaled[..., 1].any():
             raise ValueError("complex samples, with a non-zero imaginary part")
     except ValueError as error:
         raise RecordingError(
@@ -471,7 +472,7 @@ def _convert_chirps_to_full_scale(
             " phase factor in each channel",
             fix="set sampling: complex",
         ) from None
-    out[:] = scaled[0]
+    out[:] = scaled[..., 0] if is_complex else scaled
 
 
 def _repeated_decompression_note(cube: NamedArray) -> tuple[Finding, ...]:

@@ -30,12 +30,11 @@ def find_channel_phase_factors(cube: NamedArray, encoding: str, n_slots: int) ->
     if not cube.is_complex:
         return None
     squares, power = np.zeros((2, 1, 1), np.complex128)
-    for first, parts in cube.iter_chirp_blocks(0):
+    for first, numbers in cube.iter_chirp_blocks(0):
         try:
-            real, imaginary = (scale_to_full_scale(part, encoding) for part in parts)
+            x = scale_to_full_scale(numbers, encoding).astype(float).view(complex)[..., 0]
         except ValueError:  # numbers outside of the encoding: decoding reports them
             return None
-        x = (real + 1j * imaginary).astype(np.complex128)
         slots = (first + np.arange(len(x))) % n_slots
         shape = (n_slots, x.shape[1])
         squares = np.broadcast_to(squares, shape).copy()
@@ -74,16 +73,19 @@ def add_phase_factors_to_calibration(
 
 
 def rotate_to_real_samples(
-    real: np.ndarray, imaginary: np.ndarray, factors: np.ndarray, first_chirp: int
+    numbers: np.ndarray, factors: np.ndarray, first_chirp: int
 ) -> np.ndarray:
     """Return the real samples of chirps (chirp, rx, sample) that were multiplied by the factors.
+
+    `numbers` has I and Q of the products as last axis.
 
     Raises
     ------
     ValueError
         If a part of the samples is in quadrature to the factors.
     """
-    slots = (first_chirp + np.arange(len(real))) % len(factors)
+    real, imaginary = numbers[..., 0], numbers[..., 1]
+    slots = (first_chirp + np.arange(len(numbers))) % len(factors)
     cosine, sine = (part[slots, :, None] for part in (factors.real, factors.imag))
     in_phase, quadrature = real * cosine + imaginary * sine, imaginary * cosine - real * sine
     if np.sum(quadrature**2) > 4 * _MAX_QUADRATURE_SHARE * np.sum(in_phase**2):

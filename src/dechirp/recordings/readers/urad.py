@@ -78,6 +78,8 @@ class Urad(Format):
             return MatchQuality.NO
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES)
+        if b"\0" in head:  # no text; each of its lines would be tried, for 10 ms
+            return MatchQuality.NO
         lines = head.splitlines()
         if len(head) == _HEAD_BYTES:
             lines = lines[:-1]
