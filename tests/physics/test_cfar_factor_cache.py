@@ -3,6 +3,7 @@
 python tests/physics/test_cfar_factor_cache.py [CHANNELS ...]   adds those of the package
 """
 
+import gc
 import json
 import sys
 from dataclasses import replace
@@ -154,7 +155,14 @@ def test_user_without_home_folder_keeps_nothing(monkeypatch):
     assert cache_folder() is None
 
 
-def test_detector_without_file_is_not_kept(cache_dir, monkeypatch):
+@pytest.fixture
+def forget_classes():
+    """Remove the classes of a test: until then they are detectors of all other tests."""
+    yield
+    gc.collect()
+
+
+def test_detector_without_file_is_not_kept(forget_classes, cache_dir, monkeypatch):
     @frozen_dataclass
     class FromNotebook(OrderedStatistic):
         pass

@@ -134,9 +134,7 @@ class NamedArray:
         """Return the error of a frame with non-finite samples: number and first position."""
         n_bad, n_samples, position = 0, 0, ""
         for number, block in self.iter_chirp_blocks(frame_index, is_chirp_lost):
-            is_bad = ~finite_mask(block)
-            if self.is_complex:
-                is_bad = is_bad.any(axis=-1)
+            is_bad = ~finite_mask(block).reshape(*block.shape[:3], -1).all(axis=-1)
             if is_bad.any() and not n_bad:
                 chirp, rx, sample = np.argwhere(is_bad)[0]
                 position = f"chirp {number + chirp}, rx {rx}, sample {sample}"
