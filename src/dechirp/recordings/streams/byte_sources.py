@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.errors import RecordingError
 from dechirp.core.values import frozen_dataclass
 
@@ -80,25 +81,22 @@ class PacketSource(ByteSource):
         starts, offsets, sizes = self._packets_in_range(runs, start, stop)
         if not starts.size:
             return
+        skipped = np.maximum(start - starts, 0)
+        lengths = np.minimum(stop - starts, sizes) - skipped
+        targets = starts + skipped - start
         # One read covers all packets of a range, 1 % more than the payloads if they are in order.
         # Packets far out of order are read one by one.
         low, high = int(offsets.min()), int((offsets + sizes).max())
         if high - low <= 2 * into.size + 2**16:
             block = np.empty(high - low, np.uint8)
             self.files.read(low, block)
-        else:
-            block = None
-        for packet_start, offset, size in zip(
-            starts.tolist(), offsets.tolist(), sizes.tolist(), strict=True
+            _copy_parts(block, offsets + skipped - low, into, targets, lengths)
+            return
+        for offset, target, length in zip(
+            (offsets + skipped).tolist(), targets.tolist(), lengths.tolist(), strict=True
         ):
-            skip, end = max(start - packet_start, 0), min(stop - packet_start, size)
-            if end <= skip:
-                continue
-            part = into[packet_start + skip - start : packet_start + end - start]
-            if block is None:
-                self.files.read(offset + skip, part)
-            else:
-                part[:] = block[offset + skip - low : offset + end - low]
+            if length > 0:
+                self.files.read(offset, into[target : target + length])
 
     def _packets_in_range(
         self, runs: slice, start_byte: int, stop_byte: int
@@ -122,6 +120,20 @@ class PacketSource(ByteSource):
         ends = np.concatenate([[0], self.starts + self.sizes * self.counts])
         begins = np.concatenate([self.starts, [self.n_bytes]])
         return np.stack([ends, begins], axis=1)[begins > ends]
+
+
+@kernel(plain=AS_WRITTEN)
+def _copy_parts(
+    block: np.ndarray,
+    offsets: np.ndarray,
+    into: np.ndarray,
+    targets: np.ndarray,
+    lengths: np.ndarray,
+) -> None:
+    """Copy parts of a block; those without length are left out."""
+    for offset, target, length in zip(offsets, targets, lengths):  # noqa: B905 - no `strict` there
+        if length > 0:
+            into[target : target + length] = block[offset : offset + length]
 
 
 def _read_file_part(path: Path, start_byte: int, into: np.ndarray) -> None:
