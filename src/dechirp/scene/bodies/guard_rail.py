@@ -9,8 +9,8 @@ from dechirp.core.checks import check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import MAX_RCS_M2, MIN_RCS_M2, AspectBody
+from dechirp.scene.bodies.flash import FLASH_SPACING_M, flash_shares
 
-_SPACING_M = 0.5  # of the points of the beam
 _BEAM_HEIGHT_M = 0.31  # of a W-beam (EN 1317 type A, AASHTO M 180)
 _N_WAVES = 2  # of the profile of the beam, each a separate mirror
 
@@ -19,16 +19,14 @@ _N_WAVES = 2  # of the profile of the beam, each a separate mirror
 class GuardRail(AspectBody):
     r"""Straight beam on posts along the x axis, with its middle above the origin on the ground.
 
-    Posts are isotropic points. The beam is a line of points 0.5 m apart, of which those abreast of
-    the radar flash, at the foot of the perpendicular: the flash moves along with the radar. It is
-    the reflection of two long mirrors, straight along and curved across, to a radar at the distance
-    d from the line (geometrical optics):
+    Posts are isotropic points. The beam is a line of points 0.5 m apart, of which the one abreast
+    of the radar flashes, at the foot of the perpendicular: the flash moves along with the radar. It
+    is the reflection of two long mirrors, straight along and curved across, to a radar at the
+    distance d from the line:
 
-    .. math:: \sigma = 2 \pi \rho d, \quad \sigma_i = \sigma \sqrt{2 / \pi}
-        \exp\left(-2 (x_i - x)^2 / (0.5\,\mathrm{m})^2\right)
+    .. math:: \sigma = 2 \pi \rho d
 
-    with the radar abreast of x. The sum is within 2 % of it anywhere along the rail, 0 beyond its
-    ends.
+    and less beside the ends and beyond them, see `flash_shares`.
 
     Notes
     -----
@@ -94,15 +92,22 @@ class GuardRail(AspectBody):
         return np.repeat(positions_m[None], len(times_s), axis=0)
 
     def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
-        x, y, z = radar_m.T[..., None]
-        flash_m2 = _N_WAVES * math.pi * self.wave_radius_m * np.hypot(y, z - self.height_m)
-        share = np.exp(-2 * ((self._beam_point_x_m - x) / _SPACING_M) ** 2) * math.sqrt(2 / math.pi)
+        x, y, z = radar_m.T
+        distance_m = np.hypot(y, z - self.height_m)
+        flash_m2 = _N_WAVES * math.pi * self.wave_radius_m * distance_m
+        shares = flash_shares(
+            self._beam_point_x_m,
+            x,
+            distance_m,
+            half_length_m=self.length_m / 2,
+            wavelength_m=wavelength_m,
+        )
         posts_m2 = np.full((len(radar_m), len(self._post_x_m)), self.post_rcs_m2)
-        return np.concatenate([flash_m2 * share, posts_m2], axis=1)
+        return np.concatenate([flash_m2[:, None] * shares, posts_m2], axis=1)
 
     @cached_property
     def _beam_point_x_m(self) -> np.ndarray:
-        return _evenly_spaced_about_zero_m(self.length_m, _SPACING_M)
+        return _evenly_spaced_about_zero_m(self.length_m, FLASH_SPACING_M)
 
     @cached_property
     def _post_x_m(self) -> np.ndarray:

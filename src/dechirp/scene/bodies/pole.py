@@ -8,23 +8,20 @@ import numpy as np
 from dechirp.core.checks import check_positive_fields
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import AspectBody
-
-_SPACING_M = 0.5  # of the points of the axis
-_MIN_SHARE = 1e-6
+from dechirp.scene.bodies.flash import FLASH_SPACING_M, flash_shares
 
 
 @frozen_dataclass
 class Pole(AspectBody):
     r"""Upright smooth cylinder that stands on its origin.
 
-    Its axis is a line of points 0.5 m apart, of which those at the height of the radar flash. To a
-    radar at the horizontal distance d, they have in total the cross section of a mirror that is
-    straight along and curved across (geometrical optics),
+    Its axis is a line of points 0.5 m apart, of which the one at the height of the radar flashes.
+    To a radar at the horizontal distance d, it has the cross section of a mirror that is straight
+    along and curved across,
 
-    .. math:: \sigma = R \pi \rho d, \quad \sigma_i = \sigma \sqrt{2 / \pi}
-        \exp\left(-2 (z_i - z)^2 / (0.5\,\mathrm{m})^2\right)
+    .. math:: \sigma = R \pi \rho d
 
-    for a radar at the height z. It is 0 above the upper end.
+    and less beside the ends, see `flash_shares`. It is 0 above the upper end.
 
     Notes
     -----
@@ -67,14 +64,21 @@ class Pole(AspectBody):
         return positions_m
 
     def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
-        x, y, z = radar_m.T[..., None]
-        flash_m2 = self.reflectivity * math.pi * self.radius_m * np.hypot(x, y)
-        share = np.exp(-2 * ((self._heights_m - z) / _SPACING_M) ** 2) * math.sqrt(2 / math.pi)
-        # Points without a share have no echo to simulate.
-        is_lit = (z >= 0) & (z <= self.height_m) & (share > _MIN_SHARE)
-        return np.asarray(np.where(is_lit, flash_m2 * share, 0.0))
+        x, y, z = radar_m.T
+        distance_m = np.hypot(x, y)
+        middle_m = self.height_m / 2
+        shares = flash_shares(
+            self._heights_m - middle_m,
+            z - middle_m,
+            distance_m,
+            half_length_m=middle_m,
+            wavelength_m=wavelength_m,
+        )
+        is_lit = (z >= 0) & (z <= self.height_m)
+        flash_m2 = self.reflectivity * math.pi * self.radius_m * distance_m * is_lit
+        return np.asarray(flash_m2[:, None] * shares)
 
     @cached_property
     def _heights_m(self) -> np.ndarray:
-        n = math.ceil(self.height_m / _SPACING_M)
+        n = math.ceil(self.height_m / FLASH_SPACING_M)
         return (np.arange(n) + 0.5) * self.height_m / n

@@ -10,12 +10,11 @@ from dechirp.core.checks import check_non_negative_fields, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import AspectBody
+from dechirp.scene.bodies.flash import FLASH_SPACING_M, flash_shares
 
 CONCRETE_REFLECTIVITY = 0.154
 """Power that concrete of the permittivity 5.24 (ITU-R P.2040) reflects at normal incidence."""
 _SPACING_M, _LEVEL_SPACING_M = 1.0, 4.0  # of the points of a face, along it and in height
-_SPECULAR_SPACING_M = 0.5  # of the points that reflect like a mirror
-_MIN_SHARE = 1e-6
 _SPECULAR_HEIGHT_M = 0.5  # of them above the base, that of a radar in a bumper
 # Normals of the faces: front, left, rear, right.
 _NORMALS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
@@ -43,12 +42,12 @@ class Wall(AspectBody):
     .. math:: \sigma = 4 R S^2 A \cos^2 \theta
 
     The remaining share, 1 - S^2, is the mirror image of the radar: at the foot of the perpendicular
-    at the distance d, if that is on the face, flash points 0.5 m apart and at a height of 0.5 m
-    have in total
+    at the distance d, one of the points 0.5 m apart along the face, at a height of 0.5 m, flashes:
 
     .. math:: \sigma = \pi d^2 R (1 - S^2)
 
-    Faces that face away do not reflect, nor do top and bottom.
+    It is less beside the ends of the face, see `flash_shares`, and 0 above the upper edge. Faces
+    that face away do not reflect, nor do top and bottom.
 
     Notes
     -----
@@ -115,15 +114,30 @@ class Wall(AspectBody):
         normals = _NORMALS[points.face]
         to_radar_m = radar_m[:, None] - points.position_m
         ahead_m = np.maximum((to_radar_m[..., :2] * normals).sum(axis=-1), 0.0)
-        beside_m = to_radar_m[..., 0] * normals[:, 1] - to_radar_m[..., 1] * normals[:, 0]
         cosine = ahead_m / np.linalg.norm(to_radar_m, axis=-1)
         diffuse_m2 = 4 * self.scattering**2 * points.area_m2 * cosine**2
-        share = np.exp(-2 * (beside_m / _SPECULAR_SPACING_M) ** 2) * math.sqrt(2 / math.pi)
+        mirror_m2 = math.pi * ahead_m**2 * (1 - self.scattering**2)
+        mirror_m2 *= self._flash_shares(radar_m, ahead_m, wavelength_m)
+        return np.asarray(self.reflectivity * (diffuse_m2 + mirror_m2))
+
+    def _flash_shares(
+        self, radar_m: np.ndarray, ahead_m: np.ndarray, wavelength_m: float
+    ) -> np.ndarray:
+        """Return the shares of all points in the mirror image of the radar, (n_positions, n)."""
+        points = self._points
+        shares = np.zeros_like(ahead_m)
         has_foot = (radar_m[:, 2] >= 0) & (radar_m[:, 2] <= self.height_m)
-        mirror_m2 = math.pi * ahead_m**2 * (1 - self.scattering**2) * share
-        # Points without a share have no echo to simulate.
-        is_mirror = (points.area_m2 == 0) & has_foot[:, None] & (share > _MIN_SHARE)
-        return np.asarray(self.reflectivity * (diffuse_m2 + np.where(is_mirror, mirror_m2, 0.0)))
+        for face, (x, y) in enumerate(_NORMALS.tolist()):
+            rows = np.flatnonzero((points.face == face) & (points.area_m2 == 0))
+            along = np.array([-y, x, 0.0])
+            shares[:, rows] = has_foot[:, None] * flash_shares(
+                points.position_m[rows] @ along,
+                radar_m @ along,
+                ahead_m[:, rows[0]],
+                half_length_m=(self.width_m if x else self.length_m) / 2,
+                wavelength_m=wavelength_m,
+            )
+        return shares
 
     @cached_property
     def _points(self) -> _Points:
@@ -136,7 +150,7 @@ class Wall(AspectBody):
                 _cell_middles_m(size_m, spacing_m)
                 for size_m, spacing_m in ((along_m, _SPACING_M), (self.height_m, _LEVEL_SPACING_M))
             )
-            flash_m = _cell_middles_m(along_m, _SPECULAR_SPACING_M) - along_m / 2
+            flash_m = _cell_middles_m(along_m, FLASH_SPACING_M) - along_m / 2
             place_m, level_m = np.meshgrid(columns_m - along_m / 2, levels_m, indexing="ij")
             place_m = np.concatenate([place_m.ravel(), flash_m])
             level_m = np.concatenate(
