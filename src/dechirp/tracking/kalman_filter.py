@@ -1,6 +1,12 @@
 """Kalman filter of many tracks at once, with azimuth, range and range rate as measurements.
 
 States are x, vx, y, vy over the plane, in m and m/s. Motion is straight but for white acceleration.
+States of bodies have two more: the offset of the echo from the centre of the body, along x and y.
+It stays nearly the same from frame to frame, so that it does not average out like a white
+measurement error: it is a Gauss-Markov process with the covariance of the body's size.
+
+Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation,
+Wiley, 2001, 8.2 (autocorrelated measurement errors, by augmented states).
 """
 
 from typing import NamedTuple
@@ -10,11 +16,13 @@ import numpy as np
 from dechirp.tracking.motion_models import white_acceleration_covariance
 from dechirp.tracking.poses import RadarPose
 
-_N_STATES = 4
+N_BODY_STATES = 6
+_OFFSETS = [4, 5]
+_OFFSET_TIME_S = 4.0  # in which a vehicle that passes or turns shows other parts
 
 
 class StateEstimates(NamedTuple):
-    """Means (n, 4) and covariances (n, 4, 4) of x, vx, y, vy."""
+    """Means (n, 4) and covariances (n, 4, 4) of x, vx, y, vy; of bodies (n, 6) and (n, 6, 6)."""
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -28,15 +36,28 @@ class PredictedMeasurements(NamedTuple):
     covariance: np.ndarray
     """(n_tracks, 3, 3)."""
     cross_covariance: np.ndarray
-    """(n_tracks, 4, 3): of the states and the measurements."""
+    """(n_tracks, n_states, 3): of the states and the measurements."""
 
 
 def predict_states(
-    states: StateEstimates, interval_s: float, process_noise_m2_per_s3: float
+    states: StateEstimates,
+    interval_s: float,
+    process_noise_m2_per_s3: float,
+    size_m2: np.ndarray | None = None,
 ) -> StateEstimates:
-    """Predict states over an interval."""
-    transition = np.kron(np.eye(2), [[1.0, interval_s], [0.0, 1.0]])
-    noise = white_acceleration_covariance(interval_s, process_noise_m2_per_s3, _N_STATES)
+    """Predict states over an interval; offsets of bodies tend to zero mean and a covariance.
+
+    `size_m2`, (n, 2, 2), is that covariance, along x and y.
+    """
+    n_states = states.mean.shape[1]
+    transition = np.eye(n_states)
+    transition[[0, 2], [1, 3]] = interval_s
+    noise = white_acceleration_covariance(interval_s, process_noise_m2_per_s3, n_states)
+    if size_m2 is not None:
+        decay = np.exp(-interval_s / _OFFSET_TIME_S)
+        transition[_OFFSETS, _OFFSETS] = decay
+        noise = np.repeat(noise[None], len(size_m2), axis=0)
+        noise[:, 4:, 4:] += (1 - decay**2) * size_m2
     return StateEstimates(
         states.mean @ transition.T, transition @ states.covariance @ transition.T + noise
     )
@@ -45,12 +66,14 @@ def predict_states(
 def states_relative_to_radar(states: StateEstimates, pose: RadarPose) -> StateEstimates:
     """Return states with position and velocity relative to a radar, in axes that are not turned."""
     (x_m, y_m), (vx, vy) = pose.position_m, pose.velocity_m_per_s
-    return StateEstimates(states.mean - [x_m, vx, y_m, vy], states.covariance)
+    mean = states.mean.copy()
+    mean[:, :4] -= [x_m, vx, y_m, vy]
+    return StateEstimates(mean, states.covariance)
 
 
 def predict_linearised_measurements(states: StateEstimates) -> PredictedMeasurements:
     """Predict the measurement of each state to first order, with exact derivatives."""
-    x, vx, y, vy = states.mean.T
+    x, vx, y, vy = _echo_states(states.mean).T
     range_m = np.hypot(x, y)
     cosine, sine = x / range_m, y / range_m
     turn_rad_per_s = (cosine * vy - sine * vx) / range_m
@@ -60,6 +83,8 @@ def predict_linearised_measurements(states: StateEstimates) -> PredictedMeasurem
         [cosine, zero, sine, zero],
         [-sine * turn_rad_per_s, cosine, cosine * turn_rad_per_s, sine],
     ]
+    if states.mean.shape[1] == N_BODY_STATES:
+        rows = [[*row, row[0], row[2]] for row in rows]
     jacobian = np.moveaxis(np.array(rows), -1, 0)
     cross_covariance = states.covariance @ jacobian.swapaxes(1, 2)
     return PredictedMeasurements(
@@ -73,22 +98,23 @@ def predict_sigma_point_measurements(states: StateEstimates) -> PredictedMeasure
     r"""Predict the measurement of each state from sigma points (unscented transform).
 
     The points are the mean and, for each column :math:`\sigma_i` of the Cholesky factor of the
-    covariance, :math:`\mu \pm 2 \sigma_i`, with equal weights of 1/8. The mean itself has weight 0
-    in the mean and 2 in the covariance: alpha 1, beta 2, kappa 0. No weight is negative, or
-    covariances could lose their sign: those with kappa -1 did, once in 4,000 frames.
+    covariance of n states, :math:`\mu \pm \sqrt n \sigma_i`, with equal weights of 1 / 2n. The mean
+    itself has weight 0 in the mean and 2 in the covariance: alpha 1, beta 2, kappa 0. No weight is
+    negative, or covariances could lose their sign: those with kappa -1 did, once in 4,000 frames.
 
     References
     ----------
     E. A. Wan, R. van der Merwe, The Unscented Kalman Filter for Nonlinear Estimation, 2000.
     """
-    steps = 2 * _square_roots(states.covariance).swapaxes(1, 2)
+    n_states = states.mean.shape[1]
+    steps = np.sqrt(n_states) * _square_roots(states.covariance).swapaxes(1, 2)
     offsets = np.concatenate([np.zeros_like(steps[:, :1]), steps, -steps], axis=1)
     measured = _measure(states.mean[:, None] + offsets)
     mean = measured[:, 1:].mean(axis=1)
     mean[:, 0] = np.angle(np.exp(1j * measured[:, 1:, 0]).sum(axis=1))
     residual = measured - mean[:, None]
     residual[..., 0] = wrap_angles(residual[..., 0])
-    weighted = residual / 8
+    weighted = residual / (2 * n_states)
     weighted[:, 0] = 2 * residual[:, 0]
     return PredictedMeasurements(
         mean=mean,
@@ -109,7 +135,7 @@ def update_states(
 
     A state becomes the mean and the covariance of a mixture: of the updates with its detections,
     weighted by their shares, and of the prediction with the remaining probability. Pairs of a track
-    have a residual (3,), its covariance (3, 3), and the cross-covariance (4, 3) of state and
+    have a residual (3,), its covariance (3, 3), and the cross-covariance (n_states, 3) of state and
     measurement.
     """
     gain = np.linalg.solve(covariance, cross_covariance.swapaxes(1, 2)).swapaxes(1, 2)
@@ -134,14 +160,23 @@ def wrap_angles(angles_rad: np.ndarray) -> np.ndarray:
 
 
 def _measure(states: np.ndarray) -> np.ndarray:
-    """Return azimuth, range and range rate (..., 3) of states (..., 4)."""
-    x, vx, y, vy = np.moveaxis(states, -1, 0)
+    """Return azimuth, range and range rate (..., 3) of states (..., 4 or 6)."""
+    x, vx, y, vy = np.moveaxis(_echo_states(states), -1, 0)
     range_m = np.hypot(x, y)
     return np.stack([np.arctan2(y, x), range_m, (x * vx + y * vy) / range_m], axis=-1)
 
 
+def _echo_states(states: np.ndarray) -> np.ndarray:
+    """Return position and velocity (..., 4) of the echoes of states (..., 4 or 6)."""
+    if states.shape[-1] != N_BODY_STATES:
+        return states
+    echoes = states[..., :4].copy()
+    echoes[..., [0, 2]] += states[..., _OFFSETS]
+    return echoes
+
+
 def _square_roots(covariance: np.ndarray) -> np.ndarray:
-    """Return matrices whose product with their transpose is the covariance, (n, 4, 4)."""
+    """Return matrices whose product with their transpose is the covariance, (n, 4, 4) or (n, 6, 6)."""
     try:
         return np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:  # rounding has left one without its sign

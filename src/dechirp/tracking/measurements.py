@@ -8,7 +8,7 @@ import xarray as xr
 from dechirp.core.errors import InvalidSetting
 
 REQUIRED = ("range", "velocity", "azimuth", "range_std", "velocity_std", "azimuth_std")
-_OPTIONAL = ("elevation", "elevation_std", "ambiguity_number")
+_OPTIONAL = ("elevation", "elevation_std", "ambiguity_number", "range_extent", "azimuth_extent")
 
 
 class Measurements(NamedTuple):
@@ -19,6 +19,9 @@ class Measurements(NamedTuple):
     variance: np.ndarray
     span_m_per_s: np.ndarray
     """(n,): rates are known up to a multiple of it; infinite if unambiguous."""
+    size_m2: np.ndarray
+    """(n, 2): variance of the echo about the centre of its body, along and across the line of
+    sight; 0 for points."""
 
     def select_measurements(self, rows: np.ndarray) -> "Measurements":
         """Return the measurements of a mask or of indices."""
@@ -74,6 +77,9 @@ def usable_rows_to_measurements(
     With an elevation e the range is R cos e, and the rate of a target at constant height is divided
     by cos e; without one, the target is assumed level with the radar. Rates whose
     `ambiguity_number` is NaN are known up to the unambiguous velocity span, if given.
+
+    The size of a body is `target_size_m`, and the extents of its cluster: a centre that is anywhere
+    within an extent has the variance of a twelfth of its square.
     """
     rows = usable_row_mask(detections)
     # Rows of arrays: selecting rows of a dataset with 16 columns takes 0.4 ms.
@@ -97,17 +103,33 @@ def usable_rows_to_measurements(
     span = np.full(range_m.shape, np.inf)
     if velocity_span_m_per_s is not None and "ambiguity_number" in columns:
         span[np.isnan(columns["ambiguity_number"])] = velocity_span_m_per_s
+    size_m2 = _size_variances_m2(columns, plane_m, target_size_m)
     return Measurements(
         z=np.stack(
             [columns["azimuth"], plane_m, np.where(has_rate, rate / cos_elevation, np.nan)], axis=-1
         ),
         variance=np.stack(
             [
-                columns["azimuth_std"] ** 2 + (target_size_m / plane_m) ** 2,
-                range_variance + target_size_m**2,
+                columns["azimuth_std"] ** 2,
+                range_variance,
                 np.where(has_rate, rate_std**2, np.nan),
             ],
             axis=-1,
         ),
         span_m_per_s=span / cos_elevation,
+        size_m2=size_m2,
     )
+
+
+def _size_variances_m2(
+    columns: dict[str, np.ndarray], range_m: np.ndarray, target_size_m: float
+) -> np.ndarray:
+    """Return the variances of echoes about the centres of their bodies, (n, 2)."""
+    if not target_size_m:
+        return np.zeros((len(range_m), 2))
+    along_m, across_rad = (
+        np.nan_to_num(columns.get(f"{name}_extent", np.zeros_like(range_m)))
+        for name in ("range", "azimuth")
+    )
+    extents_m = np.stack([along_m, range_m * across_rad], axis=-1)
+    return target_size_m**2 + extents_m**2 / 12

@@ -14,21 +14,24 @@ from dechirp.core.detection_columns import check_type
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
-from dechirp.tracking.kalman_filter import StateEstimates
+from dechirp.tracking.kalman_filter import N_BODY_STATES, StateEstimates
 from dechirp.tracking.measurements import (
     Measurements,
     checked_row_axis_name,
     usable_rows_to_measurements,
 )
 from dechirp.tracking.poses import AT_ORIGIN, RadarPose, RadarView
-from dechirp.tracking.track_update import predict_associate_and_update
+from dechirp.tracking.track_update import (
+    MAX_TURN_RATE_RAD_PER_S,
+    predict_associate_and_update,
+)
 from dechirp.tracking.tracker import Tracker
 
 
 def initial_track_means_and_covariances(
     measurements: Measurements, speed_std_m_per_s: float, pose: RadarPose = AT_ORIGIN
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute means (n, 4) and covariances (n, 4, 4) of x, vx, y, vy.
+    """Compute means (n, 4) and covariances (n, 4, 4) of x, vx, y, vy, of echoes.
 
     Along the line of sight from range and range rate; across it from the azimuth and an unknown
     velocity. A speed v across and an azimuth error d change the rate by v d, which adds to its
@@ -71,6 +74,10 @@ def initial_track_means_and_covariances(
     local[:, 1, 2] = local[:, 2, 1] = np.where(
         has_rate, range_m * radar_across * azimuth_variance, 0.0
     )
+    # The echo of a body that turns has another velocity than its centre.
+    local[:, 1, 1] += np.where(
+        has_rate, MAX_TURN_RATE_RAD_PER_S**2 * measurements.size_m2[:, 1], 0.0
+    )
     origin = np.array([pose.position_m[0], 0.0, pose.position_m[1], 0.0])
     return (
         np.einsum("nij,nj->ni", rotation, mean) + origin,
@@ -78,8 +85,32 @@ def initial_track_means_and_covariances(
     )
 
 
+def add_offset_states(
+    means: np.ndarray, covariances: np.ndarray, size_m2: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return means (n, 6) and covariances of the centres of bodies from those of their echoes.
+
+    The offset has zero mean and the covariance `size_m2`, (n, 2, 2), independent of the echo.
+    """
+    to_centre = np.eye(N_BODY_STATES)
+    to_centre[[0, 2], [4, 5]] = -1.0
+    padded = np.zeros((len(means), N_BODY_STATES, N_BODY_STATES))
+    padded[:, :4, :4] = covariances
+    padded[:, 4:, 4:] = size_m2
+    return np.pad(means, ((0, 0), (0, 2))), to_centre @ padded @ to_centre.T
+
+
+def body_covariances_m2(measurements: Measurements, pose: RadarPose = AT_ORIGIN) -> np.ndarray:
+    """Return the covariances of echoes about the centres of their bodies, along x and y."""
+    angle = measurements.z[:, 0] + pose.yaw_rad
+    cos, sin = np.cos(angle), np.sin(angle)
+    axes = np.stack([cos, -sin, sin, cos], axis=-1).reshape(-1, 2, 2)
+    return (axes * measurements.size_m2[:, None]) @ axes.swapaxes(1, 2)
+
+
 _MIN_SHARE = 0.5  # probability from which a detection belongs to a track, and a track is detected
 _MAX_TIME_S = 1e9
+_SIZE_TIME_S = 2.0  # in which parts of a body that are hidden are forgotten
 
 
 @frozen_dataclass
@@ -216,9 +247,16 @@ class LiveTracker:
             np.array([live_track.mean for live_track in tracks]),
             np.array([live_track.covariance for live_track in tracks]),
         )
+        sizes_m2 = None
+        if self._tracker.target_size_m:
+            sizes_m2 = np.array([live_track.size_m2 for live_track in tracks])
         step = predict_associate_and_update(
-            self._tracker, states, passed_s, measurements, view.pose
+            self._tracker, states, passed_s, measurements, view.pose, sizes_m2
         )
+        if sizes_m2 is not None and len(measurements.z):
+            _update_sizes(
+                tracks, step.shares, body_covariances_m2(measurements, view.pose), passed_s
+            )
         hit_mask = (step.shares.sum(axis=1) >= _MIN_SHARE).tolist()
         for live_track, mean, covariance, is_hit in zip(
             tracks, *step.states, hit_mask, strict=True
@@ -249,11 +287,8 @@ class LiveTracker:
         and their gate contains the detections of other targets. The size of a target is no error.
         """
         half_width = np.sqrt(scipy.special.chdtri(3, 1 - self._tracker.gate_probability))
-        azimuth_variance, range_variance, _ = measurements.variance.T
-        size_variance = self._tracker.target_size_m**2
+        azimuth_std, range_std, _ = np.sqrt(measurements.variance).T
         range_m = measurements.z[:, 1]
-        range_std = np.sqrt(np.maximum(range_variance - size_variance, 0.0))
-        azimuth_std = np.sqrt(np.maximum(azimuth_variance - size_variance / range_m**2, 0.0))
         is_located = (half_width * range_std < range_m) & (half_width * azimuth_std < np.pi)
         return measurements.select_measurements(is_located)
 
@@ -261,8 +296,11 @@ class LiveTracker:
         means, covariances = initial_track_means_and_covariances(
             measurements, self._tracker.speed_std_m_per_s, pose
         )
-        for mean, covariance in zip(means, covariances, strict=True):
-            live_track = _LiveTrack(self._n_started, mean, covariance)
+        sizes_m2 = body_covariances_m2(measurements, pose)
+        if self._tracker.target_size_m:
+            means, covariances = add_offset_states(means, covariances, sizes_m2)
+        for mean, covariance, size_m2 in zip(means, covariances, sizes_m2, strict=True):
+            live_track = _LiveTrack(self._n_started, mean, covariance, size_m2)
             live_track.confirm_if_enough_hits(self._tracker.confirm_after)
             self._tracks.append(live_track)
             self._n_started += 1
@@ -324,18 +362,43 @@ class TrackStatus:
 class _LiveTrack(TrackStatus):
     """Live track: state and status."""
 
-    def __init__(self, number: int, mean: np.ndarray, covariance: np.ndarray) -> None:
+    def __init__(
+        self, number: int, mean: np.ndarray, covariance: np.ndarray, size_m2: np.ndarray
+    ) -> None:
         super().__init__(number)
         self.mean, self.covariance = mean, covariance
+        self.size_m2 = size_m2
+        """Covariance of the echo about the centre of a body, along x and y."""
 
     def to_track(self) -> Track:
         return Track(
             number=self.number,
-            state=tuple(self.mean.tolist()),
-            covariance=tuple(map(tuple, self.covariance.tolist())),
+            state=tuple(self.mean[:4].tolist()),
+            covariance=tuple(map(tuple, self.covariance[:4, :4].tolist())),
             status=self.status,
             age=self.age,
         )
+
+
+def _update_sizes(
+    tracks: Sequence["_LiveTrack"],
+    shares: np.ndarray,
+    measured_m2: np.ndarray,
+    passed_s: float,
+) -> None:
+    """Update the sizes of tracks with those of their likeliest measurements.
+
+    A larger one replaces the size at once; smaller ones, in which parts of a body are hidden, fade
+    it.
+    """
+    for live_track, share in zip(tracks, shares, strict=True):
+        if share.max() < _MIN_SHARE:
+            continue
+        size_m2 = measured_m2[share.argmax()]
+        weight = 1 - np.exp(-passed_s / _SIZE_TIME_S)
+        if np.trace(size_m2) > np.trace(live_track.size_m2):
+            weight = 1.0
+        live_track.size_m2 = live_track.size_m2 + weight * (size_m2 - live_track.size_m2)
 
 
 def _check_stone_soup_is_installed() -> None:

@@ -1,5 +1,6 @@
 """Update of all tracks with the detections of a frame: prediction, gates, association, update."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,9 @@ from dechirp.tracking.measurements import Measurements
 from dechirp.tracking.poses import AT_ORIGIN, RadarPose
 from dechirp.tracking.tracker import Tracker
 
+_LATERAL_ACCELERATION_M_PER_S2, _TURN_RADIUS_M = 2.0, 8.0  # of usual and of the tightest turns
+MAX_TURN_RATE_RAD_PER_S = math.sqrt(_LATERAL_ACCELERATION_M_PER_S2 / _TURN_RADIUS_M)
+"""Largest standard deviation of turn rates of vehicles, at 4 m/s."""
 _PAIR_BYTES = 200.0  # per track and detection: covariances, also scaled, and residuals
 
 
@@ -38,9 +42,13 @@ def predict_associate_and_update(
     interval_s: float,
     measurements: Measurements,
     pose: RadarPose = AT_ORIGIN,
+    size_m2: np.ndarray | None = None,
 ) -> UpdateResult:
-    """Predict states over an interval, associate the measurements of a radar, and update."""
-    predicted = predict_states(states, interval_s, tracker.process_noise_m2_per_s3)
+    """Predict states over an interval, associate the measurements of a radar, and update.
+
+    `size_m2`, (n_tracks, 2, 2), are the covariances of the offsets of bodies, if states have them.
+    """
+    predicted = predict_states(states, interval_s, tracker.process_noise_m2_per_s3, size_m2)
     shares = np.zeros((len(states.mean), len(measurements.z)))
     if not shares.size:
         return UpdateResult(predicted, shares)
@@ -51,7 +59,9 @@ def predict_associate_and_update(
     )
     expected = predict_measurements(states_relative_to_radar(predicted, pose))
     expected.mean[:, 0] -= pose.yaw_rad
-    residual, covariance, has_rate = _innovations_and_covariances(expected, measurements, tracker)
+    residual, covariance, has_rate = _innovations_and_covariances(
+        expected, measurements, tracker, predicted.mean[:, [1, 3]]
+    )
     distance2 = np.einsum(
         "tni,tni->tn", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]
     )
@@ -89,13 +99,24 @@ def _likeliest_assignment(log_weight: np.ndarray, missed_log_weight: float) -> n
     return shares
 
 
+def _typical_turn_rates_rad_per_s(velocities: np.ndarray) -> np.ndarray:
+    """Return the standard deviations of turn rates of vehicles at velocities (n, 2), (n,)."""
+    speeds = np.hypot(*velocities.T)
+    fast = np.maximum(speeds, np.sqrt(_LATERAL_ACCELERATION_M_PER_S2 * _TURN_RADIUS_M))
+    return np.asarray(_LATERAL_ACCELERATION_M_PER_S2 * speeds / fast**2)
+
+
 def _innovations_and_covariances(
-    expected: PredictedMeasurements, measurements: Measurements, tracker: Tracker
+    expected: PredictedMeasurements,
+    measurements: Measurements,
+    tracker: Tracker,
+    velocities: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compute residuals (n_tracks, n, 3), their covariances, and the mask of usable rates.
 
     An ambiguous rate is usable if 4 standard deviations are within half a span. Other rates have
-    no residual and no gain, and the likelihood of a false alarm.
+    no residual and no gain, and the likelihood of a false alarm. `velocities` are those of the
+    tracks, along x and y.
     """
     check_free_memory(
         "the pairs of tracks and detections",
@@ -106,6 +127,9 @@ def _innovations_and_covariances(
     residual[..., 0] = wrap_angles(residual[..., 0])
     covariance = np.repeat(expected.covariance[:, None], len(measurements.z), axis=1)
     np.einsum("tnii->tni", covariance)[:] += measurements.variance
+    # The echo of a body that turns has another velocity than its centre.
+    turn_rates = _typical_turn_rates_rad_per_s(velocities)
+    covariance[..., 2, 2] += turn_rates[:, None] ** 2 * measurements.size_m2[:, 1]
     span = measurements.span_m_per_s
     finite_span = np.where(np.isfinite(span), span, 0)
     residual[..., 2] -= finite_span * np.round(residual[..., 2] / span)

@@ -45,8 +45,9 @@ class Tracker:
     """Standard deviation of unknown velocities when a track starts: across the line of sight, and
     along it without a rate."""
     target_size_m: float = 0.0
-    """Standard deviation of the scattering centre on a target, added to the errors along and
-    across the line of sight."""
+    """Standard deviation of the echo about the centre of a body, along and across the line of
+    sight; 0 for points. The extents of clusters add to it. Tracks then follow the centre, with an
+    error that includes this offset, which stays for seconds and does not average out."""
     min_separation_m: float = 0.0
     """Distance from all confirmed tracks below which a detection starts no track: the length of
     targets that have several detections or clusters in a frame."""
