@@ -6,7 +6,7 @@ It stays nearly the same from frame to frame, so that it does not average out li
 measurement error: it is a Gauss-Markov process with the covariance of the body's size.
 
 Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation,
-Wiley, 2001, 8.2 (autocorrelated measurement errors, by augmented states).
+Wiley, 2001, 8.4 (autocorrelated measurement errors, by augmented states).
 """
 
 from typing import NamedTuple
@@ -176,7 +176,7 @@ def _echo_states(states: np.ndarray) -> np.ndarray:
 
 
 def _square_roots(covariance: np.ndarray) -> np.ndarray:
-    """Return matrices whose product with their transpose is the covariance, (n, 4, 4) or (n, 6, 6)."""
+    """Return square matrices whose product with their transpose is the covariance, per state."""
     try:
         return np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:  # rounding has left one without its sign
