@@ -157,7 +157,7 @@ def track_table_and_object_sentences(
         columns = {head: [row[name] for row in tracks] for name, head in headings.items()}
         if result.truth is None:
             del columns["target"]
-        for name in ("frames", "target"):
+        for name in ("frames", "target", "track"):
             if _table_width(columns) > width:
                 columns.pop(name, None)
         table = new_table(title, number_columns=columns)

@@ -54,7 +54,7 @@ Kind = Literal["samples", "statistical"]
 # Spread of the echo's position on a vehicle, and the acceleration of traffic. For 50 tracks, filter
 # and association take 19 ms a frame, the default ones 90.
 _TRAFFIC_TRACKER = Tracker(
-    filter="extended", association="nearest", target_size_m=0.5, process_noise_m2_per_s3=4.0
+    filter="extended", association="nearest", target_size_m=2.0, process_noise_m2_per_s3=4.0
 )
 _TRAFFIC_CLUSTERS = Dbscan(reach=Reach(range=8.0, velocity=4.0))
 
