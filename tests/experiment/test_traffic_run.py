@@ -2,6 +2,8 @@
 
 import json
 import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +13,9 @@ import xarray as xr
 import dechirp as dc
 from dechirp.cli.main import main
 from dechirp.evaluation.association import Associator, nearest_target_indices
-from dechirp.evaluation.traffic_scores import score_traffic
+from dechirp.evaluation.traffic_scores import demanded_object_mask, score_tracks, score_traffic
 from dechirp.experiments.traffic_stage import ObjectComparison, TrafficFrames
-from dechirp.report.traffic_section import traffic_table_rows
+from dechirp.report.traffic_section import describe_track_scores, traffic_table_rows
 from nightly import nightly
 
 # The radar of car 1 sees car 2 pull away and car 4 hidden behind it; 3 is behind the radar.
@@ -220,3 +222,42 @@ def test_recorded_motorway_traffic_is_detected():
     assert scores.position_rmse_m <= 0.5
     assert scores.velocity_rmse_m_per_s <= 0.1
     assert scores.velocity_known_share >= 0.99
+
+
+POLES = """time,id,class,x,y,heading,length,width,height
+0.0,1,car,100,50,0.5,4.5,1.8,1.5
+0.4,1,car,100,50,0.5,4.5,1.8,1.5
+0.0,8,pole,{0:.4f},{1:.4f},0,0.3,0.3,6
+0.0,9,wall,{2:.4f},{3:.4f},2.0708,6,0.2,2
+"""
+
+
+@pytest.mark.parametrize("mounts", [["front"], ["front-left", "front-right"]], ids=["one", "two"])
+def test_tracks_on_structures_are_no_false_tracks(tmp_path, mounts):
+    ahead, aside = np.array([np.cos(0.5), np.sin(0.5)]), np.array([-np.sin(0.5), np.cos(0.5)])
+    places_m = [100, 50] + 20 * ahead + 3 * aside, [100, 50] + 40 * ahead
+    path = tmp_path / "trace.csv"
+    path.write_text(POLES.format(*np.ravel(places_m)), encoding="utf-8")
+    radars = ", ".join(f"{{mount: {mount}}}" for mount in mounts)
+    scenario = dc.traffic.traffic_scenario(path, ["traffic.ego=1", *FAST, f"radars=[{radars}]"])
+    if len(mounts) == 1:
+        scenario = replace(scenario, radars=())
+        result = dc.run(scenario, kind="statistical")
+        objects, is_demanded = result.traffic, demanded_object_mask(result.traffic)
+    else:
+        with ThreadPoolExecutor(1) as executor:
+            result = dc.fusion.run_radars(scenario, kind="statistical", executor=executor)
+        objects = result.objects
+        is_demanded = objects["in_view"].values
+
+    scores = score_tracks(objects, is_demanded, result.tracks)
+
+    is_confirmed = result.tracks["status"].values == "confirmed"
+    assert result.tracks.sizes["track"] >= 2
+    assert result.tracks["on_structure"].values[is_confirmed].all()
+    assert scores.n_false_tracks == 0 and scores.gospa_m == 0
+    assert scores.n_structure_tracks == pytest.approx(is_confirmed.sum(axis=0).mean())
+    assert f" {scores.n_structure_tracks:.2f} on structures." in describe_track_scores(scores)
+    # Beside the structures they would count.
+    moved = result.tracks.assign(on_structure=result.tracks["on_structure"] & False)
+    assert score_tracks(objects, is_demanded, moved).n_false_tracks == scores.n_structure_tracks

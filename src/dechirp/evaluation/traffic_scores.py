@@ -24,7 +24,9 @@ class TrackScores:
     n_identity_switches: int
     """Changes of objects to another track."""
     n_false_tracks: float
-    """Mean number of confirmed tracks without an object, in a frame."""
+    """Mean number of confirmed tracks without an object or a structure, in a frame."""
+    n_structure_tracks: float
+    """Mean number of confirmed tracks on structures, such as walls and rails, in a frame."""
 
 
 @frozen_dataclass
@@ -50,7 +52,9 @@ class TrafficScores:
     n_identity_switches: int | None
     """Changes of objects to another track."""
     n_false_tracks: float | None
-    """Mean number of confirmed tracks without an object, in a frame."""
+    """Mean number of confirmed tracks without an object or a structure, in a frame."""
+    n_structure_tracks: float | None
+    """Mean number of confirmed tracks on structures, such as walls and rails, in a frame."""
 
 
 def demanded_object_mask(objects: xr.Dataset) -> np.ndarray:
@@ -64,7 +68,8 @@ def score_traffic(objects: xr.Dataset, tracks: xr.Dataset | None) -> TrafficScor
     """Score detections and tracks against the objects of a run.
 
     Objects that are shadowed or beyond the beam count neither as detected nor as missed, nor the
-    tracks near them as false.
+    tracks near them as false. Tracks on structures (`on_structure`) that no object has are counted
+    on their own.
     """
     objects = objects.transpose("target", "frame")
     is_demanded = demanded_object_mask(objects)
@@ -90,6 +95,7 @@ def score_traffic(objects: xr.Dataset, tracks: xr.Dataset | None) -> TrafficScor
         gospa_m=None if track_scores is None else track_scores.gospa_m,
         n_identity_switches=None if track_scores is None else track_scores.n_identity_switches,
         n_false_tracks=None if track_scores is None else track_scores.n_false_tracks,
+        n_structure_tracks=None if track_scores is None else track_scores.n_structure_tracks,
     )
 
 
@@ -102,10 +108,16 @@ def score_tracks(objects: xr.Dataset, is_demanded: np.ndarray, tracks: xr.Datase
     objects_m = np.stack([objects[name].values for name in "xy"], axis=-1)
     holder = identities["holder"].values
     errors_m = []
+    n_structure_tracks = 0
     for frame in range(objects_m.shape[1]):
         # Tracks of objects that are not demanded are neither right nor wrong.
         others = holder[~is_demanded[:, frame], frame]
         is_scored = is_confirmed[:, frame] & ~np.isin(np.arange(len(tracks_m)), others)
+        is_object = np.isin(np.arange(len(tracks_m)), holder[:, frame])
+        if "on_structure" in tracks:
+            is_structure = is_scored & tracks["on_structure"].values[:, frame] & ~is_object
+            n_structure_tracks += int(is_structure.sum())
+            is_scored &= ~is_structure
         errors_m.append(
             gospa(
                 tracks_m[is_scored, frame],
@@ -113,10 +125,12 @@ def score_tracks(objects: xr.Dataset, is_demanded: np.ndarray, tracks: xr.Datase
                 cutoff_m=CUTOFF_M,
             ).error_m
         )
+    n_per_frame = n_structure_tracks / objects_m.shape[1]
     return TrackScores(
         gospa_m=float(np.mean(errors_m)),
         n_identity_switches=int(identities["n_swaps"].sum()),
-        n_false_tracks=float(identities["n_false"].mean()),
+        n_false_tracks=float(identities["n_false"].mean()) - n_per_frame,
+        n_structure_tracks=n_per_frame,
     )
 
 

@@ -34,7 +34,11 @@ from dechirp.experiments.scenario import (
     check_tracks_and_ego_motion_possible,
     prefix_setting_of_errors,
 )
-from dechirp.experiments.traffic_stage import ObjectComparison, TrafficFrames
+from dechirp.experiments.traffic_stage import (
+    ObjectComparison,
+    TrafficFrames,
+    mark_tracks_on_structures,
+)
 from dechirp.processing import near_field
 from dechirp.processing.cfar.base import Cfar
 from dechirp.processing.chain import Chain
@@ -309,8 +313,13 @@ def _run_in_traffic(
     compare_time_s = perf_counter()
     if kind == "samples":
         comparison.add_all_frames(columns)
+    tracks = result.tracks
+    if tracks is not None:
+        poses = [traffic.pose(number) for number in range(traffic.n_frames)]
+        tracks = mark_tracks_on_structures(tracks, traffic.scenes, poses)
     return replace(
         result,
+        tracks=tracks,
         traffic=comparison.to_dataset(),
         findings=(*traffic.findings, *result.findings),
         timing_s={

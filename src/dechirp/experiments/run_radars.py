@@ -18,9 +18,9 @@ from dechirp.experiments.run import Result, run
 from dechirp.experiments.scenario import Scenario, prefix_setting_of_errors
 from dechirp.experiments.single_radars import SingleRadar, split_radars
 from dechirp.experiments.study.executors import local_workers, workers_from_executor
+from dechirp.experiments.traffic_stage import TrafficFrames, mark_tracks_on_structures
 from dechirp.tracking.fusion import RadarDetections, fuse_detections
 from dechirp.tracking.poses import RadarPose
-from dechirp.traffic.frame_scenes import FrameScenes
 from dechirp.traffic.mounting import Mounting
 from dechirp.traffic.outlines import QUARTER_TURN, rotation
 
@@ -122,6 +122,9 @@ def run_radars(
                 [_detections(name, singles[name], results[name], poses[name]) for name in singles],
                 scenario.tracker,
             )
+        if scenario.traffic is not None:
+            scenes = TrafficFrames(next(iter(singles.values())).scenario).scenes
+            tracks = mark_tracks_on_structures(tracks, scenes)
     return RadarsResult(
         scenario=scenario,
         radars=results,
@@ -161,16 +164,8 @@ def _poses(single: SingleRadar, result: Result) -> tuple[RadarPose, ...]:
     """Return the pose of a radar over the ground in each frame."""
     scenario, times_s = single.scenario, np.array(result.times_s)
     if scenario.traffic is not None:
-        scenes = _open_scenes(single)
-        motions = [scenes.radar_motion(number) for number in range(result.n_frames)]
-        return tuple(
-            RadarPose(
-                position_m=tuple(motion.position_m[:2]),
-                yaw_rad=motion.yaw_rad,
-                velocity_m_per_s=tuple(motion.velocity_m_per_s),
-            )
-            for motion in motions
-        )
+        traffic = TrafficFrames(scenario)
+        return tuple(traffic.pose(number) for number in range(result.n_frames))
     assert scenario.scene is not None
     ego = scenario.scene.ego
     positions_m = np.array(ego.position_m) + ego.displacements_m(times_s)
@@ -183,12 +178,6 @@ def _poses(single: SingleRadar, result: Result) -> tuple[RadarPose, ...]:
         )
         for position_m, velocity, time_s in zip(positions_m, velocities, times_s, strict=True)
     )
-
-
-def _open_scenes(single: SingleRadar) -> FrameScenes:
-    scenario = single.scenario
-    assert scenario.traffic is not None and scenario.radar is not None
-    return scenario.traffic.open_scenes(scenario.radar)
 
 
 def _objects_over_ground(

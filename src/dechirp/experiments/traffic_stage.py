@@ -1,6 +1,6 @@
 """Radar in traffic: frames simulated one at a time, and detections compared with the objects."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +15,21 @@ from dechirp.scene.scene import Scene
 from dechirp.scene.truth import truth
 from dechirp.simulation.frame_by_frame import FrameSimulator
 from dechirp.simulation.impairments.interference import Interference
-from dechirp.traffic.outlines import QUARTER_TURN, nearest_point_m, rectangle_corners_m
+from dechirp.tracking.poses import RadarPose
+from dechirp.traffic.frame_scenes import FrameScenes
+from dechirp.traffic.outlines import (
+    QUARTER_TURN,
+    distances_from_outlines_m,
+    nearest_point_m,
+    rectangle_corners_m,
+    rotation,
+)
 from dechirp.traffic.road_bodies import Size
 from dechirp.traffic.true_objects import ObjectState, TrueObjects
+
+STRUCTURE_DISTANCE_M = 2.0
+"""Largest distance of a track on a structure from its outline: errors of a track, and several parts
+of a structure in one cluster."""
 
 
 class TrafficFrames:
@@ -106,6 +118,15 @@ class TrafficFrames:
         key = (number,) if number else ()
         return np.random.default_rng(np.random.SeedSequence(self._scenario.seed, spawn_key=key))
 
+    def pose(self, number: int) -> RadarPose:
+        """Return the pose of the radar over the ground at mid-frame."""
+        motion = self.scenes.radar_motion(number)
+        return RadarPose(
+            position_m=tuple(motion.position_m[:2]),
+            yaw_rad=motion.yaw_rad,
+            velocity_m_per_s=tuple(motion.velocity_m_per_s),
+        )
+
     def truth(self, number: int, scene: Scene, radar: Radar | None = None) -> xr.Dataset:
         """Return the truth about the origins of the objects of a frame, (target, frame).
 
@@ -113,6 +134,24 @@ class TrafficFrames:
         """
         radar = (radar or self.radar).for_frame(number)
         return truth(scene, radar).assign_coords(frame=[number])
+
+
+def mark_tracks_on_structures(
+    tracks: xr.Dataset, scenes: FrameScenes, poses: Sequence[RadarPose] | None = None
+) -> xr.Dataset:
+    """Add the column `on_structure`, (track, frame): True within 2 m of the outline of a structure.
+
+    `poses` are those of the coordinates of the tracks in each frame, over the ground; None: the
+    tracks are over the ground.
+    """
+    tracks = tracks.transpose("track", "frame", ...)
+    positions_m = np.stack([tracks["x"].values, tracks["y"].values], axis=-1)
+    if poses is not None:
+        turns = np.array([rotation(pose.yaw_rad) for pose in poses]).reshape(-1, 2, 2)
+        places_m = np.array([pose.position_m for pose in poses]).reshape(-1, 2)
+        positions_m = np.einsum("fij,tfj->tfi", turns, positions_m) + places_m
+    distances_m = distances_from_outlines_m(positions_m, scenes.structure_outlines_m())
+    return tracks.assign(on_structure=(("track", "frame"), distances_m <= STRUCTURE_DISTANCE_M))
 
 
 class ObjectComparison:

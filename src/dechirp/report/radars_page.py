@@ -14,7 +14,6 @@ from dechirp.core.display import format_count_with_noun
 from dechirp.core.findings import Finding
 from dechirp.core.text import EN_DASH, format_fixed, join_names
 from dechirp.evaluation.traffic_scores import (
-    CUTOFF_M,
     MAX_AZIMUTH_RAD,
     score_tracks,
     score_traffic,
@@ -22,6 +21,7 @@ from dechirp.evaluation.traffic_scores import (
 from dechirp.report.figures.style import GREEN, INK, LINE_COLORS, MUTED, PALE, render_svg
 from dechirp.report.labels import X_LABEL, Y_LABEL
 from dechirp.report.template import load_template
+from dechirp.report.traffic_section import describe_track_scores
 from dechirp.traffic.outlines import rectangle_corners_m, rotation
 
 if TYPE_CHECKING:
@@ -101,10 +101,8 @@ def describe_fused_tracks(result: "RadarsResult") -> list[str]:
     if result.objects is not None and result.objects.sizes["target"]:
         scores = score_tracks(result.objects, result.objects["in_view"].values, result.tracks)
         sentences.append(
-            f"Against the objects in view of a radar and at most half hidden: mean GOSPA"
-            f" {format_fixed(scores.gospa_m, 2)} m (cut-off {CUTOFF_M:g} m, order 2),"
-            f" {format_count_with_noun(scores.n_identity_switches, 'identity switch')},"
-            f" {format_fixed(scores.n_false_tracks, 2)} false tracks in a frame."
+            "Against the objects in view of a radar and at most half hidden:"
+            f" {describe_track_scores(scores)}"
         )
     return sentences
 

@@ -14,6 +14,8 @@ from dechirp.evaluation.identity import track_identities
 from dechirp.evaluation.traffic_scores import (
     CUTOFF_M,
     MIN_VISIBLE_SHARE,
+    TrackScores,
+    TrafficScores,
     demanded_object_mask,
     score_traffic,
 )
@@ -54,13 +56,20 @@ def describe_traffic_scores(result: "Result") -> list[str]:
         f" {scores.velocity_known_share:.1%}.",
     ]
     if scores.gospa_m is not None:
-        switches = format_count_with_noun(scores.n_identity_switches or 0, "identity switch")
-        sentences.append(
-            f"Tracks: mean GOSPA {format_fixed(scores.gospa_m, 2)} m (cut-off {CUTOFF_M:g} m,"
-            f" order 2), {switches},"
-            f" {format_fixed(scores.n_false_tracks or 0.0, 2)} false tracks in a frame."
-        )
+        sentences.append(f"Tracks: {describe_track_scores(scores)}")
     return sentences
+
+
+def describe_track_scores(scores: TrackScores | TrafficScores) -> str:
+    """Return the end of a sentence on the tracks of one or of several radars."""
+    text = (
+        f"mean GOSPA {format_fixed(scores.gospa_m or 0.0, 2)} m (cut-off {CUTOFF_M:g} m, order 2),"
+        f" {format_count_with_noun(scores.n_identity_switches or 0, 'identity switch')},"
+        f" {format_fixed(scores.n_false_tracks or 0.0, 2)} false tracks in a frame"
+    )
+    if scores.n_structure_tracks:
+        text += f" and {format_fixed(scores.n_structure_tracks, 2)} on structures"
+    return f"{text}."
 
 
 def traffic_table_rows(result: "Result") -> list[dict[str, str]]:

@@ -22,7 +22,12 @@ from dechirp.traffic.base import STRUCTURE_KINDS, ObjectKind
 from dechirp.traffic.motion import MAX_ACCELERATION_M_PER_S2, Motion, ObjectPath, fit_paths
 from dechirp.traffic.mounting import Mounting, mounting_on_vehicle
 from dechirp.traffic.object_steps import SAME_TIME_S, typical_steps_s
-from dechirp.traffic.outlines import contains_origin, nearest_point_m, rotation
+from dechirp.traffic.outlines import (
+    contains_origin,
+    nearest_point_m,
+    rectangle_corners_m,
+    rotation,
+)
 from dechirp.traffic.radar_scene import (
     MovingBody,
     RadarMotion,
@@ -183,6 +188,19 @@ class FrameScenes:
         """
         path, _ = self._ego_path_at(self.mid_frame_s(number))
         return motion_of_mounted_radar(path.motion_at(self.mid_frame_s(number)), self.mounting)
+
+    def structure_outlines_m(self) -> np.ndarray:
+        """Return the corners of all structures seen from above, (n, 4, 2), in the axes of the file.
+
+        Overhead structures are among them.
+        """
+        corners_m = []
+        for kind, size, paths in zip(self._kinds, self._sizes, self._paths, strict=True):
+            if kind in STRUCTURE_KINDS:
+                motion = paths[0].motion_at(float(paths[0].times_s[0]))
+                place_m = motion.position_m[:2]
+                corners_m.append(rectangle_corners_m(place_m, motion.heading_rad, *size[:2]))
+        return np.array(corners_m).reshape(-1, 4, 2)
 
     def objects_in_view(self, number: int) -> list[ObjectInView]:
         """Return the objects within the largest range and in front of the antennas at mid-frame.

@@ -37,6 +37,20 @@ def nearest_point_m(corners_m: np.ndarray) -> np.ndarray:
     return np.asarray(np.take_along_axis(points_m, nearest, axis=-2)[..., 0, :])
 
 
+def distances_from_outlines_m(points_m: np.ndarray, outlines_m: np.ndarray) -> np.ndarray:
+    """Return the distance of each point (..., 2) from the nearest of outlines (n, 4, 2), (...).
+
+    It is 0 inside, and infinite without outlines or for NaN.
+    """
+    distances_m = np.full(points_m.shape[:-1], np.inf)
+    for corners_m in outlines_m:
+        around_m = corners_m - points_m[..., None, :]
+        away_m = np.linalg.norm(nearest_point_m(around_m), axis=-1)
+        away_m = np.where(contains_origin(around_m), 0.0, away_m)
+        distances_m = np.fmin(distances_m, away_m)
+    return distances_m
+
+
 def visible_shares(outlines_m: np.ndarray) -> np.ndarray:
     """Return the share of each outline that no other hides from the origin, (n,).
 
