@@ -293,7 +293,7 @@ def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(
         assert (out / name / "report.html").is_file()
     page = (out / "report.html").read_text(encoding="utf-8")
     assert 'href="front-left/report.html"' in page
-    assert page.count("<svg") == 2
+    assert page.count("<svg") == 4  # three frames, and the paths
     # Both radars have this finding, which stands once.
     assert page.count("traffic.velocity: velocities of 2 objects are missing") == 1
     # The scenario beside the results is that of all radars.

@@ -1,6 +1,7 @@
 """Page of a run of several radars: fields of view from above, fused tracks, and their scores."""
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
@@ -18,7 +19,15 @@ from dechirp.evaluation.traffic_scores import (
     score_tracks,
     score_traffic,
 )
-from dechirp.report.figures.style import GREEN, INK, LINE_COLORS, MUTED, PALE, render_svg
+from dechirp.report.figures.style import (
+    GREEN,
+    INK,
+    LINE_COLORS,
+    MUTED,
+    PALE,
+    FigureWithCaption,
+    render_svg,
+)
 from dechirp.report.labels import X_LABEL, Y_LABEL
 from dechirp.report.template import load_template
 from dechirp.report.traffic_section import describe_track_scores
@@ -39,6 +48,14 @@ _COLUMNS = (
 )
 _TRAIL_FRAMES_S = 1.0
 _HEIGHT_IN = 3.8
+_DRAWN_WIDTH_IN, _LABELS_IN = 4.6, 0.8  # of views from above, without and for labels and legend
+_HEIGHTS_IN = (2.4, 6.0)
+_MARGIN_M = 3.0
+_FIRST_CAPTION = (
+    "From above, in the axes of the vehicle: the sector of each radar (within 60° of boresight, up"
+    " to its largest range), outlines of the objects, pale where more than half is hidden from all"
+    " radars, and confirmed tracks with their path over the ground in the last second."
+)
 _MAX_TRACKS = 40
 
 
@@ -68,7 +85,7 @@ def render_radars_report(result: "RadarsResult", *, yaml: str) -> str:
         lead=f"Fields of view, tracks and scores of {join_names(list(result.radars))} together.",
         cards=(),
         scores=describe_fused_tracks(result),
-        from_above=None if result.tracks is None else _draw_from_above(result),
+        from_above=None if result.tracks is None else _figures_from_above(result),
         paths=None if result.tracks is None else _draw_paths(result),
         columns=_COLUMNS,
         rows=_radar_rows(result),
@@ -154,69 +171,84 @@ def _vehicle_in_frame(result: "RadarsResult", column: int) -> _Vehicle:
     return _Vehicle(np.array(pose.position_m) - arm_m, heading_rad)
 
 
-def _draw_from_above(result: "RadarsResult") -> Markup:
+def _figures_from_above(result: "RadarsResult") -> list[FigureWithCaption]:
+    """Return a view from above for the first, the middle and the last frame."""
     assert result.tracks is not None
     n_frames = result.tracks.sizes["frame"]
     columns = sorted({0, n_frames // 2, n_frames - 1})
-    return render_svg(lambda figure: _draw_views(figure, result, columns), height_in=_HEIGHT_IN)
+    limits_m = _view_limits_m(result)
+    (low_x_m, high_x_m), (low_y_m, high_y_m) = limits_m
+    height_in = _DRAWN_WIDTH_IN * (high_x_m - low_x_m) / (high_y_m - low_y_m) + _LABELS_IN
+    captions = [_FIRST_CAPTION, *["As before."] * (len(columns) - 1)]
+    return [
+        FigureWithCaption(
+            title=f"Fields of view at {float(result.tracks['time'].values[column]):.2f} s.",
+            caption=caption,
+            figure=render_svg(
+                partial(_draw_view, result=result, column=column, limits_m=limits_m),
+                height_in=float(np.clip(height_in, *_HEIGHTS_IN)),
+            ),
+        )
+        for column, caption in zip(columns, captions, strict=True)
+    ]
 
 
-def _draw_views(figure: Figure, result: "RadarsResult", columns: list[int]) -> Axes:
+def _draw_view(
+    figure: Figure, *, result: "RadarsResult", column: int, limits_m: np.ndarray
+) -> Axes:
     assert result.tracks is not None
-    all_axes = figure.subplots(1, len(columns), sharex=True, sharey=True, squeeze=False)[0]
-    half_width_m = _reach_m(result)
-    for axes, column in zip(all_axes, columns, strict=True):
-        vehicle = _vehicle_in_frame(result, column)
-        axes.set_aspect("equal")
-        axes.set(xlim=(half_width_m, -half_width_m), ylim=(-half_width_m, half_width_m))
-        axes.grid(False)
-        for index, name in enumerate(result.radars):
-            _draw_sector(axes, result, name, LINE_COLORS[index % len(LINE_COLORS)])
-        if result.objects is not None:
-            _draw_objects(axes, result.objects.isel(frame=column), vehicle)
-        _draw_tracks(axes, result.tracks, column, vehicle)
-        axes.set_title(f"{float(result.tracks['time'].values[column]):.2f} s", fontsize=9)
-        axes.set_xlabel(Y_LABEL)
-    all_axes[0].set_ylabel(X_LABEL)
-    all_axes[0].set_label(
-        "Fields of view of all radars from above, objects and fused tracks, in three frames"
-    )
-    handles, labels = all_axes[-1].get_legend_handles_labels()
+    axes = figure.subplots()
+    vehicle = _vehicle_in_frame(result, column)
+    axes.set_aspect("equal")
+    axes.set(xlim=limits_m[1, ::-1], ylim=limits_m[0], xlabel=Y_LABEL, ylabel=X_LABEL)
+    axes.grid(False)
+    for index, name in enumerate(result.radars):
+        _draw_sector(axes, result, name, LINE_COLORS[index % len(LINE_COLORS)])
+    if result.objects is not None:
+        _draw_objects(axes, result.objects.isel(frame=column), vehicle)
+    _draw_tracks(axes, result.tracks, column, vehicle)
+    axes.set_label("Fields of view of all radars from above, objects and fused tracks")
+    handles, labels = axes.get_legend_handles_labels()
     handle_by_label = dict(zip(labels, handles, strict=True))  # one for all tracks
     figure.legend(
         handle_by_label.values(), handle_by_label.keys(), loc="outside upper center", ncols=4
     )
-    return all_axes[0]
+    return axes
 
 
-def _reach_m(result: "RadarsResult") -> float:
-    """Return half the width of the views: the distance of the farthest object or track."""
+def _view_limits_m(result: "RadarsResult") -> np.ndarray:
+    """Return the limits along x and y, (2, 2), of the sectors, and of objects in view and tracks.
+
+    In the axes of the vehicle, over all frames.
+    """
     assert result.tracks is not None
-    table = result.tracks if result.objects is None else result.objects
-    distances_m = [10.0]
-    for column in range(0, table.sizes["frame"], max(table.sizes["frame"] // 20, 1)):
+    points_m = [_sector_m(result, name) for name in result.radars]
+    tables = [(result.tracks, result.tracks["status"].values == "confirmed")]
+    if result.objects is not None:
+        tables.append((result.objects, result.objects["in_view"].values))
+    for column in range(result.tracks.sizes["frame"]):
         vehicle = _vehicle_in_frame(result, column)
-        positions_m = np.stack([table[name].values[:, column] for name in "xy"], axis=-1)
-        away_m = np.abs(vehicle.to_vehicle_m(positions_m))
-        distances_m.append(float(np.nanmax(away_m)) if np.isfinite(away_m).any() else 0.0)
-    return max(distances_m) + 5
+        for table, is_shown in tables:
+            positions_m = np.stack([table[name].values[:, column] for name in "xy"], axis=-1)
+            points_m.append(vehicle.to_vehicle_m(positions_m[is_shown[:, column]]))
+    joined_m = np.concatenate(points_m)
+    return np.stack([joined_m.min(axis=0) - _MARGIN_M, joined_m.max(axis=0) + _MARGIN_M], axis=1)
 
 
-def _draw_sector(axes: Axes, result: "RadarsResult", name: str, color: str) -> None:
+def _sector_m(result: "RadarsResult", name: str) -> np.ndarray:
+    """Return the outline of the field of view of a radar, (n, 2), in the axes of the vehicle."""
     mounting, radar = result.mountings[name], result.radars[name]
     half_rad = min(radar.scenario.chain.field_of_view.azimuth_rad, MAX_AZIMUTH_RAD)
     angles_rad = mounting.yaw_rad + np.linspace(-half_rad, half_rad, 61)
-    reach_m = radar.radar.frame.chirp.max_range_m
-    x_m, y_m = mounting.position_m[:2]
-    axes.fill(
-        [y_m, *(y_m + reach_m * np.sin(angles_rad))],
-        [x_m, *(x_m + reach_m * np.cos(angles_rad))],
-        facecolor=color,
-        alpha=0.08,
-        edgecolor=color,
-        linewidth=0.8,
-    )
-    axes.plot(y_m, x_m, "^", color=color, markersize=4, linestyle="", label=name)
+    arc_m = np.stack([np.cos(angles_rad), np.sin(angles_rad)], axis=-1)
+    arc_m *= radar.radar.frame.chirp.max_range_m
+    return np.concatenate([np.zeros((1, 2)), arc_m]) + mounting.position_m[:2]
+
+
+def _draw_sector(axes: Axes, result: "RadarsResult", name: str, color: str) -> None:
+    x_m, y_m = _sector_m(result, name).T
+    axes.fill(y_m, x_m, facecolor=color, alpha=0.08, edgecolor=color, linewidth=0.8)
+    axes.plot(y_m[0], x_m[0], "^", color=color, markersize=4, linestyle="", label=name)
 
 
 def _draw_objects(axes: Axes, objects: xr.Dataset, vehicle: _Vehicle) -> None:
