@@ -175,6 +175,21 @@ def test_errors_name_object_and_time_and_the_model_continues(radar):
     assert model.step(make_view(0.6, {"id": 1}, {"id": 2, "x": 30.0})).timestamp.nanos == 600000000
 
 
+def test_scenarios_of_traffic_step_with_their_trackers(tmp_path):
+    path = tmp_path / "trace.csv"
+    row = "1,car,0,0,0,4.5,1.8,1.5"
+    path.write_text(f"time,id,class,x,y,heading,length,width,height\n0,{row}\n1,{row}\n", "utf-8")
+    scenario = dc.traffic.traffic_scenario(path, ["traffic.ego=1", "radar.frame.n_chirps=32"])
+    assert scenario.n_frames < scenario.tracker.confirm_after[0]
+
+    model = dc.SensorModel(scenario, kind="statistical")
+    for k in range(4):
+        view = make_view(0.05 * k, {"id": 1}, {"id": 2, "x": 20.0 + 0.2 * k, "vx": 4.0})
+        tracks = model.measure(view).tracks
+
+    assert [track.status for track in tracks] == ["confirmed"]
+
+
 def test_changing_classes_and_sizes_are_reported(radar):
     model = dc.SensorModel(radar, kind="statistical")
     with pytest.warns(PhysicsWarning, match="object 2 at 0.2 s: car of 4.55 x .* car of 6 x "):

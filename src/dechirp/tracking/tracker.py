@@ -13,6 +13,7 @@ from dechirp.core.checks import (
     check_positive_fields,
     check_probability,
 )
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.tracking.false_alarms import FalseAlarms
@@ -138,7 +139,7 @@ def check_confirmable_within(setting: str, confirm_after: tuple[int, int], n_fra
     if n_frames < hits:
         raise InvalidSetting(
             setting,
-            value=f"{hits} detections, in a run of {n_frames} frames",
+            value=f"{hits} detections, in a run of {format_count_with_noun(n_frames, 'frame')}",
             expected="at most one for each frame of the run, or no track is ever confirmed",
             fix=f"process at least {hits} frames, or require fewer detections, such as"
             f" [{n_frames}, {max(n_frames, 2)}]",
