@@ -28,6 +28,8 @@ SCIPY_WINDOWS = {
     "blackman": "blackman",
     "blackman-harris": "blackmanharris",
 }
+SPECS_OF_SCIPY = ["boxcar", "flattop", "tukey", ("chebwin", 80), ("taylor", 4, 30), 8.6]
+SPECS_OF_SCIPY += [("general_cosine", (0.5, 0.3, 0.2)), ("dpss", 2.5)]
 CHIRP = dc.Chirp(
     start_frequency_hz=77e9,
     slope_hz_per_s=20e12,
@@ -256,6 +258,76 @@ def test_windows_equal_those_of_scipy():
     assert set(SCIPY_WINDOWS) < set(dc.windows.window_names())
     assert dc.windows.noise_bandwidth_bins([1, 1, 1, 1]) == 1
     assert dc.windows.coherent_gain(scipy.signal.windows.hann(8, sym=False)) == 0.5
+
+
+@pytest.mark.parametrize("window", SPECS_OF_SCIPY)
+@pytest.mark.parametrize("n", [1, 7, 64])
+def test_windows_of_scipy_are_periodic_as_get_window_returns_them(window, n):
+    expected = scipy.signal.get_window(window, n)
+    np.testing.assert_array_equal(dc.windows.window_weights(window, n), expected)
+    np.testing.assert_array_equal(dc.windows.window_weights(expected, n), expected)
+
+
+def test_map_and_threshold_accept_windows_of_scipy_and_weights():
+    samples = noise_samples(3, 16, 32, seed=5)
+    windows = ("chebwin", 80), ("taylor", 4, 30)
+    slow = scipy.signal.get_window(windows[0], 16)
+    fast = scipy.signal.get_window(windows[1], 32)
+    spectra = np.fft.fft2(samples * np.outer(slow, fast) / (slow.sum() * fast.sum()))
+    power = np.mean(abs(np.fft.fftshift(spectra, axes=1)) ** 2, axis=0)
+
+    maps = [dc.maps.range_doppler_map(samples, window) for window in (windows, (slow, fast))]
+
+    np.testing.assert_array_equal(*maps)
+    # Single precision: rounding errors of 1e-7 of the largest amplitude.
+    np.testing.assert_allclose(maps[0], power, rtol=1e-4, atol=1e-6 * power.max())
+    thresholds = [
+        dc.cfar.cfar_threshold(power, 2, 1, 1e-3, n_summed=3, window=window)
+        for window in (windows, (slow, fast))
+    ]
+    np.testing.assert_array_equal(*thresholds)
+    for window in (scipy.signal.get_window("hann", 16), "hann", ("general_cosine", [0.5, 0.5])):
+        np.testing.assert_allclose(
+            dc.maps.range_doppler_map(samples[..., :16], window),
+            dc.maps.range_doppler_map(samples[..., :16], ("hann", "hann")),
+            rtol=1e-5,
+        )
+        # The factor of the window, not that of independent cells: 1.5 times the false alarms.
+        np.testing.assert_allclose(
+            dc.cfar.cfar_threshold(power[:, :16], 2, 1, 1e-3, window=window),
+            dc.cfar.cfar_threshold(power[:, :16], 2, 1, 1e-3, window="hann"),
+            rtol=1e-6,
+        )
+
+
+def test_main_lobe_of_window_of_scipy_ends_at_its_first_null():
+    for name, scipy_name in SCIPY_WINDOWS.items():
+        if name != scipy_name:
+            expected = dc.windows.half_main_lobe_bins(name)
+            assert abs(dc.windows.half_main_lobe_bins(scipy_name) - expected) <= 1 / 64
+    assert dc.windows.half_main_lobe_bins(np.ones(50)) == 1
+    assert dc.windows.half_main_lobe_bins([1.0]) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("window", "text"),
+    [
+        ("hanning", "'hanning'; expected rectangular or hann .* or kaiser-6; or a window of SciPy"),
+        (("hann", "hnn"), "'hnn'; expected rectangular"),
+        (("kaiser", "a"), r"\('kaiser', 'a'\) \(.*; expected rectangular"),
+        (("hann", 3), "'hann' does not allow parameters"),
+        ("kaiser", "'kaiser'; expected rectangular"),
+        (None, "None; expected rectangular"),
+        ({}, "{}; expected rectangular"),
+        (["hann"], r"\['hann'\]; expected rectangular"),
+        (np.ones(5), "5 weights; expected 8"),
+        (np.ones((8, 8)), "expected one row of weights"),
+        (-np.ones(8), "expected one row of weights with a sum above 0"),
+    ],
+)
+def test_wrong_window_is_explained_with_all_names(window, text):
+    with pytest.raises(dc.InvalidSetting, match=rf"^window: .*{text}"):
+        dc.maps.range_doppler_map(np.ones((8, 8)), window)
 
 
 def test_detection_theory_broadcasts_and_equals_scipy():

@@ -15,7 +15,7 @@ from dechirp.processing.spectrum import Transform, mean_range_doppler_power
 from dechirp.processing.spectrum import range_doppler_spectrum as transform_frame
 from dechirp.processing.spectrum import range_spectrum as transform_samples
 from dechirp.radar.chirp import Sampling
-from dechirp.theory.windows import Window
+from dechirp.theory.windows import WindowSpec, hashable_window, is_pair_of_windows
 
 __all__ = ["range_doppler_map", "range_doppler_spectrum", "range_spectrum"]
 
@@ -28,7 +28,7 @@ _BYTES_PER_SAMPLE, _BYTES_PER_CELL = 9, 4 * (4 + 8) + 8
 @check_argument_types
 def range_doppler_map(
     samples: ArrayLike,
-    window: Window | tuple[Window, Window] = "hann",
+    window: WindowSpec | tuple[WindowSpec, WindowSpec] = "hann",
     *,
     axes: tuple[int, int] = (-2, -1),
     n_bins: tuple[int, int] | None = None,
@@ -39,8 +39,10 @@ def range_doppler_map(
     ----------
     samples : array (..., chirp, sample)
         One frame, real or complex.
-    window : str or (str, str)
-        Window over chirps and over samples; see `dechirp.windows.window_names`.
+    window : str, tuple or array, or a pair of them
+        Window over chirps and over samples: a name of `dechirp.windows.window_names`, a window of
+        SciPy such as `("chebwin", 80)`, or weights; see `dechirp.windows.window_weights`. Weights
+        are scaled, so that only their shape matters.
     axes : (int, int)
         Axes of the chirps and of the samples. All others are channels, such as receivers.
     n_bins : (int, int), optional
@@ -71,7 +73,7 @@ def range_doppler_map(
 @check_argument_types
 def range_doppler_spectrum(
     samples: ArrayLike,
-    window: Window | tuple[Window, Window] = "hann",
+    window: WindowSpec | tuple[WindowSpec, WindowSpec] = "hann",
     *,
     axes: tuple[int, int] = (-2, -1),
     n_bins: tuple[int, int] | None = None,
@@ -90,7 +92,7 @@ def range_doppler_spectrum(
 
 @check_argument_types
 def range_spectrum(
-    samples: ArrayLike, window: Window = "hann", *, axis: int = -1, n_bins: int | None = None
+    samples: ArrayLike, window: WindowSpec = "hann", *, axis: int = -1, n_bins: int | None = None
 ) -> np.ndarray:
     """Compute the complex range spectrum of each chirp.
 
@@ -98,8 +100,8 @@ def range_spectrum(
     ----------
     samples : array
         Samples of one or more chirps, real or complex.
-    window : str
-        Window over the samples; see `dechirp.windows.window_names`.
+    window : str, tuple or array
+        Window over the samples, as of `range_doppler_map`.
     axis : int
         Axis of the samples.
     n_bins : int, optional
@@ -130,7 +132,7 @@ def range_spectrum(
         needed_bytes=16.0 * (array.size + array.size // n_samples * n_range),
         fix="give fewer chirps at once, or lower n_bins",
     )
-    transform = Transform(window=window, n_points=n_samples, n_bins=n_range)
+    transform = Transform(window=hashable_window(window), n_points=n_samples, n_bins=n_range)
     sampling: Sampling = "complex" if np.iscomplexobj(array) else "real"
     chirps = chirps.astype(complex if sampling == "complex" else float)
     with plain_twins_in_first_calls(chirps.size):
@@ -150,7 +152,7 @@ class _ScaledFrame(NamedTuple):
 
 def _scale_frame(
     samples: ArrayLike,
-    window: Window | tuple[Window, Window],
+    window: WindowSpec | tuple[WindowSpec, WindowSpec],
     axes: tuple[int, int],
     n_bins: tuple[int, int] | None,
     *,
@@ -165,7 +167,7 @@ def _scale_frame(
     )
     frame = np.moveaxis(frame, check_axes("axes", axes, frame, n_axes=(2,)), (0, -1))
     n_chirps, *channels, n_samples = frame.shape
-    slow_window, fast_window = pair_of("window", window)
+    slow_window, fast_window = pair_of_windows(window)
     n_velocity, n_range = (n_chirps, n_samples) if n_bins is None else pair_of("n_bins", n_bins)
     for n_of_axis, n_points in ((n_velocity, n_chirps), (n_range, n_samples)):
         # A single point has the same power in every bin.
@@ -203,6 +205,12 @@ def unity_exponent(array: np.ndarray) -> int:
     largest = max(max(float(part.max()), -float(part.min())) for part in parts)
     # Beyond -1000, the inverse of the power of two would overflow.
     return max(int(np.frexp(largest)[1]), -1000)
+
+
+def pair_of_windows(window: Any) -> tuple[Any, Any]:
+    """Return the windows of a pair, and a single window twice, as keys of a cache."""
+    slow, fast = window if is_pair_of_windows(window) else (window, window)
+    return hashable_window(slow), hashable_window(fast)
 
 
 def pair_of(setting: str, value: Any) -> tuple[Any, Any]:

@@ -16,9 +16,10 @@ from dechirp.core.threads import run_in_threads, split_range, thread_count
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp, Sampling
 from dechirp.theory.windows import (
-    Window,
+    HashableWindow,
     bin_correlation,
     half_main_lobe_bins,
+    is_explicit_window,
     noise_bandwidth_bins,
     window_weights,
 )
@@ -34,12 +35,12 @@ _N_PARTS = 4
 class Transform:
     """Windowed discrete Fourier transform, zero-padded if bins outnumber points."""
 
-    window: Window
+    window: HashableWindow
     n_points: int
     n_bins: int
 
     def __post_init__(self) -> None:
-        window_weights(self.window, 1)
+        window_weights(self.window, self.n_points)
         if self.n_bins < self.n_points:
             raise InvalidSetting(
                 "Transform.n_bins",
@@ -56,13 +57,14 @@ class Transform:
             )
 
     @property
-    def _effective_window(self) -> Window:
-        """Window that is applied: two points have equal weights.
+    def _effective_window(self) -> HashableWindow:
+        """Window that is applied: two points have equal weights, unless they are given.
 
         A periodic window of two drops one of them, and with it the frequency; a main lobe of two
         bins or more leaves no sidelobes to suppress.
         """
-        return "rectangular" if self.n_points == 2 else self.window
+        is_named = not is_explicit_window(self.window)
+        return "rectangular" if self.n_points == 2 and is_named else self.window
 
     @cached_property
     def weights(self) -> np.ndarray:
@@ -77,7 +79,7 @@ class Transform:
     @property
     def keeps_noise_white(self) -> bool:
         """Return whether noise in different bins is independent."""
-        return self._effective_window == "rectangular" and self.n_bins == self.n_points
+        return self.n_bins == self.n_points and float(np.ptp(self.weights)) == 0
 
     @property
     def main_lobe_half_width_bins(self) -> float:

@@ -4,20 +4,24 @@ Sums of cosines are periodic (DFT-even): the last point of the period is omitted
 nulls fall on bins. Chebyshev, Taylor and Kaiser windows are symmetric, with equal first and last
 weights: only then their sidelobes are as designed (a periodic Chebyshev window of 256 points has
 -56 dB instead of -60 dB). Formulas are 1 in the middle, which may lie between two points; a
-Chebyshev window is 1 at its largest weight. A single weight is 1.
+Chebyshev window is 1 at its largest weight. A single weight is 1. Windows of SciPy are periodic, as
+`scipy.signal.get_window` returns them by default: "hann" is the same of both, `("chebwin", 60)`
+is the periodic form of the symmetric "chebyshev-60".
 
 `window_weights`, `chebyshev_weights`, `taylor_weights` and `kaiser_weights` return `n` weights, an
 integer of at least 1, and raise `InvalidSetting` if a parameter is out of bounds. Figures of merit
 raise it for weights that are not a row of finite numbers.
 """
 
+import math
+import reprlib
 from functools import lru_cache
-from typing import Literal, get_args
+from typing import Any, Literal, TypeGuard, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_finite_array, check_integer, check_number
+from dechirp.core.checks import as_tuple_or_none, check_finite_array, check_integer, check_number
 from dechirp.core.errors import InvalidSetting
 
 __all__ = [
@@ -46,6 +50,10 @@ Window = Literal[
     "kaiser-6",
 ]
 
+# A name of ours or of SciPy, a tuple of SciPy's, the beta of a Kaiser window, or weights.
+WindowSpec = Window | str | float | tuple[Any, ...] | ArrayLike
+HashableWindow = str | float | tuple[Any, ...]
+
 _COSINES: dict[Window, tuple[float, ...]] = {
     "rectangular": (1.0,),
     "hann": (0.5, 0.5),
@@ -66,25 +74,117 @@ def window_names() -> tuple[str, ...]:
     return get_args(Window)
 
 
-def window_weights(window: Window, n: int) -> np.ndarray:
-    """Return the weights of a window, (n,), read-only; refuse unknown names."""
-    _check_window_name(window)
+def window_weights(window: WindowSpec, n: int) -> np.ndarray:
+    """Return the weights of a window, (n,), read-only; refuse unknown names.
+
+    Parameters
+    ----------
+    window : str, tuple, float or array (n,)
+        A name of `window_names`; a window of `scipy.signal.get_window`, by its name, a tuple of
+        name and parameters such as `("chebwin", 80)` or `("taylor", 4, 30)`, or a number, the beta
+        of a Kaiser window, all of them periodic; or the weights themselves, with a sum above 0.
+    n : int
+        Number of weights.
+    """
     _check_at_least_one_point(n)
-    return _cached_window_weights(window, n)
+    spec = hashable_window(window)
+    if is_explicit_window(spec):
+        weights = _check_weights(np.array(spec), setting="window")
+        if weights.size != n:
+            raise InvalidSetting(
+                "window",
+                value=f"{weights.size} weights",
+                expected=f"{n}, one for each point",
+                fix="compute the weights for the length of the axis",
+            )
+        return weights
+    return _cached_window_weights(spec, n)
+
+
+def hashable_window(window: WindowSpec) -> HashableWindow:
+    """Return a window as text, number or tuple, which a cache can use as a key."""
+    if isinstance(window, str):
+        return window
+    if isinstance(window, int | float):
+        return check_number("window", window)
+    members = as_tuple_or_none(window)
+    if members is None:
+        raise _unknown_window(window)
+    if isinstance(window, tuple) and members and isinstance(members[0], str):
+        return tuple(as_tuple_or_none(member) or member for member in members)
+    if any(isinstance(member, str) for member in members):
+        raise _unknown_window(window)
+    return tuple(map(float, _check_weights(window, setting="window")))
+
+
+def is_explicit_window(window: HashableWindow) -> TypeGuard[tuple[float, ...]]:
+    """Return whether a hashable window consists of weights."""
+    return isinstance(window, tuple) and not isinstance(window[0], str)
+
+
+def is_pair_of_windows(window: object) -> bool:
+    """Return whether a tuple or list contains one window for each of two axes.
+
+    `("hann", "hamming")` does; `("chebwin", 80)` and `("general_cosine", [0.5, 0.5])` are single
+    windows of SciPy, and `[0.5, 1.0]` are weights.
+    """
+    if not isinstance(window, tuple | list) or len(window) != 2:
+        return False
+    are_windows = all(isinstance(member, str | tuple | list | np.ndarray) for member in window)
+    return are_windows and not _needs_parameters(window[0])
+
+
+def _needs_parameters(name: object) -> bool:
+    """Return whether a name is a window of SciPy only with parameters."""
+    if not isinstance(name, str) or name in get_args(Window):
+        return False
+    from scipy.signal import get_window  # 0.3 s, unused by most commands
+
+    try:
+        get_window(name, 2)
+    except ValueError as error:
+        return "must have parameters" in str(error)
+    return False
 
 
 @lru_cache(maxsize=64)
-def _cached_window_weights(window: Window, n: int) -> np.ndarray:
-    if window in _COSINES:
-        weights = _cosine_sum_window(n, _COSINES[window])
-    elif window in _CHEBYSHEV_DB:
-        weights = chebyshev_weights(n, _CHEBYSHEV_DB[window])
-    elif window in _TAYLOR_N_BAR_DB:
-        weights = taylor_weights(n, *_TAYLOR_N_BAR_DB[window])
+def _cached_window_weights(window: HashableWindow, n: int) -> np.ndarray:
+    name = cast("Window", window)
+    if name in _COSINES:
+        weights = _cosine_sum_window(n, _COSINES[name])
+    elif name in _CHEBYSHEV_DB:
+        weights = chebyshev_weights(n, _CHEBYSHEV_DB[name])
+    elif name in _TAYLOR_N_BAR_DB:
+        weights = taylor_weights(n, *_TAYLOR_N_BAR_DB[name])
+    elif name in _KAISER_BETA:
+        weights = kaiser_weights(n, _KAISER_BETA[name])
     else:
-        weights = kaiser_weights(n, _KAISER_BETA[window])
+        weights = _scipy_window_weights(window, n)
     weights.flags.writeable = False
     return weights
+
+
+def _scipy_window_weights(window: HashableWindow, n: int) -> np.ndarray:
+    """Return the periodic weights of `scipy.signal.get_window`, (n,)."""
+    from scipy.signal import get_window  # 0.3 s, unused by most commands
+
+    try:
+        weights = np.asarray(get_window(cast("Any", window), n))
+    # Parameters of a wrong type or number raise several kinds of errors.
+    except Exception as error:
+        raise _unknown_window(window, reason=str(error)) from None
+    return _check_weights(weights, setting="window")
+
+
+def _unknown_window(window: object, *, reason: str = "") -> InvalidSetting:
+    value = reprlib.repr(window)
+    return InvalidSetting(
+        "window",
+        value=f"{value} ({reason})" if reason and not isinstance(window, str) else value,
+        expected=f"{' or '.join(get_args(Window))}; or a window of SciPy, such as ('chebwin', 80);"
+        " or an array of weights",
+        fix="choose one of them",
+    )
 
 
 def _cosine_sum_window(n: int, coefficients: tuple[float, ...]) -> np.ndarray:
@@ -197,13 +297,17 @@ def kaiser_weights(n: int, beta: float) -> np.ndarray:
     return np.kaiser(n, check_number("beta", beta, at_least=0, at_most=700))
 
 
-def half_main_lobe_bins(window: Window) -> float:
+def half_main_lobe_bins(window: WindowSpec) -> float:
     """Return half the width of the main lobe in unpadded bins, from its peak to its first null.
 
     Exact for sums of cosines; for the others the limit for many points, exceeded by up to 4 %
-    at 32 points. Raises `InvalidSetting` for another name.
+    at 32 points. Of windows of SciPy and of weights it is the first minimum of their transform, to
+    1/64 bin. Raises `InvalidSetting` for another name.
     """
-    _check_window_name(window)
+    spec = hashable_window(window)
+    if spec not in get_args(Window):
+        return _measured_half_main_lobe_bins(spec)
+    window = cast("Window", spec)
     if window in _COSINES:
         return float(len(_COSINES[window]))
     if window in _CHEBYSHEV_DB:
@@ -217,6 +321,14 @@ def half_main_lobe_bins(window: Window) -> float:
     return float(np.hypot(_KAISER_BETA[window] / np.pi, 1.0))
 
 
+def _measured_half_main_lobe_bins(window: HashableWindow) -> float:
+    """Return the first minimum of the transform of weights, in unpadded bins."""
+    n, padding = len(window) if is_explicit_window(window) else 1024, 64
+    magnitude = abs(np.fft.fft(window_weights(window, n), padding * n))
+    rising = np.flatnonzero(np.diff(magnitude) > 0)
+    return float(rising[0] / padding) if rising.size else math.inf
+
+
 def _dolph_taylor_parameter_a(sidelobe_db: float) -> float:
     """Return A of Dolph and Taylor: cosh(pi A) is the amplitude ratio of main lobe to sidelobe."""
     return float(np.arccosh(10.0 ** (sidelobe_db / 20)) / np.pi)
@@ -227,11 +339,12 @@ def _taylor_dilation(n_bar: int, sidelobe_db: float) -> float:
     return float(n_bar / np.hypot(_dolph_taylor_parameter_a(sidelobe_db), n_bar - 0.5))
 
 
-def _check_window_name(window: Window) -> None:
+def check_window_name(setting: str, window: object) -> None:
+    """Raise `InvalidSetting` unless a window is a name of ours, as settings need."""
     # An array of names compares as an array, and a list has no hash.
     if not isinstance(window, str) or window not in get_args(Window):
         raise InvalidSetting(
-            "window", value=window, expected=" or ".join(get_args(Window)), fix="choose one of them"
+            setting, value=window, expected=" or ".join(get_args(Window)), fix="choose one of them"
         )
 
 
@@ -261,12 +374,12 @@ def scalloping_loss(weights: ArrayLike) -> float:
     return float(np.sum(weights) ** 2 / abs(np.sum(weights * half_bin_shift)) ** 2)
 
 
-def _check_weights(weights: ArrayLike) -> np.ndarray:
+def _check_weights(weights: ArrayLike, *, setting: str = "weights") -> np.ndarray:
     """Return the weights of a window, (n,), with a sum above 0, or raise `InvalidSetting`."""
-    values = check_finite_array("weights", weights)
+    values = check_finite_array(setting, weights)
     if values.ndim != 1 or not values.sum() > 1e-60:
         raise InvalidSetting(
-            "weights",
+            setting,
             value=f"an array {values.shape} with the sum {values.sum():g}",
             expected="one row of weights with a sum above 0",
             fix="give the weights of one window, as of window_weights",

@@ -11,7 +11,7 @@ from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.angle.bartlett import bartlett_spectrum, mean_beam_power_over_snapshots
 from dechirp.processing.angle.base import Angles, SpectralEstimator
 from dechirp.processing.angle.element_grid import ElementGrid
-from dechirp.theory.windows import Window, window_weights
+from dechirp.theory.windows import Window, check_window_name, window_weights
 
 
 @frozen_dataclass
@@ -30,7 +30,7 @@ class Fft(SpectralEstimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        window_weights(self.window, 1)  # raises for an unknown name
+        check_window_name("window", self.window)
 
     def precompute_for_spectrum(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray

@@ -15,10 +15,10 @@ from dechirp.core.checks import (
 from dechirp.core.compiled_kernels import plain_twins_in_first_calls
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.cfar.base import Cells, Cfar, MapNoise, NoiseEstimator
-from dechirp.processing.maps import pair_of, unity_exponent
+from dechirp.processing.maps import pair_of, pair_of_windows, unity_exponent
 from dechirp.processing.peaks import find_local_maxima
 from dechirp.processing.spectrum import Transform
-from dechirp.theory.windows import Window
+from dechirp.theory.windows import WindowSpec, is_pair_of_windows
 
 __all__ = ["cfar_threshold", "find_peaks"]
 
@@ -33,7 +33,7 @@ def cfar_threshold(
     *,
     axis: int | tuple[int, int] | None = None,
     n_summed: int = 1,
-    window: Window | tuple[Window, Window] = "rectangular",
+    window: WindowSpec | tuple[WindowSpec, WindowSpec] = "rectangular",
     n_points: tuple[int, int] | int | None = None,
 ) -> np.ndarray:
     """Compute the CFAR threshold of every cell of a power spectrum or a range-Doppler map.
@@ -60,10 +60,10 @@ def cfar_threshold(
         along all other axes are independent. By default the last two, or the only one.
     n_summed : int
         Powers that were summed or averaged in each cell: receivers, or pulses.
-    window : str or (str, str)
-        Window before the transform of each axis. A window and zero padding correlate neighbouring
-        cells; the factor includes that, and detectors without a closed form for it are calibrated
-        by simulation, once.
+    window : str, tuple or array, or a pair of them
+        Window before the transform of each axis, as of `dechirp.maps.range_doppler_map`.
+        A window and zero padding correlate neighbouring cells; the factor includes that, and
+        detectors without a closed form for it are calibrated by simulation, once.
     n_points : int or (int, int), optional
         Samples of each axis before zero padding; as many as cells by default. Of real samples half
         as many, since their spectra have half of the cells.
@@ -91,9 +91,11 @@ def cfar_threshold(
     # Spectra become maps of a single velocity.
     shape = maps.shape[-2:] if len(axes) == 2 else (1, maps.shape[-1])
     slow_points, fast_points = _pair_of_axes("n_points", n_points, axes, when_none=shape)
-    slow_window, fast_window = _pair_of_axes(
-        "window", window, axes, when_none=("rectangular", "rectangular")
-    )
+    if len(axes) == 1 and is_pair_of_windows(window):
+        raise _error_of_pair("window", window)
+    slow_window, fast_window = pair_of_windows(window)
+    if len(axes) == 1:
+        slow_window = "rectangular"
     noise = MapNoise(
         range_transform=_transform_of_axis(fast_window, fast_points, shape[1]),
         doppler_transform=_transform_of_axis(slow_window, slow_points, shape[0]),
@@ -185,13 +187,17 @@ def _pair_of_axes(
     if len(axes) == 2:
         return pair_of(setting, value)
     if isinstance(value, tuple | list):
-        raise InvalidSetting(
-            setting, value=value, expected="one value for a single axis", fix="give one value"
-        )
+        raise _error_of_pair(setting, value)
     return when_none[0], value
 
 
-def _transform_of_axis(window: Window, n_points: int, n_bins: int) -> Transform:
+def _error_of_pair(setting: str, pair: object) -> InvalidSetting:
+    return InvalidSetting(
+        setting, value=pair, expected="one value for a single axis", fix="give one value"
+    )
+
+
+def _transform_of_axis(window: Any, n_points: int, n_bins: int) -> Transform:
     check_integer("n_points", n_points, at_least=min(n_bins, 2), at_most=n_bins)
     return Transform(window=window, n_points=n_points, n_bins=n_bins)
 
