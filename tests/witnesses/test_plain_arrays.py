@@ -1,5 +1,6 @@
 """Functions on plain arrays: the chain's own results, SciPy, closed forms and published values."""
 
+import inspect
 import json
 import tracemalloc
 from pathlib import Path
@@ -371,6 +372,61 @@ def test_cfar_factor_broadcasts_over_its_closed_forms():
             dc.theory.cfar_factor(pfa, 16, **other),
             rtol=1e-9,
         )
+
+
+LINE_OF_TWO = {"positions_m": [0, 0.002], "wavelength_m": 0.004}
+
+
+@pytest.mark.parametrize(
+    ("function", "count", "arguments"),
+    [
+        (dc.theory.detection_probability, "n_summed", {"snr": 3.0, "swerling": 4}),
+        (dc.theory.required_snr, "n_summed", {"detection_probability": 0.9, "swerling": 2}),
+        (dc.theory.albersheim, "n_summed", {"detection_probability": 0.9}),
+        (dc.theory.shnidman, "n_summed", {"detection_probability": 0.9, "swerling": 2}),
+        (dc.theory.cfar_factor, "n_summed", {"n_training": 8}),
+        (dc.theory.cfar_factor, "rank", {"n_training": 44, "kind": "ordered-statistic"}),
+        (
+            dc.theory.cfar_factor,
+            "n_largest",
+            {"n_training": 50, "n_smallest": 0, "kind": "trimmed-mean"},
+        ),
+        (dc.theory.frequency_variance, "n_points", {"snr": 20.0}),
+        (dc.theory.noncoherent_effective_snr, "n_channels", {"snr": 20.0}),
+        (
+            dc.theory.crlb_range,
+            "n_samples",
+            {"snr": 20.0, "sample_rate_hz": 1e7, "slope_hz_per_s": 2e13},
+        ),
+        (
+            dc.theory.crlb_velocity,
+            "n_chirps",
+            {"snr": 20.0, "interval_s": 5e-5, "wavelength_m": 4e-3},
+        ),
+    ],
+)
+def test_counts_broadcast_and_must_be_whole(function, count, arguments):
+    counts, pfa = np.array([[2], [3], [41]]), np.array([1e-3, 1e-5])
+    has_pfa = "false_alarm_probability" in inspect.signature(function).parameters
+    other = {"false_alarm_probability": pfa} if has_pfa else {"snr": np.array([5.0, 50.0])}
+    arguments = {**arguments, **other}
+
+    result = function(**arguments, **{count: counts})
+
+    assert result.shape == (3, 2)
+    for row, number in zip(result, (2, 3, 41), strict=True):
+        np.testing.assert_array_equal(row, function(**arguments, **{count: number}))
+    for wrong in (2.5, [2, 2.5], np.nan, -1, True):
+        with pytest.raises(dc.InvalidSetting, match=rf"^{count}: ") as caught:
+            function(**arguments, **{count: wrong})
+        assert len(caught.value.mistakes) == 1
+    with pytest.raises(dc.InvalidSetting, match=rf"{count}.*expected shapes that broadcast"):
+        function(**arguments, **{count: [2, 3, 4]})
+
+
+def test_bound_of_angle_names_arrays_that_do_not_broadcast():
+    with pytest.raises(dc.InvalidSetting, match="snr and angle_rad: arrays"):
+        dc.theory.crlb_angle(snr=[1, 2], angle_rad=[0.1, 0.2, 0.3], **LINE_OF_TWO)
 
 
 def cfar_factor(case, kind="cell-averaging", **settings):

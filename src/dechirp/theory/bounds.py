@@ -11,7 +11,8 @@ Below an `snr` of about 15 dB estimates occasionally pick noise peaks and are fa
 bound (Rife and Boorstyn 1974).
 
 Ratios are above 0, linear, of any shape; results have the shape to which arrays broadcast,
-and are infinite where a ratio is too small for floats. Each function raises `InvalidSetting`
+and are infinite where a ratio is too small for floats. Counts, such as `n_samples`, are whole
+numbers or arrays of them, which are broadcast too. Each function raises `InvalidSetting`
 if a number is not finite, a count below 2, or a ratio, a length, a time, a rate or a slope
 not above 0.
 """
@@ -20,10 +21,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dechirp.core.checks import (
+    broadcast_arguments,
     check_finite_array,
-    check_integer,
     check_positive_ratios,
     check_real_array,
+    check_whole_numbers,
 )
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
@@ -44,7 +46,7 @@ def _check_snr(snr: ArrayLike) -> np.ndarray:
     return check_positive_ratios("snr", snr, at_least=5e-324, at_most=np.finfo(float).max)
 
 
-def frequency_variance(*, snr: ArrayLike, n_points: int) -> np.ndarray:
+def frequency_variance(*, snr: ArrayLike, n_points: ArrayLike) -> np.ndarray:
     r"""Return the bound on the variance of a tone's frequency, (rad per sample)^2.
 
     .. math:: \mathrm{var}(\omega) \ge \frac{6}{\chi (N^2 - 1)}
@@ -57,13 +59,14 @@ def frequency_variance(*, snr: ArrayLike, n_points: int) -> np.ndarray:
     observations, IEEE Trans. IT 20(5), 1974. S. M. Kay, Fundamentals of Statistical Signal
     Processing I: Estimation Theory, 1993, 3.11.
     """
-    chi = _check_snr(snr)
-    _check_at_least_two_points("n_points", n_points)
+    chi, n = broadcast_arguments(
+        snr=_check_snr(snr), n_points=check_whole_numbers("n_points", n_points, at_least=2)
+    )
     with np.errstate(over="ignore"):  # infinite below a ratio of 1e-308
-        return np.asarray(6.0 / (chi * (float(n_points) ** 2 - 1.0)))
+        return np.asarray(6.0 / (chi * (n.astype(float) ** 2 - 1.0)))
 
 
-def noncoherent_effective_snr(*, snr: ArrayLike, n_channels: int) -> np.ndarray:
+def noncoherent_effective_snr(*, snr: ArrayLike, n_channels: ArrayLike) -> np.ndarray:
     r"""Return the SNR whose bound equals the variance from a sum of periodograms.
 
     .. math:: \chi' = \frac{\chi^2}{\chi + K}
@@ -81,37 +84,48 @@ def noncoherent_effective_snr(*, snr: ArrayLike, n_channels: int) -> np.ndarray:
     from 15 dB on, at 12 channels too, and of higher order. At such SNR a map detects fewer
     targets; those that noise lifts above the threshold have overestimated ratios.
     """
-    chi = _check_snr(snr)
-    check_integer("n_channels", n_channels, at_least=1)
+    chi, n = broadcast_arguments(
+        snr=_check_snr(snr), n_channels=check_whole_numbers("n_channels", n_channels, at_least=1)
+    )
     with np.errstate(over="ignore"):  # 0 below a ratio of 1e-308
-        return np.asarray(chi / (1.0 + n_channels / chi))
+        return np.asarray(chi / (1.0 + n / chi))
 
 
 def crlb_range(
-    *, snr: ArrayLike, n_samples: int, sample_rate_hz: float, slope_hz_per_s: float
+    *,
+    snr: ArrayLike,
+    n_samples: ArrayLike,
+    sample_rate_hz: ArrayLike,
+    slope_hz_per_s: ArrayLike,
 ) -> np.ndarray:
     """Return the bound on the standard deviation of range in m, c fs / (4 pi S) of frequency's.
 
     For a target of known velocity; see `decoupled_range_std_m` for an unknown one.
     """
-    _check_at_least_two_points("n_samples", n_samples)
-    sample_rate = check_finite_array("sample_rate_hz", sample_rate_hz, above=0)
-    slope = check_finite_array("slope_hz_per_s", slope_hz_per_s, above=0)
-    variance = frequency_variance(snr=snr, n_points=n_samples)
+    chi, n, sample_rate, slope = broadcast_arguments(
+        snr=_check_snr(snr),
+        n_samples=check_whole_numbers("n_samples", n_samples, at_least=2),
+        sample_rate_hz=check_finite_array("sample_rate_hz", sample_rate_hz, above=0),
+        slope_hz_per_s=check_finite_array("slope_hz_per_s", slope_hz_per_s, above=0),
+    )
+    variance = frequency_variance(snr=chi, n_points=n)
     return np.asarray(SPEED_OF_LIGHT * sample_rate / (4 * np.pi * slope) * np.sqrt(variance))
 
 
 def crlb_velocity(
-    *, snr: ArrayLike, n_chirps: int, interval_s: float, wavelength_m: ArrayLike
+    *, snr: ArrayLike, n_chirps: ArrayLike, interval_s: ArrayLike, wavelength_m: ArrayLike
 ) -> np.ndarray:
     """Return the bound on the standard deviation of velocity, lambda / (4 pi T) times frequency's.
 
     `wavelength_m` is the one at the middle of the sampling window.
     """
-    _check_at_least_two_points("n_chirps", n_chirps)
-    interval = check_finite_array("interval_s", interval_s, above=0)
-    wavelength = check_finite_array("wavelength_m", wavelength_m, above=0)
-    variance = frequency_variance(snr=snr, n_points=n_chirps)
+    chi, n, interval, wavelength = broadcast_arguments(
+        snr=_check_snr(snr),
+        n_chirps=check_whole_numbers("n_chirps", n_chirps, at_least=2),
+        interval_s=check_finite_array("interval_s", interval_s, above=0),
+        wavelength_m=check_finite_array("wavelength_m", wavelength_m, above=0),
+    )
+    variance = frequency_variance(snr=chi, n_points=n)
     return np.asarray(wavelength / (4 * np.pi * interval) * np.sqrt(variance))
 
 
@@ -136,7 +150,7 @@ def decoupled_range_std_m(
 
 
 def crlb_angle(
-    *, snr: ArrayLike, positions_m: ArrayLike, wavelength_m: float, angle_rad: ArrayLike
+    *, snr: ArrayLike, positions_m: ArrayLike, wavelength_m: ArrayLike, angle_rad: ArrayLike
 ) -> np.ndarray:
     r"""Return the bound on the standard deviation of the angle of one target, for a linear array.
 
@@ -152,7 +166,7 @@ def crlb_angle(
         Chi, the ratio in one element after range-Doppler processing.
     positions_m : array (n,)
         Positions along the line in any order; in a virtual array, transmitter plus receiver.
-    wavelength_m : float
+    wavelength_m : array
         At the middle of the sampling window.
     angle_rad : array
         Theta, from the normal of the line, within pi / 2 of it.
@@ -167,9 +181,11 @@ def crlb_angle(
     P. Stoica and A. Nehorai, MUSIC, maximum likelihood, and Cramer-Rao bound, IEEE Trans.
     ASSP 37(5), 1989, for one source. H. L. Van Trees, Optimum Array Processing, 2002.
     """
-    chi = _check_snr(snr)
-    wavelength = check_finite_array("wavelength_m", wavelength_m, above=0)
-    angle = check_finite_array("angle_rad", angle_rad, above=-np.pi / 2, below=np.pi / 2)
+    chi, wavelength, angle = broadcast_arguments(
+        snr=_check_snr(snr),
+        wavelength_m=check_finite_array("wavelength_m", wavelength_m, above=0),
+        angle_rad=check_finite_array("angle_rad", angle_rad, above=-np.pi / 2, below=np.pi / 2),
+    )
     positions = check_finite_array("positions_m", positions_m)
     if positions.ndim != 1 or positions.size == 0:
         raise InvalidSetting(
@@ -202,10 +218,6 @@ def monopulse_std_rad(
     return np.asarray(
         beamwidth / (check_finite_array("slope", slope, above=0) * np.sqrt(2) * np.sqrt(chi))
     )
-
-
-def _check_at_least_two_points(where: str, n: int) -> None:
-    check_integer(where, n, at_least=2)
 
 
 def _check_non_negative_deviations(where: str, array: ArrayLike) -> np.ndarray:

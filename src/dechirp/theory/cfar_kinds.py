@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import (
     broadcast_arguments,
-    check_finite_array,
-    check_integer,
     check_probabilities,
+    check_whole_numbers,
 )
 from dechirp.core.errors import InvalidSetting
 from dechirp.theory.cfar import (
@@ -42,10 +41,10 @@ def cfar_factor(
     n_training: ArrayLike,
     kind: CfarKind = "cell-averaging",
     *,
-    n_summed: int = 1,
-    rank: int | None = None,
-    n_smallest: int | None = None,
-    n_largest: int | None = None,
+    n_summed: ArrayLike = 1,
+    rank: ArrayLike | None = None,
+    n_smallest: ArrayLike | None = None,
+    n_largest: ArrayLike | None = None,
 ) -> np.ndarray:
     """Return the ratio of the threshold to the noise estimate of a CFAR detector.
 
@@ -57,21 +56,21 @@ def cfar_factor(
     false_alarm_probability : array
         For the cell under test.
     n_training : array of int
-        Training cells, those of both halves together; broadcast with the probability.
+        Training cells, those of both halves together.
     kind : str
         Noise estimate: the mean of all cells, the larger or the smaller of the means of both
         halves, the `rank`-th smallest cell, or the mean without the smallest and largest cells.
-    n_summed : int
+    n_summed : array of int
         Powers that are summed in each cell: receivers, or pulses. 1 for a trimmed mean.
-    rank : int, optional
+    rank : array of int, optional
         For an ordered statistic only: 1 for the smallest cell.
-    n_smallest, n_largest : int, optional
+    n_smallest, n_largest : array of int, optional
         For a trimmed mean only: numbers of cells left out.
 
     Returns
     -------
     array
-        Ratios of powers, in the shape to which both arrays broadcast.
+        Ratios of powers, in the shape to which all arrays broadcast.
 
     Raises
     ------
@@ -79,18 +78,23 @@ def cfar_factor(
         If a probability is not between 0 and 1, a number of cells not whole and positive, an odd
         number has halves, the kind is unknown, or one of its settings is missing or superfluous.
     """
-    pfa, cells = broadcast_arguments(
+    counts = {
+        "n_training": check_whole_numbers("n_training", n_training, at_least=1),
+        "n_summed": check_whole_numbers("n_summed", n_summed, at_least=1),
+    }
+    optional = {"rank": rank, "n_smallest": n_smallest, "n_largest": n_largest}
+    for name, numbers in optional.items():
+        if numbers is not None:
+            counts[name] = check_whole_numbers(name, numbers, at_least=0)
+    if np.all(counts["n_summed"] == 1):
+        del counts["n_summed"]
+    _check_settings_of_kind(kind, counts)
+    pfa, *arrays = broadcast_arguments(
         false_alarm_probability=check_probabilities(
             "false_alarm_probability", false_alarm_probability
         ),
-        n_training=check_finite_array("n_training", n_training),
+        **counts,
     )
-    check_integer("n_summed", n_summed, at_least=1)
-    optional = {"rank": rank, "n_smallest": n_smallest, "n_largest": n_largest}
-    settings = {name: number for name, number in optional.items() if number is not None}
-    if n_summed != 1:
-        settings["n_summed"] = n_summed
-    _check_settings_of_kind(kind, settings)
     functions: dict[str, Callable[..., float]] = {
         "cell-averaging": cell_averaging_factor,
         "greatest-of": greatest_of_factor,
@@ -99,15 +103,14 @@ def cfar_factor(
         "trimmed-mean": trimmed_mean_factor,
     }
 
-    def compute(single_pfa: float, n_cells: float) -> float:
-        whole = int(n_cells) if n_cells == int(n_cells) else n_cells
-        check_integer("n_training", whole, at_least=1)
-        return functions[kind](float(single_pfa), n_training=whole, **settings)
+    def compute(single_pfa: float, *numbers: int) -> float:
+        whole = {name: int(number) for name, number in zip(counts, numbers, strict=True)}
+        return functions[kind](float(single_pfa), **whole)
 
-    return np.vectorize(compute, otypes=[float])(pfa, cells)
+    return np.vectorize(compute, otypes=[float])(pfa, *arrays)
 
 
-def _check_settings_of_kind(kind: CfarKind, settings: Mapping[str, int]) -> None:
+def _check_settings_of_kind(kind: CfarKind, settings: Mapping[str, np.ndarray]) -> None:
     if kind not in _SETTINGS_OF_KIND:
         raise InvalidSetting(
             "kind", value=kind, expected=" or ".join(_SETTINGS_OF_KIND), fix="choose one of them"

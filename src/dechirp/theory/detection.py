@@ -37,6 +37,7 @@ from dechirp.core.checks import (
     check_non_negative_ratios,
     check_number,
     check_probabilities,
+    check_whole_numbers,
 )
 from dechirp.theory.swerling import (
     probability_count_at_least,
@@ -113,28 +114,35 @@ def exceedance_probability(
 
 
 def detection_probability(
-    snr: ArrayLike, false_alarm_probability: ArrayLike, *, n_summed: int = 1, swerling: int = 0
+    snr: ArrayLike,
+    false_alarm_probability: ArrayLike,
+    *,
+    n_summed: ArrayLike = 1,
+    swerling: int = 0,
 ) -> np.ndarray:
     """Return the probability that a target exceeds the threshold of a false-alarm probability.
 
-    `exceedance_probability` at that threshold, in the shape to which both arrays broadcast. For
+    `exceedance_probability` at that threshold, in the shape to which SNR, probability and number
+    of summed powers broadcast. For
     one power, 0.9 at 1e-6 takes 13.18 dB of a steady target, 21.14 dB of Swerling's 1 and 2,
     and 17.30 dB of 3 and 4. Raises `InvalidSetting` as that does, and as `detection_threshold`
     does.
     """
-    chi, pfa = broadcast_arguments(
+    chi, pfa, n_powers = broadcast_arguments(
         snr=check_non_negative_ratios("snr", snr),
         false_alarm_probability=check_probabilities(
             "false_alarm_probability", false_alarm_probability
         ),
+        n_summed=check_whole_numbers("n_summed", n_summed, at_least=1),
     )
-    swerling_shape(swerling, n_summed)  # checks both, for empty arrays as well
+    swerling_shape(swerling, 1)  # checks the case for empty arrays as well
     probability = np.empty(chi.shape)
-    for single_pfa in np.unique(pfa):
-        limit = detection_threshold(float(single_pfa), n_summed=n_summed)
-        cells = pfa == single_pfa
+    # One law for all ratios that share a threshold.
+    for single_pfa, n in set(zip(pfa.flat, n_powers.flat, strict=True)):
+        limit = detection_threshold(float(single_pfa), n_summed=int(n))
+        cells = (pfa == single_pfa) & (n_powers == n)
         probability[cells] = exceedance_probability(
-            chi[cells], limit, n_summed=n_summed, swerling=swerling
+            chi[cells], limit, n_summed=int(n), swerling=swerling
         )
     return probability
 
@@ -143,25 +151,27 @@ def required_snr(
     detection_probability: ArrayLike,
     false_alarm_probability: ArrayLike,
     *,
-    n_summed: int = 1,
+    n_summed: ArrayLike = 1,
     swerling: int = 0,
 ) -> np.ndarray:
     """Return the mean SNR in each summed power that reaches a detection probability.
 
     The inverse of `detection_probability`, to a relative error of 1e-10, in the shape to which
-    both probabilities broadcast. Raises `InvalidSetting` unless 1e-300 <= false-alarm probability
-    < detection probability < 1, K is a whole number from 1 and `swerling` one of 0 to 4.
+    both probabilities and the number of summed powers, K, broadcast. Raises `InvalidSetting` unless
+    1e-300 <= false-alarm probability < detection probability < 1, K is a whole number from 1 and
+    `swerling` one of 0 to 4.
     """
-    pd, pfa = broadcast_arguments(
+    pd, pfa, n_powers = broadcast_arguments(
         detection_probability=check_probabilities("detection_probability", detection_probability),
         false_alarm_probability=check_probabilities(
             "false_alarm_probability", false_alarm_probability
         ),
+        n_summed=check_whole_numbers("n_summed", n_summed, at_least=1),
     )
-    swerling_shape(swerling, n_summed)  # checks both, for empty arrays as well
+    swerling_shape(swerling, 1)  # checks the case for empty arrays as well
     snr = [
-        _required_snr(float(pair[0]), float(pair[1]), n_summed, swerling)
-        for pair in zip(pd.flat, pfa.flat, strict=True)
+        _required_snr(float(single_pd), float(single_pfa), int(n), swerling)
+        for single_pd, single_pfa, n in zip(pd.flat, pfa.flat, n_powers.flat, strict=True)
     ]
     return np.array(snr, float).reshape(pd.shape)
 

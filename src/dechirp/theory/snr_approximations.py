@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from dechirp.core.checks import (
     broadcast_arguments,
     check_detection_probability,
-    check_integer,
     check_probabilities,
+    check_whole_numbers,
 )
 from dechirp.core.errors import InvalidSetting
 from dechirp.theory.swerling import swerling_shape
@@ -22,7 +22,10 @@ __all__ = ["albersheim", "shnidman"]
 
 
 def albersheim(
-    detection_probability: ArrayLike, false_alarm_probability: ArrayLike, *, n_summed: int = 1
+    detection_probability: ArrayLike,
+    false_alarm_probability: ArrayLike,
+    *,
+    n_summed: ArrayLike = 1,
 ) -> np.ndarray:
     r"""Return the SNR of a steady target in each summed power, by Albersheim's formula.
 
@@ -32,7 +35,7 @@ def albersheim(
         \quad A = \ln\frac{0.62}{P_{fa}}, \quad B = \ln\frac{P_d}{1 - P_d}
 
     with K the summed powers, Albersheim's N, and chi the snr, a ratio; the shape is that to which
-    both probabilities broadcast. Meant for detection
+    both probabilities and K broadcast. Meant for detection
     probabilities from 0.1 to 0.9, false-alarm probabilities from 1e-7 to 1e-3, up to 8096
     powers, and a linear detector: amplitudes summed. Against the exact square law it is
     within 0.34 dB from a detection probability of 0.3 (0.07 dB low for one power, 0.9 and
@@ -49,9 +52,8 @@ def albersheim(
     W. J. Albersheim, A closed-form approximation to Robertson's detection characteristics,
     Proc. IEEE 69(7), 1981.
     """
-    check_integer("n_summed", n_summed, at_least=1)
-    pairs = _broadcast_probabilities(detection_probability, false_alarm_probability)
-    return np.vectorize(_albersheim_snr, otypes=[float])(*pairs, n_summed)
+    arguments = _broadcast(detection_probability, false_alarm_probability, n_summed)
+    return np.vectorize(_albersheim_snr, otypes=[float])(*arguments)
 
 
 def _albersheim_snr(
@@ -76,7 +78,7 @@ def shnidman(
     detection_probability: ArrayLike,
     false_alarm_probability: ArrayLike,
     *,
-    n_summed: int = 1,
+    n_summed: ArrayLike = 1,
     swerling: int = 0,
 ) -> np.ndarray:
     r"""Return the mean SNR in each summed power, by Shnidman's formula.
@@ -86,7 +88,7 @@ def shnidman(
     with K the summed powers, Shnidman's N; eta from both probabilities, alpha 1/4 from 40
     powers, and C, in dB, the fluctuation loss, proportional to 1 / kappa, kappa being the
     shape of `theory.swerling` and Shnidman's K, and is 0 for a steady target. The shape is that to
-    which both probabilities broadcast. Meant for
+    which both probabilities and K broadcast. Meant for
     detection probabilities from 0.1 to 0.99, false-alarm probabilities from 1e-9 to 1e-3 and
     up to 100 powers. There it is within 0.3, 1.2, 1.2, 0.9 and 0.6 dB of the exact ratio for
     the cases 0 to 4.
@@ -101,15 +103,16 @@ def shnidman(
     ----------
     D. A. Shnidman, Determination of required SNR values, IEEE Trans. AES 38(3), 2002.
     """
-    shape = swerling_shape(swerling, n_summed)
-    pairs = _broadcast_probabilities(detection_probability, false_alarm_probability)
-    return np.vectorize(_shnidman_snr, otypes=[float])(*pairs, n_summed, shape)
+    swerling_shape(swerling, 1)  # checks the case for empty arrays as well
+    arguments = _broadcast(detection_probability, false_alarm_probability, n_summed)
+    return np.vectorize(_shnidman_snr, otypes=[float])(*arguments, swerling)
 
 
 def _shnidman_snr(
-    detection_probability: float, false_alarm_probability: float, n_summed: int, shape: float
+    detection_probability: float, false_alarm_probability: float, n_summed: int, swerling: int
 ) -> float:
     check_detection_probability(detection_probability, false_alarm_probability)
+    shape = swerling_shape(int(swerling), int(n_summed))
     pd = detection_probability
     eta = _shnidman_quantile(pd) - _shnidman_quantile(false_alarm_probability)
     alpha = 0.0 if n_summed < 40 else 0.25
@@ -122,14 +125,15 @@ def _shnidman_snr(
     return float(10 ** (cost_db / 10) * steady)
 
 
-def _broadcast_probabilities(
-    detection_probability: ArrayLike, false_alarm_probability: ArrayLike
+def _broadcast(
+    detection_probability: ArrayLike, false_alarm_probability: ArrayLike, n_summed: ArrayLike
 ) -> tuple[np.ndarray, ...]:
     return broadcast_arguments(
         detection_probability=check_probabilities("detection_probability", detection_probability),
         false_alarm_probability=check_probabilities(
             "false_alarm_probability", false_alarm_probability
         ),
+        n_summed=check_whole_numbers("n_summed", n_summed, at_least=1),
     )
 
 
