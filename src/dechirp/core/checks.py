@@ -78,20 +78,13 @@ def check_integer(setting: str, number: Any, *, at_least: int, at_most: int = 2*
 def check_whole_numbers(
     setting: str, array: ArrayLike, *, at_least: int, at_most: int = 2**31 - 1
 ) -> np.ndarray:
-    """Return an array of integers, or raise `InvalidSetting` unless all are whole, within bounds.
-
-    Arrays of floats with whole numbers are accepted, as are those of a computation with counts.
-    """
+    """Return an array of integers, or raise `InvalidSetting` unless all are, within bounds."""
     values = check_finite_array(setting, array)
-    wrong = values[(values != np.floor(values)) | (values < at_least) | (values > at_most)]
+    numbers = values if values.size == 0 else np.asarray(array)
+    is_whole = numbers.dtype.kind in "iu"
+    wrong = numbers[(values < at_least) | (values > at_most) | (not is_whole)]
     if wrong.size:
-        number = float(wrong.flat[0])
-        check_integer(
-            setting,
-            int(number) if number.is_integer() else number,
-            at_least=at_least,
-            at_most=at_most,
-        )
+        check_integer(setting, wrong.flat[0], at_least=at_least, at_most=at_most)
     return values.astype(np.int64)
 
 
