@@ -134,6 +134,7 @@ def _make_passing(claim):
     return replace(claim, checks=checks)
 
 
+@nightly
 def test_same_seed_gives_bit_identical_certificate():
     with ThreadPoolExecutor(2) as threads:
         serial, parallel = (

@@ -16,6 +16,7 @@ from dechirp.core.errors import DechirpError
 from dechirp.experiments.scenario import RecordingSource, check_single_radar
 from dechirp.experiments.single_radars import ego_of_mounted_radar, split_radars
 from dechirp.studio.scenario_edits import PageLimits, check_scenario_within_limits
+from nightly import nightly
 
 FAST = ["traffic.ego=1", "radar.frame.n_chirps=32", "traffic.duration=0.2 s"]
 PAIR = "radars=[{mount: front-left}, {mount: front-right, start_offset: 20 ms}]"
@@ -254,6 +255,7 @@ def read_rows(path):
         return list(csv.DictReader(stream))
 
 
+@nightly
 @pytest.mark.parametrize("result", ["statistical"], indirect=True)
 def test_later_results_replace_earlier_ones(result, without_figures, tmp_path):
     out = tmp_path / "out"

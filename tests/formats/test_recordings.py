@@ -389,6 +389,12 @@ def test_single_settings_file_of_folder_is_used(tmp_path):
     assert open_recording(tmp_path / "capture.bin").n_frames == 3
 
 
+def test_empty_file_of_folder_is_named(tmp_path):
+    (tmp_path / "adc_data.bin").touch()
+
+    assert "adc_data.bin (0 bytes), no recording" in catch_mistake(tmp_path).value
+
+
 def test_rejects_ambiguous_settings_files(tmp_path):
     (tmp_path / "capture.bin").write_bytes(encode_dca1000(draw_samples(3, 4, 2, 8)))
     for name, loops in (("monday.txt", 4), ("tuesday.txt", 2)):

@@ -507,10 +507,11 @@ def test_rejects_capture_without_packets(tmp_path):
         open_capture(tmp_path / "x.pcap", encode_pcap([]))
 
 
-def test_truncated_file_gives_complete_frames_with_finding(tmp_path):
-    numbers = draw_codes()
+@pytest.mark.parametrize("n_lost", [400, 3])
+def test_truncated_file_gives_complete_frames_with_finding(tmp_path, n_lost):
+    content = encode_two_lanes(draw_codes())[:-n_lost]
 
-    recording = open_capture(tmp_path / "x.bin", encode_two_lanes(numbers)[:-400], device="xwr1642")
+    recording = open_capture(tmp_path / "x.bin", content, device="xwr1642")
 
     assert recording.n_frames == N_FRAMES - 1
     assert "cut short" in str(recording.findings)

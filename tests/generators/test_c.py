@@ -169,6 +169,7 @@ def test_compiles_with_prefixes_of_other_names(tmp_path, prefix):
     run_program(require_program("gcc"), *WARNINGS, *sources, cwd=tmp_path)
 
 
+@nightly
 def test_cmake_builds_check_program(tmp_path):
     radar, chain = make_radar(64, 16), small_window_chain()
     dc.fixed_point.write_c(tmp_path / "c", radar, chain, prefix="front_left")

@@ -15,6 +15,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.experiments.run import run
 from dechirp.experiments.scenario import READERS, RecordingSource, Scenario
 from dechirp.processing.cfar.base import Cells
+from dechirp.processing.cfar.two_step import TwoStep
 from dechirp.processing.chain import Chain
 from dechirp.processing.chain_fitting import fit_chain_to_frames
 from dechirp.processing.detect import detect
@@ -128,6 +129,15 @@ def test_static_echo_between_others_is_detected_with_cells_along_velocity():
     # The standard error at 44 dB is 0.003 cells; echoes of 66 dB beside it leave 1 % of a cell.
     assert ranges_in_cells(detections) == pytest.approx([tone[0] for tone in STATIC], abs=0.05)
     assert np.all(detections.moving.values == 0)
+
+
+def test_detector_that_needs_cells_along_range_keeps_its_window():
+    chain = Chain(cfar=replace(Chain().cfar, estimator=TwoStep()))
+
+    fitted, choices = fit(make_cube(*STATIC), chain=chain)
+
+    assert fitted.cfar == chain.fit_to_radar(RADAR).cfar
+    assert [choice.setting for choice in choices] == ["chain.moving_targets"]
 
 
 def test_default_window_stays_for_few_echoes():

@@ -10,6 +10,7 @@ import dechirp as dc
 from dechirp.experiments.scenario import RecordingSource
 from dechirp.processing.angle.fft import Fft
 from dechirp.processing.angle.maximum_likelihood import MaximumLikelihood
+from dechirp.processing.channel_errors import channel_error_findings
 from dechirp.processing.direction_finding import checked_direction_aperture, estimate_sources
 from dechirp.processing.refine import SidelobeErrors
 from nightly import nightly_except
@@ -110,6 +111,13 @@ def test_finding_recommends_to_calibrate_arrays_with_phases_of_their_own(radar, 
         (finding,) = findings
         assert "phases of the channels differ" in finding
         assert "dechirp calibrate REFLECTOR --azimuth ANGLE" in finding
+        assert "--set chain.angle.n_sources=2" in finding
+
+
+def test_finding_recommends_no_estimator_of_two_sources_where_one_is_used(radar):
+    (finding,) = channel_error_findings([0.3], radar, resolves_two_sources=True)
+
+    assert "dechirp calibrate" in finding.fix and "n_sources" not in finding.fix
 
 
 @pytest.mark.parametrize("n_elements", [3, 4])

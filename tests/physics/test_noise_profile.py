@@ -56,7 +56,7 @@ def test_detections_that_the_noise_explains_are_named():
     (note,) = noise_profile_findings(columns, excess, RADAR, CHAIN)
 
     assert note.level == "note"
-    assert "1 moving detection of 3" in note.value
+    assert "1 moving detection at 0.094 m may" in note.value
     assert "4.8 dB higher" in note.value
     assert noise_profile_findings(columns, np.ones(128), RADAR, CHAIN) == ()
 
@@ -72,6 +72,5 @@ def test_run_names_false_movers_of_coloured_noise(tmp_path):
     is_false = cells < 10
     assert is_false.any()
     (note,) = (f for f in result.findings if "may be false alarms: without static" in f.value)
-    assert f"of {cells.size}, at" in note.value
     n_named = int(note.value.split()[0])
     assert 0.7 * is_false.sum() <= n_named <= is_false.sum()

@@ -146,7 +146,7 @@ def test_directions_of_other_arrays_contain_extended_echo(kind, n_cells, ratio_d
     """Point targets of the simulator, with range-Doppler coupling, thermal noise and walk."""
     radar, n_trials = make_array_radar(kind), 40
     cell_m = radar.frame.chirp.range_resolution_m
-    alone = dc.Scene(targets=[dc.Target(position_m=(20.5 * cell_m, 0, 0), rcs_m2=1)])
+    alone = dc.Scene(targets=[dc.Target(position_m=(21 * cell_m, 0, 0), rcs_m2=1)])
     rcs_m2 = 10**3.9 / dc.truth(alone, radar).snr.item()  # 39 dB
     rng, squares = np.random.default_rng([n_cells, ratio_db]), []
     for _ in range(n_trials):
@@ -195,17 +195,21 @@ def test_target_in_sidelobes_that_no_window_removes_has_no_direction():
 def test_directions_masked_by_sidelobes_are_reported():
     radar, chain = make_radar(), dc.Chain(cfar=STATIC_CFAR).fit_to_radar(make_radar())
     rng = np.random.default_rng(5)
-    masked_m, nan_m = [], []
+    cell_m = radar.frame.chirp.range_resolution_m
+    masked_m, nan_m, near_m = [], [], []
     for _ in range(20):
         cube, *_ = simulate_beside_extended_echo(radar, rng, n_cells=3, ratio_db=38)
         frame = process_frame(cube.values[0], radar, chain)
         masked_m.extend(frame.masked_ranges_m)
         is_nan = np.isnan(frame.detections["azimuth"])
         nan_m.extend(frame.detections["range"][is_nan])
+        near = process_frame(cube.values[0], radar, replace(chain, max_range_m=21 * cell_m))
+        near_m.extend(near.masked_ranges_m)
 
     assert len(nan_m) > 0
+    assert near_m == [range_m for range_m in masked_m if range_m <= 21 * cell_m]
+    assert 0 < len(near_m) < len(masked_m)
     # The ranges are those of the beat frequencies, of targets at rest.
-    cell_m = radar.frame.chirp.range_resolution_m
     assert masked_m == pytest.approx(nan_m, abs=0.1 * cell_m)
     (finding,) = _masked_direction_findings(masked_m, cell_m)
     assert finding.setting == "chain.angle" and f"{len(nan_m)} detections" in finding.value

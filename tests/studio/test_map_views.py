@@ -237,7 +237,7 @@ def test_markers_lie_at_target_position_at_mid_frame(page):
     arrow = view.top_view._arrows.source.data
     assert arrow["to_x"] == pytest.approx(arrow["x"])
     assert arrow["to_y"][0] < arrow["y"][0]  # approaching
-    assert "1 target, 1 detected" in view.caption.title
+    assert "1 target, 1 detection" in view.caption.title
 
 
 def test_detections_without_directions_are_arcs_at_their_range(page):
@@ -257,7 +257,7 @@ def test_recording_shows_no_targets(page):
     view.show_frame(unknown)
     view.update_caption(unknown)
     assert not len(view.top_view.targets.data_source.data["x"])
-    assert "target" not in view.caption.title and "1 detected" in view.caption.title
+    assert "target" not in view.caption.title and "1 detection" in view.caption.title
 
 
 def test_errors_of_echoes_without_noise_are_not_magnified(page):

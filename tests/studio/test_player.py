@@ -407,7 +407,7 @@ def test_recording_shows_velocities_and_notes_of_all_frames_as_run(tmp_path):
             xr.testing.assert_identical(
                 frame_state.detections, result.detections.isel(detection=indices)
             )
-        texts = ("chosen recording.encoding=upright because", "are aliased; their ranges")
+        texts = ("chosen recording.encoding=upright because", "with an aliased velocity")
         return {f for f in frame_state.findings if any(text in f.value for text in texts)}
 
     findings = check(player)

@@ -300,7 +300,7 @@ def worker():
         yield executor
 
 
-@pytest.mark.parametrize("lesson", LESSONS)
+@pytest.mark.parametrize("lesson", nightly_except(1, LESSONS))
 def test_every_experiment_can_be_set_and_shown(lesson):
     instance = lesson()
     for experiment in instance.experiments:

@@ -50,7 +50,7 @@ class CompilationNotice:
         if time_s > MIN_NOTED_S and not self._is_printed:
             self._is_printed = True
             print(
-                "Compiling loops for this processor, once after the installation: up to a"
+                "Compiling loops for this processor, which are kept for later runs: up to a"
                 " minute of processor time ...",
                 file=sys.stderr,
                 flush=True,

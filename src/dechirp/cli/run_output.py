@@ -24,7 +24,7 @@ from dechirp.report import objects_section
 # Columns dropped first on a narrow terminal: true values before measured ones.
 _FIRST_DROPPED = (
     *("true elevation", "true azimuth", "true velocity", "true range"),
-    *("SNR", "moving", "elevation", "azimuth", "frame"),
+    *("moving", "SNR", "elevation", "azimuth", "frame"),
 )
 
 
@@ -42,10 +42,10 @@ def strongest_detections_table(result: Result, *, at_most: int, width: int) -> T
     title = format_count_with_noun(n_all, "detection")
     if n_shown < n_all:
         n_moving = int(np.sum(strongest.moving.values == 1)) if "moving" in strongest else 0
-        parts = f": {n_shown}"
+        title += f"; {n_shown} shown"
         if 0 < n_moving < n_shown:
-            parts = f": {n_moving} that move and {n_shown - n_moving} others"
-        title += f"{parts}, the strongest of each place first (complete list: detections.csv)"
+            title += f", {n_moving} that move and {n_shown - n_moving} others"
+        title += ": the strongest of each place first (complete list: detections.csv)"
     columns = _detection_table_cells(result, strongest)
     if _table_width(columns) > width:
         columns = _detection_table_cells(result, strongest, is_rounded=True)

@@ -369,7 +369,7 @@ def build_result(
         budget=None,
         findings=(
             *fitted_chain_findings(scenario.chain, radar),
-            *detection_findings(detection_run, radar),
+            *detection_findings(detection_run, radar, chain),
             *hidden_echo_findings(power, threshold, radar.for_frame(first), chain),
             *objects.findings,
         ),
@@ -389,7 +389,9 @@ def fitted_chain_findings(chain: Chain, radar: Radar) -> tuple[Finding, ...]:
     )
 
 
-def detection_findings(detection_run: DetectionRun, radar: Radar) -> tuple[Finding, ...]:
+def detection_findings(
+    detection_run: DetectionRun, radar: Radar, chain: Chain
+) -> tuple[Finding, ...]:
     """Return findings on the detections of a run."""
     return (
         *near_field.near_field_findings(radar, detection_run.detections),
@@ -398,7 +400,11 @@ def detection_findings(detection_run: DetectionRun, radar: Radar) -> tuple[Findi
             detection_run.frames.masked_ranges_m, radar.frame.chirp.range_resolution_m
         ),
         *_unknown_angle_findings(detection_run.frames.n_unknown_angles),
-        *channel_error_findings(detection_run.frames.channel_phase_rms_rad, radar),
+        *channel_error_findings(
+            detection_run.frames.channel_phase_rms_rad,
+            radar,
+            resolves_two_sources=getattr(chain.angle, "n_sources", 1) != 1,
+        ),
         *(
             mitigation_findings(detection_run.frames.removed)
             if detection_run.frames.removed
@@ -583,18 +589,19 @@ def _masked_direction_findings(
         return ()
     ordered_m = np.sort(ranges_m)
     groups = np.split(ordered_m, np.flatnonzero(np.diff(ordered_m) > 3 * resolution_m) + 1)
+    largest = sorted(groups, key=len, reverse=True)[:4]
     spans = [
         " to ".join(dict.fromkeys(format_number(m, 3) for m in (group[0], group[-1])))
-        for group in sorted(groups, key=len, reverse=True)
+        for group in sorted(largest, key=lambda group: float(group[0]))
     ]
-    more = f" and {len(spans) - 4} other places" if len(spans) > 4 else ""
+    more = f" and {len(groups) - 4} other places" if len(groups) > 4 else ""
     return (
         Finding(
             level="note",
             setting="chain.angle",
             value=f"no direction for {format_count_with_noun(len(ranges_m), 'detection')} beside"
             " much stronger echoes, whose sidelobes contain more than a tenth of the power:"
-            f" they may be shoulders of those echoes, at {', '.join(spans[:4])} m{more}",
+            f" they may be shoulders of those echoes, at {', '.join(spans)} m{more}",
             expected="echoes at least 10 dB above the sidelobes of others, with every window",
             fix="more bandwidth or a longer frame separates the echoes; else nothing is to be done",
         ),

@@ -1,16 +1,19 @@
 """Training cells along velocity alone, and the options of the command line that choose them."""
 
+from contextlib import suppress
 from dataclasses import replace
 
+from dechirp.core.errors import InvalidSetting
 from dechirp.processing.cfar.base import Cells, Cfar
 from dechirp.processing.chain import Chain
 from dechirp.radar.radar import Radar
 
 
 def cfar_along_velocity(chain: Chain, radar: Radar) -> Cfar | None:
-    """Return the detector with training cells along velocity; None for too few velocities.
+    """Return the detector with training cells along velocity.
 
-    The guard of the default window, or half of the cells of a small map; as many training cells.
+    None for too few velocities, or if the estimator needs training cells along range. The guard of
+    the default window, or half of the cells of a small map; as many training cells.
     """
     transform = chain.doppler_transform(radar.frame)
     default_cfar = Chain.cfar
@@ -19,11 +22,13 @@ def cfar_along_velocity(chain: Chain, radar: Radar) -> Cfar | None:
     guard = min(default_cfar.n_guard.velocity, half // 2)
     if guard == half or guard < transform.main_lobe_half_width_bins - 1:
         return None  # the main lobe of an echo would raise its own threshold
-    return replace(
-        chain.cfar,
-        n_training=Cells(range=0, velocity=half - guard),
-        n_guard=Cells(range=0, velocity=guard),
-    )
+    with suppress(InvalidSetting):  # of the estimator, for want of training cells
+        return replace(
+            chain.cfar,
+            n_training=Cells(range=0, velocity=half - guard),
+            n_guard=Cells(range=0, velocity=guard),
+        )
+    return None
 
 
 def training_cell_options(cfar: Cfar, setting: str) -> tuple[str, ...]:

@@ -89,11 +89,11 @@ def chain_findings(radar: Radar, chain: Chain) -> list[Finding]:
             Finding(
                 level="note",
                 setting="radar.frame.chirp.sampling",
-                value=f"real samples: ranges below {searched_m[0]:.4g} m and beyond"
-                f" {searched_m[1]:.4g} m are not searched, {rows.start} and {n_rows - rows.stop}"
-                " rows of the map",
+                value=f"real samples: the rows of the map below {searched_m[0]:.4g} m and beyond"
+                f" {searched_m[1]:.4g} m, {rows.start} and {n_rows - rows.stop}, are not searched;"
+                " echoes next to them, up to a resolution cell outside, are found",
                 expected="noise independent of its mirror image, for false alarms as designed",
-                fix="nothing is to be done; pad less to lose fewer metres",
+                fix="nothing is to be done",
             )
         )
     if chain.angle is not None and can_resolve_directions(radar):

@@ -369,10 +369,13 @@ def median_or_nan(values: np.ndarray) -> float:
     return float(np.median(finite)) if finite.size else np.nan
 
 
-def channel_error_findings(phase_rms_rad: Sequence[float], radar: Radar) -> tuple[Finding, ...]:
+def channel_error_findings(
+    phase_rms_rad: Sequence[float], radar: Radar, *, resolves_two_sources: bool
+) -> tuple[Finding, ...]:
     """Return a note if the channels of a radar have phases of their own.
 
-    `phase_rms_rad` are the RMS errors of the phases in each frame, NaN where unknown.
+    `phase_rms_rad` are the RMS errors of the phases in each frame, NaN where unknown. An estimator
+    that does not resolve two sources in a cell may explain them by such phases.
     """
     rms_rad = median_or_nan(np.array(phase_rms_rad))
     if not rms_rad >= _MIN_REPORTED_RMS_RAD:
@@ -392,7 +395,9 @@ def channel_error_findings(phase_rms_rad: Sequence[float], radar: Radar) -> tupl
             + ": the standard errors of directions contain it",
             expected="phases of a plane wave, with one target in a cell, for errors as small as"
             " the noise allows",
-            fix=f"{_CALIBRATION_FIX}; where two targets may share a range and a velocity, add"
+            fix=_CALIBRATION_FIX
+            if resolves_two_sources
+            else f"{_CALIBRATION_FIX}; where two targets may share a range and a velocity, add"
             " --set chain.angle.kind=maximum-likelihood --set chain.angle.n_sources=2",
         ),
     )

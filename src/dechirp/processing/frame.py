@@ -158,11 +158,7 @@ def process_frame(
         ),
         removed=removed,
         n_dropped_peaks=sum(map_peaks.n_dropped_peaks for map_peaks in maps),
-        masked_ranges_m=np.zeros(0)
-        if chain.angle is None
-        else _beat_ranges_m(resolved, radar)[
-            sidelobe_dominated_mask(resolved.peaks.tones.amplitude, resolved.peaks.sidelobes)
-        ],
+        masked_ranges_m=_ranges_without_directions_m(resolved, radar, chain),
         n_unknown_angles=int(sources.has_unknown_angle.sum()),
         channel_phase_rms_rad=median_or_nan(sources.channel_phase_rms_rad),
     )
@@ -194,8 +190,23 @@ def frame_detection_columns(
     }
     if max_range_m is None:
         return columns
-    is_inside = (columns["range"] >= 0) & (columns["range"] <= max_range_m)
+    is_inside = _within_range_mask(columns["range"], max_range_m)
     return {name: column[is_inside] for name, column in columns.items()}
+
+
+def _within_range_mask(ranges_m: np.ndarray, max_range_m: float | None) -> np.ndarray:
+    largest_m = np.inf if max_range_m is None else max_range_m
+    return np.asarray((ranges_m >= 0) & (ranges_m <= largest_m))
+
+
+def _ranges_without_directions_m(resolved: ResolvedPeaks, radar: Radar, chain: Chain) -> np.ndarray:
+    """Return ranges of detections whose sidelobes of other echoes hide the direction."""
+    if chain.angle is None:
+        return np.zeros(0)
+    peaks = resolved.peaks
+    ranges_m = _beat_ranges_m(resolved, radar)
+    is_hidden = sidelobe_dominated_mask(peaks.tones.amplitude, peaks.sidelobes)
+    return ranges_m[is_hidden & _within_range_mask(ranges_m, chain.max_range_m)]
 
 
 def _process_frame_with_and_without_static_echoes(

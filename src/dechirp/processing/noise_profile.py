@@ -105,8 +105,8 @@ def noise_profile_findings(
         Finding(
             level="note",
             setting="chain.moving_targets",
-            value=f"{format_count_with_noun(int(is_doubtful.sum()), 'moving detection')} of"
-            f" {int(is_moving.sum())}, at {span} m, may be false alarms: without static echoes, the"
+            value=f"{format_count_with_noun(int(is_doubtful.sum()), 'moving detection')}"
+            f" at {span} m may be false alarms: without static echoes, the"
             f" noise there is up to {to_decibels(factor[is_doubtful].max()):.1f} dB higher than in"
             " the training cells at other ranges, as of amplifiers at low beat frequencies, or"
             " beside strong leakage, and these detections would not exceed a threshold for it",

@@ -490,10 +490,7 @@ def _describe_folder_and_fix(path: Path) -> tuple[str, str]:
             "copy the recording into the folder, or give it with its settings: dechirp run"
             f" RECORDING --radar {shlex.quote(str(settings[0]))}",
         )
-    names = join_names(
-        file.name + (" (broken link)" if file.is_symlink() and not file.exists() else "")
-        for file in members
-    )
+    names = join_names(file.name + _reason_for_no_content(file) for file in members)
     value = (
         f"a folder with {names or 'nothing'}, no recording among them"
         if names
@@ -509,6 +506,13 @@ def _describe_folder_and_fix(path: Path) -> tuple[str, str]:
             description = describe_foreign_file(file, kind)
             return value, f"{fix}; {file.name} is {description}: {kind.fix}"
     return value, fix
+
+
+def _reason_for_no_content(file: Path) -> str:
+    """Return why a file has no content, in brackets; nothing for others."""
+    if file.is_symlink() and not file.exists():
+        return " (broken link)"
+    return " (0 bytes)" if file.is_file() and file.stat().st_size == 0 else ""
 
 
 def check_choice(path: Path, name: str, value: str | None, choices: tuple[str, ...]) -> None:

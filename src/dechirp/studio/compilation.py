@@ -28,7 +28,7 @@ class CompilationCounter:
         if not self.n_compiled:
             return ""
         return (
-            "Compiling, once after the installation, for about a minute:"
+            "Compiling loops, which are kept for later, for about a minute:"
             f" {self.n_compiled} loops in {perf_counter() - self._first_start_s:.0f} s."
         )
 

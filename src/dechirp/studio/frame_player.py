@@ -23,6 +23,7 @@ from dechirp.experiments.run import (
 )
 from dechirp.experiments.scenario import Scenario
 from dechirp.processing.angle_maps import range_azimuth_map
+from dechirp.processing.chain import Chain
 from dechirp.processing.detect import process_cubes
 from dechirp.processing.direction_finding import can_resolve_directions, checked_direction_aperture
 from dechirp.processing.frame import FrameResult
@@ -230,7 +231,7 @@ class _PreparedScenario:
         self.frames, scenario, radar = frames, frames.scenario, frames.radar
         self.chain = scenario.chain.fit_to_radar(radar)
         self._chain_findings = fitted_chain_findings(scenario.chain, radar)
-        self._counts = _DetectionCounts(radar)
+        self._counts = _DetectionCounts(radar, self.chain)
         self._hidden_echo_findings: tuple[Finding, ...] | None = None
         """Those of the first processed frame, as in `run`."""
         self.history = FrameHistory(scenario, radar)
@@ -316,8 +317,8 @@ class _PreparedScenario:
 class _DetectionCounts:
     """Totals of `run` over the frames processed so far, each of which counts once."""
 
-    def __init__(self, radar: Radar) -> None:
-        self._radar, self._totals = radar, FrameTotals()
+    def __init__(self, radar: Radar, chain: Chain) -> None:
+        self._radar, self._chain, self._totals = radar, chain, FrameTotals()
         self._numbers: set[int] = set()
         self._nearest: xr.Dataset | None = None
         """Nearest detection with a direction, which determines the note on the near field."""
@@ -343,5 +344,7 @@ class _DetectionCounts:
         if self._nearest is None:
             return ()
         return detection_findings(
-            DetectionRun(first_frame=0, detections=self._nearest, frames=self._totals), self._radar
+            DetectionRun(first_frame=0, detections=self._nearest, frames=self._totals),
+            self._radar,
+            self._chain,
         )

@@ -27,6 +27,7 @@ from collections.abc import Mapping
 import numpy as np
 import scipy
 
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.findings import Finding
 from dechirp.core.text import format_number
 from dechirp.processing.velocity_ambiguity.hypotheses import MIN_CONFIDENCE
@@ -192,7 +193,6 @@ def range_rate_findings(
     changed = np.flatnonzero(is_changed & np.isfinite(columns["velocity"]))
     if not changed.size:
         return ()
-    n_moving = int(np.sum(movement_candidate_mask(columns)))
     is_certain = np.isfinite(resolved["ambiguity_number"][changed])
     strongest = changed[
         np.argmax(resolved["snr"][changed] * (is_certain if is_certain.any() else 1))
@@ -201,8 +201,8 @@ def range_rate_findings(
         Finding(
             level="note",
             setting="radar.frame.interval",
-            value=f"{len(changed)} of {n_moving} moving detections are aliased; their ranges in"
-            " successive frames give their velocities, such as"
+            value=f"{format_count_with_noun(len(changed), 'moving detection')} with an aliased"
+            " velocity: the ranges in successive frames give the true one, such as"
             f" {format_number(resolved['velocity'][strongest], 3)} m/s instead of"
             f" {format_number(columns['velocity'][strongest], 3)} m/s at"
             f" {format_number(resolved['range'][strongest], 3)} m",

@@ -306,11 +306,7 @@ def _locate_first_frame_and_count_frames(
         warning = _shorter_frame_warning(n_rounds, size, frame_text)
         shorter_radar = replace(settings.radar, frame=replace(frame, n_chirps=n_rounds))
         return replace(settings, radar=shorter_radar).with_findings(warning), first_frame, 1
-    if (
-        n_frames < 1
-        or size % 8
-        or (expected_frames is not None and size > expected_frames * frame_bytes)
-    ):
+    if n_frames < 1 or (expected_frames is not None and size > expected_frames * frame_bytes):
         expected = (
             f"at least {frame_bytes}"
             if expected_frames is None

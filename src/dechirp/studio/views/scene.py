@@ -177,7 +177,7 @@ class SceneView(View):
             if frame_state.truth is None
             else [format_count_with_noun(len(self._positions.names), "target")]
         )
-        parts.append(f"{frame_state.detections.sizes['detection']} detected")
+        parts.append(format_count_with_noun(frame_state.detections.sizes["detection"], "detection"))
         if frame_state.tracks:
             parts.append(format_count_with_noun(len(frame_state.tracks), "track"))
         self.caption.update(title=f"From above: {', '.join(parts)}", note=self._legend)

@@ -11,7 +11,7 @@ from bokeh.layouts import column
 from bokeh.model import DataModel
 from bokeh.models import Div, InlineStyleSheet, UIElement
 
-from dechirp.core.text import EN_DASH
+from dechirp.core.text import format_fixed
 from dechirp.report.figures.common import uniform_cell_width
 from dechirp.scene.aliasing import RangeVelocity
 from dechirp.studio.cursor import Cursor
@@ -165,4 +165,4 @@ def _format_cells(cells: np.ndarray, decimals: int | None) -> list[str]:
     """Write the cells of a column as HTML; an unknown number is a dash."""
     if decimals is None:
         return [escape(str(cell)) for cell in cells]
-    return [EN_DASH if np.isnan(cell) else f"{cell:z.{decimals}f}" for cell in cells.tolist()]
+    return [format_fixed(cell, decimals) for cell in cells.tolist()]
