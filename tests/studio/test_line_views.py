@@ -418,7 +418,7 @@ def test_row_at_cursor_is_selected_without_moving_cursor():
 
 
 def test_full_detection_table_shows_strongest_detections():
-    view = DetectionsView(build_session("chain.cfar.false_alarm_probability=0.02"))
+    view = DetectionsView(build_session("chain.cfar.false_alarm_probability=0.06"))
     frame_state = show_step(view)
     n = frame_state.detections.sizes["detection"]
     assert n > MAX_ROWS

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dechirp.core.compiled_kernels import plain_twins_for_small_work
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.text import format_number_ranges
@@ -325,7 +326,8 @@ def _locate_first_frame_and_count_frames(
         )
     if not rest and expected_frames in (None, n_frames):
         return settings, first_frame, n_frames
-    found_text = f"{n_frames} complete frames and {rest} bytes"
+    frames_text = format_count_with_noun(n_frames, "complete frame")
+    found_text = f"{frames_text} and {format_count_with_noun(rest, 'byte')}"
     expected_text = f"complete frames, {frame_text}" + (
         f", {expected_frames} of them" if expected_frames else ""
     )
