@@ -1,20 +1,24 @@
 """Kept threshold factors: those of the package, and those on disk.
 
 python tests/physics/test_cfar_factor_cache.py [CHANNELS ...]   adds those of the package
+python tests/physics/test_cfar_factor_cache.py studio           adds those of the studio's start
 """
 
 import gc
 import json
 import sys
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import platformdirs
 import pytest
 
+from dechirp.config.loading import parse_settings
 from dechirp.core.disk_cache import cache_folder, key_hash
 from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.scenario import Scenario
 from dechirp.processing.cfar import base, factor_cache
 from dechirp.processing.cfar.base import Cells, Cfar, MapNoise, NoiseEstimator, factor_key
 from dechirp.processing.cfar.factor_cache import (
@@ -50,6 +54,15 @@ def map_noise(n_samples=64, n_chirps=32, n_channels=1, window="hann"):
 def default_cfar(kind):
     """Return a detector with default settings."""
     return Cfar(estimator=NoiseEstimator.members()[kind](), false_alarm_probability=1e-6)
+
+
+def studio_cfar_and_noise(kind):
+    """Return a detector and the noise of the scenario with which the studio starts."""
+    start = resources.files("dechirp.studio").joinpath("start.yaml").read_text()
+    scenario = parse_settings(start, Scenario)
+    chain = scenario.chain.fit_to_radar(scenario.radar)
+    cfar = replace(chain.cfar, estimator=NoiseEstimator.members()[kind]())
+    return cfar, chain.map_noise_statistics(scenario.radar)
 
 
 @pytest.fixture
@@ -183,6 +196,13 @@ def test_package_contains_factors_of_every_detector(kind):
         assert key_hash(factor_key(default_cfar(kind), map_noise(n_channels=n_channels))) in shipped
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_package_contains_factors_of_every_detector_in_the_start_scenario_of_the_studio(kind):
+    shipped = json.loads(SHIPPED_FACTORS_FILE.read_text())
+
+    assert key_hash(factor_key(*studio_cfar_and_noise(kind))) in shipped
+
+
 @pytest.mark.parametrize(
     "kind", ["cell-averaging", *(pytest.param(k, marks=nightly) for k in KINDS)]
 )
@@ -196,20 +216,25 @@ def test_factors_of_package_are_those_of_a_new_calibration(kind):
     )
 
 
-def write_shipped_factors(channels):
-    """Add the factors of every detector for sums of these numbers of channels."""
+def write_shipped_factors(calibrations):
+    """Add the factors of these detectors and noises to those of the package."""
     shipped = {}
     if SHIPPED_FACTORS_FILE.exists():
         shipped = json.loads(SHIPPED_FACTORS_FILE.read_text())
-    for kind in KINDS:
-        for n_channels in channels:
-            cfar, noise = default_cfar(kind), map_noise(n_channels=n_channels)
-            numbers = base.calibrate_row_factors(cfar, noise).to_numbers()
-            shipped[key_hash(factor_key(cfar, noise))] = [float(f"{x:.9g}") for x in numbers]
-            print(kind, n_channels, flush=True)
+    for cfar, noise in calibrations:
+        numbers = base.calibrate_row_factors(cfar, noise).to_numbers()
+        shipped[key_hash(factor_key(cfar, noise))] = [float(f"{x:.9g}") for x in numbers]
+        print(cfar, noise.n_channels, flush=True)
     lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(shipped[key])}" for key in sorted(shipped))
     Path(SHIPPED_FACTORS_FILE).write_text(f"{{\n{lines}\n}}\n")
 
 
 if __name__ == "__main__":
-    write_shipped_factors([int(word) for word in sys.argv[1:]] or SHIPPED_CHANNELS)
+    words = sys.argv[1:] or ["studio", *map(str, SHIPPED_CHANNELS)]
+    write_shipped_factors(
+        studio_cfar_and_noise(kind)
+        if word == "studio"
+        else (default_cfar(kind), map_noise(n_channels=int(word)))
+        for word in words
+        for kind in KINDS
+    )

@@ -2,7 +2,8 @@
 
 A factor depends on the detector and, through the windows and the zero padding, on the correlation
 of the noise among neighbouring cells. This correlation is the same for all lengths of a transform
-under windows of cosines, such as Hann: `factors.json` therefore serves radars of any size.
+under windows of cosines, such as Hann: `factors.json` therefore serves radars of any size. It holds
+the factors of the default windows and those of the scenario with which the studio starts.
 `python tests/physics/test_cfar_factor_cache.py` writes it anew.
 """
 
