@@ -33,6 +33,20 @@ def test_unknown_argument_is_named(name):
     check_error_is_complete(caught.value)
 
 
+@pytest.mark.parametrize("namespace", [dc.theory, dc.link_budget, dc.windows, dc.cfar, dc.angle])
+def test_signatures_are_visible_and_python_names_unknown_and_missing_arguments(namespace):
+    functions = [getattr(namespace, name) for name in namespace.__all__]
+    for function in filter(inspect.isfunction, functions):
+        parameters = inspect.signature(function).parameters
+        assert not {"args", "kwargs"} & parameters.keys()
+        with pytest.raises((TypeError, dc.InvalidSetting), match="unknown_argument"):
+            function(unknown_argument=1)
+        required = [p.name for p in parameters.values() if p.default is p.empty and p.kind != 4]
+        if required:
+            with pytest.raises((TypeError, dc.InvalidSetting), match=required[0]):
+                function()
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [

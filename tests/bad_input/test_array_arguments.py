@@ -48,6 +48,7 @@ VALID_ARGUMENTS = {
         "n_summed": 1,
         "window": "rectangular",
         "n_points": (20, 30),
+        "sampling": "complex",
     },
     "cfar.find_peaks": {"power": POWER, "threshold": 2.0},
     "angle.estimate_directions": {**DIRECTIONS, "kind": "music", "axis": -1},
@@ -217,7 +218,7 @@ def invalid_values(function, argument, valid):
     """Yield values that the argument must refuse."""
     yield "text"
     yield np.nan
-    if argument in {"window", "kind"}:
+    if argument in {"window", "kind", "sampling"}:
         return
     yield [1.0, [2.0, 3.0]]
     if argument in REDUCED:
@@ -229,7 +230,8 @@ def invalid_values(function, argument, valid):
         yield from (-1, 2.5, True)
     elif isinstance(valid, float):
         yield [1.0, np.nan]
-        if "_std_" not in argument:  # an unknown value has an infinite deviation
+        # An unknown value has an infinite deviation, and a cell to leave out an infinite threshold.
+        if "_std_" not in argument and argument != "threshold":
             yield np.inf
 
 

@@ -41,6 +41,19 @@ def test_block_of_radar_prints_range_and_velocity(capsys):
         assert abs(error) < 5 * detections[f"{name}_std"].item()
 
 
+def test_block_of_arrays_prints_no_directions_of_frame_without_detections(
+    tmp_path, monkeypatch, capsys
+):
+    rng = np.random.default_rng(2)
+    monkeypatch.chdir(tmp_path)
+    np.save("samples.npy", rng.standard_normal((8, 64, 128, 2)) @ [1, 1j])
+
+    names, output = run_block("samples.npy", capsys)
+
+    assert names["directions"].azimuth_rad.shape == (0, 1)
+    assert output == "[]\n"
+
+
 @pytest.mark.parametrize("is_complex", [True, False])
 def test_block_of_arrays_prints_directions(is_complex, tmp_path, monkeypatch, capsys):
     """Samples of another program: two echoes in int16 codes or complex numbers."""

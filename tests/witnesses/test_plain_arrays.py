@@ -246,6 +246,45 @@ def test_false_alarm_rate_of_spectrum_is_its_design_value_at_edges(kind):
     assert abs(n_alarms - expected) < 5.5 * np.sqrt(2 * expected)
 
 
+@pytest.mark.parametrize("window", ["rectangular", "hann"])
+def test_false_alarm_rate_of_real_samples_is_kept_in_all_cells_with_circular_noise(window):
+    n_trials, pfa, n_training = 4000, 1e-2, 8
+    noise = np.random.default_rng(7).standard_normal((n_trials, 64))
+    power = abs(dc.maps.range_spectrum(noise, window)) ** 2
+
+    settings = {"n_training": n_training, "n_guard": 2, "pfa": pfa, "window": window, "axis": 1}
+    threshold = dc.cfar.cfar_threshold(power, sampling="real", **settings)
+
+    omitted = {"rectangular": [0, 32], "hann": [0, 1, 31, 32]}[window]
+    np.testing.assert_array_equal(np.flatnonzero(np.isinf(threshold[0])), omitted)
+    n_alarms = np.count_nonzero(power > threshold)
+    expected = (33 - len(omitted)) * n_trials * pfa
+    # Cells share training cells: their correlation adds less than 1 to the variance.
+    assert abs(n_alarms - expected) < 5 * np.sqrt(2 * expected)
+    assert len(dc.cfar.find_peaks(power[0], threshold[0])) <= 5
+    if window == "rectangular":
+        # One degree of freedom over 32 of 16 training cells: the law of Fisher's F.
+        at_ends = power[:, 0] > dc.cfar.cfar_threshold(power, **settings)[:, 0]
+        factor = dc.theory.cfar_factor(pfa, 2 * n_training)
+        rate = scipy.stats.f.sf(factor, 1, 4 * n_training)
+        assert abs(at_ends.mean() - rate) < 5 * np.sqrt(rate / n_trials)
+
+
+def test_threshold_of_real_samples_accepts_weights_for_all_of_them():
+    samples = np.random.default_rng(8).standard_normal((16, 64))
+    power = dc.maps.range_doppler_map(samples, "hann")
+    weights = scipy.signal.get_window("hann", 16), scipy.signal.get_window("hann", 64)
+    thresholds = [
+        dc.cfar.cfar_threshold(power, 2, 1, 1e-3, window=window, sampling="real")
+        for window in ("hann", weights)
+    ]
+    np.testing.assert_allclose(*thresholds, rtol=1e-6)
+    with pytest.raises(dc.InvalidSetting, match="power: 1 cell of range"):
+        dc.cfar.cfar_threshold(power[:, :1], (2, 0), 0, 1e-3, sampling="real")
+    with pytest.raises(dc.InvalidSetting, match="sampling: iq; expected complex or real"):
+        dc.cfar.cfar_threshold(power, 2, 1, 1e-3, sampling="iq")
+
+
 def test_windows_equal_those_of_scipy():
     for name, scipy_name in SCIPY_WINDOWS.items():
         np.testing.assert_allclose(
@@ -606,6 +645,19 @@ def test_spectrum_peaks_at_source_with_its_power(kind):
     empty, full = dc.angle.direction_spectrum(cells, HALF_WAVE_LINE, azimuth, kind=kind)
     assert np.isnan(empty).all()
     assert np.isfinite(full).all()
+
+
+@pytest.mark.parametrize("kind", sorted(DirectionEstimator.members()))
+def test_frame_without_detections_has_no_directions(kind):
+    snapshots = np.empty((0, 1, 8), complex)
+    directions = dc.angle.estimate_directions(snapshots, HALF_WAVE_LINE, 1, kind)
+    assert all(values.shape == (0, 1) for values in directions)
+    if kind in {"bartlett", "capon", "fft", "iterative-adaptive", "music"}:
+        spectrum = dc.angle.direction_spectrum(snapshots, HALF_WAVE_LINE, [0.1, 0.2], kind=kind)
+        assert spectrum.shape == (0, 2)
+    for wrong in (np.empty((0, 8)), np.empty((3, 0, 8)), np.empty((0, 1, 7))):
+        with pytest.raises(dc.InvalidSetting, match="^snapshots: "):
+            dc.angle.estimate_directions(wrong, HALF_WAVE_LINE, 1, kind)
 
 
 POWER = np.ones((20, 30))

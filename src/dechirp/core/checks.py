@@ -262,19 +262,24 @@ def check_real_array(setting: str, array: ArrayLike) -> np.ndarray:
 
 
 def check_finite_samples(
-    setting: str, samples: ArrayLike, *, axes: str, fits: Callable[[np.ndarray], bool]
+    setting: str,
+    samples: ArrayLike,
+    *,
+    axes: str,
+    fits: Callable[[np.ndarray], bool],
+    may_be_empty: bool = False,
 ) -> np.ndarray:
     """Return real or complex numbers as an array, or raise `InvalidSetting`.
 
-    Refused are text, empty arrays, values that are not finite, and shapes that do not fit `axes`,
-    their description, or whose values are masked.
+    Refused are text, empty arrays unless they are permitted, values that are not finite, and shapes
+    that do not fit `axes`, their description, or whose values are masked.
     """
     check_unmasked(setting, samples)
     try:
         array = np.asarray(samples)
     except ValueError:  # ragged rows
         array = np.asarray(None)
-    if array.dtype.kind not in "iufc" or array.size == 0 or not fits(array):
+    if array.dtype.kind not in "iufc" or not (array.size or may_be_empty) or not fits(array):
         raise InvalidSetting(
             setting,
             value=f"an array {array.shape} of {array.dtype}",

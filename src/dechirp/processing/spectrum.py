@@ -111,7 +111,12 @@ def rows_with_circular_noise(chirp: Chirp, transform: Transform) -> slice:
     rate correlates with its own conjugate (fully in the rows 0 and N / 2, 1 / 6 in row 1
     under a Hann window); rows above 0.1 are excluded from detection.
     """
-    if chirp.sampling == "complex":
+    return circular_noise_rows(chirp.sampling, transform)
+
+
+def circular_noise_rows(sampling: Sampling, transform: Transform) -> slice:
+    """Return `rows_with_circular_noise` of samples without a `Chirp`."""
+    if sampling == "complex":
         return slice(0, transform.n_bins)
     rows = np.arange(transform.n_bins // 2 + 1)
     own_conjugate = abs(bin_correlation(transform.weights, transform.n_bins, 2 * rows))

@@ -1,5 +1,6 @@
 """Directions from plain arrays, without a `Radar`: nine estimators, and spectra over directions."""
 
+import math
 from dataclasses import replace
 from typing import Literal, NamedTuple, TypedDict, Unpack, cast
 
@@ -210,7 +211,8 @@ def estimate_directions(
     Directions
         `azimuth_rad`, `elevation_rad`, their standard errors and `power`, strongest source first,
         (..., n_sources). An angle that the array does not resolve is NaN, and so are all values of
-        a cell of zeros beside others.
+        a cell of zeros beside others. Snapshots of no cell, (0, n_snapshots, n_elements), as of a
+        frame without detections, give empty arrays.
 
     Raises
     ------
@@ -227,6 +229,9 @@ def estimate_directions(
             fix="give noise_power, or a number of sources",
         )
     cells = _array_cells(snapshots, positions, axis, noise_power, field_of_view)
+    if not len(cells.snapshots):
+        n_columns = n_sources if isinstance(n_sources, int) else 0
+        return Directions(*(np.empty((*cells.shape, n_columns)) for _ in Directions._fields))
     with plain_twins_in_first_calls(SAMPLES_PER_AMPLITUDE * cells.snapshots.size):
         directions = estimator.find_directions(cells.snapshots, cells.aperture, cells.noise_power)
     if noise_power is None:
@@ -325,7 +330,9 @@ def _array_cells(
         "snapshots",
         snapshots,
         axes=f"(..., n_snapshots, {len(elements)}), one for each of the positions",
-        fits=lambda array: array.ndim > 0,
+        # No cells, as of a frame without detections, but all of their axes.
+        fits=lambda array: array.ndim > 2 or array.size > 0 < array.ndim,
+        may_be_empty=True,
     )
     amplitudes = np.moveaxis(amplitudes, check_axes("axis", axis, amplitudes, n_axes=(1,)), [-1])
     if amplitudes.shape[-1] != len(elements):
@@ -336,6 +343,13 @@ def _array_cells(
             fix="give a position for each element, or the axis of the elements",
         )
     amplitudes = np.atleast_2d(amplitudes).astype(complex, order="C")
+    if amplitudes.shape[-2] == 0:
+        raise InvalidSetting(
+            "snapshots",
+            value=f"an array {np.shape(snapshots)} without snapshots",
+            expected="one snapshot or more in each cell",
+            fix="give (..., n_snapshots, n_elements)",
+        )
     cells = amplitudes.shape[:-2]
     noise = check_non_negative_ratios("noise_power", 0.0 if noise_power is None else noise_power)
     try:
@@ -347,10 +361,10 @@ def _array_cells(
             expected=f"one value, or {cells}: one for each cell",
             fix="give the noise of one element",
         ) from None
-    amplitudes = amplitudes.reshape(-1, *amplitudes.shape[-2:])
+    amplitudes = amplitudes.reshape(math.prod(cells), *amplitudes.shape[-2:])
     # Spectra are computed in single precision, which holds powers of 1e-38 to 1e38.
     largest = abs(amplitudes.view(float)).max(axis=(1, 2), initial=0.0)
-    if not largest.any():
+    if largest.size and not largest.any():
         raise InvalidSetting(
             "snapshots",
             value=f"an array {np.shape(snapshots)} of zeros",

@@ -17,7 +17,8 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.processing.cfar.base import Cells, Cfar, MapNoise, NoiseEstimator
 from dechirp.processing.maps import pair_of, pair_of_windows, unity_exponent
 from dechirp.processing.peaks import find_local_maxima
-from dechirp.processing.spectrum import Transform
+from dechirp.processing.spectrum import Transform, circular_noise_rows
+from dechirp.radar.chirp import Sampling
 from dechirp.theory.windows import WindowSpec, is_pair_of_windows
 
 __all__ = ["cfar_threshold", "find_peaks"]
@@ -35,14 +36,17 @@ def cfar_threshold(
     n_summed: int = 1,
     window: WindowSpec | tuple[WindowSpec, WindowSpec] = "rectangular",
     n_points: tuple[int, int] | int | None = None,
+    sampling: Sampling = "complex",
 ) -> np.ndarray:
     """Compute the CFAR threshold of every cell of a power spectrum or a range-Doppler map.
 
     A cell is detected where `power` exceeds the result. Noise alone does so with the probability
     `pfa` in every cell, edges included, as in `dechirp.threshold_map`: velocity wraps round, and at
     the ends of range the training cells are the nearest that exist. Spectra of real samples have
-    real values at zero frequency and at half the rate, where false alarms are more frequent (of a
-    single spectrum some 15 times at 1e-4, 200 times at 1e-6): leave these two cells out.
+    real noise at zero frequency and at half the rate, whose power is chi-square with one degree of
+    freedom: in a single spectrum with 32 training cells it exceeds the threshold 13 times as often
+    at 1e-4, 50 times at 1e-6. So with `sampling="real"` the threshold is infinite there, and with
+    windows in the next cell as well, as `dechirp.detect` omits these ranges.
 
     Parameters
     ----------
@@ -65,8 +69,10 @@ def cfar_threshold(
         A window and zero padding correlate neighbouring cells; the factor includes that, and
         detectors without a closed form for it are calibrated by simulation, once.
     n_points : int or (int, int), optional
-        Samples of each axis before zero padding; as many as cells by default. Of real samples half
-        as many, since their spectra have half of the cells.
+        Samples of each axis before zero padding; as many as bins by default.
+    sampling : str
+        "real" for spectra of real samples, whose n // 2 + 1 cells of range are those of an even
+        number n of bins; otherwise "complex".
 
     Returns
     -------
@@ -78,7 +84,8 @@ def cfar_threshold(
     ------
     InvalidSetting
         If powers are not finite, below 0 or in no such shape, the cells with the guard do not fit
-        on an axis, the probability is out of bounds, or a kind or a window is unknown.
+        on an axis, the probability is out of bounds, or a kind, a window or the sampling is
+        unknown.
     """
     cells = _check_power(power)
     check_false_alarm_probability("pfa", pfa)
@@ -90,15 +97,16 @@ def cfar_threshold(
     maps = np.moveaxis(cells, axes, last_axes)
     # Spectra become maps of a single velocity.
     shape = maps.shape[-2:] if len(axes) == 2 else (1, maps.shape[-1])
-    slow_points, fast_points = _pair_of_axes("n_points", n_points, axes, when_none=shape)
+    n_bins = shape[0], _range_bins(sampling, shape[1])
+    slow_points, fast_points = _pair_of_axes("n_points", n_points, axes, when_none=n_bins)
     if len(axes) == 1 and is_pair_of_windows(window):
         raise _error_of_pair("window", window)
     slow_window, fast_window = pair_of_windows(window)
     if len(axes) == 1:
         slow_window = "rectangular"
     noise = MapNoise(
-        range_transform=_transform_of_axis(fast_window, fast_points, shape[1]),
-        doppler_transform=_transform_of_axis(slow_window, slow_points, shape[0]),
+        range_transform=_transform_of_axis(fast_window, fast_points, n_bins[1]),
+        doppler_transform=_transform_of_axis(slow_window, slow_points, n_bins[0]),
         n_channels=n_summed,
     )
     training, guard = _training_and_guard_cells(n_training, n_guard, axes, shape)
@@ -108,6 +116,8 @@ def cfar_threshold(
         n_guard=guard,
         false_alarm_probability=float(pfa),
     )
+    is_searched = np.zeros(shape[1], bool)
+    is_searched[circular_noise_rows(sampling, noise.range_transform)] = True
     thresholds = np.empty(maps.shape)
     for values, threshold in zip(
         maps.reshape(-1, *shape), thresholds.reshape(-1, *shape), strict=True
@@ -117,6 +127,7 @@ def cfar_threshold(
         with plain_twins_in_first_calls(single.size):
             single_threshold = detector.threshold(single, noise)
         np.ldexp(single_threshold, exponent, out=threshold, dtype=float)
+    thresholds[..., ~is_searched] = np.inf
     return np.moveaxis(thresholds, last_axes, axes)
 
 
@@ -129,7 +140,8 @@ def find_peaks(power: ArrayLike, threshold: ArrayLike) -> np.ndarray:
     power : array (range,) or (velocity, range)
         A power spectrum or a range-Doppler map.
     threshold : array
-        Threshold of each cell, as of `cfar_threshold`, or a number.
+        Threshold of each cell, as of `cfar_threshold`, or a number; infinite for cells to leave
+        out.
 
     Returns
     -------
@@ -152,7 +164,7 @@ def find_peaks(power: ArrayLike, threshold: ArrayLike) -> np.ndarray:
             expected="one spectrum (range,) or one map (velocity, range)",
             fix="call the function for each of them",
         )
-    limits = check_non_negative_ratios("threshold", threshold, at_most=np.finfo(float).max)
+    limits = check_non_negative_ratios("threshold", threshold, at_most=np.inf)
     if limits.shape not in ((), cells.shape):
         raise InvalidSetting(
             "threshold",
@@ -164,6 +176,24 @@ def find_peaks(power: ArrayLike, threshold: ArrayLike) -> np.ndarray:
         peaks = find_local_maxima(np.atleast_2d(cells), np.atleast_2d(cells > limits))
     order = np.argsort(-cells[tuple(peaks[:, -cells.ndim :].T)], kind="stable")
     return peaks[order, -cells.ndim :]
+
+
+def _range_bins(sampling: Sampling, n_cells: int) -> int:
+    """Return the bins of the range transform, of which spectra of real samples keep half."""
+    if sampling not in ("complex", "real"):
+        raise InvalidSetting(
+            "sampling", value=sampling, expected="complex or real", fix="choose one of them"
+        )
+    if sampling == "complex":
+        return n_cells
+    if n_cells < 2:
+        raise InvalidSetting(
+            "power",
+            value=f"{n_cells} cell of range",
+            expected="two or more of real samples",
+            fix="give the whole spectrum, n // 2 + 1 cells of n bins",
+        )
+    return 2 * (n_cells - 1)
 
 
 def _check_power(power: ArrayLike) -> np.ndarray:
