@@ -46,10 +46,10 @@ def test_target_in_last_cell_is_not_at_negative_range(cells_below_end, velocity_
 
 
 @pytest.mark.parametrize(
-    ("cells_below_end", "velocity_m_per_s"), [(0.02, -5.0), (0.04, -20.0), (0.04, 20.0)]
+    ("cells_below_end", "velocity_m_per_s"),
+    [(0.02, -5.0), (0.02, 0.0), (0.04, 0.0), (0.04, -20.0), (0.04, 20.0)],
 )
-def test_moving_target_at_end_is_no_leakage(cells_below_end, velocity_m_per_s):
-    # Static, it could be leakage below zero range, by a twentieth of a cell.
+def test_target_at_end_is_no_leakage(cells_below_end, velocity_m_per_s):
     range_m = SPAN_M - cells_below_end * CELL_M
     detections, true_m = detect_target(range_m, velocity_m_per_s, rcs_m2=1e5)
 
@@ -75,6 +75,26 @@ def test_echo_at_range_zero_stays_there():
             dc.Scene(), radar, impairments=[leakage, dc.impairments.ThermalNoise()], seed=seed
         )
         assert abs(dc.detect(cube, radar).range).max() < 0.05 * CELL_M
+
+
+@pytest.mark.parametrize("target_cells", [0.7, 2.0])
+def test_leakage_beside_target_is_not_at_negative_range(target_cells):
+    # The target shifts the leakage by up to 0.3 cells.
+    radar = replace(RADAR, array=dc.Array(tx_m=[(0, 0, 0)], rx_m=[(0, 1e-3, 0)]))
+    leakage = dc.impairments.Leakage(isolation=1e5)
+    ranges_m = []
+    for seed in range(5):
+        target = dc.Target(position_m=(target_cells * CELL_M, 0, 0), rcs_m2=10.0 ** -(seed + 1))
+        cube = dc.simulate(
+            dc.Scene(targets=[target]),
+            radar,
+            impairments=[leakage, dc.impairments.ThermalNoise()],
+            seed=seed,
+        )
+        ranges_m.extend(dc.detect(cube, radar).range.values)
+
+    assert min(ranges_m) >= 0
+    assert max(ranges_m) < SPAN_M
 
 
 def test_aliased_truth_is_never_negative():

@@ -110,8 +110,11 @@ def range_velocity_estimates(
         )
     velocity = doppler_hz * wavelength_m / 2
     if chirp.sampling == "complex":
+        has_echo_beside = np.zeros(len(snr), bool)
+        if sidelobes is not None:
+            has_echo_beside = sidelobes.fast_variance_gain > 1
         std_hz = range_std / chirp.range_m(1.0)
-        beat_hz = _unalias_delay_frequency(beat_hz, std_hz, _moving_mask(doppler_hz, frame), chirp)
+        beat_hz = _unalias_delay_frequency(beat_hz, std_hz, has_echo_beside, chirp)
     return {
         "range": chirp.range_m(1.0) * beat_hz,
         "velocity": velocity if frame.can_measure_velocity else np.full_like(velocity, np.nan),
@@ -121,25 +124,17 @@ def range_velocity_estimates(
     }
 
 
-def _moving_mask(doppler_hz: np.ndarray, frame: Frame) -> np.ndarray:
-    """Return the mask of echoes beyond the main lobe of static ones, two velocity cells."""
-    repetition_hz = 1 / frame.repetition_s
-    from_zero_hz = abs((doppler_hz + repetition_hz / 2) % repetition_hz - repetition_hz / 2)
-    return np.asarray(from_zero_hz > 2 / frame.duration_s)
-
-
 def _unalias_delay_frequency(
-    delay_hz: np.ndarray, std_hz: np.ndarray, is_moving: np.ndarray, chirp: Chirp
+    delay_hz: np.ndarray, std_hz: np.ndarray, has_echo_beside: np.ndarray, chirp: Chirp
 ) -> np.ndarray:
-    """Return S tau between 0 and the sample rate, since no delay is negative.
+    """Return S tau from 0 to below the sample rate, since no delay is negative.
 
     The first cell of a map contains the first half cell and the last one of all ranges. Values
-    below 0 by less than three standard errors remain: they are echoes at 0. Of static ones, which
-    may be leakage, so do those below it by less than a twentieth of a cell, by which the echoes
-    beside leakage shift it; leakage does not move.
+    below 0 by less than three standard errors are those of echoes at 0, such as leakage: they
+    become 0. With an undescribed echo beside it, which may shift leakage, so do those below it by
+    less than a twentieth of a cell.
     """
     cell_hz = chirp.sample_rate_hz / chirp.n_samples
-    tolerance_hz = np.maximum(3 * std_hz, np.where(is_moving, 0.0, 0.05 * cell_hz))
-    n_spans = np.floor(delay_hz / chirp.sample_rate_hz)
-    n_spans[(delay_hz < 0) & (delay_hz >= -tolerance_hz)] = 0
-    return np.asarray(delay_hz - n_spans * chirp.sample_rate_hz)
+    tolerance_hz = np.maximum(3 * std_hz, np.where(has_echo_beside, 0.05 * cell_hz, 0.0))
+    is_at_zero = (delay_hz < 0) & (delay_hz >= -tolerance_hz)
+    return np.where(is_at_zero, 0.0, delay_hz % chirp.sample_rate_hz)
