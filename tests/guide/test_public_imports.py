@@ -43,6 +43,11 @@ def read_python_code(file):
     return re.sub(r"^(\s*)[%!].*$", r"\1pass", text, flags=re.MULTILINE)  # commands of IPython
 
 
+def test_commands_of_certificates_import_no_private_module():
+    text = (ROOT / "docs" / "verification" / "README.md").read_text(encoding="utf-8")
+    assert re.findall(r"from dechirp\.[\w.]+ import", text) == []
+
+
 def find_private_imports(code):
     """Return the imports from dechirp that the public interface does not contain."""
     private = []
