@@ -249,10 +249,33 @@ def test_kernel_without_twin_raises_without_numba(monkeypatch):
 
     with pytest.raises(dc.InvalidSetting, match=r"_sums.*without Numba.*pip install numba"):
         kernel()(_sums)(1)
-    with pytest.raises(dc.InvalidSetting, match=r"low-rank, without Numba"):
-        monkeypatch.setattr("dechirp.simulation.kernels.selection.can_compile", lambda: False)
-        scenario = dc.reference(["radar.frame.n_chirps=32"])
-        dc.simulate(scenario.scene, scenario.radar, engine=dc.Engine(kernel="low-rank"))
+
+
+@pytest.mark.parametrize("name", ["low-rank", "nufft"])
+def test_direct_kernel_replaces_others_without_numba(monkeypatch, name):
+    scenario = dc.reference(["radar.frame.n_chirps=32"])
+
+    def echoes(kernel):
+        engine = dc.Engine(kernel=kernel)
+        return dc.simulate(scenario.scene, scenario.radar, engine=engine, impairments=()).values
+
+    compiled = echoes(name)
+    for module in ("core.compiled_kernels", "simulation.kernels.selection"):
+        monkeypatch.setattr(f"dechirp.{module}.can_compile", lambda: False)
+    plain = echoes(name)
+
+    np.testing.assert_array_equal(plain, echoes("direct"))
+    # The tolerance of the engine for samples in single precision.
+    assert relative_difference(compiled, plain) < 1e-5
+
+
+def test_twin_of_statistical_sensor_draws_equal_detections(differences):
+    scenario = replace(dc.reference(), n_frames=3, tracker=None)
+
+    dc.studies.draw_statistical_detections(scenario, seed=1)
+
+    # Normal numbers and tables in single precision, in another order of summation.
+    assert differences["peak_sampling.sample_peaks"] < TOLERANCE
 
 
 def _sums(value):

@@ -9,9 +9,9 @@ for a frame of the reference scenario, the compiled kernels 0.01 s. Therefore
 * functions that a program calls with samples, such as `dechirp.detect`, use the twins in the first
   calls of a process, and then the compiled kernels, see `plain_twins_in_first_calls`;
 * larger runs, studies and live pages use the compiled kernels;
-* without Numba, or with its setting NUMBA_DISABLE_JIT=1, everything uses the twins. Two kernels of
-  echoes (nufft and low-rank, which `auto` then replaces by direct) and the loop that draws the
-  detections of the statistical sensor have none: they name Numba as missing.
+* without Numba, or with its setting NUMBA_DISABLE_JIT=1, everything uses the twins. That of two
+  kernels of echoes, nufft and low-rank, is the direct kernel, with which they agree within the
+  tolerance of the engine.
 
 The choice depends on the size of the work alone, not on time or caches, so that equal runs and
 equal scripts return equal bits. Numba is imported when a compiled kernel is called for the first

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.experiments.statistical.axis_statistics import (
     N_OFFSETS,
     N_SUMS,
@@ -105,7 +105,7 @@ def max_normal_numbers_per_candidate(
     return 2 * n_channels * over_velocity * over_range
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _circular_difference(a: float, b: float, n_bins: float) -> float:
     """Return the shorter signed difference a - b modulo n bins."""
     difference = a - b
@@ -116,7 +116,7 @@ def _circular_difference(a: float, b: float, n_bins: float) -> float:
     return difference
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _interpolated_lobe_amplitude(axis: AxisStatistics, offset: float) -> complex:
     position = (
         (offset + axis.reach) * ((axis.lobe.size - 1) / (2 * axis.reach)) if axis.reach else 0.0
@@ -130,7 +130,7 @@ def _interpolated_lobe_amplitude(axis: AxisStatistics, offset: float) -> complex
     return axis.lobe[low] * (1 - fraction) + axis.lobe[low + 1] * fraction
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _interpolated_tone_moment(axis: AxisStatistics, order: int, offset: float) -> float:
     position = (offset + REFINEMENT_BINS) * POINTS_PER_BIN
     low = min(max(int(position), 0), axis.moments.shape[1] - 2)
@@ -138,7 +138,7 @@ def _interpolated_tone_moment(axis: AxisStatistics, order: int, offset: float) -
     return axis.moments[order, low] * (1 - fraction) + axis.moments[order, low + 1] * fraction
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _tabulated_lobe_energy(energy_table: LobeEnergy, offset: float) -> float:
     if energy_table.table.size == 1:
         return energy_table.table[0]
@@ -169,7 +169,7 @@ class Workspace(NamedTuple):
 _FAST = {"contract", "reassoc"}
 
 
-@kernel(fastmath=_FAST)
+@kernel(plain=AS_WRITTEN, fastmath=_FAST)
 def sample_peaks(
     echoes: FrameEchoes,
     over_velocity: AxisStatistics,
@@ -250,7 +250,7 @@ def sample_peaks(
     )
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _is_merged_with_stronger_echo(
     echoes: FrameEchoes,
     frame: int,
@@ -276,7 +276,7 @@ def _is_merged_with_stronger_echo(
     return False
 
 
-@kernel(fastmath=_FAST)
+@kernel(plain=AS_WRITTEN, fastmath=_FAST)
 def _try_sampling_detection_at_position(
     echoes: FrameEchoes,
     frame: int,
@@ -369,7 +369,7 @@ def _try_sampling_detection_at_position(
     return True
 
 
-@kernel(fastmath=_FAST)
+@kernel(plain=AS_WRITTEN, fastmath=_FAST)
 def _fill_cell_signals_and_sum_window_power(
     echoes: FrameEchoes,
     frame: int,
@@ -448,7 +448,7 @@ def _fill_cell_signals_and_sum_window_power(
     return window_power
 
 
-@kernel(fastmath=_FAST)
+@kernel(plain=AS_WRITTEN, fastmath=_FAST)
 def _fill_channel_mean_power(cell_signals: np.ndarray, cell_power: np.ndarray) -> None:
     """Compute the mean power over channels in each cell."""
     n_channels = cell_signals.shape[3]
@@ -460,7 +460,7 @@ def _fill_channel_mean_power(cell_signals: np.ndarray, cell_power: np.ndarray) -
             cell_power[a, b] = total / n_channels
 
 
-@kernel(fastmath=_FAST)
+@kernel(plain=AS_WRITTEN, fastmath=_FAST)
 def _fill_channel_mean_power_with_noise(
     cell_signals: np.ndarray, cell_noise: np.ndarray, cell_power: np.ndarray
 ) -> None:
@@ -478,7 +478,7 @@ def _fill_channel_mean_power_with_noise(
             cell_power[a, b] = total / len(cell_noise)
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _add_noise_to_estimator_sums(normal_numbers: np.ndarray, sums: np.ndarray) -> None:
     """Add noise to the sums alone; that of their second moments is neglected."""
     half = np.sqrt(0.5)
@@ -492,7 +492,7 @@ def _add_noise_to_estimator_sums(normal_numbers: np.ndarray, sums: np.ndarray) -
         sums[2, k] += complex(channel_numbers[4], channel_numbers[5])
 
 
-@kernel(fastmath=_FAST)
+@kernel(plain=AS_WRITTEN, fastmath=_FAST)
 def _draw_correlated_cell_noise(
     normal_numbers: np.ndarray,
     velocity_factor: np.ndarray,
@@ -521,7 +521,7 @@ def _draw_correlated_cell_noise(
         _add_noise_to_sums_of_channel(sums, k, noise)
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _add_noise_to_sums_of_channel(sums: np.ndarray, channel: int, noise: np.ndarray) -> None:
     sums[0, channel] += noise[0, 0]
     sums[1, channel] += noise[1, 0]
@@ -531,7 +531,7 @@ def _add_noise_to_sums_of_channel(sums: np.ndarray, channel: int, noise: np.ndar
     sums[5, channel] += noise[0, 2]
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _scale_noise_to_alarm_power(
     alarm_power: float,
     velocity_covariance: np.ndarray,
@@ -551,7 +551,7 @@ def _scale_noise_to_alarm_power(
         _add_noise_to_sums_of_channel(sums, k, more)
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _has_higher_cell_beside_sampled_ones(
     peak_power: float, echo_power: np.ndarray, peak_v: int, peak_r: int
 ) -> bool:
@@ -564,7 +564,7 @@ def _has_higher_cell_beside_sampled_ones(
     return False
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _refine_peak_by_newton_step(
     sums: np.ndarray, has_one_chirp: bool, out_amplitude: np.ndarray
 ) -> tuple[float, float]:
@@ -605,7 +605,7 @@ def _refine_peak_by_newton_step(
     return step_v, step_r
 
 
-@kernel()
+@kernel(plain=AS_WRITTEN)
 def _indices_of_peaks_without_sidelobes(
     peak_amplitude: np.ndarray,
     threshold: np.ndarray,

@@ -101,13 +101,6 @@ def choose_kernel_and_predict_times(
     )
     if engine.kernel == "auto":  # the direct kernel alone has a plain twin
         return predicted.cheapest_kernel if uses_compiled_kernels() else "direct", predicted
-    if engine.kernel != "direct" and not can_compile():
-        raise InvalidSetting(
-            "Engine.kernel",
-            value=f"{engine.kernel}, without Numba",
-            expected="direct or auto, which have a plain form",
-            fix="choose auto, or run pip install numba and unset NUMBA_DISABLE_JIT",
-        )
     if np.isinf(predicted.predicted_time_s(engine.kernel)):
         raise InvalidSetting(
             "Engine.kernel",
@@ -115,7 +108,8 @@ def choose_kernel_and_predict_times(
             expected="the low-rank or the direct kernel, which allow for that",
             fix="choose low-rank, direct or auto",
         )
-    return engine.kernel, predicted
+    # The plain twin of each kernel: all agree within the tolerance of the engine.
+    return engine.kernel if can_compile() else "direct", predicted
 
 
 def add_echoes(
