@@ -148,7 +148,8 @@ def fuse_detections(
     -----
     A frame without a detection of a target counts as a miss only if the target is in the field of
     view of its radar. All measurements are fused with their own standard errors, so independent
-    radars give the errors of the posterior Cramer-Rao bound of both together.
+    radars give the errors of the posterior Cramer-Rao bound of both together. With a target size,
+    tracks follow the centres of bodies, and their errors include the offset of the echoes.
 
     References
     ----------
