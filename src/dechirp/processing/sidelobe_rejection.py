@@ -629,6 +629,8 @@ def _estimate_with_window_in_numpy(
     coarse = _maximise_windowed_periodogram(
         sums, np.ones(len(starts)), middle, 0.0, n_points, curvature
     )
+    if abs(coarse) >= 2 * np.pi / n_points:
+        coarse = 0.0  # the maximum of an aliased echo
     offset = _maximise_windowed_periodogram(values, weights, place, coarse, n_points, curvature)
     if abs(offset) >= 2 * np.pi / n_points:
         offset = 0.0
@@ -649,7 +651,9 @@ def _estimate_with_window(
 ) -> float:
     """Return the offset of a tone of values (channel, point); write its amplitude and remainder.
 
-    The maximum is sought on sums of blocks, and then on all points. The remainder is weighted.
+    The maximum is sought on sums of blocks, and then on all points. Sums of blocks alias echoes 32
+    cells away onto the tone: their maximum is no start where it is more than a cell away. The
+    remainder is weighted.
     """
     n_channels, n_points = values.shape
     size = max(1, n_points // _N_COARSE_BLOCKS)
@@ -667,6 +671,8 @@ def _estimate_with_window(
     coarse = _maximise_windowed_periodogram(
         sums, np.ones(n_blocks), middle, 0.0, n_points, curvature
     )
+    if abs(coarse) >= 2 * np.pi / n_points:
+        coarse = 0.0  # the maximum of an aliased echo
     offset = _maximise_windowed_periodogram(values, weights, place, coarse, n_points, curvature)
     if abs(offset) >= 2 * np.pi / n_points:
         offset = 0.0
