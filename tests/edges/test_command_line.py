@@ -1158,7 +1158,8 @@ def test_run_measures_vital_signs_of_a_slow_time_file(run_cli, folder):
     # A chest that moves by 4 mm, 15 times a minute, at a wavelength of 5 mm; no noise but rounding.
     values = np.exp(4j * np.pi / 5 * 2 * np.sin(2 * np.pi * 0.25 * times))
     rows = [
-        f"{t:.3f},{value.real:.4f},{value.imag:.4f}" for t, value in zip(times, values, strict=True)
+        f"{94 + t:.3f},{value.real:.4f},{value.imag:.4f}"  # by the clock of a sensor
+        for t, value in zip(times, values, strict=True)
     ]
     (folder / "chest.csv").write_text("\n".join(["time,I,Q", *rows]) + "\n")
 
@@ -1167,6 +1168,7 @@ def test_run_measures_vital_signs_of_a_slow_time_file(run_cli, folder):
     (window, *_) = json.loads(out)["vital_signs"]
     assert status == 0
     assert 60 * window["breathing_rate_hz"] == pytest.approx(15, abs=0.1)
+    assert window["time_s"] == pytest.approx(10, abs=0.05)  # the middle of the first 20 s
     status, out, _ = run_cli("run", "chest.csv", "--vital-signs")
     assert (status, "Vital signs" in out) == (0, True)
     (folder / "other.csv").write_text("a,b\n1,2\n")

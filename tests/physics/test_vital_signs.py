@@ -12,7 +12,7 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.arc_fit import fit_arc
 from dechirp.processing.slow_time import displacement_spectrum, range_traces
 from dechirp.processing.vital_signs import VitalSigns, chest_displacement, measure_vital_signs
-from nightly import nightly
+from nightly import nightly, nightly_except
 
 WAVELENGTH_M = 5e-3
 TIMES_S = np.arange(400) / 20
@@ -91,6 +91,30 @@ def test_rates_reach_cramer_rao_bound_and_intervals_cover():
         assert 0.5 < rmse_hz / bound_hz < 1.7, sign
         assert n_covered[sign] >= scipy.stats.binom.ppf(1e-7, n_trials, 0.95), sign
         assert float(vital[f"{sign}_amplitude"]) == pytest.approx(amplitude_m, rel=0.03)
+
+
+@pytest.mark.parametrize("jitter", nightly_except(1, [0.1, 0.05]))
+def test_intervals_cover_mean_rate_of_irregular_breathing(jitter):
+    """Breaths of independent length: the phase is a random walk, D = jitter^2 f in cycles."""
+    n_trials, duration_s = 30, np.ptp(TIMES_S)
+    errors_hz, half_widths_hz, n_covered = [], [], 0
+    for seed in range(n_trials):
+        rng = np.random.default_rng(seed)
+        ends_s = np.cumsum(1 + jitter * rng.normal(size=40)) / BREATHING_HZ
+        cycles = np.interp(TIMES_S, ends_s - rng.uniform(2, 6) / BREATHING_HZ, np.arange(40))
+        mean_rate_hz = (cycles[-1] - cycles[0]) / duration_s
+        moved_m = 1.5e-3 * np.sin(2 * np.pi * cycles)
+        vital = measure_vital_signs(trace_of(moved_m, snr=1e3, seed=seed)).isel(window=0)
+        low_hz, high_hz = float(vital.breathing_rate_low), float(vital.breathing_rate_high)
+        errors_hz.append(float(vital.breathing_rate) - mean_rate_hz)
+        half_widths_hz.append((high_hz - low_hz) / 2)
+        n_covered += low_hz <= mean_rate_hz <= high_hz
+    std_hz = jitter * np.sqrt(BREATHING_HZ / (5 * duration_s))
+    # The root of 30 squares has a standard error of 13 %; of few breaths, some are cut.
+    assert np.sqrt(np.mean(np.square(errors_hz))) == pytest.approx(std_hz, rel=0.5)
+    assert n_covered >= scipy.stats.binom.ppf(1e-3, n_trials, 0.95)
+    # Student's quantile of three degrees of freedom is 3.2.
+    assert np.median(half_widths_hz) < 4 * std_hz
 
 
 @nightly

@@ -28,6 +28,19 @@ Cramer-Rao bound for white noise, of one sinusoid of amplitude A at N even times
 
 .. math:: \sigma_f^2 = \frac{24 s^2}{(2\pi)^2 A^2 T^2 N (N^2 - 1)}
 
+Periods of a living body are unequal. With independent errors of the periods, the phase in cycles is
+a random walk, of variance D t. Least squares weigh the rate in a duration T by a parabola, 6 t (T -
+t) / T^3, so the fitted rate differs from the mean rate, cycles over duration, by the variance
+
+.. math:: \sigma_u^2 = \frac{D}{T} \left(\frac{6}{5} - 1\right) = \frac{R}{5 S T^2}, \qquad
+    S = \sum_{j=2}^{n-1} \frac{1}{(\pi j)^2}
+
+which is added to that of the noise. R is the mean square of the phase in cycles about a line, over
+the order for harmonics, and the mean over them with the weights of their information, power times
+squared order. Its expectation is D T S, with the power of a random walk in the cosines j of the n
+slow functions that describe the phase. R has (sum l)^2 / sum l^2 degrees of freedom for the terms l
+of S. The noise in R is not subtracted: intervals are rather too wide in noise.
+
 References
 ----------
 D. C. Rife and R. R. Boorstyn, Single-tone parameter estimation from discrete-time observations,
@@ -36,10 +49,13 @@ testing when a nuisance parameter is present only under the alternative, Biometr
 R. V. Baluev, Assessing the statistical significance of periodogram peaks, MNRAS 385, 2008.
 S. Vaughan, A simple test for periodic signals in red noise, Astronomy and Astrophysics 431, 2005.
 J. Geweke and S. Porter-Hudak, The estimation and application of long memory time series models,
-Journal of Time Series Analysis 4(4), 1983 (the exponent a).
+Journal of Time Series Analysis 4(4), 1983 (the exponent a). E. Rubiola, M. Lenczner,
+P.-Y. Bourgeois and F. Vernotte, The Omega counter, a frequency counter based on the linear
+regression, IEEE Trans. UFFC 63(7), 2016 (the parabola, and white noise of the frequency).
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -77,13 +93,14 @@ class Line:
 
     frequency_hz: float
     frequency_std_hz: float
+    """Of the mean rate, by noise and unequal periods."""
     amplitude: float
     """Of the fundamental, of all components together."""
     n_harmonics: int
     false_alarm_probability: float
     """Probability that noise alone has a line of this significance somewhere in the band."""
-    n_degrees_of_freedom: int
-    """Of the estimate of the noise."""
+    n_degrees_of_freedom: float
+    """Of the estimate of the standard error."""
 
 
 def slow_functions(times_s: np.ndarray, below_hz: float) -> np.ndarray:
@@ -171,7 +188,20 @@ def find_line(
             )
         )
     judged = [line for line in lines if line is not None]
-    return min(judged, key=lambda line: line.false_alarm_probability, default=None)
+    if not judged:
+        return None
+    line = min(judged, key=lambda line: line.false_alarm_probability)
+    noise_hz2 = line.frequency_std_hz**2
+    irregular_hz2, n_irregular = _rate_variance_of_irregularity(
+        remainder, times_s, line.frequency_hz, line.n_harmonics, basis
+    )
+    return replace(
+        line,
+        frequency_std_hz=math.sqrt(noise_hz2 + irregular_hz2),
+        n_degrees_of_freedom=_degrees_of_freedom_of_sum(
+            (noise_hz2, line.n_degrees_of_freedom), (irregular_hz2, n_irregular)
+        ),
+    )
 
 
 def fit_noise_slope(
@@ -276,6 +306,50 @@ def _judge_line(
         false_alarm_probability=min(n_choices * probability, 1.0),
         n_degrees_of_freedom=2 * scale,
     )
+
+
+def _rate_variance_of_irregularity(
+    remainder: np.ndarray,
+    times_s: np.ndarray,
+    frequency_hz: float,
+    n_harmonics: int,
+    basis: np.ndarray,
+) -> tuple[float, float]:
+    """Return the variance of a fitted rate by unequal periods, and its degrees of freedom.
+
+    R / (5 S T^2), of the phases of all harmonics with the sidebands up to half the rate.
+    """
+    duration_s = float(np.ptp(times_s))
+    # At least one function beyond a constant and a slope.
+    slow = slow_functions(times_s, max(frequency_hz / 2, 1.001 / duration_s))
+    n_slow = slow.shape[1]
+    orders = np.arange(1, n_harmonics + 1)
+    squares, information = 0.0, 0.0
+    for order in orders.tolist():
+        cosine, sine = sinusoids(times_s, np.array([order * frequency_hz])).T
+        others = sinusoids(times_s, orders[orders != order] * frequency_hz)
+        columns = np.concatenate(
+            [slow * cosine[:, None], slow * sine[:, None], others, basis], axis=1
+        )
+        coefficients = np.linalg.lstsq(columns, remainder, rcond=None)[0]
+        envelopes = slow @ (coefficients[:n_slow] - 1j * coefficients[n_slow : 2 * n_slow])
+        principal = np.linalg.svd(envelopes, full_matrices=False)[2][0]
+        envelope = envelopes @ principal.conj()
+        cycles = np.unwrap(np.angle(envelope)) / (2 * np.pi)
+        deviations = cycles - np.polyval(np.polyfit(times_s, cycles, 1), times_s)
+        power = float(np.mean(abs(envelope) ** 2))
+        squares += power * float(np.mean(deviations**2))
+        information += power * order**2
+    terms = 1 / (np.pi * np.arange(2, n_slow)) ** 2
+    variance_hz2 = squares / max(information, 1e-300) / (5 * terms.sum() * duration_s**2)
+    return variance_hz2, float(terms.sum() ** 2 / np.sum(terms**2))
+
+
+def _degrees_of_freedom_of_sum(*variances: tuple[float, float]) -> float:
+    """Return the degrees of freedom of a sum of variances (Welch and Satterthwaite)."""
+    total = sum(variance for variance, _ in variances)
+    squares = sum(variance**2 / number for variance, number in variances)
+    return total**2 / squares if squares > 0 else variances[0][1]
 
 
 def _line_energies(

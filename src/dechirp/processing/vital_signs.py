@@ -130,7 +130,8 @@ def measure_vital_signs(trace: xr.DataArray, settings: VitalSigns | None = None)
     Dataset (window,)
         `time` (s): middle of each window; `range` (m) and `channel` of the chosen cell, if the
         trace has them; for breathing and heart `..._rate`, `..._rate_low` and `..._rate_high` (Hz):
-        estimate and confidence interval, NaN where not measurable; `..._amplitude` (m) of the
+        estimate and confidence interval of the mean rate in the window, by noise and unequal
+        breaths, NaN where not measurable; `..._amplitude` (m) of the
         fundamental, NaN where the values are no arc or the wavelength is unknown;
         `..._false_alarm_probability`: probability that noise alone has such a line.
 

@@ -218,7 +218,8 @@ def _print_vital_signs_of_trace(
     from dechirp.processing.vital_signs import measure_vital_signs
     from dechirp.results.text_files import to_json_text
 
-    vital = measure_vital_signs(trace)
+    times_s = trace.coords["time"]  # some sensors count from their start
+    vital = measure_vital_signs(trace.assign_coords(time=times_s - times_s[0]))
     if as_json:
         document = {"source": str(source), "vital_signs": vital_sign_records(vital)}
         print(to_json_text(document), end="")
