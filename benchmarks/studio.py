@@ -68,10 +68,14 @@ def measure_moment_s() -> float:
     return median(times_s[20:])
 
 
+def wait_for_first_frame(page: Page) -> None:
+    """Wait until a frame is drawn; an error in a script of the page would last for ever."""
+    page.wait_for_function("window.dechirp?.ready && window.dechirp.frames > 0", timeout=60_000)
+
+
 def measure_in_browser(page: Page) -> dict[str, float]:
     """Measure the frame and update rates during playback, and the response time to a change."""
-    while not page.evaluate("window.dechirp.ready && window.dechirp.frames > 0"):
-        sleep(0.05)
+    wait_for_first_frame(page)
     page.evaluate(COUNT, UPDATED_MODELS)
     page.keyboard.press("Space")
     sleep(3)  # compiles, and draws the first frames
@@ -97,8 +101,7 @@ def measure_in_browser(page: Page) -> dict[str, float]:
 
 def measure_lesson_frame_rate(page: Page) -> float:
     """Measure the drawn frames per second of a lesson during playback."""
-    while not page.evaluate("window.dechirp.ready && window.dechirp.frames > 0"):
-        sleep(0.05)
+    wait_for_first_frame(page)
     page.keyboard.press("Space")
     sleep(2)
     frames, start = page.evaluate("window.dechirp.frames"), perf_counter()
