@@ -231,7 +231,7 @@ def test_bicyclist_shows_wheels_up_to_twice_speed_and_pedals(slow_radar):
         ({"n_window": 64.5}, "n_window: 64.5"),
         ({"hop": 0}, "hop: 0"),
         ({"n_velocity_bins": 100}, "n_velocity_bins: 100; expected .* from 256"),
-        ({"window": "han"}, "window: han"),
+        ({"window": "hanner"}, "window: .hanner"),
     ],
 )
 def test_rejects_invalid_settings(slow_radar, settings, message):

@@ -21,6 +21,7 @@ from dechirp.theory.windows import (
     half_main_lobe_bins,
     is_explicit_window,
     noise_bandwidth_bins,
+    window_names,
     window_weights,
 )
 
@@ -40,7 +41,8 @@ class Transform:
     n_bins: int
 
     def __post_init__(self) -> None:
-        window_weights(self.window, self.n_points)
+        # Of named windows the name is checked: a billion weights would fill the memory.
+        window_weights(self.window, self.n_points if is_explicit_window(self.window) else 1)
         if self.n_bins < self.n_points:
             raise InvalidSetting(
                 "Transform.n_bins",
@@ -79,7 +81,11 @@ class Transform:
     @property
     def keeps_noise_white(self) -> bool:
         """Return whether noise in different bins is independent."""
-        return self.n_bins == self.n_points and float(np.ptp(self.weights)) == 0
+        if self._effective_window in window_names():
+            is_flat = self._effective_window == "rectangular"
+        else:
+            is_flat = float(np.ptp(self.weights)) == 0
+        return is_flat and self.n_bins == self.n_points
 
     @property
     def main_lobe_half_width_bins(self) -> float:
