@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import dechirp
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 GUIDE = Path(os.environ.get("DECHIRP_GUIDE") or "/nowhere")
 ALL_PAGES = sorted(page.relative_to(GUIDE) for page in GUIDE.rglob("*.html"))
@@ -104,6 +104,7 @@ def test_page_opens_completely_from_disk(guide_page, page):
     assert guide_page.errors == []
 
 
+@nightly
 def test_formulas_of_all_pages_are_typeset(guide_page):
     texts = [(GUIDE / page).read_text(encoding="utf-8") for page in PAGES]
     with_formulas = [text for text in texts if 'class="math' in text]

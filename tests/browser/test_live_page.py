@@ -178,6 +178,7 @@ def test_radar_is_designed_from_requirements_and_used(live_page):
     assert live_page.settings.radar.frame.max_velocity_m_per_s >= 20
 
 
+@nightly
 def test_keyboard_plays_changes_setting_and_opens_tab(live_page):
     live_page.open()
     keys = live_page.page.keyboard

@@ -15,6 +15,7 @@ def move_slider(live_page, title: str, value: float) -> None:
     live_page.page.evaluate(SET_SLIDER_JS, [title, value])
 
 
+@nightly
 def test_slider_changes_radar_until_undo_and_address_carries_settings(live_page):
     live_page.open()
     page, before = live_page.page, live_page.settings

@@ -105,6 +105,7 @@ def test_page_is_legible_at_every_width(shared_page):
     assert small == []
 
 
+@nightly
 def test_error_note_covers_no_title(shared_page):
     page = shared_page.page
     page.set_viewport_size({"width": 1280, "height": 720})

@@ -197,6 +197,7 @@ def test_paper_loads_no_external_resources(page):
     assert len(page.encode()) < 3_000_000
 
 
+@nightly
 def test_figures_have_captions(page):
     check_captions(page)
 

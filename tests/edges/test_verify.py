@@ -79,6 +79,7 @@ def without_paper_figures(monkeypatch):
     monkeypatch.setattr("dechirp.certificate.paper_figures.render_svg", lambda *_, **__: Markup(""))
 
 
+@nightly
 @pytest.mark.usefixtures("without_paper_figures")
 def test_json_document_describes_each_claim(run_cli, tmp_path):
     status, out, err = run_cli("--json", "--seed", "3")

@@ -271,6 +271,7 @@ def _wait_for_blocks(out: Path, n: int, *, timeout_s: float = 60.0) -> None:
     raise AssertionError
 
 
+@nightly
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
 def test_workers_do_not_outlive_killed_parent(tmp_path):
     process = start_study(tmp_path, "--workers", "2", "--pause", "0.01")

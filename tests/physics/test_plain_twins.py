@@ -19,7 +19,7 @@ from dechirp.experiments.link_budget import link_budget_of_first_target
 from dechirp.experiments.run import run
 from dechirp.processing.cfar.base import TrainingWindow
 from dechirp.processing.spectrum import Transform, range_doppler_spectrum
-from nightly import nightly, nightly_except
+from nightly import nightly
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # Single precision: sums of some thousand products, each rounded to 6e-8.
@@ -112,10 +112,8 @@ def differences(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
-@pytest.mark.parametrize(
-    "example",
-    nightly_except(["guard-rail"], ["mimo", "intervals-in-turn", "guard-rail", "interference"]),
-)
+@nightly
+@pytest.mark.parametrize("example", ["mimo", "intervals-in-turn", "guard-rail", "interference"])
 def test_twins_equal_kernels_in_examples(differences, example):
     scenario = dc.load(EXAMPLES / f"{example}.yaml")
 
