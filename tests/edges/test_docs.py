@@ -10,7 +10,7 @@ import dechirp as dc
 from dechirp.config.loading import parse_settings
 from dechirp.core.dimensions import DIMENSIONS
 from dechirp.experiments.scenario import Scenario
-from nightly import nightly_except
+from nightly import nightly
 
 DOCS = Path(dc.__file__).parents[2] / "docs"
 RADAR = """
@@ -55,7 +55,8 @@ def mimo_scenario() -> dc.Scenario:
     return dc.load(DOCS.parent / "examples" / "mimo.yaml", ["n_frames=1"])
 
 
-@pytest.mark.parametrize("text", nightly_except(1, read_settings_fragments("angles.md")))
+@nightly
+@pytest.mark.parametrize("text", read_settings_fragments("angles.md"))
 def test_every_documented_chain_detects_car(text, mimo_scenario):
     chain = parse_settings(text + RADAR, Scenario).chain
 

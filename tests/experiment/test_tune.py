@@ -145,6 +145,7 @@ def test_gain_in_confirmation_trials_matches_theory(reference_result):
     assert reference_result.gain.value == pytest.approx(best_score - default_score)
 
 
+@nightly
 def test_settings_beyond_limit_are_not_chosen(reference_result):
     rejected_candidates = [
         candidate for candidate in reference_result.candidates if not candidate.is_admitted

@@ -229,6 +229,7 @@ def test_full_turns_of_several_echoes_are_measured_in_i_and_q():
     assert float(vital.breathing_rate) == pytest.approx(BREATHING_HZ, abs=2e-3)
 
 
+@nightly
 def test_breathing_of_a_body_in_several_noisy_cells_is_measured_together():
     """Five cells, each with an energy of breathing over noise of z = 7 in expectation.
 
