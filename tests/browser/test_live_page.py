@@ -340,4 +340,6 @@ def test_toggling_dark_mode_twice_restores_colours(live_page):
     live_page.press_button("Dark")
     live_page.wait_until(lambda: max_difference() > 0.5)
     live_page.press_button("Dark")
-    live_page.wait_until(lambda: max_difference() < 0.02)  # rounded corners differ by 2 of 255
+    # The first layout places dashed lines some 0.01 pixels elsewhere than all later ones: their
+    # ends differ by 9 of 255 and rounded corners by 2. Other colours differ by over 25.
+    live_page.wait_until(lambda: max_difference() < 0.05)
