@@ -1,7 +1,7 @@
 """Notebooks of the guide's pages, which each page with code links at its end.
 
-Texts become text cells, `code-cell` code, `command` a cell of bash, and `settings` with a name a
-cell that writes the file. Other directives keep their text.
+Texts become text cells, `code-cell` code, `command` and `family` cells of bash, and `settings` with
+a name a cell that writes the file. Other directives keep their text.
 """
 
 import re
@@ -34,6 +34,11 @@ def page_as_notebook(page: Path) -> nbformat.NotebookNode:
     return new_notebook(cells=cells, metadata={"kernelspec": kernel})
 
 
+def has_code(notebook: nbformat.NotebookNode) -> bool:
+    """Return whether a notebook has a cell that runs; others are not offered."""
+    return any(cell.cell_type == "code" for cell in notebook.cells)
+
+
 def _iter_cells(source: str) -> Iterator[nbformat.NotebookNode]:
     end = 0
     for fence in _FENCE.finditer(source):
@@ -60,6 +65,8 @@ def _iter_directive_cell(
     elif directive == "command":
         fails = " --no-raise-error" if options.get("status", "0") != "0" else ""
         yield new_code_cell(f"%%bash{fails}\n{options.get('ran', content)}")
+    elif directive == "family":
+        yield new_code_cell(f"%%bash\ndechirp list {argument}")
     elif directive == "settings" and "name" in options:
         yield new_code_cell(f"%%writefile {options['name']}\n{content}")
     elif directive == "settings":
@@ -71,13 +78,15 @@ def _iter_directive_cell(
 def _link_notebook(
     app: Sphinx, page: str, _template: str, context: dict[str, Any], _doctree: object
 ) -> None:
-    path = app.env.doc2path(page)
-    is_written = app.builder.format == "html" and path.suffix == ".md" and path.is_file()
-    if not is_written or "{code-cell}" not in path.read_text(encoding="utf-8"):
+    path = Path(app.env.doc2path(page))
+    if app.builder.format != "html" or path.suffix != ".md" or not path.is_file():
+        return
+    notebook = page_as_notebook(path)
+    if not has_code(notebook):
         return
     file = Path(app.outdir, _FOLDER, f"{page}.ipynb")
     file.parent.mkdir(parents=True, exist_ok=True)
-    nbformat.write(page_as_notebook(Path(path)), file)
+    nbformat.write(notebook, file)
     context["notebook"] = f"{_FOLDER}/{page}.ipynb"
 
 
