@@ -77,14 +77,16 @@ def test_echo_at_range_zero_stays_there():
         assert abs(dc.detect(cube, radar).range).max() < 0.05 * CELL_M
 
 
-@pytest.mark.parametrize("target_cells", [0.7, 2.0])
-def test_leakage_beside_target_is_not_at_negative_range(target_cells):
-    # The target shifts the leakage by up to 0.3 cells.
+@pytest.mark.parametrize("target_cells", [0.7, 1.0, 2.0])
+def test_leakage_beside_target_is_at_neither_end(target_cells):
+    # The target shifts the leakage by up to half a cell, to the largest ranges.
     radar = replace(RADAR, array=dc.Array(tx_m=[(0, 0, 0)], rx_m=[(0, 1e-3, 0)]))
     leakage = dc.impairments.Leakage(isolation=1e5)
     ranges_m = []
-    for seed in range(5):
-        target = dc.Target(position_m=(target_cells * CELL_M, 0, 0), rcs_m2=10.0 ** -(seed + 1))
+    for seed in range(6):
+        # Fractions of a wavelength: the phases of leakage and target differ from trial to trial.
+        position_m = (target_cells * CELL_M + seed * 2.3e-4, 0, 0)
+        target = dc.Target(position_m=position_m, rcs_m2=10.0**-seed)
         cube = dc.simulate(
             dc.Scene(targets=[target]),
             radar,
@@ -94,7 +96,22 @@ def test_leakage_beside_target_is_not_at_negative_range(target_cells):
         ranges_m.extend(dc.detect(cube, radar).range.values)
 
     assert min(ranges_m) >= 0
-    assert max(ranges_m) < SPAN_M
+    assert max(ranges_m) < 5 * CELL_M
+
+
+def test_leakage_nearer_than_range_offset_is_at_zero():
+    cube = dc.simulate(
+        dc.Scene(),
+        RADAR,
+        impairments=[dc.impairments.Leakage(isolation=1e5), dc.impairments.ThermalNoise()],
+    )
+    calibration = dc.Calibration(
+        elements=[(0, 0), (0, 1)], gain=[(1.0, 0.0)] * 2, range_offset_m=0.8 * CELL_M
+    )
+
+    detections = dc.detect(cube, replace(RADAR, calibration=calibration))
+
+    assert detections.range.values.tolist() == [0.0]
 
 
 def test_aliased_truth_is_never_negative():

@@ -129,12 +129,14 @@ def _unalias_delay_frequency(
 ) -> np.ndarray:
     """Return S tau from 0 to below the sample rate, since no delay is negative.
 
-    The first cell of a map contains the first half cell and the last one of all ranges. Values
-    below 0 by less than three standard errors are those of echoes at 0, such as leakage: they
-    become 0. With an undescribed echo beside it, which may shift leakage, so do those below it by
-    less than a twentieth of a cell.
+    The first cells of a map contain the last ones of all ranges too. Values below 0, aliased to the
+    sample rate or not, by less than three standard errors are those of echoes at 0, such as
+    leakage: they become 0. With an undescribed echo beside it, which shifts leakage, so do those
+    below it by less than half a cell; none by more than two, half a main lobe of a Hann window.
     """
     cell_hz = chirp.sample_rate_hz / chirp.n_samples
-    tolerance_hz = np.maximum(3 * std_hz, np.where(has_echo_beside, 0.05 * cell_hz, 0.0))
-    is_at_zero = (delay_hz < 0) & (delay_hz >= -tolerance_hz)
-    return np.where(is_at_zero, 0.0, delay_hz % chirp.sample_rate_hz)
+    tolerance_hz = np.maximum(3 * std_hz, np.where(has_echo_beside, 0.5 * cell_hz, 0.0))
+    tolerance_hz = np.minimum(tolerance_hz, 2 * cell_hz)
+    unaliased_hz = delay_hz % chirp.sample_rate_hz
+    is_at_zero = unaliased_hz >= chirp.sample_rate_hz - tolerance_hz
+    return np.where(is_at_zero, 0.0, unaliased_hz)

@@ -295,7 +295,9 @@ def build_detection_columns(
         "moving": np.full(len(peak), np.nan),
     }
     if radar.calibration is not None:
-        columns["range"] -= radar.calibration.range_offset_m
+        # Echoes ahead of the antennas, such as leakage inside the radar, are at zero range.
+        offset_m = radar.calibration.range_offset_m
+        columns["range"] = np.maximum(columns["range"] - offset_m, 0.0)
     angles = sources.azimuth_rad, sources.elevation_rad
     radar = _rising_ramp_radar(radar)
     centre_m = phase_centres_m(*angles, columns["ambiguity_number"], radar)

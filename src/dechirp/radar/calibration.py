@@ -23,7 +23,7 @@ class Calibration:
     """Corrections for each virtual element, measured with a reflector or by the manufacturer.
 
     Processing multiplies the amplitude of each element by its gain, adds the position error to
-    its position, and subtracts the offset from each range.
+    its position, and subtracts the offset from each range; ranges below zero become zero.
     """
 
     elements: tuple[tuple[int, int], ...]
