@@ -5,6 +5,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -31,11 +32,14 @@ def open_memory_mapped_array(
     process until it is closed.
     """
     slowest_axis = _slowest_axis(shape, fortran)
+    order: Literal["C", "F"] = "F" if fortran else "C"
     row_bytes = math.prod(shape) // shape[slowest_axis] * dtype.itemsize
     step = max(1, _BLOCK_BYTES // row_bytes)
 
     def read(part: ArrayPart) -> np.ndarray:
-        values = np.empty([axis_slice.stop - axis_slice.start for axis_slice in part], dtype)
+        # In the order of the file: a copy into another one takes 3 times as long.
+        sizes = [axis_slice.stop - axis_slice.start for axis_slice in part]
+        values = np.empty(sizes, dtype, order=order)
         start = part[slowest_axis].start
         for first in range(start, part[slowest_axis].stop, step):
             rows = slice(first, min(first + step, part[slowest_axis].stop))
@@ -43,9 +47,7 @@ def open_memory_mapped_array(
             target = [slice(None)] * len(shape)
             target[slowest_axis] = slice(rows.start - start, rows.stop - start)
             with _convert_changed_file_errors(path):
-                mapping = np.memmap(
-                    path, dtype, "r", offset=offset, shape=shape, order="F" if fortran else "C"
-                )
+                mapping = np.memmap(path, dtype, "r", offset=offset, shape=shape, order=order)
                 values[tuple(target)] = mapping[block]
         return values
 

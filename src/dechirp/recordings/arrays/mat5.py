@@ -98,11 +98,11 @@ class Variable:
                 return real.read(part).astype(self.number_dtype, copy=False)
             sizes = [axis_slice.stop - axis_slice.start for axis_slice in part]
             if self.number_dtype.kind != "f":
-                pairs = np.empty(sizes, self.dtype)
+                pairs = np.empty(sizes, self.dtype, order="F")
                 pairs["real"], pairs["imag"] = (array.read(part) for array in parts)
                 return pairs
             # Samples become float32 anyway; in double precision they would take twice the memory.
-            samples = np.empty(sizes, np.complex64)
+            samples = np.empty(sizes, np.complex64, order="F")
             with np.errstate(over="ignore"):
                 samples.real = parts[0].read(part)
                 samples.imag = parts[1].read(part)

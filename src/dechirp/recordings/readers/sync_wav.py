@@ -120,19 +120,25 @@ class SyncWav(Format):
             findings += chirp_interval_findings(radar.frame, ramps.interval_s, source="the sync")
 
         def decode(index: int, out: np.ndarray) -> None:
-            for chirp_index, start in enumerate(chirp_starts[index].tolist()):
-                if start < 0:
-                    out[chirp_index] = 0
-                    continue
-                samples = recording.read_samples(start + delay, chirp.n_samples)[:, _BEAT]
-                if not np.isfinite(samples).all():
-                    raise RecordingError(
-                        path,
-                        value=f"non-finite samples in chirp {chirp_index} of frame {index}",
-                        expected="finite numbers (no NaN, no infinity)",
-                        fix="record it again",
-                    )
-                np.multiply(samples, np.float32(sign), out=out[chirp_index, 0])
+            (present,) = np.nonzero(chirp_starts[index] >= 0)
+            out[chirp_starts[index] < 0] = 0
+            if not present.size:
+                return
+            # All chirps at once: opening the file for each of them takes as long as all the rest.
+            starts = chirp_starts[index, present] + delay
+            first = int(starts[0])
+            n_samples = int(starts[-1]) - first + chirp.n_samples
+            beat = recording.read_samples(first, n_samples)[:, _BEAT]
+            samples = beat[(starts - first)[:, None] + np.arange(chirp.n_samples)]
+            is_finite = np.isfinite(samples).all(axis=1)
+            if not is_finite.all():
+                raise RecordingError(
+                    path,
+                    value=f"non-finite samples in chirp {present[~is_finite][0]} of frame {index}",
+                    expected="finite numbers (no NaN, no infinity)",
+                    fix="record it again",
+                )
+            out[present, 0] = samples * np.float32(sign)
 
         missing = chirp_starts < 0
         tones = None
