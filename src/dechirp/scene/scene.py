@@ -247,6 +247,12 @@ class Scene(Displayable):
             )
         return to_local_axes(self.ego.axes(times_s), positions_m)
 
+    def scatterer_positions_at_m(self, time_s: float) -> np.ndarray:
+        """Return the positions of scatterers at one time, (n_scatterers, 3), see `latest_value`."""
+        return self.latest_value(
+            "positions", (time_s,), lambda: self.scatterer_positions_m([time_s])[0]
+        )
+
     def target_positions_m(self, times_s: ArrayLike) -> np.ndarray:
         """Return the positions of the targets, of bodies their origins, (n_times, n_targets, 3).
 
@@ -295,7 +301,8 @@ class Scene(Displayable):
     ) -> np.ndarray:
         """Return a function of this scene, computed once for successive calls with equal arguments.
 
-        Simulation, truth and comparison of a frame need the same cross sections and shadows.
+        Simulation, truth and comparison of a frame need the same positions, cross sections and
+        shadows.
         """
         latest = self._latest_values.get(name)
         if latest is None or latest[0] != arguments:

@@ -103,6 +103,8 @@ def scene_findings(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Fin
             )
         ):
             case = find_case(snapshot)
+            if not case.is_affected.any():  # nearly always
+                continue
             scatterers = np.flatnonzero(case.is_affected)
             targets, first = np.unique(
                 scene.target_index_of_scatterer[scatterers], return_index=True
@@ -145,17 +147,17 @@ def _snapshot_scene_at_mid_frame(
     frame_text = "" if n_frames == 1 else f" in frame {frame}"
     resolved = _count_resolved_velocity_spans(radar, frame, n_frames)
     start_s, radar = radar.frame.frame_start_s(frame), radar.for_frame(frame)
-    time_s = [start_s + radar.frame.mid_frame_s]
-    position_m = scene.scatterer_positions_m(time_s)[0]
-    velocity = scene.target_velocities_m_per_s(time_s)[0, scene.target_index_of_scatterer]
+    time_s = start_s + radar.frame.mid_frame_s
+    position_m = scene.scatterer_positions_at_m(time_s)
+    velocity = scene.target_velocities_m_per_s([time_s])[0, scene.target_index_of_scatterer]
     range_m = np.linalg.norm(position_m, axis=-1)
     radial_products = np.einsum("ni,ni->n", position_m, velocity)
     is_dark = np.zeros(len(scene.targets), dtype=bool)
     if scene.aspect_dependent_targets.size:
         wavelength_m = radar.frame.chirp.wavelength_m
-        is_dark = target_cross_sections_m2(scene, time_s, wavelength_m)[0] < _MIN_RCS_M2
+        is_dark = target_cross_sections_m2(scene, [time_s], wavelength_m)[0] < _MIN_RCS_M2
     range_velocity = RangeVelocity(range_m, radial_products / range_m)
-    losses = target_shadow_losses(scene, np.array(time_s), radar.frame.chirp.wavelength_m)[0]
+    losses = target_shadow_losses(scene, np.array([time_s]), radar.frame.chirp.wavelength_m)[0]
     return _SceneSnapshot(
         scene, radar, frame_text, position_m, velocity, resolved, range_velocity, is_dark, losses
     )

@@ -52,37 +52,61 @@ def screens_of_bodies(scene: Scene, time_s: float, *, open_to_road: bool = False
     InvalidSetting
         With the name of the target, if the radar is inside a body.
     """
-    targets, boxes_m, clearances_m = scene.blocking_boxes
+    targets, _, clearances_m = scene.blocking_boxes
     if not targets.size:
         return Screens(np.zeros((0, 4), dtype=complex), np.zeros((0, 1, 2)), targets)
-    position_m = scene.target_offsets_from_radar_m([time_s], targets)[0]
-    heading_rad = np.array(
-        [scene.targets[index].headings_at_rad(np.array([time_s]))[0] for index in targets]
+    times_s = np.array([time_s])
+    boxes = _box_positions_corners_and_bands_m(scene, times_s)
+    _check_radar_outside(scene, times_s, *boxes[1:])
+    position_m, corners_m, bands_m = (part[0] for part in boxes)
+    if open_to_road:
+        is_standing = np.isneginf(bands_m[:, 0])
+        bands_m[is_standing, 0] = (position_m[:, 2] + clearances_m)[is_standing]
+    return Screens(corners_m, bands_m[:, None], targets)
+
+
+def check_radar_outside_bodies(scene: Scene, times_s: np.ndarray) -> None:
+    """Raise `InvalidSetting`, with the target, if the radar is inside a body at some time."""
+    if scene.blocking_boxes.targets.size:
+        _, corners_m, bands_m = _box_positions_corners_and_bands_m(scene, times_s)
+        _check_radar_outside(scene, times_s, corners_m, bands_m)
+
+
+def _box_positions_corners_and_bands_m(
+    scene: Scene, times_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the boxes of the bodies that shadow, relative to the radar, along axes of the scene.
+
+    Positions of their targets, (n_times, n, 3); corners, (n_times, n, 4) complex; lower and upper
+    ends, (n_times, n, 2).
+    """
+    targets, boxes_m, _ = scene.blocking_boxes
+    positions_m = scene.target_offsets_from_radar_m(times_s, targets)
+    headings_rad = np.stack(
+        [scene.targets[index].headings_at_rad(times_s) for index in targets], axis=-1
     )
     corners_m = boxes_m[:, _CORNER_X, 0] + 1j * boxes_m[:, _CORNER_Y, 1]
-    middle_m = position_m[:, 0] + 1j * position_m[:, 1]
-    corners_m = corners_m * np.exp(1j * heading_rad)[:, None] + middle_m[:, None]
-    bands_m = boxes_m[:, None, :, 2] + position_m[:, 2, None, None]
-    screens = Screens(corners_m, bands_m, targets)
-    _check_radar_outside(scene, screens, time_s)
-    if open_to_road:
-        is_standing = np.isneginf(bands_m[:, 0, 0])
-        bands_m[is_standing, 0, 0] = (position_m[:, 2] + clearances_m)[is_standing]
-    return screens
+    middles_m = positions_m[..., 0] + 1j * positions_m[..., 1]
+    corners_m = corners_m * np.exp(1j * headings_rad)[..., None] + middles_m[..., None]
+    return positions_m, corners_m, boxes_m[:, :, 2] + positions_m[..., 2, None]
 
 
-def _check_radar_outside(scene: Scene, screens: Screens, time_s: float) -> None:
-    """Raise if the origin of the radar is inside a screen."""
-    sides_m = np.roll(screens.corners_m, -1, axis=1) - screens.corners_m
+def _check_radar_outside(
+    scene: Scene, times_s: np.ndarray, corners_m: np.ndarray, bands_m: np.ndarray
+) -> None:
+    """Raise if the origin of the radar is inside a box, (n_times, n, 4) and (n_times, n, 2)."""
+    sides_m = np.roll(corners_m, -1, axis=-1) - corners_m
     # Distance inwards from each side; the corners run to the left.
     lengths_m = np.maximum(abs(sides_m), 1e-12)
-    inwards_m = -(screens.corners_m * sides_m.conj()).imag / lengths_m
-    low_m, high_m = screens.bands_m[:, 0].T
-    is_inside = (inwards_m > _SURFACE_M).all(axis=1) & (low_m < -_SURFACE_M) & (high_m > _SURFACE_M)
-    for screen in np.flatnonzero(is_inside):
+    inwards_m = -(corners_m * sides_m.conj()).imag / lengths_m
+    low_m, high_m = bands_m[..., 0], bands_m[..., 1]
+    is_inside = (
+        (inwards_m > _SURFACE_M).all(axis=-1) & (low_m < -_SURFACE_M) & (high_m > _SURFACE_M)
+    )
+    for time, box in np.argwhere(is_inside):
         raise InvalidSetting(
-            f"scene.targets.{scene.names[screens.targets[screen]]}.position",
-            value=f"a body around the radar after {format_si(time_s, 's', 4)}",
+            f"scene.targets.{scene.names[scene.blocking_boxes.targets[box]]}.position",
+            value=f"a body around the radar after {format_si(times_s[time], 's', 4)}",
             expected="a radar outside of the boxes of all bodies",
             fix="move the target or the radar, remove the body that carries the radar, or set"
             " scene.shadowing to false",

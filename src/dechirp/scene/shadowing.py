@@ -406,7 +406,7 @@ def scatterer_shadow_gains(scene: Scene, time_s: float, wavelength_m: float) -> 
 
     def compute() -> np.ndarray:
         positions_m = from_local_axes(
-            scene.ego.axes(np.array([time_s])), scene.scatterer_positions_m([time_s])
+            scene.ego.axes(np.array([time_s])), scene.scatterer_positions_at_m(time_s)[None]
         )[0]
         (amplitudes,) = shadowed_amplitudes(
             np.zeros((1, 3)), positions_m, scene.target_index_of_scatterer,

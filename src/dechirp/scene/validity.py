@@ -6,7 +6,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.text import format_si
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
-from dechirp.scene.screens import screens_of_bodies
+from dechirp.scene.screens import check_radar_outside_bodies
 from dechirp.scene.speed_limit import check_speed_limit
 
 _MAX_FRAMES = 33
@@ -51,24 +51,22 @@ def check_scene_echoes_finite(scene: Scene, radar: Radar, *, n_frames: int = 1) 
         for frame in frames_to_check(scene, n_frames)
         for after_s in (0.0, radar.frame.for_frame(frame).mid_frame_s)
     ]
-    for time_s in times_s:
-        screens_of_bodies(scene, time_s)  # raises for a radar inside a body
+    check_radar_outside_bodies(scene, np.array(times_s))
     step = max(_BLOCK_POSITIONS // len(scene.target_index_of_scatterer), 1)
     for first in range(0, len(times_s), step):
         block_times_s = times_s[first : first + step]
-        for time_s, position_m in zip(
-            block_times_s, scene.scatterer_positions_m(block_times_s), strict=True
-        ):
-            near_scatterers = np.flatnonzero(np.linalg.norm(position_m, axis=-1) < check_radius_m)
-            for name, antenna_m in antennas_m.items():
-                distances_m = np.linalg.norm(position_m[near_scatterers] - antenna_m, axis=-1)
-                for scatterer in near_scatterers[distances_m < _MIN_DISTANCE_M]:
-                    raise InvalidSetting(
-                        f"scene.targets.{scene.names[scene.target_index_of_scatterer[scatterer]]}.position",
-                        value=f"at {name} after {format_si(time_s, 's', 4)}",
-                        expected="another position: the echo would be infinite",
-                        fix="move the target",
-                    )
+        positions_m = scene.scatterer_positions_m(block_times_s)
+        is_near = np.linalg.norm(positions_m, axis=-1) < check_radius_m
+        near = np.argwhere(is_near)
+        for name, antenna_m in antennas_m.items():
+            distances_m = np.linalg.norm(positions_m[is_near] - antenna_m, axis=-1)
+            for time, scatterer in near[distances_m < _MIN_DISTANCE_M]:
+                raise InvalidSetting(
+                    f"scene.targets.{scene.names[scene.target_index_of_scatterer[scatterer]]}.position",
+                    value=f"at {name} after {format_si(block_times_s[time], 's', 4)}",
+                    expected="another position: the echo would be infinite",
+                    fix="move the target",
+                )
     end_s = radar.frame.frame_start_s(n_frames - 1) + radar.frame.for_frame(n_frames - 1).duration_s
     speeds = np.linalg.norm(scene.target_velocities_m_per_s([end_s])[0], axis=-1)
     for target_index in np.flatnonzero(scene.accelerating_target_mask):
