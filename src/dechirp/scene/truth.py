@@ -84,19 +84,20 @@ def truth(
     dims = ("target", "frame")
     return xr.Dataset(
         {name: (dims, column.T, {"units": unit}) for name, (column, unit) in columns.items()},
-        coords=_label_targets_and_frames(np.array(scene.names), frames).assign(
-            time=("frame", times_s, {"units": "s"})
-        ),
+        coords=_label_targets_and_frames(np.array(scene.names), frames, times_s),
     )
 
 
-def _label_targets_and_frames(names: np.ndarray, frames: np.ndarray) -> xr.Coordinates:
+def _label_targets_and_frames(
+    names: np.ndarray, frames: np.ndarray, times_s: np.ndarray
+) -> xr.Coordinates:
     """Return the coordinates of both axes; of arrays, xarray would import pint, 0.1 s of CPU."""
     indexes = {
         axis: PandasIndex(pd.Index(values), axis, coord_dtype=values.dtype)
         for axis, values in (("target", names), ("frame", frames))
     }
     variables = {axis: index.create_variables()[axis] for axis, index in indexes.items()}
+    variables["time"] = xr.Variable("frame", times_s, {"units": "s"})
     return xr.Coordinates(variables, indexes)
 
 
