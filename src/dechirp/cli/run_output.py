@@ -45,7 +45,7 @@ def strongest_detections_table(result: Result, *, at_most: int, width: int) -> T
         title += f"; {n_shown} shown"
         if 0 < n_moving < n_shown:
             title += f", {n_moving} that move and {n_shown - n_moving} others"
-        title += ": the strongest of each place first (complete list: detections.csv)"
+        title += ": the strongest of each place (complete list: detections.csv)"
     columns = _detection_table_cells(result, strongest)
     if _table_width(columns) > width:
         columns = _detection_table_cells(result, strongest, is_rounded=True)

@@ -199,49 +199,53 @@ def rows_to_show(
 ) -> np.ndarray:
     """Return the rows to show to people, strongest first.
 
-    Where more than `at_most` are detected, the strongest one of each place on the map is shown
-    before any repetition in other frames: a target at rest would fill the table. Sources of one
-    cell are places of their own. Static echoes are
-    mostly the strongest of a recording: half of the rows are left for detections that move, if
-    there are as many, those with a known ambiguity number first.
+    Where more than `at_most` are detected, only the strongest one of each place is shown, of all
+    frames: a target at rest would fill the table. Static echoes are mostly the strongest of a
+    recording: half of the rows are left for detections that move, if there are as many, those with
+    a known ambiguity number first.
     """
     order = np.argsort(-detections.snr.values, kind="stable")
     if order.size <= at_most:
         return order
-    # Squares of two cells.
-    places = np.column_stack(
-        [
-            np.round(detections[name].values[order] / (2 * cell))
-            for name, cell in (("range", range_cell_m), ("velocity", velocity_cell_m_per_s))
-        ]
-    )
-    places = np.nan_to_num(places)
-    if "frame" in detections:
-        in_frame = np.column_stack([detections.frame.values[order], places])
-        places = np.column_stack([places, _count_earlier_equal_rows(in_frame)])
-    is_repeated = np.ones(order.size, bool)
-    is_repeated[np.unique(places, axis=0, return_index=True)[1]] = False
-    is_ambiguous = np.zeros(order.size, bool)
     is_moving = np.zeros(order.size, bool)
     if "moving" in detections:
         is_moving = detections.moving.values[order] == 1
-        is_ambiguous = is_moving & np.isnan(detections.ambiguity_number.values[order])
-    n_moving, n_others = int(is_moving.sum()), int((~is_moving).sum())
-    n_moving = min(n_moving, max(at_most // 2, at_most - n_others))
-    preferred = np.lexsort([is_repeated, is_ambiguous])  # stable: the strongest first in each
-    movers, others = preferred[is_moving[preferred]], preferred[~is_moving[preferred]]
-    shown = np.sort(np.concatenate([movers[:n_moving], others[: at_most - n_moving]]))
-    return np.asarray(order[shown[np.argsort(is_repeated[shown], kind="stable")]])
+    cells = {"range": range_cell_m, "velocity": velocity_cell_m_per_s}
+    movers, others = order[is_moving], order[~is_moving]
+    if movers.size:
+        is_ambiguous = np.isnan(detections.ambiguity_number.values[movers])
+        movers = movers[np.argsort(is_ambiguous, kind="stable")]
+    movers = _strongest_of_each_place(detections, movers, at_most, cells)
+    others = _strongest_of_each_place(detections, others, at_most, cells)
+    n_moving = min(movers.size, max(at_most // 2, at_most - others.size))
+    shown = np.concatenate([movers[:n_moving], others[: at_most - n_moving]])
+    return np.asarray(shown[np.argsort(-detections.snr.values[shown], kind="stable")])
 
 
-def _count_earlier_equal_rows(rows: np.ndarray) -> np.ndarray:
-    """Return for each row of a matrix how many rows before it are equal."""
-    _, group = np.unique(rows, axis=0, return_inverse=True)
-    by_group = np.argsort(group.ravel(), kind="stable")
-    starts = np.searchsorted(group.ravel()[by_group], np.arange(group.max(initial=0) + 1))
-    counts = np.empty(len(rows), int)
-    counts[by_group] = np.arange(len(rows)) - starts[group.ravel()[by_group]]
-    return counts
+def _strongest_of_each_place(
+    detections: xr.Dataset, rows: np.ndarray, at_most: int, cells: Mapping[str, float]
+) -> np.ndarray:
+    """Return the first row of each place, in the order of the rows, at most so many.
+
+    Rows of different frames have one place if they are within two cells of each other, and their
+    directions, where known, within three standard errors of the difference.
+    """
+    frame = detections.frame.values if "frame" in detections else None
+    first_rows: list[int] = []
+    while rows.size and len(first_rows) < at_most:
+        first, rows = rows[0], rows[1:]
+        first_rows.append(first)
+        is_same = np.ones(rows.size, bool) if frame is None else frame[rows] != frame[first]
+        for name, cell in cells.items():
+            values = detections[name].values
+            is_same &= ~(abs(values[rows] - values[first]) > 2 * cell)  # unknown ones are equal
+        for name in ("azimuth", "elevation"):
+            if name in detections and f"{name}_std" in detections:
+                values, std = detections[name].values, detections[f"{name}_std"].values
+                difference = np.angle(np.exp(1j * (values[rows] - values[first])))
+                is_same &= ~(abs(difference) > 3 * np.hypot(std[rows], std[first]))
+        rows = rows[~is_same]
+    return np.array(first_rows, int)
 
 
 def standard_error_column(column: DetectionColumn) -> DetectionColumn | None:

@@ -76,7 +76,7 @@ def render_report(result: "Result", *, yaml: str) -> str:
         columns=detections_section.table_columns_of_estimates(context),
         angles=detections_section.names_of_estimated_angles(context),
         errors=detections_section.names_of_estimates_with_errors(rows),
-        n_more=max(context.strongest.sizes["detection"] - _MAX_ROWS, 0),
+        n_more=context.strongest.sizes["detection"] - len(rows),
         n_frames=result.n_frames,
         has_truth=result.truth is not None,
         n_in_map=context.peaks.range_m.size,
