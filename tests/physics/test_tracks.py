@@ -29,6 +29,7 @@ from dechirp.tracking.false_alarms import FalseAlarms
 from dechirp.tracking.kalman_filter import StateEstimates
 from dechirp.tracking.measurements import usable_rows_to_measurements
 from dechirp.tracking.online import LiveTracker
+from dechirp.tracking.separation import is_within_separation
 from dechirp.tracking.track_update import predict_associate_and_update
 from dechirp.tracking.tracker import Tracker
 from nightly import nightly, nightly_except
@@ -185,22 +186,57 @@ def test_track_is_confirmed_after_m_detections_in_n_frames():
         assert (confirmed_frames[0] if confirmed_frames else None) == first_frame
 
 
-@pytest.mark.parametrize(("min_separation_m", "n_tracks"), [(0.0, 2), (5.0, 1), (3.0, 2)])
-def test_parts_of_a_target_start_no_second_track_within_the_separation(min_separation_m, n_tracks):
-    # The front of a car of 4.5 m appears when its rear has been tracked for half a second.
+def track_rear_and_later_part(later_m, min_separation_m, first_frame=5):
+    """Track the rear of a car along x at 6 m/s, and a part beside it from a later frame on."""
     times_s = np.arange(15) * 0.1
-    rear, front = (straight_states((x_m, 6.0, 15.0, 3.0), times_s) for x_m in (40.0, 44.5))
-    frames = np.concatenate([np.arange(15), np.arange(5, 15)])
-    tracker = Tracker(min_separation_m=min_separation_m, false_alarms=FEW_FALSE_ALARMS)
-
-    tracks = track(
-        build_detections(frames, np.concatenate([rear, front[5:]])).sortby("frame"),
-        times_s,
-        tracker,
+    rear, part = (
+        straight_states((40.0 + x_m, 6.0, y_m, 0.0), times_s) for x_m, y_m in ((0, 0), later_m)
     )
+    frames = np.concatenate([np.arange(15), np.arange(first_frame, 15)])
+    detections = build_detections(frames, np.concatenate([rear, part[first_frame:]]))
+    tracker = Tracker(min_separation_m=min_separation_m, false_alarms=FEW_FALSE_ALARMS)
+    return rear, track(detections.sortby("frame"), times_s, tracker)
+
+
+@pytest.mark.parametrize(
+    ("later_m", "min_separation_m", "n_tracks"),
+    [
+        ((4.5, 0.0), (0.0, 0.0), 2),
+        ((4.5, 0.0), (5.0, 5.0), 1),
+        ((4.5, 0.0), (3.0, 3.0), 2),
+        ((4.5, 0.0), (7.0, 3.0), 1),  # the front of the car
+        ((0.5, 3.6), (7.0, 3.0), 2),  # a car in the next lane
+        ((0.5, 3.6), (7.0, 7.0), 1),
+    ],
+)
+def test_parts_of_a_target_start_no_second_track_within_the_separation(
+    later_m, min_separation_m, n_tracks
+):
+    rear, tracks = track_rear_and_later_part(later_m, min_separation_m)
 
     assert tracks.sizes["track"] == n_tracks
     assert tracks["x"].values[0] == pytest.approx(rear[:, 0], abs=STD["range"])
+
+
+@pytest.mark.parametrize(("min_separation_m", "n_tracks"), [((0.0, 0.0), 2), ((7.0, 3.0), 1)])
+def test_parts_that_appear_together_confirm_no_second_track(min_separation_m, n_tracks):
+    _, tracks = track_rear_and_later_part((4.5, 0.0), min_separation_m, first_frame=0)
+
+    assert tracks.sizes["track"] == n_tracks
+
+
+def test_separation_of_an_unknown_direction_is_a_disc_of_equal_mean_square():
+    # A track at rest with equal variances of its velocities: radius sqrt((7^2 + 3^2) / 2) = 5.39 m.
+    # At 20 m/s along y the semi-axes are those of the settings, but for 2 / (400 + 2) of the shape.
+    mean = np.array([[10.0, 0.0, 0.0, 0.0], [10.0, 0.0, 0.0, 20.0]])
+    tracks = StateEstimates(mean, np.tile(np.eye(4), (2, 1, 1)))
+    shape_m2 = np.diag([9.0, 49.0]) + np.diag([40.0, -40.0]) / 402
+    for index, radii_m in ((0, (5.385, 5.385)), (1, np.sqrt(np.diag(shape_m2)))):
+        one = StateEstimates(*(part[[index]] for part in tracks))
+        for axis, radius_m in enumerate(radii_m):
+            offsets_m = np.outer([radius_m - 0.01, -radius_m - 0.01], np.eye(2)[axis])
+            is_within = is_within_separation(mean[index, [0, 2]] + offsets_m, one, 7.0, 3.0)
+            assert is_within.tolist() == [True, False]
 
 
 # The gate of 99.9 % is 4 standard errors wide: 12 m of 15 m, or 16 m; 2.8 rad, or 3.3 rad.
@@ -515,7 +551,10 @@ INVALID_TRACKERS = [
     ({"confirm_after": 3}, "two counts"),
     ({"confirm_after": (0, 5)}, "confirm_after.0: 0"),
     ({"drop_after": 0}, "drop_after: 0"),
-    ({"min_separation_m": -1.0}, "min_separation_m: -1"),
+    ({"min_separation_m": 7.0}, "min_separation_m: 7"),
+    ({"min_separation_m": (-1.0, 3.0)}, "min_separation_m.0: -1"),
+    ({"min_separation_m": (7.0,)}, "two distances"),
+    ({"min_separation_m": (7.0, 0.0)}, "two distances"),
     ({"process_noise_m2_per_s3": 0.0}, "process_noise_m2_per_s3: 0"),
     ({"gate_probability": 1.0}, "gate_probability: 1"),
     ({"filter": "kalman"}, "filter: 'kalman'"),

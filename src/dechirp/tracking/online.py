@@ -21,6 +21,7 @@ from dechirp.tracking.measurements import (
     usable_rows_to_measurements,
 )
 from dechirp.tracking.poses import AT_ORIGIN, RadarPose, RadarView
+from dechirp.tracking.separation import is_within_separation
 from dechirp.tracking.track_update import (
     MAX_TURN_RATE_RAD_PER_S,
     predict_associate_and_update,
@@ -215,8 +216,9 @@ class LiveTracker:
     def _step_over_interval(
         self, measurements: Measurements, passed_s: float, view: RadarView, n_radars: int
     ) -> tuple[Track, ...]:
-        for status in ("confirmed", "tentative"):
-            tracks = [live_track for live_track in self._tracks if live_track.status == status]
+        confirmed = [item for item in self._tracks if item.status == "confirmed"]
+        tentative = [item for item in self._tracks if item.status == "tentative"]
+        for tracks in (confirmed, tentative):
             measurements = self._update_tracks_and_select_unassociated(
                 tracks, passed_s, measurements, view
             )
@@ -231,6 +233,7 @@ class LiveTracker:
         ]
         measurements = self._select_located(measurements)
         self._start_tracks(self._select_separate(measurements, view.pose), view.pose)
+        self._drop_second_tracks(confirmed)
         return tuple(live_track.to_track() for live_track in self._tracks)
 
     def _update_tracks_and_select_unassociated(
@@ -243,10 +246,7 @@ class LiveTracker:
         """Update some tracks, and return the measurements that belong to none of them."""
         if not tracks:
             return measurements
-        states = StateEstimates(
-            np.array([live_track.mean for live_track in tracks]),
-            np.array([live_track.covariance for live_track in tracks]),
-        )
+        states = _stack_states(tracks)
         sizes_m2 = None
         if self._tracker.target_size_m:
             sizes_m2 = np.array([live_track.size_m2 for live_track in tracks])
@@ -270,15 +270,32 @@ class LiveTracker:
 
     def _select_separate(self, measurements: Measurements, pose: RadarPose) -> Measurements:
         """Return the measurements that are not within the separation of a confirmed track."""
-        confirmed = [item.mean[[0, 2]] for item in self._tracks if item.status == "confirmed"]
-        if not (self._tracker.min_separation_m and confirmed):
-            return measurements
         azimuth, range_m, _ = measurements.z.T
-        direction = np.exp(1j * (azimuth + pose.yaw_rad))
-        position_m = complex(*pose.position_m) + range_m * direction
-        tracks_m = np.array(confirmed) @ [1, 1j]
-        distance_m = abs(position_m - tracks_m[:, None]).min(axis=0)
-        return measurements.select_measurements(distance_m >= self._tracker.min_separation_m)
+        angle = azimuth + pose.yaw_rad
+        positions_m = pose.position_m + range_m[:, None] * np.stack(
+            [np.cos(angle), np.sin(angle)], axis=-1
+        )
+        confirmed = [item for item in self._tracks if item.status == "confirmed"]
+        return measurements.select_measurements(~self._is_near(positions_m, confirmed))
+
+    def _drop_second_tracks(self, confirmed: Sequence["_LiveTrack"]) -> None:
+        """Drop tracks that are newly confirmed, within the separation of a confirmed one.
+
+        Before the first confirmation each part of a target starts a track.
+        """
+        kept = [item for item in self._tracks if item in confirmed]
+        for item in self._tracks:
+            is_new = item.status == "confirmed" and item not in confirmed
+            if is_new and not self._is_near(item.mean[None, [0, 2]], kept)[0]:
+                kept.append(item)
+        self._tracks = [item for item in self._tracks if item in kept or item.status == "tentative"]
+
+    def _is_near(self, positions_m: np.ndarray, tracks: Sequence["_LiveTrack"]) -> np.ndarray:
+        """Return True for positions (n, 2) within the separation of any of the tracks, (n,)."""
+        along_m, across_m = self._tracker.min_separation_m
+        if not (along_m and tracks):
+            return np.zeros(len(positions_m), dtype=bool)
+        return is_within_separation(positions_m, _stack_states(tracks), along_m, across_m)
 
     def _select_located(self, measurements: Measurements) -> Measurements:
         """Return the measurements whose gate excludes the radar and is below a full turn.
@@ -378,6 +395,13 @@ class _LiveTrack(TrackStatus):
             status=self.status,
             age=self.age,
         )
+
+
+def _stack_states(tracks: Sequence["_LiveTrack"]) -> StateEstimates:
+    return StateEstimates(
+        np.array([live_track.mean for live_track in tracks]),
+        np.array([live_track.covariance for live_track in tracks]),
+    )
 
 
 def _update_sizes(

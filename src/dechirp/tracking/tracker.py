@@ -10,6 +10,7 @@ from dechirp.core.checks import (
     check_integer,
     check_integer_fields,
     check_non_negative_fields,
+    check_numbers,
     check_positive_fields,
     check_probability,
 )
@@ -49,9 +50,11 @@ class Tracker:
     """Standard deviation of the echo about the centre of a body, along and across the line of
     sight; 0 for points. The extents of clusters add to it. Tracks then follow the centre, with an
     error that includes this offset, which stays for seconds and does not average out."""
-    min_separation_m: float = 0.0
-    """Distance from all confirmed tracks below which a detection starts no track: the length of
-    targets that have several detections or clusters in a frame."""
+    min_separation_m: tuple[float, float] = (0.0, 0.0)
+    """Semi-axes, along and across the direction of motion, of an ellipse about each confirmed
+    track: a detection within it starts no track, and a second track within it is not confirmed.
+    Along, the length of targets that have several detections or clusters in a frame; across, less
+    than the distance of neighbours. If the direction is unknown, a disc. 0, 0 switches it off."""
     gate_probability: float = 0.999
     """Probability that a detection of a target is within the gate of its track."""
     detection_probability: float = 0.9
@@ -75,7 +78,8 @@ class Tracker:
         # From a drifting buoy to a missile; from a snail to a meteor.
         check_positive_fields(self, "process_noise_m2_per_s3", at_least=1e-9, at_most=1e9)
         check_positive_fields(self, "speed_std_m_per_s", at_least=1e-6, at_most=1e5)
-        check_non_negative_fields(self, "target_size_m", "min_separation_m", at_most=1e4)
+        check_non_negative_fields(self, "target_size_m", at_most=1e4)
+        self._check_min_separation()
         check_probability("Tracker.gate_probability", self.gate_probability)
         check_probability("Tracker.detection_probability", self.detection_probability)
         if not isinstance(self.false_alarms, FalseAlarms):
@@ -87,6 +91,18 @@ class Tracker:
             )
         check_integer_fields(self, "drop_after", at_most=100_000)
         self._check_confirm_after()
+
+    def _check_min_separation(self) -> None:
+        where = "Tracker.min_separation_m"
+        axes_m = check_numbers(where, self.min_separation_m, at_least=0.0, at_most=1e4)
+        if len(axes_m) != 2 or (0.0 in axes_m and any(axes_m)):
+            raise InvalidSetting(
+                where,
+                value=self.min_separation_m,
+                expected="two distances, along and across the direction of motion; both 0 for none",
+                fix="write (7, 3) for vehicles, or the same distance twice for a disc",
+            )
+        object.__setattr__(self, "min_separation_m", axes_m)
 
     def _check_confirm_after(self) -> None:
         counts = check_confirmation_counts("Tracker.confirm_after", self.confirm_after)
