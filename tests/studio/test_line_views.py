@@ -8,7 +8,7 @@ from bokeh.document import Document
 from bokeh.events import Tap
 from bokeh.models import Image
 
-from dechirp.core.detection_columns import BY_NAME
+from dechirp.core.text import decimals_for_std, format_fixed
 from dechirp.core.units import SPEED_OF_LIGHT, from_decibels, to_decibels
 from dechirp.processing.range_doppler_map import threshold_map
 from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_doppler_map_position
@@ -309,7 +309,9 @@ def test_detection_table_uses_degrees_and_decibels_strongest_first():
         "snr": to_decibels(detections.snr),
     }.items():
         # Standard errors are texts, rounded to the decimals of the table.
-        rounding = 0.5 * 10.0 ** -BY_NAME[key].decimals if key.endswith("_std") else 0
+        rounding = 0.0
+        if key.endswith("_std"):
+            rounding = 0.51 * 10.0 ** -len(table[key][0].partition(".")[2])
         np.testing.assert_allclose(table[key].astype(float), expected.values[order], atol=rounding)
     car = get_row(table, table["target"].tolist().index("car"))
     assert car["range"] == pytest.approx(np.hypot(42, 10), abs=4 * float(car["range_std"]))
@@ -317,9 +319,13 @@ def test_detection_table_uses_degrees_and_decibels_strongest_first():
     headings = view.table.shown_headings
     assert headings["azimuth"].title == "Azimuth (°)"
     assert headings["snr"].title == "SNR (dB)"
-    for key in ("range", "velocity", "azimuth"):
-        estimate_decimals = headings[key].decimals
-        assert {len(text.partition(".")[2]) for text in table[f"{key}_std"]} == {estimate_decimals}
+    for key in ("range", "velocity"):
+        # Two digits of a hundredth of a resolution cell, which the smallest error is below.
+        cell = np.diff(frame_state.power[key].values[:2]).item()
+        assert detections[f"{key}_std"].min() < cell / 100
+        n_decimals = decimals_for_std(cell / 100)
+        assert {len(text.partition(".")[2]) for text in table[f"{key}_std"]} == {n_decimals}
+        assert f"<td>{format_fixed(float(table[key][0]), n_decimals)}</td>" in view.table.table.text
 
 
 def test_detection_table_writes_motion_in_words():
@@ -485,5 +491,6 @@ def test_standard_error_below_last_digit_is_no_zero():
     # one, and walks 0.019 cells of 1 m. That is an error of 4e-6 m; the actual one is 7e-8 m.
     assert abs(float(car.range) - np.hypot(42, 10)) < 0.01  # mid-frame
     assert 1e-6 < float(car.range_std) < 1e-5
-    # The table has 4 decimals; an error below the last one is written as one of it, not as zero.
-    assert set(view.table.columns["range_std"]) == {"<0.0001"}
+    # The table shows two digits of a hundredth of a cell of 1 m; an error below the last one is
+    # written as one of it, not as zero.
+    assert set(view.table.columns["range_std"]) == {"<0.001"}

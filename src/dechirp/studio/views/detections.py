@@ -5,7 +5,12 @@ from collections.abc import Iterator
 import numpy as np
 from bokeh.models import UIElement
 
-from dechirp.core.detection_columns import BY_NAME, SHOWN_COLUMNS, standard_error_column
+from dechirp.core.detection_columns import (
+    BY_NAME,
+    SHOWN_COLUMNS,
+    decimals_of_estimates,
+    standard_error_column,
+)
 from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import EN_DASH, format_std
 from dechirp.evaluation.association import GATE_CELLS, Associator
@@ -26,8 +31,7 @@ from dechirp.studio.views.table_tile import MAX_ROWS, Heading, TableTile, row_at
 def _column_headings() -> Iterator[tuple[str, Heading]]:
     for column in SHOWN_COLUMNS:
         title, std = column.heading_with_unit, standard_error_column(column)
-        # An estimate has the decimals of its error.
-        decimals = None if column.is_flag else (column if std is None else std).decimals
+        decimals = None if column.is_flag else column.decimals
         yield column.name, Heading(title, decimals, 75 if len(title) > 12 else 60)
         if std is not None:
             yield std.name, Heading(f"± {column.shown_unit_symbol}", width=52)
@@ -37,12 +41,6 @@ _HEADINGS = {**dict(_column_headings()), "target": Heading("target", width=90)}
 _HIDDEN_IF_UNKNOWN = tuple(
     name for name in _HEADINGS if name in BY_NAME and BY_NAME[name].is_hidden_if_unknown
 )
-_ERRORS = {
-    std.name: std.decimals
-    for std in map(standard_error_column, SHOWN_COLUMNS)
-    if std is not None and std.name in _HEADINGS
-}
-"""Decimals of standard errors by name."""
 _FLAGS = {column.name for column in SHOWN_COLUMNS if column.is_flag}
 _NO_TARGET = "none"
 _ALIASED = " (aliased)"
@@ -72,9 +70,16 @@ class DetectionsView(View):
             for key, column in columns.items()
             if key in _HIDDEN_IF_UNKNOWN
         }
-        for name in _ERRORS.keys() & columns.keys():
-            texts = [format_std(error, _ERRORS[name]) for error in columns[name].tolist()]
-            columns[name] = np.array(texts, dtype=object)
+        frame = frame_state.radar.for_frame(0).frame
+        decimals = decimals_of_estimates(
+            frame_state.detections,
+            range_cell_m=frame.chirp.range_resolution_m,
+            velocity_cell_m_per_s=frame.velocity_resolution_m_per_s,
+        )
+        for name, n_decimals in decimals.items():
+            stds = columns[f"{name}_std"]
+            texts = [format_std(std, n_decimals) for std in stds.tolist()]
+            columns[f"{name}_std"] = np.array(texts, dtype=object)
         for name in _FLAGS & columns.keys():
             columns[name] = np.array(BY_NAME[name].format_shown_values(columns[name]), dtype=object)
         columns["target"] = np.where(is_aliased, targets + _ALIASED, targets)
@@ -84,6 +89,7 @@ class DetectionsView(View):
             columns,
             cursors=cursors,
             selected=row_at_cursor(map_positions, frame_state),
+            decimals=decimals,
         )
 
     def apply_theme(self, theme: Theme) -> None:

@@ -70,6 +70,7 @@ class TableTile:
         self._on_pick = on_pick
         self._cursors: Sequence[Cursor] = ()
         self._visible = dict.fromkeys(headings, True)
+        self._decimals: Mapping[str, int] = {}
         self.picked = PickedRow()
         self.picked.on_change("row", self._move_cursor_to_picked_row)
         self.title = Div(
@@ -101,8 +102,13 @@ class TableTile:
         *,
         cursors: Sequence[Cursor],
         selected: int | None,
+        decimals: Mapping[str, int] | None = None,
     ) -> None:
-        """Show the first rows of the columns, with the cursor of each row and the marked row."""
+        """Show the first rows of the columns, with the cursor of each row and the marked row.
+
+        `decimals` replace those of the headings, by name.
+        """
+        self._decimals = decimals or {}
         self.title.text = f"<b>{title}</b>"
         self._cursors = cursors[:MAX_ROWS]
         self.selected = None if selected is None or selected >= MAX_ROWS else selected
@@ -122,7 +128,7 @@ class TableTile:
         )
         head = "".join(f'<th scope="col">{escape(head.title)}</th>' for head in shown.values())
         texts = [
-            _format_cells(self.columns[key], heading.decimals)
+            _format_cells(self.columns[key], self._decimals.get(key, heading.decimals))
             for key, heading in shown.items()
             if key in self.columns
         ]
