@@ -50,20 +50,26 @@ class CommonRoad(TrafficFormat):
 
     def read_states(self, path: Path) -> Iterator[ObjectState]:
         """Yield the initial state and the trajectory of each obstacle."""
-        step_s = math.nan
+        step_s, place = math.nan, ""
         try:
             for event, element in ElementTree.iterparse(path, events=("start", "end")):
                 if event == "start" and element.tag == "commonRoad":
                     _check_version(path, element.attrib["commonRoadVersion"])
                     step_s = float(element.attrib["timeStepSize"])
+                    if not 0 < step_s < math.inf:
+                        raise ValueError(f"timeStepSize {step_s:g}, not above 0")
                 elif event == "end" and element.tag in _OBSTACLES:
-                    yield from _read_obstacle(element, step_s)
+                    place = f"object {element.get('id')}: "
+                    for state in _read_obstacle(element, step_s):
+                        yield state
+                        place = f"object {state.id} after {state.time_s:g} s: "
+                    place = ""
                     element.clear()
         except (ElementTree.ParseError, KeyError, TypeError, ValueError) as error:
             is_cut = getattr(error, "code", None) in _ERRORS_AT_FILE_END
             raise (CutTrafficError if is_cut else RecordingError)(
                 path,
-                value=f"{type(error).__name__}: {error}",
+                value=f"{place}{type(error).__name__}: {error}",
                 expected="a complete CommonRoad scenario with timeStepSize, and obstacles with"
                 " rectangles or circles, positions and times",
                 fix="export it again",
@@ -118,7 +124,9 @@ def _read_size(obstacle: ElementTree.Element) -> tuple[float, float]:
 
 
 def _read_point(state: ElementTree.Element, axis: str) -> float:
-    return float(state.findtext(f"position/point/{axis}", ""))
+    if (text := state.findtext(f"position/point/{axis}")) is None:
+        raise ValueError(f"no position/point/{axis}")
+    return float(text)
 
 
 def _read_number(state: ElementTree.Element, name: str) -> float:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TextIO, get_args
 
 from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding
 from dechirp.traffic.base import (
     STRUCTURE_KINDS,
     CutTrafficError,
@@ -14,6 +15,7 @@ from dechirp.traffic.base import (
     TrafficFormat,
 )
 
+_MAX_ROW_BYTES = 10_000
 _REQUIRED = ("time", "id", "class", "x", "y", "heading", "length", "width", "height")
 _OPTIONAL = ("z", "vx", "vy")
 _FIELDS = {
@@ -39,7 +41,7 @@ class TrajectoryCsv(TrafficFormat):
         if path.suffix.lower() != ".csv":
             return False
         with _open_text(path) as file:
-            header = file.readline(10_000)
+            header = file.readline(_MAX_ROW_BYTES)
         return set(_REQUIRED) <= {name.strip() for name in header.split(",")}
 
     def read_states(self, path: Path) -> Iterator[ObjectState]:
@@ -70,6 +72,28 @@ class TrajectoryCsv(TrafficFormat):
                     f" {', '.join(get_args(ObjectKind))}",
                     fix="correct the line",
                 ) from None
+
+    def read_findings(self, path: Path) -> tuple[Finding, ...]:
+        """Return a note if the last row is complete without a line end: its last cell may be cut.
+
+        `12.3` of `12.345` is a number too. Rows that are incomplete are no states.
+        """
+        with path.open("rb") as file:
+            header = file.readline(_MAX_ROW_BYTES)
+            file.seek(max(path.stat().st_size - _MAX_ROW_BYTES, 0))
+            last_bytes = file.read()
+        last_row = last_bytes.splitlines()[-1]
+        if last_bytes.endswith((b"\n", b"\r")) or last_row.count(b",") < header.count(b","):
+            return ()
+        return (
+            Finding(
+                level="note",
+                setting="traffic.path",
+                value=f"the last row has no line end: {last_row[:80].decode(errors='replace')}",
+                expected="a line end, as it shows that the last cell is complete",
+                fix="nothing to do if it is; else complete it, or record the file again",
+            ),
+        )
 
 
 def _open_text(path: Path) -> TextIO:
