@@ -127,7 +127,11 @@ def _print_inspection(inspection: "Inspection", picture: Path | None) -> None:
     rows.add_row("format", " or ".join(inspection.formats))
     if inspection.recording is not None:
         sizes = _cube_or_point_cloud_sizes(inspection)
-        rows.add_row(" x ".join(sizes), " x ".join(str(size) for size in sizes.values()))
+        if "detection" in sizes:  # of all frames together: no axes of one array
+            rows.add_row("frames", f"{sizes['frame']:,}")
+            rows.add_row("detections in all frames", f"{sizes['detection']:,}")
+        else:
+            rows.add_row(" x ".join(sizes), " x ".join(str(size) for size in sizes.values()))
         if inspection.recording.contents.radar is not None:
             for name, text in format_waveform_and_limits(inspection.recording.radar):
                 rows.add_row(name, text)
