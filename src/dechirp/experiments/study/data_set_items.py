@@ -32,8 +32,8 @@ TRUTH_COLUMNS: Mapping[str, tuple[str, str]] = {
     "elevation": ("rad", "above the horizontal"),
     "rcs": ("m^2", "mean radar cross section, of all scatterers"),
     "snr": ("1", "mean ratio after integration, against the noise that is added"),
-    "map_range": ("m", "where the peak lies on the map: coupled to velocity, folded"),
-    "map_velocity": ("m/s", "where the peak lies on the map: folded"),
+    "map_range": ("m", "range of the peak on the map: coupled to velocity, aliased"),
+    "map_velocity": ("m/s", "velocity of the peak on the map: aliased"),
 }
 """Units and descriptions of the truth of each target in each frame."""
 
