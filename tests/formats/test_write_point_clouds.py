@@ -319,7 +319,7 @@ def test_foreign_points_become_detections_with_findings(tmp_path, write):
     assert "/lidar (sensor_msgs/msg/PointCloud2), /notes (std_msgs/msg/String)" in findings
     lidar_recording = dc.open(tmp_path / "drive" / "lidar")
     assert lidar_recording.n_frames == 1
-    assert "velocity from nothing" in lidar_recording.findings[0].value
+    assert "no velocity, no snr in dB" in lidar_recording.findings[0].value
     assert lidar_recording.findings[0].level == "warning"
 
 

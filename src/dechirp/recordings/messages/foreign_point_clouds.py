@@ -152,16 +152,16 @@ def _used_fields_findings(
 ) -> tuple[Finding, ...]:
     """Report the fields that were used."""
     velocity_fields = (*VELOCITIES, *(("vx",) if {"vx", "vy"} <= fields.keys() else ()))
-    used_fields = [
-        f"{quantity} from {next((fields[key] for key in candidates if key in fields), 'nothing')}"
-        for quantity, candidates in (("velocity", velocity_fields), ("snr in dB", _SNRS))
-    ]
+    used_fields = []
+    for quantity, candidates in (("velocity", velocity_fields), ("snr in dB", _SNRS)):
+        field = next((fields[key] for key in candidates if key in fields), None)
+        used_fields.append(f"no {quantity}" if field is None else f"{quantity} from {field}")
     if used_fields[0].endswith(" vx"):
         used_fields[0] += " and vy, along the line of sight"
     frame_text = f" (frame_id {frame_id!r})" if frame_id else ""
     return (
         Finding(
-            level="warning" if "nothing" in used_fields[0] else "note",
+            level="warning" if used_fields[0] == "no velocity" else "note",
             setting="points",
             value=f"points of {source}{frame_text}, fields {', '.join(list(fields.values())[:30])};"
             f" {', '.join(used_fields)}",
