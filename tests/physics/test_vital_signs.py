@@ -10,6 +10,7 @@ import xarray as xr
 import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.arc_fit import fit_arc
+from dechirp.processing.periodicity import find_line, slow_functions
 from dechirp.processing.slow_time import displacement_spectrum, range_traces
 from dechirp.processing.vital_signs import VitalSigns, chest_displacement, measure_vital_signs
 from nightly import nightly, nightly_except
@@ -164,6 +165,35 @@ def test_random_walks_have_no_vital_signs(n_cells, white, first, n_trials):
         for level in (0.2, 0.05, 0.01):
             at_most = scipy.stats.binom.isf(1e-3, n_trials, level)
             assert np.sum(np.array(of_sign) < level) <= at_most
+
+
+def rate_of_harmonics(energies, fundamental_hz, *, noise_std, seed):
+    """Return the rate that is found in I and Q with harmonics of these relative energies."""
+    rng = np.random.default_rng(seed)
+    orders, times_s = np.arange(1, len(energies) + 1), TIMES_S - TIMES_S.mean()
+    phases = rng.uniform(0, 2 * np.pi, (len(energies), 2))
+    turns = 2 * np.pi * fundamental_hz * orders[:, None] * times_s[:, None, None] + phases
+    movement = np.einsum("k,tkc->tc", np.sqrt(energies), np.sin(turns))
+    movement += noise_std * rng.normal(size=movement.shape)
+    basis = slow_functions(times_s, 0.05)
+    line = find_line(movement, times_s, (0.1, 0.7), basis=basis, max_harmonics=6)
+    assert line.false_alarm_probability < 1e-2
+    return line.frequency_hz
+
+
+@pytest.mark.parametrize("seed", [3, 6, 9])
+def test_weak_odd_harmonics_do_not_halve_the_rate(seed):
+    """Alternate breaths differ a little: in noise, both the rate and its half are significant."""
+    rate_hz = rate_of_harmonics([6, 12, 3, 15, 0, 6], 0.1425, noise_std=5.0 * 8**0.5, seed=seed)
+    # The bound 24 s^2 / ((2 pi)^2 sum(k^2 A^2) T^2 N), with energies 12 and 15 in I and in Q, is
+    # 2.3 mHz; six times it.
+    assert rate_hz == pytest.approx(0.285, abs=0.014)
+
+
+@pytest.mark.parametrize("noise_std", [0.1, 2.5])
+def test_strong_even_harmonics_do_not_double_the_rate(noise_std):
+    rate_hz = rate_of_harmonics([1, 1.44, 0.36, 0.64], 0.25, noise_std=noise_std, seed=0)
+    assert rate_hz == pytest.approx(0.25, abs=0.01)
 
 
 def test_harmonics_of_breathing_are_no_heart_rate():
