@@ -1,5 +1,6 @@
 """Studies on Dask clusters, with their own scheduler and workers, and on Slurm."""
 
+import asyncio
 import os
 import socket
 import stat
@@ -7,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -17,6 +18,7 @@ import pytest
 pytest.importorskip("distributed")
 
 import cloudpickle
+from distributed.cfexecutor import _cascade_future
 
 import tiny_study
 from dechirp.core.errors import DechirpError, InvalidSetting
@@ -165,6 +167,40 @@ def test_cluster_killed_at_random_moments_loses_nothing(tmp_path, seed):
     with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
         run_tiny_study(tmp_path / "killed", workers, until=until)
     assert ledger_digest(tmp_path / "killed") == expected
+
+
+class LosingExecutor(ThreadPoolExecutor):
+    """Its first result arrives in Dask's hands as the cluster loses it, and becomes an error."""
+
+    errors: tuple[BaseException, ...] = ()
+
+    def submit(self, function, *args):
+        future = super().submit(function, *args)
+        if self.errors:
+            return future
+
+        class LostFuture:
+            status = "lost"
+
+            async def _result(self, raiseit):
+                return future.result()
+
+        async def hand_over():
+            await _cascade_future(LostFuture(), lost)
+
+        lost = Future()
+        asyncio.run(hand_over())
+        self.errors = (lost.exception(),)
+        return lost
+
+
+def test_block_that_dask_loses_as_it_arrives_is_computed_again(tmp_path):
+    expected = run_undisturbed(tmp_path / "alone", until=False)
+    with LosingExecutor(1) as pool, workers_from_executor(pool) as workers:
+        run_tiny_study(tmp_path / "lost", workers)
+
+    assert isinstance(pool.errors[0], TypeError)
+    assert ledger_digest(tmp_path / "lost") == expected
 
 
 def test_unresponsive_scheduler_is_reported_within_timeout():

@@ -1,6 +1,7 @@
 """Traffic files: positions, velocities from positions, surprising motion and damaged files."""
 
 import math
+import re
 import struct
 
 import numpy as np
@@ -157,9 +158,9 @@ def test_findings_name_objects_and_times(tmp_path, rows, expected):
         ([car_row(0, "nan")], "object 7 at 0 s: x nan"),
         ([car_row("inf", 0)], "finite times"),
         (["0,7,car,0,0,0,-4.5,1.8,1.5"], "length -4.5 m"),
-        (["0,7,tank,0,0,0,4.5,1.8,1.5"], "line 2: class 'tank'"),
+        (["0,7,tank,0,0,0,4.5,1.8,1.5"], "line 2 (id 7, time 0): class 'tank'"),
         (["0,7.5,car,0,0,0,4.5,1.8,1.5"], "line 2"),
-        (["0,7,car,zero,0,0,4.5,1.8,1.5"], "line 2"),
+        (["0,7,car,zero,0,0,4.5,1.8,1.5"], "line 2 (id 7, time 0): could not convert"),
         (["0,7,car"], "line 2"),
         ([car_row(0, 0, 2**63)], "ids below 2^63"),
     ],
@@ -271,18 +272,18 @@ def test_csv_cut_within_a_line_is_read_up_to_it(tmp_path):
     traffic = dc.open_traffic(path)
 
     assert traffic.objects.identical(whole)
-    assert "cut short at line 5, which has no line end: " in traffic.findings[0].value
+    assert re.search(r"at line 5 .*, which has no line end: ", traffic.findings[0].value)
     for cut in (lines[-1].rpartition(",")[0], lines[-1].replace("car", "ca")[:-1], "3,1,car,1e"):
         path.write_text("".join(lines[:3]) + cut, encoding="utf-8")
         traffic = dc.open_traffic(path)
         assert traffic.objects.identical(whole.isel(time=slice(2)))
-        assert "line 4, which has no line end: " in traffic.findings[0].value
+        assert re.search(r"line 4.*, which has no line end: ", traffic.findings[0].value)
         assert "; 2 states up to 1 s" in traffic.findings[0].value
     path.write_text("".join(lines[:3]) + lines[3].replace("car", "lorry"), encoding="utf-8")
-    with pytest.raises(dc.RecordingError, match="line 4: class 'lorry'"):
+    with pytest.raises(dc.RecordingError, match=r"line 4 \(id 4, time 2\): class 'lorry'"):
         dc.open_traffic(path)
     path.write_text("".join(lines[:2]) + lines[2][:3] + "\n" + lines[3], encoding="utf-8")
-    with pytest.raises(dc.RecordingError, match="line 3: "):
+    with pytest.raises(dc.RecordingError, match=r"line 3 \(id 4, time 1\): "):
         dc.open_traffic(path)
 
 

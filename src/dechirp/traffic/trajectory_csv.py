@@ -49,6 +49,7 @@ class TrajectoryCsv(TrafficFormat):
         with _open_text(path) as file:
             lines = _Lines(file)
             reader = csv.DictReader(lines, skipinitialspace=True)
+            row: dict[str, str | None] = {}
             try:
                 reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
                 for row in reader:
@@ -56,18 +57,19 @@ class TrajectoryCsv(TrafficFormat):
                         raise ValueError("cells are missing")
                     yield _state_of_row(row)
             except (TypeError, ValueError, csv.Error) as error:
-                # The library does not count the line that it cannot split.
-                line = reader.line_num + isinstance(error, csv.Error)
+                place = f"line {reader.line_num}{_describe_object(row)}"
+                if isinstance(error, csv.Error):  # the library does not count this line
+                    place = f"line {reader.line_num + 1}"
                 if lines.lack_end:
                     raise CutTrafficError(
                         path,
-                        value=f"line {line}, which has no line end: {error}",
+                        value=f"{place}, which has no line end: {error}",
                         expected="complete rows",
                         fix="complete the last row, or record the file again",
                     ) from None
                 raise RecordingError(
                     path,
-                    value=f"line {line}: {error}",
+                    value=f"{place}: {error}",
                     expected=f"{', '.join(_REQUIRED)} as numbers, class as one of"
                     f" {', '.join(get_args(ObjectKind))}",
                     fix="correct the line",
@@ -113,6 +115,12 @@ class _Lines(Iterator[str]):
         line = next(self._file)
         self.lack_end = not line.endswith(("\n", "\r"))
         return line
+
+
+def _describe_object(row: dict[str, str | None]) -> str:
+    """Return the id and the time of a row as the file states them, if it does."""
+    cells = [f"{name} {(row.get(name) or '').strip()[:40]}" for name in ("id", "time")]
+    return f" ({', '.join(cells)})" if row.get("id") and row.get("time") else ""
 
 
 def _state_of_row(row: dict[str, str | None]) -> ObjectState:

@@ -6,6 +6,7 @@ which they finish, and not on interruptions.
 
 import pickle
 import platform
+import traceback
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
@@ -232,7 +233,13 @@ class _Scheduler:
             self._ledger.add_blocks(blocks)
         issued = {future: self._in_flight.pop(future) for future in wanted}
         self._count_saved_and_cancel_unneeded_blocks(blocks)
-        failed = [(future, error) for future, error in errors.items() if error is not None]
+        is_lost = {future for future, error in errors.items() if _is_lost_on_arrival(error)}
+        self._queue.requeue_lost_blocks(issued[future] for future in is_lost)
+        failed = [
+            (future, error)
+            for future, error in errors.items()
+            if error is not None and future not in is_lost
+        ]
         death_errors = (*self._workers.death_errors, CancelledError)
         for _, error in failed:
             if not isinstance(error, death_errors):
@@ -309,6 +316,14 @@ class _Scheduler:
 
 def _error_of_finished_future(future: Future[Block]) -> BaseException | None:
     return CancelledError() if future.cancelled() else future.exception()
+
+
+def _is_lost_on_arrival(error: BaseException | None) -> bool:
+    """Return whether a worker of Dask was lost as its result arrived: an error of Dask itself."""
+    if not isinstance(error, TypeError) or error.__traceback__ is None:
+        return False
+    *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+    return bool(frame.f_globals["__name__"] == "distributed.cfexecutor")
 
 
 def _dead_workers_error(
