@@ -68,7 +68,7 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
         "CutTrafficError",
         _open_cut_traffic,
         "traffic.csv",
-        "line 2, which has no line end",
+        "line 2 (id 3, time 0.1), which has no line end",
         "complete rows",
         "complete the last row",
     ),

@@ -9,7 +9,8 @@ import pytest
 
 from guide.test_every_block_runs import DOCS, PAGES
 
-nbformat = pytest.importorskip("nbformat")  # comes with the group docs
+pytest.importorskip("sphinx")  # comes with the group docs, as nbformat does
+nbformat = pytest.importorskip("nbformat")
 NOTEBOOKS = sorted((DOCS.parent / "examples" / "notebooks").glob("*.ipynb"))
 PAGES_WITHOUT_CODE = {
     "benchmarks",
