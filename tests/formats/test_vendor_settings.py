@@ -102,9 +102,53 @@ def test_cfg_geometry_gives_board_without_platform(tmp_path, left, up, kind):
     assert settings.device == kind
     if kind is not None:
         assert settings.radar.array == device(kind).select_antennas(0b101, 0b1111)
-    # A name takes precedence.
+    # The name of a chip does not tell its boards apart; the name of a board takes precedence.
     named = read_settings_text(tmp_path, cfg.replace("Platform:", "Platform:xWR64xx"))
-    assert named.device == "xwr6843"
+    assert named.device == (kind or "xwr6843")
+    named = read_settings_text(tmp_path, cfg.replace("Platform:", "Platform:xWR68xx_ODS"))
+    assert named.device == "xwr6843ods"
+
+
+AOP_SIGNS = " ".join(["1 0 -1 0"] * 6)
+ODS_SIGNS = " ".join(["1 0 -1 0 -1 0 1 0"] * 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "platform", "signs", "kind", "level"),
+    [
+        ("a.cfg", "xWR68xx", AOP_SIGNS, "xwr6843aop", "note"),
+        ("a.cfg", "xWR68xx", ODS_SIGNS, "xwr6843ods", "note"),
+        ("a.cfg", "", ODS_SIGNS, "xwr6843ods", "note"),
+        ("a.cfg", "xWR68xx", "1 0 " * 12, "xwr6843", None),
+        ("a.cfg", "xWR68xx", "0.5 -1 " * 12, "xwr6843", None),
+        ("area_68xx_AOP.cfg", "xWR68xx", "1 0 " * 12, "xwr6843aop", "note"),
+        ("6843-hand-ods.cfg", "xWR68xx", "1 0 " * 12, "xwr6843ods", "note"),
+        ("6843_ods.cfg", "xWR68xx", AOP_SIGNS, "xwr6843ods", "warning"),
+        ("6843AOP.cfg", "", "1 0 " * 12, "xwr6843aop", "note"),
+        ("profile_ods.cfg", "", "1 0 " * 12, "xwr6843ods", "note"),
+        ("6843.cfg", "", AOP_SIGNS, "xwr6843aop", "note"),
+        ("6843.cfg", "", "1 0 " * 12, "xwr6843", "note"),
+        ("1843_aop.cfg", "xWR68xx_AOP", "1 0 " * 12, "xwr6843aop", None),
+        ("1642.cfg", "", "1 0 " * 12, None, "note"),  # not a chip of 60 GHz
+        ("walk_1715.cfg", "", "1 0 " * 12, None, "note"),
+    ],
+)
+def test_cfg_board_follows_from_name_and_signs(tmp_path, name, platform, signs, kind, level):
+    cfg = CFG.replace("xWR18xx", platform).replace("profileCfg 0 77", "profileCfg 0 60.75")
+    cfg = cfg.replace("lowPower 0 0", f"compRangeBiasAndRxChanPhase 0.0 {signs}")
+
+    settings = read_settings_text(tmp_path, cfg, name)
+
+    assert settings.device == kind
+    assert [finding.level for finding in settings.findings] == ([level] if level else [])
+    if kind is not None:
+        board = device(kind)
+        assert settings.radar.array == board.select_antennas(0b101, 0b1111)
+        assert settings.radar.calibration == board.sign_calibration(0b101, 0b1111)
+        assert level is None or f"--device {kind}" in settings.findings[0].value
+    # Some files end their lines with a carriage return alone.
+    (tmp_path / name).write_bytes(cfg.replace("\n", "\r").encode())
+    assert read_settings(tmp_path / name) == settings
 
 
 def test_cfg_accepts_back_off_and_phase_codes(tmp_path):
@@ -783,6 +827,18 @@ def test_studio_lua_equals_cfg_of_same_radar(tmp_path):
     assert (settings.device, settings.findings) == ("xwr1843", ())
     (tmp_path / "settings.cfg").unlink()
     assert find_settings_file(tmp_path / "adc_data.bin").name == "capture.lua"
+
+
+def test_studio_lua_name_chooses_among_the_chips_it_selects(tmp_path):
+    text = LUA.replace("(1, 1, 0, 0, 0, 0, 0, 0, 0, 1)", "(1, 1, 0, 0, 0, 0, 0, 0, 1, 0)")
+
+    settings = read_settings_text(tmp_path, text, "1642_config.lua")
+
+    assert settings.device == "xwr1642"
+    assert settings.radar.array == device("xwr1642").select_antennas(0b11, 0b1111)
+    (note,) = settings.findings
+    assert "1642_config.lua" in note.value
+    assert read_settings_text(tmp_path, text, "1443_config.lua").device == "xwr1843"
 
 
 def test_studio_lua_receivers_and_samples_are_those_of_its_channels(tmp_path):

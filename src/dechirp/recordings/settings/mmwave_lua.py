@@ -18,6 +18,7 @@ from dechirp.radar.chirp import Chirp
 from dechirp.radar.devices.base import Device
 from dechirp.recordings.settings.antenna_positions import find_device_or_none
 from dechirp.recordings.settings.base import RecordingSettings, convert_setting_errors
+from dechirp.recordings.settings.ti_board import choose_ti_board
 from dechirp.recordings.settings.ti_frame import (
     BITS,
     MAX_CHIRPS,
@@ -70,7 +71,8 @@ def is_mmwave_lua(text: str) -> bool:
 def read_mmwave_lua(file: Path, text: str, device: Device | None = None) -> RecordingSettings:
     """Read the settings of a script.
 
-    The device is the given one, else the chip that the script selects.
+    The device is the given one, else the chip that the script selects last, or an
+    earlier one that the name of the file contains.
 
     Raises
     ------
@@ -88,8 +90,7 @@ def read_mmwave_lua(file: Path, text: str, device: Device | None = None) -> Reco
             fix="give the .mmwave.json file of the capture, or the radar as a YAML file",
         )
     calls = _parse_calls(text)
-    chip_names = [call.text.strip(" \"'") for call in calls if call.name == "SelectChipVersion"]
-    known_device = device or find_device_or_none(chip_names[-1] if chip_names else "")
+    known_device, board_findings = (device, ()) if device is not None else _find_device(file, calls)
     latest = {call.name: call for call in calls if call.name in _ARGUMENTS}
     missing = sorted({"ProfileConfig", "ChirpConfig", "FrameConfig"} - latest.keys())
     advanced = [call for call in calls if call.name == "AdvanceFrameConfig"]
@@ -138,7 +139,32 @@ def read_mmwave_lua(file: Path, text: str, device: Device | None = None) -> Reco
             chip_name="",
             device=known_device,
         )
-    return settings.with_findings(*findings).completed_from_device(known_device)
+    settings = settings.with_findings(*board_findings, *findings)
+    return settings.completed_from_device(known_device)
+
+
+def _find_device(file: Path, calls: list["_Call"]) -> tuple[Device | None, tuple[Finding, ...]]:
+    """Return the board of the script, and findings where the name of the file decides.
+
+    The last chip that the script selects counts, unless the name contains another one of them:
+    `1642_config.lua` selects an AR1642, then an XWR1843.
+    """
+    names = [call.text.strip(" \"'") for call in calls if call.name == "SelectChipVersion"]
+    chips = [chip for chip in map(find_device_or_none, names) if chip is not None]
+    starts_ghz = [
+        call.values[1] for call in calls if call.name == "ProfileConfig" and len(call.values) > 1
+    ]
+    start_ghz = starts_ghz[-1] if starts_ghz and starts_ghz[-1] is not None else 0.0
+    for chip in reversed(chips):
+        board, findings = choose_ti_board(
+            file,
+            chip_name="" if len(chips) > 1 else chip.kind(),
+            start_frequency_hz=1e9 * start_ghz,
+            tx_mask=1,
+        )
+        if board is not None and board.kind().startswith(chip.kind()):
+            return board, findings
+    return (chips[-1], ()) if chips else (None, ())
 
 
 @frozen_dataclass

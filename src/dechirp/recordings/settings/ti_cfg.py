@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake, RecordingError
+from dechirp.core.findings import Finding
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.devices.base import Device
 from dechirp.recordings.settings.antenna_positions import (
@@ -20,6 +21,7 @@ from dechirp.recordings.settings.antenna_positions import (
     find_device_or_none,
 )
 from dechirp.recordings.settings.base import RecordingSettings, convert_setting_errors
+from dechirp.recordings.settings.ti_board import choose_ti_board
 from dechirp.recordings.settings.ti_cfg_lines import COMMANDS, Command, parse_commands_at_last_start
 from dechirp.recordings.settings.ti_frame import (
     BITS,
@@ -34,6 +36,9 @@ _EITHER = re.compile(r"^[ \t]*(profileCfg|frameCfg|chirpComnCfg|chirpTimingCfg)\
 _PLATFORM = re.compile(r"^[ \t]*%[ \t]*Platform[ \t]*:[ \t]*([\w.-]{1,40})", re.MULTILINE)
 _GEOMETRY = re.compile(
     r"^[ \t]*antGeometry([01])((?:[ \t]+-?\d{1,3}){1,48})[ \t\r]*$", re.MULTILINE
+)
+_SIGNS = re.compile(
+    r"^[ \t]*compRangeBiasAndRxChanPhase((?:[ \t]+[-.\d]{1,20}){9,49})", re.MULTILINE
 )
 _MAX_CHARACTERS = 2**18  # characters; real files have some 2000
 _MAX_MISTAKES = 100  # more mistakes mean a wrong file
@@ -77,8 +82,9 @@ def is_ti_cfg(text: str) -> bool:
 def read_ti_cfg(file: Path, text: str, device: Device | None = None) -> RecordingSettings:
     """Read the settings that were valid when the sensor was last started.
 
-    The last command of a kind counts. The device is the given one, else the one in a comment
-    `% Platform:`, else the one with the array of the commands `antGeometry0` and `antGeometry1`.
+    The last command of a kind counts. The device is the given one, else the board in a comment
+    `% Platform:`, else the one with the array of the commands `antGeometry0` and `antGeometry1`,
+    else see `choose_ti_board`.
 
     Raises
     ------
@@ -97,6 +103,7 @@ def read_ti_cfg(file: Path, text: str, device: Device | None = None) -> Recordin
     xwrl_command = _NEWER.search(text)
     if xwrl_command:
         raise InvalidFile(_low_power_chip_mistake(file, text, xwrl_command))
+    text = "\n".join(text.splitlines())  # some files end lines with a carriage return alone
     mistakes: list[Mistake] = []
     commands = parse_commands_at_last_start(file, text, mistakes)
     last_commands = {line.name: line for line in commands}
@@ -105,12 +112,61 @@ def read_ti_cfg(file: Path, text: str, device: Device | None = None) -> Recordin
     _append_missing_command_mistakes(file, (*_REQUIRED_COMMANDS, *frames), last_commands, mistakes)
     if mistakes:
         raise InvalidFile(*mistakes[:_MAX_MISTAKES])
+    findings: tuple[Finding, ...] = ()
+    if device is None:
+        device, findings = _find_device(file, text, last_commands)
+    return _read_frames(file, commands, frames, device).with_findings(*findings)
+
+
+def _find_device(
+    file: Path, text: str, last_commands: dict[str, Command]
+) -> tuple[Device | None, tuple[Finding, ...]]:
+    """Return the board, and findings where words of the file's name or signs decide."""
     platform = _PLATFORM.search(text)
     chip_name = platform.group(1) if platform else ""
-    if device is None and find_device_or_none(chip_name) is None:
-        device = _device_of_geometry_commands(text, last_commands["profileCfg"])
+    profile, channels = last_commands["profileCfg"], last_commands["channelCfg"]
+    named = find_device_or_none(chip_name)
+    of_geometry = _device_of_geometry_commands(text, profile)
+    if of_geometry is not None and of_geometry.kind().startswith(
+        "" if named is None else named.kind()
+    ):
+        return of_geometry, ()
+    signs = _SIGNS.findall(text)
+    return choose_ti_board(
+        file,
+        chip_name=chip_name,
+        start_frequency_hz=profile["start_ghz"] * 1e9,
+        tx_mask=channels.integer_argument("tx_mask"),
+        signs=_receiver_signs_or_none(signs[-1]) if signs else None,
+    )
+
+
+def _receiver_signs_or_none(words: str) -> tuple[int, ...] | None:
+    """Return the signs of the receivers, equal for all transmitters; None for other factors.
+
+    The command has a range offset, and a real and an imaginary part for each element.
+    """
+    try:
+        values = [float(word) for word in words.split()[1:]]
+    except ValueError:
+        return None
+    signs = tuple(int(value) for value in values[:8:2])
+    is_sign = len(signs) == 4 and all(abs(sign) == 1 for sign in signs)
+    equal = [part for sign in signs for part in (sign, 0)] * (len(values) // 8)
+    return signs if is_sign and values == equal else None
+
+
+def _read_frames(
+    file: Path,
+    commands: Sequence[Command],
+    frames: tuple[str, ...],
+    device: Device | None,
+) -> RecordingSettings:
+    """Read the settings of the frames, or of all sub-frames."""
+    last_commands = {line.name: line for line in commands}
     if frames == _FRAMES:
-        return _read_frame(file, commands, frames, chip_name=chip_name, device=device)
+        return _read_frame(file, commands, frames, device=device)
+    mistakes: list[Mistake] = []
     n_sub_frames = last_commands["advFrameCfg"].integer_argument("n_sub_frames")
     # A number out of range is a mistake that the first sub-frame reports.
     numbers = range(min(max(n_sub_frames, 1), _MAX_SUB_FRAMES))
@@ -128,7 +184,7 @@ def read_ti_cfg(file: Path, text: str, device: Device | None = None) -> Recordin
         for line in sub_frame_commands[-1:]
     )
     sub_frames = [
-        _read_frame(file, lines, frames, chip_name=chip_name, device=device, period_ms=period_ms)
+        _read_frame(file, lines, frames, device=device, period_ms=period_ms)
         for lines in commands_of_sub_frames
     ]
     streamed = [
@@ -168,7 +224,6 @@ def _read_frame(
     commands: Sequence[Command],
     frames: tuple[str, ...],
     *,
-    chip_name: str,
     device: Device | None,
     period_ms: float | None = None,
 ) -> RecordingSettings:
@@ -199,7 +254,7 @@ def _read_frame(
             iq="qi" if buffer["sample_swap"] else "iq",
             interleaved=not buffer["interleave"],
             bits=BITS[adc.integer_argument("bits")],
-            chip_name=chip_name,
+            chip_name="",
             device=device,
         )
 
