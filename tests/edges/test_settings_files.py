@@ -131,8 +131,12 @@ def test_tdm_settings_are_read_and_written():
             "{kind: phase-code, phases: [[0, 90 deg], [-1.1 rad, 0.1 rad]]}",
             PhaseCode(phases_rad=[[0, math.pi / 2], [-1.1, 0.1]]),
         ),
+        (
+            "{kind: phase-code, phases: [[0, 90 deg], [null, 0.1 rad]]}",
+            PhaseCode(phases_rad=[[0, math.pi / 2], [None, 0.1]]),
+        ),
     ],
-    ids=["bpm", "ddma", "phase-code"],
+    ids=["bpm", "ddma", "phase-code", "phase-code-silent"],
 )
 def test_simultaneous_multiplexing_settings_are_read_and_written(text, code):
     radar = parse_settings(add_multiplexing(text), Radar)

@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -205,6 +206,60 @@ def test_cfg_with_bpm_is_read(tmp_path):
     assert (frame.n_chirps, frame.n_chirps_total, frame.multiplexing) == (32, 64, Bpm(order=(0, 1)))
     assert frame.chirp_weights()[:4].tolist() == [[1, 1], [1, -1], [1, 1], [1, -1]]
     assert settings.radar.array == device("xwr1843").select_antennas(0b101, 0b1111)
+
+
+@pytest.mark.parametrize(
+    ("masks", "pair", "signs"),
+    [
+        # TI's settings for people tracking: ISK, AOP and ODS.
+        ((5, 2, 5), (0, 2), [[1, 0, 1], [0, 1, 0], [1, 0, -1]]),
+        ((1, 6, 6), (1, 2), [[1, 0, 0], [0, 1, 1], [0, 1, -1]]),
+        ((3, 3, 4), (0, 1), [[1, 1, 0], [1, -1, 0], [0, 0, 1]]),
+    ],
+)
+def test_bpm_pair_beside_a_third_transmitter_is_read(tmp_path, masks, pair, signs):
+    chirps = "".join(f"chirpCfg {n} {n} 0 0 0 0 0 {mask}\n" for n, mask in enumerate(masks))
+    cfg = CFG.replace("frameCfg 0 1", f"{chirps}frameCfg 0 2")
+    cfg = cfg.replace("lowPower 0 0", f"bpmCfg -1 1 {pair[0]} {pair[1]}")
+    cfg = cfg.replace("channelCfg 15 5", "channelCfg 15 7")
+
+    settings = read_settings_text(tmp_path, cfg)
+
+    frame = settings.radar.frame
+    assert (frame.n_chirps, frame.n_chirps_total) == (32, 96)
+    np.testing.assert_allclose(frame.weights, signs, atol=1e-15)
+    assert settings.radar.array == device("xwr1843").select_antennas(0b111, 0b1111)
+    # mmWave Studio sets the signs of transmitter 1 by bits 0 and 1, of 2 by 2 and 3, and so on.
+    inverted = max(n for n, sign in enumerate(signs[pair[1]]) if sign)
+    bpm = {"chirpStartIdx": pair[1], "chirpEndIdx": pair[1], "constBpmVal": hex(3 << 2 * inverted)}
+    chip = make_chip([hex(mask) for mask in masks], rlBpmChirps=[{"rlBpmChirpCfg_t": bpm}])
+    chip["rfConfig"]["rlBpmChirps"].insert(
+        0, {"chirpStartIdx": 0, "chirpEndIdx": 2, "constBpmVal": "0x0"}
+    )
+    studio = read_settings_text(tmp_path, format_studio(chip), "a.mmwave.json", "xwr1843")
+    assert studio.radar == settings.radar
+
+
+def test_transmitters_that_send_together_are_one_antenna_at_their_centre(tmp_path):
+    cfg = CFG.replace("0 0 0 0 0 1\n", "0 0 0 0 0 7\n").replace("0 0 0 0 0 4\n", "0 0 0 0 0 7\n")
+    board = device("xwr6843aop").select_antennas(0b111, 0b1111)
+    cfg = cfg.replace("xWR18xx", "xWR68xx_AOP").replace("channelCfg 15 5", "channelCfg 15 7")
+
+    settings = read_settings_text(tmp_path, cfg)
+
+    frame, array = settings.radar.frame, settings.radar.array
+    assert (frame.n_chirps, frame.n_chirps_total, frame.multiplexing) == (64, 64, None)
+    np.testing.assert_allclose(array.tx_m, [np.mean(board.tx_m, axis=0)])
+    assert array.rx_m == board.rx_m
+    assert settings.radar.element_corrections.real.tolist() == [1, -1, 1, -1]
+    (note,) = settings.findings
+    assert "transmitters 1+2+3 together" in note.value
+    lua = LUA.replace("(0, 0, 0, 0, 0, 0, 0, 1, 0, 0)", "(0, 1, 0, 0, 0, 0, 0, 1, 1, 1)")
+    lua = lua.replace("ar1.ChirpConfig(1, 1, 0, 0, 0, 0, 0, 0, 0, 1)\n", "")
+    assert read_settings_text(tmp_path, lua, "a.lua").radar.frame.multiplexing is None
+    phased = lua.replace("ar1.StartFrame", "ar1.BpmChirpConfig(1, 1, 0, 0, 0, 1)\nar1.StartFrame")
+    with pytest.raises(RecordingError, match="several transmitters, with BpmChirpConfig in line"):
+        read_settings_text(tmp_path, phased, "a.lua")
 
 
 @pytest.mark.parametrize(
@@ -675,7 +730,7 @@ def test_studio_cascade_is_tdm_over_all_chips(tmp_path):
             "OutFmt = 3",
         ),
         (format_studio(make_chip(rlBpmChirps=[{"rlBpmChirpCfg_t": {}}])), "rlBpmChirps"),
-        (format_studio(make_chip(["0x3"])), "transmitters 1+2 at once"),
+        (format_studio(make_chip(["0x3", "0x1"])), "transmitters 1+2 at once"),
         (format_studio(make_chip(["0x0"])), "chirp 0 without transmitter"),
         (format_studio(make_chip(["-1"])), "chirp 0 without transmitter"),
         (format_studio(make_chip(rlChirps=[make_chirp(0, "1")])), "differ or are not set"),

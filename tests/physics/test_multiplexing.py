@@ -30,6 +30,7 @@ SIMULTANEOUS_CODES = [
     Ddma(order=(0, 1), n_sub_bands=3),
     Ddma(order=(2, 0, 1), n_sub_bands=4),
     PhaseCode(phases_rad=[[0, 0], [pi / 2, -pi / 2]]),
+    PhaseCode(phases_rad=[[0, None, 0], [None, 0, None], [0, None, pi]]),
 ]
 
 
@@ -305,6 +306,8 @@ def test_rejects_invalid_number_of_sub_bands(n_sub_bands):
         ([0, 1], ".0", "a list of phases, one for each transmitter"),
         ([], "", "at least one row"),
         ([[0, 1e9]], ".0", "at most 1e[+]06 rad"),
+        ([[0, 0], [None, None]], ".1", "a row without a phase"),
+        ([[0, None], [0, None]], "", "no phase of transmitter 1"),
         (None, "", "at least one row"),
         (np.array(0.0), "", "at least one row"),
         ("00", "", "at least one row"),

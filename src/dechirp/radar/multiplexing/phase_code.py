@@ -1,4 +1,4 @@
-"""User-defined phase code: all transmitters send in every chirp."""
+"""User-defined phase code: several transmitters send in a chirp."""
 
 import cmath
 from functools import cached_property
@@ -22,10 +22,10 @@ class PhaseCode(Multiplexing):
     one round: `Frame.n_chirps` is 1 then.
     """
 
-    phases_rad: tuple[tuple[float, ...], ...]
-    """A row for each chirp of a round, with the phase of each of the array's transmitters. It
-    advances the echo in the beat signal; a phase shifter that advances the transmitted signal
-    by the same angle has the opposite sign."""
+    phases_rad: tuple[tuple[float | None, ...], ...]
+    """A row for each chirp of a round, with the phase of each of the array's transmitters, None
+    (null in a file) where it is silent. The phase advances the echo in the beat signal; a phase
+    shifter that advances the transmitted signal by the same angle has the opposite sign."""
 
     def __post_init__(self) -> None:
         rows = as_tuple_or_none(self.phases_rad)
@@ -46,14 +46,25 @@ class PhaseCode(Multiplexing):
                     " row",
                     fix="give every transmitter a phase in every row",
                 )
+        for transmitter, phases in enumerate(zip(*checked, strict=True)):
+            if all(phase is None for phase in phases):
+                raise InvalidSetting(
+                    _SETTING,
+                    value=f"no phase of transmitter {transmitter} in any row",
+                    expected="at least one, since a silent transmitter is no part of the array",
+                    fix="give it a phase in a row, or remove it from the array and from all rows",
+                )
         object.__setattr__(self, "phases_rad", checked)
 
     @cached_property
     def weights(self) -> tuple[tuple[complex, ...], ...]:
-        return tuple(tuple(cmath.rect(1.0, phase) for phase in row) for row in self.phases_rad)
+        return tuple(
+            tuple(0j if phase is None else cmath.rect(1.0, phase) for phase in row)
+            for row in self.phases_rad
+        )
 
 
-def _check_phase_row(row_index: int, row: object) -> tuple[float, ...]:
+def _check_phase_row(row_index: int, row: object) -> tuple[float | None, ...]:
     setting = f"{_SETTING}.{row_index}"
     phases = as_tuple_or_none(row)
     if not phases:
@@ -63,7 +74,17 @@ def _check_phase_row(row_index: int, row: object) -> tuple[float, ...]:
             expected="a list of phases, one for each transmitter",
             fix="give every row as many phases as the array has transmitters",
         )
-    return tuple(
-        check_number(setting, phase, at_least=-_MAX_PHASE_RAD, at_most=_MAX_PHASE_RAD)
+    checked = tuple(
+        None
+        if phase is None
+        else check_number(setting, phase, at_least=-_MAX_PHASE_RAD, at_most=_MAX_PHASE_RAD)
         for phase in phases
     )
+    if set(checked) == {None}:
+        raise InvalidSetting(
+            setting,
+            value="a row without a phase",
+            expected="at least one transmitter in every chirp",
+            fix="remove the row, or give a transmitter its phase",
+        )
+    return checked

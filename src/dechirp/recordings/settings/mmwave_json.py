@@ -59,6 +59,7 @@ _SUB_FRAME = (
     "numOfBurstLoops",
     "subFramePeriodicity_msec",
 )
+_BPM_CHIRP = ("chirpStartIdx", "chirpEndIdx", "constBpmVal")
 _FRACTIONS = ("_GHz", "_usec", "_MHz", "_msec")
 """Endings of keys whose numbers may have a fraction."""
 
@@ -100,8 +101,8 @@ def read_mmwave_json(
     ------
     RecordingError
         If it is not JSON; if keys are missing, of the wrong type or unsupported, all of them named;
-        if chirps of the frame differ in more than their transmitters, or several transmitters send
-        at once.
+        if chirps of the frame differ in more than their transmitters and signs, or these do not
+        separate the transmitters.
     """
     document = parse_json(file, text)
     chips = _list_at_key_path(document, "mmWaveDevices")
@@ -122,16 +123,17 @@ def read_mmwave_json(
             file,
             value=f"{', '.join(problems[:8])}{more}",
             expected="numbers as mmWave Studio writes them (decimal or 0x..), for one frame of"
-            " transmitters that take turns",
+            " equal chirps",
             fix="record so, or give the radar; other settings are not supported yet",
         )
     first = chip_settings[0]
-    profile, masks = _find_profile_and_transmitters(file, chip_settings)
+    profile, masks, inverted_masks = _find_profile_and_transmitters(file, chip_settings)
     with convert_setting_errors(file):
         ti_frame = TiFrame(
             chirp=_profile_to_chirp(profile, is_real_sampling=first.codes["b2AdcOutFmt"] == 0),
             interval_s=(profile["idleTimeConst_usec"] + profile["rampEndTime_usec"]) / 1e6,
             masks=masks,
+            inverted_masks=inverted_masks,
             n_loops=int(first.frame["numLoops"]),
             n_frames=int(first.frame["numFrames"]),
             period_s=first.frame_period_ms / 1e3,
@@ -156,6 +158,8 @@ class _Chip:
     codes: Numbers
     profiles: Sequence[Numbers]
     chirps: Sequence[Numbers]
+    bpm_chirps: Sequence[Numbers]
+    """Signs of the transmitters in some chirps."""
     frame: Numbers
 
     @property
@@ -204,8 +208,6 @@ def _parse_chip_settings(chip: Any, json_path: str, problems: list[str]) -> _Chi
         )
     else:
         frame = read_object(f"{radio}.rlFrameCfg_t", _FRAME)
-    if _list_at_key_path(chip, f"{radio}.rlBpmChirps"):
-        problems.append(f"{json_path}.{radio}.rlBpmChirps (simultaneous transmitters)")
     for key_path in ("rlRfPhaseShiftCfgs", "rlDynPerChirpPhShftCfgs"):
         if any(map(_has_phase_shift, _list_at_key_path(chip, f"{radio}.{key_path}"))):
             problems.append(
@@ -215,19 +217,23 @@ def _parse_chip_settings(chip: Any, json_path: str, problems: list[str]) -> _Chi
         codes=codes,
         profiles=read_each(f"{radio}.rlProfiles", _PROFILE),
         chirps=read_each(f"{radio}.rlChirps", _CHIRP),
+        bpm_chirps=read_each(f"{radio}.rlBpmChirps", _BPM_CHIRP),
         frame=frame,
     )
 
 
 def _find_profile_and_transmitters(
     file: Path, chips: Sequence[_Chip]
-) -> tuple[Numbers, tuple[int, ...]]:
-    """Return the common profile of the chirps of the frame, and the transmitters of each chirp."""
+) -> tuple[Numbers, tuple[int, ...], tuple[int, ...]]:
+    """Return the common profile of the chirps of the frame, and two masks of each chirp.
+
+    The first contains its transmitters, the second those of them with the opposite sign.
+    """
     first = chips[0]
     profiles = {profile["profileId"]: profile for profile in first.profiles}
     indices = first.loop_chirp_indices
     loop = indices[:MAX_CHIRPS]
-    chirps_by_index = [[_chirp_settings_at(chip, index) for chip in chips] for index in loop]
+    chirps_by_index = [[_settings_at(chip.chirps, index) for chip in chips] for index in loop]
     chirps = [[chirp for chirp in simultaneous if chirp] for simultaneous in chirps_by_index]
     used = {chirp["profileId"] for simultaneous in chirps for chirp in simultaneous[:1]}
     are_equal = len(used) == 1 and not any(
@@ -247,15 +253,30 @@ def _find_profile_and_transmitters(
         _join_antenna_masks([int(chirp["txEnable"]) for chirp in simultaneous], _TX)
         for simultaneous in chirps
     )
-    return profiles[used.pop()], masks
+    inverted_masks = tuple(
+        mask
+        & _join_antenna_masks(
+            [_inverted_mask(_settings_at(chip.bpm_chirps, index)) for chip in chips], _TX
+        )
+        for index, mask in zip(loop, masks, strict=True)
+    )
+    return profiles[used.pop()], masks, inverted_masks
 
 
-def _chirp_settings_at(chip: _Chip, chirp_index: int) -> Numbers | None:
-    """Return the chirp setting of an index, the last of several; None without one."""
+def _inverted_mask(bpm_chirp: Numbers | None) -> int:
+    """Return the transmitters that a chirp inverts, a bit each.
+
+    `constBpmVal` has two bits a transmitter, of which the upper one is valid during the chirp
+    (`rlBpmChirpCfg_t`, rl_sensor.h of mmWave SDK 3.5).
+    """
+    code = 0 if bpm_chirp is None else int(bpm_chirp["constBpmVal"])
+    return sum((code >> 2 * n + 1 & 1) << n for n in range(_TX))
+
+
+def _settings_at(chirps: Sequence[Numbers], chirp_index: int) -> Numbers | None:
+    """Return the setting of a chirp index, the last of several; None without one."""
     chirps = [
-        chirp
-        for chirp in chip.chirps
-        if chirp["chirpStartIdx"] <= chirp_index <= chirp["chirpEndIdx"]
+        chirp for chirp in chirps if chirp["chirpStartIdx"] <= chirp_index <= chirp["chirpEndIdx"]
     ]
     return chirps[-1] if chirps else None
 

@@ -21,6 +21,7 @@ from dechirp.recordings.settings.base import RecordingSettings, convert_setting_
 from dechirp.recordings.settings.ti_board import choose_ti_board
 from dechirp.recordings.settings.ti_frame import (
     BITS,
+    CHIRP_PHASES,
     MAX_CHIRPS,
     TiFrame,
     ti_frame_to_recording_settings,
@@ -288,6 +289,15 @@ def _find_profile_and_masks(
             fix="record equal chirps; others are not supported yet",
         )
     masks = tuple(sum(bool(chirp[f"tx{n + 1}"]) << n for n in range(3)) for chirp in used if chirp)
+    phases = [call for call in calls if CHIRP_PHASES.search(call.name)]
+    if phases and any(mask.bit_count() > 1 for mask in masks):
+        raise RecordingError(
+            file,
+            value=f"chirps of several transmitters, with {phases[0].name} in line {phases[0].line}",
+            expected="one transmitter in each chirp, or equal phases of all in every chirp",
+            fix="give the .mmwave.json file of the capture, or the radar as a YAML file with its"
+            " multiplexing",
+        )
     profile, findings = _find_profile(file, calls, profiles.pop(), device)
     return profile, masks, findings
 

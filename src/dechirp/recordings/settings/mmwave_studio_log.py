@@ -15,6 +15,7 @@ from dechirp.radar.devices.ti import (
 from dechirp.recordings.settings.base import RecordingSettings, convert_setting_errors
 from dechirp.recordings.settings.ti_frame import (
     BITS,
+    CHIRP_PHASES,
     MAX_CHIRPS,
     TiFrame,
     ti_frame_to_recording_settings,
@@ -57,7 +58,7 @@ def read_mmwave_studio_log(
     ------
     RecordingError
         If a call is missing or invalid, the chirps of a frame differ in more than their
-        transmitters, or several transmitters send at once.
+        transmitters, or several transmitters send at once with phases of their own.
     """
     chip, calls = _parse_chip_name_and_calls(file, text)
     profiles = {call[0]: call for call in calls["ProfileConfig"]}
@@ -78,6 +79,8 @@ def read_mmwave_studio_log(
     profile, masks = _find_profile_and_transmitters(
         file, calls["ChirpConfig"], profiles, range(first, last + 1)
     )
+    if any(mask.bit_count() > 1 for mask in masks):
+        _refuse_phases_of_chirps(file, text)
     with convert_setting_errors(file):
         ti_frame = TiFrame(
             chirp=_profile_to_chirp(chip, profile, is_real_sampling=form == 0),
@@ -95,6 +98,20 @@ def read_mmwave_studio_log(
             bits=BITS[bits],
             chip_name=chip,
             device=device,
+        )
+
+
+def _refuse_phases_of_chirps(file: Path, text: str) -> None:
+    """Raise `RecordingError` if a log sets the phases of transmitters chirp by chirp."""
+    calls = (_CALL.search(line) for line in text.splitlines() if "API:" in line)
+    names = [call[1] for call in calls if call and CHIRP_PHASES.search(call[1])]
+    if names:
+        raise RecordingError(
+            file,
+            value=f"chirps of several transmitters, with calls of {names[0]}",
+            expected="one transmitter in each chirp, or equal phases of all in every chirp",
+            fix="give the .mmwave.json file of the capture, or the radar as a YAML file with its"
+            " multiplexing",
         )
 
 

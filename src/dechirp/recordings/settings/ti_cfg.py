@@ -27,7 +27,7 @@ from dechirp.recordings.settings.ti_frame import (
     BITS,
     MAX_CHIRPS,
     TiFrame,
-    tdm_transmitter_order,
+    ti_code,
     ti_frame_to_recording_settings,
 )
 
@@ -56,7 +56,12 @@ _SUPPORTED_VALUES = (
     ("adcCfg", "format", (0, 1, 2), "0, 1 or 2: real, or complex"),
     ("adcbufCfg", "sample_swap", (0, 1), "0 or 1"),
     ("adcbufCfg", "interleave", (0, 1), "0 or 1"),
-    ("bpmCfg", "enabled", (0, 1), "0 or 1: transmitters that take turns, or two together"),
+    (
+        "bpmCfg",
+        "enabled",
+        (0, 1),
+        "0 or 1: transmitters that take turns, or pairs of chirps of two together",
+    ),
     ("lvdsStreamCfg", "header", (0,), "0: samples without headers"),
     ("lvdsStreamCfg", "data_format", (0, 1), "0 or 1: samples alone"),
     ("lvdsStreamCfg", "software", (0,), "0: samples alone"),
@@ -246,7 +251,7 @@ def _read_frame(
             n_frames=last_commands[frames[0]].integer_argument("n_frames"),
             period_s=(frame["period_ms"] if period_ms is None else period_ms) / 1e3,
             rx_mask=last_commands["channelCfg"].integer_argument("rx_mask"),
-            bpm=bpm is not None,
+            inverted_masks=() if bpm is None else _inverted_masks(chirps, frame, bpm),
             is_sub_frame=period_ms is not None and period_ms != frame["period_ms"],
         )
         return ti_frame_to_recording_settings(
@@ -385,54 +390,76 @@ def _find_common_profile(
         for chirp in _unique_commands(chirps)
         if len(used) > 1 or chirp["profile"] not in profiles
     ]
-    if bpm is None:
-        mistakes += _tdm_mistakes(file, chirps, frame_command)
-    else:
+    if bpm is not None:
         mistakes += _bpm_mistakes(file, chirps, frame_command, bpm)
+    if not mistakes:
+        mistakes += _transmitter_mistakes(file, chirps, frame_command, bpm)
     if mistakes:
         raise InvalidFile(*mistakes)
     return profiles[used.pop()]
 
 
-def _tdm_mistakes(file: Path, chirps: Sequence[Command], frame_command: Command) -> list[Mistake]:
-    """Return the mistakes of transmitters that do not take turns."""
-    mistakes = [
-        chirp.mistake(
-            file,
-            value=f"tx_mask {chirp['tx_mask']:g}",
-            expected="a tx_mask of one bit (one transmitter), unless bpmCfg is enabled",
-            fix="record so, or give the radar as a YAML file with its multiplexing",
-        )
-        for chirp in _unique_commands(chirps)
-        if chirp.integer_argument("tx_mask").bit_count() != 1
-    ]
-    if mistakes:
-        return mistakes
+def _transmitter_mistakes(
+    file: Path, chirps: Sequence[Command], frame_command: Command, bpm: Command | None
+) -> list[Mistake]:
+    """Return the mistakes of transmitters that the chirps do not separate."""
+    masks = [chirp.integer_argument("tx_mask") for chirp in chirps]
     try:
-        tdm_transmitter_order([chirp.integer_argument("tx_mask") for chirp in chirps])
+        ti_code(masks, () if bpm is None else _inverted_masks(chirps, frame_command, bpm))
     except InvalidSetting as error:
-        (order,) = error.mistakes
-        description = f"chirps of transmitters {order.value}"
+        (mistake,) = error.mistakes
+        several = [chirp for chirp in _unique_commands(chirps) if _has_several(chirp)]
+        if several and bpm is None:
+            return [
+                chirp.mistake(
+                    file,
+                    value=f"tx_mask {chirp['tx_mask']:g}",
+                    expected="a tx_mask of one bit (one transmitter) unless bpmCfg is enabled, or"
+                    " the same tx_mask for all chirps",
+                    fix="record so, or give the radar as a YAML file with its multiplexing",
+                )
+                for chirp in several
+            ]
+        value = f"chirps of transmitters {mistake.value}" if not several else mistake.value
         return [
-            frame_command.mistake(file, value=description, expected=order.expected, fix=order.fix)
+            frame_command.mistake(file, value=value, expected=mistake.expected, fix=mistake.fix)
         ]
     return []
+
+
+def _has_several(chirp: Command) -> bool:
+    """Return whether several transmitters send in a chirp."""
+    return chirp.integer_argument("tx_mask").bit_count() > 1
+
+
+def _inverted_masks(
+    chirps: Sequence[Command], frame_command: Command, bpm: Command
+) -> tuple[int, ...]:
+    """Return the transmitters of each chirp with the opposite sign, a bit each.
+
+    The demo sends the first chirp of a pair without phase shift, the second with 180 degrees on
+    the later transmitter (SDK User Guide, bpmCfg).
+    """
+    second = int(bpm["second"] - frame_command["first"])
+    return tuple(
+        1 << chirp.integer_argument("tx_mask").bit_length() - 1 if index == second else 0
+        for index, chirp in enumerate(chirps)
+    )
 
 
 def _bpm_mistakes(
     file: Path, chirps: Sequence[Command], frame_command: Command, bpm: Command
 ) -> list[Mistake]:
-    """Return the mistakes of the two chirps that two transmitters send together.
-
-    The demo sends the first without phase shift, the second with 180 degrees on the later
-    transmitter (SDK User Guide, bpmCfg).
-    """
+    """Return the mistakes of the pair of chirps that two transmitters send together."""
     masks = [chirp.integer_argument("tx_mask") for chirp in chirps]
-    covers_frame = (bpm["first"], bpm["second"]) == (
-        frame_command["first"],
-        frame_command["first"] + 1,
+    pair = [int(bpm[name] - frame_command["first"]) for name in ("first", "second")]
+    is_pair = (
+        0 <= pair[0] < pair[1] < len(masks)
+        and masks[pair[0]] == masks[pair[1]]
+        and masks[pair[0]].bit_count() == 2
+        and all(mask.bit_count() == 1 for index, mask in enumerate(masks) if index not in pair)
     )
-    if covers_frame and len(masks) == 2 and masks[0] == masks[1] and masks[0].bit_count() == 2:
+    if is_pair:
         return []
     mask_text = ", ".join(map(str, masks[:8])) + (" ..." if len(masks) > 8 else "")
     return [
@@ -440,8 +467,8 @@ def _bpm_mistakes(
             file,
             value=f"enabled 1, for chirps {bpm['first']:g} and {bpm['second']:g}, in a frame"
             f" of chirps with tx_mask {mask_text}",
-            expected="the two chirps of the frame in the order sent, both with the same two"
-            " transmitters, or enabled 0",
+            expected="two chirps of the frame in the order sent, both with the same two"
+            " transmitters, beside chirps of one transmitter; or enabled 0",
             fix="record so, or give the radar as a YAML file with its multiplexing",
         )
     ]

@@ -1,6 +1,9 @@
 """Frame settings common to all settings files of TI radars: chirps, transmitter masks, loops."""
 
+import functools
 import math
+import operator
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,11 +11,14 @@ import numpy as np
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
+from dechirp.radar.array import Array
+from dechirp.radar.calibration import Calibration
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.devices.base import Device
 from dechirp.radar.frame import Frame
 from dechirp.radar.multiplexing.base import Multiplexing
 from dechirp.radar.multiplexing.bpm import Bpm
+from dechirp.radar.multiplexing.phase_code import PhaseCode
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 from dechirp.recordings.settings.antenna_positions import (
@@ -26,6 +32,9 @@ MAX_CHIRPS = 512
 
 BITS = {0: 12, 1: 14, 2: 16}
 """ADC bits, by the chip's code for them."""
+
+CHIRP_PHASES = re.compile(r"bpm|phase_?shift", re.IGNORECASE)
+"""Names of calls that set the phases of transmitters chirp by chirp."""
 
 _MERGED_FRAME_S = 0.3  # in which a person walks 0.2 m, see `join_single_chirps`
 _MIN_MERGED, _MAX_MERGED = 8, 256
@@ -44,10 +53,23 @@ class TiFrame:
     """Number of frames; 0 means until stopped."""
     period_s: float
     rx_mask: int
-    bpm: bool = False
-    """Whether the loop is two chirps of the same two transmitters, + + and then + -."""
+    inverted_masks: tuple[int, ...] = ()
+    """Transmitters of each chirp of a loop with the opposite sign, a bit each; none if empty."""
     is_sub_frame: bool = False
     """Whether other chirps follow before the next frame."""
+
+
+@frozen_dataclass
+class TiCode:
+    """Sharing of the chirps of a loop among transmitters."""
+
+    tx_mask: int
+    """Transmitters that send, a bit each."""
+    multiplexing: Multiplexing | None = None
+    n_slots: int = 1
+    """Number of chirps of a round."""
+    is_beam: bool = False
+    """Whether several transmitters send in every chirp with equal signs, as one antenna."""
 
 
 def tdm_transmitter_order(masks: Sequence[int]) -> tuple[int, ...]:
@@ -87,6 +109,66 @@ def tdm_transmitter_order(masks: Sequence[int]) -> tuple[int, ...]:
     return tuple(mask.bit_length() - 1 for mask in one_round)
 
 
+def ti_code(masks: Sequence[int], inverted_masks: Sequence[int] = ()) -> TiCode:
+    """Return the code of the chirps of a loop.
+
+    Parameters
+    ----------
+    masks, inverted_masks : sequence of int
+        Transmitters of each chirp, and those of them with the opposite sign; see `TiFrame`.
+
+    Raises
+    ------
+    InvalidSetting
+        If the transmitters can be separated neither by turns nor by their signs, unless all send
+        together in each chirp, as one antenna.
+    """
+    tx_mask = functools.reduce(operator.or_, masks, 0)
+    if not any(inverted_masks) and {*masks} == {tx_mask} and tx_mask.bit_count() > 1:
+        return TiCode(tx_mask=tx_mask, is_beam=True)
+    if min(masks) <= 0 or (not any(inverted_masks) and all(n.bit_count() == 1 for n in masks)):
+        order = tdm_transmitter_order(masks)
+        transmitters = sorted(order)
+        # The array has the transmitters that send, in the chip's order.
+        indices = tuple(transmitters.index(transmitter) for transmitter in order)
+        multiplexing = Tdm(order=indices) if len(order) > 1 else None
+        return TiCode(tx_mask=tx_mask, multiplexing=multiplexing, n_slots=len(order))
+    transmitters = list(_mask_to_indices(tx_mask))
+    signs = inverted_masks or (0,) * len(masks)
+    rows: list[tuple[float | None, ...]] = [
+        tuple(
+            (math.pi if inverted >> tx & 1 else 0.0) if mask >> tx & 1 else None
+            for tx in transmitters
+        )
+        for mask, inverted in zip(masks, signs, strict=True)
+    ]
+    n_slots = next(
+        n
+        for n in range(1, len(rows) + 1)
+        if len(rows) % n == 0 and rows == rows[:n] * (len(rows) // n)
+    )
+    rows = rows[:n_slots]
+    # As in the files of TI: the demo sends + +, then + -.
+    bpm = rows == [(0.0, 0.0), (0.0, math.pi)]
+    code = Bpm(order=(0, 1)) if bpm else PhaseCode(phases_rad=tuple(rows))
+    if code.non_orthogonal_pairs:
+        pairs = ", ".join(
+            f"{transmitters[first] + 1} and {transmitters[second] + 1}"
+            for first, second in code.non_orthogonal_pairs
+        )
+        together = next(mask for mask in masks if mask.bit_count() > 1)
+        raise InvalidSetting(
+            "transmitters",
+            value=f"a chirp with transmitters {_format_transmitters_of_mask(together)} at once, in"
+            f" a loop of {len(masks)} chirps whose signs do not separate {pairs}",
+            expected="transmitters that take turns, signs that separate them, or all of them"
+            " together in every chirp",
+            fix="record so, or give the radar as a YAML file with multiplexing of kind bpm, ddma or"
+            " phase-code",
+        )
+    return TiCode(tx_mask=tx_mask, multiplexing=code, n_slots=n_slots)
+
+
 def ti_frame_to_recording_settings(
     ti_frame: TiFrame,
     *,
@@ -118,26 +200,21 @@ def ti_frame_to_recording_settings(
         If the frame is impossible.
     """
     known_device = device or find_device_or_none(chip_name)
-    order = (
-        _mask_to_indices(ti_frame.masks[0])
-        if ti_frame.bpm
-        else tdm_transmitter_order(ti_frame.masks)
-    )
-    transmitters = sorted(order)
-    # The array has the transmitters that send, in the chip's order.
-    tx_indices = tuple(transmitters.index(transmitter) for transmitter in order)
-    n_chirps = ti_frame.n_loops * (len(ti_frame.masks) // len(order))
-    multiplexing: Multiplexing | None = Tdm(order=tx_indices) if len(order) > 1 else None
-    if ti_frame.bpm:
-        multiplexing = Bpm(order=tx_indices)
-    tx_mask = sum(1 << transmitter for transmitter in order)
+    code = ti_code(ti_frame.masks, ti_frame.inverted_masks)
+    n_chirps = ti_frame.n_loops * (len(ti_frame.masks) // code.n_slots)
+    tx_mask = code.tx_mask
     array, findings = device_or_assumed_array(
         ti_frame.chirp, tx_mask=tx_mask, rx_mask=ti_frame.rx_mask, device=known_device, is_ti=True
     )
     calibration = (
         None if known_device is None else known_device.sign_calibration(tx_mask, ti_frame.rx_mask)
     )
-    is_merged = n_chirps == len(order) == 1 and not ti_frame.is_sub_frame and ti_frame.n_frames != 1
+    if code.is_beam:
+        array, calibration, note = _join_transmitters(array, calibration, tx_mask)
+        findings += (note,)
+    is_merged = (
+        n_chirps == code.n_slots == 1 and not ti_frame.is_sub_frame and ti_frame.n_frames != 1
+    )
     if is_merged:
         n_merged = _count_merged_frames(ti_frame)
         frame = Frame(chirp=ti_frame.chirp, n_chirps=n_merged, interval_s=ti_frame.period_s)
@@ -148,7 +225,7 @@ def ti_frame_to_recording_settings(
             n_chirps=n_chirps,
             interval_s=ti_frame.interval_s,
             period_s=ti_frame.period_s,
-            multiplexing=multiplexing,
+            multiplexing=code.multiplexing,
         )
     return RecordingSettings(
         radar=Radar(frame=frame, array=array, calibration=calibration),
@@ -163,6 +240,31 @@ def ti_frame_to_recording_settings(
         device=None if known_device is None else known_device.kind(),
         findings=findings,
     )
+
+
+def _join_transmitters(
+    array: Array, calibration: Calibration | None, tx_mask: int
+) -> tuple[Array, Calibration | None, Finding]:
+    """Join transmitters that send together to one at their centre; return it with a note.
+
+    Directions of the receivers do not depend on the phases of the transmitters, since each
+    receiver measures the sum of the same waves.
+    """
+    x, y, z = np.mean(array.tx_m, axis=0).tolist()
+    if calibration is not None:
+        n_rx = len(array.rx_m)
+        calibration = Calibration(
+            elements=calibration.elements[:n_rx], gain=calibration.gain[:n_rx]
+        )
+    note = Finding(
+        level="note",
+        setting="radar.array.tx",
+        value=f"transmitters {_format_transmitters_of_mask(tx_mask)} together in every chirp, read"
+        " as one antenna at their centre",
+        expected="echoes in the beam of these transmitters, whose gain depends on the direction",
+        fix="no action needed",
+    )
+    return Array(tx_m=((x, y, z),), rx_m=array.rx_m), calibration, note
 
 
 def _mask_to_indices(mask: int) -> tuple[int, ...]:
