@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import dechirp as dc
 from dechirp.core.errors import RecordingError
 from dechirp.recordings.readers.pcd import read_pcd_points
 from dechirp.recordings.recognise import recognise_formats
@@ -280,6 +281,54 @@ def test_other_float_and_integer_files_are_no_points(tmp_path):
     for name, numbers in files.items():
         numbers.tofile(tmp_path / f"{name}.bin")
         assert "float-points" not in recognise_formats(tmp_path / f"{name}.bin"), name
+
+
+def test_scan_that_begins_with_one_sector_is_points(tmp_path):
+    # Scanners write one sector after the other: y of the first 5,000 rows has one sign.
+    rows = draw_rows(4, 12_000)
+    rows[:, 0] = np.random.default_rng(5).normal(0, 20, len(rows))
+    rows[:, 1] = np.sort(rows[:, 1])[::-1]
+    rows.tofile(tmp_path / "scan.bin")
+
+    assert recognise_formats(tmp_path / "scan.bin") == ("float-points",)
+
+
+def test_axes_name_the_numbers_of_other_rows(tmp_path):
+    rows = draw_rows(6)
+    rows[:, 3] = np.random.default_rng(3).normal(0, 5, len(rows))
+    axes = "x,y,z,velocity,snr,label"
+    for name in ("frames/0.f32", "frames/1.f32", "cloud.dat", "cloud.bin"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        rows.tofile(tmp_path / name)
+
+    for name, n_frames in (("frames", 2), ("cloud.dat", 1), ("cloud.bin", 1)):
+        recording = open_recording(tmp_path / name, axes=axes)
+        assert recording.n_frames == n_frames
+        points = recording.points.isel(detection=slice(0, len(rows)))
+        assert np.array_equal(points.velocity, rows[:, 3])
+        assert np.allclose(10 * np.log10(points.snr), rows[:, 4])
+        assert np.array_equal(points.label, rows[:, 5])
+        assert dc.inspect(tmp_path / name, axes=axes).formats == ("float-points",)
+        # Without names, they are not taken for samples.
+        with pytest.raises(RecordingError, match="--axes x,y,z,velocity,snr"):
+            open_recording(tmp_path / name)
+    with pytest.raises(RecordingError, match="rows of 5 float32 numbers"):
+        open_recording(tmp_path / "cloud.dat", axes="x,y,z,velocity,snr")
+    for axes, value in (("x,y,z,x,snr,label", "x,y,z,x"), ("x,z", "axes x,z")):
+        with pytest.raises(RecordingError, match=value):
+            open_recording(tmp_path / "cloud.dat", axes=axes, format="float-points")
+    (tmp_path / "text.bin").write_text("1 2 3\n" * 40)
+    with pytest.raises(RecordingError, match="text; expected float32 numbers"):
+        open_recording(tmp_path / "text.bin", axes="x,y,z")
+
+
+def test_complex_samples_do_not_look_like_points(tmp_path):
+    rng = np.random.default_rng(4)
+    offset_i = rng.normal([1, 0], 0.1, (4000, 2))
+    for name, numbers in (("noise", rng.normal(0, 0.2, 9600)), ("offset", offset_i)):
+        numbers.astype("<f4").tofile(tmp_path / f"{name}.bin")
+        with pytest.raises(RecordingError, match="no settings in the recording"):
+            open_recording(tmp_path / f"{name}.bin")
 
 
 def test_truncated_file_of_a_folder_is_refused(tmp_path):

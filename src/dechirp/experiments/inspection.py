@@ -19,7 +19,11 @@ from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.lookup import device as known_device
 from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import RecordingHints
-from dechirp.recordings.recognise import find_recording_in_folder, recognise_formats
+from dechirp.recordings.recognise import (
+    find_recording_in_folder,
+    format_or_points,
+    recognise_formats,
+)
 from dechirp.recordings.recording import (
     Recording,
     check_axes_and_frames,
@@ -96,7 +100,9 @@ def inspect(
     )
     file, _ = find_recording_in_folder(path, format, hints)
     kinds = recognise_formats(
-        file, format, given_options=[name for name, option in options.items() if option is not None]
+        file,
+        format_or_points(format, hints.axes),
+        given_options=[name for name, option in options.items() if option is not None],
     )
     if isinstance(calibration, str | Path):
         calibration = read_calibration(calibration)

@@ -28,6 +28,7 @@ from dechirp.recordings.readers.base import (
     experimental_reader_warning,
     identify_non_raw_content,
 )
+from dechirp.recordings.readers.float_points import FloatPoints
 from dechirp.recordings.readers.ros2_bag import Ros2Bag
 from dechirp.recordings.samples.sample_order import choose_sample_order
 from dechirp.recordings.settings.read import holds_settings
@@ -80,6 +81,7 @@ def read_as_best_format(
     path: Path, wanted_format: str | None, hints: RecordingHints
 ) -> tuple[str, Contents]:
     """Return format kind and contents of a path, read as the wanted or best-fitting format."""
+    wanted_format = format_or_points(wanted_format, hints.axes)
     formats = _load_all_formats_by_kind(path, wanted_format)
     options = {name: getattr(hints, name) for name in ("axes", "encoding", "iq", "inner_name")}
     given_options = [name for name, value in options.items() if value is not None]
@@ -111,6 +113,12 @@ def read_as_best_format(
     return names[best_index], replace(
         best_contents, findings=best_contents.findings + order_findings
     )
+
+
+def format_or_points(wanted_format: str | None, axes: Collection[str] | None) -> str | None:
+    """Return the wanted format; without one, that of points if the axes name their numbers."""
+    is_points = wanted_format is None and axes is not None and {"x", "y"} <= {*axes}
+    return FloatPoints.kind() if is_points else wanted_format
 
 
 def _load_all_formats_by_kind(path: Path, wanted_format: str | None) -> dict[str, Format]:
@@ -162,6 +170,8 @@ def _best_fitting_format_names(
         if wanted_format
         else max(qualities.values(), default=MatchQuality.NO)
     )
+    if wanted_format == FloatPoints.kind() and "axes" in given_options and not is_empty:
+        best = MatchQuality.POSSIBLE  # the names of their numbers describe points of any kind
     if best > MatchQuality.NO:
         kinds = (
             [wanted_format]
@@ -306,6 +316,9 @@ def _find_recording_in_folder(
         for kind, member in formats.items()
         if wanted_format == kind or not member.must_be_named
     ):
+        return path, ()
+    is_points = format_or_points(wanted_format, hints.axes) == FloatPoints.kind()
+    if is_points and len({file.suffix for file in _list_folder(path)}) == 1:
         return path, ()
     candidates = _list_recordings(path, wanted_format, hints)
     tables = [
@@ -454,6 +467,7 @@ def _list_folder(path: Path) -> list[Path]:
 def _list_recordings(path: Path, wanted_format: str | None, hints: RecordingHints) -> list[Path]:
     """Return the recordings in a folder; of several files of one recording, the leading one."""
     given_options = [name for name in ("axes", "encoding", "iq") if getattr(hints, name)]
+    wanted_format = format_or_points(wanted_format, hints.axes)
     leading_files = {}
     for file in _list_folder(path)[:_MAX_TRIED_FILES]:
         if file.exists() and not os.access(file, os.R_OK):

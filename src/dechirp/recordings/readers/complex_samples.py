@@ -33,6 +33,7 @@ from dechirp.recordings.readers.base import (
     RecordingHints,
     identify_non_raw_content,
 )
+from dechirp.recordings.readers.float_points import likely_row_length
 from dechirp.recordings.samples.continuous import (
     chirp_start_offsets,
     chirp_start_samples,
@@ -85,7 +86,11 @@ class ComplexSamples(Format):
         return MatchQuality.LIKELY if holds_float32_numbers(path) else MatchQuality.NO
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        settings = find_recording_settings(path, hints)
+        try:
+            settings = find_recording_settings(path, hints)
+        except RecordingError:
+            _refuse_points(path)
+            raise
         encoding, type_findings = _number_type_and_findings(path, hints)
         frame = settings.radar.frame
         if frame.chirp.sampling != "complex":
@@ -130,6 +135,21 @@ class ComplexSamples(Format):
                 findings=findings,
             )
         return _with_iq_findings(contents, hints)
+
+
+def _refuse_points(path: Path) -> None:
+    """Raise `RecordingError` for a file without a suffix of samples that looks like points."""
+    suffix = path.suffix.lower().removeprefix(".")
+    if suffix in (*_TYPES, *_OTHER_SUFFIXES, *_UNDECIDED_SUFFIXES):
+        return
+    n_columns = likely_row_length(path) if holds_float32_numbers(path) else None
+    if n_columns is not None:
+        raise RecordingError(
+            path,
+            value=f"float32 numbers that look like points in rows of {n_columns}, without names",
+            expected="the name of each number of a row, or a radar if they are samples",
+            fix="name them, such as --axes x,y,z,velocity,snr; for samples, give --radar FILE",
+        )
 
 
 def _packed_starts(frame: Frame) -> Callable[[int], np.ndarray]:

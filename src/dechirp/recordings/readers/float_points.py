@@ -2,11 +2,13 @@
 
 Rows of 4 numbers are x, y, z and intensity (KITTI); of 5 also the index of the ring (nuScenes); of
 7 x, y, z, cross section, velocity, compensated velocity and time (radar of View-of-Delft); of 8
-x, y, z, velocity, range, power, and the angles alpha and beta (TJ4DRadSet).
+x, y, z, velocity, range, power, and the angles alpha and beta (TJ4DRadSet). Other rows need the
+names of their numbers.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -36,8 +38,11 @@ _MAX_POSITION_M = 500.0
 class FloatPoints(Format):
     """Detections in float32 files: rows of 4, 5, 7 or 8 numbers, as KITTI, nuScenes and others.
 
-    A file, or a folder of such files (`.bin`), a frame each.
+    A file, or a folder of such files (`.bin`), a frame each. `axes` names the numbers of other
+    rows: x,y,z,velocity,snr.
     """
+
+    options: ClassVar[tuple[str, ...]] = ("axes",)
 
     def recognise(self, path: Path) -> MatchQuality:
         files = list_cloud_files(path, ".bin")
@@ -46,16 +51,28 @@ class FloatPoints(Format):
         return MatchQuality.NO if _count_columns(files) is None else MatchQuality.CONTAINER
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        files = list_cloud_files(path, ".bin")
-        n_columns = _count_columns(files)
-        if n_columns is None:
+        files = list_cloud_files(path, ".bin" if hints.axes is None else "")
+        for file in files[:1]:
+            kind = identify_non_raw_content(file)
+            if kind is not None:
+                raise RecordingError(
+                    file,
+                    value=kind,
+                    expected="float32 numbers without a header",
+                    fix="remove --axes; formats with headers describe their points themselves",
+                )
+        n_columns = _count_columns(files) if files else None
+        if hints.axes is None and n_columns is None:
             raise RecordingError(
                 path,
-                value=f"{files[0].stat().st_size} bytes that are no rows of points",
-                expected="rows of 4, 5, 7 or 8 float32 numbers, x, y and z first",
-                fix="save the points as PCD, which names its fields",
+                value="no rows of points of a known kind",
+                expected="rows of 4, 5, 7 or 8 float32 numbers, x, y and z first, in a file or in a"
+                " folder of .bin files alone",
+                fix="name the numbers of a row, such as --axes x,y,z,velocity,snr",
             )
-        dtype = np.dtype([(name, "<f4") for name in _FIELDS[n_columns]])
+        fields = _FIELDS[n_columns or 4] if hints.axes is None else _check_fields(path, hints.axes)
+        n_columns = len(fields)
+        dtype = np.dtype([(name, "<f4") for name in fields])
 
         def read_points(file: Path) -> np.ndarray:
             n_bytes = file.stat().st_size
@@ -71,6 +88,41 @@ class FloatPoints(Format):
         return read_cloud_files(path, files, read_points, hints)
 
 
+def likely_row_length(path: Path) -> int | None:
+    """Return how many float32 numbers a row of points may have, 4 to 12; None without evidence.
+
+    Evidence are columns of one sign, or of whole numbers, beside columns of both signs, unless
+    they alternate as I and Q do.
+    """
+    numbers = np.fromfile(path, "<f4", _HEAD_ROWS)
+    n_bytes = path.stat().st_size
+    for n_columns in range(4, 13):
+        n_rows = len(numbers) // n_columns
+        if n_bytes % (4 * n_columns) or n_rows < 4 * _MIN_ROWS:
+            continue
+        rows = numbers[: n_rows * n_columns].reshape(n_rows, n_columns)
+        is_position = np.isfinite(rows).all() and (abs(rows[:, :3]) < _MAX_POSITION_M).all()
+        is_signed = (rows.min(axis=0) < 0) & (rows.max(axis=0) > 0)
+        is_whole = (rows == np.rint(rows)).all(axis=0)
+        kinds = is_signed + 2 * is_whole
+        alternates = np.array_equal(kinds[2:], kinds[:-2])
+        if is_position and is_signed[:2].any() and not alternates:
+            return n_columns
+    return None
+
+
+def _check_fields(path: Path, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the numbers of a row; raise `RecordingError` if they are invalid."""
+    if not {"x", "y"} <= {*names} or len({*names}) < len(names):
+        raise RecordingError(
+            path,
+            value=f"axes {','.join(names)[:80]}",
+            expected="a different name for each float32 number of a row, x and y among them",
+            fix="write them in their order, such as --axes x,y,z,velocity,snr",
+        )
+    return tuple(names)
+
+
 def _count_columns(files: Sequence[Path]) -> int | None:
     """Return the numbers of a row, by the largest file; None without evidence of points."""
     largest = max(files, key=lambda file: file.stat().st_size)
@@ -80,21 +132,23 @@ def _count_columns(files: Sequence[Path]) -> int | None:
 def _fits_rows(path: Path, n_columns: int) -> bool:
     """Return whether a file holds rows of points with this number of columns.
 
-    Positions are within 500 m, of ordinary size, on both sides of the sensor. Other columns have
-    the values of their kind. Complex samples, of either sign in every column, meet this once in
-    2^16 files.
+    Positions are within 500 m, of ordinary size, on both sides of the sensor, to the left and right
+    or before and behind. Other columns have the values of their kind. Complex samples, of either
+    sign in every column, meet this once in 2^16 files.
     """
     n_bytes = path.stat().st_size
     if n_bytes % (4 * n_columns) or n_bytes < 4 * n_columns * _MIN_ROWS:
         return False
-    rows = np.fromfile(path, "<f4", _HEAD_ROWS * n_columns).reshape(-1, n_columns)
+    # A scanner may write one sector after the other: rows from the whole file.
+    rows = np.memmap(path, "<f4", "r").reshape(-1, n_columns)
+    rows = rows[:: 1 + len(rows) // _HEAD_ROWS]
     if not np.isfinite(rows).all():
         return False
     rows = rows.astype(float)
     positions = abs(rows[:, :3])
     is_ordinary = (positions < _MAX_POSITION_M) & ((positions > 1e-7) | (positions == 0))
-    y_m = rows[:, 1]
-    if not is_ordinary.all() or not y_m.min() < 0 < y_m.max():
+    is_two_sided = (rows[:, :2].min(axis=0) < 0) & (rows[:, :2].max(axis=0) > 0)
+    if not is_ordinary.all() or not is_two_sided.any():
         return False
     return _are_other_columns_plausible(rows)
 
