@@ -312,8 +312,8 @@ def test_axes_name_the_numbers_of_other_rows(tmp_path):
         # Without names, they are not taken for samples.
         with pytest.raises(RecordingError, match="--axes x,y,z,velocity,snr"):
             open_recording(tmp_path / name)
-    with pytest.raises(RecordingError, match="rows of 5 float32 numbers"):
-        open_recording(tmp_path / "cloud.dat", axes="x,y,z,velocity,snr")
+    with pytest.raises(RecordingError, match="rows of 7 float32 numbers"):
+        open_recording(tmp_path / "cloud.dat", axes="x,y,z,velocity,snr,a,b")
     for axes, value in (("x,y,z,x,snr,label", "x,y,z,x"), ("x,z", "axes x,z")):
         with pytest.raises(RecordingError, match=value):
             open_recording(tmp_path / "cloud.dat", axes=axes, format="float-points")
