@@ -68,6 +68,68 @@ def test_osi_truth_is_read_from_views_and_from_truths(tmp_path, is_view):
     assert objects["heading"].values.tolist() == [[0.5] * 4]
 
 
+@pytest.mark.parametrize(
+    "model_reference", ["", "lights/three.glb", "\n\x02\x08\x07"], ids=["none", "name", "bytes"]
+)
+def test_truths_with_traffic_lights_are_no_views(tmp_path, model_reference):
+    # Field 7 is traffic_light in GroundTruth, and global_ground_truth in SensorView.
+    messages = [make_view(0.1 * step, x_m=10 + step, vx=10, is_view=False) for step in range(3)]
+    for message in messages:
+        for number in (77, 78):
+            light = message.traffic_light.add()
+            light.id.value = number
+            light.base.position.x, light.base.dimension.height = 30.0, 1.0
+            light.classification.color = light.classification.COLOR_RED
+            if model_reference:
+                light.model_reference = model_reference
+
+    traffic = dc.open_traffic(write_osi(tmp_path, messages, name="junction.osi"))
+
+    assert (traffic.host, traffic.findings) == (3, ())
+    assert traffic.objects["x"].values.tolist() == [[10, 11, 12]]
+
+
+def test_views_whose_truth_has_no_time_and_host_have_their_own(tmp_path):
+    messages = [make_view(0.1 * step, x_m=10 + step, vx=10) for step in range(3)]
+    for message in messages:
+        message.timestamp.CopyFrom(message.global_ground_truth.timestamp)
+        message.host_vehicle_id.value = 3
+        message.global_ground_truth.ClearField("timestamp")
+        message.global_ground_truth.ClearField("host_vehicle_id")
+
+    traffic = dc.open_traffic(write_osi(tmp_path, messages))
+
+    assert traffic.host == 3
+    assert np.allclose(traffic.objects["time"], [0, 0.1, 0.2], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("is_view", [True, False])
+def test_osi_as_text_equals_osi_in_a_trace(tmp_path, is_view):
+    messages = [make_view(0.1 * step, x_m=10 + step, vx=10, is_view=is_view) for step in range(4)]
+    path = tmp_path / "trace.txth"
+    path.write_text("".join(str(message) for message in messages), encoding="utf-8")
+
+    traffic = dc.open_traffic(path)
+
+    expected = dc.open_traffic(write_osi(tmp_path, messages))
+    assert traffic.objects.identical(expected.objects)
+    assert (traffic.format, traffic.host) == ("osi-trace", 3)
+
+
+def test_osi_as_text_cut_short_is_read_up_to_the_cut(tmp_path):
+    text = "".join(str(make_view(0.1 * step, x_m=10 + step, vx=10)) for step in range(4))
+    path = tmp_path / "trace.txth"
+    path.write_text(text[:-40], encoding="utf-8")
+
+    traffic = dc.open_traffic(path)
+
+    assert traffic.objects.sizes["time"] == 3
+    assert "the file is cut short at message 3" in str(traffic.findings[0])
+    path.write_text("version {\n  version_major: three\n}\n", encoding="utf-8")
+    with pytest.raises(dc.RecordingError, match=r"message 0: ParseError.*\.txth"):
+        dc.open_traffic(path)
+
+
 COMMON_ROAD = """<?xml version="1.0"?>
 <commonRoad commonRoadVersion="2020a" timeStepSize="0.5">
   <dynamicObstacle id="40"><type>bicycle</type>

@@ -1,8 +1,8 @@
-"""Traces of ASAM OSI messages `SensorView` or `GroundTruth`: each after its length, or in MCAP."""
+"""Traces of ASAM OSI messages `SensorView` or `GroundTruth`: after their lengths, MCAP, text."""
 
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -51,17 +51,17 @@ class OsiTrace(TrafficFormat):
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
-        """Return True for .mcap with such messages, and for .osi but for `SensorData`, _sd_."""
+        """Return True for .mcap with such messages, .osi and .txth but for `SensorData`, _sd_."""
         if path.suffix.lower() == ".mcap":
             return _find_mcap_type(path) is not None
-        return path.suffix.lower() == ".osi" and "_sd_" not in path.name
+        return path.suffix.lower() in (".osi", ".txth") and "_sd_" not in path.name
 
     def read_states(self, path: Path) -> Iterator[ObjectState]:
         """Yield the moving objects of all messages, and stationary ones that are new or changed."""
         last_s = -math.inf
         last_contents: dict[int, bytes] = {}
-        for index, truth in enumerate(_iter_ground_truths(path)):
-            time_s = truth.timestamp.seconds + truth.timestamp.nanos / 1e9
+        for index, (outer, truth) in enumerate(_iter_views_and_truths(path)):
+            time_s = _read_time_s(outer, truth)
             if time_s < last_s:
                 raise RecordingError(
                     path,
@@ -97,8 +97,11 @@ class OsiTrace(TrafficFormat):
 
     def read_host(self, path: Path) -> int | None:
         """Return the host vehicle of the first message."""
-        for truth in _iter_ground_truths(path):
-            return int(truth.host_vehicle_id.value) if truth.HasField("host_vehicle_id") else None
+        for messages in _iter_views_and_truths(path):
+            for message in messages:
+                if message.HasField("host_vehicle_id"):
+                    return int(message.host_vehicle_id.value)
+            break
         return None
 
 
@@ -108,11 +111,6 @@ def foreign_osi_version(*messages: Any) -> str | None:
         if version.HasField("version_major") and version.version_major != OSI_VERSION:
             return f"{version.version_major}.{version.version_minor}"
     return None
-
-
-def _iter_ground_truths(path: Path) -> Iterator[Any]:
-    """Yield the ground truth of each message, of a `SensorView` that inside it."""
-    return (truth for _, truth in _iter_views_and_truths(path))
 
 
 def _iter_views_and_truths(path: Path) -> Iterator[tuple[Any, Any]]:
@@ -126,18 +124,17 @@ def _iter_views_and_truths(path: Path) -> Iterator[tuple[Any, Any]]:
     views = import_from_extra("io", "osi3.osi_sensorview_pb2", setting="traffic")
     truths = import_from_extra("io", "osi3.osi_groundtruth_pb2", setting="traffic")
     decode_error = import_from_extra("io", "google.protobuf.message", setting="traffic").DecodeError
-    is_view = None
     for index, content in enumerate(_iter_contents(path)):
         try:
-            view = views.SensorView.FromString(content)
-            if is_view is None:
-                is_view = view.HasField("global_ground_truth")
-            truth = view.global_ground_truth if is_view else truths.GroundTruth.FromString(content)
+            view = _parse_view(content, views.SensorView, decode_error)
+            truth = (
+                truths.GroundTruth.FromString(content) if view is None else view.global_ground_truth
+            )
         except decode_error as error:
             raise _damaged_trace_error(path, index, error) from None
-        outer = view if is_view else truth
+        outer = truth if view is None else view
         if (version := foreign_osi_version(outer, truth)) is not None:
-            time_s = truth.timestamp.seconds + truth.timestamp.nanos / 1e9
+            time_s = _read_time_s(outer, truth)
             raise RecordingError(
                 path,
                 value=f"message {index}{first_object_text(truth)} at {time_s:g} s: OSI version"
@@ -146,6 +143,32 @@ def _iter_views_and_truths(path: Path) -> Iterator[tuple[Any, Any]]:
                 fix=f"convert the trace to ASAM OSI {OSI_VERSION}",
             )
         yield outer, truth
+
+
+def _parse_view(content: bytes, view_type: Any, decode_error: type[Exception]) -> Any | None:
+    """Return the `SensorView` in the bytes of a message, None if they are a `GroundTruth`.
+
+    Both types decode most bytes of the other: traffic lights, field 7 of `GroundTruth`, are the
+    ground truth of a `SensorView`. Only in the right type have its time or its objects values.
+    """
+    try:
+        view = view_type.FromString(content)
+    except decode_error:
+        return None
+    truth = view.global_ground_truth
+    objects = (*truth.moving_object, *truth.stationary_object)
+    is_view = _has_time(truth) or any(item.base.HasField("position") for item in objects)
+    return view if is_view else None
+
+
+def _has_time(message: Any) -> bool:
+    return any(message.timestamp.HasField(field) for field in ("seconds", "nanos"))
+
+
+def _read_time_s(outer: Any, truth: Any) -> float:
+    """Return the time of the ground truth, or of the view around it if only that has one."""
+    timestamp = (truth if _has_time(truth) else outer).timestamp
+    return float(timestamp.seconds + timestamp.nanos / 1e9)
 
 
 def first_object_text(truth: Any) -> str:
@@ -157,6 +180,9 @@ def _iter_contents(path: Path) -> Iterator[bytes]:
     """Yield the bytes of each message."""
     if path.suffix.lower() == ".mcap":
         yield from _iter_mcap_contents(path)
+        return
+    if path.suffix.lower() == ".txth":
+        yield from _iter_text_contents(path)
         return
     index = 0
     with path.open("rb") as trace:
@@ -192,6 +218,40 @@ def _iter_mcap_contents(path: Path) -> Iterator[bytes]:
         raise _damaged_trace_error(path, index, error, CutTrafficError) from None
 
 
+def _iter_text_contents(path: Path) -> Iterator[bytes]:
+    """Yield the bytes of each message of a text in the format of protocol buffers.
+
+    A message begins at each line that equals the first one, mostly `version {`.
+    """
+    views = import_from_extra("io", "osi3.osi_sensorview_pb2", setting="traffic")
+    truths = import_from_extra("io", "osi3.osi_groundtruth_pb2", setting="traffic")
+    text_format = import_from_extra("io", "google.protobuf.text_format", setting="traffic")
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for index, (text, is_last) in enumerate(_split_at_first_line(file)):
+            is_view = "global_ground_truth" in text
+            message = views.SensorView() if is_view else truths.GroundTruth()
+            try:
+                # Newer versions of OSI have fields that the installed one does not know.
+                text_format.Parse(text, message, allow_unknown_field=True)
+            except text_format.ParseError as error:
+                kind = CutTrafficError if is_last and index else RecordingError
+                raise _damaged_trace_error(path, index, error, kind) from None
+            yield message.SerializeToString()
+
+
+def _split_at_first_line(lines: Iterable[str]) -> Iterator[tuple[str, bool]]:
+    """Yield the parts of a text, each from a line that equals the first one, and if it is last."""
+    part: list[str] = []
+    for line in lines:
+        if part and line == part[0]:
+            yield "".join(part), False
+            part = []
+        if part or line.strip():
+            part.append(line)
+    if part:
+        yield "".join(part), True
+
+
 def _find_mcap_type(path: Path) -> str | None:
     """Return the first type of OSI among the messages of an MCAP file, None without any."""
     try:
@@ -207,7 +267,8 @@ def _damaged_trace_error(
     return kind(
         path,
         value=f"message {index}: {type(error).__name__}: {error}",
-        expected="a trace of SensorView or GroundTruth, each message after its length, or in MCAP",
+        expected="a trace of SensorView or GroundTruth: each message after its length, in MCAP,"
+        " or as text (.txth)",
         fix="record it again, or cut the file before this message",
     )
 

@@ -63,9 +63,9 @@ def open_traffic(path: str | Path) -> Traffic:
     Parameters
     ----------
     path : str or Path
-        ASAM OSI trace of `SensorView` or `GroundTruth` (.osi, .mcap), CommonRoad scenario (.xml),
-        or trajectories as CSV with the columns time, id, class, x, y, heading, length, width,
-        height and optionally z, vx, vy, in SI units.
+        ASAM OSI trace of `SensorView` or `GroundTruth` (.osi, .mcap, .txth), CommonRoad scenario
+        (.xml), or trajectories as CSV with the columns time, id, class, x, y, heading, length,
+        width, height and optionally z, vx, vy, in SI units.
 
     Returns
     -------
