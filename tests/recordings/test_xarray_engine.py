@@ -1,6 +1,7 @@
 """Engine of xarray: lazy recordings and data sets, in chunks of one frame."""
 
 import importlib
+import io
 import tomllib
 import warnings
 from pathlib import Path
@@ -147,3 +148,9 @@ def test_integer_keys_remove_axes():
     np.testing.assert_array_equal(
         frames._decode_part((1, 0, slice(None), [0, 2])), whole[1, 0][:, [0, 2]]
     )
+
+
+@pytest.mark.parametrize("wrong", [3, None, b"recording.npy", np.zeros(3), io.BytesIO()])
+def test_anything_but_a_path_is_refused(wrong):
+    with pytest.raises(dc.InvalidSetting, match=r"^filename_or_obj: a \w+; expected a path; "):
+        DechirpBackend().open_dataset(wrong)

@@ -482,13 +482,13 @@ def test_result_has_shape_of_snr():
         ),
         (
             lambda: cfar_detection.cell_averaging_detection_probability(
-                1.0, [10, 20], n_training=8
+                1.0, [10, -20], n_training=8
             ),
             "factor",
         ),
         (
             lambda: cfar_detection.greatest_of_detection_probability(
-                1.0, np.array([10.0]), n_training=8
+                1.0, np.array([0.0]), n_training=8
             ),
             "factor",
         ),

@@ -22,7 +22,8 @@ def check_argument_types(function: Callable[P, R]) -> Callable[P, R]:
 
     Arguments whose annotation is a class, or a union of classes and None, are checked, and missing
     and unknown ones are reported; numbers, sequences and functions are left to the checks of their
-    values, and compared with their annotation when the call fails with another error.
+    values, and compared with their annotation when the call fails with another error. Numbers of
+    NumPy, alone or in a tuple, become those of Python, since narrow integers overflow.
     """
     signature = _unpack_options(inspect.signature(function))
     name = function.__qualname__.removesuffix(".__init__")
@@ -57,8 +58,10 @@ def check_argument_types(function: Callable[P, R]) -> Callable[P, R]:
                 is_path = isinstance(value, str | Path)
                 text = repr(str(value)) if is_path else f"a {type(value).__name__}"
                 raise _argument_error(name, argument, text, classes_by_argument(), is_path=is_path)
+        converted: Any = [as_python_number(value) for value in args]
+        options: Any = {key: as_python_number(value) for key, value in kwargs.items()}
         try:
-            return function(*args, **kwargs)
+            return function(*converted, **options)
         except DechirpError:
             raise
         except Exception as error:
@@ -165,6 +168,17 @@ def _argument_error(
         expected=" or ".join(names) or "a value",
         fix=f"read a file with {reader}({value})" if reader else f"see help({prefix}{function})",
     )
+
+
+def as_python_number(value: Any) -> Any:
+    """Return a real number of NumPy as one of Python, in a tuple too; anything else unchanged."""
+    if type(value) is tuple:
+        return tuple(as_python_number(member) for member in value)
+    # Without an import of NumPy, which some commands do without.
+    if type(value).__module__ != "numpy" or getattr(value, "ndim", None) != 0:
+        return value
+    kind = value.dtype.kind
+    return int(value) if kind in "iu" else float(value) if kind == "f" else value
 
 
 def _checkable_classes(hint: Any) -> tuple[type, ...]:

@@ -1,6 +1,7 @@
 """Engine of xarray: `xr.open_dataset(path, engine="dechirp")` for data sets and recordings."""
 
 from collections.abc import Iterable
+from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -61,6 +62,13 @@ class DechirpBackend(BackendEntrypoint):
         RecordingError
             As `dechirp.open` does, or when damaged samples are loaded.
         """
+        if not isinstance(filename_or_obj, str | PathLike):
+            raise InvalidSetting(
+                "filename_or_obj",
+                value=f"a {type(filename_or_obj).__name__}",
+                expected="a path",
+                fix="write open files and bytes to a file, and give its name",
+            )
         path = Path(filename_or_obj)
         if is_data_set(path):
             _check_no_options(path, options)

@@ -1,10 +1,14 @@
-"""Specific attenuation by gases, rain and fog: one-way loss in dB/km."""
+"""Specific attenuation by gases, rain and fog: one-way loss in dB/km.
+
+All arguments broadcast against each other.
+"""
 
 import math
 
 import numpy as np
 
 from dechirp.core.checks import check_number
+from dechirp.core.elementwise import elementwise
 from dechirp.theory.gas_lines import OXYGEN, WATER_VAPOUR
 from dechirp.theory.water_permittivity import water_relative_permittivity
 
@@ -43,6 +47,7 @@ _ALPHA_V = (
 )  # fmt: skip
 
 
+@elementwise
 def oxygen_db_per_km(
     frequency_hz: float,
     *,
@@ -63,18 +68,18 @@ def oxygen_db_per_km(
 
     Parameters
     ----------
-    frequency_hz : float
+    frequency_hz : array
         From 1 GHz to 1 THz.
-    pressure_pa : float
+    pressure_pa : array
         Of the dry air; by default that of the standard atmosphere at sea level.
-    temperature_k : float
+    temperature_k : array
         From 200 K to 330 K.
-    vapour_kg_per_m3 : float
+    vapour_kg_per_m3 : array
         Water vapour, which widens the lines of oxygen.
 
     Returns
     -------
-    float, dB/km
+    array, dB/km
         One way.
 
     Raises
@@ -102,6 +107,7 @@ def oxygen_db_per_km(
     return float(0.1820 * f * (lines + f * p * theta**2 * continuum))
 
 
+@elementwise
 def vapour_db_per_km(
     frequency_hz: float,
     *,
@@ -124,6 +130,7 @@ def vapour_db_per_km(
     )
 
 
+@elementwise
 def gas_db_per_km(
     frequency_hz: float,
     *,
@@ -144,6 +151,7 @@ def gas_db_per_km(
     return oxygen + vapour
 
 
+@elementwise
 def rain_db_per_km(frequency_hz: float, rate_m_per_s: float, *, tilt_rad: float = 0.0) -> float:
     r"""Return the attenuation by rain along a horizontal path, a power law of the rain rate.
 
@@ -158,16 +166,16 @@ def rain_db_per_km(frequency_hz: float, rate_m_per_s: float, *, tilt_rad: float 
 
     Parameters
     ----------
-    frequency_hz : float
+    frequency_hz : array
         From 1 GHz to 1 THz.
-    rate_m_per_s : float
+    rate_m_per_s : array
         Rain rate, up to 200 mm/h; 1 mm/h is 2.8e-7 m/s.
-    tilt_rad : float
+    tilt_rad : array
         Of the polarisation from horizontal: pi / 2 vertical, pi / 4 slanted or circular.
 
     Returns
     -------
-    float, dB/km
+    array, dB/km
         One way.
 
     Raises
@@ -189,6 +197,7 @@ def rain_db_per_km(frequency_hz: float, rate_m_per_s: float, *, tilt_rad: float 
     return float(k * rate_mm_per_h**alpha)
 
 
+@elementwise
 def rain_power_law(frequency_hz: float) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return (k, alpha) for horizontal and for vertical polarisation, by the fit of P.838-3."""
     log_f = math.log10(_checked_frequency_ghz(frequency_hz, 1e9, 1e12))
@@ -199,6 +208,7 @@ def rain_power_law(frequency_hz: float) -> tuple[tuple[float, float], tuple[floa
     return (10**k_h, alpha_h), (10**k_v, alpha_v)
 
 
+@elementwise
 def fog_db_per_km(
     frequency_hz: float, water_kg_per_m3: float, *, temperature_k: float = 283.15
 ) -> float:
@@ -209,17 +219,17 @@ def fog_db_per_km(
 
     Parameters
     ----------
-    frequency_hz : float
+    frequency_hz : array
         From 1 GHz to 200 GHz: droplets are below 0.1 mm.
-    water_kg_per_m3 : float
+    water_kg_per_m3 : array
         Liquid water in the air, M, up to 10 g/m^3: 5e-5 kg/m^3 for a visibility of 300 m,
         5e-4 for 50 m (P.840).
-    temperature_k : float
+    temperature_k : array
         Of the droplets, from 243 K to 323 K.
 
     Returns
     -------
-    float, dB/km
+    array, dB/km
         One way.
 
     Raises

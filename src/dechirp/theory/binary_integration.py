@@ -5,11 +5,13 @@ import scipy
 from numpy.typing import ArrayLike
 
 from dechirp.core.checks import check_finite_array, check_integer
+from dechirp.core.elementwise import elementwise
 from dechirp.core.errors import InvalidSetting
 
 __all__ = ["binary_integration_probability"]
 
 
+@elementwise
 def binary_integration_probability(probability: ArrayLike, *, m: int, n: int) -> np.ndarray:
     r"""Return the probability that at least M of N independent looks exceed their threshold.
 
@@ -21,16 +23,16 @@ def binary_integration_probability(probability: ArrayLike, *, m: int, n: int) ->
     ----------
     probability : array
         Probability that one look exceeds its threshold, from 0 to 1; any shape.
-    m : int
+    m : array of int
         Required looks, from 1 to N.
-    n : int
+    n : array of int
         Total number of looks.
 
     Returns
     -------
     array
-        The shape of `probability`. The sum is computed as an incomplete beta function, which is
-        accurate for small results, too.
+        The shape to which all arguments broadcast. The sum is computed as an incomplete beta
+        function, which is accurate for small results, too.
 
     Raises
     ------

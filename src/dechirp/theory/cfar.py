@@ -9,22 +9,22 @@ correlate cells, see `theory.cfar_correlated_cells` and `theory.cfar_calibration
 
 Parameters of all functions:
 
-false_alarm_probability : float
+false_alarm_probability : array
     For the cell under test, from 1e-300 to 1 - 1e-9.
 factor : array
-    A ratio of powers, above 0; any shape, which the result has as well.
-n_training : int
+    A ratio of powers, above 0.
+n_training : array of int
     Training cells, N, at least 1. Where there are halves, those in both together, an even
     number, or a pair: those in each.
-n_summed : int
+n_summed : array of int
     Powers that are summed in each cell, K: receivers, or pulses; at most 1e7, except in the
     probability of cell averaging.
-rank : int
+rank : array of int
     Which training cell in order of power, k: 1 for the smallest, N for the largest.
 
-Each raises `InvalidSetting` if one of them is out of these bounds. For 2 to 10 000 training
-cells and false-alarm probabilities from 1e-12 to 0.1, factors are good to 1e-12 of their value
-and probabilities to 1e-9 of theirs.
+Arrays broadcast against each other. Each function raises `InvalidSetting` if one of them is out
+of these bounds. For 2 to 10 000 training cells and false-alarm probabilities from 1e-12 to 0.1,
+factors are good to 1e-12 of their value and probabilities to 1e-9 of theirs.
 
 References
 ----------
@@ -45,6 +45,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from dechirp.core.checks import check_false_alarm_probability, check_integer, check_positive_ratios
+from dechirp.core.elementwise import elementwise
 from dechirp.theory.cfar_ordered_statistic import OrderedStatisticLaw
 from dechirp.theory.training_cells import (
     count_training_powers,
@@ -69,6 +70,7 @@ __all__ = [
 _MIN_POSITIVE = 5e-324  # the least float above 0: the root lies above 1e-300
 
 
+@elementwise
 def cell_averaging_factor(
     false_alarm_probability: float, *, n_training: int, n_summed: int = 1
 ) -> float:
@@ -98,6 +100,7 @@ def cell_averaging_factor(
     return n_training * math.exp(brentq(excess, low, 700.0, xtol=1e-14))
 
 
+@elementwise
 def ordered_statistic_factor(
     false_alarm_probability: float, *, n_training: int, rank: int, n_summed: int = 1
 ) -> float:
@@ -124,6 +127,7 @@ def ordered_statistic_factor(
     )
 
 
+@elementwise
 def greatest_of_factor(
     false_alarm_probability: float, *, n_training: int | tuple[int, int], n_summed: int = 1
 ) -> float:
@@ -151,6 +155,7 @@ def greatest_of_factor(
     )
 
 
+@elementwise
 def smallest_of_factor(
     false_alarm_probability: float, *, n_training: int | tuple[int, int], n_summed: int = 1
 ) -> float:
@@ -174,6 +179,7 @@ def smallest_of_factor(
     )
 
 
+@elementwise
 def cell_averaging_false_alarm_probability(
     factor: ArrayLike, *, n_training: int, n_summed: int = 1
 ) -> np.ndarray:
@@ -185,6 +191,7 @@ def cell_averaging_false_alarm_probability(
     return noise_sum_exceeds_probability(n_summed, a, shape)
 
 
+@elementwise
 def ordered_statistic_false_alarm_probability(
     factor: ArrayLike, *, n_training: int, rank: int, n_summed: int = 1
 ) -> np.ndarray:
@@ -200,6 +207,7 @@ def ordered_statistic_false_alarm_probability(
     return np.exp(-np.reshape(logs, factors.shape))
 
 
+@elementwise
 def greatest_of_false_alarm_probability(
     factor: ArrayLike, *, n_training: int | tuple[int, int], n_summed: int = 1
 ) -> np.ndarray:
@@ -209,6 +217,7 @@ def greatest_of_false_alarm_probability(
     )
 
 
+@elementwise
 def smallest_of_false_alarm_probability(
     factor: ArrayLike, *, n_training: int | tuple[int, int], n_summed: int = 1
 ) -> np.ndarray:

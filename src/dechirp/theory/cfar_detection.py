@@ -12,19 +12,19 @@ target is exponential itself, it is noise 1 + snr times as strong: Pd is the fal
 probability of factor / (1 + snr).
 
 Parameters of all functions: `n_training`, `n_summed` and `rank` are those of
-`theory.cfar`, `factor` is one of its factors, one number, and
+`theory.cfar`, `factor` is one of its factors, and
 
 snr : array
     Mean power of the target over that of noise, in each of the powers that are summed; finite,
-    0 or more; any shape, which the result has as well.
-swerling : int
+    0 or more.
+swerling : array of int
     0 for a steady target, 1 to 4 for Swerling's cases (`theory.swerling`).
 
-Each function raises `InvalidSetting` if one of them is out of bounds. For 2 to 10 000 training
-cells, false-alarm probabilities from 1e-12 to 0.1 and -30 to 40 dB, probabilities are good to
-1e-9 of their value. Sums have about K snr terms for a steady target, and at most 70 times as
-many for one that fluctuates; `InvalidSetting` is raised before more than 1e8 of them, or 1e6
-for an ordered statistic, whose time grows with their square.
+Arrays broadcast against each other. Each function raises `InvalidSetting` if one of them is out of
+bounds. For 2 to 10 000 training cells, false-alarm probabilities from 1e-12 to 0.1 and -30 to 40
+dB, probabilities are good to 1e-9 of their value. Sums have about K snr terms for a steady target,
+and at most 70 times as many for one that fluctuates; `InvalidSetting` is raised before more than
+1e8 of them, or 1e6 for an ordered statistic, whose time grows with their square.
 
 References
 ----------
@@ -40,6 +40,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from dechirp.core.checks import check_detection_probability, check_non_negative_ratios, check_number
+from dechirp.core.elementwise import elementwise
 from dechirp.core.errors import InvalidSetting
 from dechirp.theory.cfar import (
     cell_averaging_factor,
@@ -73,6 +74,7 @@ __all__ = [
 ]
 
 
+@elementwise
 def cell_averaging_detection_probability(
     snr: ArrayLike, factor: float, *, n_training: int, n_summed: int = 1, swerling: int = 0
 ) -> np.ndarray:
@@ -98,6 +100,7 @@ def cell_averaging_detection_probability(
     )
 
 
+@elementwise
 def ordered_statistic_detection_probability(
     snr: ArrayLike, factor: float, *, n_training: int, rank: int, swerling: int = 0
 ) -> np.ndarray:
@@ -131,6 +134,7 @@ def ordered_statistic_detection_probability(
     )
 
 
+@elementwise
 def greatest_of_detection_probability(
     snr: ArrayLike, factor: float, *, n_training: int | tuple[int, int], swerling: int = 0
 ) -> np.ndarray:
@@ -146,6 +150,7 @@ def greatest_of_detection_probability(
     )
 
 
+@elementwise
 def smallest_of_detection_probability(
     snr: ArrayLike, factor: float, *, n_training: int | tuple[int, int], swerling: int = 0
 ) -> np.ndarray:
@@ -161,6 +166,7 @@ def smallest_of_detection_probability(
     )
 
 
+@elementwise
 def cell_averaging_required_snr(
     detection_probability: float,
     false_alarm_probability: float,
@@ -218,6 +224,7 @@ def cell_averaging_required_snr(
     return math.exp(scipy.optimize.brentq(excess, low, high, xtol=1e-12))
 
 
+@elementwise
 def cell_averaging_loss(
     detection_probability: float,
     false_alarm_probability: float,

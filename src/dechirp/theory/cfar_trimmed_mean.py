@@ -30,6 +30,7 @@ from dechirp.core.checks import (
     check_non_negative_ratios,
     check_positive_ratios,
 )
+from dechirp.core.elementwise import elementwise
 from dechirp.theory.cfar import find_decreasing_root
 from dechirp.theory.training_cells import order_statistic_step_rates
 
@@ -40,6 +41,7 @@ __all__ = [
 ]
 
 
+@elementwise
 def trimmed_mean_factor(
     false_alarm_probability: float, *, n_training: int, n_smallest: int, n_largest: int
 ) -> float:
@@ -52,6 +54,7 @@ def trimmed_mean_factor(
     )
 
 
+@elementwise
 def trimmed_mean_false_alarm_probability(
     factor: ArrayLike, *, n_training: int, n_smallest: int, n_largest: int
 ) -> np.ndarray:
@@ -62,6 +65,7 @@ def trimmed_mean_false_alarm_probability(
     return np.exp(-np.reshape(logs, factors.shape))
 
 
+@elementwise
 def trimmed_mean_detection_probability(
     snr: ArrayLike, factor: float, *, n_training: int, n_smallest: int, n_largest: int
 ) -> np.ndarray:

@@ -12,12 +12,15 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_finite_array, check_integer, check_number, check_probability
+from dechirp.core.elementwise import elementwise
 from dechirp.core.errors import InvalidSetting
 
 __all__ = ["binomial_interval", "mean_interval", "rate_interval", "rms_interval"]
 
 
+@elementwise
 def binomial_interval(hits: int, trials: int, *, confidence: float) -> tuple[float, float]:
     """Return the interval of a probability from the hits in independent trials.
 
@@ -48,6 +51,7 @@ def binomial_interval(hits: int, trials: int, *, confidence: float) -> tuple[flo
     return low, high
 
 
+@check_argument_types
 def rms_interval(values: ArrayLike, *, confidence: float) -> tuple[float, float]:
     """Return the interval of a root mean square from independent normal errors of zero mean.
 
@@ -61,6 +65,7 @@ def rms_interval(values: ArrayLike, *, confidence: float) -> tuple[float, float]
     return float(low), float(high)
 
 
+@check_argument_types
 def mean_interval(values: ArrayLike, *, confidence: float) -> tuple[float, float]:
     """Return the interval of a mean from independent values that are normal or numerous.
 
@@ -71,6 +76,7 @@ def mean_interval(values: ArrayLike, *, confidence: float) -> tuple[float, float
     return _student_mean_interval(sample, float(np.var(sample, ddof=1)), confidence)
 
 
+@check_argument_types
 def rate_interval(counts: ArrayLike, exposure: float, *, confidence: float) -> tuple[float, float]:
     """Return the interval of a rate from counts of events in independent blocks of equal exposure.
 

@@ -39,6 +39,7 @@ from dechirp.core.checks import (
     check_probabilities,
     check_whole_numbers,
 )
+from dechirp.core.elementwise import elementwise
 from dechirp.theory.swerling import (
     probability_count_at_least,
     probability_count_below,
@@ -55,6 +56,7 @@ __all__ = [
 ]
 
 
+@elementwise
 def detection_threshold(false_alarm_probability: float, *, n_summed: int = 1) -> float:
     """Return the threshold of the sum of powers, relative to the mean noise power of one.
 
@@ -70,6 +72,7 @@ def detection_threshold(false_alarm_probability: float, *, n_summed: int = 1) ->
     return float(scipy.special.gammainccinv(n_summed, false_alarm_probability))
 
 
+@elementwise
 def exceedance_probability(
     snr: ArrayLike, threshold: float, *, n_summed: int = 1, swerling: int = 0
 ) -> np.ndarray:
@@ -85,11 +88,11 @@ def exceedance_probability(
     ----------
     snr : array
         Mean ratio of each of the summed powers; any shape.
-    threshold : float
+    threshold : array
         T, over the mean noise power of one.
-    n_summed : int
+    n_summed : array of int
         Powers that are summed, K: pulses, or receivers.
-    swerling : int
+    swerling : array of int
         0 for a steady target. 1 and 2 fluctuate as a sum of many scatterers, 3 and 4 as one
         strong among many; 1 and 3 are constant over the sum, 2 and 4 independent from power
         to power.
@@ -97,9 +100,9 @@ def exceedance_probability(
     Returns
     -------
     array
-        The shape of `snr`. Relative error below 1e-12, however small the probability,
-        and absolute below 1e-15 near 1: for K to 1e4, -30 to 40 dB, and thresholds that noise
-        alone exceeds with 1e-12 to 0.5.
+        The shape to which all arguments broadcast. Relative error below 1e-12, however small the
+        probability, and absolute below 1e-15 near 1: for K to 1e4, -30 to 40 dB, and thresholds
+        that noise alone exceeds with 1e-12 to 0.5.
 
     Raises
     ------
@@ -113,6 +116,7 @@ def exceedance_probability(
     return np.array(probabilities, dtype=float).reshape(chi.shape)
 
 
+@elementwise
 def detection_probability(
     snr: ArrayLike,
     false_alarm_probability: ArrayLike,
@@ -147,6 +151,7 @@ def detection_probability(
     return probability
 
 
+@elementwise
 def required_snr(
     detection_probability: ArrayLike,
     false_alarm_probability: ArrayLike,
@@ -225,13 +230,14 @@ def _find_root(
             low, at_low = root, at_root
 
 
+@elementwise
 def coherent_detection_probability(snr: ArrayLike, false_alarm_probability: float) -> np.ndarray:
     r"""Return the detection probability of a coherent detector, with known target phase.
 
     .. math:: P_d = \tfrac12 \operatorname{erfc}(\operatorname{erfc}^{-1}(2 P_{fa}) - \sqrt\chi)
 
     An upper bound for detectors of one power: 0.6 dB less than the square law needs for 0.9 at
-    1e-6. `snr` has any shape, as has the result. Raises `InvalidSetting` if a ratio is
+    1e-6. Arguments broadcast. Raises `InvalidSetting` if a ratio is
     negative or not finite, or as `detection_threshold` does.
     """
     chi = check_non_negative_ratios("snr", snr)
@@ -241,6 +247,7 @@ def coherent_detection_probability(snr: ArrayLike, false_alarm_probability: floa
     )
 
 
+@elementwise
 def coherent_required_snr(detection_probability: float, false_alarm_probability: float) -> float:
     """Return the SNR that a coherent detector needs: 12.60 dB for 0.9 at 1e-6.
 

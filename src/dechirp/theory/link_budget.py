@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import broadcast_arguments, check_finite_array, check_integer
+from dechirp.core.elementwise import elementwise
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import BOLTZMANN, REFERENCE_TEMPERATURE, SPEED_OF_LIGHT
 
@@ -224,6 +225,7 @@ def unambiguous_velocity(*, frequency_hz: ArrayLike, interval_s: ArrayLike) -> n
     return np.asarray(SPEED_OF_LIGHT / frequency / (4 * interval))
 
 
+@elementwise
 def ula_beamwidth(
     n_elements: int, *, spacing: ArrayLike = 0.5, angle_rad: ArrayLike = 0.0
 ) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dechirp.core.checks import check_number, check_positive_ratios
+from dechirp.core.elementwise import elementwise
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.theory.attenuation import MAX_RAIN_RATE_M_PER_S
 from dechirp.theory.mie import sphere_rcs_m2
@@ -23,6 +24,7 @@ DIAMETERS_M = np.arange(0.05e-3, 7.0e-3, 0.02e-3)
 """Diameters of the sum over drops, 0.02 mm apart."""
 
 
+@elementwise
 def drop_size_density_per_m4(diameter_m: ArrayLike, rate_m_per_s: float) -> np.ndarray:
     r"""Return the drop size distribution N(D): drops per volume and diameter interval, 1/m^4.
 
@@ -57,6 +59,7 @@ def drop_fall_speed_m_per_s(diameter_m: ArrayLike) -> np.ndarray:
     return np.maximum(9.65 - 10.3 * np.exp(-600 * diameters_m), 0.0)
 
 
+@elementwise
 def rain_reflectivity_per_m4(
     frequency_hz: float, rate_m_per_s: float, *, temperature_k: float = 283.15
 ) -> np.ndarray:
@@ -89,6 +92,7 @@ def _cached_rain_reflectivity_per_m4(
     return reflectivity
 
 
+@elementwise
 def rain_reflectivity_per_m(
     frequency_hz: float, rate_m_per_s: float, *, temperature_k: float = 283.15
 ) -> float:

@@ -15,6 +15,7 @@ from dechirp.core.checks import (
     check_probabilities,
     check_whole_numbers,
 )
+from dechirp.core.elementwise import elementwise
 from dechirp.core.errors import InvalidSetting
 from dechirp.theory.swerling import swerling_shape
 
@@ -74,6 +75,7 @@ def _albersheim_snr(
     return float(argument ** (slope / 10) / math.sqrt(n_summed))
 
 
+@elementwise
 def shnidman(
     detection_probability: ArrayLike,
     false_alarm_probability: ArrayLike,

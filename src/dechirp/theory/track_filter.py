@@ -14,6 +14,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from dechirp.core.checks import check_finite_array, check_integer, check_probabilities
+from dechirp.core.elementwise import elementwise
 
 __all__ = ["alpha_beta_gains", "gate_threshold"]
 
@@ -53,6 +54,7 @@ def alpha_beta_gains(tracking_index: ArrayLike) -> AlphaBetaGains:
     return AlphaBetaGains(np.asarray(alpha), np.asarray(2 * (1 - r) ** 2))
 
 
+@elementwise
 def gate_threshold(gate_probability: ArrayLike, n_dimensions: int) -> np.ndarray:
     """Return the squared Mahalanobis distance that a true measurement exceeds with 1 - Pg.
 

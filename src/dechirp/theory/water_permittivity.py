@@ -4,11 +4,13 @@ import cmath
 import math
 
 from dechirp.core.checks import check_number
+from dechirp.core.elementwise import elementwise
 from dechirp.core.units import SPEED_OF_LIGHT
 
 __all__ = ["water_film_loss", "water_relative_permittivity"]
 
 
+@elementwise
 def water_relative_permittivity(frequency_hz: float, temperature_k: float) -> complex:
     r"""Return the relative permittivity of pure water, with a positive imaginary part (absorption).
 
@@ -48,6 +50,7 @@ def water_relative_permittivity(frequency_hz: float, temperature_k: float) -> co
     return complex(second + slow + fast)
 
 
+@elementwise
 def water_film_loss(frequency_hz: float, film_m: float, temperature_k: float) -> float:
     r"""Return the one-way power loss of a wave through a film of water at normal incidence.
 

@@ -21,6 +21,7 @@ from typing import Any, Literal, TypeGuard, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import as_tuple_or_none, check_finite_array, check_integer, check_number
 from dechirp.core.errors import InvalidSetting
 
@@ -74,6 +75,7 @@ def window_names() -> tuple[str, ...]:
     return get_args(Window)
 
 
+@check_argument_types
 def window_weights(window: WindowSpec, n: int) -> np.ndarray:
     """Return the weights of a window, (n,), read-only; refuse unknown names.
 
@@ -202,6 +204,7 @@ def _cosine_sum_window(n: int, coefficients: tuple[float, ...]) -> np.ndarray:
     return weights
 
 
+@check_argument_types
 def chebyshev_weights(n: int, sidelobe_db: float) -> np.ndarray:
     r"""Return the Dolph-Chebyshev weights: narrowest main lobe for a sidelobe level, (n,).
 
@@ -234,6 +237,7 @@ def chebyshev_weights(n: int, sidelobe_db: float) -> np.ndarray:
     return np.asarray(weights / weights.max())
 
 
+@check_argument_types
 def taylor_weights(n: int, n_bar: int, sidelobe_db: float) -> np.ndarray:
     r"""Return the Taylor weights: near sidelobes of about one level, falling beyond, (n,).
 
@@ -276,6 +280,7 @@ def taylor_weights(n: int, n_bar: int, sidelobe_db: float) -> np.ndarray:
     return np.asarray(weights / (1 + 2 * np.sum(f)))
 
 
+@check_argument_types
 def kaiser_weights(n: int, beta: float) -> np.ndarray:
     r"""Return the Kaiser weights: nearly maximal energy in the main lobe, (n,).
 
@@ -387,6 +392,7 @@ def _check_weights(weights: ArrayLike, *, setting: str = "weights") -> np.ndarra
     return values
 
 
+@check_argument_types
 def bin_correlation(weights: ArrayLike, n_bins: int, lags: ArrayLike) -> np.ndarray:
     """Return the correlation of white noise between bins of a windowed, zero-padded transform.
 
