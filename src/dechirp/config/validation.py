@@ -67,7 +67,9 @@ def _build_pydantic_model(cls: type) -> type[BaseModel]:
         )
         default = ... if setting.is_required else None
         model_fields[setting.field] = (hint, Field(default, alias=key))
-    return create_model(cls.__name__, __config__=ConfigDict(extra="forbid"), **model_fields)
+    # Before its version 2.10, pydantic warns of fields such as `model_time_s`.
+    config = ConfigDict(extra="forbid", protected_namespaces=())
+    return create_model(cls.__name__, __config__=config, **model_fields)
 
 
 def _type_with_validators(type_hint: Any, field: str, unit_suffix: str | None) -> Any:
