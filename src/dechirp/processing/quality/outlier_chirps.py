@@ -55,7 +55,9 @@ def _moving_median(values: np.ndarray, length: int) -> np.ndarray:
 
     (As scipy.ndimage.median_filter, whose import takes 0.07 s.)
     """
-    padded = np.pad(values, (length // 2, (length - 1) // 2), mode="reflect")
+    # `numpy.pad` takes 0.03 ms.
+    before, after = length // 2, (length - 1) // 2
+    padded = np.concatenate([values[before:0:-1], values, values[-2 : -2 - after : -1]])
     windows = sliding_window_view(padded, length)
     return np.partition(windows, length // 2, axis=-1)[:, length // 2]
 

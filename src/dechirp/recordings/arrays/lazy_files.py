@@ -41,6 +41,10 @@ def open_memory_mapped_array(
         sizes = [axis_slice.stop - axis_slice.start for axis_slice in part]
         values = np.empty(sizes, dtype, order=order)
         start = part[slowest_axis].start
+        if not fortran and tuple(sizes[slowest_axis + 1 :]) == shape[slowest_axis + 1 :]:
+            # Adjacent bytes: 0.03 ms for a small frame, a mapping takes 0.15.
+            _read_adjacent(path, offset + start * row_bytes, values)
+            return values
         for first in range(start, part[slowest_axis].stop, step):
             rows = slice(first, min(first + step, part[slowest_axis].stop))
             block = (*part[:slowest_axis], rows, *part[slowest_axis + 1 :])
@@ -52,6 +56,19 @@ def open_memory_mapped_array(
         return values
 
     return LazyArray(shape=shape, dtype=dtype, read=read)
+
+
+def _read_adjacent(path: Path, first_byte: int, values: np.ndarray) -> None:
+    """Fill contiguous `values` from a byte of a file on."""
+    into = values.view(np.uint8).reshape(-1).data
+    with _convert_changed_file_errors(path), path.open("rb", buffering=0) as file:
+        file.seek(first_byte)
+        filled = 0
+        while filled < len(into):
+            n_bytes = file.readinto(into[filled:])
+            if not n_bytes:
+                raise ValueError("the file is too short")
+            filled += n_bytes
 
 
 class InflateStream:
