@@ -849,6 +849,94 @@ def test_unsupported_studio_log_error_names_mistake(tmp_path, old, new, message)
 
 
 # The radar of CFG.
+MMWAVELINK = """\
+#rlChanCfg_t
+LinkAdvanceFrameTest=0;
+channelTx=5;
+channelRx=15;
+adcBits=2;
+adcFormat=1;
+iqSwapSel=1;
+chInterleave=1;
+#rlProfileCfg_t
+profileId=0;
+startFreqConst=1435384036;
+idleTimeConst=1000;
+adcStartTimeConst=600;
+rampEndTime=6000;
+freqSlopeConst=621;
+#numAdcSamples=128;
+numAdcSamples=256;
+digOutSampleRate=5000;
+numOfChirpsToConfig=2;
+chirpStartIdx=0;
+chirpEndIdx=0;
+profileIdCPCFG=0;
+startFreqVar=0;
+freqSlopeVar=0;
+idleTimeVar=0;
+adcStartTimeVar=0;
+txEnable=1;
+chirpStartIdx=1;
+chirpEndIdx=1;
+profileIdCPCFG=0;
+startFreqVar=0;
+freqSlopeVar=0;
+idleTimeVar=0;
+adcStartTimeVar=0;
+txEnable=4;
+#rlFrameCfg_t
+chirpStartIdxFCF=0;
+chirpEndIdxFCF=1;
+frameCount=8;
+loopCount=32;
+periodicity=10000000;
+numAdcSamples=512;
+"""
+
+
+def test_mmwavelink_text_equals_cfg_of_same_radar(tmp_path):
+    expected = read_settings_text(tmp_path, CFG)
+    (tmp_path / "settings.cfg").unlink()
+
+    settings = read_settings_text(tmp_path, MMWAVELINK, "mmwaveconfig.txt", "xwr1843")
+
+    frame, chirp = settings.radar.frame, settings.radar.frame.chirp
+    # The chip counts steps of 53.6 Hz and 48.3 kHz/us.
+    assert chirp.start_frequency_hz == pytest.approx(77e9, abs=54)
+    assert chirp.slope_hz_per_s == pytest.approx(30e12, abs=48.3e9)
+    expected_frame = expected.radar.frame
+    same = replace(
+        chirp,
+        start_frequency_hz=expected_frame.chirp.start_frequency_hz,
+        slope_hz_per_s=expected_frame.chirp.slope_hz_per_s,
+    )
+    assert replace(frame, chirp=same) == expected_frame
+    assert settings.radar.array == expected.radar.array
+    assert (settings.iq, settings.is_interleaved, settings.bits) == ("qi", False, 16)
+    assert settings.n_frames == 8
+    assert find_settings_file(tmp_path / "adc_data.bin").name == "mmwaveconfig.txt"
+    # The signs of a chirp follow the chirps, with the same names of fields.
+    bpm = MMWAVELINK.replace("txEnable=1", "txEnable=5").replace("txEnable=4", "txEnable=5")
+    bpm += "chirpStartIdx = 1\nchirpEndIdx = 1\nconstBpmVal = 48 # 0x30\n"
+    assert read_settings_text(tmp_path, bpm, "a.txt").radar.frame.multiplexing == Bpm(order=(0, 1))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("LinkAdvanceFrameTest=0", "LinkAdvanceFrameTest=1", "LinkAdvanceFrameTest=1"),
+        ("rampEndTime=6000;\n", "", "rampEndTime_usec = null"),
+        ("idleTimeVar=0", "idleTimeVar=5", "differ"),
+        ("periodicity", "period", "framePeriodicity_msec = null"),
+    ],
+)
+def test_unsupported_mmwavelink_text_error_names_mistake(tmp_path, old, new, message):
+    assert old in MMWAVELINK
+    with pytest.raises(RecordingError, match=message):
+        read_settings_text(tmp_path, MMWAVELINK.replace(old, new), "mmwaveconfig.txt")
+
+
 LUA = """\
 --[[ DataCaptureDemo
 ar1.ProfileConfig(0, 60, 1) ]]

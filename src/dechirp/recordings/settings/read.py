@@ -19,6 +19,7 @@ from dechirp.recordings.settings import (
     mmwave_lua,
     mmwave_setup,
     mmwave_studio_log,
+    mmwavelink_text,
     ti_cfg,
 )
 from dechirp.recordings.settings.base import RecordingSettings
@@ -33,8 +34,8 @@ def read_radar(path: str | Path, device: Device | None = None) -> Radar:
     """Read a radar from a settings file: native YAML, or a vendor's file.
 
     Vendor files are TI's `.cfg`, `.mmwave.json`, `.setup.json`, mmWave Studio log and `.lua`
-    script, Infineon's `config.json`, and Calterah's `.hxx`. The content determines the type, not
-    the name.
+    script, and `mmwaveconfig.txt` of mmWaveLink; Infineon's `config.json`, and Calterah's `.hxx`.
+    The content determines the type, not the name.
 
     Parameters
     ----------
@@ -72,6 +73,8 @@ def read_settings(file: Path, device: Device | None = None) -> RecordingSettings
     elif mmwave_setup.is_mmwave_setup(text):
         used, chip = mmwave_setup.find_named_settings_and_chip(file, text)
         settings = mmwave_json.read_mmwave_json(used, _read_settings_text(used), device, chip)
+    elif mmwavelink_text.is_mmwavelink_text(text):
+        settings = mmwavelink_text.read_mmwavelink_text(file, text, device)
     elif calterah_hxx.is_calterah_hxx(text):
         settings = calterah_hxx.read_calterah_hxx(file, text)
     elif infineon_json.is_infineon_json(text) or name.endswith(".json"):
@@ -244,6 +247,7 @@ def holds_settings(file: Path) -> bool:
     if file.suffix.lower() in _YAML:
         return any(line.startswith("frame:") for line in text.splitlines())
     is_recognised = mmwave_lua.is_mmwave_lua(text) or mmwave_studio_log.is_mmwave_studio_log(text)
+    is_recognised = is_recognised or mmwavelink_text.is_mmwavelink_text(text)
     return is_recognised or ti_cfg.is_ti_cfg(text)
 
 
