@@ -195,6 +195,45 @@ def test_object_at_rest_keeps_its_velocity_of_zero(tmp_path):
     assert traffic.objects["vx"].values.tolist() == [[0, 0, 0]]
 
 
+def write_diagonal_motion(folder, heading, speed, n_steps=5):
+    """Write a car that moves at 30 degrees from the x axis."""
+    rows = []
+    for step in range(n_steps):
+        way_m = 0.1 * step * speed
+        x_m, y_m = way_m * math.cos(math.pi / 6), way_m * math.sin(math.pi / 6)
+        rows.append(f"{step / 10},7,car,{x_m:.6f},{y_m:.6f},{heading},4.5,1.8,1.5")
+    return write_csv(folder, *rows)
+
+
+@pytest.mark.parametrize(
+    ("heading", "angle_deg"),
+    [
+        ("30", 111),  # degrees: 30 rad are 279, 249 from the motion
+        ("1.0", 27),  # within the limit
+        ("-0.5236", 60),  # y to the right
+        ("3.6652", 180),  # backwards at 15 m/s
+    ],
+)
+def test_headings_that_contradict_the_motion_are_named(tmp_path, heading, angle_deg):
+    traffic = dc.open_traffic(write_diagonal_motion(tmp_path, heading, 15.0))
+
+    texts = [str(item) for item in traffic.findings if item.setting == "traffic.heading"]
+    if angle_deg < 30:
+        assert not texts
+    else:
+        assert "headings of 1 vehicle of 1 that move" in texts[0]
+        assert f": 7 by {angle_deg} deg;" in texts[0]
+
+
+@pytest.mark.parametrize(
+    ("heading", "speed"), [("0.5236", 15.0), ("3.6652", 3.0), ("30", 1.0), ("", 15.0)]
+)
+def test_reversing_slow_and_unknown_headings_are_no_contradiction(tmp_path, heading, speed):
+    traffic = dc.open_traffic(write_diagonal_motion(tmp_path, heading, speed))
+
+    assert not [item for item in traffic.findings if item.setting == "traffic.heading"]
+
+
 @pytest.mark.parametrize(
     ("rows", "expected"),
     [

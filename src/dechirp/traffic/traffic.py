@@ -15,6 +15,7 @@ from dechirp.core.memory import check_free_memory
 from dechirp.core.text import format_number, join_names
 from dechirp.core.values import frozen_dataclass
 from dechirp.traffic.base import STRUCTURE_KINDS, CutTrafficError, ObjectState, TrafficFormat
+from dechirp.traffic.heading_check import find_wrong_headings
 from dechirp.traffic.object_steps import find_gaps, join_times_s, typical_steps_s
 
 _UNITS = {
@@ -121,6 +122,7 @@ def open_traffic(path: str | Path) -> Traffic:
             *findings,
             *_stationary_findings(completed),
             *_find_surprising_motion(completed),
+            *find_wrong_headings(completed),
         ),
     )
 
