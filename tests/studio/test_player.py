@@ -11,10 +11,12 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.core.findings import Finding
+from dechirp.core.threads import thread_count
 from dechirp.experiments.scenario import RecordingSource
 from dechirp.processing.chain import Chain
 from dechirp.processing.range_doppler_map import power_map, threshold_map
 from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
+from dechirp.studio import frame_player
 from dechirp.studio.cursor import Cursor, cursor_at_followed_detection, nearest_cell_indices
 from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.option_hints import translate_finding_to_page
@@ -297,6 +299,26 @@ def test_array_without_azimuth_has_no_azimuth_map(scenario):
     )
 
 
+@pytest.mark.parametrize(("n_chirps", "is_small"), [(40, True), (1400, False)])
+def test_small_frame_takes_one_thread_and_its_azimuth_map_waits(
+    scenario, monkeypatch, n_chirps, is_small
+):
+    n_threads = []
+    detect = frame_player.process_cubes
+
+    def detect_and_count(*arguments, **options):
+        n_threads.append(thread_count())
+        return detect(*arguments, **options)
+
+    monkeypatch.setattr(frame_player, "process_cubes", detect_and_count)
+    frame = replace(RADAR.frame, n_chirps=n_chirps, period_s=0.1)
+    player = FramePlayer(replace(scenario, radar=replace(RADAR, frame=frame)))
+    second = [player.process_frame_at_step(step, None) for step in range(2)][1]
+    assert n_threads == [1 if is_small else thread_count()] * 2
+    assert ("azimuth_power" not in vars(second)) == is_small
+    assert second.azimuth_power.values.max() > 0
+
+
 @pytest.mark.parametrize("step", [-1, 1.5, "2", None])
 def test_rejects_invalid_step(scenario, step):
     with pytest.raises(dc.InvalidSetting, match=r"^step"):
@@ -453,7 +475,8 @@ def test_start_scenario_fills_all_views():
         range_errors_m = abs(truth["range"].values - clusters["range"].values)
         azimuth_errors_rad = abs(truth["azimuth"].values - clusters["azimuth"].values)
         is_found = (range_errors_m < 1.0).any(axis=1) & (azimuth_errors_rad < 0.1).any(axis=1)
-        is_hidden = truth["shadow_loss"].values[:, 0] > 10  # the car at last
+        losses = dc.truth(start_scenario.scene, radar, first_frame=step)["shadow_loss"].values
+        is_hidden = losses[:, 0] > 10  # the car at last
         assert is_hidden.sum() == (step == 199)
         assert np.all(is_found | is_hidden)
     assert frame_state.azimuth_power is not None and frame_state.micro_doppler.values.max() > 0

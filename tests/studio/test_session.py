@@ -344,7 +344,7 @@ def test_compilation_starts_with_server_and_is_counted():
 
 def test_texts_and_tables_show_same_frames(monkeypatch):
     clock = itertools.count(0.0, 0.013)  # each reading takes time, so that separate limits drift
-    shown_steps = {"table": [], "caption": [], "map": []}
+    shown_steps = {"table": [], "caption": [], "map": [], "slower map": []}
 
     class Table(View):
         name = "table"
@@ -368,7 +368,11 @@ def test_texts_and_tables_show_same_frames(monkeypatch):
 
     class Map(Table):
         name = "map"
-        is_shown_every_frame = True
+        min_interval_s = 0.0
+
+    class SlowerMap(Table):
+        name = "slower map"
+        min_interval_s = 0.09
 
     built = []
 
@@ -377,7 +381,7 @@ def test_texts_and_tables_show_same_frames(monkeypatch):
 
     monkeypatch.setattr(Session, "start", remember)
     monkeypatch.setattr(pages, "perf_counter", lambda: next(clock))
-    monkeypatch.setattr(pages, "_VIEWS", (Table, Map))
+    monkeypatch.setattr(pages, "_VIEWS", (Table, Map, SlowerMap))
     monkeypatch.setattr(pages, "_PANELS", ())
     pages.build_live_page(Document(), worker=None, scenario=reference(), limits=PageLimits())
     (session,) = built
@@ -386,7 +390,9 @@ def test_texts_and_tables_show_same_frames(monkeypatch):
         for show in session.on_frame:
             show(SimpleNamespace(step=step, number=step, time_s=0.0))
     assert shown_steps["map"] == list(range(100))
-    assert 3 < len(shown_steps["table"]) < 50
-    for name in ("table", "map"):
+    # Three readings of the clock a frame, 0.039 s: 100 frames / 0.09 s = 43, / 0.198 s = 20.
+    assert 41 <= len(shown_steps["slower map"]) <= 45
+    assert 18 <= len(shown_steps["table"]) <= 22
+    for name in ("table", "map", "slower map"):
         captions = [step for shown, step in shown_steps["caption"] if shown == name]
         assert captions == shown_steps["table"]

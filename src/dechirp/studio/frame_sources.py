@@ -103,8 +103,9 @@ class SceneFrames:
             n_frames=self.n_frames,
             engine=scenario.engine,
         )
-        # Without hardware, so that the truth has no SNR, which no view shows: 0.5 ms of 1.
+        # Without hardware and shadows, as no view shows SNR and shadow loss: 1.5 ms of 2.
         self._truth_radar = replace(self.radar, hardware=None)
+        self._truth_scene = replace(self._scene, shadowing=False)
 
     def frame_number(self, step: int) -> int:
         return step % self.n_frames
@@ -114,7 +115,8 @@ class SceneFrames:
         return self._frames.simulate_frame(self.frame_number(step), np.random.default_rng(seed))
 
     def truth(self, step: int) -> xr.Dataset:
-        return truth(self._scene, self._truth_radar, first_frame=self.frame_number(step))
+        frame_number = self.frame_number(step)
+        return truth(self._truth_scene, self._truth_radar, first_frame=frame_number)
 
     def scene(self, step: int) -> Scene:
         return self._scene

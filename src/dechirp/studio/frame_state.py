@@ -9,6 +9,8 @@ from functools import cached_property
 import xarray as xr
 
 from dechirp.core.findings import Finding
+from dechirp.core.threads import limit_threads
+from dechirp.processing.angle_maps import range_azimuth_map
 from dechirp.processing.chain import Chain
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
@@ -48,8 +50,8 @@ class FrameState:
     """(chirp, rx, sample)"""
     power: xr.DataArray
     """Range-Doppler map, (velocity, range), as the detector reads it."""
-    azimuth_power: xr.DataArray | None
-    """Range-azimuth map, (azimuth, range); None if the array has no azimuth resolution."""
+    resolves_azimuth: bool
+    """True if the array has an azimuth resolution."""
     history: tuple[HistoryEntry, ...]
     """This frame and earlier ones since the last rewind or jump."""
     detections: xr.Dataset
@@ -66,6 +68,14 @@ class FrameState:
     the page."""
     processing_time_s: float
     """Processing time of the frame."""
+
+    @cached_property
+    def azimuth_power(self) -> xr.DataArray | None:
+        """Range-azimuth map, (azimuth, range); None if the array has no azimuth resolution."""
+        if not self.resolves_azimuth:
+            return None
+        with limit_threads(1):  # the other one computes the next frame
+            return range_azimuth_map(self.samples, self.radar, self.chain)
 
     @cached_property
     def beat_and_spectrum(self) -> BeatSignal:

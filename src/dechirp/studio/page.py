@@ -27,7 +27,7 @@ from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.session import Session
 from dechirp.studio.teach import lesson_page_builders_by_address
 from dechirp.studio.theme import DARK, LIGHT, bokeh_widget_theme, page_css
-from dechirp.studio.views.base import View
+from dechirp.studio.views.base import SLOW_INTERVAL_S, View
 from dechirp.studio.views.beat import BeatView
 from dechirp.studio.views.detections import DetectionsView
 from dechirp.studio.views.micro_doppler import MicroDopplerView
@@ -37,8 +37,6 @@ from dechirp.studio.views.scene import SceneView
 from dechirp.studio.views.threshold_cuts import ThresholdCutView
 from dechirp.studio.views.tracks import TracksView
 
-_SLOW_INTERVAL_S = 0.198
-"""Shortest time between two changes of texts and tables during playback: 5 per second."""
 _VIEWS: tuple[type[View], ...] = (
     SceneView,
     RangeDopplerView,
@@ -75,16 +73,20 @@ def build_live_page(
     views = [kind(session) for kind in _VIEWS]
     panels = [kind(session) for kind in _PANELS]
     parts: list[View | Panel] = [*views, *panels]
-    session.on_frame += [view.show_frame for view in views if view.is_shown_every_frame]
+    session.on_frame += [
+        _limit_call_rate(session, view.show_frame, view.min_interval_s)
+        for view in views
+        if view.min_interval_s < SLOW_INTERVAL_S
+    ]
     # All at the same frames: else texts and tables of one screen would count different frames.
     slow: list[Callable[[FrameState], object]] = [
-        *(view.show_frame for view in views if not view.is_shown_every_frame),
+        *(view.show_frame for view in views if view.min_interval_s == SLOW_INTERVAL_S),
         *(view.update_caption for view in views),
         *(panel.show_frame_number for panel in panels),
         lambda _: update_status(),
     ]
     session.on_frame.append(
-        _limit_call_rate(session, lambda frame: [show(frame) for show in slow], _SLOW_INTERVAL_S)
+        _limit_call_rate(session, lambda frame: [show(frame) for show in slow], SLOW_INTERVAL_S)
     )
     session.on_wait.append(partial(update_status, is_waiting=True))
     # A frame that fails sends no frame state.

@@ -10,14 +10,18 @@ from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 
+SLOW_INTERVAL_S = 0.198
+"""Shortest time between two changes of texts, tables and curves during playback: 5 per second, so
+that they can be read."""
+
 
 class View(ABC):
     """Tile that is created once per page and then only updates its data."""
 
     name: ClassVar[str]
     """Name of its position in page.html."""
-    is_shown_every_frame: ClassVar[bool] = False
-    """True for maps; other tiles are updated 5 times a second during playback."""
+    min_interval_s: ClassVar[float] = SLOW_INTERVAL_S
+    """Shortest time between two updates during playback; 0: every frame."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
