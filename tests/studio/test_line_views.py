@@ -445,7 +445,11 @@ def test_track_table_gives_positions_and_velocities():
     elapsed_s = frame_state.time_s
     assert car["status"] == "confirmed"
     for key, expected in {"x": 42 - 6 * elapsed_s, "y": 10.0, "vx": -6.0}.items():
-        assert car[key] == pytest.approx(expected, abs=4 * car[f"{key}_std"])
+        assert car[key] == pytest.approx(expected, abs=4 * float(car[f"{key}_std"]))
+    smallest = min(float(np.sqrt(track.covariance[0][0])) for track in frame_state.tracks)
+    two_digits = decimals_for_std(smallest)
+    assert 0 < smallest < 0.01 and two_digits > 2  # two fixed decimals would show an error of 0
+    assert all(len(std.partition(".")[2]) == two_digits for std in table["x_std"])
     assert car["velocity"] == pytest.approx(-6 * np.cos(np.arctan2(10, 42)), abs=0.3)
     assert view.table.title.text == "<b>2 tracks confirmed, 0 tentative</b>"
     post = int(np.argmax(table["vx"]))

@@ -6,6 +6,7 @@ import numpy as np
 from bokeh.models import UIElement
 
 from dechirp.core.display import format_count_with_noun
+from dechirp.core.text import decimals_for_column, format_std
 from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_doppler_map_position
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
@@ -50,14 +51,16 @@ _HEADINGS = {
     "range": Heading("Range (m)", 2),
     "velocity": Heading("Velocity (m/s)", 2, 88),
     "x": Heading("Ahead (m)", 2),
-    "x_std": Heading("± m", 2, 50),
+    "x_std": Heading("± m", width=50),
     "y": Heading("Left (m)", 2),
-    "y_std": Heading("± m", 2, 50),
+    "y_std": Heading("± m", width=50),
     "vx": Heading("Ahead (m/s)", 2),
-    "vx_std": Heading("± m/s", 2, 50),
+    "vx_std": Heading("± m/s", width=50),
     "vy": Heading("Left (m/s)", 2),
-    "vy_std": Heading("± m/s", 2, 50),
+    "vy_std": Heading("± m/s", width=50),
 }
+
+_STATES = ("x", "y", "vx", "vy")
 
 
 class TracksView(View):
@@ -82,11 +85,19 @@ class TracksView(View):
             RangeVelocity(columns["range"], columns["velocity"]), frame_state.radar
         )
         map_positions = range_doppler_map_position(apparent, frame_state.radar)
+        decimals = {
+            name: decimals_for_column(columns[f"{name}_std"], digits=2, at_most=4)
+            for name in _STATES
+        }
+        for name, n_decimals in decimals.items():
+            texts = [format_std(std, n_decimals) for std in columns[f"{name}_std"].tolist()]
+            columns[f"{name}_std"] = np.array(texts, dtype=object)
         self.table.show_rows(
             self._track_counts_title(tracks),
             columns,
             cursors=[Cursor(*map(float, place)) for place in zip(*map_positions, strict=True)],
             selected=row_at_cursor(map_positions, frame_state),
+            decimals=decimals,
         )
 
     def apply_theme(self, theme: Theme) -> None:
