@@ -19,8 +19,9 @@ exceeds z with the probability
 
 with the tail Q and the density q of z, and the width B of the band (Rice's rate of crossings;
 Davies 1987, Baluev 2008). The number of harmonics is the one of the least p, which is multiplied
-by the number of choices. Half of a rate has its harmonics as even ones: where the double of a
-frequency is significant too, it is the rate, unless the odd harmonics lower p by a factor of 100.
+by the number of choices. A part 1/n of a rate has its harmonics, too: where the multiple of a
+frequency is significant, it is the rate if its harmonics have 80 % of the energy; the double also
+unless the odd harmonics lower p by a factor of 100.
 The exponent a is fitted to the logarithms of some tens of energies, so
 its error tilts the noise by a factor of up to two at the ends of the band: p is the mean over the
 normal distribution of a about its estimate (as Vaughan 2005).
@@ -71,8 +72,11 @@ _N_SLOPES = 200  # the tails decide: the outermost lies 2.8 standard errors out
 _MIN_FUNDAMENTAL = 0.5
 # Unequal periods give half of a rate odd harmonics: in recorded breathing, chance became up to 30
 # times less probable by them. The double is a rate by itself at a probability of one in a hundred.
-_MAX_PROBABILITY_OF_DOUBLE = 1e-2
+_MAX_PROBABILITY_OF_MULTIPLE = 1e-2
 _MIN_GAIN_OF_HALF = 100.0
+# Share of the energy of all harmonics: breaths that differ by a fifth leave a part of the rate
+# 0.9 and more. A rotation by large angles, whose harmonics are Bessel functions, has up to 0.6.
+_MIN_SHARE = 0.8
 
 
 @frozen_dataclass
@@ -102,11 +106,17 @@ class Line:
     """Of the mean rate, by noise and unequal periods."""
     amplitude: float
     """Of the fundamental, of all components together."""
-    n_harmonics: int
+    harmonic_energies: tuple[float, ...]
+    """Of the fundamental and its multiples."""
     false_alarm_probability: float
     """Probability that noise alone has a line of this significance somewhere in the band."""
     n_degrees_of_freedom: float
     """Of the estimate of the standard error."""
+
+    @property
+    def n_harmonics(self) -> int:
+        """Number of harmonics, with the fundamental."""
+        return len(self.harmonic_energies)
 
 
 def slow_functions(times_s: np.ndarray, below_hz: float) -> np.ndarray:
@@ -198,13 +208,20 @@ def find_line(
     line = _most_significant_line(lines)
     if line is None:
         return None
-    if line.false_alarm_probability <= _MAX_PROBABILITY_OF_DOUBLE and line.n_harmonics > 1:
-        double_hz = 2 * line.frequency_hz
-        double = _most_significant_line(
-            [judge_line(double_hz, n_harmonics) for n_harmonics in range(1, max_harmonics + 1)]
-        )
-        if double is not None and _is_rate_of_half(double, line):
-            line = double
+    if line.false_alarm_probability <= _MAX_PROBABILITY_OF_MULTIPLE:
+        for order in _orders_of_possible_rates(line):
+            multiple_hz = order * line.frequency_hz
+            multiple = _most_significant_line(
+                [
+                    judge_line(multiple_hz, n_harmonics)
+                    for n_harmonics in range(1, max_harmonics + 1)
+                ]
+            )
+            if multiple is not None and _is_rate(multiple, order, line):
+                # Noise alone has neither; the other harmonics are noise to the multiple only.
+                probability = min(line.false_alarm_probability, multiple.false_alarm_probability)
+                line = replace(multiple, false_alarm_probability=probability)
+                break
     noise_hz2 = line.frequency_std_hz**2
     irregular_hz2, n_irregular = _rate_variance_of_irregularity(
         remainder, times_s, line.frequency_hz, line.n_harmonics, basis
@@ -223,16 +240,29 @@ def _most_significant_line(lines: list[Line | None]) -> Line | None:
     return min(judged, key=lambda line: line.false_alarm_probability, default=None)
 
 
-def _is_rate_of_half(double: Line, half: Line) -> bool:
-    """Return whether the double of a frequency is the rate, and its odd harmonics are not.
+def _orders_of_possible_rates(part: Line) -> list[int]:
+    """Return the orders of the harmonics that may be the rate, the highest first."""
+    orders = range(part.n_harmonics, 1, -1)
+    return [
+        order for order in orders if order == 2 or _share_of_multiples(part, order) >= _MIN_SHARE
+    ]
 
-    The harmonics of the double are the even ones of the half. Both stand out, since the odd ones
-    are noise to the double.
+
+def _share_of_multiples(line: Line, order: int) -> float:
+    """Return the share of the energy in the harmonics whose order a number divides."""
+    return sum(line.harmonic_energies[order - 1 :: order]) / sum(line.harmonic_energies)
+
+
+def _is_rate(multiple: Line, order: int, part: Line) -> bool:
+    """Return whether the multiple of a frequency is the rate, and its other harmonics are not.
+
+    The harmonics of the multiple are those of the part with orders that it divides. Both stand out,
+    since the other ones are noise to the multiple.
     """
-    probability = double.false_alarm_probability
-    return (
-        probability <= _MAX_PROBABILITY_OF_DOUBLE
-        and probability < _MIN_GAIN_OF_HALF * half.false_alarm_probability
+    probability = multiple.false_alarm_probability
+    return probability <= _MAX_PROBABILITY_OF_MULTIPLE and (
+        _share_of_multiples(part, order) >= _MIN_SHARE
+        or probability < _MIN_GAIN_OF_HALF * part.false_alarm_probability
     )
 
 
@@ -334,7 +364,7 @@ def _judge_line(
             noise / fit.frequency_hz**exponent / max(fit.information, 1e-300)
         ),
         amplitude=fit.amplitude,
-        n_harmonics=n_harmonics,
+        harmonic_energies=tuple(fit.energies.tolist()),
         false_alarm_probability=min(n_choices * probability, 1.0),
         n_degrees_of_freedom=2 * scale,
     )

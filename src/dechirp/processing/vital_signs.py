@@ -61,6 +61,7 @@ _MIN_SHARE_OF_POWER = 1e-3  # of a decorrelated component: rounding, and copies 
 # Distances from the circle, and error of its radius, over the radius: at 0.15 the phase is known to
 # 0.15 rad, and its cycles are counted without an error. Noise alone has 0.5 and more.
 _CLEAN_ARC_ERROR = 0.15
+_LEAST_RATIO_OF_RATES = 1.2  # beyond the error of a rate
 _Sign = Literal["breathing", "heart"]
 
 
@@ -373,7 +374,8 @@ def _find_breathing_and_heart(
 
     I and Q are periodic as the chest is, whatever their path. They replace the phase where they
     are not near a circle and show breathing with more significance. If neither has a significant
-    line, those of all cells in `moving` (time, cell) replace them.
+    line, those of all cells in `moving` (time, cell) replace them. Where I and Q have one, a faster
+    significant rate of the phase or of all cells replaces it.
     """
     arc = fit_arc(values)
     phase = np.unwrap(np.angle(values - arc.centre))[:, None]
@@ -381,24 +383,67 @@ def _find_breathing_and_heart(
     of_phase = _find_lines(phase, times_s, settings)
     if error < _CLEAN_ARC_ERROR:
         return *of_phase, True
-    choices = [_find_lines(_in_phase_and_quadrature(values[:, None]), times_s, settings)]
+    of_quadratures = _find_lines(_in_phase_and_quadrature(values[:, None]), times_s, settings)
+    choices = [of_quadratures]
     if arc.radius_std < _CLEAN_ARC_ERROR * arc.radius:
         choices.append(of_phase)
     chosen = min(choices, key=_breathing_probability)
     n_choices = 2 if moving.shape[1] == 1 else 3
-    if n_choices * _breathing_probability(chosen) > settings.false_alarm_probability:
-        trend = slow_functions(times_s, settings.breathing_hz[0] / 2)
-        quadratures = _in_phase_and_quadrature(moving)
-        joint = _find_lines(
-            _decorrelate(quadratures, trend, times_s, _DECORRELATION_LAG_S),
-            times_s,
-            settings,
-            heart_movement=_decorrelate(quadratures, trend, times_s, _HEART_DECORRELATION_LAG_S),
-        )
+    highest_probability = settings.false_alarm_probability / n_choices
+    if _breathing_probability(chosen) > highest_probability:
+        joint = _find_lines_of_all_cells(moving, times_s, settings)
         if _breathing_probability(joint) < _breathing_probability(chosen):
             chosen = _prefer_rate_of_strongest_cell(chosen, joint, float(np.ptp(times_s)))
+    elif chosen is of_quadratures and _n_harmonics(chosen) > 1:
+        if moving.shape[1] > 1:
+            choices.append(_find_lines_of_all_cells(moving, times_s, settings))
+        chosen = _prefer_rate_of_harmonic(chosen, choices[1:], highest_probability)
     breathing, heart = (_multiply_probability(line, n_choices) for line in chosen)
     return breathing, heart, chosen is of_phase
+
+
+def _find_lines_of_all_cells(
+    moving: np.ndarray, times_s: np.ndarray, settings: VitalSigns
+) -> tuple[Line | None, Line | None]:
+    """Find both lines in the decorrelated I and Q of cells (time, cell) together."""
+    trend = slow_functions(times_s, settings.breathing_hz[0] / 2)
+    quadratures = _in_phase_and_quadrature(moving)
+    return _find_lines(
+        _decorrelate(quadratures, trend, times_s, _DECORRELATION_LAG_S),
+        times_s,
+        settings,
+        heart_movement=_decorrelate(quadratures, trend, times_s, _HEART_DECORRELATION_LAG_S),
+    )
+
+
+def _n_harmonics(lines: tuple[Line | None, Line | None]) -> int:
+    breathing, _ = lines
+    return 0 if breathing is None else breathing.n_harmonics
+
+
+def _prefer_rate_of_harmonic(
+    of_quadratures: tuple[Line | None, Line | None],
+    others: list[tuple[Line | None, Line | None]],
+    highest_probability: float,
+) -> tuple[Line | None, Line | None]:
+    """Return the lines of another description with a faster significant rate, or the given ones.
+
+    I and Q rotate by more than a turn when a chest moves by half a wavelength. Breaths that differ
+    by a twentieth of it then differ by half a radian, and a part of the rate has them all as
+    harmonics: of two, or of five in twice the time. The phase and other cells show the rate itself.
+    """
+    breathing, _ = of_quadratures
+    assert breathing is not None
+    lowest_hz = _LEAST_RATIO_OF_RATES * breathing.frequency_hz
+    highest_hz = breathing.n_harmonics * breathing.frequency_hz * _LEAST_RATIO_OF_RATES
+    faster = [
+        lines
+        for lines in others
+        if lines[0] is not None
+        and _breathing_probability(lines) <= highest_probability
+        and lowest_hz <= lines[0].frequency_hz <= highest_hz
+    ]
+    return min(faster, key=_breathing_probability, default=of_quadratures)
 
 
 def _prefer_rate_of_strongest_cell(
