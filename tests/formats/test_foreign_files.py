@@ -72,6 +72,21 @@ KINDS = {
         "recording itself",
     ),
     "osi": (b"\xf3\1\0\0\x0a\6\x08\3\x10\5\x18\0" + bytes(500), "ASAM OSI", "read_objects"),
+    "commonroad": (
+        b"<?xml version='1.0' encoding='UTF-8'?>\n<commonRoad timeStepSize='0.1'>",
+        "true traffic",
+        "dechirp run FILE --ego",
+    ),
+    "trajectories": (
+        b"time,id,class,x,y,heading,length,width,height\n0,1,car,0,0,0,4,2,1.5\n",
+        "true traffic",
+        "open_traffic",
+    ),
+    "highd": (
+        b"frame,id,x,y,width,height,xVelocity,yVelocity\n1,1,362.26,21.68,4.85,2.12,40.85,0\n",
+        "true traffic",
+        "open_traffic",
+    ),
     "zip": (write_zip("adc_data_0.bin", "a.cfg"), "with adc_data_0.bin, a.cfg", "unpack"),
     "xlsx": (write_zip("[Content_Types].xml", "xl/a.xml"), "office program", "unpack"),
     "tar": (write_tar(), "tar archive", "tar -xf"),

@@ -437,6 +437,44 @@ def test_csv_headers_have_blanks_and_byte_order_marks(tmp_path, prefix, separato
     assert objects.identical(expected)
 
 
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        (
+            "frame,id,x,y,width,height,xVelocity,yVelocity,laneId",
+            r"trajectories of highD; .*time = frame / 25; length = width",
+        ),
+        ("recordingId,trackId,frame,xCenter,yCenter,heading,width,length", "inD, rounD"),
+        ("Vehicle_ID,Frame_ID,Global_Time,Local_X,Local_Y,v_length,v_Width", "NGSIM.*0.3048"),
+        ("timestep_time;vehicle_angle;vehicle_id;vehicle_x;vehicle_y", r"SUMO.*radians\(90 -"),
+        ("track_id,frame_id,timestamp_ms,agent_type,x,y,vx,vy,psi_rad", "INTERACTION.*psi_rad"),
+        (HEADER.replace(",height", ""), "no column height; .*may be empty"),
+        (HEADER.replace(",", ";"), "separated by semicolons; .*write it with commas"),
+    ],
+)
+def test_other_trajectory_files_are_refused_with_their_conversion(tmp_path, header, expected):
+    path = write_csv(tmp_path, "0,1,2", header=header)
+
+    with pytest.raises(dc.RecordingError, match=expected):
+        dc.open_traffic(path)
+
+
+def test_csv_of_data_frames_has_capitals_and_ids_with_a_point(tmp_path):
+    path = write_csv(tmp_path, "0,7.0,Car,1,2,0,4,2,", header=HEADER.title())
+
+    objects = dc.open_traffic(path).objects
+
+    assert (objects["id"].item(), objects["kind"].item(), objects["x"].item()) == (7, "car", 1)
+
+
+@pytest.mark.parametrize("number", ["veh0", "7.5", ""])
+def test_csv_ids_that_are_no_numbers_are_named(tmp_path, number):
+    path = write_csv(tmp_path, car_row(0, 1, number=number))
+
+    with pytest.raises(dc.RecordingError, match=f"line 2.*id '{number}', which is not a whole"):
+        dc.open_traffic(path)
+
+
 def test_csv_field_beyond_the_limit_of_the_library_is_named(tmp_path):
     path = write_csv(tmp_path, car_row(0, 0), car_row(1, "1" * 200_000))
 

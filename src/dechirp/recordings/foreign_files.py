@@ -33,6 +33,7 @@ _READ_OBJECT_LIST = (
     "read an object list with dechirp.object_lists.read_objects, and follow its objects with"
     " dechirp.object_lists.objects_to_detections and dechirp.track"
 )
+_RUN_TRAFFIC = "put a radar on a vehicle: dechirp run FILE --ego ID; dechirp.open_traffic reads it"
 _WRONG_FILE = "give the recording itself"
 _UNPACK = "unpack it, and give the recording in it"
 _SAVE_ARRAY = "save its array as .npy, .mat or .h5, and name the axes with --axes"
@@ -154,6 +155,16 @@ _PATTERNS = {
         "the error message of a server (XML) in place of the file",
         "download the file again, with a login where it is needed",
         is_stand_in=True,
+    ),
+    **dict.fromkeys(
+        (
+            rb"(?:\xef\xbb\xbf)?\s*(?:<\?xml[^>]*>\s*)?(?:<!--.{0,400}?-->\s*)?<commonRoad\b",
+            # The columns of trajectory-csv, and of highD, inD, NGSIM, SUMO and INTERACTION.
+            rb"(?:\xef\xbb\xbf)?(?i:(?=[^\n]*\bid\b)(?=[^\n]*\bclass\b)[^\n]*\bheading\b)",
+            rb"(?i:frame,id,x,y,width,height,xvelocity|recordingid,trackid,|vehicle_id,frame_id,)",
+            rb"(?i:timestep_time;|(?:case_id,)?track_id,frame_id,timestamp_ms,)",
+        ),
+        ForeignFile("true traffic, such as CommonRoad or trajectories (CSV)", _RUN_TRAFFIC),
     ),
     rb"(?:\xef\xbb\xbf)?\s*<(?:\?xml|svg)": ForeignFile("an XML document", _WRONG_FILE),
     rb"(?:\.\./|\.git)*/annex/objects/": ForeignFile(

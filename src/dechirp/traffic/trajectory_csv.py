@@ -7,6 +7,7 @@ from typing import TextIO, get_args
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
+from dechirp.core.text import join_names
 from dechirp.traffic.base import (
     STRUCTURE_KINDS,
     CutTrafficError,
@@ -14,10 +15,12 @@ from dechirp.traffic.base import (
     ObjectState,
     TrafficFormat,
 )
+from dechirp.traffic.trajectory_sets import find_trajectory_set
 
 _MAX_ROW_BYTES = 10_000
 _REQUIRED = ("time", "id", "class", "x", "y", "heading", "length", "width", "height")
 _OPTIONAL = ("z", "vx", "vy")
+_MIN_NAMES = 6  # of the required ones: with fewer, the file may be something else
 _FIELDS = {
     "time": "time_s",
     "x": "x_m",
@@ -37,21 +40,25 @@ class TrajectoryCsv(TrafficFormat):
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
-        """Return True if the first line names the columns."""
+        """Return True if the first line names most columns, or those of another trajectory file.
+
+        `read_states` then states the difference.
+        """
         if path.suffix.lower() != ".csv":
             return False
-        with _open_text(path) as file:
-            header = file.readline(_MAX_ROW_BYTES)
-        return set(_REQUIRED) <= {name.strip() for name in header.split(",")}
+        names = _read_column_names(path)
+        n_found = len(set(_REQUIRED) & set(names))
+        return n_found >= _MIN_NAMES or find_trajectory_set(names) is not None
 
     def read_states(self, path: Path) -> Iterator[ObjectState]:
         """Yield a state for each row; empty cells are unknown."""
+        _check_columns(path)
         with _open_text(path) as file:
             lines = _Lines(file)
             reader = csv.DictReader(lines, skipinitialspace=True)
             row: dict[str, str | None] = {}
             try:
-                reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
+                reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
                 for row in reader:
                     if lines.lack_end and None in row.values():
                         raise ValueError("cells are missing")
@@ -98,6 +105,39 @@ class TrajectoryCsv(TrafficFormat):
         )
 
 
+def _read_column_names(path: Path) -> list[str]:
+    """Return the names in the first line, in lower case, separated by commas or semicolons."""
+    with _open_text(path) as file:
+        header = file.readline(_MAX_ROW_BYTES).lower()
+    separator = "," if header.count(",") >= header.count(";") else ";"
+    return [name.strip() for name in header.split(separator)]
+
+
+def _check_columns(path: Path) -> None:
+    """Raise `RecordingError` if columns are missing, or the separator is no comma."""
+    names = _read_column_names(path)
+    layout = find_trajectory_set(names)
+    missing = [name for name in _REQUIRED if name not in names]
+    with _open_text(path) as file:
+        has_commas = "," in file.readline(_MAX_ROW_BYTES)
+    if not missing and has_commas:
+        return
+    if not missing:
+        value, fix = "columns separated by semicolons", "write it with commas and decimal points"
+    elif layout is not None:
+        value, fix = f"trajectories of {layout.name}", f"convert the columns: {layout.conversion}"
+    else:
+        value = f"no column {join_names(missing)}"
+        fix = "rename or add it; cells of heading, length, width and height may be empty"
+    raise RecordingError(
+        path,
+        value=value,
+        expected=f"columns {', '.join(_REQUIRED)}, and optionally {', '.join(_OPTIONAL)},"
+        " separated by commas, in SI units and radians",
+        fix=fix,
+    )
+
+
 def _open_text(path: Path) -> TextIO:
     """Open a file whose first bytes may be the byte order mark that spreadsheets write."""
     return path.open(encoding="utf-8-sig", errors="replace", newline="")
@@ -125,16 +165,25 @@ def _describe_object(row: dict[str, str | None]) -> str:
 
 def _state_of_row(row: dict[str, str | None]) -> ObjectState:
     name_of_class = (row["class"] or "").strip()
-    kind = next((kind for kind in get_args(ObjectKind) if kind == name_of_class), None)
+    kind = next((kind for kind in get_args(ObjectKind) if kind == name_of_class.lower()), None)
     if kind is None:
         raise ValueError(f"class {name_of_class[:40]!r}")
     for name in ("time", "x", "y"):
         if not (row[name] or "").strip():
             raise ValueError(f"no {name}")
-    number = int(row["id"] or "")
+    number = _read_id((row["id"] or "").strip())
     numbers = {
         field: float(text)
         for name, field in _FIELDS.items()
         if name in row and (text := (row[name] or "").strip())
     }
     return ObjectState(id=number, kind=kind, is_stationary=kind in STRUCTURE_KINDS, **numbers)
+
+
+def _read_id(text: str) -> int:
+    """Return a whole number; tables with gaps write 12.0 for 12."""
+    whole, _, decimals = text.partition(".")
+    try:
+        return int(whole if not decimals.strip("0") else text)
+    except ValueError:
+        raise ValueError(f"id {text[:40]!r}, which is not a whole number") from None
