@@ -2,6 +2,8 @@
 
 from dechirp.processing.angle.bartlett import Bartlett as Bartlett
 from dechirp.processing.angle.capon import Capon as Capon
+from dechirp.processing.angle.covariance import Smoothing as Smoothing
+from dechirp.processing.angle.covariance_snapshots import snapshots_from_covariance as snapshots_from_covariance
 from dechirp.processing.angle.esprit import Esprit as Esprit
 from dechirp.processing.angle.fft import Fft as Fft
 from dechirp.processing.angle.iterative_adaptive import IterativeAdaptive as IterativeAdaptive

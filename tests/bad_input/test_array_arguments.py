@@ -59,6 +59,7 @@ VALID_ARGUMENTS = {
         "azimuth_rad": [0.0, 0.1],
         "elevation_rad": 0.0,
     },
+    "angle.snapshots_from_covariance": {"covariance": np.diag([1.0, 2.0]), "n_snapshots": 3},
     **{
         f"angle.{name}": DIRECTIONS
         for name in (
@@ -205,7 +206,7 @@ WITHOUT_ARGUMENTS = {"windows.window_names"}
 # A pulse may be detected surely or never.
 CERTAIN = {"theory.binary_integration_probability"}
 # Arguments that are no use when empty; others give an empty result, as in NumPy.
-REDUCED = {"samples", "power", "snapshots", "amplitudes", "positions", "positions_m"}
+REDUCED = {"samples", "power", "snapshots", "covariance", "amplitudes", "positions", "positions_m"}
 REDUCED |= {"weights", "values", "counts"}
 
 

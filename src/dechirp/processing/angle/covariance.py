@@ -19,6 +19,8 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle.aperture import Aperture
 
+__all__ = ["Smoothing"]
+
 
 @frozen_dataclass
 class Smoothing:
