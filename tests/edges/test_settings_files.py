@@ -119,13 +119,15 @@ def test_tdm_settings_are_read_and_written():
     assert radar.frame.multiplexing == Tdm(order=(1, 0))
     assert radar.n_channels == 8
     assert parse_settings(dump_yaml(radar), Radar) == radar
-    assert to_json_data(radar)["frame"]["multiplexing"] == {"kind": "tdm", "order": [1, 0]}
+    multiplexing = to_json_data(radar)["frame"]["multiplexing"]
+    assert multiplexing == {"kind": "tdm", "order": [1, 0], "pause_s": None}
 
 
 @pytest.mark.parametrize(
     ("text", "code"),
     [
         ("{kind: bpm, order: [1, 0]}", Bpm(order=(1, 0))),
+        ("{kind: tdm, order: [1, 0], pause: 2.5 us}", Tdm(order=(1, 0), pause_s=2.5e-6)),
         ("{kind: ddma, order: [0, 1], n_sub_bands: 3}", Ddma(order=(0, 1), n_sub_bands=3)),
         (
             "{kind: phase-code, phases: [[0, 90 deg], [-1.1 rad, 0.1 rad]]}",
@@ -136,7 +138,7 @@ def test_tdm_settings_are_read_and_written():
             PhaseCode(phases_rad=[[0, math.pi / 2], [None, 0.1]]),
         ),
     ],
-    ids=["bpm", "ddma", "phase-code", "phase-code-silent"],
+    ids=["bpm", "tdm-pause", "ddma", "phase-code", "phase-code-silent"],
 )
 def test_simultaneous_multiplexing_settings_are_read_and_written(text, code):
     radar = parse_settings(add_multiplexing(text), Radar)

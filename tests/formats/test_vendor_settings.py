@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dechirp.core.errors import InvalidFile, RecordingError
+from dechirp.core.errors import DechirpError, InvalidFile, RecordingError
 from dechirp.radar.devices.lookup import device
 from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
@@ -192,6 +192,29 @@ def test_cfg_with_single_transmitter_has_no_multiplexing(tmp_path):
     frame = read_settings_text(tmp_path, cfg).radar.frame
 
     assert (frame.n_chirps, frame.multiplexing) == (64, None)
+
+
+def test_cfg_with_a_pause_before_each_loop_is_read(tmp_path):
+    # As TI's settings for vehicle cabins: profile 0 of the first chirp has a longer idle time.
+    other = "profileCfg 1 77 10 6 60 0 0 30 1 256 5000 0 0 30\n"
+    cfg = CFG.replace("profileCfg 0 77 10", "profileCfg 0 77 1000")
+    cfg = cfg.replace("chirpCfg 0", other + "chirpCfg 0").replace("1 1 0 0", "1 1 1 0")
+
+    frame = read_settings_text(tmp_path, cfg).radar.frame
+
+    expected = read_settings_text(tmp_path, CFG).radar.frame
+    multiplexing = frame.multiplexing
+    assert multiplexing == Tdm(order=(0, 1), pause_s=multiplexing.pause_s)
+    assert multiplexing.pause_s == pytest.approx(990e-6)
+    assert replace(frame, multiplexing=expected.multiplexing) == expected
+    for old, new, message in (
+        ("profileCfg 1 77 10", "profileCfg 1 77 2000", "an idle time of 2000 us, after 1000 us"),
+        ("profileCfg 1 77", "profileCfg 1 78", "with another one in the same frame"),
+        ("0 0 0 0 4\n", "0 0 0 0 1\n", "a pause before each loop"),
+    ):
+        assert old in cfg
+        with pytest.raises(DechirpError, match=message):
+            read_settings_text(tmp_path, cfg.replace(old, new))
 
 
 # The demo sends the first chirp with signs ++, the second with +-.

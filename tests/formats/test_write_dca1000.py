@@ -427,13 +427,30 @@ SLOW_FRAME = dc.Frame(
         (
             replace(
                 make_radar(tx_mask=0b11),
+                frame=replace(
+                    SINGLE_TX_RADAR.frame,
+                    multiplexing=dc.multiplexing.Tdm(order=(0, 1), pause_s=1e-4),
+                ),
+            ),
+            "a pause of 100 us after each round",
+        ),
+        (
+            replace(
+                make_radar(tx_mask=0b11),
                 frame=replace(SINGLE_TX_RADAR.frame, multiplexing=Bpm(order=(0, 1))),
             ),
             "several transmitters in a chirp",
         ),
         (replace(SINGLE_TX_RADAR, frame=SLOW_FRAME), "rate in steps of 1 kS/s"),
     ],
-    ids=["five-receivers", "unequal-intervals", "triangular-ramps", "bpm", "low-sample-rate"],
+    ids=[
+        "five-receivers",
+        "unequal-intervals",
+        "triangular-ramps",
+        "pause",
+        "bpm",
+        "low-sample-rate",
+    ],
 )
 def test_rejects_radar_without_ti_equivalent(tmp_path, radar, message):
     with pytest.raises(DechirpError, match=message):

@@ -233,6 +233,28 @@ def test_scenario_rejects_angle_method_unsuited_to_array(reference, angle, rx_m,
     assert error.value.mistakes[0].setting == setting
 
 
+def test_pause_after_each_round_keeps_velocity_and_azimuth(radar):
+    code = dc.multiplexing.Tdm(order=(0, 2, 1), pause_s=3e-4)
+    radar = make_mimo_radar(radar, code)
+    frame = radar.frame
+    assert frame.repetition_s == pytest.approx(3 * frame.interval_s + 3e-4)
+    assert frame.chirp_starts_s[:4] == pytest.approx(
+        [0, frame.interval_s, 2 * frame.interval_s, frame.repetition_s]
+    )
+    assert frame.max_velocity_m_per_s == pytest.approx(
+        frame.chirp.wavelength_m / 4 / frame.repetition_s
+    )
+    velocity = 0.6 * frame.max_velocity_m_per_s
+    cube = dc.simulate(dc.Scene(targets=[make_target(-20, velocity)]), radar, seed=1)
+
+    detections = dc.detect(cube, radar, dc.Chain(angle=Bartlett()))
+
+    strongest = detections.isel(detection=int(detections.snr.values.argmax()))
+    assert abs(strongest.velocity.item() - velocity) < 5 * strongest.velocity_std.item()
+    error_rad = strongest.azimuth.item() - np.radians(-20)
+    assert abs(error_rad) < max(5 * strongest.azimuth_std.item(), np.radians(0.2))
+
+
 def test_frame_without_detections_has_no_angles(radar):
     radar = make_mimo_radar(radar, TDM_CODE)
     cube = dc.simulate(dc.Scene(targets=[make_target(0, 3)]), radar, seed=1)

@@ -168,7 +168,10 @@ class Frame(Displayable):
         """Deviations of the ramp of each slot of a round from `chirp`."""
         if self.modulation is not None:
             return self.modulation.ramps(self.chirp)
-        return (Ramp(),) * (1 if self.multiplexing is None else len(self.multiplexing.weights))
+        if self.multiplexing is None:
+            return (Ramp(),)
+        last = Ramp(pause_s=self.multiplexing.round_pause_s)
+        return (Ramp(),) * (len(self.multiplexing.weights) - 1) + (last,)
 
     @property
     def has_identical_ramps(self) -> bool:

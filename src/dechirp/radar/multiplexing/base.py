@@ -19,7 +19,7 @@ _MAX_OVERLAP = 1e-2
 class Multiplexing(Family):
     """Sharing of the chirps of a frame among transmitters, in rounds of equal slots.
 
-    A slot is one chirp; the next round starts after the last slot.
+    A slot is one chirp; the next round starts after the last slot, or after a pause.
     """
 
     group: ClassVar[str] = "dechirp.multiplexing"
@@ -33,6 +33,11 @@ class Multiplexing(Family):
         The factor is that in the beat signal, Tx x conj(Rx), where Tx is the ramp before any
         phase shifter: a shifter that advances the transmitted signal by phi gives exp(-1j phi).
         """
+
+    @property
+    def round_pause_s(self) -> float:
+        """Time from the end of the last interval of a round to the start of the next round."""
+        return 0.0
 
     @property
     def slot_transmitters(self) -> tuple[tuple[int, ...], ...]:

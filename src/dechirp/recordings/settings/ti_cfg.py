@@ -48,6 +48,12 @@ _REQUIRED_COMMANDS = ("channelCfg", "adcCfg", "adcbufCfg", "profileCfg", "chirpC
 _FRAMES = ("frameCfg",)
 _SUB_FRAMES = ("advFrameCfg", "subFrameCfg")
 
+_WAVEFORM = (
+    *("start_ghz", "adc_start_us", "ramp_end_us"),
+    *("slope_mhz_per_us", "n_samples", "sample_rate_ksps"),
+)
+"""Arguments of a profile that determine its chirps, without the idle time."""
+
 _SUPPORTED_VALUES = (
     ("dfeDataOutputMode", "mode", (1, 3), "1 or 3: frames, or sub-frames"),
     ("channelCfg", "rx_mask", range(1, 2**16), "a bit for each receiver, at least one"),
@@ -240,7 +246,7 @@ def _read_frame(
     bpm = last_commands.get("bpmCfg")
     if bpm is not None and not bpm["enabled"]:
         bpm = None
-    profile = _find_common_profile(file, commands, chirps, frame, bpm)
+    profile, pause_us = _find_common_profile(file, commands, chirps, frame, bpm)
     adc, buffer = last_commands["adcCfg"], last_commands["adcbufCfg"]
     with convert_setting_errors(file):
         ti_frame = TiFrame(
@@ -252,6 +258,7 @@ def _read_frame(
             period_s=(frame["period_ms"] if period_ms is None else period_ms) / 1e3,
             rx_mask=last_commands["channelCfg"].integer_argument("rx_mask"),
             inverted_masks=() if bpm is None else _inverted_masks(chirps, frame, bpm),
+            round_pause_s=pause_us / 1e6,
             is_sub_frame=period_ms is not None and period_ms != frame["period_ms"],
         )
         return ti_frame_to_recording_settings(
@@ -375,10 +382,13 @@ def _find_common_profile(
     chirps: Sequence[Command],
     frame_command: Command,
     bpm: Command | None,
-) -> Command:
-    """Return the common profile of the chirps; check that transmitters use TDM or a BPM pair."""
+) -> tuple[Command, float]:
+    """Return the common profile of the chirps, and the pause before the first of a loop in us.
+
+    Profiles may differ in what the waveform does not depend on, and in the idle time of the first
+    chirp. Check that transmitters use TDM or BPM pairs.
+    """
     profiles = {line["profile"]: line for line in commands if line.name == "profileCfg"}
-    used = {chirp["profile"] for chirp in chirps}
     mistakes = [
         chirp.mistake(
             file,
@@ -388,15 +398,33 @@ def _find_common_profile(
             fix="record equal chirps; others are not supported yet",
         )
         for chirp in _unique_commands(chirps)
-        if len(used) > 1 or chirp["profile"] not in profiles
+        if chirp["profile"] not in profiles
+        or not _is_same_waveform(profiles[chirp["profile"]], profiles.get(chirps[-1]["profile"]))
     ]
+    idle_us = [profiles[chirp["profile"]]["idle_us"] for chirp in chirps] if not mistakes else []
+    if idle_us and (len({*idle_us[1:]}) > 1 or idle_us[0] < idle_us[-1]):
+        mistakes = [
+            chirp.mistake(
+                file,
+                value=f"an idle time of {idle:g} us, after {idle_us[0]:g} us of the first chirp",
+                expected="equal idle times, but for a longer one before each loop",
+                fix="record so; others are not supported yet",
+            )
+            for chirp, idle in zip(chirps[1:], idle_us[1:], strict=True)
+            if idle != idle_us[0]
+        ][:1]
     if bpm is not None:
         mistakes += _bpm_mistakes(file, chirps, frame_command, bpm)
     if not mistakes:
         mistakes += _transmitter_mistakes(file, chirps, frame_command, bpm)
     if mistakes:
         raise InvalidFile(*mistakes)
-    return profiles[used.pop()]
+    return profiles[chirps[-1]["profile"]], idle_us[0] - idle_us[-1]
+
+
+def _is_same_waveform(profile: Command, other: Command | None) -> bool:
+    """Return whether two profiles have the same chirps, except for their idle times."""
+    return other is not None and all(profile[name] == other[name] for name in _WAVEFORM)
 
 
 def _transmitter_mistakes(

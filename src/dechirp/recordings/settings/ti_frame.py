@@ -5,6 +5,7 @@ import math
 import operator
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -57,6 +58,8 @@ class TiFrame:
     """Transmitters of each chirp of a loop with the opposite sign, a bit each; none if empty."""
     is_sub_frame: bool = False
     """Whether other chirps follow before the next frame."""
+    round_pause_s: float = 0.0
+    """Pause before the first chirp of each loop, beside the interval; a loop is one round then."""
 
 
 @frozen_dataclass
@@ -225,7 +228,7 @@ def ti_frame_to_recording_settings(
             n_chirps=n_chirps,
             interval_s=ti_frame.interval_s,
             period_s=ti_frame.period_s,
-            multiplexing=code.multiplexing,
+            multiplexing=_with_pause(code, ti_frame),
         )
     return RecordingSettings(
         radar=Radar(frame=frame, array=array, calibration=calibration),
@@ -240,6 +243,20 @@ def ti_frame_to_recording_settings(
         device=None if known_device is None else known_device.kind(),
         findings=findings,
     )
+
+
+def _with_pause(code: TiCode, ti_frame: TiFrame) -> Multiplexing | None:
+    """Return the multiplexing with the pause of a loop; raise `InvalidSetting` if it has none."""
+    if not ti_frame.round_pause_s:
+        return code.multiplexing
+    if not isinstance(code.multiplexing, Tdm) or code.n_slots < len(ti_frame.masks):
+        raise InvalidSetting(
+            "transmitters",
+            value="a pause before each loop",
+            expected="one chirp of each of several transmitters in a loop",
+            fix="record chirps with equal idle times; others are not supported yet",
+        )
+    return replace(code.multiplexing, pause_s=ti_frame.round_pause_s)
 
 
 def _join_transmitters(

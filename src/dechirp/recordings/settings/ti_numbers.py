@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from dechirp.core.checks import Vector
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.text import format_si
 from dechirp.radar.array import Array
 from dechirp.radar.devices.base import Device
 from dechirp.radar.frame import Frame
@@ -63,6 +64,14 @@ def check_equal_tdm_chirps(frame: Frame) -> None:
             value="several transmitters in a chirp",
             expected="kind tdm, or none, as .cfg and .mmwave.json require",
             fix="let the transmitters take turns, or set the chip up with another tool",
+        )
+
+    if frame.multiplexing is not None and frame.multiplexing.round_pause_s:
+        raise InvalidSetting(
+            "Frame.multiplexing",
+            value=f"a pause of {format_si(frame.multiplexing.round_pause_s, 's')} after each round",
+            expected="evenly spaced chirps, as this package writes .cfg and .mmwave.json",
+            fix="write another format, such as .h5",
         )
 
 
