@@ -325,6 +325,27 @@ def test_osi_in_mcap_equals_osi_in_a_trace(tmp_path, is_view, compression):
     assert packed.objects.identical(dc.open_traffic(write_osi(tmp_path, messages)).objects)
 
 
+def test_mcap_with_views_of_two_sensors_is_read_once(tmp_path):
+    writers = pytest.importorskip("mcap.writer")
+    path = tmp_path / "trace.mcap"
+    with path.open("wb") as file:
+        writer = writers.Writer(file)
+        writer.start()
+        schema = writer.register_schema("osi3.SensorView", "protobuf", b"")
+        channels = [writer.register_channel(name, "protobuf", schema) for name in ("front", "rear")]
+        for step in range(3):
+            content = make_view(0.1 * step, x_m=10 + step, vx=10).SerializeToString()
+            for channel in channels:
+                writer.add_message(channel, step, content, step)
+        writer.finish()
+
+    traffic = dc.open_traffic(path)
+
+    assert traffic.objects["x"].values.tolist() == [[10, 11, 12]]
+    (finding,) = traffic.findings
+    assert "2 channels of OSI, of which front is read: front, rear" in str(finding)
+
+
 def test_mcap_cut_short_is_read_up_to_the_cut(tmp_path):
     messages = [make_view(0.1 * step, x_m=step) for step in range(100)]
     whole = dc.open_traffic(write_mcap(tmp_path, messages)).objects

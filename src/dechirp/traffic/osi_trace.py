@@ -11,6 +11,7 @@ from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.mcap_messages import iter_mcap_messages
 from dechirp.core.optional_imports import import_from_extra
+from dechirp.core.text import join_names
 from dechirp.traffic.base import CutTrafficError, ObjectKind, ObjectState, TrafficFormat
 
 OSI_VERSION = 3
@@ -53,7 +54,7 @@ class OsiTrace(TrafficFormat):
     def recognises(cls, path: Path) -> bool:
         """Return True for .mcap with such messages, .osi and .txth but for `SensorData`, _sd_."""
         if path.suffix.lower() == ".mcap":
-            return _find_mcap_type(path) is not None
+            return bool(_find_mcap_channels(path))
         return path.suffix.lower() in (".osi", ".txth") and "_sd_" not in path.name
 
     def read_states(self, path: Path) -> Iterator[ObjectState]:
@@ -80,20 +81,33 @@ class OsiTrace(TrafficFormat):
                     yield state_of_stationary_object(path, stationary, time_s)
 
     def read_findings(self, path: Path) -> tuple[Finding, ...]:
-        """Return a note if the first message states no version of OSI."""
+        """Return notes on a missing version of OSI, and on channels of MCAP that are not read."""
+        findings = []
+        channels = _find_mcap_channels(path) if path.suffix.lower() == ".mcap" else []
+        if len(channels) > 1:
+            findings.append(
+                Finding(
+                    level="note",
+                    setting="traffic.path",
+                    value=f"{len(channels)} channels of OSI, of which {channels[0][0]} is read:"
+                    f" {join_names([topic for topic, _ in channels], at_most=4)}",
+                    expected="one channel of SensorView or GroundTruth",
+                    fix="nothing to do if all contain the same world; else filter the file",
+                )
+            )
         for view, truth in _iter_views_and_truths(path):
             if not any(item.version.HasField("version_major") for item in (view, truth)):
-                return (
+                findings.append(
                     Finding(
                         level="note",
                         setting="traffic.version",
                         value="the first message states no version of OSI",
                         expected=f"version {OSI_VERSION}",
                         fix=f"nothing to do: it is read as version {OSI_VERSION}",
-                    ),
+                    )
                 )
             break
-        return ()
+        return tuple(findings)
 
     def read_host(self, path: Path) -> int | None:
         """Return the host vehicle of the first message."""
@@ -203,12 +217,15 @@ def _iter_contents(path: Path) -> Iterator[bytes]:
 
 
 def _iter_mcap_contents(path: Path) -> Iterator[bytes]:
-    """Yield the messages of the first type of OSI in an MCAP file."""
-    wanted = _find_mcap_type(path)
+    """Yield the messages of the first channel of OSI in an MCAP file.
+
+    Others contain the same ground truth once more: the views of other sensors, or `GroundTruth`.
+    """
+    wanted = next(iter(_find_mcap_channels(path)), None)
     index = 0
     try:
         for message in iter_mcap_messages(path):
-            if message.type == wanted:
+            if (message.topic, message.type) == wanted:
                 yield bytes(message.data)
                 index += 1
     except DechirpError:
@@ -252,13 +269,16 @@ def _split_at_first_line(lines: Iterable[str]) -> Iterator[tuple[str, bool]]:
         yield "".join(part), True
 
 
-def _find_mcap_type(path: Path) -> str | None:
-    """Return the first type of OSI among the messages of an MCAP file, None without any."""
+def _find_mcap_channels(path: Path) -> list[tuple[str, str]]:
+    """Return topic and type of the channels of OSI at the start of an MCAP file, in its order."""
+    channels: dict[tuple[str, str], None] = {}
     try:
-        messages = islice(iter_mcap_messages(path), _MAX_SEARCHED_MESSAGES)
-        return next((message.type for message in messages if message.type in _MCAP_TYPES), None)
+        for message in islice(iter_mcap_messages(path), _MAX_SEARCHED_MESSAGES):
+            if message.type in _MCAP_TYPES:
+                channels[message.topic, message.type] = None
     except Exception:  # damaged, or without the extra io: for the reader of recordings to state
-        return None
+        pass
+    return list(channels)
 
 
 def _damaged_trace_error(
