@@ -25,6 +25,7 @@ from dechirp.studio.teach import (
     page,
     trials,
 )
+from dechirp.studio.views.line_figure import LineFigure
 from dechirp.theory import confidence_intervals
 from nightly import nightly_except
 
@@ -310,6 +311,9 @@ def test_every_experiment_can_be_set_and_shown(lesson):
             assert getattr(lesson_settings, name) == value
         numbers = instance.draw_frame_and_format_numbers(instance.compute_frame(lesson_settings, 0))
         assert not any("nan" in number for number in numbers.values())
+        drawings = [part for part in vars(instance).values() if isinstance(part, LineFigure)]
+        # At 500 pixels, 430 are left beside the axis: 6.5 a character of 12 pixels, bold.
+        assert drawings and all(len(drawing.figure.title.text) <= 66 for drawing in drawings)
 
 
 @pytest.mark.parametrize("lesson", LESSONS)

@@ -27,6 +27,13 @@ from dechirp.studio.theme import Theme
 from dechirp.studio.views.line_figure import LineFigure
 
 _SHOWN_M = (20.0, 80.0)
+_FINDERS = {
+    (True, True): "both",
+    (True, False): "cell averaging only",
+    (False, True): "the students' rule only",
+    (False, False): "neither",
+}
+"""Detectors that found the target, by the hits of cell averaging and of the students' rule."""
 _INCREASING_NOISE, _CONSTANT_NOISE = "more noise", "the same noise level"
 
 
@@ -161,12 +168,10 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
             expected = float(np.interp(settings.snr_db, frame.theory_db, curve))
             numbers[name] = f"{row[1] * row[4]:.0f} of {row[4]:.0f}; theory {expected:.0%}"
         self._cut.set_title(
-            f"One frame at {settings.snr_db:.0f} dB: cell averaging {_hit_verb(frame.hits[0])}"
-            f" the target, the students' rule {_hit_verb(frame.report_hits[0])} it"
+            f"One frame at {settings.snr_db:.0f} dB: target found by"
+            f" {_FINDERS[bool(frame.hits[0]), bool(frame.report_hits[0])]}"
         )
-        self._shares.set_title(
-            "Detection probability: theory (lines), and counted frames (marks) with 95 % intervals"
-        )
+        self._shares.set_title("Detection probability: theory; counted, with 95 % intervals")
         return numbers
 
     def next_animated_knob_values(self, knob_values: Mapping[str, Any]) -> Mapping[str, float]:
@@ -184,7 +189,3 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
 def _crop_to_shown_line_db(range_m: np.ndarray, power: np.ndarray) -> dict[str, np.ndarray]:
     is_shown = (range_m >= _SHOWN_M[0] - 1) & (range_m <= _SHOWN_M[1] + 1)
     return {"x": range_m[is_shown], "y": np.maximum(to_decibels(power[is_shown]), -8)}
-
-
-def _hit_verb(is_hit: np.bool_) -> str:
-    return "finds" if is_hit else "misses"

@@ -51,6 +51,7 @@ def create_plain_figure(*, x: str, y: str) -> figure:
         toolbar_location=None,
         tools="",
         min_border=4,
+        min_border_right=9,  # half of a number at the end of the axis
         output_backend="canvas",
     )
     # At fractional pixel edges the browser shows the background, which would be white.
