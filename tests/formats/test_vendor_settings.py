@@ -263,6 +263,14 @@ def test_bpm_pair_beside_a_third_transmitter_is_read(tmp_path, masks, pair, sign
     assert studio.radar == settings.radar
 
 
+def test_four_transmitters_at_once_are_refused_as_doppler_division(tmp_path):
+    cfg = CFG.replace("0 0 0 0 0 1\n", "0 0 0 0 0 15\n").replace("0 0 0 0 0 4\n", "0 0 0 0 0 15\n")
+    cfg = cfg.replace("xWR18xx", "xWR29xx").replace("channelCfg 15 5", "channelCfg 15 15")
+
+    with pytest.raises(InvalidFile, match="of kind ddma"):
+        read_settings_text(tmp_path, cfg)
+
+
 def test_transmitters_that_send_together_are_one_antenna_at_their_centre(tmp_path):
     cfg = CFG.replace("0 0 0 0 0 1\n", "0 0 0 0 0 7\n").replace("0 0 0 0 0 4\n", "0 0 0 0 0 7\n")
     board = device("xwr6843aop").select_antennas(0b111, 0b1111)

@@ -48,6 +48,7 @@ _REQUIRED_COMMANDS = ("channelCfg", "adcCfg", "adcbufCfg", "profileCfg", "chirpC
 _FRAMES = ("frameCfg",)
 _SUB_FRAMES = ("advFrameCfg", "subFrameCfg")
 
+_FOURTH_TRANSMITTER = 0b1000
 _WAVEFORM = (
     *("start_ghz", "adc_start_us", "ramp_end_us"),
     *("slope_mhz_per_us", "n_samples", "sample_rate_ksps"),
@@ -430,8 +431,22 @@ def _is_same_waveform(profile: Command, other: Command | None) -> bool:
 def _transmitter_mistakes(
     file: Path, chirps: Sequence[Command], frame_command: Command, bpm: Command | None
 ) -> list[Mistake]:
-    """Return the mistakes of transmitters that the chirps do not separate."""
+    """Return the mistakes of transmitters that the chirps do not separate.
+
+    Demos of chips with four transmitters divide them by Doppler, with phases that no command sets.
+    """
     masks = [chirp.integer_argument("tx_mask") for chirp in chirps]
+    divided = [chirp for chirp in _unique_commands(chirps) if _has_several(chirp)]
+    if divided and max(masks) >= _FOURTH_TRANSMITTER:
+        return [
+            chirp.mistake(
+                file,
+                value=f"tx_mask {chirp['tx_mask']:g}, of a chip with four transmitters",
+                expected="a tx_mask of one bit: its demo divides several by Doppler",
+                fix="give the radar as a YAML file with multiplexing of kind ddma",
+            )
+            for chirp in divided
+        ]
     try:
         ti_code(masks, () if bpm is None else _inverted_masks(chirps, frame_command, bpm))
     except InvalidSetting as error:
