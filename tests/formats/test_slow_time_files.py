@@ -60,6 +60,64 @@ def test_acconeer_frames_are_means_of_sweeps(can_compile, tmp_path, monkeypatch)
     )
 
 
+def test_acconeer_file_of_an_older_version_has_one_session(tmp_path):
+    write_acconeer(tmp_path / "new.h5")
+    write_acconeer(tmp_path / "old.h5")
+    with h5py.File(tmp_path / "old.h5", "a") as file:
+        file.move("sessions/session_0", "session")
+        del file["sessions"]
+    traces = [dc.slow_time_files.read_slow_time(tmp_path / name) for name in ("new.h5", "old.h5")]
+    assert traces[1].identical(traces[0])
+
+
+def test_longest_acconeer_session_is_read_with_a_warning(tmp_path):
+    """A detector that sleeps writes a session of few frames before and after each presence."""
+    write_acconeer(tmp_path / "a.h5")
+    write_acconeer(tmp_path / "b.h5")
+    with h5py.File(tmp_path / "a.h5", "a") as file, h5py.File(tmp_path / "b.h5") as long:
+        file.move("sessions/session_0", "sessions/session_1")
+        long.copy("sessions/session_0", file["sessions"], "session_0")
+        for name in ("frame", "tick"):
+            values = file[f"{ENTRY}/result/{name}"][:3]
+            del file[f"{ENTRY}/result/{name}"]
+            file[f"{ENTRY}/result/{name}"] = values
+    with pytest.warns(dc.PhysicsWarning, match="2 sessions or sensors; sessions/session_1/.* 30"):
+        trace = dc.slow_time_files.read_slow_time(tmp_path / "a.h5")
+    assert trace.identical(dc.slow_time_files.read_slow_time(tmp_path / "b.h5"))
+
+
+@pytest.mark.parametrize("has_times", [True, False])
+def test_iq_service_of_acconeers_a111(tmp_path, has_times):
+    rng = np.random.default_rng(1)
+    sweeps = rng.normal(size=(20, 1, 5)) + 1j * rng.normal(size=(20, 1, 5))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["data"] = sweeps
+        file["mode"] = "iq"
+        file["sensor_config_dump"] = json.dumps({"mode": "IQ", "update_rate": 10.0})
+        file["session_info"] = json.dumps({"range_start_m": 0.4, "range_length_m": 0.4})
+        if has_times:
+            file["sample_times"] = 1.6e9 + 0.1 * np.arange(20)
+    trace = dc.slow_time_files.read_slow_time(tmp_path / "a.h5")
+    np.testing.assert_array_equal(trace, sweeps[:, 0])
+    np.testing.assert_allclose(trace.range, [0.4, 0.5, 0.6, 0.7, 0.8])
+    np.testing.assert_allclose(np.diff(trace.time), 0.1, atol=1e-6)
+
+
+def test_service_of_acconeers_a111_without_phases_is_named(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["data"] = np.zeros((10, 1, 64, 17), np.uint16)
+        file["mode"] = "sparse"
+        file["sensor_config_dump"] = "{}"
+    with pytest.raises(dc.RecordingError, match="service sparse of .* without I and Q"):
+        dc.slow_time_files.read_slow_time(tmp_path / "a.h5")
+
+
+def test_empty_file_is_named_so(tmp_path):
+    (tmp_path / "a.h5").touch()
+    with pytest.raises(dc.RecordingError, match="an empty file"):
+        dc.slow_time_files.read_slow_time(tmp_path / "a.h5")
+
+
 @pytest.mark.parametrize(
     ("heading", "separator"),
     [
@@ -82,7 +140,7 @@ def test_csv_columns_are_found_by_their_names(tmp_path, heading, separator):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "0 columns for I in the heading"),
+        ("", "an empty file"),
         ("time,a,b\n0,1,2\n", "0 columns for I in the heading"),
         ("time,I,I (2),Q\n0,1,2,3\n", "2 columns for I"),
         ("I,Q\n1,2\n2,3\n", "0 columns for time"),

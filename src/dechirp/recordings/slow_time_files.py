@@ -2,19 +2,22 @@
 
 Two layouts are recognised by content.
 
-* HDF5 of Acconeer's Exploration Tool for the sensor A121: frames of complex sweeps, one value for
+* HDF5 of Acconeer's Exploration Tool. Of the sensor A121, frames of complex sweeps, one value for
   each distance. Times are the ticks of the server, distances follow from the sensor's settings.
+  Versions before 6 have one `session`, later ones any number of `sessions`. Of the sensor A111, the
+  complex sweeps of the service IQ; its other services contain no phases.
 * Text (CSV) with named columns of I and Q, and their times in seconds.
 
 References
 ----------
 Acconeer, A121 data sheet and documentation of the Exploration Tool (carrier 60.5 GHz, distances in
-steps of `base_step_length_m`, ticks).
+steps of `base_step_length_m`, ticks); A111 data sheet (carrier 60.5 GHz).
 """
 
 import csv
 import json
 import re
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,7 @@ from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_number
 from dechirp.core.compiled_kernels import kernel
 from dechirp.core.errors import RecordingError, quote_for_message
+from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.recordings.arrays.hdf5_datasets import (
     EXPECTED,
@@ -43,10 +47,14 @@ def __dir__() -> list[str]:
 
 _INT16_PAIRS = np.dtype([("real", "<i2"), ("imag", "<i2")])
 _ACCONEER_CARRIER_HZ = 60.5e9
-_ENTRY = "sessions/session_0/group_0/entry_0"
+_ENTRY = re.compile(r"(?:sessions/session_(\d+)|session)/group_(\d+)/entry_(\d+)")
+_MAX_SESSIONS = 1000
 _MAX_TEXT_BYTES = 2**20
 _MAX_HEADING_BYTES = 2**16
-_LAYOUTS = "HDF5 of Acconeer's A121, or CSV with a heading that names columns of I, Q and time"
+_LAYOUTS = (
+    "HDF5 of Acconeer's A121 or of the IQ service of its A111, or CSV with a heading that names"
+    " columns of I, Q and time"
+)
 
 
 @check_argument_types
@@ -56,9 +64,10 @@ def read_slow_time(path: str | Path, *, wavelength_m: float | None = None) -> xr
     Parameters
     ----------
     path : path
-        HDF5 of Acconeer's A121, or CSV. The heading of a CSV file names a column I (also `[I]`,
-        `in-phase`, `real`), a column Q (`[Q]`, `quadrature`, `imag`) and a time in seconds (`t`,
-        `time`). Where each signal has columns `..._x` and `..._y`, `..._x` is its time.
+        HDF5 of Acconeer's A121, or of the IQ service of its A111, or CSV. The heading of a CSV file
+        names a column I (also `[I]`, `in-phase`, `real`), a column Q (`[Q]`, `quadrature`, `imag`)
+        and a time in seconds (`t`, `time`). Where each signal has columns `..._x` and `..._y`,
+        `..._x` is its time.
     wavelength_m : float, optional
         Of the carrier, for displacements; for HDF5 of Acconeer 60.5 GHz by default.
 
@@ -66,6 +75,7 @@ def read_slow_time(path: str | Path, *, wavelength_m: float | None = None) -> xr
     -------
     DataArray (time,) or (time, range), complex
         Sweeps of a frame are averaged. The attribute `wavelength_m` is missing if it is unknown.
+        Of several sessions or sensors in a file, the one with most frames, with a warning.
 
     Raises
     ------
@@ -88,31 +98,126 @@ def read_slow_time(path: str | Path, *, wavelength_m: float | None = None) -> xr
 
 
 def _read_acconeer(path: Path) -> xr.DataArray:
-    """Read the first sensor of the first session."""
+    """Read an HDF5 file of the A121 or the A111."""
     with convert_parser_errors(path, f"{EXPECTED} of Acconeer's A121"), open_hdf5(path) as file:
-        frames = find_dataset_following_links(path, file, f"{_ENTRY}/result/frame")
-        ticks = find_dataset_following_links(path, file, f"{_ENTRY}/result/tick")
-        if frames is None or ticks is None or frames.dtype.names != ("real", "imag"):
+        if "mode" in file and "sensor_config_dump" in file:
+            return _read_a111(path, file)
+        entries = _frames_of_entries(path, file)
+        if not entries:
             raise RecordingError(
                 path,
-                value=f"an HDF5 file without {_ENTRY}/result with complex frames",
-                expected="a file that Acconeer's Exploration Tool wrote with an A121",
+                value="an HDF5 file without sessions/session_0/group_0/entry_0/result with complex"
+                " frames",
+                expected="a file that Acconeer's Exploration Tool wrote with an A121, or with an"
+                " A111 and the service IQ",
                 fix="open other HDF5 files with dechirp.open and name their axes",
             )
-        metadata = _read_json(file, f"{_ENTRY}/metadata")
-        server = _read_json(file, "server_info")
-        sensor = int(file[f"{_ENTRY}/sensor_id"][()])
-        group = _read_json(file, "sessions/session_0/session_config")["groups"][0]
-        ranges_m = _acconeer_ranges_m(group[str(sensor)], float(metadata["base_step_length_m"]))
-        ticks_per_second = float(server["ticks_per_second"])
-        if frames.ndim != 3 or frames.shape[2] != len(ranges_m) or 0 in frames.shape:
-            raise ValueError(f"frames of shape {frames.shape}, and {len(ranges_m)} distances")
-        if ticks.shape != frames.shape[:1] or not ticks_per_second > 0:
-            raise ValueError(f"{ticks.shape} ticks for {frames.shape[0]} frames")
-        whole = tuple(slice(0, size) for size in frames.shape)
-        parts = dataset_to_lazy_array(path, file, frames).read(whole)
-        times_s = np.asarray(ticks[()], float) / ticks_per_second
-    values = _mean_of_sweeps(parts)
+        entry = max(entries, key=lambda name: len(entries[name]))
+        trace = _read_entry(path, file, entry, entries[entry])
+    if len(entries) > 1:
+        _warn_of_other_entries(path, entry, {name: len(frames) for name, frames in entries.items()})
+    return trace
+
+
+def _frames_of_entries(path: Path, file: Any) -> dict[str, Any]:
+    """Return the frames of each sensor in each group of each session, in order."""
+    sessions = (
+        [f"sessions/session_{n}" for n in range(min(len(file["sessions"]), _MAX_SESSIONS))]
+        if "sessions" in file
+        else ["session"]
+    )
+    names = [
+        f"{session}/{group}/{entry}"
+        for session in sessions
+        if session in file
+        for group in file[session]
+        if group.startswith("group_")
+        for entry in file[f"{session}/{group}"]
+        if entry.startswith("entry_")
+    ]
+    found = {
+        name: find_dataset_following_links(path, file, f"{name}/result/frame")
+        for name in names
+        if _ENTRY.fullmatch(name)
+    }
+    return {
+        name: frames
+        for name, frames in found.items()
+        if frames is not None and frames.dtype.names == ("real", "imag") and frames.ndim == 3
+    }
+
+
+def _read_entry(path: Path, file: Any, entry: str, frames: Any) -> xr.DataArray:
+    """Read one sensor of one session."""
+    session, group_name, _ = entry.rsplit("/", 2)
+    ticks = find_dataset_following_links(path, file, f"{entry}/result/tick")
+    metadata = _read_json(file, f"{entry}/metadata")
+    server = _read_json(file, "server_info")
+    sensor = int(file[f"{entry}/sensor_id"][()])
+    groups = _read_json(file, f"{session}/session_config")["groups"]
+    group = groups[int(group_name.removeprefix("group_"))]
+    ranges_m = _acconeer_ranges_m(group[str(sensor)], float(metadata["base_step_length_m"]))
+    ticks_per_second = float(server["ticks_per_second"])
+    if frames.shape[2] != len(ranges_m) or 0 in frames.shape:
+        raise ValueError(f"frames of shape {frames.shape}, and {len(ranges_m)} distances")
+    if ticks is None or ticks.shape != frames.shape[:1] or not ticks_per_second > 0:
+        raise ValueError(f"no tick for each of {frames.shape[0]} frames")
+    whole = tuple(slice(0, size) for size in frames.shape)
+    parts = dataset_to_lazy_array(path, file, frames).read(whole)
+    return _label_trace(
+        _mean_of_sweeps(parts),
+        np.asarray(ticks[()], float) / ticks_per_second,
+        ranges_m=ranges_m,
+        wavelength_m=SPEED_OF_LIGHT / _ACCONEER_CARRIER_HZ,
+    )
+
+
+def _warn_of_other_entries(path: Path, entry: str, n_frames: dict[str, int]) -> None:
+    others = [f"{name} with {n}" for name, n in n_frames.items() if name != entry]
+    shown = ", ".join(others[:3]) + (f" and {len(others) - 3} more" if len(others) > 3 else "")
+    finding = Finding(
+        level="warning",
+        setting="recording",
+        value=f"{path.name} contains {len(n_frames)} sessions or sensors; {entry} with"
+        f" {n_frames[entry]} frames was read, not {shown}",
+        expected="one session of one sensor",
+        fix="no action needed for the longest one; record the others in files of their own",
+    )
+    warnings.warn(PhysicsWarning(finding), stacklevel=5)
+
+
+def _read_a111(path: Path, file: Any) -> xr.DataArray:
+    """Read the first sensor of the service IQ."""
+    mode = bytes(file["mode"][()])[:20].decode("utf-8", "replace")
+    if mode != "iq":
+        raise RecordingError(
+            path,
+            value=f"the service {quote_for_message(mode)} of Acconeer's A111, without I and Q",
+            expected="the service iq, whose phases show movements",
+            fix="record with the service IQ",
+        )
+    sweeps = find_dataset_following_links(path, file, "data")
+    if sweeps is None or sweeps.ndim != 3 or sweeps.dtype.kind != "c" or 0 in sweeps.shape:
+        raise ValueError("no complex data (sweep, sensor, distance)")
+    session = _read_json(file, "session_info")
+    start_m, length_m = float(session["range_start_m"]), float(session["range_length_m"])
+    ranges_m = np.linspace(start_m, start_m + length_m, sweeps.shape[2])
+    if not np.isfinite(ranges_m).all():
+        raise ValueError("distances that are not finite")
+    if "sample_times" in file:
+        times_s = np.asarray(file["sample_times"][()], float)
+    else:
+        rate_hz = float(_read_json(file, "sensor_config_dump")["update_rate"])
+        times_s = np.arange(len(sweeps)) / rate_hz
+    if times_s.shape != sweeps.shape[:1] or not np.isfinite(times_s).all():
+        raise ValueError(f"{times_s.shape} times for {sweeps.shape[0]} sweeps")
+    n_sensors = sweeps.shape[1]
+    whole = (slice(0, len(sweeps)), slice(0, 1), slice(0, sweeps.shape[2]))
+    values = dataset_to_lazy_array(path, file, sweeps).read(whole)[:, 0]
+    if n_sensors > 1:
+        _warn_of_other_entries(
+            path, "sensor 1", {f"sensor {n + 1}": len(values) for n in range(n_sensors)}
+        )
     return _label_trace(
         values, times_s, ranges_m=ranges_m, wavelength_m=SPEED_OF_LIGHT / _ACCONEER_CARRIER_HZ
     )
@@ -175,6 +280,10 @@ def _acconeer_ranges_m(sensor: dict[str, Any], base_step_m: float) -> np.ndarray
 
 def _read_columns(path: Path) -> xr.DataArray:
     """Read a CSV file with named columns."""
+    if path.stat().st_size == 0:
+        raise RecordingError(
+            path, value="an empty file", expected=_LAYOUTS, fix="copy or record it again"
+        )
     with convert_parser_errors(path, _LAYOUTS):
         with path.open("rb") as file:
             heading = file.readline(_MAX_HEADING_BYTES).decode("utf-8-sig")

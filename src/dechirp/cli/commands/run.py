@@ -130,8 +130,10 @@ def run(
                 trace = None if source is None or vital_signs else _read_slow_time(source)
                 if trace is None:
                     raise
+                values, file, findings = trace
+                findings = [_chosen_vital_signs_note(file), *findings]
                 return _print_vital_signs_of_trace(
-                    *trace, as_json=as_json, quiet=quiet, note=_chosen_vital_signs_note(trace[1])
+                    values, file, findings, as_json=as_json, quiet=quiet
                 )
         if vital_signs:
             result = _add_vital_signs(result)
@@ -166,13 +168,14 @@ def _check_samples_are_kept(*, is_live: bool, vital_signs: bool) -> None:
 
 def _read_slow_time(
     source: Path, *, is_requested: bool = False
-) -> "tuple[xr.DataArray, Path] | None":
-    """Return the trace of a file without chirps, and the file; None if it is something else.
+) -> "tuple[xr.DataArray, Path, list[Finding]] | None":
+    """Return the trace of a file without chirps, the file and findings; None of another file.
 
     Of a folder, the first such file. If the rates are requested, raise the error of a CSV file:
     it is no recording with chirps.
     """
     from dechirp.core.errors import RecordingError
+    from dechirp.core.findings import capture_warned_findings
     from dechirp.recordings.slow_time_files import read_slow_time
 
     try:
@@ -183,7 +186,9 @@ def _read_slow_time(
         if not file.is_file() or file.suffix.lower() not in {".csv", ".h5", ".hdf5"}:
             continue
         try:
-            return read_slow_time(file), file
+            with capture_warned_findings() as findings:
+                trace = read_slow_time(file)
+            return trace, file, findings
         except RecordingError:
             if is_requested and file == source and file.suffix.lower() == ".csv":
                 raise
@@ -207,10 +212,10 @@ def _chosen_vital_signs_note(file: Path) -> "Finding":
 def _print_vital_signs_of_trace(
     trace: "xr.DataArray",
     source: Path,
+    findings: "list[Finding]",
     *,
     as_json: bool,
     quiet: bool,
-    note: "Finding | None" = None,
 ) -> int:
     from dechirp.cli.console import finding_paragraphs, open_stdout_console
     from dechirp.cli.run_document import vital_sign_records
@@ -226,7 +231,7 @@ def _print_vital_signs_of_trace(
     elif not quiet:
         screen = open_stdout_console()
         screen.print(vital_signs_table(vital))
-        for paragraph in finding_paragraphs([] if note is None else [note]):
+        for paragraph in finding_paragraphs(findings):
             screen.print(paragraph)
     return 0
 
