@@ -11,6 +11,7 @@ from matplotlib import image
 
 import dechirp as dc
 from dechirp.cli.main import main
+from dechirp.recordings.settings.read import read_radar
 
 RADAR = """\
 frame:
@@ -246,5 +247,13 @@ def test_settings_file_is_not_accepted_as_recording(folder, capsys):
 
     (error,) = json.loads(out)["errors"]
     assert status == 2
-    assert error["value"] == "the settings of a recording, not its samples"
+    radar = str(read_radar("radar.yaml"))
+    assert radar.startswith("Radar(")
+    assert error["value"] == (
+        f"the settings of a recording, not its samples: {radar.removeprefix('Radar(')[:-1]}"
+    )
     assert "--radar" in error["fix"]
+    (folder / "radar.cfg").write_text("profileCfg 0 77\nframeCfg 0 1\n")
+    _, out, _ = run_cli(capsys, "radar.cfg", "--json")
+    (error,) = json.loads(out)["errors"]
+    assert ", and they cannot be read: profileCfg: 2 numbers" in error["value"]

@@ -31,7 +31,7 @@ from dechirp.recordings.readers.base import (
 from dechirp.recordings.readers.float_points import FloatPoints
 from dechirp.recordings.readers.ros2_bag import Ros2Bag
 from dechirp.recordings.samples.sample_order import choose_sample_order
-from dechirp.recordings.settings.read import holds_settings
+from dechirp.recordings.settings.read import holds_settings, read_radar
 from dechirp.recordings.slow_time_files import read_slow_time
 
 # Files of a folder that are looked at, to find the recordings among them; each takes 2 to 5 ms.
@@ -267,12 +267,22 @@ def split_file_and_inner_path(path: Path) -> tuple[Path, str | None]:
     return path, None
 
 
+def _describe_radar(settings_file: Path) -> str:
+    """Describe the radar of a settings file, or why it cannot be read, to end a sentence."""
+    try:
+        radar = read_radar(settings_file)
+    except DechirpError as error:
+        mistake = error.mistakes[0]
+        return f", and they cannot be read: {mistake.setting}: {mistake.value}"
+    return f": {str(radar).removeprefix('Radar(').removesuffix(')')}"
+
+
 def _describe_path_content_and_fix(path: Path) -> tuple[str, str | None]:
     """Describe a path of which no format fits, and return the fix if one is known."""
     if path.is_file():
         if holds_settings(path):
             return (
-                "the settings of a recording, not its samples",
+                f"the settings of a recording, not its samples{_describe_radar(path)}",
                 "give the recording, and this file with --radar (radar=...)",
             )
         kind = identify_foreign_file(read_head(path))
