@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import dechirp as dc
 from dechirp.core.errors import DechirpError, InvalidFile, RecordingError
 from dechirp.radar.devices.lookup import device
 from dechirp.radar.multiplexing.bpm import Bpm
@@ -263,6 +264,27 @@ def test_bpm_pair_beside_a_third_transmitter_is_read(tmp_path, masks, pair, sign
     assert studio.radar == settings.radar
 
 
+def test_stream_with_headers_leaves_radar_readable_but_not_the_capture(tmp_path):
+    expected = read_settings_text(tmp_path, CFG)
+    for numbers, stream in (
+        ("1 1 0", "header 1"),
+        ("1 1 1", "header 1 and software 1"),
+        ("0 4 0", "data_format 4"),
+        ("1 0 1", ""),
+    ):
+        cfg = CFG.replace("lvdsStreamCfg -1 0 1 0", f"lvdsStreamCfg -1 {numbers}")
+        settings = read_settings_text(tmp_path, cfg)
+        description = f"lvdsStreamCfg with {stream}" if stream else ""
+        assert settings == replace(expected, foreign_stream=description)
+        samples = np.random.default_rng(1).integers(-99, 99, 64 * 4 * 256 * 2).astype("<i2")
+        samples.tofile(tmp_path / "settings.bin")
+        if stream:
+            with pytest.raises(RecordingError, match=f"headers or other data.*{stream}"):
+                dc.open(tmp_path / "settings.bin")
+        else:
+            assert dc.open(tmp_path / "settings.bin").n_frames == 1
+
+
 def test_four_transmitters_at_once_are_refused_as_doppler_division(tmp_path):
     cfg = CFG.replace("0 0 0 0 0 1\n", "0 0 0 0 0 15\n").replace("0 0 0 0 0 4\n", "0 0 0 0 0 15\n")
     cfg = cfg.replace("xWR18xx", "xWR29xx").replace("channelCfg 15 5", "channelCfg 15 15")
@@ -472,7 +494,6 @@ def test_cfg_single_sub_frame_is_frame(tmp_path):
         ("frameCfg 0 1", "frameCfg 0 2", 11, "without chirpCfg for 2"),
         ("frameCfg 0 1", "frameCfg 1 0", 11, "chirps 1 to 0"),
         ("frameCfg 0 1", f"frameCfg 0 {10**30}", 11, "last '1000"),
-        ("lvdsStreamCfg -1 0 1 0", "lvdsStreamCfg -1 1 1 0", 13, "header 1"),
         ("lowPower 0 0", "bpmCfg -1 1 0 1", 12, "enabled 1"),
         ("dfeDataOutputMode 1", "dfeDataOutputMode 2", 4, "mode 2"),
     ],

@@ -67,9 +67,17 @@ def find_sub_frame_settings(path: Path, hints: RecordingHints) -> RecordingSetti
     Raises
     ------
     RecordingError
-        If there are no settings, or no sub-frame of that name.
+        If there are no settings, or no sub-frame of that name; or if the samples of a capture have
+        headers or other data among them.
     """
     settings = find_recording_settings(path, hints)
+    if settings.foreign_stream:
+        raise RecordingError(
+            path,
+            value=f"samples with headers or other data among them: {settings.foreign_stream}",
+            expected="samples alone: lvdsStreamCfg -1 0 1 0",
+            fix="record so; or correct the settings if the capture has none",
+        )
     if hints.inner_name is None:
         return settings
     number = re.fullmatch(r"(?:sub-?frame[-_]?)?(\d{1,4})", hints.inner_name.lower())

@@ -40,6 +40,9 @@ class RecordingSettings:
     path: Path | None = None
     """The settings file; None for settings made in Python."""
     findings: tuple[Finding, ...] = ()
+    foreign_stream: str = ""
+    """Settings by which the samples of a capture board have headers or other data among them; empty
+    if they have not."""
     sub_frames: tuple["RecordingSettings", ...] = ()
     """Settings of the sub-frames of a frame, in the order of their samples; empty if the samples
     of a frame are those of the radar alone."""

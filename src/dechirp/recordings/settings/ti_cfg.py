@@ -69,9 +69,6 @@ _SUPPORTED_VALUES = (
         (0, 1),
         "0 or 1: transmitters that take turns, or pairs of chirps of two together",
     ),
-    ("lvdsStreamCfg", "header", (0,), "0: samples without headers"),
-    ("lvdsStreamCfg", "data_format", (0, 1), "0 or 1: samples alone"),
-    ("lvdsStreamCfg", "software", (0,), "0: samples alone"),
     ("advFrameCfg", "n_sub_frames", range(1, _MAX_SUB_FRAMES + 1), "1 to 4 sub-frames"),
     ("advFrameCfg", "force_profile", (0,), "0: the profiles of chirpCfg"),
     ("subFrameCfg", "n_bursts", (1,), "1: one burst"),
@@ -262,7 +259,7 @@ def _read_frame(
             round_pause_s=pause_us / 1e6,
             is_sub_frame=period_ms is not None and period_ms != frame["period_ms"],
         )
-        return ti_frame_to_recording_settings(
+        settings = ti_frame_to_recording_settings(
             ti_frame,
             iq="qi" if buffer["sample_swap"] else "iq",
             interleaved=not buffer["interleave"],
@@ -270,6 +267,17 @@ def _read_frame(
             chip_name="",
             device=device,
         )
+    stream = _describe_foreign_stream(last_commands.get("lvdsStreamCfg"))
+    return replace(settings, foreign_stream=stream)
+
+
+def _describe_foreign_stream(stream: Command | None) -> str:
+    """Describe the settings of a stream that is not samples alone; empty for others."""
+    if stream is None or not stream["data_format"]:
+        return ""
+    expected = {"header": 0, "data_format": 1, "software": 0}
+    settings = [f"{name} {stream[name]:g}" for name in expected if stream[name] != expected[name]]
+    return f"lvdsStreamCfg with {' and '.join(settings)}" if settings else ""
 
 
 def _low_power_chip_mistake(file: Path, text: str, match: re.Match[str]) -> Mistake:
@@ -349,8 +357,6 @@ def _check_values_supported(
     # Chirps are checked one by one.
     ignored = {"chirpCfg", *_FRAMES, *_SUB_FRAMES} - set(frame_names)
     commands = [line for line in last_commands if line.name not in ignored]
-    # Without a stream, its layout does not matter.
-    commands = [line for line in commands if line.name != "lvdsStreamCfg" or line["data_format"]]
     commands += _unique_commands(chirps)
     mistakes = [
         line.mistake(
