@@ -82,6 +82,33 @@ def test_osi_structures_are_read_by_type_and_material(tmp_path):
     )
 
 
+def test_osi_sizes_of_zero_are_unknown_and_flat_areas_are_no_walls(tmp_path):
+    # Poles with a radius, and crosswalks, as simulators write them from OpenDRIVE.
+    structures = [
+        (15, "POLE", "METAL", (30.0, 4.5, 3.0), (0.0, 0.0, 6.0)),
+        (19, "OTHER", "OTHER", (35.0, 0.0, 0.0), (4.0, 10.0, 0.0)),
+        (20, "OTHER", "OTHER", (25.0, 9.0, 0.0), (0.0, 0.0, 0.0)),
+    ]
+    views = road_views(structures=structures)
+    for view in views:
+        view.global_ground_truth.moving_object[1].base.dimension.height = 0.0
+
+    traffic = dc.open_traffic(write_osi(tmp_path, views))
+
+    sizes = traffic.objects[["length", "width", "height"]].to_array().values.T
+    assert np.isnan(sizes).tolist() == [
+        [False] * 3,
+        [False, False, True],
+        [True, True, False],
+        [False] * 3,
+        [True] * 3,
+    ]
+    assert sizes[3] == pytest.approx([4, 10, 0.01])
+    scenes = FrameScenes(traffic, RADAR, ego=1)
+    find_car = find_true_objects(scenes, [0])
+    assert find_car["visible_share"].values.tolist() == [[1.0]]
+
+
 def test_structures_have_bodies_and_are_no_objects_to_detect(tmp_path):
     traffic = dc.open_traffic(write_osi(tmp_path, road_views()))
     scenes = FrameScenes(traffic, RADAR, ego=1)

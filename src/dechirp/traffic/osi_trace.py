@@ -19,6 +19,7 @@ OSI_VERSION = 3
 _LENGTH_PREFIX = struct.Struct("<I")
 _MAX_MESSAGE_BYTES = 2**28
 _MCAP_TYPES = ("protobuf/osi3.SensorView", "protobuf/osi3.GroundTruth")
+_FLAT_HEIGHT_M = 0.01  # reflects and shadows next to nothing
 _MAX_SEARCHED_MESSAGES = 1000  # before a recording counts as one without OSI
 _STRUCTURE_KINDS: dict[str, ObjectKind] = {
     "TYPE_BUILDING": "building",
@@ -304,7 +305,8 @@ def state_of_moving_object(path: object, moving: Any, time_s: float) -> ObjectSt
 def state_of_stationary_object(path: object, stationary: Any, time_s: float) -> ObjectState:
     """Return the state in an `osi3` message of type `StationaryObject`; `path` is for the error.
 
-    Barriers of metal are guard rails, along their longer side; structures of other types are walls.
+    Barriers of metal are guard rails, along their longer side; structures of other types are walls,
+    1 cm high if they state a height of 0, as crosswalks and parking spaces do.
     """
     classification = stationary.classification
     type_name = _enum_name(classification, "type")
@@ -314,6 +316,10 @@ def state_of_stationary_object(path: object, stationary: Any, time_s: float) -> 
     state = _state_of_base(path, stationary, time_s, kind)._replace(
         vx_m_per_s=0.0, vy_m_per_s=0.0, is_stationary=True
     )
+    dimension = stationary.base.dimension
+    is_flat = dimension.HasField("height") and dimension.height == 0
+    if kind == "wall" and is_flat and (state.length_m > 0 or state.width_m > 0):
+        return state._replace(height_m=_FLAT_HEIGHT_M)
     if kind == "guard-rail" and state.width_m > state.length_m:
         return state._replace(
             length_m=state.width_m,
@@ -341,14 +347,19 @@ def _state_of_base(path: object, item: Any, time_s: float, kind: ObjectKind) -> 
         y_m=base.position.y,
         z_m=base.position.z,
         heading_rad=_known_number(base.orientation, "yaw"),
-        length_m=_known_number(base.dimension, "length"),
-        width_m=_known_number(base.dimension, "width"),
-        height_m=_known_number(base.dimension, "height"),
+        length_m=_known_size_m(base.dimension, "length"),
+        width_m=_known_size_m(base.dimension, "width"),
+        height_m=_known_size_m(base.dimension, "height"),
     )
 
 
 def _known_number(message: Any, field: str) -> float:
     return float(getattr(message, field)) if message.HasField(field) else math.nan
+
+
+def _known_size_m(dimension: Any, field: str) -> float:
+    """Return a size, NaN of 0, which simulators write for a size that they do not know."""
+    return _known_number(dimension, field) or math.nan
 
 
 def _enum_name(message: Any, field: str) -> str:
