@@ -271,3 +271,8 @@ def test_invalid_arguments_are_named(name):
         call()
     (mistake,) = caught.value.mistakes
     assert mistake.setting == setting
+
+
+def test_axis_of_another_length_is_shown_beside_the_size_of_the_map():
+    with pytest.raises(dc.InvalidSetting, match=r"\(10,\), for a map of 64 x 256"):
+        dc.diagnosis.diagnose_map(np.ones((64, 256)), np.arange(10.0), np.arange(64.0))

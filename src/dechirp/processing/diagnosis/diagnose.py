@@ -197,11 +197,11 @@ def diagnose_map(
     """
     power, noise_scale = _check_map(values, scale)
     is_profile = power.shape[0] == 1 and velocity_m_per_s is None
-    ranges = _check_axis("range_m", range_m, at_least=_MIN_CELLS)
+    ranges = _check_axis("range_m", range_m, power.shape, at_least=_MIN_CELLS)
     velocities = (
         None
         if velocity_m_per_s is None
-        else _check_axis("velocity_m_per_s", velocity_m_per_s, at_least=4)
+        else _check_axis("velocity_m_per_s", velocity_m_per_s, power.shape, at_least=4)
     )
     if n_summed is not None:
         check_integer("n_summed", n_summed, at_least=1)
@@ -388,7 +388,9 @@ def _rescale(power: np.ndarray, factor: float) -> np.ndarray:
     return np.asarray(power**factor)
 
 
-def _check_axis(setting: str, axis: ArrayLike, *, at_least: int) -> np.ndarray:
+def _check_axis(
+    setting: str, axis: ArrayLike, shape: tuple[int, ...], *, at_least: int
+) -> np.ndarray:
     """Return an axis in equal steps, or raise `InvalidSetting`."""
     values = check_finite_array(setting, axis)
     steps = np.diff(values) if values.ndim == 1 and values.size >= at_least else np.zeros(1)
@@ -396,7 +398,8 @@ def _check_axis(setting: str, axis: ArrayLike, *, at_least: int) -> np.ndarray:
         raise InvalidSetting(
             setting,
             value=f"an array {values.shape}"
-            + (" with unequal steps" if values.size >= at_least else ""),
+            + (" with unequal steps" if values.size >= at_least else "")
+            + f", for a map of {' x '.join(map(str, shape))}",
             expected=f"one axis of at least {at_least} different values in equal steps",
             fix="give the axis of the map, one value for each cell",
         )
