@@ -276,3 +276,19 @@ def test_invalid_arguments_are_named(name):
 def test_axis_of_another_length_is_shown_beside_the_size_of_the_map():
     with pytest.raises(dc.InvalidSetting, match=r"\(10,\), for a map of 64 x 256"):
         dc.diagnosis.diagnose_map(np.ones((64, 256)), np.arange(10.0), np.arange(64.0))
+
+
+def test_swapped_parts_show_in_levels_of_echoes_over_the_whole_range():
+    """Echoes at 0.05 to 0.85 of the range: of eight, half lie in each half of the spectrum."""
+    radar = random_radar(np.random.default_rng(7), sampling="complex")
+    shape = radar.frame.n_chirps, radar.frame.chirp.n_samples
+    rng = np.random.default_rng(8)
+    sample = np.arange(shape[1])
+    samples = 0.02 * (rng.standard_normal((2, *shape)).T @ np.array([1, 1j])).T
+    for beat in (0.1, 0.17, 0.26, 0.38, 0.55, 0.63, 0.72, 0.85):
+        amplitude = rng.uniform(0.6, 1.6) * (0.1 / beat) ** 2
+        samples = samples + amplitude * np.exp(2j * np.pi * (beat * sample + rng.uniform()))
+    swapped = samples.imag + 1j * samples.real
+    assert not dc.diagnosis.diagnose_samples(samples, radar).findings
+    findings = dc.diagnosis.diagnose_samples(swapped, radar).findings
+    assert [finding.setting for finding in findings] == ["iq"]
