@@ -163,6 +163,14 @@ def test_contradicting_first_states_are_refused(tmp_path):
         dc.open_traffic(write_scenario(tmp_path, obstacle(CAR, *states)))
 
 
+def test_unknown_encoding_is_a_fault_of_the_file(tmp_path):
+    path = write_scenario(tmp_path)
+    path.write_bytes(b"<?xml version='1.0' encoding='UTF-99'?>" + path.read_bytes())
+
+    with pytest.raises(dc.RecordingError, match="LookupError: unknown encoding: UTF-99"):
+        dc.open_traffic(path)
+
+
 def test_occupancy_sets_are_reported_with_their_objects(tmp_path):
     regions = f"<occupancySet><occupancy><shape>{CAR}</shape></occupancy></occupancySet>"
     text = obstacle(CAR, state("initialState", 0, point(10, 0)), more=regions)

@@ -71,7 +71,7 @@ class CommonRoad(TrafficFormat):
                         place = f"object {state.id} after {state.time_s:g} s: "
                     place = ""
                     element.clear()
-        except (ElementTree.ParseError, KeyError, TypeError, ValueError) as error:
+        except (ElementTree.ParseError, LookupError, TypeError, ValueError) as error:
             is_cut = getattr(error, "code", None) in _ERRORS_AT_FILE_END
             raise (CutTrafficError if is_cut else RecordingError)(
                 path,
