@@ -103,6 +103,21 @@ def test_views_whose_truth_has_no_time_and_host_have_their_own(tmp_path):
     assert np.allclose(traffic.objects["time"], [0, 0.1, 0.2], rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("a_sd_1.osi", "an unknown format"), ("objects.osi", "no object")]
+)
+def test_object_lists_of_sensors_name_the_function_that_reads_them(tmp_path, name, value):
+    lists = pytest.importorskip("osi3.osi_sensordata_pb2")
+    message = lists.SensorData()
+    message.timestamp.seconds = 1
+    item = message.moving_object.add()
+    item.header.tracking_id.value, item.base.position.x = 4, 5.0
+    path = write_osi(tmp_path, [message], name=name)
+
+    with pytest.raises(dc.RecordingError, match=f"{value}; .*read_objects"):
+        dc.open_traffic(path)
+
+
 @pytest.mark.parametrize("is_view", [True, False])
 def test_osi_as_text_equals_osi_in_a_trace(tmp_path, is_view):
     messages = [make_view(0.1 * step, x_m=10 + step, vx=10, is_view=is_view) for step in range(4)]

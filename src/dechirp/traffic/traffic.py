@@ -104,7 +104,8 @@ def open_traffic(path: str | Path) -> Traffic:
             value="an unknown format",
             expected=" or ".join(_format_classes()),
             fix="convert it to a CSV with the columns time, id, class, x, y, heading, length,"
-            " width, height",
+            " width, height; read SensorData, the object list of a sensor, with"
+            " dechirp.object_lists.read_objects",
         )
     reader = _format_classes()[kind]()
     states, reading_findings = _read_states_up_to_cut(file, reader)
@@ -186,7 +187,11 @@ def _read_states_up_to_cut(
 def _build_objects(path: Path, rows: list[ObjectState]) -> xr.Dataset:
     if not rows:
         raise RecordingError(
-            path, value="no object", expected="objects with positions", fix="check the file"
+            path,
+            value="no object",
+            expected="objects with positions",
+            fix="give a file with traffic, no map alone; read SensorData, the object list of a"
+            " sensor, with dechirp.object_lists.read_objects",
         )
     for row in rows:
         check_state(path, row)
