@@ -60,6 +60,22 @@ def test_acconeer_frames_are_means_of_sweeps(can_compile, tmp_path, monkeypatch)
     )
 
 
+@pytest.mark.parametrize(
+    ("name", "unit_s"),
+    [
+        ("time (ms)", 1e-3),
+        ("timestamp_us", 1e-6),
+        ("t [ns]", 1e-9),
+        ("time_s", 1),
+        ("Time ms", 1e-3),
+    ],
+)
+def test_times_of_csv_are_in_the_unit_of_their_name(tmp_path, name, unit_s):
+    (tmp_path / "a.csv").write_text(f"{name},I,Q\n0,1,2\n50,3,4\n")
+    trace = dc.slow_time_files.read_slow_time(tmp_path / "a.csv")
+    np.testing.assert_allclose(trace.time, [0, 50 * unit_s])
+
+
 def test_acconeer_file_of_an_older_version_has_one_session(tmp_path):
     write_acconeer(tmp_path / "new.h5")
     write_acconeer(tmp_path / "old.h5")

@@ -66,8 +66,8 @@ def read_slow_time(path: str | Path, *, wavelength_m: float | None = None) -> xr
     path : path
         HDF5 of Acconeer's A121, or of the IQ service of its A111, or CSV. The heading of a CSV file
         names a column I (also `[I]`, `in-phase`, `real`), a column Q (`[Q]`, `quadrature`, `imag`)
-        and a time in seconds (`t`, `time`). Where each signal has columns `..._x` and `..._y`,
-        `..._x` is its time.
+        and a time (`t`, `time`) in seconds or in the unit of its name (`time_ms`). Where each
+        signal has columns `..._x` and `..._y`, `..._x` is its time.
     wavelength_m : float, optional
         Of the carrier, for displacements; for HDF5 of Acconeer 60.5 GHz by default.
 
@@ -287,6 +287,7 @@ def _read_columns(path: Path) -> xr.DataArray:
     with convert_parser_errors(path, _LAYOUTS):
         with path.open("rb") as file:
             heading = file.readline(_MAX_HEADING_BYTES).decode("utf-8-sig")
+        heading = heading.removeprefix("#")  # as numpy.savetxt writes it
         separator = next((mark for mark in ",;\t" if mark in heading), ",")
         names = next(csv.reader([heading], delimiter=separator), [])
         chosen = [_find_column(path, names, pattern, role) for role, pattern in _ROLES.items()]
@@ -307,7 +308,8 @@ def _read_columns(path: Path) -> xr.DataArray:
             expected="two lines or more of finite numbers, in the order of their times",
             fix="remove incomplete lines, and sort them by time",
         )
-    return _label_trace(table[:, 1] + 1j * table[:, 2], table[:, 0])
+    times_s = table[:, 0] * _unit_of_time_s(names[time_column])
+    return _label_trace(table[:, 1] + 1j * table[:, 2], times_s)
 
 
 _ROLES = {
@@ -315,6 +317,8 @@ _ROLES = {
     "Q": re.compile(r"(?:.*[^a-z])?(?:q|quadrature|im|imag)(?:[^a-z].*)?", re.IGNORECASE),
 }
 _TIME = re.compile(r"(?:t|time|timestamp)(?:[^a-z].*)?", re.IGNORECASE)
+_UNIT = re.compile(r"[^a-z](m|u|\u00b5|\u03bc|n)(?:s|sec)\W*$", re.IGNORECASE)
+_UNITS_S = {"m": 1e-3, "u": 1e-6, "\u00b5": 1e-6, "\u03bc": 1e-6, "n": 1e-9}
 
 
 def _find_column(path: Path, names: list[str], pattern: re.Pattern[str], role: str) -> int:
@@ -342,6 +346,12 @@ def _find_time_column(path: Path, names: list[str], of_signal: int) -> int:
         if signal.endswith("_y") and name.strip() == f"{signal[:-2]}_x":
             return index
     return _find_column(path, names, _TIME, "time")
+
+
+def _unit_of_time_s(name: str) -> float:
+    """Return the unit at the end of a heading, such as `time_ms` or `t [us]`; seconds without."""
+    unit = _UNIT.search(name.strip())
+    return 1.0 if unit is None else _UNITS_S[unit.group(1).lower()]
 
 
 def _label_trace(
