@@ -232,7 +232,7 @@ def write_diagonal_motion(folder, heading, speed, n_steps=5):
 def test_headings_that_contradict_the_motion_are_named(tmp_path, heading, angle_deg):
     traffic = dc.open_traffic(write_diagonal_motion(tmp_path, heading, 15.0))
 
-    texts = [str(item) for item in traffic.findings if item.setting == "traffic.heading"]
+    texts = [str(item) for item in traffic.findings if "of their motion" in str(item)]
     if angle_deg < 30:
         assert not texts
     else:
@@ -240,8 +240,16 @@ def test_headings_that_contradict_the_motion_are_named(tmp_path, heading, angle_
         assert f": 7 by {angle_deg} deg;" in texts[0]
 
 
+def test_headings_that_begin_beyond_one_turn_are_named(tmp_path):
+    # 45 rad are 58 degrees, and so near the motion at 30 degrees.
+    traffic = dc.open_traffic(write_diagonal_motion(tmp_path, "45", 15.0))
+
+    (finding,) = [item for item in traffic.findings if item.setting == "traffic.heading"]
+    assert "headings of 1 object begin beyond one turn: 7 at 45;" in str(finding)
+
+
 @pytest.mark.parametrize(
-    ("heading", "speed"), [("0.5236", 15.0), ("3.6652", 3.0), ("30", 1.0), ("", 15.0)]
+    ("heading", "speed"), [("0.5236", 15.0), ("3.6652", 3.0), ("-2", 1.0), ("", 15.0)]
 )
 def test_reversing_slow_and_unknown_headings_are_no_contradiction(tmp_path, heading, speed):
     traffic = dc.open_traffic(write_diagonal_motion(tmp_path, heading, speed))

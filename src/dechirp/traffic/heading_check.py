@@ -12,10 +12,11 @@ _MOVES_M_PER_S = 2.0  # 0.1 m of jitter in 0.1 s turns the course of slower ones
 _NEVER_REVERSES_M_PER_S = 10.0
 _MAX_SLIP_RAD = np.radians(30.0)  # tyres slip by at most 15 degrees before a vehicle spins
 _MIN_STEPS = 3
+_ONE_TURN_RAD = 2 * np.pi + 0.01
 
 
 def find_wrong_headings(objects: xr.Dataset) -> tuple[Finding, ...]:
-    """Return a warning if vehicles move across or against their headings; none otherwise.
+    """Return warnings on headings that begin beyond one turn, or contradict the motion.
 
     Headings in degrees, clockwise or from north do so.
 
@@ -24,6 +25,32 @@ def find_wrong_headings(objects: xr.Dataset) -> tuple[Finding, ...]:
     objects : Dataset
         Objects as `Traffic.objects`, with velocities.
     """
+    return (*_headings_beyond_one_turn(objects), *_contradicting_headings(objects))
+
+
+def _headings_beyond_one_turn(objects: xr.Dataset) -> tuple[Finding, ...]:
+    """Return a warning if first headings exceed one turn; later ones may be unwrapped."""
+    headings_rad = objects["heading"].values
+    is_known = np.isfinite(headings_rad)
+    first_rad = headings_rad[np.arange(len(headings_rad)), is_known.argmax(axis=1)]
+    beyond = np.flatnonzero(np.abs(first_rad) > _ONE_TURN_RAD)  # false for NaN, which is unknown
+    if not beyond.size:
+        return ()
+    names = [f"{objects['id'].values[index]} at {first_rad[index]:g}" for index in beyond.tolist()]
+    return (
+        Finding(
+            level="warning",
+            setting="traffic.heading",
+            value=f"headings of {format_count_with_noun(len(names), 'object')} begin beyond one"
+            f" turn: {join_names(names, at_most=4)}",
+            expected="radians, counterclockwise from the x axis",
+            fix="convert them if they are degrees; nothing to do if they are radians",
+        ),
+    )
+
+
+def _contradicting_headings(objects: xr.Dataset) -> tuple[Finding, ...]:
+    """Return a warning if vehicles move across or against their headings."""
     course_rad = np.arctan2(objects["vy"].values, objects["vx"].values)
     speeds = np.hypot(objects["vx"].values, objects["vy"].values)
     away = np.abs(np.exp(1j * (objects["heading"].values - course_rad)) - 1)  # 2 sin(angle / 2)
