@@ -89,3 +89,11 @@ def test_wrong_argument_is_named(changes, setting):
 
     with pytest.raises(dc.InvalidSetting, match=setting):
         dc.theory.crlb_directions(**arguments)
+
+
+@pytest.mark.parametrize("model", ["deterministic", "stochastic", "uncorrelated"])
+@pytest.mark.parametrize("azimuths_rad", [[0.1, 0.1], [-np.pi / 6, np.pi / 6]])
+def test_sources_with_the_same_phases_have_no_bound(model, azimuths_rad):
+    """Equal directions, and those that differ by a turn between elements a wavelength apart."""
+    bounds = dc.theory.crlb_directions(np.arange(8), azimuths_rad, np.ones(2), 1.0, 100, model)
+    assert np.isinf(bounds).all()

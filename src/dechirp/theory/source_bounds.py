@@ -108,7 +108,8 @@ def crlb_directions(
     steering = np.exp(-2j * np.pi * np.outer(elements, np.sin(azimuth)))
     derivatives = -2j * np.pi * np.outer(elements, np.cos(azimuth)) * steering
     if model == "deterministic":
-        if len(azimuth) >= len(elements):
+        is_ambiguous = np.linalg.matrix_rank(steering) < len(azimuth)  # such as equal directions
+        if len(azimuth) >= len(elements) or is_ambiguous:
             return np.full((len(azimuth), len(azimuth)), np.inf)
         powers, vectors = np.linalg.eigh(covariance)
         amplitudes = vectors * np.sqrt(n_snapshots * np.maximum(powers, 0))
