@@ -190,8 +190,8 @@ def diagnose_iq_order(peaks: MapPeaks, n_range: int, padding: float) -> Diagnosi
         f" unambiguous range; their levels, freed from R^-4, spread by {as_read:.1f} dB as read"
         f" and by {swapped:.1f} dB in the other order"
     )
-    # Fisher's distribution of the ratio of variances: 10 of 30 swapped arrays with echoes in both
-    # halves are told by it, and none of 161 right arrays.
+    # Fisher's distribution of the ratio of variances tells 10 of 30 swapped arrays with echoes in
+    # both halves. None of 161 right arrays has so many echoes in the far half that it is asked.
     degrees = max(n_total - 1, 1)
     ratio = (as_read / max(swapped, np.finfo(float).tiny)) ** 2
     fall_backwards = scipy.stats.f.sf(ratio, degrees, degrees) < _MAX_PROBABILITY_OF_SPREADS
