@@ -160,6 +160,28 @@ def test_objects_of_several_messages_with_number_signal(files):
     np.testing.assert_allclose(10 * np.log10(snr / expected_snr), 0, atol=0.25 + 1e-9)
 
 
+def test_value_without_object_marks_empty_messages(files):
+    """As Honda and Mazda send the largest distance in messages without an object."""
+    mapping = CanMapping(
+        messages=("TRACK_A_#",),
+        x=MappedSignal(signal="LONG_DIST", empty=255.0),
+        y=MappedSignal(signal="LAT_DIST", factor=-1.0),
+    )
+    layout = read_vendor_layout(files["toyota.dbc"], mapping)
+    objects = radial_object_list(2, 3)
+    at_empty_value = objects["x"].values.copy()
+    at_empty_value[0] = 255.0  # an object there is moved by one step of 0.04 m
+    objects = objects.assign(x=("object", at_empty_value))
+    frames = encode_vendor_frames(objects, layout, CanFd())
+    dbc = cantools.database.load_file(files["toyota.dbc"])
+    distances = [dbc.decode_message(f.identifier, f.data)["LONG_DIST"] for f in frames]
+    assert distances.count(255.0) == len(frames) - 6
+    result = assemble_vendor_list(frames, layout)
+    x, expected = sorted_columns(result, "x")[0], sorted_columns(objects, "x")[0]
+    np.testing.assert_allclose(x, expected, atol=0.04 + 1e-9)
+    assert read_vendor_layout(files["toyota.dbc"], "toyota-adas").empty_codes == {"VALID": 0}
+
+
 def test_lists_end_where_counter_changes_or_an_object_repeats(files):
     layout = read_vendor_layout(files["toyota.dbc"], "toyota-adas")
     objects = radial_object_list(6, 3)
@@ -236,6 +258,18 @@ def test_wrong_mapping_is_one_clear_error(mapping, message, files, tmp_path):
     file.write_text(mapping)
     with pytest.raises(DechirpError, match=message):
         read_vendor_layout(files["toyota.dbc"], file)
+
+
+def test_empty_value_outside_of_its_signal_is_refused(files):
+    mapping = CanMapping(
+        messages=("TRACK_A_#",),
+        x=MappedSignal(signal="LONG_DIST", empty=400.0),
+        y=MappedSignal(signal="LAT_DIST"),
+    )
+    with pytest.raises(InvalidSetting, match="LONG_DIST from 0 to 300; expected .* value 400"):
+        read_vendor_layout(files["toyota.dbc"], mapping)
+    with pytest.raises(InvalidSetting, match=r"MappedSignal\.empty"):
+        MappedSignal(signal="LONG_DIST", empty=math.nan)
 
 
 def test_mapping_without_dbc_or_file_is_refused(files, tmp_path):

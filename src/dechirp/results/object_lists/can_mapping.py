@@ -60,6 +60,8 @@ class MappedSignal:
     """In the SI unit of the quantity, or in dB."""
     unit: Literal["SI", "deg", "km/h", "dB"] = "SI"
     """Unit of the physical value, which many DBCs do not state."""
+    empty: float | None = None
+    """Physical value of messages without an object, such as the largest distance; None: no such."""
 
     def __post_init__(self) -> None:
         _check_text("MappedSignal.signal", self.signal)
@@ -69,6 +71,8 @@ class MappedSignal:
             raise InvalidSetting(
                 "MappedSignal.factor", value=0, expected="a number other than 0", fix="use 1 or -1"
             )
+        if self.empty is not None:
+            check_number("MappedSignal.empty", self.empty, at_least=-1e9, at_most=1e9)
 
     def quantity_from_physical(self, physical: np.ndarray) -> np.ndarray:
         """Return the quantity in SI units, ratios for dB."""
@@ -203,6 +207,8 @@ class VendorLayout(NamedTuple):
     """Codes by signal, equal in all messages."""
     start: Any | None
     """Message that begins a list."""
+    empty_codes: dict[str, int]
+    """Codes by signal of a message without an object; each of them says that there is none."""
 
     @property
     def counter_period(self) -> int:
@@ -281,6 +287,7 @@ def read_vendor_layout(dbc: str | Path, mapping: str | Path | CanMapping) -> Ven
         )
     codes = dict(_iter_codes_of_mapped_signals(dbc, mapping, [m for m, _ in numbers]))
     _check_status_codes_fit(dbc, mapping, codes)
+    empty_codes = dict(_iter_empty_codes(dbc, mapping, codes))
     return VendorLayout(
         name=str(dbc),
         mapping=mapping,
@@ -291,6 +298,7 @@ def read_vendor_layout(dbc: str | Path, mapping: str | Path | CanMapping) -> Ven
         },
         codes=codes,
         start=start,
+        empty_codes=empty_codes,
     )
 
 
@@ -349,6 +357,26 @@ def _check_status_codes_fit(
                 f"a signal with the code {code}",
                 "correct the codes of the mapping",
             )
+
+
+def _iter_empty_codes(
+    dbc: str | Path, mapping: CanMapping, codes: dict[str, SignalCodes]
+) -> Iterator[tuple[str, int]]:
+    """Yield the signals that mark a message without an object, and their codes."""
+    if mapping.status is not None:
+        yield mapping.status.signal, mapping.status.empty
+    for mapped in mapping.signals.values():
+        if mapped.empty is None:
+            continue
+        signal_codes, value = codes[mapped.signal], np.array([mapped.empty])
+        if signal_codes.out_of_range_mask(value).any():
+            raise _vendor_dbc_error(
+                dbc,
+                f"{mapped.signal} from {signal_codes.min_value:g} to {signal_codes.max_value:g}",
+                f"a signal with the value {mapped.empty:g}",
+                "correct `empty` of the mapping",
+            )
+        yield mapped.signal, int(signal_codes.encode_values(value)[0])
 
 
 def _check_text(setting: str, text: str) -> None:

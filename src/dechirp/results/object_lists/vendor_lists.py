@@ -135,6 +135,7 @@ def _vendor_lists_to_object_list(lists: list[_VendorList], layout: VendorLayout)
             if status is None
             else status_of_code.get(codes.get(status.signal, status.empty))
         )
+        and not any(codes.get(signal) == code for signal, code in layout.empty_codes.items())
     ]
 
     def quantity(name: str) -> np.ndarray:
@@ -195,7 +196,7 @@ def encode_vendor_frames(
     those of classical CAN.
 
     An object keeps its number as the number of its message where that exists and is free; the
-    others get free messages. Messages without an object have the `empty` status.
+    others get free messages. Messages without an object have the `empty` status and values.
 
     Warns
     -----
@@ -313,8 +314,7 @@ def _row_or_empty(
 ) -> dict[str, int]:
     if row is not None:
         return {name: int(codes[row]) for name, codes in rows.items()}
-    status = layout.mapping.status
-    return {} if status is None else {status.signal: status.empty}
+    return layout.empty_codes
 
 
 def _encode_quantities(objects: xr.Dataset, layout: VendorLayout) -> dict[str, np.ndarray]:
@@ -332,6 +332,11 @@ def _encode_quantities(objects: xr.Dataset, layout: VendorLayout) -> dict[str, n
         limits = f"{mapped.signal} ({codes.min_value:.6g} to {codes.max_value:.6g})"
         n_clipped[limits] = int((codes.out_of_range_mask(physical) & ~is_unknown).sum())
         rows[mapped.signal] = codes.encode_values(physical)
+        if mapped.empty is not None:  # the nearest other code: this one would hide the object
+            empty_code = layout.empty_codes[mapped.signal]
+            other_code = empty_code + (1 if empty_code < codes.max_code else -1)
+            is_empty_code = rows[mapped.signal] == empty_code
+            rows[mapped.signal] = np.where(is_empty_code, other_code, rows[mapped.signal])
     warn_clipped_values("the DBC", n_clipped)
     _warn_unknown_values(n_unknown)
     if layout.mapping.number is not None:
