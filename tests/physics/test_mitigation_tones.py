@@ -94,6 +94,27 @@ def test_chain_repairs_a_frame_of_one_chirp_and_keeps_others_bit_identical(radar
     assert difference < 0.1  # the noise of a fifth of the samples; a hundred before, squared
 
 
+def test_chirps_without_their_noise_are_the_tones_of_the_whole_chirp(radar):
+    rng = np.random.default_rng(5)
+    _, disturbed, _ = make_chirp(rng)
+    duration_s = 2 * N_SAMPLES / radar.frame.chirp.sample_rate_hz
+    chirp = replace(
+        radar.frame.chirp, sampling="complex", n_samples=N_SAMPLES, ramp_duration_s=duration_s
+    )
+    frame = dc.Frame(chirp=chirp, n_chirps=2, interval_s=duration_s)
+    quiet = 0.1 * rng.normal(size=N_SAMPLES) + 0.1j * rng.normal(size=N_SAMPLES)
+    samples = np.stack([disturbed, quiet[None]]).astype(np.complex64)
+
+    cleaned = InterferenceTones(keep_noise=False).clean(samples, frame)
+
+    tones = fit_tones_outside_bursts(samples[0]).tones
+    assert np.allclose(cleaned[0], tones, atol=1e-6)
+    assert np.array_equal(cleaned[1], samples[1])  # no burst: unchanged
+    radar = replace(radar, frame=frame)
+    (finding,) = InterferenceTones(keep_noise=False).limitation_findings(radar)
+    assert "keep_noise" in str(finding)
+
+
 @pytest.mark.parametrize(
     ("n_chirps", "n_samples", "expected"),
     [(3, 256, None), (4, 256, "frames of 4 chirps"), (1, 8, "and 8 samples")],

@@ -27,6 +27,11 @@ class InterferenceTones(Mitigation):
     `tone_fit`.
     """
 
+    keep_noise: bool = True
+    """Keep the samples outside bursts. False: chirps with bursts become the tones alone, without
+    noise, to show or measure strong echoes; weak ones vanish and thresholds of noise do not hold.
+    """
+
     def clean(self, samples: np.ndarray, frame: Frame) -> np.ndarray:
         """Repair the chirps that have bursts; see `Mitigation.clean`."""
         checked = checked_single_precision_samples(samples, frame)
@@ -37,14 +42,25 @@ class InterferenceTones(Mitigation):
             fit = fit_tones_outside_bursts(checked[chirp])
             if fit.is_burst.any():
                 out = checked.copy() if out is checked else out
-                out[chirp][:, fit.is_burst] = fit.tones[:, fit.is_burst]
+                is_replaced = fit.is_burst if self.keep_noise else np.ones_like(fit.is_burst)
+                out[chirp][:, is_replaced] = fit.tones[:, is_replaced]
         return out
 
     def limitation_findings(self, radar: Radar) -> list[Finding]:
         """Warn about frames that this method leaves as they are."""
         frame = radar.frame
         if frame.n_chirps < MIN_CHIRPS and frame.chirp.n_samples >= MIN_SAMPLES:
-            return []
+            if self.keep_noise:
+                return []
+            return [
+                Finding(
+                    level="warning",
+                    setting=f"chain.mitigation.{self.kind()}.keep_noise",
+                    value="false: chirps with bursts lose their noise",
+                    expected="noise in all chirps, from which thresholds are estimated",
+                    fix="use keep_noise: true for detection",
+                )
+            ]
         return [
             Finding(
                 level="warning",
