@@ -1,11 +1,12 @@
 """Attenuation by air, rain and cloud from ITU's validation examples."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 
 from dechirp.theory.attenuation import (
     fog_db_per_km,
@@ -18,25 +19,33 @@ from dechirp.witnesses.base import Comparison, Witness, compare_arrays
 
 _BASIS = "1e-3 of the value, as ITU's examples are used"
 _MM_PER_H = 1 / 3.6e6  # m/s
-_LIQUID_WATER_K = 273.15  # of P.840's reference for cloud
+_MAP_PERCENT = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5)
+_MAP_PERCENT += (10, 20, 30, 50, 60, 70, 80, 90, 95, 99, 100)  # fmt: skip
+_MAPS = "840"  # folder of ITU's maps of liquid water, `itur/data/840` of ITU-Rpy
 
 
 class ItuAttenuation(Witness):
-    """Recommendations P.676, P.838 and P.840, all rows."""
+    """Recommendations P.676, P.838 and P.840, all rows; P.840 with ITU's maps of liquid water."""
 
     folder: ClassVar[str] = "itu_validation"
     source: ClassVar[str] = "ITU-R study group 3 validation examples, by ITU-Rpy 6d7f35c"
     licence: ClassVar[str] = "MIT"
 
     def compare(self, folder: Path) -> Iterator[Comparison]:
-        """Compare specific attenuations; of cloud, the ratio of two frequencies at one place.
+        """Compare specific attenuations, and the attenuation of cloud on paths to space.
 
-        The attenuation of cloud itself needs ITU's maps of liquid water, which dechirp has not.
+        Without the folder of the maps, of cloud only the ratio of two frequencies at one place.
         """
         for edition in ("12", "13"):
             yield from _compare_gases(folder / f"ITURP676-{edition}_gamma.csv", edition)
         yield _compare_rain(folder / "ITURP838-3_rain_specific_attenuation.csv")
-        yield _compare_cloud(folder / "ITURP840-8_cloud_attenuation.csv")
+        cloud = folder / "ITURP840-8_cloud_attenuation.csv"
+        yield _compare_cloud_ratios(cloud)
+        for edition, path, maps, water_db in (
+            (8, cloud, "v7_lred", _reduced_cloud_water_db),
+            (9, folder / "ITURP840-9_cloud_attenuation.csv", "v9_l", _cloud_water_db),
+        ):
+            yield _compare_cloud(path, edition, folder / _MAPS, maps, water_db)
 
 
 def _compare_gases(path: Path, edition: str) -> Iterator[Comparison]:
@@ -72,16 +81,12 @@ def _compare_rain(path: Path) -> Comparison:
     return compare_arrays(quantity, rows[:, 6], ours, unit="dB/km", relative=1e-3, basis=_BASIS)
 
 
-def _compare_cloud(path: Path) -> Comparison:
+def _compare_cloud_ratios(path: Path) -> Comparison:
     rows = _read_rows(path)
-    by_frequency = [rows[rows[:, 2] == ghz] for ghz in np.unique(rows[:, 2])]
-    low, high = by_frequency
+    low, high = (rows[rows[:, 2] == ghz] for ghz in np.unique(rows[:, 2]))
     if not np.array_equal(np.delete(low, (2, 5), axis=1), np.delete(high, (2, 5), axis=1)):
         raise ValueError(f"{path.name}: places differ between both frequencies")
-    low_db, high_db = (
-        fog_db_per_km(part[0, 2] * 1e9, 1e-3, temperature_k=_LIQUID_WATER_K)
-        for part in by_frequency
-    )
+    low_db, high_db = (_reduced_cloud_water_db(part[0, 2]) for part in (low, high))
     return compare_arrays(
         f"P.840-8, cloud, {len(low)} ratios of 29 to 14 GHz",
         high[:, 5] / low[:, 5],
@@ -90,6 +95,68 @@ def _compare_cloud(path: Path) -> Comparison:
         relative=1e-3,
         basis=_BASIS,
     )
+
+
+def _compare_cloud(
+    path: Path, edition: int, maps: Path, stem: str, water_db: Callable[[float], float]
+) -> Comparison:
+    if not maps.is_dir():
+        raise FileNotFoundError(
+            f"ITU's maps of liquid water, folder {maps.parent.name}/{maps.name}"
+        )
+    rows = _read_rows(path)
+    grid = stem.partition("_")[0]
+    axes = [_read_map(maps / f"{grid}_{axis}.npz") for axis in ("lat", "lon")]
+    latitudes_deg, longitudes_deg = axes[0][:, 0], axes[1][0]
+    ours = []
+    for latitude_deg, longitude_deg, ghz, elevation_deg, percent, _ in rows:
+        # P.840 interpolates the places on a plane, and the probability by its logarithm.
+        lower, upper = (
+            max(p for p in _MAP_PERCENT if p <= percent),
+            min(p for p in _MAP_PERCENT if p >= percent),
+        )
+        water = [
+            float(
+                RegularGridInterpolator(
+                    (latitudes_deg[::-1], longitudes_deg),
+                    _read_map(maps / f"{stem}_{f'{p:g}'.replace('.', '')}.npz")[::-1],
+                )((latitude_deg, longitude_deg % 360)).item()
+            )
+            for p in (lower, upper)
+        ]
+        if upper > lower:
+            weight = math.log(percent / lower) / math.log(upper / lower)
+            water[0] += weight * (water[1] - water[0])
+        ours.append(water[0] * water_db(ghz) / math.sin(math.radians(elevation_deg)))
+    return compare_arrays(
+        f"P.840-{edition}, cloud, {len(rows)} paths to space, with ITU's maps",
+        rows[:, 5],
+        ours,
+        unit="dB",
+        relative=1e-3,
+        basis=_BASIS,
+    )
+
+
+def _reduced_cloud_water_db(ghz: float) -> float:
+    """Return the attenuation by 1 kg/m^2 of water at 0 degrees Celsius, by P.840-8."""
+    return float(fog_db_per_km(ghz * 1e9, 1e-3, temperature_k=273.15))
+
+
+def _cloud_water_db(ghz: float) -> float:
+    """Return the attenuation by 1 kg/m^2 of liquid water at its own temperature, by P.840-9."""
+    at_reference_db = fog_db_per_km(ghz * 1e9, 1e-3, temperature_k=273.75)
+    correction = (
+        0.1522 * math.exp(-((ghz + 23.9589) ** 2) / 3.2991e3)
+        + 11.51 * math.exp(-((ghz - 219.2096) ** 2) / 2.7595e6)
+        - 10.4912
+    )
+    return float(at_reference_db) * correction
+
+
+def _read_map(path: Path) -> np.ndarray:
+    with np.load(path) as arrays:
+        return np.asarray(next(iter(arrays.values())))
 
 
 def _read_rows(path: Path) -> np.ndarray:
