@@ -19,8 +19,10 @@ from dechirp.witnesses.base import Comparison, Witness, compare_arrays
 
 _BASIS = "1e-3 of the value, as ITU's examples are used"
 _MM_PER_H = 1 / 3.6e6  # m/s
-_MAP_PERCENT = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5)
-_MAP_PERCENT += (10, 20, 30, 50, 60, 70, 80, 90, 95, 99, 100)  # fmt: skip
+_MAP_PERCENT = np.array(
+    [0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5, 10, 20, 30, 50]
+    + [60, 70, 80, 90, 95, 99, 100]
+)
 _MAPS = "840"  # folder of ITU's maps of liquid water, `itur/data/840` of ITU-Rpy
 
 
@@ -41,11 +43,10 @@ class ItuAttenuation(Witness):
         yield _compare_rain(folder / "ITURP838-3_rain_specific_attenuation.csv")
         cloud = folder / "ITURP840-8_cloud_attenuation.csv"
         yield _compare_cloud_ratios(cloud)
-        for edition, path, maps, water_db in (
-            (8, cloud, "v7_lred", _reduced_cloud_water_db),
-            (9, folder / "ITURP840-9_cloud_attenuation.csv", "v9_l", _cloud_water_db),
-        ):
-            yield _compare_cloud(path, edition, folder / _MAPS, maps, water_db)
+        maps = folder / _MAPS
+        yield _compare_cloud(cloud, 8, maps, "v7_lred", _reduced_cloud_water_db)
+        cloud = folder / "ITURP840-9_cloud_attenuation.csv"
+        yield _compare_cloud(cloud, 9, maps, "v9_l", _cloud_water_db)
 
 
 def _compare_gases(path: Path, edition: str) -> Iterator[Comparison]:
@@ -111,10 +112,8 @@ def _compare_cloud(
     ours = []
     for latitude_deg, longitude_deg, ghz, elevation_deg, percent, _ in rows:
         # P.840 interpolates the places on a plane, and the probability by its logarithm.
-        lower, upper = (
-            max(p for p in _MAP_PERCENT if p <= percent),
-            min(p for p in _MAP_PERCENT if p >= percent),
-        )
+        lower = float(_MAP_PERCENT[_MAP_PERCENT <= percent].max())
+        upper = float(_MAP_PERCENT[_MAP_PERCENT >= percent].min())
         water = [
             float(
                 RegularGridInterpolator(
