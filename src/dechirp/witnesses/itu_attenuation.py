@@ -19,10 +19,8 @@ from dechirp.witnesses.base import Comparison, Witness, compare_arrays
 
 _BASIS = "1e-3 of the value, as ITU's examples are used"
 _MM_PER_H = 1 / 3.6e6  # m/s
-_MAP_PERCENT = np.array(
-    [0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5, 10, 20, 30, 50]
-    + [60, 70, 80, 90, 95, 99, 100]
-)
+_MAP_PERCENT = [0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 3.0, 5.0]
+_MAP_PERCENT += [10.0, 20.0, 30.0, 50.0, 60.0, 70.0, 80.0, 90.0, 95.0, 99.0, 100.0]
 _MAPS = "840"  # folder of ITU's maps of liquid water, `itur/data/840` of ITU-Rpy
 
 
@@ -112,8 +110,8 @@ def _compare_cloud(
     ours = []
     for latitude_deg, longitude_deg, ghz, elevation_deg, percent, _ in rows:
         # P.840 interpolates the places on a plane, and the probability by its logarithm.
-        lower = float(_MAP_PERCENT[_MAP_PERCENT <= percent].max())
-        upper = float(_MAP_PERCENT[_MAP_PERCENT >= percent].min())
+        lower = max(p for p in _MAP_PERCENT if p <= percent)
+        upper = min(p for p in _MAP_PERCENT if p >= percent)
         water = [
             float(
                 RegularGridInterpolator(
