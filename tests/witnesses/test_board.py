@@ -13,6 +13,7 @@ from dechirp.witnesses.board import (
     board_document,
     find_witness_data,
     run_witnesses,
+    summarise_board,
 )
 
 
@@ -76,7 +77,7 @@ class _Speaker:
         return "speaker"
 
     def compare(self, folder):
-        yield make_comparison()
+        yield make_comparison(answer="own")
         yield make_comparison(ours=9.0, cause="a known cause")
         if self._error is not None:
             raise self._error
@@ -96,9 +97,12 @@ def test_board_counts_numbers_and_names_causes(monkeypatch, tmp_path):
 
     assert (document["n_witnesses"], document["n_numbers"], document["n_passed"]) == (1, 2, 1)
     assert document["passed"] is False
-    *_, good, bad = board_as_markdown((testimony,)).splitlines()
-    assert good == "| `speaker` | a test, none | level | 2 W | 2.5 W | 0.5 W: a test | passed |"
-    assert bad == "| | | level | 2 W | 9 W | 0.5 W: a test | fails: a known cause |"
+    *_, good, bad, _, summary = board_as_markdown((testimony,)).splitlines()
+    assert summary == document["summary"]
+    assert (
+        good == "| `speaker` | a test, none | level | own | 2 W | 2.5 W | 0.5 W: a test | passed |"
+    )
+    assert bad == "| | | level | independent | 2 W | 9 W | 0.5 W: a test | fails: a known cause |"
 
 
 def test_missing_folder_and_file_are_listed_as_missing(monkeypatch, tmp_path):
@@ -115,6 +119,31 @@ def test_error_of_a_witness_fails_the_board_and_keeps_its_numbers(monkeypatch, t
 
     assert (testimony.passed, len(testimony.comparisons)) == (False, 2)
     assert "KeyError" in board_as_markdown((testimony,))
+
+
+def test_summary_counts_own_decoding_apart_and_names_missing_sets(monkeypatch, tmp_path):
+    (tmp_path / "speaker").mkdir()
+    complete = run_speaker(monkeypatch, tmp_path)
+    partly = run_speaker(monkeypatch, tmp_path, FileNotFoundError("no levels.bin"))
+    broken = run_speaker(monkeypatch, tmp_path, KeyError("column"))
+
+    assert summarise_board((complete,)) == (
+        "0 of 1 independent answers agree, from 1 of 1 witnesses."
+        " 1 of 1 answers of our own decoding agree."
+    )
+    assert summarise_board((complete, partly, broken)).endswith(
+        " Missing, at least in part: speaker. Ended by an error, at least in part: speaker."
+    )
+    assert board_document((partly,))["missing"] == ["speaker"]
+
+
+def test_command_names_missing_sets_in_its_last_line(monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("DECHIRP_WITNESS_DATA", str(tmp_path))
+
+    _, out, _ = run_cli(capsys, "verify", "--witnesses", "--out", str(tmp_path / "out"))
+
+    last = " ".join(out.split()).rpartition("Missing, at least in part:")[2]
+    assert last.strip(" .").split(", ") == [*Witness.members()]
 
 
 def run_cli(capsys, *arguments):

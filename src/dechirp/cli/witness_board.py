@@ -58,25 +58,22 @@ def write_witness_board(out: Path, *, as_json: bool, quiet: bool) -> int:
 
 def _print_board(testimonies: "tuple[Testimony, ...]", out: Path) -> None:
     from dechirp.cli.console import new_table, open_stdout_console
-    from dechirp.witnesses.board import format_comparison
+    from dechirp.witnesses.board import format_comparison, summarise_board
 
     screen = open_stdout_console()
     for testimony in testimonies:
         screen.print(f"{testimony.source} ({testimony.licence})")
         if testimony.comparisons:
-            table = new_table("", text_columns=["quantity", ""], number_columns=["theirs", "ours"])
+            table = new_table(
+                "", text_columns=["quantity", "answer", ""], number_columns=["theirs", "ours"]
+            )
             for comparison in testimony.comparisons:
-                quantity, theirs, ours, _, result = format_comparison(comparison)
-                table.add_row(quantity, result, theirs, ours)
+                quantity, answer, theirs, ours, _, result = format_comparison(comparison)
+                table.add_row(quantity, answer, result, theirs, ours)
             screen.print(table)
         if testimony.missing:
             screen.print(f"Missing: {testimony.missing}")
         if testimony.error:
             screen.print(f"Failed: {testimony.error}")
-    comparisons = [item for testimony in testimonies for item in testimony.comparisons]
-    n_passed = sum(comparison.passed for comparison in comparisons)
-    screen.print(
-        f"{n_passed} of {len(comparisons)} numbers agree, from"
-        f" {sum(bool(testimony.comparisons) for testimony in testimonies)} witnesses."
-    )
     screen.print(f"Board: {out / 'witnesses.md'}")
+    screen.print(summarise_board(testimonies))

@@ -37,6 +37,9 @@ class Comparison:
     """Known cause of a difference beyond the tolerance."""
     relation: Literal["equal", "at least", "at most"] = "equal"
     """What ours has to be: theirs within the tolerance, or better than it on one side."""
+    answer: Literal["independent", "own"] = "independent"
+    """Origin of theirs: numbers that other people published, or that dechirp's developers computed
+    from the published files, by a plain decoding or by their own reading of the scene."""
 
     @property
     def difference(self) -> float:
@@ -74,6 +77,7 @@ def compare_arrays(
     absolute: float = 0.0,
     relative: float = 0.0,
     cause: str = "",
+    answer: Literal["independent", "own"] = "independent",
 ) -> Comparison:
     """Return the comparison of the two elements that exceed their tolerance most.
 
@@ -106,6 +110,7 @@ def compare_arrays(
         tolerance=float(tolerance[worst]),
         basis=basis,
         cause=cause,
+        answer=answer,
     )
 
 

@@ -93,6 +93,45 @@ def _hear_witness(witness: Witness, data: Path) -> Testimony:
     )
 
 
+@frozen_dataclass
+class BoardCounts:
+    """Numbers of one kind of answer, and the witnesses that they come from."""
+
+    n_numbers: int
+    n_passed: int
+    n_witnesses: int
+
+
+def count_answers(testimonies: tuple[Testimony, ...], answer: str) -> BoardCounts:
+    """Count the numbers whose answers are `independent` or `own`; see `Comparison.answer`."""
+    kept = [
+        [item for item in testimony.comparisons if item.answer == answer]
+        for testimony in testimonies
+    ]
+    return BoardCounts(
+        n_numbers=sum(map(len, kept)),
+        n_passed=sum(item.passed for items in kept for item in items),
+        n_witnesses=sum(bool(items) for items in kept),
+    )
+
+
+def summarise_board(testimonies: tuple[Testimony, ...]) -> str:
+    """Return one sentence for each kind of answer, and one on sets that are missing or failed."""
+    independent, own = (count_answers(testimonies, answer) for answer in ("independent", "own"))
+    sentences = [
+        f"{independent.n_passed} of {independent.n_numbers} independent answers agree, from"
+        f" {independent.n_witnesses} of {len(testimonies)} witnesses.",
+        f"{own.n_passed} of {own.n_numbers} answers of our own decoding agree.",
+    ]
+    for title, names in (
+        ("Missing", [testimony.name for testimony in testimonies if testimony.missing]),
+        ("Ended by an error", [testimony.name for testimony in testimonies if testimony.error]),
+    ):
+        if names:
+            sentences.append(f"{title}, at least in part: {', '.join(names)}.")
+    return " ".join(sentences)
+
+
 def board_document(testimonies: tuple[Testimony, ...]) -> dict[str, Any]:
     """Return the board as JSON data."""
     comparisons = [item for testimony in testimonies for item in testimony.comparisons]
@@ -100,6 +139,11 @@ def board_document(testimonies: tuple[Testimony, ...]) -> dict[str, Any]:
         "n_witnesses": sum(bool(testimony.comparisons) for testimony in testimonies),
         "n_numbers": len(comparisons),
         "n_passed": sum(comparison.passed for comparison in comparisons),
+        "n_independent": count_answers(testimonies, "independent").n_numbers,
+        "n_independent_passed": count_answers(testimonies, "independent").n_passed,
+        "n_independent_witnesses": count_answers(testimonies, "independent").n_witnesses,
+        "missing": [testimony.name for testimony in testimonies if testimony.missing],
+        "summary": summarise_board(testimonies),
         "passed": all(testimony.passed for testimony in testimonies),
         "witnesses": [
             {
@@ -111,6 +155,7 @@ def board_document(testimonies: tuple[Testimony, ...]) -> dict[str, Any]:
                 "numbers": [
                     {
                         "quantity": comparison.quantity,
+                        "answer": comparison.answer,
                         "theirs": comparison.theirs,
                         "ours": comparison.ours,
                         "unit": comparison.unit,
@@ -131,11 +176,11 @@ def board_document(testimonies: tuple[Testimony, ...]) -> dict[str, Any]:
 def board_as_markdown(testimonies: tuple[Testimony, ...]) -> str:
     """Return the board as a Markdown table, one row for each number or missing witness.
 
-    The first row of a witness names its source.
+    The first row of a witness names its source. The summary follows the table.
     """
     lines = [
-        "| Witness | Source, licence | Quantity | Theirs | Ours | Tolerance | Result |",
-        "|---|---|---|---|---|---|---|",
+        "| Witness | Source, licence | Quantity | Answer | Theirs | Ours | Tolerance | Result |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for testimony in testimonies:
         source = f"`{testimony.name}` | {testimony.source}, {testimony.licence}"
@@ -144,17 +189,18 @@ def board_as_markdown(testimonies: tuple[Testimony, ...]) -> str:
             source = "|"
         if testimony.missing or testimony.error:
             outcome = f"missing: {testimony.missing}" if testimony.missing else testimony.error
-            lines.append(f"| {source} | | | | | {outcome} |")
-    return "\n".join(lines) + "\n"
+            lines.append(f"| {source} | | | | | | {outcome} |")
+    return "\n".join([*lines, "", summarise_board(testimonies)]) + "\n"
 
 
-def format_comparison(comparison: Comparison) -> tuple[str, str, str, str, str]:
-    """Return quantity, theirs, ours, tolerance with its basis, and result, as text."""
+def format_comparison(comparison: Comparison) -> tuple[str, str, str, str, str, str]:
+    """Return quantity, answer, theirs, ours, tolerance with its basis, and result, as text."""
     unit = "" if comparison.unit == "1" else f" {comparison.unit}"
     bound = "" if comparison.relation == "equal" else f"{comparison.relation} "
     result = "passed" if comparison.passed else f"fails: {comparison.cause or 'cause unknown'}"
     return (
         comparison.quantity,
+        comparison.answer,
         f"{bound}{_format_digits(comparison.theirs, 7)}{unit}",
         f"{_format_digits(comparison.ours, 7)}{unit}",
         f"{_format_digits(comparison.tolerance, 2)}{unit}: {comparison.basis}",

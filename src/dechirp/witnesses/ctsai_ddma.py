@@ -47,6 +47,7 @@ class CtsaiDdma(Witness):
             unit="1",
             absolute=0.0,
             basis="equal",
+            answer="own",
         )
         code = recording.radar.frame.multiplexing
         bands = getattr(code, "sub_bands", None) or ()
@@ -69,6 +70,7 @@ class CtsaiDdma(Witness):
             unit="1",
             absolute=0.0,
             basis="equal",
+            answer="own",
         )
         yield Comparison(
             quantity="transmit order, 1 if recognised",
@@ -93,6 +95,7 @@ class CtsaiDdma(Witness):
                 unit="1",
                 tolerance=0,
                 basis="one static target",
+                answer="own",
             )
             yield Comparison(
                 quantity=f"velocity at {range_m:.2f} m, a static target",
@@ -101,6 +104,7 @@ class CtsaiDdma(Witness):
                 unit="m/s",
                 tolerance=0.07,
                 basis="half a Doppler cell of 0.14 m/s",
+                answer="own",
             )
 
 

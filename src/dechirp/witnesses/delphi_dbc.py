@@ -50,6 +50,7 @@ class DelphiDbc(Witness):
             unit="1",
             tolerance=0,
             basis="equal",
+            answer="own",
         )
         azimuth = np.radians(azimuth_deg)  # positive to the right
         away = np.stack([np.cos(azimuth), -np.sin(azimuth)])
@@ -66,6 +67,7 @@ class DelphiDbc(Witness):
                     unit=unit,
                     absolute=1e-9,
                     basis="rounding",
+                    answer="own",
                 )
 
 
