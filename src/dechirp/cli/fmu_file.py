@@ -31,6 +31,8 @@ _MODULE = "dechirp_radar"
 # PythonFMU runs this file in the FMU; the resources also contain its own modules.
 _SCRIPT = f'''"""Radar of dechirp in an FMU; its Python needs {REQUIREMENT}."""
 
+import atexit
+import ctypes
 from pathlib import Path
 
 from pythonfmu import DefaultExperiment, Fmi2Causality, Fmi2Slave, Fmi2Variability, Integer
@@ -49,7 +51,11 @@ class DechirpRadar(Fmi2Slave):
 
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
-        self.radar = OsmpRadar(Path(self.resources))
+        resources = Path(self.resources)
+        self.radar = OsmpRadar(resources)
+        for library in resources.parent.glob("binaries/linux64/*.so"):
+            # At the end of a process on Linux, PythonFMU 0.7.0 would release its interpreter twice.
+            atexit.register(ctypes.CDLL(str(library)).finalizePythonInterpreter)
         self.default_experiment = DefaultExperiment(0.0, None, self.radar.period_s)
         for name, variable in self.radar.variables.items():
             self._register(name, variable, is_input=name.endswith("In"))
