@@ -353,3 +353,35 @@ def test_masked_values_are_refused_and_unmasked_ones_accepted(call):
     values[3, 4] = np.ma.masked
     with pytest.raises(dc.InvalidSetting, match=r"[12] masked values; .*filled\(0\)"):
         call(values)
+
+
+# Several settings may be valid without numbers; a complex amplitude is one.
+COMPLEX = {"amplitudes", "covariance", "samples", "snapshots", "source_covariance", "weights"}
+OTHER_THAN_NUMBERS = {
+    "empty": np.empty(0),
+    "empty rows": np.empty((0, 8)),
+    "empty columns": np.empty((8, 0)),
+    "NaN": np.nan,
+    "text": ["text"],
+    "ragged": [[1], [1, 2]],
+    "mapping": {},
+    "complex": 1j,
+}
+
+
+@pytest.mark.parametrize("kind", OTHER_THAN_NUMBERS)
+def test_every_argument_of_numbers_refuses_other_values_by_its_name(kind):
+    wrong = []
+    for name, valid_arguments in VALID_ARGUMENTS.items():
+        for argument, valid in valid_arguments.items():
+            if not isinstance(valid, Numbers) or (kind == "complex" and argument in COMPLEX):
+                continue
+            try:
+                load_function(name)(**{**valid_arguments, argument: OTHER_THAN_NUMBERS[kind]})
+                wrong.append(f"{name}({argument}): accepted")
+            except dc.InvalidSetting as error:
+                check_error_is_complete(error)
+                if not any(argument in mistake.setting for mistake in error.mistakes):
+                    wrong.append(f"{name}({argument}): {error}")
+
+    assert wrong == []

@@ -237,7 +237,18 @@ def test_rejects_decibels_of_cube(result):
 )
 def test_accessor_rejects_foreign_dataset(foreign):
     with pytest.raises(dc.InvalidSetting, match="detections, clusters, tracks, ego motion or"):
-        _ = foreign.dechirp
+        foreign.dechirp.table()
+
+
+@pytest.mark.parametrize(
+    "foreign", [xr.Dataset(), xr.DataArray([1j]), xr.DataArray(["text"], attrs={"units": "W"})]
+)
+def test_accessor_of_foreign_arrays_answers_hasattr_and_is_displayed(foreign):
+    assert hasattr(foreign, "dechirp")
+    assert "expected" in repr(foreign.dechirp)
+    for name in {"plot", "table", "db"} & set(dir(foreign.dechirp)):
+        with pytest.raises(dc.InvalidSetting, match=r"^array\.dechirp: "):
+            getattr(foreign.dechirp, name)()
 
 
 def test_ego_motion_has_table():

@@ -50,6 +50,48 @@ class TableAccessor:
     """Accessor of detections, clusters, tracks, ego motion and truth: metres, degrees, decibels."""
 
     def __init__(self, dataset: xr.Dataset) -> None:
+        self._dataset = dataset
+
+    def table(self) -> "pd.DataFrame":
+        """Return a row each, with the columns of the CSV file: `range_m`, `azimuth_deg`, ..."""
+        import pandas as pd
+
+        self._row_dimension()
+        return pd.DataFrame(dataset_to_columns(self._dataset))
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Return the table as an Arrow stream: `polars.DataFrame(detections.dechirp)`."""
+        self._row_dimension()
+        return export_arrow_stream(dataset_to_columns(self._dataset))
+
+    @check_argument_types
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the rows from above, as the report does, and return the axes.
+
+        Detections without an azimuth are drawn as ranges over time. Without `ax`, an `Axes` of
+        matplotlib, the current ones of pyplot are used.
+        """
+        return load_plots().plot_table(self._dataset, ax, dim=self._row_dimension())
+
+    def __repr__(self) -> str:
+        try:
+            return self._describe_row_count_and_ranges(self._row_dimension())
+        except InvalidSetting as error:
+            return str(error)
+
+    def _repr_html_(self) -> str | None:
+        try:
+            text = self._describe_row_count_and_ranges(self._row_dimension())
+        except InvalidSetting:
+            return None
+        return render_display_html("", text, [first_rows_display_table(self._dataset)])
+
+    def _row_dimension(self) -> str:
+        """Return the dimension of the rows, or raise `InvalidSetting` for any other dataset.
+
+        It is no check of the constructor: `hasattr(dataset, "dechirp")` has an answer.
+        """
+        dataset = self._dataset
         dim = next((name for name in _REQUIRED_VARIABLES if name in dataset.dims), None)
         if dim is None or _REQUIRED_VARIABLES[dim] not in dataset:
             variables = ", ".join(map(str, dataset.data_vars)) or "nothing"
@@ -60,38 +102,11 @@ class TableAccessor:
                 "pass a result of dc.detect or a similar function; select one row with "
                 "isel(detection=[0])",
             )
-        self._dataset, self._dim = dataset, dim
+        return dim
 
-    def table(self) -> "pd.DataFrame":
-        """Return a row each, with the columns of the CSV file: `range_m`, `azimuth_deg`, ..."""
-        import pandas as pd
-
-        return pd.DataFrame(dataset_to_columns(self._dataset))
-
-    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
-        """Return the table as an Arrow stream: `polars.DataFrame(detections.dechirp)`."""
-        return export_arrow_stream(dataset_to_columns(self._dataset))
-
-    @check_argument_types
-    def plot(self, axes: Any = None) -> Any:
-        """Draw the rows from above, as the report does, and return the axes.
-
-        Detections without an azimuth are drawn as ranges over time. Without `axes`, an `Axes` of
-        matplotlib, the current ones of pyplot are used.
-        """
-        return load_plots().plot_table(self._dataset, axes, dim=self._dim)
-
-    def __repr__(self) -> str:
-        return self._describe_row_count_and_ranges()
-
-    def _repr_html_(self) -> str:
-        return render_display_html(
-            "", self._describe_row_count_and_ranges(), [first_rows_display_table(self._dataset)]
-        )
-
-    def _describe_row_count_and_ranges(self) -> str:
+    def _describe_row_count_and_ranges(self, dim: str) -> str:
         dataset = self._dataset
-        parts = [format_count_with_noun(dataset.sizes[self._dim], self._dim)]
+        parts = [format_count_with_noun(dataset.sizes[dim], dim)]
         for name, unit in _SUMMARY_UNITS.items():
             values = dataset[name].values if name in dataset else np.empty(0)
             finite = values[np.isfinite(values)]
@@ -108,6 +123,56 @@ class PowerMapAccessor:
     """Accessor of power maps: decibels and degrees."""
 
     def __init__(self, power: xr.DataArray) -> None:
+        self._power = power
+
+    def __repr__(self) -> str:
+        try:
+            units = self._sample_units()
+        except InvalidSetting as error:
+            return str(error)
+        level, unit = power_to_dbm_or_dbfs(self._power.values, units), power_level_unit(units)
+        cells = " x ".join(f"{size} {name}" for name, size in self._power.sizes.items())
+        if not level.size:
+            return f"no cells: {cells}"
+        return f"{cells}, {format_number(level.min(), 3)} to {format_number(level.max(), 3)} {unit}"
+
+    @check_argument_types
+    def plot(self, ax: Any = None, *, detections: xr.Dataset | None = None) -> Any:
+        """Draw the map, spectrogram or spectrum as the report does, and return the axes.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Axes of matplotlib, whose space the colour bar shares; by default the current ones of
+            pyplot.
+        detections : Dataset over `detection`, optional
+            Detections to mark.
+        """
+        units = self._sample_units()
+        return load_plots().plot_power(self._power, ax, units=units, detections=detections)
+
+    def db(self) -> xr.DataArray:
+        """Return the map in dBm or dBFS, with the angles along its axes in degrees."""
+        power, units = self._power, self._sample_units()
+        level = power.copy(data=power_to_dbm_or_dbfs(power.values, units))
+        # Libraries for units know dB, and no dBFS.
+        level_units, name = (
+            ("dBm", "power") if is_absolute(units) else ("dB", "power over full scale")
+        )
+        level = level.assign_attrs(units=level_units, long_name=name)
+        in_degrees = {
+            name: axis.copy(data=np.degrees(axis.values)).assign_attrs(units="deg")
+            for name, axis in level.coords.items()
+            if axis.attrs.get("units") == "rad"
+        }
+        return level.assign_coords(in_degrees)
+
+    def _sample_units(self) -> str:
+        """Return the units of the samples, or raise `InvalidSetting` if the array is no map.
+
+        It is no check of the constructor: `hasattr(cube, "dechirp")` has an answer.
+        """
+        power = self._power
         units = _SAMPLE_UNITS.get(current_units(power.attrs.get("units")))
         if units is None or power.dtype.kind not in "fiu":
             raise _invalid_array_error(
@@ -115,47 +180,7 @@ class PowerMapAccessor:
                 "a power map in W or full scale squared",
                 "pass a result of dc.power_map or a similar function",
             )
-        self._power, self._units = power, units
-
-    def __repr__(self) -> str:
-        level, unit = (
-            power_to_dbm_or_dbfs(self._power.values, self._units),
-            power_level_unit(self._units),
-        )
-        cells = " x ".join(f"{size} {name}" for name, size in self._power.sizes.items())
-        if not level.size:
-            return f"no cells: {cells}"
-        return f"{cells}, {format_number(level.min(), 3)} to {format_number(level.max(), 3)} {unit}"
-
-    @check_argument_types
-    def plot(self, axes: Any = None, *, detections: xr.Dataset | None = None) -> Any:
-        """Draw the map, spectrogram or spectrum as the report does, and return the axes.
-
-        Parameters
-        ----------
-        axes : Axes, optional
-            Axes of matplotlib, whose space the colour bar shares; by default the current ones of
-            pyplot.
-        detections : Dataset over `detection`, optional
-            Detections to mark.
-        """
-        return load_plots().plot_power(self._power, axes, units=self._units, detections=detections)
-
-    def db(self) -> xr.DataArray:
-        """Return the map in dBm or dBFS, with the angles along its axes in degrees."""
-        power = self._power
-        level = power.copy(data=power_to_dbm_or_dbfs(power.values, self._units))
-        # Libraries for units know dB, and no dBFS.
-        units, name = (
-            ("dBm", "power") if is_absolute(self._units) else ("dB", "power over full scale")
-        )
-        level = level.assign_attrs(units=units, long_name=name)
-        in_degrees = {
-            name: axis.copy(data=np.degrees(axis.values)).assign_attrs(units="deg")
-            for name, axis in level.coords.items()
-            if axis.attrs.get("units") == "rad"
-        }
-        return level.assign_coords(in_degrees)
+        return units
 
 
 def load_plots() -> Any:

@@ -80,7 +80,7 @@ def check_whole_numbers(
 ) -> np.ndarray:
     """Return an array of integers, or raise `InvalidSetting` unless all are, within bounds."""
     values = check_finite_array(setting, array)
-    numbers = values if values.size == 0 else np.asarray(array)
+    numbers = np.asarray(array)
     is_whole = numbers.dtype.kind in "iu"
     wrong = numbers[(values < at_least) | (values > at_most) | (not is_whole)]
     if wrong.size:
@@ -189,10 +189,14 @@ def check_detection_probability(
 
 
 def check_non_negative_ratios(
-    setting: str, array: ArrayLike, *, at_most: float = _LARGEST_MAGNITUDE
+    setting: str,
+    array: ArrayLike,
+    *,
+    at_most: float = _LARGEST_MAGNITUDE,
+    may_be_empty: bool = False,
 ) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are from 0 to `at_most`."""
-    values = check_real_array(setting, array)
+    values = check_real_array(setting, array, may_be_empty=may_be_empty)
     _check_ratios_by_mask(setting, values, values >= 0, "finite, 0 or more", at_most)
     return values
 
@@ -218,12 +222,13 @@ def check_finite_array(
     above: float = -math.inf,
     below: float = math.inf,
     largest: float = _LARGEST_MAGNITUDE,
+    may_be_empty: bool = False,
 ) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are finite, within bounds.
 
     Magnitudes are at most `largest`.
     """
-    values = check_real_array(setting, array)
+    values = check_real_array(setting, array, may_be_empty=may_be_empty)
     wrong = values[~((above < values) & (values < below) & (abs(values) <= largest))]
     if wrong.size:
         bounds = [(above, f"above {above:.6g}"), (below, f"below {below:.6g}")]
@@ -240,16 +245,24 @@ def check_finite_array(
     return values
 
 
-def check_real_array(setting: str, array: ArrayLike) -> np.ndarray:
+def check_real_array(setting: str, array: ArrayLike, *, may_be_empty: bool = False) -> np.ndarray:
     """Convert real numbers to a float array.
 
-    Text, ragged rows and masked values are refused by `InvalidSetting`.
+    Text, ragged rows, masked values, and empty arrays unless they are permitted, are refused by
+    `InvalidSetting`.
     """
     check_unmasked(setting, array)
     try:
         values = np.asarray(array)
     except ValueError:  # ragged rows
         values = np.asarray(None)
+    if not (values.size or may_be_empty):
+        raise InvalidSetting(
+            setting,
+            value=f"an empty array {values.shape}",
+            expected="one number or more",
+            fix="skip the call where there is nothing to compute",
+        )
     # NumPy stores integers beyond 64 bits as objects.
     if values.dtype.kind in "iuf" or all(_is_finite_number(value) for value in values.flat):
         return values.astype(float)

@@ -63,7 +63,7 @@ def elementwise(function: Callable[P, R_co]) -> ElementwiseFunction[P, R_co]:
         columns = broadcast_arguments(**elements)
         rows = zip(*(column.ravel().tolist() for column in columns), strict=True)
         results = [compute(**arguments | dict(zip(elements, row, strict=True))) for row in rows]
-        stacked = np.asarray(results, None if results else float)
+        stacked = np.asarray(results)
         axes_of_result = stacked.shape[1:]
         stacked = stacked.reshape(columns[0].shape + axes_of_result)
         own = range(-len(axes_of_result), 0)
@@ -81,4 +81,7 @@ def _as_array_of_numbers(name: str, value: object) -> np.ndarray | None:
         array = np.asarray(value)
     except ValueError:  # ragged rows
         return None
-    return array if array.ndim and array.dtype.kind in "iuf" else None
+    if not (array.ndim and array.dtype.kind in "iuf"):
+        return None
+    check_real_array(name, array)  # refuses empty arrays
+    return array

@@ -59,8 +59,8 @@ def pairwise_distances_m(estimate_m: ArrayLike, truth_m: ArrayLike) -> np.ndarra
     InvalidSetting
         If a position is not finite, or the sets have different axes.
     """
-    estimates = check_finite_array("estimate_m", estimate_m)
-    truth = check_finite_array("truth_m", truth_m)
+    estimates = check_finite_array("estimate_m", estimate_m, may_be_empty=True)
+    truth = check_finite_array("truth_m", truth_m, may_be_empty=True)
     if estimates.size == 0 or truth.size == 0:
         return np.zeros((len(estimates), len(truth)))
     if estimates.ndim != 2 or truth.ndim != 2 or estimates.shape[1] != truth.shape[1]:

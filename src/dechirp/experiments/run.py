@@ -148,14 +148,14 @@ class Result(Displayable):
             yield first_rows_display_table(self.tracks, "Tracks")
 
     @check_argument_types
-    def plot(self, axes: Any = None) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw the first figure of the report and return its axes.
 
         The scene from above with the detections of the first frame, for a recording its tracks, or
-        without tracks the samples of the first chirp. Without `axes`, an `Axes` of matplotlib, the
+        without tracks the samples of the first chirp. Without `ax`, an `Axes` of matplotlib, the
         current ones of pyplot are used.
         """
-        return load_plots().plot_result(self, axes)
+        return load_plots().plot_result(self, ax)
 
     def frames(self) -> Iterator[xr.DataArray]:
         """Yield the kept frames as cubes of one frame each; recordings are decoded on the fly."""

@@ -94,6 +94,8 @@ def range_velocity_estimates(
     Standard errors are those of the maximum of the sum of n_channels periodograms, see
     `theory.bounds.noncoherent_effective_snr`, times those of `sidelobes`.
     """
+    if not len(snr):  # the bounds refuse empty arrays
+        return dict.fromkeys(("range", "velocity", "snr", "range_std", "velocity_std"), np.empty(0))
     chirp = frame.chirp
     beat_hz = beat_rad_per_sample * chirp.sample_rate_hz / (2 * np.pi) - doppler_hz
     wavelength_m = SPEED_OF_LIGHT / (chirp.mean_sampled_frequency_hz - beat_hz)

@@ -55,7 +55,7 @@ def user_axes(axes: Axes | None) -> Iterator[Axes]:
             axes = plt.gca()
         if not isinstance(axes, Axes):
             raise InvalidSetting(
-                "axes",
+                "ax",
                 value=f"a {type(axes).__name__}",
                 expected="axes of matplotlib, or None for the current ones",
                 fix="pass figure.subplots() or the second result of plt.subplots()",

@@ -6,7 +6,7 @@ they have elements.
 """
 
 from collections.abc import Iterator
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -143,9 +143,9 @@ def _covariance_changes(model: SourceModel, azimuth: np.ndarray) -> Iterator[np.
                 yield from (change, 1j * change)
 
 
-def _check_line(setting: str, values: ArrayLike, **limits: float) -> np.ndarray:
+def _check_line(setting: str, values: ArrayLike, **limits: Any) -> np.ndarray:
     line = check_finite_array(setting, values, **limits)
-    if line.ndim != 1 or line.size == 0:
+    if line.ndim != 1:
         raise InvalidSetting(
             setting,
             value=f"an array {line.shape}",

@@ -107,7 +107,7 @@ def track(
     tracker = Tracker() if tracker is None else tracker
     check_type("tracker", tracker, Tracker, fix="give Tracker(), its settings")
     axis = checked_row_axis_name(detections, "frame")
-    times = check_finite_array("times_s", times_s).reshape(-1)
+    times = check_finite_array("times_s", times_s, may_be_empty=True).reshape(-1)
     check_integer("first", first, at_least=0)
     tracker.check_confirmable_within(len(times))
     live_tracker = LiveTracker(tracker, velocity_span_m_per_s=velocity_span_m_per_s)

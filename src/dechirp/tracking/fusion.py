@@ -67,7 +67,9 @@ class RadarDetections:
                 fix="give the place of the radar, such as front-left",
             )
         checked_row_axis_name(self.detections, "frame")
-        times_s = check_finite_array("RadarDetections.times_s", self.times_s).reshape(-1)
+        times_s = check_finite_array(
+            "RadarDetections.times_s", self.times_s, may_be_empty=True
+        ).reshape(-1)
         object.__setattr__(self, "times_s", tuple(times_s.tolist()))
         if not np.all(np.diff(times_s) > 0):
             raise InvalidSetting(

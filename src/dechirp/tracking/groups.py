@@ -292,7 +292,7 @@ def track_groups(
     tracker = GroupTracker() if tracker is None else tracker
     live_tracker = LiveGroupTracker(tracker, velocity_span_m_per_s=velocity_span_m_per_s)
     check_point_table(points, "frame")
-    times = check_finite_array("times_s", times_s).reshape(-1)
+    times = check_finite_array("times_s", times_s, may_be_empty=True).reshape(-1)
     check_integer("first", first, at_least=0)
     frame_index = frame_index_per_row(points, first, len(times), table="points")[
         usable_point_mask(points)

@@ -136,7 +136,7 @@ class DirectionEstimator(Family):
                 expected=f"{snapshots.shape[:1]}: one for each detection",
                 fix="give the noise in one element of each",
             )
-        check_non_negative_ratios("noise_power", noise_power)
+        check_non_negative_ratios("noise_power", noise_power, may_be_empty=True)
         if isinstance(self.n_sources, int) and self.n_sources >= aperture.n_elements:
             raise InvalidSetting(
                 f"{type(self).__name__}.n_sources",

@@ -351,7 +351,9 @@ def _array_cells(
             fix="give (..., n_snapshots, n_elements)",
         )
     cells = amplitudes.shape[:-2]
-    noise = check_non_negative_ratios("noise_power", 0.0 if noise_power is None else noise_power)
+    noise = check_non_negative_ratios(
+        "noise_power", 0.0 if noise_power is None else noise_power, may_be_empty=True
+    )
     try:
         noise = np.broadcast_to(noise, cells)
     except ValueError:

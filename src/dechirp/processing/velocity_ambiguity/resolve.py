@@ -42,7 +42,7 @@ def resolve_velocity_ambiguity(
     tones, noise = map_peaks.tones, map_peaks.amplitude_noise
     doppler_hz = principal_doppler_hz(tones, frame)
     hypotheses = unresolved_hypotheses(len(doppler_hz))
-    if frame.n_slots == 1 or frame.n_chirps == 1:
+    if frame.n_slots == 1 or frame.n_chirps == 1 or not len(doppler_hz):
         return ResolvedPeaks(map_peaks, doppler_hz, hypotheses)
     if frame.modulation is not None:
         amplitude = by_ramps.remove_beat_phase(tones.amplitude, tones.fast, frame)

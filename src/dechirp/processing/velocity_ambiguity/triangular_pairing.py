@@ -161,6 +161,8 @@ def _pair_costs(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> np.ndarra
     Differences of amplitudes up to a common phase, of the Doppler frequencies from chirp to
     chirp, and of these from the Doppler frequency of the beats, aliased.
     """
+    if not (len(up.snr) and len(down.snr)):
+        return np.zeros((len(up.snr), len(down.snr)))
     noise = up.amplitude_noise[:, None] + down.amplitude_noise
     up_amplitude, down_amplitude = up.tones.amplitude, down.tones.amplitude
     power = np.sum(abs(up_amplitude) ** 2, axis=1)[:, None] + np.sum(
@@ -226,6 +228,8 @@ def _falling_ramp_doppler_drop_hz(
 
 def _beat_frequency_variance(snr: np.ndarray, frame: Frame) -> np.ndarray:
     """Return the Cramer-Rao bound of the beat frequency of a peak, Hz^2."""
+    if not len(snr):
+        return np.zeros(0)
     chirp = frame.chirp
     variance = frequency_variance(snr=snr, n_points=chirp.n_samples)
     return np.asarray(variance * (chirp.sample_rate_hz / (2 * np.pi)) ** 2)

@@ -96,11 +96,13 @@ def check_object_list(objects: object) -> xr.Dataset:
     }
     columns["frame"] = check_non_negative_integers("objects.frame", objects["frame"].values)
     columns["number"] = check_non_negative_integers("objects.number", objects["number"].values)
-    columns["time"] = check_finite_array("objects.time", objects["time"].values)
+    columns["time"] = check_finite_array("objects.time", objects["time"].values, may_be_empty=True)
     columns["status"] = _check_statuses(objects["status"].values)
     if "cycle_frame" in objects.variables and "cycle_time" in objects.variables:
         frame = check_non_negative_integers("objects.cycle_frame", objects["cycle_frame"].values)
-        time_s = check_finite_array("objects.cycle_time", objects["cycle_time"].values)
+        time_s = check_finite_array(
+            "objects.cycle_time", objects["cycle_time"].values, may_be_empty=True
+        )
     else:
         frame, time_s = unique_cycles(columns["frame"], columns["time"])
     _check_cycles_ascend(frame, time_s)
@@ -164,8 +166,9 @@ def check_numbers_or_nan(setting: str, values: np.ndarray) -> np.ndarray:
     """Return numbers, which may be NaN, as floats, or raise `InvalidSetting` for `setting`."""
     column = np.asarray(values)
     if column.dtype.kind not in "iuf":
-        column = check_finite_array(setting, column)
-    check_finite_array(setting, column[~np.isnan(column)], largest=np.finfo(float).max)
+        column = check_finite_array(setting, column, may_be_empty=True)
+    finite = column[~np.isnan(column)]
+    check_finite_array(setting, finite, largest=np.finfo(float).max, may_be_empty=True)
     return column.astype(float)
 
 
@@ -182,7 +185,7 @@ def _check_not_negative(name: str, column: np.ndarray) -> np.ndarray:
 
 def check_non_negative_integers(setting: str, values: np.ndarray) -> np.ndarray:
     """Return non-negative integers, or raise `InvalidSetting` for `setting`."""
-    column = np.atleast_1d(check_finite_array(setting, values))
+    column = np.atleast_1d(check_finite_array(setting, values, may_be_empty=True))
     invalid = column[(column < 0) | (column != np.round(column)) | (column > 2**53)]
     if invalid.size:
         raise InvalidSetting(

@@ -84,7 +84,7 @@ def object_list(
         if times_s is None:
             frame, time_s = unique_cycles(columns["frame"], columns["time"])
         else:
-            time_s = np.ravel(check_finite_array("times_s", times_s))
+            time_s = np.ravel(check_finite_array("times_s", times_s, may_be_empty=True))
             frame = first + np.arange(len(time_s))
     else:
         raise _unsuitable_dataset_error(
@@ -104,7 +104,7 @@ def _object_columns_from_tracks(
     )
     status = tracks["status"].transpose("frame", "track").values
     at_frame, of_track = np.nonzero((status == "tentative") | (status == "confirmed"))
-    time_s = check_finite_array("tracks.time", tracks["time"].values)
+    time_s = check_finite_array("tracks.time", tracks["time"].values, may_be_empty=True)
 
     def column(name: str) -> np.ndarray:
         if name not in tracks.variables:
