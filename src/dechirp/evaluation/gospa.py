@@ -65,7 +65,16 @@ def gospa(
     cutoff_m = check_number("cutoff_m", cutoff_m, above=0)
     order = check_number("order", order, at_least=1, at_most=_LARGEST_ORDER)
     alpha = check_number("alpha", alpha, above=0, at_most=2)
-    distances_m = np.minimum(pairwise_distances_m(estimate_m, truth_m), cutoff_m)
+    return gospa_of_distances(
+        pairwise_distances_m(estimate_m, truth_m), cutoff_m=cutoff_m, order=order, alpha=alpha
+    )
+
+
+def gospa_of_distances(
+    distances_m: np.ndarray, *, cutoff_m: float, order: float = 2, alpha: float = 2
+) -> Gospa:
+    """Compute `gospa` from the distances of all pairs, (n_estimates, n_truth)."""
+    distances_m = np.minimum(distances_m, cutoff_m)
     n_estimates, n_truth = distances_m.shape
     cost = (distances_m / cutoff_m) ** order  # relative to the cut-off, to avoid overflow
     pairs = scipy.optimize.linear_sum_assignment(cost)

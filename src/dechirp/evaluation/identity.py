@@ -1,5 +1,7 @@
 """Track identity: the assignment of tracks to targets, frame by frame."""
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy
 import xarray as xr
@@ -68,20 +70,37 @@ def track_identities(tracks: xr.Dataset, truth: xr.Dataset, *, cutoff_m: float) 
             expected="one column for each frame of the tracks",
             fix="compute both for the same frames",
         )
-    track_m, confirmed = _xy_positions_m(tracks, "track"), _confirmed_track_mask(tracks)
-    truth_m = _xy_positions_m(truth, "target")
-    is_present = np.isfinite(truth_m).all(axis=-1)
+    track_m, truth_m = _xy_positions_m(tracks, "track"), _xy_positions_m(truth, "target")
+    return identities_from_distances(
+        tracks,
+        np.isfinite(truth_m).all(axis=-1),
+        lambda frame, rows, targets: pairwise_distances_m(
+            track_m[rows, frame], truth_m[targets, frame]
+        ),
+        cutoff_m=cutoff_m,
+    )
+
+
+PairDistances = Callable[[int, np.ndarray, np.ndarray], np.ndarray]
+"""Function of the index of a frame, indices of tracks (t,) and of targets (n,), which returns the
+distances of all pairs, (t, n)."""
+
+
+def identities_from_distances(
+    tracks: xr.Dataset, is_present: np.ndarray, distances_m: PairDistances, *, cutoff_m: float
+) -> xr.Dataset:
+    """Assign confirmed tracks to targets as `track_identities`, by distances of any kind.
+
+    `is_present` is True for the targets of each frame, (target, frame).
+    """
+    confirmed = _confirmed_track_mask(tracks)
     holder = np.full(is_present.shape, NO_TRACK)
     current = np.full(len(is_present), NO_TRACK)
     for frame in range(is_present.shape[1]):
-        current = _assign_tracks_keeping_previous(
-            current,
-            track_m[:, frame],
-            np.flatnonzero(confirmed[:, frame]),
-            truth_m[:, frame],
-            np.flatnonzero(is_present[:, frame]),
-            cutoff_m,
-        )
+        rows, targets = np.flatnonzero(confirmed[:, frame]), np.flatnonzero(is_present[:, frame])
+        of_all_m = np.full((len(confirmed), len(is_present)), np.inf)
+        of_all_m[np.ix_(rows, targets)] = distances_m(frame, rows, targets)
+        current = _assign_tracks_keeping_previous(current, rows, targets, of_all_m, cutoff_m)
         holder[:, frame] = current
     is_held = holder != NO_TRACK
     has_started = np.logical_or.accumulate(is_held, axis=1)
@@ -93,22 +112,19 @@ def track_identities(tracks: xr.Dataset, truth: xr.Dataset, *, cutoff_m: float) 
             "n_swaps": ("target", [_count_track_changes(row[row != NO_TRACK]) for row in holder]),
             "n_false": ("frame", confirmed.sum(0) - is_held.sum(0)),
         },
-        coords={"frame": truth["frame"]},
+        coords={"frame": tracks["frame"]},
     )
 
 
 def _assign_tracks_keeping_previous(
     previous: np.ndarray,
-    track_m: np.ndarray,
     tracks: np.ndarray,
-    truth_m: np.ndarray,
     targets: np.ndarray,
+    distances_m: np.ndarray,
     cutoff_m: float,
 ) -> np.ndarray:
     """Return the track of each target in a frame, given those of the previous frame."""
     assignment = np.full_like(previous, NO_TRACK)
-    distances_m = np.full((len(track_m), len(truth_m)), np.inf)
-    distances_m[np.ix_(tracks, targets)] = pairwise_distances_m(track_m[tracks], truth_m[targets])
     is_near = distances_m <= cutoff_m
     for target in targets:
         if previous[target] != NO_TRACK and is_near[previous[target], target]:

@@ -4,15 +4,15 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.values import frozen_dataclass
-from dechirp.evaluation.gospa import gospa
-from dechirp.evaluation.identity import track_identities
+from dechirp.evaluation.gospa import gospa_of_distances
+from dechirp.evaluation.identity import identities_from_distances
 
 MIN_VISIBLE_SHARE = 0.5
 """An object of which nearer ones hide more counts as shadowed."""
 MAX_AZIMUTH_RAD = np.pi / 3
 """Objects farther from boresight are beyond the beam of a front radar."""
 CUTOFF_M = 5.0
-"""Largest distance of a track from the nearest point of its object: the length of a car."""
+"""Largest distance of a track from the outline of its object: the length of a car."""
 
 
 @frozen_dataclass
@@ -20,7 +20,7 @@ class TrackScores:
     """Scores of tracks over all objects that are demanded, and all frames."""
 
     gospa_m: float
-    """Mean over frames of confirmed tracks against the nearest points of objects."""
+    """Mean over frames of confirmed tracks against the outlines of objects."""
     n_identity_switches: int
     """Changes of objects to another track."""
     n_false_tracks: float
@@ -47,8 +47,7 @@ class TrafficScores:
     velocity_known_share: float
     """Share of the detected pairs whose detections determine a velocity; NaN without any."""
     gospa_m: float | None
-    """Mean over frames of confirmed tracks against the nearest points of objects; None without
-    tracks."""
+    """Mean over frames of confirmed tracks against the outlines of objects; None without tracks."""
     n_identity_switches: int | None
     """Changes of objects to another track."""
     n_false_tracks: float | None
@@ -100,38 +99,76 @@ def score_traffic(objects: xr.Dataset, tracks: xr.Dataset | None) -> TrafficScor
 
 
 def score_tracks(objects: xr.Dataset, is_demanded: np.ndarray, tracks: xr.Dataset) -> TrackScores:
-    """Score tracks against objects, `x y` over (target, frame), of which some are demanded."""
-    identities = track_identities(tracks, objects[["x", "y"]], cutoff_m=CUTOFF_M)
+    """Score tracks against the outlines of objects, (target, frame), of which some are demanded."""
     tracks = tracks.transpose("track", "frame", ...)
-    tracks_m = np.stack([tracks[name].values for name in "xy"], axis=-1)
+    identities, distances_m = object_identities(tracks, objects), _OutlineDistances(tracks, objects)
     is_confirmed = tracks["status"].values == "confirmed"
-    objects_m = np.stack([objects[name].values for name in "xy"], axis=-1)
+    n_tracks, n_frames = is_confirmed.shape
     holder = identities["holder"].values
     errors_m = []
     n_structure_tracks = 0
-    for frame in range(objects_m.shape[1]):
+    for frame in range(n_frames):
         # Tracks of objects that are not demanded are neither right nor wrong.
         others = holder[~is_demanded[:, frame], frame]
-        is_scored = is_confirmed[:, frame] & ~np.isin(np.arange(len(tracks_m)), others)
-        is_object = np.isin(np.arange(len(tracks_m)), holder[:, frame])
+        is_scored = is_confirmed[:, frame] & ~np.isin(np.arange(n_tracks), others)
+        is_object = np.isin(np.arange(n_tracks), holder[:, frame])
         if "on_structure" in tracks:
             is_structure = is_scored & tracks["on_structure"].values[:, frame] & ~is_object
             n_structure_tracks += int(is_structure.sum())
             is_scored &= ~is_structure
         errors_m.append(
-            gospa(
-                tracks_m[is_scored, frame],
-                objects_m[is_demanded[:, frame], frame],
+            gospa_of_distances(
+                distances_m(
+                    frame, np.flatnonzero(is_scored), np.flatnonzero(is_demanded[:, frame])
+                ),
                 cutoff_m=CUTOFF_M,
             ).error_m
         )
-    n_per_frame = n_structure_tracks / objects_m.shape[1]
+    n_per_frame = n_structure_tracks / n_frames
     return TrackScores(
         gospa_m=float(np.mean(errors_m)),
         n_identity_switches=int(identities["n_swaps"].sum()),
         n_false_tracks=float(identities["n_false"].mean()) - n_per_frame,
         n_structure_tracks=n_per_frame,
     )
+
+
+def object_identities(tracks: xr.Dataset, objects: xr.Dataset) -> xr.Dataset:
+    """Assign confirmed tracks to objects by their distances from the outlines.
+
+    Returns what `track_identities` does.
+    """
+    objects = objects.transpose("target", "frame")
+    return identities_from_distances(
+        tracks,
+        np.isfinite(objects["x"].values),
+        _OutlineDistances(tracks.transpose("track", "frame", ...), objects),
+        cutoff_m=CUTOFF_M,
+    )
+
+
+class _OutlineDistances:
+    """Distances of tracks from the outlines of objects, 0 inside, for the pairs of a frame.
+
+    A track follows the centre of a body. The offset of the echo from the centre is known to metres,
+    so a track within the outline has no error that a radar could avoid.
+    """
+
+    def __init__(self, tracks: xr.Dataset, objects: xr.Dataset) -> None:
+        self._tracks_m = np.stack([tracks[name].values for name in "xy"], axis=-1)
+        self._centres_m = np.stack([objects[f"centre_{name}"].values for name in "xy"], axis=-1)
+        self._headings_rad = objects["heading"].values
+        sizes_m = [objects[name].values for name in ("length", "width")]
+        self._half_sizes_m = np.stack(sizes_m, axis=-1) / 2
+
+    def __call__(self, frame: int, rows: np.ndarray, targets: np.ndarray) -> np.ndarray:
+        from_centres_m = self._tracks_m[rows, None, frame] - self._centres_m[None, targets, frame]
+        heading_rad = self._headings_rad[targets, frame]
+        cos, sin = np.cos(heading_rad), np.sin(heading_rad)
+        x_m, y_m = np.moveaxis(from_centres_m, -1, 0)
+        along_and_across_m = np.stack([cos * x_m + sin * y_m, cos * y_m - sin * x_m], axis=-1)
+        outside_m = np.maximum(np.abs(along_and_across_m) - self._half_sizes_m[targets], 0)
+        return np.asarray(np.linalg.norm(outside_m, axis=-1))
 
 
 def _rms(errors: np.ndarray) -> float:

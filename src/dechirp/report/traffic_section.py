@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 
 from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import EN_DASH, format_fixed
-from dechirp.evaluation.identity import track_identities
 from dechirp.evaluation.traffic_scores import (
     CUTOFF_M,
     MIN_VISIBLE_SHARE,
     TrackScores,
     TrafficScores,
     demanded_object_mask,
+    object_identities,
     score_traffic,
 )
 from dechirp.report.figures.style import GREEN, INK, ORANGE, PALE, render_svg
@@ -160,8 +160,7 @@ def _draw_outlines(axes: Axes, objects: xr.Dataset) -> None:
 def _track_changes(objects: xr.Dataset, tracks: xr.Dataset | None) -> np.ndarray | None:
     if tracks is None:
         return None
-    identities = track_identities(tracks, objects[["x", "y"]], cutoff_m=CUTOFF_M)
-    return np.asarray(identities["n_swaps"].values)
+    return np.asarray(object_identities(tracks, objects)["n_swaps"].values)
 
 
 def _format_rms(errors: np.ndarray) -> str:

@@ -3,7 +3,8 @@
 States are x, vx, y, vy over the plane, in m and m/s. Motion is straight but for white acceleration.
 States of bodies have two more: the offset of the echo from the centre of the body, along x and y.
 It stays nearly the same from frame to frame, so that it does not average out like a white
-measurement error: it is a Gauss-Markov process with the covariance of the body's size.
+measurement error: it is a Gauss-Markov process with the covariance of the body's size. Its mean is
+on the side of the radar, since bodies hide their far side.
 
 Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation,
 Wiley, 2001, 8.4 (autocorrelated measurement errors, by augmented states).
@@ -28,6 +29,15 @@ class StateEstimates(NamedTuple):
     covariance: np.ndarray
 
 
+class BodyOffsets(NamedTuple):
+    """Distribution of the offsets of echoes from the centres of their bodies, along x and y."""
+
+    mean_m: np.ndarray
+    """(n, 2)."""
+    covariance_m2: np.ndarray
+    """(n, 2, 2)."""
+
+
 class PredictedMeasurements(NamedTuple):
     """Measurements (azimuth, range, rate) expected of tracks, without the errors of detections."""
 
@@ -43,24 +53,34 @@ def predict_states(
     states: StateEstimates,
     interval_s: float,
     process_noise_m2_per_s3: float,
-    size_m2: np.ndarray | None = None,
+    offsets: BodyOffsets | None = None,
 ) -> StateEstimates:
-    """Predict states over an interval; offsets of bodies tend to zero mean and a covariance.
-
-    `size_m2`, (n, 2, 2), is that covariance, along x and y.
-    """
+    """Predict states over an interval; offsets of bodies tend to `offsets`."""
     n_states = states.mean.shape[1]
     transition = np.eye(n_states)
     transition[[0, 2], [1, 3]] = interval_s
     noise = white_acceleration_covariance(interval_s, process_noise_m2_per_s3, n_states)
-    if size_m2 is not None:
-        decay = np.exp(-interval_s / _OFFSET_TIME_S)
+    decay = np.exp(-interval_s / _OFFSET_TIME_S)
+    if offsets is not None:
         transition[_OFFSETS, _OFFSETS] = decay
-        noise = np.repeat(noise[None], len(size_m2), axis=0)
-        noise[:, 4:, 4:] += (1 - decay**2) * size_m2
-    return StateEstimates(
-        states.mean @ transition.T, transition @ states.covariance @ transition.T + noise
-    )
+        noise = np.repeat(noise[None], len(offsets.mean_m), axis=0)
+        noise[:, 4:, 4:] += (1 - decay**2) * offsets.covariance_m2
+    mean = states.mean @ transition.T
+    if offsets is not None:
+        mean[:, 4:] += (1 - decay) * offsets.mean_m
+    return StateEstimates(mean, transition @ states.covariance @ transition.T + noise)
+
+
+def near_side_offsets_m(means: np.ndarray, pose: RadarPose, target_size_m: float) -> np.ndarray:
+    """Return offsets (n, 2) of the length `target_size_m` from the echoes of states to the radar.
+
+    `means` are those of bodies, (n, 6), or of their echoes, (n, 4). A body hides its far side, so
+    its echo is nearer than its centre: by half the width of a vehicle beside the radar, half the
+    length of one ahead.
+    """
+    from_radar_m = _echo_states(means)[:, [0, 2]] - pose.position_m
+    range_m = np.maximum(np.linalg.norm(from_radar_m, axis=1, keepdims=True), 1e-9)
+    return np.asarray(-target_size_m * from_radar_m / range_m)
 
 
 def states_relative_to_radar(states: StateEstimates, pose: RadarPose) -> StateEstimates:

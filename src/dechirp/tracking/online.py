@@ -14,7 +14,12 @@ from dechirp.core.detection_columns import check_type
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
-from dechirp.tracking.kalman_filter import N_BODY_STATES, StateEstimates
+from dechirp.tracking.kalman_filter import (
+    N_BODY_STATES,
+    BodyOffsets,
+    StateEstimates,
+    near_side_offsets_m,
+)
 from dechirp.tracking.measurements import (
     Measurements,
     checked_row_axis_name,
@@ -87,18 +92,19 @@ def initial_track_means_and_covariances(
 
 
 def add_offset_states(
-    means: np.ndarray, covariances: np.ndarray, size_m2: np.ndarray
+    means: np.ndarray, covariances: np.ndarray, offsets: BodyOffsets
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return means (n, 6) and covariances of the centres of bodies from those of their echoes.
 
-    The offset has zero mean and the covariance `size_m2`, (n, 2, 2), independent of the echo.
+    The offsets are independent of the errors of the echoes.
     """
     to_centre = np.eye(N_BODY_STATES)
     to_centre[[0, 2], [4, 5]] = -1.0
     padded = np.zeros((len(means), N_BODY_STATES, N_BODY_STATES))
     padded[:, :4, :4] = covariances
-    padded[:, 4:, 4:] = size_m2
-    return np.pad(means, ((0, 0), (0, 2))), to_centre @ padded @ to_centre.T
+    padded[:, 4:, 4:] = offsets.covariance_m2
+    means = np.concatenate([means, offsets.mean_m], axis=1)
+    return means @ to_centre.T, to_centre @ padded @ to_centre.T
 
 
 def body_covariances_m2(measurements: Measurements, pose: RadarPose = AT_ORIGIN) -> np.ndarray:
@@ -315,7 +321,9 @@ class LiveTracker:
         )
         sizes_m2 = body_covariances_m2(measurements, pose)
         if self._tracker.target_size_m:
-            means, covariances = add_offset_states(means, covariances, sizes_m2)
+            near_m = near_side_offsets_m(means, pose, self._tracker.target_size_m)
+            offsets = BodyOffsets(near_m, sizes_m2)
+            means, covariances = add_offset_states(means, covariances, offsets)
         for mean, covariance, size_m2 in zip(means, covariances, sizes_m2, strict=True):
             live_track = _LiveTrack(self._n_started, mean, covariance, size_m2)
             live_track.confirm_if_enough_hits(self._tracker.confirm_after)

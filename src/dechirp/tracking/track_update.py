@@ -8,8 +8,10 @@ import scipy
 
 from dechirp.core.memory import check_free_memory
 from dechirp.tracking.kalman_filter import (
+    BodyOffsets,
     PredictedMeasurements,
     StateEstimates,
+    near_side_offsets_m,
     predict_linearised_measurements,
     predict_sigma_point_measurements,
     predict_states,
@@ -48,7 +50,11 @@ def predict_associate_and_update(
 
     `size_m2`, (n_tracks, 2, 2), are the covariances of the offsets of bodies, if states have them.
     """
-    predicted = predict_states(states, interval_s, tracker.process_noise_m2_per_s3, size_m2)
+    offsets = None
+    if size_m2 is not None:
+        near_m = near_side_offsets_m(states.mean, pose, tracker.target_size_m)
+        offsets = BodyOffsets(near_m, size_m2)
+    predicted = predict_states(states, interval_s, tracker.process_noise_m2_per_s3, offsets)
     shares = np.zeros((len(states.mean), len(measurements.z)))
     if not shares.size:
         return UpdateResult(predicted, shares)

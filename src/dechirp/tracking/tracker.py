@@ -47,9 +47,10 @@ class Tracker:
     """Standard deviation of unknown velocities when a track starts: across the line of sight, and
     along it without a rate."""
     target_size_m: float = 0.0
-    """Standard deviation of the echo about the centre of a body, along and across the line of
-    sight; 0 for points. The extents of clusters add to it. Tracks then follow the centre, with an
-    error that includes this offset, which stays for seconds and does not average out."""
+    """Distance by which the echo of a body is nearer than its centre, in the mean, and its standard
+    deviation, along and across the line of sight; 0 for points. The extents of clusters add to it.
+    Tracks then follow the centre, with an error that includes this offset, which stays for seconds
+    and does not average out."""
     min_separation_m: tuple[float, float] = (0.0, 0.0)
     """Semi-axes, along and across the direction of motion, of an ellipse about each confirmed
     track: a detection within it starts no track, and a second track within it is not confirmed.
