@@ -142,7 +142,6 @@ CANCELLER = "chain.mitigation=[{kind: moving-target-indication, order: 3}]"
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (["tracker.confirm_after=[7, 9]"], "tracker.confirm_after: 7 detections, in a run of 6"),
         (["tracker.confirm_after=[4, 3]"], "tracker.confirm_after: 4 detections in 3 frames"),
         (["ego_motion=null", ONE_ELEMENT], "tracker: enabled for detections without direct"),
         (["tracker=null", ONE_ELEMENT], "ego_motion: enabled for detections without direct"),
@@ -159,17 +158,41 @@ def test_rejects_impossible_tracking_settings_before_simulation(street, changes,
         dc.load(street, changes)
 
 
-def test_rejects_recording_with_too_few_frames_before_processing(result, tmp_path):
+def test_recording_with_too_few_frames_has_detections_and_a_finding(result, tmp_path):
     from dechirp.recordings.cube_store import write_cube_store
 
     path = tmp_path / "two.zarr"
     frames = (result.cube.isel(frame=[i]) for i in range(2))
     write_cube_store(path, frames, n_frames=2, radar=result.radar, groups={})
-    progress_calls = []
     scenario = dc.Scenario(recording=RecordingSource(path=str(path)), tracker=Tracker())
-    with pytest.raises(dc.InvalidSetting, match="tracker.confirm_after: 3 detections, in a run"):
-        dc.run(scenario, progress=lambda n_done, n_total: progress_calls.append(n_done))
-    assert not progress_calls
+
+    short = dc.run(scenario)
+
+    assert short.detections.sizes["detection"] > 0 and short.tracks.sizes["track"] == 0
+    (finding,) = [item for item in short.findings if item.setting == "tracker.confirm_after"]
+    assert finding.value == "3 detections, in a run of 2 frames: no track is confirmed"
+    assert "process at least 3 frames" in finding.fix
+
+
+@pytest.mark.parametrize(
+    "trackers",
+    [{}, {"tracker": None, "group_tracker": dc.group_tracking.GroupTracker()}],
+    ids=["tracker", "group_tracker"],
+)
+def test_few_frames_of_a_scene_are_a_finding(result, trackers):
+    scenario = replace(result.scenario, n_frames=1, **trackers)
+
+    stage = estimate_ego_motion_clusters_tracks(
+        result.detections.isel(detection=result.detections.frame.values == 0).drop_vars(
+            ["cluster", "motion"]
+        ),
+        result.times_s[:1],
+        scenario,
+        result.radar,
+    )
+
+    name = "group_tracker" if trackers else "tracker"
+    assert [item.setting for item in stage.findings] == [f"{name}.confirm_after"]
 
 
 def test_missing_stone_soup_is_reported_before_simulation(result, monkeypatch):
@@ -234,13 +257,6 @@ def test_groups_that_are_too_small_give_finding(result):
     assert [finding.setting for finding in stage.findings] == ["group_tracker.min_points"]
 
 
-@pytest.mark.parametrize(
-    ("settings", "match"),
-    [
-        ({}, "Scenario.group_tracker: given beside tracker"),
-        ({"tracker": None, "n_frames": 2}, "group_tracker.confirm_after: 3 detections, in a run"),
-    ],
-)
-def test_rejects_impossible_group_tracker(result, settings, match):
-    with pytest.raises(dc.InvalidSetting, match=match):
-        replace(result.scenario, group_tracker=dc.group_tracking.GroupTracker(), **settings)
+def test_rejects_group_tracker_beside_tracker(result):
+    with pytest.raises(dc.InvalidSetting, match="Scenario.group_tracker: given beside tracker"):
+        replace(result.scenario, group_tracker=dc.group_tracking.GroupTracker())

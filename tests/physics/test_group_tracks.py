@@ -470,10 +470,10 @@ def test_damaged_numbers_leave_finite_tracks_or_are_refused(column, value):
 
 
 def test_no_points_give_no_tracks():
-    tracks = track_groups(some_points(0), [0.0, 0.1])
+    tracks = track_groups(some_points(0), [0.0, 0.1, 0.2])
 
     assert dict(tracks.sizes) == {
-        **{"track": 0, "frame": 2, "state": 4, "other_state": 4, "axis": 2, "other_axis": 2}
+        **{"track": 0, "frame": 3, "state": 4, "other_state": 4, "axis": 2, "other_axis": 2}
     }
 
 

@@ -533,7 +533,7 @@ def test_shares_of_many_tracks_approximate_exact_sums(monkeypatch):
     [
         ({"scene": Scene()}, "TrackTrial.scene.targets: empty"),
         ({"scene": None}, "TrackTrial.scene: None"),
-        ({"n_frames": 2}, "3 detections, in a run of 2 frames"),
+        ({"n_frames": 2}, "TrackTrial.n_frames: 2; expected at least 3"),
         ({"azimuth_std_rad": 0.0}, "azimuth_std_rad: 0"),
         ({"wander_m2_per_s3": -1.0}, "wander_m2_per_s3: -1"),
         ({"detection_probability": 1.0}, "detection_probability: 1"),
@@ -584,11 +584,11 @@ def test_rejects_invalid_false_alarm_region(settings, message):
         FalseAlarms(**settings)
 
 
-def test_rejects_run_that_can_never_confirm_track():
+def test_too_few_frames_are_a_warning_and_dense_false_alarms_an_error():
     truth = straight_states((40.0, 6.0, 15.0, 3.0), np.arange(5) * 0.1)
     detections = build_detections(np.arange(5), truth)
-    with pytest.raises(InvalidSetting, match="3 detections, in a run of 2 frames"):
-        track(detections.isel(detection=slice(2)), [0.0, 0.1])
+    with pytest.warns(PhysicsWarning, match="3 detections, in a run of 2 frames"):
+        assert track(detections.isel(detection=slice(2)), [0.0, 0.1]).sizes["track"] == 0
     # 0.9 / (density x spread) is below 1 - 0.9 x 0.999 for a density of 9 or more.
     dense = FalseAlarms(per_frame=1e6, range_m=(0, 20), velocity_m_per_s=(-1, 1))
     with pytest.raises(InvalidSetting, match=r"Tracker.false_alarms: a density of \d+"):

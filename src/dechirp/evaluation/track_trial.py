@@ -69,7 +69,14 @@ class TrackTrial:
                     expected=f"a {kind.__name__}",
                     fix="make one",
                 )
-        self.tracker.check_confirmable_within(self.n_frames)
+        hits, _ = self.tracker.confirm_after
+        if self.n_frames < hits:
+            raise InvalidSetting(
+                "TrackTrial.n_frames",
+                value=self.n_frames,
+                expected=f"at least {hits}, the detections that confirm a track",
+                fix="simulate more frames, or lower tracker.confirm_after",
+            )
         if not self.scene.targets:
             raise InvalidSetting(
                 "TrackTrial.scene.targets",

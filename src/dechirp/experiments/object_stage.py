@@ -153,7 +153,7 @@ def _too_small_group_findings(
 ) -> list[Finding]:
     """Return a warning if no frame has a confirmed group, though frames have detections."""
     n_rows, n_frames = rows["range"].size, tracks.sizes["frame"]
-    if tracks.sizes["track"] or n_rows < n_frames:
+    if tracks.sizes["track"] or n_rows < n_frames or n_frames < tracker.confirm_after[0]:
         return []
     return [
         Finding(

@@ -77,7 +77,7 @@ def open_scenario_recording(scenario: Scenario) -> Recording:
     )
     recording.check_has_samples()
     check_chain_fits_radar(scenario.chain, recording.radar)
-    check_tracks_and_ego_motion_possible(scenario, recording.radar, len(recording.frame_numbers))
+    check_tracks_and_ego_motion_possible(scenario, recording.radar)
     return recording
 
 

@@ -280,7 +280,7 @@ def _run_in_traffic(
     traffic = TrafficFrames(scenario)
     comparison = ObjectComparison(traffic)
     radar, totals = traffic.radar, FrameTotals()
-    check_tracks_and_ego_motion_possible(scenario, radar, traffic.n_frames)
+    check_tracks_and_ego_motion_possible(scenario, radar)
     processor = FrameProcessor(radar, scenario.chain)
     first_cube: list[xr.DataArray] = []
 

@@ -92,9 +92,11 @@ def run_radars(
     if scenario.group_tracker is not None:
         raise InvalidSetting(
             "group_tracker",
-            value="given for several radars",
+            value="given for several radars: it estimates the extent of an object from the points"
+            " of one frame, and radars at different places receive different parts of the object",
             expected="tracker, which fuses the clusters or detections of all radars",
-            fix="set group_tracker to null, and tracker for fused tracks",
+            fix="set group_tracker to null, and tracker for fused tracks; or run one radar at a"
+            " time with group_tracker",
         )
     start_s = perf_counter()
     singles, findings = split_radars(scenario)

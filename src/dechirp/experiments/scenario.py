@@ -181,9 +181,7 @@ class Scenario:
             # Readers join single chirps to frames, which are checked when the recording is opened.
             if self.recording is None or self.radar.frame.n_chirps_total > 1:
                 check_chain_fits_radar(self.chain, self.radar)
-            check_tracks_and_ego_motion_possible(
-                self, self.radar, self.n_frames if self.scene is not None else None
-            )
+            check_tracks_and_ego_motion_possible(self, self.radar)
 
     def _check_radars(self) -> None:
         """Check names and places of several radars, and the scenario of each."""
@@ -231,8 +229,7 @@ class Scenario:
                 group_tracker=None,
             )
             assert single.radar is not None
-            n_frames = None if self.scene is None else self.n_frames * len(radars)
-            check_tracks_and_ego_motion_possible(self, single.radar, n_frames)
+            check_tracks_and_ego_motion_possible(self, single.radar)
 
     @property
     def has_tracker(self) -> bool:
@@ -330,19 +327,11 @@ def check_chain_fits_radar(chain: Chain, radar: Radar) -> None:
                 angle.find_directions(snapshots, aperture, np.zeros(1))
 
 
-def check_tracks_and_ego_motion_possible(
-    scenario: Scenario, radar: Radar, n_frames: int | None
-) -> None:
+def check_tracks_and_ego_motion_possible(scenario: Scenario, radar: Radar) -> None:
     """Raise `InvalidSetting` if tracks or ego motion are requested but impossible.
 
-    They need azimuths, and tracks enough frames for confirmation; `n_frames` is None while unknown.
+    They need azimuths.
     """
-    if scenario.tracker is not None and n_frames is not None:
-        with prefix_setting_of_errors("tracker", instead_of="Tracker"):
-            scenario.tracker.check_confirmable_within(n_frames)
-    if scenario.group_tracker is not None and n_frames is not None:
-        with prefix_setting_of_errors("group_tracker", instead_of="GroupTracker"):
-            scenario.group_tracker.check_confirmable_within(n_frames)
     if scenario.chain.fit_to_radar(radar).angle is not None:
         return
     for name in _OBJECT_STAGES:

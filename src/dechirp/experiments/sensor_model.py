@@ -305,7 +305,6 @@ def _scenario_of_radar(radar: Radar) -> Scenario:
         radar=radar,
         scene=Scene(),
         chain=Chain(cluster=_TRAFFIC_CLUSTERS),
-        n_frames=_TRAFFIC_TRACKER.confirm_after[0],
         tracker=_TRAFFIC_TRACKER if has_azimuth else None,
     )
 
@@ -317,15 +316,10 @@ def mount_of_traffic(scenario: Scenario) -> str | Mounting | None:
 
 
 def settings_without_scene(scenario: Scenario) -> Scenario:
-    """Return the settings of a scenario that a sensor model uses, with an empty scene.
-
-    Its number of frames, which a sensor model does not use, is enough to confirm tracks.
-    """
-    trackers = [item for item in (scenario.tracker, scenario.group_tracker) if item is not None]
+    """Return the settings of a scenario that a sensor model uses, with an empty scene."""
     return Scenario(
         name=scenario.name,
         seed=scenario.seed,
-        n_frames=max([scenario.n_frames, *(item.confirm_after[0] for item in trackers)]),
         radar=scenario.radar,
         scene=Scene(),
         engine=scenario.engine,

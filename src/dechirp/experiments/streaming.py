@@ -73,7 +73,7 @@ def open_stream(scenario: Scenario, *, idle_s: float) -> Stream:
     )
     try:
         check_chain_fits_radar(scenario.chain, stream.radar)
-        check_tracks_and_ego_motion_possible(scenario, stream.radar, None)
+        check_tracks_and_ego_motion_possible(scenario, stream.radar)
         start_live_tracker(scenario, stream.radar)  # fails early if a library is missing
     except DechirpError:
         stream.close()

@@ -151,8 +151,8 @@ def open_item_as_scenario(
         ),
     )
     try:
-        check_tracks_and_ego_motion_possible(opened_scenario, recording.radar, recording.n_frames)
-    except InvalidSetting:  # no azimuth resolution, or too short
+        check_tracks_and_ego_motion_possible(opened_scenario, recording.radar)
+    except InvalidSetting:  # no azimuth resolution
         opened_scenario = replace(
             opened_scenario, tracker=None, group_tracker=None, ego_motion=None
         )

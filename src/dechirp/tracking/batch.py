@@ -16,7 +16,7 @@ from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.memory import check_free_memory
 from dechirp.tracking.measurements import Measurements, checked_row_axis_name, usable_row_mask
 from dechirp.tracking.online import LiveTracker, Track
-from dechirp.tracking.tracker import Tracker
+from dechirp.tracking.tracker import Tracker, warn_of_too_few_frames
 
 STATE = ("x", "vx", "y", "vy")
 
@@ -63,15 +63,14 @@ def track(
     ------
     InvalidSetting
         If times do not increase, rows are of other frames, columns are missing, Stone Soup is
-        not installed, or the settings can never confirm a track: too few frames, or false alarms
-        so dense that a miss is always likelier.
+        not installed, or false alarms are so dense that a miss is always likelier.
     NotEnoughMemory
         If the tracks, or a frame's pairs of tracks and detections, would not fit.
 
     Warns
     -----
     PhysicsWarning
-        If rows are ignored.
+        If rows are ignored, or the frames are too few to confirm a track.
 
     Notes
     -----
@@ -109,7 +108,7 @@ def track(
     axis = checked_row_axis_name(detections, "frame")
     times = check_finite_array("times_s", times_s, may_be_empty=True).reshape(-1)
     check_integer("first", first, at_least=0)
-    tracker.check_confirmable_within(len(times))
+    warn_of_too_few_frames("tracker", tracker.confirm_after, len(times))
     live_tracker = LiveTracker(tracker, velocity_span_m_per_s=velocity_span_m_per_s)
     rows = usable_row_mask(detections)
     warn_of_ignored_rows(int(np.sum(~rows)), len(rows), axis)

@@ -34,7 +34,7 @@ from dechirp.tracking.measurements import (
 )
 from dechirp.tracking.online import LiveTracker, Track
 from dechirp.tracking.poses import RadarPose, RadarView
-from dechirp.tracking.tracker import Tracker
+from dechirp.tracking.tracker import Tracker, warn_of_too_few_frames
 
 
 @frozen_dataclass
@@ -144,7 +144,7 @@ def fuse_detections(
     Warns
     -----
     PhysicsWarning
-        If rows are ignored.
+        If rows are ignored, or the frames are too few to confirm a track.
 
     Notes
     -----
@@ -168,7 +168,7 @@ def fuse_detections(
         for number, radar in enumerate(radars)
         for frame, time_s in enumerate(radar.times_s)
     )
-    tracker.check_confirmable_within(len(frames))
+    warn_of_too_few_frames("tracker", tracker.confirm_after, len(frames))
     live_tracker = LiveTracker(tracker)
     history: TrackHistory[Track] = {}
     for column, frame in enumerate(frames):

@@ -8,7 +8,7 @@ from dechirp.core.checks import (
 )
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
-from dechirp.tracking.tracker import check_confirmable_within, check_confirmation_counts
+from dechirp.tracking.tracker import check_confirmation_counts
 
 
 @frozen_dataclass
@@ -87,7 +87,3 @@ class GroupTracker:
                 expected=f"at least process_noise_m2_per_s3, {self.process_noise_m2_per_s3:g}",
                 fix="give the larger density to manoeuvres",
             )
-
-    def check_confirmable_within(self, n_frames: int) -> None:
-        """Raise `InvalidSetting` if a run has too few frames to confirm any track."""
-        check_confirmable_within("GroupTracker.confirm_after", self.confirm_after, n_frames)

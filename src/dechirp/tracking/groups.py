@@ -38,6 +38,7 @@ from dechirp.tracking.point_clusters import (
     is_compact_and_separate,
     release_split_points,
 )
+from dechirp.tracking.tracker import warn_of_too_few_frames
 
 __all__ = ["GroupTrack", "GroupTracker", "LiveGroupTracker", "track_groups"]
 
@@ -297,6 +298,7 @@ def track_groups(
     frame_index = frame_index_per_row(points, first, len(times), table="points")[
         usable_point_mask(points)
     ]
+    warn_of_too_few_frames("group_tracker", tracker.confirm_after, len(times))
     all_points = live_tracker.usable_rows_to_points(points)
     history: TrackHistory[GroupTrack] = {}
     for frame, time_s in enumerate(times):

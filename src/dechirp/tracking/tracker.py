@@ -1,5 +1,6 @@
 """Settings of the tracker."""
 
+import warnings
 from typing import Literal, get_args
 
 import numpy as np
@@ -16,6 +17,7 @@ from dechirp.core.checks import (
 )
 from dechirp.core.display import format_count_with_noun
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.values import frozen_dataclass
 from dechirp.tracking.false_alarms import FalseAlarms
 
@@ -126,10 +128,6 @@ class Tracker:
         """Probability that a target is detected within the gate of its track."""
         return self.detection_probability * self.gate_probability
 
-    def check_confirmable_within(self, n_frames: int) -> None:
-        """Raise `InvalidSetting` if a run has too few frames to confirm any track."""
-        check_confirmable_within("Tracker.confirm_after", self.confirm_after, n_frames)
-
     def check_false_alarm_density(self, measurement_errors: np.ndarray) -> None:
         """Raise `InvalidSetting` if false alarms are so dense that a miss is always likelier.
 
@@ -150,17 +148,20 @@ class Tracker:
             )
 
 
-def check_confirmable_within(setting: str, confirm_after: tuple[int, int], n_frames: int) -> None:
-    """Raise `InvalidSetting` if a run has too few frames to confirm any track."""
+def warn_of_too_few_frames(setting: str, confirm_after: tuple[int, int], n_frames: int) -> None:
+    """Warn if a run has too few frames to confirm any track."""
     hits, _ = confirm_after
     if n_frames < hits:
-        raise InvalidSetting(
-            setting,
-            value=f"{hits} detections, in a run of {format_count_with_noun(n_frames, 'frame')}",
-            expected="at most one for each frame of the run, or no track is ever confirmed",
+        finding = Finding(
+            level="warning",
+            setting=f"{setting}.confirm_after",
+            value=f"{hits} detections, in a run of {format_count_with_noun(n_frames, 'frame')}:"
+            " no track is confirmed",
+            expected="at most one for each frame of the run",
             fix=f"process at least {hits} frames, or require fewer detections, such as"
             f" [{n_frames}, {max(n_frames, 2)}]",
         )
+        warnings.warn(PhysicsWarning(finding), stacklevel=4)
 
 
 def check_confirmation_counts(setting: str, value: object) -> tuple[int, int]:
