@@ -426,6 +426,17 @@ def test_radar_settings_select_matching_array(tmp_path):
     )
 
 
+def test_matlab_vectors_and_numbers_are_not_taken_for_cubes(tmp_path):
+    # MATLAB saves a workspace: numbers and axes have two dimensions as well.
+    samples = draw_samples(4, 2, 8)
+    workspace = {"frequency": np.zeros((8, 1)), "data": samples, "time": np.zeros((1, 8))}
+    scipy.io.savemat(tmp_path / "cube.mat", workspace | {"n_ramps": 4.0})
+
+    options = {"axes": ("chirp", "rx", "sample"), "encoding": "int16"}
+    cube = decode_frames(read_contents(tmp_path / "cube.mat", "matlab", **options))
+    assert np.array_equal(cube[0] * 32768, samples)
+
+
 def test_follows_hdf5_soft_link_within_file(tmp_path):
     samples = draw_samples(4, 2, 8)
     file = write_hdf5(tmp_path, samples)

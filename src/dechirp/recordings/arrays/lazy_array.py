@@ -198,6 +198,10 @@ def choose_array_name(
         fitting = [name for name in candidates if name == hints.inner_name.strip("/")]
     else:
         fitting = [name for name in candidates if len(arrays[name][0]) >= 2]
+        # MATLAB also stores numbers, times and frequencies with two axes, one of them of length 1.
+        fitting = [
+            name for name in fitting if sum(size > 1 for size in arrays[name][0]) >= 2
+        ] or fitting
         if len(fitting) > 1:
             with suppress(RecordingError):  # without settings, the message lists the arrays
                 n_samples = find_recording_settings(path, hints).radar.frame.chirp.n_samples
