@@ -75,7 +75,10 @@ def simulate_beside_extended_echo(radar, rng, *, n_cells, ratio_db, extent_cells
 
 
 def measure_squared_errors(radar, chain, *, n_cells, ratio_db, n_trials=N_TRIALS, extent_cells=2):
-    """Return squared errors of azimuth and range over their variances, (n_found, 2)."""
+    """Return squared errors of azimuth, range and velocity over their variances, (n_listed, 3).
+
+    Those of all detections with a direction within a cell of the target: a sidelobe counts too.
+    """
     rng = np.random.default_rng([n_cells, ratio_db])
     squares = []
     for _ in range(n_trials):
@@ -84,15 +87,16 @@ def measure_squared_errors(radar, chain, *, n_cells, ratio_db, n_trials=N_TRIALS
         )
         found = dc.detect(cube, radar, chain)
         is_target = (abs(found.range - range_m) < 0.6) & np.isfinite(found.azimuth)
-        for row in np.flatnonzero(is_target)[:1]:
+        for row in np.flatnonzero(is_target):
             detection = found.isel(detection=row)
             squares.append(
                 (
                     ((detection.azimuth - azimuth_rad) / detection.azimuth_std).item() ** 2,
                     ((detection.range - range_m) / detection.range_std).item() ** 2,
+                    (detection.velocity / detection.velocity_std).item() ** 2,
                 )
             )
-    return np.array(squares).reshape(-1, 2)
+    return np.array(squares).reshape(-1, 3)
 
 
 @pytest.mark.parametrize(
@@ -108,10 +112,41 @@ def test_errors_beside_extended_echo_match_stated_ones(n_cells, ratio_db, min_sh
         make_radar(), dc.Chain(cfar=STATIC_CFAR), n_cells=n_cells, ratio_db=ratio_db
     )
 
-    # The mean of n squares of a normal number is chi-square with n degrees of freedom, over n.
-    limit = chi2.ppf(1 - 1e-7, len(squares)) / len(squares)
+    # 1.3 expected; the mean of n squares of normal numbers is chi-square with n degrees, over n.
+    limit = 1.3 * chi2.ppf(1 - 1e-7, len(squares)) / len(squares)
     assert len(squares) >= min_share * N_TRIALS
     assert np.all(squares.mean(axis=0) < limit)
+
+
+@pytest.mark.parametrize(
+    ("n_cells", "ratio_db", "n_trials"),
+    nightly_except(
+        [(12, 75, 130)],
+        [
+            (12, 75, 130),
+            (10, 70, 1200),
+            (12, 75, 1200),
+            (12, 70, 1000),
+            (8, 62, 1000),
+            (6, 50, 1000),
+        ],
+    ),
+)
+def test_no_sidelobe_beside_extended_echo_is_listed_as_target(n_cells, ratio_db, n_trials):
+    """Two sidelobes beside a target on both sides were listed, 0.35 m off with errors of 0.3 mm."""
+    squares = measure_squared_errors(
+        make_radar(),
+        dc.Chain(cfar=STATIC_CFAR),
+        n_cells=n_cells,
+        ratio_db=ratio_db,
+        n_trials=n_trials,
+    )
+
+    # Measured over 500 to 800 trials: 1.23 at most. The mean of 700 squares of an expectation of
+    # 1.04, that of noise estimated from 8 cells of 8 channels, exceeds 1.3 once in 1e6.
+    chance = 1.0 if n_trials >= 1000 else chi2.ppf(1 - 1e-7, len(squares)) / len(squares)
+    assert len(squares) >= 0.5 * n_trials
+    assert np.all(squares.mean(axis=0) < 1.3 * chance)
 
 
 @pytest.mark.parametrize("ratio_db", nightly_except([60], [45, 60, 70]))

@@ -328,19 +328,20 @@ def _refine_peaks(
         samples, slow, fast, sample_noise, growth=growth
     )
     amplitude_noise = sample_noise / (frame.n_chirps * frame.chirp.n_samples)
-    tones, sidelobes = estimate_tones_without_sidelobes(
+    tones, sidelobes, is_kept = estimate_tones_without_sidelobes(
         samples, tones, amplitude_noise, remaining_power, growth=growth
     )
     if sidelobes is not None:
         amplitude_noise = amplitude_noise * sidelobes.noise_gain
     window_gain = 1.0 if sidelobes is None else sidelobes.noise_gain
     tones, sidelobes = _undo_mitigation_gain(tones, sidelobes, frame, chain)
-    return RefinedPeaks(
+    refined = RefinedPeaks(
         tones=tones,
         snr=np.maximum(tones.energy / sample_noise - noise.n_channels * window_gain, 1e-3),
         amplitude_noise=amplitude_noise,
         sidelobes=sidelobes,
     )
+    return refined if is_kept.all() else refined.select(np.flatnonzero(is_kept))
 
 
 def _to_single_precision(samples: np.ndarray, frame: Frame) -> np.ndarray:

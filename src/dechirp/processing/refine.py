@@ -42,6 +42,10 @@ class Tones:
     """(n, channel) complex: mean over the samples of one channel, demodulated; the phase is
     that at the first chirp and sample."""
 
+    def select(self, tones: np.ndarray) -> "Tones":
+        """Return the tones of given indices."""
+        return Tones(self.slow[tones], self.fast[tones], self.energy[tones], self.amplitude[tones])
+
 
 class SidelobeErrors(NamedTuple):
     """Errors of n peaks beyond those of white noise in unwindowed samples."""
@@ -91,6 +95,15 @@ class RefinedPeaks(NamedTuple):
     """(n,): E|w|^2 in the amplitude of a channel."""
     sidelobes: SidelobeErrors | None = None
     """Errors beyond those of white noise; None for none."""
+
+    def select(self, peaks: np.ndarray) -> "RefinedPeaks":
+        """Return the peaks of given indices."""
+        return RefinedPeaks(
+            tones=self.tones.select(peaks),
+            snr=self.snr[peaks],
+            amplitude_noise=self.amplitude_noise[peaks],
+            sidelobes=None if self.sidelobes is None else self.sidelobes.select(peaks),
+        )
 
 
 def refine_tones(
