@@ -1,8 +1,11 @@
 """`dechirp inspect` and `dechirp.inspect`: description, map and findings of a recording."""
 
 import json
+import os
 import re
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -257,3 +260,19 @@ def test_settings_file_is_not_accepted_as_recording(folder, capsys):
     _, out, _ = run_cli(capsys, "radar.cfg", "--json")
     (error,) = json.loads(out)["errors"]
     assert ", and they cannot be read: profileCfg: 2 numbers" in error["value"]
+
+
+def test_inspect_does_not_import_dask(folder):
+    """xarray imports Dask, 0.35 s, to compare the type of each array that it wraps."""
+    (folder / "dask").mkdir()
+    (folder / "dask/__init__.py").write_text("raise SystemExit('dask was imported')")
+    path = os.pathsep.join([str(folder), *(entry for entry in sys.path if entry)])
+    process = subprocess.run(
+        [sys.executable, "-m", "dechirp", "inspect", "cube.npy", *RECORDING_OPTIONS, "--quiet"],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+    assert (process.returncode, process.stderr) == (0, "")

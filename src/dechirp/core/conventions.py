@@ -35,19 +35,31 @@ AXES = {
 CUBE_AXES = ("frame", "chirp", "rx", "sample")
 
 
+def labelled_variable(
+    dims: tuple[str, ...], values: np.ndarray, attributes: dict[str, str]
+) -> xr.Variable:
+    """Return a plain array with its axes and attributes.
+
+    Without `fastpath` xarray imports Dask, if it is installed, to compare types: 0.35 s.
+    """
+    return xr.Variable(dims, values, attributes, fastpath=True)
+
+
 def transmitter_coordinate(cycle_transmitters: Sequence[int], n_chirps: int) -> xr.Variable:
     """Return the coordinate along `chirp` with the transmitter of each, an index into `Array.tx_m`.
 
     `cycle_transmitters` are the transmitters of one multiplexing cycle.
     """
     numbers = np.resize(np.array(cycle_transmitters), n_chirps)
-    return xr.Variable("chirp", numbers, {"units": "1", "long_name": "transmitter of the chirp"})
+    attributes = {"units": "1", "long_name": "transmitter of the chirp"}
+    return labelled_variable(("chirp",), numbers, attributes)
 
 
 def chirp_time_coordinate(times_s: np.ndarray) -> xr.Variable:
     """Return the coordinate of chirp start times over `frame` and `chirp`."""
     units, long_name = AXES["chirp"]
-    return xr.Variable(("frame", "chirp"), times_s, {"units": units, "long_name": long_name})
+    attributes = {"units": units, "long_name": long_name}
+    return labelled_variable(("frame", "chirp"), times_s, attributes)
 
 
 def axis_coordinate(name: str, values: np.ndarray) -> xr.Variable:

@@ -143,7 +143,7 @@ def _first_frame_map_and_sample_findings(
     from dechirp.processing.range_doppler_map import power_map
 
     first = next(recording.frames())
-    power = power_map(first.isel(frame=0), recording.radar, Chain())
+    power = power_map(first, recording.radar, Chain())
     measurer = QualityMeasurer(recording.radar, n_frames=recording.n_frames)
     for number, samples, is_lost in recording.iter_frame_samples():
         measurer.add_frame(samples, is_lost, recording.radar.frame.frame_start_s(number))

@@ -9,6 +9,7 @@ from dechirp.core.conventions import (
     CUBE_AXES,
     axis_coordinate,
     chirp_time_coordinate,
+    labelled_variable,
     transmitter_coordinate,
 )
 from dechirp.core.errors import InvalidSetting
@@ -39,13 +40,15 @@ def label_cube(
     if frame.n_intervals == 1:
         slow_time_coords["chirp"] = axis_coordinate("chirp", frame.chirp_starts_s)
     else:
-        slow_time_coords["chirp"] = xr.Variable("chirp", np.arange(n_chirps), {"units": "1"})
+        slow_time_coords["chirp"] = labelled_variable(
+            ("chirp",), np.arange(n_chirps), {"units": "1"}
+        )
         slow_time_coords["chirp_time"] = chirp_time_coordinate(
             np.array([frame.for_frame(number).chirp_starts_s for number in frame_numbers])
         )
+    attributes = {"units": units, "convention": "beat = Tx x conj(Rx), receding positive"}
     return xr.DataArray(
-        samples,
-        dims=CUBE_AXES,
+        labelled_variable(CUBE_AXES, samples, attributes),
         coords={
             "frame": axis_coordinate("frame", np.array(starts_s)),
             **slow_time_coords,
@@ -60,7 +63,6 @@ def label_cube(
             ),
         },
         name="cube",
-        attrs={"units": units, "convention": "beat = Tx x conj(Rx), receding positive"},
     )
 
 
@@ -93,7 +95,7 @@ def select_only_frame(cube: xr.DataArray, radar: Radar) -> xr.DataArray:
                 expected="one frame, without the axis frame or with one of length 1",
                 fix="select one with isel(frame=0)" if n_frames else "pass a cube that has frames",
             )
-        cube = cube.isel(frame=0)
+        cube = cube.drop_vars("frame", errors="ignore").isel(frame=0)
     _check_axes_and_sizes(cube, radar, CUBE_AXES[1:])
     return cube
 

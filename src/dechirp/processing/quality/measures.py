@@ -4,7 +4,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from dechirp.core.conventions import CUBE_AXES, axis_coordinate
+from dechirp.core.conventions import CUBE_AXES, axis_coordinate, labelled_variable
 from dechirp.processing.quality.beat_spectrum import (
     mean_spectrum_and_mirror_products,
     measure_echoes_and_mirror_images,
@@ -87,7 +87,9 @@ class QualityMeasurer:
     def joined_measures(self, units: str) -> xr.Dataset:
         """Return the measures of all frames, of samples in `units`, see `measure_frame_quality`."""
         variables = {
-            name: (("frame", *dims), np.stack([frame[name] for frame in self._frames]))
+            name: labelled_variable(
+                ("frame", *dims), np.stack([frame[name] for frame in self._frames]), {}
+            )
             for name, dims in _DIMS.items()
         }
         coords = {"frame": axis_coordinate("frame", np.array(self._starts_s))}
