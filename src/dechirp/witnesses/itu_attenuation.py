@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
+import scipy
 
 from dechirp.theory.attenuation import (
     fog_db_per_km,
@@ -114,7 +114,7 @@ def _compare_cloud(
         upper = min(p for p in _MAP_PERCENT if p >= percent)
         water = [
             float(
-                RegularGridInterpolator(
+                scipy.interpolate.RegularGridInterpolator(
                     (latitudes_deg[::-1], longitudes_deg),
                     _read_map(maps / f"{stem}_{f'{p:g}'.replace('.', '')}.npz")[::-1],
                 )((latitude_deg, longitude_deg % 360)).item()

@@ -76,6 +76,9 @@ def run(
     changes
         PATH=VALUE changes a setting, such as radar.frame.n_chirps=64; may be repeated.
     """
+    from dechirp.cli.xarray_import import import_xarray_without_dask
+
+    import_xarray_without_dask()
     from dechirp.cli.console import progress_bar
     from dechirp.cli.run_document import write_run_results
     from dechirp.cli.scenario_source import build_scenario
