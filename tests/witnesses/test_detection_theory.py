@@ -298,7 +298,6 @@ def test_target_without_power_is_detected_at_false_alarm_rate(n_summed, swerling
 def test_detection_probability_has_shape_of_snr():
     assert detection_probability(np.ones((2, 3, 1)), 1e-6, swerling=1).shape == (2, 3, 1)
     assert detection_probability(1.0, 1e-6).shape == ()
-    assert detection_probability([], 1e-6).shape == (0,)
     assert coherent_detection_probability(np.ones((2, 3)), 1e-6).shape == (2, 3)
 
 
@@ -378,7 +377,7 @@ def test_m_of_n_reduces_to_any_and_all_trials():
         (lambda: detection_probability(math.inf, 1e-6), "finite"),
         (lambda: detection_probability(1.0, 1e-6, n_summed=2.5), "n_summed"),
         (lambda: detection_probability(1.0, 1e-6, swerling=5), "swerling"),
-        (lambda: detection_probability([], 1e-6, swerling=-1), "swerling"),
+        (lambda: detection_probability([1.0], 1e-6, swerling=-1), "swerling"),
         (lambda: exceedance_probability(1.0, 0.0), "threshold"),
         (lambda: exceedance_probability(1.0, math.inf), "threshold"),
         (lambda: exceedance_probability(1.0, "13"), "threshold: '13'"),

@@ -70,6 +70,8 @@ def _frame_error_bounds(
     # In the null of an antenna the bound is infinite.
     radar, snr = context.radar.for_frame(int(truth.frame)), np.maximum(truth.snr.values, _MIN_SNR)
     bounds = np.full((len(AXES), len(snr)), np.nan)
+    if not len(snr):
+        return bounds
     bounds[:2] = range_and_velocity_crlb_std(radar.frame, snr=snr)
     if aperture is not None:
         angles = zip(truth.azimuth.values, truth.elevation.values, snr, strict=True)

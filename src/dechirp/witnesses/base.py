@@ -89,7 +89,7 @@ def compare_arrays(
         If the arrays are no real numbers, are empty or differ in shape.
     """
     theirs_flat, ours_flat = (
-        np.ravel(check_real_array(f"{side} of {quantity}", values))
+        np.ravel(check_real_array(f"{side} of {quantity}", values, may_be_empty=True))
         for side, values in (("theirs", theirs), ("ours", ours))
     )
     if np.shape(theirs) != np.shape(ours) or theirs_flat.size == 0:

@@ -87,14 +87,10 @@ def run(
     from dechirp.core.compiled_kernels import plain_twins_for_small_work
     from dechirp.core.errors import DechirpError, RecordingError
     from dechirp.experiments.run import run as run_scenario
-    from dechirp.report.pdf import check_pdf_available
-    from dechirp.results.results import check_results_folder_replaceable
 
     if vital_signs and source is not None and (trace := _read_slow_time(source, is_requested=True)):
         return _print_vital_signs_of_trace(*trace, as_json=as_json, quiet=quiet)
-    check_results_folder_replaceable(out)
-    if pdf:
-        check_pdf_available()
+    _check_results_writable(out, pdf=pdf)
     coding = {"dbc": dbc, "mapping": mapping}
     _check_object_files_writable(objects or (), coding)
     scenario = build_scenario(
@@ -251,6 +247,16 @@ def _add_vital_signs(result: "Result") -> "Result":
         raise replace_settings_by_options(
             error, dict.fromkeys(("trace", "range_m", "VitalSigns.range_m"), "--vital-signs")
         ) from None
+
+
+def _check_results_writable(folder: Path, *, pdf: bool) -> None:
+    """Raise `DechirpError` if results cannot be written into a folder, or no PDF file can."""
+    from dechirp.report.pdf import check_pdf_available
+    from dechirp.results.results import check_results_folder_replaceable
+
+    check_results_folder_replaceable(folder)
+    if pdf:
+        check_pdf_available()
 
 
 def _check_object_files_writable(
