@@ -24,6 +24,7 @@ import numpy as np
 
 from dechirp.core.errors import DechirpError
 from dechirp.core.findings import PhysicsWarning
+from dechirp.radar.radar import Radar
 from dechirp.results.hex_vectors import read_vectors, read_words
 
 CORPUS = Path(__file__).with_name("corpus")
@@ -361,10 +362,7 @@ def _check_refusal_message(arguments: list[str], out: str, err: str) -> None:
     )
 
 
-def _step_sensor_model(file: Path, _scratch: Path) -> None:
-    """Step a small radar through a view and the same world 0.1 s later."""
-    from osi3.osi_sensorview_pb2 import SensorView
-
+def _build_small_radar() -> Radar:
     import dechirp as dc
 
     chirp = dc.Chirp(
@@ -375,17 +373,40 @@ def _step_sensor_model(file: Path, _scratch: Path) -> None:
         n_samples=64,
         sampling="complex",
     )
-    radar = dc.Radar(
-        frame=dc.Frame(chirp=chirp, n_chirps=16, interval_s=40e-6),
+    return dc.Radar(
+        frame=dc.Frame(chirp=chirp, n_chirps=16, interval_s=40e-6, period_s=0.05),
         array=dc.Array(tx_m=((0, 0, 0),), rx_m=((0, 0, 0), (0, 1.95e-3, 0))),
         hardware=dc.Hardware(transmit_power_w=0.01, antenna_gain=10.0, noise_factor=10.0, loss=1.0),
     )
-    model = dc.SensorModel(radar, seed=1)
+
+
+def _step_sensor_model(file: Path, _scratch: Path) -> None:
+    """Step a small radar through a view and the same world 0.1 s later."""
+    from osi3.osi_sensorview_pb2 import SensorView
+
+    import dechirp as dc
+
+    model = dc.SensorModel(_build_small_radar(), seed=1)
     data = model.step(file.read_bytes())
     later = SensorView.FromString(file.read_bytes())
     for stamped in (later, later.global_ground_truth):
         stamped.timestamp.seconds = data.timestamp.seconds + 1
     model.step(later)
+
+
+def _open_traffic(file: Path, _scratch: Path) -> None:
+    """Read a trace, and build the scenes and the truth of three frames of its first vehicle."""
+    import dechirp as dc
+
+    traffic = dc.open_traffic(file)
+    radar = _build_small_radar()
+    ego = traffic.host if traffic.host is not None else int(traffic.objects["id"].values[0])
+    scenes = dc.traffic.FrameScenes(traffic, radar, ego=ego)
+    numbers = sorted({0, scenes.n_frames // 2, scenes.n_frames - 1})
+    for number in numbers:
+        scene = scenes.scene(number)
+        assert np.isfinite([target.position_m for target in scene.targets]).all()
+    dc.traffic.find_true_objects(scenes, numbers)
 
 
 class _WorkStarted(Exception):
@@ -440,6 +461,7 @@ ENTRIES: dict[str, Entry] = {
     "record": _read_study_ledger,
     "udp": _reassemble_packets,
     "view": _step_sensor_model,
+    "traffic": _open_traffic,
     "command-line": _run_command_line,
 }
 """Entry functions by folder name of the corpus."""

@@ -43,7 +43,8 @@ def read_box(parent: ElementTree.Element | None) -> Box | None:
             continue
         boxes.append(_read_rectangle_or_circle(shape))
         centre_m, heading_rad, length_m, width_m = boxes[-1]
-        corners_m.append(rectangle_corners_m(centre_m, heading_rad, length_m, width_m))
+        with np.errstate(invalid="ignore"):  # sizes and angles that are not finite
+            corners_m.append(rectangle_corners_m(centre_m, heading_rad, length_m, width_m))
     if len(boxes) > 1:
         return _smallest_box(np.concatenate(corners_m))
     return boxes[0] if boxes else None
