@@ -208,7 +208,7 @@ def test_only_one_source_is_accepted(trace):
 @nightly
 def test_recorded_motorway_traffic_is_detected():
     # The requirement: every vehicle in view and not shadowed in 95 % of the frames, to 0.5 m and
-    # 0.1 m/s. In one of 715 sightings, only wheels are detected, and no velocity is known.
+    # 0.1 m/s. In one of 718 sightings, only wheels are detected, and no velocity is known.
     folder = os.environ.get("DECHIRP_WITNESS_DATA")
     path = Path(folder or "") / "commonroad_us101" / "USA_US101-4_1_T-1.xml"
     if not (folder and path.is_file()):

@@ -3,6 +3,7 @@
 from dechirp.experiments.scenario import traffic_scenario as traffic_scenario
 from dechirp.traffic.common_road import CommonRoad as CommonRoad
 from dechirp.traffic.frame_scenes import FrameScenes as FrameScenes
+from dechirp.traffic.osi_export import sensor_views as sensor_views
 from dechirp.traffic.osi_trace import OsiTrace as OsiTrace
 from dechirp.traffic.source import TrafficSource as TrafficSource
 from dechirp.traffic.trajectory_csv import TrajectoryCsv as TrajectoryCsv

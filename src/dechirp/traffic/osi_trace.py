@@ -46,6 +46,13 @@ _VEHICLE_KINDS: dict[str, ObjectKind] = {
     "TYPE_WHEELCHAIR": "other",
     "TYPE_STANDUP_SCOOTER": "other",
 }
+STRUCTURE_TYPES: dict[str, str] = {kind: name for name, kind in reversed(_STRUCTURE_KINDS.items())}
+"""First type of stationary objects of each kind of structure; others are walls."""
+VEHICLE_TYPES: dict[str, str] = {
+    "car": "TYPE_MEDIUM_CAR",
+    **{kind: name for name, kind in reversed(_VEHICLE_KINDS.items())},
+}
+"""First type of vehicles of each kind."""
 
 
 class OsiTrace(TrafficFormat):
