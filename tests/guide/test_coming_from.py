@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 
 import dechirp as dc
 
@@ -86,3 +87,168 @@ def test_beams_equal_those_of_openradar():
     power = dc.angle.direction_spectrum(snapshot.conj(), 0.5 * np.arange(8), azimuth)
     ratio = np.ravel(foreign) / power
     np.testing.assert_allclose(ratio, 64, rtol=1e-4)
+
+
+WAVEFORM = {"slope_hz_per_s": 30e6 / 2e-3}
+PULSE_1_US, PULSE_10_US = ({"noise_factor": 1.0, "sample_rate_hz": rate} for rate in (1e6, 1e5))
+GAIN_20_DB = {"tx_gain": 100.0, "rx_gain": 100.0}
+AT_300_K = {"noise_factor": 300 / 290, "sample_rate_hz": 1e6, "loss": 10**0.3}
+
+
+def decibels(ratio):
+    return 10 * np.log10(ratio)
+
+
+def power_of_snr(snr_db, *arguments, **settings):
+    """Return the power that gives the SNR, as in the row of `radareqpow`."""
+    snr = dc.link_budget.sample_snr(*arguments, transmit_power_w=1.0, **settings)
+    return 10 ** (snr_db / 10) / snr
+
+
+@pytest.mark.parametrize(
+    ("documented", "value"),
+    [
+        # Results of the examples in MATLAB's reference pages, release R2026a.
+        pytest.param(9.9931, dc.link_budget.range_from_beat(1e3, **WAVEFORM), id="beat2range"),
+        pytest.param(
+            36.0249,
+            dc.link_budget.beat_frequency(18e3, slope_hz_per_s=300e6 / 1e-3) / 1e6,
+            id="range2beat",
+        ),
+        pytest.param(
+            2.8807e3,
+            dc.link_budget.beat_frequency(
+                0, slope_hz_per_s=0, velocity_m_per_s=35.76, frequency_hz=24.15e9
+            )
+            / 2,  # one way; the beat frequency grows when receding
+            id="speed2dop",
+        ),
+        pytest.param(
+            5.5868,
+            decibels(
+                dc.link_budget.sample_snr(
+                    *(50e3, 1.0),
+                    transmit_power_w=1e6,
+                    frequency_hz=1e9,
+                    noise_factor=1.0,
+                    sample_rate_hz=5e6,
+                    **GAIN_20_DB,
+                )
+            ),
+            id="radareqsnr",
+        ),
+        pytest.param(
+            14.3778,
+            decibels(
+                dc.link_budget.sample_snr(
+                    *(100e3, 0.5),
+                    transmit_power_w=1e6,
+                    frequency_hz=10e9,
+                    tx_gain=1e4,
+                    rx_gain=1e4,
+                    **AT_300_K,
+                )
+            ),
+            id="radareqsnr at 300 K",
+        ),
+        pytest.param(
+            2.1996e5,
+            power_of_snr(6, 50e3, 1.0, frequency_hz=1e9, **PULSE_1_US, **GAIN_20_DB),
+            id="radareqpow",
+        ),
+        pytest.param(
+            2.2809e6,
+            power_of_snr(10, 50e3, 0.5, frequency_hz=10e9, tx_gain=1e3, rx_gain=1e3, **AT_300_K),
+            id="radareqpow at 300 K",
+        ),
+        pytest.param(
+            4.1057e4,
+            dc.link_budget.max_range(
+                *(10**0.6, 1.0),
+                transmit_power_w=1e6,
+                frequency_hz=10e9,
+                **PULSE_10_US,
+                **GAIN_20_DB,
+            ),
+            id="radareqrng",
+        ),
+        pytest.param(
+            1.9426e5,
+            dc.link_budget.max_range(
+                *(10**0.6, 0.1),
+                transmit_power_w=1e6,
+                frequency_hz=10e9,
+                tx_gain=1e4,
+                rx_gain=1e4,
+                loss=10**0.3,
+                **PULSE_10_US,
+            ),
+            id="radareqrng with loss",
+        ),
+    ],
+)
+def test_value_of_matlab_documentation(documented, value):
+    # Five digits are printed.
+    assert float(value) == pytest.approx(documented, rel=5e-5)
+
+
+def half_power_phase(n_elements):
+    """Return half the phase from element to element at which an array has half its power."""
+    return scipy.optimize.brentq(
+        lambda phase: (np.sin(n_elements * phase) / (n_elements * np.sin(phase))) ** 2 - 0.5,
+        *(1e-3, np.pi / n_elements),
+    )
+
+
+def shnidman_db(pd, pfa, n):
+    """Return Shnidman's equation for a steady target, of his paper (IEEE Trans. AES 38(3))."""
+    eta = np.sqrt(-0.8 * np.log(4 * pfa * (1 - pfa)))
+    eta += np.sign(pd - 0.5) * np.sqrt(-0.8 * np.log(4 * pd * (1 - pd)))
+    alpha = 0.0 if n < 40 else 0.25
+    return decibels(eta * (eta + 2 * np.sqrt(n / 2 + alpha - 0.25)) / n)
+
+
+@pytest.mark.parametrize(
+    ("row", "expected"),
+    [
+        ("range2beat", lambda p: 2 * 50.0 * p["slope"] / p["c"]),
+        ("beat2range", lambda p: 1e6 * p["c"] / (2 * p["slope"])),
+        ("rangeres2bw", lambda p: p["c"] / (2 * 0.15)),
+        ("speed2dop", lambda p: 2 * 10 * p["f_hz"] / p["c"]),
+        ("dop2speed", lambda p: 1e3 * p["c"] / p["f_hz"] / 2),
+        ("rdcoupling", lambda p: 1e3 * p["c"] / (2 * p["slope"])),
+        ("npwgnthresh", lambda p: decibels(scipy.special.gammainccinv(4, 1e-6))),
+        (
+            "radareqsnr",
+            lambda p: (
+                0.016
+                * 1e2
+                * (p["c"] / p["f_hz"]) ** 2
+                * 10
+                / ((4 * np.pi) ** 3 * 50**4)
+                / (scipy.constants.k * 290 * 16 * 10e6)
+            ),
+        ),
+        ("noisepow", lambda _: scipy.constants.k * 290 * 16 * 10e6),
+        ("stretchfreq2rng", lambda p: 1e6 * p["c"] / (2 * p["slope"])),
+        ("enbw", lambda _: 1.5),
+        ("fspl", lambda p: 20 * np.log10(4 * np.pi * 50 * p["f_hz"] / p["c"])),
+        ("beamwidth", lambda _: 2 * np.arcsin(half_power_phase(8) / (np.pi * 0.5))),
+    ],
+)
+def test_row_of_matlab_equals_its_documented_formula(row, expected):
+    names = page_names()
+    (expressions,) = [columns[1] for columns in ROWS if f"`{row}`" in columns[0]]
+    value = eval(re.findall(r"`([^`]+)`", expressions)[0], names)
+    assert float(value) == pytest.approx(float(expected(names)), rel=1e-6)
+
+
+@pytest.mark.parametrize("n", [1, 10, 50])
+def test_albersheim_and_shnidman_equal_their_papers(n):
+    a, b = np.log(0.62e6), np.log(9.0)
+    albersheim = -5 * np.log10(n) + (6.2 + 4.54 / np.sqrt(n + 0.44)) * np.log10(
+        a + 0.12 * a * b + 1.7 * b
+    )
+    assert decibels(dc.theory.albersheim(0.9, 1e-6, n_summed=n)) == pytest.approx(albersheim)
+    shnidman = decibels(dc.theory.shnidman(0.9, 1e-6, n_summed=n))
+    assert shnidman == pytest.approx(shnidman_db(0.9, 1e-6, n))
