@@ -66,3 +66,11 @@ def test_structures_are_released_read_or_not():
         read_rows(Table(COLUMNS))
     gc.collect()
     assert (len(arrow_stream._kept), len(arrow_stream._capsule_streams)) == n_kept
+
+
+def test_polars_takes_the_columns_with_their_types():
+    polars = pytest.importorskip("polars")
+    frame = polars.DataFrame(Table(COLUMNS))
+    assert frame.to_dict(as_series=False) == COLUMNS
+    assert [str(kind) for kind in frame.dtypes] == ["Float64", "Int64", "String", "Float64"]
+    assert polars.DataFrame(Table({"range_m": []})).shape == (0, 1)

@@ -72,3 +72,13 @@ def test_files_with_earlier_units_still_read(result, tmp_path):
     cube = dc.open(path).cube
     xr.testing.assert_equal(cube, result.cube)
     assert cube.attrs["units"] == result.cube.attrs["units"]
+
+
+def test_cf_xarray_finds_axes_and_quantifies_units(result):
+    cf_xarray = pytest.importorskip("cf_xarray")
+    pytest.importorskip("cf_xarray.units")
+    registry = cf_xarray.units.units
+    for array in (result.cube, result.power, result.detections):
+        for name, unit in iter_units(array):
+            assert registry.parse_units(unit) is not None, name
+    assert result.power.cf["range"].attrs["units"] == "m"
