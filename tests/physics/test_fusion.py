@@ -72,17 +72,23 @@ def draw_truth(times_s: np.ndarray, n_runs: int, rng: np.random.Generator) -> np
 
 
 def draw_offsets_m(
-    times_s: np.ndarray, n_runs: int, size_m: float, rng: np.random.Generator
+    times_s: np.ndarray,
+    poses: list[dc.fusion.RadarPose],
+    centres_m: np.ndarray,
+    size_m: float,
+    rng: np.random.Generator,
 ) -> np.ndarray:
     """Draw offsets of echoes from the centres of bodies, (run, time, 2).
 
-    First-order Gauss-Markov with 4 s (Bar-Shalom 2001, 8.4).
+    First-order Gauss-Markov with 4 s (Bar-Shalom 2001, 8.4), about a mean on the near side.
     """
-    offsets_m = [size_m * rng.standard_normal((n_runs, 2))]
-    for interval_s in np.diff(times_s):
+    from_radars_m = centres_m - np.array([pose.position_m for pose in poses])
+    near_m = -size_m * from_radars_m / np.linalg.norm(from_radars_m, axis=-1, keepdims=True)
+    offsets_m = [near_m[:, 0] + size_m * rng.standard_normal(near_m[:, 0].shape)]
+    for index, interval_s in enumerate(np.diff(times_s), 1):
         decay = math.exp(-interval_s / 4.0)
-        change = math.sqrt(1 - decay**2) * size_m * rng.standard_normal((n_runs, 2))
-        offsets_m.append(decay * offsets_m[-1] + change)
+        change = math.sqrt(1 - decay**2) * size_m * rng.standard_normal(near_m[:, 0].shape)
+        offsets_m.append(decay * offsets_m[-1] + (1 - decay) * near_m[:, index] + change)
     return np.stack(offsets_m, axis=1)
 
 
@@ -144,7 +150,7 @@ def run_trials(
     poses = [vehicle.pose(time_s, CORNERS[name]) for time_s, name, _ in frames]
     std = np.array([AZIMUTH_STD_RAD, RANGE_STD_M, RATE_STD])
     echoes = truth.copy()
-    echoes[..., ::2] += draw_offsets_m(times_s, n_runs, tracker.target_size_m, rng)
+    echoes[..., ::2] += draw_offsets_m(times_s, poses, truth[..., ::2], tracker.target_size_m, rng)
     measured = np.stack(
         [measure(echoes[:, index], pose) for index, pose in enumerate(poses)], axis=1
     )
