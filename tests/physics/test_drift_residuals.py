@@ -55,6 +55,32 @@ def test_weak_residual_does_not_mark_a_static_echo_as_moving(radar, residual_snr
 
 
 @pytest.mark.parametrize(
+    ("velocity_cells", "level_db", "moving"),
+    [
+        (1.5, -25, [0.0]),  # a drift leaves as much
+        (1.5, -15, [0.0, np.nan]),  # a drift or a target
+        (1.5, -5, [0.0, 1.0]),
+        (2.5, -25, [0.0, 1.0]),  # resolved
+    ],
+)
+def test_weak_rows_within_main_lobe_of_static_echo_are_no_movers(
+    radar, velocity_cells, level_db, moving
+):
+    chirp, cell = radar.frame.chirp, radar.frame.velocity_resolution_m_per_s
+    lobe_m = 2 * chirp.range_resolution_m
+    row_m = 10 + 2.4 * chirp.range_resolution_m
+
+    joined = join_moving_detections(
+        make_columns([10.0], [0.0], [1e6]),
+        make_columns([row_m], [velocity_cells * cell], [1e6 * 10 ** (level_db / 10)]),
+        radar,
+        range_main_lobe_m=lobe_m,
+    )
+
+    np.testing.assert_equal(joined["moving"], moving)
+
+
+@pytest.mark.parametrize(
     ("all_echoes_cells", "moving_cells", "motion"),
     [
         (0.3, None, 0.0),  # static, or too slow for the filter

@@ -17,8 +17,13 @@ from dechirp.processing.mitigation.base import Mitigation
 from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
 from dechirp.radar.radar import Radar
 
-# Largest power of the residual of a static echo, relative to the echo: 10 dB below it.
+# Largest power of the residual of a static echo, relative to the echo: 10 dB below it, and 20 dB
+# farther than a cell of velocity away, within the main lobe of the Doppler window, 2 cells.
 _MAX_RESIDUAL = 0.1
+_MAX_FAR_RESIDUAL = 0.01
+_MAIN_LOBE_VELOCITY_CELLS = 2
+# The filter shifts the ranges of echoes that overlap, by up to half a cell.
+_RANGE_SHIFT_CELLS = 0.5
 
 
 @frozen_dataclass
@@ -65,7 +70,10 @@ def join_moving_detections(
     the filter shifts estimates. So are residuals of static echoes, which drift by less than a
     cell of velocity: rows within their main lobe of range (to each side) and a cell of velocity, at
     least 10 dB weaker. A linear drift of d in amplitude or phase (rad) leaves d^2 / 12 of the power
-    after the mean, at 0.7 cells of velocity whatever its own: 10 dB are 1.1 rad in a frame.
+    after the mean, at 0.7 cells of velocity whatever its own: 10 dB are 1.1 rad in a frame. A
+    quadratic drift of as much leaves 23 dB less than the echo at 2 cells, half the main lobe of a
+    Hann window: rows up to there at least 20 dB weaker are residuals too. Those 10 to 20 dB weaker
+    may be either: their motion is unknown.
     The column `moving` is 1 for targets of the second map: within half a cell of velocity, or
     within a cell where both are faster than a cell, since no static echo is there. It is 0 for
     those found only with all echoes, or with residuals, which are slower than a cell: static, or
@@ -78,9 +86,12 @@ def join_moving_detections(
         radar.frame.chirp.range_resolution_m,
         radar.frame.velocity_resolution_m_per_s,
     )
-    is_slow = (velocity_offset <= velocity_cell) & (abs(all_echoes["velocity"]) <= velocity_cell)
-    is_residual = is_slow & (range_offset_m <= range_main_lobe_m)
-    is_residual &= moving["snr"][:, None] < _MAX_RESIDUAL * all_echoes["snr"]
+    is_beside_static = velocity_offset <= _MAIN_LOBE_VELOCITY_CELLS * velocity_cell
+    is_beside_static &= abs(all_echoes["velocity"]) <= velocity_cell
+    is_beside_static &= range_offset_m <= range_main_lobe_m + _RANGE_SHIFT_CELLS * cell_m
+    level = moving["snr"][:, None] / all_echoes["snr"]
+    is_unresolved = is_beside_static & (level < _MAX_RESIDUAL)
+    is_residual = is_unresolved & ((velocity_offset <= velocity_cell) | (level < _MAX_FAR_RESIDUAL))
     near = (range_offset_m <= cell_m) & (velocity_offset <= velocity_cell)
     is_new = ~(near | is_residual).any(axis=1)
     joined = {
@@ -89,5 +100,6 @@ def join_moving_detections(
     is_fast = abs(all_echoes["velocity"]) > velocity_cell
     is_target = near & ~is_residual & ((velocity_offset <= velocity_cell / 2) | is_fast)
     motion = np.where(is_target.any(axis=0), 1.0, np.where(is_fast, np.nan, 0.0))
-    joined["moving"] = np.concatenate([motion, np.ones(int(is_new.sum()))])
+    new_motion = np.where(is_unresolved.any(axis=1), np.nan, 1.0)[is_new]
+    joined["moving"] = np.concatenate([motion, new_motion])
     return joined
