@@ -27,6 +27,7 @@ import zarr.codecs
 import dechirp
 from dechirp.cli.commands.list import list_members
 from dechirp.core.errors import RecordingError
+from dechirp.core.text import format_si
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
@@ -540,6 +541,46 @@ def test_text_header_lines_are_skipped_with_finding(tmp_path):
 
     assert np.array_equal(decode_frames(contents)[0, 0], numbers.T.astype("f4"))
     assert "2 lines before the first line of numbers" in contents.findings[0].value
+
+
+@pytest.mark.parametrize("n_rx", [1, 2])
+@pytest.mark.parametrize("is_right", [True, False])
+def test_column_of_times_is_left_out(tmp_path, n_rx, is_right):
+    # An oscilloscope, with times rounded to a fifth of their step.
+    samples = np.random.default_rng(9).uniform(-1, 1, (4 * 8, n_rx))
+    radar = make_radar(n_rx=n_rx, sampling="real")
+    rate_hz = radar.frame.chirp.sample_rate_hz
+    step_s = (1 if is_right else 2) / rate_hz
+    times = np.round((step_s * np.arange(len(samples)) - 1e-3) * 5 * rate_hz) / (5 * rate_hz)
+    rows = np.column_stack([times, samples])
+    np.savetxt(tmp_path / "scope.csv", rows, delimiter=",", header="Time,Ampl", comments="")
+
+    axes = ("chirp", "sample") if n_rx == 1 else ("chirp", "sample", "rx")
+    contents = read_contents(tmp_path / "scope.csv", "text-columns", radar, axes=axes)
+
+    expected = samples.reshape(4, 8, n_rx).transpose(0, 2, 1).astype("f4")
+    assert np.array_equal(decode_frames(contents)[0], expected)
+    _, left_out = contents.findings
+    assert "left out as times" in left_out.value
+    assert left_out.level == ("note" if is_right else "warning")
+    if not is_right:
+        assert f"those of {format_si(rate_hz / 2, 'hz')}" in left_out.value
+        assert format_si(rate_hz, "hz") in left_out.expected
+
+
+def test_columns_that_all_rise_are_samples(tmp_path):
+    numbers = np.arange(4 * 8 * 8.0).reshape(32, 8)
+    np.savetxt(tmp_path / "cube.txt", numbers)
+
+    contents = read_contents(
+        tmp_path / "cube.txt",
+        "text-columns",
+        make_radar(n_rx=1, sampling="real"),
+        axes=("frame", "chirp", "sample"),
+        encoding="full-scale",
+    )
+
+    assert np.array_equal(decode_frames(contents).reshape(32, 8), numbers)
 
 
 def test_numbers_with_fractions_need_no_encoding(tmp_path):

@@ -3,7 +3,8 @@
 Numbers are taken in reading order, and a line holds the last axes: for `frame,chirp,sample` a chirp
 a line, for `sample,rx` a column for each receiver. The separator is a comma, semicolon, tab or
 blank; if it is not the comma, numbers may have decimal commas. Lines that begin with `#` or `%` are
-comments.
+comments. A first column that rises in equal steps, where no other does, holds times or indices: it
+is left out.
 
 Complex numbers are read as `numpy.savetxt`, MATLAB and C++ write them: `(1.5+2j)`, `(1.5+-2j)`,
 `1.5 + 2i`, `(1.5,2)`. The text may be compressed with gzip.
@@ -17,12 +18,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import BinaryIO, ClassVar, TypeAlias, cast
+from typing import Any, BinaryIO, ClassVar, TypeAlias, cast
 
 import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
+from dechirp.core.text import format_si
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.encodings import LIMITS
 from dechirp.recordings.arrays.lazy_array import (
@@ -37,6 +39,7 @@ from dechirp.recordings.arrays.named_axes import (
 )
 from dechirp.recordings.foreign_files import identify_foreign_file
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
+from dechirp.recordings.settings.base import RecordingSettings
 from dechirp.recordings.settings.radar_example import RadarExample
 from dechirp.recordings.settings_lookup import find_recording_settings
 
@@ -45,6 +48,10 @@ _EXAMPLE_CHIRPS = 128
 _MAX_HEADINGS = 100
 _MAX_LINE_BYTES = 2**22  # its words take 14 times as much memory
 _LINES_PER_OFFSET = 64  # lines between two stored offsets
+# A column of times is recognised in so many lines, beside at most 16 channels of an oscilloscope.
+_MIN_TIMES, _MAX_TIMES, _MAX_CHANNELS = 16, 4096, 16
+_MAX_STEP_S = 0.1  # of times; indices rise by 1
+_MAX_RATE_ERROR = 1e-3  # relative
 _PARSED_BYTES = 2**20
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _NOT_TEXT = bytes(byte for byte in range(32) if byte not in b"\t\n\r\f")
@@ -99,7 +106,7 @@ class TextColumns(Format):
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         text = _TextFile(path)
-        table = _index_number_lines(text)
+        table = _leave_times_out(text, _index_number_lines(text))
         settings = find_recording_settings(path, hints, _radar_example(table, hints.axes))
         n_numbers = table.n_lines * table.n_columns
         description = f"text of {table.n_lines} lines of {table.n_columns} numbers"
@@ -114,7 +121,7 @@ class TextColumns(Format):
             numbers,
             replace(hints, settings=settings),
             file_bytes=table.n_bytes,
-            findings=(*table.findings, *findings),
+            findings=(*table.findings, *_time_findings(table, settings), *findings),
         )
 
 
@@ -122,13 +129,26 @@ def _radar_example(table: "_LineIndex", axes: tuple[str, ...] | None) -> RadarEx
     """Return the example of a radar whose chirps are the lines of a text."""
     n_chirps = min(table.n_lines, _EXAMPLE_CHIRPS)
     names = axes or (("frame",) if table.n_lines > n_chirps else ()) + ("chirp", "sample")
-    return replace(
+    example = replace(
         RadarExample(),
         n_samples=table.n_columns,
         n_chirps=n_chirps,
         sampling="complex" if table.is_complex else "real",
         options=f" --axes {','.join(names)}",
         known=("n_samples",),
+    )
+    if table.step is None:
+        return example
+    default = RadarExample()  # lines are samples, and the length of a chirp is unknown
+    names = axes or (("chirp", "sample") if table.n_columns == 1 else ("sample", "rx"))
+    known = ("sample_rate",) if table.step < _MAX_STEP_S else ()
+    return replace(
+        example,
+        sample_rate_hz=float(f"{1 / table.step:.6g}") if known else default.sample_rate_hz,
+        n_samples=default.n_samples,
+        n_chirps=default.n_chirps,
+        options=f" --axes {','.join(names)}",
+        known=known,
     )
 
 
@@ -168,12 +188,15 @@ class _LineIndex:
     substitutions: _Substitutions
     """Those that the first line of numbers needs."""
     n_columns: int
+    """Columns of samples."""
     n_lines: int
     n_bytes: int
     """Bytes of the text."""
     offsets: tuple[tuple[int, int], ...]
     """First byte and line number (from 1) of every `_LINES_PER_OFFSET`-th line of numbers."""
     findings: tuple[Finding, ...]
+    step: float | None = None
+    """Step from line to line of a first column that is left out; None without one."""
 
 
 def _detect_separator(line: bytes) -> bytes | None:
@@ -278,6 +301,41 @@ def _index_number_lines(text: _TextFile) -> _LineIndex:
     )
 
 
+def _leave_times_out(text: _TextFile, table: _LineIndex) -> _LineIndex:
+    """Leave out a first column of times or indices, see the module."""
+    n = min(table.n_lines, _MAX_TIMES)
+    if table.is_complex or not 2 <= table.n_columns <= 1 + _MAX_CHANNELS or n < _MIN_TIMES:
+        return table
+    numbers = _read_numbers_of_lines(text, table, slice(0, n)).reshape(n, table.n_columns)
+    steps = (numbers[-1] - numbers[0]) / (n - 1)
+    # Printed digits may be few: times are then rounded to steps.
+    from_line = numbers - numbers[0] - steps * np.arange(n)[:, None]
+    is_straight = np.abs(from_line).max(axis=0) <= np.abs(steps)
+    if not (is_straight[0] and steps[0] > 0) or (is_straight & (steps != 0))[1:].any():
+        return table
+    return replace(table, n_columns=table.n_columns - 1, step=float(steps[0]))
+
+
+def _time_findings(table: _LineIndex, settings: RecordingSettings) -> tuple[Finding, ...]:
+    """Return what was left out, as a warning if the times contradict the sample rate."""
+    if table.step is None:
+        return ()
+    rate_hz = settings.radar.frame.chirp.sample_rate_hz
+    differs = table.step < _MAX_STEP_S and abs(table.step * rate_hz - 1) > _MAX_RATE_ERROR
+    return (
+        Finding(
+            level="warning" if differs else "note",
+            setting="recording",
+            value=f"a first column that rises by {table.step:.6g} a line, left out as times"
+            + (f", which are those of {format_si(1 / table.step, 'hz')}" if differs else ""),
+            expected=f"the sample rate of the radar, {format_si(rate_hz, 'hz')}"
+            if differs
+            else "columns of samples",
+            fix="correct frame.chirp.sample_rate" if differs else "no action needed",
+        ),
+    )
+
+
 def _needed_substitutions(line: bytes) -> _Substitutions:
     """Return the substitutions that change a line."""
     needed = []
@@ -329,7 +387,7 @@ def _check_line_holds_whole_axes(
             value=f"{table.n_columns} numbers in a line",
             expected=f"{' or '.join(map(str, allowed_lengths[1:-1]))}, a whole number of the last"
             f" axes of {','.join(axes)} ({format_shape(shape)})",
-            fix="correct the axes or the radar's settings, and remove columns of time",
+            fix="correct the axes or the radar's settings",
         )
 
 
@@ -388,15 +446,17 @@ def _parse_number_lines(
     path: Path, block: list[bytes], table: _LineIndex, next_line_number: int
 ) -> np.ndarray:
     """Parse lines of numbers, (line, column), all before line `next_line_number`."""
-    separator = table.separator.decode() or None
+    options: dict[str, Any] = {"delimiter": table.separator.decode() or None, "comments": None}
+    if table.step is not None:
+        options["usecols"] = range(1, 1 + table.n_columns)
     try:
-        return np.loadtxt(block, _number_dtype(table), delimiter=separator, comments=None, ndmin=2)
+        return np.loadtxt(block, _number_dtype(table), ndmin=2, **options)
     except ValueError as error:
         reason = str(error).split(";")[0]
         raise RecordingError(
             path,
             value=f"text with something else than numbers in one of the {len(block)} lines before"
             f" line {next_line_number} ({reason})",
-            expected=f"lines of {table.n_columns} numbers",
+            expected=f"lines of {table.n_columns + (table.step is not None)} numbers",
             fix="correct the line, or copy the file again from its source",
         ) from None
