@@ -2,6 +2,8 @@
 
 import copy
 import csv
+import json
+import os
 import subprocess
 import sys
 from collections import defaultdict
@@ -59,6 +61,39 @@ try:
     main(["run", "--quiet"])
 finally:
     print(*{"numba", "dask", "scipy.fft", "scipy.special"} & set(sys.modules))
+"""
+
+
+# Detections with each noise estimator and each direction estimator.
+MEMBERS_SCRIPT = """
+import json, sys, warnings
+from dataclasses import replace
+import dechirp as dc
+from dechirp.core.compiled_kernels import use_compiled_kernels
+from dechirp.processing.angle.base import DirectionEstimator
+from dechirp.processing.cfar.base import NoiseEstimator
+
+warnings.simplefilter("ignore")
+use_compiled_kernels()  # wherever Numba can compile
+scenario = dc.load(sys.argv[1], ["n_frames=1", "radar.frame.n_chirps=32"])
+chain, cfar = scenario.chain, scenario.chain.cfar
+chains = {
+    kind: replace(chain, cfar=replace(cfar, estimator=member()))
+    for kind, member in NoiseEstimator.members().items()
+}
+chains |= {
+    kind: replace(chain, angle=member()) for kind, member in DirectionEstimator.members().items()
+}
+cube = dc.simulate(scenario.scene, scenario.radar, seed=1)
+results = {}
+for kind, chain in chains.items():
+    detections = dc.detect(cube, scenario.radar, chain).fillna(0)
+    names = ("range", "velocity", "azimuth")
+    results[kind] = [
+        [detections[name].values.tolist(), detections[f"{name}_std"].values.tolist()]
+        for name in names
+    ]
+print(json.dumps(results))
 """
 
 
@@ -286,6 +321,31 @@ def test_twin_of_statistical_sensor_draws_equal_detections(differences):
 
     # Normal numbers and tables in single precision, in another order of summation.
     assert differences["peak_sampling.sample_peaks"] < TOLERANCE
+
+
+@nightly
+def test_every_detector_and_direction_estimator_equals_its_compiled_form_without_numba():
+    plain, compiled = (
+        json.loads(
+            subprocess.run(
+                [sys.executable, "-c", MEMBERS_SCRIPT, str(EXAMPLES / "mimo.yaml")],
+                env=os.environ | {"NUMBA_DISABLE_JIT": is_off},
+                stdout=subprocess.PIPE,
+                text=True,
+                check=True,
+            ).stdout
+        )
+        for is_off in "10"
+    )
+
+    assert plain.keys() == compiled.keys()
+    for kind, columns in plain.items():
+        assert len(columns[0][0]) >= 5, kind
+        for (values, _), (expected, stds) in zip(columns, compiled[kind], strict=True):
+            # Rounding errors of single precision, small beside those of the noise.
+            np.testing.assert_allclose(
+                (np.array(values) - expected) / np.maximum(stds, 1e-9), 0.0, atol=1e-2, err_msg=kind
+            )
 
 
 def _sums(value):
