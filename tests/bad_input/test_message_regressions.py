@@ -160,3 +160,25 @@ def test_misspelt_calibration_key_gets_suggestion(tmp_path):
     file.write_text('{"elements": [[0, 0]], "gian": [[1, 0]]}')
     with pytest.raises(DechirpError, match="gian: an unknown key.*did you mean gain"):
         read_calibration(file)
+
+
+@pytest.mark.parametrize(
+    ("window", "fix"),
+    [
+        ("boxcar", "write rectangular, which has the same weights"),
+        ("blackmanharris", "write blackman-harris, which has the same weights"),
+        ("hanning", r"did you mean hann\?"),
+        (("kaiser", 14.0), r"did you mean kaiser-6\?"),
+        ("flattop", "choose one of them; only functions on plain arrays accept this window"),
+        (None, "choose one of them"),
+    ],
+)
+def test_window_of_scipy_in_settings_is_answered_with_the_name_of_its_weights(window, fix):
+    with pytest.raises(dc.InvalidSetting, match=rf"^Chain\.range_window: .*; {fix}$"):
+        dc.Chain(range_window=window)
+
+
+def test_radar_file_in_place_of_scenario_is_explained():
+    file = Path(dc.__file__).parents[2] / "examples/radar.yaml"
+    with pytest.raises(dc.InvalidFile, match=r"settings of a radar: frame; .* radar: radar\.yaml$"):
+        dc.load(file)

@@ -3,9 +3,9 @@
 import json
 import math
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from importlib import resources
 from itertools import combinations
 from pathlib import Path
@@ -381,11 +381,35 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
                 file=str(path),
             )
         )
-    scenario = loading.read_settings(path, Scenario, overrides=overrides, readers=READERS)
+    try:
+        scenario = loading.read_settings(path, Scenario, overrides=overrides, readers=READERS)
+    except InvalidFile:
+        _check_not_radar_file(path)
+        raise
     if scenario.recording is None:
         return scenario
     tree = parse_yaml(loading.read_settings_text(path), str(path))
     return keep_given_chain_settings(scenario, overrides, tree)
+
+
+def _check_not_radar_file(path: Path) -> None:
+    """Raise `InvalidFile` for a file with the settings of a radar in place of a scenario."""
+    content = parse_yaml(loading.read_settings_text(path), str(path)).content
+    radar_settings, settings = ({field.name for field in fields(cls)} for cls in (Radar, Scenario))
+    if not (isinstance(content, Mapping) and content):
+        return
+    if not content.keys() <= radar_settings - settings:
+        return
+    raise InvalidFile(
+        Mistake(
+            setting="the file",
+            value=f"settings of a radar: {', '.join(content)}",
+            expected="a scenario",
+            fix=f"open a recording with it: dechirp.open(RECORDING, radar={str(path)!r});"
+            f" or write a scenario with radar: {path.name}",
+            file=str(path),
+        )
+    )
 
 
 def keep_given_chain_settings(

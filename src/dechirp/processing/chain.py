@@ -22,7 +22,7 @@ from dechirp.processing.spectrum import Transform, rows_with_circular_noise
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
-from dechirp.theory.windows import Window
+from dechirp.theory.windows import Window, check_window_name
 
 
 @frozen_dataclass
@@ -72,20 +72,15 @@ class Chain(Displayable):
         for name in ("n_range_bins", "n_velocity_bins"):
             if getattr(self, name) is not None:
                 check_integer_fields(self, name, at_least=2)
-        for name, choices in (
-            ("range_window", get_args(Window)),
-            ("doppler_window", get_args(Window)),
-            ("range_walk", (*get_args(RangeWalk), None)),
-        ):
-            if getattr(self, name) not in choices:
-                raise InvalidSetting(
-                    f"Chain.{name}",
-                    value=getattr(self, name),
-                    expected=" or ".join(
-                        "none" if choice is None else choice for choice in choices
-                    ),
-                    fix="choose one of them",
-                )
+        for name in ("range_window", "doppler_window"):
+            check_window_name(f"Chain.{name}", getattr(self, name))
+        if self.range_walk not in (*get_args(RangeWalk), None):
+            raise InvalidSetting(
+                "Chain.range_walk",
+                value=self.range_walk,
+                expected=" or ".join((*get_args(RangeWalk), "none")),
+                fix="choose one of them",
+            )
         if self.max_range_m is not None:
             check_positive_fields(self, "max_range_m")
         if self.image_rejection is not None:

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import as_tuple_or_none, check_finite_array, check_integer, check_number
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.suggestions import did_you_mean_fix
 
 __all__ = [
     "bin_correlation",
@@ -349,8 +350,27 @@ def check_window_name(setting: str, window: object) -> None:
     # An array of names compares as an array, and a list has no hash.
     if not isinstance(window, str) or window not in get_args(Window):
         raise InvalidSetting(
-            setting, value=window, expected=" or ".join(get_args(Window)), fix="choose one of them"
+            setting,
+            value=window,
+            expected=" or ".join(get_args(Window)),
+            fix=_fix_of_window_name(window),
         )
+
+
+def _fix_of_window_name(window: object) -> str:
+    """Return the fix for a window that is no name of ours: the name of equal weights, if any."""
+    otherwise = "choose one of them"
+    try:
+        weights = window_weights(cast("Any", window), 64)
+    except (InvalidSetting, TypeError):
+        pass
+    else:
+        for name in get_args(Window):
+            if np.allclose(weights, window_weights(name, 64), rtol=0, atol=1e-9):
+                return f"write {name}, which has the same weights"
+        otherwise += "; only functions on plain arrays accept this window"
+    word = window[0] if isinstance(window, tuple) and window else window
+    return did_you_mean_fix(str(word), get_args(Window), otherwise)
 
 
 def _check_at_least_one_point(n: int) -> None:
