@@ -78,6 +78,21 @@ DATA ascii
 """
 
 
+HXX = """\
+    .fmcw_startfreq = 76.5,
+    .fmcw_bandwidth = 600,
+    .fmcw_chirp_rampup = 16.5,
+    .fmcw_chirp_period = 20,
+    .tx_groups = {0x0001, 0x0000},
+    .nchirp = 16,
+    .adc_freq = 20,
+    .dec_factor = 2,
+    .adc_sample_start = 2,
+    .rng_nfft = 16,
+    .ant_pos = {{0, 0}, {0.5, 0}, {1, 0}, {1.5, 0}, {2, 0}, {2.5, 0}, {3, 0}, {3.5, 0}},
+"""
+
+
 def draw_cube() -> np.ndarray:
     """Draw an integer-valued cube (frame, chirp, rx, sample) of two frames."""
     rng = np.random.default_rng(1)
@@ -157,6 +172,36 @@ def complex_samples() -> bytes:
 
 def urad() -> bytes:
     return "\n".join(" ".join(str(1900 + n) for n in range(16)) for _ in range(4)).encode()
+
+
+def calterah() -> bytes:
+    words = np.random.default_rng(1).integers(0, 2**32, 257)
+    return ",".join(map(str, words.tolist())).encode()
+
+
+def acconeer() -> bytes:
+    import h5py
+
+    subsweep = {"start_point": 100, "num_points": 3, "step_length": 10}
+    frames = np.zeros((30, 2, 3), [("real", "<i2"), ("imag", "<i2")])
+    frames["real"] = np.random.default_rng(1).integers(-2000, 2000, frames.shape)
+    entry = "sessions/session_0/group_0/entry_0"
+    out = io.BytesIO()
+    with h5py.File(out, "w") as file:
+        file[f"{entry}/result/frame"] = frames
+        file[f"{entry}/result/tick"] = 50_000 * np.arange(30)
+        file[f"{entry}/sensor_id"] = 2
+        file[f"{entry}/metadata"] = json.dumps({"base_step_length_m": 0.0025})
+        file["server_info"] = json.dumps({"ticks_per_second": 1_000_000})
+        file["sessions/session_0/session_config"] = json.dumps(
+            {"groups": [{"2": {"subsweeps": [subsweep]}}]}
+        )
+    return out.getvalue()
+
+
+def slow_time_text() -> bytes:
+    rows = [f"{0.05 * n:.2f},{n % 7},{n % 5}" for n in range(30)]
+    return "\n".join(["time_s,i,q", *rows]).encode()
 
 
 def sync_wav() -> bytes:
@@ -252,15 +297,22 @@ RECORDINGS: dict[str, tuple[Callable[[], bytes], dict[str, object]]] = {
     "sirad": (sirad, {}),
     "pcd": (PCD.encode, {}),
     "ti-uart": (ti_uart, {}),
+    "calterah": (calterah, {}),
+    "ros1": (corpus_reader("ros1.bag"), {}),
 }
-SELF_DESCRIBING = {"kept", "mcap", "sirad", "ti-uart", "pcd"}
+SELF_DESCRIBING = {"kept", "mcap", "sirad", "ti-uart", "pcd", "calterah", "ros1"}
 """Kinds of recordings that contain their radar settings."""
+COMPANIONS = {"calterah": ("sensor_config_init0.hxx", HXX)}
+"""Name and text of the settings file beside a recording."""
+SLOW_TIME = {"acconeer": (acconeer, "x.h5"), "slow-time-text": (slow_time_text, "x.csv")}
+"""Files of slow time, with their names."""
 SETTINGS: dict[str, tuple[Callable[[], bytes], str]] = {
     "cfg": (CFG.encode, "x.cfg"),
     "log": (LOG.encode, "x_LogFile.txt"),
     "mmwave-json": (mmwave, "x.mmwave.json"),
     "mmwave-lua": (LUA.encode, "x.lua"),
     "infineon-json": (infineon, "config.json"),
+    "calterah-hxx": (HXX.encode, "sensor_config_init0.hxx"),
 }
 
 
@@ -277,21 +329,27 @@ def build_input_function(kind: str, folder: Path) -> Callable[[bytes], None]:
     """Build the function that reads one input."""
     from dechirp.core.errors import InvalidFile, RecordingError
     from dechirp.recordings.settings.read import read_settings
+    from dechirp.recordings.slow_time_files import read_slow_time
     from formats.corruption import assert_cube_or_error
 
-    if kind in SETTINGS:
-        file = folder / SETTINGS[kind][1]
+    if kind in SETTINGS or kind in SLOW_TIME:
+        file = folder / (SETTINGS | SLOW_TIME)[kind][1]
+        read = read_settings if kind in SETTINGS else read_slow_time
 
-        def run_settings(content: bytes) -> None:
+        def run_file(content: bytes) -> None:
             file.write_bytes(content)
             try:
-                read_settings(file)
+                read(file)
             except (RecordingError, InvalidFile) as error:
                 assert all(m.value and m.expected and m.fix for m in error.mistakes)
 
-        return run_settings
+        return run_file
     options = RECORDINGS[kind][1]
     radar_options = {} if kind in SELF_DESCRIBING else {"radar": write_radar(kind, folder)}
+
+    if kind in COMPANIONS:
+        name, text = COMPANIONS[kind]
+        (folder / name).write_text(text)
 
     def run_recording(content: bytes) -> None:
         (folder / "capture").write_bytes(content)
@@ -310,7 +368,7 @@ def fuzz_kind(kind: str, seconds: int) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder, corpus = Path(name), Path(name) / "corpus"
         corpus.mkdir()
-        (corpus / "valid").write_bytes((RECORDINGS | SETTINGS)[kind][0]())
+        (corpus / "valid").write_bytes((RECORDINGS | SETTINGS | SLOW_TIME)[kind][0]())
         run_input = build_input_function(kind, folder)
         run_input((corpus / "valid").read_bytes())
         limits = ["-timeout=20", "-rss_limit_mb=700", "-max_len=65536", "-print_final_stats=1"]
@@ -326,8 +384,8 @@ def main() -> None:
         "kinds",
         nargs="*",
         metavar="kind",
-        default=[*RECORDINGS, *SETTINGS],
-        help=", ".join([*RECORDINGS, *SETTINGS]),
+        default=[*RECORDINGS, *SETTINGS, *SLOW_TIME],
+        help=", ".join([*RECORDINGS, *SETTINGS, *SLOW_TIME]),
     )
     parser.add_argument("--seconds", type=int, default=60, help="time per kind of file")
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)

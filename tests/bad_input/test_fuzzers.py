@@ -51,17 +51,23 @@ def test_undamaged_corpus_recordings_are_read():
 
 def test_seed_inputs_of_reader_fuzzer_are_read(tmp_path):
     for kind, (content, options) in READERS.RECORDINGS.items():
-        file = tmp_path / kind
+        folder = tmp_path / kind
+        folder.mkdir()
+        if kind in READERS.COMPANIONS:
+            name, text = READERS.COMPANIONS[kind]
+            (folder / name).write_text(text)
+        file = folder / "capture"
         file.write_bytes(content())
         radar_options = (
-            {}
-            if kind in READERS.SELF_DESCRIBING
-            else {"radar": READERS.write_radar(kind, tmp_path)}
+            {} if kind in READERS.SELF_DESCRIBING else {"radar": READERS.write_radar(kind, folder)}
         )
         assert is_readable(file, **radar_options, **options), kind
     for content, name in READERS.SETTINGS.values():
         (tmp_path / name).write_bytes(content())
         assert read_settings(tmp_path / name).radar
+    for content, name in READERS.SLOW_TIME.values():
+        (tmp_path / name).write_bytes(content())
+        assert dc.slow_time_files.read_slow_time(tmp_path / name).sizes["time"] == 30
 
 
 @nightly

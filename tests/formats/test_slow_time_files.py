@@ -194,6 +194,28 @@ def test_wrong_hdf5_is_refused(tmp_path, changes):
         dc.slow_time_files.read_slow_time(tmp_path / "a.h5")
 
 
+def test_text_in_a_damaged_heap_is_refused_at_once(tmp_path):
+    write_acconeer(tmp_path / "a.h5")
+    content = bytearray((tmp_path / "a.h5").read_bytes())
+    heap = content.index(b"GCOL")
+    # HDF5 2.0 reads free space of no size for ever.
+    for number, sizes in ((1, (0, 2**60)), (2, (0,)), (3, (5,)), (0, (0,))):
+        for size in sizes:
+            damaged = content.copy()
+            position = heap + 16
+            while (index := int.from_bytes(damaged[position : position + 2], "little")) != number:
+                n_bytes = int.from_bytes(damaged[position + 8 : position + 16], "little")
+                assert index != 0
+                position += 16 + -(-n_bytes // 8) * 8
+            damaged[position + 8 : position + 16] = size.to_bytes(8, "little")
+            (tmp_path / "b.h5").write_bytes(damaged)
+            if number == 0:
+                assert dc.slow_time_files.read_slow_time(tmp_path / "b.h5").sizes["time"] == 30
+            else:
+                with pytest.raises(dc.RecordingError):
+                    dc.slow_time_files.read_slow_time(tmp_path / "b.h5")
+
+
 def test_mutated_files_are_read_or_refused(tmp_path):
     write_acconeer(tmp_path / "a.h5")
     (tmp_path / "a.csv").write_text("time,I,Q\n" + "".join(f"{k},{k}.5,-{k}\n" for k in range(20)))

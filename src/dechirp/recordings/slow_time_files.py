@@ -36,6 +36,7 @@ from dechirp.recordings.arrays.hdf5_datasets import (
     find_dataset_following_links,
     open_hdf5,
 )
+from dechirp.recordings.arrays.hdf5_text import read_scalar_text
 from dechirp.recordings.arrays.lazy_array import convert_parser_errors
 
 __all__ = ["read_slow_time"]
@@ -188,7 +189,7 @@ def _warn_of_other_entries(path: Path, entry: str, n_frames: dict[str, int]) -> 
 
 def _read_a111(path: Path, file: Any) -> xr.DataArray:
     """Read the first sensor of the service IQ."""
-    mode = bytes(file["mode"][()])[:20].decode("utf-8", "replace")
+    mode = _read_text(file, "mode")[:20].decode("utf-8", "replace")
     if mode != "iq":
         raise RecordingError(
             path,
@@ -256,13 +257,12 @@ def _mean_of_sweeps(parts: np.ndarray) -> np.ndarray:
 
 def _read_json(file: Any, name: str) -> Any:
     """Return a JSON text that a dataset contains."""
-    dataset = file[name]
-    if dataset.shape != () or dataset.dtype.kind not in "OS":
-        raise TypeError(f"{name} is no text")
-    text = dataset[()]
-    if len(text) > _MAX_TEXT_BYTES:
-        raise ValueError(f"{name} has {len(text)} bytes")
-    return json.loads(text)
+    return json.loads(_read_text(file, name))
+
+
+def _read_text(file: Any, name: str) -> bytes:
+    with Path(file.filename).open("rb") as stream:
+        return read_scalar_text(stream, file[name], max_bytes=_MAX_TEXT_BYTES)
 
 
 def _acconeer_ranges_m(sensor: dict[str, Any], base_step_m: float) -> np.ndarray:
