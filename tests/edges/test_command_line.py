@@ -660,6 +660,7 @@ def test_rejects_frames_beyond_end_of_recording(collect_errors, recording_argume
             "add --rule",
         ),
         (["list", "cfra"], "FAMILY", "cfra", "did you mean cfar?"),
+        (["list", "detectors"], "FAMILY", "detectors", "did you mean cfar?"),
         (
             ["design", *RANGE_REQUIREMENTS, "--max-velocity", "100"],
             "--max-velocity",

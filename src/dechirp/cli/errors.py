@@ -84,6 +84,22 @@ def _format_gib(n_bytes: float) -> str:
 
 
 _JSON_KEYS = ("file", "line", "column", "setting", "value", "expected", "fix")
+# Words of the literature for families whose names do not resemble them.
+_CHOICE_BY_SYNONYM = {
+    "detector": "cfar",
+    "detectors": "cfar",
+    "detection": "cfar",
+    "direction": "angle",
+    "directions": "angle",
+    "interference": "mitigation",
+    "clutter": "mitigation",
+    "antenna": "pattern",
+    "antennas": "pattern",
+    "board": "device",
+    "chip": "device",
+    "reader": "format",
+    "readers": "format",
+}
 _EXPECTED_BY_TYPE: dict[Any, str] = {
     int: "an integer",
     float: "a number",
@@ -165,7 +181,8 @@ def parser_error_to_mistakes(error: CycloptsError) -> list[Mistake]:
                 if choices
                 else _EXPECTED_BY_TYPE.get(kind, f"{kind}")
             )
-            fix = did_you_mean_fix(token.value, choices) if choices else help_fix
+            word = _CHOICE_BY_SYNONYM.get(token.value.lower(), token.value)
+            fix = did_you_mean_fix(word, choices) if choices else help_fix
             mistake = Mistake(
                 setting=setting, value=quote_for_message(token.value), expected=expected, fix=fix
             )
