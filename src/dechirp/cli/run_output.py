@@ -18,7 +18,7 @@ from dechirp.core.detection_columns import (
 from dechirp.core.display import format_count_with_noun
 from dechirp.core.text import EN_DASH, format_fixed, format_with_std
 from dechirp.evaluation.association import associate_detections
-from dechirp.experiments.run import Result
+from dechirp.experiments.run import Result, leakage_in_recording
 from dechirp.report import objects_section
 
 # Columns dropped first on a narrow terminal: true values before measured ones.
@@ -36,6 +36,7 @@ def strongest_detections_table(result: Result, *, at_most: int, width: int) -> T
         at_most,
         range_cell_m=frame.chirp.range_resolution_m,
         velocity_cell_m_per_s=frame.velocity_resolution_m_per_s,
+        is_leakage=leakage_in_recording(result, result.detections),
     )
     n_all, n_shown = result.detections.sizes["detection"], rows.size
     strongest = result.detections.isel(detection=rows)

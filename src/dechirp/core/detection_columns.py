@@ -195,16 +195,23 @@ def decimals_of_estimates(
 
 
 def rows_to_show(
-    detections: xr.Dataset, at_most: int, *, range_cell_m: float, velocity_cell_m_per_s: float
+    detections: xr.Dataset,
+    at_most: int,
+    *,
+    range_cell_m: float,
+    velocity_cell_m_per_s: float,
+    is_leakage: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the rows to show to people, strongest first.
 
     Where more than `at_most` are detected, only the strongest one of each place is shown, of all
     frames: a target at rest would fill the table. Static echoes are mostly the strongest of a
     recording: half of the rows are left for detections that move, if there are as many, those with
-    a known ambiguity number first.
+    a known ambiguity number first. Rows marked as leakage (n,) are left out.
     """
     order = np.argsort(-detections.snr.values, kind="stable")
+    if is_leakage is not None:
+        order = order[~is_leakage[order]]
     if order.size <= at_most:
         return order
     is_moving = np.zeros(order.size, bool)

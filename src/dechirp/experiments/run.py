@@ -46,6 +46,7 @@ from dechirp.processing.chain_findings import chain_findings
 from dechirp.processing.channel_errors import channel_error_findings
 from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.hidden_echoes import hidden_echo_findings
+from dechirp.processing.leakage import leakage_findings, leakage_mask
 from dechirp.processing.mitigation.apply import mitigation_findings
 from dechirp.processing.peaks import MAX_PEAKS
 from dechirp.processing.range_doppler_map import label_map_axes, power_map, threshold_map
@@ -254,7 +255,11 @@ def _run(
         first_frame=numbers.start, detections=detections_from_columns(columns), frames=totals
     )
     if isinstance(source, Recording):
-        findings = (*findings, *_vital_sign_findings(detection_run))
+        findings = (
+            *findings,
+            *_vital_sign_findings(detection_run),
+            *leakage_findings(detection_run.detections, radar, scenario.chain),
+        )
     detection_time_s = perf_counter()
     result = build_result(scenario, radar, source, detection_run)
     return replace(
@@ -376,6 +381,13 @@ def build_result(
         times_s=tuple(detection_run.frames.times_s),
         timing_s={"process": perf_counter() - start_s},
     )
+
+
+def leakage_in_recording(result: Result, detections: xr.Dataset) -> np.ndarray | None:
+    """Return which detections of the result of a recording are leakage, (n,); None of a scene."""
+    if result.scenario.recording is None:
+        return None
+    return leakage_mask(detections, result.radar, result.scenario.chain)
 
 
 def fitted_chain_findings(chain: Chain, radar: Radar) -> tuple[Finding, ...]:

@@ -24,6 +24,7 @@ from dechirp.core.text import (
     ratio_db,
 )
 from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.run import leakage_in_recording
 from dechirp.report.labels import axis_label
 from dechirp.report.page_context import PageContext
 from dechirp.scene.rcs import target_cross_sections_m2
@@ -97,6 +98,7 @@ def detection_table_rows(context: PageContext, max_rows: int) -> list[dict[str, 
         max_rows,
         range_cell_m=frame.chirp.range_resolution_m,
         velocity_cell_m_per_s=frame.velocity_resolution_m_per_s,
+        is_leakage=leakage_in_recording(context.result, context.strongest),
     )
     shown = context.strongest.isel(detection=indices)
     columns = [column for column in SHOWN_COLUMNS if column.name in shown]
