@@ -319,6 +319,38 @@ def test_wall_shadows_what_is_behind_its_end(radar):
         assert ratio == pytest.approx(float(abs(knife_edge_field(v)) ** 4), rel=0.03)
 
 
+@pytest.mark.parametrize("offset_m", [0.0, 0.1, 0.25, 0.6])
+def test_beam_of_a_guard_rail_shadows_what_is_behind_it(radar, offset_m):
+    # The path crosses the beam of 0.31 m at half of its length of 20 m; the beam is a strip, over
+    # and under which the field is that of a knife edge (P.526, 4.1).
+    rail = dc.bodies.GuardRail(length_m=60.0)
+    low_m, high_m = rail.blocking_box_m[:, 2]
+    middle_m = (low_m + high_m) / 2
+    blocker = dc.Target(
+        name="rail", position_m=(10, 0, offset_m - middle_m), heading_rad=np.pi / 2, body=rail
+    )
+    point = dc.Target(name="point", position_m=(20, 0, 0))
+    # Fluctuations are those of the second target in both scenes.
+    shadowed, free = (
+        np.subtract(
+            *(
+                dc.simulate(
+                    dc.Scene(targets=targets, shadowing=shadowing), radar, dtype=np.complex128
+                ).values
+                for targets in ([blocker, point], [blocker])
+            )
+        )
+        for shadowing in (True, False)
+    )
+    ratio = np.mean(abs(shadowed) ** 2) / np.mean(abs(free) ** 2)
+
+    scale = np.sqrt(2 / radar.frame.chirp.wavelength_m * (1 / 10 + 1 / 10))
+    over, under = offset_m + (high_m - low_m) / 2, (high_m - low_m) / 2 - offset_m
+    field = knife_edge_field(over * scale) + knife_edge_field(under * scale)
+    # 0.2 dB of the two-way level: the box is 0.1 m thick.
+    assert 10 * np.log10(ratio) == pytest.approx(40 * np.log10(abs(field)), abs=0.2)
+
+
 def test_radar_sees_below_a_vehicle_by_the_road_reflection(radar):
     # The gap of 0.375 m, and its image, are 2.7 zones high, at the middle between both ends.
     truck = dc.bodies.Truck(length_m=20.0, width_m=2.0, height_m=4.0, wheel_radius_m=0.75)
