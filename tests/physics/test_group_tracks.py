@@ -17,7 +17,7 @@ from dechirp.tracking.group_filter import start_groups, update_groups
 from dechirp.tracking.group_points import usable_rows_to_group_points
 from dechirp.tracking.group_tracker import GroupTracker
 from dechirp.tracking.groups import LiveGroupTracker, track_groups
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 PERSON = np.diag([0.04, 0.06])
 """Covariance of points about the centre, m^2."""
@@ -254,6 +254,53 @@ def test_manoeuvring_car_is_followed_by_interacting_models(path):
     # own. The filter halves it; straight motion lags by more.
     assert rms_gospa_m(tracks, [path]) < 0.25
     assert rms_gospa_m(straight, [path]) > 1.5 * rms_gospa_m(tracks, [path])
+
+
+def sine_path() -> np.ndarray:
+    """A person at 1.2 m/s swings 1 m to both sides every 4 s, as in TI's sine tests."""
+    t = np.arange(130) * INTERVAL_S
+    angle = 2 * np.pi / 4 * t
+    y, vy = np.sin(angle), 2 * np.pi / 4 * np.cos(angle)
+    return np.stack([8 + 1.2 * t, 1.2 + 0 * t, y, vy], axis=-1)
+
+
+@nightly
+@pytest.mark.parametrize(
+    ("path", "covariance", "size_std_m", "changes_s", "mean_limit"),
+    [
+        (turning_path(), CAR, 0.8, (2.0,), 4.5),
+        (braking_path(), CAR, 0.8, (2.0, 4.5), 7.0),
+        (sine_path(), PERSON, 0.3, (), 10.0),
+    ],
+    ids=["turning", "braking", "sine"],
+)
+def test_nees_of_manoeuvres_is_bounded(path, covariance, size_std_m, changes_s, mean_limit):
+    # A filter with the true model has a mean of 4. In a steady turn, one of the models is true.
+    # While brakes act, and in a sine, no model is: their noise covers the acceleration, and errors
+    # exceed their standard errors by sqrt(7 / 4) and sqrt(10 / 4), 1.3 and 1.6, at most.
+    n_seeds = 12
+    values = []
+    for seed in range(n_seeds):
+        points = draw_points(
+            np.random.default_rng(seed), [path], covariance=covariance, mean_count=12
+        )
+        tracks = track_groups(points, times_of([path]), GroupTracker(size_std_m=size_std_m))
+        assert tracks.sizes["track"] == 1
+        values.append(nees_of_path(tracks, path))
+    times_s = np.arange(len(path)) * INTERVAL_S
+    is_change = np.any(
+        [(change_s <= times_s) & (times_s < change_s + 0.5) for change_s in changes_s]
+        + [times_s < 0.5],
+        axis=0,
+    )
+
+    mean = np.mean(values, axis=0)
+
+    # The standard error of a mean of 12 paths, in 10 independent parts of half a second, is 0.26.
+    low, _ = mean_nees_interval(4, n_seeds * 10, outside_probability=1e-6)
+    assert low < mean[~is_change].mean() < mean_limit
+    # Where a manoeuvre begins or ends, models change within half a second.
+    assert mean[times_s > 0.5].max() < 30
 
 
 def test_turn_rate_is_estimated():
