@@ -102,5 +102,6 @@ def test_wrong_element_is_named(arguments, message):
         dc.theory.detection_threshold(**{"false_alarm_probability": 1e-3, **arguments})
 
 
-def test_empty_array_gives_an_empty_result():
-    assert dc.theory.detection_threshold([], n_summed=[[1], [2]]).shape == (2, 0)
+def test_empty_array_is_named():
+    with pytest.raises(dc.InvalidSetting, match=r"^false_alarm_probability: an empty array \(0,\)"):
+        dc.theory.detection_threshold([], n_summed=[[1], [2]])

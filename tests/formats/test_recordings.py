@@ -1073,11 +1073,11 @@ def test_commands_in_error_of_missing_settings_and_axes_read_the_recording(tmp_p
 
 
 def test_arrays_of_a_file_without_settings_are_listed(tmp_path):
-    np.savez(tmp_path / "walk.npz", one=np.ones((4, 8), complex), time=np.ones((4, 1)))
+    np.savez(tmp_path / "walk.npz", one=np.ones((4, 8), complex), time=np.ones((4, 2)))
 
     mistake = catch_mistake(tmp_path / "walk.npz")
 
-    assert "one (complex128 of 4 x 8), time (float64 of 4 x 1)" in mistake.value
+    assert "one (complex128 of 4 x 8), time (float64 of 4 x 2)" in mistake.value
     assert mistake.fix.endswith(f"dechirp run {tmp_path / 'walk.npz' / 'one'}")
 
 

@@ -278,7 +278,7 @@ def test_scene_mistake_is_reported_with_setting_and_line(valid_text, invalid_tex
     [
         ([(0, 0, np.nan)], [1], "PointCloud.positions_m: nan; expected finite"),
         ([(0, 0)], [1], r"PointCloud.positions_m: an array of the shape \(1, 2\)"),
-        (np.zeros((0, 3)), [], r"PointCloud.positions_m: an array of the shape \(0, 3\)"),
+        (np.zeros((0, 3)), [], r"PointCloud.positions_m: an empty array \(0, 3\)"),
         ([(0, 0, 0)], [np.inf], "PointCloud.rcs_m2: inf"),
         ([(0, 0, 0)], [-1], "PointCloud.rcs_m2: -1.0; expected finite and above 0"),
         ([(0, 0, 0)], [1, 2], r"PointCloud.rcs_m2: shape \(2,\)"),
