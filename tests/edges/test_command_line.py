@@ -587,6 +587,32 @@ def test_findings_are_wrapped_at_words_on_a_terminal_only(monkeypatch):
     assert lines[-1] == f"  {finding.fix}"
 
 
+def test_warnings_and_chosen_options_come_first_and_are_short(monkeypatch):
+    option = "--set chain.cfar.n_training.range=0 --set chain.cfar.n_training.velocity=8"
+    note, choice, warning = (
+        Finding(level=level, setting="chain", value=value, expected="another", fix="change it")
+        for level, value in (
+            ("note", "a value"),
+            ("note", f"chosen {option} because static echoes hide another"),
+            ("warning", "a value"),
+        )
+    )
+    paragraphs = [text.plain for text in finding_paragraphs([note, choice, warning])]
+    assert paragraphs == [
+        f"warning: {warning}",
+        f"note: chosen {option} because static echoes hide another",
+        f"note: {note}",
+    ]
+
+    monkeypatch.setenv("COLUMNS", "40")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    (wrapped,) = finding_paragraphs([choice])
+    assert wrapped.plain.split("\n") == [
+        f"note: chosen {option}",
+        "  because static echoes hide another",
+    ]
+
+
 def test_scenario_of_recording_omits_unused_settings(run_cli, recording_arguments):
     run_cli(*recording_arguments, "--frames", "1:3")
 

@@ -54,14 +54,42 @@ def new_table(
 
 
 def finding_paragraphs(findings: Iterable[Finding]) -> Iterator[Text]:
-    """Yield a paragraph for each finding: on a terminal wrapped, else one line for `grep`."""
-    for finding in findings:
-        text = f"{finding.level}: {finding}"
+    """Yield a paragraph for each finding: on a terminal wrapped, else one line for `grep`.
+
+    Warnings come first, then the options that were chosen, in a form that can be copied.
+    """
+    for finding in sorted(findings, key=_rank):
+        is_option = _is_chosen_option(finding)
+        text = f"{finding.level}: {finding.value if is_option else finding}"
         if sys.stdout.isatty():
-            text = _wrap_finding(finding, width=shutil.get_terminal_size().columns)
+            wrap = _wrap_chosen_option if is_option else _wrap_finding
+            text = wrap(finding, width=shutil.get_terminal_size().columns)
         yield Text.assemble(
             (finding.level, _STYLES[finding.level]), text.removeprefix(finding.level)
         )
+
+
+def _rank(finding: Finding) -> tuple[int, bool]:
+    return ("error", "warning", "note").index(finding.level), not _is_chosen_option(finding)
+
+
+def _is_chosen_option(finding: Finding) -> bool:
+    """Return whether a finding states an option: the option names its setting, and replaces it."""
+    return finding.value.startswith("chosen --")
+
+
+def _wrap_chosen_option(finding: Finding, *, width: int) -> str:
+    """Return the option on a line of its own, and the reason below it."""
+    option, because, reason = finding.value.partition(" because ")
+    text = textwrap.fill(
+        because.strip() + " " + reason,
+        max(width, 20),
+        initial_indent="  ",
+        subsequent_indent="  ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return f"{finding.level}: {option}\n{text}"
 
 
 def _wrap_finding(finding: Finding, *, width: int) -> str:
