@@ -632,3 +632,15 @@ def build_some_scenes(traffic):
             scenes.scene(number)
     except dc.DechirpError as error:
         assert len(str(error)) < 1000
+
+
+def test_floating_car_data_of_sumo_as_xml_states_the_conversion(tmp_path):
+    path = tmp_path / "fcd.xml"
+    vehicle = '<vehicle id="v0" x="1" y="2" angle="90" type="car" speed="5" pos="5" lane="a_0"/>'
+    path.write_text(
+        f'<?xml version="1.0"?>\n<fcd-export><timestep time="0">{vehicle}</timestep></fcd-export>',
+        encoding="utf-8",
+    )
+
+    with pytest.raises(dc.RecordingError, match=r"SUMO floating car data as XML.*xml2csv.*90 -"):
+        dc.open_traffic(path)

@@ -17,6 +17,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.traffic.base import STRUCTURE_KINDS, CutTrafficError, ObjectState, TrafficFormat
 from dechirp.traffic.heading_check import find_wrong_headings
 from dechirp.traffic.object_steps import find_gaps, join_times_s, typical_steps_s
+from dechirp.traffic.trajectory_sets import recognise_foreign_xml
 
 _UNITS = {
     "x": "m",
@@ -98,6 +99,14 @@ def open_traffic(path: str | Path) -> Traffic:
             fix="check its name",
         )
     kind = recognise_traffic(file)
+    if kind is None and (layout := recognise_foreign_xml(file)) is not None:
+        raise RecordingError(
+            file,
+            value=f"{layout.name} as XML",
+            expected="a CSV with the columns time, id, class, x, y, heading, length, width, height",
+            fix="convert it to CSV with tools/xml/xml2csv.py of SUMO, and then the columns:"
+            f" {layout.conversion}",
+        )
     if kind is None:
         raise RecordingError(
             file,

@@ -1,6 +1,7 @@
 """Columns of well-known trajectory files, and their conversion to the CSV of this package."""
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import NamedTuple
 
 
@@ -13,6 +14,7 @@ class TrajectorySet(NamedTuple):
     conversion: str
 
 
+_SUMO_COLUMNS = frozenset({"vehicle_id", "vehicle_x", "vehicle_y", "vehicle_angle"})
 _SETS = (
     TrajectorySet(
         "highD",
@@ -36,7 +38,7 @@ _SETS = (
     ),
     TrajectorySet(
         "SUMO floating car data",
-        frozenset({"vehicle_id", "vehicle_x", "vehicle_y", "vehicle_angle"}),
+        _SUMO_COLUMNS,
         "time = timestep_time; id as a number; class, length and width from the vehicle type;"
         " heading = radians(90 - vehicle_angle); x and y are the middle of the front bumper:"
         " half of the length back; height empty",
@@ -54,3 +56,10 @@ def find_trajectory_set(columns: Iterable[str]) -> TrajectorySet | None:
     """Return the layout of a file with these columns in lower case, None if it is not known."""
     names = set(columns)
     return next((layout for layout in _SETS if layout.columns <= names), None)
+
+
+def recognise_foreign_xml(path: Path) -> TrajectorySet | None:
+    """Return the layout of floating car data that SUMO writes as XML, its default; else None."""
+    with path.open("rb") as file:
+        is_floating_car_data = b"<fcd-export" in file.read(4096)
+    return find_trajectory_set(_SUMO_COLUMNS) if is_floating_car_data else None
