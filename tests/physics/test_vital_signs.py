@@ -252,6 +252,19 @@ def test_windows_follow_change_of_rate_and_place():
     assert np.isnan(vital.breathing_amplitude).all()  # no wavelength
 
 
+def test_windows_that_contradict_each_other_are_not_measurable():
+    times_s = np.arange(0, 80, 0.05)
+    rate_hz = np.where((times_s >= 30) & (times_s < 50), 0.6, 0.25)
+    displacement = 1.5e-3 * np.sin(2 * np.pi * np.cumsum(rate_hz) * 0.05)
+
+    rates_hz = measure_vital_signs(trace_of(displacement, snr=1e3, times_s=times_s)).breathing_rate
+
+    # Windows from 0, 10, ... s: that from 30 s is at 0.6 Hz, and those half in it contradict.
+    assert rates_hz.values[[0, 1]] == pytest.approx(0.25, abs=0.01)
+    assert np.isnan(rates_hz.values[3])
+    assert rates_hz.values[[5, 6]] == pytest.approx(0.25, abs=0.01)
+
+
 def test_full_turns_of_several_echoes_are_measured_in_i_and_q():
     echo = np.exp(4j * np.pi / WAVELENGTH_M * chest_m(breathing_m=3e-3))
     trace = trace_of(np.zeros(400)).copy(data=OFFSET + echo + 0.4 * echo**2)

@@ -18,6 +18,7 @@ C. Li, V. M. Lubecke, O. Boric-Lubecke and J. Lin, A review on recent advances i
 sensors for noncontact healthcare monitoring, IEEE Trans. MTT 61(5), 2013.
 """
 
+import itertools
 import math
 from dataclasses import replace
 from typing import Literal, get_args
@@ -62,6 +63,9 @@ _MIN_SHARE_OF_POWER = 1e-3  # of a decorrelated component: rounding, and copies 
 # 0.15 rad, and its cycles are counted without an error. Noise alone has 0.5 and more.
 _CLEAN_ARC_ERROR = 0.15
 _LEAST_RATIO_OF_RATES = 1.2  # beyond the error of a rate
+# Windows that share half of their time have the same rate there: means of both that differ by 1.5
+# need a breathing that becomes twice as fast.
+_LARGEST_RATIO_OF_NEIGHBOURS = 1.5
 _Sign = Literal["breathing", "heart"]
 
 
@@ -132,7 +136,8 @@ def measure_vital_signs(trace: xr.DataArray, settings: VitalSigns | None = None)
         `time` (s): middle of each window; `range` (m) and `channel` of the chosen cell, if the
         trace has them; for breathing and heart `..._rate`, `..._rate_low` and `..._rate_high` (Hz):
         estimate and confidence interval of the mean rate in the window, by noise and unequal
-        breaths, NaN where not measurable; `..._amplitude` (m) of the
+        breaths, NaN where not measurable, as where windows that share half of their time have
+        breathing rates whose intervals are a factor of 1.5 apart; `..._amplitude` (m) of the
         fundamental, NaN where the values are no arc or the wavelength is unknown;
         `..._false_alarm_probability`: probability that noise alone has such a line.
 
@@ -161,6 +166,7 @@ def measure_vital_signs(trace: xr.DataArray, settings: VitalSigns | None = None)
                 cells[inside], times_s[inside], coordinates, wavelength_m, settings
             )
         rows.append(row)
+    _withdraw_contradicting_rates(rows, settings)
     units = {"time": "s", "range": "m", "channel": "1"}
     columns = {
         name: (
@@ -319,6 +325,24 @@ def _check_times_suit_settings(times_s: np.ndarray, settings: VitalSigns) -> Non
             " rate",
             fix="record frames at a higher rate, or lower VitalSigns.breathing_hz",
         )
+
+
+def _withdraw_contradicting_rates(rows: list[dict[str, float]], settings: VitalSigns) -> None:
+    """Make breathing not measurable where windows that share half of their time contradict.
+
+    A person who moves about has lines in the band of breathing that differ from window to window.
+    """
+    contradicting: set[int] = set()
+    for index, (row, following) in enumerate(itertools.pairwise(rows)):
+        if following["time"] - row["time"] > 0.55 * settings.window_s:
+            continue
+        slower, faster = sorted((row, following), key=lambda one: one["breathing_rate"])
+        ratio = faster["breathing_rate_low"] / slower["breathing_rate_high"]
+        if ratio > _LARGEST_RATIO_OF_NEIGHBOURS:
+            contradicting |= {index, index + 1}
+    for index in contradicting:
+        for name in ("rate", "rate_low", "rate_high", "amplitude"):
+            rows[index][f"breathing_{name}"] = math.nan
 
 
 def _has_too_few_values(times_s: np.ndarray, settings: VitalSigns) -> bool:
