@@ -1024,6 +1024,23 @@ def test_studio_lua_equals_cfg_of_same_radar(tmp_path):
     assert find_settings_file(tmp_path / "adc_data.bin").name == "capture.lua"
 
 
+def test_studio_lua_executes_loops_over_numbers(tmp_path):
+    chirps = [line for line in LUA.splitlines() if line.startswith("ar1.ChirpConfig")]
+    loop = (
+        "local n_chirps = 2\nfor i = 0, n_chirps - 1, 1 do\n"
+        "  ar1.ChirpConfig(i, i, 0, 0, 0, 0, 0, 1 - i, 0, i)\nend"
+    )
+    text = LUA.replace(chirps[0], loop).replace(chirps[1] + "\n", "")
+    assert "ar1.ChirpConfig(0" not in text
+
+    expected = read_settings_text(tmp_path, LUA, "calls.lua")
+    assert read_settings_text(tmp_path, text, "loop.lua").radar == expected.radar
+    # Countless turns and unknown limits leave the variable unknown.
+    for limits in ("0, 1e8", "0, 1, 1e-300", "0, count()", "0, 1, 0"):
+        with pytest.raises(dc.RecordingError, match="'i' of ChirpConfig in line"):
+            read_settings_text(tmp_path, text.replace("0, n_chirps - 1, 1", limits), "unknown.lua")
+
+
 def test_studio_lua_name_chooses_among_the_chips_it_selects(tmp_path):
     text = LUA.replace("(1, 1, 0, 0, 0, 0, 0, 0, 0, 1)", "(1, 1, 0, 0, 0, 0, 0, 0, 1, 0)")
 

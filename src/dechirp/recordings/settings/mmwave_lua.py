@@ -1,11 +1,13 @@
 """TI mmWave Studio: Lua scripts that set up the radar (`ar1.ProfileConfig(0, 77, 100, ...)`).
 
 Numbers are in the units of mmWave Studio's help texts: GHz, us, MHz/us, kS/s and ms. They may be
-computed from variables of the script. Branches and loops are not executed: of several calls for the
-same profile or chirp the last one counts.
+computed from variables of the script. Loops over numbers (`for i = 0, 2 do ... end`) are executed
+if they contain no other loop or branch; branches are not: of several calls for the same profile or
+chirp the last one counts.
 """
 
 import ast
+import math
 import operator
 import re
 from collections.abc import Callable, Iterator
@@ -53,6 +55,12 @@ _STATEMENT = re.compile(
     rf"^[ \t]*(?:local\s+)?(?P<name>{_NAME}(?:\.{_NAME})*)[ \t]*=(?!=)(?P<value>[^\n;]*)",
     re.MULTILINE,
 )
+_LOOP = re.compile(
+    rf"\bfor\s+(?P<name>{_NAME})[ \t]*=(?P<range>[^\n;]{{1,200}}?)\s+do\b"
+    r"(?P<body>(?:(?!\b(?:for|while|if|repeat|function|do|end)\b).){0,4000})\bend\b",
+    re.DOTALL,
+)
+_MAX_TURNS = 2 * MAX_CHIRPS  # of all loops of a script
 _EXPRESSION = re.compile(r"[\w.+\-*/() ]+", re.ASCII)
 _OPERATORS: dict[type, Callable[[float, float], float]] = {
     ast.Add: operator.add,
@@ -209,24 +217,53 @@ def _parse_calls(text: str) -> list[_Call]:
     code = _COMMENT.sub(lambda match: match[1] or "\n" * match[0].count("\n"), text)
     calls: list[_Call] = []
     variables: Numbers = {}
-    line, start = 1, 0
-    for match in _STATEMENT.finditer(code):
+    start, n_turns = 0, 0
+    for loop in _LOOP.finditer(code):
+        calls += _parse_calls_of_block(code, start, loop.start(), variables)
+        start = loop.end()
+        values = _loop_values(loop["range"], variables)
+        n_turns += len(values)
+        if not values or n_turns > _MAX_TURNS:  # its variable stays unknown
+            calls += _parse_calls_of_block(code, loop.start("body"), loop.end("body"), variables)
+            continue
+        for value in values:
+            variables[loop["name"]] = value
+            calls += _parse_calls_of_block(code, loop.start("body"), loop.end("body"), variables)
+        variables.pop(loop["name"], None)
+    calls += _parse_calls_of_block(code, start, len(code), variables)
+    starts = [index for index, call in enumerate(calls) if call.name == "StartFrame"]
+    return calls[: starts[-1]] if starts else calls
+
+
+def _loop_values(text: str, variables: Numbers) -> list[float]:
+    """Return the values of `first, last` or `first, last, step`; none for other expressions."""
+    numbers = [_evaluate_or_none(part, variables) for part in text.split(",")]
+    known = [number for number in numbers if number is not None]
+    if len(known) != len(numbers) or not 2 <= len(known) <= 3:
+        return []
+    first, last, step = (*known, 1.0)[:3]
+    n_steps = math.floor(min((last - first) / step, _MAX_TURNS)) if step else -1
+    return [first + step * index for index in range(n_steps + 1)]
+
+
+def _parse_calls_of_block(code: str, start: int, end: int, variables: Numbers) -> Iterator[_Call]:
+    """Yield the calls of a part of the code, and update the variables that it assigns."""
+    line, position = code.count("\n", 0, start) + 1, start
+    for match in _STATEMENT.finditer(code, start, end):
         if match["name"]:
             number = _evaluate_or_none(match["value"].strip().rstrip(","), variables)
             variables.pop(match["name"], None)
             if number is not None:
                 variables[match["name"]] = number
             continue
-        line, start = line + code.count("\n", start, match.start()), match.start()
+        line, position = line + code.count("\n", position, match.start()), match.start()
         arguments = _arguments_to_closing_bracket(code, match.end())
         values = (
             tuple(_evaluate_or_none(part, variables) for part in arguments.split(","))
             if match["call"] in _ARGUMENTS
             else ()
         )
-        calls.append(_Call(line=line, name=match["call"], text=arguments, values=values))
-    starts = [index for index, call in enumerate(calls) if call.name == "StartFrame"]
-    return calls[: starts[-1]] if starts else calls
+        yield _Call(line=line, name=match["call"], text=arguments, values=values)
 
 
 def _arguments_to_closing_bracket(code: str, start: int) -> str:
