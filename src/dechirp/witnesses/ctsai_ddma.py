@@ -23,7 +23,11 @@ _ORDER = (
     " and it is another pair in each receiver. So its positions are not those"
     " of the recording, and nothing else tells the transmitters apart. The receivers were recorded"
     " one after another, 8 s apart: in no order do plane waves explain more than 40 % of"
-    " the echoes, or 56 % with each receiver for itself. Directions are left unknown"
+    " the echoes, or 56 % with each receiver for itself. Positions and phases, fitted freely,"
+    " explain the phases of 51 echoes no better than random ones: 0.80 within one wavelength, 0.75"
+    " to 0.80 of random, and 0.92 within four, 0.91 to 0.93 of random. From receiver to receiver,"
+    " the pattern over the sub-bands has a coherence of 0.47 to 0.64, 0.46 of random. Directions"
+    " are left unknown"
 )
 
 
@@ -49,6 +53,15 @@ class CtsaiDdma(Witness):
             basis="equal",
             answer="own",
         )
+        yield Comparison(
+            quantity="samples of a chirp, by the jumps of the samples between chirps",
+            theirs=_spacing_of_jumps(theirs),
+            ours=recording.radar.frame.chirp.n_samples,
+            unit="1",
+            tolerance=0,
+            basis="equal",
+            answer="own",
+        )
         code = recording.radar.frame.multiplexing
         bands = getattr(code, "sub_bands", None) or ()
         for theirs_number, ours_number, title in (
@@ -62,6 +75,7 @@ class CtsaiDdma(Witness):
                 unit="1",
                 tolerance=0,
                 basis="equal",
+                answer="own",
             )
         yield compare_arrays(
             "sub-bands in use",
@@ -117,6 +131,16 @@ def _decode_receivers(files: list[Path]) -> np.ndarray:
         halves = np.stack([words >> 16, words & 0xFFFF], axis=1).astype(np.uint16)
         receivers.append(halves.view(np.int16).reshape(_N_CHIRPS, _N_SAMPLES))
     return np.stack(receivers, axis=1).astype(float)
+
+
+def _spacing_of_jumps(samples: np.ndarray) -> int:
+    """Return the samples between the two largest second differences, in periods of 4,096."""
+    series = samples.transpose(1, 0, 2).reshape(samples.shape[1], -1)
+    curvature = np.abs(np.diff(series, 2, axis=1)).mean(axis=0)
+    mean = np.append(curvature, [0, 0]).reshape(-1, 4096).mean(axis=0)
+    first = int(mean.argmax())
+    mean[max(first - 8, 0) : first + 9] = 0
+    return int(abs(mean.argmax() - first))
 
 
 def _strongest_cells(samples: np.ndarray) -> list[int]:
