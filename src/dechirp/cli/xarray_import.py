@@ -1,4 +1,4 @@
-"""Import of xarray without Dask, which `dechirp run` and `dechirp inspect` never use."""
+"""Import of xarray without Dask, of which `dechirp run` uses nothing."""
 
 import sys
 

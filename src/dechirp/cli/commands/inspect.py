@@ -32,9 +32,6 @@ def inspect(
     out
         Folder for map.png and inspect.json. Existing ones are replaced.
     """
-    from dechirp.cli.xarray_import import import_xarray_without_dask
-
-    import_xarray_without_dask()
     from dechirp.cli.console import progress_bar
     from dechirp.experiments.inspection import inspect as inspect_recording
     from dechirp.results.text_files import (
