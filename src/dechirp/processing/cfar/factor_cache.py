@@ -66,9 +66,7 @@ def find_or_calibrate_factors(
     calibrate : callable
         Computes the factors.
     """
-    code_hash = None
-    if is_dataclass(estimator_class):
-        code_hash = _code_hash(estimator_class.__module__)
+    code_hash = calibration_code_hash(estimator_class)
     key_on_disk = {**key, "source": code_hash}
     numbers = _shipped_factors().get(key_hash(key))
     if numbers is None and code_hash is not None:
@@ -99,12 +97,21 @@ def _shipped_factors() -> dict[str, list[float]]:
 
 
 @cache
-def _code_hash(estimator_module: str) -> str | None:
-    """Return the hash of the code behind a factor; None if the code of the detector has no file."""
+def calibration_code_hash(estimator_class: type, *more_files: Path) -> str | None:
+    """Return the hash of the code behind a factor, and of more files.
+
+    None if the code of the detector has no file, or its fields do not state all of its settings.
+    """
+    if not is_dataclass(estimator_class):
+        return None
+    estimator_module = estimator_class.__module__
     own_folder, theory_folder = Path(__file__).parent, Path(cfar_calibration.__file__).parent
     estimator_file = getattr(sys.modules.get(estimator_module), "__file__", None)
     if estimator_file is None:
         return None
     return source_hash(
-        *own_folder.glob("*.py"), *theory_folder.glob("cfar*.py"), Path(estimator_file)
+        *own_folder.glob("*.py"),
+        *theory_folder.glob("cfar*.py"),
+        Path(estimator_file),
+        *more_files,
     )
