@@ -566,6 +566,17 @@ def test_findings_do_not_depend_on_sample_scale(scale):
     }
 
 
+def test_receiver_beside_one_without_power_causes_no_numerical_warning():
+    radar = make_radar(2, n_samples=2, n_chirps=1)
+    samples = np.array([[[[1e-6, 0], [3.777893e16, 0]]]], np.complex64)
+
+    findings = recording_findings(
+        measure_frames(label_cube(samples, radar, units="1"), radar), radar
+    )
+
+    assert all(finding.level in ("note", "warning") for finding in findings)
+
+
 @given(data=st.data())
 def test_accepts_any_finite_samples(data):
     n_frames, n_chirps, n_rx = (data.draw(st.integers(1, maximum)) for maximum in (2, 9, 5))

@@ -96,7 +96,6 @@ def _shipped_factors() -> dict[str, list[float]]:
     return factors
 
 
-@cache
 def calibration_code_hash(estimator_class: type, *more_files: Path) -> str | None:
     """Return the hash of the code behind a factor, and of more files.
 
@@ -104,7 +103,11 @@ def calibration_code_hash(estimator_class: type, *more_files: Path) -> str | Non
     """
     if not is_dataclass(estimator_class):
         return None
-    estimator_module = estimator_class.__module__
+    return _calibration_code_hash_of_module(estimator_class.__module__, *more_files)
+
+
+@cache  # by the name: a class would be kept, and remain a detector
+def _calibration_code_hash_of_module(estimator_module: str, *more_files: Path) -> str | None:
     own_folder, theory_folder = Path(__file__).parent, Path(cfar_calibration.__file__).parent
     estimator_file = getattr(sys.modules.get(estimator_module), "__file__", None)
     if estimator_file is None:

@@ -100,7 +100,8 @@ def _power_relative_to_others(recorded: RecordingMeasures) -> np.ndarray:
         others = np.delete(power, rx, axis=1)
         is_known = np.isfinite(others).any(axis=1)
         medians = np.nanmedian(others[is_known], axis=1)
-        ratio[is_known, rx] = power[is_known, rx] / np.maximum(medians, 1e-300)
+        with np.errstate(over="ignore"):  # infinite over receivers without power
+            ratio[is_known, rx] = power[is_known, rx] / np.maximum(medians, 1e-300)
     return ratio
 
 
