@@ -716,6 +716,10 @@ SNAPSHOT = np.ones(8)
         (lambda: dc.theory.gate_threshold(1.0, 2), "gate_probability"),
         (lambda: dc.theory.gate_threshold(0.9, 0), "n_dimensions"),
         (lambda: dc.link_budget.beat_frequency(-1.0, slope_hz_per_s=1e12), "range_m"),
+        (
+            lambda: dc.link_budget.beat_frequency(1.0, slope_hz_per_s=1e12, velocity_m_per_s=10),
+            "frequency_hz",
+        ),
         (lambda: dc.link_budget.received_power([0.0], 1.0, **LINK), "range_m"),
         (lambda: dc.link_budget.received_power([1.0], [1.0, np.nan], **LINK), "rcs_m2"),
         (lambda: dc.link_budget.sample_snr([1, 2], [1, 2, 3], **LINK, **NOISE), "range_m and rcs"),

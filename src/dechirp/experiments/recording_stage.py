@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.conventions import CUBE_AXES
+from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.errors import DechirpError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
@@ -28,6 +29,7 @@ from dechirp.experiments.scenario import (
 from dechirp.processing.chain_fitting import ChosenSettingName, fit_chain_to_frames
 from dechirp.processing.channel_errors import hidden_channel_error_findings
 from dechirp.processing.detect import FrameProcessor
+from dechirp.processing.leakage import leakage_findings
 from dechirp.processing.multiple_echoes import find_multiple_echoes, multiple_echo_findings
 from dechirp.processing.noise_profile import noise_excess_of_ranges, noise_profile_findings
 from dechirp.processing.receiver_noise import (
@@ -178,6 +180,7 @@ def _resolve_velocities(detected: DetectedRecording) -> DetectedRecording:
     if drift_m_per_s > 0:
         columns = widen_velocity_errors(columns, drift_m_per_s)
         findings += velocity_drift_findings(drift_m_per_s, radar)
+    findings += leakage_findings(detections_from_columns(columns), radar, detected.scenario.chain)
     findings += multiple_echo_findings(find_multiple_echoes(columns, radar))
     findings += hidden_channel_error_findings(columns, detected.totals.channel_phase_rms_rad, radar)
     return replace(detected, columns=columns, findings=findings)

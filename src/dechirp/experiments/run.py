@@ -46,7 +46,7 @@ from dechirp.processing.chain_findings import chain_findings
 from dechirp.processing.channel_errors import channel_error_findings
 from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.hidden_echoes import hidden_echo_findings
-from dechirp.processing.leakage import leakage_findings, leakage_mask
+from dechirp.processing.leakage import leakage_mask
 from dechirp.processing.mitigation.apply import mitigation_findings
 from dechirp.processing.peaks import MAX_PEAKS
 from dechirp.processing.range_doppler_map import label_map_axes, power_map, threshold_map
@@ -258,7 +258,6 @@ def _run(
         findings = (
             *findings,
             *_vital_sign_findings(detection_run),
-            *leakage_findings(detection_run.detections, radar, scenario.chain),
         )
     detection_time_s = perf_counter()
     result = build_result(scenario, radar, source, detection_run)

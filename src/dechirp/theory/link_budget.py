@@ -46,7 +46,8 @@ def beat_frequency(
     """Return the beat frequency of an echo in Hz, (2 / c) (S R + f v).
 
     Positive for a rising ramp, whose transmitted signal is mixed with the conjugate of the echo.
-    The Doppler term needs the carrier frequency; a receding target has a positive velocity.
+    The Doppler term needs the carrier frequency: with a velocity and without `frequency_hz`,
+    `InvalidSetting` is raised. A receding target has a positive velocity.
     Ranges and frequencies are 0 or more, velocities and slopes of either sign.
     """
     distance, slope, velocity, frequency = broadcast_arguments(
@@ -55,6 +56,13 @@ def beat_frequency(
         velocity_m_per_s=check_finite_array("velocity_m_per_s", velocity_m_per_s),
         frequency_hz=_check_non_negative("frequency_hz", frequency_hz),
     )
+    if np.any((frequency == 0) & (velocity != 0)):
+        raise InvalidSetting(
+            "frequency_hz",
+            value=0,
+            expected="the carrier frequency, since velocity_m_per_s is not 0",
+            fix="give frequency_hz=77e9, or that of your radar",
+        )
     return np.asarray(2 / SPEED_OF_LIGHT * (slope * distance + frequency * velocity))
 
 
