@@ -264,6 +264,10 @@ def test_reversing_slow_and_unknown_headings_are_no_contradiction(tmp_path, head
             [*(car_row(t, t) for t in (0, 1, 2, 7)), car_row(4, 0, 8)],
             "gaps in the rows of 1 object: object 7 at 7 s",
         ),
+        (  # no object has a row in the gap
+            [car_row(t, t, number, 4 * number) for t in (0, 1, 2, 7) for number in (7, 8)],
+            "gaps in the rows of 2 objects: object 7 at 7 s",
+        ),
         ([car_row(0, 0), car_row(0.1, 50)], "object 7 at 0.1 s (500 m/s)"),
         ([car_row(0, 5), car_row(0, 5.01, 8)], "7 and 8 at 0 s"),
     ],

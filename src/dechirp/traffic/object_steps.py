@@ -54,5 +54,4 @@ def find_gaps(times_s: np.ndarray, present: np.ndarray, step_s: float) -> np.nda
     step_s : float
         Its typical step. Objects of several rates have rows at different times, and rows get lost.
     """
-    is_long = np.diff(times_s[present]) > _LONGEST_GAP_STEPS * step_s
-    return np.asarray(is_long & (np.diff(present) > 1))
+    return np.asarray(np.diff(times_s[present]) > _LONGEST_GAP_STEPS * step_s)
