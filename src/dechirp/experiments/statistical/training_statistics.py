@@ -52,13 +52,13 @@ def draw_training_window_statistics(cfar: Cfar, noise: MapNoise) -> TrainingStat
     }
     numbers = None if code is None else read_cached_numbers("training-statistics", key)
     if numbers is not None and len(numbers) % 2:
-        draws = np.array(numbers[1:]).reshape(2, -1)
-        return TrainingStatistics(draws[0], draws[1], numbers[0])
-    drawn = _draw_statistics(cfar, noise)
+        statistic, corners = np.array(numbers[1:]).reshape(2, -1)
+        return TrainingStatistics(statistic, corners, numbers[0])
+    statistics = _draw_statistics(cfar, noise)
     if code is not None:
-        numbers = [drawn.sensitivity, *drawn.statistic.tolist(), *drawn.corners.tolist()]
-        write_cached_numbers("training-statistics", key, numbers)
-    return drawn
+        draws = (*statistics.statistic.tolist(), *statistics.corners.tolist())
+        write_cached_numbers("training-statistics", key, [statistics.sensitivity, *draws])
+    return statistics
 
 
 def _draw_statistics(cfar: Cfar, noise: MapNoise) -> TrainingStatistics:
