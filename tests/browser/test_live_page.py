@@ -212,6 +212,7 @@ def test_page_is_loaded_again_after_back_and_reports_lost_connection(live_page):
     first_root = "Bokeh.documents[0].roots()[0].id"
     initial_root = live_page.page.evaluate(first_root)
     live_page.page.goto(f"{live_page.address}healthz")
+    live_page.page.wait_for_timeout(15_000)  # the server has long forgotten the session
     live_page.page.go_back()
     live_page.wait_until(lambda: live_page.n_frames > 0)
     assert live_page.page.evaluate(first_root) != initial_root  # another session

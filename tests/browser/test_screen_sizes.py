@@ -1,8 +1,11 @@
 """Layout of the live page on narrow and wide screens, text size, touch and accessibility."""
 
+from io import BytesIO
 from itertools import combinations, pairwise
 
+import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from conftest import LivePage, is_apart
 from nightly import nightly
@@ -184,10 +187,34 @@ def test_marks_leave_echoes_visible_and_can_be_hidden(live_page):
     live_page.open()
     tile = live_page.page.locator("[data-part=range_doppler]")
     assert "[ ] detected" in live_page.read_text("[data-part=range_doppler] figcaption")
+    positions = live_page.page.evaluate(_MARK_POSITIONS_JS)
+    marked_echoes = [_read_echo_colours(live_page, *position) for position in positions]
     tile.get_by_role("button", name="Marks").click()
     live_page.wait_until(
         lambda: "detected" not in live_page.read_text("[data-part=range_doppler] figcaption p")
     )
+    live_page.page.wait_for_timeout(500)  # the marks are gone
+    assert len(positions) >= 4
+    echoes = [_read_echo_colours(live_page, *position) for position in positions]
+    # The edge of a bracket around the target 3 pixels beside: 0.012. A line across: 0.5 and more.
+    np.testing.assert_allclose(marked_echoes, echoes, atol=0.05)
+
+
+_MARK_POSITIONS_JS = """() => {
+  const figure = Bokeh.documents[0].get_model_by_name("range_doppler");
+  const marks = [...figure.references()].filter((model) => model.type === "Text");
+  const sources = new Set([...figure.references()]
+    .filter((model) => model.type === "GlyphRenderer" && marks.includes(model.glyph))
+    .map((model) => model.data_source));
+  return [...sources].flatMap(({ data }) => [...data.x].map((x, i) => [x, data.y[i]]));
+}"""
+
+
+def _read_echo_colours(live_page, x: float, y: float) -> np.ndarray:
+    """Read the 4 x 4 pixels around a place of the range-Doppler map."""
+    left, top = live_page.screen_position("range_doppler", x, y)
+    box = {"x": left - 2, "y": top - 2, "width": 4, "height": 4}
+    return imread(BytesIO(live_page.page.screenshot(clip=box)))
 
 
 def test_axe_finds_nothing_critical_or_serious(shared_page):
