@@ -64,7 +64,7 @@ def cut_triangles_into_cells(corners_m: np.ndarray, size_m: float) -> SurfaceCel
         low_m,
         size_m,
         sums_m / np.bincount(cell, area_m2)[:, None],
-        nearest.reshape(shape),
+        np.reshape(nearest, shape),
     )
 
 

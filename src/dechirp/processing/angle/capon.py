@@ -170,10 +170,8 @@ def _first_window_element_indices(windows: SlidingWindows) -> tuple[int, ...]:
 
 def _inverse_covariance_lower_halves(covariances: np.ndarray) -> np.ndarray:
     """Return the lower halves of the inverses of Hermitian (n, size, size), in double precision."""
-    factor, invert = scipy.linalg.lapack.dpotrf, scipy.linalg.lapack.dpotri
-    if np.iscomplexobj(covariances):
-        factor, invert = scipy.linalg.lapack.zpotrf, scipy.linalg.lapack.zpotri
     out = np.ascontiguousarray(covariances, np.result_type(covariances, float))
+    factor, invert = scipy.linalg.get_lapack_funcs(("potrf", "potri"), (out,))
     for matrix in out:
         # LAPACK reads the upper halves of the transposed matrices.
         upper = factor(matrix.T, overwrite_a=True, clean=False)[0]

@@ -189,7 +189,7 @@ def _reorder_to_sent_chirps(
         order[axis : axis + 1] = ["tx", "rx"]
     all_axes = ("frame", "chirp", "tx", "rx", "sample")
     block = np.expand_dims(
-        block, [axis for axis, name in enumerate(all_axes) if name not in order]
+        block, tuple(axis for axis, name in enumerate(all_axes) if name not in order)
     )[0]
     if "tx" in order and len(tx_order) > 1:
         block = block.take(tx_order, axis=1)

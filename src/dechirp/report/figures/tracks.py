@@ -121,7 +121,7 @@ def _view_front_back_and_side_m(
     )
     reach_m = max(1.0, float(np.hypot(*shown_m.T).max()))
     front, back = shown_m[:, 0].max() + 0.08 * reach_m, shown_m[:, 0].min() - 0.06 * reach_m
-    return front, back, 1.15 * max(abs(shown_m[:, 1]).max(), 0.05 * reach_m)
+    return front, back, 1.15 * max(float(abs(shown_m[:, 1]).max()), 0.05 * reach_m)
 
 
 def _draw_detections_and_true_paths(axes: Axes, background: TrackBackground) -> None:
