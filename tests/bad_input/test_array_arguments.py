@@ -385,3 +385,18 @@ def test_every_argument_of_numbers_refuses_other_values_by_its_name(kind):
                     wrong.append(f"{name}({argument}): {error}")
 
     assert wrong == []
+
+
+@pytest.mark.parametrize("name", VALID_ARGUMENTS)
+def test_result_without_axes_is_a_scalar(name):
+    function, arguments = load_function(name), VALID_ARGUMENTS[name]
+
+    result = function(**arguments)
+
+    members = result if isinstance(result, tuple) else (result,)
+    assert [x for x in members if isinstance(x, np.ndarray) and x.ndim == 0] == []
+    number = next((key for key, x in arguments.items() if isinstance(x, float)), None)
+    if isinstance(result, np.generic) and number:
+        in_array = function(**arguments | {number: [arguments[number]]})
+        assert in_array.shape == (1,)
+        assert in_array[0] == result

@@ -138,6 +138,26 @@ def test_result_plots_first_figure_of_its_page():
         assert any(target.name in text.get_text() for text in axes.texts)
 
 
+@pytest.mark.parametrize(
+    "samples", [CUBE, CUBE.isel(frame=0, chirp=0, rx=0), CUBE.isel(frame=0).real, CUBE[0, 0, 0]]
+)
+def test_samples_are_drawn_over_the_time_of_the_first_chirp(axes, samples):
+    assert samples.dechirp.plot(ax=axes) is axes
+    assert labels(axes)[0] == "Time since ramp start (\u00b5s)"
+    (line,) = axes.get_lines()
+    time_us, level = line.get_data()
+    np.testing.assert_allclose(time_us, CUBE.sample.values * 1e6)
+    expected = CUBE.values[0, 0, 0].real
+    np.testing.assert_allclose(level / abs(level).max(), expected / abs(expected).max(), rtol=1e-5)
+
+
+def test_chirp_and_receiver_of_samples_can_be_selected(axes):
+    CUBE.isel(chirp=slice(3, None), rx=2).dechirp.plot(ax=axes)
+    level = axes.get_lines()[0].get_ydata()
+    expected = CUBE.values[0, 3, 2].real
+    np.testing.assert_allclose(level / abs(level).max(), expected / abs(expected).max(), rtol=1e-5)
+
+
 def test_plot_without_axes_takes_the_current_ones():
     current = plt.figure().subplots()
     try:
@@ -170,6 +190,11 @@ NAN_RANGE = {"range": POWER.range * np.nan}
         (lambda: draw(POWER, detections="x"), "^detections: 'x'; expected Dataset or None"),
         (lambda: draw(POWER, detections=xr.Dataset()), "detections: .* without range, velocity"),
         (lambda: draw(POWER[0], detections=DETECTIONS), "detections: .* leave detections out"),
+        (lambda: draw(CUBE * np.nan), r"an array \(1, 32, 4, 64\) over frame, .*dc.simulate"),
+        (lambda: draw(CUBE.isel(sample=[])), "expected finite samples over the times sample"),
+        (lambda: draw(CUBE.drop_vars("sample")), "over the times sample"),
+        (lambda: draw(CUBE.expand_dims("trial")), "an array .* over trial, .*isel"),
+        (lambda: draw(CUBE, detections=DETECTIONS), "detections: .* leave detections out"),
         (lambda: draw(DETECTIONS.drop_vars("snr")), "a dataset without snr"),
         (lambda: draw(DETECTIONS.isel(detection=[])), "without a detection to draw"),
         (lambda: draw(DETECTIONS * np.nan), "without a detection to draw"),

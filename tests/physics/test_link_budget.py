@@ -10,6 +10,7 @@ import mpmath
 import numpy as np
 import pytest
 
+from dechirp import link_budget
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import from_decibels, to_decibels
 from dechirp.radar.budget import noise_power_w, received_power_w, sample_snr
@@ -64,6 +65,21 @@ def test_rejects_radar_without_hardware():
 def test_rejects_range_that_is_not_positive(range_m):
     with pytest.raises(InvalidSetting, match="range_m"):
         received_power_w(RADAR, range_m=range_m, rcs_m2=1.0)
+
+
+@pytest.mark.parametrize("name", ["noise_factor", "loss"])
+def test_passive_parts_have_ratios_of_at_least_1(name):
+    link = {"transmit_power_w": 0.01, "frequency_hz": 77e9, "noise_factor": 1, "loss": 1}
+    link |= {"range_m": 50, "rcs_m2": 10, "sample_rate_hz": 1e6}
+    assert link_budget.sample_snr(**link) > 0
+
+    with pytest.raises(InvalidSetting, match=f"^{name}: 0.5; .* from 1, .* not dB$"):
+        link_budget.sample_snr(**link | {name: 0.5})
+
+
+def test_range_that_is_not_a_number_is_named_with_its_bound():
+    with pytest.raises(InvalidSetting, match="^range_m: nan; expected finite and at least 0; "):
+        link_budget.beat_frequency(np.nan, slope_hz_per_s=1e12)
 
 
 def test_noise_exceeds_threshold_with_false_alarm_probability():

@@ -120,7 +120,7 @@ class TableAccessor:
 
 @xr.register_dataarray_accessor("dechirp")  # type: ignore[no-untyped-call]
 class PowerMapAccessor:
-    """Accessor of power maps: decibels and degrees."""
+    """Accessor of power maps: decibels and degrees; of samples: a plot."""
 
     def __init__(self, power: xr.DataArray) -> None:
         self._power = power
@@ -138,7 +138,10 @@ class PowerMapAccessor:
 
     @check_argument_types
     def plot(self, ax: Any = None, *, detections: xr.Dataset | None = None) -> Any:
-        """Draw the map, spectrogram or spectrum as the report does, and return the axes.
+        """Draw the map, spectrogram, spectrum or samples as the report does, and return the axes.
+
+        Samples are drawn over the time of one chirp, the real part of complex ones: the first
+        chirp of the first frame at the first receiver, unless others were selected with `isel`.
 
         Parameters
         ----------
@@ -148,6 +151,8 @@ class PowerMapAccessor:
         detections : Dataset over `detection`, optional
             Detections to mark.
         """
+        if "sample" in self._power.dims:
+            return load_plots().plot_samples(self._power, ax, detections=detections)
         units = self._sample_units()
         return load_plots().plot_power(self._power, ax, units=units, detections=detections)
 

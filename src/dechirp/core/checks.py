@@ -220,6 +220,7 @@ def check_finite_array(
     array: ArrayLike,
     *,
     above: float = -math.inf,
+    at_least: float = -math.inf,
     below: float = math.inf,
     largest: float = _LARGEST_MAGNITUDE,
     may_be_empty: bool = False,
@@ -229,9 +230,15 @@ def check_finite_array(
     Magnitudes are at most `largest`.
     """
     values = check_real_array(setting, array, may_be_empty=may_be_empty)
-    wrong = values[~((above < values) & (values < below) & (abs(values) <= largest))]
+    wrong = values[
+        ~((above < values) & (at_least <= values) & (values < below) & (abs(values) <= largest))
+    ]
     if wrong.size:
-        bounds = [(above, f"above {above:.6g}"), (below, f"below {below:.6g}")]
+        bounds = [
+            (above, f"above {above:.6g}"),
+            (at_least, f"at least {at_least:.6g}"),
+            (below, f"below {below:.6g}"),
+        ]
         if largest < abs(wrong.flat[0]) < math.inf:
             bounds.append((largest, f"of magnitude up to {largest:g}"))
         raise InvalidSetting(

@@ -13,6 +13,7 @@ from dechirp.core.argument_types import as_python_number, check_argument_names
 from dechirp.core.checks import broadcast_arguments, check_real_array, check_unmasked
 
 P = ParamSpec("P")
+R = TypeVar("R")
 R_co = TypeVar("R_co", covariant=True)
 
 
@@ -55,7 +56,7 @@ def elementwise(function: Callable[P, R_co]) -> ElementwiseFunction[P, R_co]:
         elements = {name: array for name, array in candidates.items() if array is not None}
         compute = cast(Callable[..., Any], function)
         if not elements:
-            return compute(**arguments)
+            return _unwrap_scalar(compute(**arguments))
         for name in (name for name in arguments if name in arrays):
             floats = check_real_array(name, arguments[name])
             array = np.asarray(arguments[name])
@@ -70,6 +71,24 @@ def elementwise(function: Callable[P, R_co]) -> ElementwiseFunction[P, R_co]:
         return np.moveaxis(stacked, own, range(len(own)))
 
     return cast("ElementwiseFunction[P, R_co]", call)
+
+
+def scalar_results(function: Callable[P, R_co]) -> Callable[P, R_co]:
+    """Make a function return a NumPy scalar instead of an array without axes, as SciPy does.
+
+    The annotation of the function remains that of an array: a scalar has its methods.
+    """
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R_co:
+        return _unwrap_scalar(function(*args, **kwargs))
+
+    return call
+
+
+def _unwrap_scalar(result: R) -> R:
+    """Return a NumPy scalar for an array without axes; anything else unchanged."""
+    return cast("R", result[()]) if isinstance(result, np.ndarray) else result
 
 
 def _as_array_of_numbers(name: str, value: object) -> np.ndarray | None:

@@ -17,6 +17,7 @@ from dechirp.processing.angle.aperture import FieldOfView
 from dechirp.report import objects_section, page
 from dechirp.report.directions_section import ground_detections
 from dechirp.report.figures import (
+    beat,
     birds_eye,
     directions,
     frames,
@@ -115,6 +116,31 @@ def plot_power(
         " velocity",
         fix="select one value of other axes, as with isel(frame=0)",
     )
+
+
+def plot_samples(
+    samples: xr.DataArray, axes: Axes | None, *, detections: xr.Dataset | None
+) -> Axes:
+    """Draw samples over fast time: the first along frames, chirps and receivers, if they exist."""
+    is_chirp = set(samples.dims) <= {"frame", "chirp", "rx", "sample"} and samples.size > 1
+    is_chirp &= "sample" in samples.coords
+    first = samples.isel(
+        {name: [0] for name in samples.dims if name != "sample"} if is_chirp else {}
+    )
+    if not (is_chirp and first.dtype.kind in "fc" and np.isfinite(first.values).all()):
+        raise InvalidSetting(
+            "array.dechirp.plot",
+            value=f"an array {samples.shape} over {', '.join(map(str, samples.dims))}",
+            expected="finite samples over the times sample, and over frame, chirp and rx if there"
+            " are several",
+            fix="pass a result of dc.simulate or dc.open; select one value of other axes with isel",
+        )
+    if detections is not None:
+        _check_detections(detections, set(samples.dims))
+    missing = [name for name in ("frame", "chirp", "rx") if name not in first.dims]
+    chirp = first.drop_vars(missing, errors="ignore").expand_dims(missing)
+    with user_axes(axes) as panel:
+        return beat.draw_first_chirp_signal(panel, chirp)
 
 
 def plot_table(table: xr.Dataset, axes: Axes | None, *, dim: str) -> Axes:

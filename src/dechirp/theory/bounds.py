@@ -27,6 +27,7 @@ from dechirp.core.checks import (
     check_real_array,
     check_whole_numbers,
 )
+from dechirp.core.elementwise import scalar_results
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 
@@ -46,6 +47,7 @@ def _check_snr(snr: ArrayLike) -> np.ndarray:
     return check_positive_ratios("snr", snr, at_least=5e-324, at_most=np.finfo(float).max)
 
 
+@scalar_results
 def frequency_variance(*, snr: ArrayLike, n_points: ArrayLike) -> np.ndarray:
     r"""Return the bound on the variance of a tone's frequency, (rad per sample)^2.
 
@@ -66,6 +68,7 @@ def frequency_variance(*, snr: ArrayLike, n_points: ArrayLike) -> np.ndarray:
         return np.asarray(6.0 / (chi * (n.astype(float) ** 2 - 1.0)))
 
 
+@scalar_results
 def noncoherent_effective_snr(*, snr: ArrayLike, n_channels: ArrayLike) -> np.ndarray:
     r"""Return the SNR whose bound equals the variance from a sum of periodograms.
 
@@ -91,6 +94,7 @@ def noncoherent_effective_snr(*, snr: ArrayLike, n_channels: ArrayLike) -> np.nd
         return np.asarray(chi / (1.0 + n / chi))
 
 
+@scalar_results
 def crlb_range(
     *,
     snr: ArrayLike,
@@ -112,6 +116,7 @@ def crlb_range(
     return np.asarray(SPEED_OF_LIGHT * sample_rate / (4 * np.pi * slope) * np.sqrt(variance))
 
 
+@scalar_results
 def crlb_velocity(
     *, snr: ArrayLike, n_chirps: ArrayLike, interval_s: ArrayLike, wavelength_m: ArrayLike
 ) -> np.ndarray:
@@ -129,6 +134,7 @@ def crlb_velocity(
     return np.asarray(wavelength / (4 * np.pi * interval) * np.sqrt(variance))
 
 
+@scalar_results
 def decoupled_range_std_m(
     *,
     range_std_m: ArrayLike,
@@ -149,6 +155,7 @@ def decoupled_range_std_m(
     return np.asarray(np.hypot(range_std, frequency / slope * velocity_std))
 
 
+@scalar_results
 def crlb_angle(
     *, snr: ArrayLike, positions_m: ArrayLike, wavelength_m: ArrayLike, angle_rad: ArrayLike
 ) -> np.ndarray:
@@ -200,6 +207,7 @@ def crlb_angle(
         return np.asarray(1.0 / (aperture * np.sqrt(2 * spread_m2) * np.sqrt(chi)))
 
 
+@scalar_results
 def monopulse_std_rad(
     *, snr: ArrayLike, beamwidth_rad: ArrayLike, slope: float = 1.6
 ) -> np.ndarray:

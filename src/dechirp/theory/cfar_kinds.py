@@ -12,6 +12,7 @@ from dechirp.core.checks import (
     check_probabilities,
     check_whole_numbers,
 )
+from dechirp.core.elementwise import scalar_results
 from dechirp.core.errors import InvalidSetting
 from dechirp.theory.cfar import (
     cell_averaging_factor,
@@ -36,6 +37,7 @@ _SETTINGS_OF_KIND = {
 
 
 @check_argument_types
+@scalar_results
 def cfar_factor(
     false_alarm_probability: ArrayLike,
     n_training: ArrayLike,

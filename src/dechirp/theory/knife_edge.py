@@ -16,6 +16,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from dechirp.core.checks import check_finite_array
+from dechirp.core.elementwise import scalar_results
 
 __all__ = ["knife_edge_field", "knife_edge_loss_db"]
 
@@ -24,6 +25,7 @@ __all__ = ["knife_edge_field", "knife_edge_loss_db"]
 _MAX_PARAMETER = 1e5
 
 
+@scalar_results
 def knife_edge_field(v: ArrayLike) -> np.ndarray:
     """Return the complex field beyond an edge, relative to that without it.
 
@@ -42,6 +44,7 @@ def field_beyond_edge(v: np.ndarray) -> np.ndarray:
     return field
 
 
+@scalar_results
 def knife_edge_loss_db(v: ArrayLike) -> np.ndarray:
     """Return the loss J(v) of a single edge, one way, dB; 6.02 dB at v = 0.
 

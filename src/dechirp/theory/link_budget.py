@@ -1,9 +1,9 @@
 """Radar equation and resolution of FMCW signals, on numbers and arrays.
 
 Arguments in SI units, gains, losses and noise factors as ratios (not in dB); arrays of any shape
-are broadcast against each other. Each function raises `InvalidSetting` that names an argument
-which is not finite or, unless stated otherwise, not above 0. `Radar` values have the same
-quantities as properties.
+are broadcast against each other, and numbers give NumPy scalars. Each function raises
+`InvalidSetting` that names an argument which is not finite or, unless stated otherwise, not above
+0; noise factors and losses are at least 1. `Radar` values have the same quantities as properties.
 
 References
 ----------
@@ -16,8 +16,13 @@ import scipy
 from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
-from dechirp.core.checks import broadcast_arguments, check_finite_array, check_integer
-from dechirp.core.elementwise import elementwise
+from dechirp.core.checks import (
+    broadcast_arguments,
+    check_finite_array,
+    check_integer,
+    check_positive_ratios,
+)
+from dechirp.core.elementwise import elementwise, scalar_results
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import BOLTZMANN, REFERENCE_TEMPERATURE, SPEED_OF_LIGHT
 
@@ -36,6 +41,7 @@ __all__ = [
 ]
 
 
+@scalar_results
 def beat_frequency(
     range_m: ArrayLike,
     *,
@@ -51,10 +57,10 @@ def beat_frequency(
     Ranges and frequencies are 0 or more, velocities and slopes of either sign.
     """
     distance, slope, velocity, frequency = broadcast_arguments(
-        range_m=_check_non_negative("range_m", range_m),
+        range_m=check_finite_array("range_m", range_m, at_least=0),
         slope_hz_per_s=check_finite_array("slope_hz_per_s", slope_hz_per_s),
         velocity_m_per_s=check_finite_array("velocity_m_per_s", velocity_m_per_s),
-        frequency_hz=_check_non_negative("frequency_hz", frequency_hz),
+        frequency_hz=check_finite_array("frequency_hz", frequency_hz, at_least=0),
     )
     if np.any((frequency == 0) & (velocity != 0)):
         raise InvalidSetting(
@@ -66,6 +72,7 @@ def beat_frequency(
     return np.asarray(2 / SPEED_OF_LIGHT * (slope * distance + frequency * velocity))
 
 
+@scalar_results
 def range_from_beat(beat_frequency_hz: ArrayLike, *, slope_hz_per_s: ArrayLike) -> np.ndarray:
     """Return the range of a static target in m, c f / 2 S; beat frequencies of either sign."""
     beat, slope = broadcast_arguments(
@@ -75,6 +82,7 @@ def range_from_beat(beat_frequency_hz: ArrayLike, *, slope_hz_per_s: ArrayLike) 
     return np.asarray(SPEED_OF_LIGHT * beat / (2 * slope))
 
 
+@scalar_results
 def received_power(
     range_m: ArrayLike,
     rcs_m2: ArrayLike,
@@ -109,12 +117,14 @@ def received_power(
     )
 
 
+@scalar_results
 def noise_power(*, noise_factor: ArrayLike, sample_rate_hz: ArrayLike) -> np.ndarray:
     """Return the thermal noise power in a sample in W, k T0 F fs, with T0 = 290 K."""
     factor, rate = _broadcast_positive(noise_factor=noise_factor, sample_rate_hz=sample_rate_hz)
     return np.asarray(BOLTZMANN * REFERENCE_TEMPERATURE * factor * rate)
 
 
+@scalar_results
 def sample_snr(
     range_m: ArrayLike,
     rcs_m2: ArrayLike,
@@ -151,6 +161,7 @@ def sample_snr(
     return np.asarray(echo / noise)
 
 
+@scalar_results
 def max_range(
     required_snr: ArrayLike,
     rcs_m2: ArrayLike,
@@ -192,6 +203,7 @@ def max_range(
     return np.asarray((snr_at_one_metre * gain / snr) ** 0.25)
 
 
+@scalar_results
 def range_resolution(bandwidth_hz: ArrayLike) -> np.ndarray:
     """Return the width of a range bin in m, c / 2 B, with the bandwidth of the samples."""
     return np.asarray(
@@ -200,6 +212,7 @@ def range_resolution(bandwidth_hz: ArrayLike) -> np.ndarray:
 
 
 @check_argument_types
+@scalar_results
 def unambiguous_range(
     *, sample_rate_hz: ArrayLike, slope_hz_per_s: ArrayLike, is_complex: bool = True
 ) -> np.ndarray:
@@ -218,12 +231,14 @@ def unambiguous_range(
     return range_from_beat(rate if is_complex else rate / 2, slope_hz_per_s=slope)
 
 
+@scalar_results
 def velocity_resolution(*, frequency_hz: ArrayLike, duration_s: ArrayLike) -> np.ndarray:
     """Return the width of a velocity bin in m/s, lambda / 2 M T: chirps times their interval."""
     frequency, duration = _broadcast_positive(frequency_hz=frequency_hz, duration_s=duration_s)
     return np.asarray(SPEED_OF_LIGHT / frequency / (2 * duration))
 
 
+@scalar_results
 def unambiguous_velocity(*, frequency_hz: ArrayLike, interval_s: ArrayLike) -> np.ndarray:
     """Return the largest unambiguous velocity of either sign in m/s, lambda / 4 T.
 
@@ -275,11 +290,15 @@ def ula_beamwidth(
 
 
 def _broadcast_positive(**arguments: ArrayLike) -> tuple[np.ndarray, ...]:
-    """Broadcast arguments, or raise `InvalidSetting` unless all are finite and above 0."""
+    """Broadcast arguments, or raise `InvalidSetting` unless all are finite and above 0.
+
+    Passive parts have a noise factor and a loss of at least 1, as those of `Radar` have.
+    """
     return broadcast_arguments(
-        **{name: check_finite_array(name, array, above=0) for name, array in arguments.items()}
+        **{
+            name: check_positive_ratios(name, array, at_least=1)
+            if name in {"noise_factor", "loss"}
+            else check_finite_array(name, array, above=0)
+            for name, array in arguments.items()
+        }
     )
-
-
-def _check_non_negative(setting: str, array: ArrayLike) -> np.ndarray:
-    return check_finite_array(setting, array, above=-5e-324)

@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_number, check_positive_ratios
+from dechirp.core.elementwise import scalar_results
 from dechirp.core.errors import InvalidSetting
 
 __all__ = ["sphere_rcs_m2"]
@@ -15,6 +16,7 @@ _MAX_SIZE_PARAMETER = 500.0
 
 
 @check_argument_types
+@scalar_results
 def sphere_rcs_m2(
     radius_m: ArrayLike, wavelength_m: float, *, permittivity: complex | None = None
 ) -> np.ndarray:

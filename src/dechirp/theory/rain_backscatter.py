@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dechirp.core.checks import check_number, check_positive_ratios
-from dechirp.core.elementwise import elementwise
+from dechirp.core.elementwise import elementwise, scalar_results
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.theory.attenuation import MAX_RAIN_RATE_M_PER_S
 from dechirp.theory.mie import sphere_rcs_m2
@@ -44,6 +44,7 @@ def drop_size_density_per_m4(diameter_m: ArrayLike, rate_m_per_s: float) -> np.n
     return np.asarray(8e6 * np.exp(-steepness * check_positive_ratios("diameter_m", diameter_m)))
 
 
+@scalar_results
 def drop_fall_speed_m_per_s(diameter_m: ArrayLike) -> np.ndarray:
     """Return the fall speed of a drop in still air at sea level, 9.65 - 10.3 exp(-600 D), D in m.
 

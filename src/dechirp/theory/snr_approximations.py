@@ -15,13 +15,14 @@ from dechirp.core.checks import (
     check_probabilities,
     check_whole_numbers,
 )
-from dechirp.core.elementwise import elementwise
+from dechirp.core.elementwise import elementwise, scalar_results
 from dechirp.core.errors import InvalidSetting
 from dechirp.theory.swerling import swerling_shape
 
 __all__ = ["albersheim", "shnidman"]
 
 
+@scalar_results
 def albersheim(
     detection_probability: ArrayLike,
     false_alarm_probability: ArrayLike,

@@ -51,7 +51,7 @@ def alpha_beta_gains(tracking_index: ArrayLike) -> AlphaBetaGains:
     # Expanded by 4 + index + root: the difference itself loses digits of a large index.
     r = 4 / (4 + index + np.sqrt(8 * index + index**2))
     alpha = (1 - r) * (1 + r)
-    return AlphaBetaGains(np.asarray(alpha), np.asarray(2 * (1 - r) ** 2))
+    return AlphaBetaGains(alpha[()], (2 * (1 - r) ** 2)[()])
 
 
 @elementwise
