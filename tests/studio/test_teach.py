@@ -227,16 +227,16 @@ def test_incomplete_frame_has_no_threshold():
 # 4. Noise.
 
 
-def simulate_hits(snr_db, n_trials, window="rectangular"):
+def simulate_hits(snr_db, n_frames, window="rectangular"):
     hits_per_trial = [
         trials.simulate_cfar_and_report_rule_hits(snr_db, window, number)
-        for number in range(n_trials)
+        for number in range(n_frames // trials.N_FRAMES)
     ]
     return (np.concatenate(hits) for hits in zip(*hits_per_trial, strict=True))
 
 
 def test_report_rule_misses_target_that_cell_averaging_always_detects():
-    chain_hits, report_hits = simulate_hits(-25.0, 12)
+    chain_hits, report_hits = simulate_hits(-25.0, 48)
     assert chain_hits.mean() == 1
     upper_bound = confidence_intervals.binomial_interval(
         int(report_hits.sum()), report_hits.size, confidence=0.999
@@ -246,7 +246,7 @@ def test_report_rule_misses_target_that_cell_averaging_always_detects():
 
 @pytest.mark.parametrize("snr_db", nightly_except(1, [-40.0, -42.0]))
 def test_cell_averaging_detection_rate_matches_theory(snr_db):
-    chain_hits, report_hits = simulate_hits(snr_db, 25)
+    chain_hits, report_hits = simulate_hits(snr_db, 100)
     low, high = confidence_intervals.binomial_interval(
         int(chain_hits.sum()), chain_hits.size, confidence=0.9999
     )
