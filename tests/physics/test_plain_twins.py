@@ -1,13 +1,14 @@
 """Plain twins of compiled kernels: equal results, and whole runs without Numba."""
 
-import copy
+import ast
 import csv
+import importlib
 import json
 import os
 import subprocess
 import sys
-from collections import defaultdict
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +20,20 @@ from dechirp.core.compiled_kernels import Kernel, kernel, plain_twins_for_small_
 from dechirp.core.threads import limit_threads
 from dechirp.experiments.link_budget import link_budget_of_first_target
 from dechirp.experiments.run import run
+from dechirp.processing import simd_range_doppler
 from dechirp.processing.cfar.base import TrainingWindow
-from dechirp.processing.spectrum import Transform, range_doppler_spectrum
+from dechirp.processing.spectrum import (
+    Transform,
+    mean_range_doppler_power,
+    range_doppler_real_and_imaginary,
+    range_doppler_spectrum,
+)
+from dechirp.recordings.live.reassembly import N_PACKETS, ReassemblyWindow
+from dechirp.recordings.live.replay import build_dca1000_packet
+from dechirp.recordings.live.socket_reader import PacketSlots
 from nightly import nightly
+from test_layers import ROOT, parse_file
+from twin_comparison import compare_in_calls, kernel_name, relative_difference
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # Single precision: sums of some thousand products, each rounded to 6e-8.
@@ -96,51 +108,49 @@ for kind, chain in chains.items():
 print(json.dumps(results))
 """
 
-
-def relative_difference(first, second):
-    """Return the largest difference over the largest size; infinite for other special values."""
-    if isinstance(first, tuple):
-        return max(map(relative_difference, first, second), default=0.0)
-    if first is None:
-        return 0.0 if second is None else np.inf
-    first, second = np.asarray(first), np.asarray(second)
-    if first.shape != second.shape:
-        return np.inf
-    if first.dtype.kind not in "fc":
-        return float(np.any(first != second))
-    is_finite = np.isfinite(first)
-    if not np.array_equal(first[~is_finite], second[~is_finite], equal_nan=True):
-        return np.inf
-    first, second = first[is_finite], second[is_finite]
-    largest = np.max(abs(first), initial=0.0)
-    return float(np.max(abs(first - second), initial=0.0) / largest) if largest else 0.0
+REASSEMBLY = "recordings.live.reassembly._insert_packets_into_frames"
+# Kernels whose callers compute without them, and the test that compares both ways.
+COMPARED_CALLERS = {
+    "processing.cfar": "test_detectors_equal_without_numba",
+    "processing.simd_range_doppler": "test_transforms_in_registers_equal_those_of_scipy",
+    "simulation.kernels": "test_direct_kernel_replaces_others_without_numba",
+}
+# Tests that call all other kernels with a twin.
+COMPARED_TESTS = [
+    "edges/test_adc_code_storage",
+    "edges/test_streams",
+    "formats/test_cloud_files",
+    "formats/test_complex_samples",
+    "formats/test_generic_cubes",
+    "formats/test_slow_time_files",
+    "formats/test_ti_captures",
+    "physics/test_angle_maps",
+    "physics/test_angle_subspace",
+    "physics/test_chain_angles",
+    "physics/test_chirp_interpolation",
+    "physics/test_clusters",
+    "physics/test_fixed_point",
+    "physics/test_frame_intervals",
+    "physics/test_mitigation_interference",
+    "physics/test_mitigation_slow_time",
+    "physics/test_noise_maps",
+    "physics/test_receiver_compression",
+    "physics/test_recording_quality",
+    "physics/test_shadowing",
+    "physics/test_sidelobe_rejection",
+    "physics/test_statistical_sensor",
+    "physics/test_synchronous_interference",
+    "physics/test_velocity_ambiguity",
+    "witnesses/test_plain_arrays",
+]
 
 
 @pytest.fixture
 def differences(monkeypatch):
     """Call each kernel twice, compiled and plain; collect the differences by its name."""
-    collected = defaultdict(float)
-    call = Kernel.__call__
-
-    def call_both(self, *arguments):
-        if self.plain is None:
-            return self.dispatcher(*arguments)
-        plain_arguments = copy.deepcopy(arguments)
-        result = self.dispatcher(*arguments)
-        with monkeypatch.context() as inner, plain_twins_for_small_work(0):
-            inner.setattr(Kernel, "__call__", call)
-            plain_result = self(*plain_arguments)
-        # The last two arguments of the direct kernel are buffers, which the twin does not need.
-        n_compared = 19 if self.__name__ == "_add_echoes_chirp_by_chirp" else len(arguments)
-        name = f"{self.__module__.rpartition('.')[2]}.{self.__name__}"
-        difference = relative_difference(
-            (result, *arguments[:n_compared]), (plain_result, *plain_arguments[:n_compared])
-        )
-        collected[name] = max(collected[name], difference)
-        return result
-
-    monkeypatch.setattr(Kernel, "__call__", call_both)
-    with limit_threads(1):  # `__call__` is replaced for all threads
+    collected = {}
+    monkeypatch.setattr(Kernel, "__call__", compare_in_calls(collected))
+    with limit_threads(1):  # the numbers are collected without a lock
         yield collected
 
 
@@ -171,7 +181,7 @@ def test_twin_of_direct_kernel_equals_it_for_late_and_near_echoes(differences, r
     )
 
     # Both within 1e-9 of the law in `kernels.base`.
-    assert differences["direct._add_echoes_chirp_by_chirp"] < 2e-9
+    assert differences["simulation.kernels.direct._add_echoes_chirp_by_chirp"] < 2e-9
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
@@ -188,6 +198,20 @@ def test_spectra_of_small_work_equal_those_of_large(sampling):
 
     assert small.dtype == large.dtype == np.complex64
     assert relative_difference(small, large) < TOLERANCE
+
+
+@pytest.mark.parametrize("compute", [mean_range_doppler_power, range_doppler_real_and_imaginary])
+def test_transforms_in_registers_equal_those_of_scipy(compute):
+    shape, rng = (64, 3, 192), np.random.default_rng(2)
+    samples = rng.standard_normal(shape, np.float32) + 1j * rng.standard_normal(shape, np.float32)
+    fast, slow = (Transform(window="hann", n_points=n, n_bins=n) for n in (192, 64))
+    assert simd_range_doppler.can_transform_sizes(64, 192, 192)
+    compiled = compute(samples, "complex", fast, slow)
+
+    with plain_twins_for_small_work(0):
+        plain = compute(samples, "complex", fast, slow)
+
+    assert relative_difference(compiled, plain) < TOLERANCE
 
 
 def test_second_run_of_reference_imports_neither_numba_nor_scipy(tmp_path, monkeypatch):
@@ -233,12 +257,16 @@ def test_detectors_equal_without_numba(monkeypatch, estimator):
     )
     factors = np.full(64, 2.0, np.float32)
     compiled = estimator.threshold(power, window, factors)
+    exceeding = estimator.exceeds_threshold(power, window, factors)
     with monkeypatch.context() as without:
         for module in ("split_window", "ordered_statistic", "trimmed_mean"):
             without.setattr(f"dechirp.processing.cfar.{module}.can_compile", lambda: False)
         plain = estimator.threshold(power, window, factors)
+        exceeding_plain = estimator.exceeds_threshold(power, window, factors)
 
     np.testing.assert_allclose(plain, compiled, rtol=TOLERANCE)
+    assert np.count_nonzero(exceeding) > 10
+    np.testing.assert_array_equal(exceeding_plain, exceeding)
 
 
 def test_size_of_work_selects_twin(monkeypatch):
@@ -320,7 +348,7 @@ def test_twin_of_statistical_sensor_draws_equal_detections(differences):
     dc.studies.draw_statistical_detections(scenario, seed=1)
 
     # Normal numbers and tables in single precision, in another order of summation.
-    assert differences["peak_sampling.sample_peaks"] < TOLERANCE
+    assert differences["experiments.statistical.peak_sampling.sample_peaks"] < TOLERANCE
 
 
 @nightly
@@ -378,3 +406,81 @@ def test_first_command_compiles_nothing_and_needs_no_numba(tmp_path, monkeypatch
     for column, name in (("range_m", "range"), ("velocity_m_per_s", "velocity")):
         limit = 1e-4 * float(expected[f"{name}_std"])
         assert float(row[column]) == pytest.approx(float(expected[name]), abs=limit)
+
+
+@cache
+def kernels_called_from_python():
+    """Return the kernels that functions other than kernels refer to, and whether these are twins.
+
+    A kernel within a kernel is compiled with it, so it needs no twin.
+    """
+    trees = {
+        ".".join(("dechirp", *path.relative_to(ROOT).with_suffix("").parts)): parse_file(path)
+        for path in ROOT.rglob("*.py")
+        if "compiled_kernels" in path.read_text(encoding="utf-8") or "kernels" in path.parts
+    }
+    modules = {name: importlib.import_module(name) for name in trees}
+    kernels = {k for m in modules.values() for k in vars(m).values() if isinstance(k, Kernel)}
+    loops = {(k.__module__, k.__name__) for k in kernels}
+    twins = {(k.plain.__module__, k.plain.__name__) for k in kernels if k.plain} - loops
+    called = {}
+    for name, tree in trees.items():
+        for node in tree.body:
+            owner = name, getattr(node, "name", "")
+            if owner in loops:
+                continue
+            for part in ast.walk(node):
+                value = (
+                    getattr(modules[name], part.id, None) if isinstance(part, ast.Name) else None
+                )
+                if isinstance(value, Kernel):
+                    called[value] = called.get(value, True) and owner in twins
+    return called
+
+
+def test_kernels_that_python_calls_have_a_twin_or_a_caller_that_computes_without_them():
+    called = kernels_called_from_python()
+    assert len(called) > 80
+    assert {kernel_name(k) for k in called if k.plain is None and not k.has_plain_caller} == set()
+    in_callers = {kernel_name(k) for k in called if k.has_plain_caller}
+    assert {name for name in in_callers if not name.startswith(tuple(COMPARED_CALLERS))} == set()
+    assert set(COMPARED_CALLERS.values()) <= globals().keys()
+
+
+@nightly
+def test_each_twin_that_python_calls_equals_its_kernel_in_some_test(tmp_path):
+    path = tmp_path / "differences.json"
+    process = subprocess.run(
+        [*(sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "twin_comparison")]
+        + [f"tests/{name}.py" for name in COMPARED_TESTS],
+        cwd=Path(__file__).parents[2],
+        env={**os.environ, "TWIN_DIFFERENCES": str(path), "DECHIRP_NIGHTLY": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert process.returncode == 0, process.stdout[-3000:]
+    differences = json.loads(path.read_text())
+
+    assert {name: size for name, size in differences.items() if size > TOLERANCE} == {}
+    names = {
+        kernel_name(kernel)
+        for kernel, only_twins_call_it in kernels_called_from_python().items()
+        if kernel.plain is not None and not only_twins_call_it
+    }
+    # Its frames of 2 MB are compared below.
+    assert names - differences.keys() == {REASSEMBLY}
+
+
+def test_twin_of_reassembly_writes_equal_frames(differences):
+    rng = np.random.default_rng(1)
+    window = ReassemblyWindow(512, max_lost_frames=100)
+    content, sizes = np.zeros((20, 1472), np.uint8), np.full(20, 1466)
+    for row, number in zip(content, rng.permutation(20).tolist(), strict=True):
+        packet = build_dca1000_packet(number + 1, rng.bytes(1456))
+        row[:1466] = np.frombuffer(packet, np.uint8)
+
+    list(window.reassemble_frames(PacketSlots(content, sizes, np.zeros(20, np.int64))))
+
+    assert window.counters[N_PACKETS] == 20
+    assert differences[REASSEMBLY] == 0

@@ -37,6 +37,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 AS_WRITTEN: Final = "as written"
 """Plain twin of a kernel whose own body is fast enough: short loops, or calls of other kernels."""
 
+IN_CALLER: Final = "in caller"
+"""Plain twin of a kernel whose callers compute without it where `can_compile` is false."""
+
 MAX_PLAIN_SAMPLES = 2**21
 """Samples, times echoes in a simulation, up to which the plain twins cost less than loading the
 compiled kernels: 0.3 us each, 0.2 of them to simulate one echo."""
@@ -76,7 +79,8 @@ class Kernel:
     ) -> None:
         functools.update_wrapper(self, function)
         self.function = function
-        self.plain = function if plain == AS_WRITTEN else cast(Callable[..., Any] | None, plain)
+        self.has_plain_caller = plain == IN_CALLER
+        self.plain = function if plain == AS_WRITTEN else None if isinstance(plain, str) else plain
         """The twin; None if the kernel needs Numba."""
         self.options = options
 
@@ -148,8 +152,8 @@ def kernel(
 ) -> Callable[[F], F]:
     """Return a decorator that makes a kernel of a function, with options of `numba.njit`.
 
-    `plain` is a function of the same arguments and results in NumPy and SciPy, or AS_WRITTEN.
-    Kernels that only other compiled kernels call need none.
+    `plain` is a function of the same arguments and results in NumPy and SciPy, AS_WRITTEN or
+    IN_CALLER. Kernels that only other compiled kernels call need none.
     """
     options |= {"cache": cache, "nogil": nogil, "error_model": error_model}
 

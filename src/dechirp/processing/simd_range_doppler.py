@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dechirp.core.buffers import scratch_complex64_array
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import IN_CALLER, kernel
 from dechirp.core.threads import run_in_threads, split_range
 from dechirp.processing.simd_fft import (
     POINT,
@@ -170,7 +170,7 @@ def _points_to_float_offsets(points: np.ndarray) -> np.ndarray:
     return offsets
 
 
-@kernel()
+@kernel(plain=IN_CALLER)
 def _transform_sample_blocks_over_chirps(
     half_transformed: np.ndarray,
     numbers: np.ndarray,
@@ -209,7 +209,7 @@ def _transform_sample_blocks_over_chirps(
             store_transposed(half_transformed, to, POINT, WIDTH, work, places, block * WIDTH)
 
 
-@kernel()
+@kernel(plain=IN_CALLER)
 def _transform_range_and_add_power(
     out: np.ndarray,
     half_transformed: np.ndarray,
@@ -248,7 +248,7 @@ def _transform_range_and_add_power(
                     out[start_cell + i * n_range + j] = sum_so_far + tile[i * WIDTH + j]
 
 
-@kernel()
+@kernel(plain=IN_CALLER)
 def _write_range_spectrum(
     out: np.ndarray,
     first: int,

@@ -8,7 +8,7 @@ Rohling, Radar CFAR thresholding in clutter and multiple target situations, IEEE
 import numpy as np
 
 from dechirp.core.checks import check_positive_fields
-from dechirp.core.compiled_kernels import can_compile, kernel
+from dechirp.core.compiled_kernels import IN_CALLER, can_compile, kernel
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
@@ -102,7 +102,7 @@ class OrderedStatistic(NoiseEstimator):
         return n_cells, cell_count_from_setting(n_cells, self.rank)
 
 
-@kernel()
+@kernel(plain=IN_CALLER)
 def _mask_of_exceeding_candidates(
     power: np.ndarray,
     candidates: np.ndarray,

@@ -6,7 +6,7 @@ Velocity wraps round; the box stays within the map along range.
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import IN_CALLER, kernel
 from dechirp.processing.cfar.window_means import scaled_window_means
 
 SideCounts = tuple[int, int, int, int]
@@ -56,7 +56,7 @@ def candidate_detection_cells(
     return _cells_above_bound(power, means, sum_factors, level_offsets)
 
 
-@kernel()
+@kernel(plain=IN_CALLER)
 def _clip_map_at_block_quantiles(
     power: np.ndarray, quantile: float, side_counts: SideCounts, box_clip_levels: np.ndarray
 ) -> np.ndarray:
@@ -89,7 +89,7 @@ def _clip_map_at_block_quantiles(
     return clipped
 
 
-@kernel(fastmath={"contract"})
+@kernel(plain=IN_CALLER, fastmath={"contract"})
 def _cells_above_bound(
     power: np.ndarray, means: np.ndarray, sum_factors: np.ndarray, level_offsets: np.ndarray
 ) -> np.ndarray:
@@ -202,7 +202,7 @@ def _order_statistic_of_range_part(
     return _sliding_order_statistics(power, order, rank_of_cell, side_counts, ranks)
 
 
-@kernel()
+@kernel(plain=IN_CALLER)
 def _sliding_order_statistics(
     power: np.ndarray,
     order: np.ndarray,

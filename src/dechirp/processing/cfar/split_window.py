@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import can_compile, kernel
+from dechirp.core.compiled_kernels import IN_CALLER, can_compile, kernel
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
 from dechirp.processing.cfar.window_means import (
@@ -116,7 +116,7 @@ def _half_window_splits_and_weights(
     return np.ceil(middles).astype(int), np.floor(middles).astype(int) + 1, per_cell
 
 
-@kernel(fastmath={"contract", "reassoc"})
+@kernel(plain=IN_CALLER, fastmath={"contract", "reassoc"})
 def _half_means_along_range(
     power: np.ndarray,
     train_r: int,
@@ -171,7 +171,7 @@ def _half_means_along_range(
     return first, second
 
 
-@kernel()
+@kernel(plain=IN_CALLER)
 def _half_means_along_velocity(
     power: np.ndarray, train_v: int, guard_r: int, guard_v: int
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ of CFAR processors in nonhomogeneous background, IEEE Trans. AES 24(4), 1988.
 import numpy as np
 
 from dechirp.core.checks import check_non_negative_fields
-from dechirp.core.compiled_kernels import can_compile, kernel
+from dechirp.core.compiled_kernels import IN_CALLER, can_compile, kernel
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
@@ -127,7 +127,7 @@ class TrimmedMean(NoiseEstimator):
         )
 
 
-@kernel()
+@kernel(plain=IN_CALLER)
 def _trimmed_mean_thresholds(
     power: np.ndarray,
     side_counts: SideCounts,
@@ -153,7 +153,7 @@ def _trimmed_mean_thresholds(
     return highest
 
 
-@kernel()
+@kernel(plain=IN_CALLER)
 def _mask_of_exceeding_candidates(
     power: np.ndarray,
     candidates: np.ndarray,

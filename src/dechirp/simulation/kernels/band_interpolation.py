@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import IN_CALLER, kernel
 
 TAPS = 10
 _FIRST_TAP = 1 - TAPS // 2
@@ -97,7 +97,7 @@ def _least_squares_weights_and_error(
     return weights.T, float(np.sqrt(max(residual.max(), 0.0)))
 
 
-@kernel(fastmath={"contract", "reassoc"})
+@kernel(plain=IN_CALLER, fastmath={"contract", "reassoc"})
 def _add_interpolated_rows(
     out: np.ndarray,
     rows: np.ndarray,

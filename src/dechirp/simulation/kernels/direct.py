@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import IN_CALLER, kernel
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.phasors import phasors
 from dechirp.core.units import SPEED_OF_LIGHT
@@ -326,7 +326,7 @@ def _add_echoes_chirp_by_chirp(
                 out[m, k, sample] += complex(sums[k, 0, sample], sums[k, 1, sample])
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract"})
 def _mean_segments_per_chirp(
     path_terms_m: np.ndarray,
     chirp_starts_s: np.ndarray,

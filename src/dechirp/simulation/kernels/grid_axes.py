@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import IN_CALLER, kernel
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.kernels.band_interpolation import (
     MAX_OVERHANG,
@@ -144,7 +144,7 @@ def _beat_band_and_max_doppler_hz(
     return float(ends.min()), float(ends.max()), doppler_hz
 
 
-@kernel(fastmath={"contract", "reassoc"})
+@kernel(plain=IN_CALLER, fastmath={"contract", "reassoc"})
 def _distance_and_speed_bounds(
     path_terms_m: np.ndarray, centre_m: np.ndarray, max_time_s: float
 ) -> tuple[float, float, float]:

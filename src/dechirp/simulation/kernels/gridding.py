@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import IN_CALLER, kernel
 from dechirp.simulation.kernels.simd import WIDTH, add_line, add_patch, set_weighted_sum
 from dechirp.simulation.kernels.taylor import (
     BLOCK,
@@ -97,7 +97,7 @@ def make_spreading_kernel(oversampling: float) -> SpreadingKernel:
     )
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract", "reassoc"})
 def spread_tones_onto_grid(
     grid: np.ndarray,
     n_doppler_rows: int,
@@ -341,7 +341,7 @@ def _evaluate_spreading_weights(
         weights[a] = high * (square * square * fraction) + low
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract", "reassoc"})
 def interpolate_stretched_slow_time(
     out: np.ndarray,
     chirp_factors: np.ndarray,

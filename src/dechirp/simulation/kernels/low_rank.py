@@ -22,7 +22,7 @@ few chirps, are left to the direct kernel.
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import IN_CALLER, kernel
 from dechirp.core.phasors import cosine_and_sine
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.kernels import direct
@@ -165,12 +165,12 @@ def _economisation_tables() -> tuple[np.ndarray, np.ndarray]:
 _RETAINED, _DROPPED = _economisation_tables()
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract"})
 def _round_up_to_tiles(n_samples: int) -> int:
     return (n_samples + _TILE - 1) // _TILE * _TILE
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract"})
 def _add_scatterer_batches(
     out: np.ndarray,
     scatterers: Scatterers,
@@ -281,7 +281,7 @@ def _add_scatterer_batches(
             _add_coefficients_times_tables(out, start, stop, tables, n_terms, coefficients, sums)
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract"})
 def _fraction_cheaper_direct(
     scatterers: Scatterers, transmission: Transmission, n_samples: int, tolerance: float
 ) -> float:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dechirp.core.buffers import scratch_complex64_array
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import IN_CALLER, kernel
 from dechirp.core.threads import run_in_threads, split_range
 from dechirp.simulation.kernels import direct, low_rank, nufft_by_chirp, nufft_by_run
 from dechirp.simulation.kernels.base import Scatterers, Transmission
@@ -109,7 +109,7 @@ def _sort_by_range_and_split(scatterers: Scatterers) -> list[ScattererPaths]:
 _compiled = kernel(fastmath={"contract", "reassoc"})
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract", "reassoc"})
 def _fill_range_sort_keys(sort_keys: np.ndarray, positions_m: np.ndarray) -> None:
     farthest = 1e-300
     for i in range(len(sort_keys)):
@@ -120,7 +120,7 @@ def _fill_range_sort_keys(sort_keys: np.ndarray, positions_m: np.ndarray) -> Non
         sort_keys[i] = int(np.sqrt((x * x + y * y + z * z) / farthest) * 16383)
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract", "reassoc"})
 def _reorder_paths(
     reordered_terms_m: np.ndarray, path_terms_m: np.ndarray, order: np.ndarray
 ) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from dechirp.core.buffers import scratch_complex64_array
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import IN_CALLER, kernel
 from dechirp.core.threads import run_in_threads
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.kernels import direct
@@ -287,7 +287,7 @@ def _add_by_direct_kernel(
 _compiled = kernel(fastmath={"contract", "reassoc"})
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract", "reassoc"})
 def _spread_tones_of_chirps(
     grid: np.ndarray,
     n_columns: int,
@@ -357,7 +357,7 @@ def _expand_paths_about_time(
                 share *= new_origin_s * (j + 1) / (j + 1 - k)
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract", "reassoc"})
 def _add_fields_times_time_powers(
     out: np.ndarray,
     chirp_rows: np.ndarray,

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import IN_CALLER, kernel
 from dechirp.core.units import SPEED_OF_LIGHT
 
 ORDER = 7
@@ -74,7 +74,7 @@ class AntennaPairView(NamedTuple):
     is_single_chirp: bool
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract"})
 def fill_tone_blocks(view: AntennaPairView, blocks: np.ndarray) -> None:
     """Fill all blocks, (n_blocks, BLOCK)."""
     work, shifts = np.zeros(WORK), polynomial_time_shift_matrix(view)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import IN_CALLER, kernel
 from dechirp.core.threads import run_in_threads, split_range
 from dechirp.simulation.kernels.base import Transmission
 from dechirp.simulation.kernels.chebyshev import economised_monomials_and_rms_errors
@@ -142,7 +142,7 @@ def survey_tone_frequencies_and_errors(
     )
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract", "reassoc"})
 def _survey_tone_blocks(
     view: AntennaPairView,
     truncation_remainders: np.ndarray,
@@ -197,7 +197,7 @@ def mask_scatterers_with_largest_errors(errors: np.ndarray, allowed_sum: float) 
     return np.asarray(~(errors <= _largest_error_to_keep(errors, allowed_sum)))
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract", "reassoc"})
 def _largest_error_to_keep(errors: np.ndarray, allowed_sum: float) -> float:
     """Return the limit up to which errors add up to at most `allowed_sum`, in steps of 1.4."""
     # Errors above `allowed` are excluded, infinite ones too.
@@ -237,7 +237,7 @@ def _fill_block_truncation_error_powers(
         errors[i] *= errors[i] * (block[REAL + i] ** 2 + block[IMAG + i] ** 2)
 
 
-@_compiled
+@kernel(plain=IN_CALLER, fastmath={"contract", "reassoc"})
 def _fill_truncation_error_powers(
     blocks: np.ndarray, truncation_remainders: np.ndarray, errors: np.ndarray
 ) -> None:
