@@ -7,6 +7,8 @@ text     Time to open and decode Calterah text of 23 MB with its radar, over the
          numbers with `numpy.fromstring`; at most 4. The same for uRAD text of 4 MB, a line of which
          ends with a time: over the conversion line by line, without a check of each number; at
          most 4. The same for slow time in CSV of 6 MB: over `numpy.fromstring`; at most 4.
+formats  The capture of 128 MiB in other formats, opened and decoded, over `numpy.fromfile` of the
+         same bytes; at most 4 where the guide gives no limit. WAV files of 64 MiB have noise.
 open     Time to open a capture of 4 GB and decode one frame, s; at most 0.3. A second figure is for
          a network capture (pcap) of 1 GB, which requires reading each packet.
 memory   Growth of the resident memory of a process that reads a capture, an .npy file or a network
@@ -23,6 +25,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import wave
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -132,6 +135,47 @@ def measure_text_ratios(folder: Path, rng: np.random.Generator) -> dict[str, flo
     }
 
 
+def measure_format_ratios(
+    folder: Path, capture: Path, rng: np.random.Generator
+) -> dict[str, float]:
+    """Measure the readers of other formats over the time to read the bytes of their files."""
+    recording = dc.open(capture, radar=RADAR, device="xwr1642", iq="iq", format="dca1000")
+    axes: dict[str, object] = {"radar": RADAR, "axes": "frame,chirp,rx,sample,iq"}
+    numbers = np.fromfile(capture, np.int16).reshape(-1, N_CHIRPS, N_RX, N_SAMPLES, 2)
+    np.save(folder / "bare.npy", numbers)
+    np.savez(folder / "bare.npz", numbers)
+    numbers.tofile(folder / "x.cs16")
+    options: dict[str, dict[str, object]] = {
+        "bare.npy": axes,
+        "bare.npz": axes,
+        "x.cs16": axes | {"axes": "frame,chirp,rx,sample"},
+    }
+    for name in ("x.npz", "x.h5", "x.mat", "x.zarr", "x.sigmf-meta"):
+        dc.write(recording, folder / name)
+        options[name] = {}
+    write_network_capture(folder / "short.pcap", 2**26)
+    options["short.pcap"] = {"radar": RADAR, "iq": "iq"}
+    real = dc.Radar(frame=replace(RADAR.frame, chirp=replace(CHIRP, sampling="real")))
+    ramps = np.where(np.arange(2**24) % 400 < 380, -9000, 9000)  # inverted sync
+    for name, channels in (
+        ("continuous.wav", (rng.integers(-9000, 9000, 2**25),)),
+        ("sync.wav", (rng.integers(-9000, 9000, 2**24), ramps)),
+    ):
+        with wave.open(str(folder / name), "wb") as file:
+            file.setparams((len(channels), 2, round(CHIRP.sample_rate_hz), 0, "NONE", ""))
+            file.writeframes(np.stack(channels, axis=-1).astype("<i2").tobytes())
+        options[name] = {"radar": real}
+    ratios = {}
+    for name, named in options.items():
+        path = folder / name.replace("meta", "data")
+        files = [part for part in (path, *path.rglob("*")) if part.is_file()]
+        ratios[f"format_{name}"] = measure_ratio(
+            lambda name=name, named=named: dc.open(folder / name, **named).cube,
+            lambda files=files: [np.fromfile(file, np.uint8) for file in files],
+        )
+    return ratios
+
+
 def write_network_capture(file: Path, n_bytes: int) -> None:
     """Write a pcap file of DCA1000 packets with zeros."""
     with file.open("wb") as out:
@@ -174,6 +218,7 @@ def main() -> None:
             lambda: decode_with_strides(capture), lambda: np.fromfile(capture, np.int16)
         )
         results |= measure_text_ratios(folder, rng)
+        results |= measure_format_ratios(folder, capture, rng)
         options = {"device": "xwr1642", "iq": "iq", "format": "dca1000"}
         with large.open("wb") as out:
             out.truncate(4000 * FRAME_BYTES * 2)  # 4.2 GB, sparse
@@ -206,6 +251,7 @@ def main() -> None:
         )
     bars = {"decode_two_lanes": 4, "decode_four_lanes": 4, "open_4_gb_s": 0.3}
     bars |= {"memory_dca1000_mb": 200, "memory_npy_mb": 200, "memory_pcap_mb": 200}
+    bars |= {f"format_{name}": 4 for name in ("bare.npy", "bare.npz", "x.npz", "x.h5", "x.zarr")}
     bars |= {"text_urad": 4, "text_calterah": 4, "text_slow_time": 4}
     print(json.dumps({"measured": results, "at_most": bars}, indent=2))
     raise SystemExit(1 if any(results[name] > bar for name, bar in bars.items()) else 0)

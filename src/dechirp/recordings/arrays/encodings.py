@@ -58,9 +58,12 @@ def scale_to_full_scale(
 def scale_lazily_to_full_scale(codes: LazyArray) -> LazyArray:
     """Scale integers of any size to full scale 1 when they are read."""
     full_scale = np.float32(2.0 ** (8 * codes.dtype.itemsize - 1))
-    zero = np.float32(full_scale if codes.dtype.kind == "u" else 0)
 
     def read(part: ArrayPart) -> np.ndarray:
-        return (codes.read(part).astype(np.float32) - zero) / full_scale
+        samples = codes.read(part).astype(np.float32)
+        if codes.dtype.kind == "u":
+            samples -= full_scale
+        samples *= 1 / full_scale  # exact for a power of two
+        return samples
 
     return replace(codes, dtype=np.dtype(np.float32), read=read)

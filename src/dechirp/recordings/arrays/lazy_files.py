@@ -41,9 +41,10 @@ def open_memory_mapped_array(
         sizes = [axis_slice.stop - axis_slice.start for axis_slice in part]
         values = np.empty(sizes, dtype, order=order)
         start = part[slowest_axis].start
-        if not fortran and tuple(sizes[slowest_axis + 1 :]) == shape[slowest_axis + 1 :]:
+        faster_axes = slice(slowest_axis) if fortran else slice(slowest_axis + 1, None)
+        if tuple(sizes[faster_axes]) == shape[faster_axes]:
             # Adjacent bytes: 0.03 ms for a small frame, a mapping takes 0.15.
-            _read_adjacent(path, offset + start * row_bytes, values)
+            _read_adjacent(path, offset + start * row_bytes, values.T if fortran else values)
             return values
         for first in range(start, part[slowest_axis].stop, step):
             rows = slice(first, min(first + step, part[slowest_axis].stop))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
@@ -166,11 +167,11 @@ def _decode_chirps(
             expected="finite numbers (no NaN, no infinity)",
             fix="record it again",
         )
-    rows = (chirp_starts - first)[:, None] + np.arange(out.shape[-1])
+    chirps = sliding_window_view(channels, out.shape[-1], axis=0)
     if iq is None:
-        out[:, 0] = channels[rows, 0]
+        out[:] = chirps[chirp_starts - first]
         return
-    parts = channels[rows, 0], channels[rows, 1]
+    parts = np.moveaxis(chirps[chirp_starts - first], 1, 0)
     out[:, 0].real, out[:, 0].imag = parts if iq == "iq" else parts[::-1]
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
@@ -129,7 +130,7 @@ class SyncWav(Format):
             first = int(starts[0])
             n_samples = int(starts[-1]) - first + chirp.n_samples
             beat = recording.read_samples(first, n_samples)[:, _BEAT]
-            samples = beat[(starts - first)[:, None] + np.arange(chirp.n_samples)]
+            samples = sliding_window_view(beat, chirp.n_samples)[starts - first]
             is_finite = np.isfinite(samples).all(axis=1)
             if not is_finite.all():
                 raise RecordingError(

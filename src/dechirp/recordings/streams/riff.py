@@ -64,7 +64,8 @@ class Wav:
         if self.bytes_per_sample == 3:
             raw = np.insert(raw, 0, 0, axis=-1)
         whole = raw.view(f"<i{raw.shape[-1]}")[..., 0]
-        return whole.astype(np.float32) * np.float32(2.0 ** (1 - 8 * raw.shape[-1]))
+        scale = np.float32(2.0 ** (1 - 8 * raw.shape[-1]))
+        return np.multiply(whole, scale, dtype=np.float32, casting="same_kind")
 
 
 def is_wav_header(head: bytes) -> bool:
