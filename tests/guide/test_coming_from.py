@@ -38,7 +38,7 @@ def page_names():
 @pytest.mark.parametrize("expressions", [row[1] for row in ROWS], ids=[row[0] for row in ROWS])
 def test_expressions_of_row_run(expressions):
     code = re.findall(r"`([^`]+)`", expressions)
-    assert code
+    assert code or expressions.strip() == "-"
     for expression in code:
         result = eval(expression, page_names())
         if isinstance(result, np.ndarray | float):
@@ -87,6 +87,185 @@ def test_beams_equal_those_of_openradar():
     power = dc.angle.direction_spectrum(snapshot.conj(), 0.5 * np.arange(8), azimuth)
     ratio = np.ravel(foreign) / power
     np.testing.assert_allclose(ratio, 64, rtol=1e-4)
+
+
+DIRECTIONS_RAD = np.array([-0.3, 0.4])
+
+
+def names_with(**values):
+    return page_names() | values
+
+
+@cache
+def names_of_two_sources():
+    """Return the names of the page with snapshots of two independent sources, 50 dB above noise."""
+    rng, names = np.random.default_rng(5), page_names()
+    noise = np.sqrt(0.05) * rng.standard_normal((64, 8, 2)) @ [1, 1j]  # of the power 0.1
+    amplitudes = 100 * rng.standard_normal((64, 2))
+    phases = np.outer(np.sin(DIRECTIONS_RAD), names["positions"])
+    snapshots = amplitudes @ np.exp(-2j * np.pi * phases) + noise
+    covariance = snapshots.T @ snapshots.conj() / 64
+    from_covariance = dc.angle.snapshots_from_covariance(covariance, n_snapshots=64)
+    return names_with(snapshots=snapshots, from_covariance=from_covariance)
+
+
+def expressions_of(*words):
+    """Return the code of the rows that contains one of the words, with the name of its row."""
+    return [
+        pytest.param(code, id=f"{row[0].strip()} {number}")
+        for row in ROWS
+        for number, code in enumerate(re.findall(r"`([^`]+)`", row[1]))
+        if any(word in code for word in words)
+    ]
+
+
+@pytest.mark.parametrize("code", expressions_of("(snapshots", "(from_covariance", " snapshots)"))
+def test_expression_finds_two_known_directions(code):
+    # Errors, another wavelength, two axes, and a covariance.
+    if any(word in code for word in ("_std_rad", "scale *", "[:, None]", "len(")):
+        return
+    result = eval(code, names_of_two_sources())
+    azimuth = page_names()["azimuth"]
+    if isinstance(result, np.ndarray):
+        is_peak = np.r_[False, (result[1:-1] > result[:-2]) & (result[1:-1] > result[2:]), False]
+        peaks = np.flatnonzero(is_peak)
+        found = azimuth[peaks[np.argsort(result[peaks])[-2:]]]
+    else:
+        found = np.ravel(result.azimuth_rad)
+    expected = -DIRECTIONS_RAD if "snapshots.conj()" in code else DIRECTIONS_RAD
+    # The spectrum has steps of a degree; two beams of half a wavelength repel each other by less.
+    distances = abs(np.subtract.outer(found, expected)).min(axis=1)
+    np.testing.assert_array_less(distances, np.radians(1))
+    assert len(found) in (1, 2)
+
+
+@pytest.mark.parametrize("code", expressions_of("dc.maps.range"))
+def test_expression_keeps_the_power_of_a_tone(code):
+    doppler, sample = np.arange(64)[:, None] * 5 / 64, np.arange(128) * 20 / 128
+    tone = np.broadcast_to(3 * np.exp(2j * np.pi * (doppler + sample)), (8, 64, 128))
+    result = abs(eval(code, names_with(samples=tone)))
+    if "np.blackman" in code:  # symmetric
+        assert result.max() == pytest.approx(3, rel=1e-3)
+    else:
+        assert result.max() == pytest.approx(9 if "map" in code.split("(")[0][9:] else 3, rel=1e-6)
+    assert 20 in np.unravel_index(result.argmax(), result.shape)
+
+
+def ordered_statistic_pfa(factor, n, k):
+    """Return Rohling's product (IEEE Trans. AES 19(4), 1983)."""
+    i = np.arange(k)
+    return np.prod((n - i) / (n - i + factor))
+
+
+def smallest_of_pfa(factor, n):
+    """Return the probability of Gandhi and Kassam for n cells on each side, factor of a mean."""
+    i = np.arange(n)
+    return 2 * np.sum(scipy.special.comb(n - 1 + i, i) * (2 + factor / n) ** -(n + i))
+
+
+@pytest.mark.parametrize(
+    ("row", "pfa_of_factor"),
+    [
+        ("cfar_ca_1d", lambda a: (1 + a / 16) ** -16),
+        ("ca", lambda a: (1 + a / 16) ** -16),
+        ("phased.CFARDetector", lambda a: (1 + a / 16) ** -16),
+        ("cago", lambda a: 2 * (1 + a / 8) ** -8.0 - smallest_of_pfa(a, 8)),
+        ("caso", lambda a: smallest_of_pfa(a, 8)),
+        ("cfar_os_1d", lambda a: ordered_statistic_pfa(a, 16, 12)),
+        ("cfar_os_2d", lambda a: ordered_statistic_pfa(a, 11**2 - 9, 84)),
+        ("os", lambda a: ordered_statistic_pfa(a, 16, 12)),
+        ("os_cfar_threshold", lambda a: ordered_statistic_pfa(a, 32, 24)),
+    ],
+)
+def test_factor_of_row_has_the_false_alarm_probability(row, pfa_of_factor):
+    (expressions,) = [columns[1] for columns in ROWS if f"`{row}`" in columns[0]]
+    code = re.findall(r"`([^`]+)`", expressions)[0]
+    threshold = np.atleast_1d(eval(code, names_with(power=np.ones((64, 128)))))
+    middle = threshold[tuple(n // 2 for n in threshold.shape)]
+    assert pfa_of_factor(float(middle)) == pytest.approx(1e-6, rel=1e-4)
+
+
+def swerling_1_pd(snr, pfa, n):
+    """Return the probability of Swerling for n summed powers that fluctuate together."""
+    threshold = scipy.special.gammainccinv(n, pfa)
+    growth = 1 + 1 / (n * snr)
+    tail = np.exp(-threshold / (1 + n * snr)) * growth ** (n - 1)
+    return scipy.special.gammaincc(n - 1, threshold) + tail * scipy.special.gammainc(
+        n - 1, threshold / growth
+    )
+
+
+def swerling_3_pd(snr, threshold, n):
+    """Integrate the probability of a steady target over the gamma density of Swerling 3."""
+    return scipy.integrate.quad(
+        lambda x: (
+            scipy.stats.ncx2.sf(2 * threshold, 2 * n, 2 * n * x)
+            * scipy.stats.gamma.pdf(x, 2, scale=snr / 2)
+        ),
+        *(0, 20 * snr),
+    )[0]
+
+
+def coherent_pd(snr, pfa):
+    return scipy.stats.norm.sf(scipy.stats.norm.isf(pfa) - np.sqrt(2 * snr))
+
+
+def range_of_radar_equation_m(p, ratio):
+    power = 0.016 * 1e2 * (p["c"] / p["f_hz"]) ** 2 * 10 / (4 * np.pi) ** 3
+    return (power / (ratio * scipy.constants.k * 290 * 16 * 10e6)) ** 0.25
+
+
+WINDOWS = scipy.signal.windows
+
+
+@pytest.mark.parametrize(
+    ("row", "number", "expected"),
+    [
+        ("roc_pd", 0, lambda _: swerling_1_pd(20.0, 1e-6, 4)),
+        ("roc_pd", 1, lambda _: coherent_pd(20.0, 1e-6)),
+        ("threshold", 0, lambda _: scipy.special.gammainccinv(4, 1e-6)),
+        ("marcumq", 0, lambda _: swerling_3_pd(20.0, 13.8, 4)),
+        ("log_factorial", 0, lambda _: np.log(np.cumprod(np.arange(1.0, 9)))),
+        ("range_resolution", 0, lambda p: p["c"] / (2 * 40e12 * 25.6e-6)),
+        ("doppler_resolution", 0, lambda p: p["c"] / p["f_hz"] / (2 * 64 * 88e-6)),
+        ("rocsnr", 0, lambda _: swerling_1_pd(20.0, np.logspace(-10, -1), 4)),
+        ("radareqrng", 0, lambda p: range_of_radar_equation_m(p, 20.0 / 1e4)),
+        ("radareqpow", 0, lambda p: 0.016 * (50 / range_of_radar_equation_m(p, 20.0)) ** 4),
+        (
+            "crlb",
+            0,
+            # Variance of a frequency, 6 / (SNR (N^2 - 1)) rad^2 (Rife and Boorstyn, 1974).
+            lambda p: p["c"] / 80e12 * 10e6 / (2 * np.pi) * np.sqrt(6 / (20 * (256**2 - 1))),
+        ),
+        (
+            "crlb",
+            1,
+            lambda p: 0.0039 / 2 / (2 * np.pi * 88e-6) * np.sqrt(6 / (20 * (64**2 - 1))),
+        ),
+        ("chebwin", 0, lambda _: WINDOWS.chebwin(64, 60)),
+        ("chebwin", 1, lambda _: WINDOWS.taylor(64, 4, 30)),
+        ("chebwin", 2, lambda _: WINDOWS.kaiser(64, 6)),
+        ("chebwin", 3, lambda _: WINDOWS.hann(64, sym=False)),
+        ("ospa", 0, lambda _: 0.5),
+        ("AWGN", 0, lambda _: scipy.constants.k * 290 * 10e6),
+        ("fspl", 0, lambda p: 20 * np.log10(4 * np.pi * 50 * p["f_hz"] / p["c"])),
+    ],
+)
+def test_expression_equals_closed_form(row, number, expected):
+    names = page_names()
+    (expressions,) = [columns[1] for columns in ROWS if f"`{row}`" in columns[0]]
+    value = eval(re.findall(r"`([^`]+)`", expressions)[number], names)
+    np.testing.assert_allclose(value, expected(names), rtol=2e-5)
+
+
+@pytest.mark.parametrize(("row", "probability"), [("roc_snr", 0.9), ("detectability", 0.9)])
+def test_required_snr_gives_the_probability(row, probability):
+    (expressions,) = [columns[1] for columns in ROWS if f"`{row}`" in columns[0]]
+    values = [eval(code, page_names()) for code in re.findall(r"`([^`]+)`", expressions)]
+    snr = 10 ** (values[0] / 10) if row == "detectability" else values[0]
+    assert swerling_1_pd(float(snr), 1e-6, 4) == pytest.approx(probability, rel=1e-6)
+    for coherent in values[1:]:
+        assert coherent_pd(coherent, 1e-6) == pytest.approx(probability, rel=1e-6)
 
 
 WAVEFORM = {"slope_hz_per_s": 30e6 / 2e-3}
