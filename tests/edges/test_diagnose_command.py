@@ -1,6 +1,7 @@
 """`dechirp diagnose`: arrays in files of NumPy and MATLAB."""
 
 import json
+import re
 from pathlib import Path
 
 import h5py
@@ -10,7 +11,13 @@ import scipy
 
 from dechirp.cli.main import main
 from dechirp.config.dumping import dump_yaml
-from foreign_arrays import random_map, random_radar, swapped_samples, threshold_parts
+from foreign_arrays import (
+    random_map,
+    random_radar,
+    right_fast_samples,
+    swapped_samples,
+    threshold_parts,
+)
 
 
 @pytest.fixture
@@ -42,7 +49,8 @@ def save_mat73(file, arrays):
 def test_map_of_amplitudes_is_found_in_npz_and_mat(call):
     rng = np.random.default_rng(1)
     _, _, made = random_map(rng, radar=random_radar(rng, n_samples=256), padding=(1, 1))
-    for scale, expected in (("power", 1), ("amplitude", 0)):
+    # The sign of velocities cannot be told from powers.
+    for scale, expected, n_findings in (("power", 1, 1), ("amplitude", 3, 0)):
         arrays = {
             "map": np.sqrt(made.power),
             "range_m": made.range_m,
@@ -55,7 +63,9 @@ def test_map_of_amplitudes_is_found_in_npz_and_mat(call):
             status, out, _ = call(file, "--scale", scale, "--summed", made.n_channels, "--json")
             assert status == expected
             document = json.loads(out)
-            assert [finding["setting"] for finding in document["findings"]] == ["scale"] * expected
+            assert [finding["setting"] for finding in document["findings"]] == [
+                "scale"
+            ] * n_findings
             assert document["undetermined"]
 
 
@@ -70,6 +80,21 @@ def test_swapped_samples_are_found_in_npy(call, tmp_path):
     status, _, error = call("beat.npy")
     assert status == 2
     assert "samples without radar" in error
+
+
+def test_status_is_0_only_if_every_mistake_could_be_told(call, tmp_path):
+    case = right_fast_samples(np.random.default_rng(3))
+    samples, radar = case.arguments
+    np.save("beat.npy", samples)
+    (tmp_path / "radar.yaml").write_text(dump_yaml(radar))
+    status, out, _ = call("beat.npy", "--radar", "radar.yaml")
+    assert status == 0
+    assert "No known mistake was found." in out
+    noise = np.random.default_rng(1).permutation(samples.ravel()).reshape(samples.shape)
+    np.save("noise.npy", noise)
+    status, out, _ = call("noise.npy", "--radar", "radar.yaml")
+    assert status == 3
+    assert re.search(r"No known mistake was found, but \d could not be told\.", out)
 
 
 def test_threshold_of_a_map(call):

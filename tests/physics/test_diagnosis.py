@@ -11,12 +11,15 @@ from foreign_arrays import (
     WRONG,
     amplitude_as_power,
     amplitude_decibels,
+    beat_samples,
     both_halves_of_real_samples,
     fast_scene,
     missing_fftshift,
     missing_window,
+    phase_of_frequency_times_time,
     random_map,
     random_radar,
+    random_scene,
     range_axis_to_half_the_sample_rate,
     right_map,
     swapped_samples,
@@ -276,6 +279,37 @@ def test_invalid_arguments_are_named(name):
 def test_axis_of_another_length_is_shown_beside_the_size_of_the_map():
     with pytest.raises(dc.InvalidSetting, match=r"\(10,\), for a map of 64 x 256"):
         dc.diagnosis.diagnose_map(np.ones((64, 256)), np.arange(10.0), np.arange(64.0))
+
+
+def test_order_of_iq_is_not_told_by_levels_that_do_not_fall():
+    radar = random_radar(np.random.default_rng(7), sampling="complex")
+    shape = radar.frame.n_chirps, radar.frame.chirp.n_samples
+    rng = np.random.default_rng(8)
+    sample = np.arange(shape[1])
+    noise = 0.02 * (rng.standard_normal((2, *shape)).T @ np.array([1, 1j])).T
+    level = [0.1, 0.17, 0.26, 0.38, 0.55, 0.63, 0.72, 0.85]
+    echoes = sum(np.exp(2j * np.pi * (beat * sample + rng.uniform())) for beat in level)
+    for samples in (noise + echoes, noise + echoes.imag + 1j * echoes.real, noise):
+        diagnosis = dc.diagnosis.diagnose_samples(samples, radar)
+        assert "iq" not in {finding.setting for finding in diagnosis.findings}
+        assert "iq" in {note.setting for note in diagnosis.undetermined}
+
+
+@pytest.mark.parametrize("sampling", ["complex", "real"])
+@pytest.mark.parametrize("share", [0.3, 0.45, 0.55, 0.7, 0.9])
+def test_ranges_that_a_wrong_phase_doubles_beyond_the_span_are_aliased(share, sampling):
+    """At half of the span, complex samples show the target where a second fftshift puts it."""
+    rng = np.random.default_rng(11)
+    radar = random_radar(rng, sampling=sampling, n_samples=256)
+    scene = random_scene(rng, radar, n_static=0, n_moving=1)
+    for exact_share, expected in ((share, "samples.phase"), (0.5, None)):
+        scene.range_m[:] = exact_share * radar.frame.chirp.max_range_m
+        samples = beat_samples(rng, radar, scene, phase=phase_of_frequency_times_time)
+        diagnosis = dc.diagnosis.diagnose_samples(samples, radar, **target_of(scene))
+        settings = {finding.setting for finding in diagnosis.findings}
+        assert settings <= {"samples.phase"}
+        if expected is not None:
+            assert settings == {expected}
 
 
 def test_swapped_parts_show_in_levels_of_echoes_over_the_whole_range():

@@ -30,7 +30,8 @@ def diagnose(
 ) -> int:
     """Find well-known mistakes in samples, range profiles and maps of other programs.
 
-    The exit status is 1 if there is a mistake. A file with range_m contains a profile, with
+    The exit status is 1 if there is a mistake; 3 if there is none, but some could not be told; 0 if
+    there is none. For recordings and their faults, see dechirp inspect. A file with range_m contains a profile, with
     velocity_m_per_s too a map (velocity, range), otherwise samples (chirp, sample).
 
     Parameters
@@ -78,7 +79,9 @@ def diagnose(
         print(to_json_text(_diagnosis_json_document(file, diagnosis)), end="")
     elif not quiet:
         _print_diagnosis(file, diagnosis)
-    return int(bool(diagnosis.findings))
+    if diagnosis.findings:
+        return 1
+    return 3 if diagnosis.undetermined else 0
 
 
 def _parse_cells(option: str, text: str | None) -> int | tuple[int, int] | None:
@@ -116,4 +119,7 @@ def _print_diagnosis(file: Path, diagnosis: "Diagnosis") -> None:
     for paragraph in finding_paragraphs((*diagnosis.findings, *diagnosis.undetermined)):
         screen.print(paragraph)
     if not diagnosis.findings:
-        screen.print("No known mistake was found.")
+        untold = len(diagnosis.undetermined)
+        screen.print(
+            "No known mistake was found" + (f", but {untold} could not be told." if untold else ".")
+        )

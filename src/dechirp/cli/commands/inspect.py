@@ -23,7 +23,8 @@ def inspect(
 
     The exit status is 0 if its samples or points can be read, with warnings too; 1 if its format is
     known but it cannot be read as given, because it is damaged or settings are missing; 2 if it is
-    no recording.
+    no recording. For mistakes of a program that made samples, a profile or a map, see dechirp
+    diagnose.
 
     Parameters
     ----------

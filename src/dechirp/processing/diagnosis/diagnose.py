@@ -32,7 +32,10 @@ from dechirp.processing.diagnosis.echo_positions import (
     has_static_row,
     measure_mirror_similarity,
 )
-from dechirp.processing.diagnosis.known_target import diagnose_known_target
+from dechirp.processing.diagnosis.known_target import (
+    UnambiguousSpan,
+    diagnose_known_target,
+)
 from dechirp.processing.diagnosis.map_peaks import MapPeaks, find_map_peaks
 from dechirp.processing.diagnosis.noise_law import diagnose_noise_scale, measure_noise_scale
 from dechirp.processing.diagnosis.range_rates import diagnose_range_rates, measure_range_rates
@@ -138,7 +141,7 @@ def diagnose_samples(
             frame.chirp.range_bins_m(None if is_complex else n_samples)[: power.shape[1]],
             frame.velocity_bins_m_per_s(power.shape[0]),
             *target,
-            iq_mirror_m=frame.chirp.max_range_m if is_complex else None,
+            span=UnambiguousSpan(frame.chirp.max_range_m, is_complex),
             has_static_row=True,  # this map is shifted here
         ),
     )
@@ -322,7 +325,7 @@ def _diagnose_positions(
         return diagnosis
     if any(setting.endswith(("scale", "offset", "mirror")) for setting in settings - {"scale"}):
         return diagnosis
-    mirror_m = chirp.max_range_m if chirp is not None and is_complex else None
+    span = None if chirp is None else UnambiguousSpan(chirp.max_range_m, is_complex)
     return _with_known_target(
         diagnosis,
         diagnose_known_target(
@@ -330,7 +333,7 @@ def _diagnose_positions(
             ranges,
             velocities,
             *target,
-            iq_mirror_m=mirror_m,
+            span=span,
             has_static_row=velocities is not None
             and has_static_row(peaks, shape, int(np.argmin(abs(velocities))), padding),
         ),

@@ -171,7 +171,8 @@ def diagnose_iq_order(peaks: MapPeaks, n_range: int, padding: float) -> Diagnosi
 
     Echoes weaken with the fourth power of range, and most designs leave the upper half empty.
     Swapped parts turn the cell k into n - k. Where echoes are in both halves, the levels without
-    that fall decide, if they spread by significantly less in the other order.
+    that fall decide, if they spread by significantly less in the other order. Echoes whose levels
+    fall neither way fit both orders.
     """
     from_zero = np.minimum(peaks.column, n_range - peaks.column)
     inner = from_zero > 2 * padding
@@ -179,12 +180,12 @@ def diagnose_iq_order(peaks: MapPeaks, n_range: int, padding: float) -> Diagnosi
     is_far = columns > n_range / 2
     n_far, n_total = np.unique(columns[is_far]).size, np.unique(columns).size
     energy = float(snr[is_far].sum() / snr.sum()) if snr.size else 0.0
-    if energy < _FAR_ENERGY:
-        return NOTHING_FOUND
     # Spread of the levels in decibels, freed from the fall with range, in either order.
     level = to_decibels(snr)
-    as_read = float(np.std(level + 40 * np.log10(columns)))
-    swapped = float(np.std(level + 40 * np.log10(n_range - columns)))
+    as_read, swapped = (
+        float(np.std(level + 40 * np.log10(cells))) if cells.size else 0.0
+        for cells in (columns, n_range - columns)
+    )
     evidence = (
         f"{n_far} of {n_total} echoes and {energy:.1%} of their energy beyond half of the"
         f" unambiguous range; their levels, freed from R^-4, spread by {as_read:.1f} dB as read"
@@ -195,8 +196,14 @@ def diagnose_iq_order(peaks: MapPeaks, n_range: int, padding: float) -> Diagnosi
     degrees = max(n_total - 1, 1)
     ratio = (as_read / max(swapped, np.finfo(float).tiny)) ** 2
     fall_backwards = scipy.stats.f.sf(ratio, degrees, degrees) < _MAX_PROBABILITY_OF_SPREADS
+    fall_with_range = scipy.stats.f.cdf(ratio, degrees, degrees) < _MAX_PROBABILITY_OF_SPREADS
+    mostly_near = n_total - n_far >= _MIN_FAR_ECHOES and energy <= 1 - _FAR_ENERGY
+    is_near_stronger = energy < _FAR_ENERGY and n_total >= _MIN_FAR_ECHOES
+    if mostly_near or (is_near_stronger and fall_with_range):
+        return NOTHING_FOUND
     mostly_far = n_far >= 0.8 * n_total and swapped < as_read
-    if n_far >= _MIN_FAR_ECHOES and (mostly_far or fall_backwards):
+    is_far_stronger = energy >= _FAR_ENERGY and n_far >= _MIN_FAR_ECHOES
+    if is_far_stronger and (mostly_far or fall_backwards):
         return mistake_found(
             "iq",
             value=evidence,

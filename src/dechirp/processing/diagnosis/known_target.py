@@ -1,5 +1,7 @@
 """Mistakes shown by a known target: a peak at a mirrored, shifted or scaled place."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from dechirp.core.units import to_decibels
@@ -16,6 +18,24 @@ _MAX_CHANCE = 0.1
 _TOLERANCE = 0.02  # of the range, for a tape measure and a delay in the cables
 
 
+@dataclass(frozen=True)
+class UnambiguousSpan:
+    """Ranges that the samples of a radar distinguish."""
+
+    max_range_m: float
+    is_complex: bool
+    """False for real samples, whose spectrum is mirrored at `max_range_m`."""
+
+    def alias(self, range_m: float, velocity_m_per_s: float) -> tuple[float, float]:
+        """Return the place at which the samples show an echo."""
+        if self.is_complex:
+            return range_m % self.max_range_m, velocity_m_per_s
+        cell_m = range_m % (2 * self.max_range_m)
+        if cell_m <= self.max_range_m:
+            return cell_m, velocity_m_per_s
+        return 2 * self.max_range_m - cell_m, -velocity_m_per_s
+
+
 def diagnose_known_target(
     peaks: MapPeaks,
     range_m: np.ndarray,
@@ -23,12 +43,13 @@ def diagnose_known_target(
     target_m: float,
     target_m_per_s: float | None,
     *,
-    iq_mirror_m: float | None,
+    span: UnambiguousSpan | None,
     has_static_row: bool,
 ) -> Diagnosis:
     """Look for a known target where it should be, and where mistakes would put it.
 
-    `iq_mirror_m` is the unambiguous range of complex samples, None where no spectrum was mirrored.
+    `span` contains the ranges of the radar, None without a radar: a phase f(t) t doubles ranges,
+    of which those beyond the span are aliased.
     `has_static_row` where static echoes lie at velocity 0, so that no fftshift is missing.
     """
     velocities = np.zeros(1) if velocity_m_per_s is None else velocity_m_per_s
@@ -36,10 +57,11 @@ def diagnose_known_target(
     v = target_m_per_s if knows_velocity and target_m_per_s is not None else 0.0
     half_span = velocities.size // 2 * _step(velocities)
     range_span = range_m.size // 2 * _step(range_m)
-    # Setting, factor and offset of the range, factor and offset of the velocity, correction.
+    alias = (lambda range_m, v: (range_m, v)) if span is None else span.alias
+    # Setting, range and velocity of the echo, correction.
     places = [
-        (None, target_m, v, ""),
-        ("samples.phase", 2 * target_m, v, _PHASE_FIX),
+        (None, *alias(target_m, v), ""),
+        ("samples.phase", *alias(2 * target_m, v), _PHASE_FIX),
         ("range_m.scale", target_m / 2, v, _HALF_FIX),
     ]
     if knows_velocity:
@@ -59,8 +81,8 @@ def diagnose_known_target(
         exchanged_m = range_m[0] + velocity_cell * _step(range_m)
         exchanged_v = velocities[0] + range_cell * _step(velocities)
         places.append(("axes", exchanged_m, exchanged_v, "transpose the map"))
-    if iq_mirror_m is not None:
-        places.append(("iq", iq_mirror_m - target_m, -v, "exchange I and Q"))
+    if span is not None and span.is_complex:
+        places.append(("iq", span.max_range_m - target_m, -v, "exchange I and Q"))
     levels = [
         _level_near(peaks, range_m, velocities, place_m, place_v, any_velocity=not knows_velocity)
         for _, place_m, place_v, _ in places
