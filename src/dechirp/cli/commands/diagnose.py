@@ -31,8 +31,9 @@ def diagnose(
     """Find well-known mistakes in samples, range profiles and maps of other programs.
 
     The exit status is 1 if there is a mistake; 3 if there is none, but some could not be told; 0 if
-    there is none. For recordings and their faults, see dechirp inspect. A file with range_m contains a profile, with
-    velocity_m_per_s too a map (velocity, range), otherwise samples (chirp, sample).
+    there is none. A file with range_m contains a profile, with velocity_m_per_s too a map
+    (velocity, range), otherwise samples (chirp, sample). For recordings and their faults, see
+    dechirp inspect.
 
     Parameters
     ----------
