@@ -132,3 +132,20 @@ def test_maps_and_detections_of_other_kinds_are_named(cube):
     detections = dc.detect(cube, radar).drop_vars("range")
     with pytest.raises(InvalidSetting, match="range"):
         dc.angle_spectrum(cube[0], radar, detections, 0)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_sample_that_is_not_finite_is_refused_by_maps_and_detections(value):
+    radar = street_radar(n_samples=32, n_chirps=8)
+    cube = dc.simulate(dc.Scene(targets=[dc.Target(position_m=(20, 0, 0))]), radar)
+    detections = dc.detect(cube, radar)
+    cube[0, 3, 1, 7] = value
+
+    for compute in (
+        lambda: dc.power_map(cube, radar),
+        lambda: dc.range_azimuth_map(cube, radar),
+        lambda: dc.angle_spectrum(cube, radar, detections, 0),
+        lambda: dc.detect(cube, radar),
+    ):
+        with pytest.raises(InvalidSetting, match="^cube: samples that are not finite"):
+            compute()

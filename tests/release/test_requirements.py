@@ -105,3 +105,17 @@ def test_shown_commands_install_existing_groups_with_new_pip(name):
     assert extras and set(extras) <= PROJECT["optional-dependencies"].keys()
     # pip 23, which comes with Python 3.11, has no --group.
     assert text.index("python -m pip install --upgrade pip\n") < text.index("--group")
+
+
+def test_ci_tests_both_versions_of_bokeh():
+    """Python 3.11 has the oldest version that is allowed, later ones the newest."""
+    versions = {
+        next(iter(pin.specifier)).version.rpartition(".")[0]
+        for pin, _ in read_pins("ci.txt")
+        if canonicalize_name(pin.name) == "bokeh"
+        and any(is_applicable(pin, platform) for platform in PLATFORMS)
+    }
+    workflow = (ROOT / ".github/workflows/tests.yml").read_text(encoding="utf-8")
+
+    assert versions == {"3.9", "3.10"}
+    assert all(f'python: "{version}"' in workflow for version in ("3.11", "3.12", "3.14"))

@@ -28,7 +28,12 @@ from dechirp.processing.range_walk import (
 )
 from dechirp.processing.refine import Tones, refine_tones
 from dechirp.processing.simd_beamforming import mirrored_beam_weights, raise_to_largest_beam_power
-from dechirp.processing.spectrum import FrameTransform, Transform, range_doppler_real_and_imaginary
+from dechirp.processing.spectrum import (
+    FrameTransform,
+    Transform,
+    check_samples_were_finite,
+    range_doppler_real_and_imaginary,
+)
 from dechirp.processing.velocity_ambiguity import by_ramps
 from dechirp.processing.virtual_array import slot_phase_factors, split_chirps_into_slots
 from dechirp.radar.cube import select_only_frame
@@ -70,8 +75,8 @@ def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = No
     Raises
     ------
     InvalidSetting
-        If the cube has several frames, the radar cannot have taken the frame, or the array does
-        not resolve azimuth.
+        If the cube has several frames or samples that are not finite, the radar cannot have taken
+        the frame, or the array does not resolve azimuth.
 
     Notes
     -----
@@ -89,6 +94,7 @@ def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = No
         plan.doppler_transform,
         plan.transform,
     )
+    check_samples_were_finite(spectrum[0, ..., 0])
     n_threads = thread_count()
     parts = split_range(len(spectrum), n_threads)
     powers = np.zeros((len(parts), *plan.empty_map.shape), np.float32)
@@ -205,6 +211,7 @@ def angle_spectrum(
     tones, doppler_hz, noise = _refine_tone_with_doppler_and_noise(
         samples, radar, detections, index
     )
+    check_samples_were_finite(tones.amplitude)
     amplitude = by_ramps.remove_beat_phase(tones.amplitude, tones.fast, radar.frame)
     snapshots, noise = element_snapshots_and_noise(amplitude, doppler_hz, noise, radar)
     estimator = chain.angle if isinstance(chain.angle, SpectralEstimator) else Bartlett()

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from dechirp.core.compiled_kernels import compiled_kernels_for_large_work
-from dechirp.core.errors import InvalidSetting
 from dechirp.processing.chain import Chain
 from dechirp.processing.channel_errors import median_or_nan
 from dechirp.processing.direction_finding import (
@@ -46,7 +45,7 @@ from dechirp.processing.refine import (
 )
 from dechirp.processing.scaling import binary_scaling_exponent, divide_by_power_of_two
 from dechirp.processing.sidelobe_rejection import estimate_tones_without_sidelobes
-from dechirp.processing.spectrum import noise_gain
+from dechirp.processing.spectrum import check_samples_were_finite, noise_gain
 from dechirp.processing.velocity_ambiguity.hypotheses import FramePeaks, ResolvedPeaks
 from dechirp.processing.velocity_ambiguity.resolve import resolve_velocity_ambiguity
 from dechirp.processing.virtual_array import split_chirps_into_slots
@@ -169,7 +168,7 @@ def _find_peaks_of_map(samples: np.ndarray, radar: Radar, chain: Chain) -> _MapP
     power = range_doppler_power(samples, radar, chain)
     with compiled_kernels_for_large_work(power.size):
         equalised = fill_unusable_cells_with_noise(power, radar, chain)
-        _check_power_finite(equalised)
+        check_samples_were_finite(equalised[0, 0])
         cells, n_dropped = detect_peaks_and_count_dropped(equalised, radar, chain)
         refined = _refine_peaks(samples, equalised, cells, radar, chain)
     return _MapPeaks(power, equalised, refined, n_dropped)
@@ -394,14 +393,3 @@ def _undo_mitigation_gain(
             components=sidelobes.components / np.sqrt(gain)[:, None, None]
         )
     return replace(tones, energy=tones.energy / gain, amplitude=amplitude), sidelobes
-
-
-def _check_power_finite(power: np.ndarray) -> None:
-    # One sample that is not finite reaches every cell, so one cell is enough.
-    if not np.isfinite(power[0, 0]):
-        raise InvalidSetting(
-            "cube",
-            value="samples that are not finite (NaN or infinite)",
-            expected="finite samples throughout",
-            fix="find what wrote them, or replace them by zeros",
-        )

@@ -24,7 +24,11 @@ from dechirp.processing.peaks import (
     strongest_local_maxima_and_n_dropped,
 )
 from dechirp.processing.range_walk import select_frame_transform
-from dechirp.processing.spectrum import mean_range_doppler_power, rows_with_circular_noise
+from dechirp.processing.spectrum import (
+    check_samples_were_finite,
+    mean_range_doppler_power,
+    rows_with_circular_noise,
+)
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.cube import select_only_frame
 from dechirp.radar.radar import Radar
@@ -44,7 +48,8 @@ def power_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> x
     Raises
     ------
     InvalidSetting
-        If the cube has several frames, or the radar cannot have taken the frame.
+        If the cube has several frames or samples that are not finite, or the radar cannot have
+        taken the frame.
     """
     frame = select_only_frame(cube, radar)
     chain = chain or Chain()
@@ -53,6 +58,7 @@ def power_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> x
         if chain.mitigation:
             samples = apply_mitigation(samples, radar.frame, chain.mitigation).samples
         power = range_doppler_power(split_chirps_into_slots(samples, radar.frame), radar, chain)
+    check_samples_were_finite(power[0, 0])
     return label_map_axes(power, radar, chain, samples_unit=str(cube.attrs.get("units")))
 
 

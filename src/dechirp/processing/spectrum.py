@@ -330,6 +330,20 @@ def _simd_axis_transforms(
     )
 
 
+def check_samples_were_finite(cells: np.ndarray) -> None:
+    """Raise `InvalidSetting` unless cells are finite, one of each channel or of their mean power.
+
+    One sample that is not finite reaches every cell of its channel.
+    """
+    if not np.isfinite(cells).all():
+        raise InvalidSetting(
+            "cube",
+            value="samples that are not finite (NaN or infinite)",
+            expected="finite samples throughout",
+            fix="find what wrote them, or replace them by zeros",
+        )
+
+
 def noise_gain(range_transform: Transform, doppler_transform: Transform, chirp: Chirp) -> float:
     """Return the mean noise power in a cell of the map over that in one sample."""
     bandwidths = range_transform.noise_bandwidth_bins * doppler_transform.noise_bandwidth_bins
