@@ -97,12 +97,11 @@ def test_board_counts_numbers_and_names_causes(monkeypatch, tmp_path):
 
     assert (document["n_witnesses"], document["n_numbers"], document["n_passed"]) == (1, 2, 1)
     assert document["passed"] is False
-    *_, good, bad, _, summary = board_as_markdown((testimony,)).splitlines()
+    title, _, _, _, good, bad, _, summary = board_as_markdown((testimony,)).splitlines()
     assert summary == document["summary"]
-    assert (
-        good == "| `speaker` | a test, none | level | own | 2 W | 2.5 W | 0.5 W: a test | passed |"
-    )
-    assert bad == "| | | level | independent | 2 W | 9 W | 0.5 W: a test | fails: a known cause |"
+    assert title == "`speaker`: a test. Licence: none."
+    assert good == "| level | own: 2 W | 2.5 W | 0.5 W: a test | passed |"
+    assert bad == "| level | 2 W | 9 W | 0.5 W: a test | fails: a known cause |"
 
 
 def test_missing_folder_and_file_are_listed_as_missing(monkeypatch, tmp_path):
@@ -110,7 +109,7 @@ def test_missing_folder_and_file_are_listed_as_missing(monkeypatch, tmp_path):
     (tmp_path / "speaker").mkdir()
     testimony = run_speaker(monkeypatch, tmp_path, FileNotFoundError("no levels.bin"))
     assert (testimony.missing, len(testimony.comparisons)) == ("no levels.bin", 2)
-    assert "missing: no levels.bin" in board_as_markdown((testimony,))
+    assert "Missing: no levels.bin." in board_as_markdown((testimony,))
 
 
 def test_error_of_a_witness_fails_the_board_and_keeps_its_numbers(monkeypatch, tmp_path):
@@ -181,7 +180,7 @@ def test_folder_without_witnesses_fails_with_all_listed_as_missing(monkeypatch, 
     assert (status, document["n_numbers"]) == (1, 0)
     assert all(witness["missing"] for witness in document["witnesses"])
     board = (tmp_path / "out" / "witnesses.md").read_text(encoding="utf-8")
-    assert board.count("missing: folder") == len(Witness.members())
+    assert board.count("Missing: folder") == len(Witness.members())
 
 
 def test_error_names_the_variable_that_is_not_set(monkeypatch):

@@ -174,23 +174,24 @@ def board_document(testimonies: tuple[Testimony, ...]) -> dict[str, Any]:
 
 
 def board_as_markdown(testimonies: tuple[Testimony, ...]) -> str:
-    """Return the board as a Markdown table, one row for each number or missing witness.
+    """Return the board in Markdown: a table for each witness, one row for each number.
 
-    The first row of a witness names its source. The summary follows the table.
+    Name, source and licence precede each table. The summary follows the last one.
     """
-    lines = [
-        "| Witness | Source, licence | Quantity | Answer | Theirs | Ours | Tolerance | Result |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    lines = []
     for testimony in testimonies:
-        source = f"`{testimony.name}` | {testimony.source}, {testimony.licence}"
+        lines += [f"`{testimony.name}`: {testimony.source}. Licence: {testimony.licence}.", ""]
+        if testimony.comparisons:
+            lines += ["| Quantity | Theirs | Ours | Tolerance | Result |", "|---|---|---|---|---|"]
         for comparison in testimony.comparisons:
-            lines.append(f"| {source} | {' | '.join(format_comparison(comparison))} |")
-            source = "|"
+            quantity, answer, theirs, *others = format_comparison(comparison)
+            theirs = f"own: {theirs}" if answer == "own" else theirs
+            lines.append(f"| {' | '.join([quantity, theirs, *others])} |")
+        lines += [""] * bool(testimony.comparisons)
         if testimony.missing or testimony.error:
-            outcome = f"missing: {testimony.missing}" if testimony.missing else testimony.error
-            lines.append(f"| {source} | | | | | | {outcome} |")
-    return "\n".join([*lines, "", summarise_board(testimonies)]) + "\n"
+            outcome = f"Missing: {testimony.missing}" if testimony.missing else testimony.error
+            lines += [f"{outcome}.", ""]
+    return "\n".join([*lines, summarise_board(testimonies)]) + "\n"
 
 
 def format_comparison(comparison: Comparison) -> tuple[str, str, str, str, str, str]:

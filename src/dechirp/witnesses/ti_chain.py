@@ -28,7 +28,7 @@ class TiChain(Witness):
     licence: ClassVar[str] = "BSD-3-Clause"
 
     def compare(self, folder: Path) -> Iterator[Comparison]:
-        """Compare both frames in integers, the frame in floating point, and summed powers."""
+        """Compare both frames in integers, the frame in floating point, powers and windows."""
         for title, name, n_rx in (
             ("recorded office", "radarDemo_captured", 4),
             ("three simulated targets", "radarDemo_multiObj", 8),
@@ -38,6 +38,7 @@ class TiChain(Witness):
             yield from _compare_target_cells(title, frame)
         yield from _compare_floating_point_frame(folder / "floatPoint_chain_test.bin")
         yield _compare_summed_powers(folder / "accumPowerFlt_test.bin")
+        yield _compare_windowed_samples(folder / "windowFlt_test.bin")
 
 
 class _IntegerFrame(NamedTuple):
@@ -165,6 +166,36 @@ def _compare_summed_powers(path: Path) -> Comparison:
         unit="1",
         relative=1e-6,
         basis="single precision of both, 1e-6",
+    )
+
+
+def _compare_windowed_samples(path: Path) -> Comparison:
+    """Compare windowed, zero-padded samples with the reference formula of TI's test.
+
+    The file contains samples and the first halves of symmetric windows; TI's test computes their
+    products. Ours are the samples whose spectrum is the range spectrum.
+    """
+    file = ByteReader(path)
+    theirs, ours = [], []
+    for n_bins in file.read("<u4", file.read_one("<u4")).tolist():
+        sizes = file.read("<u4", file.read_one("<u4")).tolist()
+        codes = _complex(file.read("<i2", n_bins, 2))
+        for size in sizes:
+            half = file.read("<i2", (size + 1) // 2)
+            window = np.concatenate([half, half[: size // 2][::-1]]) / 32768
+            products = np.zeros(n_bins, complex)
+            products[:size] = codes[:size] * window
+            spectrum = range_spectrum(codes[:size], window, n_bins=n_bins)
+            theirs.append(products)
+            ours.append(np.fft.ifft(spectrum) * window.sum())
+    parts = [np.concatenate(arrays).view(float) for arrays in (theirs, ours)]
+    return compare_arrays(
+        f"{parts[0].size // 2} windowed samples, windows of TI on TI's samples",
+        *parts,
+        unit="1",
+        absolute=1e-6 * float(np.abs(parts[0]).max()),
+        basis="single precision, 1e-6 of the largest; theirs by the formula of TI's test",
+        answer="own",
     )
 
 
