@@ -11,7 +11,7 @@ from dechirp.certificate.resolution import run_resolution_trials
 from dechirp.experiments.run import _masked_direction_findings
 from dechirp.processing.frame import process_frame
 from dechirp.processing.refine import refine_tones
-from nightly import nightly, nightly_except
+from nightly import NIGHTLY, nightly, nightly_except
 from radars import eight_receiver_radar
 
 N_TRIALS = 80
@@ -268,18 +268,22 @@ def test_directions_masked_by_sidelobes_are_reported():
 
 
 @pytest.mark.parametrize(
-    "offset_cells", [(4, 4), *(pytest.param(c, marks=nightly) for c in [(5, 0), (0, 6)])], ids=str
+    ("range_offset_cells", "velocity_offset_cells"),
+    nightly_except(1, [(4, 4), *((n, 0) for n in range(4, 9)), *((0, n) for n in range(4, 9))]),
 )
-def test_undetected_echo_beside_strong_target_does_not_bias_it(offset_cells):
+def test_undetected_echo_beside_strong_target_does_not_bias_it(
+    range_offset_cells, velocity_offset_cells
+):
     """An echo 40 dB weaker, which the detector drops in the training cells of a target of 60 dB."""
     radar = make_radar(n_chirps=64)
     frame = radar.frame
     rng = np.random.default_rng(11)
-    squares = []
-    for _ in range(40):
+    squares, n_trials, n_hidden = [], 300 if NIGHTLY else 40, 0
+    for _ in range(n_trials):
         range_cells, velocity_cells = 20 + rng.random(), rng.uniform(-0.5, 0.5)
         azimuths = rng.uniform(-0.8, 0.8, 2)
-        cells = np.array([[0, 0], np.array(offset_cells) + rng.uniform(-0.5, 0.5, 2)])
+        offset_cells = np.array([range_offset_cells, velocity_offset_cells])
+        cells = np.array([[0, 0], offset_cells + rng.uniform(-0.5, 0.5, 2)])
         cube = simulate_tones(
             radar,
             rng,
@@ -290,8 +294,8 @@ def test_undetected_echo_beside_strong_target_does_not_bias_it(offset_cells):
             snr_db=60,
         )
         found = dc.detect(cube, radar)
-        assert found.sizes["detection"] == 1
-        found = found.isel(detection=0)
+        n_hidden += found.sizes["detection"] == 1
+        found = found.isel(detection=0)  # the strongest
         beat_hz = range_cells / frame.chirp.n_samples * frame.chirp.sample_rate_hz
         doppler_hz = velocity_cells / (frame.n_chirps * frame.repetition_s)
         range_m = frame.chirp.range_m(1.0) * (beat_hz - doppler_hz)
@@ -307,8 +311,10 @@ def test_undetected_echo_beside_strong_target_does_not_bias_it(offset_cells):
             ]
         )
 
-    # Measured: 0.8 to 1.1; unwindowed estimates had 7 along range and 2.4 along velocity.
-    limit = chi2.ppf(1 - 1e-7, len(squares)) / len(squares)
+    assert n_hidden > 0.98 * n_trials
+    # Measured in 300 trials: 0.55 to 1.14; unwindowed estimates had 7 along range and 2.4 along
+    # velocity. The limit is 1.47.
+    limit = chi2.ppf(1 - 1e-7, n_trials) / n_trials
     assert np.all(np.mean(squares, axis=0) < limit)
 
 
