@@ -11,7 +11,6 @@ from dechirp.scene.fluctuation import draw_fluctuation_factors
 from dechirp.scene.rcs import scatterer_cross_sections_m2
 from dechirp.scene.scene import Scene
 from dechirp.scene.trajectories import fit_polynomial_paths
-from dechirp.simulation.kernels import selection
 from dechirp.simulation.kernels.base import Scatterers, Transmission
 
 
@@ -66,7 +65,7 @@ class EchoGroup(NamedTuple):
     def select(self, selected: np.ndarray) -> "EchoGroup":
         """Return the group of some scatterers."""
         return self._replace(
-            scatterers=selection.select_scatterers(self.scatterers, selected),
+            scatterers=self.scatterers.select(selected),
             targets=None if self.targets is None else self.targets[selected],
         )
 
@@ -107,7 +106,7 @@ def direct_echo_groups(
         is_fitted = is_included[path.scatterers]
         indices, chirps = path.scatterers[is_fitted], path.chirps
         factors = None if per_chirp is None else np.sqrt(per_chirp[chirps][:, indices])
-        scatterers = selection.select_scatterers(scatterers_all, indices)._replace(
+        scatterers = scatterers_all.select(indices)._replace(
             path_m=path.path_m[:, is_fitted], chirp_factors=factors
         )
         if indices.size:

@@ -32,6 +32,17 @@ class Scatterers(NamedTuple):
     chirp_factors: np.ndarray | None = None
     """(n_chirps, n_scatterers): amplitude factors of the chirps; none: constant amplitudes."""
 
+    def select(self, selected: np.ndarray | slice) -> "Scatterers":
+        """Return some of the scatterers."""
+        factors = self.chirp_factors
+        return Scatterers(
+            self.path_m[:, selected],
+            self.amplitudes[selected],
+            self.tx_gains[:, selected],
+            self.rx_gains[:, selected],
+            None if factors is None else factors[:, selected],
+        )
+
 
 class Transmission(NamedTuple):
     """Run of chirps, with the positions of the antennas."""

@@ -69,7 +69,7 @@ def add_echoes(
         )
         left_out = _add_suitable_and_mark_others(out[chirps], batch, batch_transmission, tolerance)
         if left_out.any():
-            direct.add_echoes(out[chirps], _select_scatterers(batch, left_out), batch_transmission)
+            direct.add_echoes(out[chirps], batch.select(left_out), batch_transmission)
 
 
 def estimate_fraction_cheaper_direct(
@@ -81,23 +81,12 @@ def estimate_fraction_cheaper_direct(
     batch = np.arange(n) if n <= _COST_SAMPLE else np.linspace(0, n - 1, _COST_SAMPLE).astype(int)
     chirps = slice(0, _CHIRP_BATCH)
     flat, batch_transmission = _unify_array_types(
-        _select_scatterers(scatterers._replace(chirp_factors=None), batch),
+        scatterers._replace(chirp_factors=None).select(batch),
         transmission._replace(
             starts_s=transmission.starts_s[chirps], weights=transmission.weights[chirps]
         ),
     )
     return float(_fraction_cheaper_direct(flat, batch_transmission, n_samples, float(tolerance)))
-
-
-def _select_scatterers(scatterers: Scatterers, indices: np.ndarray) -> Scatterers:
-    factors = scatterers.chirp_factors
-    return Scatterers(
-        scatterers.path_m[:, indices],
-        scatterers.amplitudes[indices],
-        scatterers.tx_gains[:, indices],
-        scatterers.rx_gains[:, indices],
-        None if factors is None else factors[:, indices],
-    )
 
 
 def _add_suitable_and_mark_others(

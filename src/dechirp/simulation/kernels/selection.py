@@ -136,10 +136,8 @@ def add_echoes(
         late = _mask_of_late_scatterers(scatterers, transmission)
         if late.any():
             used.add("direct")
-            _add_by_direct_kernel(
-                out, select_scatterers(scatterers, late), transmission, engine.late, previous
-            )
-        scatterers = select_scatterers(scatterers, ~late)
+            _add_by_direct_kernel(out, scatterers.select(late), transmission, engine.late, previous)
+        scatterers = scatterers.select(~late)
     if not len(scatterers.amplitudes):
         return used
     n_products = out.size * len(scatterers.amplitudes) * len(transmission.tx_m)
@@ -171,18 +169,6 @@ def _add_by_suitable_kernel(
 
         nufft.add_echoes(out, scatterers, transmission, tolerance=tolerance, n_threads=n_threads)
     return {kernel}
-
-
-def select_scatterers(scatterers: Scatterers, selected: np.ndarray | slice) -> Scatterers:
-    """Return the selected scatterers."""
-    factors = scatterers.chirp_factors
-    return Scatterers(
-        scatterers.path_m[:, selected],
-        scatterers.amplitudes[selected],
-        scatterers.tx_gains[:, selected],
-        scatterers.rx_gains[:, selected],
-        None if factors is None else factors[:, selected],
-    )
 
 
 def select_chirps(
