@@ -171,7 +171,10 @@ def _open_recording(file: Path, _: Path) -> object:
 
 
 def _open_bag(file: Path, scratch: Path) -> object:
-    """Open a ROS 2 bag of one corpus file (messages or metadata) and a valid counterpart."""
+    """Open a ROS 2 bag of one corpus file (messages or metadata) and a valid counterpart.
+
+    Its messages are opened alone, too.
+    """
     import dechirp as dc
     from formats.corruption import assert_cube_or_error
 
@@ -180,6 +183,7 @@ def _open_bag(file: Path, scratch: Path) -> object:
         source = file if file.suffix == suffix else CORPUS / "bag" / f"good{suffix}"
         (scratch / name).write_bytes(source.read_bytes())
     assert_cube_or_error(scratch)
+    assert_cube_or_error(scratch / kinds[".db3"])
     return dc.open(scratch)
 
 

@@ -145,10 +145,12 @@ def convert_parser_errors(path: Path, expected: str) -> Iterator[None]:
     except RecordingError:
         raise
     except Exception as error:  # foreign bytes may raise anything
-        message = " ".join(str(error).split())
+        message = " ".join(str(error).split())[:200] or "damaged or incomplete"
+        if isinstance(error, KeyError):  # its text is the key alone
+            message = f"no entry {message}"
         raise RecordingError(
             path,
-            value=f"not readable ({type(error).__name__}{': ' + message[:200] if message else ''})",
+            value=f"not readable ({message})",
             expected=expected,
             fix="copy the file again from its source, or save it again",
         ) from None

@@ -128,7 +128,8 @@ def _is_sqlite_bag(path: Path) -> bool:
     try:
         with closing(sqlite3.connect(address, uri=True)) as database:
             return bool(database.execute(_TABLES).fetchone() == (2,))
-    except (sqlite3.Error, OverflowError, MemoryError):
+    except (sqlite3.Error, OverflowError, MemoryError, UnicodeDecodeError):
+        # `UnicodeDecodeError`: a damaged name in SQLite's own message.
         return path.suffix.lower() == ".db3"  # `read` reports the damage
 
 
