@@ -158,7 +158,7 @@ def drop_version(view, _):
         ),
         (
             lambda: make_views(others=[{"id": number, "x": 50.0, "vx": 0.0} for number in (3, 4)]),
-            "objects in one place: 3 and 4 at 0 s",
+            "objects overlap: 3 and 4 at 0 s",
         ),
         (
             lambda: make_views(others=[{"id": 3, "x": 4.0, "vx": 0.0, "vy": 0.0}]),

@@ -269,13 +269,36 @@ def test_reversing_slow_and_unknown_headings_are_no_contradiction(tmp_path, head
             "gaps in the rows of 2 objects: object 7 at 7 s",
         ),
         ([car_row(0, 0), car_row(0.1, 50)], "object 7 at 0.1 s (500 m/s)"),
-        ([car_row(0, 5), car_row(0, 5.01, 8)], "7 and 8 at 0 s"),
+        ([car_row(0, 5), car_row(0, 5.01, 8)], "objects overlap: 7 and 8 at 0 s, by 1.8 m"),
+        (  # the rear of car 8, which drives away, is 3.5 m into car 7 for one step
+            [
+                car_row(t, x_m, number)
+                for t, x_m, number in ((0, 0, 7), (0, 1, 8), (1, 0, 7), (1, 9, 8))
+            ],
+            "objects overlap: 7 and 8 at 0 s, by 1.8 m",
+        ),
     ],
 )
 def test_findings_name_objects_and_times(tmp_path, rows, expected):
     traffic = dc.open_traffic(write_csv(tmp_path, *rows))
 
     assert any(expected in str(finding) for finding in traffic.findings)
+
+
+def test_overlap_is_that_of_rotated_outlines(tmp_path):
+    # Two cars of 4.5 x 1.8 m side by side, 1.95 m apart; one turns by 90 degrees, and then reaches
+    # from its centre by 2.25 m, and the other by 0.9 m: 1.2 m too far. Centres 2.9 m apart leave
+    # 0.25 m, less than recorded positions and sizes are wrong by.
+    def rows(number, y_m, heading_rad):
+        return [f"{t},{number},car,0,{y_m},{heading_rad * t},4.5,1.8,1.5" for t in (0, 1)]
+
+    def overlaps_at(y_m):
+        path = write_csv(tmp_path, *rows(7, 0, 0), *rows(8, y_m, np.pi / 2))
+        text = " ".join(map(str, dc.open_traffic(path).findings))
+        return [part.partition(";")[0] for part in text.split("objects overlap: ")[1:]]
+
+    assert overlaps_at(1.95) == ["7 and 8 at 1 s, by 1.2 m"]
+    assert overlaps_at(2.9) == []
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,10 @@ from dechirp.core.findings import Finding
 from dechirp.core.memory import check_free_memory
 from dechirp.core.text import format_number, join_names
 from dechirp.core.values import frozen_dataclass
-from dechirp.traffic.base import STRUCTURE_KINDS, CutTrafficError, ObjectState, TrafficFormat
+from dechirp.traffic.base import CutTrafficError, ObjectState, TrafficFormat
 from dechirp.traffic.heading_check import find_wrong_headings
 from dechirp.traffic.object_steps import find_gaps, join_times_s, typical_steps_s
+from dechirp.traffic.overlaps import find_overlaps
 from dechirp.traffic.trajectory_sets import recognise_foreign_xml
 
 _UNITS = {
@@ -35,7 +36,6 @@ _SIZES = ("length", "width", "height")
 MOVES_M_PER_S = 0.5  # faster than the jitter of recorded positions at rest
 FASTEST_M_PER_S = 100.0
 """360 km/h: an object that is faster between two steps jumps."""
-_SAME_PLACE_M = 0.1
 SAME_SIZE_M = 0.1
 """Sizes of recorded objects differ by centimetres from step to step."""
 # Map coordinates and Unix times are below; squares of larger numbers lose the metre.
@@ -73,7 +73,7 @@ def open_traffic(path: str | Path) -> Traffic:
     -------
     Traffic
         Velocities that are missing, or zero although the object moves, come from the positions;
-        findings name such objects, ids that reappear, jumps, objects in one place, and objects that
+        findings name such objects, ids that reappear, jumps, objects that overlap, and objects that
         change their class or size, of which the first counts. Up to three missing rows of an object
         are no gap. Of a file that is cut short, what precedes the cut is read, with a finding.
 
@@ -391,7 +391,7 @@ def _stationary_findings(objects: xr.Dataset) -> tuple[Finding, ...]:
 
 
 def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
-    """Return findings on gaps, jumps, and objects in one place."""
+    """Return findings on gaps, jumps, and objects that overlap."""
     ids, times_s = objects["id"].values, objects["time"].values
     x, y = objects["x"].values, objects["y"].values
     gaps, jumps = [], []
@@ -432,12 +432,17 @@ def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
                 fix="give the object behind the jump another id",
             )
         )
-    if places := _objects_in_one_place(objects):
+    overlaps = [
+        f"{ids[pair.first]} and {ids[pair.second]} at {format_number(pair.time_s)} s,"
+        f" by {pair.depth_m:.1f} m"
+        for pair in find_overlaps(objects)
+    ]
+    if overlaps:
         findings.append(
             Finding(
                 level="warning",
                 setting="traffic.position",
-                value=f"objects in one place: {join_names(places, at_most=4)}",
+                value=f"objects overlap: {join_names(overlaps, at_most=4)}",
                 expected="objects apart",
                 fix="remove one of them, such as a trailer with the centre of its tractor",
             )
@@ -448,28 +453,3 @@ def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
 def step_speeds_m_per_s(times_s: np.ndarray, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
     """Return the speed of one object between its steps, all present, from the positions, (n-1,)."""
     return np.asarray(np.hypot(np.diff(x_m), np.diff(y_m)) / np.diff(times_s))
-
-
-def _objects_in_one_place(objects: xr.Dataset) -> list[str]:
-    """Return the pairs of road users whose centres share a square of 0.1 m, with the first time."""
-    is_road_user = ~np.isin(objects["kind"].values, list(STRUCTURE_KINDS))
-    present = np.argwhere(np.isfinite(objects["x"].values) & is_road_user[:, None])
-    cells = np.stack(
-        [
-            present[:, 1],
-            *(np.round(objects[name].values[tuple(present.T)] / _SAME_PLACE_M) for name in "xy"),
-        ],
-        axis=1,
-    )
-    order = np.lexsort(cells.T[::-1])
-    is_same = np.all(np.diff(cells[order], axis=0) == 0, axis=1)
-    pairs: dict[tuple[int, int], float] = {}
-    for position in np.flatnonzero(is_same).tolist():
-        first, second = (int(present[order[position + step], 0]) for step in (0, 1))
-        time_s = float(objects["time"].values[present[order[position], 1]])
-        pairs.setdefault((first, second), time_s)
-    ids = objects["id"].values
-    return [
-        f"{ids[first]} and {ids[second]} at {format_number(time_s)} s"
-        for (first, second), time_s in pairs.items()
-    ]
