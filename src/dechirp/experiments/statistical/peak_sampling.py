@@ -31,6 +31,8 @@ _MIN_TARGET_POWER = 0.5
 _MERGING_BINS = 0.75
 # Ratio to the threshold above which only the estimates need noise, not the cells.
 _CERTAIN_RATIO = 10.0
+# Cells from a scatterer to the peak that it forms with others, and steps of refinement from there.
+_MAX_MOVES, _MORE_STEPS = 8, 2
 # Unpadded bins within which the amplitudes of tones add coherently.
 _COHERENT_BINS = 4.0
 
@@ -218,15 +220,15 @@ def sample_peaks(
             position = echoes.velocity[f, c], echoes.row[f, c]
             n_out += _try_sampling_detection_at_position(
                 echoes, f, position, 0.0, window_draws[n_own - 1], white[n_own - 1],
-                over_velocity, over_range, windows, searched, work, out[n_out], out_cell[n_out],
-                out_amplitude[n_out],
+                over_velocity, over_range, windows, searched, out_cell[first_out:n_out], work,
+                out[n_out], out_cell[n_out], out_amplitude[n_out],
             )  # fmt: skip
         for c in range(alarms.first[f], alarms.first[f + 1]):
             position = float(alarms.cells[c, 0]), float(alarms.cells[c, 1])
             n_out += _try_sampling_detection_at_position(
                 echoes, f, position, alarms.power[c], alarms.window_draw[c],
-                white[len(window_draws) + c], over_velocity, over_range, windows, searched, work,
-                out[n_out], out_cell[n_out], out_amplitude[n_out],
+                white[len(window_draws) + c], over_velocity, over_range, windows, searched,
+                out_cell[first_out:n_out], work, out[n_out], out_cell[n_out], out_amplitude[n_out],
             )  # fmt: skip
         frame_rows = slice(first_out, n_out)
         accepted = first_out + _indices_of_peaks_without_sidelobes(
@@ -288,6 +290,7 @@ def _try_sampling_detection_at_position(
     over_range: AxisStatistics,
     windows: TrainingWindows,
     searched: np.ndarray,
+    earlier_cells: np.ndarray,
     work: Workspace,
     out: np.ndarray,
     out_cell: np.ndarray,
@@ -295,21 +298,23 @@ def _try_sampling_detection_at_position(
 ) -> bool:
     """Sample the cells about a position in a frame; return whether they hold a detection.
 
-    `alarm_power`: the power of a noise cell over threshold; 0 about a scatterer. `out`: frequencies
-    of both axes, measured noise, amplitudes of the peak in the map and of its threshold.
+    `alarm_power`: the power of a noise cell over threshold; 0 about a scatterer. `earlier_cells`:
+    peaks of the frame so far, (n, 2). `out`: frequencies of both axes, measured noise, amplitudes
+    of the peak in the map and of its threshold.
     """
     half_v, half_r = over_velocity.half_width, over_range.half_width
-    cell_v, cell_r = int(np.floor(position[0] + 0.5)), int(np.floor(position[1] + 0.5))
-    window_power = _fill_cell_signals_and_sum_window_power(
-        echoes, frame, position, over_velocity, over_range, windows, work.cells, work.sums
-    )
     echo_power, power = work.echo_power, work.power
-    _fill_channel_mean_power(work.cells, echo_power)
-    if alarm_power and echo_power[half_v + 1, half_r + 1] > _MIN_TARGET_POWER:
-        return False
+    position, n_moves, window_power, is_certain = _fill_cells_about_peak(
+        echoes, frame, position, bool(alarm_power), over_velocity, over_range, windows,
+        earlier_cells, work,
+    )  # fmt: skip
+    cell_v, cell_r = int(np.floor(position[0] + 0.5)), int(np.floor(position[1] + 0.5))
     row = min(max(cell_r, 0), windows.factors.size - 1)
-    power[:] = echo_power[1:-1, 1:-1] + _MEAN_NOISE
-    if not alarm_power and np.max(power) > _CERTAIN_RATIO * windows.factors[row]:
+    if (alarm_power and echo_power[half_v + 1, half_r + 1] > _MIN_TARGET_POWER) or (
+        n_moves and _is_in_cells(position, earlier_cells, over_velocity.n_bins, over_range.n_bins)
+    ):
+        return False
+    if is_certain:
         _add_noise_to_estimator_sums(normal_numbers, work.sums)
     else:
         table_v = over_velocity.factors[int((position[0] - cell_v + 0.5) * N_OFFSETS + 0.5)]
@@ -345,6 +350,15 @@ def _try_sampling_detection_at_position(
     step_v, step_r = _refine_peak_by_newton_step(
         work.sums, over_velocity.n_bins == 1, out_amplitude
     )
+    for _ in range(_MORE_STEPS if n_moves else 0):  # the cell is up to half a bin from the peak
+        position = (
+            position[0] + step_v / over_velocity.rms_index * over_velocity.n_bins / (2 * np.pi),
+            position[1] + step_r / over_range.rms_index * over_range.n_bins / (2 * np.pi),
+        )
+        step_v, step_r = _refine_peak_at_position(
+            echoes, frame, position, normal_numbers, over_velocity, over_range, windows, work,
+            out_amplitude,
+        )  # fmt: skip
     # Noise alone at the threshold has this energy without a window, in the mean: the window
     # correlates cell and tone by one over its noise bandwidth.
     bandwidth = over_velocity.noise_bandwidth * over_range.noise_bandwidth
@@ -352,13 +366,10 @@ def _try_sampling_detection_at_position(
     if not alarm_power and np.sum(np.abs(out_amplitude) ** 2) < least_energy:
         # Scatterers cancel at the strongest one: the peak is beside it, where processing starts.
         position = float(cell_v + top_v - half_v), float(cell_r + top_r - half_r)
-        _fill_cell_signals_and_sum_window_power(
-            echoes, frame, position, over_velocity, over_range, windows, work.cells, work.sums
-        )
-        _add_noise_to_estimator_sums(normal_numbers, work.sums)
-        step_v, step_r = _refine_peak_by_newton_step(
-            work.sums, over_velocity.n_bins == 1, out_amplitude
-        )
+        step_v, step_r = _refine_peak_at_position(
+            echoes, frame, position, normal_numbers, over_velocity, over_range, windows, work,
+            out_amplitude,
+        )  # fmt: skip
         if np.sum(np.abs(out_amplitude) ** 2) < least_energy:
             return False
     out[0] = 2 * np.pi * position[0] / over_velocity.n_bins + step_v / over_velocity.rms_index
@@ -367,6 +378,77 @@ def _try_sampling_detection_at_position(
     out[3], out[4] = np.sqrt(top), np.sqrt(threshold)
     out_cell[0], out_cell[1] = peak_v, peak_r
     return True
+
+
+@kernel(plain=AS_WRITTEN, fastmath=_FAST)
+def _fill_cells_about_peak(
+    echoes: FrameEchoes,
+    frame: int,
+    position: tuple[float, float],
+    is_alarm: bool,
+    over_velocity: AxisStatistics,
+    over_range: AxisStatistics,
+    windows: TrainingWindows,
+    earlier_cells: np.ndarray,
+    work: Workspace,
+) -> tuple[tuple[float, float], int, float, bool]:
+    """Fill the cells about a position, or about the peak beside it where echoes are strong.
+
+    Scatterers of a body add up to a peak beside the strongest of them: from cell to cell, the
+    position climbs to it, or to the first of `earlier_cells`.
+
+    Returns the position, the number of moves, the power in the training window, and whether the
+    echoes exceed any threshold without noise.
+    """
+    half_v, half_r = over_velocity.half_width, over_range.half_width
+    echo_power, power = work.echo_power, work.power
+    n_moves, window_power, is_certain = 0, 0.0, False
+    while True:
+        cell_v, cell_r = int(np.floor(position[0] + 0.5)), int(np.floor(position[1] + 0.5))
+        row = min(max(cell_r, 0), windows.factors.size - 1)
+        window_power = _fill_cell_signals_and_sum_window_power(
+            echoes, frame, position, over_velocity, over_range, windows, work.cells, work.sums
+        )
+        _fill_channel_mean_power(work.cells, echo_power)
+        power[:] = echo_power[1:-1, 1:-1] + _MEAN_NOISE
+        top_v, top_r = divmod(np.argmax(power), power.shape[1])
+        is_certain = not is_alarm and power[top_v, top_r] > _CERTAIN_RATIO * windows.factors[row]
+        if not is_certain or (top_v == half_v and top_r == half_r) or n_moves == _MAX_MOVES:
+            break
+        n_moves += 1
+        position = float(cell_v + top_v - half_v), float(cell_r + top_r - half_r)
+        if _is_in_cells(position, earlier_cells, over_velocity.n_bins, over_range.n_bins):
+            break
+    return position, n_moves, window_power, is_certain
+
+
+@kernel(plain=AS_WRITTEN)
+def _is_in_cells(position: tuple[float, float], cells: np.ndarray, n_v: int, n_r: int) -> bool:
+    """Return whether a position is the centre of one of cells, (n, 2)."""
+    for k in range(len(cells)):
+        if cells[k, 0] == position[0] % n_v and cells[k, 1] == position[1] % n_r:
+            return True
+    return False
+
+
+@kernel(plain=AS_WRITTEN)
+def _refine_peak_at_position(
+    echoes: FrameEchoes,
+    frame: int,
+    position: tuple[float, float],
+    normal_numbers: np.ndarray,
+    over_velocity: AxisStatistics,
+    over_range: AxisStatistics,
+    windows: TrainingWindows,
+    work: Workspace,
+    out_amplitude: np.ndarray,
+) -> tuple[float, float]:
+    """Refine a peak from a position, see `_refine_peak_by_newton_step`."""
+    _fill_cell_signals_and_sum_window_power(
+        echoes, frame, position, over_velocity, over_range, windows, work.cells, work.sums
+    )
+    _add_noise_to_estimator_sums(normal_numbers, work.sums)
+    return _refine_peak_by_newton_step(work.sums, over_velocity.n_bins == 1, out_amplitude)
 
 
 @kernel(plain=AS_WRITTEN, fastmath=_FAST)
