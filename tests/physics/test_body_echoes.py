@@ -48,6 +48,15 @@ def test_wheels_alone_give_the_middle_of_their_ends(seed):
     assert echo.row in np.flatnonzero(ends)
 
 
+@pytest.mark.parametrize(("top", "velocity"), [(5e3, RELATIVE_M_PER_S), (2e4, 23.0)])
+def test_ends_of_wheels_differ_in_power(top, velocity):
+    # Both ends are sums of few scatterers, whose powers are exponential: their ratio is below 9 in
+    # 1 - 2 / (1 + 9) = 80 % of the cases. Bodies are stronger than one wheel by 10 dB and more.
+    echo = find_body_echo(detections([-EGO_M_PER_S, 7.0, 23.0], [1e3, 200, top]))
+
+    assert echo == (2, velocity)
+
+
 def test_wheels_without_ambiguity_number_give_no_velocity():
     # As in traffic: two tops of wheels at one end, one of them of an unknown ambiguity number.
     columns = detections([19.5, 21.7], [190, 130], ambiguity_number=[np.nan, 0])

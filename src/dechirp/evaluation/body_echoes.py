@@ -10,8 +10,9 @@ import numpy as np
 _UNRESOLVED_WEIGHT = 0.1
 # Bodies alone spread by less, in m/s: a car of 5 m that turns by 0.2 rad/s.
 _MIN_WHEEL_SPREAD_M_PER_S = 1.0
-# Share of the spread that counts as its end, and power ratio of equal ends (1.8 dB).
-_END_SHARE, _EQUAL_RATIO = 1 / 8, 1.5
+# Share of the spread that counts as its end, and ratio within which the powers of both ends of a
+# wheel are in 80 % of the cases: they are exponential (Swerling 1), and their ratio is F(2, 2).
+_END_SHARE, _EQUAL_RATIO = 1 / 8, 9.0
 
 
 class BodyEcho(NamedTuple):
@@ -28,8 +29,8 @@ def find_body_echo(columns: Mapping[str, np.ndarray]) -> BodyEcho | None:
     It is the strongest detection with a direction. Where another vehicle hides the body in its
     cell, only wheels remain: rims of rolling wheels move between standstill and twice the speed of
     their vehicle, most of the time near these ends, symmetrically about its speed. So if the
-    strongest detection is at one end of all velocities and one as strong is on the other side, the
-    velocity of the body is the middle of the ends.
+    strongest detection is at one end of all velocities and one of at least a ninth of its power is
+    on the other side, the velocity of the body is the middle of the ends.
 
     Returns
     -------
