@@ -188,7 +188,7 @@ def test_options_of_traffic_name_a_source_that_is_no_traffic(tmp_path, capsys, o
     for path, expected in (
         (tmp_path / "missing.csv", "missing.csv: recording: no such file; expected a traffic file"),
         (tmp_path, "recording: a folder; expected a traffic file"),
-        (other, "other.csv: recording: an unknown format; expected common-road or"),
+        (other, "other.csv: recording: a CSV without the columns class, x, y,"),
     ):
         values = ["--ego", "1"] if option == "--ego" else ["--set", "traffic.ego=1"]
         with pytest.raises(SystemExit, match="[12]"):

@@ -341,6 +341,23 @@ def test_files_of_other_formats_are_refused(tmp_path):
             dc.open_traffic(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "expected"),
+    [
+        ("empty.xml", "", "an empty file"),
+        ("empty.csv", "", "an empty file"),
+        ("map.xml", "<OpenDRIVE/>", "XML without the element commonRoad at its start"),
+        ("few.csv", "time,id,x,y\n", "a CSV without the columns class, heading, length, width"),
+        ("no-size.csv", "time,id,class,x,y,heading\n", "no column length, width, height"),
+    ],
+)
+def test_files_without_a_format_name_what_is_missing(tmp_path, name, text, expected):
+    (tmp_path / name).write_text(text, encoding="utf-8")
+
+    with pytest.raises(dc.RecordingError, match=expected):
+        dc.open_traffic(tmp_path / name)
+
+
 def write_mcap(folder, messages, schema="osi3.SensorView", compression=None):
     writers = pytest.importorskip("mcap.writer")
     path = folder / "trace.mcap"

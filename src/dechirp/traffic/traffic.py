@@ -18,6 +18,7 @@ from dechirp.traffic.base import CutTrafficError, ObjectState, TrafficFormat
 from dechirp.traffic.heading_check import find_wrong_headings
 from dechirp.traffic.object_steps import find_gaps, join_times_s, typical_steps_s
 from dechirp.traffic.overlaps import find_overlaps
+from dechirp.traffic.trajectory_csv import missing_columns
 from dechirp.traffic.trajectory_sets import recognise_foreign_xml
 
 _UNITS = {
@@ -110,7 +111,7 @@ def open_traffic(path: str | Path) -> Traffic:
     if kind is None:
         raise RecordingError(
             file,
-            value="an unknown format",
+            value=_describe_unknown_file(file),
             expected=" or ".join(_format_classes()),
             fix="convert it to a CSV with the columns time, id, class, x, y, heading, length,"
             " width, height; read SensorData, the object list of a sensor, with"
@@ -135,6 +136,17 @@ def open_traffic(path: str | Path) -> Traffic:
             *find_wrong_headings(completed),
         ),
     )
+
+
+def _describe_unknown_file(path: Path) -> str:
+    """Return what a file of no format lacks, as far as its ending tells its format."""
+    if not path.stat().st_size:
+        return "an empty file (0 bytes)"
+    if path.suffix.lower() == ".xml":
+        return "XML without the element commonRoad at its start"
+    if path.suffix.lower() == ".csv":
+        return f"a CSV without the columns {join_names(missing_columns(path))}"
+    return "an unknown format"
 
 
 def recognise_traffic(path: Path) -> str | None:

@@ -113,11 +113,17 @@ def _read_column_names(path: Path) -> list[str]:
     return [name.strip() for name in header.split(separator)]
 
 
+def missing_columns(path: Path) -> list[str]:
+    """Return the required columns that the first line does not name."""
+    names = _read_column_names(path)
+    return [name for name in _REQUIRED if name not in names]
+
+
 def _check_columns(path: Path) -> None:
     """Raise `RecordingError` if columns are missing, or the separator is no comma."""
     names = _read_column_names(path)
     layout = find_trajectory_set(names)
-    missing = [name for name in _REQUIRED if name not in names]
+    missing = missing_columns(path)
     with _open_text(path) as file:
         has_commas = "," in file.readline(_MAX_ROW_BYTES)
     if not missing and has_commas:
