@@ -206,7 +206,10 @@ def test_only_one_source_is_accepted(trace):
 
 
 @nightly
-def test_recorded_motorway_traffic_is_detected():
+@pytest.mark.parametrize(
+    ("ego", "kind"), [(475, "samples"), (451, "statistical"), (468, "statistical")]
+)
+def test_recorded_motorway_traffic_is_detected(ego, kind):
     # The requirement: every vehicle in view and not shadowed in 95 % of the frames, to 0.5 m and
     # 0.1 m/s. In one of 718 sightings, only wheels are detected, and no velocity is known.
     folder = os.environ.get("DECHIRP_WITNESS_DATA")
@@ -214,10 +217,10 @@ def test_recorded_motorway_traffic_is_detected():
     if not (folder and path.is_file()):
         pytest.skip("needs commonroad_us101 of DECHIRP_WITNESS_DATA")
 
-    result = dc.run(dc.traffic.traffic_scenario(path, ["traffic.ego=475"]))
+    result = dc.run(dc.traffic.traffic_scenario(path, [f"traffic.ego={ego}"]), kind=kind)
 
     scores = score_traffic(result.traffic, result.tracks)
-    assert (scores.n_objects, result.n_frames) == (8, 201)
+    assert ego != 475 or (scores.n_objects, result.n_frames) == (8, 201)
     assert scores.lowest_detected_share >= 0.95
     assert scores.position_rmse_m <= 0.5
     assert scores.velocity_rmse_m_per_s <= 0.1

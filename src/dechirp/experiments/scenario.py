@@ -289,7 +289,8 @@ def check_single_radar(scenario: Scenario) -> None:
             "scenario.radars",
             value=f"{len(scenario.radars)} radars",
             expected="a single radar: results of several have another form",
-            fix="call dechirp.fusion.run_radars or dechirp run, or replace radars by radar",
+            fix="call dechirp.fusion.run_radars or dechirp run, which writes a scenario.yaml for"
+            " each radar alone; open this one in the studio",
         )
 
 

@@ -67,7 +67,7 @@ def find_overlaps(objects: xr.Dataset) -> list[Overlap]:
             overlaps[first * n_objects + second] = Overlap(
                 first, second, time_s, float(depths_m[row])
             )
-    return list(overlaps.values())
+    return sorted(overlaps.values(), key=lambda pair: (pair.time_s, pair.first, pair.second))
 
 
 def _overlap_depths_m(
