@@ -38,6 +38,8 @@ def test_static_echo_in_main_lobe_of_zero_range_is_leakage():
     assert mask.tolist() == [True, False, False, True, False]
     (finding,) = leakage_findings(detections, radar, chain)
     assert finding.value.startswith("2 detections at 0.00 to 1.")
+    (finding,) = leakage_findings(detections.isel(detection=[3]), radar, chain)
+    assert finding.value.startswith("1 detection at 0.00 m: ")
     assert leakage_findings(detections.isel(detection=[1]), radar, chain) == ()
     rows = rows_to_show(
         detections, 20, range_cell_m=1.0, velocity_cell_m_per_s=1.0, is_leakage=mask

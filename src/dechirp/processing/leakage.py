@@ -32,12 +32,13 @@ def leakage_findings(detections: xr.Dataset, radar: Radar, chain: Chain) -> tupl
     ranges_m = detections["range"].values[leakage_mask(detections, radar, chain)]
     if not ranges_m.size:
         return ()
+    limits_m = " to ".join(dict.fromkeys(f"{limit:.2f}" for limit in np.sort(ranges_m)[[0, -1]]))
     return (
         Finding(
             level="note",
             setting="radar",
-            value=f"{format_count_with_noun(ranges_m.size, 'detection')} at {ranges_m.min():.2f} to"
-            f" {ranges_m.max():.2f} m: probably leakage between the antennas, left out of tables",
+            value=f"{format_count_with_noun(ranges_m.size, 'detection')} at {limits_m} m:"
+            " probably leakage between the antennas, left out of tables",
             expected=f"targets beyond {_main_lobe_m(radar, chain):.2g} m, the main lobe of zero"
             " range",
             fix="nothing is to be done; more bandwidth separates nearer targets",
