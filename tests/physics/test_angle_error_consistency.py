@@ -6,6 +6,7 @@ import pytest
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.angle.capon import Capon
 from dechirp.processing.angle.monopulse import Monopulse
+from dechirp.processing.angle.music import Music
 
 LINE = Aperture(positions=np.array([(0, 0.5 * y, 0) for y in range(8)]))
 PLANE = Aperture(positions=np.array([(0, 0.5 * y, 0.5 * z) for z in range(3) for y in range(4)]))
@@ -46,3 +47,17 @@ def test_stated_errors_of_capon_contain_its_uneven_weights(snr_db):
     # As above; stated variances are up to 7 % too large. With equal weights elevations have 1.2.
     assert 0.83 < azimuth < 1.09
     assert 0.83 < elevation < 1.09
+
+
+@pytest.mark.parametrize("estimator", [Capon(), Music()], ids=["capon", "music"])
+def test_single_source_in_array_with_phase_errors_is_the_strongest_peak(estimator):
+    azimuth = np.radians(np.arange(-60, 61, 4.0))
+    errors = np.radians(18) * (-1.0) ** np.arange(8)
+    snapshots = LINE.steering_vectors(azimuth, 0 * azimuth)[:, None] * np.exp(1j * errors)
+    snapshots += 1e-3 * np.random.default_rng(1).normal(size=(*snapshots.shape, 2)) @ [1, 1j]
+    found = estimator.find_directions(snapshots, LINE, np.full(len(azimuth), 2e-6))
+
+    # exp(i e (-1)^k) = cos e + i (-1)^k sin e: a second wave with 11 % of the power, which is
+    # coherent. Smoothed covariances resolve it, and in 10 of 31 directions its peak of Capon is
+    # higher. The bound of the noise is 0.01 degrees.
+    np.testing.assert_allclose(found.azimuth_rad[:, 0], azimuth, atol=np.radians(0.1))

@@ -204,13 +204,26 @@ class SpectralEstimator(DirectionEstimator):
             rows = slice(first, first + block_size)
             precomputed = self.precompute_for_spectrum(snapshots[rows], aperture, noise_power[rows])
             spectrum = self.spectrum_on_direction_grid(precomputed, aperture)
-            coarse_angles = spectrum_peaks.find_grid_peak_directions(
-                spectrum, aperture.direction_grid, n_sources[rows], angles.shape[2]
+            coarse_angles = self.find_peaks_on_direction_grid(
+                snapshots[rows], spectrum, aperture, n_sources[rows], angles.shape[2]
             )
             angles[:, rows] = self.refine_peak_angles(
                 snapshots[rows], precomputed, aperture, coarse_angles
             )
         return angles[0], angles[1]
+
+    def find_peaks_on_direction_grid(
+        self,
+        snapshots: np.ndarray,
+        spectrum: np.ndarray,
+        aperture: Aperture,
+        n_sources: np.ndarray,
+        max_peaks: int,
+    ) -> Angles:
+        """Return the directions of the highest peaks of spectra, (n, max_peaks)."""
+        return spectrum_peaks.find_grid_peak_directions(
+            spectrum, aperture.direction_grid, n_sources, max_peaks
+        )
 
     def refine_peak_angles(
         self, snapshots: np.ndarray, precomputed: Any, aperture: Aperture, coarse_angles: Angles
