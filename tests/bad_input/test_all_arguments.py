@@ -20,7 +20,10 @@ from radars import street_radar
 NAMESPACES = ("dechirp", *sorted(dc._NAMESPACES))
 # With valid arguments they run for minutes, or wait for packets.
 WITHOUT_END = {"verify", "listen"}
-WRONG_VALUES = [None, "text", -1, 2.5, np.nan, [], {}, (1, "text"), np.zeros(3), object()]
+WRONG_VALUES = [
+    *[None, "text", -1, 2.5, np.nan, [], {}, (1, "text"), np.zeros(3), object()],
+    *[xr.Dataset({"x": ("x", [1.0])}), xr.DataArray(["text"])],
+]
 
 
 def public_callables(namespace):

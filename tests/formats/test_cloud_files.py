@@ -373,6 +373,16 @@ def test_text_with_named_columns_of_points_has_detections(name, is_compressed, t
     assert np.isnan(points.elevation).all() == (name == "frames.tsv")
 
 
+def test_damaged_bytes_of_compressed_text_are_refused(tmp_path):
+    text = TEXT_CLOUDS["frames.tsv"][0] + "9\t1700000000600\t3\t-4\t-2\t7\n" * 200
+    content = gzip.compress(text.encode())
+    path = tmp_path / "frames.tsv"
+    for start in range(10, len(content)):  # behind the header of gzip
+        path.write_bytes(content[:start] + b"\xff" * 4 + content[start + 4 :])
+        with pytest.raises(RecordingError):
+            open_recording(path)
+
+
 @pytest.mark.parametrize(
     ("heading", "row"),
     [

@@ -733,6 +733,7 @@ def test_long_text_decodes_frame_in_middle(tmp_path):
     [
         ("1 2 3 4 5 6 7 8\n1 2 3\n", "line 2 is a row of 3 numbers instead of 8"),
         ("1 2 3 4 5 6 7 8\n" * 3 + "1 2 3 x 5 6 7 8\n", "something else than numbers"),
+        ("1 2 3 4 5 6 7 8\n" * 3 + "1 2 3 1F5 5 6 7 8\n", "hexadecimal codes in one of"),
         ("a b\n" * 150, "not yet a line of numbers"),
         ("a b\n", "no line consists of numbers only"),
         ("1 2 3\n" * 32, "3 numbers in a line"),

@@ -261,7 +261,7 @@ def check_real_array(setting: str, array: ArrayLike, *, may_be_empty: bool = Fal
     check_unmasked(setting, array)
     try:
         values = np.asarray(array)
-    except ValueError:  # ragged rows
+    except (TypeError, ValueError):  # datasets, ragged rows
         values = np.asarray(None)
     if not (values.size or may_be_empty):
         raise InvalidSetting(
@@ -297,7 +297,7 @@ def check_finite_samples(
     check_unmasked(setting, samples)
     try:
         array = np.asarray(samples)
-    except ValueError:  # ragged rows
+    except (TypeError, ValueError):  # datasets, ragged rows
         array = np.asarray(None)
     if array.dtype.kind not in "iufc" or not (array.size or may_be_empty) or not fits(array):
         raise InvalidSetting(

@@ -98,7 +98,7 @@ def _as_array_of_numbers(name: str, value: object) -> np.ndarray | None:
     check_unmasked(name, value)
     try:
         array = np.asarray(value)
-    except ValueError:  # ragged rows
+    except (TypeError, ValueError):  # datasets, ragged rows
         return None
     if not (array.ndim and array.dtype.kind in "iuf"):
         return None

@@ -242,15 +242,16 @@ def _values_per_recording(setting: str, values: Any, n_recordings: int) -> tuple
 
 
 def _iter_frames(frames: Frames) -> Iterator[xr.DataArray]:
-    if isinstance(frames, xr.DataArray):
+    if isinstance(frames, xr.DataArray) and "frame" in frames.dims:
         for index in range(frames.sizes["frame"]):
             yield frames.isel(frame=slice(index, index + 1))
         return
     for frame in frames if isinstance(frames, Iterable) else [frames]:
-        if not isinstance(frame, xr.DataArray):
+        if not (isinstance(frame, xr.DataArray) and "frame" in frame.dims):
+            axes = f" over {frame.dims}" if isinstance(frame, xr.DataArray) else ""
             raise InvalidSetting(
                 "cubes",
-                value=f"a {type(frame).__name__}",
+                value=f"a {type(frame).__name__}{axes}",
                 expected="a DataArray (frame, chirp, rx, sample), or its frames one by one",
                 fix="pass the cube of a recording; a list of cubes needs a list of azimuths",
             )

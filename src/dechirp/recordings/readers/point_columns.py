@@ -9,6 +9,7 @@ compressed with gzip.
 import gzip
 import math
 import re
+import zlib
 from contextlib import suppress
 from operator import methodcaller
 from pathlib import Path
@@ -94,7 +95,7 @@ def _read_head(path: Path) -> bytes:
     try:
         with _open_text(path) or path.open("rb") as file:
             return file.read(_HEAD_BYTES)
-    except (OSError, EOFError):
+    except (OSError, EOFError, zlib.error):
         return b""
 
 
@@ -187,7 +188,7 @@ def _read_points(path: Path) -> np.ndarray:
     try:
         with _open_text(path) or path.open("rb") as file:
             content = file.read()
-    except (OSError, EOFError) as error:
+    except (OSError, EOFError, zlib.error) as error:
         raise RecordingError(
             path,
             value=f"not readable ({error})",

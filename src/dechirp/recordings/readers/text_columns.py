@@ -453,10 +453,14 @@ def _parse_number_lines(
         return np.loadtxt(block, _number_dtype(table), ndmin=2, **options)
     except ValueError as error:
         reason = str(error).split(";")[0]
+        is_hexadecimal = re.search(r"'(0[xX])?[0-9a-fA-F]+'", reason) is not None
+        content = "hexadecimal codes" if is_hexadecimal else "something else than numbers"
         raise RecordingError(
             path,
-            value=f"text with something else than numbers in one of the {len(block)} lines before"
+            value=f"text with {content} in one of the {len(block)} lines before"
             f" line {next_line_number} ({reason})",
-            expected=f"lines of {table.n_columns + (table.step is not None)} numbers",
-            fix="correct the line, or copy the file again from its source",
+            expected=f"lines of {table.n_columns + (table.step is not None)} decimal numbers",
+            fix="write the codes as decimal numbers with their sign"
+            if is_hexadecimal
+            else "correct the line, or copy the file again from its source",
         ) from None
