@@ -23,9 +23,6 @@ from dechirp.processing.angle.smoothed import SmoothedEstimator
 
 # Relative to the mean power: the accuracy of a covariance in single precision.
 _MIN_LOADING = 1e-5
-# Least share of the power, without noise, in the plane wave of a lone source: 0.9 with phase errors
-# of 18 degrees, while the sidelobes of a uniform array contain at most 0.05 of an echo elsewhere.
-_MIN_POWER_SHARE = 0.1
 # Lag phases at a time: 16 MiB.
 _MAX_BLOCK_VALUES = 2**20
 
@@ -81,9 +78,7 @@ class Capon(SmoothedEstimator):
         """Return standard errors by first-order perturbation, weighted by the inverse covariance.
 
         The noise that makes the weights uneven is also that of the error: the variance is up to
-        7 % too large for a few windows. The error of a lone source is infinite where its direction
-        contains less than a tenth of the power: without calibration, phases of the channels make
-        windows differ, and a loading for noise alone lets beams suppress a strong echo.
+        7 % too large for a few windows.
         """
         windows = self.sliding_windows(aperture)
         n, n_snapshots, _ = snapshots.shape
@@ -98,10 +93,6 @@ class Capon(SmoothedEstimator):
                 (angles[0][rows], angles[1][rows]),
                 weigh=partial(_apply_inverse_covariances, windows, covariances),
             )
-            if angles[0].shape[1] == 1:
-                azimuth, elevation = (np.nan_to_num(angle[rows, 0]) for angle in angles)
-                steering = aperture.steering_vectors(azimuth, elevation)
-                errors[_is_suppressed_echo(snapshots[rows], steering, noise_power[rows])] = np.inf
             parts.append(errors)
         n_angles = sum(aperture.resolves_azimuth_and_elevation)
         return np.concatenate([np.empty((0, angles[0].shape[1], n_angles)), *parts])
@@ -186,14 +177,3 @@ def _inverse_covariance_lower_halves(covariances: np.ndarray) -> np.ndarray:
         upper = factor(matrix.T, overwrite_a=True, clean=False)[0]
         matrix[:] = invert(upper, overwrite_c=True)[0].T
     return out
-
-
-def _is_suppressed_echo(
-    snapshots: np.ndarray, steering: np.ndarray, noise_power: np.ndarray
-) -> np.ndarray:
-    """Return where steering vectors (n, n_elements) contain little of the power of snapshots."""
-    n_elements = snapshots.shape[2]
-    in_beam = np.sum(abs(np.einsum("nse,ne->ns", snapshots, steering.conj())) ** 2, axis=1)
-    total = np.sum(abs(snapshots) ** 2, axis=(1, 2))
-    total = total - noise_power * snapshots.shape[1] * n_elements
-    return np.asarray(in_beam / n_elements < _MIN_POWER_SHARE * total)
