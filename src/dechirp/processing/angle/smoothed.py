@@ -9,7 +9,7 @@ from dechirp.processing.angle.bartlett import bartlett_spectrum
 from dechirp.processing.angle.base import Angles, SpectralEstimator
 from dechirp.processing.angle.covariance import SlidingWindows, Smoothing, array_smoothing_windows
 
-# Peaks that are tried for a single source. Phases of 13 degrees RMS, in 12 elements, make up to four
+# Peaks that are tried for a single source. Phases of 13 degrees RMS in 12 elements make up to four
 # peaks of Capon higher than that of a strong echo, which its beams then suppress.
 _N_CANDIDATES = 8
 
