@@ -161,7 +161,7 @@ def test_simultaneous_multiplexing_settings_are_read_and_written(text, code):
         ("{order: [0, 1]}", ".kind", "missing", "one of bpm, ddma, phase-code, tdm"),
         ("{kind: tdmm, order: [0, 1]}", ".kind", "tdmm", "one of bpm, ddma, phase-code, tdm"),
         ("{kind: tdm}", ".order", "missing", "a list, each a whole number"),
-        ("{kind: tdm, ordr: [0, 1]}", ".ordr", "unknown setting", "one of order"),
+        ("{kind: tdm, ordr: [0, 1]}", ".ordr", "unknown setting", "one of kind, order"),
         ("{kind: tdm, order: [0, 1.5]}", ".order.1", "1.5", "a whole number"),
         ("{kind: tdm, order: 1}", ".order", "1", "a list, each a whole number"),
         ("{kind: tdm, order: []}", ".order", "()", "at least one transmitter"),

@@ -147,7 +147,9 @@ def locate_mistakes_in_file(error: Exception, setting: SettingNode) -> Iterator[
 
 
 def _unknown_setting_mistake(setting: SettingNode, parent: SettingNode) -> Mistake:
-    names = parent.accepted_settings()
+    names = list(parent.accepted_settings())
+    if any(is_family_type(choice) for choice in parent.value_type.types_without_none):
+        names.insert(0, "kind")
     return setting.node.name_location.create_mistake(
         setting.name_in_messages,
         value="unknown setting",
