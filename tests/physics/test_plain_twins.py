@@ -4,6 +4,7 @@ import ast
 import csv
 import importlib
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -484,3 +485,14 @@ def test_twin_of_reassembly_writes_equal_frames(differences):
 
     assert window.counters[N_PACKETS] == 20
     assert differences[REASSEMBLY] == 0
+
+
+def test_first_compilation_of_a_process_is_logged(caplog):
+    pytest.importorskip("numba")
+    compiled_kernels._log_first_compilation.cache_clear()
+    with caplog.at_level(logging.INFO, "dechirp"):
+        for factor in (2.0, 3.0):
+            kernel(cache=False)(lambda number, factor=factor: factor * number).dispatcher(1.0)
+
+    (record,) = caplog.records
+    assert "up to a minute of processor time" in record.message

@@ -21,6 +21,7 @@ time.
 import functools
 import importlib.util
 import inspect
+import logging
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -31,6 +32,8 @@ from types import SimpleNamespace
 from typing import Any, Final, Protocol, TypeVar, cast
 
 from dechirp.core.errors import DechirpError, InvalidSetting
+
+_LOGGER = logging.getLogger(__name__)
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -233,6 +236,15 @@ def compiled_kernels_for_large_work(n_samples: float) -> Iterator[None]:
 
 
 @cache
+def _log_first_compilation() -> None:
+    """Log once for each process why a call takes long: hundreds of loops follow each other."""
+    _LOGGER.info(
+        "compiling loops for this processor, which are kept for later runs: up to a minute of"
+        " processor time"
+    )
+
+
+@cache
 def _import_numba() -> Any:
     import numba
     from numba.core import event
@@ -240,6 +252,7 @@ def _import_numba() -> Any:
 
     class Forwarder(event.Listener):
         def on_start(self, event: object) -> None:
+            _log_first_compilation()
             for listener in compilation_listeners:
                 listener.start_compilation()
 
