@@ -146,8 +146,9 @@ def convert_parser_errors(path: Path, expected: str) -> Iterator[None]:
         raise
     except Exception as error:  # foreign bytes may raise anything
         message = " ".join(str(error).split())[:200] or "damaged or incomplete"
-        if isinstance(error, KeyError):  # its text is the key alone
-            message = f"no entry {message}"
+        if isinstance(error, KeyError) and error.args:  # its text is the key alone
+            key = error.args[0]
+            message = f"no entry {key.decode(errors='replace') if isinstance(key, bytes) else key}"
         raise RecordingError(
             path,
             value=f"not readable ({message})",
