@@ -39,7 +39,8 @@ class Comparison:
     """What ours has to be: theirs within the tolerance, or better than it on one side."""
     answer: Literal["independent", "own"] = "independent"
     """Origin of theirs: numbers that other people published, or that dechirp's developers computed
-    from the published files, by a plain decoding or by their own reading of the scene."""
+    from the published files: by a plain decoding, a published method or their own reading of the
+    scene."""
 
     @property
     def difference(self) -> float:
