@@ -120,6 +120,25 @@ def test_known_target_tells_order_of_iq_of_a_single_echo():
     assert "iq" in {note.setting for note in alone.undetermined}
 
 
+def test_known_target_tells_order_of_iq_of_a_map_without_radar():
+    # Six echoes (range cell, velocity cell, amplitude), Hann windows, 64 chirps of 128 samples.
+    echoes = [(17, 0, 1.0), (29, 0, 0.6), (25, 6, 0.7), (44, 0, 0.4), (51, -9, 0.3), (60, 0, 0.2)]
+    chirp, sample = np.arange(64)[:, None], np.arange(128)
+    beat = sum(a * np.exp(2j * np.pi * (k * sample / 128 + n * chirp / 64)) for k, n, a in echoes)
+    noise = np.random.default_rng(21).standard_normal((2, 64, 128))
+    samples = (beat + 0.02 * (noise[0] + 1j * noise[1])) * np.outer(np.hanning(64), np.hanning(128))
+    axes = 0.5 * np.arange(128), 0.25 * np.arange(-32, 32)
+    target = {"target_range_m": 12.5, "target_velocity_m_per_s": 1.5}
+    for array, cells, expected in (
+        (samples, 128, set()),
+        (samples.conj(), 128, {"iq"}),
+        (samples.conj(), 110, set()),  # a cropped axis: no echo fits
+    ):
+        power = abs(np.fft.fftshift(np.fft.fft2(array), axes=0)) ** 2
+        diagnosis = dc.diagnosis.diagnose_map(power[:, :cells], axes[0][:cells], axes[1], **target)
+        assert {finding.setting for finding in diagnosis.findings} == expected
+
+
 @pytest.mark.parametrize("n_channels", [1, 4])
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
 def test_noise_shows_the_scale_of_its_decibels(n_channels, factor):

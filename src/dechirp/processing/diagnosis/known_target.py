@@ -14,6 +14,7 @@ from dechirp.processing.diagnosis.diagnosis import (
 from dechirp.processing.diagnosis.map_peaks import MapPeaks
 
 _TOLERANCE_CELLS = 1.5
+_ORIGIN_TOLERANCE_CELLS = 0.25
 _MAX_CHANCE = 0.1
 _TOLERANCE = 0.02  # of the range, for a tape measure and a delay in the cables
 
@@ -49,7 +50,8 @@ def diagnose_known_target(
     """Look for a known target where it should be, and where mistakes would put it.
 
     `span` contains the ranges of the radar, None without a radar: a phase f(t) t doubles ranges,
-    of which those beyond the span are aliased.
+    of which those beyond the span are aliased. Without a radar, an axis from 0 is taken as the
+    whole span, where swapped parts turn the cell k into n - k.
     `has_static_row` where static echoes lie at velocity 0, so that no fftshift is missing.
     """
     velocities = np.zeros(1) if velocity_m_per_s is None else velocity_m_per_s
@@ -81,8 +83,12 @@ def diagnose_known_target(
         exchanged_m = range_m[0] + velocity_cell * _step(range_m)
         exchanged_v = velocities[0] + range_cell * _step(velocities)
         places.append(("axes", exchanged_m, exchanged_v, "transpose the map"))
+    starts_at_zero = abs(range_m[0]) < _ORIGIN_TOLERANCE_CELLS * _step(range_m)
     if span is not None and span.is_complex:
         places.append(("iq", span.max_range_m - target_m, -v, "exchange I and Q"))
+    elif span is None and knows_velocity and starts_at_zero:
+        whole_span_m = range_m.size * _step(range_m)
+        places.append(("iq", whole_span_m - target_m, -v, "exchange I and Q"))
     levels = [
         _level_near(peaks, range_m, velocities, place_m, place_v, any_velocity=not knows_velocity)
         for _, place_m, place_v, _ in places
