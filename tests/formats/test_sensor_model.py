@@ -225,6 +225,14 @@ def test_surprising_views_give_one_finding_for_each_object(radar):
     assert len(texts) == len(set(texts))
 
 
+def test_component_of_velocity_that_is_not_set_is_zero():
+    moving = OsiViews().read(make_view(0.0, {"id": 1}, {"id": 2, "x": 30.0, "vx": 10.0}))
+
+    np.testing.assert_array_equal(moving.objects[0].motion.velocity_m_per_s, [10.0, 0.0])
+    velocities = [item.value for item in moving.findings if item.setting == "view.velocity"]
+    assert velocities == ["the velocity of object 1 at 0 s is missing"]
+
+
 def test_empty_world_has_false_alarms_at_most(radar):
     for kind in ("samples", "statistical"):
         data = dc.SensorModel(radar, kind=kind).step(make_view(0.0, {"id": 1}))

@@ -303,10 +303,11 @@ def _damaged_trace_error(
 
 def state_of_moving_object(path: object, moving: Any, time_s: float) -> ObjectState:
     """Return the state in an `osi3` message of type `MovingObject`; `path` is for the error."""
-    return _state_of_base(path, moving, time_s, _kind_of_object(moving))._replace(
-        vx_m_per_s=_known_number(moving.base.velocity, "x"),
-        vy_m_per_s=_known_number(moving.base.velocity, "y"),
-    )
+    velocity = moving.base.velocity
+    state = _state_of_base(path, moving, time_s, _kind_of_object(moving))
+    if not (velocity.HasField("x") or velocity.HasField("y")):
+        return state._replace(vx_m_per_s=math.nan, vy_m_per_s=math.nan)
+    return state._replace(vx_m_per_s=velocity.x, vy_m_per_s=velocity.y)  # 0 where it is not set
 
 
 def state_of_stationary_object(path: object, stationary: Any, time_s: float) -> ObjectState:
