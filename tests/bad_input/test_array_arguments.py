@@ -3,6 +3,7 @@
 import inspect
 
 import numpy as np
+import pint
 import pytest
 
 import dechirp as dc
@@ -267,7 +268,8 @@ def extreme_values(valid):
         *(array * factor for factor in (0, -1, 1e-200, 1e-30, 1e30, 1e200)),
         *(lost, array[None], array.T, array[:-1], np.concatenate([array, array])),
         *(1e-300, 1e300, np.inf, 10**30, -1, True, (), {}, {1}, len, [None]),
-        *(np.array(["2020-01-01"], "M8[s]"), np.array([None, 1.0]), ["text"]),
+        *(np.array(["2020-01-01"], "M8[s]"), np.array([5], "m8[s]"), np.timedelta64(5, "ms")),
+        *(np.array([None, 1.0]), ["text"]),
     ]
 
 
@@ -400,3 +402,62 @@ def test_result_without_axes_is_a_scalar(name):
         in_array = function(**arguments | {number: [arguments[number]]})
         assert in_array.shape == (1,)
         assert in_array[0] == result
+
+
+def with_unit(kind, numbers):
+    """Return numbers as a quantity, a list of one, or a duration."""
+    if kind == "duration":
+        return np.asarray(numbers).real.astype("m8[ns]")[()]
+    quantity = pint.Quantity(numbers, "km")
+    return quantity if kind == "quantity" else [quantity]
+
+
+@pytest.mark.parametrize("kind", ["quantity", "list of quantities", "duration"])
+def test_every_argument_of_numbers_refuses_units_by_its_name(kind):
+    wrong = []
+    for name, valid_arguments in VALID_ARGUMENTS.items():
+        for argument, valid in valid_arguments.items():
+            if not isinstance(valid, Numbers):
+                continue
+            try:
+                load_function(name)(**{**valid_arguments, argument: with_unit(kind, valid)})
+                wrong.append(f"{name}({argument}): accepted")
+            except dc.InvalidSetting as error:
+                check_error_is_complete(error)
+                if not any(argument in mistake.setting for mistake in error.mistakes):
+                    wrong.append(f"{name}({argument}): {error}")
+            except Exception as error:
+                wrong.append(f"{name}({argument}): {error!r}")
+
+    assert wrong == []
+
+
+@pytest.mark.parametrize(
+    ("argument", "call"),
+    [
+        (
+            "range_m",
+            lambda unit: dc.link_budget.beat_frequency(unit(50.0), slope_hz_per_s=1e13),
+        ),
+        ("snr", lambda unit: dc.theory.detection_probability(unit(5.0), 1e-4)),
+        ("samples", lambda unit: dc.maps.range_doppler_map(unit(np.ones((4, 8))))),
+        ("positions", lambda unit: dc.angle.music(SNAPSHOTS, unit(LINE))),
+    ],
+)
+@pytest.mark.parametrize("kind", ["quantity", "duration"])
+def test_number_with_a_unit_is_converted_as_its_message_says(argument, call, kind):
+    call(lambda numbers: numbers)
+
+    with pytest.raises(dc.InvalidSetting, match="plain numbers in SI units") as info:
+        call(lambda numbers: with_unit(kind, numbers))
+
+    (mistake,) = info.value.mistakes
+    assert mistake.setting == argument
+    assert "q.to('m').magnitude" in mistake.fix
+    assert "t / np.timedelta64(1, 's')" in mistake.fix
+
+
+@pytest.mark.parametrize("unit", [pint.Quantity(5.0, "m**2"), np.timedelta64(1, "ns")])
+def test_settings_refuse_numbers_with_units(unit):
+    with pytest.raises(dc.InvalidSetting, match=r"Target\.rcs_m2: .*(met|nanosecond)"):
+        dc.Target(position_m=(10.0, 0.0, 0.0), rcs_m2=unit)

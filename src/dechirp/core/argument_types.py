@@ -181,6 +181,18 @@ def as_python_number(value: Any) -> Any:
     return int(value) if kind in "iu" else float(value) if kind == "f" else value
 
 
+def has_unit(thing: object) -> bool:
+    """Return whether it is a quantity of pint or astropy, or consists of times or durations.
+
+    xarray's arrays, which name their unit in an attribute, are plain numbers.
+    """
+    is_quantity = any(
+        hasattr(thing, unit) and hasattr(thing, number)
+        for unit, number in (("units", "magnitude"), ("unit", "value"))
+    )
+    return is_quantity or getattr(getattr(thing, "dtype", None), "kind", None) in ("m", "M")
+
+
 def _checkable_classes(hint: Any) -> tuple[type, ...]:
     """Return the classes of an annotation; none if it holds numbers or generic types."""
     is_union = typing.get_origin(hint) in (typing.Union, types.UnionType)

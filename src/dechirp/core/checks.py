@@ -9,6 +9,7 @@ import numpy as np
 from numpy.lib.array_utils import normalize_axis_tuple
 from numpy.typing import ArrayLike
 
+from dechirp.core.argument_types import has_unit
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
 
@@ -65,7 +66,7 @@ def check_integer_fields(
 
 def check_integer(setting: str, number: Any, *, at_least: int, at_most: int = 2**31 - 1) -> None:
     """Raise `InvalidSetting` for `setting` unless a number is an integer within bounds."""
-    is_whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
+    is_whole = _is_real_number(number) and isinstance(number, int | np.integer)
     if not (is_whole and at_least <= number <= at_most):
         raise InvalidSetting(
             setting,
@@ -258,7 +259,7 @@ def check_real_array(setting: str, array: ArrayLike, *, may_be_empty: bool = Fal
     Text, ragged rows, masked values, and empty arrays unless they are permitted, are refused by
     `InvalidSetting`.
     """
-    check_unmasked(setting, array)
+    check_plain_numbers(setting, array)
     try:
         values = np.asarray(array)
     except (TypeError, ValueError):  # datasets, ragged rows
@@ -294,7 +295,7 @@ def check_finite_samples(
     Refused are text, empty arrays unless they are permitted, values that are not finite, and shapes
     that do not fit `axes`, their description, or whose values are masked.
     """
-    check_unmasked(setting, samples)
+    check_plain_numbers(setting, samples)
     try:
         array = np.asarray(samples)
     except (TypeError, ValueError):  # datasets, ragged rows
@@ -318,10 +319,10 @@ def check_finite_samples(
     return array
 
 
-def check_unmasked(setting: str, array: object) -> None:
-    """Raise `InvalidSetting` if values of a masked array, or of one in a list, are masked.
+def check_plain_numbers(setting: str, array: object) -> None:
+    """Raise `InvalidSetting` for a mask, a unit, or a time of an array, or of one in a list.
 
-    NumPy's functions drop the mask of most arrays without a warning.
+    NumPy's functions drop the mask and the unit of most arrays without a warning.
     """
     members = array if isinstance(array, list | tuple) else (array,)
     masked_arrays = [member for member in members if isinstance(member, np.ma.MaskedArray)]
@@ -333,6 +334,14 @@ def check_unmasked(setting: str, array: object) -> None:
             expected="values without a mask",
             fix="set lost samples to 0 with array.filled(0), or leave them out with"
             " array.compressed()",
+        )
+    if any(map(has_unit, members)):
+        raise InvalidSetting(
+            setting,
+            value=reprlib.repr(array),
+            expected="plain numbers in SI units",
+            fix="convert a quantity with q.to('m').magnitude, or that of astropy with"
+            " q.to_value('m'), and a duration with t / np.timedelta64(1, 's')",
         )
 
 
@@ -505,4 +514,7 @@ def _is_finite_number(thing: Any) -> bool:
 
 
 def _is_real_number(thing: object) -> bool:
-    return isinstance(thing, int | float | np.integer | np.floating) and not isinstance(thing, bool)
+    # NumPy counts durations among its integers.
+    return isinstance(thing, int | float | np.integer | np.floating) and not isinstance(
+        thing, bool | np.timedelta64
+    )

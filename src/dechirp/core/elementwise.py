@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import as_python_number, check_argument_names
-from dechirp.core.checks import broadcast_arguments, check_real_array, check_unmasked
+from dechirp.core.checks import broadcast_arguments, check_plain_numbers, check_real_array
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -95,7 +95,7 @@ def _as_array_of_numbers(name: str, value: object) -> np.ndarray | None:
     """Return an array with axes of numbers; None for anything else, which the function checks."""
     if isinstance(value, int | float | str | bytes | tuple | None):
         return None
-    check_unmasked(name, value)
+    check_plain_numbers(name, value)
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):  # datasets, ragged rows

@@ -9,7 +9,7 @@ from reprlib import recursive_repr
 from typing import Any, TypeVar, dataclass_transform
 
 from dechirp.core.annotations import check_annotations
-from dechirp.core.argument_types import check_argument_names
+from dechirp.core.argument_types import check_argument_names, has_unit
 from dechirp.core.display import Displayable
 from dechirp.core.errors import DechirpError, InvalidSetting
 
@@ -38,8 +38,12 @@ def frozen_dataclass(cls: type[T]) -> type[T]:
     def normalise_fields(self: Any) -> None:
         for field in fields(self):
             content = getattr(self, field.name)
-            # A dtype has `ndim`, but no `item`.
-            if getattr(content, "ndim", None) == 0 and hasattr(content, "item"):
+            # A dtype has `ndim`, but no `item`; a duration would lose its unit, nanoseconds.
+            if (
+                getattr(content, "ndim", None) == 0
+                and hasattr(content, "item")
+                and not has_unit(content)
+            ):
                 object.__setattr__(self, field.name, content.item())
         if check is not None:
             check(self)
