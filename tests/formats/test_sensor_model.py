@@ -225,6 +225,22 @@ def test_surprising_views_give_one_finding_for_each_object(radar):
     assert len(texts) == len(set(texts))
 
 
+def test_object_sent_again_with_a_new_id_is_reported_once():
+    views, findings = OsiViews(), []
+    for k in range(3):
+        car = {"x": 30.0 + k, "vx": 10.0}
+        apart = {"x": 60.0, "y": 3.5, "vx": 0.0}
+        view = make_view(
+            0.1 * k, {"id": 1, "vx": 0.0}, {"id": 2, **car}, {"id": 3, **apart}, {"id": 8, **car}
+        )
+        findings += views.read(view).findings
+        views.accept()
+
+    (finding,) = findings
+    assert finding.level == "warning" and finding.setting == "view.overlap"
+    assert finding.value == "object 8 overlaps object 2 at 0 s, by 1.8 m"  # the width
+
+
 def test_component_of_velocity_that_is_not_set_is_zero():
     moving = OsiViews().read(make_view(0.0, {"id": 1}, {"id": 2, "x": 30.0, "vx": 10.0}))
 

@@ -26,6 +26,7 @@ from dechirp.traffic.osi_trace import (
     state_of_moving_object,
     state_of_stationary_object,
 )
+from dechirp.traffic.overlaps import find_overlapping_pairs
 from dechirp.traffic.road_bodies import Size, complete_size
 from dechirp.traffic.traffic import FASTEST_M_PER_S, MOVES_M_PER_S, SAME_SIZE_M, check_state
 
@@ -119,6 +120,7 @@ class OsiViews:
             number: self._viewed_object(state, moving, histories[number])
             for number, (state, moving) in states.items()
         }
+        self._report_overlaps(list(objects.values()), time_s)
         rear_axle_m = _rear_axle_m(states[host_id][1])
         mounting = _mounting_of_view(message, rear_axle_m, objects[host_id].size.height_m)
         standing = [
@@ -263,6 +265,24 @@ class OsiViews:
                 fix="give another object its own id; each view is simulated as it is",
             )
 
+    def _report_overlaps(self, objects: list[ViewedObject], time_s: float) -> None:
+        """Report moving objects that overlap one before them in the view."""
+        pairs, depths_m = find_overlapping_pairs(
+            np.array([item.motion.position_m[:2] for item in objects]),
+            np.array([item.motion.heading_rad for item in objects]),
+            np.array([item.size[:2] for item in objects]),
+        )
+        for index in np.lexsort(pairs.T).tolist():
+            first, second = (objects[number].id for number in pairs[index].tolist())
+            self._report(
+                "overlap",
+                second,
+                value=f"object {second} overlaps object {first} at {time_s:g} s, by"
+                f" {depths_m[index]:.1f} m",
+                expected="objects apart",
+                fix="remove one of them, such as a trailer with the centre of its tractor",
+            )
+
     def _velocity(self, state: ObjectState, history: _History) -> np.ndarray:
         stated = np.array([state.vx_m_per_s, state.vy_m_per_s])
         is_missing = bool(np.isnan(stated).any())
@@ -314,7 +334,7 @@ class OsiViews:
             self._subjects.add((subject, number))
             self._findings.append(
                 Finding(
-                    level="warning" if subject in ("position", "change") else "note",
+                    level="warning" if subject in ("position", "change", "overlap") else "note",
                     setting=f"view.{subject}",
                     value=value,
                     expected=expected,

@@ -33,8 +33,6 @@ def find_overlaps(objects: xr.Dataset) -> list[Overlap]:
     objects : Dataset
         Objects as `Traffic.objects`.
     """
-    from scipy.spatial import KDTree  # 0.2 s, which most commands do not need
-
     is_road_user = ~np.isin(objects["kind"].values, list(STRUCTURE_KINDS))
     sizes_m = np.array(
         [
@@ -46,28 +44,41 @@ def find_overlaps(objects: xr.Dataset) -> list[Overlap]:
             )
         ]
     )
-    radii_m = np.hypot(*sizes_m.T) / 2
     places_m = np.stack([objects["x"].values, objects["y"].values], axis=-1)
     headings_rad = np.nan_to_num(objects["heading"].values)
-    n_objects = len(radii_m)
-    overlaps: dict[int, Overlap] = {}
+    overlaps: dict[tuple[int, int], Overlap] = {}
     for index, time_s in enumerate(objects["time"].values.tolist()):
         present = np.flatnonzero(np.isfinite(places_m[:, index, 0]) & is_road_user)
-        if present.size < 2:
-            continue
-        tree = KDTree(places_m[present, index])
-        near = tree.query_pairs(2 * radii_m[present].max(), output_type="ndarray")
-        pairs = present[near]
-        pairs = pairs[~np.isin(pairs @ (n_objects, 1), list(overlaps))]
-        depths_m = _overlap_depths_m(
-            places_m[pairs, index], headings_rad[pairs, index], sizes_m[pairs]
+        pairs, depths_m = find_overlapping_pairs(
+            places_m[present, index], headings_rad[present, index], sizes_m[present]
         )
-        for row in np.flatnonzero(depths_m > _MIN_OVERLAP_M).tolist():
-            first, second = pairs[row].tolist()
-            overlaps[first * n_objects + second] = Overlap(
-                first, second, time_s, float(depths_m[row])
-            )
+        for (first, second), depth_m in zip(
+            present[pairs].tolist(), depths_m.tolist(), strict=True
+        ):
+            overlaps.setdefault((first, second), Overlap(first, second, time_s, depth_m))
     return sorted(overlaps.values(), key=lambda pair: (pair.time_s, pair.first, pair.second))
+
+
+def find_overlapping_pairs(
+    places_m: np.ndarray, headings_rad: np.ndarray, sizes_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the indices of rectangles that overlap by more than 0.3 m, (pair, 2), and the depths.
+
+    Parameters
+    ----------
+    places_m, sizes_m : array (n, 2)
+        Centres, and length and width.
+    headings_rad : array (n,)
+    """
+    from scipy.spatial import KDTree  # 0.2 s, which most commands do not need
+
+    if len(places_m) < 2:
+        return np.zeros((0, 2), dtype=int), np.zeros(0)
+    largest_diameter_m = np.hypot(*sizes_m.T).max()
+    pairs = KDTree(places_m).query_pairs(largest_diameter_m, output_type="ndarray")
+    depths_m = _overlap_depths_m(places_m[pairs], headings_rad[pairs], sizes_m[pairs])
+    is_deep = depths_m > _MIN_OVERLAP_M
+    return pairs[is_deep], depths_m[is_deep]
 
 
 def _overlap_depths_m(
