@@ -155,8 +155,8 @@ def test_errors_name_object_and_time_and_the_model_continues(radar):
     old = make_view(0.6, {"id": 1})
     old.version.version_major = 2
     for view, texts in (
-        (make_view(0.4, {"id": 1}), ("0.4 s after one at 0.5 s",)),
-        (make_view(0.5, {"id": 1}), ("0.5 s after one at 0.5 s",)),
+        (make_view(0.4, {"id": 1}), ("0.4 s, with object 1, after one at 0.5 s",)),
+        (make_view(0.5, {"id": 1}), ("0.5 s, with object 1, after one at 0.5 s",)),
         (no_host, ("0.6 s without host",)),
         (make_view(0.6, {"id": 1, "host": 9}), ("host vehicle 9", "0.6 s")),
         (make_view(0.6, {"id": 1}, {"id": 2, "length": -1.0}), ("object 2 at 0.6 s", "length -1")),

@@ -156,7 +156,8 @@ class OsiViews:
         time_s = _time_s(message)
         if self._last_s is not None and not time_s > self._last_s:
             raise _view_error(
-                f"a view at {time_s:.9g} s after one at {self._last_s:.9g} s",
+                f"a view at {time_s:.9g} s{first_object_text(message.global_ground_truth)} after"
+                f" one at {self._last_s:.9g} s",
                 "times that ascend",
                 "send each view once and in order; use a new model to start again",
             )
