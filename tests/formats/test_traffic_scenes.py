@@ -152,7 +152,21 @@ def test_wrong_velocities_are_told_though_the_path_passes_through_the_positions(
     (finding,) = [entry for entry in scenes.findings if entry.setting == "traffic.position"]
     assert finding.level == "note"
     assert finding.value.startswith("positions and velocities of 1 path contradict")
-    assert finding.value.endswith("1; smooth paths pass through the positions")
+    assert finding.value.endswith(": car-1 from 0 s; smooth paths pass through the positions")
+
+
+def test_object_with_wrong_velocities_before_and_after_a_gap_is_named_once(tmp_path, radar):
+    rows = [f"{t},0,car,0,0,0,4.5,1.8,1.5,0,0" for t in range(13)]
+    rows += [
+        f"{t},{n},car,{10 * t},{10 * n},0,4.5,1.8,1.5,40,0"
+        for n, start in ((1, 0), (2, 1))
+        for t in (*range(start, 3), 10, 11, 12)
+    ]
+    scenes = FrameScenes(open_rows(tmp_path, *rows, header=f"{HEADER},vx,vy"), radar, ego=0)
+
+    (finding,) = [e for e in scenes.findings if "contradict" in e.value]
+    assert finding.value.startswith("positions and velocities of 4 paths contradict")
+    assert ": car-1 from 0 s, car-2 from 1 s; smooth" in finding.value
 
 
 def test_objects_exist_only_while_present(tmp_path, radar):

@@ -364,9 +364,14 @@ class FrameScenes:
             for name, its_paths in zip(self.names, self._paths, strict=True)
             for path in its_paths
         ]
-        rough = [name for name, path in paths if not path.follows_velocities]
+        rough = [(name, path) for name, path in paths if not path.follows_velocities]
         if not rough:
             return ()
+        first_paths = dict(reversed(rough))
+        names = [
+            f"{name} from {format_number(float(path.times_s[0]))} s"
+            for name, path in reversed(first_paths.items())
+        ]
         name, path = max(paths, key=lambda item: item[1].shift_m)
         if path.shift_m < _LEAST_NAMED_SHIFT_M:
             places = "smooth paths pass through the positions"
@@ -381,7 +386,7 @@ class FrameScenes:
                 setting="traffic.position",
                 value=f"positions and velocities of {format_count_with_noun(len(rough), 'path')}"
                 f" contradict each other, or need more than {MAX_ACCELERATION_M_PER_S2:g} m/s^2:"
-                f" {join_names(rough, at_most=_MAX_NAMED)}; {places}",
+                f" {join_names(names, at_most=_MAX_NAMED)}; {places}",
                 expected="smooth motion",
                 fix="nothing to do for the jitter of measured positions; else correct the trace",
             ),
