@@ -461,3 +461,50 @@ def test_number_with_a_unit_is_converted_as_its_message_says(argument, call, kin
 def test_settings_refuse_numbers_with_units(unit):
     with pytest.raises(dc.InvalidSetting, match=r"Target\.rcs_m2: .*(met|nanosecond)"):
         dc.Target(position_m=(10.0, 0.0, 0.0), rcs_m2=unit)
+
+
+@pytest.mark.parametrize(
+    ("message", "call"),
+    [
+        *(
+            (
+                r"^factor: 1e\+308; .*at most 1e\+60",
+                lambda function=function, options=options: function(
+                    10.0, 1e308, **CELLS, **options
+                ),
+            )
+            for function, options in (
+                (dc.theory.cell_averaging_detection_probability, {}),
+                (dc.theory.greatest_of_detection_probability, {}),
+                (dc.theory.smallest_of_detection_probability, {}),
+                (dc.theory.ordered_statistic_detection_probability, {"rank": 12}),
+            )
+        ),
+        (
+            "^n_summed: 2147483647; .* to 900000000",
+            lambda: dc.theory.detection_probability(1.0, 1e-4, n_summed=2**31 - 1),
+        ),
+        (
+            "^n_summed: 2147483647; .* to 900000000",
+            lambda: dc.theory.required_snr(0.9, 1e-4, n_summed=2**31 - 1),
+        ),
+        ("^n_training: None", lambda: dc.cfar.cfar_threshold(POWER, None, 1, 1e-3)),
+        ("^n_guard: None", lambda: dc.cfar.cfar_threshold(POWER, 3, None, 1e-3)),
+        ("^n_guard: None", lambda: dc.cfar.cfar_threshold(POWER[0], 3, None, 1e-3)),
+        (
+            "^pfa: .*expected one number between 0 and 1",
+            lambda: dc.cfar.cfar_threshold(POWER, 3, 1, [1e-4, 1e-6]),
+        ),
+        (
+            r"^window: \('kaiser', 1000000\.0\) \(weights that are not finite\)",
+            lambda: dc.windows.window_weights(("kaiser", 1e6), 8),
+        ),
+        (
+            r"^azimuth_rad: -60\.0; .*np\.radians",
+            lambda: dc.angle.direction_spectrum(SNAPSHOTS, LINE, np.arange(-60, 61, 30)),
+        ),
+    ],
+)
+def test_number_out_of_bounds_is_named(message, call):
+    with pytest.raises(dc.InvalidSetting, match=message):
+        call()

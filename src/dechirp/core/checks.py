@@ -14,7 +14,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
 
 # Squares and fourth powers of larger numbers overflow, and those of smaller ones vanish.
-_LARGEST_MAGNITUDE, _SMALLEST_RATIO = 1e60, 1e-60
+LARGEST_MAGNITUDE, _SMALLEST_RATIO = 1e60, 1e-60
 Vector = tuple[float, float, float]
 _T = TypeVar("_T")
 
@@ -129,10 +129,11 @@ def check_probability(setting: str, number: float) -> None:
     """Raise `InvalidSetting` for `setting` unless 0 < number < 1."""
     scalar = _unwrap_scalar(number)
     if not (_is_real_number(scalar) and 0 < scalar < 1):
+        is_array = as_tuple_or_none(number) is not None
         raise InvalidSetting(
             setting,
             value=_quote_text(number),
-            expected="between 0 and 1, both excluded",
+            expected=f"{'one number ' if is_array else ''}between 0 and 1, both excluded",
             fix="give a probability",
         )
 
@@ -193,7 +194,7 @@ def check_non_negative_ratios(
     setting: str,
     array: ArrayLike,
     *,
-    at_most: float = _LARGEST_MAGNITUDE,
+    at_most: float = LARGEST_MAGNITUDE,
     may_be_empty: bool = False,
 ) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are from 0 to `at_most`."""
@@ -207,7 +208,7 @@ def check_positive_ratios(
     array: ArrayLike,
     *,
     at_least: float = _SMALLEST_RATIO,
-    at_most: float = _LARGEST_MAGNITUDE,
+    at_most: float = LARGEST_MAGNITUDE,
 ) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are within the limits."""
     values = check_real_array(setting, array)
@@ -223,7 +224,7 @@ def check_finite_array(
     above: float = -math.inf,
     at_least: float = -math.inf,
     below: float = math.inf,
-    largest: float = _LARGEST_MAGNITUDE,
+    largest: float = LARGEST_MAGNITUDE,
     may_be_empty: bool = False,
 ) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are finite, within bounds.
@@ -452,7 +453,7 @@ def _check_ratios_by_mask(
     array: np.ndarray,
     is_valid: np.ndarray,
     expected: str,
-    at_most: float = _LARGEST_MAGNITUDE,
+    at_most: float = LARGEST_MAGNITUDE,
 ) -> None:
     wrong = array[~(is_valid & (array <= at_most))]
     if wrong.size:

@@ -71,15 +71,15 @@ class BatchingConnection(ServerConnection):
     contain all of them. The page then draws a frame as a whole.
     """
 
-    def __init__(self, protocol: Protocol, socket: Any, *arguments: Any) -> None:
+    def __init__(self, protocol: Protocol, socket: Any, context: Any, session: Any) -> None:
         self._collected = _CollectingProtocol()
-        super().__init__(self._collected, socket, *arguments)
+        super().__init__(self._collected, socket, context, session)
         self._browser = socket
+        self._page_session = session
 
     def detach_session(self) -> None:
         """End the session with its browser: a closed page takes no place among `MAX_PAGES`."""
-        if self._session is not None:
-            self._session.request_expiration()
+        self._page_session.request_expiration()
         super().detach_session()
 
     def send_patch_document(self, event: DocumentPatchedEvent) -> Awaitable[None]:

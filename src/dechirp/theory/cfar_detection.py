@@ -39,7 +39,12 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_detection_probability, check_non_negative_ratios, check_number
+from dechirp.core.checks import (
+    LARGEST_MAGNITUDE,
+    check_detection_probability,
+    check_non_negative_ratios,
+    check_number,
+)
 from dechirp.core.elementwise import elementwise
 from dechirp.core.errors import InvalidSetting
 from dechirp.theory.cfar import (
@@ -81,7 +86,7 @@ def cell_averaging_detection_probability(
     """Return the probability that a target exceeds factor times the mean of the cells."""
     chi, target_shape = check_non_negative_ratios("snr", snr), swerling_shape(swerling, n_summed)
     noise_shape = count_training_powers(n_training, n_summed)
-    factor = check_number("factor", factor, above=0)
+    factor = check_number("factor", factor, above=0, at_most=LARGEST_MAGNITUDE)
     a = factor / n_training
     if target_shape == n_summed:  # exponential in each power, as noise is
         return cell_averaging_false_alarm_probability(
@@ -110,7 +115,7 @@ def ordered_statistic_detection_probability(
     ten times that for every 5 dB more.
     """
     chi, target_shape = check_non_negative_ratios("snr", snr), swerling_shape(swerling, 1)
-    factor = check_number("factor", factor, above=0)
+    factor = check_number("factor", factor, above=0, at_most=LARGEST_MAGNITUDE)
     rates = order_statistic_step_rates(n_training, rank)
     if target_shape == 1:
         return ordered_statistic_false_alarm_probability(
@@ -267,7 +272,7 @@ def _greatest_or_smallest_of_detection_probability(
     """
     chi, target_shape = check_non_negative_ratios("snr", snr), swerling_shape(swerling, 1)
     sizes = n_training_of_each_half(n_training)
-    factor = check_number("factor", factor, above=0)
+    factor = check_number("factor", factor, above=0, at_most=LARGEST_MAGNITUDE)
     if target_shape == 1:
         return false_alarm_probability(factor / (1 + chi), n_training=n_training)
 

@@ -137,7 +137,7 @@ def detection_probability(
         false_alarm_probability=check_probabilities(
             "false_alarm_probability", false_alarm_probability
         ),
-        n_summed=check_whole_numbers("n_summed", n_summed, at_least=1),
+        n_summed=check_whole_numbers("n_summed", n_summed, at_least=1, at_most=_MAX_SUMMED),
     )
     swerling_shape(swerling, 1)  # checks the case for empty arrays as well
     probability = np.empty(chi.shape)
@@ -171,7 +171,7 @@ def required_snr(
         false_alarm_probability=check_probabilities(
             "false_alarm_probability", false_alarm_probability
         ),
-        n_summed=check_whole_numbers("n_summed", n_summed, at_least=1),
+        n_summed=check_whole_numbers("n_summed", n_summed, at_least=1, at_most=_MAX_SUMMED),
     )
     swerling_shape(swerling, 1)  # checks the case for empty arrays as well
     snr = [
@@ -266,6 +266,8 @@ _TINY = 5e-324  # keeps the logarithm of a probability that underflows
 
 # Its mixture has 52 terms for each unit of the square root: a second at most.
 _MAX_THRESHOLD = 1e9
+# Its threshold is below that: 9.011e8 at 1e-300, the smallest false-alarm probability.
+_MAX_SUMMED = 9 * 10**8
 
 
 class _GammaMixture:

@@ -172,10 +172,13 @@ def _scipy_window_weights(window: HashableWindow, n: int) -> np.ndarray:
     from scipy.signal import get_window  # 0.3 s, unused by most commands
 
     try:
-        weights = np.asarray(get_window(cast("Any", window), n))
+        with np.errstate(all="ignore"):
+            weights = np.asarray(get_window(cast("Any", window), n))
     # Parameters of a wrong type or number raise several kinds of errors.
     except Exception as error:
         raise _unknown_window(window, reason=str(error)) from None
+    if not np.isfinite(weights).all():
+        raise _unknown_window(window, reason="weights that are not finite")
     return _check_weights(weights, setting="window")
 
 

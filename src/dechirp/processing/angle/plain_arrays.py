@@ -282,6 +282,14 @@ def direction_spectrum(
         azimuth_rad=check_finite_array("azimuth_rad", azimuth_rad),
         elevation_rad=check_finite_array("elevation_rad", elevation_rad),
     )
+    wrong = azimuth[abs(azimuth) > np.float32(np.pi)]  # above pi, as single precision rounds it
+    if wrong.size:
+        raise InvalidSetting(
+            "azimuth_rad",
+            value=wrong.flat[0],
+            expected="radians, from -pi to pi",
+            fix="convert degrees with np.radians(azimuth_deg)",
+        )
     estimator = _direction_estimator(kind, n_sources)
     if not isinstance(estimator, SpectralEstimator) or not isinstance(n_sources, int):
         raise InvalidSetting(

@@ -238,7 +238,7 @@ def _training_and_guard_cells(
     """Return the numbers of training and guard cells, after a check that they fit on each axis."""
     pairs = []
     for setting, value in (("n_training", n_training), ("n_guard", n_guard)):
-        pair = _pair_of_axes(setting, value, axes, when_none=(0, 0))
+        pair = _pair_of_axes(setting, value, axes, when_none=(0, None))
         for number in pair:
             check_integer(setting, number, at_least=0)
         pairs.append(cast("tuple[int, int]", pair))
