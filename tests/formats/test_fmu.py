@@ -85,7 +85,7 @@ def test_radar_of_resources_measures_each_view_that_is_due(scenario, tmp_path):
     early = make_view(0.0, {"id": 1}).SerializeToString()
     buffer = ctypes.create_string_buffer(early, len(early))
     radar.variables[INPUT].integers = dict(zip(ROLES, integers_of_buffer(buffer), strict=True))
-    with pytest.raises(InvalidSetting, match=r"0 s after one at 0\.12 s"):
+    with pytest.raises(InvalidSetting, match=r"0 s, with object 1, after one at 0\.12 s"):
         radar.step()
 
 
