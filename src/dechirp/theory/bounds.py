@@ -105,6 +105,16 @@ def crlb_range(
     """Return the bound on the standard deviation of range in m, c fs / (4 pi S) of frequency's.
 
     For a target of known velocity; see `decoupled_range_std_m` for an unknown one.
+
+    Parameters
+    ----------
+    snr : array_like
+        Ratio after integration over all samples and chirps, without windows: that of a sample times
+        N M; half of it for real samples.
+    n_samples : array_like of int
+        N, samples of a chirp, at least 2.
+    sample_rate_hz, slope_hz_per_s : array_like
+        Sample rate, and slope S of the ramp.
     """
     chi, n, sample_rate, slope = broadcast_arguments(
         snr=_check_snr(snr),
@@ -122,7 +132,17 @@ def crlb_velocity(
 ) -> np.ndarray:
     """Return the bound on the standard deviation of velocity, lambda / (4 pi T) times frequency's.
 
-    `wavelength_m` is the one at the middle of the sampling window.
+    Parameters
+    ----------
+    snr : array_like
+        Ratio after integration over all samples and chirps, without windows: that of a sample times
+        N M; half of it for real samples.
+    n_chirps : array_like of int
+        M, chirps of a frame of one transmitter, at least 2.
+    interval_s : array_like
+        T, from one of these chirps to the next.
+    wavelength_m : array_like
+        At the middle of the sampling window.
     """
     chi, n, interval, wavelength = broadcast_arguments(
         snr=_check_snr(snr),
