@@ -53,8 +53,18 @@ def beat_frequency(
 
     Positive for a rising ramp, whose transmitted signal is mixed with the conjugate of the echo.
     The Doppler term needs the carrier frequency: with a velocity and without `frequency_hz`,
-    `InvalidSetting` is raised. A receding target has a positive velocity.
-    Ranges and frequencies are 0 or more, velocities and slopes of either sign.
+    `InvalidSetting` is raised.
+
+    Parameters
+    ----------
+    range_m : array_like
+        At least 0.
+    slope_hz_per_s : array_like
+        Slope S of the ramp, of either sign.
+    velocity_m_per_s : array_like
+        Radial velocity, positive for a receding target.
+    frequency_hz : array_like
+        Carrier frequency f, at least 0.
     """
     distance, slope, velocity, frequency = broadcast_arguments(
         range_m=check_finite_array("range_m", range_m, at_least=0),
@@ -96,6 +106,15 @@ def received_power(
     r"""Return the power of the echo of a point target in W, by the radar equation.
 
     .. math:: P_r = \frac{P_t G_t G_r \lambda^2 \sigma}{(4\pi)^3 R^4 L}
+
+    Parameters
+    ----------
+    range_m, rcs_m2 : array_like
+        Range and radar cross section of the target.
+    transmit_power_w, frequency_hz : array_like
+        Power at the transmitting antenna, and carrier frequency.
+    tx_gain, rx_gain, loss : array_like
+        Antenna gains towards the target, and losses, as ratios; the losses are at least 1.
     """
     distance, rcs, power, frequency, gain_tx, gain_rx, attenuation = _broadcast_positive(
         range_m=range_m,
@@ -141,6 +160,18 @@ def sample_snr(
 
     N samples of M chirps give N M times this ratio in a cell of the map, divided by the noise
     bandwidth of each window (`dechirp.windows.noise_bandwidth_bins`).
+
+    Parameters
+    ----------
+    range_m, rcs_m2 : array_like
+        Range and radar cross section of the target.
+    transmit_power_w, frequency_hz : array_like
+        Power at the transmitting antenna, and carrier frequency.
+    noise_factor, sample_rate_hz : array_like
+        Noise factor of the receiver, a ratio of at least 1, and rate of complex samples, which is
+        the bandwidth of their noise.
+    tx_gain, rx_gain, loss : array_like
+        Antenna gains towards the target, and losses, as ratios; the losses are at least 1.
     """
     echo, noise = broadcast_arguments(
         **{
@@ -177,10 +208,26 @@ def max_range(
 ) -> np.ndarray:
     """Return the range in m at which a target has the required SNR after integration.
 
-    The radar equation solved for the range, in free space. `integration_gain` is the number of
-    samples and chirps that are integrated coherently, over the noise bandwidths of the windows;
-    `dechirp.theory.required_snr` gives the SNR of a detection probability. Beat frequencies limit
-    the range as well, see `unambiguous_range`.
+    The radar equation solved for the range, in free space. Beat frequencies limit the range as
+    well, see `unambiguous_range`.
+
+    Parameters
+    ----------
+    required_snr : array_like
+        Ratio after integration; `dechirp.theory.required_snr` gives that of a detection
+        probability.
+    rcs_m2 : array_like
+        Radar cross section of the target.
+    transmit_power_w, frequency_hz : array_like
+        Power at the transmitting antenna, and carrier frequency.
+    noise_factor, sample_rate_hz : array_like
+        Noise factor of the receiver, a ratio of at least 1, and rate of complex samples, which is
+        the bandwidth of their noise.
+    integration_gain : array_like
+        Samples times chirps that are integrated coherently, over the noise bandwidths of the
+        windows.
+    tx_gain, rx_gain, loss : array_like
+        Antenna gains towards the target, and losses, as ratios; the losses are at least 1.
     """
     snr = check_finite_array("required_snr", required_snr, above=0)
     gain = check_finite_array("integration_gain", integration_gain, above=0)
