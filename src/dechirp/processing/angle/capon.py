@@ -1,7 +1,7 @@
 """Capon beamformer: least power that passes a signal from each direction undistorted."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -171,7 +171,9 @@ def _first_window_element_indices(windows: SlidingWindows) -> tuple[int, ...]:
 def _inverse_covariance_lower_halves(covariances: np.ndarray) -> np.ndarray:
     """Return the lower halves of the inverses of Hermitian (n, size, size), in double precision."""
     out = np.ascontiguousarray(covariances, np.result_type(covariances, float))
-    factor, invert = scipy.linalg.get_lapack_funcs(("potrf", "potri"), (out,))
+    # The stubs of SciPy 1.17 know no sequence of functions here, those of 1.18 do.
+    lapack: Any = scipy.linalg.lapack
+    factor, invert = lapack.get_lapack_funcs(("potrf", "potri"), (out,))
     for matrix in out:
         # LAPACK reads the upper halves of the transposed matrices.
         upper = factor(matrix.T, overwrite_a=True, clean=False)[0]
