@@ -7,6 +7,7 @@ import ast
 import difflib
 import importlib
 import importlib.util
+import inspect
 import re
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from types import ModuleType
 import pytest
 
 import dechirp
+from dechirp.core.argument_types import _unpack_options
 from dechirp.core.families import Family
 from nightly import nightly
 from test_layers import ROOT, parse_file
@@ -130,6 +132,34 @@ def test_public_interface_is_recorded_in_api_text():
     )
 
     assert not changes, "\n".join([*changes, "if intended: python tests/test_api.py"])
+
+
+def undescribed_arguments(function: object) -> list[str]:
+    """Return the arguments that the section of parameters does not have."""
+    section = (inspect.getdoc(function) or "").partition("Parameters\n----------\n")[2]
+    described = {
+        name.strip(" *")
+        for names in re.findall(r"^(\*{0,2}\w[\w, *]*)(?: :|$)", section, re.MULTILINE)
+        for name in names.split(",")
+    }
+    return [
+        name
+        for name in _unpack_options(inspect.signature(function)).parameters
+        if name not in described
+    ]
+
+
+@pytest.mark.parametrize("namespace", NAMESPACES)
+def test_docstrings_of_functions_describe_each_argument(namespace):
+    module = importlib.import_module(f"dechirp.{namespace}")
+    functions = {name: getattr(module, name) for name in module.__all__}
+    undescribed = {
+        name: missing
+        for name, function in functions.items()
+        if inspect.isfunction(function) and (missing := undescribed_arguments(function))
+    }
+
+    assert not undescribed
 
 
 def test_stub_files_agree_with_the_package():

@@ -22,7 +22,17 @@ _T = TypeVar("_T")
 def check_positive_fields(
     owner: object, *names: str, at_least: float = 0.0, at_most: float = math.inf
 ) -> None:
-    """Raise `InvalidSetting` unless the named numbers are finite, above zero, within bounds."""
+    """Raise `InvalidSetting` unless the named numbers are finite, above zero, within bounds.
+
+    Parameters
+    ----------
+    owner : object
+        Value whose fields are checked.
+    *names : str
+        Names of the fields.
+    at_least, at_most : float
+        Smallest and largest value that are accepted.
+    """
     for name in names:
         number = getattr(owner, name)
         setting = f"{type(owner).__name__}.{name}"
@@ -37,7 +47,17 @@ def check_positive_fields(
 
 
 def check_non_negative_fields(owner: object, *names: str, at_most: float = math.inf) -> None:
-    """Raise `InvalidSetting` unless the named numbers are finite, at least zero, within bounds."""
+    """Raise `InvalidSetting` unless the named numbers are finite, at least zero, within bounds.
+
+    Parameters
+    ----------
+    owner : object
+        Value whose fields are checked.
+    *names : str
+        Names of the fields.
+    at_most : float
+        Largest value that is accepted.
+    """
     for name in names:
         number = getattr(owner, name)
         setting = f"{type(owner).__name__}.{name}"

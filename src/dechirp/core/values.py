@@ -25,6 +25,11 @@ def frozen_dataclass(cls: type[T]) -> type[T]:
     arrays become Python numbers, since arrays have no hash. A `Displayable` class keeps its
     own `repr`. Calls with unknown, missing or positional arguments raise `InvalidSetting`, as
     do values whose type contradicts the annotation where the checks of the class fail on them.
+
+    Parameters
+    ----------
+    cls : type
+        Class with annotated fields; `__post_init__`, if there is one, checks them.
     """
     if not isinstance(cls, type):
         raise InvalidSetting(

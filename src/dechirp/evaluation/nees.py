@@ -69,6 +69,15 @@ def mean_nees_interval(
 
     The mean is over `n_independent` independent errors: of different runs or targets, not of
     successive frames.
+
+    Parameters
+    ----------
+    n_states : int
+        Components of the state, at least 1.
+    n_independent : int
+        Independent errors in the mean, at least 1.
+    outside_probability : float
+        Probability that a consistent filter is outside, half of it at each end, in (0, 1).
     """
     check_integer("n_states", n_states, at_least=1)
     check_integer("n_independent", n_independent, at_least=1)

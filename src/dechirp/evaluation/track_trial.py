@@ -112,7 +112,15 @@ class TrackingOutcome(NamedTuple):
 
 @check_argument_types
 def draw_truth_and_detections(trial: TrackTrial, trial_number: int) -> TrialData:
-    """Draw targets and detections of the trial of that number."""
+    """Draw targets and detections of the trial of that number.
+
+    Parameters
+    ----------
+    trial : TrackTrial
+        Targets, sensor and seed.
+    trial_number : int
+        Number of the trial, 0 or more: each has its own random numbers.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(trial.seed, spawn_key=(trial_number,)))
     state = _draw_target_states(trial, rng)
     axes = ("target", "frame")
@@ -131,7 +139,17 @@ def draw_truth_and_detections(trial: TrackTrial, trial_number: int) -> TrialData
 def assess_track_completeness(
     trial: TrackTrial, data: TrialData, tracks: xr.Dataset
 ) -> TrackingOutcome:
-    """Assess the tracks of a trial for completeness."""
+    """Assess the tracks of a trial for completeness.
+
+    Parameters
+    ----------
+    trial : TrackTrial
+        Limits of distance and of the time to acquire a target.
+    data : TrialData
+        Truth and detections, as `draw_truth_and_detections` returns them.
+    tracks : Dataset
+        Tracks of these detections.
+    """
     identities = track_identities(tracks, data.truth, cutoff_m=trial.cutoff_m)
     in_time = (identities.first_held >= 0) & (identities.first_held < trial.acquired_within)
     is_whole = bool((in_time & (identities.n_lost == 0) & (identities.n_swaps == 0)).all())

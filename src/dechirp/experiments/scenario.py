@@ -471,6 +471,13 @@ def traffic_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenari
     The radar is that of `traffic.yaml` beside this module: 76.5 GHz, 3 x 4 antennas, 100 m.
     `PATH=VALUE` texts override settings: `traffic.ego=12` names the vehicle with the radar,
     `traffic.mount=rear` the place on it, `radar=FILE` another radar.
+
+    Parameters
+    ----------
+    path : path
+        File with the traffic.
+    overrides : sequence of str
+        Settings that replace those of the scenario, `PATH=VALUE`.
     """
     traffic = f"traffic={{path: {json.dumps(str(Path(path).absolute()), ensure_ascii=False)}}}"
     with resources.as_file(resources.files("dechirp.experiments") / "traffic.yaml") as settings:

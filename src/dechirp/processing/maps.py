@@ -82,6 +82,17 @@ def range_doppler_spectrum(
 
     Arguments, cells and errors as of `range_doppler_map`, which is the mean of the squared
     magnitudes. Amplitudes of a cell in all receivers are a snapshot of `dechirp.angle`.
+
+    Parameters
+    ----------
+    samples : array (..., chirp, sample)
+        One frame, real or complex.
+    window : str, tuple or array, or a pair of them
+        Window over chirps and over samples.
+    axes : (int, int)
+        Axes of the chirps and of the samples.
+    n_bins : (int, int), optional
+        Bins over velocity and range; as many as chirps and samples by default.
     """
     frame = _scale_frame(samples, window, axes, n_bins, bytes_per_value=8 + 16)
     with plain_twins_in_first_calls(frame.samples.size):

@@ -261,6 +261,11 @@ def frame_means(trace: xr.DataArray) -> xr.DataArray:
 
     For frames that are short bursts of chirps: times are then spaced like frames, and the noise
     falls by the number of rounds. A target must move much less than a wavelength within a frame.
+
+    Parameters
+    ----------
+    trace : DataArray
+        Over time, with the coordinate `frame`, as `slow_time` or `range_traces` returns it.
     """
     if "frame" not in trace.coords or trace.coords["frame"].dims != ("time",):
         raise InvalidSetting(

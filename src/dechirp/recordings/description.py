@@ -143,7 +143,15 @@ def _to_float_or_infinity(number: float | None) -> float | None:
 
 
 def parse_radar(path: Path, radar_settings: Any) -> Radar:
-    """Parse the radar of a native file; raise `RecordingError` if it is damaged."""
+    """Parse the radar of a native file; raise `RecordingError` if it is damaged.
+
+    Parameters
+    ----------
+    path : path
+        File that contains the radar, for messages.
+    radar_settings : dict
+        Settings of a radar as JSON has them.
+    """
     from dechirp.config.loading import parse_settings  # takes 0.07 s
 
     try:

@@ -124,6 +124,11 @@ def write_vectors(
 def read_vectors(folder: str | Path) -> dict[str, np.ndarray]:
     """Read the integers of every vector in a folder by its name, int64, in the described shape.
 
+    Parameters
+    ----------
+    folder : path
+        Folder of the vectors with their description.
+
     Raises
     ------
     RecordingError

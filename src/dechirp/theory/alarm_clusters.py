@@ -41,6 +41,15 @@ def local_maximum_fraction(
     one for many training cells; its neighbours follow their correlation with it.
     Raises `InvalidSetting` unless the probability is from 1e-300 to 1 - 1e-9, `n_summed` at
     least 1.
+
+    Parameters
+    ----------
+    false_alarm_probability : float
+        Probability of a false alarm in a cell, from 1e-300 to 1 - 1e-9.
+    neighbours : NeighbourCorrelation
+        Correlation of the noise in neighbouring cells.
+    n_summed : int
+        Powers K that are summed in each cell, at least 1.
     """
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
     check_integer("n_summed", n_summed, at_least=1)

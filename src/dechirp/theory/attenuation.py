@@ -115,7 +115,19 @@ def vapour_db_per_km(
     temperature_k: float = 288.15,
     vapour_kg_per_m3: float = 7.5e-3,
 ) -> float:
-    """Return the attenuation by water vapour, like `oxygen_db_per_km`, from 35 lines."""
+    """Return the attenuation by water vapour, like `oxygen_db_per_km`, from 35 lines.
+
+    Parameters
+    ----------
+    frequency_hz : array
+        From 1 GHz to 1 THz.
+    pressure_pa : array
+        Pressure of the dry air, above 0 and at most 110 kPa.
+    temperature_k : array
+        From 200 K to 330 K.
+    vapour_kg_per_m3 : array
+        Density of the water vapour, from 0 to 0.1 kg/m^3.
+    """
     f = _checked_frequency_ghz(frequency_hz, 1e9, 1e12)
     p, e, theta = _pressures_hpa_and_inverse_temperature(
         pressure_pa, temperature_k, vapour_kg_per_m3
@@ -138,7 +150,19 @@ def gas_db_per_km(
     temperature_k: float = 288.15,
     vapour_kg_per_m3: float = 7.5e-3,
 ) -> float:
-    """Return the attenuation by clear air: `oxygen_db_per_km` plus `vapour_db_per_km`."""
+    """Return the attenuation by clear air: `oxygen_db_per_km` plus `vapour_db_per_km`.
+
+    Parameters
+    ----------
+    frequency_hz : array
+        From 1 GHz to 1 THz.
+    pressure_pa : array
+        Pressure of the dry air, above 0 and at most 110 kPa.
+    temperature_k : array
+        From 200 K to 330 K.
+    vapour_kg_per_m3 : array
+        Density of the water vapour, from 0 to 0.1 kg/m^3.
+    """
     oxygen, vapour = (
         attenuation(
             frequency_hz,
@@ -199,7 +223,13 @@ def rain_db_per_km(frequency_hz: float, rate_m_per_s: float, *, tilt_rad: float 
 
 @elementwise
 def rain_power_law(frequency_hz: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return (k, alpha) for horizontal and for vertical polarisation, by the fit of P.838-3."""
+    """Return (k, alpha) for horizontal and for vertical polarisation, by the fit of P.838-3.
+
+    Parameters
+    ----------
+    frequency_hz : array
+        From 1 GHz to 1 THz.
+    """
     log_f = math.log10(_checked_frequency_ghz(frequency_hz, 1e9, 1e12))
     k_h, alpha_h, k_v, alpha_v = (
         sum(a * math.exp(-(((log_f - b) / c) ** 2)) for a, b, c in bells) + m * log_f + offset

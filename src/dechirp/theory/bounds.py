@@ -55,6 +55,13 @@ def frequency_variance(*, snr: ArrayLike, n_points: ArrayLike) -> np.ndarray:
 
     with N the points along the axis of this frequency; the other axes count in `snr` alone.
 
+    Parameters
+    ----------
+    snr : array_like
+        Ratio after integration over all samples and chirps, above 0.
+    n_points : array_like of int
+        Points N along the axis of the frequency, at least 2.
+
     References
     ----------
     D. C. Rife and R. R. Boorstyn, Single-tone parameter estimation from discrete-time
@@ -86,6 +93,13 @@ def noncoherent_effective_snr(*, snr: ArrayLike, n_channels: ArrayLike) -> np.nd
     is (1 + K / chi) times the bound: 1.12 for 12 channels at 20 dB. The error is within 15 %
     from 15 dB on, at 12 channels too, and of higher order. At such SNR a map detects fewer
     targets; those that noise lifts above the threshold have overestimated ratios.
+
+    Parameters
+    ----------
+    snr : array_like
+        Ratio chi, summed over the channels, above 0.
+    n_channels : array_like of int
+        Channels K, at least 1.
     """
     chi, n = broadcast_arguments(
         snr=_check_snr(snr), n_channels=check_whole_numbers("n_channels", n_channels, at_least=1)
@@ -167,6 +181,17 @@ def decoupled_range_std_m(
     The correction v f / S adds (f / S)^2 times the variance of velocity: 0.1 mm
     at -24 dB per sample in the reference scenario, where range has 11.6 mm. Standard
     deviations are 0 or more, and may be infinite.
+
+    Parameters
+    ----------
+    range_std_m : array_like
+        Bound for range at known velocity, in m, 0 or more; may be infinite.
+    velocity_std_m_per_s : array_like
+        Bound for velocity, 0 or more; may be infinite.
+    mid_window_frequency_hz : array_like
+        Transmitted frequency f in the middle of the samples, above 0.
+    slope_hz_per_s : array_like
+        Slope S of the ramp, above 0.
     """
     range_std = _check_non_negative_deviations("range_std_m", range_std_m)
     velocity_std = _check_non_negative_deviations("velocity_std_m_per_s", velocity_std_m_per_s)
@@ -236,6 +261,15 @@ def monopulse_std_rad(
     `snr` is the ratio in the sum beam, all elements included, `beamwidth_rad` its half-power
     width and `slope` that of the difference over the sum, times the width. With 1.6 a
     uniformly weighted line reaches `crlb_angle`.
+
+    Parameters
+    ----------
+    snr : array_like
+        Ratio in the sum beam, all elements included, above 0.
+    beamwidth_rad : array_like
+        Half-power width of the sum beam, above 0.
+    slope : array_like
+        Slope k of the difference over the sum, times the width, above 0.
 
     References
     ----------

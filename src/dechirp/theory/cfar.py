@@ -79,6 +79,15 @@ def cell_averaging_factor(
     One power: N (Pfa^(-1/N) - 1). K summed powers: the root of
     Pfa = sum_{j<K} C(NK + j - 1, j) a^j / (1 + a)^(NK + j), a = factor / N, relative to the
     mean of the summed cells (K = 8, N = 32, 1e-6: 3.807).
+
+    Parameters
+    ----------
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300 to 1 - 1e-9.
+    n_training : array of int
+        Training cells N, at least 1.
+    n_summed : array of int
+        Powers K that are summed in each cell, from 1 to 1e7.
     """
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
     shape = count_training_powers(n_training, n_summed)
@@ -108,6 +117,17 @@ def ordered_statistic_factor(
 
     One power: the root of Pfa = prod_{i<k} (N - i) / (N - i + factor). K summed powers: that
     of `theory.cfar_ordered_statistic`, relative to a summed cell.
+
+    Parameters
+    ----------
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300 to 1 - 1e-9.
+    n_training : array of int
+        Training cells N, at least 1.
+    rank : array of int
+        Place k of a training cell in order of power, 1 for the smallest to N for the largest.
+    n_summed : array of int
+        Powers K that are summed in each cell, from 1 to 1e7.
     """
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
     check_integer("n_summed", n_summed, at_least=1)
@@ -140,6 +160,15 @@ def greatest_of_factor(
         Pfa = sum_{n, m} sum_{j<K} C(nK + j - 1, j) T^j (1 + T)^-(nK + j) P(j),
 
     with P(j) = I_{m / (m + n (1 + T))}(mK, nK + j), and T = factor / n again.
+
+    Parameters
+    ----------
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300 to 1 - 1e-9.
+    n_training : array of int, or a pair
+        Training cells of both halves, an even number; or a pair, those in each half.
+    n_summed : array of int
+        Powers K that are summed in each cell, from 1 to 1e7.
     """
     log_pfa = _ln_of_checked_probability(false_alarm_probability)
 
@@ -164,6 +193,15 @@ def smallest_of_factor(
     The root of Pfa = 2 sum_{k<n} C(n + k - 1, k) (2 + T)^-(n + k), with n = N / 2 and
     T = factor / n; for other halves and K summed powers as `greatest_of_factor` has it, with
     1 - P(j) instead of P(j).
+
+    Parameters
+    ----------
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300 to 1 - 1e-9.
+    n_training : array of int, or a pair
+        Training cells of both halves, an even number; or a pair, those in each half.
+    n_summed : array of int
+        Powers K that are summed in each cell, from 1 to 1e7.
     """
     log_pfa = _ln_of_checked_probability(false_alarm_probability)
 
@@ -183,7 +221,17 @@ def smallest_of_factor(
 def cell_averaging_false_alarm_probability(
     factor: ArrayLike, *, n_training: int, n_summed: int = 1
 ) -> np.ndarray:
-    """Return the probability that noise exceeds factor times the mean of the training cells."""
+    """Return the probability that noise exceeds factor times the mean of the training cells.
+
+    Parameters
+    ----------
+    factor : array
+        Ratio of the threshold to the mean of the training cells, above 0.
+    n_training : array of int
+        Training cells N, at least 1.
+    n_summed : array of int
+        Powers K that are summed in each cell, at least 1.
+    """
     shape = count_training_powers(n_training, n_summed)
     a = check_positive_ratios("factor", factor) / n_training
     if n_summed == 1:
@@ -195,7 +243,19 @@ def cell_averaging_false_alarm_probability(
 def ordered_statistic_false_alarm_probability(
     factor: ArrayLike, *, n_training: int, rank: int, n_summed: int = 1
 ) -> np.ndarray:
-    """Return the probability that noise exceeds factor times the k-th smallest training cell."""
+    """Return the probability that noise exceeds factor times the k-th smallest training cell.
+
+    Parameters
+    ----------
+    factor : array
+        Ratio of the threshold to the k-th smallest cell, above 0.
+    n_training : array of int
+        Training cells N, at least 1.
+    rank : array of int
+        Place k of a training cell in order of power, 1 for the smallest to N for the largest.
+    n_summed : array of int
+        Powers K that are summed in each cell, from 1 to 1e7.
+    """
     check_integer("n_summed", n_summed, at_least=1)
     rates = order_statistic_step_rates(n_training, rank)
     factors = check_positive_ratios("factor", factor)
@@ -211,7 +271,17 @@ def ordered_statistic_false_alarm_probability(
 def greatest_of_false_alarm_probability(
     factor: ArrayLike, *, n_training: int | tuple[int, int], n_summed: int = 1
 ) -> np.ndarray:
-    """Return the probability that noise exceeds factor times the larger mean of both halves."""
+    """Return the probability that noise exceeds factor times the larger mean of both halves.
+
+    Parameters
+    ----------
+    factor : array
+        Ratio of the threshold to the larger mean, above 0.
+    n_training : array of int, or a pair
+        Training cells of both halves, an even number; or a pair, those in each half.
+    n_summed : array of int
+        Powers K that are summed in each cell, from 1 to 1e7.
+    """
     return _greatest_or_smallest_of_false_alarm_probability(
         factor, n_training, n_summed, selection_probability=noise_sum_exceeds_probability
     )
@@ -221,7 +291,17 @@ def greatest_of_false_alarm_probability(
 def smallest_of_false_alarm_probability(
     factor: ArrayLike, *, n_training: int | tuple[int, int], n_summed: int = 1
 ) -> np.ndarray:
-    """Return the probability that noise exceeds factor times the smaller mean of both halves."""
+    """Return the probability that noise exceeds factor times the smaller mean of both halves.
+
+    Parameters
+    ----------
+    factor : array
+        Ratio of the threshold to the smaller mean, above 0.
+    n_training : array of int, or a pair
+        Training cells of both halves, an even number; or a pair, those in each half.
+    n_summed : array of int
+        Powers K that are summed in each cell, from 1 to 1e7.
+    """
     return _greatest_or_smallest_of_false_alarm_probability(
         factor, n_training, n_summed, selection_probability=noise_sum_below_probability
     )

@@ -83,7 +83,21 @@ __all__ = [
 def cell_averaging_detection_probability(
     snr: ArrayLike, factor: float, *, n_training: int, n_summed: int = 1, swerling: int = 0
 ) -> np.ndarray:
-    """Return the probability that a target exceeds factor times the mean of the cells."""
+    """Return the probability that a target exceeds factor times the mean of the cells.
+
+    Parameters
+    ----------
+    snr : array
+        Mean power of the target over that of noise in each summed power, a ratio, 0 or more.
+    factor : array
+        Ratio of the threshold to the mean of the training cells, above 0.
+    n_training : array of int
+        Training cells N, at least 1.
+    n_summed : array of int
+        Powers K that are summed in each cell, at least 1.
+    swerling : array of int
+        0 for a steady target, 1 to 4 for Swerling's cases.
+    """
     chi, target_shape = check_non_negative_ratios("snr", snr), swerling_shape(swerling, n_summed)
     noise_shape = count_training_powers(n_training, n_summed)
     factor = check_number("factor", factor, above=0, at_most=LARGEST_MAGNITUDE)
@@ -113,6 +127,19 @@ def ordered_statistic_detection_probability(
 
     A steady target of 40 dB takes some 50 ms in the worst case, where the rank is 1 or 2, and
     ten times that for every 5 dB more.
+
+    Parameters
+    ----------
+    snr : array
+        Mean power of the target over that of noise in a cell, a ratio, 0 or more.
+    factor : array
+        Ratio of the threshold to the k-th smallest cell, above 0.
+    n_training : array of int
+        Training cells N, at least 1.
+    rank : array of int
+        Place k of a training cell in order of power, 1 for the smallest to N for the largest.
+    swerling : array of int
+        0 for a steady target, 1 to 4 for Swerling's cases.
     """
     chi, target_shape = check_non_negative_ratios("snr", snr), swerling_shape(swerling, 1)
     factor = check_number("factor", factor, above=0, at_most=LARGEST_MAGNITUDE)
@@ -143,7 +170,19 @@ def ordered_statistic_detection_probability(
 def greatest_of_detection_probability(
     snr: ArrayLike, factor: float, *, n_training: int | tuple[int, int], swerling: int = 0
 ) -> np.ndarray:
-    """Return the probability that a target exceeds factor times the larger half mean."""
+    """Return the probability that a target exceeds factor times the larger half mean.
+
+    Parameters
+    ----------
+    snr : array
+        Mean power of the target over that of noise in a cell, a ratio, 0 or more.
+    factor : array
+        Ratio of the threshold to the larger mean, above 0.
+    n_training : array of int, or a pair
+        Training cells of both halves, an even number; or a pair, those in each half.
+    swerling : array of int
+        0 for a steady target, 1 to 4 for Swerling's cases.
+    """
     alarms = greatest_of_false_alarm_probability
     return _greatest_or_smallest_of_detection_probability(
         snr,
@@ -159,7 +198,19 @@ def greatest_of_detection_probability(
 def smallest_of_detection_probability(
     snr: ArrayLike, factor: float, *, n_training: int | tuple[int, int], swerling: int = 0
 ) -> np.ndarray:
-    """Return the probability that a target exceeds factor times the smaller half mean."""
+    """Return the probability that a target exceeds factor times the smaller half mean.
+
+    Parameters
+    ----------
+    snr : array
+        Mean power of the target over that of noise in a cell, a ratio, 0 or more.
+    factor : array
+        Ratio of the threshold to the smaller mean, above 0.
+    n_training : array of int, or a pair
+        Training cells of both halves, an even number; or a pair, those in each half.
+    swerling : array of int
+        0 for a steady target, 1 to 4 for Swerling's cases.
+    """
     alarms = smallest_of_false_alarm_probability
     return _greatest_or_smallest_of_detection_probability(
         snr,
@@ -189,6 +240,19 @@ def cell_averaging_required_snr(
 
     Takes milliseconds; where a steady target needs 65 dB or more, as over two training cells
     at 1e-12, a second, and several for a detection probability near 1.
+
+    Parameters
+    ----------
+    detection_probability : array
+        Probability that the target is detected, above that of a false alarm and at most 1 - 1e-9.
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300, below the detection probability.
+    n_training : array of int
+        Training cells N, at least 1.
+    n_summed : array of int
+        Powers K that are summed in each cell, at least 1.
+    swerling : array of int
+        0 for a steady target, 1 to 4 for Swerling's cases.
     """
     check_detection_probability(detection_probability, false_alarm_probability)
     if detection_probability > 1 - 1e-9:
@@ -242,6 +306,19 @@ def cell_averaging_loss(
 
     For 0.9 at 1e-6 and a steady target: 2.05 dB for 16 training cells, 0.98 for 32, 0.047
     for 644. Bounds and time are those of `cell_averaging_required_snr`.
+
+    Parameters
+    ----------
+    detection_probability : array
+        Probability that the target is detected, above that of a false alarm and below 1.
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300, below the detection probability.
+    n_training : array of int
+        Training cells N, at least 1.
+    n_summed : array of int
+        Powers K that are summed in each cell, at least 1.
+    swerling : array of int
+        0 for a steady target, 1 to 4 for Swerling's cases.
     """
     adaptive = cell_averaging_required_snr(
         detection_probability,

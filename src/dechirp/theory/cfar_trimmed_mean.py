@@ -45,7 +45,17 @@ __all__ = [
 def trimmed_mean_factor(
     false_alarm_probability: float, *, n_training: int, n_smallest: int, n_largest: int
 ) -> float:
-    """Return the ratio of threshold to the trimmed mean of the training cells."""
+    """Return the ratio of threshold to the trimmed mean of the training cells.
+
+    Parameters
+    ----------
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300 to 1 - 1e-9.
+    n_training : array of int
+        Training cells N, at least 1; those that are left out count.
+    n_smallest, n_largest : array of int
+        Training cells left out at the low and at the high end, 0 or more; one must remain.
+    """
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
     means = _mean_step_contributions_to_trimmed_mean(n_training, n_smallest, n_largest)
     log_pfa = math.log(false_alarm_probability)
@@ -58,7 +68,17 @@ def trimmed_mean_factor(
 def trimmed_mean_false_alarm_probability(
     factor: ArrayLike, *, n_training: int, n_smallest: int, n_largest: int
 ) -> np.ndarray:
-    """Return the probability that noise exceeds factor times the trimmed mean."""
+    """Return the probability that noise exceeds factor times the trimmed mean.
+
+    Parameters
+    ----------
+    factor : array
+        Ratio of the threshold to the trimmed mean, above 0.
+    n_training : array of int
+        Training cells N, at least 1; those that are left out count.
+    n_smallest, n_largest : array of int
+        Training cells left out at the low and at the high end, 0 or more; one must remain.
+    """
     means = _mean_step_contributions_to_trimmed_mean(n_training, n_smallest, n_largest)
     factors = check_positive_ratios("factor", factor)
     logs = [np.sum(np.log1p(value * means)) for value in factors.flat]
@@ -72,6 +92,17 @@ def trimmed_mean_detection_probability(
     """Return the probability that a Swerling 1 target exceeds factor times the trimmed mean.
 
     Its power is exponential, like that of noise 1 + snr times as strong.
+
+    Parameters
+    ----------
+    snr : array
+        Mean power of the target over that of noise in a cell, a ratio, 0 or more.
+    factor : array
+        Ratio of the threshold to the trimmed mean, above 0.
+    n_training : array of int
+        Training cells N, at least 1; those that are left out count.
+    n_smallest, n_largest : array of int
+        Training cells left out at the low and at the high end, 0 or more; one must remain.
     """
     check_positive_ratios("factor", factor)
     return trimmed_mean_false_alarm_probability(

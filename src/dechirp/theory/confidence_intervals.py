@@ -30,6 +30,15 @@ def binomial_interval(hits: int, trials: int, *, confidence: float) -> tuple[flo
 
     Raises `InvalidSetting` unless there is a trial, and hits are 0 to the number of trials.
 
+    Parameters
+    ----------
+    hits : array of int
+        Trials k that succeeded, from 0 to the number of trials.
+    trials : array of int
+        Independent trials n, at least 1.
+    confidence : array
+        Probability that the interval contains the true value, between 0 and 1, both excluded.
+
     References
     ----------
     C. J. Clopper and E. S. Pearson, The use of confidence or fiducial limits, Biometrika 26,
@@ -57,6 +66,13 @@ def rms_interval(values: ArrayLike, *, confidence: float) -> tuple[float, float]
 
     The sum of squares over the variance is chi-square with n degrees of freedom (S. M. Kay,
     Fundamentals of Statistical Signal Processing II: Detection Theory, 1998, 2.2.2).
+
+    Parameters
+    ----------
+    values : array (n,)
+        Two or more independent errors, in any unit.
+    confidence : float
+        Probability that the interval contains the true value, between 0 and 1, both excluded.
     """
     errors, tail = _check_two_or_more_values("values", values), _tail_probability(confidence)
     half_sum = np.sum(errors**2) / 2
@@ -71,6 +87,13 @@ def mean_interval(values: ArrayLike, *, confidence: float) -> tuple[float, float
 
     Mean -+ t s / sqrt(n), with s^2 the sample variance and t Student's quantile for n - 1
     degrees of freedom (Student, The probable error of a mean, Biometrika 6, 1908).
+
+    Parameters
+    ----------
+    values : array (n,)
+        Two or more independent values, in any unit.
+    confidence : float
+        Probability that the interval contains the true value, between 0 and 1, both excluded.
     """
     sample = _check_two_or_more_values("values", values)
     return _student_mean_interval(sample, float(np.var(sample, ddof=1)), confidence)

@@ -63,6 +63,13 @@ def detection_threshold(false_alarm_probability: float, *, n_summed: int = 1) ->
     -ln Pfa for one power: that of noise is exponential. The sum of K, `n_summed`, is a gamma
     variate of shape K. Raises `InvalidSetting` unless the false-alarm probability is from
     1e-300 to 1 - 1e-9 and K a whole number from 1.
+
+    Parameters
+    ----------
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300 to 1 - 1e-9.
+    n_summed : array of int
+        Powers K of pulses or receivers that are summed, at least 1.
     """
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
     check_integer("n_summed", n_summed, at_least=1)
@@ -131,6 +138,17 @@ def detection_probability(
     one power, 0.9 at 1e-6 takes 13.18 dB of a steady target, 21.14 dB of Swerling's 1 and 2,
     and 17.30 dB of 3 and 4. Raises `InvalidSetting` as that does, and as `detection_threshold`
     does.
+
+    Parameters
+    ----------
+    snr : array
+        Mean power of the target over that of noise in each summed power, a ratio, 0 or more.
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300 to 1 - 1e-9.
+    n_summed : array of int
+        Powers K of pulses or receivers that are summed, from 1 to 9e8.
+    swerling : int
+        0 for a steady target, 1 to 4 for Swerling's cases.
     """
     chi, pfa, n_powers = broadcast_arguments(
         snr=check_non_negative_ratios("snr", snr),
@@ -165,6 +183,17 @@ def required_snr(
     both probabilities and the number of summed powers, K, broadcast. Raises `InvalidSetting` unless
     1e-300 <= false-alarm probability < detection probability < 1, K is a whole number from 1 and
     `swerling` one of 0 to 4.
+
+    Parameters
+    ----------
+    detection_probability : array
+        Probability that the target is detected, above that of a false alarm and below 1.
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300, below the detection probability.
+    n_summed : array of int
+        Powers K of pulses or receivers that are summed, from 1 to 9e8.
+    swerling : int
+        0 for a steady target, 1 to 4 for Swerling's cases.
     """
     pd, pfa, n_powers = broadcast_arguments(
         detection_probability=check_probabilities("detection_probability", detection_probability),
@@ -239,6 +268,13 @@ def coherent_detection_probability(snr: ArrayLike, false_alarm_probability: floa
     An upper bound for detectors of one power: 0.6 dB less than the square law needs for 0.9 at
     1e-6. Arguments broadcast. Raises `InvalidSetting` if a ratio is
     negative or not finite, or as `detection_threshold` does.
+
+    Parameters
+    ----------
+    snr : array
+        Power of the target over the mean power of noise, a ratio, 0 or more.
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300 to 1 - 1e-9.
     """
     chi = check_non_negative_ratios("snr", snr)
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
@@ -253,6 +289,13 @@ def coherent_required_snr(detection_probability: float, false_alarm_probability:
 
     The inverse of `coherent_detection_probability`. Raises `InvalidSetting` unless
     1e-300 <= false-alarm probability < detection probability < 1.
+
+    Parameters
+    ----------
+    detection_probability : array
+        Probability that the target is detected, above that of a false alarm and below 1.
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300, below the detection probability.
     """
     check_detection_probability(detection_probability, false_alarm_probability)
     amplitude = scipy.special.erfcinv(2 * false_alarm_probability) - scipy.special.erfcinv(

@@ -31,6 +31,11 @@ def knife_edge_field(v: ArrayLike) -> np.ndarray:
 
     It is 1 far above the edge (v = -inf), 1/2 on its level, and 0 far below. Valid for distances
     of many wavelengths and small angles of diffraction, and for v between -1e5 and 1e5.
+
+    Parameters
+    ----------
+    v : array_like
+        Parameter of the edge, between -1e5 and 1e5: above 0 if the edge is above the line of sight.
     """
     return np.asarray(
         field_beyond_edge(check_finite_array("v", v, above=-_MAX_PARAMETER, below=_MAX_PARAMETER))
@@ -49,5 +54,10 @@ def knife_edge_loss_db(v: ArrayLike) -> np.ndarray:
     """Return the loss J(v) of a single edge, one way, dB; 6.02 dB at v = 0.
 
     Above v = -0.78, the approximation of P.526, equation 31, is within 0.13 dB of it.
+
+    Parameters
+    ----------
+    v : array_like
+        Parameter of the edge, between -1e5 and 1e5: above 0 if the edge is above the line of sight.
     """
     return np.asarray(-20 * np.log10(abs(knife_edge_field(v))))

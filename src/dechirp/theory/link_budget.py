@@ -84,7 +84,15 @@ def beat_frequency(
 
 @scalar_results
 def range_from_beat(beat_frequency_hz: ArrayLike, *, slope_hz_per_s: ArrayLike) -> np.ndarray:
-    """Return the range of a static target in m, c f / 2 S; beat frequencies of either sign."""
+    """Return the range of a static target in m, c f / 2 S; beat frequencies of either sign.
+
+    Parameters
+    ----------
+    beat_frequency_hz : array_like
+        Beat frequency f of a static target.
+    slope_hz_per_s : array_like
+        Slope S of the ramp, above 0.
+    """
     beat, slope = broadcast_arguments(
         beat_frequency_hz=check_finite_array("beat_frequency_hz", beat_frequency_hz),
         slope_hz_per_s=check_finite_array("slope_hz_per_s", slope_hz_per_s, above=0),
@@ -138,7 +146,15 @@ def received_power(
 
 @scalar_results
 def noise_power(*, noise_factor: ArrayLike, sample_rate_hz: ArrayLike) -> np.ndarray:
-    """Return the thermal noise power in a sample in W, k T0 F fs, with T0 = 290 K."""
+    """Return the thermal noise power in a sample in W, k T0 F fs, with T0 = 290 K.
+
+    Parameters
+    ----------
+    noise_factor : array_like
+        Noise factor F of the receiver, a ratio, at least 1.
+    sample_rate_hz : array_like
+        Sample rate fs, above 0.
+    """
     factor, rate = _broadcast_positive(noise_factor=noise_factor, sample_rate_hz=sample_rate_hz)
     return np.asarray(BOLTZMANN * REFERENCE_TEMPERATURE * factor * rate)
 
@@ -252,7 +268,13 @@ def max_range(
 
 @scalar_results
 def range_resolution(bandwidth_hz: ArrayLike) -> np.ndarray:
-    """Return the width of a range bin in m, c / 2 B, with the bandwidth of the samples."""
+    """Return the width of a range bin in m, c / 2 B, with the bandwidth of the samples.
+
+    Parameters
+    ----------
+    bandwidth_hz : array_like
+        Bandwidth B that the ramp sweeps while samples are taken, above 0.
+    """
     return np.asarray(
         SPEED_OF_LIGHT / (2 * check_finite_array("bandwidth_hz", bandwidth_hz, above=0))
     )
@@ -266,6 +288,15 @@ def unambiguous_range(
     """Return the range of the highest beat frequency in m: c fs / 2 S, half of it for real samples.
 
     Farther echoes are aliased.
+
+    Parameters
+    ----------
+    sample_rate_hz : array_like
+        Sample rate fs, above 0.
+    slope_hz_per_s : array_like
+        Slope S of the ramp, above 0.
+    is_complex : bool
+        True for samples with I and Q, False for real ones.
     """
     if not isinstance(is_complex, bool | np.bool_):
         raise InvalidSetting(
@@ -280,7 +311,15 @@ def unambiguous_range(
 
 @scalar_results
 def velocity_resolution(*, frequency_hz: ArrayLike, duration_s: ArrayLike) -> np.ndarray:
-    """Return the width of a velocity bin in m/s, lambda / 2 M T: chirps times their interval."""
+    """Return the width of a velocity bin in m/s, lambda / 2 M T: chirps times their interval.
+
+    Parameters
+    ----------
+    frequency_hz : array_like
+        Carrier frequency, above 0.
+    duration_s : array_like
+        Duration M T of the frame, above 0.
+    """
     frequency, duration = _broadcast_positive(frequency_hz=frequency_hz, duration_s=duration_s)
     return np.asarray(SPEED_OF_LIGHT / frequency / (2 * duration))
 
@@ -290,6 +329,13 @@ def unambiguous_velocity(*, frequency_hz: ArrayLike, interval_s: ArrayLike) -> n
     """Return the largest unambiguous velocity of either sign in m/s, lambda / 4 T.
 
     T is the interval between chirps of the same transmitter.
+
+    Parameters
+    ----------
+    frequency_hz : array_like
+        Carrier frequency, above 0.
+    interval_s : array_like
+        Interval T between chirps of the same transmitter, above 0.
     """
     frequency, interval = _broadcast_positive(frequency_hz=frequency_hz, interval_s=interval_s)
     return np.asarray(SPEED_OF_LIGHT / frequency / (4 * interval))

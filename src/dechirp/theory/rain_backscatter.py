@@ -34,6 +34,13 @@ def drop_size_density_per_m4(diameter_m: ArrayLike, rate_m_per_s: float) -> np.n
     with the rain rate R in mm/h, here given in m/s, up to 200 mm/h. Measured for 1 to 23 mm/h;
     it overestimates the smallest drops.
 
+    Parameters
+    ----------
+    diameter_m : array
+        Diameter of a drop, above 0.
+    rate_m_per_s : array
+        Rain rate, above 0 and at most 5.56e-5 m/s (200 mm/h).
+
     References
     ----------
     J. S. Marshall, W. McK. Palmer, The distribution of raindrops with size, J. Meteorology
@@ -50,6 +57,11 @@ def drop_fall_speed_m_per_s(diameter_m: ArrayLike) -> np.ndarray:
 
     Within 2 % of what Gunn and Kinzer (1949) measured, from 0.6 mm to 5.8 mm; none below
     0.11 mm, where the formula ends.
+
+    Parameters
+    ----------
+    diameter_m : array
+        Diameter of a drop, above 0.
 
     References
     ----------
@@ -68,6 +80,15 @@ def rain_reflectivity_per_m4(
 
     At `DIAMETERS_M`, (n_diameters,), m^2 / m^4. Drops are independent spheres of pure water
     (Mie). The array is cached and read-only.
+
+    Parameters
+    ----------
+    frequency_hz : array
+        Carrier frequency, above 0 and at most 1 THz.
+    rate_m_per_s : array
+        Rain rate, above 0 and at most 5.56e-5 m/s (200 mm/h).
+    temperature_k : array
+        Temperature of the water, from 243 K to 323 K.
 
     Raises
     ------
@@ -97,7 +118,17 @@ def _cached_rain_reflectivity_per_m4(
 def rain_reflectivity_per_m(
     frequency_hz: float, rate_m_per_s: float, *, temperature_k: float = 283.15
 ) -> float:
-    """Return the reflectivity eta of rain, m^2 / m^3: the sum over all drops."""
+    """Return the reflectivity eta of rain, m^2 / m^3: the sum over all drops.
+
+    Parameters
+    ----------
+    frequency_hz : array
+        Carrier frequency, above 0 and at most 1 THz.
+    rate_m_per_s : array
+        Rain rate, above 0 and at most 5.56e-5 m/s (200 mm/h).
+    temperature_k : array
+        Temperature of the water, from 243 K to 323 K.
+    """
     reflectivity_by_diameter = rain_reflectivity_per_m4(
         frequency_hz, rate_m_per_s, temperature_k=temperature_k
     )

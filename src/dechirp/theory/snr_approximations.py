@@ -43,6 +43,15 @@ def albersheim(
     within 0.34 dB from a detection probability of 0.3 (0.07 dB low for one power, 0.9 and
     1e-6), up to 0.9 dB low at 0.2, and up to 4.1 dB low at 0.1.
 
+    Parameters
+    ----------
+    detection_probability : array
+        Probability that the target is detected, above that of a false alarm and below 1.
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300, below the detection probability.
+    n_summed : array of int
+        Powers K of pulses or receivers that are summed, at least 1.
+
     Raises
     ------
     InvalidSetting
@@ -95,6 +104,17 @@ def shnidman(
     detection probabilities from 0.1 to 0.99, false-alarm probabilities from 1e-9 to 1e-3 and
     up to 100 powers. There it is within 0.3, 1.2, 1.2, 0.9 and 0.6 dB of the exact ratio for
     the cases 0 to 4.
+
+    Parameters
+    ----------
+    detection_probability : array
+        Probability that the target is detected, above that of a false alarm and below 1.
+    false_alarm_probability : array
+        Probability of a false alarm in a cell, from 1e-300, below the detection probability.
+    n_summed : array of int
+        Powers K of pulses or receivers that are summed, at least 1.
+    swerling : int
+        0 for a steady target, 1 to 4 for Swerling's cases.
 
     Raises
     ------

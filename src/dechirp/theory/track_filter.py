@@ -60,6 +60,13 @@ def gate_threshold(gate_probability: ArrayLike, n_dimensions: int) -> np.ndarray
 
     The quantile of chi-square with as many degrees of freedom as the measurement has dimensions:
     9.21 for 0.99 and two. `gate_probability` is Pg, between 0 and 1, of any shape.
+
+    Parameters
+    ----------
+    gate_probability : array
+        Probability Pg that the gate contains a true measurement, between 0 and 1, both excluded.
+    n_dimensions : array of int
+        Dimensions of the measurement, at least 1.
     """
     probability = check_probabilities("gate_probability", gate_probability)
     check_integer("n_dimensions", n_dimensions, at_least=1)

@@ -221,6 +221,8 @@ def chebyshev_weights(n: int, sidelobe_db: float) -> np.ndarray:
 
     Parameters
     ----------
+    n : int
+        Number of weights, at least 1.
     sidelobe_db : float
         Level of the sidelobes below the main lobe, above 0 and at most 300.
 
@@ -259,6 +261,8 @@ def taylor_weights(n: int, n_bar: int, sidelobe_db: float) -> np.ndarray:
 
     Parameters
     ----------
+    n : int
+        Number of weights, at least 1.
     n_bar : int
         Nulls from this one on are those of a rectangular window, 1 to 100.
     sidelobe_db : float
@@ -294,6 +298,8 @@ def kaiser_weights(n: int, beta: float) -> np.ndarray:
 
     Parameters
     ----------
+    n : int
+        Number of weights, at least 1.
     beta : float
         Taper, 0 (rectangular) to 700.
 
@@ -312,6 +318,11 @@ def half_main_lobe_bins(window: WindowSpec) -> float:
     Exact for sums of cosines; for the others the limit for many points, exceeded by up to 4 %
     at 32 points. Of windows of SciPy and of weights it is the first minimum of their transform, to
     1/64 bin. Raises `InvalidSetting` for another name.
+
+    Parameters
+    ----------
+    window : str, tuple, float or array (n,)
+        As of `window_weights`: a name, a window of SciPy, or weights.
     """
     spec = hashable_window(window)
     if spec not in get_args(Window):
@@ -385,18 +396,36 @@ def _check_sidelobe_level(sidelobe_db: float) -> None:
 
 
 def coherent_gain(weights: ArrayLike) -> float:
-    """Return the coherent gain, the amplitude of a tone after windowing: sum(w) / N."""
+    """Return the coherent gain, the amplitude of a tone after windowing: sum(w) / N.
+
+    Parameters
+    ----------
+    weights : array (n,)
+        Weights of a window, finite, with a sum above 0.
+    """
     return float(_check_weights(weights).mean())
 
 
 def noise_bandwidth_bins(weights: ArrayLike) -> float:
-    """Return the equivalent noise bandwidth N sum(w^2) / sum(w)^2, the SNR loss as a ratio."""
+    """Return the equivalent noise bandwidth N sum(w^2) / sum(w)^2, the SNR loss as a ratio.
+
+    Parameters
+    ----------
+    weights : array (n,)
+        Weights of a window, finite, with a sum above 0.
+    """
     weights = _check_weights(weights)
     return float(weights.size * np.sum(weights**2) / np.sum(weights) ** 2)
 
 
 def scalloping_loss(weights: ArrayLike) -> float:
-    """Return the power of a tone on a bin over that of one half a bin off, at least 1."""
+    """Return the power of a tone on a bin over that of one half a bin off, at least 1.
+
+    Parameters
+    ----------
+    weights : array (n,)
+        Weights of a window, finite, with a sum above 0.
+    """
     weights = _check_weights(weights)
     half_bin_shift = np.exp(1j * np.pi * np.arange(weights.size) / weights.size)
     return float(np.sum(weights) ** 2 / abs(np.sum(weights * half_bin_shift)) ** 2)
@@ -421,6 +450,15 @@ def bin_correlation(weights: ArrayLike, n_bins: int, lags: ArrayLike) -> np.ndar
 
     rho(k) = sum_n w[n]^2 exp(-2 pi i k n / n_bins) / sum_n w[n]^2 for each lag k (bins, any
     shape); periodic in n_bins, as the bins are. Raises `InvalidSetting` unless lags are whole.
+
+    Parameters
+    ----------
+    weights : array (n,)
+        Weights of a window, finite, with a sum above 0.
+    n_bins : int
+        Bins of the transform, at least 1.
+    lags : array of int
+        Distances between bins k, in bins, of either sign.
     """
     weights = _check_weights(weights)
     check_integer("n_bins", n_bins, at_least=1)

@@ -107,6 +107,13 @@ def find_true_objects(scenes: FrameScenes, numbers: Iterable[int]) -> xr.Dataset
     rails, poles, trees, hedges, bridges) are left out. Walls and buildings of at least 1.5 m hide
     what is behind them.
 
+    Parameters
+    ----------
+    scenes : FrameScenes
+        Scenes of the frames.
+    numbers : iterable of int
+        Numbers of the frames, from 0.
+
     Returns
     -------
     Dataset over (target, frame)

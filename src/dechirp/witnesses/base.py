@@ -84,6 +84,23 @@ def compare_arrays(
 
     The tolerance of an element is `absolute` plus `relative` times the magnitude of theirs.
 
+    Parameters
+    ----------
+    quantity : str
+        Name of what is compared.
+    theirs, ours : array_like
+        Real values of the witness and of the package, in equal shapes, one or more.
+    unit : str
+        Unit of the values.
+    basis : str
+        Basis of the tolerance.
+    absolute, relative : float
+        Parts of the tolerance: in the unit, and as a fraction of theirs.
+    cause : str
+        Known cause of a difference.
+    answer : "independent" or "own"
+        Origin of theirs: published by others, or computed by the developers of dechirp.
+
     Raises
     ------
     InvalidSetting

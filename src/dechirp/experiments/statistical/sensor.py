@@ -360,6 +360,13 @@ def draw_statistical_detections(
 
     `seed`: an int or a Generator; by default that of the scenario. See `StatisticalSensor` for the
     approximations, the errors and the warnings.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Radar, targets and settings of the trial.
+    seed : int or Generator, optional
+        From 0 to 2**64 - 1; by default that of the scenario.
     """
     rng = seed if isinstance(seed, np.random.Generator) else None
     if rng is None:

@@ -54,7 +54,26 @@ def bartlett(
     n_sources: NumberOfSources = 1,
     **options: Unpack[_Options],
 ) -> Directions:
-    """Find the highest powers in beams (Bartlett); arguments as of `estimate_directions`."""
+    """Find the highest powers in beams (Bartlett).
+
+    Result and errors as of `estimate_directions`.
+
+    Parameters
+    ----------
+    snapshots : array (..., n_snapshots, n_elements) or (n_elements,), complex
+        Amplitudes of the elements; leading axes are cells.
+    positions : array (n_elements,) or (n_elements, 3)
+        In wavelengths: along y, positive to the left, or in three dimensions.
+    n_sources : int or "mdl" or "aic"
+        Directions in each cell, or the criterion that estimates their number, which requires
+        `noise_power`.
+    axis : int
+        Axis of the elements, the last by default.
+    noise_power : array (...), optional
+        Noise power in one element, E|w|^2, of all cells or of each.
+    field_of_view : FieldOfView, optional
+        Directions that are searched; by default +-90 degrees of azimuth and +-30 of elevation.
+    """
     return estimate_directions(snapshots, positions, n_sources, "bartlett", **options)
 
 
@@ -67,7 +86,23 @@ def capon(
 ) -> Directions:
     """Find the highest powers of beams with least interference (Capon, MVDR).
 
-    Arguments as of `estimate_directions`.
+    Result and errors as of `estimate_directions`.
+
+    Parameters
+    ----------
+    snapshots : array (..., n_snapshots, n_elements) or (n_elements,), complex
+        Amplitudes of the elements; leading axes are cells.
+    positions : array (n_elements,) or (n_elements, 3)
+        In wavelengths: along y, positive to the left, or in three dimensions.
+    n_sources : int or "mdl" or "aic"
+        Directions in each cell, or the criterion that estimates their number, which requires
+        `noise_power`.
+    axis : int
+        Axis of the elements, the last by default.
+    noise_power : array (...), optional
+        Noise power in one element, E|w|^2, of all cells or of each.
+    field_of_view : FieldOfView, optional
+        Directions that are searched; by default +-90 degrees of azimuth and +-30 of elevation.
     """
     return estimate_directions(snapshots, positions, n_sources, "capon", **options)
 
@@ -81,7 +116,24 @@ def esprit(
 ) -> Directions:
     """Find directions by rotational invariance (ESPRIT), on uniform linear arrays.
 
-    Arguments as of `estimate_directions`.
+    Result and errors as of `estimate_directions`.
+
+    Parameters
+    ----------
+    snapshots : array (..., n_snapshots, n_elements) or (n_elements,), complex
+        Amplitudes of the elements; leading axes are cells.
+    positions : array (n_elements,) or (n_elements, 3)
+        In wavelengths, equally spaced on a line: along y, positive to the left, or in three
+        dimensions.
+    n_sources : int or "mdl" or "aic"
+        Directions in each cell, or the criterion that estimates their number, which requires
+        `noise_power`.
+    axis : int
+        Axis of the elements, the last by default.
+    noise_power : array (...), optional
+        Noise power in one element, E|w|^2, of all cells or of each.
+    field_of_view : FieldOfView, optional
+        Directions that are searched; by default +-90 degrees of azimuth and +-30 of elevation.
     """
     return estimate_directions(snapshots, positions, n_sources, "esprit", **options)
 
@@ -95,7 +147,23 @@ def fft(
 ) -> Directions:
     """Find the highest powers in beams by an FFT over the elements.
 
-    Arguments as of `estimate_directions`.
+    Result and errors as of `estimate_directions`.
+
+    Parameters
+    ----------
+    snapshots : array (..., n_snapshots, n_elements) or (n_elements,), complex
+        Amplitudes of the elements; leading axes are cells.
+    positions : array (n_elements,) or (n_elements, 3)
+        In wavelengths: along y, positive to the left, or in three dimensions.
+    n_sources : int or "mdl" or "aic"
+        Directions in each cell, or the criterion that estimates their number, which requires
+        `noise_power`.
+    axis : int
+        Axis of the elements, the last by default.
+    noise_power : array (...), optional
+        Noise power in one element, E|w|^2, of all cells or of each.
+    field_of_view : FieldOfView, optional
+        Directions that are searched; by default +-90 degrees of azimuth and +-30 of elevation.
     """
     return estimate_directions(snapshots, positions, n_sources, "fft", **options)
 
@@ -109,7 +177,23 @@ def iterative_adaptive(
 ) -> Directions:
     """Find directions by the iterative adaptive approach (IAA).
 
-    Arguments as of `estimate_directions`.
+    Result and errors as of `estimate_directions`.
+
+    Parameters
+    ----------
+    snapshots : array (..., n_snapshots, n_elements) or (n_elements,), complex
+        Amplitudes of the elements; leading axes are cells.
+    positions : array (n_elements,) or (n_elements, 3)
+        In wavelengths: along y, positive to the left, or in three dimensions.
+    n_sources : int or "mdl" or "aic"
+        Directions in each cell, or the criterion that estimates their number, which requires
+        `noise_power`.
+    axis : int
+        Axis of the elements, the last by default.
+    noise_power : array (...), optional
+        Noise power in one element, E|w|^2, of all cells or of each.
+    field_of_view : FieldOfView, optional
+        Directions that are searched; by default +-90 degrees of azimuth and +-30 of elevation.
     """
     return estimate_directions(snapshots, positions, n_sources, "iterative-adaptive", **options)
 
@@ -123,7 +207,23 @@ def maximum_likelihood(
 ) -> Directions:
     """Find the one or two directions of largest likelihood.
 
-    Arguments as of `estimate_directions`.
+    Result and errors as of `estimate_directions`.
+
+    Parameters
+    ----------
+    snapshots : array (..., n_snapshots, n_elements) or (n_elements,), complex
+        Amplitudes of the elements; leading axes are cells.
+    positions : array (n_elements,) or (n_elements, 3)
+        In wavelengths: along y, positive to the left, or in three dimensions.
+    n_sources : int or "mdl" or "aic"
+        1 or 2 directions in each cell, or the criterion that estimates their number, which requires
+        `noise_power`.
+    axis : int
+        Axis of the elements, the last by default.
+    noise_power : array (...), optional
+        Noise power in one element, E|w|^2, of all cells or of each.
+    field_of_view : FieldOfView, optional
+        Directions that are searched; by default +-90 degrees of azimuth and +-30 of elevation.
     """
     return estimate_directions(snapshots, positions, n_sources, "maximum-likelihood", **options)
 
@@ -137,7 +237,22 @@ def monopulse(
 ) -> Directions:
     """Find one direction by the phase between displaced elements.
 
-    Arguments as of `estimate_directions`.
+    Result and errors as of `estimate_directions`.
+
+    Parameters
+    ----------
+    snapshots : array (..., n_snapshots, n_elements) or (n_elements,), complex
+        Amplitudes of the elements; leading axes are cells.
+    positions : array (n_elements,) or (n_elements, 3)
+        In wavelengths: along y, positive to the left, or in three dimensions.
+    n_sources : int
+        1, the only number that it finds.
+    axis : int
+        Axis of the elements, the last by default.
+    noise_power : array (...), optional
+        Noise power in one element, E|w|^2, of all cells or of each.
+    field_of_view : FieldOfView, optional
+        Directions that are searched; by default +-90 degrees of azimuth and +-30 of elevation.
     """
     return estimate_directions(snapshots, positions, n_sources, "monopulse", **options)
 
@@ -149,7 +264,26 @@ def music(
     n_sources: NumberOfSources = 1,
     **options: Unpack[_Options],
 ) -> Directions:
-    """Find the directions in the signal subspace (MUSIC); arguments as of `estimate_directions`."""
+    """Find the directions in the signal subspace (MUSIC).
+
+    Result and errors as of `estimate_directions`.
+
+    Parameters
+    ----------
+    snapshots : array (..., n_snapshots, n_elements) or (n_elements,), complex
+        Amplitudes of the elements; leading axes are cells.
+    positions : array (n_elements,) or (n_elements, 3)
+        In wavelengths: along y, positive to the left, or in three dimensions.
+    n_sources : int or "mdl" or "aic"
+        Directions in each cell, or the criterion that estimates their number, which requires
+        `noise_power`.
+    axis : int
+        Axis of the elements, the last by default.
+    noise_power : array (...), optional
+        Noise power in one element, E|w|^2, of all cells or of each.
+    field_of_view : FieldOfView, optional
+        Directions that are searched; by default +-90 degrees of azimuth and +-30 of elevation.
+    """
     return estimate_directions(snapshots, positions, n_sources, "music", **options)
 
 
@@ -162,7 +296,24 @@ def root_music(
 ) -> Directions:
     """Find directions as roots of a polynomial (root-MUSIC), on uniform linear arrays.
 
-    Arguments as of `estimate_directions`.
+    Result and errors as of `estimate_directions`.
+
+    Parameters
+    ----------
+    snapshots : array (..., n_snapshots, n_elements) or (n_elements,), complex
+        Amplitudes of the elements; leading axes are cells.
+    positions : array (n_elements,) or (n_elements, 3)
+        In wavelengths, equally spaced on a line: along y, positive to the left, or in three
+        dimensions.
+    n_sources : int or "mdl" or "aic"
+        Directions in each cell, or the criterion that estimates their number, which requires
+        `noise_power`.
+    axis : int
+        Axis of the elements, the last by default.
+    noise_power : array (...), optional
+        Noise power in one element, E|w|^2, of all cells or of each.
+    field_of_view : FieldOfView, optional
+        Directions that are searched; by default +-90 degrees of azimuth and +-30 of elevation.
     """
     return estimate_directions(snapshots, positions, n_sources, "root-music", **options)
 

@@ -36,7 +36,15 @@ class DetectionAgreement(NamedTuple):
 def compare_detections(
     fixed_point: xr.Dataset, power: xr.DataArray, threshold: xr.DataArray
 ) -> DetectionAgreement:
-    """Compare `fixed_point_map` with `power_map` and `threshold_map` of the same frame."""
+    """Compare `fixed_point_map` with `power_map` and `threshold_map` of the same frame.
+
+    Parameters
+    ----------
+    fixed_point : Dataset
+        As `fixed_point_map` returns it.
+    power, threshold : DataArray
+        As `power_map` and `threshold_map` return them for the same frame, in floating point.
+    """
     missing = [name for name in ("detected", "power") if name not in fixed_point]
     if missing:
         raise InvalidSetting(

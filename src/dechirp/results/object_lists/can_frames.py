@@ -63,6 +63,15 @@ def largest_bus_load(objects: xr.Dataset, layout: DbcLayout, bus: CanFd) -> floa
     """Return the share of the bus that the longest list uses; NaN if the cycle time is unknown.
 
     Worst case in stuff bits, see `can_bus.worst_case_frame_bits`, and before objects are left out.
+
+    Parameters
+    ----------
+    objects : Dataset
+        As `object_list` returns it.
+    layout : DbcLayout
+        Coding of the objects.
+    bus : CanFd
+        Bit rates of the bus and its share for the list.
     """
     objects = check_object_list(objects)
     return object_list_duration_s(

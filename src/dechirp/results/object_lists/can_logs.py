@@ -94,6 +94,15 @@ def read_can_log(
 
     `dbc` and `mapping` are those of `write_can_log`.
 
+    Parameters
+    ----------
+    path : path
+        `.blf`, `.asc` or `.log`, as `candump -L` writes.
+    dbc : path, optional
+        Coding of the objects; default: the DBC of the package.
+    mapping : name, path or CanMapping, optional
+        Signals of a vendor's DBC.
+
     Raises
     ------
     RecordingError
@@ -215,6 +224,19 @@ def receive_can(
     """Receive object lists from a bus of python-can until it is idle for `idle_s`.
 
     Reception ends after `at_most_s` in any case; losses are reported as by `read_can_log`.
+
+    Parameters
+    ----------
+    bus : can.BusABC
+        An open bus of python-can that takes CAN FD.
+    dbc : path, optional
+        Coding of the objects; default: the DBC of the package.
+    mapping : name, path or CanMapping, optional
+        Signals of a vendor's DBC.
+    idle_s : float
+        Time without a message that ends the reception, above 0 and at most 1e6 s.
+    at_most_s : float
+        Longest time of reception, above 0 and at most 1e6 s.
 
     Raises
     ------

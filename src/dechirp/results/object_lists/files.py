@@ -75,6 +75,11 @@ def write_objects(
 def read_objects(path: str | Path) -> xr.Dataset:
     """Read an object list from a file, in the format of its suffix, as `write_objects` writes it.
 
+    Parameters
+    ----------
+    path : path
+        A file with a suffix of `write_objects`.
+
     Raises
     ------
     InvalidSetting
