@@ -14,7 +14,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
 
 # Squares and fourth powers of larger numbers overflow, and those of smaller ones vanish.
-LARGEST_MAGNITUDE, _SMALLEST_RATIO = 1e60, 1e-60
+LARGEST_MAGNITUDE, SMALLEST_MAGNITUDE = 1e60, 1e-60
 Vector = tuple[float, float, float]
 _T = TypeVar("_T")
 
@@ -227,7 +227,7 @@ def check_positive_ratios(
     setting: str,
     array: ArrayLike,
     *,
-    at_least: float = _SMALLEST_RATIO,
+    at_least: float = SMALLEST_MAGNITUDE,
     at_most: float = LARGEST_MAGNITUDE,
 ) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are within the limits."""
@@ -249,11 +249,14 @@ def check_finite_array(
 ) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are finite, within bounds.
 
-    Magnitudes are at most `largest`.
+    Magnitudes are at most `largest`, and at least its inverse where they must be above 0, so that
+    products and quotients of a few of them are finite.
     """
     values = check_real_array(setting, array, may_be_empty=may_be_empty)
+    smallest = 1 / largest if above == 0 else at_least
     wrong = values[
-        ~((above < values) & (at_least <= values) & (values < below) & (abs(values) <= largest))
+        ~((above < values) & (values >= max(at_least, smallest)) & (values < below))
+        | (abs(values) > largest)
     ]
     if wrong.size:
         bounds = [
@@ -263,6 +266,8 @@ def check_finite_array(
         ]
         if largest < abs(wrong.flat[0]) < math.inf:
             bounds.append((largest, f"of magnitude up to {largest:g}"))
+        if 0 < wrong.flat[0] < smallest:
+            bounds.append((smallest, f"from {smallest:g}"))
         raise InvalidSetting(
             setting,
             value=wrong.flat[0],
@@ -313,8 +318,9 @@ def check_finite_samples(
 ) -> np.ndarray:
     """Return real or complex numbers as an array, or raise `InvalidSetting`.
 
-    Refused are text, empty arrays unless they are permitted, values that are not finite, and shapes
-    that do not fit `axes`, their description, or whose values are masked.
+    Refused are text, empty arrays unless they are permitted, values that are not finite or whose
+    powers might overflow, and shapes that do not fit `axes`, their description, or whose values are
+    masked.
     """
     check_plain_numbers(setting, samples)
     try:
@@ -337,7 +343,21 @@ def check_finite_samples(
             expected="finite numbers",
             fix="set lost samples to 0, or leave them out: one NaN would invalidate the result",
         )
+    largest = largest_part(array)
+    if largest > LARGEST_MAGNITUDE:
+        raise InvalidSetting(
+            setting,
+            value=largest,
+            expected=f"magnitudes up to {LARGEST_MAGNITUDE:g}",
+            fix="scale them, such as to volts or to full scale",
+        )
     return array
+
+
+def largest_part(array: np.ndarray) -> float:
+    """Return the largest magnitude of a real or imaginary part; 0 of none."""
+    parts = (array.real, array.imag) if np.iscomplexobj(array) else (array,)
+    return max(max(float(x.max(initial=0)), -float(x.min(initial=0))) for x in parts)
 
 
 def check_plain_numbers(setting: str, array: object) -> None:

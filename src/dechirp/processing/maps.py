@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
-from dechirp.core.checks import check_axes, check_finite_samples, check_integer
+from dechirp.core.checks import check_axes, check_finite_samples, check_integer, largest_part
 from dechirp.core.compiled_kernels import plain_twins_in_first_calls
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
@@ -212,10 +212,8 @@ def unity_exponent(array: np.ndarray) -> int:
 
     Single precision ends at 1e-38: the power of an echo in square watts would not fit.
     """
-    parts = (array.real, array.imag) if np.iscomplexobj(array) else (array,)
-    largest = max(max(float(part.max()), -float(part.min())) for part in parts)
     # Beyond -1000, the inverse of the power of two would overflow.
-    return max(int(np.frexp(largest)[1]), -1000)
+    return max(int(np.frexp(largest_part(array))[1]), -1000)
 
 
 def pair_of_windows(window: Any) -> tuple[Any, Any]:

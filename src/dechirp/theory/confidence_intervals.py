@@ -13,7 +13,13 @@ import scipy
 from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
-from dechirp.core.checks import check_finite_array, check_integer, check_number, check_probability
+from dechirp.core.checks import (
+    SMALLEST_MAGNITUDE,
+    check_finite_array,
+    check_integer,
+    check_number,
+    check_probability,
+)
 from dechirp.core.elementwise import elementwise
 from dechirp.core.errors import InvalidSetting
 
@@ -131,7 +137,7 @@ def rate_interval(counts: ArrayLike, exposure: float, *, confidence: float) -> t
             expected="0 or more",
             fix="give events counted in each block",
         )
-    exposure_per_block = check_number("exposure", exposure, above=0)
+    exposure_per_block = check_number("exposure", exposure, at_least=SMALLEST_MAGNITUDE)
     if not events.any():
         return 0.0, float(
             -np.log(_tail_probability(confidence)) / (events.size * exposure_per_block)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import (
+    SMALLEST_MAGNITUDE,
     broadcast_arguments,
     check_finite_array,
     check_finite_samples,
@@ -142,14 +143,13 @@ def direction_std_rad(
             expected="(n_sources,)",
             fix="give one row of directions",
         )
-    check_number("noise_power", noise_power, above=0)
+    check_number("noise_power", noise_power, at_least=SMALLEST_MAGNITUDE)
     snapshots = check_finite_samples(
         "amplitudes",
         amplitudes,
         axes=f"({len(azimuth)},) or ({len(azimuth)}, n_snapshots)",
         fits=lambda array: array.shape[:1] in {(), (len(azimuth),)},
     )
-    check_finite_array("amplitudes", abs(snapshots))  # squares are finite
     snapshots = snapshots.astype(complex).reshape(len(azimuth), -1)
     steering = np.exp(-2j * np.pi * (unit_vectors(azimuth, elevation) @ element_positions.T))
     phase_derivatives = np.moveaxis(

@@ -3,7 +3,8 @@
 Arguments in SI units, gains, losses and noise factors as ratios (not in dB); arrays of any shape
 are broadcast against each other, and numbers give NumPy scalars. Each function raises
 `InvalidSetting` that names an argument which is not finite or, unless stated otherwise, not above
-0; noise factors and losses are at least 1. `Radar` values have the same quantities as properties.
+0, or whose magnitude is beyond 1e20 or its inverse; noise factors and losses are at least 1.
+`Radar` values have the same quantities as properties.
 
 References
 ----------
@@ -39,6 +40,9 @@ __all__ = [
     "unambiguous_velocity",
     "velocity_resolution",
 ]
+
+# Far beyond all that is physical; products of the radar equation stay within 1e-230 to 1e260.
+_LARGEST = 1e20
 
 
 @scalar_results
@@ -94,8 +98,12 @@ def range_from_beat(beat_frequency_hz: ArrayLike, *, slope_hz_per_s: ArrayLike) 
         Slope S of the ramp, above 0.
     """
     beat, slope = broadcast_arguments(
-        beat_frequency_hz=check_finite_array("beat_frequency_hz", beat_frequency_hz),
-        slope_hz_per_s=check_finite_array("slope_hz_per_s", slope_hz_per_s, above=0),
+        beat_frequency_hz=check_finite_array(
+            "beat_frequency_hz", beat_frequency_hz, largest=_LARGEST
+        ),
+        slope_hz_per_s=check_finite_array(
+            "slope_hz_per_s", slope_hz_per_s, above=0, largest=_LARGEST
+        ),
     )
     return np.asarray(SPEED_OF_LIGHT * beat / (2 * slope))
 
@@ -245,8 +253,8 @@ def max_range(
     tx_gain, rx_gain, loss : array_like
         Antenna gains towards the target, and losses, as ratios; the losses are at least 1.
     """
-    snr = check_finite_array("required_snr", required_snr, above=0)
-    gain = check_finite_array("integration_gain", integration_gain, above=0)
+    snr = check_finite_array("required_snr", required_snr, above=0, largest=_LARGEST)
+    gain = check_finite_array("integration_gain", integration_gain, above=0, largest=_LARGEST)
     snr_at_one_metre = sample_snr(
         1.0,
         rcs_m2,
@@ -276,7 +284,8 @@ def range_resolution(bandwidth_hz: ArrayLike) -> np.ndarray:
         Bandwidth B that the ramp sweeps while samples are taken, above 0.
     """
     return np.asarray(
-        SPEED_OF_LIGHT / (2 * check_finite_array("bandwidth_hz", bandwidth_hz, above=0))
+        SPEED_OF_LIGHT
+        / (2 * check_finite_array("bandwidth_hz", bandwidth_hz, above=0, largest=_LARGEST))
     )
 
 
@@ -366,7 +375,7 @@ def ula_beamwidth(
     """
     check_integer("n_elements", n_elements, at_least=2)
     distance, angle = broadcast_arguments(
-        spacing=check_finite_array("spacing", spacing, above=0),
+        spacing=check_finite_array("spacing", spacing, above=0, largest=_LARGEST),
         angle_rad=check_finite_array("angle_rad", angle_rad, above=-np.pi / 2, below=np.pi / 2),
     )
     half_power_phase = scipy.optimize.brentq(
@@ -389,9 +398,9 @@ def _broadcast_positive(**arguments: ArrayLike) -> tuple[np.ndarray, ...]:
     """
     return broadcast_arguments(
         **{
-            name: check_positive_ratios(name, array, at_least=1)
+            name: check_positive_ratios(name, array, at_least=1, at_most=_LARGEST)
             if name in {"noise_factor", "loss"}
-            else check_finite_array(name, array, above=0)
+            else check_finite_array(name, array, above=0, largest=_LARGEST)
             for name, array in arguments.items()
         }
     )

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import (
+    SMALLEST_MAGNITUDE,
     check_finite_array,
     check_finite_samples,
     check_integer,
@@ -89,7 +90,7 @@ def crlb_directions(
     elements = _check_line("positions", positions)
     azimuth = _check_line("azimuth_rad", azimuth_rad, above=-np.pi / 2, below=np.pi / 2)
     covariance = _check_source_covariance(source_covariance, len(azimuth))
-    noise_power = check_number("noise_power", noise_power, above=0)
+    noise_power = check_number("noise_power", noise_power, at_least=SMALLEST_MAGNITUDE)
     check_integer("n_snapshots", n_snapshots, at_least=1)
     if model not in get_args(SourceModel):
         raise InvalidSetting(

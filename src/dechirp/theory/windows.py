@@ -468,4 +468,4 @@ def bin_correlation(weights: ArrayLike, n_bins: int, lags: ArrayLike) -> np.ndar
     weight_fractions = weights**2 / np.sum(weights**2)
     # One transform gives all lags: 0.3 ms for 2,200 points, instead of 0.4 s of exponentials.
     wrapped = np.bincount(np.arange(weights.size) % n_bins, weight_fractions, n_bins)
-    return np.asarray(np.fft.fft(wrapped)[whole_lags.astype(int) % n_bins])
+    return np.asarray(np.fft.fft(wrapped)[(whole_lags % n_bins).astype(int)])

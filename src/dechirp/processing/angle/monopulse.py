@@ -120,7 +120,7 @@ class Monopulse(DirectionEstimator):
         for row, pairs in zip(weights, pair_sets, strict=True):
             np.add.at(row, pairs.second, 1 / len(pairs.second))
             np.add.at(row, pairs.first, -1 / len(pairs.first))
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             snr = (
                 likelihood.least_squares_source_powers(snapshots, aperture, *angles)[:, 0]
                 / noise_power

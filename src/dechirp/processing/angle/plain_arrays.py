@@ -534,6 +534,14 @@ def _array_cells(
         )
     # Beyond -1000, the inverse of the power of two would overflow.
     exponents = np.maximum(np.frexp(largest)[1], -1000)
+    is_weak = (largest > 0) & (np.log2(np.maximum(np.ravel(noise), 5e-324)) - 2 * exponents > 100)
+    if is_weak.any():
+        raise InvalidSetting(
+            "snapshots",
+            value=f"amplitudes up to {largest[is_weak][0]:.3g}",
+            expected=f"at most 300 dB below noise_power, {np.ravel(noise)[is_weak][0]:.3g}",
+            fix="give both in the same unit, noise_power in its square",
+        )
     return _ArrayCells(
         amplitudes * np.ldexp(1.0, -exponents)[:, None, None],
         np.ldexp(np.ravel(noise), -2 * exponents),
