@@ -39,6 +39,10 @@ _UNPACK = "unpack it, and give the recording in it"
 _SAVE_ARRAY = "save its array as .npy, .mat or .h5, and name the axes with --axes"
 _TO_WAV = "give the WAV file, or convert it with a program for sound"
 _TO_CSV = "save the sheet as CSV"
+_COPY_AGAIN = "copy the file again from its source, and give the recording in it"
+_OFFICE_MEMBER = "[Content_Types].xml"  # of documents by ECMA-376
+ZIP_HEADER_BYTES = 30
+"""Length of the header of a member of a ZIP archive, before its name."""
 
 
 class ForeignFile(NamedTuple):
@@ -344,22 +348,32 @@ def is_text(head: bytes) -> bool:
     return bool(text) and all(letter in "\t\n\r\f" or letter >= " " for letter in text)
 
 
-def describe_foreign_file(path: Path, kind: ForeignFile) -> str:
-    """Describe a file of a foreign kind, with the files in it if it is a ZIP archive."""
+def examine_zip_archive(path: Path, kind: ForeignFile) -> ForeignFile:
+    """Return the kind of a ZIP archive by the names of its members; other kinds unchanged."""
     if not kind.description.endswith("ZIP archive"):
-        return kind.description
+        return kind
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-        return f"{kind.description}, damaged or cut short"
-    if "[Content_Types].xml" in names:
-        return "a document of an office program"
+        is_document = read_first_member_name(path) == _OFFICE_MEMBER
+        description = "a document of an office program" if is_document else kind.description
+        return ForeignFile(f"{description}, damaged or cut short", _COPY_AGAIN)
+    if _OFFICE_MEMBER in names:
+        return ForeignFile("a document of an office program", f"{_TO_CSV}, or {_WRONG_FILE}")
     if any(name.endswith("data.pkl") for name in names):
-        return "a file of PyTorch"
+        return ForeignFile("a file of PyTorch", _SAVE_ARRAY)
     shown = ", ".join(quote_for_message(name) for name in names[:4])
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
-    return f"{kind.description} with {shown or 'no files'}{more}"
+    return ForeignFile(f"{kind.description} with {shown or 'no files'}{more}", kind.fix)
+
+
+def read_first_member_name(path: Path) -> str:
+    """Return the name of the first member of a ZIP archive, which a file cut short still has."""
+    with path.open("rb") as file:
+        header = file.read(ZIP_HEADER_BYTES)
+        name_bytes = int.from_bytes(header[26:28], "little")
+        return file.read(name_bytes).decode("utf-8", "replace")
 
 
 def stand_in_error(path: Path) -> RecordingError | None:

@@ -14,7 +14,7 @@ from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.text import join_names
 from dechirp.recordings.foreign_files import (
-    describe_foreign_file,
+    examine_zip_archive,
     identify_foreign_file,
     is_text,
     read_head,
@@ -287,7 +287,8 @@ def _describe_path_content_and_fix(path: Path) -> tuple[str, str | None]:
             )
         kind = identify_foreign_file(read_head(path))
         if kind is not None:
-            return describe_foreign_file(path, kind), kind.fix
+            kind = examine_zip_archive(path, kind)
+            return kind.description, kind.fix
         if is_text(read_head(path)):
             return "a text document", "give the recording, or the folder that contains it"
         return identify_non_raw_content(path) or "bytes without a known signature", None
@@ -527,8 +528,8 @@ def _describe_folder_and_fix(path: Path) -> tuple[str, str]:
     for file in members[:_MAX_TRIED_FILES]:
         kind = identify_foreign_file(read_head(file)) if file.is_file() else None
         if kind is not None and kind.fix is not None:
-            description = describe_foreign_file(file, kind)
-            return value, f"{fix}; {file.name} is {description}: {kind.fix}"
+            kind = examine_zip_archive(file, kind)
+            return value, f"{fix}; {file.name} is {kind.description}: {kind.fix}"
     return value, fix
 
 

@@ -31,6 +31,7 @@ from dechirp.recordings.arrays.lazy_files import (
 )
 from dechirp.recordings.arrays.named_axes import interpret_array_as_recording
 from dechirp.recordings.description import is_native_description
+from dechirp.recordings.foreign_files import ZIP_HEADER_BYTES, read_first_member_name
 from dechirp.recordings.native import (
     MAX_DESCRIPTION_CHARACTERS,
     is_native_without_array_hints,
@@ -41,7 +42,6 @@ from dechirp.recordings.readers.npy import HEAD_BYTES, NpyHeader
 
 MAGIC = b"PK\x03\x04"
 _EXPECTED = "a NumPy archive (.npz)"
-_LOCAL_HEADER_BYTES = 30  # of a member, before its name
 _MAX_MEMBERS = 1000
 _END_BYTES, _MAX_COMMENT_BYTES = 22, 2**16
 _MAX_LIST_BYTES = 2**22  # bytes; the members as Python objects take 8 times as much
@@ -69,8 +69,9 @@ class Npz(Format):
             with _open_archive(path) as archive:
                 names = archive.namelist()
                 text = _read_native_description(path, archive)
-        except Exception:  # foreign bytes: `read` reports the damage
-            return MatchQuality.CONTAINER
+        except Exception:  # foreign bytes: `read` reports the damage of a NumPy archive
+            is_numpy = path.suffix == ".npz" or read_first_member_name(path).endswith(".npy")
+            return MatchQuality.CONTAINER if is_numpy else MatchQuality.NO
         if text is not None and is_native_description(text):
             return MatchQuality.SELF_DESCRIBING
         return (
@@ -208,9 +209,9 @@ def _open_lazy_member(path: Path, info: zipfile.ZipInfo, header: NpyHeader) -> L
     header.check_file_size(path, info.file_size)
     with path.open("rb") as file:
         file.seek(info.header_offset)
-        head = file.read(_LOCAL_HEADER_BYTES)
+        head = file.read(ZIP_HEADER_BYTES)
     n_name, n_extra = struct.unpack("<HH", head[26:30])
-    start = info.header_offset + _LOCAL_HEADER_BYTES + n_name + n_extra
+    start = info.header_offset + ZIP_HEADER_BYTES + n_name + n_extra
     if info.compress_type == zipfile.ZIP_STORED:
         start += header.n_bytes
         return open_memory_mapped_array(
