@@ -30,6 +30,33 @@ def test_fix_for_required_argument_does_not_suggest_omission(capsys, tmp_path):
     assert did_you_mean_fix("perl", []) == "omit it"
 
 
+@pytest.mark.parametrize(
+    ("call", "wrong", "suggested"),
+    [
+        (lambda: dc.theory.detection_probability(10.0, pfa=1e-6), "pfa", "false_alarm_probability"),
+        (
+            lambda: dc.theory.required_snr(pd=0.9, false_alarm_probability=1e-6),
+            "pd",
+            "detection_probability",
+        ),
+        (lambda: dc.theory.cell_averaging_factor(pfa=1e-6), "pfa", "false_alarm_probability"),
+        (
+            lambda: dc.link_budget.unambiguous_range(sr=1e6, slope_hz_per_s=1e13),
+            "sr",
+            "sample_rate_hz",
+        ),
+        (
+            lambda: dc.cfar.cfar_threshold([[1.0]], false_alarm_probability=1e-6),
+            "false_alarm_probability",
+            "pfa",
+        ),
+    ],
+)
+def test_abbreviation_of_an_argument_suggests_its_name(call, wrong, suggested):
+    with pytest.raises(dc.InvalidSetting, match=rf"\.{wrong}: .* did you mean {suggested}\?"):
+        call()
+
+
 def test_integral_floats_are_accepted_as_integers():
     assert dc.reference(["seed=7.0"]).seed == 7
     assert dc.reference(["radar.frame.n_chirps=64.0"]).radar.frame.n_chirps == 64
