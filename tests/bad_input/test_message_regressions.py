@@ -1,5 +1,6 @@
 """Regression tests of error messages and findings that were wrong or unclear."""
 
+import inspect
 import json
 import os
 import subprocess
@@ -7,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from numpy.typing import ArrayLike
 
 import dechirp as dc
 from bad_input.entries import check_error_is_complete, run_command
@@ -55,6 +57,28 @@ def test_fix_for_required_argument_does_not_suggest_omission(capsys, tmp_path):
 def test_abbreviation_of_an_argument_suggests_its_name(call, wrong, suggested):
     with pytest.raises(dc.InvalidSetting, match=rf"\.{wrong}: .* did you mean {suggested}\?"):
         call()
+
+
+def test_rate_of_a_single_count_asks_for_blocks():
+    with pytest.raises(dc.InvalidSetting, match="counts: .* two or more blocks of equal exposure"):
+        dc.theory.rate_interval(3, 1e6, confidence=0.9)
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments"),
+    [
+        ("theory.binomial_interval", ("hits", "trials", "confidence")),
+        ("theory.cell_averaging_factor", ("false_alarm_probability", "n_training", "n_summed")),
+        ("theory.gate_threshold", ("gate_probability", "n_dimensions")),
+        ("link_budget.ula_beamwidth", ("n_elements", "spacing", "angle_rad")),
+    ],
+)
+def test_signatures_show_that_arrays_are_accepted(function, arguments):
+    namespace, name = function.split(".")
+    parameters = inspect.signature(getattr(getattr(dc, namespace), name)).parameters
+
+    for argument in arguments:
+        assert parameters[argument].annotation in ("ArrayLike", ArrayLike)
 
 
 def test_integral_floats_are_accepted_as_integers():

@@ -70,6 +70,12 @@ def elementwise(function: Callable[P, R_co]) -> ElementwiseFunction[P, R_co]:
         own = range(-len(axes_of_result), 0)
         return np.moveaxis(stacked, own, range(len(own)))
 
+    # What `help` and notebooks show: arrays are accepted in place of numbers.
+    parameters = [
+        parameter.replace(annotation="ArrayLike") if parameter.name in numbers else parameter
+        for parameter in signature.parameters.values()
+    ]
+    call.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return cast("ElementwiseFunction[P, R_co]", call)
 
 

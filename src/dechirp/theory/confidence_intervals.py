@@ -129,7 +129,11 @@ def rate_interval(counts: ArrayLike, exposure: float, *, confidence: float) -> t
     confidence : float
         As for the others.
     """
-    events = _check_two_or_more_values("counts", counts)
+    events = _check_two_or_more_values(
+        "counts",
+        counts,
+        fix="count in two or more blocks of equal exposure: their scatter shows clusters of events",
+    )
     if np.any(events < 0):
         raise InvalidSetting(
             "counts",
@@ -168,13 +172,18 @@ def _tail_probability(confidence: float) -> float:
     return (1 - confidence) / 2
 
 
-def _check_two_or_more_values(setting: str, values: ArrayLike) -> np.ndarray:
+def _check_two_or_more_values(
+    setting: str,
+    values: ArrayLike,
+    *,
+    fix: str = "take more measurements, and omit failed ones",
+) -> np.ndarray:
     sample = check_finite_array(setting, values)
     if sample.ndim != 1 or sample.size < 2:
         raise InvalidSetting(
             setting,
             value=f"an array {sample.shape}",
             expected="two or more finite values in a row",
-            fix="take more measurements, and omit failed ones",
+            fix=fix,
         )
     return sample

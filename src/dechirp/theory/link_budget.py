@@ -366,7 +366,7 @@ def ula_beamwidth(
 
     Parameters
     ----------
-    n_elements : int
+    n_elements : array of int
         L, at least 2, with equal weights.
     spacing : array
         d, in wavelengths.
