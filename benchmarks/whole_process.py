@@ -10,10 +10,10 @@ times     Time of `--help` divided by `python -c "import numpy"`, at most 3. Tim
 memory    Additional peak memory of `dechirp run` with a cube of 288 MB, compared with a cube of
           2 MB, in multiples of the larger cube; at most 3.
 imports   Import times by package, and by module of dechirp, from `python -X importtime`.
-first     Processor time of the first `run` after an installation, at most 6 s, of the next one and
-          of `list`: cold with empty caches of compiled code, factors and fonts, then warm. And of a
-          run of 20 frames, which compiles, with the functions that take the most processor time to
-          compile, including the functions that they call.
+first     Processor time of the first `run` after an installation, at most 6 s, of the next one, at
+          most 2.5 s, and of `list`, at most 1 s: cold with empty caches of compiled code, factors
+          and fonts, then warm. And of a run of 20 frames, which compiles, with the functions that
+          take the most processor time to compile, including the functions that they call.
 factors   Time to compute the false-alarm factor of each detector for new settings: complex samples
           of the reference radar with one and with two receivers.
 

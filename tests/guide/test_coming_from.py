@@ -45,6 +45,22 @@ def test_expressions_of_row_run(expressions):
             assert np.isfinite(result).all()
 
 
+def test_near_field_correction_focuses_a_near_target():
+    (expression,) = (row[1].strip(" `") for row in ROWS if "near_field_correction" in row[0])
+    positions, range_wavelengths, angle_rad = 0.5 * np.arange(8) - 1.75, 20.0, 0.05
+    path = np.sqrt(
+        range_wavelengths**2 + positions**2 - 2 * range_wavelengths * positions * np.sin(angle_rad)
+    )
+    near = np.exp(2j * np.pi * (path - range_wavelengths))
+    focused = eval(expression, {"np": np, "snapshots": near, "positions": positions})
+
+    (azimuth,) = dc.angle.bartlett(focused, positions).azimuth_rad
+    (power,) = dc.angle.bartlett(focused, positions).power
+    # The correction leaves pi p^2 / R sin^2 of the angle: 1.2 mrad at the ends.
+    assert power > 1 - 0.0012**2 and power > dc.angle.bartlett(near, positions).power + 0.02
+    assert azimuth == pytest.approx(angle_rad, abs=1e-3)
+
+
 def test_tables_contain_every_function_of_radarsimpy_and_openradar():
     documented = set(re.findall(r"\w+", " ".join(row[0] for row in ROWS)))
     assert set(RADARSIMPY.split()) <= documented

@@ -53,7 +53,12 @@ class TableAccessor:
         self._dataset = dataset
 
     def table(self) -> "pd.DataFrame":
-        """Return a row each, with the columns of the CSV file: `range_m`, `azimuth_deg`, ..."""
+        """Return a row each, with the columns of the CSV file: `range_m`, `azimuth_deg`, ...
+
+        A DataFrame of pandas. Polars and DuckDB take the accessor itself, as an Arrow stream:
+        `polars.DataFrame(detections.dechirp)`; `rows = detections.dechirp`, then
+        `duckdb.sql("FROM rows")`.
+        """
         import pandas as pd
 
         self._row_dimension()
