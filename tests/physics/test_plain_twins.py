@@ -487,12 +487,32 @@ def test_twin_of_reassembly_writes_equal_frames(differences):
     assert differences[REASSEMBLY] == 0
 
 
-def test_first_compilation_of_a_process_is_logged(caplog):
+def compile_two_kernels():
     pytest.importorskip("numba")
     compiled_kernels._log_first_compilation.cache_clear()
+    for factor in (2.0, 3.0):
+        kernel(cache=False)(lambda number, factor=factor: factor * number).dispatcher(1.0)
+
+
+@pytest.mark.parametrize("is_interactive", [True, False])
+def test_first_compilation_is_reported_once_in_an_interactive_session(
+    is_interactive, capsys, caplog, monkeypatch
+):
+    if is_interactive:
+        monkeypatch.setattr(sys, "ps1", ">>> ", raising=False)
+    monkeypatch.setattr(compiled_kernels, "compilation_listeners", [])
+    caplog.set_level(logging.WARNING, "dechirp")
+    compile_two_kernels()
+
+    assert capsys.readouterr().err.count("compiling loops") == is_interactive
+
+
+def test_first_compilation_of_a_process_is_logged(caplog, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "ps1", ">>> ", raising=False)
     with caplog.at_level(logging.INFO, "dechirp"):
-        for factor in (2.0, 3.0):
-            kernel(cache=False)(lambda number, factor=factor: factor * number).dispatcher(1.0)
+        compile_two_kernels()
+
+    assert capsys.readouterr().err == ""
 
     (record,) = caplog.records
     assert "up to a minute of processor time" in record.message

@@ -24,6 +24,7 @@ import inspect
 import logging
 import math
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -46,6 +47,12 @@ IN_CALLER: Final = "in caller"
 MAX_PLAIN_SAMPLES = 2**21
 """Samples, times echoes in a simulation, up to which the plain twins cost less than loading the
 compiled kernels: 0.3 us each, 0.2 of them to simulate one echo."""
+
+
+_COMPILING = (
+    "compiling loops for this processor, which are kept for later runs: up to a minute of"
+    " processor time"
+)
 
 
 class CompilationListener(Protocol):
@@ -237,11 +244,15 @@ def compiled_kernels_for_large_work(n_samples: float) -> Iterator[None]:
 
 @cache
 def _log_first_compilation() -> None:
-    """Log once for each process why a call takes long: hundreds of loops follow each other."""
-    _LOGGER.info(
-        "compiling loops for this processor, which are kept for later runs: up to a minute of"
-        " processor time"
-    )
+    """Report once for each process why a call takes long: hundreds of loops follow each other.
+
+    In an interactive session or at a terminal, without a log and without a listener, on standard
+    error: a command and the studio have a listener, and programs read their own output.
+    """
+    _LOGGER.info(_COMPILING)
+    is_watched = hasattr(sys, "ps1") or (sys.stderr is not None and sys.stderr.isatty())
+    if is_watched and not compilation_listeners and not _LOGGER.isEnabledFor(logging.INFO):
+        print(f"dechirp: {_COMPILING}", file=sys.stderr)
 
 
 @cache
