@@ -10,6 +10,7 @@ import dechirp as dc
 from dechirp.cli.main import main
 from dechirp.core.detection_columns import rows_to_show
 from dechirp.processing.leakage import leakage_findings, leakage_mask
+from dechirp.processing.moving_targets import MovingTargetMap
 from nightly import nightly
 from radars import eight_receiver_radar
 
@@ -45,6 +46,17 @@ def test_static_echo_in_main_lobe_of_zero_range_is_leakage():
         detections, 20, range_cell_m=1.0, velocity_cell_m_per_s=1.0, is_leakage=mask
     )
     assert rows.tolist() == [1, 2, 4]
+
+
+def test_echo_in_main_lobe_of_zero_range_whose_motion_is_unconfirmed_is_leakage():
+    detections = make_detections([1.0, 1.0, 30], [2.3, 2.3, 2.3])
+    detections["moving"] = ("detection", np.array([np.nan, 1, np.nan]))
+    radar, moving_targets = eight_receiver_radar(), MovingTargetMap()
+
+    mask = leakage_mask(detections, radar, dc.Chain(moving_targets=moving_targets))
+
+    assert mask.tolist() == [True, False, False]
+    assert not leakage_mask(detections, radar, dc.Chain()).any()
 
 
 @nightly

@@ -16,13 +16,16 @@ from dechirp.radar.radar import Radar
 def leakage_mask(detections: xr.Dataset, radar: Radar, chain: Chain) -> np.ndarray:
     """Return which detections are leakage, or not separated from it, (n,).
 
-    Those within half the main lobe of the range window from zero range and of two cells of
-    velocity from zero, since it drifts, and all at zero range.
+    Those within half the main lobe of the range window from zero range that are within two cells
+    of velocity from zero, since it drifts, or that the map without static echoes does not confirm
+    as moving (`join_moving_detections`), and all at zero range.
     """
     frame = radar.for_frame(0).frame
     ranges_m = detections["range"].values
     # Unknown velocities are those of single chirps.
     is_slow = ~(abs(detections["velocity"].values) > 2 * frame.velocity_resolution_m_per_s)
+    if chain.moving_targets is not None:
+        is_slow |= np.isnan(detections["moving"].values)
     is_near = ranges_m < _main_lobe_m(radar, chain)
     return np.asarray((is_near & is_slow) | (ranges_m == 0))
 
