@@ -16,7 +16,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.commands.list import family_base_classes
-from dechirp.cli.console import finding_paragraphs, open_stdout_console
+from dechirp.cli.console import finding_paragraphs, open_stdout_console, short_finding_paragraphs
 from dechirp.cli.main import main
 from dechirp.config import loading
 from dechirp.config.dumping import dump_yaml
@@ -611,6 +611,35 @@ def test_warnings_and_chosen_options_come_first_and_are_short(monkeypatch):
         f"note: chosen {option}",
         "  because static echoes hide another",
     ]
+
+
+def test_notes_below_a_table_are_short_and_refer_to_the_report(monkeypatch):
+    def make_finding(level, value="a value", fix="change it"):
+        return Finding(level=level, setting="chain", value=value, expected="another", fix=fix)
+
+    note, warning = make_finding("note", "a" + 9 * " value"), make_finding("warning")
+    choice = make_finding("note", "chosen --set a=1 because static echoes hide another")
+    option = make_finding("note", fix="add --vital-signs to measure them")
+    report = Path("out/report.html")
+
+    texts = [
+        text.plain for text in short_finding_paragraphs([note, choice, warning], report=report)
+    ]
+
+    assert texts[:3] == [
+        f"warning: {warning}",
+        f"note: {choice.value}",
+        f"note: chain: {note.value}",
+    ]
+    assert texts[3].endswith(f"Findings in {report}")
+    (text, _) = short_finding_paragraphs([option], report=report)
+    assert text.plain == "note: chain: a value; add --vital-signs to measure them"
+    assert not list(short_finding_paragraphs([], report=report))
+    assert len(list(short_finding_paragraphs([warning, choice], report=report))) == 2
+    monkeypatch.setenv("COLUMNS", "40")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    (wrapped, _) = short_finding_paragraphs([note], report=report)
+    assert all(len(line) <= 40 for line in wrapped.plain.split("\n"))
 
 
 def test_scenario_of_recording_omits_unused_settings(run_cli, recording_arguments):

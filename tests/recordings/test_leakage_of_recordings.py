@@ -9,6 +9,7 @@ import xarray as xr
 import dechirp as dc
 from dechirp.cli.main import main
 from dechirp.core.detection_columns import rows_to_show
+from dechirp.experiments.scenario import RecordingSource
 from dechirp.processing.leakage import leakage_findings, leakage_mask
 from dechirp.processing.moving_targets import MovingTargetMap
 from nightly import nightly
@@ -57,6 +58,14 @@ def test_echo_in_main_lobe_of_zero_range_whose_motion_is_unconfirmed_is_leakage(
 
     assert mask.tolist() == [True, False, False]
     assert not leakage_mask(detections, radar, dc.Chain()).any()
+
+
+def test_leakage_has_no_note_on_the_near_field(real_data):
+    recording = RecordingSource(path=str(real_data / "dca1000_pcap" / "one_frame.pcap"))
+    result = dc.run(dc.Scenario(recording=recording))
+
+    assert any("leakage" in finding.value for finding in result.findings)
+    assert not any("near field" in finding.value for finding in result.findings)
 
 
 @nightly

@@ -5,6 +5,7 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Protocol
 
 from rich import box
@@ -69,6 +70,44 @@ def finding_paragraphs(findings: Iterable[Finding]) -> Iterator[Text]:
         )
 
 
+_MAX_SHORT_FIX = 80  # characters: a line of a terminal
+
+
+def short_finding_paragraphs(findings: Iterable[Finding], *, report: Path) -> Iterator[Text]:
+    """Yield paragraphs of findings for the end of a table: of notes, the setting and the value.
+
+    Fixes of a line with an option follow their value. The last paragraph refers to the report,
+    which contains the notes in full.
+    """
+    findings = tuple(findings)
+    notes = [finding for finding in findings if _can_be_short(finding)]
+    yield from finding_paragraphs(finding for finding in findings if finding not in notes)
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    for note in notes:
+        has_short_option = "--" in note.fix and len(note.fix) <= _MAX_SHORT_FIX
+        fix = f"; {note.fix}" if has_short_option else ""
+        text = _fill(f"note: {note.setting}: {note.value}{fix}", width=width)
+        yield Text.assemble(("note", _STYLES["note"]), text.removeprefix("note"))
+    if notes:
+        count = "this note" if len(notes) == 1 else f"these {len(notes)} notes"
+        yield Text(f"What {count} would expect, and how to change it: Findings in {report}")
+
+
+def _can_be_short(finding: Finding) -> bool:
+    return finding.level == "note" and not _is_chosen_option(finding)
+
+
+def _fill(text: str, *, width: int) -> str:
+    """Break a text at words, with the lines after the first indented."""
+    return textwrap.fill(
+        text,
+        max(width, 20),
+        subsequent_indent="  ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
 def _rank(finding: Finding) -> tuple[int, bool]:
     return ("error", "warning", "note").index(finding.level), not _is_chosen_option(finding)
 
@@ -81,14 +120,7 @@ def _is_chosen_option(finding: Finding) -> bool:
 def _wrap_chosen_option(finding: Finding, *, width: int) -> str:
     """Return the option on a line of its own, and the reason below it."""
     option, because, reason = finding.value.partition(" because ")
-    text = textwrap.fill(
-        because.strip() + " " + reason,
-        max(width, 20),
-        initial_indent="  ",
-        subsequent_indent="  ",
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    text = _fill(f"  {because.strip()} {reason}", width=width)
     return f"{finding.level}: {option}\n{text}"
 
 

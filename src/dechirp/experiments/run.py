@@ -404,8 +404,10 @@ def detection_findings(
     detection_run: DetectionRun, radar: Radar, chain: Chain
 ) -> tuple[Finding, ...]:
     """Return findings on the detections of a run."""
+    detections = detection_run.detections
+    beyond_leakage = detections.isel(detection=~leakage_mask(detections, radar, chain))
     return (
-        *near_field.near_field_findings(radar, detection_run.detections),
+        *near_field.near_field_findings(radar, beyond_leakage),
         *_dropped_peak_findings(detection_run.frames.n_crowded),
         *_masked_direction_findings(
             detection_run.frames.masked_ranges_m, radar.frame.chirp.range_resolution_m

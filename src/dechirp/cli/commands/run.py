@@ -303,7 +303,7 @@ def _write_object_lists_and_add_findings(
 
 def print_run_results(result: "Result", out: Path, objects: Sequence[Path]) -> None:
     """Print the results on standard output, with the paths of the files."""
-    from dechirp.cli.console import finding_paragraphs, open_stdout_console
+    from dechirp.cli.console import open_stdout_console, short_finding_paragraphs
     from dechirp.cli.run_output import (
         missed_target_lines,
         strongest_detections_table,
@@ -320,7 +320,7 @@ def print_run_results(result: "Result", out: Path, objects: Sequence[Path]) -> N
         screen.print(vital_signs_table(result.vital_signs))
     for line in (*describe_traffic_scores(result), *missed_target_lines(result)):
         screen.print(line)
-    for paragraph in finding_paragraphs(result.findings):
+    for paragraph in short_finding_paragraphs(result.findings, report=out / "report.html"):
         screen.print(paragraph)
     for file in objects:
         screen.print(f"Object list: {file}")
