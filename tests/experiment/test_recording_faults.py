@@ -9,6 +9,8 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.cli.main import main
+from dechirp.core.findings import Finding
+from dechirp.experiments.recording_stage import note_rejected_images
 from dechirp.experiments.scenario import RecordingSource
 from dechirp.experiments.tune.trial_sources import RecordingTrialRunner
 from dechirp.experiments.tune.tune import LabelledRecording
@@ -274,3 +276,16 @@ def test_mirrored_samples_give_option_for_iq(tmp_path, capsys):
     text = finding_text(document, "recording.iq")
     assert "warning" in text
     assert "--iq" in text
+
+
+def test_warning_of_images_is_a_note_where_the_chain_leaves_them_out():
+    warning, other = (
+        Finding(level="warning", setting=f"recording.{name}", value="a", expected="b", fix="c")
+        for name in ("iq_image", "chirps")
+    )
+    assert list(note_rejected_images([warning, other], dc.Chain())) == [warning, other]
+
+    image, unchanged = note_rejected_images([warning, other], dc.Chain(image_rejection=2.0))
+
+    assert (image.level, image.value, unchanged) == ("note", "a", other)
+    assert image.fix.startswith("no action needed")

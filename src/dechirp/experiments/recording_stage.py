@@ -7,7 +7,7 @@ velocities, the other ramps are processed; they are taken if their velocities ha
 ranges.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import get_args
 
@@ -26,6 +26,7 @@ from dechirp.experiments.scenario import (
     check_chain_fits_radar,
     check_tracks_and_ego_motion_possible,
 )
+from dechirp.processing.chain import Chain
 from dechirp.processing.chain_fitting import ChosenSettingName, fit_chain_to_frames
 from dechirp.processing.channel_errors import hidden_channel_error_findings
 from dechirp.processing.detect import FrameProcessor
@@ -209,6 +210,16 @@ def _process_frames(
             *_find_noise_profile(prepared, columns),
         ),
     )
+
+
+def note_rejected_images(findings: Iterable[Finding], chain: Chain) -> Iterator[Finding]:
+    """Yield findings; a warning of I/Q images is a note if the chain leaves them out."""
+    for finding in findings:
+        if finding.setting == "recording.iq_image" and chain.image_rejection is not None:
+            fix = "no action needed: chain.image_rejection leaves images out of the detections"
+            yield replace(finding, level="note", fix=fix)
+        else:
+            yield finding
 
 
 def _find_noise_profile(

@@ -27,7 +27,11 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.frame_totals import FrameTotals
 from dechirp.experiments.link_budget import added_noise_power_w, link_budget_of_first_target
 from dechirp.experiments.object_stage import estimate_ego_motion_clusters_tracks
-from dechirp.experiments.recording_stage import detect_in_recording, open_scenario_recording
+from dechirp.experiments.recording_stage import (
+    detect_in_recording,
+    note_rejected_images,
+    open_scenario_recording,
+)
 from dechirp.experiments.scenario import (
     Scenario,
     check_single_radar,
@@ -242,7 +246,7 @@ def _run(
         findings = (
             *detected.reader_findings,
             *detected.findings,
-            *detected.frames.findings(),
+            *note_rejected_images(detected.frames.findings(), scenario.chain),
         )
     else:
         numbers = range(source.sizes["frame"])
