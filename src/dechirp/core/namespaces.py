@@ -1,7 +1,7 @@
 """Namespaces: modules that offer the public names of others, loaded on first use.
 
-lazy_loader, version 0.6, accepts only names from within a package, and these are from others. It
-also needs a list of the members of a family.
+lazy_loader, version 0.6, needs a list of the names or a stub, which a search for the members of
+families would have to write; its errors name the package instead of the namespace.
 """
 
 import importlib
