@@ -152,12 +152,16 @@ def test_errors_name_object_and_time_and_the_model_continues(radar):
     no_host = make_view(0.6, {"id": 1}, {"id": 2, "x": 30.0})
     no_host.ClearField("host_vehicle_id")
     no_host.global_ground_truth.ClearField("host_vehicle_id")
+    no_time = make_view(0.6, {"id": 7}, {"id": 2, "x": 30.0})
+    no_time.ClearField("timestamp")
+    no_time.global_ground_truth.ClearField("timestamp")
     old = make_view(0.6, {"id": 1})
     old.version.version_major = 2
     for view, texts in (
         (make_view(0.4, {"id": 1}), ("0.4 s, with object 1, after one at 0.5 s",)),
         (make_view(0.5, {"id": 1}), ("0.5 s, with object 1, after one at 0.5 s",)),
-        (no_host, ("0.6 s without host",)),
+        (no_host, ("0.6 s, with object 1, without host", "set SensorView.host_vehicle_id")),
+        (no_time, ("a view, with object 7, without timestamp", "set SensorView.timestamp")),
         (make_view(0.6, {"id": 1, "host": 9}), ("host vehicle 9", "0.6 s")),
         (make_view(0.6, {"id": 1}, {"id": 2, "length": -1.0}), ("object 2 at 0.6 s", "length -1")),
         (make_view(0.6, {"id": 1}, {"id": 2, "length": 0.01}), ("object 2 at 0.6 s", "length_m")),

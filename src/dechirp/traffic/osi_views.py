@@ -353,7 +353,11 @@ def _time_s(message: Any) -> float:
     truth = message.global_ground_truth
     stamped = next((item for item in (message, truth) if item.HasField("timestamp")), None)
     if stamped is None:
-        raise _view_error("a view without timestamp", "its time", "set SensorView.timestamp")
+        raise _view_error(
+            f"a view{first_object_text(truth)} without timestamp",
+            "timestamp, the time of the objects",
+            "set SensorView.timestamp",
+        )
     time_s = float(stamped.timestamp.seconds + stamped.timestamp.nanos / 1e9)
     if not abs(time_s) <= _MAX_TIME_S:
         raise _view_error(
@@ -475,7 +479,7 @@ def _host_id(message: Any, states: dict[int, Any], time_s: float) -> int:
     named = [getattr(holder, field).value for holder, field in places if holder.HasField(field)]
     if not named:
         raise _view_error(
-            f"a view at {time_s:g} s without host vehicle",
+            f"a view at {time_s:g} s{first_object_text(truth)} without host vehicle",
             "host_vehicle_id, the vehicle that carries the radar",
             "set SensorView.host_vehicle_id",
         )
