@@ -89,3 +89,11 @@ def test_no_job_is_quarter_slower_relative_to_plain_code_than_last_release():
         [sys.executable, BENCHMARKS / "guard.py"], capture_output=True, text=True, check=False
     )
     assert process.returncode == 0, process.stdout + process.stderr
+
+
+@nightly
+def test_shadows_of_twenty_bodies_cost_at_most_half_of_their_echoes():
+    process = subprocess.run(
+        [sys.executable, BENCHMARKS / "shadowing.py"], capture_output=True, text=True, check=False
+    )
+    assert process.returncode == 0, process.stdout + process.stderr
