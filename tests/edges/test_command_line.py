@@ -15,6 +15,7 @@ import psutil
 import pytest
 
 import dechirp as dc
+from dechirp.cli import commands
 from dechirp.cli.commands.list import family_base_classes
 from dechirp.cli.console import finding_paragraphs, open_stdout_console, short_finding_paragraphs
 from dechirp.cli.main import main
@@ -31,6 +32,10 @@ from nightly import nightly, nightly_except
 
 pytestmark = pytest.mark.usefixtures("without_figures")
 
+
+COMMAND_NAMES = sorted(
+    path.stem.replace("_", "-") for path in Path(commands.__path__[0]).glob("[a-z]*.py")
+)
 
 HEAVY_LIBRARIES = ["numpy", "scipy", "xarray", "numba", "matplotlib", "pint", "pydantic", "zarr"]
 
@@ -141,12 +146,30 @@ finally:
     assert all(name in process.stdout for name in ("run", "design", "list", "doctor"))
 
 
-@pytest.mark.parametrize("command", ["run", "design", "list", "doctor"])
+@pytest.mark.parametrize("command", COMMAND_NAMES)
 def test_every_command_has_help(run_cli, command):
     status, out, err = run_cli(command, "--help")
 
     assert (status, err) == (0, "")
     assert f"dechirp {command}" in out
+
+
+@pytest.mark.parametrize("command", COMMAND_NAMES)
+def test_help_breaks_no_line_within_a_sentence(run_cli, monkeypatch, command):
+    monkeypatch.setenv("COLUMNS", "1000")
+    _, out, _ = run_cli(command, "--help")
+
+    rows = [line[1:12] for line in out.splitlines() if line.startswith("│")]
+    assert rows
+    assert all(row.strip() for row in rows)
+
+
+def test_help_of_a_command_has_its_whole_description(run_cli, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "1000")
+    _, out, _ = run_cli("inspect", "--help")
+
+    assert "Describe a recording, the limits of its radar and its faults." in out
+    assert "The exit status is 0 if its samples or points can be read" in out
 
 
 def test_version_option_prints_package_version(run_cli):
