@@ -80,5 +80,17 @@ def test_body_of_one_velocity_needs_no_wheels():
     assert find_body_echo(detections([3.0], [100])) == (0, 3.0)
 
 
+@pytest.mark.parametrize("velocity", [[20.2], [-3.0, 8.5]], ids=["one side", "without its end"])
+def test_wheels_alone_that_miss_an_end_give_no_velocity(velocity):
+    # Powers of bodies are exponential (Swerling 1): 1 - exp(-0.003), 0.3 %, are below 0.003 of the
+    # mean.
+    snr = [1.0, 0.5][: len(velocity)]
+    of_wheels = find_body_echo(detections(velocity, snr), mean_snr=1 / 0.0029)
+    of_body = find_body_echo(detections(velocity, snr), mean_snr=1 / 0.0031)
+
+    assert of_wheels.row == of_body.row == 0
+    assert np.isnan(of_wheels.velocity_m_per_s) and np.isfinite(of_body.velocity_m_per_s)
+
+
 def test_detections_without_direction_give_no_position():
     assert find_body_echo(detections([3.0], [100], azimuth=np.nan)) is None

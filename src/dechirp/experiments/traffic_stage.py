@@ -8,11 +8,12 @@ import xarray as xr
 
 from dechirp.core.findings import Finding
 from dechirp.evaluation.association import nearest_target_indices
-from dechirp.evaluation.body_echoes import find_body_echo
+from dechirp.evaluation.body_echoes import BodyEcho, find_body_echo
 from dechirp.experiments.scenario import Scenario
+from dechirp.radar.budget import noise_power_w
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
-from dechirp.scene.truth import truth
+from dechirp.scene.truth import echo_powers_w, truth
 from dechirp.simulation.frame_by_frame import FrameSimulator
 from dechirp.simulation.impairments.interference import Interference
 from dechirp.tracking.poses import RadarPose
@@ -165,13 +166,19 @@ class ObjectComparison:
     def add_frame(self, number: int, scene: Scene, columns: Mapping[str, np.ndarray]) -> None:
         """Compare the detections of the next frame with the objects of its scene."""
         states = self._objects.add_frame(number)
-        owners = nearest_target_indices(columns, scene, self._traffic.radar.for_frame(number))
+        radar = self._traffic.radar.for_frame(number)
+        owners = nearest_target_indices(columns, scene, radar)
+        mean_snr = _mean_snr_of_targets(scene, radar)
         comparisons = {}
         for target, name in enumerate(scene.names):
             if name not in states:  # a structure
                 continue
             rows = {key: column[owners == target] for key, column in columns.items()}
-            comparisons[name] = (float(rows["snr"].size), *_errors_of_body(rows, *states[name]))
+            echo = find_body_echo(rows, mean_snr[target])
+            errors = (
+                (np.nan, np.nan) if echo is None else _errors_of_body(echo, rows, *states[name])
+            )
+            comparisons[name] = (float(rows["snr"].size), *errors)
         self._columns.append(comparisons)
 
     def add_all_frames(self, columns: Mapping[str, np.ndarray]) -> None:
@@ -207,13 +214,18 @@ class ObjectComparison:
         )
 
 
+def _mean_snr_of_targets(scene: Scene, radar: Radar) -> np.ndarray:
+    """Return the mean SNR of the echoes of each target, (n,), NaN for a radar without hardware."""
+    if radar.hardware is None:
+        return np.full(len(scene.targets), np.nan)
+    (power_w,) = echo_powers_w(scene, radar, [radar.frame.mid_frame_s])
+    return np.asarray(power_w / noise_power_w(radar) * radar.integration_gain)
+
+
 def _errors_of_body(
-    columns: Mapping[str, np.ndarray], state: ObjectState, size: Size
+    echo: BodyEcho, columns: Mapping[str, np.ndarray], state: ObjectState, size: Size
 ) -> tuple[float, float]:
-    """Return position and velocity error of the echo of the body, NaN where it is unknown."""
-    echo = find_body_echo(columns)
-    if echo is None:
-        return np.nan, np.nan
+    """Return position and velocity error of the echo of a body; NaN for an unknown velocity."""
     range_m, azimuth_rad = columns["range"][echo.row], columns["azimuth"][echo.row]
     detection_m = range_m * np.array([np.cos(azimuth_rad), np.sin(azimuth_rad)])
     centre_m = np.array([state.centre_x, state.centre_y])

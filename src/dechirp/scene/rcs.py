@@ -32,6 +32,11 @@ def scatterer_cross_sections_m2(scene: Scene, time_s: float, wavelength_m: float
 def target_cross_sections_m2(scene: Scene, times_s: ArrayLike, wavelength_m: float) -> np.ndarray:
     """Return the mean cross section of each target, all scatterers, (n_times, n_targets), m^2."""
     times_s = np.asarray(times_s, dtype=float)
+    if len(times_s) == 1:  # shares the values of its scatterers: 1.3 ms for 20 vehicles
+        rcs_m2 = scatterer_cross_sections_m2(scene, float(times_s[0]), wavelength_m)
+        return np.bincount(scene.target_index_of_scatterer, rcs_m2, minlength=len(scene.targets))[
+            None
+        ]
     sums_m2 = np.bincount(
         scene.target_index_of_scatterer, scene.fixed_scatterer_rcs_m2, minlength=len(scene.targets)
     )
