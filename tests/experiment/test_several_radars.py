@@ -276,6 +276,9 @@ def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(
     screen = capsys.readouterr().out
     assert "front-right: 4 frames" in screen
     assert "mean GOSPA" in screen
+    expected_nees = (
+        "over 1 object. If the stated errors are right, 95 % of such runs have 0.03 to 3.69"
+    )
     document = json.loads((out / "run.json").read_text(encoding="utf-8"))
     assert list(document["radars"]) == ["front-left", "front-right"]
     assert document["radars"]["front-right"]["mounting"]["position_m"] == [2.25, -0.9, 0.5]
@@ -295,6 +298,7 @@ def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(
         assert (out / name / "report.html").is_file()
     page = (out / "report.html").read_text(encoding="utf-8")
     assert 'href="front-left/report.html"' in page
+    assert expected_nees in page and expected_nees in " ".join(screen.split())
     assert page.count("<svg") == 4  # three frames, and the paths
     # Both radars have this finding, which stands once.
     assert page.count("traffic.velocity: velocities of 2 objects are missing") == 1

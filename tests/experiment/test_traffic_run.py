@@ -18,7 +18,12 @@ from dechirp.evaluation.association import (
     scatterer_range_and_range_rate,
     visible_scatterer_mask,
 )
-from dechirp.evaluation.traffic_scores import demanded_object_mask, score_tracks, score_traffic
+from dechirp.evaluation.traffic_scores import (
+    demanded_object_mask,
+    score_track_consistency,
+    score_tracks,
+    score_traffic,
+)
 from dechirp.experiments.traffic_stage import ObjectComparison, TrafficFrames
 from dechirp.report.traffic_section import describe_track_scores, traffic_table_rows
 from nightly import nightly
@@ -260,6 +265,78 @@ def test_wheel_without_its_body_is_detected_but_gives_no_velocity(trace, share, 
     car = comparison.to_dataset().sel(target="car-2").isel(frame=0)
     assert car["n_detections"] == 1 and np.isfinite(car["position_error"])
     assert np.isfinite(car["velocity_error"]) == is_known
+
+
+def tracks_with_errors(objects, errors, covariance):
+    """Return a confirmed track of each object, of the given errors (target, 4) in all frames."""
+    states = ["x", "vx", "y", "vy"]
+    columns = {
+        state: objects[f"centre_{state}" if len(state) == 1 else state].values + error[:, None]
+        for state, error in zip(states, errors.T, strict=True)
+    }
+    shape = columns["x"].shape
+    return xr.Dataset(
+        {name: (("track", "frame"), column) for name, column in columns.items()}
+        | {
+            "status": (("track", "frame"), np.full(shape, "confirmed")),
+            "covariance": (
+                ("track", "frame", "state", "other_state"),
+                np.broadcast_to(covariance, (*shape, 4, 4)),
+            ),
+        },
+        coords={"state": states, "other_state": states, "frame": objects["frame"].values},
+    )
+
+
+def scattered_objects(n_objects):
+    """Return objects of 4 x 2 m that stand 50 m apart, in three frames."""
+    shape = n_objects, 3
+    places_m = np.repeat(50.0 * np.arange(n_objects)[:, None], shape[1], axis=1)
+    columns = {"x": places_m, "y": 0, "vx": 3, "vy": 1, "centre_x": places_m, "centre_y": 0}
+    return xr.Dataset(
+        {
+            name: (("target", "frame"), np.broadcast_to(np.asarray(column, float), shape))
+            for name, column in (columns | {"heading": 0}).items()
+        }
+        | {"length": ("target", np.full(n_objects, 4.0))}
+        | {"width": ("target", np.full(n_objects, 2.0))},
+        coords={"target": [f"car-{i}" for i in range(n_objects)], "frame": range(3)},
+    )
+
+
+def test_nees_of_objects_is_squared_error_over_variance_per_axis():
+    # Variances 4 and 9 m^2, of which errors of 2 and 1.5 m are 1 and 1/4; 0.25 and 1 m^2/s^2.
+    objects = scattered_objects(2)
+    errors = np.array([[2.0, 0.5, 1.5, 0], [0, 0, 0, 2.0]])
+    tracks = tracks_with_errors(objects, errors, np.diag([4.0, 0.25, 9.0, 1.0]))
+    is_demanded = np.array([[True] * 3, [True, False, False]])
+
+    scores = score_track_consistency(objects, is_demanded, tracks)
+    without_objects = score_track_consistency(objects, is_demanded & False, tracks)
+
+    # Objects count alike, not frames.
+    assert scores.position_nees == pytest.approx((1 + 0.25) / 2 / 2)
+    assert scores.velocity_nees == pytest.approx((1 / 2 + 4 / 2) / 2)
+    # Quantiles of chi-square of four degrees, over four.
+    assert scores.expected_interval == pytest.approx((0.4844 / 4, 11.1433 / 4), rel=1e-4)
+    assert scores.n_objects == 2 and without_objects is None
+
+
+def test_right_stated_errors_are_in_the_interval_of_nees_in_95_of_100_runs():
+    covariance = np.array([[1, 0.3, 0, 0], [0.3, 0.5, 0, 0], [0, 0, 0.8, 0.1], [0, 0, 0.1, 0.2]])
+    objects, rng, n_runs = scattered_objects(5), np.random.default_rng(2), 300
+    is_demanded, n_inside = np.ones((5, 3), bool), 0
+    for _ in range(n_runs):
+        errors = rng.multivariate_normal(np.zeros(4), covariance, size=5)
+        scores = score_track_consistency(
+            objects, is_demanded, tracks_with_errors(objects, errors, covariance)
+        )
+        low, high = scores.expected_interval
+        n_inside += (low < scores.position_nees < high) + (low < scores.velocity_nees < high)
+
+    # Binomial of 600 runs, of which positions and velocities are correlated at most fully: 5
+    # standard deviations of 300 runs are 19.
+    assert abs(n_inside / 2 - 0.95 * n_runs) < 19
 
 
 POLES = """time,id,class,x,y,heading,length,width,height

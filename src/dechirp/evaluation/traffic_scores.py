@@ -5,7 +5,8 @@ import xarray as xr
 
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.gospa import gospa_of_distances
-from dechirp.evaluation.identity import identities_from_distances
+from dechirp.evaluation.identity import NO_TRACK, identities_from_distances
+from dechirp.evaluation.nees import mean_nees_interval, nees
 
 MIN_VISIBLE_SHARE = 0.5
 """An object of which nearer ones hide more counts as shadowed."""
@@ -27,6 +28,17 @@ class TrackScores:
     """Mean number of confirmed tracks without an object or a structure, in a frame."""
     n_structure_tracks: float
     """Mean number of confirmed tracks on structures, such as walls and rails, in a frame."""
+
+
+@frozen_dataclass
+class TrackConsistency:
+    """Mean NEES per axis of tracks, over objects with a confirmed track; 1 if errors are right."""
+
+    n_objects: int
+    position_nees: float
+    velocity_nees: float
+    expected_interval: tuple[float, float]
+    """Interval of either in 95 % of the runs with right stated errors."""
 
 
 @frozen_dataclass
@@ -130,6 +142,41 @@ def score_tracks(objects: xr.Dataset, is_demanded: np.ndarray, tracks: xr.Datase
         n_identity_switches=int(identities["n_swaps"].sum()),
         n_false_tracks=float(identities["n_false"].mean()) - n_per_frame,
         n_structure_tracks=n_per_frame,
+    )
+
+
+def score_track_consistency(
+    objects: xr.Dataset, is_demanded: np.ndarray, tracks: xr.Dataset
+) -> TrackConsistency | None:
+    """Compare errors of tracks with their stated errors; None without an object with a track.
+
+    Positions refer to the centres of the objects. Frames of an object are averaged first: the
+    offset of its echo from its centre lasts for seconds, so each object is one independent draw.
+    """
+    objects = objects.transpose("target", "frame")
+    tracks = tracks.transpose("track", "frame", "state", "other_state")
+    holder = np.where(is_demanded, object_identities(tracks, objects)["holder"].values, NO_TRACK)
+    target, frame = np.nonzero(holder != NO_TRACK)
+    if not target.size:
+        return None
+    row, values = holder[target, frame], []
+    for states, true_names in ((["x", "y"], ["centre_x", "centre_y"]), (["vx", "vy"],) * 2):
+        errors = [
+            tracks[state].values[row, frame] - objects[name].values[target, frame]
+            for state, name in zip(states, true_names, strict=True)
+        ]
+        covariance = tracks["covariance"].sel(state=states, other_state=states).values
+        per_axis = nees(np.stack(errors, axis=-1), covariance[row, frame]) / len(states)
+        n_frames = np.bincount(target)
+        is_tracked = n_frames > 0
+        sums = np.bincount(target, per_axis)
+        values.append(float(np.mean(sums[is_tracked] / n_frames[is_tracked])))
+    low, high = mean_nees_interval(2, int(is_tracked.sum()), outside_probability=0.05)
+    return TrackConsistency(
+        n_objects=int(is_tracked.sum()),
+        position_nees=values[0],
+        velocity_nees=values[1],
+        expected_interval=(low / 2, high / 2),
     )
 
 

@@ -16,6 +16,8 @@ from dechirp.core.findings import Finding
 from dechirp.core.text import EN_DASH, format_fixed, join_names
 from dechirp.evaluation.traffic_scores import (
     MAX_AZIMUTH_RAD,
+    TrackConsistency,
+    score_track_consistency,
     score_tracks,
     score_traffic,
 )
@@ -116,12 +118,27 @@ def describe_fused_tracks(result: "RadarsResult") -> list[str]:
         f" {format_count_with_noun(result.tracks.sizes['frame'], 'frame')} of all radars."
     ]
     if result.objects is not None and result.objects.sizes["target"]:
-        scores = score_tracks(result.objects, result.objects["in_view"].values, result.tracks)
+        scored = result.objects, result.objects["in_view"].values, result.tracks
         sentences.append(
             "Against the objects in view of a radar and at most half hidden:"
-            f" {describe_track_scores(scores)}"
+            f" {describe_track_scores(score_tracks(*scored))}"
         )
+        consistency = score_track_consistency(*scored)
+        if consistency is not None:
+            sentences.append(_describe_consistency(consistency))
     return sentences
+
+
+def _describe_consistency(consistency: TrackConsistency) -> str:
+    low, high = consistency.expected_interval
+    return (
+        "NEES, the squared error of a track over the variance that it states, per axis:"
+        f" {format_fixed(consistency.position_nees, 2)} for the position of the centre and"
+        f" {format_fixed(consistency.velocity_nees, 2)} for the velocity, over"
+        f" {format_count_with_noun(consistency.n_objects, 'object')}. If the stated errors are"
+        f" right, 95 % of such runs have {format_fixed(low, 2)} to {format_fixed(high, 2)}; less:"
+        " errors are overstated, more: understated."
+    )
 
 
 def _radar_rows(result: "RadarsResult") -> list[dict[str, str]]:
