@@ -18,7 +18,7 @@ from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import MatchQuality, RecordingHints
-from dechirp.recordings.readers.sirad import Sirad
+from dechirp.recordings.readers.sirad import Sirad, _parse_rows_to_codes
 from dechirp.recordings.settings.base import RecordingSettings
 from formats.corruption import decode_frames
 from nightly import n_examples, nightly, nightly_except
@@ -290,6 +290,48 @@ def test_damaged_recording_error_names_mistake(tmp_path, text, message):
         read_contents(tmp_path, text)
 
     assert message in error.value.mistakes[0].value
+
+
+def test_lowest_and_highest_code_of_16_bits_are_read(tmp_path):
+    rows = np.full((2, 64), 7)
+    rows[0, 0], rows[1, 63] = -(2**15), 2**15 - 1
+
+    contents, cube = read_contents(tmp_path, json.dumps({**HEADER, "data": rows.tolist()}))
+
+    codes = cube.reshape(2, 32) / contents.scale
+    assert codes[0, 0] == 7 - 32768j  # Q precedes I
+    assert codes[1, 31] == 32767 + 7j
+
+
+def mutate_rows(rng):
+    """Return the text of three rows of four numbers, with up to three changed characters."""
+    text = bytearray(b"[1,-2, 30,4],\n [5,6,-700,8],[0,-0,32767,-32768]")
+    for _ in range(rng.integers(4)):
+        place = rng.integers(len(text))
+        inserted = rng.choice([b"", b"0", b"-", b",", b" ", b"[", b"]"])
+        text[place : place + rng.integers(2)] = inserted
+    return bytes(text)
+
+
+def test_rows_are_accepted_exactly_if_they_are_json():
+    rng = np.random.default_rng(31)
+    n_valid = 0
+    for _ in range(n_examples(2000)):
+        text = mutate_rows(rng)
+        try:
+            expected = json.loads(b"[" + text + b"]")
+            is_valid = all(len(row) == 4 for row in expected)
+            is_valid = is_valid and all(-(2**15) <= x < 2**15 for row in expected for x in row)
+        except (ValueError, TypeError):
+            is_valid = False
+        n_valid += is_valid
+        if is_valid:
+            rows = _parse_rows_to_codes(Path("rows.json"), 0, text, 4)
+            np.testing.assert_array_equal(rows, expected)
+        else:
+            with pytest.raises(RecordingError):
+                _parse_rows_to_codes(Path("rows.json"), 0, text, 4)
+    assert 0 < n_valid < n_examples(2000)
 
 
 def test_damaged_recording_error_gives_byte_offset(tmp_path):

@@ -10,6 +10,7 @@ The ramp sweeps the bandwidth in 37.5 more sample periods than are recorded: 32 
 import json
 import math
 import re
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar
@@ -36,7 +37,9 @@ _HEAD_BYTES = 1024
 _BLOCK_BYTES = 2**20
 _DATA = re.compile(rb'"data"\s*:\s*\[')
 _END = re.compile(rb"(\[[^\[\]]*\])\s*\]\s*\}\s*")
-_NUMBERS = b"0123456789-,[] \t\r\n"
+_NUMBER_CHARACTERS = b"0123456789- \t\r\n"
+_NUMBERS = _NUMBER_CHARACTERS + b",[]"
+_JOINT = re.compile(rb"\]\s*,\s*\[")
 
 _UNRECORDED_SAMPLES = 37.5
 _START_HZ = 119e9
@@ -328,6 +331,9 @@ def _parse_rows_to_codes(path: Path, offset: int, text: bytes, n_numbers: int) -
         raise _malformed_rows_error(
             path, offset + text.index(unexpected[:1]), f"{character!r} among numbers", n_numbers
         )
+    codes = _parse_canonical_rows(text, n_numbers)
+    if codes is not None:
+        return codes
     try:
         rows = json.loads(b"[" + text + b"]")
     except (ValueError, RecursionError) as error:
@@ -345,11 +351,48 @@ def _parse_rows_to_codes(path: Path, offset: int, text: bytes, n_numbers: int) -
             raise _malformed_rows_error(path, offset, found_row, n_numbers)
     try:
         codes = np.array(rows, dtype=np.int64)
-        if codes.ndim == 2 and abs(codes).max() < 2**15:
+        if codes.ndim == 2 and _fit_into_16_bits(codes):
             return codes.astype(np.int16)
     except (ValueError, TypeError, OverflowError):  # nested lists, or numbers beyond 64 bits
         pass
     raise _malformed_rows_error(path, offset, "a value other than a 16-bit integer", n_numbers)
+
+
+def _parse_canonical_rows(text: bytes, n_numbers: int) -> np.ndarray | None:
+    """Parse valid rows in a quarter of the time of `json`; return None where it has to judge."""
+    separators = text.translate(None, _NUMBER_CHARACTERS)
+    n_rows = separators.count(b"[")
+    numbers, n_joints = _JOINT.subn(b",", text)
+    if (
+        separators + b"," != (b"[" + b"," * (n_numbers - 1) + b"],") * n_rows
+        or n_joints != n_rows - 1
+        or not (text.startswith(b"[") and text.endswith(b"]"))
+    ):
+        return None
+    # NumPy reads a lone sign and an empty place as 0, and leading zeros: none of them is JSON.
+    characters = np.frombuffer(numbers, np.uint8)
+    is_digit = characters - np.uint8(ord("0")) < 10
+    is_first_digit = is_digit[1:] & ~is_digit[:-1]
+    is_lone_sign = (characters[:-1] == ord("-")) & ~is_digit[1:]
+    is_leading_zero = is_first_digit[:-1] & (characters[1:-1] == ord("0")) & is_digit[2:]
+    if is_lone_sign.any() or is_leading_zero.any():
+        return None
+    if np.count_nonzero(is_first_digit) != n_rows * n_numbers:
+        return None
+    try:
+        with warnings.catch_warnings():
+            # Numbers that no comma divides; some versions of NumPy only warn of them.
+            warnings.simplefilter("error", DeprecationWarning)
+            codes = np.fromstring(numbers[1:-1], np.int64, sep=",")
+    except (ValueError, DeprecationWarning):
+        return None
+    if codes.size != n_rows * n_numbers or not _fit_into_16_bits(codes):
+        return None
+    return codes.astype(np.int16).reshape(n_rows, n_numbers)
+
+
+def _fit_into_16_bits(codes: np.ndarray) -> bool:
+    return bool(codes.min() >= -(2**15) and codes.max() < 2**15)
 
 
 def _malformed_rows_error(path: Path, offset: int, value: str, n_numbers: int) -> RecordingError:
