@@ -243,6 +243,7 @@ def test_object_sent_again_with_a_new_id_is_reported_once():
     (finding,) = findings
     assert finding.level == "warning" and finding.setting == "view.overlap"
     assert finding.value == "object 8 overlaps object 2 at 0 s, by 1.8 m"  # the width
+    assert finding.fix.startswith("correct their positions or sizes, or remove one of them")
 
 
 def test_component_of_velocity_that_is_not_set_is_zero():

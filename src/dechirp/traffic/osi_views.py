@@ -26,7 +26,7 @@ from dechirp.traffic.osi_trace import (
     state_of_moving_object,
     state_of_stationary_object,
 )
-from dechirp.traffic.overlaps import find_overlapping_pairs
+from dechirp.traffic.overlaps import OVERLAP_FIX, find_overlapping_pairs
 from dechirp.traffic.road_bodies import Size, complete_size
 from dechirp.traffic.traffic import FASTEST_M_PER_S, MOVES_M_PER_S, SAME_SIZE_M, check_state
 
@@ -281,7 +281,7 @@ class OsiViews:
                 value=f"object {second} overlaps object {first} at {time_s:g} s, by"
                 f" {depths_m[index]:.1f} m",
                 expected="objects apart",
-                fix="remove one of them, such as a trailer with the centre of its tractor",
+                fix=OVERLAP_FIX,
             )
 
     def _velocity(self, state: ObjectState, history: _History) -> np.ndarray:

@@ -10,6 +10,10 @@ from dechirp.traffic.road_bodies import Size, complete_size
 
 _MIN_OVERLAP_M = 0.3
 """Recorded positions and sizes err by up to 0.1 m each, for both objects."""
+OVERLAP_FIX = (
+    "correct their positions or sizes, or remove one of them if it is a copy of the other or a part"
+    " of it, such as a trailer"
+)
 
 
 class Overlap(NamedTuple):

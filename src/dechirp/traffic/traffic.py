@@ -17,7 +17,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.traffic.base import CutTrafficError, ObjectState, TrafficFormat
 from dechirp.traffic.heading_check import find_wrong_headings
 from dechirp.traffic.object_steps import find_gaps, join_times_s, typical_steps_s
-from dechirp.traffic.overlaps import find_overlaps
+from dechirp.traffic.overlaps import OVERLAP_FIX, find_overlaps
 from dechirp.traffic.trajectory_csv import missing_columns
 from dechirp.traffic.trajectory_sets import recognise_foreign_xml
 
@@ -456,7 +456,7 @@ def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
                 setting="traffic.position",
                 value=f"objects overlap: {join_names(overlaps, at_most=4)}",
                 expected="objects apart",
-                fix="remove one of them, such as a trailer with the centre of its tractor",
+                fix=OVERLAP_FIX,
             )
         )
     return findings
