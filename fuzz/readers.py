@@ -292,6 +292,7 @@ RECORDINGS: dict[str, tuple[Callable[[], bytes], dict[str, object]]] = {
     ),
     "complex-samples": (complex_samples, {"format": "complex-samples", "encoding": "cf32"}),
     "urad": (urad, {"format": "urad"}),
+    "urad-pair": (urad, {"format": "urad"}),
     "sync-wav": (sync_wav, {"format": "sync-wav"}),
     "continuous-wav": (continuous_wav, {"format": "continuous-wav"}),
     "sirad": (sirad, {}),
@@ -302,8 +303,11 @@ RECORDINGS: dict[str, tuple[Callable[[], bytes], dict[str, object]]] = {
 }
 SELF_DESCRIBING = {"kept", "mcap", "sirad", "ti-uart", "pcd", "calterah", "ros1"}
 """Kinds of recordings that contain their radar settings."""
-COMPANIONS = {"calterah": ("sensor_config_init0.hxx", HXX)}
-"""Name and text of the settings file beside a recording."""
+COMPANIONS = {
+    "calterah": ("capture", "sensor_config_init0.hxx", HXX.encode),
+    "urad-pair": ("I_capture.txt", "Q_capture.txt", urad),
+}
+"""Names of a recording and of the file beside it, which is not mutated, with its content."""
 SLOW_TIME = {"acconeer": (acconeer, "x.h5"), "slow-time-text": (slow_time_text, "x.csv")}
 """Files of slow time, with their names."""
 SETTINGS: dict[str, tuple[Callable[[], bytes], str]] = {
@@ -347,13 +351,15 @@ def build_input_function(kind: str, folder: Path) -> Callable[[bytes], None]:
     options = RECORDINGS[kind][1]
     radar_options = {} if kind in SELF_DESCRIBING else {"radar": write_radar(kind, folder)}
 
+    file = folder / "capture"
     if kind in COMPANIONS:
-        name, text = COMPANIONS[kind]
-        (folder / name).write_text(text)
+        name, companion, make_content = COMPANIONS[kind]
+        file = folder / name
+        (folder / companion).write_bytes(make_content())
 
     def run_recording(content: bytes) -> None:
-        (folder / "capture").write_bytes(content)
-        assert_cube_or_error(folder / "capture", **radar_options, **options)
+        file.write_bytes(content)
+        assert_cube_or_error(file, **radar_options, **options)
 
     return run_recording
 
