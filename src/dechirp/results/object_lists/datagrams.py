@@ -25,7 +25,7 @@ bytes: 1440 bytes, within the 1472 that Ethernet carries in one piece. Numbers a
 | 8 | 12 of float32 | x y z vx vy x_std y_std vx_std vy_std snr length width |
 
 ASAM OSI's `SensorData` (see `osi`) has no field for the SNR of a track or for the number, length
-and width of a detection. It takes 2.5 to 2.7 times as many bytes, more than one datagram holds, and
+and width of a detection. It takes 2.2 to 2.7 times as many bytes, more than one datagram holds, and
 OSI does not define how to divide a message.
 """
 
