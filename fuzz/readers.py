@@ -329,6 +329,15 @@ def write_radar(kind: str, folder: Path) -> object:
     return read_settings(file).radar
 
 
+def write_companion(kind: str, folder: Path) -> Path:
+    """Write the file beside a recording, if there is one; return the path of the recording."""
+    if kind not in COMPANIONS:
+        return folder / "capture"
+    name, companion, make_content = COMPANIONS[kind]
+    (folder / companion).write_bytes(make_content())
+    return folder / name
+
+
 def build_input_function(kind: str, folder: Path) -> Callable[[bytes], None]:
     """Build the function that reads one input."""
     from dechirp.core.errors import InvalidFile, RecordingError
@@ -351,11 +360,7 @@ def build_input_function(kind: str, folder: Path) -> Callable[[bytes], None]:
     options = RECORDINGS[kind][1]
     radar_options = {} if kind in SELF_DESCRIBING else {"radar": write_radar(kind, folder)}
 
-    file = folder / "capture"
-    if kind in COMPANIONS:
-        name, companion, make_content = COMPANIONS[kind]
-        file = folder / name
-        (folder / companion).write_bytes(make_content())
+    file = write_companion(kind, folder)
 
     def run_recording(content: bytes) -> None:
         file.write_bytes(content)

@@ -53,10 +53,7 @@ def test_seed_inputs_of_reader_fuzzer_are_read(tmp_path):
     for kind, (content, options) in READERS.RECORDINGS.items():
         folder = tmp_path / kind
         folder.mkdir()
-        if kind in READERS.COMPANIONS:
-            name, text = READERS.COMPANIONS[kind]
-            (folder / name).write_text(text)
-        file = folder / "capture"
+        file = READERS.write_companion(kind, folder)
         file.write_bytes(content())
         radar_options = (
             {} if kind in READERS.SELF_DESCRIBING else {"radar": READERS.write_radar(kind, folder)}
