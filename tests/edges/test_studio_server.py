@@ -312,6 +312,20 @@ def test_each_server_has_its_own_token():
 # Command line
 
 
+def test_refuses_traffic_without_a_vehicle_for_the_radar(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("dechirp.cli.commands.studio._serve_until_signal", lambda *_: None)
+    path = tmp_path / "trace.csv"
+    steps = ["0,7,car,0,0,0,4.5,1.8,1.5", "1,7,car,5,0,0,4.5,1.8,1.5"]
+    rows = ["time,id,class,x,y,heading,length,width,height", *steps]
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+    for changes in ([], ["--set", "traffic.ego=9"]):
+        with pytest.raises(SystemExit) as exit_info:
+            main(["studio", "--port", "0", "--scenario", str(path), *changes])
+        assert exit_info.value.code == 2
+        assert "most time in the trace have car-7 (2 steps)" in capsys.readouterr().err
+
+
 def test_rejects_port_in_use(studio, capsys):
     port = urlsplit(studio.address).port
     with pytest.raises(SystemExit) as exit_info:

@@ -240,6 +240,15 @@ def test_markers_lie_at_target_position_at_mid_frame(page):
     assert "1 target, 1 detection" in view.caption.title
 
 
+@pytest.mark.parametrize(("speed", "has_arrow"), [("1e-14 m/s", False), ("0.01 m/s", True)])
+def test_targets_that_stand_but_for_rounding_errors_have_no_arrow(page, speed, has_arrow):
+    change = f"scene.targets.car.velocity=[{speed}, 0, 0]"
+    page.scenario = apply_overrides(page.scenario, [change], LIMITS)
+    view = SceneView(page)
+    page.show(view)
+    assert ("→ in" in view.caption.note) == has_arrow
+
+
 def test_detections_without_directions_are_arcs_at_their_range(page):
     page.scenario = apply_overrides(page.scenario, ["radar.array.rx=[[0, 0, 0]]"], LIMITS)
     view = SceneView(page)

@@ -51,6 +51,8 @@ def studio(
     first_scenario = check_scenario_within_limits(
         _initial_scenario(scenario, changes or []), limits
     )
+    if first_scenario.traffic is not None and first_scenario.radar is not None:
+        first_scenario.traffic.open_scenes(first_scenario.radar)  # refuses a wrong file or ego
     make_pages = partial(page_builders_by_address, scenario=first_scenario, limits=limits)
     server = StudioServer(make_pages, host=host, port=number)
     _serve_until_signal(server, partial(_print_server_address, server, as_json=as_json))

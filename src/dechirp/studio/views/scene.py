@@ -115,6 +115,7 @@ _MAX_LARGE_MARKS = 15  # detections drawn large
 _MAX_MAGNIFICATION = 1000.0  # of errors: without noise, they are a billionth of a metre
 _ELLIPSE_SCALE = 0.3  # of the widest error ellipse, drawn larger than in reports
 _ARROW_LENGTH = 0.25  # of the largest range: arrow length of the fastest target
+_SLOWEST_ARROW_M_PER_S = 1e-3  # slower targets stand: rounding errors of traffic are 1e-14
 
 
 class SceneView(View):
@@ -206,7 +207,9 @@ class SceneView(View):
             positions_m[targets.names.index(self._dragged[0])] = self._dragged[1]
         fastest = float(np.hypot(*targets.velocities_m_per_s.T).max(initial=0.0))
         arrow_time_s = (
-            round_down_to_1_2_5(_ARROW_LENGTH * reach_m / fastest) if fastest > 0 else 0.0
+            round_down_to_1_2_5(_ARROW_LENGTH * reach_m / fastest)
+            if fastest >= _SLOWEST_ARROW_M_PER_S
+            else 0.0
         )
         ends_m = positions_m + arrow_time_s * targets.velocities_m_per_s
         self.top_view.draw_targets_with_arrows(targets.names, positions_m[:, ::-1], ends_m[:, ::-1])
