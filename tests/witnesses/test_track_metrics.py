@@ -116,6 +116,14 @@ def test_ospa_and_gospa_are_metrics(a, b, c, order):
         assert distance(a, c) <= distance(a, b) + distance(b, c) + 1e-9
 
 
+@pytest.mark.parametrize("metric", [gospa, ospa_m])
+@pytest.mark.parametrize("points", [3.0, [1.0, 2.0]])
+def test_points_without_rows_are_refused_beside_an_empty_set(metric, points):
+    for estimate_m, truth_m in ((points, []), ([], points)):
+        with pytest.raises(InvalidSetting, match="a row for each point"):
+            metric(estimate_m, truth_m, cutoff_m=5)
+
+
 def test_gospa_counts_missed_and_false_separately():
     truth = np.array([[0.0, 0], [50, 0]])
     estimate = np.array([[1.0, 0], [100, 0], [0, 100]])

@@ -61,13 +61,14 @@ def pairwise_distances_m(estimate_m: ArrayLike, truth_m: ArrayLike) -> np.ndarra
     """
     estimates = check_finite_array("estimate_m", estimate_m, may_be_empty=True)
     truth = check_finite_array("truth_m", truth_m, may_be_empty=True)
-    if estimates.size == 0 or truth.size == 0:
-        return np.zeros((len(estimates), len(truth)))
-    if estimates.ndim != 2 or truth.ndim != 2 or estimates.shape[1] != truth.shape[1]:
+    filled = [points for points in (estimates, truth) if points.size]
+    if any(points.ndim != 2 for points in filled) or len({x.shape[1] for x in filled}) > 1:
         raise InvalidSetting(
             "estimate_m",
             value=f"of shape {estimates.shape}, with a truth of shape {truth.shape}",
             expected="a row for each point, with as many coordinates as the truth",
             fix="give both as [[x, y], ...]",
         )
+    if len(filled) < 2:
+        return np.zeros((len(estimates), len(truth)))
     return np.asarray(scipy.spatial.distance.cdist(estimates, truth))

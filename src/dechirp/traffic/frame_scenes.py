@@ -293,8 +293,8 @@ class FrameScenes:
             value="missing, and the file names no host" if number is None else number,
             expected="the id of the vehicle that carries the radar; most time in the trace have "
             + join_names([f"{self.names[index]} ({n_steps[index]} steps)" for index in longest]),
-            fix=f"give the id, such as --ego {self._ids[longest[0]]} (traffic.ego, or the argument"
-            " ego)",
+            fix=f"give the id, such as --set traffic.ego={self._ids[longest[0]]}, or the argument"
+            " ego",
         )
 
     def _select_frames(self, start_s: float, duration_s: float | None) -> tuple[float, int]:
