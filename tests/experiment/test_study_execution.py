@@ -1,5 +1,6 @@
 """Execution of studies on any workers and in any order: identical results, kills and signals."""
 
+import ctypes
 import os
 import random
 import signal
@@ -27,6 +28,7 @@ from dechirp.experiments.study.executors import (
     workers_from_options,
 )
 from dechirp.experiments.study.ledger_reader import LedgerReader
+from dechirp.experiments.study.processes import RestartablePool, WorkerStopped
 from nightly import NIGHTLY, nightly
 from tiny_study import TinyPlan, ledger_digest, run_tiny_study
 
@@ -205,6 +207,23 @@ def _kill_worker_at_block_20(tiny: TinyPlan, point: int, number: int) -> Block:
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(5)
     return tiny_study.run_tiny_block(tiny, point, number)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+def test_worker_stops_if_callback_of_library_loses_first_signal(capfd):
+    """Numba's compiler calls back by ctypes, which cannot pass the exception of a handler on."""
+    pool = RestartablePool(1)
+    try:
+        with pytest.raises(WorkerStopped):
+            pool.submit(_send_sigterm_in_ctypes_callback).result(timeout=60)
+    finally:
+        pool.shutdown()
+    assert capfd.readouterr().err == ""
+
+
+def _send_sigterm_in_ctypes_callback() -> None:
+    ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGTERM))()
+    time.sleep(5)
 
 
 def start_study(out: Path, *options: str) -> subprocess.Popen[str]:

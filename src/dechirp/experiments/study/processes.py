@@ -13,6 +13,8 @@ from typing import Any
 
 from loky import ProcessPoolExecutor
 
+from dechirp.core.lost_interrupts import repeat_lost_interrupts
+
 ONE_THREAD = {f"{pool}_NUM_THREADS": "1" for pool in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 """Environment of a worker: with one worker a core, no core is left for threads of libraries."""
 
@@ -125,20 +127,37 @@ class _WorkerState:
 
     is_working = False
     is_stopped = False
+    is_interrupted = False
 
 
 def _call_stoppable_by_sigterm(fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:
     """Run a function on a worker; SIGTERM ends it and all later calls, but not the worker."""
-    try:
-        _WorkerState.is_working = True
-        if _WorkerState.is_stopped:
-            raise WorkerStopped("stopped by SIGTERM")
-        return fn(*args, **kwargs)
-    finally:
-        _WorkerState.is_working = False
+    with repeat_lost_interrupts(WorkerStopped, _repeat_sigterm):
+        try:
+            _WorkerState.is_working = True
+            _raise_if_stopped()
+            result = fn(*args, **kwargs)
+        except Exception:
+            _raise_if_stopped()  # a library may raise an error of its own for a lost interrupt
+            raise
+        finally:
+            _WorkerState.is_working = False
+    _raise_if_stopped()
+    return result
+
+
+def _raise_if_stopped() -> None:
+    if _WorkerState.is_stopped:
+        raise WorkerStopped("stopped by SIGTERM")
 
 
 def _handle_sigterm(_number: int, _frame: FrameType | None) -> None:
-    is_first, _WorkerState.is_stopped = not _WorkerState.is_stopped, True
-    if is_first and _WorkerState.is_working:  # a second signal must not interrupt the clean-up
+    _WorkerState.is_stopped = True
+    if _WorkerState.is_working and not _WorkerState.is_interrupted:
+        _WorkerState.is_interrupted = True  # a second signal must not interrupt the clean-up
         raise WorkerStopped("stopped by SIGTERM")
+
+
+def _repeat_sigterm() -> None:
+    _WorkerState.is_interrupted = False
+    os.kill(os.getpid(), signal.SIGTERM)
