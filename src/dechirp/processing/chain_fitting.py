@@ -7,6 +7,9 @@ Only settings that have their default values and were not given are chosen. Rule
   whereas the default window contains the echoes beside it: a row of n cells of power P in a window
   of N cells raises the threshold to alpha n P / N. The factor alpha stays exact for fewer cells.
 * A map of moving targets without static echoes, where there are static echoes and chirps enough.
+  Its training cells lie along velocity alone where its noise rises towards zero range, as leakage
+  and amplifiers cause it: cells at other ranges contain less noise than those next to zero range.
+  But not if these cells hide moving echoes of wide Doppler spectra, such as people.
 * No detections beyond the range axis. Beat frequencies slightly below zero, of leakage between the
   antennas, alias to its far end. A static echo within a main lobe of the end is taken for leakage,
   and within the last 1/32 of the axis an echo that mirrors one as near to zero range: true echoes
@@ -46,12 +49,14 @@ from dechirp.processing.frame import (
 from dechirp.processing.mitigation.apply import apply_mitigation
 from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
 from dechirp.processing.moving_targets import MovingTargetMap
+from dechirp.processing.noise_profile import maps_of_rising_ramps, noise_excess_of_ranges
 from dechirp.processing.peaks import image_levels
 from dechirp.processing.range_doppler_map import (
     detect_peaks_and_count_dropped,
     fill_unusable_cells_with_noise,
     range_doppler_power,
 )
+from dechirp.processing.spectrum import rows_with_circular_noise
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.radar import Radar
 
@@ -147,7 +152,8 @@ def fit_chain_to_frames(
     ):
         moving = MovingTargetMap(cfar=_cfar_over_both_axes(chain.cfar))
         fitted = replace(fitted, moving_targets=moving).fit_to_radar(radar)
-        choices.append(_choice_of_moving_target_map(static))
+        fitted, choice = _choose_cells_of_moving_map(fitted, frames, radar, static)
+        choices.append(choice)
     if "max_range" not in kept and chain.max_range_m is None:
         limit_m, reason = _range_limit_and_reason(maps, static, map_radar, fitted)
         if reason:
@@ -255,15 +261,59 @@ def _choice_of_cells_along_velocity(cfar: Cfar, hidden: Sequence[_StaticPeak]) -
     )
 
 
-def _choice_of_moving_target_map(static: Sequence[_StaticPeak]) -> ChosenSetting:
-    """Return the choice of a map without static echoes."""
+def _choose_cells_of_moving_map(
+    chain: Chain, frames: Sequence[np.ndarray], radar: Radar, static: Sequence[_StaticPeak]
+) -> tuple[Chain, ChosenSetting]:
+    """Return a chain with a map without static echoes, its cells chosen, and the choice."""
+    assert chain.moving_targets is not None
+    along_velocity = _moving_cfar_in_rising_noise(frames, radar, chain.moving_target_chain())
+    if along_velocity is not None:
+        chain = replace(chain, moving_targets=replace(chain.moving_targets, cfar=along_velocity))
+    return chain, _choice_of_moving_target_map(static, along_velocity)
+
+
+def _moving_cfar_in_rising_noise(
+    frames: Sequence[np.ndarray], radar: Radar, chain: Chain
+) -> Cfar | None:
+    """Return the detector along velocity if the noise rises towards zero range, else None.
+
+    `chain` is that of the map without static echoes. None too if the detector loses one of its
+    peaks that exceeds the noise of its range.
+    """
+    along_velocity = cfar_along_velocity(chain, radar)
+    if along_velocity is None:
+        return None
+    excess = noise_excess_of_ranges(frames, radar, chain)
+    transform = chain.range_transform(radar.frame.chirp)
+    rows = rows_with_circular_noise(radar.frame.chirp, transform)
+    if not np.any(excess[rows][:1] > 1):
+        return None
+    candidate = replace(chain, cfar=along_velocity)
+    for power, map_radar in maps_of_rising_ramps(frames, radar, chain):
+        threshold = chain.cfar.threshold(power[:, rows], chain.map_noise_statistics(map_radar))
+        exceeds_noise = np.zeros(power.shape, bool)
+        exceeds_noise[:, rows] = power[:, rows] > threshold * excess[rows]
+        cells, _ = detect_peaks_and_count_dropped(power, map_radar, chain)
+        kept, _ = detect_peaks_and_count_dropped(power, map_radar, candidate)
+        if not set(map(tuple, cells[exceeds_noise[tuple(cells.T)]])) <= set(map(tuple, kept)):
+            return None
+    return along_velocity
+
+
+def _choice_of_moving_target_map(
+    static: Sequence[_StaticPeak], along_velocity: Cfar | None
+) -> ChosenSetting:
+    """Return the choice of a map without static echoes, with training cells along velocity."""
     strongest = max(static, key=lambda peak: peak.power_ratio)
-    return ChosenSetting(
-        setting="chain.moving_targets",
-        options=("chain.moving_targets.filter.kind=mean-subtraction",),
-        reason=f"static echoes, up to {to_decibels(strongest.power_ratio):.0f} dB over the noise"
-        f" at {strongest.range_m:.4g} m, cover slow targets",
+    options: tuple[str, ...] = ("chain.moving_targets.filter.kind=mean-subtraction",)
+    reason = (
+        f"static echoes, up to {to_decibels(strongest.power_ratio):.0f} dB over the noise"
+        f" at {strongest.range_m:.4g} m, cover slow targets"
     )
+    if along_velocity is not None:
+        options += training_cell_options(along_velocity, "chain.moving_targets.cfar")
+        reason += ", and noise rises towards zero range"
+    return ChosenSetting(setting="chain.moving_targets", options=options, reason=reason)
 
 
 def _range_limit_and_reason(

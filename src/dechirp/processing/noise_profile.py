@@ -7,7 +7,7 @@ of its training cells by a factor e, the threshold is too low by that factor. Wi
 the median over the velocities of a range shows its noise, since targets occupy few of them.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 import scipy
@@ -40,15 +40,9 @@ def noise_excess_of_ranges(frames: Iterable[np.ndarray], radar: Radar, chain: Ch
     static echoes. Empty without frames.
     """
     profiles, n_cells = [], 0
-    for samples in frames:
-        clean = apply_mitigation(samples, radar.frame, chain.mitigation).samples
-        channels = split_chirps_into_slots(clean, radar.frame)
-        map_channels, map_radar = next(split_by_ramp_direction(channels, radar))
-        power = range_doppler_power(map_channels, map_radar, chain)
-        if np.isfinite(power).all():
-            usable = fill_unusable_cells_with_noise(power, map_radar, chain)
-            profiles.append(np.median(usable, axis=0))
-            n_cells += len(power) * map_radar.n_summed_maps
+    for power, map_radar in maps_of_rising_ramps(frames, radar, chain):
+        profiles.append(np.median(power, axis=0))
+        n_cells += len(power) * map_radar.n_summed_maps
     if not profiles:
         return np.zeros(0)
     rows = rows_with_circular_noise(radar.frame.chirp, chain.range_transform(radar.frame.chirp))
@@ -65,6 +59,19 @@ def noise_excess_of_ranges(frames: Iterable[np.ndarray], radar: Radar, chain: Ch
     excess_of_ranges = np.ones(len(profiles[0]))
     excess_of_ranges[rows] = np.where(excess > least, excess, 1.0)
     return excess_of_ranges
+
+
+def maps_of_rising_ramps(
+    frames: Iterable[np.ndarray], radar: Radar, chain: Chain
+) -> Iterator[tuple[np.ndarray, Radar]]:
+    """Yield the map of each frame without invalid samples, of rising ramps alone, and its radar."""
+    for samples in frames:
+        clean = apply_mitigation(samples, radar.frame, chain.mitigation).samples
+        channels = split_chirps_into_slots(clean, radar.frame)
+        map_channels, map_radar = next(split_by_ramp_direction(channels, radar))
+        power = range_doppler_power(map_channels, map_radar, chain)
+        if np.isfinite(power).all():
+            yield fill_unusable_cells_with_noise(power, map_radar, chain), map_radar
 
 
 def noise_profile_findings(
