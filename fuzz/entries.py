@@ -182,8 +182,6 @@ def main() -> None:
         if process.returncode:
             failed = True
             print(process.stderr[-20000:])
-    if not failed and not any(ARTIFACTS.iterdir()):
-        ARTIFACTS.rmdir()
     raise SystemExit(1 if failed else 0)
 
 

@@ -416,8 +416,6 @@ def main() -> None:
         if process.returncode:
             failed.append(kind)
             print(process.stderr[-3000:])
-    if not failed:
-        ARTIFACTS.rmdir()
     raise SystemExit(1 if failed else 0)
 
 

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -17,9 +18,16 @@ from dechirp.recordings.settings.read import read_settings
 from nightly import nightly
 
 FUZZ = Path(__file__).parents[2] / "fuzz"
-_SPEC = importlib.util.spec_from_file_location("fuzz_readers", FUZZ / "readers.py")
-READERS = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(READERS)
+
+
+def load_fuzzer(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"fuzz_{name}", FUZZ / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+READERS = load_fuzzer("readers")
 
 
 def is_readable(file: Path, **options: object) -> bool:
@@ -65,6 +73,20 @@ def test_seed_inputs_of_reader_fuzzer_are_read(tmp_path):
     for content, name in READERS.SLOW_TIME.values():
         (tmp_path / name).write_bytes(content())
         assert dc.slow_time_files.read_slow_time(tmp_path / name).sizes["time"] == 30
+
+
+@pytest.mark.parametrize("name", ["readers", "entries"])
+def test_end_of_a_fuzzer_keeps_the_folder_for_findings_of_others(name, tmp_path, monkeypatch):
+    """Another run may be about to write the first file into the empty folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(FUZZ)
+    fuzzer = load_fuzzer(name)
+    passed = subprocess.CompletedProcess([], 0, "", "executed_units: 1")
+    monkeypatch.setattr(fuzzer.subprocess, "run", lambda *_args, **_options: passed)
+    monkeypatch.setattr(sys, "argv", [f"{name}.py", "dbc"])
+    with pytest.raises(SystemExit, match="0"):
+        fuzzer.main()
+    assert (tmp_path / "fuzz-found").is_dir()
 
 
 @nightly
