@@ -68,6 +68,12 @@ def test_kept_notebook_is_valid_links_to_itself_and_has_no_output(path):
     assert notebook.cells[0].source.count(f"examples/notebooks/{path.name}") == 2
 
 
+def test_commands_of_kept_notebooks_run_with_python_of_kernel():
+    """The command `dechirp` is not found if the environment of the kernel is not activated."""
+    sources = [path.read_text(encoding="utf-8") for path in NOTEBOOKS]
+    assert not [command for text in sources for command in re.findall(r"!dechirp.*|%%bash", text)]
+
+
 def test_every_page_has_code_but_for_those_to_read(converter):
     notebooks = {page: converter.page_as_notebook(page) for page in PAGES}
 
