@@ -1,9 +1,7 @@
 """Metadata of a SigMF recording: type, layout and position of its numbers.
 
-They are in a file (`.sigmf-meta`), or with the numbers in an uncompressed archive (`.sigmf`). The
-package sigmf, version 1.14, would replace 30 lines of these checks, and is not used: it accepts
-types such as ci8_le and ci16_lexx, takes metadata and numbers from different recordings of an
-archive, and needs 0.3 to 1.1 s to be imported. The tests read and write with it.
+They are in a file (`.sigmf-meta`), or with the numbers in an uncompressed archive (`.sigmf`).
+`docs/decisions.md` states why the package sigmf is not used. The tests read and write with it.
 
 SigMF, Signal Metadata Format specification, version 1.2.6.
 """
