@@ -1089,7 +1089,9 @@ def test_capture_of_fewer_chirps_than_a_frame_is_one_shorter_frame(tmp_path):
     recording = open_recording(file, radar=make_radar(), iq="iq")
 
     assert recording.sizes == {"frame": 1, "chirp": 3, "rx": 2, "sample": 8}
-    assert "chosen --set radar.frame.n_chirps=3" in str(recording.findings)
+    (note,) = (found for found in recording.findings if "radar.frame.n_chirps" in found.setting)
+    assert note.level == "note"  # as of all options that are chosen
+    assert note.value.startswith("chosen --set radar.frame.n_chirps=3")
     np.testing.assert_array_equal(recording.cube.values * 2**15, samples[:, :3])
 
 
@@ -1107,6 +1109,7 @@ def test_words_of_names_choose_the_settings_of_a_recording(tmp_path):
         name: choose_settings_file(tmp_path / f"{name}.bin") for name in ("wall", "wall_wide")
     }
 
+    assert [finding.level for _, (finding,) in chosen.values()] == ["note", "note"]
     assert chosen["wall_wide"][0].name == "radar_wide.cfg"
     assert "shares a word with the name of the recording: wide" in chosen["wall_wide"][1][0].value
     assert chosen["wall"][0].name == "radar_narrow.cfg"

@@ -71,7 +71,7 @@ def test_run_names_false_movers_of_coloured_noise(tmp_path):
     cells = result.detections.range.values[result.detections.moving.values == 1] / CELL_M
     is_false = cells < 10
     assert is_false.any()
-    (note,) = (f for f in result.findings if "may be false alarms: without static" in f.value)
+    (note,) = (f for f in result.findings if "may be false alarms: the noise" in f.value)
     n_named = int(note.value.split()[0])
     assert 0.7 * is_false.sum() <= n_named <= is_false.sum()
 

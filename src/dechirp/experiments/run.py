@@ -617,8 +617,7 @@ def _masked_direction_findings(
             level="note",
             setting="chain.angle",
             value=f"no direction for {format_count_with_noun(len(ranges_m), 'detection')} beside"
-            " much stronger echoes, whose sidelobes contain more than a tenth of the power:"
-            f" they may be shoulders of those echoes, at {', '.join(spans)} m{more}",
+            f" much stronger echoes, perhaps shoulders of these, at {', '.join(spans)} m{more}",
             expected="echoes at least 10 dB above the sidelobes of others, with every window",
             fix="more bandwidth or a longer frame separates the echoes; else nothing is to be done",
         ),
@@ -633,9 +632,9 @@ def _unknown_angle_findings(n_sources: int) -> tuple[Finding, ...]:
         Finding(
             level="note",
             setting="chain.field_of_view",
-            value=f"an angle of {format_count_with_noun(n_sources, 'detection')} is left unknown:"
-            " at the limit of the field of view, or with an error of more than 22.5 degrees",
-            expected="plane waves from within the field of view",
+            value=f"an angle of {format_count_with_noun(n_sources, 'detection')} is left unknown",
+            expected="plane waves from within the field of view, with an error of at most 22.5"
+            " degrees",
             fix="widen chain.field_of_view if targets may be there; else they are no plane waves:"
             " near, extended, or several echoes in a cell",
         ),

@@ -89,11 +89,10 @@ def chain_findings(radar: Radar, chain: Chain) -> list[Finding]:
             Finding(
                 level="note",
                 setting="radar.frame.chirp.sampling",
-                value=f"real samples: the rows of the map below {searched_m[0]:.4g} m and beyond"
-                f" {searched_m[1]:.4g} m, {rows.start} and {n_rows - rows.stop}, are not searched;"
-                " echoes next to them, up to a resolution cell outside, are found",
+                value=f"real samples: the map is searched from {searched_m[0]:.4g} to"
+                f" {searched_m[1]:.4g} m, without {rows.start} and {n_rows - rows.stop} rows",
                 expected="noise independent of its mirror image, for false alarms as designed",
-                fix="nothing is to be done",
+                fix="nothing is to be done; echoes up to a resolution cell outside are found",
             )
         )
     if chain.angle is not None and can_resolve_directions(radar):

@@ -428,11 +428,11 @@ def hidden_channel_error_findings(
         Finding(
             level="note",
             setting="chain.angle",
-            value="the standard errors of directions may contain noise alone: the array is not"
-            f" calibrated, and {n_elements} elements have {further_phases} besides those of a"
-            " plane wave",
-            expected=f"a calibrated array, or three such phases ({n_angles + 4} receivers of one"
-            " transmitter), which show the errors of the channels",
+            value="the array is not calibrated: the standard errors of directions may contain noise"
+            " alone",
+            expected=f"a calibrated array, or three phases ({n_angles + 4} receivers of one"
+            " transmitter) besides those of a plane wave, which show the errors of the channels:"
+            f" {n_elements} elements have {further_phases}",
             fix=_CALIBRATION_FIX,
         ),
     )

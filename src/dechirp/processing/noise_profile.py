@@ -113,11 +113,10 @@ def noise_profile_findings(
             level="note",
             setting="chain.moving_targets",
             value=f"{format_count_with_noun(int(is_doubtful.sum()), 'moving detection')}"
-            f" at {span} m may be false alarms: without static echoes, the"
-            f" noise there is up to {to_decibels(factor[is_doubtful].max()):.1f} dB higher than in"
-            " the training cells at other ranges, as of amplifiers at low beat frequencies, or"
-            " beside strong leakage, and these detections would not exceed a threshold for it",
-            expected="noise that is equal in the training cells",
+            f" at {span} m may be false alarms: the noise there is up to"
+            f" {to_decibels(factor[is_doubtful].max()):.1f} dB higher than in the training cells",
+            expected="noise as in the training cells at other ranges, without that of amplifiers"
+            " at low beat frequencies or beside strong leakage; detections over a threshold for it",
             fix=fix,
         ),
     )

@@ -72,10 +72,10 @@ def grating_lobe_findings(aperture: Aperture) -> list[Finding]:
         Finding(
             level="note" if half[axis] > _SIDEWAYS_RAD else "warning",
             setting=f"chain.field_of_view.{name}",
-            value=f"{np.degrees(limit):.4g} deg to each side: {name}s whose sines differ by"
-            f" {separation[axis]:.3g} are ambiguous for this array, such as -{limit_deg:.3g} and"
-            f" {limit_deg:.3g} deg",
-            expected=f"at most {limit_deg:.3g} deg, where {name}s are unambiguous",
+            value=f"{name}s beyond {limit_deg:.3g} deg are ambiguous for this array, such as"
+            f" -{limit_deg:.3g} and {limit_deg:.3g} deg",
+            expected=f"a field of view of at most {limit_deg:.3g} deg to each side, instead of"
+            f" {np.degrees(limit):.4g} deg",
             fix="narrow the field of view to that of the targets, or space elements half a"
             " wavelength apart",
         )

@@ -304,7 +304,7 @@ def _locate_first_frame_and_count_frames(
     round_bytes = chirp_bytes * frame.n_slots
     n_rounds, rest_of_round = divmod(size, round_bytes)
     if n_frames < 1 and n_rounds and not (settings.sub_frames or size % 8 or rest_of_round):
-        warning = _shorter_frame_warning(n_rounds, size, frame_text)
+        warning = _shorter_frame_note(n_rounds, size, frame_text)
         shorter_radar = replace(settings.radar, frame=replace(frame, n_chirps=n_rounds))
         return replace(settings, radar=shorter_radar).with_findings(warning), first_frame, 1
     if n_frames < 1 or (expected_frames is not None and size > expected_frames * frame_bytes):
@@ -338,10 +338,10 @@ def _locate_first_frame_and_count_frames(
     )
 
 
-def _shorter_frame_warning(n_chirps: int, n_bytes: int, frame_text: str) -> Finding:
-    """Return the warning that the recording is read as one frame of fewer chirps."""
+def _shorter_frame_note(n_chirps: int, n_bytes: int, frame_text: str) -> Finding:
+    """Return the note that the recording is read as one frame of fewer chirps."""
     return Finding(
-        level="warning",
+        level="note",
         setting="radar.frame.n_chirps",
         value=f"chosen --set radar.frame.n_chirps={n_chirps} because the recording has only"
         f" {n_bytes} bytes: one frame of fewer chirps",

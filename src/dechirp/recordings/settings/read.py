@@ -188,10 +188,10 @@ def _shared_and_foreign_words(
 
 
 def _settings_by_words_finding(file: Path, choices: list[Path], reason: str) -> Finding:
-    """Return the warning that a settings file was chosen by the words of its name."""
+    """Return the note that a settings file was chosen by the words of its name."""
     others = [choice for choice in choices if choice != file]
     return Finding(
-        level="warning",
+        level="note",
         setting="radar",
         value=f"chosen --radar {shlex.quote(str(file))} because {reason}",
         expected=f"the settings of this recording, out of {len(choices)} files of the folder",
