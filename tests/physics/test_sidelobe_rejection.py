@@ -15,6 +15,9 @@ from nightly import NIGHTLY, nightly, nightly_except
 from radars import eight_receiver_radar
 
 N_TRIALS = 80
+N_TRIALS_AT_LIMIT = 900
+"""Trials after which the mean of squares, of an expectation of 1.04 (that of noise estimated from
+8 cells of 8 channels), exceeds 1.3 with a probability of 4e-7, by chi-square."""
 STATIC_CFAR = dc.Cfar(
     estimator=dc.cfar.CellAveraging(),
     n_training=dc.Cells(range=0, velocity=4),
@@ -104,18 +107,31 @@ def measure_squared_errors(radar, chain, *, n_cells, ratio_db, n_trials=N_TRIALS
     # Share of the trials with a direction: the map's Hann window hides the target in the others.
     nightly_except(
         [(3, 20, 0.8), (10, 70, 0.3)],
-        [(3, 20, 0.8), (5, 40, 0.8), (10, 40, 0.9), (10, 70, 0.3), (20, 60, 0.9), (30, 80, 0.9)],
+        [
+            (3, 20, 0.8),
+            (5, 40, 0.8),
+            (10, 40, 0.9),
+            (10, 70, 0.3),
+            (20, 60, 0.9),
+            (30, 20, 0.9),
+            (30, 80, 0.9),
+        ],
     ),
 )
 def test_errors_beside_extended_echo_match_stated_ones(n_cells, ratio_db, min_share):
+    n_trials = N_TRIALS_AT_LIMIT if NIGHTLY and min_share >= 0.8 else N_TRIALS
     squares = measure_squared_errors(
-        make_radar(), dc.Chain(cfar=STATIC_CFAR), n_cells=n_cells, ratio_db=ratio_db
+        make_radar(),
+        dc.Chain(cfar=STATIC_CFAR),
+        n_cells=n_cells,
+        ratio_db=ratio_db,
+        n_trials=n_trials,
     )
 
-    # 1.3 expected; the mean of n squares of normal numbers is chi-square with n degrees, over n.
-    limit = 1.3 * chi2.ppf(1 - 1e-7, len(squares)) / len(squares)
-    assert len(squares) >= min_share * N_TRIALS
-    assert np.all(squares.mean(axis=0) < limit)
+    # The mean of n squares of normal numbers is chi-square with n degrees, over n.
+    chance = chi2.ppf(1 - 1e-7, len(squares)) / len(squares) if n_trials == N_TRIALS else 1.0
+    assert len(squares) >= min_share * n_trials
+    assert np.all(squares.mean(axis=0) <= 1.3 * chance)
 
 
 @pytest.mark.parametrize(
