@@ -191,6 +191,23 @@ def test_missing_velocities_come_from_positions(tmp_path):
     assert "velocities of 1 object are missing" in str(finding) and ": 7" in str(finding)
 
 
+def test_finding_on_missing_velocities_names_the_fastest_of_many_objects(tmp_path):
+    # Object k moves at k m/s.
+    rows = [
+        f"{t / 10},{number},car,{number * t / 10:.6f},{4 * number},0,4.5,1.8,1.5"
+        for t in range(3)
+        for number in range(1, 8)
+    ]
+
+    (finding,) = dc.open_traffic(write_csv(tmp_path, *rows)).findings
+
+    assert finding.value.startswith("velocities of 7 objects are missing")
+    assert finding.value.endswith(
+        ": 7 from 0 s (7 m/s), 6 from 0 s (6 m/s), 5 from 0 s (5 m/s), 4 from 0 s (4 m/s)"
+        " and 3 more"
+    )
+
+
 @pytest.mark.parametrize(("speed", "n_findings"), [(0.0, 1), (10.0, 0)])
 def test_velocities_of_zero_of_a_moving_object_are_replaced(tmp_path, speed, n_findings):
     rows = [car_row(t, 10 * t, more=f",{speed},0") for t in range(3)]

@@ -324,7 +324,8 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
         stated = np.hypot(velocities["vx"][index, present], velocities["vy"][index, present])
         positions = np.stack([objects[name].values[index, present] for name in ("x", "y")])
         derived = np.gradient(positions, times_s[present], axis=1)
-        moves = np.hypot(*derived).max() > MOVES_M_PER_S
+        fastest_m_per_s = np.hypot(*derived).max()
+        moves = fastest_m_per_s > MOVES_M_PER_S
         is_missing = np.isnan(stated)
         if moves and not np.any(stated > 0):
             is_missing[:] = True
@@ -332,7 +333,7 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
             velocities[name][index, present[is_missing]] = of_positions[is_missing]
         if moves and is_missing.any():
             first_s = times_s[present[int(is_missing.argmax())]]
-            completed.append(f"{number} from {format_number(first_s)} s")
+            completed.append((fastest_m_per_s, number, first_s))
     changed = objects.assign(
         {
             name: (("object", "time"), values, {"units": "m/s"})
@@ -341,12 +342,16 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
     )
     if not completed:
         return changed, ()
+    fastest_first = [
+        f"{number} from {format_number(first_s)} s ({format_number(speed, 3)} m/s)"
+        for speed, number, first_s in sorted(completed, key=lambda row: -row[0])
+    ]
     return changed, (
         Finding(
             level="note",
             setting="traffic.velocity",
             value=f"velocities of {format_count_with_noun(len(completed), 'object')} are missing,"
-            f" or zero although they move: {join_names(completed)}",
+            f" or zero although they move: {join_names(fastest_first, at_most=4)}",
             expected="velocities in the file",
             fix="nothing to do: differences of positions replace them",
         ),
