@@ -65,8 +65,12 @@ class StationaryTones:
         self._rate_hz, self._interval_s = sample_rate_hz, ramp_interval_s
         self._chirp_starts, self._n_chirp_samples = chirp_starts, n_chirp_samples
         self._n_window = 2 ** round(math.log2(_WINDOW_S * sample_rate_hz))
-        self._window = np.hanning(self._n_window + 1)[:-1].astype(np.float32)
         self._amplitudes_at_hop = lru_cache(maxsize=8)(self._estimate_amplitudes)
+
+    @cached_property
+    def _window(self) -> np.ndarray:
+        # At 10 MHz, 2^24 values: 0.9 s, of which short recordings need nothing.
+        return np.asarray(np.hanning(self._n_window + 1)[:-1], np.float32)
 
     @cached_property
     def frequencies_hz(self) -> np.ndarray:
