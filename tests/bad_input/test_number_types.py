@@ -6,6 +6,7 @@ import pytest
 import dechirp as dc
 from bad_input.test_array_arguments import VALID_ARGUMENTS, load_function
 from dechirp.processing.angle.base import Directions
+from radars import street_radar
 
 # Single numbers: of one result for all values, of one scene, or of the design of a window.
 SINGLE = {
@@ -105,3 +106,26 @@ def test_wrong_element_is_named(arguments, message):
 def test_empty_array_is_named():
     with pytest.raises(dc.InvalidSetting, match=r"^false_alarm_probability: an empty array \(0,\)"):
         dc.theory.detection_threshold([], n_summed=[[1], [2]])
+
+
+RADAR = street_radar(n_samples=64, n_chirps=32)
+STREET = dc.Scene(targets=[dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(1, 0, 0))])
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e-38, 1e60, 1e200])
+@pytest.mark.parametrize(
+    "call",
+    [
+        dc.detect,
+        dc.power_map,
+        lambda cube, radar: dc.power_map(
+            cube, radar, dc.Chain(mitigation=(dc.mitigation.MeanSubtraction(),))
+        ),
+    ],
+)
+def test_samples_beyond_single_precision_are_refused(call, scale):
+    """The detections of such samples would be none, without a warning."""
+    cube = dc.simulate(STREET, RADAR, seed=1).astype(complex)
+    call(cube, RADAR)
+    with pytest.raises(dc.InvalidSetting, match=r"samples of up to .*single precision.*divide"):
+        call(cube * scale / float(abs(cube).max()), RADAR)

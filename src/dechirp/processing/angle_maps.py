@@ -27,6 +27,7 @@ from dechirp.processing.range_walk import (
     slow_time_frequency_growth_per_sample,
 )
 from dechirp.processing.refine import Tones, refine_tones
+from dechirp.processing.scaling import to_single_precision
 from dechirp.processing.simd_beamforming import mirrored_beam_weights, raise_to_largest_beam_power
 from dechirp.processing.spectrum import (
     FrameTransform,
@@ -290,8 +291,10 @@ def _combine_single_transmitter_slots(spectrum: np.ndarray, radar: Radar) -> np.
 def _rising_ramp_channels_and_radar(cube: xr.DataArray, radar: Radar) -> tuple[np.ndarray, Radar]:
     """Return the channels of rising ramps, (chirp, channel, sample), and their radar."""
     frame = select_only_frame(cube, radar)
-    kind = np.complex64 if radar.frame.chirp.sampling == "complex" else np.float32
-    samples = np.ascontiguousarray(frame.variable.transpose("chirp", "rx", "sample").values, kind)
+    samples = to_single_precision(
+        frame.variable.transpose("chirp", "rx", "sample").values,
+        is_complex=radar.frame.chirp.sampling == "complex",
+    )
     samples = split_chirps_into_slots(samples, radar.frame)
     if not radar.frame.has_falling_ramps:
         return samples, radar

@@ -43,7 +43,11 @@ from dechirp.processing.refine import (
     Tones,
     refine_tones_and_residuals,
 )
-from dechirp.processing.scaling import binary_scaling_exponent, divide_by_power_of_two
+from dechirp.processing.scaling import (
+    binary_scaling_exponent,
+    divide_by_power_of_two,
+    to_single_precision,
+)
 from dechirp.processing.sidelobe_rejection import estimate_tones_without_sidelobes
 from dechirp.processing.spectrum import check_samples_were_finite, noise_gain
 from dechirp.processing.velocity_ambiguity.hypotheses import FramePeaks, ResolvedPeaks
@@ -131,7 +135,9 @@ def process_frame(
     start_s = radar.frame.frame_start_s(number) if start_s is None else start_s
     radar = radar.for_frame(number)
     clean, removed = _mitigate_and_list_removed_echoes(
-        _to_single_precision(samples, radar.frame), radar.frame, chain
+        to_single_precision(samples, is_complex=radar.frame.chirp.sampling == "complex"),
+        radar.frame,
+        chain,
     )
     exponent = binary_scaling_exponent(clean)
     channels = split_chirps_into_slots(divide_by_power_of_two(clean, exponent), radar.frame)
@@ -341,11 +347,6 @@ def _refine_peaks(
         sidelobes=sidelobes,
     )
     return refined if is_kept.all() else refined.select(np.flatnonzero(is_kept))
-
-
-def _to_single_precision(samples: np.ndarray, frame: Frame) -> np.ndarray:
-    is_complex = frame.chirp.sampling == "complex"
-    return np.ascontiguousarray(samples, np.complex64 if is_complex else np.float32)
 
 
 def _mitigate_and_list_removed_echoes(

@@ -24,6 +24,7 @@ from dechirp.processing.peaks import (
     strongest_local_maxima_and_n_dropped,
 )
 from dechirp.processing.range_walk import select_frame_transform
+from dechirp.processing.scaling import check_fits_single_precision
 from dechirp.processing.spectrum import (
     check_samples_were_finite,
     mean_range_doppler_power,
@@ -54,6 +55,7 @@ def power_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> x
     frame = select_only_frame(cube, radar)
     chain = chain or Chain()
     samples = frame.variable.transpose("chirp", "rx", "sample").values
+    check_fits_single_precision(samples)
     with plain_twins_in_first_calls(samples.size):
         if chain.mitigation:
             samples = apply_mitigation(samples, radar.frame, chain.mitigation).samples

@@ -11,6 +11,7 @@ from dechirp.processing.peak_interpolation import interpolate_peak_frequencies
 from dechirp.processing.peaks import find_peaks
 from dechirp.processing.range_doppler_map import power_map
 from dechirp.processing.refine import refine_tones
+from dechirp.processing.scaling import to_single_precision
 from dechirp.processing.spectrum import noise_gain, rows_with_circular_noise
 from dechirp.processing.virtual_array import (
     element_amplitudes,
@@ -80,8 +81,10 @@ def measure_static_reflector(
 
     gain = noise_gain(noise.range_transform, noise.doppler_transform, chirp)
     sample_noise = np.full(len(peaks), max(cell_noise / gain, float(np.finfo(np.float32).tiny)))
-    kind = np.complex64 if chirp.sampling == "complex" else np.float32
-    samples = np.ascontiguousarray(frame.isel(frame=0).transpose("chirp", "rx", "sample"), kind)
+    samples = to_single_precision(
+        frame.isel(frame=0).transpose("chirp", "rx", "sample").values,
+        is_complex=chirp.sampling == "complex",
+    )
     slow, fast = interpolate_peak_frequencies(power, peaks, noise)
     tones = refine_tones(
         split_chirps_into_slots(samples, radar.frame), 0 * slow, fast, sample_noise

@@ -8,6 +8,7 @@ import numpy as np
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 from dechirp.core.findings import Finding
+from dechirp.processing.scaling import to_single_precision
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.cube import check_samples_complex_or_real
 from dechirp.radar.frame import Frame
@@ -96,8 +97,8 @@ def checked_single_precision_samples(samples: np.ndarray, frame: Frame) -> np.nd
             fix="give all chirps of one frame in transmit order, and the matching frame",
         )
     check_samples_complex_or_real(chirp, np.asarray(samples), setting="samples")
-    contiguous = np.ascontiguousarray(
-        samples, np.complex64 if np.iscomplexobj(samples) else np.float32
+    contiguous = to_single_precision(
+        samples, is_complex=np.iscomplexobj(samples), setting="samples"
     )
     if not np.isfinite(contiguous).all():
         raise InvalidSetting(

@@ -22,6 +22,7 @@ from dechirp.processing.quality.sample_statistics import (
     compute_sample_statistics,
 )
 from dechirp.processing.quality.synchronous_interference import find_ghost_track
+from dechirp.processing.scaling import to_single_precision
 from dechirp.radar.radar import Radar
 
 _MAX_SPECTRUM_FRAMES = 512  # frames in which spectra are measured
@@ -63,7 +64,7 @@ class QualityMeasurer:
         out; None for none.
         """
         self._is_complex = np.iscomplexobj(samples)
-        samples = np.ascontiguousarray(samples, np.complex64 if self._is_complex else np.float32)
+        samples = to_single_precision(samples, is_complex=self._is_complex)
         if is_lost is None:
             is_lost = np.zeros(len(samples), bool)
         measures = self._measure(samples, is_lost)
