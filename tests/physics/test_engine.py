@@ -9,7 +9,8 @@ import dechirp as dc
 from dechirp.core.threads import limit_threads
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import Body
-from dechirp.simulation.simulate import plan_kernels
+from dechirp.simulation.echo_groups import direct_echo_groups
+from dechirp.simulation.kernels.selection import choose_kernel_and_predict_times
 
 KERNELS = ("direct", "low-rank", "nufft")
 
@@ -259,32 +260,44 @@ def test_rejects_simulation_larger_than_memory(radar):
         simulate_clean(scene, replace(radar, frame=frame))
 
 
+def chosen_kernels_and_times(scene, radar, kernel="auto", dtype=np.complex64):
+    """Return the kernel of each run of chirps of the first frame, and the times of all kernels."""
+    return [
+        choose_kernel_and_predict_times(
+            (len(group.transmission.starts_s), radar.array.n_rx, radar.frame.chirp.n_samples),
+            group.scatterers,
+            group.transmission,
+            dc.Engine(kernel=kernel),
+            np.dtype(dtype),
+        )
+        for group in direct_echo_groups(scene, radar, 0, np.random.default_rng(0))
+    ]
+
+
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_cost_model_selects_cheapest_kernel_unless_overridden(radar):
-    (single_target_run,) = plan_kernels(make_crowd(1, seed=9), radar)
-    assert single_target_run.kernel == single_target_run.costs_s.cheapest_kernel
-    assert single_target_run.chirps == slice(0, radar.frame.n_chirps_total)
-    assert single_target_run.n_scatterers == 1
+    ((kernel, costs_s),) = chosen_kernels_and_times(make_crowd(1, seed=9), radar)
+    assert kernel == costs_s.cheapest_kernel
     crowd = make_crowd(2000, seed=10)
-    (crowd_run,) = plan_kernels(crowd, radar)
-    assert crowd_run.kernel == "nufft"
+    ((kernel, _),) = chosen_kernels_and_times(crowd, radar)
+    assert kernel == "nufft"
     assert dc.simulate(crowd, radar).attrs["kernels"] == "nufft"
-    (forced_run,) = plan_kernels(crowd, radar, engine=dc.Engine(kernel="direct"))
-    assert forced_run.kernel == "direct"
-    (double_precision_run,) = plan_kernels(crowd, radar, dtype=np.complex128)
-    assert double_precision_run.kernel == "direct"
+    ((kernel, _),) = chosen_kernels_and_times(crowd, radar, kernel="direct")
+    assert kernel == "direct"
+    ((kernel, _),) = chosen_kernels_and_times(crowd, radar, dtype=np.complex128)
+    assert kernel == "direct"
 
 
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_cost_model_includes_direct_share_of_low_rank_kernel(radar):
     scene = make_crowd(60, seed=11)
-    (fast_chirp_run,) = plan_kernels(scene, radar)
-    assert fast_chirp_run.kernel == "low-rank"
+    ((kernel, _),) = chosen_kernels_and_times(scene, radar)
+    assert kernel == "low-rank"
     # Some targets move by a fifth of their range within a chirp of 6.4 ms.
     chirp = replace(
         radar.frame.chirp, slope_hz_per_s=20e9, ramp_duration_s=8e-3, sample_rate_hz=40e3
     )
     frame = replace(radar.frame, chirp=chirp, interval_s=9e-3, n_chirps=8)
-    slow_chirp_runs = plan_kernels(scene, replace(radar, frame=frame))
-    assert {run.kernel for run in slow_chirp_runs} == {"nufft"}
-    assert all(run.costs_s.low_rank > run.costs_s.direct / 2 for run in slow_chirp_runs)
+    slow_chirp_runs = chosen_kernels_and_times(scene, replace(radar, frame=frame))
+    assert {kernel for kernel, _ in slow_chirp_runs} == {"nufft"}
+    assert all(costs_s.low_rank > costs_s.direct / 2 for _, costs_s in slow_chirp_runs)

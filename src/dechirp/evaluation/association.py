@@ -36,8 +36,6 @@ _RANGE_RATE_STEP_S = 1e-6
 # takes 40 us a query.
 _MAX_BRUTE_FORCE_PAIRS = 2000
 
-_AXES = ("range", "velocity", "azimuth", "elevation")
-
 
 class Association(NamedTuple):
     """Target of each detection, -1 for none, and its errors, NaN without a target.

@@ -298,48 +298,6 @@ def _check_complex_dtype(dtype: object) -> np.dtype[np.complexfloating]:
     return sample_type
 
 
-class PlannedRun(NamedTuple):
-    """Run of chirps that is summed at once, as predicted by `plan_kernels`."""
-
-    chirps: slice
-    n_scatterers: int
-    kernel: selection.Kernel
-    costs_s: selection.KernelCosts
-    """Predicted time of each kernel on one thread; infinite if it is not applicable."""
-
-
-def plan_kernels(
-    scene: Scene,
-    radar: Radar,
-    *,
-    engine: Engine | None = None,
-    dtype: type[np.complexfloating] = np.complex64,
-) -> list[PlannedRun]:
-    """Predict the kernels that would sum the first frame of a scene, and their times.
-
-    Raises
-    ------
-    InvalidSetting
-        As `simulate`.
-    """
-    check_scene_echoes_finite(scene, radar)
-    engine, sample_type = engine or Engine(), _check_complex_dtype(dtype)
-    shape = (radar.array.n_rx, radar.frame.chirp.n_samples)
-    runs = []
-    for group in (
-        direct_echo_groups(scene, radar, 0, np.random.default_rng(0)) if scene.targets else ()
-    ):
-        kernel, costs_s = selection.choose_kernel_and_predict_times(
-            (len(group.transmission.starts_s), *shape),
-            group.scatterers,
-            group.transmission,
-            engine,
-            sample_type,
-        )
-        runs.append(PlannedRun(group.chirps, len(group.scatterers.amplitudes), kernel, costs_s))
-    return runs
-
-
 def _sum_frame_signals(
     samples: np.ndarray,
     scene: Scene,
