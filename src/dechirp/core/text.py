@@ -15,6 +15,7 @@ _PREFIXES = dict(
     zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", *"kMGT"), strict=True)
 )
 _FACTORS = {"G": 1e9, "M": 1e6, "k": 1e3, "h": 1e2, "": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9}
+_MAX_RANGES = 6  # of numbers that a message lists
 _SMALLEST_POWER = 1e-30  # -270 dBm: a map of zeros still has decibels
 
 
@@ -168,14 +169,14 @@ def format_unit(unit: str) -> str:
     return unit.replace("^2", "²").replace("^3", "³").replace("deg", "°")
 
 
-def format_number_ranges(noun: str, numbers: Iterable[int], *, max_ranges: int = 6) -> str:
+def format_number_ranges(noun: str, numbers: Iterable[int]) -> str:
     """Write ascending numbers with their noun: `frames 3, 7 to 9 and 12`."""
     values = np.fromiter(numbers, np.int64)
     cuts = np.flatnonzero(np.diff(values) > 1) + 1
     runs = [(int(run[0]), int(run[-1])) for run in np.split(values, cuts) if run.size]
-    parts = [f"{low}" if low == high else f"{low} to {high}" for low, high in runs[:max_ranges]]
-    if len(runs) > max_ranges:
-        parts.append(f"{len(runs) - max_ranges} more places")
+    parts = [f"{low}" if low == high else f"{low} to {high}" for low, high in runs[:_MAX_RANGES]]
+    if len(runs) > _MAX_RANGES:
+        parts.append(f"{len(runs) - _MAX_RANGES} more places")
     text = ", ".join(parts[:-1]) + (" and " if len(parts) > 1 else "") + "".join(parts[-1:])
     return f"{noun}{'s' if values.size > 1 else ''} {text}"
 

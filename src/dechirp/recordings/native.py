@@ -21,6 +21,7 @@ from dechirp.recordings.settings.base import Iq, RecordingSettings
 
 MAX_DESCRIPTION_CHARACTERS = 2**24
 """Largest length of a description; one of 10,000 calibrated channels has 2^20."""
+_START_TOLERANCE_S = 1e-9
 MAX_SCALE = 1e30  # times the largest code it is still a single-precision number
 
 
@@ -161,9 +162,7 @@ def lost_chirp_mask(path: Path, gaps: np.ndarray | None, contents: Contents) -> 
     return is_lost if contents.gaps is None else is_lost | contents.gaps
 
 
-def measured_frame_starts_s(
-    starts_s: np.ndarray | None, contents: Contents, *, tolerance_s: float = 1e-9
-) -> np.ndarray | None:
+def measured_frame_starts_s(starts_s: np.ndarray | None, contents: Contents) -> np.ndarray | None:
     """Return stored starts of frames from that of the first; None where the radar defines them."""
     if starts_s is None or starts_s.shape != (contents.n_frames,) or starts_s.dtype.kind != "f":
         return None
@@ -172,4 +171,8 @@ def measured_frame_starts_s(
     nominal_s = np.array([frame.frame_start_s(number) for number in range(contents.n_frames)])
     relative_s = starts_s - starts_s[0]
     is_valid = np.isfinite(relative_s).all() and (np.diff(relative_s) > 0).all()
-    return relative_s if is_valid and (abs(relative_s - nominal_s) > tolerance_s).any() else None
+    return (
+        relative_s
+        if is_valid and (abs(relative_s - nominal_s) > _START_TOLERANCE_S).any()
+        else None
+    )
