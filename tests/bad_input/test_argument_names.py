@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+import re
 
 import pytest
 
@@ -31,6 +32,20 @@ def test_unknown_argument_is_named(name):
     ) as caught:
         CALLABLES[name](unknown_argument=1)
     check_error_is_complete(caught.value)
+
+
+@pytest.mark.parametrize("namespace", [dc, *(getattr(dc, name) for name in dc._NAMESPACES)])
+def test_docstring_names_each_of_several_arguments(namespace):
+    undocumented = []
+    for name in namespace.__all__:
+        function = getattr(namespace, name)
+        if not inspect.isroutine(function):
+            continue
+        parameters = [p.name for p in inspect.signature(function).parameters.values() if p.kind < 4]
+        words = set(re.findall(r"\w+", inspect.getdoc(function)))
+        if len(parameters) > 1 and (missing := set(parameters) - words):
+            undocumented.append((name, missing))
+    assert undocumented == []
 
 
 @pytest.mark.parametrize("namespace", [dc.theory, dc.link_budget, dc.windows, dc.cfar, dc.angle])

@@ -362,7 +362,14 @@ def prefix_setting_of_errors(path: str, *, instead_of: str = "") -> Iterator[Non
 
 @check_argument_types
 def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """Load a scenario from a YAML file; `PATH=VALUE` texts override its settings.
+    """Load a scenario from a YAML file.
+
+    Parameters
+    ----------
+    path : path
+        The settings file; paths of other files in it are relative to its folder.
+    overrides : sequence of str
+        `PATH=VALUE` texts that replace settings, as `radar.frame.n_chirps=64`.
 
     Raises
     ------

@@ -95,6 +95,15 @@ def threshold_map(power: xr.DataArray, radar: Radar, chain: Chain | None = None)
     Infinite in the rows about DC and about half the sample rate of real sampling, see
     `processing.spectrum.rows_with_circular_noise`, and in cells with less than a tenth of the noise
     left by mitigation; neither are training cells.
+
+    Parameters
+    ----------
+    power : DataArray (velocity, range)
+        The map that `power_map` returns for this radar and chain.
+    radar : Radar
+        The radar of the map.
+    chain : Chain, optional
+        Its `cfar`, windows and mitigation are used.
     """
     if set(power.dims) != {"velocity", "range"}:
         raise InvalidSetting(

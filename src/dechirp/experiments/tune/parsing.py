@@ -74,7 +74,16 @@ class PlainSettings:
 
 @check_argument_types
 def load_tune(path: str | Path, overrides: Sequence[str] = (), *, seed: int | None = None) -> Tune:
-    """Load a search from a settings file; `PATH=VALUE` texts override settings of its scenarios.
+    """Load a search from a settings file.
+
+    Parameters
+    ----------
+    path : path
+        The settings file, YAML.
+    overrides : sequence of str
+        `PATH=VALUE` texts that replace settings of its scenarios.
+    seed : int, optional
+        Seed of the search in place of that of the file.
 
     Raises
     ------

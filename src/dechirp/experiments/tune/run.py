@@ -141,7 +141,24 @@ def run_tune(
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> TuneResult:
-    """Search on any executor of `concurrent.futures`, or one process a core; see `run_search`."""
+    """Search, and confirm the best candidate; the result does not depend on the workers.
+
+    Parameters
+    ----------
+    tune : Tune
+        The search.
+    out : path
+        Folder of the trials, created if it does not exist; a later call continues from there.
+    executor : Executor of `concurrent.futures`, optional
+        Where trials run; one process a core if omitted.
+    progress : callable, optional
+        Called with the number of finished blocks and of all, counting one confirmation.
+
+    Raises
+    ------
+    DechirpError
+        If optuna is missing, the unchanged settings fail, or the folder is another search's.
+    """
     with workers_from_executor(executor) as workers:
         return run_search(tune, Path(out), workers=workers, progress=progress)
 
