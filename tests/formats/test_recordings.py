@@ -1079,6 +1079,10 @@ def test_arrays_of_a_file_without_settings_are_listed(tmp_path):
 
     assert "one (complex128 of 4 x 8), time (float64 of 4 x 2)" in mistake.value
     assert mistake.fix.endswith(f"dechirp run {tmp_path / 'walk.npz' / 'one'}")
+    with pytest.raises(dc.RecordingError) as error:
+        open_recording(tmp_path / "walk.npz" / "one", axes=("chirp", "sample"))
+    command = f"dechirp run {tmp_path / 'walk.npz' / 'one'} --axes chirp,sample --radar radar.yaml"
+    assert error.value.mistakes[0].fix.endswith(command)
 
 
 def test_capture_of_fewer_chirps_than_a_frame_is_one_shorter_frame(tmp_path):

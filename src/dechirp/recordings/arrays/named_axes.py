@@ -69,7 +69,8 @@ def interpret_array_as_recording(
         If axes or encoding are missing, or sizes or encoding do not fit the radar.
     """
     sizes = _sizes_by_axis_name(path, array, hints)
-    settings = find_recording_settings(path, hints, _radar_example(sizes, array.dtype))
+    example = replace(_radar_example(sizes, array.dtype), inner_name=hints.inner_name)
+    settings = find_recording_settings(path, hints, example)
     radar, receiver_findings = _check_sizes_and_fit_receivers(path, sizes, settings.radar)
     cube = NamedArray(
         path=path,

@@ -24,6 +24,8 @@ class RadarExample:
     """None: 20 µs after the end of a ramp."""
     options: str = ""
     """Options that the recording needs beside the radar, such as ` --axes chirp,sample`."""
+    inner_name: str | None = None
+    """Name of the array in the file of the recording."""
     known: tuple[str, ...] = ()
     """Names of the settings that come from the recording."""
 
@@ -33,6 +35,8 @@ class RadarExample:
             values = "with the values of your radar"
         else:
             values = f"with the values of your radar ({', '.join(self.known)} are of the recording)"
+        if self.inner_name is not None:
+            recording /= self.inner_name
         return (
             "give the radar: --radar FILE (radar=FILE in Python), the settings file of its vendor"
             f" or YAML {values}, such as echo '{self._yaml()}' > radar.yaml, then dechirp run"
