@@ -205,3 +205,33 @@ def test_damaged_scans_are_read_or_refused(tmp_path):
             assert np.isfinite(points["range"]).all()
         except DechirpError as error:
             assert error.mistakes
+
+
+def test_signs_of_a_simulated_target_reach_the_messages(tmp_path):
+    """A target to the left that recedes has positive azimuth and velocity, by radar_msgs' text."""
+    radar = small_radar()
+    velocity = np.array([8.0, 4.0, 0.0])
+    position = np.array([20.0, 10.0, 0.0])
+    target = dc.Target(position_m=tuple(position), velocity_m_per_s=tuple(velocity), rcs_m2=100.0)
+    cube = dc.simulate(dc.Scene(targets=[target]), radar, seed=1)
+    detections = dc.detect(cube, radar)
+    dc.write(
+        dc.recording_from_cube(cube, radar, tables={"detections": detections}),
+        tmp_path / "drive.ros2",
+    )
+    with rosbag2.Reader(tmp_path / "drive.ros2") as bag:
+        scans = [
+            type_store().deserialize_cdr(data, connection.msgtype)
+            for connection, _, data in bag.messages()
+            if connection.msgtype == SCAN
+        ]
+    strongest = max(scans[0].returns, key=lambda item: item.amplitude)
+    assert strongest.azimuth == pytest.approx(np.arctan2(10, 20), abs=0.05)
+    row = detections.isel(detection=int(detections.snr.values.argmax()))
+    for name, expected in (
+        ("range", np.hypot(20, 10)),
+        ("velocity", velocity @ position / np.hypot(20, 10)),
+    ):
+        assert abs(float(row[name]) - expected) < 5 * float(row[f"{name}_std"]) + 1e-3
+    assert strongest.doppler_velocity == pytest.approx(float(row.velocity), rel=1e-6)
+    assert strongest.range == pytest.approx(float(row.range), rel=1e-6)

@@ -369,6 +369,27 @@ def test_simulated_chest_in_its_range_cell():
     assert float(vital.breathing_amplitude) == pytest.approx(1.5e-3, rel=0.03)
 
 
+@nightly
+def test_simulated_rooms_without_a_person_have_no_vital_signs():
+    """At most 1 % of rooms may show a sign: more than 3 of 6 have a probability of 1.5e-7."""
+    n_rooms, n_signs = 6, {"breathing": 0, "heart": 0}
+    for seed in range(n_rooms):
+        rng = np.random.default_rng(seed)
+        furniture = [
+            dc.Target(
+                position_m=(rng.uniform(0.3, 0.8), rng.uniform(-0.2, 0.2), 0),
+                rcs_m2=10 ** rng.uniform(-3, 0),
+            )
+            for _ in range(rng.integers(1, 7))
+        ]
+        cube = dc.simulate(dc.Scene(targets=furniture), RADAR, n_frames=400, seed=seed)
+        vital = measure_vital_signs(range_traces(cube, RADAR, (0.2, 3.0))).isel(window=0)
+        for sign in n_signs:
+            n_signs[sign] += bool(vital[f"{sign}_rate"].notnull())
+    at_most = scipy.stats.binom.isf(5e-7, n_rooms, 0.01)
+    assert max(n_signs.values()) <= at_most
+
+
 def test_range_traces_match_slow_time_at_each_row():
     cube = oscillating_chest(n_frames=3)
     traces = range_traces(cube, RADAR, (0.5, 0.7))
