@@ -3,8 +3,10 @@
 import csv
 import json
 import math
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,8 @@ import dechirp as dc
 from dechirp.cli.main import main
 from dechirp.cli.several_radars import write_radars_results
 from dechirp.core.errors import DechirpError
+from dechirp.evaluation.nees import mean_nees_interval
+from dechirp.evaluation.traffic_scores import score_track_consistency
 from dechirp.experiments.scenario import RecordingSource, check_single_radar
 from dechirp.experiments.single_radars import ego_of_mounted_radar, split_radars
 from dechirp.studio.scenario_edits import PageLimits, check_scenario_within_limits
@@ -253,6 +257,29 @@ def run_command(*words):
 def read_rows(path):
     with path.open(encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))
+
+
+@nightly
+@pytest.mark.parametrize("ego", [405, 451, 468, 475])
+def test_stated_errors_of_tracks_in_recorded_traffic_are_honest(ego):
+    # One draw of two axes for each of 10 to 15 vehicles; the seed is fixed. Where clusters join
+    # vehicles side by side, the velocity on 468 has 2.7, outside the interval of 0.3 to 2.2.
+    folder = os.environ.get("DECHIRP_WITNESS_DATA")
+    path = Path(folder or "") / "commonroad_us101" / "USA_US101-4_1_T-1.xml"
+    if not (folder and path.is_file()):
+        pytest.skip("needs commonroad_us101 of DECHIRP_WITNESS_DATA")
+    pair = "radars=[{mount: front-left}, {mount: front-right}]"
+    scenario = dc.traffic.traffic_scenario(path, [f"traffic.ego={ego}", pair, "seed=1"])
+
+    with ThreadPoolExecutor(1) as executor:
+        result = dc.fusion.run_radars(scenario, kind="statistical", executor=executor)
+
+    objects = result.objects.transpose("target", "frame")
+    consistency = score_track_consistency(objects, objects["in_view"].values, result.tracks)
+    assert consistency.n_objects >= 10
+    low, high = mean_nees_interval(2, consistency.n_objects, outside_probability=1e-3)
+    assert low / 2 < consistency.position_nees < high / 2
+    assert low / 2 < consistency.velocity_nees < high / 2
 
 
 @nightly
