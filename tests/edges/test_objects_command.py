@@ -1,6 +1,7 @@
 """`dechirp run --objects`: object lists of a run in several formats, and errors."""
 
 import json
+import subprocess
 import sys
 
 import pytest
@@ -69,3 +70,15 @@ def test_results_are_kept_when_writing_object_list_fails(tmp_path, capsys, monke
 
     assert status == 2 and "a disk with room" in err
     assert (out / "run.json").exists() and not file.exists()
+
+
+def test_command_that_writes_parquet_prints_no_objects_that_remain(tmp_path):
+    pytest.importorskip("duckdb")
+    source = "from dechirp.cli.main import main; import sys; main(sys.argv[1:])"
+    options = ["run", "--out", str(tmp_path / "out"), "--objects", str(tmp_path / "list.parquet")]
+
+    process = subprocess.run(
+        [sys.executable, "-c", source, *options], capture_output=True, text=True, check=True
+    )
+
+    assert "leaked" not in process.stderr
