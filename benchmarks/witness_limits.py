@@ -4,8 +4,9 @@ own-speed        Error of the speed that is estimated from the radar's objects, 
                  own speeds on CAN: of all wheels, as on the board, of the front and of the rear
                  wheels, means over time, and the speed of another message. Beside it, how far these
                  differ from one another; m/s RMS.
-transmit-order   Two ways to find the transmit order of the Calterah radar, tried for each order of
-                 its published positions: plane waves, fitted to the phases of all echoes at once
+transmit-order   Strongest Doppler lines in 128 and in 256 chirps, and two ways to find the transmit
+                 order of the Calterah radar, tried for each order of its published positions:
+                 plane waves, fitted to the phases of all echoes at once
                  with an unknown phase a channel; and the entropy of maps of azimuth, with the
                  published phases. Beside each, the same for echoes with random phases,
                  and for simulated plane waves with phase errors of 0.3 rad.
@@ -133,6 +134,8 @@ def measure_transmit_order(folder: Path) -> None:
     orders = [
         order for order in permutations(range(4)) if order.index(twins[0]) < order.index(twins[1])
     ]
+    for n_chirps in (128, 256):
+        print_strongest_lines(recording.cube.values[0].transpose(1, 0, 2), n_chirps, n_chirps // 32)
     print(f"{len(phases)} echoes in {len(bands)} sub-bands and {array.n_rx} receivers")
     rng = np.random.default_rng(1)
     random = [np.exp(2j * np.pi * rng.random(phases.shape)) for _ in range(N_RANDOM)]
@@ -174,6 +177,22 @@ def measure_transmit_order(folder: Path) -> None:
         order = orders[int(score(simulated).argmax())]
         print(f"  simulated plane waves of order {tuple(true_order)}: {order}, {ranked[0]:.4f}")
         print(f"  lead of their best order: {lead:.5f}")
+
+
+def print_strongest_lines(samples: np.ndarray, n_chirps: int, n_lines: int) -> None:
+    """Print the strongest Doppler lines of all ranges, with the samples divided into chirps."""
+    chirps = samples.reshape(len(samples), n_chirps, -1)
+    ranges = np.fft.rfft(chirps * np.hanning(chirps.shape[2]), axis=2)
+    spectrum = np.fft.fft(ranges * np.hanning(n_chirps)[:, None], axis=1)
+    power = np.sum(np.abs(spectrum) ** 2, axis=(0, 2))
+    is_peak = (power > np.roll(power, 1)) & (power >= np.roll(power, -1))
+    peaks = sorted(np.flatnonzero(is_peak).tolist(), key=lambda line: -power[line])
+    span, gap = (
+        10 * np.log10(power[peaks[a]] / power[peaks[b]])
+        for a, b in ((0, n_lines - 1), (n_lines - 1, n_lines))
+    )
+    print(f"{n_chirps} chirps: Doppler lines {sorted(peaks[:n_lines])} within {span:.1f} dB,")
+    print(f"  {gap:.1f} dB above all others")
 
 
 def strong_echo_phases(chirps: np.ndarray, bands: np.ndarray) -> np.ndarray:

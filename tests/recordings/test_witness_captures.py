@@ -8,6 +8,10 @@ from dechirp.core.errors import RecordingError
 from dechirp.recordings.readers.base import RecordingHints
 from dechirp.recordings.recognise import find_recording_in_folder
 from dechirp.recordings.recording import open as open_recording
+from dechirp.results.object_lists.can_logs import read_can_log, write_can_log
+from dechirp.results.object_lists.can_mapping import read_vendor_layout
+from dechirp.results.object_lists.vendor_lists import assemble_vendor_list
+from dechirp.witnesses.comma_radar import _find_dbc, _read_frames
 
 
 def test_iwr1843_opens_with_lists_of_one_as_plain_objects(witness_data):
@@ -77,3 +81,25 @@ def test_people_counting_points_equal_those_of_matlab_file(witness_data):
 def test_test_vectors_are_not_taken_for_samples(witness_data, folder):
     with pytest.raises(RecordingError, match="test (vectors|data) of TI's"):
         find_recording_in_folder(witness_data / folder, None, RecordingHints())
+
+
+def test_objects_of_a_car_return_from_frames_of_its_own_dbc(witness_data, tmp_path):
+    """All values are whole steps of their signals, so writing and reading changes none."""
+    pytest.importorskip("cantools")
+    folder = witness_data / "comma2k19_radar"
+    try:
+        dbc = _find_dbc(folder)
+    except FileNotFoundError as error:
+        pytest.skip(f"missing: {error}")
+    layout = read_vendor_layout(dbc, "toyota-adas")
+    objects = assemble_vendor_list(_read_frames(folder), layout)
+    options = {"dbc": dbc, "mapping": "toyota-adas"}
+    write_can_log(objects, tmp_path / "log.asc", **options)
+    result = read_can_log(tmp_path / "log.asc", **options)
+    assert dict(result.sizes) == dict(objects.sizes) == {"object": 10_100, "cycle": 1200}
+    for name in ("number", "x", "y", "vx", "vy"):
+        received, expected = (
+            rows[name].values[np.lexsort((rows["number"].values, rows["frame"].values))]
+            for rows in (result, objects)
+        )
+        np.testing.assert_allclose(received, expected, rtol=0, atol=1e-9, err_msg=name)
