@@ -45,7 +45,9 @@ def test_velocities_of_moving_objects_come_from_positions(tmp_path, stated, mess
     assert traffic.objects["vy"].values == pytest.approx(np.zeros((3, 10)), abs=1e-9)
     (finding,) = [item for item in traffic.findings if item.setting == "traffic.velocity"]
     assert finding.value.startswith("velocities of 2 objects are missing, or zero although they")
-    assert "1 from 0 s, 2 from 0 s" in finding.value and "3 from" not in finding.value
+    assert (
+        "1 from 0 s (8 m/s), 2 from 0 s (8 m/s)" in finding.value and "3 from" not in finding.value
+    )
 
 
 @pytest.mark.parametrize("message", ["view", "truth"])

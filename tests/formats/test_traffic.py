@@ -218,6 +218,15 @@ def test_velocities_of_zero_of_a_moving_object_are_replaced(tmp_path, speed, n_f
     assert len(traffic.findings) == n_findings
 
 
+def test_velocities_in_kilometres_per_hour_are_found(tmp_path):
+    rows = [car_row(t, 10 * t, more=",36,0") for t in range(5)]
+
+    (finding,) = dc.open_traffic(write_csv(tmp_path, *rows, header=f"{HEADER},vx,vy")).findings
+
+    assert finding.value == "velocities are 3.6 times the changes of positions"
+    assert "km/h" in finding.fix
+
+
 def test_object_at_rest_keeps_its_velocity_of_zero(tmp_path):
     rows = [car_row(t, 25, more=",0,0") for t in range(3)]
 

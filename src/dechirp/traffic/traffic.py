@@ -131,6 +131,7 @@ def open_traffic(path: str | Path) -> Traffic:
             *reader.read_findings(file),
             *_change_findings(states, completed),
             *findings,
+            *_velocity_unit_findings(completed),
             *_stationary_findings(completed),
             *_find_surprising_motion(completed),
             *find_wrong_headings(completed),
@@ -344,7 +345,7 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
         return changed, ()
     fastest_first = [
         f"{number} from {format_number(first_s)} s ({format_number(speed, 3)} m/s)"
-        for speed, number, first_s in sorted(completed, key=lambda row: -row[0])
+        for speed, number, first_s in sorted(completed, key=lambda row: -round(row[0], 3))
     ]
     return changed, (
         Finding(
@@ -356,6 +357,34 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
             fix="nothing to do: differences of positions replace them",
         ),
     )
+
+
+def _velocity_unit_findings(objects: xr.Dataset) -> list[Finding]:
+    """Return a warning if stated speeds are 3.6 times those of the positions: km/h."""
+    ratios = []
+    for index in range(objects.sizes["object"]):
+        present = np.flatnonzero(np.isfinite(objects["x"].values[index]))
+        if present.size < 2:
+            continue
+        x_m, y_m, vx, vy = (objects[name].values[index, present] for name in ("x", "y", "vx", "vy"))
+        speeds = step_speeds_m_per_s(objects["time"].values[present], x_m, y_m)
+        stated = np.hypot(vx, vy)
+        means = (stated[1:] + stated[:-1]) / 2
+        ratios.append((means / np.where(speeds > MOVES_M_PER_S, speeds, np.nan)).ravel())
+    known = np.concatenate(ratios) if ratios else np.empty(0)
+    known = known[np.isfinite(known)]
+    ratio = float(np.median(known)) if known.size else np.nan
+    if not abs(ratio / 3.6 - 1) < 0.05:
+        return []
+    return [
+        Finding(
+            level="warning",
+            setting="traffic.velocity",
+            value=f"velocities are {format_number(ratio, 2)} times the changes of positions",
+            expected="velocities in m/s",
+            fix="divide them by 3.6 if they are km/h, or leave them out",
+        )
+    ]
 
 
 def _change_findings(rows: list[ObjectState], objects: xr.Dataset) -> list[Finding]:
