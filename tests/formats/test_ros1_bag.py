@@ -190,5 +190,5 @@ def test_database_of_a_ros2_bag_opens_without_its_folder(tmp_path):
 def test_record_without_fields_is_refused_with_the_name_of_the_field(tmp_path):
     path = tmp_path / "zeros.bag"
     path.write_bytes(b"#ROSBAG V2.0\n" + bytes(4000))
-    with pytest.raises(RecordingError, match=r"not readable \(no entry op\)"):
+    with pytest.raises(RecordingError, match=r"not readable \(damaged, without the field op\)"):
         dc.open(path)

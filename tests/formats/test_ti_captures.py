@@ -527,6 +527,19 @@ def test_recognises_offset_binary_by_codes(tmp_path):
     np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
 
 
+def test_offset_binary_has_the_four_lanes_of_the_card_where_no_array_is_given(tmp_path):
+    numbers = draw_codes() // 8
+    content = (np.frombuffer(encode_pairs(numbers), "<i2").astype(np.int32) + 32768).astype("<u2")
+
+    recording = open_capture(
+        tmp_path / "x.dat", content.tobytes(), radar=replace(RADAR, array=Array())
+    )
+
+    np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
+    (note,) = (finding for finding in recording.findings if finding.setting == "radar.array.rx")
+    assert note.value == "4 receivers at unknown positions, assumed half a wavelength apart along y"
+
+
 @pytest.mark.parametrize("options", [{"device": "xwr1443", "format": "dca1000"},
                                   {"format": "tsw1400"}])  # fmt: skip
 def test_rejects_more_receivers_than_layout_holds(tmp_path, options):

@@ -516,6 +516,28 @@ def test_standard_terminal_shows_all_measured_columns(radar, moving):
     assert ("Moving" in headings) == (moving == (0, 1))
 
 
+@pytest.mark.parametrize(
+    ("moving", "counts"),
+    [
+        ((1, 0, 0, 0), "1 that moves and 2 others"),
+        ((1, 1, 1, 0), "2 that move and 1 other"),
+    ],
+)
+def test_title_of_terminal_table_counts_moving_detections(radar, moving, counts):
+    detections = dc.detect(dc.simulate(dc.Scene(targets=[make_target(-20, 3)]), radar), radar)
+    rows = detections.isel(detection=[0, 0, 0, 0])
+    rows["range"] = ("detection", np.array([20.0, 30.0, 40.0, 50.0]))
+    rows["snr"] = ("detection", np.array([40.0, 30.0, 20.0, 10.0]))
+    rows["moving"] = ("detection", np.array(moving, dtype=float))
+    result = dc.run(dc.Scenario(radar=radar, scene=dc.Scene(targets=[make_target(-20, 3)])))
+
+    table = strongest_detections_table(
+        replace(result, detections=rows, truth=None), at_most=3, width=80
+    )
+
+    assert f"; 3 shown, {counts}: " in str(table.title)
+
+
 def test_empty_scene_yields_no_detections(radar):
     radar = make_mimo_radar(radar, TDM_CODE)
     detections = dc.detect(dc.simulate(dc.Scene(), radar, impairments=()), radar)

@@ -45,7 +45,8 @@ def strongest_detections_table(result: Result, *, at_most: int, width: int) -> T
         n_moving = int(np.sum(strongest.moving.values == 1)) if "moving" in strongest else 0
         title += f"; {n_shown} shown"
         if 0 < n_moving < n_shown:
-            title += f", {n_moving} that move and {n_shown - n_moving} others"
+            moving = f"{n_moving} that move{'s' if n_moving == 1 else ''}"
+            title += f", {moving} and {format_count_with_noun(n_shown - n_moving, 'other')}"
         title += ": the strongest of each place (complete list: detections.csv)"
     columns = _detection_table_cells(result, strongest)
     if _table_width(columns) > width:

@@ -148,7 +148,8 @@ def convert_parser_errors(path: Path, expected: str) -> Iterator[None]:
         message = " ".join(str(error).split())[:200] or "damaged or incomplete"
         if isinstance(error, KeyError) and error.args:  # its text is the key alone
             key = error.args[0]
-            message = f"no entry {key.decode(errors='replace') if isinstance(key, bytes) else key}"
+            name = key.decode(errors="replace") if isinstance(key, bytes) else key
+            message = f"damaged, without the field {name}"
         raise RecordingError(
             path,
             value=f"not readable ({message})",

@@ -1,11 +1,13 @@
 """TI TSW1400 captures: offset binary uint16, `I1 Q1 I2 Q2 ...` for each sample."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
 from dechirp.core.values import frozen_dataclass
+from dechirp.radar.array import Array
 from dechirp.recordings.readers.base import (
     Contents,
     Format,
@@ -18,6 +20,7 @@ from dechirp.recordings.samples.raw_samples import (
     check_receivers_can_alternate,
     interpret_raw_samples,
 )
+from dechirp.recordings.settings.antenna_positions import fit_array_to_receiver_count
 from dechirp.recordings.settings_lookup import find_recording_settings
 from dechirp.recordings.streams.byte_sources import open_concatenated_files
 
@@ -28,7 +31,7 @@ _SAMPLED_BYTES = 2**16  # bytes
 class Tsw1400(Format):
     """TI TSW1400 captures: offset binary.
 
-    Receivers alternate; everything else comes from the settings.
+    Receivers alternate, four without an array in the settings, from which everything else comes.
     """
 
     options: ClassVar[tuple[str, ...]] = ("iq",)
@@ -47,6 +50,9 @@ class Tsw1400(Format):
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         settings = find_recording_settings(path, hints)
         check_receivers_can_alternate(path, settings)
+        if settings.receivers is None and settings.radar.array == Array():
+            radar, findings = fit_array_to_receiver_count(settings.radar, N_LANES, file=path)
+            settings = replace(settings, radar=radar).with_findings(*findings)
         order = Pairs(
             receivers=settings.chip_receiver_indices(settings.radar.array.n_rx), n_present=N_LANES
         )
