@@ -208,6 +208,48 @@ def test_finding_on_missing_velocities_names_the_fastest_of_many_objects(tmp_pat
     )
 
 
+def missing_velocity_note(traffic):
+    (value,) = [item.value for item in traffic.findings if item.setting == "traffic.velocity"]
+    return value.partition("move: ")[2]
+
+
+@pytest.mark.parametrize("has_zeros", [False, True])
+def test_speeds_of_missing_velocities_leave_out_jumps(tmp_path, has_zeros):
+    # 11 m/s before and after a jump of 300 m at 0.3 s.
+    more, header = (",0,0", f"{HEADER},vx,vy") if has_zeros else ("", HEADER)
+    rows = [
+        car_row(t / 10, round(1.1 * t + 300 * (t >= 3), 6), number, 8 * number, more)
+        for t in range(8)
+        for number in (1, 2)
+        if number == 2 or t < 2
+    ]
+
+    traffic = dc.open_traffic(write_csv(tmp_path, *rows, header=header))
+
+    assert missing_velocity_note(traffic) == "1 from 0 s (11 m/s), 2 from 0 s (11 m/s)"
+    assert traffic.objects["vx"].values[1] == pytest.approx(np.full(8, 11.0), rel=1e-9)
+    assert any("object 2 at 0.3 s (3011 m/s)" in item.value for item in traffic.findings)
+
+
+def test_position_between_two_jumps_has_no_velocity(tmp_path):
+    rows = [car_row(t / 10, t + 300 * (t == 3)) for t in range(8)]
+
+    traffic = dc.open_traffic(write_csv(tmp_path, *rows))
+
+    expected = [10, 10, 10, np.nan, 10, 10, 10, 10]
+    assert traffic.objects["vx"].values[0] == pytest.approx(expected, rel=1e-9, nan_ok=True)
+
+
+def test_speed_of_missing_velocities_is_that_of_most_steps(tmp_path):
+    # The row of 0.3 s has the time 0.75 s: sorted, the car goes back by 4.95 m and forth again.
+    rows = [car_row(t / 10 if t != 3 else 0.75, round(1.1 * t, 6)) for t in range(12)]
+
+    traffic = dc.open_traffic(write_csv(tmp_path, *rows))
+
+    assert missing_velocity_note(traffic) == "7 from 0 s (11 m/s)"
+    assert any("go back: object 7 at 0.4 s" in item.value for item in traffic.findings)
+
+
 @pytest.mark.parametrize(("speed", "n_findings"), [(0.0, 1), (10.0, 0)])
 def test_velocities_of_zero_of_a_moving_object_are_replaced(tmp_path, speed, n_findings):
     rows = [car_row(t, 10 * t, more=f",{speed},0") for t in range(3)]

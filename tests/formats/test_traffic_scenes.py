@@ -155,6 +155,21 @@ def test_wrong_velocities_are_told_though_the_path_passes_through_the_positions(
     assert finding.value.endswith(": car-1 from 0 s; smooth paths pass through the positions")
 
 
+@pytest.mark.parametrize("jump_m", [0.5, 300])
+def test_velocities_that_no_file_states_contradict_nothing(tmp_path, radar, jump_m):
+    # 0.5 m in one step of 0.1 s is 50 m/s^2; 300 m is a jump, which splits the path.
+    rows = states(1, STEPS_S, constant(0.0), constant(0.0))
+    rows += states(2, STEPS_S, lambda t: 30 + 10 * t + jump_m * (t > 0.95), constant(0.0))
+
+    scenes = FrameScenes(open_rows(tmp_path, *rows), radar, ego=1)
+
+    assert not [entry for entry in scenes.findings if "contradict" in entry.value]
+    rough = [e.value for e in scenes.findings if "need more than 12 m/s^2: car-2" in e.value]
+    assert [value.partition(" need")[0] for value in rough] == (
+        ["positions of 1 path"] if jump_m < 1 else []
+    )
+
+
 def test_object_with_wrong_velocities_before_and_after_a_gap_is_named_once(tmp_path, radar):
     rows = [f"{t},0,car,0,0,0,4.5,1.8,1.5,0,0" for t in range(13)]
     rows += [

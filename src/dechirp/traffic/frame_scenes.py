@@ -111,6 +111,7 @@ class FrameScenes:
         self._radar, self._times_s = radar, objects["time"].values
         self._nearest_positions_m = _nearest_positions_m(objects)
         self._ids = [int(number) for number in objects["id"].values]
+        self._is_velocity_derived = objects["is_velocity_derived"].values.tolist()
         self._kinds = [cast(ObjectKind, str(kind)) for kind in objects["kind"].values]
         self.names = tuple(
             f"{kind}-{number}" for kind, number in zip(self._kinds, self._ids, strict=True)
@@ -367,6 +368,11 @@ class FrameScenes:
         rough = [(name, path) for name, path in paths if not path.follows_velocities]
         if not rough:
             return ()
+        rough_names = {name for name, _ in rough}
+        has_velocities = any(
+            name in rough_names and not is_derived
+            for name, is_derived in zip(self.names, self._is_velocity_derived, strict=True)
+        )
         first_paths = dict(reversed(rough))
         names = [
             f"{name} from {format_number(float(path.times_s[0]))} s"
@@ -384,8 +390,10 @@ class FrameScenes:
             Finding(
                 level="warning" if path.shift_m > _LARGEST_UNNOTICED_SHIFT_M else "note",
                 setting="traffic.position",
-                value=f"positions and velocities of {format_count_with_noun(len(rough), 'path')}"
-                f" contradict each other, or need more than {MAX_ACCELERATION_M_PER_S2:g} m/s^2:"
+                value=f"positions{' and velocities' if has_velocities else ''} of"
+                f" {format_count_with_noun(len(rough), 'path')}"
+                f"{' contradict each other, or' if has_velocities else ''} need more than"
+                f" {MAX_ACCELERATION_M_PER_S2:g} m/s^2:"
                 f" {join_names(names, at_most=_MAX_NAMED)}; {places}",
                 expected="smooth motion",
                 fix="nothing to do for the jitter of measured positions; else correct the trace",

@@ -54,8 +54,8 @@ class Traffic:
     """Id of the vehicle that the file is about."""
     objects: xr.Dataset
     """Columns over (object, time): `x y z` (m), `heading` (rad), `vx vy` (m/s), NaN where an object
-    is absent; over object: `id`, `kind`, `is_stationary`, and `length width height` (m), NaN if
-    unknown."""
+    is absent; over object: `id`, `kind`, `is_stationary`, `is_velocity_derived` (from positions),
+    and `length width height` (m), NaN if unknown."""
     findings: tuple[Finding, ...]
 
 
@@ -317,6 +317,7 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
     """Take velocities from positions where they are missing, or zero of an object that moves."""
     times_s = objects["time"].values
     velocities = {"vx": objects["vx"].values.copy(), "vy": objects["vy"].values.copy()}
+    is_derived = np.zeros(objects.sizes["object"], bool)
     completed = []
     for index, number in enumerate(objects["id"].values.tolist()):
         present = np.flatnonzero(np.isfinite(objects["x"].values[index]))
@@ -324,22 +325,26 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
             continue
         stated = np.hypot(velocities["vx"][index, present], velocities["vy"][index, present])
         positions = np.stack([objects[name].values[index, present] for name in ("x", "y")])
-        derived = np.gradient(positions, times_s[present], axis=1)
-        fastest_m_per_s = np.hypot(*derived).max()
-        moves = fastest_m_per_s > MOVES_M_PER_S
+        derived, speeds = _derive_velocities(times_s[present], positions)
+        moves = bool(np.any(speeds > MOVES_M_PER_S))
         is_missing = np.isnan(stated)
         if moves and not np.any(stated > 0):
             is_missing[:] = True
+        is_derived[index] = is_missing.all()
+        is_missing &= np.isfinite(derived[0])
         for name, of_positions in zip(("vx", "vy"), derived, strict=True):
             velocities[name][index, present[is_missing]] = of_positions[is_missing]
         if moves and is_missing.any():
             first_s = times_s[present[int(is_missing.argmax())]]
-            completed.append((fastest_m_per_s, number, first_s))
+            # The median: one row with a wrong time or position has a multiple of the speed.
+            speed = float(np.median(speeds[speeds > MOVES_M_PER_S]))
+            completed.append((speed, number, first_s))
     changed = objects.assign(
         {
             name: (("object", "time"), values, {"units": "m/s"})
             for name, values in velocities.items()
         }
+        | {"is_velocity_derived": ("object", is_derived)}
     )
     if not completed:
         return changed, ()
@@ -357,6 +362,22 @@ def _complete_velocities(objects: xr.Dataset) -> tuple[xr.Dataset, tuple[Finding
             fix="nothing to do: differences of positions replace them",
         ),
     )
+
+
+def _derive_velocities(
+    times_s: np.ndarray, positions_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the velocities of positions, (2, n), and the speeds between them, without jumps.
+
+    A single position between two jumps has no velocity, NaN.
+    """
+    speeds = step_speeds_m_per_s(times_s, *positions_m)
+    is_jump = speeds > FASTEST_M_PER_S
+    velocities = np.full(positions_m.shape, np.nan)
+    for run in np.split(np.arange(len(times_s)), np.flatnonzero(is_jump) + 1):
+        if run.size > 1:
+            velocities[:, run] = np.gradient(positions_m[:, run], times_s[run], axis=1)
+    return velocities, speeds[~is_jump]
 
 
 def _velocity_unit_findings(objects: xr.Dataset) -> list[Finding]:
