@@ -147,6 +147,10 @@ CANCELLER = "chain.mitigation=[{kind: moving-target-indication, order: 3}]"
         (["tracker=null", ONE_ELEMENT], "ego_motion: enabled for detections without direct"),
         (["chain.angle=null"], "tracker: enabled for|ego_motion: enabled for"),
         (
+            ["ego_motion.with_vertical=true"],
+            "ego_motion.with_vertical: true for an array that measures no elevation",
+        ),
+        (
             [LEAKAGE],
             "chain.mitigation.leakage-subtraction.max_range: 5000 m; expected",
         ),

@@ -1,13 +1,18 @@
 """Vertical velocity of the radar from static detections with measured elevations."""
 
+import re
+
 import numpy as np
 import pytest
 import xarray as xr
 
 import dechirp as dc
 from dechirp.core.table_columns import dataset_to_columns
+from dechirp.radar.multiplexing.tdm import Tdm
+from dechirp.report.objects_section import describe_ego_clusters_and_tracks
 from dechirp.tracking.doppler_fit import Sightings, fit_radar_velocity
 from dechirp.tracking.ego import EgoMotion, ego_motion, label_static_and_moving
+from nightly import nightly
 
 SETTINGS = EgoMotion(with_vertical=True)
 
@@ -98,3 +103,49 @@ def test_elevations_in_one_plane_leave_the_motion_unknown():
     assert np.isnan(ego_motion(unmeasured, None, SETTINGS).vx.item())
     with pytest.raises(dc.InvalidSetting, match="with_vertical"):
         EgoMotion(with_vertical="yes")
+
+
+@nightly
+def test_samples_of_a_planar_array_give_the_three_components():
+    """Errors are at most 5 of the stated standard errors; a normal one exceeds them in 6e-7."""
+    half_m, rng = 1.95e-3, np.random.default_rng(5)
+    chirp = dc.Chirp(
+        start_frequency_hz=76.5e9,
+        slope_hz_per_s=20e12,
+        adc_start_s=2e-6,
+        ramp_duration_s=15e-6,
+        sample_rate_hz=20e6,
+        n_samples=256,
+        sampling="complex",
+    )
+    frame = dc.Frame(
+        chirp=chirp, n_chirps=64, interval_s=18e-6, period_s=0.05, multiplexing=Tdm(order=(0, 1, 2))
+    )
+    array = dc.Array(
+        tx_m=[(0, 0, 0), (0, 2 * half_m, 2 * half_m), (0, 4 * half_m, 0)],
+        rx_m=[(0, k * half_m, 0) for k in range(4)],
+    )
+    hardware = dc.Hardware(transmit_power_w=0.02, antenna_gain=16.0, noise_factor=16.0)
+    velocity = np.array([8.0, -0.5, -1.2])
+    places_m = rng.uniform(8, 40, 20)[:, None] * directions(
+        rng.uniform(-0.6, 0.6, 20), rng.uniform(-0.25, 0.25, 20)
+    )
+    targets = [
+        dc.Target(position_m=tuple(place), velocity_m_per_s=tuple(-velocity), rcs_m2=10.0)
+        for place in places_m.tolist()
+    ]
+    result = dc.run(
+        dc.Scenario(
+            radar=dc.Radar(frame=frame, array=array, hardware=hardware),
+            scene=dc.Scene(targets=targets),
+            n_frames=2,
+            seed=3,
+            ego_motion=SETTINGS,
+        )
+    )
+    for name, true_value in zip(("vx", "vy", "vz"), velocity, strict=True):
+        errors = result.ego[name].values - true_value
+        assert (abs(errors) < 5 * result.ego[f"{name}_std"].values).all(), name
+    assert result.ego.vz_std.max() < 0.5
+    (sentence, *_) = describe_ego_clusters_and_tracks(result)
+    assert re.search(r"to the left and \S1\.2\d+ m/s upwards, estimated", sentence)

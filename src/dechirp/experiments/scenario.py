@@ -331,9 +331,10 @@ def check_chain_fits_radar(chain: Chain, radar: Radar) -> None:
 def check_tracks_and_ego_motion_possible(scenario: Scenario, radar: Radar) -> None:
     """Raise `InvalidSetting` if tracks or ego motion are requested but impossible.
 
-    They need azimuths.
+    They need azimuths, and the vertical velocity elevations.
     """
     if scenario.chain.fit_to_radar(radar).angle is not None:
+        _check_vertical_velocity_possible(scenario, radar)
         return
     for name in _OBJECT_STAGES:
         if getattr(scenario, name) is not None:
@@ -343,6 +344,20 @@ def check_tracks_and_ego_motion_possible(scenario: Scenario, radar: Radar) -> No
                 expected="an array that resolves azimuth, and a direction estimator",
                 fix=f"set chain.angle and give the radar more elements, or set {name} to null",
             )
+
+
+def _check_vertical_velocity_possible(scenario: Scenario, radar: Radar) -> None:
+    """Raise `InvalidSetting` if the vertical velocity needs elevations that are not measured."""
+    if scenario.ego_motion is None or not scenario.ego_motion.with_vertical:
+        return
+    aperture = checked_direction_aperture(radar, scenario.chain.field_of_view)
+    if not aperture.resolves_azimuth_and_elevation[1]:
+        raise InvalidSetting(
+            "ego_motion.with_vertical",
+            value="true for an array that measures no elevation",
+            expected="true only if the elements of the array have different heights",
+            fix="set it to false, or give the radar elements at other heights",
+        )
 
 
 @contextmanager

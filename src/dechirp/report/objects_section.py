@@ -59,13 +59,19 @@ def _describe_ego_motion(ego: xr.Dataset, n_frames: int) -> str:
     n = int(is_finite.sum())
     if not n:
         return f"The ego motion could not be estimated in any of {n_frames} frames."
-    forward, lateral = (float(np.median(ego[name].values[is_finite])) for name in ("vx", "vy"))
-    error = float(np.median(np.hypot(ego.vx_std.values[is_finite], ego.vy_std.values[is_finite])))
+    directions = {"vx": "forward", "vy": "to the left", "vz": "upwards"}
+    names = [name for name in directions if name in ego]
+    stds = np.array([ego[f"{name}_std"].values[is_finite] for name in names])
+    error = float(np.median(np.linalg.norm(stds, axis=0)))
     decimals = decimals_for_std(error)
+    *others, last = [
+        f"{format_fixed(float(np.median(ego[name].values[is_finite])), decimals)} m/s"
+        f" {directions[name]}"
+        for name in names
+    ]
     frames = "the frame" if n_frames == 1 else f"{n} of {n_frames} frames (median)"
     return (
-        f"Ego motion: {format_fixed(forward, decimals)} m/s forward and"
-        f" {format_fixed(lateral, decimals)} m/s to the left, estimated from static detections in"
+        f"Ego motion: {', '.join(others)} and {last}, estimated from static detections in"
         f" {frames}; standard error {format_fixed(error, decimals)} m/s."
     )
 
