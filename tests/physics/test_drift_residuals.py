@@ -39,6 +39,7 @@ def make_columns(range_m, velocity, snr):
     return {
         "range": np.array(range_m),
         "velocity": np.array(velocity),
+        "velocity_std": np.full(len(velocity), 1e-3),
         "snr": np.array(snr),
     }
 
@@ -46,8 +47,8 @@ def make_columns(range_m, velocity, snr):
 @pytest.mark.parametrize(("residual_snr", "moves"), [(1e3, 0), (1e6, 1)])
 def test_weak_residual_does_not_mark_a_static_echo_as_moving(radar, residual_snr, moves):
     cell = radar.frame.velocity_resolution_m_per_s
-    echo = make_columns([10.0], [0.0], [4e6])
-    residual = make_columns([10.1], [0.4 * cell], [residual_snr])
+    echo = make_columns([10.0], [0.1 * cell], [4e6])
+    residual = make_columns([10.1], [0.5 * cell], [residual_snr])
 
     joined = join_moving_detections(echo, residual, radar, range_main_lobe_m=0.6)
 
@@ -103,6 +104,16 @@ def test_only_slow_detections_are_static(radar, all_echoes_cells, moving_cells, 
     )
 
     np.testing.assert_equal(joined["moving"], [motion])
+
+
+@pytest.mark.parametrize(("n_stds", "moving"), [(0.8, np.nan), (4.8, np.nan), (5.0, 1.0)])
+def test_motion_is_unknown_where_the_velocity_may_be_zero(radar, n_stds, moving):
+    # Zero exceeds 4.9 standard errors once in 10^6.
+    columns = make_columns([10.0], [-1e-3 * n_stds], [3e6])
+
+    joined = join_moving_detections(columns, columns, radar, range_main_lobe_m=0.6)
+
+    np.testing.assert_equal(joined["moving"], [moving])
 
 
 def test_slow_targets_beside_drifting_echoes_still_move(radar):

@@ -31,6 +31,7 @@ from dechirp.processing.chain_fitting import ChosenSettingName, fit_chain_to_fra
 from dechirp.processing.channel_errors import hidden_channel_error_findings
 from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.leakage import leakage_findings
+from dechirp.processing.moving_targets import motion_beyond_errors
 from dechirp.processing.multiple_echoes import find_multiple_echoes, multiple_echo_findings
 from dechirp.processing.noise_profile import noise_excess_of_ranges, noise_profile_findings
 from dechirp.processing.receiver_noise import (
@@ -180,6 +181,11 @@ def _resolve_velocities(detected: DetectedRecording) -> DetectedRecording:
     drift_m_per_s = velocity_drift_m_per_s(columns, radar)
     if drift_m_per_s > 0:
         columns = widen_velocity_errors(columns, drift_m_per_s)
+        # Errors of resolved velocities contain other ambiguity numbers, which change no motion.
+        std_m_per_s = np.hypot(detected.columns["velocity_std"], drift_m_per_s)
+        columns["moving"] = motion_beyond_errors(
+            columns["moving"], columns["velocity"], std_m_per_s
+        )
         findings += velocity_drift_findings(drift_m_per_s, radar)
     findings += leakage_findings(detections_from_columns(columns), radar, detected.scenario.chain)
     findings += multiple_echo_findings(find_multiple_echoes(columns, radar))

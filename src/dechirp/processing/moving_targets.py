@@ -24,6 +24,8 @@ _MAX_FAR_RESIDUAL = 0.01
 _MAIN_LOBE_VELOCITY_CELLS = 2
 # The filter shifts the ranges of echoes that overlap, by up to half a cell.
 _RANGE_SHIFT_CELLS = 0.5
+# Standard errors that the velocity of a static echo exceeds once in 10^6, as noise the threshold.
+_MIN_VELOCITY_STDS = 4.9
 
 
 @frozen_dataclass
@@ -78,7 +80,7 @@ def join_moving_detections(
     within a cell where both are faster than a cell, since no static echo is there. It is 0 for
     those found only with all echoes, or with residuals, which are slower than a cell: static, or
     too slow for the filter. Faster ones that the second map does not confirm, because noise or
-    thresholds differ, are unknown: NaN.
+    thresholds differ, are unknown: NaN. So are targets whose velocity may be zero within its error.
     """
     range_offset_m = abs(moving["range"][:, None] - all_echoes["range"])
     velocity_offset = abs(moving["velocity"][:, None] - all_echoes["velocity"])
@@ -101,5 +103,18 @@ def join_moving_detections(
     is_target = near & ~is_residual & ((velocity_offset <= velocity_cell / 2) | is_fast)
     motion = np.where(is_target.any(axis=0), 1.0, np.where(is_fast, np.nan, 0.0))
     new_motion = np.where(is_unresolved.any(axis=1), np.nan, 1.0)[is_new]
-    joined["moving"] = np.concatenate([motion, new_motion])
+    joined["moving"] = motion_beyond_errors(
+        np.concatenate([motion, new_motion]), joined["velocity"], joined["velocity_std"]
+    )
     return joined
+
+
+def motion_beyond_errors(
+    motion: np.ndarray, velocity_m_per_s: np.ndarray, std_m_per_s: np.ndarray
+) -> np.ndarray:
+    """Return the column `moving`, with NaN for movers whose velocity may be zero within its error.
+
+    A static echo with a phase that changes within the frame looks like them.
+    """
+    may_be_zero = (motion == 1) & ~(abs(velocity_m_per_s) > _MIN_VELOCITY_STDS * std_m_per_s)
+    return np.where(may_be_zero, np.nan, motion)

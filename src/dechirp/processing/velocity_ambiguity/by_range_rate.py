@@ -76,7 +76,8 @@ def resolve_by_range_rate(columns: Mapping[str, np.ndarray], frame: Frame) -> di
         number, and its probability as `ambiguity_confidence`. `velocity_std` contains what the
         other numbers would change, and `range_std` the deviations from the line for targets that
         cross cells within a frame, and the shifts of other and of unknown numbers.
-        `ambiguity_number` is NaN for a probability below 0.99.
+        `ambiguity_number` is NaN for a probability below 0.99; detections with another one than 0
+        are `moving`, whatever their aliased velocity is.
     """
     resolved = {name: column.copy() for name, column in columns.items()}
     movers, shift_m = select_movers(columns, frame), range_shift_per_ambiguity_m(frame)
@@ -128,6 +129,7 @@ def resolve_by_range_rate(columns: Mapping[str, np.ndarray], frame: Frame) -> di
     resolved["ambiguity_confidence"][resolved_rows] = confidence[is_known]
     is_certain = confidence[is_known] >= MIN_CONFIDENCE
     resolved["ambiguity_number"][resolved_rows[is_certain]] = number[is_certain]
+    resolved["moving"][resolved_rows[is_certain & (number != 0)]] = 1
     return _widen_unknown_ranges(resolved, movers, frame)
 
 
