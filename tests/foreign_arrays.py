@@ -476,6 +476,41 @@ def exchanged_axes(rng):
     return Case("exchanged shape", dc.diagnosis.diagnose_samples, (samples, radar), {}, "axes")
 
 
+def exchanged_map(rng):
+    """Return the case of a map that is transposed after fftshift, with steps of either kind."""
+    radar, _, made = random_map(rng)
+    n_rows, n_columns = made.power.T.shape
+    range_m, velocity = made.range_m, made.velocity_m_per_s
+    if rng.uniform() < 0.5:
+        made.range_m = np.arange(n_columns) * range_m[1]
+        made.velocity_m_per_s = (np.arange(n_rows) - n_rows // 2) * (velocity[1] - velocity[0])
+    else:
+        made.range_m = np.linspace(0, range_m[-1], n_columns)
+        made.velocity_m_per_s = np.linspace(velocity[0], -velocity[0], n_rows)
+    made.power = made.power.T
+    return diagnose_map_case(
+        "exchanged map", rng, radar if rng.uniform() < 0.7 else None, made, "axes"
+    )
+
+
+def map_of_exchanged_samples(rng):
+    """Return the case of a map of samples whose chirps and samples are exchanged."""
+    radar = random_radar(rng)
+    samples = beat_samples(rng, radar, random_scene(rng, radar))
+    weights = np.outer(np.hanning(samples.shape[1]), np.hanning(samples.shape[2]))
+    spectrum = np.fft.fftshift(np.fft.fft2((samples[0] * weights).T), axes=0)
+    n_rows, n_columns = spectrum.shape
+    right = make_map(rng, radar, samples, padding=(1, 1))
+    step = right.velocity_m_per_s[1] - right.velocity_m_per_s[0]
+    made = Map(
+        abs(spectrum) ** 2,
+        np.arange(n_columns) * right.range_m[1],
+        (np.arange(n_rows) - n_rows // 2) * step,
+        1,
+    )
+    return diagnose_map_case("map of exchanged samples", rng, radar, made, "axes")
+
+
 def threshold_parts(rng):
     """Return noise with a target, the probability, training means and their number."""
     n_training = (int(rng.integers(0, 3)), int(rng.integers(3, 9)))
@@ -539,6 +574,8 @@ WRONG = (
     amplitude_as_power,
     exchanged_axes_of_equal_length,
     exchanged_axes,
+    exchanged_map,
+    map_of_exchanged_samples,
     threshold_of_known_noise,
     threshold_of_summed_cells,
 )

@@ -121,7 +121,7 @@ def diagnose_samples(
     is_complex = np.iscomplexobj(array)
     peaks = find_map_peaks(power, padding=(1, 1), is_windowed=(True, True))
     zero_row = power.shape[0] // 2
-    order = diagnose_axis_order(peaks, power.shape, zero_row, (1, 1))
+    order = diagnose_axis_order(peaks, power.shape, zero_row, (1, 1), content="samples")
     if order.findings or order.undetermined:  # all else depends on it
         return order
     if is_complex:
@@ -236,6 +236,10 @@ def diagnose_map(
         diagnosis += diagnose_noise_scale(noise, scale)
         if np.isfinite(noise.factor):
             power = _rescale(power, 1 / noise.factor)
+    if velocities is not None and radar is not None:
+        order = _diagnose_exchanged_shape(power, velocities, radar.frame.for_frame(0))
+        if order.findings or order.undetermined:  # steps and windows are those of other axes
+            return order
     similarity = measure_mirror_similarity(power)
     diagnosis += diagnose_mirror_image(similarity, content="map")
     axes, padding = _diagnose_axes(
@@ -251,9 +255,59 @@ def diagnose_map(
     diagnosis += diagnose_window(leakages)
     is_windowed = tuple(axis in leakages and not leakages[axis].is_rectangular for axis in (0, 1))
     peaks = find_map_peaks(power, padding=padding, is_windowed=(is_windowed[0], is_windowed[1]))
+    if velocities is not None:
+        zero_row = int(np.argmin(abs(velocities)))
+        order = diagnose_axis_order(peaks, power.shape, zero_row, padding, content="map")
+        if order.findings:
+            return order
+        if order.undetermined:  # all else depends on it
+            return diagnosis + order
     return diagnosis + _diagnose_positions(
         peaks, power.shape, ranges, velocities, radar, target, padding, diagnosis
     )
+
+
+def _diagnose_exchanged_shape(power: np.ndarray, velocities: np.ndarray, frame: Frame) -> Diagnosis:
+    """Judge the order of the axes of a map whose columns fit the chirps, and rows the samples."""
+    padding = _exchanged_padding(power.shape, frame)
+    if padding is None:
+        return NOTHING_FOUND
+    leakages = [measure_leakage(power, axis, padding[axis]) for axis in (0, 1)]
+    peaks = find_map_peaks(
+        power,
+        padding=padding,
+        is_windowed=(not leakages[0].is_rectangular, not leakages[1].is_rectangular),
+    )
+    zero_row = int(np.argmin(abs(velocities)))
+    order = diagnose_axis_order(peaks, power.shape, zero_row, padding, content="map")
+    if order.findings or has_static_row(peaks, power.shape, zero_row, padding):
+        return order
+    return cannot_be_told(
+        "axes",
+        value=f"{power.shape[0]} rows and {power.shape[1]} columns fit the samples and the chirps"
+        " of the radar, not the reverse, and few echoes are static",
+        expected="a map (velocity, range), with static echoes at several ranges",
+        fix="transpose the map if its rows are ranges, or give a frame with more static echoes",
+    )
+
+
+def _exchanged_padding(shape: tuple[int, ...], frame: Frame) -> tuple[float, float] | None:
+    """Return the cells per resolution cell if only exchanged axes fit the radar, else None."""
+    n_rows, n_columns = shape
+    n_chirps, n_samples = frame.n_chirps, frame.chirp.n_samples
+    if n_columns % n_chirps or _padding_of_ranges(n_columns, n_samples):
+        return None
+    padding = _padding_of_ranges(n_rows, n_samples)
+    return (padding, n_columns / n_chirps) if padding else None
+
+
+def _padding_of_ranges(n_cells: int, n_samples: int) -> int:
+    """Return the whole number of cells per resolution cell of a range axis; 0 if none fits."""
+    # The half of a real spectrum has n // 2 + 1 cells.
+    for n_bins in (n_cells, 2 * n_cells - 2, 2 * n_cells - 1):
+        if n_bins % n_samples == 0:
+            return n_bins // n_samples
+    return 0
 
 
 def _diagnose_axes(
@@ -305,9 +359,6 @@ def _diagnose_positions(
     settings = {finding.setting for finding in earlier.findings}
     if velocities is not None:
         zero_row = int(np.argmin(abs(velocities)))
-        order = diagnose_axis_order(peaks, shape, zero_row, padding)
-        if order.findings or order.undetermined:  # all else depends on it
-            return order
         diagnosis += diagnose_fftshift(peaks, shape, zero_row, padding)
     chirp = None if radar is None else radar.frame.chirp
     is_complex = chirp is not None and chirp.sampling == "complex"

@@ -95,25 +95,45 @@ def _band_of_echoes(index: np.ndarray, place: int, size: int, padding: float) ->
 
 
 def diagnose_axis_order(
-    peaks: MapPeaks, shape: tuple[int, int], zero_row: int, padding: tuple[float, float]
+    peaks: MapPeaks,
+    shape: tuple[int, int],
+    zero_row: int,
+    padding: tuple[float, float],
+    *,
+    content: str,
 ) -> Diagnosis:
-    """Report static echoes at one range and many velocities, as after an exchange of the axes."""
+    """Report static echoes at one range and many velocities, as after an exchange of the axes.
+
+    Exchanged before the transforms, velocity 0 is at range 0. In a map that is transposed after
+    `fftshift`, it is in the middle of the range axis.
+    """
     # Real samples have every echo of range 0 at both signs of the velocity.
     velocity = abs(peaks.row - zero_row)
     twins = (peaks.column == 0) & (peaks.row < zero_row)
     is_twin = twins & np.isin(velocity, velocity[(peaks.column == 0) & ~twins])
     is_other = (velocity > padding[0]) & ~is_twin
-    at_range_zero = _band_of_echoes(peaks.column[is_other], 0, shape[1], padding[1])
-    is_far = peaks.column > padding[1]
-    static = _band_of_echoes(peaks.row[is_far], zero_row, shape[0], padding[0])
-    if at_range_zero.n_echoes <= max(2 * static.n_echoes, 1):
+    column = 0
+    fix = (
+        "exchange the axes of chirps and samples before the transforms: samples of one chirp are"
+        " the fast time"
+    )
+    at_one_range = _band_of_echoes(peaks.column[is_other], 0, shape[1], padding[1])
+    if content == "map":
+        middle = _band_of_echoes(peaks.column[is_other], shape[1] // 2, shape[1], padding[1])
+        if middle.chance < at_one_range.chance:
+            at_one_range, column = middle, shape[1] // 2
+            fix = "transpose the map to (velocity, range), and give each axis its own steps"
+    is_elsewhere = abs(peaks.column - column) > padding[1]
+    static = _band_of_echoes(peaks.row[is_elsewhere], zero_row, shape[0], padding[0])
+    if at_one_range.n_echoes <= max(2 * static.n_echoes, 1):
         return NOTHING_FOUND
     evidence = (
-        f"{at_range_zero.n_echoes} of {at_range_zero.n_total} moving echoes at range 0 with"
-        f" different velocities, and {static.n_echoes} static ones at other ranges (probability of"
-        f" chance {at_range_zero.chance:.1g})"
+        f"{at_one_range.n_echoes} of {at_one_range.n_total} moving echoes"
+        f" {'in the middle of the range axis' if column else 'at range 0'} with different"
+        f" velocities, and {static.n_echoes} static ones at other ranges (probability of"
+        f" chance {at_one_range.chance:.1g})"
     )
-    if not at_range_zero.is_significant:
+    if not at_one_range.is_significant:
         return cannot_be_told(
             "axes",
             value=evidence,
@@ -126,8 +146,7 @@ def diagnose_axis_order(
         "axes",
         value=evidence,
         expected="static echoes, which have one velocity and many ranges",
-        fix="exchange the axes of chirps and samples before the transforms: samples of one chirp"
-        " are the fast time",
+        fix=fix,
     )
 
 
