@@ -353,6 +353,40 @@ def test_findings_name_objects_and_times(tmp_path, rows, expected):
     assert any(expected in str(finding) for finding in traffic.findings)
 
 
+@pytest.mark.parametrize("n_missing", [1, 2, 3, 4])
+def test_bridged_rows_are_counted(tmp_path, n_missing):
+    # Object 1 lacks one row more. After four missing rows is a gap.
+    rows = [
+        car_row(t / 10, t, number, 4 * number)
+        for t in range(30)
+        for number in (1, 2)
+        if not 10 <= t < 10 + n_missing * (number == 2) and (number, t) != (1, 20)
+    ]
+
+    traffic = dc.open_traffic(write_csv(tmp_path, *rows))
+
+    (note,) = [item for item in traffic.findings if item.setting == "traffic.time"]
+    assert note.level == "note"
+    if n_missing < 4:
+        assert note.value == (
+            f"bridged {n_missing + 1} missing rows of 2 objects: object 1 after 1.9 s,"
+            " object 2 after 0.9 s"
+        )
+    else:
+        assert note.value == "bridged 1 missing row of 1 object: object 1 after 1.9 s"
+    is_gap = any("gaps in the rows of 1 object: object 2" in i.value for i in traffic.findings)
+    assert is_gap == (n_missing == 4)
+
+
+def test_rows_of_several_rates_are_not_missing(tmp_path):
+    rows = [car_row(t / 20, t / 2, 1) for t in range(40)]
+    rows += [car_row(t / 10, t, 2, 4) for t in range(20)]
+
+    traffic = dc.open_traffic(write_csv(tmp_path, *rows))
+
+    assert "traffic.time" not in [item.setting for item in traffic.findings]
+
+
 def test_overlap_is_that_of_rotated_outlines(tmp_path):
     # Two cars of 4.5 x 1.8 m side by side, 1.95 m apart; one turns by 90 degrees, and then reaches
     # from its centre by 2.25 m, and the other by 0.9 m: 1.2 m too far. Centres 2.9 m apart leave

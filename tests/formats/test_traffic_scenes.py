@@ -227,7 +227,8 @@ def test_objects_of_different_times_are_whole(tmp_path, radar, times_s, of_ego):
     for number in within:
         (car,) = scenes.scene(number).targets
         assert car.position_m[0] == pytest.approx(30 - 2.25, abs=1e-9)
-    assert [entry.setting for entry in scenes.findings] == ["traffic.velocity"]
+    bridged = ["traffic.time"] if len(times_s) == len(STEPS_S) - 4 else []
+    assert [entry.setting for entry in scenes.findings] == ["traffic.velocity", *bridged]
 
 
 def test_rows_of_one_time_are_one_step_in_unix_time(tmp_path):
@@ -256,6 +257,38 @@ def test_frames_continue_after_a_gap_of_the_ego(tmp_path, radar):
     assert finding.value.startswith("car-1 is absent from 0.55 to 1.45 s")
     later = FrameScenes(open_rows(tmp_path, *rows), radar, ego=1, start_s=1.45)
     assert "traffic.ego" not in [entry.setting for entry in later.findings]
+
+
+@pytest.mark.parametrize(
+    ("of_ego_s", "start_s", "duration_s", "n_frames"),
+    [
+        ((0.5, 2.0), 0.0, None, 31),  # half a step longer
+        ((0.0, 1.0), 0.0, None, 21),
+        ((0.0, 1.0), 0.0, 1.5, 21),
+        ((0.5, 2.0), 0.5, None, None),
+        ((0.0, 1.0), 0.0, 0.8, None),
+        ((0.0, 2.0), 0.0, None, None),
+    ],
+)
+def test_ego_that_is_present_for_a_part_is_noted(
+    tmp_path, radar, of_ego_s, start_s, duration_s, n_frames
+):
+    first_s, last_s = of_ego_s
+    times_s = STEPS_S[(STEPS_S > first_s - 0.01) & (STEPS_S < last_s + 0.01)]
+    rows = states(1, times_s, lambda t: 10 * t, constant(0.0))
+    rows += states(2, STEPS_S, lambda t: 30 + 10 * t, constant(0.0))
+
+    scenes = FrameScenes(
+        open_rows(tmp_path, *rows), radar, ego=1, start_s=start_s, duration_s=duration_s
+    )
+
+    notes = [entry.value for entry in scenes.findings if entry.setting == "traffic.ego"]
+    expected = (
+        f"car-1 is present from {first_s:g} to {last_s:g} s, the trace from 0 to 2 s:"
+        f" {n_frames} frames"
+    )
+    assert notes == ([] if n_frames is None else [expected])
+    assert n_frames in (None, scenes.n_frames)
 
 
 def test_jump_splits_the_path(tmp_path, radar):

@@ -154,6 +154,7 @@ class FrameScenes:
             *traffic.findings,
             *self._unknown_size_findings(stated_sizes),
             *self._path_findings(),
+            *self._ego_presence_findings(start_s, duration_s, float(steps_s[self._ego])),
             *self._ego_gap_findings(),
         )
 
@@ -397,6 +398,28 @@ class FrameScenes:
                 f" {join_names(names, at_most=_MAX_NAMED)}; {places}",
                 expected="smooth motion",
                 fix="nothing to do for the jitter of measured positions; else correct the trace",
+            ),
+        )
+
+    def _ego_presence_findings(
+        self, start_s: float, duration_s: float | None, step_s: float
+    ) -> tuple[Finding, ...]:
+        """Return a note if the vehicle appears later, or leaves earlier, than the part selected."""
+        paths, first_s, last_s = self._paths[self._ego], self._times_s[0], self._times_s[-1]
+        wanted_s = math.inf if duration_s is None else self.start_s + duration_s
+        is_late = self.start_s - (first_s + start_s) > step_s
+        if not is_late and min(last_s, wanted_s) - paths[-1].end_s <= step_s:
+            return ()
+        return (
+            Finding(
+                level="note",
+                setting="traffic.ego",
+                value=f"{self.ego_name} is present from {format_number(float(paths[0].times_s[0]))}"
+                f" to {format_number(float(paths[-1].times_s[-1]))} s, the trace from"
+                f" {format_number(float(first_s))} to {format_number(float(last_s))} s:"
+                f" {format_count_with_noun(self.n_frames, 'frame')}",
+                expected="a vehicle that is present in the whole part",
+                fix="nothing to do, or choose a vehicle that is present for longer",
             ),
         )
 

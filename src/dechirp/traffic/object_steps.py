@@ -55,3 +55,12 @@ def find_gaps(times_s: np.ndarray, present: np.ndarray, step_s: float) -> np.nda
         Its typical step. Objects of several rates have rows at different times, and rows get lost.
     """
     return np.asarray(np.diff(times_s[present]) > _LONGEST_GAP_STEPS * step_s)
+
+
+def count_bridged_rows(times_s: np.ndarray, present: np.ndarray, step_s: float) -> np.ndarray:
+    """Return the number of rows that are missing between the steps of an object, (n-1,).
+
+    It is 0 in gaps. The parameters are those of `find_gaps`.
+    """
+    n_steps = np.rint(np.diff(times_s[present]) / step_s).astype(int)
+    return np.where(find_gaps(times_s, present, step_s), 0, np.maximum(n_steps - 1, 0))

@@ -16,7 +16,7 @@ from dechirp.core.text import format_number, join_names
 from dechirp.core.values import frozen_dataclass
 from dechirp.traffic.base import CutTrafficError, ObjectState, TrafficFormat
 from dechirp.traffic.heading_check import find_wrong_headings
-from dechirp.traffic.object_steps import find_gaps, join_times_s, typical_steps_s
+from dechirp.traffic.object_steps import count_bridged_rows, find_gaps, join_times_s, typical_steps_s
 from dechirp.traffic.overlaps import OVERLAP_FIX, find_overlaps
 from dechirp.traffic.trajectory_csv import missing_columns
 from dechirp.traffic.trajectory_sets import recognise_foreign_xml
@@ -76,7 +76,7 @@ def open_traffic(path: str | Path) -> Traffic:
         Velocities that are missing, or zero although the object moves, come from the positions;
         findings name such objects, ids that reappear, jumps, objects that overlap, and objects that
         change their class or size, of which the first counts. Up to three missing rows of an object
-        are no gap. Of a file that is cut short, what precedes the cut is read, with a finding.
+        are bridged, with a note. Of a file that is cut short, what precedes the cut is read, with a finding.
 
     Raises
     ------
@@ -458,10 +458,11 @@ def _stationary_findings(objects: xr.Dataset) -> tuple[Finding, ...]:
 
 
 def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
-    """Return findings on gaps, jumps, and objects that overlap."""
+    """Return findings on missing rows, gaps, jumps, and objects that overlap."""
     ids, times_s = objects["id"].values, objects["time"].values
     x, y = objects["x"].values, objects["y"].values
-    gaps, jumps = [], []
+    gaps, jumps, bridged = [], [], []
+    n_bridged = 0
     steps_s = typical_steps_s(objects)
     for index, number in enumerate(ids.tolist()):
         present = np.flatnonzero(np.isfinite(x[index]))
@@ -476,7 +477,25 @@ def _find_surprising_motion(objects: xr.Dataset) -> list[Finding]:
                 f"object {number} at {format_number(times_s[first])} s"
                 f" ({format_number(speeds.max(), 3)} m/s)"
             )
+        n_missing = count_bridged_rows(times_s, present, steps_s[index])
+        n_missing[speeds > FASTEST_M_PER_S] = 0
+        if n_missing.any() and not objects["is_stationary"].values[index]:
+            n_bridged += int(n_missing.sum())
+            first = present[int(np.argmax(n_missing > 0))]
+            bridged.append(f"object {number} after {format_number(times_s[first])} s")
     findings = []
+    if bridged:
+        findings.append(
+            Finding(
+                level="note",
+                setting="traffic.time",
+                value=f"bridged {format_count_with_noun(n_bridged, 'missing row')} of"
+                f" {format_count_with_noun(len(bridged), 'object')}:"
+                f" {join_names(bridged, at_most=4)}",
+                expected="a row in each step of an object",
+                fix="nothing to do: paths continue over up to three missing rows",
+            )
+        )
     if gaps:
         findings.append(
             Finding(
