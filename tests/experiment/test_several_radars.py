@@ -212,12 +212,34 @@ def test_radars_in_other_bands_do_not_interfere(radar):
         ("[{name: fused}]", "other than fused"),
         ("[{mount: front, start_offset: -1 s}]", "start_offset"),
         ("[{mount: front, clock_error: 0.1}]", "clock_error"),
+        ("[{mount: front, clock_error: 5 dB}]", "clock_error.*50 ppm or 50e-6; .*fit: ppm, ppb"),
         ("[{mount: front, radar: missing.yaml}]", "missing.yaml"),
     ],
 )
 def test_rejects_invalid_radars(trace, radars, message):
     with pytest.raises(DechirpError, match=f"(?s){message}"):
         dc.traffic.traffic_scenario(trace, [*FAST, f"radars={radars}"])
+
+
+@pytest.mark.parametrize("text", ["50 ppm", "50e-6", "50000 ppb"])
+def test_clock_errors_are_parts_per_million_or_bare(trace, text):
+    radars = f"radars=[{{mount: front, clock_error: {text}}}]"
+    scenario = dc.traffic.traffic_scenario(trace, [*FAST, radars])
+    assert scenario.radars[0].clock_error == 50e-6
+
+
+@pytest.mark.parametrize(("offset", "is_refused"), [("1 s", True), ("0.2 s", True), ("0.1 s", False)])
+def test_start_offset_is_within_the_duration(trace, offset, is_refused):
+    pair = f"radars=[{{mount: front-left}}, {{mount: front-right, start_offset: {offset}}}]"
+    scenario = dc.traffic.traffic_scenario(trace, [*FAST, pair])
+
+    if is_refused:
+        message = f"^radars.1.start_offset: {offset.replace('0.2 s', '200 ms')}; expected less than"
+        with pytest.raises(dc.InvalidSetting, match=message):
+            split_radars(scenario)
+    else:
+        single = split_radars(scenario)[0]["front-right"].scenario
+        assert single.traffic.duration_s == pytest.approx(0.1)
 
 
 def test_rejects_missing_radar_and_recordings(radar):

@@ -82,6 +82,9 @@ def convert_quantity_to_unit(
         return number
     kind, si_value = DIMENSIONS[unit_suffix], parse_quantity(text, unit_suffix)
     levels, zeros = dict(kind.db_units), dict(kind.offset_units)
+    fractions = dict(kind.fraction_units)
+    if target_unit in fractions:
+        return Decimal(repr(si_value)) / Decimal(fractions[target_unit])
     if target_unit in levels:
         return (
             Decimal(f"{10 * math.log10(si_value) - levels[target_unit]:.12g}")
@@ -178,6 +181,9 @@ def _convert_to_si_or_none(number_text: str, unit: str, dimension: Dimension) ->
     for name, zero in dimension.offset_units:
         if unit == name and math.isfinite(number):
             return float(Decimal(number_text) + Decimal(zero))
+    for name, size in dimension.fraction_units:
+        if unit == name and math.isfinite(number):
+            return float(Decimal(number_text) * Decimal(size))
     if not dimension.si_unit:
         return None
     # Decimal has larger exponents than float.

@@ -195,7 +195,8 @@ def _quantity_schema(dimension: Dimension) -> Schema:
     """Return the schema of a number with a unit; 0 and ratios need none."""
     from dechirp.config.units import units_of_same_dimension  # pint takes 0.3 s
 
-    unit_patterns = [re.escape(name) for name, _ in (*dimension.db_units, *dimension.offset_units)]
+    named_units = (*dimension.db_units, *dimension.offset_units, *dimension.fraction_units)
+    unit_patterns = [re.escape(name) for name, _ in named_units]
     if dimension.si_unit:
         for places in units_of_same_dimension(dimension.si_unit.replace("^", "")):
             unit_patterns.append(

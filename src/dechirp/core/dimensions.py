@@ -19,6 +19,8 @@ class Dimension:
     """Logarithmic units, each with the level of its zero relative to the SI unit."""
     offset_units: tuple[tuple[str, str], ...] = ()
     """Units of the same size with another zero, each with its offset."""
+    fraction_units: tuple[tuple[str, str], ...] = ()
+    """Units of pure numbers, each with its value."""
 
     @property
     def noun(self) -> str:
@@ -28,7 +30,7 @@ class Dimension:
     @property
     def units_for_messages(self) -> tuple[str, ...]:
         """Units that messages offer."""
-        named = (*self.db_units, *self.offset_units)
+        named = (*self.db_units, *self.offset_units, *self.fraction_units)
         return (*(name for name, _ in named), *self.scaled_units, *self.other_units)
 
 
@@ -66,6 +68,10 @@ DIMENSIONS = {
     ),
     "probability": Dimension("a bare number, such as 1e-6"),
     "number": Dimension("a bare number, such as 0.5"),
+    "clock_error": Dimension(
+        "a relative error, such as 50 ppm or 50e-6",
+        fraction_units=(("ppm", "1e-6"), ("ppb", "1e-9")),
+    ),
     None: Dimension("a number or a ratio, such as 4 or 6 dB", db_units=(("dB", 0), ("dBi", 0))),
 }
 """Dimensions by the suffix of a field's name; None is a ratio."""
@@ -84,6 +90,8 @@ def split_unit_suffix(name: str) -> tuple[str, str | None]:
         return name, "probability"
     if name.endswith(_NUMBER_NAMES):
         return name, "number"
+    if name.endswith("clock_error"):
+        return name, "clock_error"
     for suffix in _SUFFIXES:
         if name.endswith(suffix):
             return name.removesuffix(suffix), suffix[1:]

@@ -9,6 +9,7 @@ import numpy as np
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
+from dechirp.core.text import format_si
 from dechirp.experiments.mounted_radar import MountedRadar
 from dechirp.experiments.scenario import Scenario
 from dechirp.radar.radar import Radar
@@ -61,6 +62,7 @@ def split_radars(scenario: Scenario) -> tuple[dict[str, SingleRadar], tuple[Find
         findings += its_findings
         own_traffic, own_scene = None, None
         if traffic is not None:
+            _check_offset_within_duration(index, offset_s, traffic.duration_s)
             duration_s = None if traffic.duration_s is None else traffic.duration_s - offset_s
             own_traffic = replace(
                 traffic, pose=mounting, start_s=traffic.start_s + offset_s, duration_s=duration_s
@@ -81,6 +83,17 @@ def split_radars(scenario: Scenario) -> tuple[dict[str, SingleRadar], tuple[Find
         )
         singles[name] = SingleRadar(single, mounting, offset_s)
     return singles, tuple(findings)
+
+
+def _check_offset_within_duration(index: int, offset_s: float, duration_s: float | None) -> None:
+    """Raise `InvalidSetting` if a radar starts after the end of the run."""
+    if duration_s is not None and offset_s >= duration_s:
+        raise InvalidSetting(
+            f"radars.{index}.start_offset",
+            value=format_si(offset_s, "s"),
+            expected=f"less than traffic.duration, {format_si(duration_s, 's')}",
+            fix="start the radar earlier, or lengthen traffic.duration",
+        )
 
 
 def _scene_of_mounted_radar(scene: Scene, name: str, mounting: Mounting, time_s: float) -> Scene:
