@@ -361,6 +361,7 @@ def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(
         (["--mount", "front", "--mount", "front-lef"], "--mount: front-lef"),
         (["--mount", "front", "--mount", "front"], "also that of radar 0"),
         (["--mount", "front", "--mount", "rear", "--objects", "o.csv"], "--objects: given for sev"),
+        (["--mount", "front", "--mount", "rear", "--objects", "o.csv"], "with one --mount"),
     ],
 )
 def test_command_refuses_wrong_options(trace, words, message, capsys):

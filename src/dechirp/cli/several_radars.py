@@ -18,7 +18,8 @@ def refuse_options_of_single_radars(names: Sequence[str]) -> None:
             names[0],
             value="given for several radars",
             expected="a single radar",
-            fix="leave it out, or run the scenario.yaml in the folder of one radar",
+            fix="leave it out, or run one radar: with one --mount for a traffic file, or with radar"
+            " in place of radars in a scenario",
         )
 
 
