@@ -228,7 +228,9 @@ def test_clock_errors_are_parts_per_million_or_bare(trace, text):
     assert scenario.radars[0].clock_error == 50e-6
 
 
-@pytest.mark.parametrize(("offset", "is_refused"), [("1 s", True), ("0.2 s", True), ("0.1 s", False)])
+@pytest.mark.parametrize(
+    ("offset", "is_refused"), [("1 s", True), ("0.2 s", True), ("0.1 s", False)]
+)
 def test_start_offset_is_within_the_duration(trace, offset, is_refused):
     pair = f"radars=[{{mount: front-left}}, {{mount: front-right, start_offset: {offset}}}]"
     scenario = dc.traffic.traffic_scenario(trace, [*FAST, pair])

@@ -274,7 +274,7 @@ def test_ego_that_is_present_for_a_part_is_noted(
     tmp_path, radar, of_ego_s, start_s, duration_s, n_frames
 ):
     first_s, last_s = of_ego_s
-    times_s = STEPS_S[(STEPS_S > first_s - 0.01) & (STEPS_S < last_s + 0.01)]
+    times_s = [t for t in STEPS_S if first_s - 0.01 < t < last_s + 0.01]
     rows = states(1, times_s, lambda t: 10 * t, constant(0.0))
     rows += states(2, STEPS_S, lambda t: 30 + 10 * t, constant(0.0))
 

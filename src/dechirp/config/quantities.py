@@ -181,14 +181,16 @@ def _convert_to_si_or_none(number_text: str, unit: str, dimension: Dimension) ->
     for name, zero in dimension.offset_units:
         if unit == name and math.isfinite(number):
             return float(Decimal(number_text) + Decimal(zero))
-    for name, size in dimension.fraction_units:
-        if unit == name and math.isfinite(number):
-            return float(Decimal(number_text) * Decimal(size))
-    if not dimension.si_unit:
+    fraction = dict(dimension.fraction_units).get(unit)
+    if not (dimension.si_unit or fraction):
         return None
     # Decimal has larger exponents than float.
     exact = Decimal(number_text) if math.isfinite(number) and number else Decimal(0)
-    converted = convert_unit(exact, unit, dimension.si_unit.replace("^", ""))
+    converted = (
+        exact * Decimal(fraction)
+        if fraction
+        else convert_unit(exact, unit, dimension.si_unit.replace("^", ""))
+    )
     if converted is None:
         return None
     return float(converted) if math.isfinite(number) else number

@@ -16,7 +16,12 @@ from dechirp.core.text import format_number, join_names
 from dechirp.core.values import frozen_dataclass
 from dechirp.traffic.base import CutTrafficError, ObjectState, TrafficFormat
 from dechirp.traffic.heading_check import find_wrong_headings
-from dechirp.traffic.object_steps import count_bridged_rows, find_gaps, join_times_s, typical_steps_s
+from dechirp.traffic.object_steps import (
+    count_bridged_rows,
+    find_gaps,
+    join_times_s,
+    typical_steps_s,
+)
 from dechirp.traffic.overlaps import OVERLAP_FIX, find_overlaps
 from dechirp.traffic.trajectory_csv import missing_columns
 from dechirp.traffic.trajectory_sets import recognise_foreign_xml
@@ -76,7 +81,8 @@ def open_traffic(path: str | Path) -> Traffic:
         Velocities that are missing, or zero although the object moves, come from the positions;
         findings name such objects, ids that reappear, jumps, objects that overlap, and objects that
         change their class or size, of which the first counts. Up to three missing rows of an object
-        are bridged, with a note. Of a file that is cut short, what precedes the cut is read, with a finding.
+        are bridged, with a note. Of a file that is cut short, what precedes the cut is read, with a
+        finding.
 
     Raises
     ------
