@@ -300,6 +300,20 @@ def test_windows_equal_those_of_scipy():
     assert dc.windows.coherent_gain(scipy.signal.windows.hann(8, sym=False)) == 0.5
 
 
+@pytest.mark.parametrize("name", ["coherent_gain", "noise_bandwidth_bins", "scalloping_loss"])
+def test_figures_of_merit_are_scalars_of_a_window_and_arrays_of_rows_of_windows(name):
+    function = getattr(dc.windows, name)
+    rows = np.array([dc.windows.window_weights(window, 64) for window in SCIPY_WINDOWS])
+
+    figures = [function(row) for row in rows]
+
+    assert {type(figure) for figure in figures} == {np.float64}
+    np.testing.assert_allclose(function(rows), figures, rtol=1e-13)
+    assert function(rows[:, None]).shape == (len(rows), 1)
+    with pytest.raises(dc.InvalidSetting, match=r"give the weights.*window_weights\('hann', n\)"):
+        function("hann")
+
+
 @pytest.mark.parametrize("window", SPECS_OF_SCIPY)
 @pytest.mark.parametrize("n", [1, 7, 64])
 def test_windows_of_scipy_are_periodic_as_get_window_returns_them(window, n):
@@ -703,7 +717,8 @@ SNAPSHOT = np.ones(8)
         ),
         (lambda: dc.windows.coherent_gain([]), "weights"),
         (lambda: dc.windows.scalloping_loss([1.0, np.nan]), "weights"),
-        (lambda: dc.windows.noise_bandwidth_bins([[1.0]]), "weights"),
+        (lambda: dc.windows.noise_bandwidth_bins(1.0), "weights"),
+        (lambda: dc.windows.coherent_gain([[1.0, 2.0], [1.0, -1.0]]), "weights"),
         (lambda: dc.windows.noise_bandwidth_bins([1.0, -1.0]), "weights"),
         (lambda: dc.theory.detection_probability([1.0, 2.0], [0.1] * 3), "snr and false_alarm"),
         (lambda: dc.theory.cfar_factor(1.0, 8), "false_alarm_probability"),

@@ -76,7 +76,7 @@ class Transform:
     @cached_property
     def noise_bandwidth_bins(self) -> float:
         """SNR loss of the window, as a ratio: 1.5 for Hann."""
-        return noise_bandwidth_bins(self.weights)
+        return float(noise_bandwidth_bins(self.weights))
 
     @property
     def keeps_noise_white(self) -> bool:

@@ -10,7 +10,7 @@ is the periodic form of the symmetric "chebyshev-60".
 
 `window_weights`, `chebyshev_weights`, `taylor_weights` and `kaiser_weights` return `n` weights, an
 integer of at least 1, and raise `InvalidSetting` if a parameter is out of bounds. Figures of merit
-raise it for weights that are not a row of finite numbers.
+raise it for weights that are not finite numbers along the last axis.
 """
 
 import math
@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import as_tuple_or_none, check_finite_array, check_integer, check_number
+from dechirp.core.elementwise import scalar_results
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.suggestions import did_you_mean_fix
 
@@ -395,50 +396,84 @@ def _check_sidelobe_level(sidelobe_db: float) -> None:
     check_number("sidelobe_db", sidelobe_db, above=0, at_most=300)
 
 
-def coherent_gain(weights: ArrayLike) -> float:
+@scalar_results
+def coherent_gain(weights: ArrayLike) -> np.ndarray:
     """Return the coherent gain, the amplitude of a tone after windowing: sum(w) / N.
 
     Parameters
     ----------
-    weights : array (n,)
-        Weights of a window, finite, with a sum above 0.
+    weights : array (..., n)
+        Weights of windows, finite, with sums above 0.
+
+    Returns
+    -------
+    array (...)
+        Ratio of amplitudes of each window.
     """
-    return float(_check_weights(weights).mean())
+    return _check_weights(weights, may_have_rows=True).mean(axis=-1)
 
 
-def noise_bandwidth_bins(weights: ArrayLike) -> float:
+@scalar_results
+def noise_bandwidth_bins(weights: ArrayLike) -> np.ndarray:
     """Return the equivalent noise bandwidth N sum(w^2) / sum(w)^2, the SNR loss as a ratio.
 
     Parameters
     ----------
-    weights : array (n,)
-        Weights of a window, finite, with a sum above 0.
+    weights : array (..., n)
+        Weights of windows, finite, with sums above 0.
+
+    Returns
+    -------
+    array (...)
+        Bandwidth of each window in bins, at least 1.
     """
-    weights = _check_weights(weights)
-    return float(weights.size * np.sum(weights**2) / np.sum(weights) ** 2)
+    weights = _check_weights(weights, may_have_rows=True)
+    return weights.shape[-1] * np.sum(weights**2, axis=-1) / np.sum(weights, axis=-1) ** 2
 
 
-def scalloping_loss(weights: ArrayLike) -> float:
+@scalar_results
+def scalloping_loss(weights: ArrayLike) -> np.ndarray:
     """Return the power of a tone on a bin over that of one half a bin off, at least 1.
 
     Parameters
     ----------
-    weights : array (n,)
-        Weights of a window, finite, with a sum above 0.
+    weights : array (..., n)
+        Weights of windows, finite, with sums above 0.
+
+    Returns
+    -------
+    array (...)
+        Ratio of powers of each window.
     """
-    weights = _check_weights(weights)
-    half_bin_shift = np.exp(1j * np.pi * np.arange(weights.size) / weights.size)
-    return float(np.sum(weights) ** 2 / abs(np.sum(weights * half_bin_shift)) ** 2)
+    weights = _check_weights(weights, may_have_rows=True)
+    n = weights.shape[-1]
+    half_bin_shift = np.exp(1j * np.pi * np.arange(n) / n)
+    return np.sum(weights, axis=-1) ** 2 / abs(np.sum(weights * half_bin_shift, axis=-1)) ** 2
 
 
-def _check_weights(weights: ArrayLike, *, setting: str = "weights") -> np.ndarray:
-    """Return the weights of a window, (n,), with a sum above 0, or raise `InvalidSetting`."""
-    values = check_finite_array(setting, weights)
-    if values.ndim != 1 or not values.sum() > 1e-60:
+def _check_weights(
+    weights: ArrayLike, *, setting: str = "weights", may_have_rows: bool = False
+) -> np.ndarray:
+    """Return the weights of a window, (n,), or those of several, (..., n).
+
+    Raises `InvalidSetting` unless their sums are above 0.
+    """
+    if isinstance(weights, str):
         raise InvalidSetting(
             setting,
-            value=f"an array {values.shape} with the sum {values.sum():g}",
-            expected="one row of weights with a sum above 0",
+            value=reprlib.repr(weights),
+            expected="the weights of a window",
+            fix=f"give the weights, such as window_weights({reprlib.repr(weights)}, n)",
+        )
+    values = check_finite_array(setting, weights)
+    least_sum = values.sum(axis=-1).min()
+    is_row = values.ndim > 0 if may_have_rows else values.ndim == 1
+    if not (is_row and least_sum > 1e-60):
+        alternative = ", or several rows of them" if may_have_rows else ""
+        raise InvalidSetting(
+            setting,
+            value=f"an array {values.shape} with the sum {least_sum:g}",
+            expected=f"one row of weights with a sum above 0{alternative}",
             fix="give the weights of one window, as of window_weights",
         )
     return values
