@@ -427,6 +427,37 @@ def test_cfar_factor_broadcasts_over_its_closed_forms():
         )
 
 
+@pytest.mark.parametrize("n_training", [16, 21, 50])
+def test_cfar_factor_has_the_defaults_of_the_detectors(n_training):
+    cells = np.random.default_rng(2).exponential(size=(1, n_training))
+    in_order = np.sort(cells[0])
+    offsets = np.zeros((n_training, 2))
+
+    rank = 1 + list(in_order).index(dc.cfar.OrderedStatistic().statistic(cells, offsets)[0])
+    assert dc.theory.cfar_factor(1e-4, n_training, "ordered-statistic") == dc.theory.cfar_factor(
+        1e-4, n_training, "ordered-statistic", rank=rank
+    )
+    trimmed = dc.cfar.TrimmedMean().statistic(cells, offsets)[0]
+    n_kept = np.argmin(abs(np.cumsum(in_order) / np.arange(1, n_training + 1) - trimmed)) + 1
+    assert dc.theory.cfar_factor(1e-4, n_training, "trimmed-mean") == dc.theory.cfar_factor(
+        1e-4, n_training, "trimmed-mean", n_smallest=0, n_largest=n_training - n_kept
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"kind": "ordered-statistic", "rank": 0.9}, "^rank: 0.9; .*a number of cells; multiply"),
+        ({"kind": "trimmed-mean", "n_largest": [2, 0.2]}, "^n_largest: 0.2; .*a number of cells"),
+        ({"kind": "two-step"}, "^kind: two-step; .*no factor of its own: .*cfar_threshold"),
+        ({"kind": "cell-averaging", "rank": 3}, "^rank: 3, .*; expected n_training and n_summed "),
+    ],
+)
+def test_settings_of_another_kind_of_cfar_and_shares_are_explained(arguments, message):
+    with pytest.raises(dc.InvalidSetting, match=message):
+        dc.theory.cfar_factor(1e-4, 16, **arguments)
+
+
 LINE_OF_TWO = {"positions_m": [0, 0.002], "wavelength_m": 0.004}
 
 
@@ -725,7 +756,7 @@ SNAPSHOT = np.ones(8)
         (lambda: dc.theory.cfar_factor(0.1, 8.5), "n_training"),
         (lambda: dc.theory.cfar_factor(0.1, 7, "greatest-of"), "n_training"),
         (lambda: dc.theory.cfar_factor(0.1, 8, "median"), "kind"),
-        (lambda: dc.theory.cfar_factor(0.1, 8, "ordered-statistic"), "rank"),
+        (lambda: dc.theory.cfar_factor(0.1, 8, "ordered-statistic", rank=0.9), "rank"),
         (lambda: dc.theory.cfar_factor(0.1, 8, rank=3), "rank"),
         (lambda: dc.theory.alpha_beta_gains([0.5, 0.0]), "tracking_index"),
         (lambda: dc.theory.gate_threshold(1.0, 2), "gate_probability"),

@@ -9,12 +9,12 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import Cfar, MapNoise
 from dechirp.processing.cfar.cell_averaging import CellAveraging
 from dechirp.processing.cfar.ordered_statistic import OrderedStatistic
-from dechirp.processing.cfar.rank_kernels import cell_count_from_setting
 from dechirp.theory.cfar import cell_averaging_factor, ordered_statistic_factor
 from dechirp.theory.cfar_detection import (
     cell_averaging_detection_probability,
     ordered_statistic_detection_probability,
 )
+from dechirp.theory.training_cells import cell_count_from_setting
 
 
 @frozen_dataclass

@@ -10,6 +10,7 @@ from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import (
     broadcast_arguments,
     check_probabilities,
+    check_real_array,
     check_whole_numbers,
 )
 from dechirp.core.elementwise import scalar_results
@@ -21,18 +22,25 @@ from dechirp.theory.cfar import (
     smallest_of_factor,
 )
 from dechirp.theory.cfar_trimmed_mean import trimmed_mean_factor
+from dechirp.theory.training_cells import (
+    DEFAULT_N_LARGEST,
+    DEFAULT_N_SMALLEST,
+    DEFAULT_RANK,
+    cell_count_from_setting,
+)
 
 __all__ = ["cfar_factor"]
 
 CfarKind = Literal[
     "cell-averaging", "greatest-of", "smallest-of", "ordered-statistic", "trimmed-mean"
 ]
-_SETTINGS_OF_KIND = {
-    "cell-averaging": {"n_summed"},
-    "greatest-of": {"n_summed"},
-    "smallest-of": {"n_summed"},
-    "ordered-statistic": {"n_summed", "rank"},
-    "trimmed-mean": {"n_smallest", "n_largest"},
+# Settings of each kind with their defaults, shares of the training cells.
+_CELL_COUNTS_OF_KIND: dict[str, dict[str, float]] = {
+    "cell-averaging": {},
+    "greatest-of": {},
+    "smallest-of": {},
+    "ordered-statistic": {"rank": DEFAULT_RANK},
+    "trimmed-mean": {"n_smallest": DEFAULT_N_SMALLEST, "n_largest": DEFAULT_N_LARGEST},
 }
 
 
@@ -65,9 +73,11 @@ def cfar_factor(
     n_summed : array of int
         Powers that are summed in each cell: receivers, or pulses. 1 for a trimmed mean.
     rank : array of int, optional
-        For an ordered statistic only: 1 for the smallest cell.
+        For an ordered statistic only: a number of cells, 1 for the smallest cell. By default that
+        of `dechirp.cfar.OrderedStatistic()`, 0.75 n_training, rounded up.
     n_smallest, n_largest : array of int, optional
-        For a trimmed mean only: numbers of cells left out.
+        For a trimmed mean only: numbers of cells left out. By default those of
+        `dechirp.cfar.TrimmedMean()`, 0 and 0.25 n_training, rounded up.
 
     Returns
     -------
@@ -78,7 +88,7 @@ def cfar_factor(
     ------
     InvalidSetting
         If a probability is not between 0 and 1, a number of cells not whole and positive, an odd
-        number has halves, the kind is unknown, or one of its settings is missing or superfluous.
+        number has halves, the kind is unknown, or a setting belongs to another kind.
     """
     counts = {
         "n_training": check_whole_numbers("n_training", n_training, at_least=1),
@@ -87,10 +97,13 @@ def cfar_factor(
     optional = {"rank": rank, "n_smallest": n_smallest, "n_largest": n_largest}
     for name, numbers in optional.items():
         if numbers is not None:
+            _check_no_share(name, numbers)
             counts[name] = check_whole_numbers(name, numbers, at_least=0)
     if np.all(counts["n_summed"] == 1):
         del counts["n_summed"]
     _check_settings_of_kind(kind, counts)
+    for name, share in _CELL_COUNTS_OF_KIND[kind].items():
+        counts.setdefault(name, cell_count_from_setting(counts["n_training"], share))
     pfa, *arrays = broadcast_arguments(
         false_alarm_probability=check_probabilities(
             "false_alarm_probability", false_alarm_probability
@@ -112,18 +125,36 @@ def cfar_factor(
     return np.vectorize(compute, otypes=[float])(pfa, *arrays)
 
 
-def _check_settings_of_kind(kind: CfarKind, settings: Mapping[str, np.ndarray]) -> None:
-    if kind not in _SETTINGS_OF_KIND:
+def _check_no_share(name: str, numbers: ArrayLike) -> None:
+    """Raise `InvalidSetting` for shares of the training cells, which detectors accept."""
+    values = check_real_array(name, numbers)
+    shares = values[(values > 0) & (values < 1)]
+    if shares.size:
         raise InvalidSetting(
-            "kind", value=kind, expected=" or ".join(_SETTINGS_OF_KIND), fix="choose one of them"
+            name,
+            value=shares.flat[0],
+            expected="a number of cells",
+            fix=f"multiply the share by n_training, and round it up; only the {name} of a detector"
+            " of dechirp.cfar may be a share",
         )
-    accepted = _SETTINGS_OF_KIND[kind]
-    for name in ("rank", "n_smallest", "n_largest", "n_summed"):
-        is_missing = name in accepted - {"n_summed"} and name not in settings
-        if is_missing or (name in settings and name not in accepted):
-            raise InvalidSetting(
-                name,
-                value="missing" if is_missing else f"{settings[name]}, with {kind}",
-                expected=f"{' and '.join(sorted(accepted))} with {kind}",
-                fix="give a number of cells" if is_missing else "leave it out",
-            )
+
+
+def _check_settings_of_kind(kind: CfarKind, settings: Mapping[str, np.ndarray]) -> None:
+    if kind not in _CELL_COUNTS_OF_KIND:
+        raise InvalidSetting(
+            "kind",
+            value=kind,
+            expected=" or ".join(_CELL_COUNTS_OF_KIND),
+            fix="choose one of them; two-step has no factor of its own: it is that of"
+            " greatest-of for lines of equal length, and dechirp.cfar.cfar_threshold applies it",
+        )
+    # A trimmed mean has no closed form for summed powers.
+    summed = [] if kind == "trimmed-mean" else ["n_summed"]
+    accepted = ["n_training", *summed, *_CELL_COUNTS_OF_KIND[kind]]
+    for name in settings.keys() - set(accepted):
+        raise InvalidSetting(
+            name,
+            value=f"{settings[name]}, with {kind}",
+            expected=f"{' and '.join(accepted)} with {kind}",
+            fix="leave it out",
+        )

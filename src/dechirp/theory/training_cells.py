@@ -12,6 +12,19 @@ from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
 
 _MAX_SUMMED = 10**7  # a tenth of a second for a factor
+# Settings of the detectors unless they are specified, as shares of the training cells.
+DEFAULT_RANK = 0.75
+DEFAULT_N_SMALLEST, DEFAULT_N_LARGEST = 0.0, 0.25
+
+
+def cell_count_from_setting(n_cells: np.ndarray, share_or_count: float) -> np.ndarray:
+    """Convert a setting to a number of cells: a share of them below 1, or a number."""
+    number = (
+        np.ceil(share_or_count * n_cells - 1e-9)
+        if share_or_count < 1
+        else np.full_like(n_cells, share_or_count)
+    )
+    return np.asarray(number, dtype=int)
 
 
 def count_training_powers(n_training: int, n_summed: int) -> int:

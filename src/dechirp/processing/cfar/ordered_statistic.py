@@ -15,17 +15,17 @@ from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
 from dechirp.processing.cfar.rank_kernels import (
     SideCounts,
     candidate_detection_cells,
-    cell_count_from_setting,
     order_statistic_map,
 )
 from dechirp.theory.cfar import ordered_statistic_factor
+from dechirp.theory.training_cells import DEFAULT_RANK, cell_count_from_setting
 
 
 @frozen_dataclass
 class OrderedStatistic(NoiseEstimator):
     """The k-th smallest training cell."""
 
-    rank: float = 0.75
+    rank: float = DEFAULT_RANK
     """Rank k of the cell in order of power, 1 for the smallest; below 1, a share of the cells."""
 
     def __post_init__(self) -> None:

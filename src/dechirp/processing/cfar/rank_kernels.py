@@ -15,16 +15,6 @@ _BLOCK = 32  # columns of the map that share a level
 _SAMPLES = 128  # cells of a block that determine its level: within 4 % of its rank
 
 
-def cell_count_from_setting(n_cells: np.ndarray, share_or_count: float) -> np.ndarray:
-    """Convert a setting to a number of cells: a share of them below 1, or a number."""
-    number = (
-        np.ceil(share_or_count * n_cells - 1e-9)
-        if share_or_count < 1
-        else np.full_like(n_cells, share_or_count)
-    )
-    return np.asarray(number, dtype=int)
-
-
 def candidate_detection_cells(
     power: np.ndarray,
     side_counts: SideCounts,

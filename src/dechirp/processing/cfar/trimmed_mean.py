@@ -14,21 +14,25 @@ from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
 from dechirp.processing.cfar.rank_kernels import (
     SideCounts,
     candidate_detection_cells,
-    cell_count_from_setting,
     gather_training_cells,
     kth_smallest,
     order_statistic_map,
 )
 from dechirp.theory.cfar_trimmed_mean import trimmed_mean_factor
+from dechirp.theory.training_cells import (
+    DEFAULT_N_LARGEST,
+    DEFAULT_N_SMALLEST,
+    cell_count_from_setting,
+)
 
 
 @frozen_dataclass
 class TrimmedMean(NoiseEstimator):
     """Mean of the training cells after trimming both ends of their order."""
 
-    n_smallest: float = 0.0
+    n_smallest: float = DEFAULT_N_SMALLEST
     """Number of smallest cells trimmed; below 1, a share of the cells."""
-    n_largest: float = 0.25
+    n_largest: float = DEFAULT_N_LARGEST
     """Number of largest cells trimmed; below 1, a share of the cells."""
 
     def __post_init__(self) -> None:
