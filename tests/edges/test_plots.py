@@ -103,10 +103,32 @@ def test_truth_separates_targets_at_rest(axes):
     np.testing.assert_allclose(points_of(axes, "moving"), [[4, 20]], atol=0.01)
 
 
+def test_tables_without_rows_are_drawn_as_empty_axes_with_a_title():
+    clusters = DETECTIONS.isel(detection=[]).rename(detection="cluster")
+    tentative = make_tracks(["tentative"] * 3)
+    for table, title in (
+        (DETECTIONS.isel(detection=[]), "No detections"),
+        (clusters, "No clusters"),
+        (dc.truth(SCENE, RADAR).isel(target=[]), "No targets"),
+        (tentative, "No confirmed tracks"),
+        (tentative.isel(track=[]), "No confirmed tracks"),
+    ):
+        axes = Figure().subplots()
+        assert table.dechirp.plot(axes) is axes
+        assert axes.get_title() == title
+        assert not axes.has_data()
+
+
 def test_tracks_are_drawn_with_their_numbers(axes):
+    make_tracks(["tentative", "confirmed", "confirmed"]).dechirp.plot(axes)
+    assert "7" in {text.get_text() for text in axes.texts}
+
+
+def make_tracks(statuses):
+    """Return the track 7 in three frames."""
     state = ("x", "y", "vx", "vy")
     covariance = np.broadcast_to(0.01 * np.eye(4), (1, 3, 4, 4))
-    tracks = xr.Dataset(
+    return xr.Dataset(
         {
             **{
                 name: (("track", "frame"), [values])
@@ -114,7 +136,7 @@ def test_tracks_are_drawn_with_their_numbers(axes):
                     state, ([10.0, 11, 12], [2.0, 2, 2], [10.0] * 3, [0.0] * 3), strict=True
                 )
             },
-            "status": (("track", "frame"), [["tentative", "confirmed", "confirmed"]]),
+            "status": (("track", "frame"), [statuses]),
             "covariance": (("track", "frame", "state", "other_state"), covariance),
         },
         {
@@ -124,8 +146,6 @@ def test_tracks_are_drawn_with_their_numbers(axes):
             "time": ("frame", [0, 1, 2]),
         },
     )
-    tracks.dechirp.plot(axes)
-    assert "7" in {text.get_text() for text in axes.texts}
 
 
 def test_result_plots_first_figure_of_its_page():
@@ -196,7 +216,6 @@ NAN_RANGE = {"range": POWER.range * np.nan}
         (lambda: draw(CUBE.expand_dims("trial")), "an array .* over trial, .*isel"),
         (lambda: draw(CUBE, detections=DETECTIONS), "detections: .* leave detections out"),
         (lambda: draw(DETECTIONS.drop_vars("snr")), "a dataset without snr"),
-        (lambda: draw(DETECTIONS.isel(detection=[])), "without a detection to draw"),
         (lambda: draw(DETECTIONS * np.nan), "without a detection to draw"),
         (lambda: plots.plot_table(DETECTIONS, None, dim="frame"), "ego motion"),
     ],

@@ -27,6 +27,7 @@ from dechirp.report.figures import (
     tracks,
 )
 from dechirp.report.figures.style import report_style
+from dechirp.report.labels import X_LABEL, Y_LABEL
 from dechirp.scene.aliasing import RangeVelocity
 
 if TYPE_CHECKING:
@@ -146,7 +147,8 @@ def plot_samples(
 def plot_table(table: xr.Dataset, axes: Axes | None, *, dim: str) -> Axes:
     """Draw detections, clusters, tracks or truth, with rows along `dim`, from above.
 
-    Detections without an azimuth are drawn as ranges over time.
+    Detections without an azimuth are drawn as ranges over time. Without any row, as in a frame
+    without detections, the axes are empty, with a title.
     """
     if dim == "frame":
         raise InvalidSetting(
@@ -156,15 +158,20 @@ def plot_table(table: xr.Dataset, axes: Axes | None, *, dim: str) -> Axes:
             fix="use the plot method of xarray",
         )
     _check_columns("array.dechirp.plot", table, _DRAWN_COLUMNS[dim])
+    n_rows = table.sizes[dim]
     table = table.isel({dim: np.flatnonzero(_is_drawable(table, dim))})
-    if not table.sizes[dim]:
+    if n_rows and not table.sizes[dim] and dim != "track":
         raise InvalidSetting(
             "array.dechirp.plot",
             value=f"a dataset without a {dim} to draw",
-            expected="a confirmed track" if dim == "track" else "at least one finite range",
-            fix="lower the threshold, or draw another frame",
+            expected="at least one finite range",
+            fix="pass a result of dc.detect or a similar function, with its ranges",
         )
     with user_axes(axes) as panel:
+        if not table.sizes[dim]:
+            panel.set_title("No confirmed tracks" if dim == "track" else f"No {dim}s")
+            panel.set(xlabel=Y_LABEL, ylabel=X_LABEL, aspect="equal", xlim=(1, -1), ylim=(0, 1))
+            return panel
         if dim == "track":
             lines = objects_section.longest_track_lines(table)
             background = tracks.TrackBackground(
