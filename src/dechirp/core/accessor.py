@@ -62,7 +62,14 @@ class TableAccessor:
         import pandas as pd
 
         self._row_dimension()
-        return pd.DataFrame(dataset_to_columns(self._dataset))
+        columns = dataset_to_columns(self._dataset)
+        # pandas stores a column of None as objects, Arrow as floats.
+        return pd.DataFrame(
+            {
+                name: np.array(cells, float) if set(cells) <= {None} else cells
+                for name, cells in columns.items()
+            }
+        )
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """Return the table as an Arrow stream: `polars.DataFrame(detections.dechirp)`."""
