@@ -97,11 +97,13 @@ class CtsaiDdma(Witness):
         )
         detections = detect(cube, recording.radar)
         ranges_m, velocities = detections["range"].values, detections["velocity"].values
+        n_with_angle = 0
         for cell in _strongest_cells(theirs):
             range_m = _range_of_cell_m(cell, recording.radar.frame.chirp.slope_hz_per_s)
             near = abs(ranges_m - range_m) < _range_of_cell_m(
                 1, recording.radar.frame.chirp.slope_hz_per_s
             )
+            n_with_angle += int(np.isfinite(detections["azimuth"].values[near]).sum() == 1)
             yield Comparison(
                 quantity=f"detections at {range_m:.2f} m, four lines in the Doppler spectrum",
                 theirs=1,
@@ -120,6 +122,16 @@ class CtsaiDdma(Witness):
                 basis="half a Doppler cell of 0.14 m/s",
                 answer="own",
             )
+        yield Comparison(
+            quantity=f"angles, one for each of these {_STRONGEST} targets",
+            theirs=_STRONGEST,
+            ours=n_with_angle,
+            unit="1",
+            tolerance=0,
+            basis="one direction a target, not one for each of four transmitters",
+            cause="angles need the transmit order, which is not recognised; see its row",
+            answer="own",
+        )
 
 
 def _decode_receivers(files: list[Path]) -> np.ndarray:
