@@ -44,6 +44,11 @@ squared order. Its expectation is D T S, with the power of a random walk in the 
 slow functions that describe the phase. R has (sum l)^2 / sum l^2 degrees of freedom for the terms l
 of S. The noise in R is not subtracted: intervals are rather too wide in noise.
 
+Intervals of a heart rate are too wide also without noise, because multiples of the breathing rate
+among its sidebands hide a part of its phase. In 20 s, that of a steady heart of a tenth of the
+breathing is 0.02 Hz to each side, up to 0.06 Hz beside strong harmonics of breathing. The rate
+itself has an error of 1e-4 Hz at an SNR of 30 dB, near the bound.
+
 References
 ----------
 D. C. Rife and R. R. Boorstyn, Single-tone parameter estimation from discrete-time observations,

@@ -136,8 +136,9 @@ def measure_vital_signs(trace: xr.DataArray, settings: VitalSigns | None = None)
         `time` (s): middle of each window; `range` (m) and `channel` of the chosen cell, if the
         trace has them; for breathing and heart `..._rate`, `..._rate_low` and `..._rate_high` (Hz):
         estimate and confidence interval of the mean rate in the window, by noise and unequal
-        breaths, NaN where not measurable, as where windows that share half of their time have
-        breathing rates whose intervals are a factor of 1.5 apart; `..._amplitude` (m) of the
+        breaths (that of a steady heart beside breathing is too wide, see `periodicity`), NaN where
+        not measurable, as where windows that share half of their time have breathing rates whose
+        intervals are a factor of 1.5 apart; `..._amplitude` (m) of the
         fundamental, NaN where the values are no arc or the wavelength is unknown;
         `..._false_alarm_probability`: probability that noise alone has such a line.
 
