@@ -125,8 +125,9 @@ def test_single_chirps_are_joined_and_their_ambiguity_is_reported(tmp_path):
     expected = expected_chirps(codes / 32768, recording.radar, recording.n_frames)
     assert np.array_equal(recording.cube.values[:, :, 0], expected.astype(np.float32))
     # lambda / (4 T): 0.1222 m / (4 * 25.05 ms) = 1.22 m/s, less than a person walks.
-    (aliasing,) = (found for found in recording.findings if found.level == "warning")
+    (aliasing,) = (f for f in recording.findings if f.setting == "radar.frame.interval")
     assert "beyond 1.22 m/s are aliased, off by multiples of 2.44 m/s" in aliasing.value
+    assert aliasing.level == "note" and "walk" not in aliasing.expected
 
 
 def test_complete_frames_are_counted_to_the_sample(tmp_path):

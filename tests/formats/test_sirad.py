@@ -99,8 +99,7 @@ def test_requested_iq_order_is_kept_with_warning(tmp_path):
     samples = np.round(simulate_echo().real) + 1j * np.round(simulate_echo().imag)
     assert np.allclose(frames.reshape(-1, 32) * 2048, samples.imag + 1j * samples.real)
     warnings = [finding for finding in contents.findings if finding.level == "warning"]
-    # Joined chirps also warn of aliased velocities.
-    assert [finding.setting for finding in warnings] == ["radar.frame.interval", "iq"]
+    assert [finding.setting for finding in warnings] == ["iq"]
 
 
 def test_single_ramp_frames_are_joined(tmp_path):

@@ -30,7 +30,6 @@ def check_single_receiver_and_sampling(path: Path, radar: Radar, sampling: Sampl
 
 # Duration of joined frames: 0.2 m of a walking person, 5 m of a car.
 _JOINED_FRAME_S = 0.3
-_WALKING_M_PER_S = 2.0
 # The fewest chirps with training cells along velocity, and the most.
 _MIN_JOINED_CHIRPS, _MAX_JOINED_CHIRPS = 8, 256
 
@@ -76,17 +75,13 @@ def join_single_chirps(
     limit_m_per_s = frame.chirp.wavelength_m / 4 / interval_s
     shift_m = abs(range_shift_per_ambiguity_m(joined))
     aliasing = Finding(
-        level="warning" if limit_m_per_s < _WALKING_M_PER_S else "note",
+        level="note",
         setting="radar.frame.interval",
         value=f"{interval_s * 1e3:.4g} ms between chirps: velocities beyond"
         f" {format_number(limit_m_per_s, 3)} m/s are aliased, off by multiples of"
-        f" {format_number(2 * limit_m_per_s, 3)} m/s, and with each of them ranges by"
-        f" {format_number(shift_m, 2)} m",
-        expected=f"at most {format_number(limit_m_per_s / _WALKING_M_PER_S * interval_s * 1e3, 3)}"
-        " ms, for persons who walk",
-        fix="nothing is to be done for detections with an ambiguity_number, which their ranges in"
-        " successive frames give; velocities of others still separate moving from static echoes,"
-        " but they and their ranges may be wrong",
+        f" {format_number(2 * limit_m_per_s, 3)} m/s, and ranges by {format_number(shift_m, 2)} m",
+        expected="detections with an ambiguity_number, which are correct",
+        fix="record shorter intervals for faster targets",
     )
     return replace(radar, frame=joined), (note, aliasing)
 
