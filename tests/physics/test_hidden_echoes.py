@@ -76,6 +76,29 @@ def test_finding_states_cells_and_levels_of_hidden_echoes():
     assert len(found.range) == 2 > len(dc.detect(cube, radar, chain).range)
 
 
+@pytest.mark.parametrize(("range_cells", "max_range_cells"), [(0.3, None), (1.9, None), (25, 20)])
+def test_leakage_and_echoes_beyond_the_largest_range_are_not_named(range_cells, max_range_cells):
+    radar = make_radar()
+    cell_m = radar.frame.chirp.range_resolution_m
+    max_range_m = None if max_range_cells is None else max_range_cells * cell_m
+    chain = dc.Chain(cfar=STATIC_CFAR, max_range_m=max_range_m).fit_to_radar(radar)
+    cube = simulate_tones(
+        radar,
+        np.random.default_rng(1),
+        range_cells=np.array([range_cells]),
+        velocity_cells=np.zeros(1),
+        azimuths=np.zeros(1),
+        amplitudes=np.ones(1),
+        snr_db=60,
+    )
+    power, threshold = make_map_and_threshold(cube, radar, chain)
+
+    assert not hidden_echo_findings(power, threshold, radar, chain)
+    if max_range_m is not None:
+        (finding,) = hidden_echo_findings(power, threshold, radar, replace(chain, max_range_m=None))
+        assert f"at {range_cells * cell_m:.4g} m" in finding.value
+
+
 @pytest.mark.parametrize("n_chirps", [2, 64])
 def test_proposed_cells_fit_the_map(n_chirps):
     radar = make_radar()

@@ -18,6 +18,7 @@ from dechirp.core.text import format_number_ranges
 from dechirp.core.units import from_decibels, to_decibels
 from dechirp.processing.cfar_along_velocity import cfar_along_velocity, training_cell_options
 from dechirp.processing.chain import Chain
+from dechirp.processing.leakage import zero_range_main_lobe_m
 from dechirp.processing.peaks import sidelobe_envelope
 from dechirp.radar.radar import Radar
 
@@ -69,12 +70,18 @@ def hidden_echo_findings(
 ) -> tuple[Finding, ...]:
     """Return a note on the cells beside the strongest echo of a map in which echoes are hidden.
 
-    `power` and `threshold` are labelled maps over velocity and range.
+    `power` and `threshold` are labelled maps over velocity and range. Echoes beyond the largest
+    range of the chain and leakage do not count, since tables leave them out.
     """
     values, limits = (array.transpose("velocity", "range").values for array in (power, threshold))
-    searched = np.where(np.isfinite(limits), values, 0)
+    range_m, velocity_m_per_s = power["range"].values, power["velocity"].values
+    # Leakage within the main lobe of zero range has its peak up to half a cell farther away.
+    is_shown = range_m > zero_range_main_lobe_m(radar, chain) + (range_m[1] - range_m[0]) / 2
+    if chain.max_range_m is not None:
+        is_shown &= range_m <= chain.max_range_m
+    searched = np.where(np.isfinite(limits) & is_shown, values, 0)
     row, column = np.unravel_index(int(searched.argmax()), searched.shape)
-    strongest = float(values[row, column])
+    strongest = float(searched[row, column])
     finite = limits[np.isfinite(limits)]
     noise_threshold = float(np.median(finite)) if finite.size else np.inf
     levels_db = [
@@ -90,7 +97,6 @@ def hidden_echo_findings(
         f" {format_number_ranges('cell', np.flatnonzero(levels > from_decibels(level_db)) + 1)}"
         for level_db in levels_db
     ]
-    range_m, velocity_m_per_s = power["range"].values, power["velocity"].values
     remedies = []
     if chain.range_window == Chain.range_window:
         remedies.append("--set chain.range_window=blackman-harris lowers the sidelobes")

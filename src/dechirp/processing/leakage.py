@@ -26,7 +26,7 @@ def leakage_mask(detections: xr.Dataset, radar: Radar, chain: Chain) -> np.ndarr
     is_slow = ~(abs(detections["velocity"].values) > 2 * frame.velocity_resolution_m_per_s)
     if chain.moving_targets is not None:
         is_slow |= np.isnan(detections["moving"].values)
-    is_near = ranges_m < _main_lobe_m(radar, chain)
+    is_near = ranges_m < zero_range_main_lobe_m(radar, chain)
     return np.asarray((is_near & is_slow) | (ranges_m == 0))
 
 
@@ -42,14 +42,15 @@ def leakage_findings(detections: xr.Dataset, radar: Radar, chain: Chain) -> tupl
             setting="radar",
             value=f"{format_count_with_noun(ranges_m.size, 'detection')} at {limits_m} m:"
             " probably leakage between the antennas, left out of tables",
-            expected=f"targets beyond {_main_lobe_m(radar, chain):.2g} m, the main lobe of zero"
-            " range",
+            expected=f"targets beyond {zero_range_main_lobe_m(radar, chain):.2g} m, the main lobe"
+            " of zero range",
             fix="nothing is to be done; more bandwidth separates nearer targets",
         ),
     )
 
 
-def _main_lobe_m(radar: Radar, chain: Chain) -> float:
+def zero_range_main_lobe_m(radar: Radar, chain: Chain) -> float:
+    """Return half the main lobe of the range window at zero range, in which leakage lies."""
     chirp = radar.for_frame(0).frame.chirp
     transform = chain.range_transform(chirp)
     bin_m = chirp.sample_rate_hz / transform.n_bins * chirp.range_m(1.0)
