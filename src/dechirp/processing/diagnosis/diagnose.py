@@ -258,10 +258,8 @@ def diagnose_map(
     if velocities is not None:
         zero_row = int(np.argmin(abs(velocities)))
         order = diagnose_axis_order(peaks, power.shape, zero_row, padding, content="map")
-        if order.findings:
+        if order.findings or order.undetermined:  # all else depends on it
             return order
-        if order.undetermined:  # all else depends on it
-            return diagnosis + order
     return diagnosis + _diagnose_positions(
         peaks, power.shape, ranges, velocities, radar, target, padding, diagnosis
     )
