@@ -5,6 +5,7 @@ import json
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +14,18 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.cli.several_radars import write_radars_results
-from dechirp.core.errors import DechirpError
+from dechirp.cli.several_radars import (
+    AnnouncingExecutor,
+    run_several_radars,
+    write_radars_results,
+)
+from dechirp.core.compiled_kernels import compilation_listeners
+from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.evaluation.nees import mean_nees_interval
 from dechirp.evaluation.traffic_scores import score_track_consistency
 from dechirp.experiments.scenario import RecordingSource, check_single_radar
 from dechirp.experiments.single_radars import ego_of_mounted_radar, split_radars
+from dechirp.experiments.study.executors import Workers
 from dechirp.studio.scenario_edits import PageLimits, check_scenario_within_limits
 from nightly import nightly
 
@@ -355,6 +362,49 @@ def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(
     assert page.count("traffic.velocity: velocities of 2 objects are missing") == 1
     # The scenario beside the results is that of all radars.
     assert len(dc.load(out / "scenario.yaml").radars) == 2
+
+
+def compile_loop():
+    for listener in compilation_listeners:
+        listener.start_compilation()
+        listener.end_compilation()
+
+
+def test_first_call_of_several_announces_its_compilations(monkeypatch, capfd):
+    # Threads have the listeners of this process, as a worker process those of its own.
+    monkeypatch.setattr("dechirp.cli.compilation_notice.MIN_NOTED_S", 0.0)
+    with ThreadPoolExecutor(1) as threads:
+        executor = AnnouncingExecutor(threads)
+        for _ in range(3):
+            executor.submit(compile_loop).result()
+    assert capfd.readouterr().err.count("Compiling loops") == 1
+    assert not compilation_listeners
+
+
+@pytest.mark.parametrize(("quiet", "n_lines"), [(False, 1), (True, 0)])
+def test_run_of_several_radars_announces_compilations(
+    trace, tmp_path, monkeypatch, capfd, quiet, n_lines
+):
+    @contextmanager
+    def threads():
+        with ThreadPoolExecutor(1) as pool:
+            yield Workers(pool, lambda: 1)
+
+    def compile_loop_and_stop(*_, **__):
+        compile_loop()
+        raise InvalidSetting("stop", value="compiled", expected="compiled", fix="none")
+
+    monkeypatch.setattr("dechirp.cli.compilation_notice.MIN_NOTED_S", 0.0)
+    monkeypatch.setattr("dechirp.experiments.study.executors.local_workers", threads)
+    monkeypatch.setattr("dechirp.experiments.run_radars.run", compile_loop_and_stop)
+    scenario = dc.traffic.traffic_scenario(trace, [*FAST, PAIR])
+
+    with pytest.raises(InvalidSetting, match="stop"):
+        run_several_radars(
+            scenario, "statistical", source=trace, out=tmp_path, as_json=False, quiet=quiet
+        )
+
+    assert capfd.readouterr().err.count("Compiling loops") == n_lines
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,11 @@
 """Runs of several radars: their command-line output and their results folder."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from dechirp.cli.compilation_notice import announced_compilation
 
 if TYPE_CHECKING:
     from dechirp.experiments.run_radars import Kind, RadarsResult
@@ -35,10 +38,12 @@ def run_several_radars(
     """Run several radars, write the results of each and those of all, and print them."""
     from dechirp.cli.console import finding_paragraphs, open_stdout_console, progress_bar
     from dechirp.experiments.run_radars import run_radars
+    from dechirp.experiments.study.executors import local_workers
     from dechirp.report.radars_page import describe_fused_tracks
 
-    with progress_bar("radars", quiet=quiet) as report:
-        result = run_radars(scenario, kind=kind, progress=report)
+    with local_workers() as workers, progress_bar("radars", quiet=quiet) as report:
+        executor = workers.executor if quiet else AnnouncingExecutor(workers.executor)
+        result = run_radars(scenario, kind=kind, executor=executor, progress=report)
     document = write_radars_results(result, source=source, out=out)
     if as_json:
         print(document, end="")
@@ -51,6 +56,28 @@ def run_several_radars(
             screen.print(paragraph)
         screen.print(f"Report: {out / 'report.html'}")
     return 0
+
+
+class AnnouncingExecutor(Executor):
+    """Executor whose first call announces its compilations; worker processes have no listener.
+
+    Later calls compile the same loops at the same time, and one line is enough.
+    """
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor, self._is_first = executor, True
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Submit a call, announced if it is the first one."""
+        is_first, self._is_first = self._is_first, False
+        if is_first:
+            return self._executor.submit(_call_announced, fn, *args, **kwargs)
+        return self._executor.submit(fn, *args, **kwargs)
+
+
+def _call_announced(fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:
+    with announced_compilation(quiet=False):
+        return fn(*args, **kwargs)
 
 
 def write_radars_results(result: "RadarsResult", *, source: Path | None, out: Path) -> str:
