@@ -339,6 +339,56 @@ def test_right_stated_errors_are_in_the_interval_of_nees_in_95_of_100_runs():
     assert abs(n_inside / 2 - 0.95 * n_runs) < 19
 
 
+def azimuth_span(centre_m, size_m, radar_x_m):
+    """Return the smallest and the largest azimuth of a rectangle along the axes."""
+    azimuths = [
+        np.arctan2(centre_m[1] + y * size_m[1] / 2, centre_m[0] + x * size_m[0] / 2 - radar_x_m)
+        for x in (-1, 1)
+        for y in (-1, 1)
+    ]
+    return min(azimuths), max(azimuths)
+
+
+@pytest.mark.parametrize("kind", ["samples", "statistical"])
+def test_car_that_passes_behind_a_truck_disappears_and_reappears(tmp_path, kind):
+    # The car crosses at 5 m/s, 60 m ahead of the centre of the radar's car. In a frame of 100 ms it
+    # moves by 0.5 m, two widths of the diffraction zone, sqrt(lambda d1 d2 / (d1 + d2)) = 0.2 m.
+    rows = ["time,id,class,x,y,heading,length,width,height"]
+    for step in range(31):
+        y_m = -7.5 + 0.5 * step
+        rows += [
+            f"{step / 10},1,car,0,0,0,4.5,1.8,1.5",
+            f"{step / 10},2,truck,24,0,0,10,2.5,4",
+            f"{step / 10},3,car,60,{y_m},{np.pi / 2},4.5,1.8,1.5",
+        ]
+    path = tmp_path / "trace.csv"
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    changes = ["traffic.ego=1", "radar.frame.period=100 ms", *FAST]
+
+    result = dc.run(dc.traffic.traffic_scenario(path, changes), kind=kind)
+
+    car = result.traffic.sel(target="car-3")
+    truck = azimuth_span((24, 0), (10, 2.5), radar_x_m=2.25)
+    shares = []
+    for time_s in car["time"].values:
+        # Its heading is y, along which its length is.
+        low, high = azimuth_span((60, -7.5 + 5 * time_s), (1.8, 4.5), radar_x_m=2.25)
+        hidden = max(min(truck[1], high) - max(truck[0], low), 0)
+        shares.append(1 - hidden / (high - low))
+    # A ray at each end, every 0.125 of 4.4 degrees.
+    assert car["visible_share"].values == pytest.approx(shares, abs=0.06)
+    n_hidden = np.isclose(shares, 0).sum()
+    assert 4 <= n_hidden < len(shares) / 2
+    is_detected = car["n_detections"].values > 0
+    for number in range(1, len(shares) - 1):
+        around = np.isclose(shares[number - 1 : number + 2], 0)
+        if around.all():
+            assert not is_detected[number]
+        if not around.any():
+            assert is_detected[number]
+    assert np.all(result.traffic.sel(target="truck-2")["n_detections"] > 0)
+
+
 POLES = """time,id,class,x,y,heading,length,width,height
 0.0,1,car,100,50,0.5,4.5,1.8,1.5
 0.4,1,car,100,50,0.5,4.5,1.8,1.5
