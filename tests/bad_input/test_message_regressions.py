@@ -229,7 +229,17 @@ def test_window_of_scipy_in_settings_is_answered_with_the_name_of_its_weights(wi
         dc.Chain(range_window=window)
 
 
-def test_radar_file_in_place_of_scenario_is_explained():
-    file = Path(dc.__file__).parents[2] / "examples/radar.yaml"
-    with pytest.raises(dc.InvalidFile, match=r"settings of a radar: frame; .* radar: radar\.yaml$"):
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("radar", r"settings of a radar: frame; .* radar: radar\.yaml$"),
+        ("crossing-tracks", r"a trial of the tracker .*; run it: python benchmarks/tracks\.py"),
+        ("tune", r"a search for settings; expected a scenario; run it: dechirp tune .*\.yaml$"),
+        ("studies/data-set", r"a study; expected a scenario; run it: dechirp study .*\.yaml$"),
+    ],
+)
+def test_file_of_another_kind_in_place_of_scenario_is_explained(name, message):
+    file = Path(dc.__file__).parents[2] / "examples" / f"{name}.yaml"
+    with pytest.raises(dc.InvalidFile, match=message) as caught:
         dc.load(file)
+    assert len(caught.value.mistakes) == 1

@@ -407,7 +407,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     try:
         scenario = loading.read_settings(path, Scenario, overrides=overrides, readers=READERS)
     except InvalidFile:
-        _check_not_radar_file(path)
+        _check_no_other_kind_of_file(path)
         raise
     if scenario.recording is None:
         return scenario
@@ -415,23 +415,30 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     return keep_given_chain_settings(scenario, overrides, tree)
 
 
-def _check_not_radar_file(path: Path) -> None:
-    """Raise `InvalidFile` for a file with the settings of a radar in place of a scenario."""
+def _check_no_other_kind_of_file(path: Path) -> None:
+    """Raise `InvalidFile` for a radar, a study, a search or a tracking trial, not a scenario."""
     content = parse_yaml(loading.read_settings_text(path), str(path)).content
     radar_settings, settings = ({field.name for field in fields(cls)} for cls in (Radar, Scenario))
     if not (isinstance(content, Mapping) and content):
         return
-    if not content.keys() <= radar_settings - settings:
+    names = content.keys()
+    if names <= radar_settings - settings:
+        kind = f"settings of a radar: {', '.join(content)}"
+        fix = (
+            f"open a recording with it: dechirp.open(RECORDING, radar={str(path)!r});"
+            f" or write a scenario with radar: {path.name}"
+        )
+    elif names >= {"scenario", "vary"}:
+        kind, fix = "a study", f"run it: dechirp study {path}"
+    elif names >= {"scenarios", "search"}:
+        kind, fix = "a search for settings", f"run it: dechirp tune {path}"
+    elif names >= {"scene", "false_alarms", "acquired_within"}:
+        kind = "a trial of the tracker with random detections, without a radar"
+        fix = "run it: python benchmarks/tracks.py, in the source tree of dechirp"
+    else:
         return
     raise InvalidFile(
-        Mistake(
-            setting="the file",
-            value=f"settings of a radar: {', '.join(content)}",
-            expected="a scenario",
-            fix=f"open a recording with it: dechirp.open(RECORDING, radar={str(path)!r});"
-            f" or write a scenario with radar: {path.name}",
-            file=str(path),
-        )
+        Mistake(setting="the file", value=kind, expected="a scenario", fix=fix, file=str(path))
     )
 
 
