@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
+from dechirp.cli.compilation_notice import announced_compilation
 from dechirp.cli.main import main
 from dechirp.cli.several_radars import (
     AnnouncingExecutor,
@@ -364,21 +365,49 @@ def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(
     assert len(dc.load(out / "scenario.yaml").radars) == 2
 
 
+def test_command_prints_the_findings_of_all_radars(without_figures, tmp_path, capsys):
+    late = tmp_path / "late.csv"  # car 1 appears later; car 3 is on car 2
+    overlapping = TRACE + "0.0,3,car,121,50.5,0,4.5,1.8,1.5\n0.4,3,car,125.8,50.5,0,4.5,1.8,1.5\n"
+    shifted = overlapping.replace("0.4,1,", "1.4,1,").replace("0.0,1,", "1.0,1,")
+    late.write_text(
+        shifted + "1.0,2,car,132,50.5,0,4.5,1.8,1.5\n1.4,2,car,136.8,50.5,0,4.5,1.8,1.5\n",
+        encoding="utf-8",
+    )
+    options = ["--ego", "1", "--mount", "front-left", "--mount", "front-right", "--statistical"]
+    changes = ["--set=radar.frame.n_chirps=32", "--set=traffic.duration=0.1 s"]
+
+    assert run_command("run", str(late), *options, *changes, "--out", str(tmp_path / "out")) == 0
+
+    screen = capsys.readouterr().out
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for text in (
+        "warning: traffic.position: objects overlap: 2 and 3 at 0 s",
+        "note: traffic.ego: car-1 is present from 1 to 1.4 s, the trace from 0 to 1.4 s",
+    ):
+        assert screen.count(text) == 1, screen
+        assert page.count(text.partition(": ")[2]) == 1
+
+
 def compile_loop():
     for listener in compilation_listeners:
         listener.start_compilation()
         listener.end_compilation()
 
 
-def test_first_call_of_several_announces_its_compilations(monkeypatch, capfd):
-    # Threads have the listeners of this process, as a worker process those of its own.
+@pytest.mark.parametrize(("quiet", "n_lines"), [(False, 1), (True, 0)])
+def test_one_of_several_processes_announces_its_compilations(
+    monkeypatch, capfd, tmp_path, quiet, n_lines
+):
+    # Calls in a thread have the listeners of this process, those of a worker process its own.
     monkeypatch.setattr("dechirp.cli.compilation_notice.MIN_NOTED_S", 0.0)
+    shared = {"quiet": quiet, "marker": tmp_path / "announced"}
     before = list(compilation_listeners)
-    with ThreadPoolExecutor(1) as threads:
-        executor = AnnouncingExecutor(threads)
+    with ThreadPoolExecutor(1) as threads, announced_compilation(**shared):
+        executor = AnnouncingExecutor(threads, **shared)
         for _ in range(3):
             executor.submit(compile_loop).result()
-    assert capfd.readouterr().err.count("Compiling loops") == 1
+        compile_loop()
+    assert capfd.readouterr().err.count("Compiling loops") == n_lines
     assert compilation_listeners == before
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
+from dechirp.cli.compilation_notice import announced_compilation
 from dechirp.core import compiled_kernels
 from dechirp.core.compiled_kernels import Kernel, kernel, plain_twins_for_small_work
 from dechirp.core.threads import limit_threads
@@ -505,6 +506,13 @@ def test_first_compilation_is_reported_once_in_an_interactive_session(
     compile_two_kernels()
 
     assert capsys.readouterr().err.count("compiling loops") == is_interactive
+
+
+def test_quiet_command_on_a_terminal_reports_no_compilation(capsys, monkeypatch):
+    monkeypatch.setattr(sys, "ps1", ">>> ", raising=False)
+    with announced_compilation(quiet=True):
+        compile_two_kernels()
+    assert not capsys.readouterr().err
 
 
 def test_first_compilation_of_a_process_is_logged(caplog, capsys, monkeypatch):

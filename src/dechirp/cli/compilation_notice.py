@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from time import perf_counter
 
 from dechirp.core.compiled_kernels import compilation_listeners
@@ -12,29 +13,32 @@ MIN_NOTED_S = 1.0
 
 
 @contextmanager
-def announced_compilation(*, quiet: bool) -> Iterator[None]:
+def announced_compilation(*, quiet: bool, marker: Path | None = None) -> Iterator[None]:
     """Announce the compilations of the block, on a terminal and in a redirected stream.
 
     The first run of a recording compiles for up to 45 s of CPU time, and logs of build servers show
-    nothing else in that time.
+    nothing else in that time. Of processes with the same marker, a file that does not exist yet,
+    the first one to print the line creates it, and the others stay silent. An inner block takes the
+    place of an outer one.
     """
-    notice = CompilationNotice()
-    if quiet:
-        yield
-        return
+    outer = [notice for notice in compilation_listeners if isinstance(notice, CompilationNotice)]
+    for notice in outer:
+        compilation_listeners.remove(notice)
+    notice = CompilationNotice(quiet=quiet, marker=marker)
     compilation_listeners.append(notice)
     try:
         yield
     finally:
         compilation_listeners.remove(notice)
+        compilation_listeners.extend(outer)
 
 
 class CompilationNotice:
     """Line on standard error, once a command has compiled loops for `MIN_NOTED_S`."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, quiet: bool, marker: Path | None) -> None:
         self._depth, self._start_s, self._total_s = 0, 0.0, 0.0
-        self._is_printed = False
+        self._is_finished, self._marker = quiet, marker
 
     def start_compilation(self) -> None:
         """Note when the outermost loop starts to compile."""
@@ -47,8 +51,13 @@ class CompilationNotice:
         time_s = self._total_s + perf_counter() - self._start_s
         if self._depth == 0:
             self._total_s = time_s
-        if time_s > MIN_NOTED_S and not self._is_printed:
-            self._is_printed = True
+        if time_s > MIN_NOTED_S and not self._is_finished:
+            self._is_finished = True
+            try:
+                if self._marker is not None:
+                    self._marker.touch(exist_ok=False)
+            except FileExistsError:
+                return
             print(
                 "Compiling loops for this processor, which are kept for later runs: up to a"
                 " minute of processor time ...",

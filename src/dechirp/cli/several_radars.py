@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from dechirp.cli.compilation_notice import announced_compilation
@@ -36,13 +37,18 @@ def run_several_radars(
     quiet: bool,
 ) -> int:
     """Run several radars, write the results of each and those of all, and print them."""
-    from dechirp.cli.console import finding_paragraphs, open_stdout_console, progress_bar
+    from dechirp.cli.console import open_stdout_console, progress_bar, short_finding_paragraphs
     from dechirp.experiments.run_radars import run_radars
     from dechirp.experiments.study.executors import local_workers
-    from dechirp.report.radars_page import describe_fused_tracks
+    from dechirp.report.radars_page import combine_findings, describe_fused_tracks
 
-    with local_workers() as workers, progress_bar("radars", quiet=quiet) as report:
-        executor = workers.executor if quiet else AnnouncingExecutor(workers.executor)
+    with (
+        TemporaryDirectory() as folder,
+        announced_compilation(quiet=quiet, marker=(marker := Path(folder) / "announced")),
+        local_workers() as workers,
+        progress_bar("radars", quiet=quiet) as report,
+    ):
+        executor = AnnouncingExecutor(workers.executor, quiet=quiet, marker=marker)
         result = run_radars(scenario, kind=kind, executor=executor, progress=report)
     document = write_radars_results(result, source=source, out=out)
     if as_json:
@@ -52,31 +58,34 @@ def run_several_radars(
         for name, radar in result.radars.items():
             screen.print(f"{name}: {radar._display_line().partition(': ')[2]}")
         screen.print(" ".join(describe_fused_tracks(result)))
-        for paragraph in finding_paragraphs(result.findings):
+        page = out / "report.html"
+        for paragraph in short_finding_paragraphs(combine_findings(result), report=page):
             screen.print(paragraph)
-        screen.print(f"Report: {out / 'report.html'}")
+        screen.print(f"Report: {page}")
     return 0
 
 
 class AnnouncingExecutor(Executor):
-    """Executor whose first call announces its compilations; worker processes have no listener.
+    """Executor of calls that announce their compilations; worker processes have no listener.
 
-    Later calls compile the same loops at the same time, and one line is enough.
+    All processes compile the same loops at the same time, and one line is enough: the marker is
+    that of `announced_compilation`.
     """
 
-    def __init__(self, executor: Executor) -> None:
-        self._executor, self._is_first = executor, True
+    def __init__(self, executor: Executor, *, quiet: bool, marker: Path) -> None:
+        self._executor, self._quiet, self._marker = executor, quiet, marker
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Submit a call, announced if it is the first one."""
-        is_first, self._is_first = self._is_first, False
-        if is_first:
-            return self._executor.submit(_call_announced, fn, *args, **kwargs)
-        return self._executor.submit(fn, *args, **kwargs)
+        """Submit a call that announces its compilations."""
+        return self._executor.submit(
+            _call_announced, self._quiet, self._marker, fn, *args, **kwargs
+        )
 
 
-def _call_announced(fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:
-    with announced_compilation(quiet=False):
+def _call_announced(
+    quiet: bool, marker: Path, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
+) -> Any:
+    with announced_compilation(quiet=quiet, marker=marker):
         return fn(*args, **kwargs)
 
 

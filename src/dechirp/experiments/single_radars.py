@@ -46,15 +46,17 @@ def split_radars(scenario: Scenario) -> tuple[dict[str, SingleRadar], tuple[Find
         for mounted in scenario.radars
     }
     traffic = scenario.traffic
+    findings: list[Finding] = []
     if traffic is not None:
         first = next(iter(radars.values())).radar
         assert first is not None  # as checked by the scenario
         scenes = traffic.open_scenes(first)
         size_m = scenes.ego_size[:2]
-        # The vehicle may appear later than the file starts.
+        # The vehicle may appear later than the file starts, which a later start hides.
+        findings += scenes.ego_presence_findings
         traffic = replace(traffic, start_s=max(scenes.start_s - scenes.first_step_s, 0.0))
     mountings = {name: mounted.mounting_on(*size_m) for name, mounted in radars.items()}
-    singles, findings = {}, []
+    singles = {}
     for index, (name, mounted) in enumerate(radars.items()):
         radar, offset_s, mounting = mounted.radar, mounted.start_offset_s, mountings[name]
         assert radar is not None

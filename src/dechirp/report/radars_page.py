@@ -92,20 +92,26 @@ def render_radars_report(result: "RadarsResult", *, yaml: str) -> str:
         columns=_COLUMNS,
         rows=_radar_rows(result),
         pages=[(name, f"{quote(name)}/report.html") for name in result.radars],
-        findings=[*result.findings, *_findings_of_radars(result)],
+        findings=combine_findings(result),
         yaml=yaml,
     )
 
 
-def _findings_of_radars(result: "RadarsResult") -> list[Finding]:
-    """Return each finding once; those of one radar alone with its name."""
+def combine_findings(result: "RadarsResult") -> list[Finding]:
+    """Return the findings of all radars, each once; those of one radar alone with its name."""
     names_by_finding: dict[Finding, list[str]] = {}
     for name, radar in result.radars.items():
         for finding in radar.findings:
             names_by_finding.setdefault(finding, []).append(name)
     return [
-        replace(finding, setting=f"{names[0]}: {finding.setting}") if len(names) == 1 else finding
-        for finding, names in names_by_finding.items()
+        *result.findings,
+        *(
+            replace(finding, setting=f"{names[0]}: {finding.setting}")
+            if len(names) == 1
+            else finding
+            for finding, names in names_by_finding.items()
+            if finding not in result.findings
+        ),
     ]
 
 

@@ -150,11 +150,15 @@ class FrameScenes:
         """Start of the first frame, in the time of the file; number of frames."""
         self._times_around_radar_s: dict[int, float] = {}
         self._latest_view: tuple[int, list[ObjectInView]] = (-1, [])
+        self.ego_presence_findings = self._find_ego_presence(
+            start_s, duration_s, float(steps_s[self._ego])
+        )
+        """Note if the vehicle appears later, or leaves earlier, than the part selected."""
         self._findings = (
             *traffic.findings,
             *self._unknown_size_findings(stated_sizes),
             *self._path_findings(),
-            *self._ego_presence_findings(start_s, duration_s, float(steps_s[self._ego])),
+            *self.ego_presence_findings,
             *self._ego_gap_findings(),
         )
 
@@ -401,10 +405,9 @@ class FrameScenes:
             ),
         )
 
-    def _ego_presence_findings(
+    def _find_ego_presence(
         self, start_s: float, duration_s: float | None, step_s: float
     ) -> tuple[Finding, ...]:
-        """Return a note if the vehicle appears later, or leaves earlier, than the part selected."""
         paths, first_s, last_s = self._paths[self._ego], self._times_s[0], self._times_s[-1]
         wanted_s = math.inf if duration_s is None else self.start_s + duration_s
         is_late = self.start_s - (first_s + start_s) > step_s
