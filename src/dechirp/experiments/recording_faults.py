@@ -237,10 +237,14 @@ class MeasuredFrames:
         )
         return cube
 
+    def first_and_middle_numbers(self) -> list[int]:
+        """Return the numbers of the first and the middle frame, one if they are the same."""
+        numbers = self._recording.frame_numbers
+        return sorted({numbers[0], numbers[len(numbers) // 2]})
+
     def first_and_middle_frame(self) -> Iterator[xr.DataArray]:
         """Yield the cubes of two frames, repaired as in the run: the first may be damaged."""
-        numbers = self._recording.frame_numbers
-        for number in sorted({numbers[0], numbers[len(numbers) // 2]}):
+        for number in self.first_and_middle_numbers():
             frame = self._recording.select_frames(number, number + 1)
             yield from MeasuredFrames(frame, self._treatment)
 

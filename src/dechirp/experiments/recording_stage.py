@@ -30,10 +30,15 @@ from dechirp.processing.chain import Chain
 from dechirp.processing.chain_fitting import ChosenSettingName, fit_chain_to_frames
 from dechirp.processing.channel_errors import hidden_channel_error_findings
 from dechirp.processing.detect import FrameProcessor
+from dechirp.processing.image_echoes import find_image_echoes, image_echo_findings
 from dechirp.processing.leakage import leakage_findings
 from dechirp.processing.moving_targets import motion_beyond_errors
 from dechirp.processing.multiple_echoes import find_multiple_echoes, multiple_echo_findings
-from dechirp.processing.noise_profile import noise_excess_of_ranges, noise_profile_findings
+from dechirp.processing.noise_profile import (
+    maps_of_rising_ramps,
+    noise_excess_of_ranges,
+    noise_profile_findings,
+)
 from dechirp.processing.receiver_noise import (
     correlated_noise_findings,
     count_independent_receivers,
@@ -214,6 +219,7 @@ def _process_frames(
         findings=(
             *_find_correlated_noise(prepared, columns["snr"]),
             *_find_noise_profile(prepared, columns),
+            *_find_images(prepared, columns),
         ),
     )
 
@@ -242,6 +248,24 @@ def _find_noise_profile(
     )
     excess = noise_excess_of_ranges(frames, radar, moving_chain)
     return noise_profile_findings(columns, excess, radar, moving_chain)
+
+
+def _find_images(
+    prepared: PreparedRecording, columns: Mapping[str, np.ndarray]
+) -> tuple[Finding, ...]:
+    """Return a note on I/Q images among the detections of the first and the middle frame."""
+    frames, radar = prepared.frames, prepared.frames.radar
+    chain = prepared.scenario.chain.fit_to_radar(radar)
+    if radar.frame.chirp.sampling != "complex":
+        return ()
+    maps = {}
+    for number, cube in zip(
+        frames.first_and_middle_numbers(), frames.first_and_middle_frame(), strict=True
+    ):
+        samples = cube.transpose(*CUBE_AXES).values[0]
+        for power, _ in maps_of_rising_ramps([samples], radar, chain):
+            maps[number] = power
+    return image_echo_findings(find_image_echoes(columns, maps, radar, chain), radar)
 
 
 def _find_correlated_noise(prepared: PreparedRecording, snr: np.ndarray) -> tuple[Finding, ...]:
