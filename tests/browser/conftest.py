@@ -231,11 +231,11 @@ class LivePage:
         return load(file)
 
     @property
-    def background_colours(self) -> list[str]:
-        """Background colours of a map and of the page."""
+    def rule_colours(self) -> list[str]:
+        """Colours of the lines round a map and of those on the page."""
         call = """() => {
-          const of = Bokeh.documents[0].get_model_by_name("range_doppler").border_fill_color;
-          const page = getComputedStyle(document.documentElement).getPropertyValue("--tile");
+          const of = Bokeh.documents[0].get_model_by_name("range_doppler").outline_line_color;
+          const page = getComputedStyle(document.documentElement).getPropertyValue("--rule");
           return [of?.value ?? of, page.trim()];
         }"""
         return self.page.evaluate(call)

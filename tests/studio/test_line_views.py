@@ -248,7 +248,7 @@ def test_lines_use_theme_colours():
         figure = view.drawings["range"].figure
         assert figure.select_one({"name": "power"}).glyph.line_color == theme.echo
         assert figure.select_one({"name": "threshold"}).glyph.line_color == theme.threshold
-        assert figure.background_fill_color == theme.tile
+        assert figure.outline_line_color == theme.rule
 
 
 WALKING = """

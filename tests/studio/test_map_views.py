@@ -432,4 +432,4 @@ def test_formatted_position_is_valid_setting():
 def test_views_use_theme_colours(page):
     for view in (RangeDopplerView(page), RangeAzimuthView(page), SceneView(page)):
         view.apply_theme(LIGHT)
-        assert view.root_element.border_fill_color == LIGHT.tile
+        assert view.root_element.outline_line_color == LIGHT.rule

@@ -8,7 +8,7 @@ from bokeh.events import PointEvent
 from bokeh.model import DataModel
 from bokeh.plotting import figure
 
-_SCRIPTS = ("page.js", "tiles.js", "lighter.js", "connection.js", "dragging.js")
+_SCRIPTS = ("page.js", "tiles.js", "connection.js", "dragging.js")
 _MAX_NUMBER = 1e15  # above it the spacing of floats exceeds 0.1
 
 DRAW_TIMEOUT_S = 2.0

@@ -31,7 +31,12 @@ from dechirp.processing.hidden_echoes import hidden_echo_findings
 from dechirp.processing.range_doppler_map import threshold_map
 from dechirp.radar.radar import Radar
 from dechirp.studio.cursor import Cursor, cursor_at_followed_detection
-from dechirp.studio.frame_sources import FrameSource, RecordingFrames, open_frame_source
+from dechirp.studio.frame_sources import (
+    FrameSource,
+    RecordingFrames,
+    must_judge_again,
+    open_frame_source,
+)
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.history import FrameHistory, HistoryEntry
 from dechirp.studio.option_hints import translate_finding_to_page
@@ -243,7 +248,7 @@ class _PreparedScenario:
         self.frames, scenario, radar = frames, frames.scenario, frames.radar
         self.chain = scenario.chain.fit_to_radar(radar)
         self._chain_findings = fitted_chain_findings(scenario.chain, radar)
-        self._counts = _DetectionCounts(radar, self.chain)
+        self._counts = _DetectionCounts(radar, self.chain, frames.n_frames)
         self._hidden_echo_findings: tuple[Finding, ...] | None = None
         """Those of the first processed frame, as in `run`."""
         self.history = FrameHistory(scenario, radar)
@@ -326,9 +331,12 @@ class _PreparedScenario:
 class _DetectionCounts:
     """Totals of `run` over the frames processed so far, each of which counts once."""
 
-    def __init__(self, radar: Radar, chain: Chain) -> None:
+    def __init__(self, radar: Radar, chain: Chain, n_frames: int) -> None:
         self._radar, self._chain, self._totals = radar, chain, FrameTotals()
+        self._n_frames = n_frames
         self._numbers: set[int] = set()
+        self._findings: tuple[Finding, ...] = ()
+        self._n_judged = 0
         self._nearest: xr.Dataset | None = None
         """Nearest detection with a direction, which determines the note on the near field."""
         self._nearest_m = np.inf
@@ -350,10 +358,12 @@ class _DetectionCounts:
 
     def findings(self) -> tuple[Finding, ...]:
         """Return the findings on these frames: after all of them those of `run`."""
-        if self._nearest is None:
-            return ()
-        return detection_findings(
-            DetectionRun(first_frame=0, detections=self._nearest, frames=self._totals),
-            self._radar,
-            self._chain,
-        )
+        n_shown = len(self._numbers)
+        if self._nearest is not None and must_judge_again(n_shown, self._n_judged, self._n_frames):
+            self._findings = detection_findings(
+                DetectionRun(first_frame=0, detections=self._nearest, frames=self._totals),
+                self._radar,
+                self._chain,
+            )
+            self._n_judged = n_shown
+        return self._findings

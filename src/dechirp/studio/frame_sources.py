@@ -26,8 +26,6 @@ from dechirp.studio.scenario_edits import PageLimits, check_settings_within_limi
 
 # Frames in which all detections are measured at opening: some seconds of computing.
 _MAX_DETECTED_SAMPLES, _MIN_DETECTED_FRAMES = 2**26, 32
-_FRAMES_GROWTH = 1.1
-"""Growth of the number of read frames after which they are judged again."""
 
 
 class FrameSource(Protocol):
@@ -177,8 +175,7 @@ class RecordingFrames:
     def findings(self) -> tuple[Finding, ...]:
         """Findings on the recording, and on its frames read so far: after all, those of `run`."""
         n_read = self._frames.n_measured
-        # Joining the measures of n frames takes 2 ms and more: not after each of many frames.
-        if n_read > _FRAMES_GROWTH * self._n_judged or n_read == self.n_frames > self._n_judged:
+        if must_judge_again(n_read, self._n_judged, self.n_frames):
             on_samples = self._frames.findings() if n_read else ()
             self._findings = (*self._choices, *on_samples)
             self._n_judged = n_read
@@ -206,6 +203,14 @@ class RecordingFrames:
 
     def scene(self, step: int) -> None:
         """Return None: a recording has no scene."""
+
+
+def must_judge_again(n_shown: int, n_judged: int, n_frames: int) -> bool:
+    """Return whether frames are 10 % more than at the last judgement, or complete since then.
+
+    A judgement takes 2 ms and more: not after each of many frames.
+    """
+    return n_shown > 1.1 * n_judged or n_shown == n_frames > n_judged
 
 
 def _first_frames_note(n_frames: int) -> Finding:

@@ -57,7 +57,6 @@ const KEPT = "a, button, input, select, textarea, summary, [role=tab]";
 
 function begin(browser) {
   watchConnection(window.Bokeh.documents[0]);
-  lighten();
   letTargetsBeDragged();
   for (const name of ["detections-rows", "tracks-rows"]) {
     const table = findView(name);

@@ -54,8 +54,10 @@ def create_plain_figure(*, x: str, y: str) -> figure:
         min_border_right=9,  # half of a number at the end of the axis
         output_backend="canvas",
     )
-    # At fractional pixel edges the browser shows the background, which would be white.
+    # The browser fills: Bokeh does not clear the first half pixel, where a line of the other theme
+    # would stay.
     new_figure.styles = {"background": "var(--tile)"}
+    new_figure.background_fill_color = new_figure.border_fill_color = None
     new_figure.title.text_font_size = TEXT_SIZE
     new_figure.title.level = STATIC_LEVEL
     for axis in new_figure.axis:
@@ -67,7 +69,6 @@ def create_plain_figure(*, x: str, y: str) -> figure:
 
 def apply_figure_theme(target_figure: figure, theme: Theme) -> None:
     """Apply the colours of a theme to the axes and titles of a figure."""
-    target_figure.background_fill_color = target_figure.border_fill_color = theme.tile
     target_figure.outline_line_color = theme.rule
     target_figure.title.text_color = theme.ink
     for axis in target_figure.axis:
