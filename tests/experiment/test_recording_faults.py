@@ -93,8 +93,8 @@ def test_faulty_receiver_takes_no_part_in_directions(tmp_path, capsys, fault):
     assert len(document["radar"]["array"]["rx_m"]) == 3
     assert "warning: " in finding_text(document, "recording.receivers")
     note = finding_text(document, "radar.array.rx")
-    assert "receiver 2 left out" in note
-    assert "chosen --set recording.repair_faults=true because receiver 2" in note
+    assert "receiver 2 left out, since it has no signal of its own" in note
+    assert "repair_faults=true" not in note  # the default, which nothing chose
     assert "--set recording.repair_faults=false" in note
 
 
@@ -155,7 +155,8 @@ def test_damaged_chirp_is_interpolated(tmp_path, capsys):
 
     assert "chirp 0 of frames 0 to 1" in finding_text(document, "recording.chirps")
     note = finding_text(document, "recording.repair_faults")
-    assert "chosen --set recording.repair_faults=true because 2 of 128 chirps" in note
+    assert "2 of 128 chirps are lost or unlike the others" in note
+    assert "repair_faults=true" not in note
     assert "--set recording.repair_faults=false" in note
     assert_target_in_every_frame(document)
     snr = max(row["snr_db"] for row in document["detections"])
@@ -251,8 +252,8 @@ def test_twin_simulates_repaired_frame(damaged_recording):
     # Noise in place of a chirp adds to all velocities, 13 dB over the noise of the others.
     assert len(twin.scenario.scene.targets) <= 3
     text = "; ".join(f"{f.value}: {f.fix}" for f in twin.findings)
-    assert "chosen repair_faults=True because receiver 2" in text
-    assert "chosen repair_faults=True because 1 of 64 chirps" in text
+    assert "receiver 2 left out" in text
+    assert "1 of 64 chirps are lost" in text
     assert "dc.twin(recording, repair_faults=False)" in text
     assert dc.twin(damaged_recording, repair_faults=False).scenario.radar.array.n_rx == 4
 

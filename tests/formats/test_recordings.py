@@ -1060,11 +1060,15 @@ def test_commands_in_error_of_missing_settings_and_axes_read_the_recording(tmp_p
     for name in ("a", "b"):
         np.savez(f"{name}.npz", cube=cube)
 
-    fix = catch_mistake(tmp_path).fix
-    assert fix.startswith(f"give one of them: dechirp run {tmp_path / 'a.npz'}; for this one, ")
+    mistake = catch_mistake(tmp_path)
+    assert mistake.fix == f"give one of them: dechirp run {tmp_path / 'a.npz'}"
+    mistake = catch_mistake(tmp_path / "a.npz")
     command, axes = re.search(
-        rf"(echo '.*' > radar.yaml), then dechirp run {tmp_path / 'a.npz'} --axes (\S+)", fix
+        rf"(echo '.*' > radar.yaml); dechirp run {tmp_path / 'a.npz'} --axes (\S+)", mistake.fix
     ).groups()
+    # Two missing settings and an example of each: 8 lines of 80 columns, without the path.
+    text = f"{mistake.value}; {mistake.expected}; {mistake.fix}"
+    assert len(text.replace(str(tmp_path), "")) <= 600
     subprocess.run(["sh", "-c", command], check=True)
 
     recording = dc.open("a.npz", axes=axes, radar="radar.yaml")

@@ -116,13 +116,14 @@ def test_bag_without_points_names_its_topics_and_has_no_samples(tmp_path, capsys
         dc.open(bag).check_has_samples()
 
 
-@pytest.mark.parametrize("n_bytes", [14, 200, 4096, 4200, -1, -60])
+@pytest.mark.parametrize("n_bytes", [13, 14, 200, 4096, 4200, -1, -60])
 def test_truncated_bag_is_refused(tmp_path, n_bytes):
     bag = write_bag(tmp_path / "drive.bag", {"/radar_points": draw_clouds()})
     bag.write_bytes(bag.read_bytes()[:n_bytes])
 
-    with pytest.raises(RecordingError, match="a complete ROS 1 bag"):
+    with pytest.raises(RecordingError, match="a complete ROS 1 bag") as error:
         dc.open(bag)
+    assert n_bytes > 13 or n_bytes < 0 or "without messages" in str(error.value)
 
 
 @pytest.mark.parametrize(

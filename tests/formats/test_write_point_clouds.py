@@ -353,7 +353,7 @@ def test_reads_big_endian_padded_points(tmp_path):
             [make_foreign_cloud([(1.0, 2.0)], fields=("x", "v"))],
             "points with fields x, v on /front/points",
         ),
-        ([], "no topics"),
+        ([], "no messages"),
         ([build_text_message("/radar/description", '{"dechirp_exchange": 9}')], "version 9"),
     ],
 )

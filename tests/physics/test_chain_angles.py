@@ -13,6 +13,7 @@ from test_angle_motion_compensation import HALF_M, make_mimo_radar, make_target
 import dechirp as dc
 from dechirp.cli.run_output import strongest_detections_table
 from dechirp.core.table_columns import COLUMNS, dataset_to_columns, dataset_to_records
+from dechirp.core.text import EN_DASH
 from dechirp.evaluation.association import associate_detections
 from dechirp.processing.angle.bartlett import Bartlett
 from dechirp.processing.angle.esprit import Esprit
@@ -521,6 +522,7 @@ def test_standard_terminal_shows_all_measured_columns(radar, moving):
     [
         ((1, 0, 0, 0), "1 that moves and 2 others"),
         ((1, 1, 1, 0), "2 that move and 1 other"),
+        ((1, np.nan, 0, 0), "1 that moves and 2 others"),
     ],
 )
 def test_title_of_terminal_table_counts_moving_detections(radar, moving, counts):
@@ -536,6 +538,8 @@ def test_title_of_terminal_table_counts_moving_detections(radar, moving, counts)
     )
 
     assert f"; 3 shown, {counts}: " in str(table.title)
+    is_uncertain = np.isnan(moving).any()
+    assert (f"{EN_DASH} under Moving: the motion is uncertain" in str(table.title)) == is_uncertain
 
 
 def test_empty_scene_yields_no_detections(radar):

@@ -181,6 +181,7 @@ def test_rejects_empty_and_out_of_range_masks(tx_mask, rx_mask):
         ("xWR14xx", "xwr1443"),
         ("AR1243", "xwr1443"),
         ("AWR1243", "xwr1443"),
+        ("xwr1243", "xwr1443"),
         ("xwr68xx", "xwr6843"),
         ("IWR6843ISK", "xwr6843"),
         ("IWR6443", "xwr6843"),
@@ -528,3 +529,14 @@ LVDS_LANES |= {"xwr1843aop": 2, "xwr6843aop": 2, "xwr6843ods": 2}
 @pytest.mark.parametrize("name", Device.members())
 def test_number_of_lvds_lanes_matches_data_sheets(name):
     assert device(name).lvds_lanes == LVDS_LANES.get(name)
+
+
+@pytest.mark.parametrize(
+    ("alias", "name"),
+    [("xwr1243", "AWR1243BOOST"), ("AR12xx", "AWR1243BOOST"), ("AWR1443", "xWR1443BOOST")],
+)
+def test_board_has_the_name_of_the_chip_of_the_user(alias, name):
+    board = device(alias)
+    assert board.name == name
+    (rule, *_) = board.find_broken_rules(make_radar("xwr1443", tx=0b111, start_frequency_hz=60e9))
+    assert name in f"{rule.value} {rule.expected}"

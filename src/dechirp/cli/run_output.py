@@ -56,6 +56,8 @@ def strongest_detections_table(result: Result, *, at_most: int, width: int) -> T
     for name in _FIRST_DROPPED:
         if _table_width(columns) > width:
             columns.pop(name, None)
+    if EN_DASH in columns.get("moving", ()):
+        title += f"; {EN_DASH} under Moving: the motion is uncertain"
     table = new_table(title, number_columns=[_shown_column_heading(name) for name in columns])
     for cells in zip(*columns.values(), strict=True):
         table.add_row(*cells)

@@ -38,7 +38,6 @@ from dechirp.recordings.recording import Recording, label_frames_as_cube
 from dechirp.recordings.samples.stationary_tones import StationaryTones
 
 _N_SAMPLED_FRAMES = 8  # frames all over the recording that decide before the run
-_REPAIR_OPTION = "--set recording.repair_faults=true"
 _UNDO_TEXT = "--set recording.repair_faults=false keeps the samples as recorded"
 _MAX_BURST_SHARE = 0.5  # of the chirps; repair needs a background in the others
 
@@ -291,9 +290,8 @@ def _left_out_receivers_note(faulty: np.ndarray, working: np.ndarray) -> Finding
     return Finding(
         level="note",
         setting="radar.array.rx",
-        value=f"chosen {_REPAIR_OPTION} because {faulty_text}"
-        f" {'has' if faulty.size == 1 else 'have'} no signal of"
-        f" {'its' if faulty.size == 1 else 'their'} own: {faulty_text} left out,"
+        value=f"{faulty_text} left out, since {'it has' if faulty.size == 1 else 'they have'} no"
+        f" signal of {'its' if faulty.size == 1 else 'their'} own;"
         f" {format_number_ranges('receiver', working)} used",
         expected="receivers that all work, since others corrupt directions",
         fix="check the board, or the number of receivers and the sample order in the settings;"
@@ -319,8 +317,8 @@ def _chirp_alignment_findings(largest_offset: float) -> tuple[Finding, ...]:
     note = Finding(
         level="note",
         setting="recording.repair_faults",
-        value=f"chosen {_REPAIR_OPTION} because chirps begin up to {largest_offset:.2f} sample"
-        " intervals from their first sample: interpolated at equal times of each ramp",
+        value=f"chirps begin up to {largest_offset:.2f} sample intervals from their first sample:"
+        " interpolated at equal times of each ramp",
         expected="a sample clock synchronous with the ramps, else static echoes have images at"
         " other velocities",
         fix=_UNDO_TEXT,
@@ -337,8 +335,8 @@ def _tone_findings(tones_hz: np.ndarray, radar: Radar) -> tuple[Finding, ...]:
     note = Finding(
         level="note",
         setting="recording.repair_faults",
-        value=f"chosen {_REPAIR_OPTION} because of tones at {frequencies} Hz that do not follow the"
-        f" ramps, as of a sound card: subtracted, since they look like targets at {ranges} m",
+        value=f"tones at {frequencies} Hz that do not follow the ramps, as of a sound card:"
+        f" subtracted, since they look like targets at {ranges} m",
         expected="samples that contain only echoes, whose spectrum repeats with the ramps",
         fix=_UNDO_TEXT,
     )
@@ -354,8 +352,8 @@ def _chirp_repair_findings(
         note = Finding(
             level="note",
             setting="recording.repair_faults",
-            value=f"chosen {_REPAIR_OPTION} because {n_interpolated} of {n_chirps} chirps are lost"
-            " or unlike the others: interpolated among the chirps of the same transmitter",
+            value=f"{n_interpolated} of {n_chirps} chirps are lost or unlike the others:"
+            " interpolated among the chirps of the same transmitter",
             expected="equal chirps, since an outlier adds to every velocity",
             fix=_UNDO_TEXT,
         )

@@ -408,7 +408,7 @@ def _first_readable_recording(
         value=f"a folder with {len(candidates)} recordings:"
         f" {join_names(file.name for file in candidates)}",
         expected="a recording that can be read as given",
-        fix=_command_for_recording(example, errors[example]),
+        fix=_command_for_recording(example),
     )
 
 
@@ -417,14 +417,12 @@ def _natural_order(file: Path) -> str:
     return re.sub(r"\d+", lambda digits: digits[0].zfill(20), file.name)
 
 
-def _command_for_recording(recording: Path, error: DechirpError) -> str:
-    """Return the command for one recording of several, and what it needs beside."""
+def _command_for_recording(recording: Path) -> str:
+    """Return the command for one recording of several, whose error names what it needs beside."""
     advice = f"give one of them: dechirp run {shlex.quote(str(recording))}"
-    if recording.is_dir():
-        return advice
-    if _slow_time_error(recording) is not None:
+    if recording.is_file() and _slow_time_error(recording) is not None:
         return f"{advice} --vital-signs"
-    return f"{advice}; for this one, {error.mistakes[0].fix}"
+    return advice
 
 
 def _is_table(file: Path) -> bool:

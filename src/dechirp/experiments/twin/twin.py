@@ -296,7 +296,6 @@ def _name_twin_argument(finding: Finding) -> Finding:
     keep = "in Python: dc.twin(recording, repair_faults=False)"
     return replace(
         finding,
-        value=finding.value.replace("--set recording.repair_faults=true", "repair_faults=True"),
         fix=finding.fix.replace("--set recording.repair_faults=false", keep),
     )
 

@@ -1,6 +1,7 @@
 """Device lookup by chip or board name, in any spelling of a file or a user."""
 
 import re
+from dataclasses import replace
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import InvalidSetting
@@ -21,6 +22,8 @@ _TI_KINDS = {
     "64": "xwr6843",
     "68": "xwr6843",
 }
+# Names of boards with the antennas of another chip's.
+_NAMES = {"12": "AWR1243BOOST"}
 _ALIASES = {"mmwcas": "cascade", "mmwcasrfevm": "cascade", "bgt60tr13": "bgt60tr13c"}
 
 
@@ -47,4 +50,6 @@ def device(name: str) -> Device:
             fix="for a board with other antennas, give the radar with its array",
         )
     instance: Device = members[kind]()
+    if chip and chip[1] in _NAMES:
+        instance = replace(instance, name=_NAMES[chip[1]])
     return instance

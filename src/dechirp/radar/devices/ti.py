@@ -96,7 +96,7 @@ class Xwr1443(Device):
     SDKs have no demo for it. Transforms of 1024 points: `hwa.c`.
     """
 
-    name = "xWR1443BOOST"
+    name: str = "xWR1443BOOST"
     tx_m = half_wavelength_grid_positions_m((0, 2, 4), (0, 1, 0), design_hz=DESIGN_77_HZ)
     rx_m = half_wavelength_grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
     lvds_lanes = 4

@@ -191,4 +191,4 @@ def _format_topics_with_types(topics: dict[str, str]) -> str:
     """Format topics with their types."""
     descriptions = [f"{topic} ({kind})" for topic, kind in sorted(topics.items())]
     more = f" and {len(descriptions) - 12} more" if len(descriptions) > 12 else ""
-    return f"{', '.join(descriptions[:12]) or 'no topics'}{more}"
+    return f"{', '.join(descriptions[:12]) or 'no messages'}{more}"

@@ -34,6 +34,8 @@ def iter_ros1_messages(path: Path) -> Iterator[Message]:
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         if content[: len(MAGIC)] != MAGIC:
             raise ValueError("no ROS 1 bag of version 2.0")
+        if len(content) == len(MAGIC):
+            raise ValueError("a file without messages, cut after its first line")
         for fields, data in _iter_records(content, len(MAGIC)):
             if fields.get(b"op") != bytes([_CHUNK]):
                 yield from _messages_of_record(fields, data, connections)

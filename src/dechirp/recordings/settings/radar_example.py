@@ -32,14 +32,14 @@ class RadarExample:
     def advice(self, recording: Path) -> str:
         """Return the commands that write the radar and read the recording with it."""
         if not self.known:
-            values = "with the values of your radar"
+            values = "with your values"
         else:
-            values = f"with the values of your radar ({', '.join(self.known)} are of the recording)"
+            values = f"with your values ({', '.join(self.known)} are of the recording)"
         if self.inner_name is not None:
             recording /= self.inner_name
         return (
-            "give the radar: --radar FILE (radar=FILE in Python), the settings file of its vendor"
-            f" or YAML {values}, such as echo '{self._yaml()}' > radar.yaml, then dechirp run"
+            "give the radar: --radar FILE (radar=FILE in Python), its vendor's settings or YAML"
+            f" {values}: echo '{self._yaml()}' > radar.yaml; dechirp run"
             f" {shlex.quote(str(recording))}{self.options} --radar radar.yaml"
         )
 

@@ -20,6 +20,13 @@ _CHIP = re.compile(
 _BOARD_WORDS = ("aop", "ods", "isk")
 _60_GHZ_BELOW_HZ = 70e9
 _CHIP_OF_60_GHZ, _CHIP_OF_77_GHZ_AOP = "xwr6843", "xwr1843"
+_ASSUMED_ISK = Finding(
+    level="note",
+    setting="radar.array",
+    value="antennas of the ISK board assumed, since the settings name the chip alone",
+    expected="the board, whose antenna positions determine directions",
+    fix="no action needed if it is right; else --device xwr6843aop or --device xwr6843ods",
+)
 
 
 def choose_ti_board(
@@ -48,10 +55,10 @@ def choose_ti_board(
 
     Returns
     -------
-    The board, None if unknown; and findings where words of the name or signs decide.
+    The board, None if unknown; and findings where words of the name, signs or nothing decide.
     """
     chip = find_device_or_none(chip_name)
-    if chip is not None and chip.kind().endswith(_BOARD_WORDS):
+    if chip is not None and (chip.kind() + chip_name.lower()).endswith(_BOARD_WORDS):
         return chip, ()
     by_name, is_board_named = _board_in_name(file.stem, start_frequency_hz, chip)
     by_signs = _board_with_signs(signs, chip)
@@ -65,7 +72,8 @@ def choose_ti_board(
         if board is not None and _can_have_sent(board, start_frequency_hz, tx_mask)
     ]
     if not possible:
-        return chip, ()
+        is_isk_assumed = chip is not None and chip.kind() == _CHIP_OF_60_GHZ
+        return chip, (_ASSUMED_ISK,) if is_isk_assumed else ()
     board, reason = possible[0]
     if len(possible) > 1 and is_board_named and possible[1][0] != board:
         other = possible[1][0].kind()
@@ -77,7 +85,10 @@ def choose_ti_board(
                 f" in compRangeBiasAndRxChanPhase are those of {other}",
             ),
         )
-    return board, () if board == chip else (_choice(board, "note", reason),)
+    if chip is None or board.kind() != chip.kind():
+        return board, (_choice(board, "note", reason),)
+    is_isk_assumed = board.kind() == _CHIP_OF_60_GHZ and not is_board_named
+    return board, (_ASSUMED_ISK,) if is_isk_assumed else ()
 
 
 def _choice(board: Device, level: Literal["note", "warning"], reason: str) -> Finding:

@@ -29,6 +29,7 @@ from dechirp.recordings.settings.ti_numbers import (
     round_to_chip_steps,
 )
 
+_BOARD_SUFFIXES = {"xwr6843": "_ISK"}  # of chips that are sold on several boards
 _XWR1443 = "xwr1443"  # its demo ended with SDK 2, and has no sub-frames
 _SDKS = {_XWR1443: (1, 2, 3), "xwr1642": (2, 3), "xwr1843": (3,), "xwr6843": (3,)}
 _GAINS = {"xwr6843": 158}  # 30 dB and a code of the RF gain, as in TI's files
@@ -99,7 +100,7 @@ def format_ti_cfg(
     layout = f"0 {int(is_q_first)} {int(not is_xwr1443)} 1"
     lines = [
         f"% Created for SDK ver:{'03' if is_sdk3 else '02'}",
-        f"% Platform:xWR{board.kind()[3:5]}xx",
+        f"% Platform:xWR{board.kind()[3:5]}xx{_BOARD_SUFFIXES.get(board.kind(), '')}",
         "sensorStop",
         "flushCfg",
         "dfeDataOutputMode 1",
