@@ -1,7 +1,7 @@
 """Device lookup by chip or board name, in any spelling of a file or a user."""
 
 import re
-from dataclasses import replace
+from collections.abc import Callable
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import InvalidSetting
@@ -49,7 +49,6 @@ def device(name: str) -> Device:
             expected=f"one of {', '.join(members)}",
             fix="for a board with other antennas, give the radar with its array",
         )
-    instance: Device = members[kind]()
-    if chip and chip[1] in _NAMES:
-        instance = replace(instance, name=_NAMES[chip[1]])
-    return instance
+    build_device: Callable[..., Device] = members[kind]
+    name_of_chip = _NAMES.get(chip[1]) if chip else None
+    return build_device(name=name_of_chip) if name_of_chip else build_device()
