@@ -1,5 +1,7 @@
 """Numbers of NumPy, and arrays in place of numbers: results as with numbers of Python."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -121,6 +123,8 @@ STREET = dc.Scene(targets=[dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(1,
         lambda cube, radar: dc.power_map(
             cube, radar, dc.Chain(mitigation=(dc.mitigation.MeanSubtraction(),))
         ),
+        dc.spectrogram,
+        partial(dc.slow_time, range_m=10.0),
     ],
 )
 def test_samples_beyond_single_precision_are_refused(call, scale):

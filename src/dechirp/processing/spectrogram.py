@@ -11,6 +11,7 @@ from dechirp.core.conventions import CUBE_AXES, axis_coordinate
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
 from dechirp.core.units import power_units
+from dechirp.processing.scaling import check_fits_single_precision
 from dechirp.processing.spectrum import Transform, range_profiles
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.radar import Radar
@@ -203,7 +204,10 @@ def _gapless_frame_runs(starts_s: np.ndarray, radar: Radar) -> list[range]:
 
 
 def check_cube_fits_rising_ramp_radar(cube: xr.DataArray, radar: Radar) -> None:
-    """Raise `InvalidSetting` unless the cube fits the radar and all ramps rise."""
+    """Raise `InvalidSetting` unless the cube fits the radar and all ramps rise.
+
+    Its samples must also be within single precision.
+    """
     frame = radar.frame
     if frame.has_falling_ramps:
         raise InvalidSetting(
@@ -237,6 +241,9 @@ def check_cube_fits_rising_ramp_radar(cube: xr.DataArray, radar: Radar) -> None:
             expected=f"frames and {expected}, {frame.chirp.sampling}, as the radar has",
             fix="pass the radar that the cube was taken with, and rename the axes",
         )
+    if cube.dtype in (np.float64, np.complex128):
+        for index in range(cube.sizes["frame"]):  # a lazy cube may exceed the memory
+            check_fits_single_precision(cube.isel(frame=index).values)
 
 
 def check_finite(values: np.ndarray) -> None:
