@@ -54,6 +54,27 @@ def test_multiples_of_strong_echoes_are_found(single_round, others_m, azimuth_de
     assert [echo.range_m for echo in multiples] == multiples_m
 
 
+def test_real_samples_in_complex_numbers_give_the_multiples_of_real_ones(single_round):
+    # Half of the axis of complex numbers holds mirror images, beyond the largest range.
+    chirp = replace(single_round.frame.chirp, sampling="complex")
+    real_chirp = replace(chirp, sampling="real")
+    radar, real_radar = (
+        replace(single_round, frame=replace(single_round.frame, chirp=one))
+        for one in (chirp, real_chirp)
+    )
+    assert real_chirp.max_range_m == pytest.approx(chirp.max_range_m / 2)
+    counts = {"complex": [], "limited": [], "real": []}
+    for std_deg in np.linspace(0.5, 20, 40):  # from a sure multiple to one by chance
+        columns = make_columns([5, 10], [60, 25], [20, 20])
+        columns["azimuth_std"][:] = np.radians(std_deg)
+        limit_m = real_chirp.max_range_m
+        counts["complex"].append(len(find_multiple_echoes(columns, radar)))
+        counts["limited"].append(len(find_multiple_echoes(columns, radar, limit_m)))
+        counts["real"].append(len(find_multiple_echoes(columns, real_radar)))
+    assert counts["limited"] == counts["real"]
+    assert sum(counts["complex"]) > sum(counts["real"]) > 0
+
+
 def test_targets_at_random_places_are_rarely_named(single_round):
     rng, n_trials = np.random.default_rng(6), 600
     n_affected = 0

@@ -193,7 +193,8 @@ def _resolve_velocities(detected: DetectedRecording) -> DetectedRecording:
         )
         findings += velocity_drift_findings(drift_m_per_s, radar)
     findings += leakage_findings(detections_from_columns(columns), radar, detected.scenario.chain)
-    findings += multiple_echo_findings(find_multiple_echoes(columns, radar))
+    max_range_m = detected.scenario.chain.max_range_m
+    findings += multiple_echo_findings(find_multiple_echoes(columns, radar, max_range_m))
     findings += hidden_channel_error_findings(columns, detected.totals.channel_phase_rms_rad, radar)
     return replace(detected, columns=columns, findings=findings)
 

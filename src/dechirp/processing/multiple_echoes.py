@@ -50,23 +50,28 @@ class MultipleEcho(NamedTuple):
 
 
 def find_multiple_echoes(
-    columns: Mapping[str, np.ndarray], radar: Radar
+    columns: Mapping[str, np.ndarray], radar: Radar, max_range_m: float | None = None
 ) -> tuple[MultipleEcho, ...]:
     """Return the detections that may be multiples of strong echoes.
 
-    `columns` are those of `core.detection_columns`, of one or more frames.
+    `columns` are those of `core.detection_columns`, of one or more frames, whose detections reach
+    to `max_range_m`: by default, to the end of the range axis.
     """
+    chirp_range_m = radar.frame.chirp.max_range_m
+    max_range_m = chirp_range_m if max_range_m is None else min(max_range_m, chirp_range_m)
     multiples: list[MultipleEcho] = []
     numbers = np.unique(columns["frame"])
     for number in numbers:
         in_frame = columns["frame"] == number
         frame_columns = {name: column[in_frame] for name, column in columns.items()}
-        multiples += _find_frame_multiples(frame_columns, radar, _MAX_PROBABILITY / len(numbers))
+        multiples += _find_frame_multiples(
+            frame_columns, radar, max_range_m, _MAX_PROBABILITY / len(numbers)
+        )
     return tuple(multiples)
 
 
 def _find_frame_multiples(
-    columns: Mapping[str, np.ndarray], radar: Radar, max_probability: float
+    columns: Mapping[str, np.ndarray], radar: Radar, max_range_m: float, max_probability: float
 ) -> tuple[MultipleEcho, ...]:
     """Return the multiples in one frame, each of one strong echo."""
     range_m, snr = columns["range"], columns["snr"]
@@ -78,7 +83,7 @@ def _find_frame_multiples(
         if strong in multiples:
             continue
         beyond = np.flatnonzero(range_m > 1.5 * range_m[strong])
-        order, chance = _match_multiples(columns, strong, beyond, radar)
+        order, chance = _match_multiples(columns, strong, beyond, radar, max_range_m)
         is_multiple = order > 0
         expected = float(chance.sum())
         probability = scipy.special.pdtrc(is_multiple.sum() - 1, expected)
@@ -91,14 +96,18 @@ def _find_frame_multiples(
 
 
 def _match_multiples(
-    columns: Mapping[str, np.ndarray], strong: int, others: np.ndarray, radar: Radar
+    columns: Mapping[str, np.ndarray],
+    strong: int,
+    others: np.ndarray,
+    radar: Radar,
+    max_range_m: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return of which order other detections are, 0 for none, and the chance of each to be one."""
     frame, chirp = radar.frame, radar.frame.chirp
     range_m, snr = columns["range"], columns["snr"]
     tolerance_m = _TOLERANCE_CELLS * chirp.range_resolution_m
-    n_orders = int(np.sum(_ORDERS * range_m[strong] <= chirp.max_range_m + tolerance_m))
-    extent_m = max(chirp.max_range_m - 1.5 * range_m[strong], tolerance_m)
+    n_orders = int(np.sum(_ORDERS * range_m[strong] <= max_range_m + tolerance_m))
+    extent_m = max(max_range_m - 1.5 * range_m[strong], tolerance_m)
     chance = np.full(len(others), min(1.0, n_orders * 2 * tolerance_m / extent_m))
     order = np.round(range_m[others] / range_m[strong]).astype(int)
     is_multiple = (order <= _ORDERS[-1]) & (
