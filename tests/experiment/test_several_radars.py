@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import dechirp as dc
 from dechirp.cli.compilation_notice import announced_compilation
@@ -79,6 +80,76 @@ def test_fused_track_follows_object_over_the_ground(result):
     assert abs(last["y"] - 50.5) < 0.9 + 0.4
     # A velocity cell of 32 chirps is 1.4 m/s; the radars look at 45 degrees past the car.
     assert last["vx"] == pytest.approx(12, abs=1.4 / 2)
+
+
+def test_fused_tracks_have_axes_of_the_vehicle_for_its_bus(result):
+    ground, on_vehicle = result.tracks, dc.fusion.convert_tracks_to_vehicle_axes(result)
+    times_s = ground["time"].values
+    assert on_vehicle["x"].values == pytest.approx(
+        ground["x"].values - 100 - 10 * times_s, abs=1e-6, nan_ok=True
+    )
+    assert on_vehicle["y"].values == pytest.approx(ground["y"].values - 50, abs=1e-6, nan_ok=True)
+    assert on_vehicle["vx"].values == pytest.approx(ground["vx"].values - 10, abs=1e-6, nan_ok=True)
+    covariance = ground["covariance"].values
+    assert on_vehicle["covariance"].values == pytest.approx(covariance, abs=1e-9, nan_ok=True)
+    with pytest.raises(InvalidSetting, match="add a tracker"):
+        dc.fusion.convert_tracks_to_vehicle_axes(replace(result, tracks=None))
+
+
+def test_axes_of_a_turning_vehicle_turn_with_it(result):
+    # A vehicle on a circle, and an object at rest in its axes. The other tracks each differ in one
+    # element of the state, so that their differences are the columns of the Jacobian matrix.
+    turn_rate, radius_m, place_m, period_s = 0.3, 40.0, np.array([10.0, 3.0]), 0.1
+    n_frames, mounting = 5, result.mountings["front-left"]
+    times_s = period_s * np.arange(n_frames)
+    poses, states = [], []
+    for yaw_rad in turn_rate * times_s:
+        c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+        axes, turned_axes = np.array([[c, -s], [s, c]]), np.array([[-s, -c], [c, -s]])
+        centre_m, velocity = radius_m * np.array([s, 1 - c]), turn_rate * radius_m * axes[:, 0]
+        arm_m = np.array(mounting.position_m[:2])
+        poses.append(
+            dc.fusion.RadarPose(
+                position_m=tuple(centre_m + axes @ arm_m),
+                yaw_rad=yaw_rad + mounting.yaw_rad,
+                velocity_m_per_s=tuple(velocity + turn_rate * turned_axes @ arm_m),
+            )
+        )
+        object_velocity = velocity + turn_rate * turned_axes @ place_m
+        states.append([*(centre_m + axes @ place_m), *object_velocity])
+    tracks = np.array(states) + np.concatenate([np.zeros((1, 4)), np.eye(4)])[:, None]
+    factor = np.random.default_rng(5).normal(size=(5, n_frames, 4, 4))
+    covariance = factor @ np.swapaxes(factor, -1, -2)
+    names, dims = ["x", "y", "vx", "vy"], ("track", "frame")
+    dataset = xr.Dataset(
+        {name: (dims, tracks[..., index]) for index, name in enumerate(names)}
+        | {"covariance": ((*dims, "state", "other_state"), covariance)},
+        coords={
+            "time": ("frame", times_s),
+            "state": names,
+            "other_state": names,
+            "radar": ("frame", ["front-left"] * n_frames),
+            "radar_frame": ("frame", range(n_frames)),
+        },
+    )
+    turning = replace(result, tracks=dataset, poses={"front-left": tuple(poses)})
+
+    on_vehicle = dc.fusion.convert_tracks_to_vehicle_axes(turning)
+
+    state = np.stack([on_vehicle[name].values for name in names], axis=-1)
+    for frame in range(n_frames):
+        assert state[0, frame] == pytest.approx([*place_m, 0, 0], abs=1e-9)
+        jacobian = (state[1:, frame] - state[0, frame]).T
+        expected = jacobian @ covariance[:, frame] @ jacobian.T
+        assert on_vehicle["covariance"].values[:, frame] == pytest.approx(expected, rel=1e-9)
+
+
+def test_tracks_at_one_time_are_one_list(result):
+    times_s = np.repeat(result.tracks["time"].values[::2], 2)
+    both = result.tracks.assign_coords(time=("frame", times_s))
+    lists = dc.fusion.convert_tracks_to_vehicle_axes(replace(result, tracks=both))
+    assert set(lists["radar"].values.tolist()) == {"front-right"}
+    assert lists["time"].values.tolist() == times_s[::2].tolist()
 
 
 def test_objects_of_each_radar_have_its_own_coordinates(result):
