@@ -459,6 +459,33 @@ def test_command_prints_the_findings_of_all_radars(without_figures, tmp_path, ca
         assert page.count(text.partition(": ")[2]) == 1
 
 
+def test_command_writes_fused_tracks_for_the_bus_of_the_vehicle(
+    trace, without_figures, tmp_path, capsys
+):
+    log, out = tmp_path / "tracks.asc", tmp_path / "out"
+    options = ["--ego", "1", "--mount", "front-left", "--mount", "front-right", "--statistical"]
+    changes = ["--set=radar.frame.n_chirps=32", "--set=traffic.duration=0.2 s"]
+    words = [*options, *changes, "--objects", str(log), "--out", str(out)]
+
+    assert run_command("run", str(trace), *words) == 0
+
+    assert f"Object list: {log}" in capsys.readouterr().out
+    assert json.loads((out / "run.json").read_text(encoding="utf-8"))["files"][log.name] == str(log)
+    on_bus = dc.object_lists.read_can_log(log)
+    # The list contains tentative tracks too; confirmed ones are those of the table.
+    confirmed = [row for row in read_rows(out / "tracks.csv") if row["status"] == "confirmed"]
+    objects = on_bus.isel(object=on_bus["status"].values == "confirmed")
+    # The radars measure at one time: the last list of each time is on the bus.
+    last = {row["time_s"]: row for row in confirmed}
+    assert objects.sizes["object"] == len(last) > 0
+    for index, row in enumerate(last.values()):
+        ego_x_m = 100 + 10 * float(row["time_s"])  # steps of the signals: 0.01
+        assert objects["x"].values[index] == pytest.approx(float(row["x_m"]) - ego_x_m, abs=0.0051)
+        assert objects["y"].values[index] == pytest.approx(float(row["y_m"]) - 50, abs=0.0051)
+        vx = float(row["vx_m_per_s"]) - 10
+        assert objects["vx"].values[index] == pytest.approx(vx, abs=0.0051)
+
+
 def compile_loop():
     for listener in compilation_listeners:
         listener.start_compilation()
@@ -502,7 +529,14 @@ def test_run_of_several_radars_announces_compilations(
 
     with pytest.raises(InvalidSetting, match="stop"):
         run_several_radars(
-            scenario, "statistical", source=trace, out=tmp_path, as_json=False, quiet=quiet
+            scenario,
+            "statistical",
+            source=trace,
+            out=tmp_path,
+            objects=(),
+            coding={},
+            as_json=False,
+            quiet=quiet,
         )
 
     assert capfd.readouterr().err.count("Compiling loops") == n_lines
@@ -513,8 +547,12 @@ def test_run_of_several_radars_announces_compilations(
     [
         (["--mount", "front", "--mount", "front-lef"], "--mount: front-lef"),
         (["--mount", "front", "--mount", "front"], "also that of radar 0"),
-        (["--mount", "front", "--mount", "rear", "--objects", "o.csv"], "--objects: given for sev"),
-        (["--mount", "front", "--mount", "rear", "--objects", "o.csv"], "with one --mount"),
+        (["--mount", "front", "--mount", "rear", "--idle", "5s"], "--idle: given for several"),
+        (["--mount", "front", "--mount", "rear", "--idle", "5s"], "with one --mount"),
+        (
+            ["--mount=front", "--mount=rear", "--objects=o.csv", "--set=tracker=null"],
+            "--objects: given for several radars without a tracker",
+        ),
     ],
 )
 def test_command_refuses_wrong_options(trace, words, message, capsys):

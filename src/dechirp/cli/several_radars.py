@@ -1,7 +1,8 @@
 """Runs of several radars: their command-line output and their results folder."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -33,10 +34,14 @@ def run_several_radars(
     *,
     source: Path | None,
     out: Path,
+    objects: Sequence[Path],
+    coding: Mapping[str, str | Path | None],
     as_json: bool,
     quiet: bool,
 ) -> int:
     """Run several radars, write the results of each and those of all, and print them."""
+    if objects:
+        _check_has_tracker(scenario)
     from dechirp.cli.console import open_stdout_console, progress_bar, short_finding_paragraphs
     from dechirp.experiments.run_radars import run_radars
     from dechirp.experiments.study.executors import local_workers
@@ -50,7 +55,9 @@ def run_several_radars(
     ):
         executor = AnnouncingExecutor(workers.executor, quiet=quiet, marker=marker)
         result = run_radars(scenario, kind=kind, executor=executor, progress=report)
-    document = write_radars_results(result, source=source, out=out)
+    if objects:
+        result = _write_fused_tracks(result, objects, coding, source=source, out=out)
+    document = write_radars_results(result, source=source, out=out, objects=objects)
     if as_json:
         print(document, end="")
     elif not quiet:
@@ -61,8 +68,47 @@ def run_several_radars(
         page = out / "report.html"
         for paragraph in short_finding_paragraphs(combine_findings(result), report=page):
             screen.print(paragraph)
+        for file in objects:
+            screen.print(f"Object list: {file}")
         screen.print(f"Report: {page}")
     return 0
+
+
+def _check_has_tracker(scenario: "Scenario") -> None:
+    """Raise `InvalidSetting` for an object list of several radars without fused tracks."""
+    from dechirp.core.errors import InvalidSetting
+
+    if scenario.tracker is None:
+        raise InvalidSetting(
+            "--objects",
+            value="given for several radars without a tracker",
+            expected="fused tracks, the object list of several radars",
+            fix="add a tracker to the scenario, or run one radar",
+        )
+
+
+def _write_fused_tracks(
+    result: "RadarsResult",
+    files: Sequence[Path],
+    coding: Mapping[str, str | Path | None],
+    *,
+    source: Path | None,
+    out: Path,
+) -> "RadarsResult":
+    """Write the object list of the vehicle to files; return the result with the findings on it."""
+    from dechirp.cli.object_files import write_object_files
+    from dechirp.core.errors import DechirpError
+    from dechirp.experiments.vehicle_tracks import convert_tracks_to_vehicle_axes
+    from dechirp.results.object_lists.object_list import object_list
+
+    try:
+        findings = write_object_files(
+            lambda: object_list(convert_tracks_to_vehicle_axes(result)), files, coding
+        )
+    except DechirpError:  # a full disk: keep the results of the run
+        write_radars_results(result, source=source, out=out)
+        raise
+    return replace(result, findings=(*result.findings, *findings))
 
 
 class AnnouncingExecutor(Executor):
@@ -89,7 +135,9 @@ def _call_announced(
         return fn(*args, **kwargs)
 
 
-def write_radars_results(result: "RadarsResult", *, source: Path | None, out: Path) -> str:
+def write_radars_results(
+    result: "RadarsResult", *, source: Path | None, out: Path, objects: Sequence[Path] = ()
+) -> str:
     """Write the results of several radars, a folder for each, and return the JSON document."""
     from dechirp.cli.run_document import radars_json_document, write_run_results
     from dechirp.config.dumping import dump_yaml
@@ -108,6 +156,7 @@ def write_radars_results(result: "RadarsResult", *, source: Path | None, out: Pa
         f"{name}.csv": dataset_to_csv(table) for name, table in tables.items() if table is not None
     }
     files = {name: out / name for name in (*texts, "run.json")}
+    files |= {file.name: file for file in objects}
     texts["run.json"] = to_json_text(radars_json_document(result, source=source, files=files))
     with atomic_folder(out) as folder:
         for name, radar in result.radars.items():

@@ -49,8 +49,9 @@ def run(
     out
         Folder for the results. Existing results in it are replaced as a whole.
     objects
-        File for the object list (tracks if available, else clusters or detections): .blf, .asc,
-        .log (CAN FD), .osi, .pcd, .ply, .csv or .parquet; may be repeated.
+        File for the object list (tracks if available, else clusters or detections; of several
+        radars, fused tracks in the axes of the vehicle): .blf, .asc, .log (CAN FD), .osi, .pcd,
+        .ply, .csv or .parquet; may be repeated.
     dbc
         DBC that codes the objects in CAN logs; the one of the package by default.
     mapping
@@ -80,6 +81,7 @@ def run(
 
     import_xarray_without_dask()
     from dechirp.cli.console import progress_bar
+    from dechirp.cli.object_files import check_object_files_writable
     from dechirp.cli.run_document import write_run_results
     from dechirp.cli.scenario_source import build_scenario
     from dechirp.cli.several_radars import refuse_options_of_single_radars, run_several_radars
@@ -92,7 +94,7 @@ def run(
         return _print_vital_signs_of_trace(*trace, as_json=as_json, quiet=quiet)
     _check_results_writable(out, pdf=pdf)
     coding = {"dbc": dbc, "mapping": mapping}
-    _check_object_files_writable(objects or (), coding)
+    check_object_files_writable(objects or (), coding)
     scenario = build_scenario(
         source,
         changes=changes or [],
@@ -106,7 +108,6 @@ def run(
     kind: Kind = "statistical" if statistical else "samples"
     if scenario.radars:
         given = {
-            "--objects": objects,
             "--vital-signs": vital_signs,
             "--follow": follow,
             "--idle": idle,
@@ -114,7 +115,14 @@ def run(
         }
         refuse_options_of_single_radars([name for name, value in given.items() if value])
         return run_several_radars(
-            scenario, kind, source=source, out=out, as_json=as_json, quiet=quiet
+            scenario,
+            kind,
+            source=source,
+            out=out,
+            objects=objects or (),
+            coding=coding,
+            as_json=as_json,
+            quiet=quiet,
         )
     with plain_twins_for_small_work(scenario.n_simulated_samples):
         is_live = is_live_source(scenario, follow=follow, idle=idle)
@@ -259,45 +267,14 @@ def _check_results_writable(folder: Path, *, pdf: bool) -> None:
         check_pdf_available()
 
 
-def _check_object_files_writable(
-    files: Sequence[Path], coding: Mapping[str, str | Path | None]
-) -> None:
-    """Raise `DechirpError` if an object list cannot be written to one of the files."""
-    given = [f"--{name}" for name, item in coding.items() if item is not None]
-    if not (files or given):
-        return
-    from dechirp.cli.errors import replace_settings_by_options  # these take 0.02 s
-    from dechirp.core.errors import DechirpError, InvalidSetting
-    from dechirp.results.object_lists import can_logs
-    from dechirp.results.object_lists.files import check_object_list_path_writable
-
-    if given and not any(file.suffix.lower() in can_logs.SUFFIXES for file in files):
-        raise InvalidSetting(
-            given[0],
-            value="given without a CAN log",
-            expected=f"--objects FILE with one of {', '.join(can_logs.SUFFIXES)}",
-            fix=f"add the file, or leave {' and '.join(given)} out",
-        )
-    for file in files:
-        try:
-            check_object_list_path_writable(file, **coding)
-        except DechirpError as error:
-            options = {"path": "--objects", "objects": "--objects", "dbc": "--dbc"}
-            raise replace_settings_by_options(error, options | {"mapping": "--mapping"}) from None
-
-
 def _write_object_lists_and_add_findings(
     result: "Result", files: Sequence[Path], coding: Mapping[str, str | Path | None]
 ) -> "Result":
     """Write the object list to each file; return the result with the findings on it."""
-    from dechirp.core.findings import capture_warned_findings
+    from dechirp.cli.object_files import write_object_files
     from dechirp.experiments.run import build_result_object_list
-    from dechirp.results.object_lists.files import write_objects
 
-    with capture_warned_findings() as findings:
-        objects = build_result_object_list(result)
-        for file in files:
-            write_objects(objects, file, **coding)
+    findings = write_object_files(lambda: build_result_object_list(result), files, coding)
     return replace(result, findings=(*result.findings, *findings))
 
 
