@@ -124,7 +124,7 @@ STREET = dc.Scene(targets=[dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(1,
             cube, radar, dc.Chain(mitigation=(dc.mitigation.MeanSubtraction(),))
         ),
         dc.spectrogram,
-        partial(dc.slow_time, range_m=10.0),
+        partial(dc.slow_time.slow_time, range_m=10.0),
     ],
 )
 def test_samples_beyond_single_precision_are_refused(call, scale):
