@@ -290,7 +290,7 @@ def check_single_radar(scenario: Scenario) -> None:
             value=f"{len(scenario.radars)} radars",
             expected="a single radar: results of several have another form",
             fix="call dechirp.fusion.run_radars or dechirp run, which writes a scenario.yaml for"
-            " each radar alone; open this one in the studio",
+            " each radar alone; open one of these in the studio, or pack it as an FMU",
         )
 
 
