@@ -35,6 +35,7 @@ from dechirp.processing.leakage import leakage_findings
 from dechirp.processing.moving_targets import motion_beyond_errors
 from dechirp.processing.multiple_echoes import find_multiple_echoes, multiple_echo_findings
 from dechirp.processing.noise_profile import (
+    doubtful_motion_mask,
     maps_of_rising_ramps,
     noise_excess_of_ranges,
     noise_profile_findings,
@@ -211,6 +212,7 @@ def _process_frames(
         if progress is not None:
             progress(len(totals.times_s), len(numbers))
     columns = processor.joined_detection_columns()
+    noise_findings = _find_noise_profile(prepared, columns)
     return DetectedRecording(
         scenario=prepared.scenario,
         reader_findings=(*recording.findings, *prepared.findings),
@@ -219,7 +221,7 @@ def _process_frames(
         columns=columns,
         findings=(
             *_find_correlated_noise(prepared, columns["snr"]),
-            *_find_noise_profile(prepared, columns),
+            *noise_findings,
             *_find_images(prepared, columns),
         ),
     )
@@ -236,9 +238,12 @@ def note_rejected_images(findings: Iterable[Finding], chain: Chain) -> Iterator[
 
 
 def _find_noise_profile(
-    prepared: PreparedRecording, columns: Mapping[str, np.ndarray]
+    prepared: PreparedRecording, columns: dict[str, np.ndarray]
 ) -> tuple[Finding, ...]:
-    """Return a note on moving detections in noise that depends on range."""
+    """Return a note on moving detections in noise that depends on range.
+
+    Their motion becomes unknown, since a threshold for this noise would not confirm it.
+    """
     radar = prepared.frames.radar
     chain = prepared.scenario.chain.fit_to_radar(radar)
     if chain.moving_targets is None or not np.any(columns["moving"] == 1):
@@ -248,7 +253,10 @@ def _find_noise_profile(
         cube.transpose(*CUBE_AXES).values[0] for cube in prepared.frames.first_and_middle_frame()
     )
     excess = noise_excess_of_ranges(frames, radar, moving_chain)
-    return noise_profile_findings(columns, excess, radar, moving_chain)
+    findings = noise_profile_findings(columns, excess, radar, moving_chain)
+    is_doubtful = doubtful_motion_mask(columns, excess, radar, moving_chain)
+    columns["moving"] = np.where(is_doubtful, np.nan, columns["moving"])
+    return findings
 
 
 def _find_images(

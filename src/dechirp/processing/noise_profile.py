@@ -74,28 +74,45 @@ def maps_of_rising_ramps(
             yield fill_unusable_cells_with_noise(power, map_radar, chain), map_radar
 
 
-def noise_profile_findings(
+def doubtful_motion_mask(
     columns: Mapping[str, np.ndarray], excess: np.ndarray, radar: Radar, chain: Chain
-) -> tuple[Finding, ...]:
-    """Return a note on moving detections that noise of their range may have caused.
+) -> np.ndarray:
+    """Return which moving detections the noise of their range may have caused, (n,).
 
     `columns` are those of `core.detection_columns`, `chain` that of the map without static echoes.
     """
     probability = chain.cfar.false_alarm_probability
     if probability is None or not (excess > 1).any():
-        return ()
-    chirp, window = radar.frame.chirp, chain.cfar.training_window
-    range_bins_m = chirp.range_bins_m(chain.range_transform(chirp).n_bins)
-    nearest = np.round(columns["range"] / (range_bins_m[1] - range_bins_m[0])).astype(int)
-    factor = excess[np.clip(nearest, 0, excess.size - 1)]
+        return np.zeros(len(columns["range"]), bool)
+    factor = _excess_of_detections(columns, excess, radar, chain)
+    window = chain.cfar.training_window
     n_channels = radar.n_summed_maps
     n_training = len(window.training_cell_offsets(window.half_range))
     ratio = scipy.special.fdtri(2 * n_channels, 2 * n_channels * n_training, 1 - probability)
     is_moving = columns["moving"] == 1
     # An SNR is the sum over the channels, relative to the noise of the training cells in one.
-    is_doubtful = (factor > 1) & is_moving & (columns["snr"] < n_channels * (ratio * factor - 1))
+    is_weak = columns["snr"] < n_channels * (ratio * factor - 1)
+    return np.asarray((factor > 1) & is_moving & is_weak)
+
+
+def _excess_of_detections(
+    columns: Mapping[str, np.ndarray], excess: np.ndarray, radar: Radar, chain: Chain
+) -> np.ndarray:
+    """Return the excess of the nearest range of each detection, (n,)."""
+    chirp = radar.frame.chirp
+    range_bins_m = chirp.range_bins_m(chain.range_transform(chirp).n_bins)
+    nearest = np.round(columns["range"] / (range_bins_m[1] - range_bins_m[0])).astype(int)
+    return np.asarray(excess[np.clip(nearest, 0, excess.size - 1)])
+
+
+def noise_profile_findings(
+    columns: Mapping[str, np.ndarray], excess: np.ndarray, radar: Radar, chain: Chain
+) -> tuple[Finding, ...]:
+    """Return a note on moving detections that noise of their range may have caused."""
+    is_doubtful = doubtful_motion_mask(columns, excess, radar, chain)
     if not is_doubtful.any():
         return ()
+    factor = _excess_of_detections(columns, excess, radar, chain)
     doubtful_m = columns["range"][is_doubtful]
     span = " to ".join(
         dict.fromkeys(format_number(m, 2) for m in (min(doubtful_m), max(doubtful_m)))
@@ -114,7 +131,8 @@ def noise_profile_findings(
             setting="chain.moving_targets",
             value=f"{format_count_with_noun(int(is_doubtful.sum()), 'moving detection')}"
             f" at {span} m may be false alarms: the noise there is up to"
-            f" {to_decibels(factor[is_doubtful].max()):.1f} dB higher than in the training cells",
+            f" {to_decibels(factor[is_doubtful].max()):.1f} dB higher than in the training cells;"
+            " whether they move counts as unknown",
             expected="noise as in the training cells at other ranges, without that of amplifiers"
             " at low beat frequencies or beside strong leakage; detections over a threshold for it",
             fix=fix,
