@@ -13,6 +13,8 @@ from foreign_arrays import (
     amplitude_decibels,
     beat_samples,
     both_halves_of_real_samples,
+    exchanged_axes_of_equal_length,
+    exchanged_map,
     fast_scene,
     missing_fftshift,
     missing_window,
@@ -96,6 +98,7 @@ def test_map_without_static_echoes_and_radar_tells_no_shift_sign_or_step():
     diagnosis = dc.diagnosis.diagnose_map(noise, np.arange(64) * 0.5, np.arange(-16, 16) * 0.1)
     assert not diagnosis.findings
     assert {note.setting for note in diagnosis.undetermined} == {
+        "axes",
         "range_m.scale",
         "velocity_m_per_s.scale",
         "fftshift",
@@ -220,6 +223,17 @@ def test_exchanged_axes_of_a_square_map_are_told_by_a_known_target():
         assert not dc.diagnosis.diagnose_map(power, *axes, **target).findings
         (finding,) = dc.diagnosis.diagnose_map(power.T, *axes, **target).findings
         assert (finding.setting, finding.fix) == ("axes", "transpose the map")
+
+
+@pytest.mark.parametrize(
+    ("make", "seed"), [(exchanged_axes_of_equal_length, 880_017), (exchanged_map, 880_059)]
+)
+def test_order_of_axes_without_static_echoes_is_listed_and_never_mistaken(make, seed):
+    """Either had no note on the axes, or a finding that the exchange explains as well."""
+    wrong = make(np.random.default_rng(seed))
+    diagnosis = wrong.function(*wrong.arguments, **wrong.options)
+    assert diagnosis.findings == ()
+    assert "axes" in {note.setting for note in diagnosis.undetermined}
 
 
 @pytest.mark.parametrize("power", [np.ones((16, 32)), np.eye(16, 32)[:, ::-1]])

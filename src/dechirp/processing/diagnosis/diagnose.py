@@ -129,6 +129,8 @@ def diagnose_samples(
         if mirror.findings:
             return mirror
         order = diagnose_iq_order(peaks, n_samples, 1)
+    if array.shape[-2] == array.shape[-1]:
+        order += _diagnose_unconfirmed_order(peaks, power.shape, zero_row, (1, 1))
     if target is None:
         if order.findings:  # velocities have the wrong sign with it
             return order
@@ -255,20 +257,18 @@ def diagnose_map(
     diagnosis += diagnose_window(leakages)
     is_windowed = tuple(axis in leakages and not leakages[axis].is_rectangular for axis in (0, 1))
     peaks = find_map_peaks(power, padding=padding, is_windowed=(is_windowed[0], is_windowed[1]))
-    if velocities is not None:
-        zero_row = int(np.argmin(abs(velocities)))
-        order = diagnose_axis_order(peaks, power.shape, zero_row, padding, content="map")
-        if order.findings or order.undetermined:  # all else depends on it
-            return order
+    order, is_order_told = _diagnose_order(peaks, power.shape, velocities, radar, padding)
+    if not is_order_told or (order.undetermined and _depends_on_axis_order(diagnosis, radar)):
+        return order  # all else depends on it
     return diagnosis + _diagnose_positions(
-        peaks, power.shape, ranges, velocities, radar, target, padding, diagnosis
+        peaks, power.shape, ranges, velocities, radar, target, padding, diagnosis, order
     )
 
 
 def _diagnose_exchanged_shape(power: np.ndarray, velocities: np.ndarray, frame: Frame) -> Diagnosis:
     """Judge the order of the axes of a map whose columns fit the chirps, and rows the samples."""
     padding = _exchanged_padding(power.shape, frame)
-    if padding is None:
+    if padding is None or _padding_of_ranges(power.shape[1], frame.chirp.n_samples):
         return NOTHING_FOUND
     leakages = [measure_leakage(power, axis, padding[axis]) for axis in (0, 1)]
     peaks = find_map_peaks(
@@ -289,11 +289,52 @@ def _diagnose_exchanged_shape(power: np.ndarray, velocities: np.ndarray, frame: 
     )
 
 
+def _diagnose_order(
+    peaks: MapPeaks,
+    shape: tuple[int, int],
+    velocities: np.ndarray | None,
+    radar: Radar | None,
+    padding: tuple[float, float],
+) -> tuple[Diagnosis, bool]:
+    """Judge the order of the axes, and return False if echoes contradict or blur it."""
+    if velocities is None:
+        return NOTHING_FOUND, True
+    zero_row = int(np.argmin(abs(velocities)))
+    order = diagnose_axis_order(peaks, shape, zero_row, padding, content="map")
+    if order.findings or order.undetermined:
+        return order, False
+    if radar is None or _exchanged_padding(shape, radar.frame.for_frame(0)):
+        order = _diagnose_unconfirmed_order(peaks, shape, zero_row, padding)
+    return order, True
+
+
+def _depends_on_axis_order(diagnosis: Diagnosis, radar: Radar | None) -> bool:
+    """Return whether steps or windows judged by a radar are reported, as exchanged axes have."""
+    return radar is not None and any(
+        finding.setting.startswith(("range_m.", "velocity_m_per_s.", "window"))
+        for finding in diagnosis.findings
+    )
+
+
+def _diagnose_unconfirmed_order(
+    peaks: MapPeaks, shape: tuple[int, int], zero_row: int, padding: tuple[float, float]
+) -> Diagnosis:
+    """List the order of axes that fit in both orders, unless static echoes confirm it."""
+    if has_static_row(peaks, shape, zero_row, padding):
+        return NOTHING_FOUND
+    return cannot_be_told(
+        "axes",
+        value="the shape fits both orders of the axes, and few echoes are static",
+        expected="static echoes at several ranges, or a known target",
+        fix="give a frame with walls or furniture, or the range and velocity of a target",
+    )
+
+
 def _exchanged_padding(shape: tuple[int, ...], frame: Frame) -> tuple[float, float] | None:
-    """Return the cells per resolution cell if only exchanged axes fit the radar, else None."""
+    """Return the cells per resolution cell if exchanged axes fit the radar, else None."""
     n_rows, n_columns = shape
     n_chirps, n_samples = frame.n_chirps, frame.chirp.n_samples
-    if n_columns % n_chirps or _padding_of_ranges(n_columns, n_samples):
+    if n_columns % n_chirps:
         return None
     padding = _padding_of_ranges(n_rows, n_samples)
     return (padding, n_columns / n_chirps) if padding else None
@@ -351,9 +392,13 @@ def _diagnose_positions(
     target: tuple[float, float | None] | None,
     padding: tuple[float, float],
     earlier: Diagnosis,
+    order: Diagnosis,
 ) -> Diagnosis:
-    """Judge the positions of the echoes of a map, unless its axes are wrong already."""
-    diagnosis = NOTHING_FOUND
+    """Judge the positions of the echoes of a map, unless its axes are wrong already.
+
+    `order` lists the order of the axes if only a known target can tell it.
+    """
+    diagnosis = order
     settings = {finding.setting for finding in earlier.findings}
     if velocities is not None:
         zero_row = int(np.argmin(abs(velocities)))
@@ -393,12 +438,9 @@ def _with_known_target(diagnosis: Diagnosis, by_target: Diagnosis) -> Diagnosis:
     """Return a diagnosis in which a known target has the last word on positions."""
     if by_target.undetermined:
         return diagnosis + by_target
-    findings = tuple(
-        finding for finding in diagnosis.findings if finding.setting not in ("iq", "fftshift")
-    )
-    undetermined = tuple(
-        note for note in diagnosis.undetermined if note.setting not in ("iq", "fftshift")
-    )
+    decided = ("axes", "iq", "fftshift")
+    findings = tuple(finding for finding in diagnosis.findings if finding.setting not in decided)
+    undetermined = tuple(note for note in diagnosis.undetermined if note.setting not in decided)
     return Diagnosis(findings=findings, undetermined=undetermined) + by_target
 
 
