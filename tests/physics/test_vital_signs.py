@@ -10,7 +10,13 @@ import xarray as xr
 import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.arc_fit import fit_arc
-from dechirp.processing.periodicity import find_line, slow_functions
+from dechirp.processing.periodicity import (
+    find_line,
+    join_bases,
+    rate_interval_hz,
+    sinusoids,
+    slow_functions,
+)
 from dechirp.processing.slow_time import displacement_spectrum, range_traces
 from dechirp.processing.vital_signs import VitalSigns, chest_displacement, measure_vital_signs
 from nightly import nightly, nightly_except
@@ -116,6 +122,37 @@ def test_intervals_cover_mean_rate_of_irregular_breathing(jitter):
     assert n_covered >= scipy.stats.binom.ppf(1e-3, n_trials, 0.95)
     # Student's quantile of three degrees of freedom is 3.2.
     assert np.median(half_widths_hz) < 4 * std_hz
+
+
+@pytest.mark.parametrize(("jitter", "noise_std"), [(0.0, 0.1), (0.03, 0.1), (0.005, 0.3)])
+def test_intervals_of_steady_and_irregular_hearts_beside_harmonics_of_breathing(jitter, noise_std):
+    """Neither too narrow for periods of independent length, nor far from the bound without them."""
+    times_s, duration_s, ratios, n_covered = TIMES_S - TIMES_S.mean(), np.ptp(TIMES_S), [], 0
+    for seed in range(80):
+        rng = np.random.default_rng(seed)
+        breathing_hz, heart_hz = rng.uniform(0.2, 0.35), rng.uniform(0.9, 1.8)
+        harmonics_hz = breathing_hz * np.arange(1, int(2.5 / breathing_hz) + 1)
+        half_hz = 1 / duration_s + 0.002
+        if np.min(abs(harmonics_hz - heart_hz)) < half_hz + 0.005:
+            continue  # not searched
+        ends_s = np.cumsum(1 + jitter * rng.normal(size=100)) / heart_hz
+        beats = np.interp(TIMES_S + ends_s[2] + rng.uniform() / heart_hz, ends_s, np.arange(100))
+        movement = np.sin(2 * np.pi * beats) + noise_std * rng.normal(size=400)
+        basis = join_bases(slow_functions(times_s, 0.05), sinusoids(times_s, harmonics_hz))
+        excluded_hz = tuple((rate - half_hz, rate + half_hz) for rate in harmonics_hz.tolist())
+        line = find_line(
+            movement[:, None], times_s, (0.8, 2.5), basis=basis, excluded_hz=excluded_hz
+        )
+        low_hz, high_hz = rate_interval_hz(line, 0.95)
+        mean_rate_hz = (beats[-1] - beats[0]) / duration_s
+        n_covered += low_hz <= mean_rate_hz <= high_hz
+        bound_hz = np.sqrt(24 / 400) * noise_std / (2 * np.pi * duration_s)
+        # Periods add D / (5 T) with D = jitter^2 heart_hz.
+        std_hz = np.hypot(bound_hz, jitter * np.sqrt(heart_hz / (5 * duration_s)))
+        ratios.append((high_hz - low_hz) / 2 / (1.96 * std_hz))
+    assert n_covered >= scipy.stats.binom.ppf(1e-3, len(ratios), 0.95)
+    # One to three functions: sqrt(1 + 0.66 (12.7 / 1.96)^2) = 5.4 with one, 2.3 with three.
+    assert np.median(ratios) < 5.4
 
 
 @nightly

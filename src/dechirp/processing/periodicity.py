@@ -44,10 +44,10 @@ squared order. Its expectation is D T S, with the power of a random walk in the 
 slow functions that describe the phase. R has (sum l)^2 / sum l^2 degrees of freedom for the terms l
 of S. The noise in R is not subtracted: intervals are rather too wide in noise.
 
-Intervals of a heart rate are too wide also without noise, because multiples of the breathing rate
-among its sidebands hide a part of its phase. In 20 s, that of a steady heart of a tenth of the
-breathing is 0.02 Hz to each side, up to 0.06 Hz beside strong harmonics of breathing. The rate
-itself has an error of 1e-4 Hz at an SNR of 30 dB, near the bound.
+Sidebands of a heart end at the nearest harmonic of breathing, without its resolution cell. Those
+beyond are hidden in part: with them, the interval of a steady heart was 16 to 260 times that of the
+Cramer-Rao bound. Two or three functions j are left. Noise of variance v in each phase adds about
+(pi j)^2 v / (5 T^2) to the variance of the rate, where the bound is 12 v / T^2.
 
 References
 ----------
@@ -56,10 +56,12 @@ IEEE Trans. IT 20(5), 1974 (complex tones; twice the noise for real ones). R. B.
 testing when a nuisance parameter is present only under the alternative, Biometrika 74(1), 1987.
 R. V. Baluev, Assessing the statistical significance of periodogram peaks, MNRAS 385, 2008.
 S. Vaughan, A simple test for periodic signals in red noise, Astronomy and Astrophysics 431, 2005.
-J. Geweke and S. Porter-Hudak, The estimation and application of long memory time series models,
-Journal of Time Series Analysis 4(4), 1983 (the exponent a). E. Rubiola, M. Lenczner,
-P.-Y. Bourgeois and F. Vernotte, The Omega counter, a frequency counter based on the linear
-regression, IEEE Trans. UFFC 63(7), 2016 (the parabola, and white noise of the frequency).
+S. K. Banerjee, On confidence interval for two-means problem based on separate estimates of
+variances and tabulated values of t-table, Sankhya A 23, 1961. J. Geweke and S. Porter-Hudak, The
+estimation and application of long memory time series models, Journal of Time Series Analysis 4(4),
+1983 (the exponent a). E. Rubiola, M. Lenczner, P.-Y. Bourgeois and F. Vernotte, The Omega counter,
+a frequency counter based on the linear regression, IEEE Trans. UFFC 63(7), 2016 (the parabola, and
+white noise of the frequency).
 """
 
 import math
@@ -107,16 +109,25 @@ class Line:
     """Strongest periodic part of a movement within a band."""
 
     frequency_hz: float
-    frequency_std_hz: float
-    """Of the mean rate, by noise and unequal periods."""
+    noise_std_hz: float
+    """Standard error of the mean rate by noise."""
+    n_noise_degrees: float
+    """Degrees of freedom of its estimate."""
     amplitude: float
     """Of the fundamental, of all components together."""
     harmonic_energies: tuple[float, ...]
     """Of the fundamental and its multiples."""
     false_alarm_probability: float
     """Probability that noise alone has a line of this significance somewhere in the band."""
-    n_degrees_of_freedom: float
-    """Of the estimate of the standard error."""
+    irregularity_std_hz: float = 0.0
+    """Standard error of the mean rate by unequal periods."""
+    n_irregularity_degrees: float = 1.0
+    """Degrees of freedom of its estimate."""
+
+    @property
+    def frequency_std_hz(self) -> float:
+        """Standard error of the mean rate, by noise and unequal periods."""
+        return math.hypot(self.noise_std_hz, self.irregularity_std_hz)
 
     @property
     def n_harmonics(self) -> int:
@@ -227,16 +238,13 @@ def find_line(
                 probability = min(line.false_alarm_probability, multiple.false_alarm_probability)
                 line = replace(multiple, false_alarm_probability=probability)
                 break
-    noise_hz2 = line.frequency_std_hz**2
     irregular_hz2, n_irregular = _rate_variance_of_irregularity(
-        remainder, times_s, line.frequency_hz, line.n_harmonics, basis
+        remainder, times_s, line.frequency_hz, line.n_harmonics, basis, excluded_hz
     )
     return replace(
         line,
-        frequency_std_hz=math.sqrt(noise_hz2 + irregular_hz2),
-        n_degrees_of_freedom=_degrees_of_freedom_of_sum(
-            (noise_hz2, line.n_degrees_of_freedom), (irregular_hz2, n_irregular)
-        ),
+        irregularity_std_hz=math.sqrt(irregular_hz2),
+        n_irregularity_degrees=n_irregular,
     )
 
 
@@ -304,9 +312,21 @@ def fit_noise_slope(
 
 
 def rate_interval_hz(line: Line, confidence: float) -> tuple[float, float]:
-    """Return the confidence interval of the frequency of a line, by Student's distribution."""
-    half_hz = line.frequency_std_hz * float(
-        scipy.stats.t.ppf((1 + confidence) / 2, line.n_degrees_of_freedom)
+    """Return the confidence interval of the frequency of a line, of at least that confidence.
+
+    Squares of the half widths by noise and by unequal periods add up, each with the quantile of its
+    own degrees of freedom (Banerjee, 1961). With those of the sum (Welch and Satterthwaite), 95 %
+    intervals of irregular hearts contained 88 %: one or two degrees of freedom are often far too
+    small by chance.
+    """
+    half_hz = math.hypot(
+        *(
+            std_hz * float(scipy.stats.t.ppf((1 + confidence) / 2, n_degrees))
+            for std_hz, n_degrees in (
+                (line.noise_std_hz, line.n_noise_degrees),
+                (line.irregularity_std_hz, line.n_irregularity_degrees),
+            )
+        )
     )
     return line.frequency_hz - half_hz, line.frequency_hz + half_hz
 
@@ -365,13 +385,11 @@ def _judge_line(
     noise = float(noise_for(np.array([exponent]))[0])
     return Line(
         frequency_hz=fit.frequency_hz,
-        frequency_std_hz=math.sqrt(
-            noise / fit.frequency_hz**exponent / max(fit.information, 1e-300)
-        ),
+        noise_std_hz=math.sqrt(noise / fit.frequency_hz**exponent / max(fit.information, 1e-300)),
         amplitude=fit.amplitude,
         harmonic_energies=tuple(fit.energies.tolist()),
         false_alarm_probability=min(n_choices * probability, 1.0),
-        n_degrees_of_freedom=2 * scale,
+        n_noise_degrees=2 * scale,
     )
 
 
@@ -381,14 +399,18 @@ def _rate_variance_of_irregularity(
     frequency_hz: float,
     n_harmonics: int,
     basis: np.ndarray,
+    excluded_hz: tuple[tuple[float, float], ...],
 ) -> tuple[float, float]:
     """Return the variance of a fitted rate by unequal periods, and its degrees of freedom.
 
-    R / (5 S T^2), of the phases of all harmonics with the sidebands up to half the rate.
+    R / (5 S T^2), of the phases of all harmonics with the sidebands up to half the rate, or to the
+    nearest excluded frequency.
     """
     duration_s = float(np.ptp(times_s))
+    to_excluded_hz = [max(low - frequency_hz, frequency_hz - high) for low, high in excluded_hz]
+    below_hz = min([frequency_hz / 2, *to_excluded_hz])
     # At least one function beyond a constant and a slope.
-    slow = slow_functions(times_s, max(frequency_hz / 2, 1.001 / duration_s))
+    slow = slow_functions(times_s, max(below_hz, 1.001 / duration_s))
     n_slow = slow.shape[1]
     orders = np.arange(1, n_harmonics + 1)
     squares, information = 0.0, 0.0
@@ -410,13 +432,6 @@ def _rate_variance_of_irregularity(
     terms = 1 / (np.pi * np.arange(2, n_slow)) ** 2
     variance_hz2 = squares / max(information, 1e-300) / (5 * terms.sum() * duration_s**2)
     return variance_hz2, float(terms.sum() ** 2 / np.sum(terms**2))
-
-
-def _degrees_of_freedom_of_sum(*variances: tuple[float, float]) -> float:
-    """Return the degrees of freedom of a sum of variances (Welch and Satterthwaite)."""
-    total = sum(variance for variance, _ in variances)
-    squares = sum(variance**2 / number for variance, number in variances)
-    return total**2 / squares if squares > 0 else variances[0][1]
 
 
 def _line_energies(
