@@ -122,6 +122,22 @@ def test_esr_list_returns_range_angle_and_rate_within_half_a_step(files, tmp_pat
     )
 
 
+@pytest.mark.parametrize(
+    ("dbc", "mapping"), [("toyota.dbc", "toyota-adas"), ("esr.dbc", "delphi-esr")]
+)
+def test_mapped_signals_of_any_bytes_are_those_of_cantools(files, dbc, mapping):
+    layout = read_vendor_layout(files[dbc], mapping)
+    rng = np.random.default_rng(1)
+    for identifier, decoder in layout.decoders.items():
+        for n_excess in (0, 2):
+            data = rng.bytes(decoder.length + n_excess)
+            codes = layout.messages[identifier].decode(
+                data, decode_choices=False, scaling=False, allow_excess=True
+            )
+            expected = {name: code for name, code in codes.items() if name in layout.codes}
+            assert decoder.decode_codes(data) == expected
+
+
 def test_signs_and_bits_agree_with_hand_made_messages(files):
     """A target 10 deg to the right at 50 m that approaches: bits placed by hand."""
     layout = read_vendor_layout(files["esr.dbc"], "delphi-esr")

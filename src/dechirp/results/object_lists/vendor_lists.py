@@ -56,23 +56,23 @@ def assemble_vendor_list(received_frames: Iterable[CanFrame], layout: VendorLayo
     """
     lists: list[_VendorList] = []
     n_short = 0
+    start = None if layout.start is None else message_identifier(layout.start)
+    number_signal, counter_signal = str(layout.mapping.number), str(layout.mapping.counter)
     for frame in received_frames:
         identifier = (frame.identifier, frame.extended)
-        if layout.start is not None and identifier == message_identifier(layout.start):
+        if identifier == start:
             lists.append(_VendorList(frame.time_s, None))
             continue
-        message = layout.messages.get(identifier)
-        if message is None:
+        decoder = layout.decoders.get(identifier)
+        if decoder is None:
             continue
-        if len(frame.data) < message.length:
+        if len(frame.data) < decoder.length:
             n_short += 1
             continue
-        codes = dict(
-            message.decode(frame.data, decode_choices=False, scaling=False, allow_excess=True)
-        )
-        mapping, slot = layout.mapping, layout.slots[identifier]
-        number = codes.get(str(mapping.number), 0) if slot is None else slot
-        counter = codes.get(str(mapping.counter))
+        codes = decoder.decode_codes(frame.data)
+        slot = layout.slots[identifier]
+        number = codes.get(number_signal, 0) if slot is None else slot
+        counter = codes.get(counter_signal)
         sent = (*identifier, number)
         if (
             not lists
