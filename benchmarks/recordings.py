@@ -9,6 +9,11 @@ text     Time to open and decode Calterah text of 23 MB with its radar, over the
          most 4. The same for slow time in CSV of 6 MB: over `numpy.fromstring`; at most 4.
 formats  The capture of 128 MiB in other formats, opened and decoded, over `numpy.fromfile` of the
          same bytes; at most 4 where the guide gives no limit. WAV files of 64 MiB have noise.
+sensors  Files of other programs. Over `numpy.fromfile` of the same bytes: a DCA1000 capture of
+         49 MB with its mmWave Studio JSON, 16 sweeps a frame of Acconeer (HDF5, 31 MB), and ROS 1
+         bags of a million points, 250 and 5,000 a message. Over `h5py`: Acconeer. Over the frames
+         alone with `python-can`: 50,000 objects of a Delphi ESR on CAN (BLF). The capture and the
+         DBC are those of the witness board and need `DECHIRP_WITNESS_DATA`.
 open     Time to open a capture of 4 GB and decode one frame, s; at most 0.3. A second figure is for
          a network capture (pcap) of 1 GB, which requires reading each packet.
 memory   Growth of the resident memory of a process that reads a capture, an .npy file or a network
@@ -21,6 +26,7 @@ Compiled code is cached. Ratios are medians of nine pairs, measured alternately 
 
 import json
 import os
+import shutil
 import struct
 import subprocess
 import sys
@@ -35,10 +41,17 @@ from time import perf_counter
 for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[pool] = "1"
 
+import can
+import h5py
 import numpy as np
+import xarray as xr
+from rosbags import rosbag1
+from rosbags.typesys import Stores, get_typestore
 
 import dechirp as dc
+from dechirp.results.object_lists.list_columns import build_object_list
 
+ACCONEER_ENTRY = "sessions/session_0/group_0/entry_0"
 N_RX, N_CHIRPS, N_SAMPLES = 4, 128, 256
 FRAME_BYTES = N_RX * N_CHIRPS * N_SAMPLES * 4
 CHIRP = dc.Chirp(
@@ -176,6 +189,117 @@ def measure_format_ratios(
     return ratios
 
 
+def measure_sensor_ratios(folder: Path, rng: np.random.Generator) -> dict[str, float]:
+    """Measure the readers of files that other programs record, over programs that read the same."""
+    acconeer = folder / "acconeer.h5"
+    write_acconeer(acconeer, rng)
+    bags = {n: folder / f"points_{n}.bag" for n in (250, 5000)}
+    for n_points, bag in bags.items():
+        write_ros1_bag(bag, n_points, 1_000_000 // n_points, rng)
+
+    def read_with_h5py() -> object:
+        with h5py.File(acconeer) as file:
+            return file[f"{ACCONEER_ENTRY}/result/frame"][()]
+
+    def read_acconeer() -> object:
+        return dc.slow_time_files.read_slow_time(acconeer)
+
+    ratios = {
+        "sensor_acconeer": measure_ratio(read_acconeer, lambda: np.fromfile(acconeer, np.uint8)),
+        "sensor_acconeer_over_h5py": measure_ratio(read_acconeer, read_with_h5py),
+    }
+    for n_points, bag in bags.items():
+        ratios[f"sensor_ros1_bag_{n_points}"] = measure_ratio(
+            lambda bag=bag: dc.open(bag).points, lambda bag=bag: np.fromfile(bag, np.uint8)
+        )
+    witnesses = os.environ.get("DECHIRP_WITNESS_DATA")
+    if witnesses is not None:
+        capture = copy_mmwave_studio_capture(Path(witnesses) / "iwr1843_reflectors", folder)
+        ratios["sensor_iwr1843_json"] = measure_ratio(
+            lambda: dc.open(capture).cube, lambda: np.fromfile(capture, np.int16)
+        )
+        log, vendor = folder / "esr.blf", {"mapping": "delphi-esr"}
+        vendor["dbc"] = str(Path(witnesses) / "car_dbc" / "ESR.dbc")
+        dc.object_lists.write_can_log(draw_objects(1000, 50, rng), log, **vendor)
+        ratios["sensor_vendor_can"] = measure_ratio(
+            lambda: dc.object_lists.read_can_log(log, **vendor), lambda: list(can.BLFReader(log))
+        )
+    return ratios
+
+
+def write_acconeer(file: Path, rng: np.random.Generator) -> None:
+    """Write frames of 16 sweeps as Acconeer's Exploration Tool does for an A121."""
+    frames = np.zeros((2000, 16, 240), [("real", "<i2"), ("imag", "<i2")])
+    for name in ("real", "imag"):
+        frames[name] = rng.integers(-2000, 2000, frames.shape)
+    subsweeps = [{"start_point": 100, "num_points": 240, "step_length": 1}]
+    with h5py.File(file, "w") as out:
+        out[f"{ACCONEER_ENTRY}/result/frame"] = frames
+        out[f"{ACCONEER_ENTRY}/result/tick"] = 50_000 * np.arange(len(frames))
+        out[f"{ACCONEER_ENTRY}/sensor_id"] = 1
+        out[f"{ACCONEER_ENTRY}/metadata"] = json.dumps({"base_step_length_m": 0.0025})
+        out["server_info"] = json.dumps({"ticks_per_second": 1_000_000})
+        out["sessions/session_0/session_config"] = json.dumps(
+            {"groups": [{"1": {"subsweeps": subsweeps}}]}
+        )
+
+
+def write_ros1_bag(file: Path, n_points: int, n_messages: int, rng: np.random.Generator) -> None:
+    """Write point clouds of five float32 fields."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types, kind = store.types, "sensor_msgs/msg/PointCloud2"
+    fields = [
+        types["sensor_msgs/msg/PointField"](name=name, offset=4 * n, datatype=7, count=1)
+        for n, name in enumerate(("x", "y", "z", "velocity", "snr"))
+    ]
+    with rosbag1.Writer(file) as bag:
+        connection = bag.add_connection("/radar", kind, typestore=store)
+        for number in range(n_messages):
+            points = rng.uniform(1, 40, (n_points, 5)).astype(np.float32)
+            stamp = types["builtin_interfaces/msg/Time"](sec=1600 + number, nanosec=0)
+            cloud = types[kind](
+                header=types["std_msgs/msg/Header"](seq=number, stamp=stamp, frame_id="front"),
+                height=1,
+                width=n_points,
+                fields=fields,
+                is_bigendian=False,
+                point_step=20,
+                row_step=points.nbytes,
+                data=points.view(np.uint8).ravel(),
+                is_dense=True,
+            )
+            bag.write(connection, (1600 + number) * 10**9, store.serialize_ros1(cloud, kind))
+
+
+def copy_mmwave_studio_capture(source: Path, folder: Path) -> Path:
+    """Repeat the frames of a capture with its mmWave Studio JSON a hundred times."""
+    capture = folder / "1_Raw_0.bin"
+    capture.write_bytes((source / capture.name).read_bytes() * 100)
+    shutil.copy(source / "chirp1.setup.json", folder)
+    text = (source / "chirp1.mmwave.json").read_text()
+    (folder / "chirp1.mmwave.json").write_text(
+        text.replace('"numFrames": 20,', '"numFrames": 2000,')
+    )
+    return capture
+
+
+def draw_objects(n_lists: int, n_objects: int, rng: np.random.Generator) -> xr.Dataset:
+    """Draw lists of objects with radial velocities, 50 ms apart."""
+    n_total, times_s = n_lists * n_objects, np.arange(n_lists) * 0.05
+    x_m, y_m = rng.uniform(5, 90, n_total), rng.uniform(-20, 20, n_total)
+    columns = {
+        "frame": np.repeat(np.arange(n_lists), n_objects),
+        "time": np.repeat(times_s, n_objects),
+        "number": np.tile(np.arange(1, n_objects + 1), n_lists),
+        "status": np.full(n_total, "confirmed"),
+        "x": x_m,
+        "y": y_m,
+        "vx": 0.2 * x_m,
+        "vy": 0.2 * y_m,
+    }
+    return build_object_list(columns, np.arange(n_lists), times_s)
+
+
 def write_network_capture(file: Path, n_bytes: int) -> None:
     """Write a pcap file of DCA1000 packets with zeros."""
     with file.open("wb") as out:
@@ -219,6 +343,7 @@ def main() -> None:
         )
         results |= measure_text_ratios(folder, rng)
         results |= measure_format_ratios(folder, capture, rng)
+        results |= measure_sensor_ratios(folder, rng)
         options = {"device": "xwr1642", "iq": "iq", "format": "dca1000"}
         with large.open("wb") as out:
             out.truncate(4000 * FRAME_BYTES * 2)  # 4.2 GB, sparse
