@@ -377,6 +377,12 @@ def test_missed_target_is_reported(run_cli):
     assert "Not detected: car, at 30.0 m" in out
 
 
+def test_statistical_option_names_itself_without_traffic(run_cli):
+    status, _, err = run_cli("run", "small.yaml", "--statistical")
+    assert status == 2
+    assert " ".join(err.split()).startswith("--statistical: given without traffic; expected a ")
+
+
 def test_quiet_option_prints_nothing(run_cli):
     assert run_cli("run", "small.yaml", "--quiet") == (0, "", "")
 

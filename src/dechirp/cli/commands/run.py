@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from dechirp.core.findings import Finding
     from dechirp.experiments.run import Result
     from dechirp.experiments.run_radars import Kind
+    from dechirp.experiments.scenario import Scenario
 
 
 def run(
@@ -105,7 +106,7 @@ def run(
         traffic={} if ego is None else {"ego": ego},
         mounts=mount or (),
     )
-    kind: Kind = "statistical" if statistical else "samples"
+    kind = _choose_kind(scenario, is_statistical=statistical)
     if scenario.radars:
         given = {
             "--vital-signs": vital_signs,
@@ -158,6 +159,20 @@ def run(
     elif not quiet:
         print_run_results(result, out, objects or ())
     return 0
+
+
+def _choose_kind(scenario: "Scenario", *, is_statistical: bool) -> "Kind":
+    """Return the kind of detections; raise `InvalidSetting` for --statistical without traffic."""
+    from dechirp.core.errors import InvalidSetting
+
+    if is_statistical and scenario.traffic is None:
+        raise InvalidSetting(
+            "--statistical",
+            value="given without traffic",
+            expected="a traffic file, or a scenario with traffic",
+            fix="leave it out",
+        )
+    return "statistical" if is_statistical else "samples"
 
 
 def _check_samples_are_kept(*, is_live: bool, vital_signs: bool) -> None:
