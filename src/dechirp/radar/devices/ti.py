@@ -97,6 +97,7 @@ class Xwr1443(Device):
     """
 
     name: str = "xWR1443BOOST"
+    """Board in messages: AWR1243BOOST for a chip of that name."""
     tx_m = half_wavelength_grid_positions_m((0, 2, 4), (0, 1, 0), design_hz=DESIGN_77_HZ)
     rx_m = half_wavelength_grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
     lvds_lanes = 4
