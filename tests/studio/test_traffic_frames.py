@@ -1,10 +1,16 @@
 """Frames of traffic in the studio."""
 
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
+from bokeh.document import Document
+from bokeh.models import Column
 
 import dechirp as dc
 from dechirp.studio.frame_player import FramePlayer
+from dechirp.studio.page import build_live_page
 from dechirp.studio.scenario_edits import PageLimits, apply_overrides
 
 TRACE = """time,id,class,x,y,heading,length,width,height
@@ -40,6 +46,18 @@ def test_steps_show_the_frames_of_a_run_and_repeat(scenario):
         expected_m = 20 - 2.25 + 2 * state.time_s
         assert offsets_m[0] == pytest.approx(expected_m, abs=1e-6)
         assert state.truth["range"].item() == pytest.approx(np.linalg.norm(offsets_m), abs=1e-9)
+
+
+def test_page_of_traffic_has_no_empty_layout(scenario):
+    document = Document()
+
+    async def build_page():
+        build_live_page(document, worker=worker, scenario=scenario, limits=PageLimits())
+
+    with ThreadPoolExecutor(1) as worker:
+        asyncio.run(build_page())
+    columns = list(document.select({"type": Column}))
+    assert columns and all(column.children for column in columns)
 
 
 def test_page_cannot_name_files_outside_its_folders(scenario):

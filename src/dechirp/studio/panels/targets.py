@@ -37,7 +37,6 @@ class Targets(Panel):
     def __init__(self, session: Session) -> None:
         super().__init__(session)
         self._rows: list[_TargetRow] = []
-        self._list = Column(sizing_mode="stretch_width", spacing=0)
         self._add = Button(label="Add a target", sizing_mode="stretch_width", margin=(6, 0, 6, 0))
         self._add.on_click(
             lambda: self._queue_edit_within_limits("add a target", add_target_beyond_farthest)
@@ -53,12 +52,7 @@ class Targets(Panel):
         self._form = KnobForm(
             session.scenario, _noise_and_frame_setting_paths, make_setting_changer(session)
         )
-        self._root = Column(
-            name=self.name,
-            children=[self._noise, self._form.root_element, self._list, self._add],
-            sizing_mode="stretch_width",
-            spacing=0,
-        )
+        self._root = Column(name=self.name, sizing_mode="stretch_width", spacing=0)
         session.on_settings.append(self._show_targets_and_noise)
         session.on_mistakes.append(self._form.show_mistakes)
         self._show_targets_and_noise(session.scenario)
@@ -72,7 +66,7 @@ class Targets(Panel):
 
     def _show_targets_and_noise(self, scenario: Scenario) -> None:
         scene = scenario.scene
-        for part in (self._add, self._noise, self._list):
+        for part in (self._add, self._noise):
             part.visible = scene is not None
         self._form.show_settings_of(scenario)
         self._noise.value = _noise_kind_of_scenario(scenario)
@@ -82,8 +76,10 @@ class Targets(Panel):
         for row in self._rows[: len(targets)]:
             row.show_settings_of(scenario)
         roots = [row.root_element for row in self._rows[: len(targets)]]
-        if self._list.children != roots:
-            self._list.children = roots
+        # No column of the rows alone: Bokeh warns of one that is empty, as in traffic.
+        children = [self._noise, self._form.root_element, *roots, self._add]
+        if self._root.children != children:
+            self._root.children = children
 
     def _apply_noise_choice(self, noise: str) -> None:
         if noise != _noise_kind_of_scenario(self.session.scenario):
