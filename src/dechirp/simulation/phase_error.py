@@ -56,10 +56,13 @@ the other has the frequency of the sample rate."""
 # loops.
 _BLOCK_SAMPLES = 2**17
 # Samples beyond those that the fastest error needs, for the crossfade of echoes into a copy.
-_CROSSFADE_SAMPLES = 10
+_CROSSFADE_SAMPLES = 16
 # Samples of the crossfade from the end of the phase error to its beginning: of an echo 18 bins from
 # an end of the band it spreads -65 dB over that end with 12 samples, -91 dB with 32.
 _PHASE_CROSSFADE_SAMPLES = 32
+# Length of the transforms in windows of samples. The ends of the passed band are as wide as a bin
+# of the transforms, and steep noise beside them is 1 dB off with bins of half a cell (2.5: 0.6 dB).
+_BAND_END_WINDOWS = 3.5
 
 
 def slow_ramp_finding(radar: Radar) -> Finding | None:
@@ -95,8 +98,8 @@ class DelaySpread(NamedTuple):
     n_kept: int
     n_fft: int
     """Length of the transforms: samples of the echoes, and padding that joins their ends."""
-    first_passed_bin: int
-    """Lowest of the `n_fft` successive bins that the receiver passes, from the middle echo."""
+    first_passed_bin: float
+    """Lower end of the `n_fft` bins that the receiver passes, from the middle echo."""
 
     @property
     def n_echo_samples(self) -> int:
@@ -114,9 +117,12 @@ class DelaySpread(NamedTuple):
         return min(_CROSSFADE_SAMPLES, self.n_before)
 
     @property
-    def first_sample_of_periodic_copy(self) -> int:
-        """Return the sample of the echoes with which the copy after the last one begins."""
-        return max((self.n_echo_samples - self.n_padding_samples) // 2, self.n_crossfade_samples)
+    def copy_lengths(self) -> list[int]:
+        """Return the lengths of the copies of the middle of the echoes that fill the padding."""
+        longest = max(self.n_echo_samples - 4 * self.n_crossfade_samples, 1)
+        n_copies = math.ceil(self.n_padding_samples / longest)
+        ends = np.rint(np.linspace(0, self.n_padding_samples, n_copies + 1)).astype(int)
+        return np.diff(ends).tolist()
 
     @property
     def n_early_phases(self) -> int:
@@ -169,7 +175,8 @@ def find_delay_spread(
     # A jump where the ends are joined has frequencies that need echoes beyond the margin.
     n_taper = math.ceil(min(8 * echo_distance / margin, max_margin) + _PHASE_CROSSFADE_SAMPLES)
     n_wide = window.n_times + 2 * margin
-    n_around = scipy.fft.next_fast_len(n_wide + math.ceil(latest_s * rate_hz) + 1 + n_taper)
+    n_joined = n_wide + math.ceil(latest_s * rate_hz) + 1 + n_taper
+    n_around = scipy.fft.next_fast_len(max(n_joined, math.ceil(_BAND_END_WINDOWS * window.n_times)))
     # The first echo, often the strongest with the least residual noise, lies on a bin: it wraps
     # round without a jump.
     bin_apart = echo_distance / n_around
@@ -177,10 +184,10 @@ def find_delay_spread(
     lowest_hz = _lowest_passed_frequency_hz(
         slope * earliest_s, slope * latest_s, _max_doppler_hz(reflecting, radar), radar
     )
-    first_passed_bin = math.ceil((lowest_hz / rate_hz - middle / echo_distance) * n_around)
+    first_passed_bin = (lowest_hz / rate_hz - middle / echo_distance) * n_around
     return DelaySpread(
         earliest, middle, latest_s * rate_hz, margin, margin, window.n_times, n_around,
-        min(max(first_passed_bin, -n_around), 0),
+        min(max(first_passed_bin, -n_around + 0.5), -0.5),
     )  # fmt: skip
 
 
@@ -189,16 +196,17 @@ def _lowest_passed_frequency_hz(
 ) -> float:
     """Return the lower end of the band, as wide as the sample rate, that the receiver passes.
 
-    Complex samples: from 0, where half a bin below it belongs to the first range cell; real ones:
-    half the sample rate on either side of 0. Echoes at the ends of the band, or beyond, move it so
-    that each keeps the slow errors of its own frequency.
+    Complex samples: from 0; real ones: half the sample rate on either side of 0. Echoes within a
+    cell of the ends of the band, or beyond, move it by whole cells so that each keeps the slow
+    errors of its own frequency.
     """
     chirp = radar.frame.chirp
     bin_hz = chirp.sample_rate_hz / chirp.n_samples
     own_hz = max_doppler_hz + bin_hz
-    lowest_hz = -bin_hz / 2 if chirp.sampling == "complex" else -chirp.sample_rate_hz / 2
-    lowest_hz = min(lowest_hz, first_beat_hz - own_hz)
-    return max(lowest_hz, last_beat_hz + own_hz - chirp.sample_rate_hz)
+    lowest_hz = 0.0 if chirp.sampling == "complex" else -chirp.sample_rate_hz / 2
+    lowest_hz = min(lowest_hz, math.floor((first_beat_hz - own_hz) / bin_hz) * bin_hz)
+    highest_needed_hz = math.ceil((last_beat_hz + own_hz) / bin_hz) * bin_hz
+    return max(lowest_hz, highest_needed_hz - chirp.sample_rate_hz)
 
 
 def apply_phase_error(
@@ -282,8 +290,8 @@ class _DeskewFilter(NamedTuple):
     """(n_fine,): Q, and the middle delay."""
     downmixer: np.ndarray
     """(n_echo_samples,): shift to the middle of the band of the echoes."""
-    copy_phasor: complex
-    """Phase of the copy of the echoes with which the first echo continues without a jump."""
+    cycles_per_sample: float
+    """Frequency of the first echo after the downmixer: its copies continue it without a jump."""
     echo_crossfade: np.ndarray
     """(n_crossfade,): weights of the copy of the echoes after their end, rising."""
     phase_crossfade: np.ndarray
@@ -299,16 +307,11 @@ def _make_deskew_filter(
     q = frequency**2 / (2 * slope)
     error_response = _cycles_to_phasors(q - frequency * delays.mid_delay)
     downmixer = _cycles_to_phasors(-slope * delays.mid_delay * np.arange(delays.n_echo_samples))
-    copy_phasor = _cycles_to_phasors(
-        slope
-        * (delays.first_delay - delays.mid_delay)
-        * (delays.n_echo_samples - delays.first_sample_of_periodic_copy)
-    )
     return _DeskewFilter(
         _cycles_to_phasors(q).astype(dtype),
         error_response.astype(dtype),
         downmixer.astype(dtype),
-        complex(copy_phasor),
+        slope * (delays.first_delay - delays.mid_delay),
         _rising_taper(delays.n_crossfade_samples, 4.0).astype(downmixer.astype(dtype).real.dtype),
         _rising_taper(delays.n_faded_phases, 8.0),
     )
@@ -355,24 +358,24 @@ def _phasors(phase_rad: np.ndarray, dtype: np.dtype[np.complexfloating]) -> np.n
 def _extend_echoes_periodically(
     echo: np.ndarray, delays: DelaySpread, deskew: _DeskewFilter
 ) -> np.ndarray:
-    """Mix echoes down, and join their end to their beginning through a copy of their middle.
+    """Mix echoes down, and join their end to their beginning through copies of their middle.
 
-    The copy has the same frequencies and therefore the same delays. There is no jump that would
-    ring,
-    and an error that needs echoes from beyond the end finds their power.
+    Copies have the same frequencies and therefore the same delays. There is no jump that would
+    ring, and an error that needs echoes from beyond the end finds their power.
     """
     n, n_crossfade = delays.n_echo_samples, delays.n_crossfade_samples
     extended = np.empty((*echo.shape[:-1], delays.n_fft), echo.dtype)
     np.multiply(echo, deskew.downmixer, out=extended[..., :n])
-    indices = (
-        delays.first_sample_of_periodic_copy
-        - n_crossfade
-        + np.arange(delays.n_padding_samples + 2 * n_crossfade)
-    )
-    copy = extended[..., indices % n] * echo.dtype.type(deskew.copy_phasor)
-    extended[..., n:] = copy[..., n_crossfade:-n_crossfade]
-    end, beginning = extended[..., n - n_crossfade : n], extended[..., :n_crossfade]
-    end += deskew.echo_crossfade * (copy[..., :n_crossfade] - end)
+    position, copy = n, extended[..., :0]
+    for length in delays.copy_lengths:
+        source = (n - length) // 2 - n_crossfade
+        phasor = _cycles_to_phasors(deskew.cycles_per_sample * (position - n_crossfade - source))
+        copy = extended[..., source : source + length + 2 * n_crossfade] * echo.dtype.type(phasor)
+        end = extended[..., position - n_crossfade : position]
+        end += deskew.echo_crossfade * (copy[..., :n_crossfade] - end)
+        extended[..., position : position + length] = copy[..., n_crossfade:-n_crossfade]
+        position += length
+    beginning = extended[..., :n_crossfade]
     beginning += deskew.echo_crossfade[::-1] * (copy[..., -n_crossfade:] - beginning)
     return extended
 
@@ -420,13 +423,25 @@ def _select_passed_bins(
 ) -> np.ndarray:
     """Return the bins of a spectrum that the receiver passes, in the order of a transform.
 
-    Echoes alias onto them from all other bins, as they were sampled: jumps where their ends are
-    joined have all frequencies.
+    An end of the band within a bin passes a share of its power, and the rest of the alias at the
+    other end. Echoes alias onto the bins from all other bins, as they were sampled: jumps where
+    their ends are joined have all frequencies.
     """
-    n, n_above = delays.n_fft, delays.n_fft + delays.first_passed_bin
+    n, n_fine = delays.n_fft, fine_spectrum.shape[-1]
+    cut_bin = math.ceil(delays.first_passed_bin - 0.5)
+    n_above = n + cut_bin + 1
     passed = np.empty_like(echo_spectrum)
     passed[..., :n_above] = fine_spectrum[..., :n_above]
     passed[..., n_above:] = fine_spectrum[..., n + n_above :]
     first, last = sorted((n - n // 2, n_above))
     passed[..., first:last] += echo_spectrum[..., first:last]
+    index = cut_bin % n
+    share = cut_bin + 0.5 - delays.first_passed_bin
+    lower, upper = math.sqrt(share), math.sqrt(1 - share)
+    echo_weight = lower if index - n * (index >= n - n // 2) == cut_bin else upper
+    passed[..., index] = (
+        lower * fine_spectrum[..., cut_bin % n_fine]
+        + upper * fine_spectrum[..., cut_bin + n]
+        + (1 - echo_weight) * echo_spectrum[..., index]
+    )
     return passed
