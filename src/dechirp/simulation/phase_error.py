@@ -16,10 +16,12 @@ later. The Doppler frequency counts as the delay f_D / S, as in range-Doppler co
 The receiver passes a band as wide as the sample rate: complex samples beats from 0 to it, real ones
 from minus to plus half of it. An error that moves power from one end of this band to the other has
 the frequency of the sample rate, so errors are made at twice that rate, and what they move out of
-the band is left out before the samples are taken; otherwise it would alias into it.
+the band is left out before the samples are taken; otherwise it would alias into it. The ends of the
+band are as steep as transforms of 3.3 windows can be: at the other end of a map, phase noise beside
+an echo near an end is within 0.4 dB of that of ends without width.
 
 A frequency f_n of the error needs the echo f_n / S away in time. Echoes are therefore summed over
-more samples than are kept: on each side as many as fs needs plus 10, at most a quarter of the
+more samples than are kept: on each side as many as fs needs plus 16, at most a quarter of the
 window. Against a sum echo by echo of all lines that are passed, the result errs by 1e-3 of the
 power of the phase noise at the ends of the window and 1e-4 inside it, by 5e-3 and 5e-4 if echoes
 fill 90 % of the sample rate; by 3e-5 and 1e-5 for one echo. Nearly all of this is in the cells at
@@ -61,8 +63,8 @@ _CROSSFADE_SAMPLES = 16
 # an end of the band it spreads -65 dB over that end with 12 samples, -91 dB with 32.
 _PHASE_CROSSFADE_SAMPLES = 32
 # Length of the transforms in windows of samples. The ends of the passed band are as wide as a bin
-# of the transforms, and steep noise beside them is 1 dB off with bins of half a cell (2.5: 0.6 dB).
-_BAND_END_WINDOWS = 3.5
+# of the transforms, and steep noise beside them is 1 dB off with bins of half a cell.
+_BAND_END_WINDOWS = 3.3
 
 
 def slow_ramp_finding(radar: Radar) -> Finding | None:
@@ -176,19 +178,49 @@ def find_delay_spread(
     n_taper = math.ceil(min(8 * echo_distance / margin, max_margin) + _PHASE_CROSSFADE_SAMPLES)
     n_wide = window.n_times + 2 * margin
     n_joined = n_wide + math.ceil(latest_s * rate_hz) + 1 + n_taper
-    n_around = scipy.fft.next_fast_len(max(n_joined, math.ceil(_BAND_END_WINDOWS * window.n_times)))
+    lowest_hz = _lowest_passed_frequency_hz(
+        slope * earliest_s, slope * latest_s, _max_doppler_hz(reflecting, radar), radar
+    )
+    n_around = _choose_transform_length(
+        max(n_joined, math.ceil(_BAND_END_WINDOWS * window.n_times)),
+        lowest_hz / rate_hz - earliest / echo_distance,
+        nearer_lower_end=slope * (earliest_s + latest_s) < 2 * lowest_hz + rate_hz,
+    )
     # The first echo, often the strongest with the least residual noise, lies on a bin: it wraps
     # round without a jump.
     bin_apart = echo_distance / n_around
     middle = earliest + round(half_delay / bin_apart) * bin_apart
-    lowest_hz = _lowest_passed_frequency_hz(
-        slope * earliest_s, slope * latest_s, _max_doppler_hz(reflecting, radar), radar
-    )
     first_passed_bin = (lowest_hz / rate_hz - middle / echo_distance) * n_around
     return DelaySpread(
         earliest, middle, latest_s * rate_hz, margin, margin, window.n_times, n_around,
         min(max(first_passed_bin, -n_around + 0.5), -0.5),
     )  # fmt: skip
+
+
+def _choose_transform_length(
+    shortest: int, lowest_passed: float, *, nearer_lower_end: bool
+) -> int:
+    """Return a fast length that puts the ends of the passed band off the middle of a bin.
+
+    A bin that an end cuts passes a share of its power. Steep noise beside an echo two cells away
+    is 1 dB too strong beyond an end in the middle of a bin, 0.5 dB too weak beyond one between
+    bins, and 0.3 dB off if four fifths of the bin are within the band. The end that is nearer to
+    the echoes counts.
+
+    Parameters
+    ----------
+    shortest
+        Shortest length; up to an eighth more is tried.
+    lowest_passed
+        Lower end of the band from the first echo, which lies on a bin; relative to the sample rate.
+    nearer_lower_end
+        Whether the lower end is nearer to the echoes than the upper one.
+    """
+    lengths = [scipy.fft.next_fast_len(shortest)]
+    while (length := scipy.fft.next_fast_len(lengths[-1] + 1)) <= 1.125 * shortest:
+        lengths.append(length)
+    shares = (0.5 - np.array(lengths) * lowest_passed) % 1
+    return lengths[int(np.argmin(np.abs(shares - (0.8 if nearer_lower_end else 0.2))))]
 
 
 def _lowest_passed_frequency_hz(

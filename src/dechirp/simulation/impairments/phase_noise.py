@@ -42,8 +42,12 @@ class PhaseNoise(Oscillator):
     Cells of a map of N chirps scatter by 4.3 / sqrt(N) dB.
 
     Frames are independent. The process has offsets from 0 to the sample rate, so that the skirt of
-    an echo at one end of the band of beats extends to the other; what the receiver does not pass is
-    left out (`phase_error.py`). Chirps begin at the half sample nearest to their start.
+    an echo at one end of the band of beats extends to the other. The receiver passes beats from 0
+    to the sample rate, or of real samples up to half of it on either side of 0; noise beyond is
+    left out. An echo within a cell of an end moves this band by whole cells, until a whole cell
+    beside the echo passes. The cells at one end of a map contain sidelobes of the noise at the
+    other: theory needs the main lobe and the sidelobes of the window over the passed band. Then
+    every cell of the map is within 0.5 dB. Chirps begin at the half sample nearest to their start.
 
     References
     ----------
