@@ -197,9 +197,7 @@ def find_delay_spread(
     )  # fmt: skip
 
 
-def _choose_transform_length(
-    shortest: int, lowest_passed: float, *, nearer_lower_end: bool
-) -> int:
+def _choose_transform_length(shortest: int, lowest_passed: float, *, nearer_lower_end: bool) -> int:
     """Return a fast length that puts the ends of the passed band off the middle of a bin.
 
     A bin that an end cuts passes a share of its power. Steep noise beside an echo two cells away

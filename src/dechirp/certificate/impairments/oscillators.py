@@ -36,6 +36,9 @@ _MASK_HZ = (1e5, 1e6, 3e6)
 _MASK_DB = (-90.0, -96.0, -110.0)
 # Far from the middle of the band: its skirt reaches beyond half the sample rate.
 _NOISY_RANGE_M = 65.0
+# In the last 2 % of the map, whose first cells contain sidelobes of the noise beside the echo.
+_LAST_RANGE_M = 73.5
+_FIRST_CELLS = ((0, 2), (3, 8), (9, 40))
 _BANDS_HZ = ((-8.4e6, -5.2e6), (-4.6e6, -3.2e6), (-2.8e6, -1.4e6), (-1.2e6, -4e5), (4e5, 1.2e6))
 
 
@@ -44,26 +47,49 @@ def _phase_noise_mask_per_hz(offset_hz: np.ndarray) -> np.ndarray:
     return from_decibels(np.interp(np.log(offset_hz), np.log(_MASK_HZ), _MASK_DB))
 
 
+def _expected_density(range_m: float, n_points: int = 32) -> np.ndarray:
+    """Integrate the skirt of an echo over the passed band, weighted by the window of each cell.
+
+    Cells at either end contain noise of the other end, as far as their main lobes and sidelobes
+    extend.
+    """
+    weights = np.hanning(N_SAMPLES + 1)[:-1]
+    samples, beats = np.arange(N_SAMPLES), np.arange(N_SAMPLES) * RATE_HZ / N_SAMPLES
+    density = np.zeros(N_SAMPLES)
+    for fraction in (np.arange(n_points) + 0.5) / n_points:
+        offset_hz = beats + fraction * RATE_HZ / N_SAMPLES - beat_frequency_hz(range_m)
+        skirt = _phase_noise_mask_per_hz(abs(offset_hz))
+        skirt *= 4 * np.sin(np.pi * offset_hz * round_trip_delay_s(range_m)) ** 2
+        line = weights * np.exp(2j * np.pi * fraction * samples / N_SAMPLES)
+        lobe = abs(np.fft.fft(line)) ** 2
+        density += np.fft.ifft(np.fft.fft(lobe) * np.fft.fft(skirt)).real
+    return density / (n_points * N_SAMPLES * np.sum(weights**2))
+
+
 def _measure_phase_noise_density(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the noise density in bands of the beat spectrum, relative to the echo, in 1 Hz."""
-    radar, scene = impairment_radar(256), equal_power_stationary_scene(_NOISY_RANGE_M)
     noise = PhaseNoise(
         offset_hz=_MASK_HZ, level_per_hz=tuple(float(from_decibels(level)) for level in _MASK_DB)
     )
-    echo = simulate_samples(scene, radar=radar)[0, :, 0]
-    noisy_echo = simulate_samples(scene, noise, radar=radar, rng=rng)[0, :, 0]
-    weights = np.hanning(N_SAMPLES + 1)[:-1]
-    density = np.mean(abs(np.fft.fft((noisy_echo - echo) * weights)) ** 2, axis=0)
-    density /= RATE_HZ * np.sum(weights**2) * mean_power_w(echo)
+    radar, weights = impairment_radar(256), np.hanning(N_SAMPLES + 1)[:-1]
+
+    def measure_and_expect(range_m: float) -> np.ndarray:
+        scene = equal_power_stationary_scene(range_m)
+        echo = simulate_samples(scene, radar=radar)[0, :, 0]
+        noisy_echo = simulate_samples(scene, noise, radar=radar, rng=rng)[0, :, 0]
+        density = np.mean(abs(np.fft.fft((noisy_echo - echo) * weights)) ** 2, axis=0)
+        density /= RATE_HZ * np.sum(weights**2) * mean_power_w(echo)
+        return np.stack([density, _expected_density(range_m)])
+
     offset_hz = np.arange(N_SAMPLES) * RATE_HZ / N_SAMPLES - beat_frequency_hz(_NOISY_RANGE_M)
-    results = []
-    for low_hz, high_hz in _BANDS_HZ:
-        band = (offset_hz >= low_hz) & (offset_hz < high_hz)
-        delay_s = round_trip_delay_s(_NOISY_RANGE_M)
-        residual_factor = 4 * np.sin(np.pi * offset_hz[band] * delay_s) ** 2
-        formula = np.mean(_phase_noise_mask_per_hz(abs(offset_hz[band])) * residual_factor)
-        results.append((float(to_decibels(density[band].mean())), float(to_decibels(formula))))
-    return results
+    densities = measure_and_expect(_NOISY_RANGE_M)
+    bands = [
+        densities[:, (offset_hz >= low_hz) & (offset_hz < high_hz)] for low_hz, high_hz in _BANDS_HZ
+    ]
+    densities = measure_and_expect(_LAST_RANGE_M)
+    bands += [densities[:, first : last + 1] for first, last in _FIRST_CELLS]
+    levels_db = [to_decibels(band.mean(axis=1)) for band in bands]
+    return [(float(measured), float(formula)) for measured, formula in levels_db]
 
 
 _GAIN_CHANGE, _LOOP_HZ = -0.4, 0.5e6
@@ -141,7 +167,8 @@ def _measure_range_drift_by_slope_drift(rng: np.random.Generator) -> Sequence[Me
 MEASUREMENTS = (
     Measurement(
         kind="phase-noise",
-        claim="The phase-noise density beside an echo is the oscillator mask times 4 sin²(π f τ).",
+        claim="The phase-noise density beside an echo is the oscillator mask times 4 sin²(π f τ),"
+        " averaged over the window of the map.",
         quantities=tuple(
             Quantity(
                 name=f"density in 1 Hz, {min(abs(low), abs(high)) / 1e6:.1f} to"
@@ -152,6 +179,15 @@ MEASUREMENTS = (
                 tolerance=0.25,
             )
             for low, high in _BANDS_HZ
+        )
+        + tuple(
+            Quantity(
+                name=f"density in 1 Hz, range cells {first} to {last}, of an echo at"
+                f" {_LAST_RANGE_M} m in the last 2 % of the map",
+                unit="dB",
+                tolerance=0.5,
+            )
+            for first, last in _FIRST_CELLS
         ),
         measure=_measure_phase_noise_density,
         n_trials=32,
