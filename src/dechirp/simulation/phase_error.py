@@ -342,7 +342,7 @@ def _make_deskew_filter(
         error_response.astype(dtype),
         downmixer.astype(dtype),
         slope * (delays.first_delay - delays.mid_delay),
-        _rising_taper(delays.n_crossfade_samples, 4.0).astype(downmixer.astype(dtype).real.dtype),
+        _rising_taper(delays.n_crossfade_samples, 6.0).astype(downmixer.astype(dtype).real.dtype),
         _rising_taper(delays.n_faded_phases, 8.0),
     )
 
