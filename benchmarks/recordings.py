@@ -214,7 +214,9 @@ def measure_sensor_ratios(folder: Path, rng: np.random.Generator) -> dict[str, f
         )
     witnesses = os.environ.get("DECHIRP_WITNESS_DATA")
     if witnesses is not None:
-        capture = copy_mmwave_studio_capture(Path(witnesses) / "iwr1843_reflectors", folder)
+        captured = folder / "iwr1843"  # alone: settings are searched beside a capture
+        captured.mkdir()
+        capture = copy_mmwave_studio_capture(Path(witnesses) / "iwr1843_reflectors", captured)
         ratios["sensor_iwr1843_json"] = measure_ratio(
             lambda: dc.open(capture).cube, lambda: np.fromfile(capture, np.int16)
         )
