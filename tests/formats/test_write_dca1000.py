@@ -620,3 +620,27 @@ def test_round_trip_keeps_texts_and_nan_of_table(capture_path):
 
     assert list(table.label.values) == ["car", "a van"]
     assert struct.pack("<2d", *table.rcs.values) == struct.pack("<2d", 1.0, np.nan)
+
+
+def test_frames_decoded_at_once_are_those_decoded_one_by_one(tmp_path):
+    chirp = dc.Chirp(
+        start_frequency_hz=77e9,
+        slope_hz_per_s=30e12,
+        ramp_duration_s=30e-6,
+        sample_rate_hz=10e6,
+        n_samples=16,
+        sampling="complex",
+    )
+    radar = dc.Radar(
+        frame=dc.Frame(chirp=chirp, n_chirps=4, interval_s=40e-6),
+        array=dc.Array(rx_m=((0, 0, 0), (0, 0.002, 0))),
+    )
+    words = np.random.default_rng(1).integers(-2000, 2000, 7 * 4 * 2 * 16 * 2, dtype=np.int16)
+    words.tofile(tmp_path / "adc.bin")
+    options = {"radar": radar, "device": "xwr1642", "iq": "iq", "format": "dca1000"}
+    recording = dc.open(tmp_path / "adc.bin", **options)
+    second = dc.open(tmp_path / "adc.bin", frames=(2, 6), **options).select_receivers([1])
+    assert recording.contents.decode_frames is not None
+    one_by_one = np.concatenate([frame.values for frame in recording.frames()])
+    assert np.array_equal(recording.cube.values, one_by_one)
+    assert np.array_equal(second.cube.values, one_by_one[2:6, :, [1]])

@@ -208,7 +208,14 @@ def repair_recording(recording: Recording, treatment: FaultTreatment) -> Recordi
         )
 
     # Interpolated samples are no integers of the converter, and equal times need no alignment.
-    contents = replace(used.contents, decode=decode, scale=None, start_offsets=None, tones=None)
+    contents = replace(
+        used.contents,
+        decode=decode,
+        decode_frames=None,
+        scale=None,
+        start_offsets=None,
+        tones=None,
+    )
     return replace(used, contents=contents)
 
 

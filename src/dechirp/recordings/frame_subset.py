@@ -37,6 +37,7 @@ def renumber_frames_from_zero(recording: Recording) -> Recording:
         radar=None if radar is None else _rotate_frame_intervals(radar, first),
         n_frames=n_frames,
         decode=None if decode is None else decode_later,
+        decode_frames=None,
         gaps=None if contents.gaps is None else contents.gaps[first : first + n_frames],
         start_offsets=None
         if contents.start_offsets is None

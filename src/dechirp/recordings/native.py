@@ -118,6 +118,7 @@ def read_native_contents(
     return replace(
         contents,
         decode=scaled,
+        decode_frames=None,
         units=description.units,
         gaps=lost_chirp_mask(path, gaps, contents),
         frame_starts_s=measured_frame_starts_s(frame_starts_s, contents),

@@ -110,7 +110,8 @@ class Recording(Displayable):
             out[:] = samples[:, list(receivers)]
 
         radar = self.radar.select_receivers(receivers)
-        return replace(self, contents=replace(contents, radar=radar, decode=decode))
+        selected = replace(contents, radar=radar, decode=decode, decode_frames=None)
+        return replace(self, contents=selected)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -204,8 +205,15 @@ class Recording(Displayable):
             fix="read it frame by frame (frames() in Python), or fewer frames",
         )
         samples = np.empty(shape, dtype)
-        for index, number in enumerate(self.frame_numbers):
-            self._decode_frame(number, samples[index])
+        decode_frames = self.contents.decode_frames
+        if decode_frames is None:
+            for index, number in enumerate(self.frame_numbers):
+                self._decode_frame(number, samples[index])
+        elif len(samples):
+            try:
+                decode_frames(self.frame_numbers.start, samples)
+            except OSError as error:
+                raise unreadable_path_error(self.path, error) from None
         return self._label_samples_as_cube(samples, self.frame_numbers)
 
     @property

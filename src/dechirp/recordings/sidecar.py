@@ -89,6 +89,7 @@ class Sidecar:
         return replace(
             raw_contents,
             decode=_make_scaled_decoder(raw_contents.decode, self.scale * 2**15),
+            decode_frames=None,
             units=self.description.units,
             # A truncated file has fewer frames.
             gaps=lost_chirp_mask(

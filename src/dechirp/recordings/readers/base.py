@@ -63,6 +63,10 @@ class Contents:
     n_frames: int
     decode: Callable[[int, np.ndarray], None] | None = field(default=None, repr=False)
     """Function that fills (chirp, rx, sample), complex64 or float32, with one frame."""
+    decode_frames: Callable[[int, np.ndarray], None] | None = field(default=None, repr=False)
+    """Function that fills (frame, chirp, rx, sample) with consecutive frames, from the first on;
+    None: `decode` alone. Frames of 50 kB take three times as long one by one.
+    """
     units: Units = "1"
     """Units of the samples; "1" means that full scale is 1."""
     gaps: np.ndarray | None = field(default=None, repr=False)

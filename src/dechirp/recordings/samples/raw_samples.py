@@ -91,6 +91,7 @@ def interpret_raw_samples(
         radar=best.radar,
         n_frames=best.n_frames,
         decode=best.decode_frame,
+        decode_frames=best.decode_frames if best.has_whole_frames else None,
         gaps=best.lost_chirp_mask(),
         findings=findings,
         scale=best.code.step_relative_to_full_scale,
@@ -185,7 +186,7 @@ class _Interpretation:
         return samples.reshape(-1, *shape[2:])
 
     def decode_frame(self, frame_index: int, out: np.ndarray) -> None:
-        """Fill (chirp, rx, sample) with one frame."""
+        """Fill (chirp, rx, sample) with one frame, or with whole frames from this one on."""
         size = self.bytes_per_chirp
         start = self.first_frame_byte_offset + frame_index * self.bytes_per_frame
         per_block = max(1, _BLOCK_BYTES // size)
@@ -195,6 +196,15 @@ class _Interpretation:
             chirp_bytes = block[: len(part)]
             self.stream.read(start + first * size, chirp_bytes.reshape(-1))
             self.layout.decode(chirp_bytes.view("<i2"), part, self.code)
+
+    @property
+    def has_whole_frames(self) -> bool:
+        """Return whether the chirps of a frame follow those of the frame before, in all bytes."""
+        return self.bytes_per_frame == self.bytes_per_chirp * self.radar.frame.n_chirps_total
+
+    def decode_frames(self, first_frame: int, out: np.ndarray) -> None:
+        """Fill (frame, chirp, rx, sample) with consecutive whole frames."""
+        self.decode_frame(first_frame, out.reshape(-1, *out.shape[2:]))
 
     def lost_chirp_mask(self) -> np.ndarray | None:
         """Return (frame, chirp), True where bytes of the chirp were lost; None without losses."""
