@@ -517,6 +517,24 @@ def test_standard_terminal_shows_all_measured_columns(radar, moving):
     assert ("Moving" in headings) == (moving == (0, 1))
 
 
+@pytest.mark.parametrize(("at_most", "last"), [(3, "Moving"), (4, "frame")])
+def test_standard_terminal_shows_motion_before_frame_in_selection(radar, at_most, last):
+    scene = dc.Scene(targets=[make_target(-20, 3)])
+    result = dc.run(dc.Scenario(radar=radar, scene=scene, n_frames=2))
+    rows = result.detections.isel(detection=[0, 0, 0, 0])
+    rows["range"] = ("detection", np.array([20.0, 30.0, 40.0, 50.0]))
+    for name in ("azimuth", "elevation"):
+        rows[name] = ("detection", np.radians([-16.72, 8.17, 8.17, 8.17]))
+        rows[f"{name}_std"] = ("detection", np.radians([0.22, 0.22, 0.22, 0.22]))
+    rows["moving"] = ("detection", np.array([1.0, 0.0, 0.0, 0.0]))
+    result = replace(result, detections=rows, truth=None)
+
+    table = strongest_detections_table(result, at_most=at_most, width=80)
+
+    headings = {column.header for column in table.columns}
+    assert headings & {"frame", "Moving"} == {last}
+
+
 @pytest.mark.parametrize(
     ("moving", "counts"),
     [

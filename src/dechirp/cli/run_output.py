@@ -53,7 +53,8 @@ def strongest_detections_table(result: Result, *, at_most: int, width: int) -> T
         columns = _detection_table_cells(result, strongest, is_rounded=True)
         if len(set(columns.get("moving", ()))) == 1:
             del columns["moving"]
-    for name in _FIRST_DROPPED:
+    # In a selection from many frames, which echoes move says more than the frame.
+    for name in ("frame", *_FIRST_DROPPED) if n_shown < n_all else _FIRST_DROPPED:
         if _table_width(columns) > width:
             columns.pop(name, None)
     if EN_DASH in columns.get("moving", ()):
