@@ -1,6 +1,7 @@
 """Echoes hidden beside a strong one, compared with those that the detector finds."""
 
 import re
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,11 @@ import pytest
 
 import dechirp as dc
 from dechirp.processing.cfar.base import Cells
-from dechirp.processing.hidden_echoes import hidden_echo_findings, hidden_levels
+from dechirp.processing.hidden_echoes import (
+    hidden_echo_findings,
+    hidden_levels,
+    unsearched_echo_findings,
+)
 from physics.test_sidelobe_rejection import STATIC_CFAR, make_radar, simulate_tones
 
 N_TRIALS = 12
@@ -131,3 +136,77 @@ def test_weak_echoes_give_no_finding():
         snr_db=45,
     )
     assert hidden_echo_findings(*make_map_and_threshold(cube, radar, chain), radar, chain) == ()
+
+
+REAL_CHIRP = dc.Chirp(
+    start_frequency_hz=77e9, slope_hz_per_s=20e12, adc_start_s=3e-6, ramp_duration_s=18e-6,
+    sample_rate_hz=20e6, n_samples=256, sampling="real",
+)  # fmt: skip
+REAL_RADAR = dc.Radar(
+    frame=dc.Frame(chirp=REAL_CHIRP, n_chirps=64, interval_s=25e-6),
+    array=dc.Array(rx_m=[(0, 1.95e-3 * k, 0) for k in range(4)]),
+    hardware=dc.Hardware(transmit_power_w=0.1, antenna_gain=300.0, noise_factor=10.0),
+)
+
+
+def run_with_target(range_cells, velocity_m_per_s, *, chain=dc.Chain(), rcs_m2=30.0):  # noqa: B008
+    """Return the warnings of a run about unsearched cells, and ranges of detections in cells."""
+    cell_m = REAL_CHIRP.range_resolution_m
+    target = dc.Target(
+        position_m=(range_cells * cell_m, 0, 0),
+        velocity_m_per_s=(velocity_m_per_s, 0, 0),
+        rcs_m2=rcs_m2,
+    )
+    scenario = dc.Scenario(radar=REAL_RADAR, scene=dc.Scene(targets=[target]), chain=chain)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", dc.PhysicsWarning)
+        result = dc.run(scenario)
+    findings = [
+        finding
+        for finding in result.findings
+        if finding.level == "warning" and "is not detected" in finding.value
+    ]
+    return findings, result.detections.range.values / cell_m
+
+
+@pytest.mark.parametrize("velocity_m_per_s", [0.0, 3.7, -12.0])
+@pytest.mark.parametrize("range_cells", [126.6, 127.0, 127.4, 127.8])
+def test_echo_at_half_the_sample_rate_is_named(range_cells, velocity_m_per_s):
+    (finding,), ranges = run_with_target(range_cells, velocity_m_per_s)
+
+    assert not ranges.size
+    pattern = r"about (\S+) m with a radial speed of (\S+) m/s"
+    range_m, velocity = re.search(pattern, finding.value).groups()
+    cell_m = REAL_CHIRP.range_resolution_m
+    # A static echo and its image, less than a main lobe apart, have one peak beside both.
+    assert float(range_m) == pytest.approx(range_cells * cell_m, abs=cell_m)
+    resolution = REAL_RADAR.frame.velocity_resolution_m_per_s
+    assert float(velocity) == pytest.approx(abs(velocity_m_per_s), abs=0.6 * resolution)
+    assert finding.expected == f"echoes nearer than {126.5 * cell_m:.4g} m"
+
+
+@pytest.mark.parametrize("velocity_m_per_s", [0.0, 3.7, -12.0])
+@pytest.mark.parametrize("range_cells", [60.3, 120.0, 125.5, 126.4])
+def test_detected_echo_and_its_image_are_not_named_as_unsearched(range_cells, velocity_m_per_s):
+    findings, ranges = run_with_target(range_cells, velocity_m_per_s)
+
+    assert not findings
+    assert ranges == pytest.approx([range_cells], abs=0.05)
+
+
+def test_echo_beyond_the_largest_range_of_the_chain_is_not_named_as_unsearched():
+    chain = dc.Chain(max_range_m=70.0)
+
+    assert run_with_target(127.0, 3.7, chain=chain)[0] == []
+
+
+def test_noise_at_half_the_sample_rate_is_not_named_as_echo():
+    # 1 + rho times the threshold bounds the probability of each of 64 x 2 cells by 1e-6; at 1e-4,
+    # 30 maps have 0.4 false alarms at most, and 9 or more with a probability below 1e-9.
+    chain = dc.Chain(cfar=replace(dc.Chain.cfar, false_alarm_probability=1e-4))
+    n_named = 0
+    for seed in range(30):
+        cube = dc.simulate(dc.Scene(), REAL_RADAR, seed=seed)
+        maps = make_map_and_threshold(cube, REAL_RADAR, chain)
+        n_named += len(unsearched_echo_findings(*maps, REAL_RADAR, chain))
+    assert n_named < 9

@@ -49,7 +49,7 @@ from dechirp.processing.chain import Chain
 from dechirp.processing.chain_findings import chain_findings
 from dechirp.processing.channel_errors import channel_error_findings
 from dechirp.processing.detect import FrameProcessor
-from dechirp.processing.hidden_echoes import hidden_echo_findings
+from dechirp.processing.hidden_echoes import hidden_echo_findings, unsearched_echo_findings
 from dechirp.processing.leakage import leakage_mask
 from dechirp.processing.mitigation.apply import mitigation_findings
 from dechirp.processing.peaks import MAX_PEAKS
@@ -379,6 +379,7 @@ def build_result(
             *fitted_chain_findings(scenario.chain, radar),
             *detection_findings(detection_run, radar, chain),
             *hidden_echo_findings(power, threshold, radar.for_frame(first), chain),
+            *unsearched_echo_findings(power, threshold, radar.for_frame(first), chain),
             *objects.findings,
         ),
         times_s=tuple(detection_run.frames.times_s),

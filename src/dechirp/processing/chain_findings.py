@@ -92,7 +92,8 @@ def chain_findings(radar: Radar, chain: Chain) -> list[Finding]:
                 value=f"real samples: the map is searched from {searched_m[0]:.4g} to"
                 f" {searched_m[1]:.4g} m, without {rows.start} and {n_rows - rows.stop} rows",
                 expected="noise independent of its mirror image, for false alarms as designed",
-                fix="nothing is to be done; echoes up to a resolution cell outside are found",
+                fix="sample faster for targets farther away; those up to half a cell outside are"
+                " found",
             )
         )
     if chain.angle is not None and can_resolve_directions(radar):

@@ -1,4 +1,6 @@
-"""Echoes hidden beside a strong one: below its sidelobes, or below the thresholds it raises.
+"""Echoes hidden beside a strong one, or at half the sample rate of real samples.
+
+A strong echo hides others below its sidelobes, or below the thresholds it raises.
 
 `peaks.reject_sidelobes` keeps a peak if its amplitude exceeds that of the strong echo's sidelobe,
 A s(d) at d cells, and the root of its threshold T together. So an echo at d cells is hidden if its
@@ -8,6 +10,10 @@ power relative to that of the strong echo is below
 
 T is the threshold of the map itself: training cells that contain the strong echo raise it. Of 250
 simulated echoes 8 dB below L none was found, 8 dB above it 237, and 16 dB above it 248.
+
+Rows about half the sample rate of real samples are not searched: noise there is correlated with its
+own conjugate by rho <= 1, so that (1 + rho) T bounds its false alarms. With the mirror image beside
+it, the range of a static echo depends on the phases of both.
 """
 
 import numpy as np
@@ -20,6 +26,7 @@ from dechirp.processing.cfar_along_velocity import cfar_along_velocity, training
 from dechirp.processing.chain import Chain
 from dechirp.processing.leakage import zero_range_main_lobe_m
 from dechirp.processing.peaks import sidelobe_envelope
+from dechirp.processing.spectrum import rows_with_circular_noise
 from dechirp.radar.radar import Radar
 
 # Levels of hidden echoes relative to the strong one.
@@ -29,6 +36,8 @@ _LEVELS_DB = (-20, -40, -60)
 _MIN_MARGIN = 4.0
 # A finding is due where echoes of this level are hidden: weaker masking is usual.
 _NOTED_LEVEL_DB = -40
+# 1 + rho of real noise. Then no more than the designed false alarms are reported as echoes.
+_REAL_NOISE_FACTOR = 2.0
 
 
 def hidden_levels(
@@ -117,5 +126,47 @@ def hidden_echo_findings(
             f" ({range_m[1] - range_m[0]:.3g} m each)",
             expected="weaker echoes farther away, or of another velocity",
             fix=" and ".join(remedies) or "more bandwidth separates the echoes",
+        ),
+    )
+
+
+def unsearched_echo_findings(
+    power: xr.DataArray, threshold: xr.DataArray, radar: Radar, chain: Chain
+) -> tuple[Finding, ...]:
+    """Return a warning about the strongest echo in the rows about half the sample rate.
+
+    Of real samples, these rows are not searched for targets. `power` and `threshold` are labelled
+    maps over velocity and range. Echoes beyond the largest range of the chain do not count.
+    """
+    if radar.frame.chirp.sampling != "real":
+        return ()
+    values, limits = (array.transpose("velocity", "range").values for array in (power, threshold))
+    end = rows_with_circular_noise(radar.frame.chirp, chain.range_transform(radar.frame.chirp)).stop
+    range_m, velocity_m_per_s = power["range"].values, power["velocity"].values
+    largest_m = np.inf if chain.max_range_m is None else chain.max_range_m
+    if not 0 < end < len(range_m) or range_m[end] > largest_m:
+        return ()
+    searched, unsearched = values[:, end - 1], values[:, end:].max(axis=1)
+    # An echo in the last searched row has its image in the other rows, at minus its velocity.
+    mirrored = searched[(2 * (len(searched) // 2) - np.arange(len(searched))) % len(searched)]
+    beside = [np.roll(row, shift) for row in (searched, mirrored) for shift in (-1, 0, 1)]
+    is_echo = unsearched > np.maximum(
+        _REAL_NOISE_FACTOR * limits[:, end - 1], np.max(beside, axis=0)
+    )
+    if not is_echo.any():
+        return ()
+    row = int(np.where(is_echo, unsearched, 0).argmax())
+    column = end + int(values[row, end:].argmax())
+    margin_db = to_decibels(unsearched[row] / limits[row, end - 1])
+    return (
+        Finding(
+            level="warning",
+            setting="radar.frame.chirp.sampling",
+            value=f"an echo {margin_db:.0f} dB over the threshold at about {range_m[column]:.4g} m"
+            f" with a radial speed of {abs(velocity_m_per_s[row]):.3g} m/s is not detected: real"
+            f" samples are not searched beyond {range_m[end - 1]:.4g} m, where echoes overlap"
+            " with their mirror images",
+            expected=f"echoes nearer than {(range_m[end - 1] + range_m[end]) / 2:.4g} m",
+            fix="sample faster, or lower the slope",
         ),
     )

@@ -27,7 +27,7 @@ from dechirp.processing.chain import Chain
 from dechirp.processing.detect import process_cubes
 from dechirp.processing.direction_finding import can_resolve_directions, checked_direction_aperture
 from dechirp.processing.frame import FrameResult
-from dechirp.processing.hidden_echoes import hidden_echo_findings
+from dechirp.processing.hidden_echoes import hidden_echo_findings, unsearched_echo_findings
 from dechirp.processing.range_doppler_map import threshold_map
 from dechirp.radar.radar import Radar
 from dechirp.studio.cursor import Cursor, cursor_at_followed_detection
@@ -292,7 +292,10 @@ class _PreparedScenario:
         power = label_frame_power_map(power_values, cube, number, self.frames.radar, self.chain)
         if self._hidden_echo_findings is None:
             threshold = threshold_map(power, radar, self.chain)
-            self._hidden_echo_findings = hidden_echo_findings(power, threshold, radar, self.chain)
+            self._hidden_echo_findings = (
+                *hidden_echo_findings(power, threshold, radar, self.chain),
+                *unsearched_echo_findings(power, threshold, radar, self.chain),
+            )
         grouped = estimate_ego_motion_and_clusters(detections, self._scenario, self.frames.radar)
         peak = cursor_at_followed_detection(
             power, detections, radar, self._followed if self.history.frames else None
