@@ -208,5 +208,19 @@ def test_noise_at_half_the_sample_rate_is_not_named_as_echo():
     for seed in range(30):
         cube = dc.simulate(dc.Scene(), REAL_RADAR, seed=seed)
         maps = make_map_and_threshold(cube, REAL_RADAR, chain)
-        n_named += len(unsearched_echo_findings(*maps, REAL_RADAR, chain))
+        n_named += len(unsearched_echo_findings(*maps, REAL_RADAR, chain, is_recorded=False))
     assert n_named < 9
+
+
+def test_static_peak_at_half_the_sample_rate_of_a_recording_may_be_a_spur():
+    samples = np.random.default_rng(1).normal(size=(1, 64, 4, 256)) + (-1.0) ** np.arange(256)
+    cube = dc.simulate(dc.Scene(), REAL_RADAR).copy(data=samples.astype(np.float32))
+    maps = make_map_and_threshold(cube, REAL_RADAR, dc.Chain())
+
+    findings = [
+        unsearched_echo_findings(*maps, REAL_RADAR, dc.Chain(), is_recorded=is_recorded)
+        for is_recorded in (False, True)
+    ]
+
+    assert [finding.level for (finding,) in findings] == ["warning", "note"]
+    assert "an echo or a spur of the converter, " in findings[1][0].value

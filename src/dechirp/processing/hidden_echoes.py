@@ -131,12 +131,13 @@ def hidden_echo_findings(
 
 
 def unsearched_echo_findings(
-    power: xr.DataArray, threshold: xr.DataArray, radar: Radar, chain: Chain
+    power: xr.DataArray, threshold: xr.DataArray, radar: Radar, chain: Chain, *, is_recorded: bool
 ) -> tuple[Finding, ...]:
-    """Return a warning about the strongest echo in the rows about half the sample rate.
+    """Return a finding on the strongest echo in the rows about half the sample rate.
 
     Of real samples, these rows are not searched for targets. `power` and `threshold` are labelled
-    maps over velocity and range. Echoes beyond the largest range of the chain do not count.
+    maps over velocity and range. Echoes beyond the largest range of the chain do not count. A
+    warning for a simulated frame; a note for a recorded one, in which converters leave spurs there.
     """
     if radar.frame.chirp.sampling != "real":
         return ()
@@ -158,14 +159,15 @@ def unsearched_echo_findings(
     row = int(np.where(is_echo, unsearched, 0).argmax())
     column = end + int(values[row, end:].argmax())
     margin_db = to_decibels(unsearched[row] / limits[row, end - 1])
+    source = "an echo or a spur of the converter" if is_recorded else "an echo"
     return (
         Finding(
-            level="warning",
+            level="note" if is_recorded else "warning",
             setting="radar.frame.chirp.sampling",
-            value=f"an echo {margin_db:.0f} dB over the threshold at about {range_m[column]:.4g} m"
-            f" with a radial speed of {abs(velocity_m_per_s[row]):.3g} m/s is not detected: real"
-            f" samples are not searched beyond {range_m[end - 1]:.4g} m, where echoes overlap"
-            " with their mirror images",
+            value=f"{source}, {margin_db:.0f} dB over the threshold at about"
+            f" {range_m[column]:.4g} m with a radial speed of {abs(velocity_m_per_s[row]):.3g} m/s,"
+            f" is not detected: real samples are not searched beyond {range_m[end - 1]:.4g} m,"
+            " where echoes overlap with their mirror images",
             expected=f"echoes nearer than {(range_m[end - 1] + range_m[end]) / 2:.4g} m",
             fix="sample faster, or lower the slope",
         ),

@@ -294,7 +294,13 @@ class _PreparedScenario:
             threshold = threshold_map(power, radar, self.chain)
             self._hidden_echo_findings = (
                 *hidden_echo_findings(power, threshold, radar, self.chain),
-                *unsearched_echo_findings(power, threshold, radar, self.chain),
+                *unsearched_echo_findings(
+                    power,
+                    threshold,
+                    radar,
+                    self.chain,
+                    is_recorded=self._scenario.recording is not None,
+                ),
             )
         grouped = estimate_ego_motion_and_clusters(detections, self._scenario, self.frames.radar)
         peak = cursor_at_followed_detection(
