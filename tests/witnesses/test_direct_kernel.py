@@ -56,6 +56,25 @@ def test_any_motion_and_array_matches_fifty_digits(case):
         assert abs(echoes[m, k, n] - exact) <= MAX_RELATIVE_ERROR * size
 
 
+@pytest.mark.parametrize("range_m", [1500.0, 5000.0])
+def test_error_grows_by_one_part_in_1e12_per_metre_of_range(range_m):
+    # Three roundings by 2^-53 at most (range, delay, cycles) of 2 f R / c cycles: 5.4e-9 at 5 km.
+    limit = 3 * 2 * np.pi * (2 * 77.2e9 * range_m / SPEED_OF_LIGHT) * 2.0**-53
+    errors = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        transmission, n_samples = make_transmission("short", rng)
+        scatterers = make_scatterers(
+            transmission, rng, n=1, ranges_m=(0.97 * range_m, range_m), speed_m_per_s=40
+        )
+        echoes = simulate_echoes(scatterers, transmission, n_samples)
+        for m, k, n in iter_cells(echoes.shape, rng, 12):
+            exact, size = sum_echoes_in_fifty_digits(scatterers, transmission, m, k, n)
+            errors.append(float(abs(echoes[m, k, n] - exact) / size))
+
+    assert limit / 4 < max(errors) <= limit
+
+
 def make_tail_scene(rng):
     """Make echoes from 10 m to 1.3 km of 8 us ramps every 9 us, some silent and some late."""
     transmission, _ = make_transmission("short", rng, n_tx=2, n_rx=2, n_chirps=5)

@@ -80,7 +80,7 @@ def simulate(
         Real sampling yields the real type of that precision. Unless the engine sets another
         tolerance, echoes are accurate to 1e-5 of their root mean square in single precision, and
         within 1e-9 of a computation with 50 digits in double up to 500 m. Beyond, the rounding of
-        the range counts: 2e-9 at 5 km and 77 GHz.
+        the range counts: 5e-9 at 5 km and 77 GHz.
     engine : Engine, optional
         Summation method, and treatment of late echoes.
     progress : callable, optional
