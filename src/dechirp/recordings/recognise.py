@@ -35,6 +35,8 @@ from dechirp.recordings.settings.read import holds_settings, read_radar
 from dechirp.recordings.slow_time_files import read_slow_time
 
 # Files of a folder that are looked at, to find the recordings among them; each takes 2 to 5 ms.
+# Characters of a fix that the error of a folder repeats: examples of a radar take 300 and more.
+_MAX_QUOTED_FIX_LENGTH = 120
 _MAX_TRIED_FILES = 256
 # Samples of a chirp, or chirps, below which an array with two axes is a table.
 _MIN_CHIRP_VALUES = 8
@@ -408,7 +410,7 @@ def _first_readable_recording(
         value=f"a folder with {len(candidates)} recordings:"
         f" {join_names(file.name for file in candidates)}",
         expected="a recording that can be read as given",
-        fix=_command_for_recording(example),
+        fix=_command_for_recording(example, errors[example]),
     )
 
 
@@ -417,12 +419,18 @@ def _natural_order(file: Path) -> str:
     return re.sub(r"\d+", lambda digits: digits[0].zfill(20), file.name)
 
 
-def _command_for_recording(recording: Path) -> str:
-    """Return the command for one recording of several, whose error names what it needs beside."""
+def _command_for_recording(recording: Path, error: DechirpError) -> str:
+    """Return the command for one recording of several, and what it needs beside, if that is short.
+
+    Its own error says the rest.
+    """
     advice = f"give one of them: dechirp run {shlex.quote(str(recording))}"
-    if recording.is_file() and _slow_time_error(recording) is not None:
+    if recording.is_dir():
+        return advice
+    if _slow_time_error(recording) is not None:
         return f"{advice} --vital-signs"
-    return advice
+    fix = error.mistakes[0].fix
+    return f"{advice}; for this one, {fix}" if len(fix) <= _MAX_QUOTED_FIX_LENGTH else advice
 
 
 def _is_table(file: Path) -> bool:
