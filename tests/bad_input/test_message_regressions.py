@@ -59,6 +59,18 @@ def test_abbreviation_of_an_argument_suggests_its_name(call, wrong, suggested):
         call()
 
 
+def test_class_in_place_of_its_instance_is_named():
+    with pytest.raises(dc.InvalidSetting) as error:
+        dc.cfar.cfar_threshold([[1.0]], 1, 0, 1e-3, dc.cfar.OrderedStatistic)
+    message = "kind: the class OrderedStatistic; expected str or NoiseEstimator; write"
+    assert str(error.value).replace("\n", " ").startswith(message + " OrderedStatistic(...)")
+
+
+def test_misspelt_criterion_for_the_number_of_sources_is_answered_with_its_names():
+    with pytest.raises(dc.InvalidSetting, match=r"n_sources: 'mdll'; expected .* mdl or aic"):
+        dc.angle.music([[1.0, 1.0, 1.0]], [0.0, 0.5, 1.0], "mdll")
+
+
 def test_rate_of_a_single_count_asks_for_blocks():
     with pytest.raises(dc.InvalidSetting, match="counts: .* two or more blocks of equal exposure"):
         dc.theory.rate_interval(3, 1e6, confidence=0.9)

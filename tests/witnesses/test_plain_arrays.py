@@ -232,6 +232,18 @@ def test_thresholds_along_axes_equal_those_of_single_spectra_and_maps():
             )
 
 
+def test_pairs_of_cells_may_be_arrays():
+    power = np.random.default_rng(8).exponential(size=(16, 32))
+    pairs = [cells((2, 4)) for cells in (tuple, list, np.array)]
+    thresholds = [dc.cfar.cfar_threshold(power, pair, np.array([0, 1]), 1e-3) for pair in pairs]
+    for threshold in thresholds:
+        np.testing.assert_array_equal(threshold, thresholds[0])
+    padded = dc.maps.range_doppler_map(power, n_bins=np.array([32, 64]))
+    np.testing.assert_array_equal(padded, dc.maps.range_doppler_map(power, n_bins=(32, 64)))
+    with pytest.raises(dc.InvalidSetting, match="n_guard: .* one value for a single axis"):
+        dc.cfar.cfar_threshold(power, 4, np.array([1, 2]), 1e-3, axis=-1)
+
+
 @pytest.mark.parametrize("kind", ["cell-averaging", "ordered-statistic", "smallest-of"])
 def test_false_alarm_rate_of_spectrum_is_its_design_value_at_edges(kind):
     rng, n_trials, pfa = np.random.default_rng(3), 400, 0.02

@@ -54,10 +54,7 @@ def check_argument_types(function: Callable[P, R]) -> Callable[P, R]:
                 raise _argument_error(name, argument, "missing", classes_by_argument())
         for argument, classes in classes_by_argument().items():
             if argument in arguments and not isinstance(arguments[argument], classes):
-                value = arguments[argument]
-                is_path = isinstance(value, str | Path)
-                text = repr(str(value)) if is_path else f"a {type(value).__name__}"
-                raise _argument_error(name, argument, text, classes_by_argument(), is_path=is_path)
+                raise _type_error(name, argument, arguments[argument], classes_by_argument())
         converted: Any = [as_python_number(value) for value in args]
         options: Any = {key: as_python_number(value) for key, value in kwargs.items()}
         try:
@@ -144,29 +141,44 @@ def _unpack_options(signature: inspect.Signature) -> inspect.Signature:
     return signature.replace(parameters=parameters)
 
 
+def _type_error(
+    function: str, argument: str, value: object, classes: dict[str, tuple[type, ...]]
+) -> InvalidSetting:
+    """Return the error of an argument of a wrong type.
+
+    A class that a function of the package reads from files names it in `_file_reader`.
+    """
+    if isinstance(value, str | Path):
+        text = repr(str(value))
+        readers = [getattr(cls, "_file_reader", None) for cls in classes.get(argument, ())]
+        reader = next(filter(None, readers), None)
+        fix = f"read a file with {reader}({text})" if reader else None
+    elif isinstance(value, type):
+        text = f"the class {value.__name__}"
+        is_accepted = issubclass(value, classes.get(argument, ()))
+        fix = f"write {value.__name__}(...), an instance" if is_accepted else None
+    else:
+        text, fix = f"a {type(value).__name__}", None
+    return _argument_error(function, argument, text, classes, fix)
+
+
 def _argument_error(
     function: str,
     argument: str,
     value: str,
     classes: dict[str, tuple[type, ...]],
-    *,
-    is_path: bool = False,
+    fix: str | None = None,
 ) -> InvalidSetting:
-    """Return the error of a missing argument, or of one of a wrong type.
-
-    A class that a function of the package reads from files names it in `_file_reader`.
-    """
+    """Return the error of a missing argument, or of one of a wrong type."""
     public_names = getattr(sys.modules.get("dechirp"), "__all__", ())
     prefix = "dechirp." if function.partition(".")[0] in public_names else ""
     accepted = classes.get(argument, ())
     names = ["None" if cls is types.NoneType else cls.__name__ for cls in accepted]
-    readers = [getattr(cls, "_file_reader", None) for cls in accepted] if is_path else []
-    reader = next(filter(None, readers), None)
     return InvalidSetting(
         argument,
         value=value,
         expected=" or ".join(names) or "a value",
-        fix=f"read a file with {reader}({value})" if reader else f"see help({prefix}{function})",
+        fix=fix or f"see help({prefix}{function})",
     )
 
 

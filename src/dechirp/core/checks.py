@@ -232,8 +232,8 @@ def check_positive_ratios(
 ) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are within the limits."""
     values = check_real_array(setting, array)
-    expected = f"finite and above 0, from {at_least:g}"
-    _check_ratios_by_mask(setting, values, values >= at_least, expected, at_most)
+    bound = f", {at_least:g} or more" if at_least >= 1 else f" and above 0, from {at_least:g}"
+    _check_ratios_by_mask(setting, values, values >= at_least, f"finite{bound}", at_most)
     return values
 
 

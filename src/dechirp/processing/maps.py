@@ -7,7 +7,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
-from dechirp.core.checks import check_axes, check_finite_samples, check_integer, largest_part
+from dechirp.core.checks import (
+    as_tuple_or_none,
+    check_axes,
+    check_finite_samples,
+    check_integer,
+    largest_part,
+)
 from dechirp.core.compiled_kernels import plain_twins_in_first_calls
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
@@ -223,14 +229,15 @@ def pair_of_windows(window: Any) -> tuple[Any, Any]:
 
 
 def pair_of(setting: str, value: Any) -> tuple[Any, Any]:
-    """Return a pair as it is, and a single value twice."""
-    if isinstance(value, tuple | list):
-        if len(value) != 2:
+    """Return the members of a pair, and a single value twice."""
+    members = as_tuple_or_none(value)
+    if members is not None:
+        if len(members) != 2:
             raise InvalidSetting(
                 setting,
                 value=value,
                 expected="one value, or a pair for velocity and range",
                 fix="give one value for both axes, or two",
             )
-        return value[0], value[1]
+        return members[0], members[1]
     return value, value

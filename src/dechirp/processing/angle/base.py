@@ -44,8 +44,17 @@ class DirectionEstimator(Family):
     """Number of directions in each detection; mdl or aic: estimated by that criterion."""
 
     def __post_init__(self) -> None:
-        if self.n_sources not in ("mdl", "aic"):
-            check_integer(f"{type(self).__name__}.n_sources", self.n_sources, at_least=1)
+        setting = f"{type(self).__name__}.n_sources"
+        if isinstance(self.n_sources, str):
+            if self.n_sources not in ("mdl", "aic"):
+                raise InvalidSetting(
+                    setting,
+                    value=repr(self.n_sources),
+                    expected="a number of sources, or mdl or aic",
+                    fix="choose one of them",
+                )
+        else:
+            check_integer(setting, self.n_sources, at_least=1)
 
     @abstractmethod
     def find_angles(

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import (
+    as_tuple_or_none,
     check_axes,
     check_false_alarm_probability,
     check_integer,
@@ -216,7 +217,7 @@ def _pair_of_axes(
         return when_none
     if len(axes) == 2:
         return pair_of(setting, value)
-    if isinstance(value, tuple | list):
+    if as_tuple_or_none(value) is not None:
         raise _error_of_pair(setting, value)
     return when_none[0], value
 
