@@ -73,7 +73,7 @@ def test_passive_parts_have_ratios_of_at_least_1(name):
     link |= {"range_m": 50, "rcs_m2": 10, "sample_rate_hz": 1e6}
     assert link_budget.sample_snr(**link) > 0
 
-    with pytest.raises(InvalidSetting, match=f"^{name}: 0.5; .* from 1, .* not dB$"):
+    with pytest.raises(InvalidSetting, match=f"^{name}: 0.5; .* 1 or more, .* not dB$"):
         link_budget.sample_snr(**link | {name: 0.5})
 
 
