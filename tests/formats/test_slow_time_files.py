@@ -8,6 +8,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.core import compiled_kernels
+from dechirp.recordings import slow_time_files
 
 N_FRAMES, N_SWEEPS, N_POINTS = 30, 4, 3
 ENTRY = "sessions/session_0/group_0/entry_0"
@@ -74,6 +75,21 @@ def test_times_of_csv_are_in_the_unit_of_their_name(tmp_path, name, unit_s):
     (tmp_path / "a.csv").write_text(f"{name},I,Q\n0,1,2\n50,3,4\n")
     trace = dc.slow_time_files.read_slow_time(tmp_path / "a.csv")
     np.testing.assert_allclose(trace.time, [0, 50 * unit_s])
+
+
+@pytest.mark.parametrize("number_type", ["<i2", "<f4"])
+@pytest.mark.parametrize("n_block", [1, 7, 100])
+def test_means_of_sweeps_are_the_same_in_blocks_of_any_size(
+    n_block, number_type, tmp_path, monkeypatch
+):
+    types = [("real", number_type), ("imag", number_type)]
+    frames = write_acconeer(tmp_path / "a.h5").astype(types)
+    write_acconeer(tmp_path / "a.h5", **{f"{ENTRY}/result/frame": frames})
+    frame_bytes = N_SWEEPS * N_POINTS * frames.dtype.itemsize
+    monkeypatch.setattr(slow_time_files, "_BLOCK_BYTES", n_block * frame_bytes)
+    trace = dc.slow_time_files.read_slow_time(tmp_path / "a.h5")
+    np.testing.assert_allclose(trace.real, frames["real"].mean(axis=1, dtype=float), atol=1e-9)
+    np.testing.assert_allclose(trace.imag, frames["imag"].mean(axis=1, dtype=float), atol=1e-9)
 
 
 def test_acconeer_file_of_an_older_version_has_one_session(tmp_path):
