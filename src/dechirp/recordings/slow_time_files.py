@@ -244,7 +244,7 @@ def _average_codes(codes: np.ndarray, means: np.ndarray) -> None:
 def _mean_of_sweeps(frames: LazyArray) -> np.ndarray:
     """Return the means (frame, value) of the sweeps of each frame, block by block.
 
-    Blocks of 4 MB stay in the cache of the processor: half the time of the whole array at once.
+    Blocks of 4 MB keep the sweeps of a file out of memory, and take no longer than one array.
     """
     n_frames, n_sweeps, n_values = frames.shape
     means = np.empty((n_frames, n_values), np.complex128)
