@@ -57,6 +57,7 @@ def crlb_directions(
     ----------
     positions : array (n_elements,)
         Positions along the y axis in wavelengths; in a virtual array, transmitter plus receiver.
+        At y, the steering phase is -2 pi y sin(azimuth), to which complex correlations refer.
     azimuth_rad : array (n_sources,)
         Directions of the sources, between -pi/2 and pi/2.
     source_covariance : array (n_sources, n_sources) or (n_sources,)
