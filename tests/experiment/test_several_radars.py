@@ -121,13 +121,13 @@ def test_axes_of_a_turning_vehicle_turn_with_it(result):
     factor = np.random.default_rng(5).normal(size=(5, n_frames, 4, 4))
     covariance = factor @ np.swapaxes(factor, -1, -2)
     names, dims = ["x", "y", "vx", "vy"], ("track", "frame")
+    axes = {"state": ["x", "vx", "y", "vy"], "other_state": ["x", "vx", "y", "vy"]}  # of a tracker
+    ground = xr.DataArray(covariance, axes, dims=(*dims, *axes))
     dataset = xr.Dataset(
         {name: (dims, tracks[..., index]) for index, name in enumerate(names)}
-        | {"covariance": ((*dims, "state", "other_state"), covariance)},
+        | {"covariance": ground},
         coords={
             "time": ("frame", times_s),
-            "state": names,
-            "other_state": names,
             "radar": ("frame", ["front-left"] * n_frames),
             "radar_frame": ("frame", range(n_frames)),
         },
@@ -140,8 +140,11 @@ def test_axes_of_a_turning_vehicle_turn_with_it(result):
     for frame in range(n_frames):
         assert state[0, frame] == pytest.approx([*place_m, 0, 0], abs=1e-9)
         jacobian = (state[1:, frame] - state[0, frame]).T
-        expected = jacobian @ covariance[:, frame] @ jacobian.T
-        assert on_vehicle["covariance"].values[:, frame] == pytest.approx(expected, rel=1e-9)
+        given, converted = (
+            array.isel(frame=frame).sel(state=names, other_state=names).values
+            for array in (ground, on_vehicle["covariance"])
+        )
+        assert converted == pytest.approx(jacobian @ given @ jacobian.T, rel=1e-9)
 
 
 def test_tracks_at_one_time_are_one_list(result):

@@ -11,7 +11,7 @@ from dechirp.traffic.mounting import Mounting
 from dechirp.traffic.object_steps import SAME_TIME_S
 from dechirp.traffic.outlines import QUARTER_TURN, rotation
 
-STATE = ["x", "y", "vx", "vy"]
+_STATE = ["x", "y", "vx", "vy"]
 
 
 @check_argument_types
@@ -63,15 +63,22 @@ def convert_tracks_to_vehicle_axes(result: RadarsResult) -> xr.Dataset:
         )
         for part in (0, 1)
     )
-    state = np.stack([tracks[name].transpose("track", "frame").values for name in STATE], axis=-1)
+    state = np.stack([tracks[name].transpose("track", "frame").values for name in _STATE], axis=-1)
     state = np.einsum("fij,tfj->tfi", to_vehicle, state - offsets)
-    covariance = tracks["covariance"].transpose("track", "frame", "state", "other_state")
+    covariance = (
+        tracks["covariance"]
+        .sel(state=_STATE, other_state=_STATE)
+        .transpose("track", "frame", "state", "other_state")
+    )
     turned = np.einsum("fij,tfjk,flk->tfil", to_vehicle, covariance.values, to_vehicle)
     columns = {
         name: (("track", "frame"), state[..., index], tracks[name].attrs)
-        for index, name in enumerate(STATE)
+        for index, name in enumerate(_STATE)
     }
-    converted = tracks.assign({**columns, "covariance": covariance.copy(data=turned)})
+    turned_covariance = covariance.copy(data=turned).sel(
+        state=tracks["state"], other_state=tracks["other_state"]
+    )
+    converted = tracks.assign({**columns, "covariance": turned_covariance})
     is_last = np.append(np.diff(tracks["time"].values) > SAME_TIME_S, True)
     return converted.isel(frame=np.flatnonzero(is_last))
 
