@@ -149,7 +149,7 @@ REAL_RADAR = dc.Radar(
 )
 
 
-def run_with_target(range_cells, velocity_m_per_s, *, chain=dc.Chain(), rcs_m2=30.0):  # noqa: B008
+def run_with_target(range_cells, velocity_m_per_s, *, chain=None, rcs_m2=30.0):
     """Return the warnings of a run about unsearched cells, and ranges of detections in cells."""
     cell_m = REAL_CHIRP.range_resolution_m
     target = dc.Target(
@@ -157,7 +157,9 @@ def run_with_target(range_cells, velocity_m_per_s, *, chain=dc.Chain(), rcs_m2=3
         velocity_m_per_s=(velocity_m_per_s, 0, 0),
         rcs_m2=rcs_m2,
     )
-    scenario = dc.Scenario(radar=REAL_RADAR, scene=dc.Scene(targets=[target]), chain=chain)
+    scenario = dc.Scenario(
+        radar=REAL_RADAR, scene=dc.Scene(targets=[target]), chain=chain or dc.Chain()
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", dc.PhysicsWarning)
         result = dc.run(scenario)

@@ -150,9 +150,9 @@ def unsearched_echo_findings(
     searched, unsearched = values[:, end - 1], values[:, end:].max(axis=1)
     # An echo in the last searched row has its image in the other rows, at minus its velocity.
     mirrored = searched[(2 * (len(searched) // 2) - np.arange(len(searched))) % len(searched)]
-    beside = [np.roll(row, shift) for row in (searched, mirrored) for shift in (-1, 0, 1)]
+    neighbours = [np.roll(row, shift) for row in (searched, mirrored) for shift in (-1, 0, 1)]
     is_echo = unsearched > np.maximum(
-        _REAL_NOISE_FACTOR * limits[:, end - 1], np.max(beside, axis=0)
+        _REAL_NOISE_FACTOR * limits[:, end - 1], np.max(neighbours, axis=0)
     )
     if not is_echo.any():
         return ()
