@@ -189,14 +189,6 @@ def test_detections_table_has_columns_of_csv_file(result):
     assert parse_cells(accessor)[1][header.index("frame")] == "0"
 
 
-@pytest.mark.parametrize("rows", [slice(None), slice(0, 0)])
-def test_columns_without_values_are_floats(result, rows):
-    table = result.detections.isel(detection=rows).dechirp.table()
-    types = {name: table[name].dtype for name in table if table[name].isna().all()}
-    assert {"cluster", "motion", "label"} <= types.keys()
-    assert set(types.values()) == {np.dtype(float)}
-
-
 def test_empty_detections_give_empty_table(result):
     no_detections = result.detections.isel(detection=[])
 

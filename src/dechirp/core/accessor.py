@@ -16,7 +16,12 @@ from dechirp.core.display import (
     truncated_display_table,
 )
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.table_columns import Cell, dataset_to_columns
+from dechirp.core.table_columns import (
+    Cell,
+    TableColumn,
+    dataset_to_columns,
+    dataset_to_typed_columns,
+)
 from dechirp.core.text import (
     EN_DASH,
     format_number,
@@ -55,26 +60,25 @@ class TableAccessor:
     def table(self) -> "pd.DataFrame":
         """Return a row each, with the columns of the CSV file: `range_m`, `azimuth_deg`, ...
 
-        A DataFrame of pandas. Polars and DuckDB take the accessor itself, as an Arrow stream:
-        `polars.DataFrame(detections.dechirp)`; `rows = detections.dechirp`, then
-        `duckdb.sql("FROM rows")`.
+        A DataFrame of pandas, whose types do not depend on the rows: texts, floats and integers,
+        which are of the nullable type `Int64` where values are missing. Polars and DuckDB take
+        the accessor itself, as an Arrow stream: `polars.DataFrame(detections.dechirp)`;
+        `rows = detections.dechirp`, then `duckdb.sql("FROM rows")`.
         """
         import pandas as pd
 
         self._row_dimension()
-        columns = dataset_to_columns(self._dataset)
-        # pandas stores a column of None as objects, Arrow as floats.
         return pd.DataFrame(
             {
-                name: np.array(cells, float) if set(cells) <= {None} else cells
-                for name, cells in columns.items()
+                name: pd.Series(column.cells, dtype=_pandas_type(column))
+                for name, column in dataset_to_typed_columns(self._dataset).items()
             }
         )
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """Return the table as an Arrow stream: `polars.DataFrame(detections.dechirp)`."""
         self._row_dimension()
-        return export_arrow_stream(dataset_to_columns(self._dataset))
+        return export_arrow_stream(dataset_to_typed_columns(self._dataset))
 
     @check_argument_types
     def plot(self, ax: Any = None) -> Any:
@@ -198,6 +202,12 @@ class PowerMapAccessor:
                 "pass a result of dc.power_map or a similar function",
             )
         return units
+
+
+def _pandas_type(column: TableColumn) -> str:
+    if column.cell_type is int:
+        return "Int64" if None in column.cells else "int64"
+    return "str" if column.cell_type is str else "float64"
 
 
 def load_plots() -> Any:

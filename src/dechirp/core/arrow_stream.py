@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dechirp.core.table_columns import Cell
+from dechirp.core.table_columns import TableColumn
 
 _NULLABLE = 2
 _CAPSULE_NAME = b"arrow_array_stream"
@@ -72,8 +72,8 @@ _Stream._fields_ = [
 ]
 
 
-def export_arrow_stream(columns: Mapping[str, Sequence[Cell]]) -> object:
-    """Return a capsule with an Arrow stream of one batch, None in a cell for a missing value."""
+def export_arrow_stream(columns: Mapping[str, TableColumn]) -> object:
+    """Return a capsule with an Arrow stream of one batch."""
     kept = _keep(_StreamState(columns))
     stream = _Stream(_get_schema, _get_next, _get_last_error, _release_stream, kept)
     # A consumer moves the stream elsewhere and may release it before the capsule is destroyed.
@@ -84,26 +84,26 @@ def export_arrow_stream(columns: Mapping[str, Sequence[Cell]]) -> object:
 class _StreamState:
     """Table of a stream, and whether its batch is still to be sent."""
 
-    def __init__(self, columns: Mapping[str, Sequence[Cell]]) -> None:
-        self.columns = [_Column(name, cells) for name, cells in columns.items()]
-        self.n_rows = len(next(iter(columns.values()), ()))
+    def __init__(self, columns: Mapping[str, TableColumn]) -> None:
+        self.columns = [_Column(name, column) for name, column in columns.items()]
+        self.n_rows = len(next(iter(columns.values())).cells)
         self.is_sent = False
 
 
 class _Column:
     """Column in the layout of Arrow: its format and its buffers."""
 
-    def __init__(self, name: str, cells: Sequence[Cell]) -> None:
+    def __init__(self, name: str, column: TableColumn) -> None:
+        cells = column.cells
         is_present = np.array([cell is not None for cell in cells], dtype=bool)
-        present = [cell for cell in cells if cell is not None]
-        self.name, self.n_missing = name.encode(), len(cells) - len(present)
+        self.name, self.n_missing = name.encode(), int(np.sum(~is_present))
         values: list[np.ndarray]
-        if present and all(isinstance(cell, str) for cell in present):
+        if column.cell_type is str:
             texts = [b"" if cell is None else str(cell).encode() for cell in cells]
             self.format = b"U"
             ends = np.cumsum([0, *map(len, texts)], dtype=np.int64)
             values = [ends, np.frombuffer(b"".join(texts), np.uint8)]
-        elif present and all(isinstance(cell, int) for cell in present):
+        elif column.cell_type is int:
             self.format = b"l"
             values = [np.array([0 if cell is None else cell for cell in cells], np.int64)]
         else:

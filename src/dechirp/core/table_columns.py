@@ -2,7 +2,7 @@
 
 import math
 from itertools import combinations_with_replacement
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -11,6 +11,14 @@ from dechirp.core.detection_columns import TABLE
 from dechirp.core.units import to_decibels
 
 Cell: TypeAlias = str | int | float | None
+
+
+class TableColumn(NamedTuple):
+    """Cells of a column, None for missing values, and the type of the others."""
+
+    cell_type: type[str] | type[int] | type[float]
+    cells: list[Cell]
+
 
 COLUMNS = {
     **{column.name_with_unit: column.name for column in TABLE},
@@ -31,8 +39,10 @@ _OF_CLUSTERS = {
 }
 
 _INTEGERS = frozenset(
-    {column.name_with_unit for column in TABLE if column.is_integer} | {"in_view"}
+    {column.name_with_unit for column in TABLE if column.is_integer} | {"cluster", "in_view"}
 )
+_TEXTS = frozenset({"motion", "label"})
+"""Columns that hold texts, also in datasets without a variable for them."""
 
 _STATE = {"x_m": "x", "y_m": "y", "vx_m_per_s": "vx", "vy_m_per_s": "vy"}
 _OF_TRACKS = {"track": "track", "frame": "frame", "time_s": "time", "status": "status", **_STATE}
@@ -98,7 +108,12 @@ _AXES = ("track", "frame", "target", "detection", "cluster")
 
 
 def dataset_to_columns(dataset: xr.Dataset) -> dict[str, list[Cell]]:
-    """Return the cells of each column, None for missing estimates; truth also has `target`.
+    """Return the cells of each column, None for missing estimates; truth also has `target`."""
+    return {name: column.cells for name, column in dataset_to_typed_columns(dataset).items()}
+
+
+def dataset_to_typed_columns(dataset: xr.Dataset) -> dict[str, TableColumn]:
+    """Return the columns, with types that do not depend on the number of rows.
 
     Tracks have only the rows in which they exist, and their covariance in columns such as
     `covariance_x_vy`, in SI units; those of extended objects also turn rate, axes and points.
@@ -117,25 +132,25 @@ def dataset_to_columns(dataset: xr.Dataset) -> dict[str, list[Cell]]:
         rows = rows.isel(row=np.flatnonzero(np.isfinite(rows["x"].values)))
     n_rows = rows.sizes["row"]
     return {
-        column: _to_cells_in_file_units(column, rows[name].values)
+        column: _convert_to_column_of_files(column, rows[name].values)
         if name in rows.variables
-        else [None] * n_rows
+        else TableColumn(_type_of_absent_column(column), [None] * n_rows)
         for column, name in wanted.items()
     }
 
 
-def _tracks_to_columns(tracks: xr.Dataset) -> dict[str, list[Cell]]:
+def _tracks_to_columns(tracks: xr.Dataset) -> dict[str, TableColumn]:
     rows = tracks.stack(row=["track", "frame"], create_index=False).transpose("row", ...)
     present = rows.isel(row=np.flatnonzero(rows["status"].values != ""))
     covariance = present["covariance"]
     return {
         **{
-            column: _to_cells_in_file_units(column, present[name].values)
+            column: _convert_to_column_of_files(column, present[name].values)
             for column, name in {**_OF_TRACKS, **_OF_GROUPS}.items()
             if name in present.variables
         },
         **{
-            f"covariance_{a}_{b}": _to_cells_in_file_units(
+            f"covariance_{a}_{b}": _convert_to_column_of_files(
                 "", covariance.sel(state=a, other_state=b).values
             )
             for a, b in _PAIRS
@@ -149,12 +164,20 @@ def dataset_to_records(dataset: xr.Dataset) -> list[dict[str, Cell]]:
     return [dict(zip(table, cells, strict=True)) for cells in zip(*table.values(), strict=True)]
 
 
-def _to_cells_in_file_units(column: str, values: np.ndarray) -> list[Cell]:
+def _convert_to_column_of_files(column: str, values: np.ndarray) -> TableColumn:
     if column.endswith("_db"):
         with np.errstate(divide="ignore"):  # no signal at all is minus infinity
             values = to_decibels(values)
     elif column.endswith(("_deg", "_deg_per_s")):
         values = np.degrees(values)
     cells = [None if isinstance(c, float) and not math.isfinite(c) else c for c in values.tolist()]
-    # Integers are floats in datasets, beside NaN where none is known.
-    return [None if c is None else int(c) for c in cells] if column in _INTEGERS else cells
+    if values.dtype.kind in "iub" or column in _INTEGERS:
+        # Integers are floats in datasets, beside NaN where none is known.
+        return TableColumn(int, [None if c is None else int(c) for c in cells])
+    return TableColumn(float if values.dtype.kind == "f" else str, cells)
+
+
+def _type_of_absent_column(column: str) -> type[str] | type[int] | type[float]:
+    if column in _TEXTS:
+        return str
+    return int if column in _INTEGERS else float
