@@ -26,17 +26,34 @@ INTERVAL_S = 0.05
 
 
 def draw_points(
-    rng, paths, *, covariance, mean_count, tracker=None, poisson=True, velocity_spread=0.5
+    rng,
+    paths,
+    *,
+    covariance,
+    mean_count,
+    tracker=None,
+    poisson=True,
+    velocity_spread=0.5,
+    turn_rates=None,
 ) -> xr.Dataset:
-    """Draw points of objects on paths (n_objects, n_frames, 4), x vx y vy; NaN without points."""
+    """Draw points of objects on paths (n_objects, n_frames, 4), x vx y vy; NaN without points.
+
+    With turn rates (n_frames,), bodies are rigid: each point moves with v + w J (p - c). At first,
+    they point along x.
+    """
     tracker = GroupTracker() if tracker is None else tracker
     rows = []
     for path in paths:
+        rates = np.zeros(len(path)) if turn_rates is None else turn_rates
         for frame, (x, vx, y, vy) in enumerate(path):
             n = 0 if np.isnan(x) else rng.poisson(mean_count) if poisson else mean_count
-            position = rng.multivariate_normal([x, y], covariance, n) if n else np.empty((0, 2))
+            offset = rng.multivariate_normal([0, 0], covariance, n) if n else np.empty((0, 2))
+            angle = rates[:frame].sum() * INTERVAL_S
+            offset = offset @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
+            position = offset + np.array([x, y])
             range_m, azimuth = np.hypot(*position.T), np.arctan2(position[:, 1], position[:, 0])
-            velocity = vx * np.cos(azimuth) + vy * np.sin(azimuth)
+            velocity = (vx - rates[frame] * offset[:, 1]) * np.cos(azimuth)
+            velocity += (vy + rates[frame] * offset[:, 0]) * np.sin(azimuth)
             velocity += velocity_spread * rng.standard_normal(n)
             errors = (tracker.range_std_m, tracker.azimuth_std_rad, tracker.velocity_std_m_per_s)
             values = np.stack([range_m, azimuth, velocity], axis=-1)
@@ -87,6 +104,7 @@ def rms_gospa_m(tracks: xr.Dataset, paths) -> float:
 
 def test_update_equals_a_kalman_filter_of_all_points():
     # The stacked filter inverts 3 n by 3 n matrices; its points have the mean error of all points.
+    # The turning model expects rates of v + w J (p - c), linearised at its mean.
     rng = np.random.default_rng(3)
     tracker = GroupTracker()
     table = draw_points(
@@ -102,25 +120,39 @@ def test_update_equals_a_kalman_filter_of_all_points():
     n_prior = 10  # points that the expected extent and spread count for
     extent = (n_prior * tracker.size_std_m**2 * np.eye(2) + prior.scatter_m2[0]) / (n_prior + 12)
     point_covariance = extent + points.position_covariance.mean(axis=0)
-    combined = prior.combined_states()[0][0]
     ux, uy = points.line_of_sight.T
+    sight = points.line_of_sight
+    px, py = 5.0 * sight.T  # any points along the lines of sight have these rates
+    turns = (False, True, False)
+
+    def expected_rates(state, model):
+        x, vx, y, vy, turn_rate = state
+        rate = turn_rate * turns[model]
+        return ux * (vx - rate * (py - y)) + uy * (vy + rate * (px - x))
+
+    mean_rates = prior.probability[0] @ [expected_rates(prior.mean[0, m], m) for m in range(3)]
+    at_radar = np.linalg.lstsq(sight, mean_rates)[0]
     spread = (n_prior * 0.5**2 + prior.rate_scatter[0]) / (n_prior + 12)
     rate_variance = (
         points.rate_variance
         + spread
-        + (combined[3] * ux - combined[1] * uy) ** 2 * points.azimuth_variance
+        + (at_radar[1] * ux - at_radar[0] * uy) ** 2 * points.azimuth_variance
     )
-    design = np.zeros((36, 5))
-    design[:24:2, 0] = design[1:24:2, 2] = 1
-    design[24:, 1], design[24:, 3] = ux, uy
     noise = scipy.linalg.block_diag(*[point_covariance] * 12, np.diag(rate_variance))
     measured = np.concatenate([points.position_m.ravel(), points.rate_m_per_s])
     likelihood = []
     for model in range(3):
         mean, covariance = prior.mean[0, model], prior.covariance[0, model]
+        x, _, y, _, turn_rate = mean * [1, 1, 1, 1, turns[model]]
+        design = np.zeros((36, 5))
+        design[:24:2, 0] = design[1:24:2, 2] = 1
+        design[24:, 1], design[24:, 3] = ux, uy
+        design[24:, 0], design[24:, 2] = -turn_rate * uy, turn_rate * ux
+        design[24:, 4] = turns[model] * (ux * y - uy * x)
         innovation = design @ covariance @ design.T + noise
         gain = covariance @ design.T @ np.linalg.inv(innovation)
-        residual = measured - design @ mean
+        expected = np.concatenate([np.tile(mean[[0, 2]], 12), expected_rates(mean, model)])
+        residual = measured - expected
         likelihood.append(scipy.stats.multivariate_normal.logpdf(residual, cov=innovation))
         # Rounding through matrices of condition 1e5.
         assert posterior.mean[0, model] == pytest.approx(mean + gain @ residual, abs=1e-9)
@@ -150,9 +182,15 @@ def test_extent_converges_to_that_of_the_object(covariance):
 
 def test_velocity_across_the_line_of_sight_follows_from_one_frame():
     # 200 points at 8 m with 1 m of standard deviation differ by 0.12 rad in azimuth, so rates
-    # with a spread of 0.5 m/s give the other component to 0.5 / (0.12 sqrt(200)), 0.3 m/s.
+    # with a spread of 0.5 m/s give the other component to 0.5 / (0.12 sqrt(200)), 0.3 m/s, if the
+    # object does not turn.
     path = straight_path(1, 8, 2, 1, 6)
-    tracker = GroupTracker(size_std_m=1.0, azimuth_std_rad=1e-3, confirm_after=(1, 1))
+    tracker = GroupTracker(
+        size_std_m=1.0,
+        azimuth_std_rad=1e-3,
+        turn_rate_std_rad_per_s=1e-6,
+        confirm_after=(1, 1),
+    )
     points = draw_points(
         np.random.default_rng(2),
         [path],
@@ -238,9 +276,19 @@ def turning_path() -> np.ndarray:
     return np.stack([x, vx, y, vy], axis=-1)
 
 
-@pytest.mark.parametrize("path", [braking_path(), turning_path()], ids=["braking", "turning"])
-def test_manoeuvring_car_is_followed_by_interacting_models(path):
-    points = draw_points(np.random.default_rng(7), [path], covariance=CAR, mean_count=12)
+TURN_RATES = np.where(np.arange(130) * INTERVAL_S < 2, 0.0, 0.5)
+"""Of `turning_path`, rad/s."""
+
+
+@pytest.mark.parametrize(
+    ("path", "turn_rates"),
+    [(braking_path(), None), (turning_path(), TURN_RATES)],
+    ids=["braking", "turning"],
+)
+def test_manoeuvring_car_is_followed_by_interacting_models(path, turn_rates):
+    points = draw_points(
+        np.random.default_rng(7), [path], covariance=CAR, mean_count=12, turn_rates=turn_rates
+    )
     # Without turns and manoeuvres, three models of straight motion.
     straight_only = {"turn_rate_std_rad_per_s": 1e-6, "manoeuvre_noise_m2_per_s3": 0.1}
 
@@ -292,21 +340,25 @@ BRAKING_NEES = nees_of_acceleration((0.1 + 0.1 + 10) / 3, 1.8 / 12, 6.0)
 
 @nightly
 @pytest.mark.parametrize(
-    ("path", "covariance", "size_std_m", "changes_s", "added"),
+    ("path", "turn_rates", "covariance", "size_std_m", "changes_s", "added"),
     [
-        (turning_path(), CAR, 0.8, (2.0,), 0.0),
-        (braking_path(), CAR, 0.8, (2.0, 4.5), 2 / 5 * BRAKING_NEES),
-        (sine_path(), PERSON, 0.3, (), SWINGING_NEES),
+        (turning_path(), TURN_RATES, CAR, 0.8, (2.0,), 0.0),
+        (braking_path(), None, CAR, 0.8, (2.0, 4.5), 2 / 5 * BRAKING_NEES),
+        (sine_path(), None, PERSON, 0.3, (), SWINGING_NEES),
     ],
     ids=["turning", "braking", "sine"],
 )
-def test_nees_of_manoeuvres_is_bounded(path, covariance, size_std_m, changes_s, added):
+def test_nees_of_manoeuvres_is_bounded(path, turn_rates, covariance, size_std_m, changes_s, added):
     # A filter with the true model has a mean of 4.
     n_seeds = 12
     values = []
     for seed in range(n_seeds):
         points = draw_points(
-            np.random.default_rng(seed), [path], covariance=covariance, mean_count=12
+            np.random.default_rng(seed),
+            [path],
+            covariance=covariance,
+            mean_count=12,
+            turn_rates=turn_rates,
         )
         tracks = track_groups(points, times_of([path]), GroupTracker(size_std_m=size_std_m))
         assert tracks.sizes["track"] == 1
@@ -329,12 +381,52 @@ def test_nees_of_manoeuvres_is_bounded(path, covariance, size_std_m, changes_s, 
 
 def test_turn_rate_is_estimated():
     path = turning_path()
-    points = draw_points(np.random.default_rng(8), [path], covariance=CAR, mean_count=30)
+    points = draw_points(
+        np.random.default_rng(8), [path], covariance=CAR, mean_count=30, turn_rates=TURN_RATES
+    )
 
     tracks = track_groups(points, times_of([path]), GroupTracker(size_std_m=0.8))
 
     assert tracks.turn_rate.values[0, 80:].mean() == pytest.approx(0.5, abs=0.15)
     assert tracks.turn_rate.values[0, 10:40].mean() == pytest.approx(0.0, abs=0.15)
+
+
+@pytest.mark.parametrize(
+    ("turn_rate", "speed", "range_m"), nightly_except(1, [(0.35, 7.0, 21.0), (-0.7, 4.0, 12.0)])
+)
+def test_turning_car_near_the_radar_keeps_its_position_and_size(turn_rate, speed, range_m):
+    # A car crosses at the side and turns after 2 s. Its range rates have the slope over azimuth of
+    # 7 or 8 m/s across the line of sight, which is none of its velocity.
+    n_seeds, t = 6, np.arange(120) * INTERVAL_S
+    rates = np.where(t < 2, 0.0, turn_rate)
+    angle = np.pi / 2 + turn_rate * np.clip(t - 2, 0, None)
+    radius_m = speed / turn_rate
+    x = range_m + radius_m * np.sin(angle) - radius_m
+    y = -radius_m * np.cos(angle) + speed * (np.clip(t, None, 2) - 2)
+    path = np.stack([x, speed * np.cos(angle), y, speed * np.sin(angle)], axis=-1)
+    tracker = GroupTracker(size_std_m=0.8, velocity_spread_m_per_s=0.1, azimuth_std_rad=0.01)
+    values, lengths_m = [], []
+    for seed in range(n_seeds):
+        points = draw_points(
+            np.random.default_rng(seed),
+            [path],
+            covariance=np.diag([0.3, 1.3]),  # along y at first
+            mean_count=20,
+            tracker=tracker,
+            velocity_spread=0.1,
+            turn_rates=rates,
+        )
+        tracks = track_groups(points, times_of([path]), tracker)
+        assert tracks.sizes["track"] == 1
+        assert rms_gospa_m(tracks, [path]) < 0.2
+        values.append(nees_of_path(tracks, path)[40:])
+        lengths_m.append(tracks.length.values[0, 40:])
+
+    # 8 independent parts of half a second in each turn.
+    assert np.mean(values) < mean_nees_interval(4, n_seeds * 8, outside_probability=1e-6)[1]
+    # 400 points, of the last second, give a length to sqrt(1 / 800), 3.5 %.
+    length_m = 4 * np.sqrt(1.3)
+    assert np.array(lengths_m) == pytest.approx(np.full((n_seeds, 80), length_m), rel=6 * 0.035)
 
 
 # Several objects
