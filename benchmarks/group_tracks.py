@@ -1,8 +1,8 @@
 """Consistency, GOSPA and speed of tracks of ten extended objects with 30 points each.
 
-The objects move straight on but for white acceleration, as the first motion model of the tracker
-assumes, or switch between its models at random. NEES is the mean over the four states of all
-objects and trials. Frames/s are measured in processor time of one thread.
+The objects are rigid. They move straight on but for white acceleration, as the first motion model
+of the tracker assumes, or switch between its models at random. NEES is the mean over the four
+states of all objects and trials. Frames/s are measured in processor time of one thread.
 
     python benchmarks/group_tracks.py [--trials 12]
 """
@@ -35,19 +35,19 @@ STRAIGHT, TURNING, MANOEUVRING = range(3)
 def draw_path(
     rng: np.random.Generator, start: np.ndarray, tracker: GroupTracker, *, switches: bool
 ) -> np.ndarray:
-    """Draw the states of an object, (n_frames, 4)."""
+    """Draw the states of an object, (n_frames, 5): x, vx, y, vy, turn rate."""
     t = INTERVAL_S
     switching = switching_probabilities(3, t, tracker.model_time_s)
     decay = np.exp(-t / tracker.model_time_s)
     model, turn_rate = STRAIGHT, 0.0
-    path = [start]
+    path = [np.append(start, 0.0)]
     for _ in range(N_FRAMES - 1):
         if switches:
             after = int(rng.choice(3, p=switching[model]))
             if after == TURNING and model != TURNING:
                 turn_rate = rng.normal(0, tracker.turn_rate_std_rad_per_s)
             model = after
-        x, vx, y, vy = path[-1]
+        x, vx, y, vy, _ = path[-1]
         if model == TURNING:
             sine, cosine = np.sin(turn_rate * t), np.cos(turn_rate * t)
             along, across = sine / turn_rate, (1 - cosine) / turn_rate
@@ -67,16 +67,22 @@ def draw_path(
             else tracker.process_noise_m2_per_s3
         )
         covariance = density * np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]])
-        path.append(np.array(state) + rng.multivariate_normal([0, 0], covariance, 2).ravel())
+        noise = rng.multivariate_normal([0, 0], covariance, 2).ravel()
+        path.append(np.append(state + noise, turn_rate if model == TURNING else 0.0))
     return np.array(path)
 
 
 def draw_points(rng: np.random.Generator, paths: np.ndarray, tracker: GroupTracker) -> xr.Dataset:
     """Draw the points of all objects and frames."""
     shape = (*paths.shape[:2], N_POINTS)
-    x, vx, y, vy = np.moveaxis(paths, -1, 0)[..., None]
+    x, vx, y, vy, turn_rate = np.moveaxis(paths, -1, 0)[..., None]
     offset = rng.multivariate_normal([0, 0], EXTENT_M2, shape)
+    angle = INTERVAL_S * np.cumsum(turn_rate, axis=1)
+    along, across = np.moveaxis(offset.copy(), -1, 0)
+    offset[..., 0] = np.cos(angle) * along - np.sin(angle) * across
+    offset[..., 1] = np.sin(angle) * along + np.cos(angle) * across
     x, y = x + offset[..., 0], y + offset[..., 1]
+    vx, vy = vx - turn_rate * offset[..., 1], vy + turn_rate * offset[..., 0]
     range_m, azimuth = np.hypot(x, y), np.arctan2(y, x)
     rate_std = np.hypot(tracker.velocity_spread_m_per_s, tracker.velocity_std_m_per_s)
     columns = {
@@ -108,7 +114,7 @@ def measure(tracker: GroupTracker, *, switches: bool) -> None:
             row = np.nanargmin(np.nanmean(distance, axis=1))
             frames = np.isfinite(distance[row])
             squared_errors.append(
-                nees((states[row] - path)[frames], tracks.covariance.values[row, frames])
+                nees((states[row] - path[:, :4])[frames], tracks.covariance.values[row, frames])
             )
         for frame in range(N_FRAMES):
             estimates = states[np.isfinite(states[:, frame, 0]), frame]

@@ -104,7 +104,8 @@ def rms_gospa_m(tracks: xr.Dataset, paths) -> float:
 
 def test_update_equals_a_kalman_filter_of_all_points():
     # The stacked filter inverts 3 n by 3 n matrices; its points have the mean error of all points.
-    # The turning model expects rates of v + w J (p - c), linearised at its mean.
+    # The turning model expects rates of v + w J (p - c), linearised at its mean; p is likely
+    # between the measured point and the centroid.
     rng = np.random.default_rng(3)
     tracker = GroupTracker()
     table = draw_points(
@@ -119,10 +120,14 @@ def test_update_equals_a_kalman_filter_of_all_points():
 
     n_prior = 10  # points that the expected extent and spread count for
     extent = (n_prior * tracker.size_std_m**2 * np.eye(2) + prior.scatter_m2[0]) / (n_prior + 12)
-    point_covariance = extent + points.position_covariance.mean(axis=0)
-    ux, uy = points.line_of_sight.T
-    sight = points.line_of_sight
-    px, py = 5.0 * sight.T  # any points along the lines of sight have these rates
+    error = points.position_covariance.mean(axis=0)
+    point_covariance = extent + error
+    centroid = points.position_m.mean(axis=0)
+    shrinkage = extent @ np.linalg.inv(point_covariance)
+    px, py = position = (centroid + (points.position_m - centroid) @ shrinkage.T).T
+    ux, uy = sight = position / np.hypot(px, py)
+    across = np.array([-uy, ux])
+    azimuth_variance = np.sum(across * (shrinkage @ error @ across), axis=0) / (px**2 + py**2)
     turns = (False, True, False)
 
     def expected_rates(state, model):
@@ -131,12 +136,12 @@ def test_update_equals_a_kalman_filter_of_all_points():
         return ux * (vx - rate * (py - y)) + uy * (vy + rate * (px - x))
 
     mean_rates = prior.probability[0] @ [expected_rates(prior.mean[0, m], m) for m in range(3)]
-    at_radar = np.linalg.lstsq(sight, mean_rates)[0]
+    at_radar = np.linalg.lstsq(sight.T, mean_rates)[0]
     spread = (n_prior * 0.5**2 + prior.rate_scatter[0]) / (n_prior + 12)
     rate_variance = (
         points.rate_variance
         + spread
-        + (at_radar[1] * ux - at_radar[0] * uy) ** 2 * points.azimuth_variance
+        + (at_radar[1] * ux - at_radar[0] * uy) ** 2 * azimuth_variance
     )
     noise = scipy.linalg.block_diag(*[point_covariance] * 12, np.diag(rate_variance))
     measured = np.concatenate([points.position_m.ravel(), points.rate_m_per_s])

@@ -59,6 +59,7 @@ _POSITION = [X, Y]
 _PRIOR_POINTS = 10.0  # points that the expected size and spread count for
 _EXTENT_TIME_S = 1.0
 _MIN_SHARE = 0.01
+_MIN_RANGE_M = 1e-6  # of points with a line of sight
 _PAIR_BYTES = 150.0  # per pair of a point with a group or a point
 
 
@@ -235,9 +236,15 @@ def _combined_velocities_at_radar(groups: Groups) -> tuple[np.ndarray, np.ndarra
     return combine_models(velocity, covariance, groups.probability)
 
 
+def _range_rates(velocity: np.ndarray, line_of_sight: np.ndarray) -> np.ndarray:
+    """Compute the rates (..., n) of velocities (..., 2) along lines of sight (..., n, 2)."""
+    rate: np.ndarray = (line_of_sight @ velocity[..., None])[..., 0]
+    return rate
+
+
 def _rate_residuals(velocity: np.ndarray, points: GroupPoints) -> np.ndarray:
     """Compute measured minus expected rates of points (..., n), modulo ambiguous spans."""
-    residual = points.rate_m_per_s - velocity @ points.line_of_sight.T
+    residual = points.rate_m_per_s - _range_rates(velocity, points.line_of_sight)
     is_ambiguous = np.isfinite(points.span_m_per_s)
     if is_ambiguous.any():
         span = np.where(is_ambiguous, points.span_m_per_s, 1.0)
@@ -256,7 +263,7 @@ def _rate_variances(
     An azimuth error d changes the rate by the speed across the line of sight times d. The
     covariance of the velocities, if given, adds that of the expected rate.
     """
-    ux, uy = points.line_of_sight.T
+    ux, uy = np.moveaxis(points.line_of_sight, -1, 0)
     across = velocity[..., 1:] * ux - velocity[..., :1] * uy
     variance: np.ndarray = (
         points.rate_variance + spread_variance + across**2 * points.azimuth_variance
@@ -265,6 +272,25 @@ def _rate_variances(
         variance += covariance[..., 0, 0, None] * ux**2 + covariance[..., 1, 1, None] * uy**2
         variance += 2 * covariance[..., 0, 1, None] * ux * uy
     return variance
+
+
+def _likely_points(
+    points: GroupPoints, centroid: np.ndarray, extent: np.ndarray, error: np.ndarray
+) -> GroupPoints:
+    """Return the points with the lines of sight (n_groups, n, 2) that are likely in each group.
+
+    An azimuth error is a part of the distance from the centre. With lines of sight as measured, the
+    regression of rates would give a slope over azimuth that is too small. Of points with the
+    covariance X about the centre and errors R, a share X (X + R)^-1 of the distance remains, with
+    errors of the covariance X (X + R)^-1 R.
+    """
+    gain = extent @ np.linalg.inv(extent + error)
+    position = centroid[:, None] + (points.position_m - centroid[:, None]) @ gain.swapaxes(1, 2)
+    range_m = np.maximum(np.hypot(position[..., 0], position[..., 1]), _MIN_RANGE_M)
+    line_of_sight = position / range_m[..., None]
+    across = np.stack([-line_of_sight[..., 1], line_of_sight[..., 0]], axis=-1)
+    variance_m2 = np.einsum("tni,tij,tnj->tn", across, gain @ error, across)
+    return points._replace(line_of_sight=line_of_sight, azimuth_variance=variance_m2 / range_m**2)
 
 
 def update_groups(
@@ -284,19 +310,21 @@ def update_groups(
     error = np.tensordot(share, points.position_covariance, axes=1) / n[:, None, None]
     point_covariance = extent + error
     predicted, predicted_covariance = groups.combined_states()
+    likely_points = _likely_points(points, centroid, extent, error)
+    line_of_sight = likely_points.line_of_sight
     velocity, velocity_covariance = _combined_velocities_at_radar(groups)
     spread_variance = _rate_spread_variances(groups, tracker)
     # Ambiguous rates are unfolded about the combined prediction, for all models alike; those
     # that it cannot unfold are not used.
-    rate = _rate_residuals(velocity, points) + velocity @ points.line_of_sight.T
-    variance = _rate_variances(velocity, None, points, spread_variance[:, None])
-    total = _rate_variances(velocity, velocity_covariance, points, spread_variance[:, None])
+    rate = _rate_residuals(velocity, likely_points) + _range_rates(velocity, line_of_sight)
+    variance = _rate_variances(velocity, None, likely_points, spread_variance[:, None])
+    total = _rate_variances(velocity, velocity_covariance, likely_points, spread_variance[:, None])
     is_usable = np.isfinite(rate) & (4 * np.sqrt(total) < points.span_m_per_s / 2)
     rate_weight = np.where(is_usable, share / variance, 0.0)
     rate = np.where(is_usable, rate, 0.0)
     updated = _update_states(
         groups,
-        points.line_of_sight,
+        line_of_sight,
         centroid=centroid,
         position_information=count[:, None, None] * np.linalg.inv(point_covariance),
         rate=rate,
@@ -316,7 +344,7 @@ def update_groups(
         innovation[:, :, None] * innovation[:, None],
     )
     velocity, _ = _combined_velocities_at_radar(updated)
-    residual = rate - velocity @ points.line_of_sight.T
+    residual = rate - _range_rates(velocity, line_of_sight)
     # Rates that are not used leave the spread as it is.
     relative_square = np.sum(np.where(is_usable, rate_weight * residual**2, share), axis=1)
     return updated._replace(
@@ -346,7 +374,7 @@ def _update_states(
     information = jacobian.swapaxes(-1, -2) @ rate_information[:, None] @ jacobian
     information[..., [[X], [Y]], _POSITION] += position_information[:, None]
     offset = centroid[:, None] - groups.mean[..., _POSITION]
-    residual = rate[:, None] - velocity @ line_of_sight.T
+    residual = rate[:, None] - _range_rates(velocity, line_of_sight[:, None])
     weighted = rate_weight[:, None] * residual
     gradient = np.einsum("tmi,tmij->tmj", weighted @ line_of_sight, jacobian)
     gradient[..., _POSITION] += offset @ position_information
