@@ -2,8 +2,13 @@
 
 import importlib.metadata
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+from sphinxcontrib.bibtex.plugin import register_plugin
+from sphinxcontrib.bibtex.style.referencing import BracketStyle
+from sphinxcontrib.bibtex.style.referencing.author_year import AuthorYearReferenceStyle
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
@@ -18,7 +23,6 @@ extensions = [
     "family",
     "notebooks",
     "settings",
-    "sources",
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
@@ -27,6 +31,7 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "sphinx-mathjax-offline",
+    "sphinxcontrib.bibtex",
 ]
 exclude_patterns = [
     *("gallery", "_build", "_ext", "_templates", "verification/README.md", "figures/witnesses.md"),
@@ -43,6 +48,19 @@ nb_ipywidgets_js = {}  # would be downloaded from other sites
 nb_merge_streams = True
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
+
+# {cite}`rohling` becomes (Rohling, 1983), {cite:t}`rohling` becomes Rohling (1983).
+_ROUND = BracketStyle(left="(", right=")", sep="; ")
+register_plugin(
+    "sphinxcontrib.bibtex.style.referencing",
+    "round_author_year",
+    partial(AuthorYearReferenceStyle, bracket_textual=_ROUND, bracket_parenthetical=_ROUND),
+)
+bibtex_bibfiles = ["references.bib"]
+bibtex_reference_style = "round_author_year"
+bibtex_default_style = "plain"  # sorted by author
+bibtex_cite_id = "{key}-{bibliography_count}"
+suppress_warnings = ["bibtex.duplicate_label"]  # numbers of each list, which guide.css hides
 
 # Scripts in docs/gallery become pages with their figures and output; a failure stops the build.
 sphinx_gallery_conf = {

@@ -1,7 +1,8 @@
 """Notebooks of the guide's pages, which each page with code links at its end.
 
 Texts become text cells, `code-cell` code, `command` and `family` cells of bash, and `settings` with
-a name a cell that writes the file. Other directives keep their text.
+a name a cell that writes the file. Other directives and roles keep their text, citations their
+keys.
 """
 
 import re
@@ -16,6 +17,7 @@ from sphinx.application import Sphinx
 _FENCE = re.compile(r"^(`{3,}|:{3,}) *\{([\w-]+)\} *(.*?)\n(.*?)^\1 *$", re.MULTILINE | re.DOTALL)
 _OPTIONS = re.compile(r"(?:^:([\w-]+): *(.*)\n)", re.MULTILINE)
 _FRONT_MATTER = re.compile(r"\A---\n.*?^---\n", re.MULTILINE | re.DOTALL)
+_CITATION = re.compile(r"\{cite\}`(.+?)`")
 _ROLE = re.compile(r"\{[\w:-]+\}`(.+?)`")
 _FOLDER = "_notebooks"
 _FIRST_CELL = (
@@ -54,6 +56,7 @@ def _iter_cells(source: str) -> Iterator[nbformat.NotebookNode]:
 
 def _iter_text_cell(text: str) -> Iterator[nbformat.NotebookNode]:
     if text.strip():
+        text = _CITATION.sub(r"(\1)", text)
         yield new_markdown_cell(_ROLE.sub(r"\1", text).strip("\n"))
 
 

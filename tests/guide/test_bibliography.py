@@ -1,30 +1,24 @@
-"""Bibliography of the guide: authors cited in docstrings, and duplicates."""
+"""Bibliography of the guide: authors cited in docstrings, subjects, and the reference report."""
 
 import ast
 import re
-import sys
 import unicodedata
 from pathlib import Path
 
 import pytest
 
 import dechirp
+from dechirp.certificate.paper import REFERENCES
 
-pytest.importorskip("sphinx")
+database = pytest.importorskip("pybtex.database")
 ROOT = Path(dechirp.__file__).parent
 DOCS = Path(__file__).parents[2] / "docs"
 JOURNALS = {"Sel", "Image", "Fourier", "Meteorology", "Infrared", "Oceanic"}
 """Words after "J." that are part of a journal title."""
 
 
-@pytest.fixture(scope="module")
-def sources():
-    sys.path.insert(0, str(DOCS / "_ext"))
-    try:
-        import sources
-    finally:
-        sys.path.pop(0)
-    return sources
+AUTHOR = re.compile(r"\b(?:[A-Z]\.[ -]?)+(?:McK\. )?((?:Van )?[A-Z][\w'-]+)")
+SOURCES = database.parse_file(DOCS / "references.bib").entries
 
 
 def read_citations() -> dict[str, str]:
@@ -46,20 +40,41 @@ def remove_accents(text: str) -> str:
     return unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
 
 
-def test_cited_authors_are_in_bibliography(sources):
-    listed = (remove_accents(text) for text in sources.read().values())
-    known_names = JOURNALS | {name for text in listed for name in sources.surnames(text)}
+def surnames(source) -> list[str]:
+    """Return the surnames of the authors of a source, without accents."""
+    people = source.persons["author"]
+    return [remove_accents(" ".join(person.prelast_names + person.last_names)) for person in people]
+
+
+def test_cited_authors_are_in_bibliography():
+    known_names = JOURNALS | {name for source in SOURCES.values() for name in surnames(source)}
     missing = {
         where: names
         for where, text in read_citations().items()
-        if (names := set(sources.surnames(text)) - known_names)
+        if (names := set(AUTHOR.findall(text)) - known_names)
     }
 
     assert missing == {}
 
 
-def test_each_source_is_listed_once(sources):
+def test_each_source_has_a_subject_that_the_page_lists():
     page = (DOCS / "guide/bibliography.md").read_text(encoding="utf-8")
-    listed = " ".join(re.findall(r"```{sources}\n(.*?)```", page, re.DOTALL)).split()
+    listed = re.findall(r'```{bibliography}\n:filter: keywords == "(\w+)"\n```', page)
 
-    assert sorted(listed) == sorted(sources.read())
+    assert listed.count("detection") == 1
+    assert sorted(listed) == sorted({source.fields["keywords"] for source in SOURCES.values()})
+
+
+@pytest.mark.parametrize("key", REFERENCES)
+def test_bibliography_agrees_with_reference_report(key):
+    source, text = SOURCES[key], remove_accents(REFERENCES[key])
+
+    assert AUTHOR.findall(text) == surnames(source)
+    values = {
+        name: re.sub(r"[{}\\]", "", value).replace("--", "-")
+        for name, value in source.fields.items()
+        if name != "keywords"
+    }
+    for name, value in values.items():
+        parts = value.split(": ") if name == "title" else [value]
+        assert all(part in text for part in parts), name

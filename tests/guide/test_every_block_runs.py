@@ -27,7 +27,7 @@ KINDS_WITHOUT_CODE = {
     "{figure}",
     "{image}",
     "{math}",
-    "{sources}",
+    "{bibliography}",
     "{family}",
     "{toctree}",
     "{list-table}",

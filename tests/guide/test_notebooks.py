@@ -103,7 +103,7 @@ def test_page_becomes_notebook_with_all_its_code(page, converter):
 def test_command_and_settings_become_cells_that_run_in_order(tmp_path, converter):
     page = tmp_path / "page.md"
     page.write_text(
-        "---\nfile_format: mystnb\n---\n# Title\n\nSee {cite}`rohling`.\n\n"
+        "---\nfile_format: mystnb\n---\n# Title\n\nSee {cite:t}`rohling` {cite}`barton, kay`.\n\n"
         "```{settings}\n:name: short.yaml\nname: short\n```\n\n"
         "```{command}\n:status: 2\n:lines: 3\ndechirp run \\\n    short.yaml\n```\n",
         encoding="utf-8",
@@ -111,6 +111,6 @@ def test_command_and_settings_become_cells_that_run_in_order(tmp_path, converter
 
     _, text, settings, command = converter.page_as_notebook(page).cells
 
-    assert text.source == "# Title\n\nSee rohling."
+    assert text.source == "# Title\n\nSee rohling (barton, kay)."
     assert settings.source == "%%writefile short.yaml\nname: short"
     assert command.source == "%%bash --no-raise-error\ndechirp run \\\n    short.yaml"

@@ -71,7 +71,8 @@ REFERENCES = {
     " to target feature extraction,” IEEE Transactions on Signal Processing, vol. 44, no. 2,"
     " pp. 281-295, 1996.",
 }
-"""References that the paper and the guide cite, by key; the page sets the dashes of page ranges."""
+"""References of the paper by key, as in `docs/references.bib`; the page sets the dashes of page
+ranges."""
 
 _LABEL = re.compile(r"\\label\{(\w+):(\w+)\}")
 _REFERENCE = re.compile(r"\\ref\{(\w+):(\w+)\}")
