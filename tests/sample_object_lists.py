@@ -36,6 +36,15 @@ def single_object_list(**columns) -> xr.Dataset:
     )
 
 
+def longest_object_list(status: str, n_objects: int, frame: int = 0) -> xr.Dataset:
+    """Return a list of one frame that takes as many bytes in OSI as so many objects can."""
+    columns = {name: np.full(n_objects, 1.5) for name in MEASURED}
+    columns["number"] = 2**53 - np.arange(n_objects)
+    columns["status"] = np.full(n_objects, status)
+    columns["frame"], columns["time"] = np.full(n_objects, frame), np.full(n_objects, 1e8)
+    return build_object_list(columns, [frame], [1e8])
+
+
 def check_object_lists_agree(
     result: xr.Dataset, expected: xr.Dataset, steps: dict[str, float]
 ) -> None:

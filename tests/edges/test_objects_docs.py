@@ -1,4 +1,4 @@
-"""Documentation page on object lists: signal table and datagram layout match the code."""
+"""Documentation page on object lists: signal table and sizes of datagrams match the code."""
 
 import re
 from pathlib import Path
@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 import dechirp as dc
-from dechirp.results.object_lists import datagrams
 from dechirp.results.object_lists.can_layout import OBJECT_SIGNALS, read_dbc_layout
+from dechirp.results.object_lists.ethernet import MAX_OBJECTS_PER_LIST, encode_datagrams
+from sample_object_lists import longest_object_list
 
 PAGE = (Path(dc.__file__).parents[2] / "docs" / "objects.md").read_text(encoding="utf-8")
 
@@ -30,8 +31,25 @@ def test_documented_signals_match_dbc_range_and_step():
     assert set(OBJECT_SIGNALS) < set(parse_signal_table())
 
 
-def test_documented_datagram_layout_matches_docstring():
-    rows = [line for line in datagrams.__doc__.splitlines() if re.match(r"\| \d+ \|", line)]
-    assert len(rows) == 14
-    page_rows = [re.sub(r"the whole datagram", "the datagram", line) for line in rows]
-    assert all(line in PAGE for line in page_rows)
+def test_documented_sizes_of_datagrams_match_messages():
+    documented = {
+        name: int(re.search(pattern, PAGE).group(1))
+        for name, pattern in {
+            "header": r"about (\d+) bytes, and up to",
+            "object": r"up to (\d+) for each object",
+            "packet": r"messages above (\d+) bytes",
+            "objects in a packet": r"messages above \d+ bytes, (\d+) objects",
+            "datagram": r"up to (\d+) bytes, and OSI",
+            "objects": r"more than (\d+) objects",
+        }.items()
+    }
+    n_objects = (0, 1, documented["objects in a packet"], documented["objects in a packet"] + 1)
+    empty, single, fits, exceeds = (
+        len(encode_datagrams(longest_object_list("detection", n))[0]) for n in n_objects
+    )
+
+    assert documented["header"] == pytest.approx(empty, abs=10)
+    assert documented["object"] == single - empty
+    assert fits <= documented["packet"] == 1500 - 20 - 8 < exceeds
+    assert documented["datagram"] == 2**16 - 1 - 20 - 8
+    assert documented["objects"] == MAX_OBJECTS_PER_LIST

@@ -177,5 +177,5 @@ def _warn_lost_lists(losses: _LossCounts, n_complete: int) -> None:
         counts,
         remaining=f"{n_complete} lists are complete",
         expected="every frame of every list",
-        fix="look for errors and overload on the bus",
+        fix="incomplete lists are omitted; look for errors and overload on the bus",
     )

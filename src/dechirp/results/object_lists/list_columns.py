@@ -260,6 +260,6 @@ def warn_lost_messages(
             setting="objects",
             value=f"{', '.join(losses)}; {remaining}",
             expected=expected,
-            fix=f"incomplete lists are omitted; {fix}",
+            fix=fix,
         )
         warnings.warn(PhysicsWarning(finding), stacklevel=4)

@@ -1,4 +1,4 @@
-"""Object lists as ASAM OSI 3 traces: one `SensorData` message for each cycle.
+"""Object lists as ASAM OSI 3 messages: one `SensorData` for each cycle, in traces or datagrams.
 
 Tracks are `DetectedMovingObject`s, in Cartesian coordinates of the radar, which are those of OSI: x
 forward, y left, z up. Rows of status "detection" are written twice: as `RadarDetection`s, in the
@@ -23,7 +23,7 @@ ASAM OSI 3.8, osi_sensordata.proto, osi_detectedobject.proto, osi_featuredata.pr
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
@@ -126,14 +126,24 @@ def read_osi(path: str | Path) -> xr.Dataset:
     InvalidSetting
         If time decreases, or the extra `io` is missing.
     """
-    path = check_file_suffix(path, SUFFIXES)
+    return object_list_from_messages(_iter_trace_messages(check_file_suffix(path, SUFFIXES)))
+
+
+def object_list_from_messages(messages: Iterable[Any]) -> xr.Dataset:
+    """Return the object list in `osi3` messages of type `SensorData`, see `read_osi`.
+
+    Raises
+    ------
+    InvalidSetting
+        If time decreases, or values are outside the ranges of an object list.
+    """
     rows: list[dict[str, Any]] = []
     frames: list[int] = []
     times_s: list[float] = []
-    for index, message in enumerate(_iter_trace_messages(path)):
-        times_s.append(message.timestamp.seconds + message.timestamp.nanos / _NANO)
-        header = message.moving_object_header
-        frames.append(header.cycle_counter if header.HasField("cycle_counter") else index)
+    for index, message in enumerate(messages):
+        times_s.append(timestamp_ns(message) / _NANO)
+        cycle_counter = message_cycle_counter(message)
+        frames.append(index if cycle_counter is None else cycle_counter)
         message_rows = [*_read_moving_objects(message), *_read_detections(message)]
         rows += [{**row, "frame": frames[-1], "time": times_s[-1]} for row in message_rows]
     columns = {
@@ -145,6 +155,27 @@ def read_osi(path: str | Path) -> xr.Dataset:
     return sort_by_priority(
         check_object_list(build_object_list(columns, np.array(frames, float), np.array(times_s)))
     )
+
+
+def parse_sensor_data(content: bytes) -> Any | None:
+    """Return the `SensorData` message in these bytes, None if they are not a valid message."""
+    sensor_data = import_from_extra("io", "osi3.osi_sensordata_pb2").SensorData
+    parse_error = import_from_extra("io", "google.protobuf.message").DecodeError
+    try:
+        return sensor_data.FromString(content)
+    except parse_error:
+        return None
+
+
+def timestamp_ns(message: Any) -> int:
+    """Return the time of a `SensorData` message, ns."""
+    return int(message.timestamp.seconds * _NANO + message.timestamp.nanos)
+
+
+def message_cycle_counter(message: Any) -> int | None:
+    """Return the frame of a `SensorData` message, None if it is not set."""
+    header = message.moving_object_header
+    return int(header.cycle_counter) if header.HasField("cycle_counter") else None
 
 
 def osi_version() -> str:
@@ -293,8 +324,6 @@ def _field_or_nan(message: Any, field: str) -> float:
 
 def _iter_trace_messages(path: Path) -> Iterator[Any]:
     """Yield the messages of a trace."""
-    sensor_data = import_from_extra("io", "osi3.osi_sensordata_pb2").SensorData
-    unparsable = import_from_extra("io", "google.protobuf.message").DecodeError
     expected, fix = "a complete trace of SensorData", "write it again, or give a valid file"
     try:
         content = path.read_bytes()
@@ -311,10 +340,9 @@ def _iter_trace_messages(path: Path) -> Iterator[Any]:
         if not start <= end <= len(content):
             actual = f"truncated: {len(content) - offset} bytes at {offset}, where a message begins"
             raise RecordingError(path, value=actual, expected=expected, fix=fix)
-        try:
-            message = sensor_data.FromString(content[start:end])
-        except unparsable:
+        message = parse_sensor_data(content[start:end])
+        if message is None:
             actual = f"an invalid message at byte {start}"
-            raise RecordingError(path, value=actual, expected=expected, fix=fix) from None
+            raise RecordingError(path, value=actual, expected=expected, fix=fix)
         yield message
         offset = end
