@@ -18,7 +18,7 @@ from dechirp.traffic.base import TrafficFormat
 from dechirp.witnesses.base import Witness
 from families.test_members import FAMILIES
 from nightly import nightly
-from test_api import NAMESPACES, namespace_names
+from test_api import NAMESPACES, ROOT_NAMES, namespace_names
 from test_layers import FILES, ROOT, find_nodes, imported_files, iter_imports
 
 TESTS = Path(__file__).parent
@@ -87,8 +87,8 @@ def public_owner(*names: str) -> Path | None:
     """Return the file that defines `dechirp.name` or `dechirp.namespace.name`, if it is public."""
     if len(names) > 1 and names[0] in NAMESPACES:
         return module_file(namespace_names(names[0]).get(names[1], ""))
-    if names and names[0] in dechirp._MODULES:
-        return module_file(f"dechirp.{dechirp._MODULES[names[0]]}")
+    if names and names[0] in ROOT_NAMES:
+        return module_file(getattr(dechirp, names[0]).__module__)
     return None
 
 

@@ -10,6 +10,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from operator import attrgetter
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from docutils import nodes
@@ -47,15 +48,17 @@ def _load(name: str) -> Any:
 
 
 @cache
+def namespaces() -> list[str]:
+    """Return the names of the modules that group public names, such as `cfar`."""
+    return [name for name in dechirp.__all__ if isinstance(_load(name), ModuleType)]
+
+
+@cache
 def public_names() -> dict[str, str]:
     """Map each public name to the folder of its module, `processing.angle` and so on."""
-    members = (
-        f"{namespace}.{name}"
-        for namespace in dechirp._NAMESPACES
-        for name in getattr(dechirp, namespace).__all__
-        if name not in dechirp.__all__
-    )
-    names = (*dechirp.__all__, *members)
+    spaces = namespaces()
+    members = (f"{space}.{name}" for space in spaces for name in _load(space).__all__)
+    names = (*(name for name in dechirp.__all__ if name not in spaces), *members)
     folders = {name: _load(name).__module__.removeprefix("dechirp.") for name in names}
     return {name: module.rpartition(".")[0] or module for name, module in folders.items()}
 
@@ -145,8 +148,8 @@ def _write_pages(app: Sphinx) -> None:
 
 
 def _write_index(folders: dict[str, list[str]], tops: list[str]) -> str:
-    lines = ["API", "===", "", f"The {len(dechirp.__all__)} names of ``import dechirp as dc`` and"]
-    lines += [f"the members of its {len(dechirp._NAMESPACES)} namespaces, by the folder that"]
+    lines = ["API", "===", "", "The names of ``import dechirp as dc`` and"]
+    lines += [f"the members of its {len(namespaces())} namespaces, by the folder that"]
     lines += ["defines them. Fields carry their SI unit in the name; settings files use the name"]
     lines += ["without it. All names are in the :ref:`index <genindex>`.", ""]
     lines += [".. toctree::", "   :hidden:", "", *(f"   {top}" for top in tops), ""]

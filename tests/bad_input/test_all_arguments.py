@@ -16,8 +16,9 @@ from bad_input.test_array_arguments import VALID_ARGUMENTS
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.compiled_kernels import plain_twins_for_small_work
 from radars import street_radar
+from test_api import NAMESPACES
 
-NAMESPACES = ("dechirp", *sorted(dc._NAMESPACES))
+SPACES = ("dechirp", *NAMESPACES)
 # With valid arguments they run for minutes, or wait for packets.
 WITHOUT_END = {"verify", "listen"}
 WRONG_VALUES = [
@@ -85,7 +86,7 @@ def named_parameters(member):
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("namespace", NAMESPACES)
+@pytest.mark.parametrize("namespace", SPACES)
 def test_wrong_arguments_raise_no_foreign_error(namespace, samples, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     foreign = []

@@ -9,13 +9,14 @@ import pytest
 import dechirp as dc
 from bad_input.entries import check_error_is_complete
 from dechirp.core.values import frozen_dataclass
+from test_api import NAMESPACES
 
 # Closed forms and base classes are plain: Python's own TypeError names their arguments.
 PLAIN = ("theory", "link_budget", "windows", "extensions")
-NAMESPACES = [dc, *(getattr(dc, name) for name in dc._NAMESPACES if name not in PLAIN)]
+SPACES = [dc, *(getattr(dc, name) for name in NAMESPACES if name not in PLAIN)]
 CALLABLES = {
     f"{space.__name__}.{name}": member
-    for space in NAMESPACES
+    for space in SPACES
     for name in space.__all__
     if callable(member := getattr(space, name))
     # Exceptions and results are not called by users.
@@ -34,7 +35,7 @@ def test_unknown_argument_is_named(name):
     check_error_is_complete(caught.value)
 
 
-@pytest.mark.parametrize("namespace", [dc, *(getattr(dc, name) for name in dc._NAMESPACES)])
+@pytest.mark.parametrize("namespace", [dc, *(getattr(dc, name) for name in NAMESPACES)])
 def test_docstring_names_each_of_several_arguments(namespace):
     undocumented = []
     for name in namespace.__all__:

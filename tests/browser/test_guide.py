@@ -12,6 +12,7 @@ import pytest
 
 import dechirp
 from nightly import nightly, nightly_except
+from test_api import NAMESPACES
 
 GUIDE = Path(os.environ.get("DECHIRP_GUIDE") or "/nowhere")
 ALL_PAGES = sorted(page.relative_to(GUIDE) for page in GUIDE.rglob("*.html"))
@@ -152,7 +153,7 @@ def test_inventory_contains_every_public_name():
 
     members = {
         f"{namespace}.{name}"
-        for namespace in dechirp._NAMESPACES
+        for namespace in NAMESPACES
         for name in getattr(dechirp, namespace).__all__
     }
     assert {f"dechirp.{name}" for name in (*dechirp.__all__, *members)} <= documented_names

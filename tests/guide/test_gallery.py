@@ -48,7 +48,7 @@ def test_script_uses_only_public_attributes(script: Path) -> None:
         if isinstance(node, ast.Attribute):
             assert not node.attr.startswith("_")
             if isinstance(node.value, ast.Name) and node.value.id == "dc":
-                assert node.attr in {*dechirp.__all__, *dechirp._NAMESPACES}
+                assert node.attr in dechirp.__all__
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)

@@ -10,6 +10,7 @@ import pytest
 from markdown_it import MarkdownIt
 
 import dechirp
+from test_api import NAMESPACES
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -19,8 +20,8 @@ PAGES = [
 ]
 SCRIPTS = sorted([*(ROOT / "docs" / "gallery").glob("*/*.py"), *(ROOT / "examples").rglob("*.py")])
 NOTEBOOKS = sorted((ROOT / "examples").rglob("*.ipynb"))
-PUBLIC_MODULES = {"dechirp", *(f"dechirp.{name}" for name in dechirp._NAMESPACES)}
-PUBLIC_NAMES = {*dechirp.__all__, *dechirp._NAMESPACES}
+PUBLIC_MODULES = {"dechirp", *(f"dechirp.{name}" for name in NAMESPACES)}
+PUBLIC_NAMES = set(dechirp.__all__)
 
 
 def read_python_code(file):

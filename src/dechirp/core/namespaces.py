@@ -1,8 +1,4 @@
-"""Namespaces: modules that offer the public names of others, loaded on first use.
-
-lazy_loader, version 0.6, needs a list of the names or a stub, which a search for the members of
-families would have to write; its errors name the package instead of the namespace.
-"""
+"""Namespaces: modules that offer the public names of others, loaded on first use."""
 
 import importlib
 import importlib.util
