@@ -56,9 +56,15 @@ def test_alarms_are_cells_above_threshold_map(radar, sampling):
     is_alarm = power > dc.threshold_map(power, radar, chain)
 
     counts, n_rows = count_alarms(radar, chain, 1, seed=9)
+    rows = rows_with_circular_noise(
+        radar.frame.chirp, chain.map_noise_statistics(radar).range_transform
+    )
     assert counts.sum() > 5
-    assert np.array_equal(counts, is_alarm)
-    assert n_rows == np.isfinite(dc.threshold_map(power, radar, chain)[0]).sum()
+    assert np.array_equal(counts[:, rows], is_alarm[:, rows])
+    is_finite = np.isfinite(dc.threshold_map(power, radar, chain)).values
+    # At zero velocity and at the largest one, cells about DC and half the sample rate are excluded.
+    assert is_finite[[0, 32]].sum() == 2 * n_rows
+    assert is_finite[[5, 27], 1:].all()
 
 
 # Alarms are clustered where bins are correlated: at most 4.2 per cluster here (Hann, padded), so
@@ -227,3 +233,35 @@ def test_threshold_is_mean_of_training_cells():
                 box_power = power[np.ix_((v + columns) % 26, rows)]
                 # Sums contain up to 700 single-precision cells.
                 assert threshold[v, j] == pytest.approx(box_power[~is_guard].mean(), rel=5e-6)
+
+
+# Noise in the rows about DC and half the sample rate is circular for velocities of two cells or
+# more. Thresholds are those of training cells in the next rows, which are independent of it.
+@pytest.mark.parametrize("n_range_bins", [None, 256])
+@pytest.mark.parametrize("window", ["rectangular", "hann"])
+def test_false_alarm_rate_of_real_samples_matches_setting_at_range_ends(
+    radar, window, n_range_bins
+):
+    radar = resize_map(radar, 128, 64, sampling="real")
+    chain = make_chain(window, n_range_bins, 1e-3)
+    rng, n_maps = np.random.default_rng(5), 800
+    noise = chain.map_noise_statistics(radar)
+    rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
+    mean = noise_gain(noise.range_transform, noise.doppler_transform, radar.frame.chirp)
+    cube = simulate_noise_cube(radar, rng).isel(frame=0)
+    expected = power_sum = 0.0
+    for _ in range(n_maps):
+        cube.values[:] = simulate_noise_cube(radar, rng).values[0]
+        power = dc.power_map(cube, radar, chain)
+        threshold = dc.threshold_map(power, radar, chain).values
+        at_ends = np.delete(np.arange(power.shape[1]), rows)
+        is_tested = np.isfinite(threshold[:, at_ends])
+        level = threshold[:, at_ends][is_tested].astype(float)
+        expected += np.exp(-level / mean).mean() / n_maps
+        power_sum += power.values[:, at_ends][is_tested].mean() / n_maps
+    # Two to twelve rows of 58 cells or more: noise of 7e5 samples at least, of which a third is
+    # independent under Hann windows with padding: 0.2 % standard error.
+    assert power_sum / mean == pytest.approx(1, abs=0.012)
+    # Thresholds vary by 5 % and rates by seven times that; three training windows fit beside each
+    # other at either end: 1 % standard error, six of which are allowed.
+    assert expected / 1e-3 == pytest.approx(1, abs=0.06)

@@ -171,9 +171,10 @@ def run_with_target(range_cells, velocity_m_per_s, *, chain=None, rcs_m2=30.0):
     return findings, result.detections.range.values / cell_m
 
 
-@pytest.mark.parametrize("velocity_m_per_s", [0.0, 3.7, -12.0])
+# Velocities of at most one cell, 1.2 m/s, from zero or from the largest one, 38.9 m/s.
+@pytest.mark.parametrize("velocity_m_per_s", [0.0, 0.3, -1.2, 38.3])
 @pytest.mark.parametrize("range_cells", [126.6, 127.0, 127.4, 127.8])
-def test_echo_at_half_the_sample_rate_is_named(range_cells, velocity_m_per_s):
+def test_unsearched_echo_at_half_the_sample_rate_is_named(range_cells, velocity_m_per_s):
     (finding,), ranges = run_with_target(range_cells, velocity_m_per_s)
 
     assert not ranges.size
@@ -181,7 +182,8 @@ def test_echo_at_half_the_sample_rate_is_named(range_cells, velocity_m_per_s):
     range_m, velocity = re.search(pattern, finding.value).groups()
     cell_m = REAL_CHIRP.range_resolution_m
     # A static echo and its image, less than a main lobe apart, have one peak beside both.
-    assert float(range_m) == pytest.approx(range_cells * cell_m, abs=cell_m)
+    # The coupling of 38.3 m/s shifts it by 0.25 cells.
+    assert float(range_m) == pytest.approx(range_cells * cell_m, abs=1.3 * cell_m)
     resolution = REAL_RADAR.frame.velocity_resolution_m_per_s
     assert float(velocity) == pytest.approx(abs(velocity_m_per_s), abs=0.6 * resolution)
     assert finding.expected == f"echoes nearer than {126.5 * cell_m:.4g} m"

@@ -132,5 +132,8 @@ def count_noise_alarms(power: np.ndarray, radar: Radar, chain: Chain) -> NoiseMa
         n_tested = int(np.count_nonzero(is_usable))
     n_over = int(np.count_nonzero(is_over))
     # Most maps have no alarm, and then no peak: those are not looked for.
-    n_peaks = len(detect_peaks_and_count_dropped(power, radar, chain)[0]) if n_over else 0
+    n_peaks = 0
+    if n_over:
+        peak_rows = detect_peaks_and_count_dropped(power, radar, chain)[0][:, 1]
+        n_peaks = int(np.count_nonzero((rows.start <= peak_rows) & (peak_rows < rows.stop)))
     return NoiseMap(power, n_tested, n_over, n_peaks)

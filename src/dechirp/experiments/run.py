@@ -49,7 +49,11 @@ from dechirp.processing.chain import Chain
 from dechirp.processing.chain_findings import chain_findings
 from dechirp.processing.channel_errors import channel_error_findings
 from dechirp.processing.detect import FrameProcessor
-from dechirp.processing.hidden_echoes import hidden_echo_findings, unsearched_echo_findings
+from dechirp.processing.hidden_echoes import (
+    hidden_echo_findings,
+    unsearched_echo_findings,
+    velocity_sign_findings,
+)
 from dechirp.processing.leakage import leakage_mask
 from dechirp.processing.mitigation.apply import mitigation_findings
 from dechirp.processing.peaks import MAX_PEAKS
@@ -419,6 +423,7 @@ def detection_findings(
     beyond_leakage = detections.isel(detection=~leakage_mask(detections, radar, chain))
     return (
         *near_field.near_field_findings(radar, beyond_leakage),
+        *velocity_sign_findings(beyond_leakage, radar),
         *_dropped_peak_findings(detection_run.frames.n_crowded),
         *_masked_direction_findings(
             detection_run.frames.masked_ranges_m, radar.frame.chirp.range_resolution_m

@@ -8,7 +8,11 @@ from dechirp.processing.angle.aperture import radar_aperture
 from dechirp.processing.cfar.base import Cfar, MapNoise
 from dechirp.processing.chain import Chain
 from dechirp.processing.direction_finding import assumes_targets_at_rest, can_resolve_directions
-from dechirp.processing.spectrum import Transform, rows_with_circular_noise
+from dechirp.processing.spectrum import (
+    Transform,
+    rows_with_circular_noise,
+    velocities_with_circular_noise,
+)
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.theory.cfar import cell_averaging_factor
@@ -85,11 +89,17 @@ def chain_findings(radar: Radar, chain: Chain) -> list[Finding]:
     if chirp.sampling == "real":
         rows = rows_with_circular_noise(chirp, noise.range_transform)
         searched_m = chirp.range_bins_m(noise.range_transform.n_bins)[[rows.start, rows.stop - 1]]
+        is_circular = velocities_with_circular_noise(noise.doppler_transform)
+        echoes = "echoes"
+        if is_circular.any():
+            velocity_bins = radar.frame.velocity_bins_m_per_s(noise.doppler_transform.n_bins)
+            slowest = float(abs(velocity_bins[is_circular]).min())
+            echoes += f" within {slowest:.3g} m/s of zero velocity or of the largest one"
         findings.append(
             Finding(
                 level="note",
                 setting="radar.frame.chirp.sampling",
-                value=f"real samples: the map is searched from {searched_m[0]:.4g} to"
+                value=f"real samples: {echoes} are sought from {searched_m[0]:.4g} to"
                 f" {searched_m[1]:.4g} m, without {rows.start} and {n_rows - rows.stop} rows",
                 expected="noise independent of its mirror image, for false alarms as designed",
                 fix="sample faster for targets farther away; those up to half a cell outside are"

@@ -49,12 +49,16 @@ from dechirp.processing.scaling import (
     to_single_precision,
 )
 from dechirp.processing.sidelobe_rejection import estimate_tones_without_sidelobes
-from dechirp.processing.spectrum import check_samples_were_finite, noise_gain
+from dechirp.processing.spectrum import Transform, check_samples_were_finite, noise_gain
 from dechirp.processing.velocity_ambiguity.hypotheses import FramePeaks, ResolvedPeaks
 from dechirp.processing.velocity_ambiguity.resolve import resolve_velocity_ambiguity
 from dechirp.processing.virtual_array import split_chirps_into_slots
+from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
+
+# Distance in cells within which the image of an echo of real samples is estimated with it.
+_NEAR_IMAGE_CELLS = 8.0
 
 
 class FrameResult(NamedTuple):
@@ -329,13 +333,29 @@ def _refine_peaks(
     )
     sample_noise = np.maximum(sample_noise, np.finfo(np.float32).tiny)
     growth = slow_time_frequency_growth_per_sample(frame.chirp)
+    near_image = _peaks_near_their_images(fast, noise.range_transform, frame.chirp)
+    n_peaks = len(slow)
     tones, remaining_power = refine_tones_and_residuals(
-        samples, slow, fast, sample_noise, growth=growth
+        samples,
+        np.concatenate([slow, -slow[near_image]]),
+        np.concatenate([fast, -fast[near_image]]),
+        np.concatenate([sample_noise, sample_noise[near_image]]),
+        growth=growth,
     )
     amplitude_noise = sample_noise / (frame.n_chirps * frame.chirp.n_samples)
     tones, sidelobes, is_kept = estimate_tones_without_sidelobes(
-        samples, tones, amplitude_noise, remaining_power, growth=growth
+        samples,
+        tones,
+        np.concatenate([amplitude_noise, amplitude_noise[near_image]]),
+        remaining_power,
+        growth=growth,
     )
+    if near_image.size:
+        peaks = np.arange(n_peaks)
+        tones, is_kept = tones.select(peaks), is_kept[peaks]
+        sidelobes = None if sidelobes is None else sidelobes.select(peaks)
+    if frame.chirp.sampling == "real":
+        tones, sidelobes = _mirror_tones_of_no_range(tones, sidelobes, frame)
     if sidelobes is not None:
         amplitude_noise = amplitude_noise * sidelobes.noise_gain
     window_gain = 1.0 if sidelobes is None else sidelobes.noise_gain
@@ -347,6 +367,46 @@ def _refine_peaks(
         sidelobes=sidelobes,
     )
     return refined if is_kept.all() else refined.select(np.flatnonzero(is_kept))
+
+
+def _peaks_near_their_images(fast: np.ndarray, transform: Transform, chirp: Chirp) -> np.ndarray:
+    """Return the indices of peaks of real samples near their mirror images.
+
+    Images are at the negative beat and Doppler frequencies. Farther away, their sidelobes are those
+    that `estimate_tones_without_sidelobes` suppresses.
+    """
+    if chirp.sampling != "real":
+        return np.zeros(0, int)
+    cells = fast * (transform.n_points / (2 * np.pi))
+    distance = np.minimum(cells, transform.n_points / 2 - cells)
+    return np.flatnonzero(2 * distance < _NEAR_IMAGE_CELLS)
+
+
+def _mirror_tones_of_no_range(
+    tones: Tones, sidelobes: SidelobeErrors | None, frame: Frame
+) -> tuple[Tones, SidelobeErrors | None]:
+    """Replace tones of real samples below range 0 or beyond the largest range by their images.
+
+    An echo and its image are one tone each, with opposite signs of both frequencies. The echo is
+    the one whose delay frequency, beat minus Doppler, is from 0 to half the sample rate.
+    """
+    doppler = principal_doppler_hz(tones, frame) * (2 * np.pi / frame.chirp.sample_rate_hz)
+    is_image = (tones.fast - doppler) % (2 * np.pi) > np.pi
+    if not is_image.any():
+        return tones, sidelobes
+    amplitude = np.where(is_image[:, None], tones.amplitude.conj(), tones.amplitude)
+    mirrored = Tones(
+        slow=np.where(is_image, -tones.slow, tones.slow),
+        fast=np.where(is_image, -tones.fast % (2 * np.pi), tones.fast),
+        energy=tones.energy,
+        amplitude=amplitude,
+    )
+    if sidelobes is not None:
+        components = sidelobes.components
+        sidelobes = sidelobes._replace(
+            components=np.where(is_image[:, None, None], components.conj(), components)
+        )
+    return mirrored, sidelobes
 
 
 def _mitigate_and_list_removed_echoes(

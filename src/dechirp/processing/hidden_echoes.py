@@ -11,14 +11,17 @@ power relative to that of the strong echo is below
 T is the threshold of the map itself: training cells that contain the strong echo raise it. Of 250
 simulated echoes 8 dB below L none was found, 8 dB above it 237, and 16 dB above it 248.
 
-Rows about half the sample rate of real samples are not searched: noise there is correlated with its
-own conjugate by rho <= 1, so that (1 + rho) T bounds its false alarms. With the mirror image beside
-it, the range of a static echo depends on the phases of both.
+Cells of real samples in the rows about half the sample rate are not searched for velocities about
+zero and about the largest one: noise there is correlated with its own conjugate by rho <= 1, so
+that (1 + rho) T bounds its false alarms. With the mirror image beside it, the range of a static
+echo depends on the phases of both. Echoes of other velocities are apart from their images, which
+have the negative velocity; at the very end of the range axis, noise decides which is which.
 """
 
 import numpy as np
 import xarray as xr
 
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.findings import Finding
 from dechirp.core.text import format_number_ranges
 from dechirp.core.units import from_decibels, to_decibels
@@ -38,6 +41,8 @@ _MIN_MARGIN = 4.0
 _NOTED_LEVEL_DB = -40
 # 1 + rho of real noise. Then no more than the designed false alarms are reported as echoes.
 _REAL_NOISE_FACTOR = 2.0
+# Standard errors from the ends of the range axis within which an echo may be its own image.
+_IMAGE_STD = 3.0
 
 
 def hidden_levels(
@@ -133,11 +138,12 @@ def hidden_echo_findings(
 def unsearched_echo_findings(
     power: xr.DataArray, threshold: xr.DataArray, radar: Radar, chain: Chain, *, is_recorded: bool
 ) -> tuple[Finding, ...]:
-    """Return a finding on the strongest echo in the rows about half the sample rate.
+    """Return a finding on the strongest echo in the unsearched cells about half the sample rate.
 
-    Of real samples, these rows are not searched for targets. `power` and `threshold` are labelled
-    maps over velocity and range. Echoes beyond the largest range of the chain do not count. A
-    warning for a simulated frame; a note for a recorded one, in which converters leave spurs there.
+    Of real samples, cells of velocities about zero and about the largest one are not searched
+    there. `power` and `threshold` are labelled maps over velocity and range. Echoes beyond the
+    largest range of the chain do not count. A warning for a simulated frame; a note for a recorded
+    one, in which converters leave spurs there.
     """
     if radar.frame.chirp.sampling != "real":
         return ()
@@ -147,8 +153,11 @@ def unsearched_echo_findings(
     largest_m = np.inf if chain.max_range_m is None else chain.max_range_m
     if not 0 < end < len(range_m) or range_m[end] > largest_m:
         return ()
-    searched, unsearched = values[:, end - 1], values[:, end:].max(axis=1)
-    # An echo in the last searched row has its image in the other rows, at minus its velocity.
+    is_searched = np.isfinite(limits[:, end - 1 :])
+    last = values[:, end - 1 :]
+    unsearched = np.where(is_searched, 0, last).max(axis=1)
+    searched = np.where(is_searched, last, 0).max(axis=1)
+    # An echo in the searched cells has its image in the others, at minus its velocity.
     mirrored = searched[(2 * (len(searched) // 2) - np.arange(len(searched))) % len(searched)]
     neighbours = [np.roll(row, shift) for row in (searched, mirrored) for shift in (-1, 0, 1)]
     is_echo = unsearched > np.maximum(
@@ -166,9 +175,41 @@ def unsearched_echo_findings(
             setting="radar.frame.chirp.sampling",
             value=f"{source}, {margin_db:.0f} dB over the threshold at about"
             f" {range_m[column]:.4g} m with a radial speed of {abs(velocity_m_per_s[row]):.3g} m/s,"
-            f" is not detected: real samples are not searched beyond {range_m[end - 1]:.4g} m,"
-            " where echoes overlap with their mirror images",
+            f" is not detected: beyond {range_m[end - 1]:.4g} m, real samples are not searched for"
+            " echoes of this velocity, which overlap with their mirror images",
             expected=f"echoes nearer than {(range_m[end - 1] + range_m[end]) / 2:.4g} m",
+            fix="sample faster, or lower the slope",
+        ),
+    )
+
+
+def velocity_sign_findings(detections: xr.Dataset, radar: Radar) -> tuple[Finding, ...]:
+    """Return a warning on detections of real samples that may be mirror images of echoes.
+
+    An echo of real samples has an image at the negative beat and Doppler frequencies: as far beyond
+    the largest range, with the opposite velocity. Within the error of the range, either may be it.
+    """
+    if radar.frame.chirp.sampling != "real" or not radar.frame.can_measure_velocity:
+        return ()
+    range_m, std_m = detections["range"].values, detections["range_std"].values
+    if radar.calibration is not None:
+        range_m = range_m + radar.calibration.range_offset_m
+    distance_m = np.minimum(range_m, radar.frame.chirp.max_range_m - range_m)
+    is_moving = abs(detections["velocity"].values) > 3 * detections["velocity_std"].values
+    indices = np.flatnonzero((abs(distance_m) < _IMAGE_STD * std_m) & is_moving)
+    if not indices.size:
+        return ()
+    strongest = indices[np.argmax(detections["snr"].values[indices])]
+    velocity = detections["velocity"].values[strongest]
+    return (
+        Finding(
+            level="warning",
+            setting="radar.frame.chirp.sampling",
+            value=f"{format_count_with_noun(indices.size, 'detection')} at an end of the range axis"
+            f" of real samples, such as that at {range_m[strongest]:.4g} m: it moves at"
+            f" {velocity:.3g} or {-velocity:.3g} m/s, since its mirror image is as near to the end",
+            expected=f"detections more than {_IMAGE_STD:g} standard errors of range from 0 and from"
+            f" {radar.frame.chirp.max_range_m:.4g} m",
             fix="sample faster, or lower the slope",
         ),
     )

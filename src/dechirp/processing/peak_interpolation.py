@@ -36,8 +36,12 @@ def interpolate_peak_frequencies(
     (n_velocity, n_rows), n_bins = power.shape, noise.range_transform.n_bins
 
     def power_at(at_velocity: np.ndarray, at_row: np.ndarray) -> np.ndarray:
-        # Rows wrap round as velocities do; those of real samples end before they would.
-        return power[at_velocity % n_velocity, np.minimum(at_row % n_bins, n_rows - 1)]
+        # Rows wrap round as velocities do. Of real samples, half the rows are mirror images of the
+        # other half, at the negative velocity.
+        at_row = at_row % n_bins
+        is_image = at_row >= n_rows
+        at_velocity = np.where(is_image, 2 * (n_velocity // 2) - at_velocity, at_velocity)
+        return power[at_velocity % n_velocity, np.where(is_image, n_bins - at_row, at_row)]
 
     top = power_at(velocity, row)
     velocity_offset = tone_bin_offsets(

@@ -51,6 +51,8 @@ def reject_sidelobes(
     The amplitude of a weaker peak, less the window's sidelobe of each stronger one, must exceed
     the amplitude of its threshold, (n,). The rounding error of the stronger peak, 134 dB below
     it, counts as a sidelobe: otherwise an echo without any noise would be a hundred detections.
+    Real samples, whose maps contain half the bins, have the mirror image of each echo at the
+    negative beat and Doppler frequencies: so its sidelobes count too.
     """
     if len(cells) < 2:
         return cells
@@ -62,6 +64,7 @@ def reject_sidelobes(
         sidelobe_envelope(noise.range_transform),
         noise.doppler_transform.n_bins,
         noise.range_transform.n_bins,
+        power.shape[1] < noise.range_transform.n_bins,
     )
     return np.asarray(cells[keep])
 
@@ -165,14 +168,17 @@ def _mask_of_peaks_above_sidelobes_in_numpy(
     range_envelope: np.ndarray,
     n_velocity_bins: int,
     n_range_bins: int,
+    has_images: bool,
 ) -> np.ndarray:
     """Plain twin of `_mask_of_peaks_above_sidelobes`: equal apart from rounding."""
     keep = np.ones(len(cells), bool)
+    images = (2 * (n_velocity_bins // 2), 0) - cells
     for i in range(1, len(cells)):
-        dv, dr = abs(cells[:i] - cells[i]).T
-        dv, dr = np.minimum(dv, n_velocity_bins - dv), np.minimum(dr, n_range_bins - dr)
-        lobes = amplitude[:i] * (velocity_envelope[dv] * range_envelope[dr] + ROUNDING)
-        keep[i] = not np.any(keep[:i] & (amplitude[i] < lobes + threshold[i]))
+        for sources in (cells, images) if has_images else (cells,):
+            dv, dr = abs(sources[:i] - cells[i]).T
+            dv, dr = np.minimum(dv, n_velocity_bins - dv), np.minimum(dr, n_range_bins - dr)
+            lobes = amplitude[:i] * (velocity_envelope[dv] * range_envelope[dr] + ROUNDING)
+            keep[i] &= not np.any(keep[:i] & (amplitude[i] < lobes + threshold[i]))
     return keep
 
 
@@ -185,6 +191,7 @@ def _mask_of_peaks_above_sidelobes(
     range_envelope: np.ndarray,
     n_velocity_bins: int,
     n_range_bins: int,
+    has_images: bool,
 ) -> np.ndarray:
     n = len(cells)
     keep = np.ones(n, np.bool_)
@@ -196,7 +203,13 @@ def _mask_of_peaks_above_sidelobes(
             dr = abs(cells[i, 1] - cells[k, 1])
             # Sidelobes wrap round both axes of a transform.
             dv, dr = min(dv, n_velocity_bins - dv), min(dr, n_range_bins - dr)
-            lobe = amplitude[k] * (velocity_envelope[dv] * range_envelope[dr] + ROUNDING)
+            level = velocity_envelope[dv] * range_envelope[dr]
+            if has_images:
+                dv = abs(cells[i, 0] + cells[k, 0] - 2 * (n_velocity_bins // 2))
+                dr = cells[i, 1] + cells[k, 1]
+                dv, dr = min(dv, n_velocity_bins - dv), min(dr, n_range_bins - dr)
+                level = max(level, velocity_envelope[dv] * range_envelope[dr])
+            lobe = amplitude[k] * (level + ROUNDING)
             if amplitude[i] < lobe + threshold[i]:
                 keep[i] = False
                 break

@@ -11,6 +11,7 @@ from dechirp.core.conventions import axis_coordinate, labelled_variable
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
 from dechirp.core.units import power_units
+from dechirp.processing.cfar.base import MapNoise
 from dechirp.processing.chain import Chain
 from dechirp.processing.mitigation.apply import apply_mitigation
 from dechirp.processing.mitigation.noise_loss import (
@@ -29,6 +30,7 @@ from dechirp.processing.spectrum import (
     check_samples_were_finite,
     mean_range_doppler_power,
     rows_with_circular_noise,
+    searched_cell_mask,
 )
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.cube import select_only_frame
@@ -92,9 +94,9 @@ def threshold_map(power: xr.DataArray, radar: Radar, chain: Chain | None = None)
 
     Without a chain, that of `detect` with its defaults, which fit the training cells to the map.
 
-    Infinite in the rows about DC and about half the sample rate of real sampling, see
-    `processing.spectrum.rows_with_circular_noise`, and in cells with less than a tenth of the noise
-    left by mitigation; neither are training cells.
+    Infinite in cells of real samples that `processing.spectrum.searched_cell_mask` excludes, and in
+    cells with less than a tenth of the noise left by mitigation. Rows about DC and about half the
+    sample rate, which are no training cells, have the threshold of the next row.
 
     Parameters
     ----------
@@ -122,6 +124,10 @@ def threshold_map(power: xr.DataArray, radar: Radar, chain: Chain | None = None)
     threshold = np.full_like(labelled.values, np.inf)
     with plain_twins_in_first_calls(level.size):
         threshold[:, rows] = chain.cfar.threshold(level, noise)
+    if level.shape != threshold.shape and level.size:
+        threshold[:, : rows.start] = threshold[:, rows.start, None]
+        threshold[:, rows.stop :] = threshold[:, rows.stop - 1, None]
+        threshold[~_searched_cells(radar, noise)] = np.inf
     if (residual := residual_noise_gain(radar, chain)) is not None:
         threshold[~sufficient_noise_gain_mask(residual)] = np.inf
     return labelled.copy(data=threshold).assign_attrs(long_name="threshold")
@@ -143,12 +149,16 @@ def threshold_cuts_through_cell(
     window_rows = np.arange(row - window.half_velocity, row + window.half_velocity + 1) % len(level)
     over_range = np.full(values.shape[1], np.inf, np.float32)
     over_range[rows] = chain.cfar.threshold(level[window_rows], noise)[window.half_velocity]
-    over_velocity = np.full(values.shape[0], np.inf, np.float32)
-    if rows.start <= column < rows.stop:
-        box_row = int(window.tested_rows_in_training_box(level.shape[1])[column - rows.start])
-        first = column - rows.start - box_row
-        box = np.ascontiguousarray(level[:, first : first + 2 * window.half_range + 1])
-        over_velocity = chain.cfar.threshold(box, noise)[:, box_row]
+    over_range[: rows.start] = over_range[rows.start]
+    over_range[rows.stop :] = over_range[rows.stop - 1]
+    tested = min(max(column, rows.start), rows.stop - 1) - rows.start
+    box_row = int(window.tested_rows_in_training_box(level.shape[1])[tested])
+    first = tested - box_row
+    box = np.ascontiguousarray(level[:, first : first + 2 * window.half_range + 1])
+    over_velocity = chain.cfar.threshold(box, noise)[:, box_row]
+    is_searched = _searched_cells(radar, noise)
+    over_range[~is_searched[row]] = np.inf
+    over_velocity = np.where(is_searched[:, column], over_velocity, np.inf)
     if (residual := residual_noise_gain(radar, chain)) is not None:
         is_usable = sufficient_noise_gain_mask(residual)
         over_range[~is_usable[row]] = np.inf
@@ -230,11 +240,45 @@ def detect_peaks_and_count_dropped(
     if searched_power.shape != power.shape:
         in_rows, is_over = is_over, np.zeros(power.shape, bool)
         is_over[:, rows] = in_rows
+        is_over |= _exceeds_threshold_at_range_ends(power, rows, chain, noise)
     if (residual := residual_noise_gain(radar, chain)) is not None:
         is_over &= sufficient_noise_gain_mask(residual)
     cells, n_dropped = strongest_local_maxima_and_n_dropped(power, is_over)
-    threshold = chain.cfar.threshold_at_cells(searched_power, cells - (0, rows.start), noise)
+    threshold = _threshold_at_cells(searched_power, cells, rows, chain, noise)
     cells = reject_sidelobes(power, cells, threshold, noise)
+    if searched_power.shape != power.shape:
+        cells = cells[_searched_cells(radar, noise)[cells[:, 0], cells[:, 1]]]
     if chain.image_rejection is not None and radar.frame.chirp.sampling == "complex":
         cells = cells[image_levels(power, cells) > 1 / chain.image_rejection]
     return cells, n_dropped
+
+
+def _searched_cells(radar: Radar, noise: MapNoise) -> np.ndarray:
+    return searched_cell_mask(radar.frame.chirp, noise.range_transform, noise.doppler_transform)
+
+
+def _exceeds_threshold_at_range_ends(
+    power: np.ndarray, rows: slice, chain: Chain, noise: MapNoise
+) -> np.ndarray:
+    """Return which cells of real samples outside the rows exceed the threshold of the next row.
+
+    Cells that are not searched too: their echoes have sidelobes among the others.
+    """
+    is_over = np.zeros(power.shape, bool)
+    if rows.start == rows.stop:
+        return is_over
+    searched_power = np.ascontiguousarray(power[:, rows])
+    velocity = np.arange(len(power))
+    for end, row in ((slice(rows.start), rows.start), (slice(rows.stop, None), rows.stop - 1)):
+        cells = np.stack([velocity, np.full_like(velocity, row)], axis=1)
+        threshold = _threshold_at_cells(searched_power, cells, rows, chain, noise)
+        is_over[:, end] = power[:, end] > threshold[:, None]
+    return is_over
+
+
+def _threshold_at_cells(
+    searched_power: np.ndarray, cells: np.ndarray, rows: slice, chain: Chain, noise: MapNoise
+) -> np.ndarray:
+    """Return the threshold at cells of a map, (n,): outside the rows that of the next one."""
+    tested = np.clip(cells, (0, rows.start), (len(searched_power) - 1, rows.stop - 1))
+    return chain.cfar.threshold_at_cells(searched_power, tested - (0, rows.start), noise)

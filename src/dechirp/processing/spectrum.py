@@ -136,6 +136,41 @@ def circular_noise_rows(sampling: Sampling, transform: Transform) -> slice:
     return slice(int(first), int(last) + 1)
 
 
+@lru_cache(maxsize=32)
+def velocities_with_circular_noise(transform: Transform) -> np.ndarray:
+    """Return which velocities have circular noise in all range rows of real samples, (n_bins,).
+
+    Noise of row r and velocity v correlates with its own conjugate by the product of two factors,
+    that of `rows_with_circular_noise` and its equal over chirps: 1 for zero velocity and for the
+    largest, 1 / 6 one bin beside them under a Hann window; those up to 0.1 are circular.
+    """
+    velocity_bins = np.arange(transform.n_bins) - transform.n_bins // 2
+    own_conjugate = abs(bin_correlation(transform.weights, transform.n_bins, 2 * velocity_bins))
+    mask = np.asarray(own_conjugate <= 0.1)
+    mask.setflags(write=False)
+    return mask
+
+
+@lru_cache(maxsize=8)
+def searched_cell_mask(chirp: Chirp, range_transform: Transform, doppler: Transform) -> np.ndarray:
+    """Return the cells of a map that are searched for targets, (velocity, range), bool.
+
+    Complex samples: all. Real samples: those with circular noise, except within half a cell of zero
+    range, where the noise of receivers rises.
+    """
+    if chirp.sampling == "complex":
+        return np.broadcast_to(np.True_, (doppler.n_bins, range_transform.n_bins))
+    rows = np.arange(range_transform.n_bins // 2 + 1)
+    is_beyond_half_a_cell = 2 * rows * range_transform.n_points >= range_transform.n_bins
+    mask = velocities_with_circular_noise(doppler)[:, None] & is_beyond_half_a_cell
+    circular_rows = rows_with_circular_noise(chirp, range_transform)
+    if circular_rows.start == circular_rows.stop:
+        mask[:] = False
+    mask[:, circular_rows] = True
+    mask.setflags(write=False)
+    return mask
+
+
 def range_profiles(cube: xr.DataArray, chirp: Chirp, transform: Transform) -> xr.DataArray:
     """Transform (..., sample) to (..., range), complex; a tone keeps its power.
 

@@ -58,22 +58,21 @@ def alias_range_velocity(
     chirp = radar.frame.chirp
     if radar.frame.has_falling_ramps:
         return true
-    frequencies = beat_and_doppler_frequencies(true, radar)
-    beat_hz, doppler_hz = frequencies.beat_hz % chirp.sample_rate_hz, frequencies.doppler_hz
+    beat_hz, doppler_hz = beat_and_doppler_frequencies(true, radar)
+    is_single_chirp = radar.frame.n_chirps == 1
+    if n_resolved_spans is not None and not is_single_chirp:
+        doppler_hz = wrap_about_zero(doppler_hz, n_resolved_spans / radar.frame.repetition_s)
+    delay_hz = beat_hz if is_single_chirp else beat_hz - doppler_hz
+    # No delay is negative, but that of an echo at 0 may be rounded below it.
+    rounding_hz = 1e-9 * chirp.sample_rate_hz
+    delay_hz = (delay_hz + rounding_hz) % chirp.sample_rate_hz - rounding_hz
     if chirp.sampling == "real":
         # The upper half of the spectrum mirrors the lower: both frequencies change sign.
-        is_mirrored = beat_hz > chirp.sample_rate_hz / 2
-        beat_hz = np.where(is_mirrored, chirp.sample_rate_hz - beat_hz, beat_hz)
+        is_mirrored = delay_hz > chirp.sample_rate_hz / 2
+        delay_hz = np.where(is_mirrored, chirp.sample_rate_hz - delay_hz, delay_hz)
         doppler_hz = np.where(is_mirrored, -doppler_hz, doppler_hz)
-    if radar.frame.n_chirps == 1:
-        return RangeVelocity(chirp.range_m(1.0) * beat_hz, np.full_like(doppler_hz, np.nan))
-    if n_resolved_spans is not None:
-        doppler_hz = wrap_about_zero(doppler_hz, n_resolved_spans / radar.frame.repetition_s)
-    delay_hz = beat_hz - doppler_hz
-    if chirp.sampling == "complex":
-        # No delay is negative, but that of an echo at 0 may be rounded below it.
-        rounding_hz = 1e-9 * chirp.sample_rate_hz
-        delay_hz = (delay_hz + rounding_hz) % chirp.sample_rate_hz - rounding_hz
+    if is_single_chirp:
+        return RangeVelocity(chirp.range_m(1.0) * delay_hz, np.full_like(doppler_hz, np.nan))
     return RangeVelocity(
         chirp.range_m(1.0) * delay_hz,
         doppler_hz * SPEED_OF_LIGHT / (2 * (chirp.mean_sampled_frequency_hz - delay_hz)),

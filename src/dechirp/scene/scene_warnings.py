@@ -249,7 +249,7 @@ def _find_aliased_ranges(snapshot: _SceneSnapshot) -> _FindingCase:
     """Find aliased ranges; where the Doppler frequency is measured, it does not alias them."""
     frame, chirp = snapshot.radar.frame, snapshot.radar.frame.chirp
     beat_hz, doppler_hz = beat_and_doppler_frequencies(snapshot.range_velocity, snapshot.radar)
-    has_coupling = chirp.sampling == "real" or frame.n_chirps == 1 or frame.has_falling_ramps
+    has_coupling = frame.n_chirps == 1 or frame.has_falling_ramps
     if not has_coupling:
         beat_hz = beat_hz - doppler_hz
     return _FindingCase(

@@ -19,7 +19,7 @@ from dechirp.evaluation.trial_statistics import estimate_rate
 from dechirp.processing.cfar.base import Cfar, MapNoise
 from dechirp.processing.mitigation.noise_loss import sufficient_noise_gain_mask
 from dechirp.processing.range_doppler_map import residual_noise_gain
-from dechirp.processing.spectrum import rows_with_circular_noise
+from dechirp.processing.spectrum import rows_with_circular_noise, searched_cell_mask
 
 
 class RocCurve(NamedTuple):
@@ -83,6 +83,9 @@ class Roc(Score):
         chain, radar = context.chain, context.radar
         noise = chain.map_noise_statistics(radar)
         rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
+        searched_cells = searched_cell_mask(
+            radar.frame.chirp, noise.range_transform, noise.doppler_transform
+        )
         residual_noise_map = residual_noise_gain(radar, chain)
         usable = (
             None if residual_noise_map is None else sufficient_noise_gain_mask(residual_noise_map)
@@ -94,15 +97,14 @@ class Roc(Score):
         n = len(factors)
         sums = np.zeros((len(context.target_names), self.n_sums))
         for power, gate in zip(result.maps, target_gate_cells(context), strict=True):
-            is_searched = (gate.range >= rows.start) & (gate.range < rows.stop)
+            is_searched = searched_cells[gate.velocity, gate.range]
             if usable is not None:
                 is_searched &= usable[gate.velocity, gate.range]
-            cells = np.stack(
-                [gate.velocity[is_searched], gate.range[is_searched] - rows.start], axis=1
-            )
-            searched_power = np.ascontiguousarray(power[:, rows])
-            level = searched_power[cells[:, 0], cells[:, 1]] / unit.threshold_at_cells(
-                searched_power, cells, noise
+            velocity, row = gate.velocity[is_searched], gate.range[is_searched]
+            # Cells outside the rows have the threshold of the next row.
+            cells = np.stack([velocity, np.clip(row, rows.start, rows.stop - 1) - rows.start], 1)
+            level = power[velocity, row] / unit.threshold_at_cells(
+                np.ascontiguousarray(power[:, rows]), cells, noise
             )
             is_over = level > factors[:, cells[:, 1]]
             for target in range(len(sums)):
