@@ -1,5 +1,6 @@
 """WAV recordings without a sync: one channel, I and Q in two files or in two channels."""
 
+import sys
 import wave
 from dataclasses import replace
 
@@ -8,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dechirp.core.errors import RecordingError
+from dechirp.core.errors import InvalidSetting, RecordingError
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
@@ -113,6 +114,15 @@ def test_one_channel_is_a_real_beat_signal_with_pauses_between_frames(tmp_path):
     assert np.array_equal(recording.cube.values[:, :, 0], expected.astype(np.float32))
     last = next(recording.select_frames(2, 3).frames())
     assert np.array_equal(last.values[0, :, 0], expected[2].astype(np.float32))
+
+
+@pytest.mark.parametrize("format", [None, "sync-wav", "continuous-wav"])
+def test_missing_library_is_reported_with_its_extra(tmp_path, monkeypatch, format):
+    file = write_wav(tmp_path / "beat.wav", draw_iq()[0])
+    monkeypatch.setitem(sys.modules, "soundfile", None)
+
+    with pytest.raises(InvalidSetting, match=r"pip install 'dechirp\[io\]'"):
+        open_recording(file, radar=make_radar("real"), format=format)
 
 
 def test_single_chirps_are_joined_and_their_ambiguity_is_reported(tmp_path):

@@ -3,6 +3,7 @@
 import re
 import struct
 import wave
+from uuid import UUID
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from nightly import n_examples
 SPEED_OF_LIGHT = 299_792_458.0
 RATE = 8000
 PERIOD = 200.4  # samples; fractional, as in real recordings
+FLOAT_SUBTYPE = UUID("00000003-0000-0010-8000-00aa00389b71")  # of WAVE_FORMAT_EXTENSIBLE
 SLOPE = 100e6 * RATE / 90  # 1.5 m per range bin with 90 samples
 
 
@@ -149,13 +151,26 @@ def test_every_sample_width_gives_equal_signal(tmp_path):
     for kind, n_bytes in (("<f4", 4), ("<f8", 8)):
         for format_chunk in (struct.pack("<HHIIHH", 3, 2, RATE, 0, 2 * n_bytes, 8 * n_bytes),):
             extended_chunk = (
-                struct.pack("<H", 0xFFFE) + format_chunk[2:] + bytes(8) + b"\3" + bytes(15)
+                struct.pack("<H", 0xFFFE)
+                + format_chunk[2:]
+                + struct.pack("<HHI", 22, 8 * n_bytes, 3)
+                + FLOAT_SUBTYPE.bytes_le
             )
             for chunk in (format_chunk, extended_chunk):
                 data = channels.T.astype(kind).tobytes()
                 (tmp_path / "f.wav").write_bytes(encode_riff((b"fmt ", chunk), (b"data", data)))
                 frames = decode_file(tmp_path / "f.wav", make_hints(encoding="upright"))[1]
                 assert np.allclose(frames, reference, atol=1e-6)
+
+
+def test_twelve_bits_in_sixteen_are_read(tmp_path):
+    content = encode_riff((b"fmt ", FORMAT_CHUNK[:14] + b"\x0c\0"), (b"data", SAMPLE_BYTES))
+    (tmp_path / "car.wav").write_bytes(content)
+
+    frames = decode_file(tmp_path / "car.wav")[1]
+
+    expected = decode_file(write_wav(tmp_path / "whole.wav", -simulate_channels()))[1]
+    assert np.array_equal(frames, expected)
 
 
 def encode_riff(*chunks, name=b"RIFF", sizes=None):
@@ -321,25 +336,25 @@ def test_rejects_recording_that_contradicts_radar(tmp_path, channels, hints, mes
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"RIFF", "without its signature"),
-        (encode_riff(), "without samples"),
-        (encode_riff(*[(b"junk", b"")] * 2000, (b"data", SAMPLE_BYTES)), "without samples"),
-        (encode_riff((b"data", SAMPLE_BYTES), (b"fmt ", FORMAT_CHUNK)), "before their format"),
-        (encode_riff((b"fmt ", FORMAT_CHUNK[:10]), (b"data", SAMPLE_BYTES)), "before their format"),
-        (encode_riff((b"fmt ", FORMAT_CHUNK), (b"data", b"")), "with 0 bytes of samples"),
+        (b"RIFF", "Format not recognised"),
+        (encode_riff(), "No 'data' chunk"),
+        (encode_riff(*[(b"junk", b"")] * 2000, (b"data", SAMPLE_BYTES)), "No 'data' chunk"),
+        (encode_riff((b"data", SAMPLE_BYTES), (b"fmt ", FORMAT_CHUNK)), "No 'data' chunk"),
+        (encode_riff((b"fmt ", FORMAT_CHUNK[:10]), (b"data", SAMPLE_BYTES)), "Short 'fmt ' chunk"),
+        (encode_riff((b"fmt ", FORMAT_CHUNK), (b"data", b"")), "0 bytes of samples"),
         (
             encode_riff((b"fmt ", b"\x55\0" + FORMAT_CHUNK[2:]), (b"data", SAMPLE_BYTES)),
-            "in encoding 85",
+            "Malformed 'fmt ' chunk",
         ),
         (
-            encode_riff((b"fmt ", FORMAT_CHUNK[:14] + b"\x0c\0"), (b"data", SAMPLE_BYTES)),
-            "of 12 bits",
+            encode_riff((b"fmt ", b"\7\0" + FORMAT_CHUNK[2:]), (b"data", SAMPLE_BYTES)),
+            "samples of type ULAW",
         ),
         (
             encode_riff(
                 (b"fmt ", FORMAT_CHUNK[:2] + b"\0\0" + FORMAT_CHUNK[4:]), (b"data", SAMPLE_BYTES)
             ),
-            "of 0 channels",
+            "Channel count is zero",
         ),
     ],
 )

@@ -41,7 +41,7 @@ class ContinuousWav(Format):
     """WAV without a sync: the beat signal, or I and Q in two files or two channels.
 
     Either file of a pair names the recording. Chirps begin with the file, at the times of the
-    radar's settings. Single chirps are joined, see `join_single_chirps`.
+    radar's settings. Single chirps are joined, see `join_single_chirps`. Needs the extra `io`.
     """
 
     options: ClassVar[tuple[str, ...]] = ("iq",)

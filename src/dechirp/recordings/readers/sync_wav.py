@@ -52,7 +52,7 @@ class SyncWav(Format):
     """Stereo WAV radars: beat signal, and sync of the ramps.
 
     One file; chirps follow one another, and the radar's settings divide them into frames. Single
-    chirps are joined, see `join_single_chirps`.
+    chirps are joined, see `join_single_chirps`. Needs the extra `io`.
     """
 
     options: ClassVar[tuple[str, ...]] = ("encoding",)
