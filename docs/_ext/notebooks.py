@@ -66,7 +66,7 @@ def _iter_directive_cell(
     if directive == "code-cell":
         yield new_code_cell(content)
     elif directive == "command":
-        fails = " --no-raise-error" if options.get("status", "0") != "0" else ""
+        fails = " --no-raise-error" if options.get("returncode", "0") != "0" else ""
         yield new_code_cell(f"%%bash{fails}\n{options.get('ran', content)}")
     elif directive == "family":
         yield new_code_cell(f"%%bash\ndechirp list {argument}")

@@ -105,7 +105,7 @@ def test_command_and_settings_become_cells_that_run_in_order(tmp_path, converter
     page.write_text(
         "---\nfile_format: mystnb\n---\n# Title\n\nSee {cite:t}`rohling` {cite}`barton, kay`.\n\n"
         "```{settings}\n:name: short.yaml\nname: short\n```\n\n"
-        "```{command}\n:status: 2\n:lines: 3\ndechirp run \\\n    short.yaml\n```\n",
+        "```{command}\n:returncode: 2\n:ellipsis: 0, -3\ndechirp run \\\n    short.yaml\n```\n",
         encoding="utf-8",
     )
 
