@@ -3,15 +3,18 @@
 The files are written byte by byte, not with the package.
 """
 
+import gzip
 import json
 import os
 import pickle
 import re
+import shlex
 import struct
 import subprocess
 import sys
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import psutil
@@ -662,6 +665,7 @@ def test_missing_infineon_config_error_names_file(tmp_path):
     mistake = catch_mistake(folder)
 
     assert mistake.file == str(folder / "config.json")
+    assert "radar.npy without config.json" in mistake.value
     assert open_recording(folder, radar=make_radar(n_rx=3, sampling="real")).n_frames == 2
 
 
@@ -1222,6 +1226,37 @@ def test_folder_of_pointer_or_nested_recording_names_next_step(tmp_path):
 
     assert catch_mistake(tmp_path / "outer").fix.endswith(f"dechirp run {nested}")
     assert "a pointer of Git LFS" in catch_mistake(pointers).value
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "value", "fix"),
+    [
+        ("walk.bin.gz", gzip.compress(bytes(100)), "beside walk.bin.gz", "unpack it: gunzip FILE"),
+        ("walk.bin", b"", "beside walk.bin (0 bytes)", "copy the recording into the folder"),
+    ],
+)
+def test_folder_of_settings_names_what_is_no_recording(tmp_path, name, content, value, fix):
+    (tmp_path / "radar.yaml").write_text(dump_yaml(make_radar()))
+    (tmp_path / name).write_bytes(content)
+
+    mistake = catch_mistake(tmp_path)
+    assert mistake.value.endswith(value)
+    assert fix in mistake.fix
+
+
+def test_settings_in_the_folder_above_are_named(tmp_path, monkeypatch):
+    (tmp_path / "day 1").mkdir()
+    file = write_capture_folder(tmp_path / "day 1" / "walk")
+    above = str(tmp_path / "day 1" / "radar.yaml")
+    (file.parent / "radar.yaml").rename(above)
+
+    for path in (file, file.parent):
+        mistake = catch_mistake(path)
+        assert mistake.value.endswith("in the folder above radar.yaml")
+        assert mistake.fix.endswith(f"--radar {shlex.quote(above)}")
+    assert f"run {shlex.quote(str(file.parent))} --radar" in catch_mistake(tmp_path / "day 1").fix
+    monkeypatch.chdir(file.parent)
+    assert f"--radar {shlex.quote(above)}" in catch_mistake(Path(file.name)).fix
 
 
 @pytest.mark.parametrize("read", [open_recording, inspect])

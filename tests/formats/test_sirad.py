@@ -356,3 +356,14 @@ def test_fuzzed_bytes_decode_or_raise_recording_error(tmp_path_factory, data):
         return
     assert np.isfinite(frames).all()
     assert abs(frames).max() < 1.5
+
+
+def test_byte_order_mark_and_windows_line_ends_are_read(tmp_path):
+    text = format_document(simulate_echo()).replace("], [", "],\r\n[")
+    _, plain = read_contents(tmp_path, text)
+    (tmp_path / "walk.json").write_bytes(b"\xef\xbb\xbf" + text.encode())
+
+    recording = dechirp.open(tmp_path)
+
+    assert recording.format == "sirad"
+    assert np.array_equal(recording.cube.values.reshape(plain.shape), plain)

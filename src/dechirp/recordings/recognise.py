@@ -514,29 +514,29 @@ def _describe_folder_and_fix(path: Path) -> tuple[str, str]:
     """Describe a folder without a recording, and how to go on."""
     members = _list_folder(path)
     settings = [file for file in members if holds_settings(file)]
-    if settings:
-        names = join_names(file.name for file in settings)
-        return (
-            f"a folder with the settings of a recording, without its samples: {names}",
-            "copy the recording into the folder, or give it with its settings: dechirp run"
-            f" RECORDING --radar {shlex.quote(str(settings[0]))}",
-        )
-    names = join_names(file.name + _reason_for_no_content(file) for file in members)
-    value = (
-        f"a folder with {names or 'nothing'}, no recording among them"
-        if names
-        else "an empty folder"
-    )
-    fix = "give the recording, or the folder that contains it"
-    folders = [file for file in members if file.is_dir()]
-    if folders:
-        return value, f"{fix}: dechirp run {shlex.quote(str(folders[0]))}"
-    for file in members[:_MAX_TRIED_FILES]:
+    others = [file for file in members if file not in settings]
+    content = join_names(file.name + _reason_for_no_content(file) for file in others)
+    folders = [shlex.quote(str(file)) for file in others if file.is_dir()]
+    foreign = ""
+    for file in others[:_MAX_TRIED_FILES]:
         kind = identify_foreign_file(read_head(file)) if file.is_file() else None
         if kind is not None and kind.fix is not None:
             kind = examine_zip_archive(file, kind)
-            return value, f"{fix}; {file.name} is {kind.description}: {kind.fix}"
-    return value, fix
+            foreign = f"; {file.name} is {kind.description}: {kind.fix}"
+            break
+    if settings:
+        names = join_names(file.name for file in settings)
+        is_named = bool(foreign or folders or "bytes)" in content)
+        return (
+            f"a folder with the settings of a recording, without its samples: {names}"
+            + f"; beside {content}" * is_named,
+            "copy the recording into the folder, or give it with its settings: dechirp run"
+            f" {folders[0] if folders else 'RECORDING'} --radar {shlex.quote(str(settings[0]))}"
+            + foreign,
+        )
+    value = f"a folder with {content}, no recording among them" if content else "an empty folder"
+    fix = "give the recording, or the folder that contains it"
+    return value, f"{fix}: dechirp run {folders[0]}" if folders else fix + foreign
 
 
 def _reason_for_no_content(file: Path) -> str:

@@ -55,6 +55,15 @@ class Infineon(Format):
                 expected="one recording",
                 fix="give the folder of one recording",
             )
+        if hints.settings is None and not (folders[0] / _CONFIG).is_file():
+            raise RecordingError(
+                folders[0] / _CONFIG,
+                value=f"not readable (no such file): {_SAMPLES} without {_CONFIG}, the settings of"
+                " the radar",
+                expected="both files in the folder",
+                fix=f"copy {_CONFIG} of this recording into {folders[0].name}, or give the radar:"
+                " --radar FILE",
+            )
         settings = hints.settings or read_settings(folders[0] / _CONFIG, hints.device)
         file = folders[0] / _SAMPLES
         check_stays_in_folder(folders[0], file)

@@ -7,6 +7,7 @@ The ramp sweeps the bandwidth in 37.5 more sample periods than are recorded: 32 
 2.76 of 6 GHz. Verified on a recording in which ranges computed so change as the phase does.
 """
 
+import codecs
 import json
 import math
 import re
@@ -72,7 +73,7 @@ class Sirad(Format):
         has_all_keys = all(b'"%b"' % key.encode() in header for key in _KEYS)
         return (
             MatchQuality.SELF_DESCRIBING
-            if has_all_keys and header.lstrip()[:1] == b"{"
+            if has_all_keys and header.removeprefix(codecs.BOM_UTF8).lstrip()[:1] == b"{"
             else MatchQuality.NO
         )
 

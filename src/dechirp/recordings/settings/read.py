@@ -4,6 +4,7 @@ import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 from dechirp.core.errors import DechirpError, RecordingError
@@ -27,6 +28,8 @@ from dechirp.recordings.settings.radar_example import RadarExample
 
 _YAML = (".yaml", ".yml")
 _SUFFIXES = (*_YAML, ".txt", ".log", ".json", ".cfg", ".lua")
+# Files of the folder above that are read in search of settings: it may be a home folder.
+_MAX_FILES_ABOVE = 64
 _MAX_BYTES = 16 * 2**20  # a log of years; each line takes 8 more bytes of memory
 
 
@@ -140,6 +143,16 @@ def choose_settings_file(
         if choices:
             break
     if not candidates:
+        above = _list_settings_in_folder_above(recording)
+        if above:
+            raise RecordingError(
+                recording,
+                value="no settings in the recording; in the folder above"
+                f" {join_names(file.name for file in above)}",
+                expected="the radar of the recording",
+                fix="give those of this recording (radar=... in Python), or copy them beside it: "
+                + join_names(f"--radar {shlex.quote(str(file))}" for file in above),
+            )
         raise RecordingError(
             recording,
             value="no settings in the recording",
@@ -198,6 +211,18 @@ def _settings_by_words_finding(file: Path, choices: list[Path], reason: str) -> 
         fix="no action needed if they are; else give --radar"
         f" {shlex.quote(str(others[0]))}, and name it like the recording",
     )
+
+
+def _list_settings_in_folder_above(recording: Path) -> list[Path]:
+    """Return the settings files of the folder that contains that of the recording."""
+    folder = recording.absolute().parent
+    try:
+        files = sorted(islice(folder.parent.iterdir(), _MAX_FILES_ABOVE))
+    except OSError:
+        return []
+    # As the user gave the path, which may be relative to this folder.
+    parent = recording.parent.parent if recording.parent.name else folder.parent
+    return [parent / file.name for file in files if file.is_file() and holds_settings(file)]
 
 
 def list_settings_files(recording: Path) -> list[Path]:
