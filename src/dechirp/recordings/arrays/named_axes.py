@@ -209,7 +209,7 @@ def _sizes_by_axis_name(path: Path, array: LazyArray, hints: RecordingHints) -> 
             named,
             description,
             array.shape,
-            dtype=None if hints.settings or list_settings_files(path) else array.dtype,
+            needs_radar=not hints.settings and not list_settings_files(path),
         )
     description = f"an array of shape {shape}"
     _check_axis_names(path, hints.axes, description, n_axes=len(array.shape))
@@ -217,16 +217,18 @@ def _sizes_by_axis_name(path: Path, array: LazyArray, hints: RecordingHints) -> 
 
 
 def _missing_axis_names_error(
-    path: Path, description: str, shape: tuple[int, ...] = (), dtype: np.dtype | None = None
+    path: Path, description: str, shape: tuple[int, ...] = (), *, needs_radar: bool = False
 ) -> RecordingError:
-    """Return the error of an array without axis names, and of its settings if a dtype is given."""
+    """Return the error of an array without axis names, and without settings if it needs them.
+
+    Once the axes are given, the message about the settings contains an example with its sizes.
+    """
     axes = _EXAMPLES.get(len(shape) or 2, _LONGEST_EXAMPLE)
     if len(shape) == 2 and min(shape) <= _MANY_RECEIVERS:
         axes = "rx,sample" if shape[0] <= _MANY_RECEIVERS else "sample,rx"
     fix = f"give them, such as --axes {axes} (axes=[...] in Python)"
-    if dtype is not None:
-        sizes = dict(zip(axes.split(","), shape, strict=False))
-        fix = f"{fix}; {_radar_example(sizes, dtype).advice(path)}"
+    if needs_radar:
+        fix += ", and the radar, as --radar FILE: without it, an example is printed"
     return RecordingError(
         path,
         value=description,
