@@ -245,6 +245,41 @@ def test_harmonics_of_breathing_are_no_heart_rate():
         assert not abs(float(vital.heart_rate) - 4 * BREATHING_HZ) < 0.05
 
 
+def pulses_m(times_s, rate_hz, rng):
+    """Return the displacement of heart beats: pulses of 0.1 s, with a rebound, 2 % irregular."""
+    starts_s = np.cumsum(1 + 0.02 * rng.normal(size=100)) / rate_hz - rng.uniform(1, 2) / rate_hz
+    from_start_s = times_s[:, None] - starts_s
+    pulses = np.exp(-((from_start_s / 0.1) ** 2) / 2)
+    rebounds = np.exp(-(((from_start_s - 0.25) / 0.12) ** 2) / 2)
+    return 0.1e-3 * np.sum(pulses - 0.4 * rebounds, axis=1)
+
+
+@pytest.mark.parametrize("seed", nightly_except(2, range(8)))
+def test_heart_of_short_pulses_has_its_own_rate(seed):
+    """At 60 a minute beside 21.6 breaths, the second harmonic is the strongest line."""
+    rng = np.random.default_rng(seed)
+    times_s = np.arange(600) / 20
+    breath_m = 1e-3 * np.sin(2 * np.pi * (0.36 * times_s + rng.uniform()))
+    moved_m = breath_m + pulses_m(times_s, 1.0, rng)
+    trace = trace_of(moved_m, snr=1e3, seed=seed, times_s=times_s)
+    vital = measure_vital_signs(trace, VitalSigns(window_s=30.0)).isel(window=0)
+    # Irregular by 2 %: 0.02 sqrt(1 / (5 * 30)) = 1.6 mHz, and 1.7 mHz of the mean of 30 periods
+    # before the window; six of both and the resolution of breathing's third harmonic.
+    assert float(vital.heart_rate) == pytest.approx(1.0, abs=0.03)
+
+
+@nightly
+@pytest.mark.parametrize("rate_hz", [1.81, 2.03])
+def test_heart_without_odd_harmonics_is_not_halved(rate_hz):
+    """Noise has a line at the half with the false-alarm probability of 1 %."""
+    n_trials, rates_hz = 30, []
+    for seed in range(n_trials):
+        moved_m = chest_m(heart_m=0.2e-3, heart_hz=rate_hz, phase=seed)
+        rates_hz.append(measure_vital_signs(trace_of(moved_m, snr=1e3, seed=seed)).heart_rate[0])
+    n_wrong = np.sum(np.abs(np.array(rates_hz) - rate_hz) > 0.01)
+    assert n_wrong <= scipy.stats.binom.isf(1e-7, n_trials, 0.01)
+
+
 def test_uneven_times_and_lost_values():
     rng = np.random.default_rng(4)
     times_s = TIMES_S + rng.uniform(-0.02, 0.02, 400)

@@ -248,6 +248,71 @@ def find_line(
     )
 
 
+def find_fundamental(
+    line: Line,
+    movement: np.ndarray,
+    times_s: np.ndarray,
+    band_hz: tuple[float, float],
+    *,
+    basis: np.ndarray,
+    noise_slope: NoiseSlope,
+    excluded_hz: tuple[tuple[float, float], ...],
+    false_alarm_probability: float,
+) -> Line | None:
+    """Return the line of which a single line is the second or third harmonic; the line if none.
+
+    Short pulses, such as those of a heart, may have harmonics as strong as the fundamental. A
+    half or third of the frequency is the fundamental if it has a line of its own: the line is no
+    harmonic of a movement without odd harmonics. None if it is excluded, so that it cannot be
+    judged.
+
+    Parameters
+    ----------
+    line : Line
+        From `find_line`, without harmonics; the other parameters are as there.
+    false_alarm_probability : float
+        Largest probability that noise alone has a line within a resolution cell of the part.
+    """
+    duration_s = float(np.ptp(times_s)) * len(times_s) / (len(times_s) - 1)
+    with_line = join_bases(basis, sinusoids(times_s, np.array([line.frequency_hz])))
+    remainder = movement - with_line @ (with_line.T @ movement)
+    around_line = line.frequency_hz - 0.5 / duration_s, line.frequency_hz + 0.5 / duration_s
+    fundamentals = []
+    for order in (2, 3):
+        part_hz = line.frequency_hz / order
+        if part_hz < band_hz[0]:
+            continue
+        if _is_inside(np.array([part_hz]), excluded_hz)[0]:
+            return None
+        fundamental = _judge_line(
+            remainder,
+            times_s,
+            part_hz,
+            band_hz,
+            with_line,
+            1,
+            noise_slope,
+            (*excluded_hz, around_line),
+            searched_hz=1 / duration_s,
+            n_choices=1,
+        )
+        if fundamental is not None and abs(fundamental.frequency_hz - part_hz) < 0.5 / duration_s:
+            fundamentals.append(fundamental)
+    fundamental = _most_significant_line(fundamentals)
+    if fundamental is None or fundamental.false_alarm_probability > false_alarm_probability:
+        return line
+    irregular_hz2, n_irregular = _rate_variance_of_irregularity(
+        remainder, times_s, fundamental.frequency_hz, 1, basis, excluded_hz
+    )
+    # Noise alone has neither line.
+    return replace(
+        fundamental,
+        false_alarm_probability=line.false_alarm_probability,
+        irregularity_std_hz=math.sqrt(irregular_hz2),
+        n_irregularity_degrees=n_irregular,
+    )
+
+
 def _most_significant_line(lines: list[Line | None]) -> Line | None:
     judged = [line for line in lines if line is not None]
     return min(judged, key=lambda line: line.false_alarm_probability, default=None)

@@ -34,6 +34,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.processing.arc_fit import fit_arc
 from dechirp.processing.periodicity import (
     Line,
+    find_fundamental,
     find_line,
     fit_noise_slope,
     join_bases,
@@ -572,20 +573,28 @@ def _find_lines(
             excluded_hz.append((order * rate_hz - half_hz, order * rate_hz + half_hz))
     if heart_movement is None:
         heart_movement = movement
-    heart = find_line(
-        heart_movement,
-        times_s,
-        heart_hz,
-        basis=basis,
-        noise_slope=fit_noise_slope(
+    noise_and_gaps = {
+        "basis": basis,
+        "noise_slope": fit_noise_slope(
             heart_movement, times_s, heart_hz, basis, excluded_hz=tuple(excluded_hz)
         ),
-        excluded_hz=tuple(excluded_hz),
-    )
+        "excluded_hz": tuple(excluded_hz),
+    }
+    heart = find_line(heart_movement, times_s, heart_hz, **noise_and_gaps)
+    highest_probability = settings.false_alarm_probability
+    if heart is not None and heart.false_alarm_probability <= highest_probability:
+        heart = find_fundamental(
+            heart,
+            heart_movement,
+            times_s,
+            heart_hz,
+            false_alarm_probability=highest_probability,
+            **noise_and_gaps,
+        )
     if (
         breathing is not None
         and heart is not None
-        and heart.false_alarm_probability <= settings.false_alarm_probability
+        and heart.false_alarm_probability <= highest_probability
     ):
         # A heart of a tenth of the breathing would move the rate by some of its standard errors.
         with_heart = join_bases(trend, sinusoids(times_s, np.array([heart.frequency_hz])))
