@@ -3,7 +3,7 @@
 own-speed        Error of the speed that is estimated from the radar's objects, against the car's
                  own speeds on CAN: of all wheels, as on the board, of the front and of the rear
                  wheels, means over time, and the speed of another message. Beside it, how far these
-                 differ from one another; m/s RMS.
+                 differ from one another; and the biases of standing objects; m/s RMS.
 transmit-order   Strongest Doppler lines in 128 and in 256 chirps, and two ways to find the transmit
                  order of the Calterah radar, tried for each order of its published positions:
                  plane waves, fitted to the phases of all echoes at once
@@ -24,16 +24,24 @@ from itertools import permutations
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 
 import dechirp as dc
 from dechirp.results.object_lists.can_mapping import read_vendor_layout
 from dechirp.results.object_lists.measured_detections import objects_to_detections
 from dechirp.results.object_lists.vendor_lists import assemble_vendor_list
 from dechirp.tracking.forward_speed import ForwardSpeed, forward_speed
-from dechirp.witnesses.comma_radar import _find_dbc, _read_frames
+from dechirp.witnesses.comma_radar import (
+    _STANDING_M_PER_S,
+    _find_dbc,
+    _read_frames,
+    standing_object_rows,
+    velocities_beyond_car,
+)
 
 STEP_S = 0.01
 _WHEELS, _VEHICLE = 0xAA, 0xB4  # messages of Toyota cars, 0.01 km/h a step
+_STEERING = 0x25  # 1.5 degrees a step
 N_RANDOM = 20
 PHASE_STD_RAD = 0.3
 
@@ -89,6 +97,41 @@ def measure_own_speed(folder: Path) -> None:
         truth = np.interp(radar_times_s, reference_times_s, speeds)
         scaled = truth * (radar @ truth) / (truth @ truth)
         print(f"  {name}: {rms(radar - truth):.4f}, {rms(radar - scaled):.4f}")
+    residual = velocities_beyond_car(detections, folder)
+    measure_biases(detections, residual, radar_times_s)
+    steering_times_s, data = read_message(folder, _STEERING)
+    steps = (data[:, 0] % 16) * 256 + data[:, 1]
+    steering_deg = 1.5 * np.where(steps < 2048, steps, steps - 4096)
+    is_standing = np.abs(residual) < _STANDING_M_PER_S
+    rows = detections.isel(detection=is_standing)
+    speed, azimuth = np.interp(rows.time - 0.1, times_s, every), rows.azimuth.values
+    # A car of the wheelbase 2.7 m and the steering ratio 15 turns with this rate.
+    steering = np.radians(np.interp(rows.time - 0.1, steering_times_s, steering_deg))
+    turn_rate = speed * steering / 15 / 2.7
+    columns = {
+        "offset": np.ones_like(speed),
+        "scale": speed * np.cos(azimuth),
+        "mounting angle": speed * np.sin(azimuth),
+        "lever arm": turn_rate * np.sin(azimuth),
+    }
+    print(f"residuals of single objects: {rms(residual[is_standing]):.4f}; after a fit of")
+    for names in (("offset",), ("mounting angle", "lever arm"), tuple(columns)):
+        design = np.stack([columns[name] for name in names], axis=1)
+        fit = design @ np.linalg.lstsq(design, residual[is_standing], rcond=None)[0]
+        print(f"  {', '.join(names)}: {rms(residual[is_standing] - fit):.4f}")
+
+
+def measure_biases(detections: xr.Dataset, residual: np.ndarray, radar_times_s: np.ndarray) -> None:
+    """Print how standing objects differ, and the error of means of those seen at a time."""
+    objects = standing_object_rows(detections, np.abs(residual) < _STANDING_M_PER_S)
+    bias = float(np.std([residual[rows].mean() for rows in objects]))
+    seen = [detections["time"].values[rows] for rows in objects]
+    counts = np.array(
+        [sum(np.any(np.abs(times_s - at_s) < 0.25) for times_s in seen) for at_s in radar_times_s]
+    )
+    counts = counts[counts >= 2]
+    print(f"biases of {len(objects)} standing objects: {bias:.4f}")
+    print(f"error of a mean of those within half a second: {bias * rms(counts**-0.5):.4f}")
 
 
 def read_message(folder: Path, identifier: int) -> tuple[np.ndarray, np.ndarray]:
