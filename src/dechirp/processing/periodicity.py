@@ -277,7 +277,7 @@ def find_fundamental(
     with_line = join_bases(basis, sinusoids(times_s, np.array([line.frequency_hz])))
     remainder = movement - with_line @ (with_line.T @ movement)
     around_line = line.frequency_hz - 0.5 / duration_s, line.frequency_hz + 0.5 / duration_s
-    fundamentals = []
+    fundamentals: list[Line | None] = []
     for order in (2, 3):
         part_hz = line.frequency_hz / order
         if part_hz < band_hz[0]:

@@ -573,14 +573,16 @@ def _find_lines(
             excluded_hz.append((order * rate_hz - half_hz, order * rate_hz + half_hz))
     if heart_movement is None:
         heart_movement = movement
-    noise_and_gaps = {
-        "basis": basis,
-        "noise_slope": fit_noise_slope(
-            heart_movement, times_s, heart_hz, basis, excluded_hz=tuple(excluded_hz)
-        ),
-        "excluded_hz": tuple(excluded_hz),
-    }
-    heart = find_line(heart_movement, times_s, heart_hz, **noise_and_gaps)
+    excluded = tuple(excluded_hz)
+    heart_slope = fit_noise_slope(heart_movement, times_s, heart_hz, basis, excluded_hz=excluded)
+    heart = find_line(
+        heart_movement,
+        times_s,
+        heart_hz,
+        basis=basis,
+        noise_slope=heart_slope,
+        excluded_hz=excluded,
+    )
     highest_probability = settings.false_alarm_probability
     if heart is not None and heart.false_alarm_probability <= highest_probability:
         heart = find_fundamental(
@@ -588,8 +590,10 @@ def _find_lines(
             heart_movement,
             times_s,
             heart_hz,
+            basis=basis,
+            noise_slope=heart_slope,
+            excluded_hz=excluded,
             false_alarm_probability=highest_probability,
-            **noise_and_gaps,
         )
     if (
         breathing is not None
