@@ -14,7 +14,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 BLOCKED_MODULES = (
     *("bokeh", "tornado", "stonesoup", "cantools", "can", "osi3", "mcap", "rosbags", "dask"),
     *("distributed", "dask_jobqueue", "optuna", "sklearn", "weasyprint", "trimesh", "embreex"),
-    *("duckdb", "soundfile"),
+    *("duckdb", "soundfile", "sigmf"),
 )
 SCRIPT = f"""
 import sys

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import sys
 import tarfile
 import warnings
 from dataclasses import replace
@@ -10,12 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sigmf
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dechirp as dc
-from dechirp.core.errors import DechirpError, RecordingError
+from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
 from dechirp.simulation.adc_codes import extract_adc_codes
 from formats.corruption import assert_cube_or_error, corrupted_bytes
 from formats.native_recordings import (
@@ -73,7 +75,6 @@ def test_receivers_are_interleaved_channels(tmp_path, make_recording, datatype):
 
 @EVERY_RECORDING
 def test_sigmf_library_validates_and_reads_samples(tmp_path, make_recording):
-    sigmf = pytest.importorskip("sigmf")
     recording = make_recording()
     dc.write(recording, tmp_path / META)
     with warnings.catch_warnings():
@@ -292,8 +293,8 @@ def test_optional_extension_is_ignored_with_note(tmp_path):
             {"core__extensions": make_extension("capture_details", False)},
             "capture_details.*optional",
         ),
-        ({"core__extensions": [{"name": "rfml"}]}, "rfml"),
-        ({"core__extensions": ["rfml"]}, "not a list of names"),
+        ({"core__extensions": [{"name": "rfml"}]}, r"core:extensions.*'version' is a required"),
+        ({"core__extensions": ["rfml"]}, "core:extensions.*'rfml' is not of type"),
         ({"core__extensions": make_extension("radar", False)}, "radar.*optional"),
         ({"core__dataset": "../../secret.bin"}, "core:dataset"),
         ({"core__trailing_bytes": 8}, "core:trailing_bytes"),
@@ -301,11 +302,13 @@ def test_optional_extension_is_ignored_with_note(tmp_path):
         ({"core__datatype": "ci12_le"}, "core:datatype"),
         ({"core__datatype": "ci16"}, "core:datatype"),
         ({"core__datatype": "ci8_le"}, "core:datatype"),
+        ({"core__datatype": "ci16_lexx"}, "core:datatype"),
         ({"core__datatype": None}, "core:datatype"),
         ({"core__num_channels": 0}, "core:num_channels"),
         ({"core__num_channels": 10**9}, "core:num_channels"),
         ({"core__num_channels": 5}, "complete samples of 5 channels"),
         ({"core__sample_rate": "fast"}, "core:sample_rate"),
+        ({"core__sample_rate": float("nan")}, "core:sample_rate nan"),
     ],
 )
 def test_unsupported_field_error_names_field(tmp_path, fields, message):
@@ -341,6 +344,13 @@ def test_missing_data_file_error_names_file(tmp_path):
         dc.open(file, radar=make_radar())
 
 
+def test_missing_library_is_reported_with_its_extra(tmp_path, monkeypatch):
+    file = write_foreign(tmp_path, draw_codes(1, 6, 32, 2), "ci16_le")
+    monkeypatch.setitem(sys.modules, "sigmf", None)
+    with pytest.raises(InvalidSetting, match=r"pip install 'dechirp\[io\]'"):
+        dc.open(file, radar=make_radar())
+
+
 def test_wrong_checksum_gives_warning(tmp_path):
     numbers = draw_codes(1, 6, 32, 2)
     checksum = hashlib.sha512(numbers.tobytes()).hexdigest().upper()
@@ -371,7 +381,6 @@ def pack(archive: Path, *names: str, folder="x/") -> Path:
     "make_recording", [make_table_recording, make_gap_recording, make_real_code_recording]
 )
 def test_archive_of_sigmf_library_is_read_bit_exact(tmp_path, make_recording):
-    sigmf = pytest.importorskip("sigmf")
     recording = make_recording()
     dc.write(recording, tmp_path / META)
     sigmf.fromfile(str(tmp_path / META)).archive(str(tmp_path / "x.sigmf"))
@@ -408,12 +417,15 @@ def test_wrong_checksum_of_archive_gives_warning(tmp_path):
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        (("many",), "0 recordings"),
-        ((DATA,), "0 recordings"),
-        ((META,), "x.sigmf-meta.? without its"),
-        ((META, "other.sigmf-data"), "x.sigmf-meta.? without its"),
-        ((META, DATA, "other.sigmf-meta", "other.sigmf-data"), "2 recordings.*tar -xf x.sigmf"),
-        (("link.sigmf-meta", DATA), "0 recordings"),
+        (("many",), "no file of a recording"),
+        ((DATA,), "not one recording but .?x.sigmf-data"),
+        ((META,), "not one recording but .?x.sigmf-meta"),
+        ((META, "other.sigmf-data"), "but .?other.sigmf-data.?, .?x.sigmf-meta"),
+        (
+            (META, DATA, "other.sigmf-meta", "other.sigmf-data"),
+            "not one recording.*tar -xf x.sigmf",
+        ),
+        (("link.sigmf-meta", DATA), "not one recording but .?x.sigmf-data"),
         (("many",) * 1001, "more than 1000 members"),
     ],
 )
@@ -494,12 +506,13 @@ def test_altered_native_metadata_error_names_mistake(tmp_path, change, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "not JSON"),
-        ("[" * 100_000, "nested too deeply"),
+        ("{", "not readable .Expecting property name"),
+        ("[" * 100_000, "not readable .maximum recursion depth"),
         ("[" + "[]," * 300_000 + "[]]", "too many objects"),
-        ("[]", "no global"),
+        ("[]", "not readable"),
+        ('{"global": {}, "captures": []}', "is a required property"),
         (" " * (2**24 + 1), "more than"),
-        ("\xff", "not JSON"),
+        ("\xff", "not readable .'utf-8' codec"),
     ],
 )
 def test_rejects_text_that_is_not_metadata(tmp_path, text, message):

@@ -36,7 +36,6 @@ from dechirp.recordings.arrays.sigmf_meta import (
     SigmfMetadata,
     is_tar_archive,
     meta_and_data_paths,
-    parse_metadata,
     read_metadata,
 )
 from dechirp.recordings.description import VERSION as DESCRIPTION_VERSION
@@ -57,6 +56,7 @@ class Sigmf(Format):
     """SigMF: samples with alternating receivers, one chirp after the other.
 
     Integers of b bits have their full scale at 2^(b - 1); unsigned ones have their zero there.
+    Needs the extra `io`.
     """
 
     options: ClassVar[tuple[str, ...]] = ("axes", "encoding", "iq")
@@ -70,14 +70,10 @@ class Sigmf(Format):
         if not (is_tar_archive(path) if is_archive else meta.is_file()):
             return MatchQuality.NO
         try:
-            global_fields = parse_metadata(meta)["global"]
+            is_native = read_metadata(path).has_dechirp_radar
         except RecordingError:  # `read` reports the damage
             return MatchQuality.CONTAINER
-        return (
-            MatchQuality.SELF_DESCRIBING
-            if f"{EXTENSION}:radar" in global_fields
-            else MatchQuality.CONTAINER
-        )
+        return MatchQuality.SELF_DESCRIBING if is_native else MatchQuality.CONTAINER
 
     def leading_file(self, path: Path, hints: RecordingHints) -> Path:
         return path if path.name.endswith(ARCHIVE) else meta_and_data_paths(path)[0]
