@@ -362,6 +362,45 @@ def test_masked_values_are_refused_and_unmasked_ones_accepted(call):
         call(values)
 
 
+class Tensor:
+    """Array of another library that refuses its conversion, as PyTorch does."""
+
+    shape, ndim, dtype = (16, 16), 2, np.dtype(float)
+
+    def __init__(self, error_class, text):
+        self.error_class, self.text = error_class, text
+
+    def __array__(self, dtype=None, copy=None):
+        raise self.error_class(self.text)
+
+
+TENSORS = {
+    "tensor with gradient": Tensor(RuntimeError, "Can't call numpy() on Tensor: use detach()"),
+    "tensor on a device": Tensor(TypeError, "can't convert cuda:0 device type tensor: use cpu()"),
+}
+
+
+@pytest.mark.parametrize("kind", TENSORS)
+@pytest.mark.parametrize(
+    "call",
+    [
+        dc.maps.range_doppler_map,
+        lambda a: dc.cfar.cfar_threshold(a, n_training=2, n_guard=1, pfa=1e-3),
+        lambda a: dc.angle.fft(a, LINE),
+        lambda a: dc.theory.albersheim(a, 1e-6),
+        lambda a: dc.theory.cell_averaging_factor(a, n_training=16),
+    ],
+)
+def test_tensor_that_numpy_cannot_read_is_refused_with_its_reason(call, kind):
+    tensor = TENSORS[kind]
+    with pytest.raises(
+        dc.InvalidSetting, match="a Tensor: [Cc]an't c.*; expected .*detach"
+    ) as caught:
+        call(tensor)
+    check_error_is_complete(caught.value)
+    assert tensor.text in str(caught.value)
+
+
 # Several settings may be valid without numbers; a complex amplitude is one.
 COMPLEX = {"amplitudes", "covariance", "samples", "snapshots", "source_covariance", "weights"}
 OTHER_THAN_NUMBERS = {
@@ -373,6 +412,7 @@ OTHER_THAN_NUMBERS = {
     "ragged": [[1], [1, 2]],
     "mapping": {},
     "complex": 1j,
+    **TENSORS,
 }
 
 

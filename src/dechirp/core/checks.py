@@ -286,10 +286,7 @@ def check_real_array(setting: str, array: ArrayLike, *, may_be_empty: bool = Fal
     `InvalidSetting`.
     """
     check_plain_numbers(setting, array)
-    try:
-        values = np.asarray(array)
-    except (TypeError, ValueError):  # datasets, ragged rows
-        values = np.asarray(None)
+    values = convert_to_array(setting, array)
     if not (values.size or may_be_empty):
         raise InvalidSetting(
             setting,
@@ -308,6 +305,21 @@ def check_real_array(setting: str, array: ArrayLike, *, may_be_empty: bool = Fal
     )
 
 
+def convert_to_array(setting: str, array: object) -> np.ndarray:
+    """Convert to an array, None in it for ragged rows; `InvalidSetting` if its library refuses."""
+    try:
+        return np.asarray(array)
+    except (TypeError, ValueError, RuntimeError) as error:
+        if hasattr(array, "__array__"):  # datasets, tensors on a device or with gradients
+            raise InvalidSetting(
+                setting,
+                value=f"a {type(array).__name__}: {error}",
+                expected="an array that NumPy can read",
+                fix="convert it first, a tensor with tensor.detach().cpu().numpy()",
+            ) from error
+        return np.asarray(None)  # ragged rows
+
+
 def check_finite_samples(
     setting: str,
     samples: ArrayLike,
@@ -323,10 +335,7 @@ def check_finite_samples(
     masked.
     """
     check_plain_numbers(setting, samples)
-    try:
-        array = np.asarray(samples)
-    except (TypeError, ValueError):  # datasets, ragged rows
-        array = np.asarray(None)
+    array = convert_to_array(setting, samples)
     if array.dtype.kind not in "iufc" or not (array.size or may_be_empty) or not fits(array):
         raise InvalidSetting(
             setting,

@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dechirp.core.argument_types import as_python_number, check_argument_names
-from dechirp.core.checks import broadcast_arguments, check_plain_numbers, check_real_array
+from dechirp.core.checks import (
+    broadcast_arguments,
+    check_plain_numbers,
+    check_real_array,
+    convert_to_array,
+)
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -102,10 +107,7 @@ def _as_array_of_numbers(name: str, value: object) -> np.ndarray | None:
     if isinstance(value, int | float | str | bytes | tuple | None):
         return None
     check_plain_numbers(name, value)
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError):  # datasets, ragged rows
-        return None
+    array = convert_to_array(name, value)
     if not (array.ndim and array.dtype.kind in "iuf"):
         return None
     check_real_array(name, array)  # refuses empty arrays
