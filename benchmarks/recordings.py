@@ -21,9 +21,11 @@ memory   Growth of the resident memory of a process that reads a capture, an .np
 
 Compiled code is cached. Ratios are medians of nine pairs, measured alternately (A B A B).
 
-    python benchmarks/recordings.py
+    python benchmarks/recordings.py                 all groups
+    python benchmarks/recordings.py text sensors    two of them
 """
 
+import argparse
 import json
 import os
 import shutil
@@ -66,6 +68,14 @@ RADAR = dc.Radar(
     frame=dc.Frame(chirp=CHIRP, n_chirps=N_CHIRPS, interval_s=40e-6),
     array=dc.Array(rx_m=tuple((0.0, 0.002 * n, 0.0) for n in range(N_RX))),
 )
+DCA1000_OPTIONS = {"device": "xwr1642", "iq": "iq", "format": "dca1000"}
+GROUPS = ("decode", "text", "formats", "sensors", "open", "memory")
+BARS = {
+    **{"decode_two_lanes": 4, "decode_four_lanes": 4, "open_4_gb_s": 0.3},
+    **{"memory_dca1000_mb": 200, "memory_npy_mb": 200, "memory_pcap_mb": 200},
+    **{f"format_{name}": 4 for name in ("bare.npy", "bare.npz", "x.npz", "x.h5", "x.zarr")},
+    **{"text_urad": 4, "text_calterah": 4, "text_slow_time": 4},
+}
 MEMORY = """
 import sys, psutil, threading, time
 import dechirp as dc
@@ -326,60 +336,91 @@ def measure_memory_mb(folder: Path, small: Path, large: Path, options: dict[str,
     return (int(process.stdout) - 3 * 2 * FRAME_BYTES) / 1e6
 
 
+def measure_decoding(capture: Path) -> dict[str, float]:
+    results = {}
+    for lanes, device in (("two", "xwr1642"), ("four", "xwr1443")):
+        options = {"radar": RADAR, "device": device, "iq": "iq", "format": "dca1000"}
+        results[f"decode_{lanes}_lanes"] = measure_ratio(
+            lambda options=options: dc.open(capture, **options).cube,
+            lambda: np.fromfile(capture, np.int16),
+        )
+    results["decode_with_strides"] = measure_ratio(
+        lambda: decode_with_strides(capture), lambda: np.fromfile(capture, np.int16)
+    )
+    return results
+
+
+def measure_opening_s(folder: Path) -> dict[str, float]:
+    large = folder / "large.bin"
+    with large.open("wb") as out:
+        out.truncate(4000 * FRAME_BYTES * 2)  # 4.2 GB, sparse
+
+    def decode_one_frame() -> object:
+        return dc.open(large, radar=RADAR, frames=(3999, 4000), **DCA1000_OPTIONS).cube
+
+    decode_one_frame()
+    results = {"open_4_gb_s": median(time_call(decode_one_frame) for _ in range(5))}
+    large.unlink()
+    packets = folder / "x.pcap"
+    write_network_capture(packets, 2**30)
+    results["open_1_gb_pcap_s"] = time_call(
+        lambda: dc.open(packets, radar=RADAR, frames=(900, 901)).cube
+    )
+    packets.unlink()
+    return results
+
+
+def measure_memory_growths_mb(folder: Path, capture: Path) -> dict[str, float]:
+    small, large = folder / "small.bin", folder / "large.bin"
+    with capture.open("rb") as file:
+        small.write_bytes(file.read(2 * FRAME_BYTES))
+    with large.open("wb") as out:
+        out.truncate(2048 * FRAME_BYTES)
+    results = {"memory_dca1000_mb": measure_memory_mb(folder, small, large, DCA1000_OPTIONS)}
+    array = np.lib.format.open_memmap(
+        folder / "large.npy", "w+", np.int16, (2048, N_CHIRPS, N_RX, N_SAMPLES, 2)
+    )
+    array[:2] = 1
+    np.save(folder / "small.npy", array[:2])
+    del array
+    results["memory_npy_mb"] = measure_memory_mb(
+        folder,
+        folder / "small.npy",
+        folder / "large.npy",
+        {"axes": "frame,chirp,rx,sample,iq"},
+    )
+    write_network_capture(folder / "x.pcap", 2**30)
+    write_network_capture(folder / "small.pcap", 2 * FRAME_BYTES)
+    results["memory_pcap_mb"] = measure_memory_mb(
+        folder, folder / "small.pcap", folder / "x.pcap", {"iq": "iq"}
+    )
+    return results
+
+
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("groups", nargs="*", metavar="GROUP", help=f"of {', '.join(GROUPS)}")
+    groups = parser.parse_args().groups or list(GROUPS)
+    if unknown := set(groups) - set(GROUPS):
+        parser.error(f"{', '.join(sorted(unknown))}: unknown; expected {', '.join(GROUPS)}")
     rng = np.random.default_rng(0)
     results: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        capture, small, large = folder / "x.bin", folder / "small.bin", folder / "large.bin"
-        rng.integers(-2000, 2000, 2**26, dtype=np.int16).tofile(capture)
-        small.write_bytes(capture.read_bytes()[: 2 * FRAME_BYTES])
-        for lanes, device in (("two", "xwr1642"), ("four", "xwr1443")):
-            options = {"radar": RADAR, "device": device, "iq": "iq", "format": "dca1000"}
-            results[f"decode_{lanes}_lanes"] = measure_ratio(
-                lambda options=options: dc.open(capture, **options).cube,
-                lambda: np.fromfile(capture, np.int16),
-            )
-        results["decode_with_strides"] = measure_ratio(
-            lambda: decode_with_strides(capture), lambda: np.fromfile(capture, np.int16)
-        )
-        results |= measure_text_ratios(folder, rng)
-        results |= measure_format_ratios(folder, capture, rng)
-        results |= measure_sensor_ratios(folder, rng)
-        options = {"device": "xwr1642", "iq": "iq", "format": "dca1000"}
-        with large.open("wb") as out:
-            out.truncate(4000 * FRAME_BYTES * 2)  # 4.2 GB, sparse
-
-        def decode_one_frame() -> object:
-            return dc.open(large, radar=RADAR, frames=(3999, 4000), **options).cube
-
-        decode_one_frame()
-        results["open_4_gb_s"] = median(time_call(decode_one_frame) for _ in range(5))
-        with large.open("wb") as out:
-            out.truncate(2048 * FRAME_BYTES)
-        results["memory_dca1000_mb"] = measure_memory_mb(folder, small, large, options)
-        array = np.lib.format.open_memmap(
-            folder / "large.npy", "w+", np.int16, (2048, N_CHIRPS, N_RX, N_SAMPLES, 2)
-        )
-        array[:2] = 1
-        np.save(folder / "small.npy", array[:2])
-        del array
-        options = {"axes": "frame,chirp,rx,sample,iq"}
-        results["memory_npy_mb"] = measure_memory_mb(
-            folder, folder / "small.npy", folder / "large.npy", options
-        )
-        write_network_capture(folder / "x.pcap", 2**30)
-        write_network_capture(folder / "small.pcap", 2 * FRAME_BYTES)
-        results["memory_pcap_mb"] = measure_memory_mb(
-            folder, folder / "small.pcap", folder / "x.pcap", {"iq": "iq"}
-        )
-        results["open_1_gb_pcap_s"] = time_call(
-            lambda: dc.open(folder / "x.pcap", radar=RADAR, frames=(900, 901)).cube
-        )
-    bars = {"decode_two_lanes": 4, "decode_four_lanes": 4, "open_4_gb_s": 0.3}
-    bars |= {"memory_dca1000_mb": 200, "memory_npy_mb": 200, "memory_pcap_mb": 200}
-    bars |= {f"format_{name}": 4 for name in ("bare.npy", "bare.npz", "x.npz", "x.h5", "x.zarr")}
-    bars |= {"text_urad": 4, "text_calterah": 4, "text_slow_time": 4}
+        capture = folder / "x.bin"
+        if {"decode", "formats", "memory"} & set(groups):
+            rng.integers(-2000, 2000, 2**26, dtype=np.int16).tofile(capture)
+        measurements: dict[str, Callable[[], dict[str, float]]] = {
+            "decode": lambda: measure_decoding(capture),
+            "text": lambda: measure_text_ratios(folder, rng),
+            "formats": lambda: measure_format_ratios(folder, capture, rng),
+            "sensors": lambda: measure_sensor_ratios(folder, rng),
+            "open": lambda: measure_opening_s(folder),
+            "memory": lambda: measure_memory_growths_mb(folder, capture),
+        }
+        for group in groups:
+            results |= measurements[group]()
+    bars = {name: bar for name, bar in BARS.items() if name in results}
     print(json.dumps({"measured": results, "at_most": bars}, indent=2))
     raise SystemExit(1 if any(results[name] > bar for name, bar in bars.items()) else 0)
 
