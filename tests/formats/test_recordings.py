@@ -1089,6 +1089,9 @@ def test_arrays_of_a_file_without_settings_are_listed(tmp_path):
     mistake = catch_mistake(tmp_path / "walk.npz")
 
     assert "one (complex128 of 4 x 8), time (float64 of 4 x 2)" in mistake.value
+    pairs = np.zeros((4, 8), [("real", "<f8"), ("imag", "<f8")])
+    np.savez(tmp_path / "pairs.npz", one=pairs, two=pairs)
+    assert "one (pairs of float64 of 4 x 8), two" in catch_mistake(tmp_path / "pairs.npz").value
     assert mistake.fix.endswith(f"dechirp run {tmp_path / 'walk.npz' / 'one'}")
     with pytest.raises(dc.RecordingError) as error:
         open_recording(tmp_path / "walk.npz" / "one", axes=("chirp", "sample"))

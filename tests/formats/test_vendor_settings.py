@@ -1273,6 +1273,14 @@ def test_recognises_cfg_by_commands(tmp_path):
     assert find_settings_file(tmp_path / "capture.bin") == tmp_path / "radar.cfg"
 
 
+def test_cfg_without_settings_is_named(tmp_path):
+    for name in ("tool.cfg", "empty.cfg"):
+        (tmp_path / name).write_text("[section]\nkey = 1\n" if name == "tool.cfg" else "")
+
+    with pytest.raises(RecordingError, match="not those of a radar: empty.cfg, tool.cfg"):
+        find_settings_file(tmp_path / "capture.bin")
+
+
 def test_links_out_of_folder_are_ignored(tmp_path):
     recording_folder, external_folder = tmp_path / "inside", tmp_path / "outside"
     recording_folder.mkdir()

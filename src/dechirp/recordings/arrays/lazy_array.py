@@ -213,7 +213,8 @@ def choose_array_name(
     if len(fitting) == 1:
         return fitting[0]
     descriptions = [
-        f"{name} ({dtype} of {format_shape(shape)})" for name, (shape, dtype) in arrays.items()
+        f"{name} ({_format_type(dtype)} of {format_shape(shape)})"
+        for name, (shape, dtype) in arrays.items()
     ]
     more = f" and {len(descriptions) - 12} more" if len(descriptions) > 12 else ""
     # The largest is rather the samples than a time or a constant.
@@ -229,6 +230,11 @@ def choose_array_name(
         fix="append the name of the array to the file: dechirp run"
         f" {shlex.quote(str(path / example))}",
     )
+
+
+def _format_type(dtype: np.dtype) -> str:
+    """Format the type of an array; of complex pairs, the type of both parts."""
+    return f"pairs of {dtype[0]}" if complex_field_names(dtype) else str(dtype)
 
 
 def format_shape(shape: tuple[int, ...]) -> str:

@@ -153,9 +153,11 @@ def choose_settings_file(
                 fix="give those of this recording (radar=... in Python), or copy them beside it: "
                 + join_names(f"--radar {shlex.quote(str(file))}" for file in above),
             )
+        unused = [file.name for file in recording.parent.glob("*.cfg") if file.is_file()]
         raise RecordingError(
             recording,
-            value="no settings in the recording",
+            value="no settings in the recording"
+            + (f"; not those of a radar: {join_names(sorted(unused))}" if unused else ""),
             expected="the radar of the recording",
             fix=(example or RadarExample()).advice(recording),
         )
