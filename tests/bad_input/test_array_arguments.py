@@ -449,6 +449,12 @@ def test_result_without_axes_is_a_scalar(name):
         assert in_array[0] == result
 
 
+def test_spectrum_in_one_direction_is_a_scalar():
+    spectrum = dc.angle.direction_spectrum(SNAPSHOTS, LINE, 0.2)
+    assert isinstance(spectrum, np.floating)
+    assert spectrum == pytest.approx(1.0)  # power of an element, of a source there
+
+
 def with_unit(kind, numbers):
     """Return numbers as a quantity, a list of one, or a duration."""
     if kind == "duration":

@@ -146,6 +146,8 @@ def test_nees_follows_chi_square():
     assert low < values.mean() < high
     # Errors of 2 and 3 standard deviations.
     assert nees([2.0, 6.0], [[1, 0], [0, 4]]) == pytest.approx(4 + 9)
+    # One matrix for all errors.
+    assert nees([[2.0, 6.0], [1.0, 0.0]], [[1, 0], [0, 4]]) == pytest.approx([4 + 9, 1])
 
 
 def test_mean_nees_interval_matches_published_example():

@@ -21,7 +21,7 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> np.ndarray:
     error : array (..., n)
         Estimate minus truth.
     covariance : array (..., n, n)
-        Covariance of the filter, positive definite.
+        Covariance of the filter, positive definite; one matrix serves all errors.
 
     Returns
     -------
@@ -41,12 +41,12 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> np.ndarray:
         check_finite_array("error", error),
         check_finite_array("covariance", covariance),
     )
-    if spreads.shape != (*errors.shape, *errors.shape[-1:]):
+    if spreads.shape not in {(*errors.shape, *errors.shape[-1:]), 2 * errors.shape[-1:]}:
         raise InvalidSetting(
             "covariance",
             value=f"of shape {spreads.shape}, for errors of shape {errors.shape}",
-            expected="an n by n matrix for each error of n states",
-            fix="give (..., n, n) for (..., n)",
+            expected="an n by n matrix for each error of n states, or one for all",
+            fix="give (..., n, n) or (n, n) for (..., n)",
         )
     try:
         root = np.linalg.cholesky(spreads)

@@ -16,6 +16,7 @@ from dechirp.core.checks import (
     check_non_negative_ratios,
 )
 from dechirp.core.compiled_kernels import SAMPLES_PER_AMPLITUDE, plain_twins_in_first_calls
+from dechirp.core.elementwise import scalar_results
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.angle.aperture import MIN_EXTENT, Aperture, FieldOfView
 from dechirp.processing.angle.base import DirectionEstimator, Directions, SpectralEstimator
@@ -393,6 +394,7 @@ def estimate_directions(
 
 
 @check_argument_types
+@scalar_results
 def direction_spectrum(
     snapshots: ArrayLike,
     positions: ArrayLike,
