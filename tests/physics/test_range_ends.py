@@ -8,6 +8,8 @@ import scipy.stats
 
 import dechirp as dc
 from dechirp.processing.hidden_echoes import velocity_sign_findings
+from dechirp.processing.peaks import find_peaks
+from dechirp.processing.range_doppler_map import detect_peaks_and_count_dropped
 
 CHIRP = dc.Chirp(
     start_frequency_hz=77e9, slope_hz_per_s=20e12, adc_start_s=3e-6, ramp_duration_s=18e-6,
@@ -96,3 +98,19 @@ def test_velocity_of_unknown_sign_is_named(range_cells, has_unknown_sign):
     assert len(findings) == has_unknown_sign
     if has_unknown_sign:
         assert f"at {abs(found.velocity.values[0]):.3g} or" in findings[0].value.replace("-", "")
+
+
+def test_peaks_at_range_ends_exceed_the_threshold_map():
+    chain = dc.Chain(cfar=replace(dc.Chain.cfar, false_alarm_probability=1e-2)).fit_to_radar(RADAR)
+    n_at_ends = 0
+    for seed in range(3):
+        cube = dc.simulate(dc.Scene(), RADAR, seed=seed)
+        power = dc.power_map(cube, RADAR, chain)
+        threshold = dc.threshold_map(power, RADAR, chain)
+        cells, _ = detect_peaks_and_count_dropped(power.values, RADAR, chain)
+        expected = find_peaks(power.values, threshold.values, chain.map_noise_statistics(RADAR))
+        at_ends = {(v, r) for v, r in cells.tolist() if not 2 <= r <= 126}
+        # Peaks in cells that are not searched have sidelobes, and hide others.
+        assert at_ends <= set(map(tuple, expected.tolist()))
+        n_at_ends += len(at_ends)
+    assert n_at_ends > 0

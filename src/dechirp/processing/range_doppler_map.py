@@ -267,11 +267,12 @@ def _exceeds_threshold_at_range_ends(
     is_over = np.zeros(power.shape, bool)
     if rows.start == rows.stop:
         return is_over
-    searched_power = np.ascontiguousarray(power[:, rows])
-    velocity = np.arange(len(power))
-    for end, row in ((slice(rows.start), rows.start), (slice(rows.stop, None), rows.stop - 1)):
-        cells = np.stack([velocity, np.full_like(velocity, row)], axis=1)
-        threshold = _threshold_at_cells(searched_power, cells, rows, chain, noise)
+    # The thresholds of the outermost rows depend on a training window beside each alone.
+    n_rows = 2 * chain.cfar.training_window.half_range + 1
+    boxes = slice(rows.start, rows.start + n_rows), slice(rows.stop - n_rows, rows.stop)
+    ends = slice(rows.start), slice(rows.stop, None)
+    for box, end, row in zip(boxes, ends, (0, -1), strict=True):
+        threshold = chain.cfar.threshold(np.ascontiguousarray(power[:, box]), noise)[:, row]
         is_over[:, end] = power[:, end] > threshold[:, None]
     return is_over
 
