@@ -2,6 +2,8 @@
 
 import gzip
 import struct
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -459,3 +461,25 @@ def test_object_list_in_pcd_has_its_frames_and_ratios(tmp_path):
     np.testing.assert_allclose(points.velocity * points.range, objects.vx * objects.x, rtol=1e-6)
     np.testing.assert_allclose(points.snr, objects.snr, rtol=1e-6)
     assert np.isnan(points.elevation).all()
+
+
+def test_recognition_of_a_large_file_reads_little_of_it(tmp_path):
+    file = tmp_path / "large.bin"
+    with file.open("wb") as out:
+        out.truncate(2**28)
+    script = """
+import resource, sys
+from pathlib import Path
+from dechirp.recordings.recognise import recognise_formats
+peaks = []
+for name in sys.argv[1:]:
+    recognise_formats(Path(name))
+    peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(peaks[1] - peaks[0])
+"""
+    small = tmp_path / "small.bin"
+    small.write_bytes(bytes(3200))
+    process = subprocess.run(
+        [sys.executable, "-c", script, small, file], capture_output=True, text=True, check=True
+    )
+    assert int(process.stdout) < 2**15  # 32 MB of 256 MB, in KiB

@@ -30,6 +30,7 @@ _FIELDS = {
     4: ("x", "y", "z", "intensity"),
 }
 _HEAD_ROWS = 4096
+_N_BLOCKS = 32  # of these rows
 _MIN_ROWS = 16
 _MAX_POSITION_M = 500.0
 
@@ -139,9 +140,7 @@ def _fits_rows(path: Path, n_columns: int) -> bool:
     n_bytes = path.stat().st_size
     if n_bytes % (4 * n_columns) or n_bytes < 4 * n_columns * _MIN_ROWS:
         return False
-    # A scanner may write one sector after the other: rows from the whole file.
-    rows = np.memmap(path, "<f4", "r").reshape(-1, n_columns)
-    rows = rows[:: 1 + len(rows) // _HEAD_ROWS]
+    rows = _read_spread_rows(path, n_bytes // (4 * n_columns), n_columns)
     if not np.isfinite(rows).all():
         return False
     rows = rows.astype(float)
@@ -151,6 +150,22 @@ def _fits_rows(path: Path, n_columns: int) -> bool:
     if not is_ordinary.all() or not is_two_sided.any():
         return False
     return _are_other_columns_plausible(rows)
+
+
+def _read_spread_rows(path: Path, n_rows: int, n_columns: int) -> np.ndarray:
+    """Read rows from the whole file: a scanner may write one sector after the other.
+
+    In blocks: single rows of a mapped file of 1 GB, each in pages of its own, took 1 GB of memory.
+    """
+    if n_rows <= _HEAD_ROWS:
+        return np.fromfile(path, "<f4").reshape(-1, n_columns)
+    n_block_rows = _HEAD_ROWS // _N_BLOCKS
+    starts = np.linspace(0, n_rows - n_block_rows, _N_BLOCKS).astype(int).tolist()
+    blocks = [
+        np.fromfile(path, "<f4", n_block_rows * n_columns, offset=4 * n_columns * start)
+        for start in starts
+    ]
+    return np.concatenate(blocks).reshape(-1, n_columns)
 
 
 def _are_other_columns_plausible(rows: np.ndarray) -> bool:
