@@ -114,3 +114,44 @@ def test_peaks_at_range_ends_exceed_the_threshold_map():
         assert at_ends <= set(map(tuple, expected.tolist()))
         n_at_ends += len(at_ends)
     assert n_at_ends > 0
+
+
+# Intervals of 8 us: velocities between one and two spans of a round of two transmitters, 61 and
+# 122 m/s, shift echoes by up to 0.19 cells, and so those up to 0.19 cells from the end beyond it.
+@pytest.mark.parametrize("velocity_m_per_s", [-115.0, -85.0, 85.0, 115.0])
+@pytest.mark.parametrize("range_cells", [31.75, 31.9])
+def test_range_of_resolved_velocity_is_within_range_axis(range_cells, velocity_m_per_s):
+    half_wavelength_m = 1.945e-3
+    chirp = replace(CHIRP, ramp_duration_s=8e-6, n_samples=64)
+    radar = dc.Radar(
+        frame=dc.Frame(
+            chirp=chirp,
+            n_chirps=48,
+            interval_s=8e-6,
+            multiplexing=dc.multiplexing.Tdm(order=[0, 1]),
+        ),
+        array=dc.Array(
+            tx_m=[(0, 4 * k * half_wavelength_m, 0) for k in range(2)],
+            rx_m=[(0, k * half_wavelength_m, 0) for k in range(4)],
+        ),
+        hardware=RADAR.hardware,
+    )
+    direction = np.array([np.cos(0.3), np.sin(0.3), 0])
+    target = dc.Target(
+        position_m=tuple(range_cells * chirp.range_resolution_m * direction),
+        velocity_m_per_s=tuple(velocity_m_per_s * direction),
+        rcs_m2=1.0,
+    )
+    snr = dc.truth(dc.Scene(targets=[target]), radar).snr.item()
+    scene = dc.Scene(targets=[replace(target, rcs_m2=1e4 / snr)])
+
+    with pytest.warns(dc.PhysicsWarning, match="is aliased"):  # within one span
+        cube = dc.simulate(scene, radar, seed=1)
+    found = dc.detect(cube, radar)
+
+    assert found.sizes["detection"] == 1
+    truth = dc.truth(scene, radar)
+    for name in ("range", "velocity", "azimuth"):
+        # Six standard errors: by chance once in 5e8.
+        assert abs(found[name].item() - truth[name].item()) < 6 * found[f"{name}_std"].item()
+    assert np.sign(found.ambiguity_number.item()) == np.sign(velocity_m_per_s)

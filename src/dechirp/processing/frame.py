@@ -354,8 +354,6 @@ def _refine_peaks(
         peaks = np.arange(n_peaks)
         tones, is_kept = tones.select(peaks), is_kept[peaks]
         sidelobes = None if sidelobes is None else sidelobes.select(peaks)
-    if frame.chirp.sampling == "real":
-        tones, sidelobes = _mirror_tones_of_no_range(tones, sidelobes, frame)
     if sidelobes is not None:
         amplitude_noise = amplitude_noise * sidelobes.noise_gain
     window_gain = 1.0 if sidelobes is None else sidelobes.noise_gain
@@ -380,33 +378,6 @@ def _peaks_near_their_images(fast: np.ndarray, transform: Transform, chirp: Chir
     cells = fast * (transform.n_points / (2 * np.pi))
     distance = np.minimum(cells, transform.n_points / 2 - cells)
     return np.flatnonzero(2 * distance < _NEAR_IMAGE_CELLS)
-
-
-def _mirror_tones_of_no_range(
-    tones: Tones, sidelobes: SidelobeErrors | None, frame: Frame
-) -> tuple[Tones, SidelobeErrors | None]:
-    """Replace tones of real samples below range 0 or beyond the largest range by their images.
-
-    An echo and its image are one tone each, with opposite signs of both frequencies. The echo is
-    the one whose delay frequency, beat minus Doppler, is from 0 to half the sample rate.
-    """
-    doppler = principal_doppler_hz(tones, frame) * (2 * np.pi / frame.chirp.sample_rate_hz)
-    is_image = (tones.fast - doppler) % (2 * np.pi) > np.pi
-    if not is_image.any():
-        return tones, sidelobes
-    amplitude = np.where(is_image[:, None], tones.amplitude.conj(), tones.amplitude)
-    mirrored = Tones(
-        slow=np.where(is_image, -tones.slow, tones.slow),
-        fast=np.where(is_image, -tones.fast % (2 * np.pi), tones.fast),
-        energy=tones.energy,
-        amplitude=amplitude,
-    )
-    if sidelobes is not None:
-        components = sidelobes.components
-        sidelobes = sidelobes._replace(
-            components=np.where(is_image[:, None, None], components.conj(), components)
-        )
-    return mirrored, sidelobes
 
 
 def _mitigate_and_list_removed_echoes(

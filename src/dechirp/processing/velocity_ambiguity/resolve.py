@@ -8,7 +8,7 @@ import numpy as np
 from dechirp.processing.angle.aperture import FieldOfView
 from dechirp.processing.direction_finding import can_resolve_directions, checked_direction_aperture
 from dechirp.processing.estimates import principal_doppler_hz, range_velocity_estimates
-from dechirp.processing.refine import RefinedPeaks
+from dechirp.processing.refine import RefinedPeaks, Tones
 from dechirp.processing.velocity_ambiguity import by_frame_intervals, by_ramps, by_transmitters
 from dechirp.processing.velocity_ambiguity.hypotheses import (
     FramePeaks,
@@ -35,15 +35,30 @@ def resolve_velocity_ambiguity(
         Directions that the phases between transmitters are compared with.
     """
     frame = radar.frame
+    by_map = [
+        ResolvedPeaks(
+            map_peaks,
+            principal_doppler_hz(map_peaks.tones, frame),
+            unresolved_hypotheses(len(map_peaks.snr)),
+        )
+        for map_peaks in peaks
+    ]
     if frame.has_falling_ramps:
-        rising, falling = peaks
+        rising, falling = (_mirror_peaks_of_no_range(resolved, frame).peaks for resolved in by_map)
         return pair_rising_and_falling_peaks(rising, falling, frame)
-    (map_peaks,) = peaks
+    (resolved,) = by_map
+    if frame.n_slots > 1 and frame.n_chirps > 1 and len(resolved.doppler_hz):
+        resolved = _resolve_by_slots(resolved, radar, field_of_view)
+    return _mirror_peaks_of_no_range(resolved, frame)
+
+
+def _resolve_by_slots(
+    resolved: ResolvedPeaks, radar: Radar, field_of_view: FieldOfView
+) -> ResolvedPeaks:
+    """Resolve principal Doppler frequencies by the ramps or transmitters of the slots."""
+    frame = radar.frame
+    map_peaks, doppler_hz, hypotheses = resolved
     tones, noise = map_peaks.tones, map_peaks.amplitude_noise
-    doppler_hz = principal_doppler_hz(tones, frame)
-    hypotheses = unresolved_hypotheses(len(doppler_hz))
-    if frame.n_slots == 1 or frame.n_chirps == 1 or not len(doppler_hz):
-        return ResolvedPeaks(map_peaks, doppler_hz, hypotheses)
     if frame.modulation is not None:
         amplitude = by_ramps.remove_beat_phase(tones.amplitude, tones.fast, frame)
         tones = replace(tones, amplitude=amplitude)
@@ -104,7 +119,42 @@ def resolve_across_frames(frames: Sequence[FramePeaks], frame: Frame) -> Iterato
         unambiguous = _with_other_doppler(
             resolved, resolved.doppler_hz + number / own_frame.repetition_s, own_frame
         )
-        yield frame_peaks._replace(resolved=unambiguous._replace(hypotheses=hypotheses))
+        unambiguous = unambiguous._replace(hypotheses=hypotheses)
+        yield frame_peaks._replace(resolved=_mirror_peaks_of_no_range(unambiguous, own_frame))
+
+
+def _mirror_peaks_of_no_range(resolved: ResolvedPeaks, frame: Frame) -> ResolvedPeaks:
+    """Replace peaks of real samples below range 0 or beyond the largest range by their images.
+
+    An echo and its image are one tone each, with opposite signs of both frequencies. The echo is
+    the one whose delay frequency, beat minus Doppler, is from 0 to half the sample rate.
+    """
+    if frame.chirp.sampling == "complex":
+        return resolved
+    tones, sidelobes = resolved.peaks.tones, resolved.peaks.sidelobes
+    doppler = resolved.doppler_hz * (2 * np.pi / frame.chirp.sample_rate_hz)
+    is_image = (tones.fast - doppler) % (2 * np.pi) > np.pi
+    if not is_image.any():
+        return resolved
+    mirrored = Tones(
+        slow=np.where(is_image, -tones.slow, tones.slow),
+        fast=np.where(is_image, -tones.fast % (2 * np.pi), tones.fast),
+        energy=tones.energy,
+        amplitude=np.where(is_image[:, None], tones.amplitude.conj(), tones.amplitude),
+    )
+    if sidelobes is not None:
+        components = sidelobes.components
+        sidelobes = sidelobes._replace(
+            components=np.where(is_image[:, None, None], components.conj(), components)
+        )
+    number = resolved.hypotheses.number
+    return ResolvedPeaks(
+        peaks=resolved.peaks._replace(tones=mirrored, sidelobes=sidelobes),
+        doppler_hz=np.where(is_image, -resolved.doppler_hz, resolved.doppler_hz),
+        hypotheses=resolved.hypotheses._replace(
+            number=np.where(is_image[:, None], -number, number)
+        ),
+    )
 
 
 def _with_other_doppler(
