@@ -168,6 +168,32 @@ def test_frame_theory_is_nan_for_frequent_false_alarms(radar):
     assert np.isnan(false_alarms.frame_false_alarm_probability(radar, mitigation_chain))
 
 
+@pytest.mark.parametrize("n_range_bins", [None, 128])
+def test_frame_theory_of_real_samples_includes_the_ends_of_the_range_axis(radar, n_range_bins):
+    chain = replace(build_chain(false_alarm_probability=1e-6), n_range_bins=n_range_bins)
+    exponents = {}
+    for sampling in ("complex", "real"):
+        resized = resize_radar(radar, 64, 48, sampling=sampling)
+        law = false_alarms.frame_false_alarm_probability(resized, chain)
+        exponents[sampling] = -np.log1p(-law)
+    power = dc.power_map(simulate_noise_cube(resized, np.random.default_rng(1)), resized, chain)
+    is_searched = np.isfinite(dc.threshold_map(power, resized, chain).values)
+    # Opposite velocities have the same power at half the sample rate.
+    n_cells = is_searched[:, :-1].sum() + is_searched[:, -1].sum() / 2
+    per_cell = exponents["complex"] / (48 * (n_range_bins or 64))
+    assert exponents["real"] == pytest.approx(n_cells * per_cell, rel=1e-9)
+
+
+def test_peaks_at_half_the_sample_rate_of_real_samples_are_counted(radar):
+    radar = resize_radar(radar, 64, 48, sampling="real")
+    power = np.random.default_rng(2).exponential(size=(48, 33)).astype(np.float32)
+    power[[14, 34], 32] = 1e3  # velocities of 10 cells, receding and approaching
+
+    counts = count_noise_alarms(power, radar, build_chain(false_alarm_probability=1e-9))
+
+    assert (counts.n_over, counts.n_peaks) == (0, 1)
+
+
 def test_cells_emptied_by_mitigation_are_not_tested(radar):
     radar = resize_radar(radar, 64, 48)
     chain = replace(build_chain(), mitigation=[MeanSubtraction()])

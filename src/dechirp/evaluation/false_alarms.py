@@ -11,7 +11,11 @@ from dechirp.processing.cfar.cell_averaging import CellAveraging
 from dechirp.processing.chain import Chain
 from dechirp.processing.mitigation.noise_loss import sufficient_noise_gain_mask
 from dechirp.processing.range_doppler_map import detect_peaks_and_count_dropped, residual_noise_gain
-from dechirp.processing.spectrum import Transform, rows_with_circular_noise
+from dechirp.processing.spectrum import (
+    Transform,
+    rows_with_circular_noise,
+    searched_cell_mask,
+)
 from dechirp.radar.radar import Radar
 from dechirp.theory.alarm_clusters import NeighbourCorrelation, local_maximum_fraction
 
@@ -52,14 +56,25 @@ def frame_false_alarm_probability(radar: Radar, chain: Chain) -> float:
     n_in_ring = len(cfar.training_window.training_cell_offsets(cfar.training_window.half_range)) * p
     if not n_in_ring <= _MAX_ALARMS_PER_WINDOW or residual_noise_gain(radar, chain) is not None:
         return np.nan
-    rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
-    n_cells = (rows.stop - rows.start) * noise.doppler_transform.n_bins
     neighbours = NeighbourCorrelation(
         in_range=_noise_correlation_at_lags_one_and_two(noise.range_transform),
         in_velocity=_noise_correlation_at_lags_one_and_two(noise.doppler_transform),
     )
     q = local_maximum_fraction(p, neighbours, n_summed=noise.n_channels)
-    return float(-np.expm1(-n_cells * p * q))
+    return float(-np.expm1(-_count_searched_cells(radar, noise) * p * q))
+
+
+def _count_searched_cells(radar: Radar, noise: MapNoise) -> float:
+    """Return the number of searched cells, without those that repeat the power of another.
+
+    At half the sample rate of real samples, opposite velocities have the same power.
+    """
+    chirp, transform = radar.frame.chirp, noise.range_transform
+    is_searched = searched_cell_mask(chirp, transform, noise.doppler_transform)
+    n_cells = float(np.count_nonzero(is_searched))
+    if chirp.sampling == "real" and transform.n_bins % 2 == 0:
+        n_cells -= np.count_nonzero(is_searched[:, -1]) / 2
+    return n_cells
 
 
 def _noise_correlation_at_lags_one_and_two(transform: Transform) -> tuple[complex, complex]:
@@ -131,9 +146,9 @@ def count_noise_alarms(power: np.ndarray, radar: Radar, chain: Chain) -> NoiseMa
         is_over &= is_usable
         n_tested = int(np.count_nonzero(is_usable))
     n_over = int(np.count_nonzero(is_over))
-    # Most maps have no alarm, and then no peak: those are not looked for.
+    # Most maps of complex samples have no alarm, and then no peak: those are not looked for. Maps
+    # of real samples are searched at the ends of the range axis too.
     n_peaks = 0
-    if n_over:
-        peak_rows = detect_peaks_and_count_dropped(power, radar, chain)[0][:, 1]
-        n_peaks = int(np.count_nonzero((rows.start <= peak_rows) & (peak_rows < rows.stop)))
+    if n_over or radar.frame.chirp.sampling == "real":
+        n_peaks = len(detect_peaks_and_count_dropped(power, radar, chain)[0])
     return NoiseMap(power, n_tested, n_over, n_peaks)
