@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import warnings
 from pathlib import Path
 
@@ -388,6 +389,13 @@ def test_cut_dbc_is_refused_with_the_line(tmp_path):
     path.write_text(ESR[:cut])
     line = ESR[:cut].count("\n") + 1
     with pytest.raises(InvalidSetting, match=f"incomplete statement at its end, line {line}"):
+        read_vendor_layout(path, "delphi-esr")
+
+
+def test_signal_before_its_message_is_refused_by_name(tmp_path):
+    path = tmp_path / "negative.dbc"
+    path.write_text(re.sub(r"(SG_ CAN_TX_TRACK_RANGE :) *\d+", r"\1 -1", ESR))
+    with pytest.raises(InvalidSetting, match=r"negative\.dbc with .*CAN_TX_TRACK_RANGE at bit -1"):
         read_vendor_layout(path, "delphi-esr")
 
 

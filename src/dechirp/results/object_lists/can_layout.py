@@ -24,6 +24,7 @@ _MAX_DBC_CHARACTERS = 2_000_000  # half a minute of parsing; that of a whole car
 _LONG_NUMBER = re.compile(r"\d{31,}|\d\.?[eE][+-]?0*[1-9]\d{3,}")
 _MESSAGE_LENGTH = re.compile(r"\bBO_\s+\d+\s+\w+\s*:\s*(\d+)")
 _SIGNAL_BITS = re.compile(r":\s*(\d+)\s*\|\s*(\d+)\s*@")
+_NEGATIVE_START = re.compile(r"\bSG_\s+(\w+)[^:\n]*:\s*(-\s*\d+)\s*\|")
 _MULTIPLEXER_STATEMENT = re.compile(r"\bSG_MUL_VAL_[^;]*")
 _MULTIPLEXER_RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")
 _COMPLETE_STATEMENTS = {
@@ -286,7 +287,7 @@ def _check_is_complete(path: Path, text: str) -> None:
 
 
 def _check_number_sizes(path: Path, text: str) -> None:
-    """Raise `InvalidSetting` for numbers for which the parser would take minutes or gigabytes.
+    """Raise `InvalidSetting` for negative bits, and for numbers that take the parser minutes.
 
     It makes a list of the bits of each message and of the values of each multiplexer, and computes
     with exact decimals: a message of 64e7 bytes takes 19 s and 5.7 GB.
@@ -304,6 +305,10 @@ def _check_number_sizes(path: Path, text: str) -> None:
             f"a number of {len(long_number[0])} digits, or with its exponent",
             "at most 30 digits, and exponents to 999",
             "correct it",
+        )
+    if negative := _NEGATIVE_START.search(text):  # the parser accepts it, and encodes no code
+        raise _dbc_error(
+            path, f"the signal {negative[1]} at bit {negative[2]}", "bits from 0", "correct it"
         )
     n_bytes = [int(number) for number in _MESSAGE_LENGTH.findall(text)]
     bits = [int(number) for pair in _SIGNAL_BITS.findall(text) for number in pair]
