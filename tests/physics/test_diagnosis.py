@@ -142,6 +142,46 @@ def test_known_target_tells_order_of_iq_of_a_map_without_radar():
         assert {finding.setting for finding in diagnosis.findings} == expected
 
 
+@pytest.mark.parametrize("velocity_cell", [7, -9])
+@pytest.mark.parametrize("padding", [1, 2])
+def test_known_moving_target_tells_reversed_ranges_from_swapped_parts(velocity_cell, padding):
+    radar = random_radar(np.random.default_rng(7), sampling="complex")
+    frame, chirp = radar.frame, radar.frame.chirp
+    n_chirps, n_samples = frame.n_chirps, chirp.n_samples
+    n_bins = padding * n_samples
+    ranges_m, velocities = chirp.range_bins_m(n_bins), frame.velocity_bins_m_per_s(n_chirps)
+    rows, columns = np.arange(n_chirps)[:, None], np.arange(n_samples)
+    # Static echoes that weaken with R^-4 and a target, in cells of 1 / n of the span.
+    echoes = [(0.06, 0, 3.0), (0.1, 0, 1.0), (0.15, 0, 0.5), (0.22, 0, 0.2), (0.28, 0, 0.12)]
+    target = (round(0.18 * n_samples) / n_samples, velocity_cell, 1.0)
+    noise = np.random.default_rng(8).standard_normal((2, n_chirps, n_samples))
+    samples = 0.05 * (noise[0] + 1j * noise[1]) + sum(
+        level * np.exp(2j * np.pi * (share * columns + cell * rows / n_chirps))
+        for share, cell, level in (*echoes, target)
+    )
+    hann = [np.hanning(size + 1)[:-1] for size in (n_chirps, n_samples)]
+    windowed = samples * np.outer(*hann)
+
+    def power(array):
+        return abs(np.fft.fftshift(np.fft.fft2(array, (n_chirps, n_bins)), axes=0)) ** 2
+
+    known = {
+        "target_range_m": target[0] * chirp.max_range_m,
+        "target_velocity_m_per_s": float(velocities[n_chirps // 2 + velocity_cell]),
+    }
+    for values, expected in (
+        (power(windowed), set()),
+        (power(windowed.conj()), {"iq"}),
+        (power(windowed)[:, ::-1], {"range_m.mirror"}),
+    ):
+        arguments = values, ranges_m, velocities
+        diagnosis = dc.diagnosis.diagnose_map(*arguments, radar=radar, **known)
+        assert {finding.setting for finding in diagnosis.findings} == expected
+        for finding in dc.diagnosis.diagnose_map(*arguments, radar=radar).findings:
+            assert finding.setting == "iq"
+            assert "reversed the ranges alone" in finding.fix
+
+
 @pytest.mark.parametrize("n_channels", [1, 4])
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
 def test_noise_shows_the_scale_of_its_decibels(n_channels, factor):

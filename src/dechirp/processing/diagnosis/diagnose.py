@@ -128,7 +128,7 @@ def diagnose_samples(
         mirror = diagnose_mirror_image(measure_mirror_similarity(power), content="samples")
         if mirror.findings:
             return mirror
-        order = diagnose_iq_order(peaks, n_samples, 1)
+        order = diagnose_iq_order(peaks, n_samples, 1, content="samples")
     if array.shape[-2] == array.shape[-1]:
         order += _diagnose_unconfirmed_order(peaks, power.shape, zero_row, (1, 1))
     if target is None:
@@ -144,6 +144,7 @@ def diagnose_samples(
             frame.velocity_bins_m_per_s(power.shape[0]),
             *target,
             span=UnambiguousSpan(frame.chirp.max_range_m, is_complex),
+            content="samples",
             has_static_row=True,  # this map is shifted here
         ),
     )
@@ -407,7 +408,7 @@ def _diagnose_positions(
     is_complex = chirp is not None and chirp.sampling == "complex"
     covers_span = chirp is not None and ranges.max() > 0.9 * chirp.max_range_m
     if is_complex and covers_span and not settings and ranges.min() >= 0:
-        diagnosis += diagnose_iq_order(peaks, shape[1], padding[1])
+        diagnosis += diagnose_iq_order(peaks, shape[1], padding[1], content="map")
     if target is None:
         if velocities is not None:
             diagnosis += cannot_be_told(
@@ -428,6 +429,7 @@ def _diagnose_positions(
             velocities,
             *target,
             span=span,
+            content="map",
             has_static_row=velocities is not None
             and has_static_row(peaks, shape, int(np.argmin(abs(velocities))), padding),
         ),

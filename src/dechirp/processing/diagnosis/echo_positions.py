@@ -185,13 +185,14 @@ def diagnose_fftshift(
     )
 
 
-def diagnose_iq_order(peaks: MapPeaks, n_range: int, padding: float) -> Diagnosis:
+def diagnose_iq_order(peaks: MapPeaks, n_range: int, padding: float, *, content: str) -> Diagnosis:
     """Report echoes that fill the upper half of a complex spectrum, near ranges at its end.
 
     Echoes weaken with the fourth power of range, and most designs leave the upper half empty.
     Swapped parts turn the cell k into n - k. Where echoes are in both halves, the levels without
     that fall decide, if they spread by significantly less in the other order. Echoes whose levels
-    fall neither way fit both orders.
+    fall neither way fit both orders. A map of reversed ranges shows the same as one of swapped
+    parts, unless a moving target is known.
     """
     from_zero = np.minimum(peaks.column, n_range - peaks.column)
     inner = from_zero > 2 * padding
@@ -228,7 +229,13 @@ def diagnose_iq_order(peaks: MapPeaks, n_range: int, padding: float) -> Diagnosi
             value=evidence,
             expected="the strongest echoes near the radar, at low positive beat frequencies",
             fix="exchange I and Q, which conjugates the samples and mirrors range and velocity;"
-            " right as it is only if all echoes are that far",
+            + (
+                " if the program reversed the ranges alone, reverse them again: powers of static"
+                " echoes are the same in both cases;"
+                if content == "map"
+                else ""
+            )
+            + " right as it is only if all echoes are that far",
         )
     return cannot_be_told(
         "iq",

@@ -45,13 +45,15 @@ def diagnose_known_target(
     target_m_per_s: float | None,
     *,
     span: UnambiguousSpan | None,
+    content: str,
     has_static_row: bool,
 ) -> Diagnosis:
     """Look for a known target where it should be, and where mistakes would put it.
 
     `span` contains the ranges of the radar, None without a radar: a phase f(t) t doubles ranges,
     of which those beyond the span are aliased. Without a radar, an axis from 0 is taken as the
-    whole span, where swapped parts turn the cell k into n - k.
+    whole span, where swapped parts turn the cell k into n - k. In a map, ranges may have been
+    reversed alone, which keeps the sign of the velocity.
     `has_static_row` where static echoes lie at velocity 0, so that no fftshift is missing.
     """
     velocities = np.zeros(1) if velocity_m_per_s is None else velocity_m_per_s
@@ -85,7 +87,13 @@ def diagnose_known_target(
         places.append(("axes", exchanged_m, exchanged_v, "transpose the map"))
     starts_at_zero = abs(range_m[0]) < _ORIGIN_TOLERANCE_CELLS * _step(range_m)
     if span is not None and span.is_complex:
-        places.append(("iq", span.max_range_m - target_m, -v, "exchange I and Q"))
+        mirrored_m = span.max_range_m - target_m
+        places.append(("iq", mirrored_m, -v, "exchange I and Q"))
+        # Velocities of both signs must be two tolerances apart, also at the ends of the axis.
+        is_moving = abs(_wrap(2 * v, half_span)) > 2 * _TOLERANCE_CELLS * _step(velocities)
+        if content == "map" and knows_velocity and is_moving:
+            fix = "reverse the powers along range, and keep the axis"
+            places.append(("range_m.mirror", mirrored_m, v, fix))
     elif span is None and knows_velocity and starts_at_zero:
         whole_span_m = range_m.size * _step(range_m)
         places.append(("iq", whole_span_m - target_m, -v, "exchange I and Q"))
