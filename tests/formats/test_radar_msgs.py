@@ -90,14 +90,12 @@ def test_scans_of_ros1_are_read(tmp_path):
     check_rows(dc.open(tmp_path / "drive.bag").points)
 
 
-def test_tracks_give_positions_and_velocities_along_the_line_of_sight(tmp_path):
-    store = type_store()
-    types = store.types
+def build_track(types, position_m, velocity_m_per_s):
     vector = types["geometry_msgs/msg/Vector3"]
-    track = types["radar_msgs/msg/RadarTrack"](
+    return types["radar_msgs/msg/RadarTrack"](
         uuid=types["unique_identifier_msgs/msg/UUID"](uuid=np.arange(16, dtype=np.uint8)),
-        position=types["geometry_msgs/msg/Point"](x=40.0, y=-30.0, z=0.0),
-        velocity=vector(x=-10.0, y=0.0, z=0.0),
+        position=types["geometry_msgs/msg/Point"](**dict(zip("xyz", position_m, strict=True))),
+        velocity=vector(**dict(zip("xyz", velocity_m_per_s, strict=True))),
         acceleration=vector(x=0.0, y=0.0, z=0.0),
         size=vector(x=4.5, y=1.8, z=1.5),
         classification=2,
@@ -106,6 +104,12 @@ def test_tracks_give_positions_and_velocities_along_the_line_of_sight(tmp_path):
             for name in ("position", "velocity", "acceleration", "size")
         },
     )
+
+
+def test_tracks_give_positions_and_velocities_along_the_line_of_sight(tmp_path):
+    store = type_store()
+    types = store.types
+    track = build_track(types, (40.0, -30.0, 0.0), (-10.0, 0.0, 0.0))
     message = types[TRACKS](header=header(types, 5), tracks=[track])
     write_bag(tmp_path / "bag", store, TRACKS, [message])
     points = dc.open(tmp_path / "bag").points
@@ -235,3 +239,107 @@ def test_signs_of_a_simulated_target_reach_the_messages(tmp_path):
         assert abs(float(row[name]) - expected) < 5 * float(row[f"{name}_std"]) + 1e-3
     assert strongest.doppler_velocity == pytest.approx(float(row.velocity), rel=1e-6)
     assert strongest.range == pytest.approx(float(row.range), rel=1e-6)
+
+
+def write_ros1_clouds(path, clouds):
+    """Write clouds of fields (name, offset, datatype) and bytes, without rows."""
+    store = type_store("ROS1_NOETIC")
+    types, kind = store.types, "sensor_msgs/msg/PointCloud2"
+    field_type = types["sensor_msgs/msg/PointField"]
+    with rosbag1.Writer(path) as bag:
+        connection = bag.add_connection("/front/points", kind, typestore=store)
+        for seconds, (fields, step, content, is_big_endian, frame_id) in enumerate(clouds):
+            width = len(content) // step if step else 0
+            cloud = types[kind](
+                header=header(types, seconds, seq=seconds),
+                height=1 if width else 0,
+                width=width,
+                fields=[
+                    field_type(name=name, offset=offset, datatype=code, count=1)
+                    for name, offset, code in fields
+                ],
+                is_bigendian=is_big_endian,
+                point_step=step,
+                row_step=len(content),
+                data=np.frombuffer(content, np.uint8),
+                is_dense=True,
+            )
+            cloud.header.frame_id = frame_id
+            bag.write(connection, seconds * 10**9, bytes(store.serialize_ros1(cloud, kind)))
+
+
+XYZV = [("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("velocity", 12, 7)]
+POINTS = np.array([(10.0, 5.0, 1.0, -3.0), (20.0, -4.0, 0.0, 2.0)])
+
+
+@pytest.mark.parametrize("empty_fields", [[], XYZV])
+def test_empty_clouds_of_ros1_are_frames_without_points(empty_fields, tmp_path):
+    """A driver without detections publishes a message of default values: no fields, no bytes."""
+    empty = (empty_fields, 0, b"", False, "front")
+    full = (XYZV, 16, POINTS.astype("<f4").tobytes(), False, "front")
+    write_ros1_clouds(tmp_path / "drive.bag", [empty, full, empty])
+    recording = dc.open(tmp_path / "drive.bag")
+    assert recording.n_frames == 3
+    points = recording.points
+    np.testing.assert_array_equal(points["frame"], [1, 1])
+    np.testing.assert_allclose(points["velocity"], POINTS[:, 3])
+    np.testing.assert_allclose(points["time"], 1.0)
+    assert "other topics" not in " ".join(map(str, recording.findings))
+
+
+def test_clouds_of_ros1_in_other_orders_types_and_bytes_have_the_same_points(tmp_path):
+    names, offsets = ("velocity", "z", "y", "x"), (40, 24, 8, 0)
+    wide = np.zeros(2, {"names": names, "formats": [">f8"] * 4, "offsets": offsets, "itemsize": 64})
+    for column, name in enumerate(("x", "y", "z", "velocity")):
+        wide[name] = POINTS[:, column]
+    fields = [(name, offset, 8) for name, offset in zip(names, offsets, strict=True)]
+    narrow = (XYZV, 16, POINTS.astype("<f4").tobytes(), False, "front")
+    write_ros1_clouds(tmp_path / "a.bag", [narrow, (fields, 64, wide.tobytes(), True, "front")])
+    points = dc.open(tmp_path / "a.bag").points
+    x, y, z, velocity = np.tile(POINTS.T, 2)
+    np.testing.assert_allclose(points["range"], np.sqrt(x**2 + y**2 + z**2), rtol=1e-6)
+    np.testing.assert_allclose(points["azimuth"], np.arctan2(y, x), rtol=1e-6)
+    np.testing.assert_allclose(points["velocity"], velocity)
+
+
+def test_clouds_that_lose_their_velocities_are_refused_by_name(tmp_path):
+    full = (XYZV, 16, POINTS.astype("<f4").tobytes(), False, "front")
+    short = (XYZV[:3], 12, POINTS[:, :3].astype("<f4").tobytes(), False, "front")
+    write_ros1_clouds(tmp_path / "drive.bag", [full, short])
+    with pytest.raises(DechirpError, match="frame 1.*without velocity.*/front/points"):
+        dc.open(tmp_path / "drive.bag").points  # noqa: B018
+
+
+def test_points_of_several_coordinate_frames_are_reported(tmp_path):
+    clouds = [(XYZV, 16, POINTS.astype("<f4").tobytes(), False, name) for name in ("front", "rear")]
+    write_ros1_clouds(tmp_path / "drive.bag", clouds)
+    (finding,) = [
+        finding
+        for finding in dc.open(tmp_path / "drive.bag").findings
+        if "frame_id" in finding.value
+    ]
+    assert finding.level == "warning"
+    assert "'front', 'rear'" in finding.value
+
+
+def test_returns_without_a_valid_range_are_left_out(tmp_path):
+    store = type_store()
+    rows = [(value, 0.1, 0.0, 1.0, 2.0) for value in (-5.0, np.nan, np.inf, 7.0)]
+    rows.append((3.0, np.inf, np.inf, 1.0, 2.0))
+    write_bag(tmp_path / "bag", store, SCAN, [build_scan(store.types, 0, rows)])
+    points = dc.open(tmp_path / "bag").points
+    np.testing.assert_allclose(points["range"], [7.0])
+    np.testing.assert_allclose(points["azimuth"], [0.1], rtol=1e-6)
+
+
+def test_vertical_velocities_of_tracks_count_along_the_line_of_sight(tmp_path):
+    """At (30, 0, 40) m, (0, 0, 5) m/s recede at 5 x 40 / 50 = 4 m/s."""
+    store = type_store()
+    tracks = [
+        build_track(store.types, (30.0, 0.0, 40.0), (0.0, 0.0, 5.0)),
+        build_track(store.types, (30.0, 0.0, 40.0), (0.0, 0.0, np.nan)),
+    ]
+    message = store.types[TRACKS](header=header(store.types, 5), tracks=tracks)
+    write_bag(tmp_path / "bag", store, TRACKS, [message])
+    points = dc.open(tmp_path / "bag").points
+    np.testing.assert_allclose(points["velocity"], [4.0, 0.0], atol=1e-12)

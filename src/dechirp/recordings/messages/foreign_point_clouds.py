@@ -71,9 +71,11 @@ def convert_clouds_to_contents(
     Raises
     ------
     RecordingError
-        If the points have no coordinates.
+        If the points have no coordinates, or lack fields of those before.
     """
-    fields = clouds[0].points.dtype.names or ()
+    # Empty clouds may lack fields.
+    first = next((cloud for cloud in clouds if len(cloud.points)), clouds[0])
+    fields = first.points.dtype.names or ()
     names = {name.lower(): name for name in fields}
     if not names.keys() >= {"x", "y"}:
         raise RecordingError(
@@ -82,13 +84,23 @@ def convert_clouds_to_contents(
             expected="points with fields x and y, and z if the radar measures heights",
             fix="give other points: of a bag, append the topic, as in bag.mcap/front/radar",
         )
+    for frame, cloud in enumerate(clouds):
+        present = {*(cloud.points.dtype.names or ())}
+        missing = [name for name in fields if name[:1] != "_" and name not in present]
+        if len(cloud.points) and missing:
+            raise RecordingError(
+                path,
+                value=f"frame {frame} with points without {', '.join(missing[:20])} on {source}",
+                expected=f"points with the fields of the first ones: {', '.join(fields[:20])}",
+                fix="select the frames of one kind, or put the others on another topic",
+            )
     with np.errstate(all="ignore"):  # foreign numbers: overflow gives no valid position
         points = _clouds_to_detections(clouds, names)
     return Contents(
         radar=radar,
         n_frames=len(clouds),
         points=points,
-        findings=(*_used_fields_findings(source, clouds[0].frame_id, names), *findings),
+        findings=(*_used_fields_findings(source, clouds, names), *findings),
     )
 
 
@@ -103,8 +115,11 @@ def _clouds_to_detections(clouds: Sequence[PointCloud], field_names: dict[str, s
         else np.full(len(clouds), np.nan)
     )
 
+    filled = [cloud for cloud in clouds if len(cloud.points)]
+
     def column(name: str) -> np.ndarray:
-        return np.concatenate([cloud.points[field_names[name]] for cloud in clouds]).astype(float)
+        parts = [cloud.points[field_names[name]] for cloud in filled]
+        return np.concatenate(parts or [np.empty(0)]).astype(float)
 
     x, y = column("x"), column("y")
     velocity = next((name for name in VELOCITIES if name in field_names), None)
@@ -115,7 +130,13 @@ def _clouds_to_detections(clouds: Sequence[PointCloud], field_names: dict[str, s
     if velocity is not None:
         radial_velocity = column(velocity)
     elif {"vx", "vy"} <= field_names.keys():  # components of the radial velocity, as in nuScenes
-        radial_velocity = (column("vx") * x + column("vy") * y) / ground
+        ground_rate = column("vx") * x + column("vy") * y
+        height_rate = column("vz") * z if "vz" in field_names else unknown
+        radial_velocity = np.where(
+            np.isnan(height_rate),
+            ground_rate / ground,
+            (ground_rate + height_rate) / np.hypot(ground, z),
+        )
     else:
         radial_velocity = unknown
     columns = {
@@ -127,7 +148,7 @@ def _clouds_to_detections(clouds: Sequence[PointCloud], field_names: dict[str, s
         "elevation": np.arctan2(z, ground),
         "snr": unknown if snr is None else from_decibels(column(snr)),
     }
-    point_dtype = clouds[0].points.dtype
+    point_dtype = (filled or clouds)[0].points.dtype
     used_names = {*columns, *_XYZ, velocity, snr}
     for name in field_names:  # in file order: the order of a set changes from run to run
         if name[:1] != "_" and name not in used_names and not point_dtype[field_names[name]].shape:
@@ -148,9 +169,9 @@ def _clouds_to_detections(clouds: Sequence[PointCloud], field_names: dict[str, s
 
 
 def _used_fields_findings(
-    source: str, frame_id: str, fields: dict[str, str]
+    source: str, clouds: Sequence[PointCloud], fields: dict[str, str]
 ) -> tuple[Finding, ...]:
-    """Report the fields that were used."""
+    """Report the fields that were used, and the coordinate frames."""
     velocity_fields = (*VELOCITIES, *(("vx",) if {"vx", "vy"} <= fields.keys() else ()))
     used_fields = []
     for quantity, candidates in (("velocity", velocity_fields), ("snr in dB", _SNRS)):
@@ -158,15 +179,17 @@ def _used_fields_findings(
         used_fields.append(f"no {quantity}" if field is None else f"{quantity} from {field}")
     if used_fields[0].endswith(" vx"):
         used_fields[0] += " and vy, along the line of sight"
-    frame_text = f" (frame_id {frame_id!r})" if frame_id else ""
+    frame_ids = sorted({cloud.frame_id for cloud in clouds if cloud.frame_id})
+    ids_text = ", ".join(map(repr, frame_ids[:12]))
+    frame_text = f" (frame_id {ids_text})" if frame_ids else ""
     return (
         Finding(
-            level="warning" if used_fields[0] == "no velocity" else "note",
+            level="warning" if used_fields[0] == "no velocity" or len(frame_ids) > 1 else "note",
             setting="points",
             value=f"points of {source}{frame_text}, fields {', '.join(list(fields.values())[:30])};"
             f" {', '.join(used_fields)}",
-            expected="x forward, y left, z up, and velocities along the line of sight, receding"
-            " positive",
+            expected="one coordinate frame, x forward, y left, z up, and velocities along the line"
+            " of sight, receding positive",
             fix="convert them if the driver of the radar uses other conventions",
         ),
     )

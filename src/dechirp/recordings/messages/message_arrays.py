@@ -86,6 +86,7 @@ def collect_message_arrays(
     clouds: dict[str, list[PointCloud]] = {}
     arrays: dict[str, np.ndarray] = {}
     unread_topics: dict[str, str] = {}
+    empty_clouds: dict[str, list[PointCloud]] = {}
     n_bytes = 0
     for message in messages:
         topic = message.topic
@@ -101,7 +102,9 @@ def collect_message_arrays(
             has_velocity = message.type != CLOUD or not set(VELOCITIES).isdisjoint(
                 point_field.name.lower() for point_field in cloud.fields
             )
-            if not (is_native or topic == f"/{cloud_topic_name}" or has_velocity):
+            is_radar = is_native or topic == f"/{cloud_topic_name}" or has_velocity
+            is_empty = message.type == CLOUD and not (cloud.width and cloud.height)
+            if not (is_radar or is_empty or topic in clouds):
                 unread_topics[topic] = message.type
                 continue
             stamp = cloud.header.stamp
@@ -111,7 +114,11 @@ def collect_message_arrays(
                 frame_id=cloud.header.frame_id,
                 points=_POINT_PARSERS[message.type](cloud),
             )
-            clouds.setdefault(topic, []).append(point_cloud)
+            if not is_radar and topic not in clouds:
+                # Drivers without detections publish clouds without fields: the next ones decide.
+                empty_clouds.setdefault(topic, []).append(point_cloud)
+                continue
+            clouds.setdefault(topic, empty_clouds.pop(topic, [])).append(point_cloud)
             earlier_bytes, n_bytes = n_bytes, n_bytes + point_cloud.points.nbytes
             if n_bytes // SMALL_BYTES > earlier_bytes // SMALL_BYTES:
                 # Twice the memory: clouds become columns.
@@ -122,6 +129,7 @@ def collect_message_arrays(
                 )
         else:
             unread_topics[topic] = message.type
+    unread_topics |= dict.fromkeys(empty_clouds, CLOUD)
     return MessageArrays(
         description=text, clouds=clouds, arrays=arrays, unread_topics=unread_topics
     )

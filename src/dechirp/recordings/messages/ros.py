@@ -98,16 +98,17 @@ def parse_cloud_points(cloud: Any) -> np.ndarray:
         (order + FIELD_TYPES[field.datatype], (field.count,) if field.count > 1 else ())
         for field in cloud.fields
     ]
+    names = [field.name for field in cloud.fields]
+    if not (cloud.width and cloud.height):  # drivers leave the size of a point at 0
+        return np.empty(0, np.dtype({"names": names, "formats": formats}))
     kind = np.dtype(
         {
-            "names": [field.name for field in cloud.fields],
+            "names": names,
             "formats": formats,
             "offsets": [field.offset for field in cloud.fields],
             "itemsize": cloud.point_step,
         }
     )
-    if not (cloud.width and cloud.height):
-        return np.empty(0, kind)
     row_bytes = cloud.width * cloud.point_step
     row_step = cloud.row_step if cloud.height > 1 else row_bytes
     if row_step < row_bytes or (cloud.height - 1) * row_step + row_bytes > len(cloud.data):
@@ -122,7 +123,10 @@ _TRACK_FIELDS = ("x", "y", "z", "vx", "vy", "vz", "length", "width", "height", "
 
 
 def parse_scan_points(scan: Any) -> np.ndarray:
-    """Return the returns of a decoded RadarScan, (n,); an unknown elevation counts as 0."""
+    """Return the returns of a decoded RadarScan, (n,); an unknown elevation counts as 0.
+
+    Returns with a negative or infinite range, or without azimuth, have NaN positions.
+    """
     rows = np.array(
         [
             (item.range, item.azimuth, item.elevation, item.doppler_velocity, item.amplitude)
@@ -131,11 +135,14 @@ def parse_scan_points(scan: Any) -> np.ndarray:
         float,
     ).reshape(-1, 5)
     range_m, azimuth, elevation, velocity, amplitude = rows.T
-    ground_m = range_m * np.cos(np.nan_to_num(elevation))
+    is_valid = (range_m >= 0) & np.isfinite(rows[:, :2]).all(axis=1)
+    range_m, azimuth = (np.where(is_valid, column, np.nan) for column in (range_m, azimuth))
+    elevation = np.where(np.isfinite(elevation), elevation, 0.0)
+    ground_m = range_m * np.cos(elevation)
     columns = (
         ground_m * np.cos(azimuth),
         ground_m * np.sin(azimuth),
-        range_m * np.sin(np.nan_to_num(elevation)),
+        range_m * np.sin(elevation),
         velocity,
         amplitude,
     )
