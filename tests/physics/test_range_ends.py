@@ -84,6 +84,18 @@ def test_strong_echo_at_range_end_has_no_false_detections(range_cells, velocity_
         assert is_target.sum() <= 1
 
 
+@pytest.mark.parametrize("offset_db", [20, 40, 60])
+@pytest.mark.parametrize("range_cells", [2.6, 3.4, 4.3, 6.2])
+def test_offset_of_the_converter_hides_no_echo_at_rest(range_cells, offset_db):
+    cube = dc.simulate(make_scene(range_cells, 0.0, snr_db=35), RADAR, seed=1)
+    amplitude = np.sqrt(dc.power_map(cube, RADAR).values.max())
+
+    found = dc.detect(cube + np.float32(amplitude * 10 ** (offset_db / 20)), RADAR)
+
+    errors_m = abs(found.range.values - range_cells * CELL_M)
+    assert np.count_nonzero(errors_m < np.minimum(5 * found.range_std.values, CELL_M / 2)) == 1
+
+
 @pytest.mark.parametrize(
     ("range_cells", "has_unknown_sign"),
     [(1.0, False), (127.97, True), (127.5, False)],

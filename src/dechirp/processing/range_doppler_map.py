@@ -31,6 +31,7 @@ from dechirp.processing.spectrum import (
     mean_range_doppler_power,
     rows_with_circular_noise,
     searched_cell_mask,
+    velocities_with_circular_noise,
 )
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.cube import select_only_frame
@@ -240,7 +241,7 @@ def detect_peaks_and_count_dropped(
     if searched_power.shape != power.shape:
         in_rows, is_over = is_over, np.zeros(power.shape, bool)
         is_over[:, rows] = in_rows
-        is_over |= _exceeds_threshold_at_range_ends(power, rows, chain, noise)
+        is_over |= _exceeds_threshold_at_range_ends(power, rows, radar, chain)
     if (residual := residual_noise_gain(radar, chain)) is not None:
         is_over &= sufficient_noise_gain_mask(residual)
     cells, n_dropped = strongest_local_maxima_and_n_dropped(power, is_over)
@@ -258,12 +259,15 @@ def _searched_cells(radar: Radar, noise: MapNoise) -> np.ndarray:
 
 
 def _exceeds_threshold_at_range_ends(
-    power: np.ndarray, rows: slice, chain: Chain, noise: MapNoise
+    power: np.ndarray, rows: slice, radar: Radar, chain: Chain
 ) -> np.ndarray:
     """Return which cells of real samples outside the rows exceed the threshold of the next row.
 
-    Cells that are not searched too: their echoes have sidelobes among the others.
+    Cells that are not searched too: their echoes have sidelobes among the others. But not the
+    offset of a converter: the transform of a constant is zero between the sidelobes, so an offset
+    60 dB above an echo leaves it as it is.
     """
+    noise = chain.map_noise_statistics(radar)
     is_over = np.zeros(power.shape, bool)
     if rows.start == rows.stop:
         return is_over
@@ -274,6 +278,7 @@ def _exceeds_threshold_at_range_ends(
     for box, end, row in zip(boxes, ends, (0, -1), strict=True):
         threshold = chain.cfar.threshold(np.ascontiguousarray(power[:, box]), noise)[:, row]
         is_over[:, end] = power[:, end] > threshold[:, None]
+    is_over[~velocities_with_circular_noise(noise.doppler_transform), 0] = False
     return is_over
 
 
