@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.optional_imports import import_from_extra
 from nightly import nightly, nightly_except
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -70,3 +72,29 @@ def test_missing_extra_is_named_and_nothing_is_written(tmp_path, arguments, extr
     assert f"pip install 'dechirp[{extra}]'" in process.stderr
     assert "Traceback" not in process.stderr
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("source", "value"),
+    [
+        (
+            "raise OSError('sndfile library not found')",
+            "soundfile, which cannot be loaded: sndfile library not found",
+        ),
+        (
+            "from json import no_such_name",
+            "soundfile, which cannot be loaded: cannot import name 'no_such_name'",
+        ),
+        ("import no_such_module", "no_such_module, which is not installed"),
+    ],
+)
+def test_extra_that_cannot_be_loaded_gives_the_reason(tmp_path, monkeypatch, source, value):
+    (tmp_path / "soundfile.py").write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "soundfile", raising=False)
+    with pytest.raises(InvalidSetting) as caught:
+        import_from_extra("io", "soundfile", setting="recording")
+    message = str(caught.value)
+    assert message.startswith(f"recording: a format that needs {value}")
+    assert "pip install" in message
+    assert "dechirp[io]" in message
