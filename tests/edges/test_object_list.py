@@ -169,6 +169,16 @@ def test_priority_prefers_confirmed_objects_with_short_arrival_time():
     assert priority_ranks(objects).tolist() == [1, 0, 2, 3, 4, 5, 6]
 
 
+def test_priority_of_places_beyond_all_scales_does_not_overflow():
+    objects = xr.concat(
+        [single_object_list(x=1e200, vx=-1.0), single_object_list(x=1e200, vx=-1e200)],
+        dim="object",
+        data_vars="minimal",
+    )
+
+    assert priority_ranks(objects).tolist() == [1, 0]
+
+
 def test_truncation_follows_priority_and_reports_dropped_objects():
     objects = random_object_list(9, 2, 5)
 
