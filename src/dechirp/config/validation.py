@@ -1,7 +1,10 @@
-"""Validation of settings files: a pydantic model for each value class, built from its fields."""
+"""Validation of settings files, and their JSON Schema for editors.
+
+pydantic does both with a model for each value class, built from its fields.
+"""
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -15,7 +18,7 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
-    PlainValidator,
+    GetJsonSchemaHandler,
     Strict,
     Tag,
     TypeAdapter,
@@ -24,9 +27,21 @@ from pydantic import (
     create_model,
 )
 from pydantic_core import PydanticCustomError
+from pydantic_core.core_schema import CoreSchema, with_info_plain_validator_function
 
 from dechirp.config.fields import ValueType, is_family_type, is_path_field, list_settings
 from dechirp.config.quantities import parse_quantity
+from dechirp.config.schema import (
+    REFERENCE,
+    TEXT,
+    Schema,
+    add_kind_and_meanings,
+    any_of_schema,
+    quantity_schema,
+    schema_by_kind,
+    schema_document,
+)
+from dechirp.core.dimensions import DIMENSIONS
 from dechirp.core.errors import InvalidFile, Mistake
 from dechirp.core.families import Family
 from dechirp.core.findings import PhysicsWarning
@@ -52,10 +67,51 @@ class ReferencedFileError(ValueError):
         self.mistakes = mistakes
 
 
+@dataclass(frozen=True)
+class _SettingType:
+    """Type of settings that a function parses; pydantic defines its JSON Schema once."""
+
+    name: str
+    parse: Callable[[Any, ValidationInfo], Any]
+    build_schema: Callable[[GetJsonSchemaHandler], Schema]
+
+    def __get_pydantic_core_schema__(self, _source: Any, _handler: Any) -> CoreSchema:
+        return with_info_plain_validator_function(self.parse, ref=self.name)
+
+    def __get_pydantic_json_schema__(
+        self, _core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> Schema:
+        return self.build_schema(handler)
+
+
 @cache
 def build_validator(value_type: ValueType) -> TypeAdapter[Any]:
     """Build the validator of a type: from plain data to a value, given a `ValidationContext`."""
     return TypeAdapter(_type_with_validators(value_type.hint, value_type.field, value_type.unit))
+
+
+def build_file_schema(cls: type, *, path_readable_types: Iterable[type] = ()) -> Schema:
+    """Build the schema of files that describe a value of a class."""
+    (name,), definitions = build_definitions([ValueType(cls)], path_readable_types)
+    return schema_document(f"{cls.__name__} of dechirp", definitions.pop(name), definitions)
+
+
+def build_definitions(
+    value_types: Sequence[ValueType], path_readable_types: Iterable[type] = ()
+) -> tuple[list[str], dict[str, Schema]]:
+    """Build the schemas of types: the name of each, and the definitions by name.
+
+    Values of `path_readable_types` may be the path of a file.
+    """
+    adapters = map(build_validator, [*value_types, *map(ValueType, path_readable_types)])
+    schemas, document = TypeAdapter.json_schemas(
+        (place, "validation", adapter) for place, adapter in enumerate(adapters)
+    )
+    names = [schema["$ref"].removeprefix(REFERENCE) for schema in schemas.values()]
+    definitions = document["$defs"]
+    for name in names[len(value_types) :]:
+        definitions[name] = any_of_schema([TEXT, definitions[name]])
+    return names[: len(value_types)], definitions
 
 
 @cache
@@ -68,7 +124,11 @@ def _build_pydantic_model(cls: type) -> type[BaseModel]:
         default = ... if setting.is_required else None
         model_fields[setting.field] = (hint, Field(default, alias=key))
     # Before its version 2.10, pydantic warns of fields such as `model_time_s`.
-    config = ConfigDict(extra="forbid", protected_namespaces=())
+    config = ConfigDict(
+        extra="forbid",
+        protected_namespaces=(),
+        json_schema_extra=partial(add_kind_and_meanings, cls),
+    )
     return create_model(cls.__name__, __config__=config, **model_fields)
 
 
@@ -76,9 +136,7 @@ def _type_with_validators(type_hint: Any, field: str, unit_suffix: str | None) -
     """Return the annotated type of a field with its checks."""
     annotation: Any = None
     if type_hint is float:
-        annotation = Annotated[
-            Any, PlainValidator(partial(_parse_quantity_or_number, unit_suffix=unit_suffix))
-        ]
+        annotation = _quantity_type(unit_suffix)
     elif type_hint is int:
         annotation = Annotated[int, Strict(), BeforeValidator(_whole_float_to_int)]
     elif type_hint is bool:
@@ -106,7 +164,7 @@ def _type_with_validators(type_hint: Any, field: str, unit_suffix: str | None) -
         is_tuple = get_origin(type_hint) is tuple
         annotation = GenericAlias(tuple, members) if is_tuple else Union[members]  # noqa: UP007
     elif is_family_type(type_hint):
-        annotation = Annotated[Any, PlainValidator(partial(_build_family_member, type_hint))]
+        annotation = _family_type(type_hint)
     elif is_dataclass(type_hint):
         annotation = Annotated[
             _build_pydantic_model(cast(type, type_hint)),
@@ -117,7 +175,16 @@ def _type_with_validators(type_hint: Any, field: str, unit_suffix: str | None) -
     return annotation
 
 
-def _parse_quantity_or_number(raw: Any, *, unit_suffix: str | None) -> float:
+@cache
+def _quantity_type(unit_suffix: str | None) -> _SettingType:
+    return _SettingType(
+        unit_suffix or "ratio",
+        partial(_parse_quantity_or_number, unit_suffix),
+        lambda _: quantity_schema(DIMENSIONS[unit_suffix]),
+    )
+
+
+def _parse_quantity_or_number(unit_suffix: str | None, raw: Any, _: ValidationInfo) -> float:
     if isinstance(raw, bool) or not isinstance(raw, str | int | float):
         raise PydanticCustomError("number", "not a number")
     return parse_quantity(raw if isinstance(raw, str) else repr(raw), unit_suffix)
@@ -132,6 +199,20 @@ def _whole_float_to_int(raw: Any) -> Any:
 def _resolve_relative_path(path: str, info: ValidationInfo) -> str:
     context = cast(ValidationContext, info.context)
     return path if "://" in path else str(context.folder / path)  # an address is not a path
+
+
+@cache
+def _family_type(family: type[Family]) -> _SettingType:
+    return _SettingType(
+        family.group.removeprefix("dechirp."),
+        partial(_build_family_member, family),
+        lambda handler: schema_by_kind(
+            {
+                kind: handler(build_validator(ValueType(member)).core_schema)
+                for kind, member in family.members().items()
+            }
+        ),
+    )
 
 
 def _build_family_member(family: type[Family], raw: Any, info: ValidationInfo) -> Any:

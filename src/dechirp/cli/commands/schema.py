@@ -15,7 +15,8 @@ def schema(kind: SettingsKind = "scenario", /) -> int:
     kind
         Kind of file: scenario, study, tune, radar (for --radar) or requirements (for design).
     """
-    from dechirp.config.schema import Schema, build_file_schema
+    from dechirp.config.schema import Schema
+    from dechirp.config.validation import build_file_schema
     from dechirp.experiments.scenario import READERS, Scenario
     from dechirp.experiments.study.schema import study_file_schema
     from dechirp.experiments.tune.document import tune_file_schema

@@ -1,19 +1,22 @@
 """JSON Schema of study files, as `parsing` reads them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
+from dechirp.config.fields import ValueType
 from dechirp.config.schema import (
     TEXT,
     Schema,
-    SchemaBuilder,
     any_of_schema,
     list_schema,
-    schema_by_kind,
+    reference,
+    replace_settings,
+    schema_document,
 )
+from dechirp.config.validation import build_definitions
 from dechirp.evaluation.score.base import Score
-from dechirp.experiments.scenario import READERS, Scenario
+from dechirp.experiments.scenario import READERS
 from dechirp.experiments.study.dumping import score_limit_unit
-from dechirp.experiments.study.study import Requirement, StopRule, Study, TrialBudget
+from dechirp.experiments.study.study import Requirement, StopRule, Study
 from dechirp.experiments.study.vary_values import DISTRIBUTIONS, RANGE_KEYS
 
 _PAIR: Schema = {"type": "array", "minItems": 2, "maxItems": 2}
@@ -24,54 +27,32 @@ _END: Schema = {"type": ["string", "number"]}
 
 def study_file_schema() -> Schema:
     """Build the schema of study files; varied settings and values are checked on reading."""
-    schemas = SchemaBuilder(path_readable_types=READERS)
-    stop_rule = schemas.schema_of_class(
-        StopRule, replacements={"score": score_name_schema(), "width": _END}
+    names, definitions = build_definitions(
+        [*map(ValueType, (Study, StopRule, Requirement)), *score_limit_types()], READERS
     )
+    study = definitions.pop(names[0])
+    stop_rule, requirement = definitions[names[1]], definitions[names[2]]
+    limits = dict(zip(Score.members(), map(reference, names[3:]), strict=True))
     point = {"type": "object", "additionalProperties": True}
-    requirement_fields = {
-        "score": score_name_schema(),
-        "points": point,
-        "at_least": _LIMIT,
-        "at_most": _LIMIT,
-    }
-    root = schemas.schema_of_class(
-        Study,
-        replacements={
-            "scenario": scenario_schema(schemas),
+    replace_settings(stop_rule, {"score": score_name_schema(), "width": _END})
+    replace_settings(
+        requirement,
+        {"score": score_name_schema(), "points": point, "at_least": _LIMIT, "at_most": _LIMIT},
+    )
+    _require_limit_unit_of_score(stop_rule, ("width",), limits)
+    _require_limit_unit_of_score(requirement, ("at_least", "at_most"), limits)
+    settings = study["properties"]
+    score = any_of_schema([score_name_schema(), settings["scores"]["items"]])
+    replace_settings(
+        study,
+        {
+            "scenario": any_of_schema([TEXT, settings["scenario"]]),
             "vary": {"type": ["object", "null"], "additionalProperties": varied_values_schema()},
-            "scores": list_schema(
-                any_of_schema([score_name_schema(), _score_with_settings_schema(schemas)]),
-                min_length=1,
-            ),
-            "trials": schemas.schema_of_class(
-                TrialBudget,
-                replacements={
-                    "until": any_of_schema(
-                        [_require_limit_unit_of_score(stop_rule, ("width",), schemas), _NULL]
-                    )
-                },
-            ),
-            "require": any_of_schema(
-                [
-                    list_schema(
-                        _require_limit_unit_of_score(
-                            schemas.schema_of_class(Requirement, replacements=requirement_fields),
-                            ("at_least", "at_most"),
-                            schemas,
-                        )
-                    ),
-                    _NULL,
-                ]
-            ),
+            "scores": list_schema(score, min_length=1),
+            "require": any_of_schema([list_schema(reference(names[2])), _NULL]),
         },
     )
-    return schemas.build_schema_document("Study of dechirp", root)
-
-
-def scenario_schema(schemas: SchemaBuilder) -> Schema:
-    """Build the schema of the path of a scenario file, or of the scenario itself."""
-    return any_of_schema([TEXT, schemas.reference_to_class_schema(Scenario)])
+    return schema_document("Study of dechirp", study, definitions)
 
 
 def score_name_schema() -> Schema:
@@ -100,9 +81,9 @@ def varied_values_schema(*, with_distributions: bool = True) -> Schema:
     return any_of_schema([lists, *ranges, *(distributions if with_distributions else []), labelled])
 
 
-def score_limit_schema(score_class: type[Score], schemas: SchemaBuilder) -> Schema:
-    """Build the schema of a limit of a score, in its unit."""
-    return schemas.reference_to_quantity_schema(score_limit_unit(score_class))
+def score_limit_types() -> list[ValueType]:
+    """Return the type of a limit of each score, in its unit."""
+    return [ValueType(float, score_limit_unit(member)) for member in Score.members().values()]
 
 
 def _closed_object_schema(properties: Schema, *, required: Iterable[str]) -> Schema:
@@ -114,33 +95,14 @@ def _closed_object_schema(properties: Schema, *, required: Iterable[str]) -> Sch
     }
 
 
-def _score_with_settings_schema(schemas: SchemaBuilder) -> Schema:
-    """Build the schema of a score with settings."""
-    return schema_by_kind(
-        {
-            kind: schemas.schema_of_class(member, kind={"const": kind})
-            for kind, member in Score.members().items()
-        }
-    )
-
-
 def _require_limit_unit_of_score(
-    mapping_schema: Schema, limit_names: Iterable[str], schemas: SchemaBuilder
-) -> Schema:
+    schema: Schema, limit_names: Iterable[str], limits: Mapping[str, Schema]
+) -> None:
     """Require that limits have the unit of their score."""
-    rules = [
+    schema["allOf"] = [
         {
-            "if": {
-                "properties": {"score": {"const": kind}},
-                "required": ["score"],
-            },
-            "then": {
-                "properties": {
-                    name: any_of_schema([score_limit_schema(member, schemas), _NULL])
-                    for name in limit_names
-                }
-            },
+            "if": {"properties": {"score": {"const": kind}}, "required": ["score"]},
+            "then": {"properties": dict.fromkeys(limit_names, any_of_schema([limit, _NULL]))},
         }
-        for kind, member in Score.members().items()
+        for kind, limit in limits.items()
     ]
-    return {**mapping_schema, "allOf": rules}

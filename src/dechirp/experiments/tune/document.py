@@ -6,31 +6,41 @@ from typing import Any
 from dechirp.config.dumping import to_json_data
 from dechirp.config.fields import ValueType, field_docstrings
 from dechirp.config.quantities import format_exact_quantity
-from dechirp.config.schema import Schema, SchemaBuilder, list_schema
+from dechirp.config.schema import (
+    TEXT,
+    Schema,
+    any_of_schema,
+    list_schema,
+    reference,
+    replace_settings,
+    schema_document,
+)
+from dechirp.config.validation import build_definitions
 from dechirp.core.dimensions import DIMENSIONS
 from dechirp.evaluation.score.base import Estimate, Score
 from dechirp.experiments.scenario import READERS
 from dechirp.experiments.study.dumping import score_limit_unit
 from dechirp.experiments.study.schema import (
-    scenario_schema,
-    score_limit_schema,
+    score_limit_types,
     score_name_schema,
     varied_values_schema,
 )
 from dechirp.experiments.tune.parsing import SEARCHABLE_SECTIONS, PlainSettings
 from dechirp.experiments.tune.run import Candidate, ConfirmedCandidate, TuneResult
-from dechirp.experiments.tune.tune import Tune
-from dechirp.scene.scene import Scene
+from dechirp.experiments.tune.tune import LabelledRecording, Tune
 
 
 def tune_file_schema() -> Schema:
     """Build the schema of the settings of a search."""
-    schemas = SchemaBuilder(path_readable_types=READERS)
+    names, definitions = build_definitions(
+        [*map(ValueType, (PlainSettings, LabelledRecording)), *score_limit_types()], READERS
+    )
+    root, recorded = (definitions.pop(names[0]), definitions[names[1]])
+    scenario = any_of_schema([TEXT, recorded["properties"]["scenario"]])
+    replace_settings(recorded, {"scenario": scenario})
     limits = {
         "type": "object",
-        "properties": {
-            kind: score_limit_schema(member, schemas) for kind, member in Score.members().items()
-        },
+        "properties": dict(zip(Score.members(), map(reference, names[2:]), strict=True)),
         "additionalProperties": False,
     }
     objective = {
@@ -44,19 +54,9 @@ def tune_file_schema() -> Schema:
         "oneOf": [{"required": ["maximise"]}, {"required": ["minimise"]}],
         "additionalProperties": False,
     }
-    recorded = {
-        "type": "object",
-        "properties": {
-            "scenario": scenario_schema(schemas),
-            "truth": schemas.reference_to_class_schema(Scene),
-            "empty_range": schemas.schema_of_value_type(ValueType(tuple[float, float], "m")),
-        },
-        "required": ["scenario"],
-        "additionalProperties": False,
-    }
     parts = {
-        "scenarios": list_schema(scenario_schema(schemas)),
-        "recordings": list_schema(recorded),
+        "scenarios": list_schema(scenario),
+        "recordings": list_schema(reference(names[1])),
         "search": {
             "type": "object",
             "minProperties": 1,
@@ -66,14 +66,13 @@ def tune_file_schema() -> Schema:
         "objective": objective,
     }
     meanings = field_docstrings(Tune)
-    root = schemas.schema_of_class(PlainSettings)
     root["description"] = (Tune.__doc__ or "").partition("\n")[0]
     for name, part in parts.items():
         description = {"description": meanings[name]} if meanings[name] else {}
         root["properties"][name] = {**description, **part}
     root["required"] = ["search", "objective"]
     root["anyOf"] = [{"required": ["scenarios"]}, {"required": ["recordings"]}]
-    return schemas.build_schema_document("Search of dechirp", root)
+    return schema_document("Search of dechirp", root, definitions)
 
 
 def tune_result_as_dict(tuned: TuneResult) -> dict[str, Any]:
