@@ -343,3 +343,13 @@ def test_vertical_velocities_of_tracks_count_along_the_line_of_sight(tmp_path):
     write_bag(tmp_path / "bag", store, TRACKS, [message])
     points = dc.open(tmp_path / "bag").points
     np.testing.assert_allclose(points["velocity"], [4.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("offset", [13, 2**31 - 4, 2**31 - 1, 2**31, 2**32 - 4])
+def test_fields_beyond_their_point_are_refused(offset, tmp_path):
+    """At 2 GiB, NumPy's sum of offset and size overflows."""
+    fields = [*XYZV[:3], ("velocity", offset, 7)]
+    cloud = (fields, 16, POINTS.astype("<f4").tobytes(), False, "front")
+    write_ros1_clouds(tmp_path / "drive.bag", [cloud])
+    with pytest.raises(DechirpError, match="velocity beyond the 16 bytes of a point"):
+        dc.open(tmp_path / "drive.bag")

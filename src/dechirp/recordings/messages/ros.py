@@ -101,6 +101,10 @@ def parse_cloud_points(cloud: Any) -> np.ndarray:
     names = [field.name for field in cloud.fields]
     if not (cloud.width and cloud.height):  # drivers leave the size of a point at 0
         return np.empty(0, np.dtype({"names": names, "formats": formats}))
+    # NumPy's own check overflows at offsets of 2 GiB, and reading the field ends the process.
+    for field, number_format in zip(cloud.fields, formats, strict=True):
+        if field.offset + np.dtype([("", *number_format)]).itemsize > cloud.point_step:
+            raise ValueError(f"a field {field.name} beyond the {cloud.point_step} bytes of a point")
     kind = np.dtype(
         {
             "names": names,
