@@ -223,6 +223,30 @@ def test_known_target_at_half_its_range_is_a_wrong_axis():
         assert [finding.setting for finding in diagnosis.findings] == [setting]
 
 
+# A Hann window whose ends are zero has sidelobes 31 dB below the echo, also on a grid of its length.
+def test_sidelobes_of_a_window_with_zero_ends_are_no_narrow_lobes():
+    radar = random_radar(np.random.default_rng(7), sampling="complex")
+    n_chirps, n_samples = radar.frame.n_chirps, radar.frame.chirp.n_samples
+    chirps, samples = np.arange(n_chirps)[:, None], np.arange(n_samples)
+    noise = np.random.default_rng(8).standard_normal((2, n_chirps, n_samples))
+    beat = 0.05 * (noise[0] + 1j * noise[1])
+    levels = {0.06: 3.0, 0.1: 1.0, 0.15: 0.5, 0.22: 0.2, 0.28: 0.12}
+    for cycles_per_sample, level in levels.items():
+        beat += level * np.exp(2j * np.pi * cycles_per_sample * samples)
+    beat += np.exp(2j * np.pi * (0.1797 * samples + 7 / n_chirps * chirps))
+    windowed = beat * np.outer(np.hanning(n_chirps), np.hanning(n_samples))
+    power = abs(np.fft.fftshift(np.fft.fft2(windowed, (n_chirps, 2 * n_samples)), axes=0)) ** 2
+
+    diagnosis = dc.diagnosis.diagnose_map(
+        power,
+        radar.frame.chirp.range_bins_m(2 * n_samples),
+        radar.frame.velocity_bins_m_per_s(n_chirps),
+        radar=radar,
+    )
+
+    assert diagnosis.findings == ()
+
+
 def test_own_simulator_and_maps_carry_no_mistake():
     rng = np.random.default_rng(13)
     radar, foreign = fast_scene(rng)

@@ -11,6 +11,8 @@ _MAX_PEAKS = 400
 _MIN_ECHO_OVER_MEDIAN, _CLIPPED_OVER_MEDIAN = 14.0, 6.0
 _SIDELOBE_MARGIN = 16.0
 _MIN_LOBE_OVER_MEDIAN, _MAX_LOBES = 1000.0, 24
+# Sidelobes of a Hann window, at most 31 dB below the strongest echo, are no main lobes.
+_MIN_LOBE_OVER_STRONGEST = 10**-2.9
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,7 @@ def measure_main_lobes(power: np.ndarray, axis: int) -> np.ndarray:
     is_peak = (lines > np.roll(lines, 1, -1)) & (lines >= np.roll(lines, -1, -1))
     if len(lines) > 2:  # each echo once, not in all lines of its lobe
         is_peak &= (lines > np.roll(lines, 1, 0)) & (lines >= np.roll(lines, -1, 0))
+    is_peak &= lines > _MIN_LOBE_OVER_STRONGEST * lines.max(initial=0.0)
     line, cell = np.nonzero(is_peak & (over_noise > _MIN_LOBE_OVER_MEDIAN))
     is_inner = (cell > 1) & (cell < lines.shape[-1] - 2)
     line, cell = line[is_inner], cell[is_inner]
