@@ -223,7 +223,7 @@ def test_known_target_at_half_its_range_is_a_wrong_axis():
         assert [finding.setting for finding in diagnosis.findings] == [setting]
 
 
-# A Hann window whose ends are zero has sidelobes 31 dB below the echo, also on a grid of its length.
+# A Hann window whose ends are zero has sidelobes 31 dB below the echo, on a grid of its length too.
 def test_sidelobes_of_a_window_with_zero_ends_are_no_narrow_lobes():
     radar = random_radar(np.random.default_rng(7), sampling="complex")
     n_chirps, n_samples = radar.frame.n_chirps, radar.frame.chirp.n_samples
