@@ -282,6 +282,8 @@ RECORDINGS: dict[str, tuple[Callable[[], bytes], dict[str, object]]] = {
     "hdf5": (hdf5, GENERIC_OPTIONS),
     "kept": (corpus_reader("kept.h5"), {}),
     "mcap": (corpus_reader("mcap.mcap"), {}),
+    "radar-scan": (corpus_reader("radar-scan.mcap"), {}),
+    "radar-tracks": (corpus_reader("radar-tracks.mcap"), {}),
     "text": (
         text_columns,
         {"format": "text-columns", "axes": "frame,chirp,sample,iq", "encoding": "int16"},
@@ -301,7 +303,8 @@ RECORDINGS: dict[str, tuple[Callable[[], bytes], dict[str, object]]] = {
     "calterah": (calterah, {}),
     "ros1": (corpus_reader("ros1.bag"), {}),
 }
-SELF_DESCRIBING = {"kept", "mcap", "sirad", "ti-uart", "pcd", "calterah", "ros1"}
+SELF_DESCRIBING = {"kept", "mcap", "radar-scan", "radar-tracks", "sirad", "ti-uart", "pcd"}
+SELF_DESCRIBING |= {"calterah", "ros1"}
 """Kinds of recordings that contain their radar settings."""
 COMPANIONS = {
     "calterah": ("capture", "sensor_config_init0.hxx", HXX.encode),

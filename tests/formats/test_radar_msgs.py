@@ -1,5 +1,7 @@
 """RadarScan and RadarTracks of radar_msgs: signs, times and values, against rosbags alone."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -192,17 +194,21 @@ def test_detections_and_tracks_are_written_as_radar_msgs(name, tmp_path):
     np.testing.assert_allclose(track.velocity_covariance, [2, 0, 0, 4, 0, 0])
 
 
-def test_damaged_scans_are_read_or_refused(tmp_path):
-    store = type_store()
-    write_bag(tmp_path / "bag", store, SCAN, [build_scan(store.types, 0, ROWS)])
-    content = (tmp_path / "bag" / "bag.db3").read_bytes()
+CORPUS = Path(__file__).parents[1] / "bad_input" / "corpus"
+
+
+@pytest.mark.parametrize(
+    "name", ["bag/radar-scan.db3", "recording/radar-scan.mcap", "recording/radar-tracks.mcap"]
+)
+def test_damaged_messages_are_read_or_refused(name, tmp_path):
+    content = (CORPUS / name).read_bytes()
     rng = np.random.default_rng(11)
     for number in range(60):
         damaged = bytearray(content)
-        scan = damaged.find(b"front")  # the message itself: header and returns
-        for position in rng.integers(scan - 30, scan + 70, size=2):
+        header = damaged.find(b"front\0")  # the message itself: header and returns or tracks
+        for position in rng.integers(header - 30, header + 70, size=2):
             damaged[position] = int(rng.integers(256))
-        file = tmp_path / f"{number}.db3"
+        file = (tmp_path / str(number)).with_suffix(Path(name).suffix)
         file.write_bytes(damaged)
         try:
             points = dc.open(file).points
@@ -242,7 +248,7 @@ def test_signs_of_a_simulated_target_reach_the_messages(tmp_path):
 
 
 def write_ros1_clouds(path, clouds):
-    """Write clouds of fields (name, offset, datatype) and bytes, without rows."""
+    """Write clouds of fields (name, offset, datatype, count if not 1) and bytes, without rows."""
     store = type_store("ROS1_NOETIC")
     types, kind = store.types, "sensor_msgs/msg/PointCloud2"
     field_type = types["sensor_msgs/msg/PointField"]
@@ -255,8 +261,10 @@ def write_ros1_clouds(path, clouds):
                 height=1 if width else 0,
                 width=width,
                 fields=[
-                    field_type(name=name, offset=offset, datatype=code, count=1)
-                    for name, offset, code in fields
+                    field_type(
+                        name=name, offset=offset, datatype=code, count=count[0] if count else 1
+                    )
+                    for name, offset, code, *count in fields
                 ],
                 is_bigendian=is_big_endian,
                 point_step=step,
@@ -353,3 +361,55 @@ def test_fields_beyond_their_point_are_refused(offset, tmp_path):
     write_ros1_clouds(tmp_path / "drive.bag", [cloud])
     with pytest.raises(DechirpError, match="velocity beyond the 16 bytes of a point"):
         dc.open(tmp_path / "drive.bag")
+
+
+@pytest.mark.parametrize("names", [("velocity", "Velocity"), ("Velocity", "velocity")])
+def test_of_fields_that_differ_in_case_the_lower_case_is_read_with_a_warning(names, tmp_path):
+    fields = [*XYZV[:3], *((name, 12 + 4 * n, 7) for n, name in enumerate(names))]
+    values = {"velocity": POINTS[:, 3], "Velocity": POINTS[:, 3] + 50}
+    rows = np.column_stack([POINTS[:, :3], *(values[name] for name in names)]).astype("<f4")
+    write_ros1_clouds(tmp_path / "drive.bag", [(fields, 20, rows.tobytes(), False, "front")])
+    recording = dc.open(tmp_path / "drive.bag")
+    np.testing.assert_allclose(recording.points["velocity"], POINTS[:, 3])
+    (finding,) = [item for item in recording.findings if "differ only in case" in item.value]
+    assert finding.level == "warning"
+    assert "Velocity is not read" in finding.value
+
+
+@pytest.mark.parametrize("name", ["x", "velocity", "snr"])
+@pytest.mark.parametrize("is_first", [True, False])
+def test_fields_of_several_values_are_refused(name, is_first, tmp_path):
+    """A velocity may be a vector of three components, which is no radial velocity."""
+    names = ("x", "y", "z", "velocity", "snr")
+    plain = [(field, 4 * n, 7) for n, field in enumerate(names)]
+    vector = [(*field, 3 if field[0] == name else 1) for field in plain]
+    content = np.ones((2, 8), "<f4").tobytes()
+    clouds = [(fields, 32, content, False, "front") for fields in (vector, plain)]
+    write_ros1_clouds(tmp_path / "drive.bag", clouds if is_first else clouds[::-1])
+    with pytest.raises(
+        DechirpError, match=f"3 values of {name} in a point.*/front/points"
+    ) as error:
+        dc.open(tmp_path / "drive.bag").points  # noqa: B018
+    assert error.value.mistakes[0].expected == "one number in each field of a point"
+
+
+def test_other_fields_of_several_values_are_left_out(tmp_path):
+    fields = [*XYZV, ("spectrum", 16, 7, 3)]
+    content = np.ones((2, 7), "<f4").tobytes()
+    write_ros1_clouds(tmp_path / "drive.bag", [(fields, 28, content, False, "front")])
+    points = dc.open(tmp_path / "drive.bag").points
+    assert points.sizes == {"detection": 2}
+    assert "spectrum" not in points
+
+
+def test_stamps_that_go_backwards_are_reported(tmp_path):
+    """A clock that is set, or clouds of two radars on one topic."""
+    store = type_store()
+    scans = [build_scan(store.types, seconds, ROWS) for seconds in (5, 6, 3, 4, 2)]
+    write_bag(tmp_path / "bag", store, SCAN, scans)
+    recording = dc.open(tmp_path / "bag")
+    np.testing.assert_allclose(recording.points["time"][::2], [0, 1, -2, -1, -3])
+    (finding,) = [item for item in recording.findings if "backwards" in item.value]
+    assert finding.level == "warning"
+    assert "2 times" in finding.value
+    assert "frame 2, by 3 s" in finding.value

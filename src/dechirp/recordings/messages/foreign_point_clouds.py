@@ -8,7 +8,9 @@ References
 ROS Enhancement Proposal 103, Standard Units of Measure and Coordinate Conventions.
 """
 
+import math
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +27,7 @@ from dechirp.recordings.readers.base import Contents
 
 _SNRS = ("snr", "snr_db")
 _XYZ = ("x", "y", "z")
+_VELOCITY_COMPONENTS = ("vx", "vy", "vz")
 _COMPUTED = ("frame", "time", "range", "velocity", "azimuth", "elevation", "snr")
 
 
@@ -76,7 +79,10 @@ def convert_clouds_to_contents(
     # Empty clouds may lack fields.
     first = next((cloud for cloud in clouds if len(cloud.points)), clouds[0])
     fields = first.points.dtype.names or ()
-    names = {name.lower(): name for name in fields}
+    names: dict[str, str] = {}
+    for name in fields:  # of names that differ only in case, the lower-case one, else the first
+        if name == name.lower() or name.lower() not in names:
+            names[name.lower()] = name
     if not names.keys() >= {"x", "y"}:
         raise RecordingError(
             path,
@@ -94,13 +100,79 @@ def convert_clouds_to_contents(
                 expected=f"points with the fields of the first ones: {', '.join(fields[:20])}",
                 fix="select the frames of one kind, or put the others on another topic",
             )
+    _check_field_sizes(path, clouds, names, source)
     with np.errstate(all="ignore"):  # foreign numbers: overflow gives no valid position
         points = _clouds_to_detections(clouds, names)
     return Contents(
         radar=radar,
         n_frames=len(clouds),
         points=points,
-        findings=(*_used_fields_findings(source, clouds, names), *findings),
+        findings=(
+            *_used_fields_findings(source, clouds, names),
+            *_case_findings(source, fields, names),
+            *_time_findings(source, clouds),
+            *findings,
+        ),
+    )
+
+
+def _check_field_sizes(
+    path: Path, clouds: Sequence[PointCloud], field_names: dict[str, str], source: str
+) -> None:
+    """Raise `RecordingError` for used fields of several numbers, or of other sizes than before."""
+    used_names = {*_XYZ, *VELOCITIES, *_SNRS, *_VELOCITY_COMPONENTS}
+    for key, name in field_names.items():
+        shapes = {cloud.points.dtype[name].shape for cloud in clouds if len(cloud.points)}
+        if len(shapes) > 1 or (key in used_names and shapes - {()}):
+            raise RecordingError(
+                path,
+                value=f"{max(map(math.prod, shapes))} values of {name} in a point on {source}",
+                expected="one number in each field of a point",
+                fix="write its numbers as fields with names of their own, as in vx, vy and vz",
+            )
+
+
+def _case_findings(
+    source: str, fields: Sequence[str], field_names: dict[str, str]
+) -> tuple[Finding, ...]:
+    """Warn about fields that are not read, because their names differ from others only in case."""
+    unread_fields = [name for name in fields if name not in field_names.values()]
+    if not unread_fields:
+        return ()
+    verb = "is" if len(unread_fields) == 1 else "are"
+    return (
+        Finding(
+            level="warning",
+            setting="points",
+            value=f"fields of {source} that differ only in case; {', '.join(unread_fields[:20])}"
+            f" {verb} not read",
+            expected="names of fields that differ in any case",
+            fix="rename the fields, if others are meant",
+        ),
+    )
+
+
+def _time_findings(source: str, clouds: Sequence[PointCloud]) -> tuple[Finding, ...]:
+    """Warn about times that decrease from one frame to the next."""
+    times_ns = [cloud.time_ns for cloud in clouds]
+    steps_s = [
+        0.0 if before is None or after is None else (after - before) / NANO
+        for before, after in pairwise(times_ns)
+    ]
+    backward_frames = [frame for frame, step_s in enumerate(steps_s, 1) if step_s < 0]
+    if not backward_frames:
+        return ()
+    first = backward_frames[0]
+    count = "once" if len(backward_frames) == 1 else f"{len(backward_frames)} times"
+    return (
+        Finding(
+            level="warning",
+            setting="points",
+            value=f"times of {source} that go backwards {count}, first at frame {first}, by"
+            f" {-steps_s[first - 1]:.6g} s",
+            expected="times that increase from frame to frame",
+            fix="select frames of one source, or sort them: trackers need frames in order",
+        ),
     )
 
 
