@@ -205,8 +205,8 @@ def test_damaged_messages_are_read_or_refused(name, tmp_path):
     rng = np.random.default_rng(11)
     for number in range(60):
         damaged = bytearray(content)
-        header = damaged.find(b"front\0")  # the message itself: header and returns or tracks
-        for position in rng.integers(header - 30, header + 70, size=2):
+        start = damaged.find(b"front\0")  # the message itself: header and returns or tracks
+        for position in rng.integers(start - 30, start + 70, size=2):
             damaged[position] = int(rng.integers(256))
         file = (tmp_path / str(number)).with_suffix(Path(name).suffix)
         file.write_bytes(damaged)
