@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from osi3.osi_sensordata_pb2 import SensorData
+from osi3.osi_sensorview_pb2 import SensorView
 
 import dechirp as dc
-from dechirp.core.errors import InvalidSetting
+from dechirp.core.errors import InvalidSetting, RecordingError
 from dechirp.results.object_lists.ethernet import (
     MAX_OBJECTS_PER_LIST,
     encode_datagrams,
@@ -183,8 +184,153 @@ def test_damaged_bytes_never_stop_reception():
         damaged = bytearray(datagrams[1])
         for position in rng.integers(len(damaged), size=rng.integers(1, 5)):
             damaged[position] = rng.integers(256)
-        result = object_list_from_datagrams([datagrams[0], bytes(damaged)])
+        result = object_list_from_datagrams([datagrams[0], bytes(damaged), *datagrams])
         assert 0 in result.cycle_frame.values or result.sizes["cycle"]
+
+
+def two_sensors() -> tuple[list[bytes], list[bytes]]:
+    """Return datagrams of two sensors, of equal times and frames."""
+    sensors = (random_object_list(3, 3, seed=1), random_object_list(2, 2, seed=2))
+    return encode_datagrams(sensors[0], 7), encode_datagrams(sensors[1], 3)
+
+
+def test_second_sensor_at_a_port_is_named_and_can_be_chosen():
+    first, second = two_sensors()
+    received = [first[0], second[0], second[1], first[1]]
+
+    with pytest.warns(dc.PhysicsWarning, match=r"2 of sensor 3; 2 lists of sensor 7.*sensor_id="):
+        of_first = object_list_from_datagrams(received)
+    of_second = object_list_from_datagrams(received, sensor_id=3)
+
+    check_object_lists_agree(of_first, object_list_from_datagrams(first), {})
+    check_object_lists_agree(of_second, object_list_from_datagrams(second), {})
+
+
+def test_chosen_sensor_that_sends_nothing_is_reported_with_the_others():
+    with pytest.warns(dc.PhysicsWarning, match="2 of sensor 7; 0 lists of sensor 5"):
+        assert not object_list_from_datagrams(two_sensors()[0], sensor_id=5).sizes["cycle"]
+
+
+def test_sensor_is_chosen_over_loopback():
+    objects = random_tracks(2)
+    with open_receiver(0) as receiver:
+        port = receiver.getsockname()[1]
+        send_datagrams(random_tracks(1), "127.0.0.1", port)
+        send_datagrams(objects, "127.0.0.1", port, sensor_id=2**63 - 1)
+        result = receive_datagrams(receiver, sensor_id=2**63 - 1, idle_s=0.1)
+
+    check_object_lists_agree(result, objects, {})
+
+
+def lidar_message() -> SensorData:
+    message = SensorData()
+    message.timestamp.seconds = 1
+    message.sensor_id.value = 1
+    message.feature_data.lidar_sensor.add().detection.add().position.distance = 3.0
+    return message
+
+
+def camera_message() -> SensorData:
+    message = SensorData()
+    message.timestamp.seconds = 1
+    message.sensor_id.value = 1
+    message.lane_boundary.add().header.tracking_id.value = 5
+    return message
+
+
+@pytest.mark.parametrize("message", [lidar_message(), camera_message()])
+def test_messages_of_other_sensors_are_no_empty_lists(message, tmp_path):
+    datagrams = encode_datagrams(random_tracks(2))
+    with pytest.warns(dc.PhysicsWarning, match="1 without moving objects or radar detections"):
+        received = object_list_from_datagrams([message.SerializeToString(), *datagrams])
+    assert received.sizes == {"object": 2, "cycle": 1}
+
+    with pytest.raises(RecordingError, match="1 messages? without moving objects"):
+        read_objects(write_trace(tmp_path / "x.osi", [message]))
+
+
+def test_messages_of_other_types_are_no_empty_lists(tmp_path):
+    view = SensorView()
+    view.version.version_major = 3
+    view.timestamp.seconds = 1
+    view.sensor_id.value = 1
+    truth = view.global_ground_truth
+    truth.timestamp.seconds = 1
+    truth.version.version_major = 3
+    for number in range(3):
+        truth.moving_object.add().id.value = number
+        truth.moving_object[number].base.position.x = 20.0
+    for message in (view, truth):
+        with pytest.warns(dc.PhysicsWarning, match="1 damaged or foreign; 0 lists"):
+            assert not object_list_from_datagrams([message.SerializeToString()]).sizes["cycle"]
+        with pytest.raises(RecordingError, match="of another type"):
+            read_objects(write_trace(tmp_path / "x.osi", [message]))
+
+
+def test_message_without_objects_is_an_empty_list():
+    message = SensorData()
+    message.timestamp.seconds = 1
+    message.sensor_id.value = 4
+
+    assert object_list_from_datagrams([message.SerializeToString()]).sizes == {
+        "object": 0,
+        "cycle": 1,
+    }
+
+
+def test_trace_of_two_sensors_is_refused_by_their_numbers(tmp_path):
+    messages = [SensorData.FromString(sensor[0]) for sensor in two_sensors()]
+    with pytest.raises(RecordingError, match="sensors 3, 7"):
+        read_objects(write_trace(tmp_path / "x.osi", messages))
+
+
+def write_trace(path, messages):
+    contents = [message.SerializeToString() for message in messages]
+    path.write_bytes(b"".join(len(content).to_bytes(4, "little") + content for content in contents))
+    return path
+
+
+def shift_lists(objects, time_s: float, frame: int):
+    """Return an object list with other times and frames."""
+    shifted = objects.assign(
+        time=objects.time + time_s, frame=objects.frame + frame, cycle_time=objects.cycle_time
+    )
+    return shifted.assign(
+        cycle_time=objects.cycle_time + time_s, cycle_frame=objects.cycle_frame + frame
+    )
+
+
+RESTARTS = {
+    "both zero, with other objects": (0.0, 0, 0.0, 0),
+    "clock continues": (0.0, 0, 100.0, 0),
+    "time and frame of the middle": (0.0, 0, 0.01, 0),
+    "time back, frame continues": (50.0, 0, 0.0, 20),
+    "receiver came late": (50.0, 1000, 0.0, 0),
+}
+
+
+@pytest.mark.parametrize("restart", RESTARTS.values(), ids=RESTARTS)
+def test_lists_before_and_after_a_restart_of_the_sender_are_kept(restart):
+    time_before, frame_before, time_after, frame_after = restart
+    n_lists = 12  # more than a network reorders
+    before = shift_lists(random_object_list(*[2] * n_lists, seed=1), time_before, frame_before)
+    after = shift_lists(random_object_list(*[3] * n_lists, seed=2), time_after, frame_after)
+
+    with pytest.warns(dc.PhysicsWarning, match=r"1 restart of the sender.* from frame 12 on"):
+        result = object_list_from_datagrams([*encode_datagrams(before), *encode_datagrams(after)])
+
+    assert result.cycle_frame.values.tolist() == list(range(2 * n_lists))
+    expected_time = after.cycle_time.values
+    if expected_time[0] < before.cycle_time.values[-1]:
+        expected_time = before.cycle_time.values[-1] + 0.05 * np.arange(1, n_lists + 1)
+    np.testing.assert_allclose(result.cycle_time, [*before.cycle_time.values, *expected_time])
+    assert result.sizes["object"] == 5 * n_lists
+
+
+def test_sender_that_restarts_for_each_list_keeps_them_all():
+    lists = [encode_datagrams(random_object_list(1, seed=seed))[0] for seed in range(6)]
+    with pytest.warns(dc.PhysicsWarning, match="5 restarts of the sender.* and 2 more"):
+        assert object_list_from_datagrams(lists).sizes == {"object": 6, "cycle": 6}
 
 
 def test_messages_of_other_senders_without_counter_are_read_in_order():
@@ -229,6 +375,7 @@ INVALID_CALLS = {
     "list of wrong type": lambda: send_datagrams("objects", "127.0.0.1", 5000),
     "foreign address": lambda: open_receiver(0, "192.0.2.1"),
     "negative port": lambda: open_receiver(-1),
+    "negative sensor": lambda: send_datagrams(random_object_list(1), "::1", 5000, sensor_id=-1),
     "receiver of wrong type": lambda: receive_datagrams(5000),
 }
 

@@ -88,12 +88,7 @@ def check_object_list(objects: object) -> xr.Dataset:
         if name in objects.variables and objects[name].dims != (axis,):
             actual = ", ".join(map(str, objects[name].dims)) or "no axis"
             raise _object_list_error(f"{name} over {actual}, not over {axis}")
-    columns = {
-        name: _check_not_negative(
-            name, check_numbers_or_nan(f"objects.{name}", objects[name].values)
-        )
-        for name in MEASURED
-    }
+    columns = check_measured_columns({name: objects[name].values for name in MEASURED})
     columns["frame"] = check_non_negative_integers("objects.frame", objects["frame"].values)
     columns["number"] = check_non_negative_integers("objects.number", objects["number"].values)
     columns["time"] = check_finite_array("objects.time", objects["time"].values, may_be_empty=True)
@@ -111,6 +106,14 @@ def check_object_list(objects: object) -> xr.Dataset:
     return build_object_list(
         {name: column[order] for name, column in columns.items()}, frame, time_s
     )
+
+
+def check_measured_columns(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the measured columns as floats, or raise `InvalidSetting`."""
+    return {
+        name: _check_not_negative(name, check_numbers_or_nan(f"objects.{name}", columns[name]))
+        for name in MEASURED
+    }
 
 
 def cycle_indices(objects: xr.Dataset) -> np.ndarray:

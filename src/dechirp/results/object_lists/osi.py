@@ -23,11 +23,11 @@ ASAM OSI 3.8, osi_sensordata.proto, osi_detectedobject.proto, osi_featuredata.pr
 """
 
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -41,6 +41,7 @@ from dechirp.results.object_lists.list_columns import (
     build_object_list,
     check_object_list,
     cycle_indices,
+    warn_lost_messages,
 )
 from dechirp.results.object_lists.priority import sort_by_priority
 
@@ -75,6 +76,18 @@ _LOGICAL_DETECTION_FIELDS = {
     "vy_std": "velocity_rmse.y",
 }
 
+_EMPTY_COLUMNS: dict[str, np.ndarray] = {
+    **{name: np.array([], float) for name in (*MEASURED, "number")},
+    "status": np.array([], "U9"),
+}
+_OBJECT_FIELDS = {"moving_object", "moving_object_header", "logical_detection_data"}
+_HEADER_FIELDS = {
+    *("version", "timestamp", "sensor_id", "mounting_position", "mounting_position_rmse"),
+    *("host_vehicle_location", "host_vehicle_location_rmse", "sensor_view"),
+    *("last_measurement_time", "system_time"),
+}
+NO_OBJECT_LIST = "without moving objects or radar detections"
+
 
 def write_osi(objects: xr.Dataset, path: str | Path) -> None:
     """Write an object list as an OSI trace, atomically.
@@ -92,7 +105,7 @@ def write_osi(objects: xr.Dataset, path: str | Path) -> None:
             trace.write(_LENGTH_PREFIX.pack(len(content)) + content)
 
 
-def osi_messages(objects: xr.Dataset) -> Iterator[Any]:
+def osi_messages(objects: xr.Dataset, sensor_id: int = 0) -> Iterator[Any]:
     """Yield an `osi3` message of type `SensorData` for each cycle of an object list."""
     objects = check_object_list(objects)
     sensor_data = import_from_extra("io", "osi3.osi_sensordata_pb2").SensorData
@@ -101,11 +114,12 @@ def osi_messages(objects: xr.Dataset) -> Iterator[Any]:
     for cycle, (start, end) in enumerate(pairwise(ends)):
         frame = int(objects["cycle_frame"].values[cycle])
         message = sensor_data()
-        _set_sensor_data_header(message, frame, float(objects["cycle_time"].values[cycle]))
+        time_s = float(objects["cycle_time"].values[cycle])
+        _set_sensor_data_header(message, frame, time_s, sensor_id)
         cycle_rows = rows[start:end]
         for row in cycle_rows:
             if row["status"] != "detection":
-                _add_moving_object(message.moving_object.add(), row)
+                _add_moving_object(message.moving_object.add(), row, sensor_id)
         # The order of detections encodes their numbers.
         for row in sorted(cycle_rows, key=itemgetter("number")):
             if row["status"] == "detection":
@@ -122,60 +136,116 @@ def read_osi(path: str | Path) -> xr.Dataset:
     Raises
     ------
     RecordingError
-        If it cannot be read, is truncated, or contains other messages.
+        If it cannot be read, is truncated, or contains other messages or several sensors.
     InvalidSetting
         If time decreases, or the extra `io` is missing.
+
+    Warns
+    -----
+    PhysicsWarning
+        If messages have no object list, such as those of lidars.
     """
-    return object_list_from_messages(_iter_trace_messages(check_file_suffix(path, SUFFIXES)))
+    trace_path = check_file_suffix(path, SUFFIXES)
+    messages = list(_iter_trace_messages(trace_path))
+    lists = [decode_message(message) for message in messages if has_object_list(message)]
+    n_others = len(messages) - len(lists)
+    sensor_ids = sorted({decoded.sensor_id for decoded in lists})
+    if n_others and not lists:
+        raise RecordingError(
+            trace_path,
+            value=f"{n_others} messages {NO_OBJECT_LIST}",
+            expected="object lists of a radar",
+            fix="give the trace of a sensor that reports objects or radar detections",
+        )
+    if len(sensor_ids) > 1:
+        raise RecordingError(
+            trace_path,
+            value=f"messages of sensors {', '.join(map(str, sensor_ids))}",
+            expected="one sensor_id in a trace",
+            fix="write a trace for each sensor",
+        )
+    warn_lost_messages(
+        {NO_OBJECT_LIST: n_others},
+        remaining=f"{len(lists)} lists read",
+        expected="object lists of a radar",
+        fix="ignore this where other sensors are in the trace",
+    )
+    return build_decoded_lists(lists)
 
 
-def object_list_from_messages(messages: Iterable[Any]) -> xr.Dataset:
-    """Return the object list in `osi3` messages of type `SensorData`, see `read_osi`.
+class DecodedMessage(NamedTuple):
+    """Object list of one `SensorData` message."""
+
+    sensor_id: int
+    time_s: float
+    frame: int | None
+    """Its `cycle_counter`; None if it is not set."""
+    columns: dict[str, np.ndarray]
+    """Measured columns, number and status of its objects."""
+
+
+def decode_message(message: Any) -> DecodedMessage:
+    """Decode the object list of a `SensorData` message."""
+    rows = [*_read_moving_objects(message), *_read_detections(message)]
+    header = message.moving_object_header
+    return DecodedMessage(
+        int(message.sensor_id.value),
+        (message.timestamp.seconds * _NANO + message.timestamp.nanos) / _NANO,
+        int(header.cycle_counter) if header.HasField("cycle_counter") else None,
+        {
+            **{name: np.array([row[name] for row in rows], float) for name in MEASURED},
+            "number": np.array([row["number"] for row in rows], float),
+            "status": np.array([row["status"] for row in rows], "U9"),
+        },
+    )
+
+
+def build_decoded_lists(lists: Sequence[DecodedMessage]) -> xr.Dataset:
+    """Build one object list, sorted by priority; frames are counted from 0 if one is unknown.
 
     Raises
     ------
     InvalidSetting
         If time decreases, or values are outside the ranges of an object list.
     """
-    rows: list[dict[str, Any]] = []
-    frames: list[int] = []
-    times_s: list[float] = []
-    for index, message in enumerate(messages):
-        times_s.append(timestamp_ns(message) / _NANO)
-        cycle_counter = message_cycle_counter(message)
-        frames.append(index if cycle_counter is None else cycle_counter)
-        message_rows = [*_read_moving_objects(message), *_read_detections(message)]
-        rows += [{**row, "frame": frames[-1], "time": times_s[-1]} for row in message_rows]
+    counters = [decoded.frame for decoded in lists if decoded.frame is not None]
+    frames = np.array(counters if len(counters) == len(lists) else range(len(lists)), float)
+    times_s = np.array([decoded.time_s for decoded in lists], float)
+    n_rows = [decoded.columns["number"].size for decoded in lists]
     columns = {
-        name: np.array([row[name] for row in rows], float) for name in (*MEASURED, "frame", "time")
+        name: np.concatenate([empty, *(decoded.columns[name] for decoded in lists)])
+        for name, empty in _EMPTY_COLUMNS.items()
     }
-    columns["number"] = np.array([row["number"] for row in rows], float)
-    columns["status"] = np.array([row["status"] for row in rows], "U9")
+    columns |= {"frame": np.repeat(frames, n_rows), "time": np.repeat(times_s, n_rows)}
     # Detections are in the order of their numbers.
-    return sort_by_priority(
-        check_object_list(build_object_list(columns, np.array(frames, float), np.array(times_s)))
-    )
+    return sort_by_priority(check_object_list(build_object_list(columns, frames, times_s)))
+
+
+def has_object_list(message: Any) -> bool:
+    """Return whether a `SensorData` message has the object list of a radar, which may be empty.
+
+    Messages with the features of other sensors alone, lanes or traffic signs have none.
+    """
+    names = {field.name for field, _ in message.ListFields()}
+    if names & _OBJECT_FIELDS or message.feature_data.radar_sensor:
+        return True
+    return message.sensor_id.HasField("value") and names <= _HEADER_FIELDS
 
 
 def parse_sensor_data(content: bytes) -> Any | None:
-    """Return the `SensorData` message in these bytes, None if they are not a valid message."""
+    """Return the `SensorData` message in these bytes, None if they are not a valid message.
+
+    Messages of other types, such as `SensorView`, may parse too, but most of their bytes are
+    fields that `SensorData` does not have.
+    """
     sensor_data = import_from_extra("io", "osi3.osi_sensordata_pb2").SensorData
     parse_error = import_from_extra("io", "google.protobuf.message").DecodeError
     try:
-        return sensor_data.FromString(content)
+        message = sensor_data.FromString(content)
     except parse_error:
         return None
-
-
-def timestamp_ns(message: Any) -> int:
-    """Return the time of a `SensorData` message, ns."""
-    return int(message.timestamp.seconds * _NANO + message.timestamp.nanos)
-
-
-def message_cycle_counter(message: Any) -> int | None:
-    """Return the frame of a `SensorData` message, None if it is not set."""
-    header = message.moving_object_header
-    return int(header.cycle_counter) if header.HasField("cycle_counter") else None
+    message.DiscardUnknownFields()
+    return message if message.ByteSize() > len(content) / 2 else None
 
 
 def osi_version() -> str:
@@ -189,9 +259,9 @@ def _interface_version() -> Any:
     return version.DESCRIPTOR.GetOptions().Extensions[version.current_interface_version]
 
 
-def _set_sensor_data_header(message: Any, frame: int, time_s: float) -> None:
+def _set_sensor_data_header(message: Any, frame: int, time_s: float, sensor_id: int) -> None:
     message.version.CopyFrom(_interface_version())
-    message.sensor_id.value = 0
+    message.sensor_id.value = sensor_id
     for timestamp in (message.timestamp, message.last_measurement_time):
         timestamp.seconds, timestamp.nanos = divmod(round(time_s * _NANO), _NANO)
     radar = message.feature_data.radar_sensor.add()
@@ -203,7 +273,7 @@ def _set_sensor_data_header(message: Any, frame: int, time_s: float) -> None:
     message.moving_object_header.cycle_counter = frame
     message.moving_object_header.measurement_time.CopyFrom(message.timestamp)
     radar.header.cycle_counter = frame
-    radar.header.sensor_id.value = 0
+    radar.header.sensor_id.value = sensor_id
     radar.header.measurement_time.CopyFrom(message.timestamp)
     message.logical_detection_data.version.CopyFrom(message.version)
     message.logical_detection_data.header.logical_detection_time.CopyFrom(message.timestamp)
@@ -214,10 +284,10 @@ def _objects_as_rows(objects: xr.Dataset) -> list[dict[str, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _add_moving_object(moving_object: Any, row: dict[str, Any]) -> None:
+def _add_moving_object(moving_object: Any, row: dict[str, Any], sensor_id: int) -> None:
     moving_object.header.tracking_id.value = row["number"]
     moving_object.header.existence_probability = _EXISTENCE_PROBABILITY[row["status"]]
-    moving_object.header.sensor_id.add().value = 0
+    moving_object.header.sensor_id.add().value = sensor_id
     for name, field in _MOVING_OBJECT_FIELDS.items():
         _set_field_unless_nan(moving_object, field, row[name])
 
@@ -342,7 +412,7 @@ def _iter_trace_messages(path: Path) -> Iterator[Any]:
             raise RecordingError(path, value=actual, expected=expected, fix=fix)
         message = parse_sensor_data(content[start:end])
         if message is None:
-            actual = f"an invalid message at byte {start}"
+            actual = f"a damaged message, or one of another type, at byte {start}"
             raise RecordingError(path, value=actual, expected=expected, fix=fix)
         yield message
         offset = end
