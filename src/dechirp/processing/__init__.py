@@ -18,7 +18,7 @@ at range R with radial velocity v in chirp m, sample n, slot l (one transmitter 
    `peaks`: local maxima over threshold that no sidelobe explains.
 5. `peak_interpolation`, then `refine`: frequencies (f_b, f_D) at the maximum of the unwindowed
    periodogram, summed over channels, other tones subtracted (RELAX). `sidelobe_rejection`: peaks
-   beside echoes that tones do not describe are estimated again with windows.
+   beside echoes that tones do not describe are estimated again, `windowed_tones`.
    `estimates`: SNR; R = c (f_b - f_D) / 2 S, v = lambda f_D / 2, standard errors at the
    Cramer-Rao bound.
 6. `velocity_ambiguity/`: number h of spans, f_D = f_principal + h / T, by the phases
