@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import h5py
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import scipy
 
+import dechirp as dc
 from dechirp.cli.main import main
 from dechirp.config.dumping import dump_yaml
 from foreign_arrays import (
@@ -18,6 +20,7 @@ from foreign_arrays import (
     swapped_samples,
     threshold_parts,
 )
+from formats.native_recordings import make_complex_code_recording
 
 
 @pytest.fixture
@@ -159,3 +162,27 @@ def test_missing_files_and_unknown_arrays_are_refused(call):
         status, _, error = call("one.npz", *options)
         assert status == 2
         assert len(error.splitlines()) == error.count("; expected ") == 1
+
+
+@pytest.mark.parametrize("name", ["x.sigmf-meta", "x.bin", "x y.wav"])
+def test_recordings_are_pointed_to_inspect(call, tmp_path, name):
+    recording = make_complex_code_recording()
+    if name.endswith(".wav"):
+        corpus = Path(__file__).parents[1] / "bad_input" / "corpus" / "recording"
+        (tmp_path / name).write_bytes((corpus / "sync-wav.wav").read_bytes())
+    else:
+        dc.write(recording, tmp_path / name)
+    status, out, error = call(name)
+    assert (status, out) == (2, "")
+    assert f"dechirp inspect {shlex.quote(name)};" in error
+    # The frame that the message asks for can be diagnosed.
+    np.save("frame.npy", recording.cube[0].transpose("rx", "chirp", "sample"))
+    (tmp_path / "radar.yaml").write_text(dump_yaml(recording.radar))
+    assert "frame.npy" in call("frame.npy", "--radar", "radar.yaml")[1]
+
+
+def test_files_that_are_no_recordings_are_not_pointed_to_inspect(call, tmp_path):
+    (tmp_path / "x.txt").write_text("no arrays")
+    error = call("x.txt")[2]
+    assert "save it with numpy.savez" in error
+    assert "inspect" not in error

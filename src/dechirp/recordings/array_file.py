@@ -1,6 +1,7 @@
 """All numeric arrays of a file: NumPy's `.npy` and `.npz`, MATLAB's `.mat`, also of version 7.3."""
 
 import math
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from dechirp.recordings.readers.npy import MAGIC as NPY_MAGIC
 from dechirp.recordings.readers.npy import open_npy_array
 from dechirp.recordings.readers.npz import MAGIC as NPZ_MAGIC
 from dechirp.recordings.readers.npz import open_npz_arrays
+from dechirp.recordings.recognise import recognise_formats
 
 _MAT5_MAGIC, _MAT73_MAGIC = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"
 
@@ -56,9 +58,21 @@ def read_array_file(path: Path) -> dict[str, np.ndarray]:
             path,
             value="neither a NumPy file nor a MATLAB file",
             expected="an array in .npy, or arrays with names in .npz or .mat",
-            fix="save it with numpy.savez, or in MATLAB with save",
+            fix=_fix_for_other_format(path),
         )
     return {name: _read_whole(path, array) for name, array in arrays.items()}
+
+
+def _fix_for_other_format(path: Path) -> str:
+    """Return how to go on with a file without arrays: a recording has a command of its own."""
+    try:
+        recognise_formats(path)
+    except RecordingError:
+        return "save it with numpy.savez, or in MATLAB with save"
+    return (
+        f"for the contents and faults of a recording: dechirp inspect {shlex.quote(str(path))};"
+        " to diagnose its samples, save one frame (rx, chirp, sample) with numpy.save"
+    )
 
 
 def _read_whole(path: Path, array: LazyArray) -> np.ndarray:
