@@ -167,3 +167,25 @@ def test_range_of_resolved_velocity_is_within_range_axis(range_cells, velocity_m
         # Six standard errors: by chance once in 5e8.
         assert abs(found[name].item() - truth[name].item()) < 6 * found[f"{name}_std"].item()
     assert np.sign(found.ambiguity_number.item()) == np.sign(velocity_m_per_s)
+
+
+# Intervals in turn: of 34 us, velocities beyond 28.6 m/s are aliased, and coupling shifts the range
+# of the third frame from 127.9 to 128.1 cells, beyond the end of the axis.
+@pytest.mark.parametrize(
+    ("range_cells", "velocity_m_per_s"),
+    [(127.65, 31.0), (127.45, 62.0), (127.75, -31.0), (127.85, -62.0)],
+)
+def test_velocity_at_range_end_is_resolved_by_frame_intervals(range_cells, velocity_m_per_s):
+    radar = replace(RADAR, frame=replace(RADAR.frame, interval_s=(25e-6, 29e-6, 34e-6)))
+    scene = make_scene(range_cells, velocity_m_per_s / VELOCITY_CELL, snr_db=38)
+
+    with pytest.warns(dc.PhysicsWarning, match="is aliased"):  # within one span
+        cube = dc.simulate(scene, radar, n_frames=3, seed=1)
+    found = dc.detect(cube, radar)
+
+    assert found["frame"].values.tolist() == [0, 1, 2]
+    truth = dc.truth(scene, radar, n_frames=3).isel(target=0)
+    for name in ("range", "velocity", "azimuth"):
+        # Six standard errors: by chance once in 5e8.
+        errors = abs(found[name].values - truth[name].values)
+        assert np.all(errors < 6 * found[f"{name}_std"].values)

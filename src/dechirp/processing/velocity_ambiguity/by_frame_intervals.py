@@ -54,7 +54,9 @@ def ambiguity_probabilities(
     over its detections j, rho their density: none need be this target. Variances are those of
     both standard errors, and of an acceleration of 3 m/s^2 in between. So a hypothesis gains from
     detections at the predicted place, less so in crowded maps, and loses little where a target
-    fades. The probabilities from the frame alone are the prior.
+    fades. The probabilities from the frame alone are the prior. Detections of real samples also
+    count as their mirror images, beyond an end of the range axis at the negative velocity: coupling
+    shifts hypotheses across the end.
 
     Parameters
     ----------
@@ -99,12 +101,17 @@ def ambiguity_probabilities(
             other = by_number.get(number)
             if number == estimates.number or other is None or not other.range_m.size:
                 continue
-            other_span = unambiguous_velocity_span_m_per_s(other.range_m, frame.for_frame(number))
+            other_estimates = _stack_estimates(other)
+            if frame.chirp.sampling == "real":
+                other_estimates = _append_mirror_images(other_estimates, frame.chirp.max_range_m)
+            other_span = unambiguous_velocity_span_m_per_s(
+                other_estimates[1], frame.for_frame(number)
+            )
             log_p += _log_evidence_from_other_frame(
                 range_m,
                 velocity,
                 _stack_estimates(estimates),
-                _stack_estimates(other),
+                other_estimates,
                 other_span,
                 range_shift_per_ambiguity_m(frame.for_frame(number)),
                 other.range_m.size / (frame.chirp.range_bins_m()[-1] * other_span.mean()),
@@ -119,6 +126,15 @@ def _stack_estimates(estimates: FrameEstimates) -> np.ndarray:
     time_s = np.full(estimates.range_m.size, estimates.time_s)
     variances = estimates.range_std_m**2, estimates.velocity_std_m_per_s**2
     return np.array([time_s, estimates.range_m, estimates.velocity_m_per_s, *variances])
+
+
+def _append_mirror_images(estimates: np.ndarray, max_range_m: float) -> np.ndarray:
+    """Append the image of each estimate, (5, n) to (5, 2 n), beyond the nearer end of the axis."""
+    images = estimates.copy()
+    end_m = np.where(estimates[1] < max_range_m / 2, 0.0, max_range_m)
+    images[1] = 2 * end_m - estimates[1]
+    images[2] = -estimates[2]
+    return np.concatenate([estimates, images], axis=1)
 
 
 def _ambiguity_numbers_near_zero_velocity(
