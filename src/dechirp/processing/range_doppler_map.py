@@ -29,6 +29,7 @@ from dechirp.processing.scaling import check_fits_single_precision
 from dechirp.processing.spectrum import (
     check_samples_were_finite,
     mean_range_doppler_power,
+    nearest_circular_noise_rows,
     rows_with_circular_noise,
     searched_cell_mask,
     velocities_with_circular_noise,
@@ -152,7 +153,7 @@ def threshold_cuts_through_cell(
     over_range[rows] = chain.cfar.threshold(level[window_rows], noise)[window.half_velocity]
     over_range[: rows.start] = over_range[rows.start]
     over_range[rows.stop :] = over_range[rows.stop - 1]
-    tested = min(max(column, rows.start), rows.stop - 1) - rows.start
+    tested = int(nearest_circular_noise_rows(np.array(column), rows))
     box_row = int(window.tested_rows_in_training_box(level.shape[1])[tested])
     first = tested - box_row
     box = np.ascontiguousarray(level[:, first : first + 2 * window.half_range + 1])
@@ -286,5 +287,5 @@ def _threshold_at_cells(
     searched_power: np.ndarray, cells: np.ndarray, rows: slice, chain: Chain, noise: MapNoise
 ) -> np.ndarray:
     """Return the threshold at cells of a map, (n,): outside the rows that of the next one."""
-    tested = np.clip(cells, (0, rows.start), (len(searched_power) - 1, rows.stop - 1))
-    return chain.cfar.threshold_at_cells(searched_power, tested - (0, rows.start), noise)
+    tested = np.stack([cells[:, 0], nearest_circular_noise_rows(cells[:, 1], rows)], axis=1)
+    return chain.cfar.threshold_at_cells(searched_power, tested, noise)

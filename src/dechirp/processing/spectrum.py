@@ -136,6 +136,11 @@ def circular_noise_rows(sampling: Sampling, transform: Transform) -> slice:
     return slice(int(first), int(last) + 1)
 
 
+def nearest_circular_noise_rows(row: np.ndarray, circular_rows: slice) -> np.ndarray:
+    """Return the nearest row with circular noise, counted from the first, whose threshold holds."""
+    return np.clip(row, circular_rows.start, circular_rows.stop - 1) - circular_rows.start
+
+
 @lru_cache(maxsize=32)
 def velocities_with_circular_noise(transform: Transform) -> np.ndarray:
     """Return which velocities have circular noise in all range rows of real samples, (n_bins,).

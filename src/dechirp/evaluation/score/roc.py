@@ -19,7 +19,11 @@ from dechirp.evaluation.trial_statistics import estimate_rate
 from dechirp.processing.cfar.base import Cfar, MapNoise
 from dechirp.processing.mitigation.noise_loss import sufficient_noise_gain_mask
 from dechirp.processing.range_doppler_map import residual_noise_gain
-from dechirp.processing.spectrum import rows_with_circular_noise, searched_cell_mask
+from dechirp.processing.spectrum import (
+    nearest_circular_noise_rows,
+    rows_with_circular_noise,
+    searched_cell_mask,
+)
 
 
 class RocCurve(NamedTuple):
@@ -42,9 +46,10 @@ class Roc(Score):
 
     A target is detected if any cell within two resolution cells of it exceeds its threshold: so a
     target without power is detected as often as noise exceeds it in any of those cells. False
-    alarms are cells over threshold in maps of the scenario without targets. The single value is the
-    area under the curve: the mean detection probability over the logarithm of the design
-    false-alarm probability, between the ends.
+    alarms are cells over threshold in maps of the scenario without targets. Of real samples, those
+    at the ends of the range axis are left out: their false-alarm probability is the same. The
+    single value is the area under the curve: the mean detection probability over the logarithm of
+    the design false-alarm probability, between the ends.
     """
 
     better: ClassVar[Better] = "more"
@@ -101,8 +106,7 @@ class Roc(Score):
             if usable is not None:
                 is_searched &= usable[gate.velocity, gate.range]
             velocity, row = gate.velocity[is_searched], gate.range[is_searched]
-            # Cells outside the rows have the threshold of the next row.
-            cells = np.stack([velocity, np.clip(row, rows.start, rows.stop - 1) - rows.start], 1)
+            cells = np.stack([velocity, nearest_circular_noise_rows(row, rows)], axis=1)
             level = power[velocity, row] / unit.threshold_at_cells(
                 np.ascontiguousarray(power[:, rows]), cells, noise
             )
