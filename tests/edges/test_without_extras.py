@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pytest
 
+import dechirp as dc
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.optional_imports import import_from_extra
 from nightly import nightly, nightly_except
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+CORPUS = Path(__file__).parents[1] / "bad_input" / "corpus" / "recording"
 # Modules of the extras; the script below hides them from imports.
 BLOCKED_MODULES = (
     *("bokeh", "tornado", "stonesoup", "cantools", "can", "osi3", "mcap", "rosbags", "dask"),
@@ -98,3 +100,25 @@ def test_extra_that_cannot_be_loaded_gives_the_reason(tmp_path, monkeypatch, sou
     assert message.startswith(f"recording: a format that needs {value}")
     assert "pip install" in message
     assert "dechirp[io]" in message
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "library"),
+    [
+        ("x.wav", (CORPUS / "sync-wav.wav").read_bytes(), "soundfile"),
+        ("x.mcap", (CORPUS / "mcap.mcap").read_bytes(), "mcap"),
+        ("x.sigmf-meta", b"{}", "sigmf"),
+    ],
+)
+def test_recording_that_needs_an_extra_is_named(tmp_path, monkeypatch, name, content, library):
+    monkeypatch.setitem(sys.modules, library, None)
+    file = tmp_path / name
+    file.write_bytes(content)
+    for path in (file, tmp_path):  # as a file, and in a folder
+        with pytest.raises(InvalidSetting) as caught:
+            dc.open(path)
+        assert str(caught.value) == (
+            f"{file}: recording: a format that needs {library}, which is not installed; expected a"
+            " format without optional dependencies, or the extra io installed;"
+            " run pip install 'dechirp[io]'"
+        )

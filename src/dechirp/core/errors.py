@@ -74,8 +74,12 @@ def _unpickle_error(kind: type[DechirpError], mistakes: tuple[Mistake, ...]) -> 
 class InvalidSetting(DechirpError, ValueError):
     """Invalid value of a setting or an argument; `setting` reads `Class.field_with_unit`."""
 
-    def __init__(self, setting: str, *, value: object, expected: str, fix: str) -> None:
-        super().__init__(Mistake(setting=setting, value=str(value), expected=expected, fix=fix))
+    def __init__(
+        self, setting: str, *, value: object, expected: str, fix: str, file: str | None = None
+    ) -> None:
+        super().__init__(
+            Mistake(setting=setting, value=str(value), expected=expected, fix=fix, file=file)
+        )
 
 
 class InvalidFile(DechirpError):

@@ -3,14 +3,14 @@
 import os
 import re
 import shlex
-from collections.abc import Collection
-from contextlib import suppress
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from dechirp.core.errors import DechirpError, RecordingError
+from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.text import join_names
 from dechirp.recordings.foreign_files import (
@@ -166,7 +166,8 @@ def _best_fitting_format_names(
             for kind, member in formats.items()
             if wanted_format == kind or not member.must_be_named
         ]
-        qualities = {kind: formats[kind].recognise(path) for kind in candidates}
+        with _name_file_that_needs_extra(path):
+            qualities = {kind: formats[kind].recognise(path) for kind in candidates}
     best = (
         qualities.get(wanted_format, MatchQuality.NO)
         if wanted_format
@@ -233,7 +234,8 @@ def _read_as_format(path: Path, reader: Format, hints: RecordingHints) -> Conten
     """Read the contents of a path with a format and the given hints."""
     check_choice(path, "encoding", hints.encoding, reader.encodings)
     try:
-        contents = reader.read(path, hints)
+        with _name_file_that_needs_extra(path):
+            contents = reader.read(path, hints)
     except RecordingError as error:
         # A file beside or inside the recording may be a pointer, as a folder's `radar.npy`.
         stand_in = stand_in_error(Path(str(error.mistakes[0].file)))
@@ -242,6 +244,24 @@ def _read_as_format(path: Path, reader: Format, hints: RecordingHints) -> Conten
         return contents
     warning = experimental_reader_warning(reader.kind())
     return replace(contents, findings=(*contents.findings, warning))
+
+
+@contextmanager
+def _name_file_that_needs_extra(path: Path) -> Iterator[None]:
+    """Add the path to the error of a reader whose extra is missing."""
+    try:
+        yield
+    except InvalidSetting as error:
+        (mistake,) = error.mistakes
+        if mistake.setting != "recording":
+            raise
+        raise InvalidSetting(
+            mistake.setting,
+            value=mistake.value,
+            expected=mistake.expected,
+            fix=mistake.fix,
+            file=str(path),
+        ) from None
 
 
 def _slow_time_error(path: Path) -> RecordingError | None:
