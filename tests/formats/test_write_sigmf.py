@@ -1,8 +1,11 @@
 """SigMF recordings: native round trips, foreign files read with a radar, and damaged files."""
 
+import gzip
 import hashlib
 import json
+import lzma
 import os
+import shutil
 import sys
 import tarfile
 import warnings
@@ -390,6 +393,25 @@ def test_archive_of_sigmf_library_is_read_bit_exact(tmp_path, make_recording):
     assert copy.format == "sigmf"
     assert not copy.findings
     assert_recordings_equal(copy, recording)
+
+
+@pytest.mark.parametrize("suffix", [".gz", ".xz", ".zip"])
+def test_compressed_archive_is_named_and_read_once_unpacked(tmp_path, suffix):
+    recording = make_complex_code_recording()
+    dc.write(recording, tmp_path / META)
+    archive = tmp_path / f"y.sigmf{suffix}"
+    sigmf.fromfile(str(tmp_path / META)).archive(str(archive))
+
+    with pytest.raises(RecordingError, match=r"of a SigMF recording; .*; unpack it"):
+        dc.open(archive)
+
+    unpacked = tmp_path / "y.sigmf"
+    if suffix == ".zip":
+        shutil.unpack_archive(archive, unpacked)
+        (unpacked,) = unpacked.rglob("*.sigmf-meta")
+    else:
+        unpacked.write_bytes({".gz": gzip, ".xz": lzma}[suffix].decompress(archive.read_bytes()))
+    assert_recordings_equal(dc.open(unpacked), recording)
 
 
 @pytest.mark.parametrize("datatype", ["ci16_le", "cf32_le"])

@@ -310,7 +310,8 @@ def _describe_path_content_and_fix(path: Path) -> tuple[str, str | None]:
         kind = identify_foreign_file(read_head(path))
         if kind is not None:
             kind = examine_zip_archive(path, kind)
-            return kind.description, kind.fix
+            is_sigmf = path.suffixes[-2:-1] == [".sigmf"]  # x.sigmf.gz, .xz and .zip
+            return kind.description + " of a SigMF recording" * is_sigmf, kind.fix
         if is_text(read_head(path)):
             return "a text document", "give the recording, or the folder that contains it"
         return identify_non_raw_content(path) or "bytes without a known signature", None
