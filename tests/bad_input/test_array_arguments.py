@@ -4,8 +4,10 @@ import inspect
 import warnings
 
 import numpy as np
+import pandas as pd
 import pint
 import pytest
+import xarray as xr
 
 import dechirp as dc
 from bad_input.entries import check_error_is_complete
@@ -539,6 +541,20 @@ def test_settings_refuse_numbers_with_units(unit):
             "^n_summed: 2147483647; .* to 900000000",
             lambda: dc.theory.required_snr(0.9, 1e-4, n_summed=2**31 - 1),
         ),
+        (
+            "^n_summed: 1000000000; .*Shnidman's formula.*required_snr",
+            lambda: dc.theory.shnidman(0.9, 1e-6, n_summed=10**9, swerling=1),
+        ),
+        (
+            "^false_alarm_probability: 1e-300 with 16 training cells",
+            lambda: dc.theory.cell_averaging_required_snr(0.9, 1e-300, n_training=16),
+        ),
+        (
+            "^n_training: 100 training and 100 guard cells",
+            lambda: dc.cfar.cfar_threshold(
+                POWER, np.array([100, 3], np.uint8), np.array([100, 1], np.uint8), 1e-3
+            ),
+        ),
         ("^n_training: None", lambda: dc.cfar.cfar_threshold(POWER, None, 1, 1e-3)),
         ("^n_guard: None", lambda: dc.cfar.cfar_threshold(POWER, 3, None, 1e-3)),
         ("^n_guard: None", lambda: dc.cfar.cfar_threshold(POWER[0], 3, None, 1e-3)),
@@ -559,3 +575,173 @@ def test_settings_refuse_numbers_with_units(unit):
 def test_number_out_of_bounds_is_named(message, call):
     with pytest.raises(dc.InvalidSetting, match=message):
         call()
+
+
+WINDOW = {
+    "range_covariance": np.eye(9),
+    "velocity_covariance": np.eye(9),
+    "guard_range": slice(3, 6),
+    "guard_velocity": slice(3, 6),
+    "cell_under_test": (4, 4),
+}
+NEIGHBOURS = {"in_range": (2 / 3, 1 / 6), "in_velocity": (2 / 3, 1 / 6)}  # of a Hann window
+
+
+def calibrate(statistic=lambda power: power.mean(axis=-1), window=WINDOW, **options):
+    window = dc.theory.CorrelatedWindow(**window)
+    return dc.theory.calibrate_factor(1e-2, statistic, window, **options).value
+
+
+@pytest.mark.parametrize("axis", ["range", "velocity"])
+@pytest.mark.parametrize(
+    "covariance",
+    [
+        *(None, "text", [], 1.0, np.nan * np.eye(9), -np.eye(9), 2 * np.eye(9), 1j * np.eye(9)),
+        *(np.triu(np.ones((9, 9))), np.eye(9, dtype=bool), np.eye(9).astype(object)),
+        *(np.ma.array(np.eye(9), mask=np.eye(9)), np.ones((9, 8)), np.eye(0)),
+    ],
+)
+def test_matrix_that_is_no_covariance_of_cells_is_named(axis, covariance):
+    with pytest.raises(dc.InvalidSetting, match=rf"CorrelatedWindow\.{axis}_covariance: ") as info:
+        dc.theory.CorrelatedWindow(**WINDOW | {f"{axis}_covariance": covariance})
+    check_error_is_complete(info.value)
+
+
+@pytest.mark.parametrize(
+    "convert", [np.longdouble, np.float32, np.float16, ">f8", int, complex, list, pd.DataFrame]
+)
+def test_covariance_of_any_numbers_gives_the_factor_of_doubles(convert):
+    covariance = np.eye(9)
+    converts = convert in (list, pd.DataFrame)
+    window = WINDOW | {
+        "range_covariance": convert(covariance) if converts else covariance.astype(convert)
+    }
+    expected = dc.theory.correlated_factor(1e-3, dc.theory.CorrelatedWindow(**WINDOW))
+    factor = dc.theory.correlated_factor(1e-3, dc.theory.CorrelatedWindow(**window))
+    assert factor == pytest.approx(expected, rel=1e-12)
+    assert calibrate(window=window) == pytest.approx(calibrate(), rel=1e-6)
+
+
+@pytest.mark.parametrize("position", [(4, 4, 4), (4,), None, 4, "44", (4, 9), (4.0, 4)])
+def test_position_outside_the_guard_is_named(position):
+    with pytest.raises(dc.InvalidSetting, match=r"CorrelatedWindow\.cell_under_test"):
+        dc.theory.CorrelatedWindow(**WINDOW | {"cell_under_test": position})
+
+
+def test_position_in_an_array_equals_that_in_a_tuple():
+    window = dc.theory.CorrelatedWindow(**WINDOW | {"cell_under_test": np.array([4, 4], "u8")})
+    assert window.cell_under_test == (4, 4)
+    np.testing.assert_array_equal(window.covariance, np.eye(73))
+
+
+@pytest.mark.parametrize("name", NEIGHBOURS)
+@pytest.mark.parametrize(
+    "lags",
+    [
+        *(None, 1.0, "text", (), (0.5,), (0.5, 0.1, 0.0), ("a", 0.0), (None, 0.0), (np.nan, 0.0)),
+        *((np.inf, 0.0), (2.0, 0.0), (1.0, -1.0), {}, object()),
+    ],
+)
+def test_correlations_that_no_noise_has_are_named(name, lags):
+    with pytest.raises(dc.InvalidSetting, match=rf"NeighbourCorrelation\.{name}: ") as info:
+        dc.theory.NeighbourCorrelation(**NEIGHBOURS | {name: lags})
+    check_error_is_complete(info.value)
+
+
+def test_correlations_in_a_list_or_array_equal_those_in_a_tuple():
+    expected = dc.theory.NeighbourCorrelation(**NEIGHBOURS)
+    for convert in (list, np.array):
+        neighbours = dc.theory.NeighbourCorrelation(
+            **{name: convert(lags) for name, lags in NEIGHBOURS.items()}
+        )
+        assert neighbours == expected
+        assert dc.theory.local_maximum_fraction(1e-3, neighbours) == pytest.approx(
+            dc.theory.local_maximum_fraction(1e-3, expected)
+        )
+
+
+@pytest.mark.parametrize(
+    "statistic",
+    [
+        lambda _: None,
+        lambda _: 1.0,
+        len,
+        lambda power: power,
+        lambda power: np.nan * power.mean(axis=-1),
+        lambda power: 0 * power.mean(axis=-1),
+        lambda power: -power.mean(axis=-1),
+    ],
+)
+def test_statistic_without_a_positive_number_for_each_draw_is_named(statistic):
+    with pytest.raises(dc.InvalidSetting, match=r"^statistic: a function that returns ") as info:
+        calibrate(statistic)
+    check_error_is_complete(info.value)
+
+
+def test_statistic_may_return_a_list():
+    assert calibrate(lambda power: power.mean(axis=-1).tolist()) == pytest.approx(calibrate())
+
+
+@pytest.mark.parametrize(
+    "masks",
+    [
+        np.zeros((1, 72), bool),
+        np.ones(72, bool),
+        np.ones((1, 70), bool),
+        np.ones((1, 72), int),
+        np.ones((0, 72), bool),
+        np.array(True),
+    ],
+)
+def test_masks_of_other_cells_are_named(masks):
+    with pytest.raises(dc.InvalidSetting, match=r"^low_cell_masks: an array ") as info:
+        calibrate(low_cell_masks=masks)
+    check_error_is_complete(info.value)
+
+
+def test_covariance_with_a_negative_eigenvalue_is_named():
+    # The first three cells contradict each other: eigenvalues 1.9, 1.9 and -0.8.
+    covariance = np.eye(9)
+    covariance[:3, :3] = [[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]]
+    with pytest.raises(dc.InvalidSetting, match="^window: a covariance with a negative eigenvalue"):
+        calibrate(window=WINDOW | {"range_covariance": covariance})
+
+
+def test_sum_of_powers_beyond_the_memory_is_named():
+    neighbours = dc.theory.NeighbourCorrelation(**NEIGHBOURS)
+    with pytest.raises(dc.NotEnoughMemory, match="^n_summed=1000000000: "):
+        dc.theory.local_maximum_fraction(1e-3, neighbours, n_summed=10**9)
+    with pytest.raises(dc.NotEnoughMemory, match="^n_summed=10000000 of 72 training cells: "):
+        calibrate(n_summed=10**7)
+
+
+@pytest.mark.parametrize(
+    "wrap",
+    [
+        xr.DataArray,
+        np.ma.array,
+        lambda number: np.array(number, object),
+        lambda number: np.asarray(number, ">f8" if isinstance(number, float) else ">i4"),
+    ],
+)
+def test_number_in_an_array_without_axes_equals_that_number(wrap):
+    for function, arguments in (
+        (dc.theory.cell_averaging_factor, {"false_alarm_probability": 1e-6, "n_training": 16}),
+        (dc.theory.required_snr, {"detection_probability": 0.9, "false_alarm_probability": 1e-6}),
+        (dc.theory.detection_threshold, {"false_alarm_probability": 1e-6, "n_summed": 2}),
+    ):
+        expected = function(**arguments)
+        for name, number in arguments.items():
+            result = function(**arguments | {name: wrap(number)})
+            assert result == expected
+            assert not isinstance(result, np.ndarray)
+
+
+def test_masked_number_is_no_zero():
+    for create in (
+        lambda: dc.cfar.TrimmedMean(n_smallest=np.ma.masked),
+        lambda: dc.angle.MaximumLikelihood(channel_phase_rad=np.ma.masked),
+        lambda: dc.theory.cell_averaging_factor(1e-6, n_training=np.ma.masked),
+    ):
+        with pytest.raises(dc.InvalidSetting, match=r"n_smallest|channel_phase_rad|n_training"):
+            create()

@@ -190,6 +190,8 @@ def as_python_number(value: Any) -> Any:
     if type(value).__module__ != "numpy" or getattr(value, "ndim", None) != 0:
         return value
     kind = value.dtype.kind
+    if kind == "O":
+        return value.item()
     return int(value) if kind in "iu" else float(value) if kind == "f" else value
 
 

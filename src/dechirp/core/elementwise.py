@@ -56,7 +56,7 @@ def elementwise(function: Callable[P, R_co]) -> ElementwiseFunction[P, R_co]:
             check_argument_names(signature, function.__name__, args, kwargs)
             raise
         given = [name for name in arguments if name in numbers]
-        arguments |= {name: as_python_number(arguments[name]) for name in given}
+        arguments |= {name: _unwrap_number(name, arguments[name]) for name in given}
         candidates = {name: _as_array_of_numbers(name, arguments[name]) for name in given}
         elements = {name: array for name, array in candidates.items() if array is not None}
         compute = cast(Callable[..., Any], function)
@@ -100,6 +100,16 @@ def scalar_results(function: Callable[P, R_co]) -> Callable[P, R_co]:
 def _unwrap_scalar(result: R) -> R:
     """Return a NumPy scalar for an array without axes; anything else unchanged."""
     return cast("R", result[()]) if isinstance(result, np.ndarray) else result
+
+
+def _unwrap_number(name: str, value: object) -> object:
+    """Return the content of an array without axes, of any library; anything else unchanged."""
+    number = as_python_number(value)
+    if isinstance(number, int | float) or not hasattr(number, "__array__"):
+        return number
+    check_plain_numbers(name, number)
+    array = convert_to_array(name, number)
+    return number if array.ndim else array.item()
 
 
 def _as_array_of_numbers(name: str, value: object) -> np.ndarray | None:

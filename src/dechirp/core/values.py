@@ -43,11 +43,13 @@ def frozen_dataclass(cls: type[T]) -> type[T]:
     def normalise_fields(self: Any) -> None:
         for field in fields(self):
             content = getattr(self, field.name)
-            # A dtype has `ndim`, but no `item`; a duration would lose its unit, nanoseconds.
+            # A dtype has `ndim`, but no `item`; a duration would lose its unit, nanoseconds, and
+            # a masked number its mask.
             if (
                 getattr(content, "ndim", None) == 0
                 and hasattr(content, "item")
                 and not has_unit(content)
+                and not getattr(content, "mask", False)
             ):
                 object.__setattr__(self, field.name, content.item())
         if check is not None:

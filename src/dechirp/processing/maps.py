@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.argument_types import check_argument_types
+from dechirp.core.argument_types import as_python_number, check_argument_types
 from dechirp.core.checks import (
     as_tuple_or_none,
     check_axes,
@@ -239,5 +239,6 @@ def pair_of(setting: str, value: Any) -> tuple[Any, Any]:
                 expected="one value, or a pair for velocity and range",
                 fix="give one value for both axes, or two",
             )
-        return members[0], members[1]
+        first, second = map(as_python_number, members)  # narrow integers overflow
+        return first, second
     return value, value

@@ -14,7 +14,14 @@ import numpy as np
 import scipy
 
 from dechirp.core.argument_types import check_argument_types
-from dechirp.core.checks import check_false_alarm_probability, check_integer
+from dechirp.core.checks import (
+    as_tuple_or_none,
+    check_false_alarm_probability,
+    check_finite_samples,
+    check_integer,
+)
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.memory import check_free_memory
 from dechirp.core.values import frozen_dataclass
 
 __all__ = ["NeighbourCorrelation", "local_maximum_fraction"]
@@ -24,11 +31,32 @@ _DRAWS = 20_000  # standard error of the fraction: at most 0.35 %
 
 @frozen_dataclass
 class NeighbourCorrelation:
-    """Complex correlation of the noise in neighbouring cells, by lag."""
+    """Complex correlation of the noise in neighbouring cells, by lag.
+
+    Raises `InvalidSetting` unless noise can have these correlations in three adjacent cells.
+    """
 
     in_range: tuple[complex, complex]
     """At lags of one and two bins."""
     in_velocity: tuple[complex, complex]
+
+    def __post_init__(self) -> None:
+        for name in ("in_range", "in_velocity"):
+            lags = as_tuple_or_none(getattr(self, name)) or ()
+            setting = f"NeighbourCorrelation.{name}"
+            array = check_finite_samples(
+                setting, lags, axes="lags of one and two bins", fits=lambda x: x.shape == (2,)
+            )
+            correlation = complex(array[0]), complex(array[1])
+            object.__setattr__(self, name, correlation)
+            eigenvalues = np.linalg.eigvalsh(_covariance_of_three_adjacent_cells(correlation))
+            if eigenvalues[0] < -1e-6:  # of 3; padding leaves them singular, up to rounding
+                raise InvalidSetting(
+                    setting,
+                    value=correlation,
+                    expected="correlations that noise can have in three adjacent cells",
+                    fix="compute them with dechirp.windows.bin_correlation",
+                )
 
 
 @check_argument_types
@@ -53,6 +81,10 @@ def local_maximum_fraction(
     """
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
     check_integer("n_summed", n_summed, at_least=1)
+    # Two real and one complex array, and the product of the latter with the root.
+    check_free_memory(
+        f"n_summed={n_summed}", needed_bytes=48.0 * 8 * _DRAWS * n_summed, fix="sum fewer powers"
+    )
     return _simulate_local_maximum_fraction(false_alarm_probability, neighbours, n_summed)
 
 

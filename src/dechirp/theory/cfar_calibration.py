@@ -26,6 +26,7 @@ rendering, SIGGRAPH 1995 (the mixture).
 """
 
 import math
+import reprlib
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -33,6 +34,7 @@ import scipy
 
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.memory import check_free_memory
 from dechirp.core.values import frozen_dataclass
 from dechirp.theory.cfar import cell_averaging_factor, find_decreasing_root
 from dechirp.theory.cfar_correlated_cells import CorrelatedWindow
@@ -111,7 +113,19 @@ def calibrate_factor(
             expected="guard cells beyond the main lobe of the window",
             fix="widen the guard, pad less, or choose cell-averaging, whose factor is exact",
         )
-    sets = np.ones((1, n_cells), bool) if low_cell_masks is None else low_cell_masks
+    sets = np.asarray(np.ones((1, n_cells), bool) if low_cell_masks is None else low_cell_masks)
+    if (
+        sets.dtype != bool
+        or sets.shape[1:] != (n_cells,)
+        or not (sets.size and sets.any(axis=1).all())
+    ):
+        raise InvalidSetting(
+            "low_cell_masks",
+            value=f"an array {sets.shape} of {sets.dtype}",
+            expected=f"a bool array (n_sets, {n_cells}), with True for a training cell or more in"
+            " each set",
+            fix="omit it for all cells as one set",
+        )
     tilts = np.concatenate(
         [
             _importance_sampling_tilts(
@@ -176,9 +190,7 @@ class _FactorEstimate:
         """Find the factor consistent with its own leakage; set the slope."""
         power = np.sum(abs(amplitudes) ** 2, axis=1)
         log_factor_without_leakage = math.log(
-            self._solve_factor_for_false_alarm_probability(
-                self._statistic(power).astype(float), weights
-            )
+            self._solve_factor_for_false_alarm_probability(self._evaluate_statistic(power), weights)
         )
         if not self._leak.any():
             return math.exp(log_factor_without_leakage)
@@ -219,10 +231,23 @@ class _FactorEstimate:
         """Return the alarm probability of each draw times its weight."""
         return np.asarray(weights * scipy.special.gammaincc(self._n_summed, factor * levels))
 
+    def _evaluate_statistic(self, power: np.ndarray) -> np.ndarray:
+        """Return the statistic of powers (n_draws, n_training), (n_draws,)."""
+        levels = np.asarray(self._statistic(power))
+        is_valid = levels.dtype.kind in "iuf" and levels.shape == power.shape[:-1]
+        if not (is_valid and np.all(levels > 0) and np.all(np.isfinite(levels))):
+            raise InvalidSetting(
+                "statistic",
+                value=f"a function that returns {reprlib.repr(levels)} of powers {power.shape}",
+                expected=f"finite numbers above 0, in the shape {power.shape[:-1]}",
+                fix="reduce the last axis, as lambda power: power.mean(axis=-1) does",
+            )
+        return levels.astype(float)
+
     def _statistic_with_leakage(self, amplitudes: np.ndarray, factor: float) -> np.ndarray:
         """Return the statistic, (n_draws,), with the leakage of a cell that just exceeds it."""
         first, others = amplitudes[:, 0], np.sum(abs(amplitudes[:, 1:]) ** 2, axis=1)
-        levels = self._statistic(others + abs(first) ** 2).astype(float)
+        levels = self._evaluate_statistic(others + abs(first) ** 2)
         if not self._leak.any():
             return levels
         # Each pass leaves a few per cent of the error, more with strong leakage. If a cell
@@ -231,7 +256,7 @@ class _FactorEstimate:
             amplitude = np.sqrt(np.minimum(factor * levels, 1e9)).astype(np.float32)
             leaked_power = abs(first + amplitude[:, None] * self._leak.astype(np.complex64)) ** 2
             previous_levels = levels
-            levels = self._statistic(others + leaked_power).astype(float)
+            levels = self._evaluate_statistic(others + leaked_power)
             if np.all(abs(levels - previous_levels) <= 1e-4 * levels):
                 break
         return levels
@@ -268,7 +293,15 @@ def _draw_training_amplitudes_and_weights(
     n = leak.size
     # Little white noise is added, since padding makes the covariance singular.
     conditional_covariance = covariance[:-1, :-1] - np.outer(leak, leak.conj()) + 1e-9 * np.eye(n)
-    spread = np.linalg.cholesky(conditional_covariance)
+    try:
+        spread = np.linalg.cholesky(conditional_covariance)
+    except np.linalg.LinAlgError:
+        raise InvalidSetting(
+            "window",
+            value="a covariance with a negative eigenvalue",
+            expected="the covariance of noise",
+            fix="compute it with dechirp.windows.bin_correlation",
+        ) from None
     roots, log_dets = [], np.empty(len(tilts))
     for i, tilt in enumerate(tilts):
         # (R^-1 + T)^-1 = B (I + B^H T B)^-1 B^H for R = B B^H: nothing near zero is inverted.
@@ -278,6 +311,12 @@ def _draw_training_amplitudes_and_weights(
     rng = np.random.default_rng(1)
     max_batch = max(int(_MAX_NUMBERS_PER_BATCH / (2 * n * n_summed * len(tilts))), 50)
     max_batch = min(max_batch, _MAX_DRAWS // (4 * len(tilts)))
+    check_free_memory(
+        f"n_summed={n_summed} of {n} training cells",
+        # Normal variates, amplitudes and their concatenation.
+        needed_bytes=24.0 * n * n_summed * len(tilts) * min(_MIN_DRAWS, max_batch),
+        fix="sum fewer powers, or choose cell-averaging, whose factor is exact",
+    )
     max_draws = min(_MAX_DRAWS, _MAX_RANDOM_NUMBERS / (2 * n * n_summed))
     n_draws, n_drawn = min(_MIN_DRAWS, max_batch), 0
     while n_drawn < max_draws:

@@ -29,7 +29,7 @@ import numpy as np
 import scipy
 
 from dechirp.core.argument_types import check_argument_types
-from dechirp.core.checks import check_integer
+from dechirp.core.checks import as_tuple_or_none, check_finite_samples, check_integer
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.theory.cfar import cell_averaging_factor
@@ -49,8 +49,8 @@ class CorrelatedWindow:
     under test. White noise after a separable transform has the covariance
     `range_covariance` x `velocity_covariance` there. Instances have no `==` and no hash.
 
-    Raises `InvalidSetting` unless the covariances are square, the guard lies within the window,
-    and the cell under test within the guard.
+    Raises `InvalidSetting` unless the covariances are Hermitian with ones on the diagonal, the
+    guard lies within the window, and the cell under test within the guard.
     """
 
     range_covariance: np.ndarray
@@ -65,18 +65,23 @@ class CorrelatedWindow:
     """Position of the cell under test in the window, (range, velocity)."""
 
     def __post_init__(self) -> None:
+        position = as_tuple_or_none(self.cell_under_test)
+        if position is None or len(position) != 2:
+            raise InvalidSetting(
+                "CorrelatedWindow.cell_under_test",
+                value=self.cell_under_test,
+                expected="a pair of whole numbers, (range, velocity)",
+                fix="give the position of the cell under test in the window",
+            )
         axes = (
-            ("range", self.range_covariance, self.guard_range, self.cell_under_test[0]),
-            ("velocity", self.velocity_covariance, self.guard_velocity, self.cell_under_test[1]),
+            ("range", self.guard_range, position[0]),
+            ("velocity", self.guard_velocity, position[1]),
         )
-        for axis, covariance, guard, under_test in axes:
-            if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1]:
-                raise InvalidSetting(
-                    f"CorrelatedWindow.{axis}_covariance",
-                    value=f"an array {covariance.shape}",
-                    expected="square",
-                    fix="give the covariance of each cell with each along this axis",
-                )
+        for axis, guard, under_test in axes:
+            covariance = _check_covariance(
+                f"CorrelatedWindow.{axis}_covariance", getattr(self, f"{axis}_covariance")
+            )
+            object.__setattr__(self, f"{axis}_covariance", covariance)
             where = f"CorrelatedWindow.guard_{axis}"
             check_integer(f"{where}.start", guard.start, at_least=0, at_most=len(covariance) - 1)
             check_integer(
@@ -90,6 +95,7 @@ class CorrelatedWindow:
                 at_least=guard.start,
                 at_most=guard.stop - 1,
             )
+        object.__setattr__(self, "cell_under_test", (int(position[0]), int(position[1])))
 
     @property
     def n_training(self) -> int:
@@ -187,6 +193,27 @@ class CorrelatedWindow:
     @staticmethod
     def _slice_length(guard: slice) -> int:
         return int(guard.stop - guard.start)
+
+
+def _check_covariance(setting: str, covariance: np.ndarray) -> np.ndarray:
+    """Return a covariance in double precision, or raise `InvalidSetting`."""
+    array = check_finite_samples(
+        setting,
+        covariance,
+        axes="(cell, cell)",
+        fits=lambda x: x.ndim == 2 and x.shape[0] == x.shape[1],
+    )
+    array = array.astype(complex if np.iscomplexobj(array) else float)
+    adjoint = array.conj().T
+    # Rounding errors of single precision.
+    if np.any(abs(array - adjoint) > 1e-5) or np.any(abs(np.diag(array) - 1) > 1e-5):
+        raise InvalidSetting(
+            setting,
+            value=f"an array {array.shape} that is not Hermitian with ones on the diagonal",
+            expected="the covariance of noise of power 1, of each cell with each along this axis",
+            fix="divide it by the noise power, or take it from dechirp.windows.bin_correlation",
+        )
+    return array
 
 
 def _axis_sums_of_correlation_powers(

@@ -267,9 +267,18 @@ def cell_averaging_required_snr(
 
     @cache
     def excess(log_snr: float) -> float:
-        probability = cell_averaging_detection_probability(
-            math.exp(log_snr), factor, swerling=swerling, **law
-        )
+        try:
+            probability = cell_averaging_detection_probability(
+                math.exp(log_snr), factor, swerling=swerling, **law
+            )
+        except InvalidSetting as error:
+            raise InvalidSetting(
+                "false_alarm_probability",
+                value=f"{false_alarm_probability:g} with {n_training} training cells, which needs"
+                f" an SNR of {math.exp(log_snr):.3g}",
+                expected="a threshold that the target exceeds at an SNR whose law can be summed",
+                fix="allow more false alarms, or train over more cells",
+            ) from error
         return float(probability) - detection_probability
 
     # Start, since high ratios take long: the SNR in known noise, or that of a steady target

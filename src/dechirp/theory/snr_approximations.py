@@ -21,6 +21,8 @@ from dechirp.theory.swerling import swerling_shape
 
 __all__ = ["albersheim", "shnidman"]
 
+_MAX_LOSS_DB = 600  # larger ratios are beyond the largest magnitude of the package, 1e60
+
 
 @scalar_results
 def albersheim(
@@ -120,7 +122,7 @@ def shnidman(
     ------
     InvalidSetting
         Unless 1e-300 <= false-alarm probability < detection probability < 1, K is a whole number
-        from 1 and `swerling` one of 0 to 4.
+        from 1 and `swerling` one of 0 to 4; and if K is so large that C exceeds 600 dB.
 
     References
     ----------
@@ -145,6 +147,14 @@ def _shnidman_snr(
         near_one = math.exp(27.31 * pd - 25.14)
         alarms = 0.7 * math.log(1e-5 / false_alarm_probability) + (2 * n_summed - 20) / 80
         cost_db += (near_one + (pd - 0.8) * alarms) / shape
+    if cost_db > _MAX_LOSS_DB:
+        raise InvalidSetting(
+            "n_summed",
+            value=int(n_summed),
+            expected=f"a number whose fluctuation loss is at most {_MAX_LOSS_DB} dB by Shnidman's"
+            " formula, which is meant for up to 100",
+            fix="compute the exact ratio with dechirp.theory.required_snr",
+        )
     return float(10 ** (cost_db / 10) * steady)
 
 
