@@ -59,6 +59,8 @@ from dechirp.radar.radar import Radar
 
 # Distance in cells within which the image of an echo of real samples is estimated with it.
 _NEAR_IMAGE_CELLS = 8.0
+# SNR from which images farther away are too: their sidelobes, 1 / (pi d) at d cells, exceed noise.
+_MIN_SNR_OF_FAR_IMAGE = (np.pi * _NEAR_IMAGE_CELLS) ** 2
 
 
 class FrameResult(NamedTuple):
@@ -333,24 +335,26 @@ def _refine_peaks(
     )
     sample_noise = np.maximum(sample_noise, np.finfo(np.float32).tiny)
     growth = slow_time_frequency_growth_per_sample(frame.chirp)
-    near_image = _peaks_near_their_images(fast, noise.range_transform, frame.chirp)
+    with_image = _peaks_whose_images_count(
+        fast, equalised[tuple(cells.T)] / cell_noise, noise.range_transform, frame.chirp
+    )
     n_peaks = len(slow)
     tones, remaining_power = refine_tones_and_residuals(
         samples,
-        np.concatenate([slow, -slow[near_image]]),
-        np.concatenate([fast, -fast[near_image]]),
-        np.concatenate([sample_noise, sample_noise[near_image]]),
+        np.concatenate([slow, -slow[with_image]]),
+        np.concatenate([fast, -fast[with_image]]),
+        np.concatenate([sample_noise, sample_noise[with_image]]),
         growth=growth,
     )
     amplitude_noise = sample_noise / (frame.n_chirps * frame.chirp.n_samples)
     tones, sidelobes, is_kept = estimate_tones_without_sidelobes(
         samples,
         tones,
-        np.concatenate([amplitude_noise, amplitude_noise[near_image]]),
+        np.concatenate([amplitude_noise, amplitude_noise[with_image]]),
         remaining_power,
         growth=growth,
     )
-    if near_image.size:
+    if with_image.size:
         peaks = np.arange(n_peaks)
         tones, is_kept = tones.select(peaks), is_kept[peaks]
         sidelobes = None if sidelobes is None else sidelobes.select(peaks)
@@ -367,17 +371,20 @@ def _refine_peaks(
     return refined if is_kept.all() else refined.select(np.flatnonzero(is_kept))
 
 
-def _peaks_near_their_images(fast: np.ndarray, transform: Transform, chirp: Chirp) -> np.ndarray:
-    """Return the indices of peaks of real samples near their mirror images.
+def _peaks_whose_images_count(
+    fast: np.ndarray, snr: np.ndarray, transform: Transform, chirp: Chirp
+) -> np.ndarray:
+    """Return the indices of peaks of real samples whose mirror images are estimated with them.
 
-    Images are at the negative beat and Doppler frequencies. Farther away, their sidelobes are those
-    that `estimate_tones_without_sidelobes` suppresses.
+    Images are at the negative beat and Doppler frequencies. They count beside their own peaks, and
+    where they are strong enough to have sidelobes above the noise of others.
     """
     if chirp.sampling != "real":
         return np.zeros(0, int)
     cells = fast * (transform.n_points / (2 * np.pi))
     distance = np.minimum(cells, transform.n_points / 2 - cells)
-    return np.flatnonzero(2 * distance < _NEAR_IMAGE_CELLS)
+    is_near = 2 * distance < _NEAR_IMAGE_CELLS
+    return np.flatnonzero(is_near | (snr > _MIN_SNR_OF_FAR_IMAGE))
 
 
 def _mitigate_and_list_removed_echoes(
