@@ -84,6 +84,37 @@ def test_strong_echo_at_range_end_has_no_false_detections(range_cells, velocity_
         assert is_target.sum() <= 1
 
 
+# The image of the strong echo is 80 cells away, at the velocity of the weak one: without a window,
+# its sidelobes are 20 dB above the noise.
+@pytest.mark.parametrize(
+    ("weak_cells", "strong_cells", "velocity_cells", "weak_snr_db"),
+    [(108.95, 66.84, 4.34, 32), (127.44, 48.36, 10.03, 24)],
+)
+def test_image_of_strong_echo_leaves_stated_errors(
+    weak_cells, strong_cells, velocity_cells, weak_snr_db
+):
+    n_trials = 25
+    weak = make_scene(weak_cells, -velocity_cells, azimuth=-0.5, snr_db=weak_snr_db)
+    strong = make_scene(strong_cells, velocity_cells, azimuth=0.5, snr_db=75)
+    scene = dc.Scene(targets=[*weak.targets, *strong.targets])
+    truth = dc.truth(weak, RADAR)
+    squared = []
+    for seed in range(n_trials):
+        found = dc.detect(dc.simulate(scene, RADAR, seed=seed), RADAR)
+        (weakest,) = np.flatnonzero(abs(found.range.values - truth.range.item()) < CELL_M)
+        row = found.isel(detection=weakest)
+        squared.append(
+            [
+                ((row[name].item() - truth[name].item()) / row[f"{name}_std"].item()) ** 2
+                for name in ("range", "velocity", "azimuth")
+            ]
+        )
+    # Six sums are compared: 1e-7 each.
+    low, high = scipy.stats.chi2.ppf([1e-7, 1 - 1e-7], n_trials) / n_trials
+    print(np.mean(squared, axis=0))
+    assert np.all((low < np.mean(squared, axis=0)) & (np.mean(squared, axis=0) < high))
+
+
 @pytest.mark.parametrize("offset_db", [20, 40, 60])
 @pytest.mark.parametrize("range_cells", [2.6, 3.4, 4.3, 6.2])
 def test_offset_of_the_converter_hides_no_echo_at_rest(range_cells, offset_db):
