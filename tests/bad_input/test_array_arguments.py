@@ -716,6 +716,18 @@ def test_sum_of_powers_beyond_the_memory_is_named():
 
 
 @pytest.mark.parametrize(
+    ("function", "cells"),
+    [
+        (dc.theory.trimmed_mean_factor, {"n_smallest": 2, "n_largest": 4}),
+        (dc.theory.ordered_statistic_factor, {"rank": 10**12}),
+    ],
+)
+def test_training_cells_beyond_the_memory_are_named(function, cells):
+    with pytest.raises(dc.NotEnoughMemory, match="^n_training=1000000000000: "):
+        function(1e-6, n_training=10**12, **cells)
+
+
+@pytest.mark.parametrize(
     "wrap",
     [
         xr.DataArray,

@@ -121,6 +121,7 @@ def _mean_step_contributions_to_trimmed_mean(
     check_integer("n_smallest", n_smallest, at_least=0, at_most=n_training - 1)
     check_integer("n_largest", n_largest, at_least=0, at_most=n_training - n_smallest - 1)
     last = n_training - n_largest
+    rates = order_statistic_step_rates(n_training, last)
     # A step raises all kept cells after it; the first steps raise all of them.
     n_raised = np.minimum(last - np.arange(last), last - n_smallest)
-    return n_raised / ((last - n_smallest) * order_statistic_step_rates(n_training, last))
+    return n_raised / ((last - n_smallest) * rates)

@@ -10,8 +10,10 @@ import scipy
 
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.memory import check_free_memory
 
 _MAX_SUMMED = 10**7  # a tenth of a second for a factor
+_BYTES_PER_STEP = 40.0  # rates, their products and sums
 # Settings of the detectors unless they are specified, as shares of the training cells.
 DEFAULT_RANK = 0.75
 DEFAULT_N_SMALLEST, DEFAULT_N_LARGEST = 0.0, 0.25
@@ -83,10 +85,15 @@ def order_statistic_step_rates(n_training: int, rank: int) -> np.ndarray:
     """Return the rate of each step between successive training cells in order of power, (rank,).
 
     The steps are independent and exponential. Raises `InvalidSetting` if the rank is not from
-    1 to N.
+    1 to N, and `NotEnoughMemory` if sums over the steps exceed the memory.
     """
     check_integer("n_training", n_training, at_least=1)
     check_integer("rank", rank, at_least=1, at_most=n_training)
+    check_free_memory(
+        f"n_training={n_training}",
+        needed_bytes=_BYTES_PER_STEP * rank,
+        fix="give fewer training cells",
+    )
     return n_training - np.arange(rank, dtype=float)
 
 
