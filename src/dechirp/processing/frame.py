@@ -49,18 +49,16 @@ from dechirp.processing.scaling import (
     to_single_precision,
 )
 from dechirp.processing.sidelobe_rejection import estimate_tones_without_sidelobes
-from dechirp.processing.spectrum import Transform, check_samples_were_finite, noise_gain
+from dechirp.processing.spectrum import check_samples_were_finite, noise_gain
 from dechirp.processing.velocity_ambiguity.hypotheses import FramePeaks, ResolvedPeaks
 from dechirp.processing.velocity_ambiguity.resolve import resolve_velocity_ambiguity
 from dechirp.processing.virtual_array import split_chirps_into_slots
-from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
-# Distance in cells within which the image of an echo of real samples is estimated with it.
-_NEAR_IMAGE_CELLS = 8.0
-# SNR from which images farther away are too: their sidelobes, 1 / (pi d) at d cells, exceed noise.
-_MIN_SNR_OF_FAR_IMAGE = (np.pi * _NEAR_IMAGE_CELLS) ** 2
+# Power of a sidelobe over the noise, both in all channels, from which an image counts: it shifts
+# frequencies by up to sqrt(2 * 0.05) = 0.3 standard errors.
+_MIN_IMAGE_SIDELOBE = 0.05
 
 
 class FrameResult(NamedTuple):
@@ -335,8 +333,8 @@ def _refine_peaks(
     )
     sample_noise = np.maximum(sample_noise, np.finfo(np.float32).tiny)
     growth = slow_time_frequency_growth_per_sample(frame.chirp)
-    with_image = _peaks_whose_images_count(
-        fast, equalised[tuple(cells.T)] / cell_noise, noise.range_transform, frame.chirp
+    with_image = _find_peaks_with_strong_images(
+        slow, fast, noise.n_channels * equalised[tuple(cells.T)] / cell_noise, frame
     )
     n_peaks = len(slow)
     tones, remaining_power = refine_tones_and_residuals(
@@ -371,20 +369,22 @@ def _refine_peaks(
     return refined if is_kept.all() else refined.select(np.flatnonzero(is_kept))
 
 
-def _peaks_whose_images_count(
-    fast: np.ndarray, snr: np.ndarray, transform: Transform, chirp: Chirp
+def _find_peaks_with_strong_images(
+    slow: np.ndarray, fast: np.ndarray, snr: np.ndarray, frame: Frame
 ) -> np.ndarray:
-    """Return the indices of peaks of real samples whose mirror images are estimated with them.
+    """Return the indices of peaks of real samples whose mirror images shift a peak.
 
-    Images are at the negative beat and Doppler frequencies. They count beside their own peaks, and
-    where they are strong enough to have sidelobes above the noise of others.
+    Images are at the negative beat and Doppler frequencies. Without a window, their sidelobes are
+    1 / (pi d) of their amplitude at d cells on each axis.
     """
-    if chirp.sampling != "real":
+    if frame.chirp.sampling != "real":
         return np.zeros(0, int)
-    cells = fast * (transform.n_points / (2 * np.pi))
-    distance = np.minimum(cells, transform.n_points / 2 - cells)
-    is_near = 2 * distance < _NEAR_IMAGE_CELLS
-    return np.flatnonzero(is_near | (snr > _MIN_SNR_OF_FAR_IMAGE))
+    sidelobes = snr[:, None]
+    for frequency, n_points in ((slow, frame.n_chirps), (fast, frame.chirp.n_samples)):
+        cells = (frequency[:, None] + frequency) * (n_points / (2 * np.pi))
+        cells -= n_points * np.round(cells / n_points)
+        sidelobes = sidelobes / np.maximum(np.pi * abs(cells), 1.0) ** 2
+    return np.flatnonzero(sidelobes.max(axis=1, initial=0.0) > _MIN_IMAGE_SIDELOBE)
 
 
 def _mitigate_and_list_removed_echoes(
