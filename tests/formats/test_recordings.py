@@ -1237,7 +1237,12 @@ def test_folder_of_pointer_or_nested_recording_names_next_step(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "value", "fix"),
     [
-        ("walk.bin.gz", gzip.compress(bytes(100)), "beside walk.bin.gz", "unpack it: gunzip FILE"),
+        (
+            "walk.bin.gz",
+            gzip.compress(bytes(100), mtime=0),
+            "beside walk.bin.gz",
+            "unpack it: gunzip FILE",
+        ),
         ("walk.bin", b"", "beside walk.bin (0 bytes)", "copy the recording into the folder"),
     ],
 )
