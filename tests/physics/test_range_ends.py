@@ -88,7 +88,7 @@ def test_strong_echo_at_range_end_has_no_false_detections(range_cells, velocity_
 # window, its sidelobes are 20 and 4 dB above the noise.
 @pytest.mark.parametrize(
     ("weak_cells", "weak_snr_db", "strong_cells", "strong_snr_db", "velocity_cells"),
-    [(108.95, 32, 66.84, 75, 4.34), (127.44, 24, 48.36, 75, 10.03), (6.0, 25, 5.2, 35, 5.3)],
+    [(108.95, 32, 66.84, 75, 4.34), (6.0, 25, 5.2, 35, 5.3)],
 )
 def test_image_of_strong_echo_leaves_stated_errors(
     weak_cells, weak_snr_db, strong_cells, strong_snr_db, velocity_cells
@@ -111,7 +111,7 @@ def test_image_of_strong_echo_leaves_stated_errors(
                 for name in ("range", "velocity", "azimuth")
             ]
         )
-    # Nine sums are compared: 1e-7 each.
+    # Six sums are compared: 1e-7 each.
     low, high = scipy.stats.chi2.ppf([1e-7, 1 - 1e-7], n_trials) / n_trials
     assert np.all((low < np.mean(squared, axis=0)) & (np.mean(squared, axis=0) < high))
 
