@@ -178,14 +178,16 @@ def test_lost_or_late_datagrams_are_reported_and_no_list_is_partial(loss):
 
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_damaged_bytes_never_stop_reception():
-    datagrams = encode_datagrams(random_object_list(4, 4))
+    objects = random_object_list(4, 4)
+    datagrams = encode_datagrams(objects)
+    x = set(objects.x.values[~np.isnan(objects.x.values)])
     rng = np.random.default_rng(3)
     for _ in range(200):
         damaged = bytearray(datagrams[1])
         for position in rng.integers(len(damaged), size=rng.integers(1, 5)):
             damaged[position] = rng.integers(256)
         result = object_list_from_datagrams([datagrams[0], bytes(damaged), *datagrams])
-        assert 0 in result.cycle_frame.values or result.sizes["cycle"]
+        assert x <= set(result.x.values)
 
 
 def two_sensors() -> tuple[list[bytes], list[bytes]]:
@@ -241,12 +243,66 @@ def camera_message() -> SensorData:
 @pytest.mark.parametrize("message", [lidar_message(), camera_message()])
 def test_messages_of_other_sensors_are_no_empty_lists(message, tmp_path):
     datagrams = encode_datagrams(random_tracks(2))
+    arrivals = [message.SerializeToString(), *datagrams]
     with pytest.warns(dc.PhysicsWarning, match="1 without moving objects or radar detections"):
-        received = object_list_from_datagrams([message.SerializeToString(), *datagrams])
+        received = object_list_from_datagrams(arrivals)
     assert received.sizes == {"object": 2, "cycle": 1}
 
-    with pytest.raises(RecordingError, match="1 messages? without moving objects"):
-        read_objects(write_trace(tmp_path / "x.osi", [message]))
+    messages = [SensorData.FromString(datagram) for datagram in arrivals]
+    with pytest.warns(dc.PhysicsWarning, match="1 without moving objects .*; 1 list read"):
+        read = read_objects(write_trace(tmp_path / "x.osi", messages))
+    assert read.sizes == {"object": 2, "cycle": 1}
+
+
+def test_sensors_without_lists_are_refused_in_traces_and_counted_at_ports(tmp_path):
+    messages = [lidar_message(), camera_message()]
+    messages[1].sensor_id.value = 2
+    with pytest.raises(RecordingError, match="2 messages without moving objects .* sensors 1, 2"):
+        read_objects(write_trace(tmp_path / "x.osi", messages))
+    datagrams = [message.SerializeToString() for message in messages]
+    with pytest.warns(dc.PhysicsWarning, match="2 without moving objects .*; 0 lists"):
+        assert not object_list_from_datagrams(datagrams).sizes["cycle"]
+    with pytest.warns(dc.PhysicsWarning, match="1 without moving objects .*; 1 list received"):
+        chosen = object_list_from_datagrams(datagrams, sensor_id=2)
+    assert chosen.sizes == {"object": 0, "cycle": 1}
+
+
+CONTENTS = ("stationary object", "no features", "no sensor", "header")
+
+
+def make_free_road(content: str) -> SensorData:
+    """Return a message of a sensor without object list, such as one of a free road."""
+    message = SensorData()
+    message.timestamp.nanos = 50_000_000
+    if content != "no sensor":
+        message.sensor_id.value = 0
+    if content == "stationary object":
+        message.stationary_object.add().header.tracking_id.value = 5
+    if content == "no features":
+        message.feature_data.version.version_major = 3
+    return message
+
+
+@pytest.mark.parametrize("message", [lidar_message(), *map(make_free_road, CONTENTS)])
+def test_only_sensor_without_lists_has_empty_lists_and_a_warning(message, tmp_path):
+    path = write_trace(tmp_path / "x.osi", [message])
+    datagrams = [message.SerializeToString()]
+    for read in (lambda: read_objects(path), lambda: object_list_from_datagrams(datagrams)):
+        with pytest.warns(dc.PhysicsWarning, match="1 without moving objects .*; 1 list "):
+            assert read().sizes == {"object": 0, "cycle": 1}
+
+
+@pytest.mark.parametrize("content", CONTENTS)
+def test_free_road_is_an_empty_cycle_of_its_sensor(content, tmp_path):
+    messages = [SensorData.FromString(one) for one in encode_datagrams(random_tracks(1, 1, 1))]
+    messages[1] = make_free_road(content)
+
+    of_trace = read_objects(write_trace(tmp_path / "x.osi", messages))
+    received = object_list_from_datagrams([message.SerializeToString() for message in messages])
+
+    for objects in (of_trace, received):
+        assert objects.frame.values.tolist() == [0, 2]
+        np.testing.assert_allclose(objects.cycle_time, [0.0, 0.05, 0.1])
 
 
 def test_messages_of_other_types_are_no_empty_lists(tmp_path):
@@ -267,17 +323,6 @@ def test_messages_of_other_types_are_no_empty_lists(tmp_path):
             read_objects(write_trace(tmp_path / "x.osi", [message]))
 
 
-def test_message_without_objects_is_an_empty_list():
-    message = SensorData()
-    message.timestamp.seconds = 1
-    message.sensor_id.value = 4
-
-    assert object_list_from_datagrams([message.SerializeToString()]).sizes == {
-        "object": 0,
-        "cycle": 1,
-    }
-
-
 def test_trace_of_two_sensors_is_refused_by_their_numbers(tmp_path):
     messages = [SensorData.FromString(sensor[0]) for sensor in two_sensors()]
     with pytest.raises(RecordingError, match="sensors 3, 7"):
@@ -292,11 +337,11 @@ def write_trace(path, messages):
 
 def shift_lists(objects, time_s: float, frame: int):
     """Return an object list with other times and frames."""
-    shifted = objects.assign(
-        time=objects.time + time_s, frame=objects.frame + frame, cycle_time=objects.cycle_time
-    )
-    return shifted.assign(
-        cycle_time=objects.cycle_time + time_s, cycle_frame=objects.cycle_frame + frame
+    return objects.assign(
+        time=objects.time + time_s,
+        frame=objects.frame + frame,
+        cycle_time=objects.cycle_time + time_s,
+        cycle_frame=objects.cycle_frame + frame,
     )
 
 
@@ -309,22 +354,71 @@ RESTARTS = {
 }
 
 
+@pytest.mark.parametrize("n_before", [2, 5, 12])
 @pytest.mark.parametrize("restart", RESTARTS.values(), ids=RESTARTS)
-def test_lists_before_and_after_a_restart_of_the_sender_are_kept(restart):
+def test_lists_before_and_after_a_restart_of_the_sender_are_kept(restart, n_before):
     time_before, frame_before, time_after, frame_after = restart
-    n_lists = 12  # more than a network reorders
-    before = shift_lists(random_object_list(*[2] * n_lists, seed=1), time_before, frame_before)
-    after = shift_lists(random_object_list(*[3] * n_lists, seed=2), time_after, frame_after)
+    n_after = 12
+    before = shift_lists(random_object_list(*[2] * n_before, seed=1), time_before, frame_before)
+    after = shift_lists(random_object_list(*[3] * n_after, seed=2), time_after, frame_after)
 
-    with pytest.warns(dc.PhysicsWarning, match=r"1 restart of the sender.* from frame 12 on"):
+    with pytest.warns(dc.PhysicsWarning, match="1 restart of the sender.* from frame") as warned:
         result = object_list_from_datagrams([*encode_datagrams(before), *encode_datagrams(after)])
 
-    assert result.cycle_frame.values.tolist() == list(range(2 * n_lists))
+    (warning,) = warned
+    n_lists = n_before + n_after
+    assert result.cycle_frame.values.tolist() == list(range(n_lists))
     expected_time = after.cycle_time.values
-    if expected_time[0] < before.cycle_time.values[-1]:
-        expected_time = before.cycle_time.values[-1] + 0.05 * np.arange(1, n_lists + 1)
+    overlaps = expected_time[0] < before.cycle_time.values[-1]
+    if overlaps:
+        expected_time = before.cycle_time.values[-1] + 0.05 * np.arange(1, n_after + 1)
+    assert ("increased" in str(warning.message)) == overlaps
+    assert f"from frame {n_before} on" in str(warning.message)
     np.testing.assert_allclose(result.cycle_time, [*before.cycle_time.values, *expected_time])
-    assert result.sizes["object"] == 5 * n_lists
+    assert np.bincount(result.frame).tolist() == [2] * n_before + [3] * n_after
+
+
+def test_list_that_arrives_within_a_second_is_sorted_to_its_place():
+    objects = random_tracks(*[1] * 30)
+    datagrams = encode_datagrams(objects)
+    datagrams.insert(25, datagrams.pop(5))  # 20 lists of 50 ms: exactly one second
+
+    with pytest.warns(dc.PhysicsWarning, match="objects: 1 late; 30 lists"):
+        result = object_list_from_datagrams(datagrams)
+
+    check_object_lists_agree(result, objects, {})
+    np.testing.assert_allclose(result.cycle_time, objects.cycle_time, atol=1e-9)
+
+
+def test_lists_of_equal_time_are_kept_in_order_of_their_frames():
+    messages = [SensorData.FromString(one) for one in encode_datagrams(random_tracks(*[1] * 6))]
+    for message, tenths in zip(messages, (0, 0, 0, 1, 1, 2), strict=True):
+        message.timestamp.nanos = tenths * 100_000_000
+    datagrams = [messages[i].SerializeToString() for i in (0, 2, 1, 3, 4, 5)]
+
+    with pytest.warns(dc.PhysicsWarning, match="1 late, 3 of equal times.*; 6 lists"):
+        result = object_list_from_datagrams(datagrams)
+
+    assert result.frame.values.tolist() == list(range(6))
+    np.testing.assert_allclose(result.cycle_time, [0.0, 1e-5, 2e-5, 0.1, 0.10001, 0.2], atol=1e-9)
+
+
+def test_warnings_are_attributed_to_the_line_of_the_user(tmp_path):
+    datagrams = encode_datagrams(random_tracks(1, 1))
+    trace = [lidar_message(), *map(SensorData.FromString, datagrams)]
+    path = write_trace(tmp_path / "x.osi", trace)
+    with open_receiver(0) as receiver, pytest.warns(dc.PhysicsWarning) as warned:
+        for datagram in [
+            b"foreign",
+            *datagrams,
+            *two_sensors()[0],
+            *encode_datagrams(random_tracks(3)),
+        ]:
+            receiver.sendto(datagram, receiver.getsockname())
+        receive_datagrams(receiver, idle_s=0.1)
+        read_objects(path)
+
+    assert [warning.filename for warning in warned] == [__file__] * 4
 
 
 def test_sender_that_restarts_for_each_list_keeps_them_all():

@@ -2,8 +2,9 @@
 
 A datagram contains the bytes of one message and nothing else, see `osi` for its fields. IP divides
 datagrams that exceed an Ethernet packet, and the checksum of UDP detects damage. Gaps of the
-`cycle_counter` of the messages, which is the frame, are the lists that were lost. A sender whose
-time or counter goes back has restarted.
+`cycle_counter` of the messages, which is the frame, are the lists that were lost. Lists that arrive
+late are sorted, and others whose time or counter goes back begin a new run, see
+`receive_datagrams`.
 """
 
 import socket
@@ -13,7 +14,6 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
-from operator import attrgetter
 from statistics import median
 
 import numpy as np
@@ -36,7 +36,7 @@ from dechirp.results.object_lists.osi import (
     DecodedMessage,
     build_decoded_lists,
     decode_message,
-    has_object_list,
+    find_list_senders,
     osi_messages,
     osi_version,
     parse_sensor_data,
@@ -48,9 +48,9 @@ __all__ = ["open_receiver", "receive_datagrams", "send_datagrams"]
 MAX_OBJECTS_PER_LIST = 400  # of up to 150 bytes each, within the 65507 of a UDP datagram
 _SEND_BUFFER = 2**17  # bytes; macOS sends no datagram that exceeds it, 9216 by default
 _RECEIVE_BUFFER = 2**22  # bytes; a system may grant less
-_MAX_LATE_LISTS = 8  # later ones that arrive before a list; networks reorder by fewer
+_MAX_LATE_S = 1.0 + 1e-6  # networks delay by less, restarts take longer; and rounding
 _MAX_TIME_S = 2.0**33  # 272 years; float64 then resolves 2 us
-_MIN_PERIOD_S = 1e-5
+_MIN_PERIOD_S = 1e-5  # between lists of equal time
 _UNKNOWN_PERIOD_S = 0.1  # between single lists of senders that restart
 
 
@@ -148,15 +148,23 @@ def receive_datagrams(
 ) -> xr.Dataset:
     """Receive the object lists of one sensor on an open socket until it is idle for `idle_s`.
 
-    If the sender restarts, so that its times or frames go back, the lists that follow continue one
-    cycle after the last, and all frames are counted from 0.
+    A message without objects is an empty list if its sensor sends lists in other messages, is the
+    only one, or is `sensor_id`; otherwise it is left out.
+
+    Identical datagrams are duplicates. A list whose time is at most 1 s before the latest is
+    sorted by time, then by frame; of equal times, the later list is moved by 10 us. A list begins a
+    new run, as after a restart of the sender, if its time is earlier than that, its frame is not
+    between those of the lists before and after it, or another list has its time and no frame
+    differs. Runs are kept in order of arrival, with frames counted from 0. The times of a run that
+    overlaps the one before are increased, so that it begins one cycle (the median one) later.
 
     Parameters
     ----------
     udp_socket : socket
         From `open_receiver`.
     sensor_id : int, optional
-        Number of the sensor in the messages; by default that of the first list.
+        Number of the sensor in the messages; by default that of the first list with objects, or
+        with the fields of a list.
     idle_s, at_most_s : float
         Idle time after which reception ends, and largest total time.
 
@@ -189,45 +197,44 @@ def object_list_from_datagrams(
 ) -> xr.Dataset:
     """Assemble an object list from received datagrams, sorted by time, see `receive_datagrams`."""
     counts: Counter[str] = Counter()
-    n_of_sensor: Counter[int] = Counter()
-    arrivals: list[tuple[DecodedMessage, bytes]] = []
-    is_sensor_given = sensor_id is not None
-    for datagram in received:
-        decoded = _decode_datagram(datagram, counts)
-        if decoded is None:
-            continue
-        sensor_id = decoded.sensor_id if sensor_id is None else sensor_id
-        n_of_sensor[decoded.sensor_id] += 1
-        if decoded.sensor_id == sensor_id:
-            arrivals.append((decoded, datagram))
+    messages = [
+        (decoded, datagram)
+        for datagram in received
+        if (decoded := _decode_datagram(datagram, counts)) is not None
+    ]
+    senders, counts[NO_OBJECT_LIST] = find_list_senders(
+        [decoded for decoded, _ in messages if decoded.sensor_id != sensor_id]
+    )
+    chosen_id = next(iter(senders), None) if sensor_id is None else sensor_id
+    arrivals = [message for message in messages if message[0].sensor_id == chosen_id]
     runs = _split_at_restarts(arrivals, counts)
     counts["missing"] = sum(map(_count_missing_frames, runs))
-    n_lists = format_count_with_noun(sum(map(len, runs)), "list")
+    lists = _join_runs(runs, counts)
+    n_lists = format_count_with_noun(len(lists), "list")
     warn_lost_messages(
         counts,
         remaining=f"{n_lists} received",
         expected="every datagram once, in order, with objects or radar detections",
         fix="check the network load, and which programs send to this port",
+        stacklevel=5,
     )
-    if not (is_sensor_given and arrivals):
-        del n_of_sensor[sensor_id]
+    if sensor_id is None or not arrivals:
+        n_of_sensor = Counter(decoded.sensor_id for decoded, _ in messages)
         warn_lost_messages(
-            {f"of sensor {number}": n for number, n in n_of_sensor.items()},
-            remaining=f"{n_lists} of sensor {sensor_id} received",
+            {f"of sensor {other}": n_of_sensor[other] for other in senders if other != chosen_id},
+            remaining=f"{n_lists} of sensor {chosen_id} received",
             expected="the lists of one sensor at a port",
             fix="receive another sensor with sensor_id=, or send it to a port of its own",
+            stacklevel=5,
         )
-    return build_decoded_lists(_join_runs(runs))
+    return build_decoded_lists(lists)
 
 
 def _decode_datagram(datagram: bytes, counts: Counter[str]) -> DecodedMessage | None:
-    """Return the list in a datagram; count those without one, and return None."""
+    """Return the list in a datagram; count damaged and foreign ones, and return None."""
     message = parse_sensor_data(datagram)
     if message is None or not message.HasField("timestamp"):
         counts["damaged or foreign"] += 1
-        return None
-    if not has_object_list(message):
-        counts[NO_OBJECT_LIST] += 1
         return None
     decoded = decode_message(message)
     try:
@@ -244,77 +251,88 @@ def _decode_datagram(datagram: bytes, counts: Counter[str]) -> DecodedMessage | 
 def _split_at_restarts(
     arrivals: Iterable[tuple[DecodedMessage, bytes]], counts: Counter[str]
 ) -> list[list[DecodedMessage]]:
-    """Return the lists between restarts of their sender, by time; count late and duplicate ones.
-
-    A list that has no place in the order of times and frames before it is the first after a
-    restart.
-    """
+    """Return the runs between restarts of the sender; count late and duplicate lists."""
     runs: list[list[DecodedMessage]] = [[]]
-    contents: dict[float, bytes] = {}
+    run_datagrams: set[bytes] = set()
     for decoded, datagram in arrivals:
-        if contents.get(decoded.time_s) == datagram:
+        if datagram in run_datagrams:
             counts["duplicate"] += 1
             continue
-        index = bisect_left(runs[-1], decoded.time_s, key=attrgetter("time_s"))
-        if not _has_place(decoded, runs[-1], index):
+        index = bisect_left(runs[-1], _time_and_frame(decoded), key=_time_and_frame)
+        if not _fits_in_order(decoded, runs[-1], index):
             runs.append([])
-            contents.clear()
+            run_datagrams.clear()
             index = 0
         counts["late"] += index < len(runs[-1])
         runs[-1].insert(index, decoded)
-        contents[decoded.time_s] = datagram
+        run_datagrams.add(datagram)
     return runs
 
 
-def _has_place(decoded: DecodedMessage, run: list[DecodedMessage], index: int) -> bool:
-    """Return whether a list is in order of time and frame at an index of a run."""
-    if len(run) - index > _MAX_LATE_LISTS:
+def _time_and_frame(decoded: DecodedMessage) -> tuple[float, int]:
+    return decoded.time_s, -1 if decoded.frame is None else decoded.frame
+
+
+def _fits_in_order(decoded: DecodedMessage, run: list[DecodedMessage], index: int) -> bool:
+    """Return whether a list is late by 1 s at most, and in order of frames at an index of a run."""
+    if run and run[-1].time_s - decoded.time_s > _MAX_LATE_S:
         return False
     neighbours = [*run[max(index - 1, 0) : index], decoded, *run[index : index + 1]]
     return all(
-        second.time_s - first.time_s >= _MIN_PERIOD_S
-        and (first.frame is None or second.frame is None or first.frame < second.frame)
+        first.time_s < second.time_s
+        if first.frame is None or second.frame is None
+        else first.frame < second.frame
         for first, second in pairwise(neighbours)
     )
 
 
-def _join_runs(runs: Sequence[Sequence[DecodedMessage]]) -> list[DecodedMessage]:
-    """Join the lists between restarts: frames from 0, and times that continue.
+def _join_runs(
+    runs: Sequence[Sequence[DecodedMessage]], counts: Counter[str]
+) -> list[DecodedMessage]:
+    """Join the runs with increasing times, and frames from 0 if there are several.
 
     Warns
     -----
     PhysicsWarning
         If there were restarts.
     """
-    lists = list(runs[0])
-    if len(runs) == 1:
-        return lists
     periods_s = [later.time_s - earlier.time_s for run in runs for earlier, later in pairwise(run)]
-    period_s = median(periods_s) if periods_s else _UNKNOWN_PERIOD_S
-    shifts = []
-    for run in runs[1:]:
-        shift_s = max(lists[-1].time_s + period_s - run[0].time_s, 0.0)
-        shifts.append(f"{format_si(shift_s, 's')} from frame {len(lists)} on")
-        lists += [decoded._replace(time_s=decoded.time_s + shift_s) for decoded in run]
-    more = f" and {len(shifts) - 3} more" if len(shifts) > 3 else ""
+    period_s = median([period for period in periods_s if period > 0] or [_UNKNOWN_PERIOD_S])
+    lists: list[DecodedMessage] = []
+    restarts = []
+    for run in runs:
+        shift_s = 0.0
+        if lists:
+            restarts.append(f"from frame {len(lists)} on")
+            if run[0].time_s <= lists[-1].time_s:
+                shift_s = lists[-1].time_s + period_s - run[0].time_s
+                restarts[-1] += f" times increased by {format_si(shift_s, 's')}"
+        for decoded in run:
+            time_s = decoded.time_s + shift_s
+            if lists and time_s <= lists[-1].time_s:
+                counts["of equal times, moved by 10 us"] += 1
+            earliest_s = lists[-1].time_s + _MIN_PERIOD_S if lists else time_s
+            lists.append(decoded._replace(time_s=max(time_s, earliest_s)))
+    if not restarts:
+        return lists
+    more = f" and {len(restarts) - 3} more" if len(restarts) > 3 else ""
     finding = Finding(
         level="warning",
         setting="objects",
-        value=f"{format_count_with_noun(len(shifts), 'restart')} of the sender, whose times or"
-        f" frames went back; frames counted from 0, times increased by"
-        f" {', '.join(shifts[:3])}{more}",
+        value=f"{format_count_with_noun(len(restarts), 'restart')} of the sender, whose times or"
+        f" frames went back: {', '.join(restarts[:3])}{more}; frames counted from 0",
         expected="times and frames that increase",
-        fix="subtract these times where the clock of the sender is needed; if several programs"
+        fix="subtract any increase where the clock of the sender is needed; if several programs"
         " send to this port, give each its own sensor_id",
     )
-    warnings.warn(PhysicsWarning(finding), stacklevel=4)
+    warnings.warn(PhysicsWarning(finding), stacklevel=5)
     return [decoded._replace(frame=frame) for frame, decoded in enumerate(lists)]
 
 
-def _count_missing_frames(run: Iterable[DecodedMessage]) -> int:
+def _count_missing_frames(run: Sequence[DecodedMessage]) -> int:
     """Return the number of frames missing between the first and the last; 0 without counters."""
     known = {decoded.frame for decoded in run if decoded.frame is not None}
-    return max(known) - min(known) + 1 - len(known) if known else 0
+    return max(max(known) - min(known) + 1 - len(run), 0) if known else 0
 
 
 def _iter_received_datagrams(

@@ -243,7 +243,7 @@ def warn_clipped_values(where: str, n_clipped: Mapping[str, int]) -> None:
 
 
 def warn_lost_messages(
-    counts: Mapping[str, int], *, remaining: str, expected: str, fix: str
+    counts: Mapping[str, int], *, remaining: str, expected: str, fix: str, stacklevel: int = 4
 ) -> None:
     """Warn about messages that were lost or damaged on a bus or network.
 
@@ -255,6 +255,8 @@ def warn_lost_messages(
         Number of complete lists, as text.
     expected, fix : str
         Parts of the finding.
+    stacklevel : int
+        Calls from here to the line of the user.
     """
     losses = [f"{n} {kind}" for kind, n in counts.items() if n]
     if losses:
@@ -265,4 +267,4 @@ def warn_lost_messages(
             expected=expected,
             fix=fix,
         )
-        warnings.warn(PhysicsWarning(finding), stacklevel=4)
+        warnings.warn(PhysicsWarning(finding), stacklevel=stacklevel)

@@ -33,6 +33,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.atomic_files import atomic_output_file, check_file_suffix
+from dechirp.core.display import format_count_with_noun
 from dechirp.core.errors import RecordingError
 from dechirp.core.optional_imports import import_from_extra
 from dechirp.core.units import from_decibels, to_decibels
@@ -81,11 +82,6 @@ _EMPTY_COLUMNS: dict[str, np.ndarray] = {
     "status": np.array([], "U9"),
 }
 _OBJECT_FIELDS = {"moving_object", "moving_object_header", "logical_detection_data"}
-_HEADER_FIELDS = {
-    *("version", "timestamp", "sensor_id", "mounting_position", "mounting_position_rmse"),
-    *("host_vehicle_location", "host_vehicle_location_rmse", "sensor_view"),
-    *("last_measurement_time", "system_time"),
-}
 NO_OBJECT_LIST = "without moving objects or radar detections"
 
 
@@ -143,32 +139,28 @@ def read_osi(path: str | Path) -> xr.Dataset:
     Warns
     -----
     PhysicsWarning
-        If messages have no object list, such as those of lidars.
+        If messages are of sensors without object lists, such as lidars.
     """
     trace_path = check_file_suffix(path, SUFFIXES)
-    messages = list(_iter_trace_messages(trace_path))
-    lists = [decode_message(message) for message in messages if has_object_list(message)]
-    n_others = len(messages) - len(lists)
-    sensor_ids = sorted({decoded.sensor_id for decoded in lists})
-    if n_others and not lists:
-        raise RecordingError(
-            trace_path,
-            value=f"{n_others} messages {NO_OBJECT_LIST}",
-            expected="object lists of a radar",
-            fix="give the trace of a sensor that reports objects or radar detections",
-        )
+    messages = [decode_message(message) for message in _iter_trace_messages(trace_path)]
+    senders, n_without_list = find_list_senders(messages)
+    sensor_ids = sorted(senders or {decoded.sensor_id for decoded in messages})
     if len(sensor_ids) > 1:
+        without_list = f" {NO_OBJECT_LIST}" if not senders else ""
         raise RecordingError(
             trace_path,
-            value=f"messages of sensors {', '.join(map(str, sensor_ids))}",
-            expected="one sensor_id in a trace",
+            value=f"{format_count_with_noun(len(messages), 'message')}{without_list} of sensors"
+            f" {', '.join(map(str, sensor_ids))}",
+            expected="object lists of one sensor_id in a trace",
             fix="write a trace for each sensor",
         )
+    lists = [decoded for decoded in messages if decoded.sensor_id in senders]
     warn_lost_messages(
-        {NO_OBJECT_LIST: n_others},
-        remaining=f"{len(lists)} lists read",
+        {NO_OBJECT_LIST: n_without_list},
+        remaining=f"{format_count_with_noun(len(lists), 'list')} read",
         expected="object lists of a radar",
-        fix="ignore this where other sensors are in the trace",
+        fix="ignore this where the road was free, or other sensors are in the trace",
+        stacklevel=5,
     )
     return build_decoded_lists(lists)
 
@@ -177,6 +169,8 @@ class DecodedMessage(NamedTuple):
     """Object list of one `SensorData` message."""
 
     sensor_id: int
+    has_list: bool
+    """Whether it has the fields of an object list, which may be empty."""
     time_s: float
     frame: int | None
     """Its `cycle_counter`; None if it is not set."""
@@ -190,6 +184,7 @@ def decode_message(message: Any) -> DecodedMessage:
     header = message.moving_object_header
     return DecodedMessage(
         int(message.sensor_id.value),
+        _has_object_list(message),
         (message.timestamp.seconds * _NANO + message.timestamp.nanos) / _NANO,
         int(header.cycle_counter) if header.HasField("cycle_counter") else None,
         {
@@ -221,15 +216,20 @@ def build_decoded_lists(lists: Sequence[DecodedMessage]) -> xr.Dataset:
     return sort_by_priority(check_object_list(build_object_list(columns, frames, times_s)))
 
 
-def has_object_list(message: Any) -> bool:
-    """Return whether a `SensorData` message has the object list of a radar, which may be empty.
-
-    Messages with the features of other sensors alone, lanes or traffic signs have none.
-    """
+def _has_object_list(message: Any) -> bool:
     names = {field.name for field, _ in message.ListFields()}
-    if names & _OBJECT_FIELDS or message.feature_data.radar_sensor:
-        return True
-    return message.sensor_id.HasField("value") and names <= _HEADER_FIELDS
+    return bool(names & _OBJECT_FIELDS or message.feature_data.radar_sensor)
+
+
+def find_list_senders(messages: Sequence[DecodedMessage]) -> tuple[list[int], int]:
+    """Return the sensors that send object lists, by first list, and count messages of the others.
+
+    Without any list, a single sensor is returned, since its road may be free, and is counted too.
+    """
+    senders = list(dict.fromkeys(decoded.sensor_id for decoded in messages if decoded.has_list))
+    n_others = sum(decoded.sensor_id not in senders for decoded in messages)
+    sensor_ids = {decoded.sensor_id for decoded in messages}
+    return senders or (list(sensor_ids) if len(sensor_ids) == 1 else []), n_others
 
 
 def parse_sensor_data(content: bytes) -> Any | None:
