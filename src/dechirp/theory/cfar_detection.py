@@ -276,7 +276,7 @@ def cell_averaging_required_snr(
                 "false_alarm_probability",
                 value=f"{false_alarm_probability:g} with {n_training} training cells, which needs"
                 f" an SNR of {math.exp(log_snr):.3g}",
-                expected="a threshold that the target exceeds at an SNR whose law can be summed",
+                expected=f"a threshold that the target exceeds at {error.mistakes[0].expected}",
                 fix="allow more false alarms, or train over more cells",
             ) from error
         return float(probability) - detection_probability
