@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import sys
 from pathlib import Path
 
 import h5py
@@ -21,6 +22,8 @@ from foreign_arrays import (
     threshold_parts,
 )
 from formats.native_recordings import make_complex_code_recording
+
+CORPUS = Path(__file__).parents[1] / "bad_input" / "corpus" / "recording"
 
 
 @pytest.fixture
@@ -168,8 +171,7 @@ def test_missing_files_and_unknown_arrays_are_refused(call):
 def test_recordings_are_pointed_to_inspect(call, tmp_path, name):
     recording = make_complex_code_recording()
     if name.endswith(".wav"):
-        corpus = Path(__file__).parents[1] / "bad_input" / "corpus" / "recording"
-        (tmp_path / name).write_bytes((corpus / "sync-wav.wav").read_bytes())
+        (tmp_path / name).write_bytes((CORPUS / "sync-wav.wav").read_bytes())
     else:
         dc.write(recording, tmp_path / name)
     status, out, error = call(name)
@@ -186,3 +188,33 @@ def test_files_that_are_no_recordings_are_not_pointed_to_inspect(call, tmp_path)
     error = call("x.txt")[2]
     assert "save it with numpy.savez" in error
     assert "inspect" not in error
+
+
+@pytest.mark.parametrize("name", ["map.csv", "map.txt", "map.h5"])
+def test_maps_in_other_containers_are_saved_with_numpy(call, name):
+    """Text and HDF5 contain maps as often as recordings, and `inspect` describes samples only."""
+    power = np.random.default_rng(0).exponential(size=(64, 128))
+    if name.endswith(".h5"):
+        with h5py.File(name, "w") as file:
+            file["power"], file["range_m"] = power, np.arange(128.0)
+            file["velocity_m_per_s"] = np.arange(64.0)
+    else:
+        np.savetxt(name, power, delimiter="," if name.endswith(".csv") else " ")
+    error = call(name)[2]
+    assert "save it with numpy.savez" in error
+    assert "inspect" not in error
+
+
+def test_point_clouds_are_pointed_to_inspect(call):
+    error = call(str(CORPUS / "radar-scan.mcap"))[2]
+    assert "dechirp inspect" in error
+    assert "if it has samples, save one frame" in error
+
+
+def test_recordings_that_need_an_extra_are_pointed_to_inspect(call, tmp_path, monkeypatch):
+    """The extra reads recordings, which are no arrays with it either."""
+    (tmp_path / "x.wav").write_bytes((CORPUS / "sync-wav.wav").read_bytes())
+    monkeypatch.setitem(sys.modules, "soundfile", None)
+    error = call("x.wav")[2]
+    assert "dechirp inspect x.wav;" in error
+    assert "pip install" not in error

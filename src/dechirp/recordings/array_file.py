@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dechirp.core.errors import RecordingError
+from dechirp.core.errors import InvalidSetting, RecordingError
 from dechirp.core.memory import check_free_memory
 from dechirp.recordings.arrays.hdf5_datasets import open_matlab_arrays
 from dechirp.recordings.arrays.lazy_array import (
@@ -22,6 +22,7 @@ from dechirp.recordings.readers.npz import open_npz_arrays
 from dechirp.recordings.recognise import recognise_formats
 
 _MAT5_MAGIC, _MAT73_MAGIC = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"
+_FORMATS_OF_MAPS = {"hdf5", "text-columns"}  # contain maps as often as recordings
 
 
 def read_array_file(path: Path) -> dict[str, np.ndarray]:
@@ -58,20 +59,24 @@ def read_array_file(path: Path) -> dict[str, np.ndarray]:
             path,
             value="neither a NumPy file nor a MATLAB file",
             expected="an array in .npy, or arrays with names in .npz or .mat",
-            fix=_fix_for_other_format(path),
+            fix=_suggest_fix_for_other_format(path),
         )
     return {name: _read_whole(path, array) for name, array in arrays.items()}
 
 
-def _fix_for_other_format(path: Path) -> str:
+def _suggest_fix_for_other_format(path: Path) -> str:
     """Return how to go on with a file without arrays: a recording has a command of its own."""
     try:
-        recognise_formats(path)
+        may_contain_map = not _FORMATS_OF_MAPS.isdisjoint(recognise_formats(path))
+    except InvalidSetting:  # a recording that needs an extra
+        may_contain_map = False
     except RecordingError:
+        may_contain_map = True
+    if may_contain_map:
         return "save it with numpy.savez, or in MATLAB with save"
     return (
         f"for the contents and faults of a recording: dechirp inspect {shlex.quote(str(path))};"
-        " to diagnose its samples, save one frame (rx, chirp, sample) with numpy.save"
+        " if it has samples, save one frame (rx, chirp, sample) with numpy.save to diagnose them"
     )
 
 
