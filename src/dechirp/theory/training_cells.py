@@ -13,7 +13,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
 
 _MAX_SUMMED = 10**7  # a tenth of a second for a factor
-_BYTES_PER_STEP = 40.0  # rates, their products and sums
+_BYTES_PER_STEP = 64.0  # rates, their products and sums: 63 with ranks, 32 with trimmed means
 # Settings of the detectors unless they are specified, as shares of the training cells.
 DEFAULT_RANK = 0.75
 DEFAULT_N_SMALLEST, DEFAULT_N_LARGEST = 0.0, 0.25
