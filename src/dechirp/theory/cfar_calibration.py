@@ -233,12 +233,16 @@ class _FactorEstimate:
 
     def _evaluate_statistic(self, power: np.ndarray) -> np.ndarray:
         """Return the statistic of powers (n_draws, n_training), (n_draws,)."""
-        levels = np.asarray(self._statistic(power))
+        result = self._statistic(power)
+        try:
+            levels = np.asarray(result)
+        except ValueError:  # lists of unequal lengths
+            levels = np.asarray(None)
         is_valid = levels.dtype.kind in "iuf" and levels.shape == power.shape[:-1]
         if not (is_valid and np.all(levels > 0) and np.all(np.isfinite(levels))):
             raise InvalidSetting(
                 "statistic",
-                value=f"a function that returns {reprlib.repr(levels)} of powers {power.shape}",
+                value=f"a function that returns {reprlib.repr(result)} of powers {power.shape}",
                 expected=f"finite numbers above 0, in the shape {power.shape[:-1]}",
                 fix="reduce the last axis, as lambda power: power.mean(axis=-1) does",
             )
