@@ -21,8 +21,8 @@ from dechirp.processing.refine import SidelobeErrors, Tones
 from dechirp.processing.windowed_tones import (
     N_COMPONENTS,
     WindowedAxis,
+    compute_window_set,
     estimate_with_best_window,
-    window_set,
 )
 from dechirp.theory.detection import detection_threshold
 
@@ -216,7 +216,7 @@ def _estimate_along_fast_time(
     Chirps are weighted by a Hann window where a remainder is beside the tone along slow time.
     """
     n_chirps, n_channels, n_samples = samples.shape
-    windows = window_set(n_chirps)
+    windows = compute_window_set(n_chirps)
     index = has_remainder_along_slow_time[rows] * min(1, len(windows.weights) - 1)
     weights = windows.weights[index]
     numbers = samples.view(np.float32)
@@ -260,7 +260,7 @@ def _estimate_along_slow_time(
 ) -> WindowedAxis:
     """Estimate tones from the chirps at their beat frequency, with the window chosen for it."""
     n_chirps, n_channels, n_samples = samples.shape
-    windows = window_set(n_samples)
+    windows = compute_window_set(n_samples)
     weights = windows.weights[along_fast.window_index]
     numbers = samples.view(np.float32)
     at_beat = np.empty((len(rows), n_channels, n_chirps), np.complex128)

@@ -99,7 +99,7 @@ def estimate_with_best_window(
     in their mean.
     """
     n_peaks, n_channels, n_points = values.shape
-    windows = window_set(n_points)
+    windows = compute_window_set(n_points)
     n_windows = len(windows.weights)
     scale = np.sqrt(noise_power * noise_gain)  # single precision has no numbers below 1e-38
     demodulated = values * np.exp(-1j * frequency[:, None] * np.arange(n_points))[:, None]
@@ -415,7 +415,7 @@ def _principal_components(covariance: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=32)
-def window_set(n_points: int) -> WindowSet:
+def compute_window_set(n_points: int) -> WindowSet:
     """Compute the windows to choose from, and their properties; axes below 16 points have one."""
     names = WINDOWS if n_points >= _MIN_POINTS else WINDOWS[:1]
     weights = np.stack([np.asarray(window_weights(name, n_points)) for name in names])

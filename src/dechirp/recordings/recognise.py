@@ -311,7 +311,8 @@ def _describe_path_content_and_fix(path: Path) -> tuple[str, str | None]:
         if kind is not None:
             kind = examine_zip_archive(path, kind)
             is_sigmf = path.suffixes[-2:-1] == [".sigmf"]  # x.sigmf.gz, .xz and .zip
-            return kind.description + " of a SigMF recording" * is_sigmf, kind.fix
+            content = " of a SigMF recording" if is_sigmf else ""
+            return kind.description + content, kind.fix
         if is_text(read_head(path)):
             return "a text document", "give the recording, or the folder that contains it"
         return identify_non_raw_content(path) or "bytes without a known signature", None
