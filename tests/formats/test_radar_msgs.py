@@ -402,6 +402,30 @@ def test_other_fields_of_several_values_are_left_out(tmp_path):
     assert "spectrum" not in points
 
 
+def test_other_fields_of_changing_size_are_left_out(tmp_path):
+    content = np.ones((2, 7), "<f4").tobytes()
+    clouds = [([*XYZV, ("spectrum", 16, 7, n)], 28, content, False, "front") for n in (3, 2)]
+    write_ros1_clouds(tmp_path / "drive.bag", clouds)
+    points = dc.open(tmp_path / "drive.bag").points
+    assert points.sizes == {"detection": 4}
+    assert "spectrum" not in points
+
+
+def test_components_of_several_values_are_refused_only_where_the_velocity_comes_from_them(tmp_path):
+    """With a radial velocity, components are other fields."""
+    content = np.full((2, 9), 2, "<f4").tobytes()
+    fields = [(name, 4 * n, 7) for n, name in enumerate(("x", "y", "vy", "z", "V"))]
+    fields.append(("vx", 20, 7, 3))
+    write_ros1_clouds(tmp_path / "radial.bag", [(fields, 36, content, False, "front")])
+    points = dc.open(tmp_path / "radial.bag").points
+    np.testing.assert_array_equal(points["velocity"], 2)
+    assert "vx" not in points
+    without_radial = [field for field in fields if field[0] != "V"]
+    write_ros1_clouds(tmp_path / "parts.bag", [(without_radial, 36, content, False, "front")])
+    with pytest.raises(DechirpError, match="3 values of vx in a point"):
+        dc.open(tmp_path / "parts.bag/front/points").points  # noqa: B018
+
+
 def test_stamps_that_go_backwards_are_reported(tmp_path):
     """A clock that is set, or clouds of two radars on one topic."""
     store = type_store()

@@ -9,7 +9,7 @@ ROS Enhancement Proposal 103, Standard Units of Measure and Coordinate Conventio
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -27,7 +27,6 @@ from dechirp.recordings.readers.base import Contents
 
 _SNRS = ("snr", "snr_db")
 _XYZ = ("x", "y", "z")
-_VELOCITY_COMPONENTS = ("vx", "vy", "vz")
 _COMPUTED = ("frame", "time", "range", "velocity", "azimuth", "elevation", "snr")
 
 
@@ -119,17 +118,31 @@ def convert_clouds_to_contents(
 def _check_field_sizes(
     path: Path, clouds: Sequence[PointCloud], field_names: dict[str, str], source: str
 ) -> None:
-    """Raise `RecordingError` for used fields of several numbers, or of other sizes than before."""
-    used_names = {*_XYZ, *VELOCITIES, *_SNRS, *_VELOCITY_COMPONENTS}
+    """Raise `RecordingError` for fields of several numbers that are used, or copied elsewhere."""
+    used_names = {*_XYZ, *_velocity_fields(field_names), _find_first(_SNRS, field_names)}
     for key, name in field_names.items():
         shapes = {cloud.points.dtype[name].shape for cloud in clouds if len(cloud.points)}
-        if len(shapes) > 1 or (key in used_names and shapes - {()}):
+        if shapes - {()} and (key in used_names or () in shapes):
             raise RecordingError(
                 path,
                 value=f"{max(map(math.prod, shapes))} values of {name} in a point on {source}",
                 expected="one number in each field of a point",
                 fix="write its numbers as fields with names of their own, as in vx, vy and vz",
             )
+
+
+def _velocity_fields(field_names: dict[str, str]) -> tuple[str, ...]:
+    """Return the fields of the velocity: the radial one, components, or none."""
+    radial_velocity = _find_first(VELOCITIES, field_names)
+    if radial_velocity is not None:
+        return (radial_velocity,)
+    if not {"vx", "vy"} <= field_names.keys():
+        return ()
+    return tuple(name for name in ("vx", "vy", "vz") if name in field_names)
+
+
+def _find_first(names: Iterable[str], field_names: dict[str, str]) -> str | None:
+    return next((name for name in names if name in field_names), None)
 
 
 def _case_findings(
@@ -194,16 +207,16 @@ def _clouds_to_detections(clouds: Sequence[PointCloud], field_names: dict[str, s
         return np.concatenate(parts or [np.empty(0)]).astype(float)
 
     x, y = column("x"), column("y")
-    velocity = next((name for name in VELOCITIES if name in field_names), None)
-    snr = next((name for name in _SNRS if name in field_names), None)
+    velocity_fields = _velocity_fields(field_names)
+    snr = _find_first(_SNRS, field_names)
     ground = np.hypot(x, y)
     unknown = np.full(len(x), np.nan)
     z = column("z") if "z" in field_names else unknown
-    if velocity is not None:
-        radial_velocity = column(velocity)
-    elif {"vx", "vy"} <= field_names.keys():  # components of the radial velocity, as in nuScenes
+    if len(velocity_fields) == 1:
+        radial_velocity = column(*velocity_fields)
+    elif velocity_fields:  # components of the radial velocity, as in nuScenes
         ground_rate = column("vx") * x + column("vy") * y
-        height_rate = column("vz") * z if "vz" in field_names else unknown
+        height_rate = column("vz") * z if "vz" in velocity_fields else unknown
         radial_velocity = np.where(
             np.isnan(height_rate),
             ground_rate / ground,
@@ -221,7 +234,7 @@ def _clouds_to_detections(clouds: Sequence[PointCloud], field_names: dict[str, s
         "snr": unknown if snr is None else from_decibels(column(snr)),
     }
     point_dtype = (filled or clouds)[0].points.dtype
-    used_names = {*columns, *_XYZ, velocity, snr}
+    used_names = {*columns, *_XYZ, *({*velocity_fields} & {*VELOCITIES}), snr}
     for name in field_names:  # in file order: the order of a set changes from run to run
         if name[:1] != "_" and name not in used_names and not point_dtype[field_names[name]].shape:
             columns[name] = column(name)
