@@ -189,6 +189,27 @@ def test_range_and_velocity_are_exact_at_high_snr(radar, range_m, velocity):
     assert float(detection.velocity) == pytest.approx(float(truth.velocity[0, 0]), abs=5e-4)
 
 
+def test_velocity_is_exact_where_coupling_aliases_beat_of_complex_samples(radar):
+    velocity = 25.0
+    # Half the coupling before the end of the range axis at mid-frame.
+    chirp = radar.frame.chirp
+    end_m = chirp.max_range_m - chirp.range_doppler_coupling_m(velocity) / 2
+    target = dc.Target(
+        position_m=(end_m - velocity * radar.frame.mid_frame_s, 0, 0),
+        velocity_m_per_s=(velocity, 0, 0),
+    )
+    scene = dc.Scene(targets=[target])
+    cube = dc.simulate(scene, radar, impairments=[dc.impairments.WhiteNoise(snr=1e4)], seed=1)
+    truth = dc.truth(scene, radar)
+
+    detection = dc.detect(cube, radar).isel(detection=0)
+
+    # The tolerances are those of `test_range_and_velocity_are_exact_at_high_snr`. The wavelength of
+    # the aliased beat, fs = 10 MHz lower, gives the velocity an error of v fs / f = 3.2 mm/s.
+    assert float(detection.range) == pytest.approx(float(truth.range[0, 0]), abs=6e-5)
+    assert float(detection.velocity) == pytest.approx(float(truth.velocity[0, 0]), abs=5e-4)
+
+
 def test_sidelobes_of_strong_target_do_not_bias_weak_target(reference):
     radar = reference.radar
     cell = radar.frame.chirp.range_resolution_m

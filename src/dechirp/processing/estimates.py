@@ -97,12 +97,9 @@ def range_velocity_estimates(
     if not len(snr):  # the bounds refuse empty arrays
         return dict.fromkeys(("range", "velocity", "snr", "range_std", "velocity_std"), np.empty(0))
     chirp = frame.chirp
-    beat_hz = beat_rad_per_sample * chirp.sample_rate_hz / (2 * np.pi) - doppler_hz
-    wavelength_m = SPEED_OF_LIGHT / (chirp.mean_sampled_frequency_hz - beat_hz)
+    delay_hz = beat_rad_per_sample * chirp.sample_rate_hz / (2 * np.pi) - doppler_hz
     effective_snr = noncoherent_effective_snr(snr=snr, n_channels=n_channels)
-    range_std, velocity_std = range_and_velocity_crlb_std(
-        frame, snr=effective_snr, wavelength_m=wavelength_m
-    )
+    range_std, velocity_std = range_and_velocity_crlb_std(frame, snr=effective_snr)
     if sidelobes is not None:
         range_std = range_std * np.sqrt(sidelobes.fast_variance_gain)
         # The velocity of a lone triangle follows from its beats.
@@ -110,19 +107,20 @@ def range_velocity_estimates(
         velocity_std = velocity_std * np.sqrt(
             sidelobes.fast_variance_gain if is_from_beats else sidelobes.slow_variance_gain
         )
-    velocity = doppler_hz * wavelength_m / 2
     if chirp.sampling == "complex":
         has_echo_beside = np.zeros(len(snr), bool)
         if sidelobes is not None:
             has_echo_beside = sidelobes.fast_variance_gain > 1
         std_hz = range_std / chirp.range_m(1.0)
-        beat_hz = _unalias_delay_frequency(beat_hz, std_hz, has_echo_beside, chirp)
+        delay_hz = _unalias_delay_frequency(delay_hz, std_hz, has_echo_beside, chirp)
+    wavelength_m = SPEED_OF_LIGHT / (chirp.mean_sampled_frequency_hz - delay_hz)
+    velocity = doppler_hz * wavelength_m / 2
     return {
-        "range": chirp.range_m(1.0) * beat_hz,
+        "range": chirp.range_m(1.0) * delay_hz,
         "velocity": velocity if frame.can_measure_velocity else np.full_like(velocity, np.nan),
         "snr": snr,
         "range_std": range_std,
-        "velocity_std": velocity_std,
+        "velocity_std": velocity_std * (wavelength_m / chirp.wavelength_m),
     }
 
 

@@ -7,9 +7,7 @@ from dechirp.radar.frame import Frame
 from dechirp.theory.bounds import crlb_range, crlb_velocity, decoupled_range_std_m
 
 
-def range_and_velocity_crlb_std(
-    frame: Frame, *, snr: ArrayLike, wavelength_m: ArrayLike | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def range_and_velocity_crlb_std(frame: Frame, *, snr: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Return the smallest standard deviations of range (m) and velocity (m/s), both unknown.
 
     Parameters
@@ -17,8 +15,6 @@ def range_and_velocity_crlb_std(
     frame : Frame
     snr : array
         Ratio after integration over all samples, chirps and channels; any shape.
-    wavelength_m : array, optional
-        Wavelength of the echo; by default that of mid-window.
 
     Notes
     -----
@@ -32,17 +28,16 @@ def range_and_velocity_crlb_std(
         sample_rate_hz=chirp.sample_rate_hz,
         slope_hz_per_s=chirp.slope_hz_per_s,
     )
-    wavelengths_m = np.asarray(chirp.wavelength_m if wavelength_m is None else wavelength_m)
     if not frame.can_measure_velocity:
         return range_std_at_known_velocity, np.full_like(range_std_at_known_velocity, np.nan)
     if frame.n_chirps == 1:
         doppler_hz = chirp.beat_frequency_hz(1.0) * range_std_at_known_velocity
-        return range_std_at_known_velocity, np.asarray(doppler_hz * wavelengths_m / 2)
+        return range_std_at_known_velocity, np.asarray(doppler_hz * chirp.wavelength_m / 2)
     velocity_std = crlb_velocity(
         snr=snr,
         n_chirps=frame.n_chirps,
         interval_s=frame.repetition_s,
-        wavelength_m=wavelengths_m,
+        wavelength_m=chirp.wavelength_m,
     )
     if frame.has_falling_ramps:  # the coupling of both ramps cancels
         return range_std_at_known_velocity, velocity_std
