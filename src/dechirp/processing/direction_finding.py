@@ -160,7 +160,11 @@ def directions_from_phase_centre(
 
     which this function subtracts. A linear array of one transmitter and receivers in equal steps
     therefore finds directions from the middle of its receivers; one of several transmitters from
-    the mean of both middles, each weighted by the variance of its positions. Rows without a known
+    the mean of both middles, each weighted by the variance of its positions.
+
+    The fit takes the frequency f at mid-window, but the echo from a delay tau has f - S tau there,
+    with S tau up to the sample rate: 1.3e-4 of 77 GHz at 10 MHz. Its direction is therefore that of
+    u f / (f - S tau), moved by (D C D^T)^-1 D C u S tau / (f - S tau). Rows without a known
     direction, or at a range within the array, stay as they are.
     """
     angles = np.stack([azimuth_rad, elevation_rad], axis=1)
@@ -176,8 +180,14 @@ def directions_from_phase_centre(
     moment = moments.third[[0, 4, 8]].sum(axis=0) - squares @ moments.third
     curvature = slopes @ moments.covariance @ slopes.swapaxes(1, 2)
     inverse = 1 / curvature if resolved.size == 1 else np.linalg.pinv(curvature, hermitian=True)
+    chirp = radar.frame.chirp
+    delay_hz = range_m / chirp.range_m(1.0)
+    frequency_excess = delay_hz / (chirp.mean_sampled_frequency_hz - delay_hz)
+    per_range = 0.5 / np.where(is_row, range_m, 1)
+    moment = per_range[:, None] * moment + frequency_excess[:, None] * (unit @ moments.covariance)
     shift = (inverse @ (slopes @ moment[:, :, None]))[:, :, 0]
-    angles[:, resolved] += np.where(is_row, 0.5 / np.where(is_row, range_m, 1), 0)[:, None] * shift
+    angles[:, resolved] += np.where(is_row[:, None], shift, 0)
+    return angles[:, 0], angles[:, 1]
     return angles[:, 0], angles[:, 1]
 
 
