@@ -672,6 +672,7 @@ def test_correlations_in_a_list_or_array_equal_those_in_a_tuple():
         lambda power: 0 * power.mean(axis=-1),
         lambda power: -power.mean(axis=-1),
         lambda _: [[1], [1, 2]],
+        lambda power: np.ma.array(power.mean(axis=-1), mask=power[:, 0] > 1),
     ],
 )
 def test_statistic_without_a_positive_number_for_each_draw_is_named(statistic):

@@ -239,6 +239,7 @@ class _FactorEstimate:
         except ValueError:  # lists of unequal lengths
             levels = np.asarray(None)
         is_valid = levels.dtype.kind in "iuf" and levels.shape == power.shape[:-1]
+        is_valid &= not np.ma.is_masked(result)
         if not (is_valid and np.all(levels > 0) and np.all(np.isfinite(levels))):
             raise InvalidSetting(
                 "statistic",
