@@ -731,6 +731,112 @@ def test_training_cells_beyond_the_memory_are_named(function, cells, monkeypatch
         function(1e-6, n_training=10**9, **cells)
 
 
+def with_memory(monkeypatch, n_bytes):
+    monkeypatch.setattr("dechirp.core.memory.available_memory_bytes", lambda: n_bytes)
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "name"),
+    [
+        (dc.windows.window_weights, {"window": "hann", "n": 10**9}, "n=1000000000"),
+        (dc.windows.chebyshev_weights, {"n": 10**9, "sidelobe_db": 60.0}, "n=1000000000"),
+        (dc.windows.taylor_weights, {"n": 10**8, "n_bar": 100, "sidelobe_db": 30.0}, "n=100000000"),
+        (dc.windows.kaiser_weights, {"n": 10**9, "beta": 6.0}, "n=1000000000"),
+        (dc.windows.bin_correlation, {**WEIGHTS, "n_bins": 10**9, "lags": 1}, "n_bins=1000000000"),
+        (
+            dc.angle.snapshots_from_covariance,
+            {"covariance": np.eye(3), "n_snapshots": 10**9},
+            "n_snapshots=1000000000",
+        ),
+        (
+            dc.angle.direction_spectrum,
+            {"snapshots": SNAPSHOTS, "positions": LINE, "azimuth_rad": np.zeros(10**6)},
+            "the spectrum over 1000000 directions",
+        ),
+        (
+            dc.cfar.cfar_threshold,
+            {"power": np.ones((100, 10**5)), "n_training": 3, "n_guard": 1, "pfa": 1e-3},
+            "thresholds of 10000000 cells",
+        ),
+        (dc.cfar.find_peaks, {"power": np.ones((1000, 10**5)), "threshold": 2.0}, "power"),
+    ],
+)
+def test_argument_beyond_the_memory_is_named(function, arguments, name, monkeypatch):
+    with_memory(monkeypatch, 2.0**27)
+    with pytest.raises(dc.NotEnoughMemory, match=name) as info:
+        function(**arguments)
+    check_error_is_complete(info.value)
+
+
+@pytest.mark.parametrize(
+    "window",
+    [
+        ("general_cosine", []),
+        ("general_cosine", [0.5, [0.5]]),
+        ("general_cosine", np.ones((2, 2))),
+        ("general_cosine", np.ma.array([0.5, 0.5], mask=[True, False])),
+        ("kaiser", {"beta": 6.0}),
+        xr.DataArray(6.0),
+        pint.Quantity(6.0, "m"),
+    ],
+)
+def test_window_of_no_list_of_numbers_is_named(window):
+    for function, others in (
+        (dc.windows.window_weights, {"n": 8}),
+        (dc.windows.half_main_lobe_bins, {}),
+        (dc.maps.range_doppler_map, {"samples": np.ones((8, 8))}),
+        (dc.cfar.cfar_threshold, {"power": POWER, "n_training": 3, "n_guard": 1, "pfa": 1e-3}),
+    ):
+        with pytest.raises(dc.InvalidSetting, match="^window: ") as info:
+            function(window=window, **others)
+        check_error_is_complete(info.value)
+
+
+@pytest.mark.parametrize("axis", [True, (False, True)])
+def test_axis_of_truth_values_is_named(axis):
+    with pytest.raises(dc.InvalidSetting, match="^axis: "):
+        dc.cfar.cfar_threshold(POWER, 3, 1, 1e-3, axis=axis)
+
+
+@pytest.mark.parametrize("elevation_deg", [91.0, -91.0])
+def test_elevation_in_degrees_or_behind_the_zenith_is_named(elevation_deg):
+    for elevation in (elevation_deg, np.radians(elevation_deg)):
+        with pytest.raises(dc.InvalidSetting, match="^elevation_rad: "):
+            dc.angle.direction_spectrum(SNAPSHOTS, LINE, 0.1, elevation)
+    zenith = dc.angle.direction_spectrum(SNAPSHOTS, LINE, 0.1, np.float32(np.pi / 2))
+    np.testing.assert_allclose(zenith, dc.angle.direction_spectrum(SNAPSHOTS, LINE, 0.0), rtol=1e-5)
+
+
+@pytest.mark.parametrize(("pfa", "power"), [(1e-300, POWER[0]), (1e-3, np.full(30, 1.7e308))])
+def test_threshold_beyond_floating_point_is_named(pfa, power):
+    # Of N cells, the factor N (pfa^(-1/N) - 1) exceeds single precision: N = 6 gives 6e50.
+    with (
+        warnings.catch_warnings(action="error"),
+        pytest.raises(dc.InvalidSetting, match="^pfa and power: ") as info,
+    ):
+        dc.cfar.cfar_threshold(power, 3, 1, pfa)
+    check_error_is_complete(info.value)
+
+
+def test_unresolvable_sources_without_noise_raise_no_warning():
+    # Seven beams in three snapshots coincide: an infinite bound times no noise has no value.
+    rng = np.random.default_rng(1)
+    snapshots = SNAPSHOTS + 0.01 * rng.standard_normal(SNAPSHOTS.shape)
+    with warnings.catch_warnings(action="error", category=RuntimeWarning):
+        result = dc.angle.bartlett(snapshots, LINE, 7)
+    assert np.isnan(result.azimuth_std_rad).all()
+
+
+def test_iterative_adaptive_with_coincident_elements_and_a_large_grid_finds_the_source():
+    # Seven elements at one place: their covariance has rank one up to its rounding errors.
+    positions = np.r_[np.zeros(7), 2e4]
+    snapshots = np.exp(-2j * np.pi * positions * np.sin(0.2)) * np.ones((3, 1))
+    result = dc.angle.iterative_adaptive(snapshots, positions)
+    # Beams 2e4 wavelengths apart repeat each 5e-5 of the sine.
+    ambiguities = (np.sin(result.azimuth_rad) - np.sin(0.2)) * 2e4
+    np.testing.assert_allclose(ambiguities, np.round(ambiguities), rtol=0, atol=1e-3)
+
+
 @pytest.mark.parametrize(
     "wrap",
     [

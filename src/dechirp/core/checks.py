@@ -294,6 +294,9 @@ def check_real_array(setting: str, array: ArrayLike, *, may_be_empty: bool = Fal
             expected="one number or more",
             fix="skip the call where there is nothing to compute",
         )
+    check_free_memory(
+        f"the check of {setting}", needed_bytes=9.0 * values.size, fix="give fewer at once"
+    )
     # NumPy stores integers beyond 64 bits as objects.
     if values.dtype.kind in "iuf" or all(_is_finite_number(value) for value in values.flat):
         return values.astype(float)
@@ -399,9 +402,10 @@ def check_axes(
     setting: str, axes: object, array: np.ndarray, *, n_axes: tuple[int, ...]
 ) -> tuple[int, ...]:
     """Return axes as numbers from 0, or raise `InvalidSetting` unless their number is allowed."""
+    members = as_tuple_or_none(axes) or (axes,)
     try:
-        numbers = normalize_axis_tuple(as_tuple_or_none(axes) or axes, array.ndim)  # type: ignore[arg-type]
-        if len(numbers) in n_axes:
+        numbers = normalize_axis_tuple(members, array.ndim)
+        if len(numbers) in n_axes and not any(isinstance(member, bool) for member in members):
             return numbers
     except (TypeError, ValueError, OverflowError):  # among them AxisError
         pass
@@ -441,9 +445,12 @@ def check_and_convert_vectors_field(owner: object, name: str, *, max_magnitude: 
 
 def as_tuple_or_none(value: object) -> tuple[Any, ...] | None:
     """Return the members of any list; None for a text, a mapping or a scalar."""
-    is_number = isinstance(value, np.ndarray) and not value.ndim
-    is_scalar = is_number or isinstance(value, str | bytes | Mapping)
-    return tuple(value) if isinstance(value, Iterable) and not is_scalar else None
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+        return None
+    try:
+        return tuple(value)
+    except TypeError:  # an array without axes, of any library, or a quantity of pint
+        return None
 
 
 def check_numbers(

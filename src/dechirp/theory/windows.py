@@ -25,6 +25,7 @@ from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import as_tuple_or_none, check_finite_array, check_integer, check_number
 from dechirp.core.elementwise import scalar_results
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.memory import check_free_memory
 from dechirp.core.suggestions import did_you_mean_fix
 
 __all__ = [
@@ -90,7 +91,7 @@ def window_weights(window: WindowSpec, n: int) -> np.ndarray:
     n : int
         Number of weights.
     """
-    _check_at_least_one_point(n)
+    _check_number_of_weights(n, bytes_per_weight=32)
     spec = hashable_window(window)
     if is_explicit_window(spec):
         weights = _check_weights(np.array(spec), setting="window")
@@ -115,7 +116,12 @@ def hashable_window(window: WindowSpec) -> HashableWindow:
     if members is None:
         raise _unknown_window(window)
     if isinstance(window, tuple) and members and isinstance(members[0], str):
-        return tuple(as_tuple_or_none(member) or member for member in members)
+        spec = tuple(as_tuple_or_none(member) or member for member in members)
+        try:
+            hash(spec)
+        except TypeError:  # rows of rows, mappings, masked numbers
+            raise _unknown_window(window) from None
+        return spec
     if any(isinstance(member, str) for member in members):
         raise _unknown_window(window)
     return tuple(map(float, _check_weights(window, setting="window")))
@@ -232,7 +238,7 @@ def chebyshev_weights(n: int, sidelobe_db: float) -> np.ndarray:
     C. L. Dolph, A current distribution for broadside arrays which optimizes the
     relationship between beam width and side-lobe level, Proc. IRE 34(6), 1946.
     """
-    _check_at_least_one_point(n)
+    _check_number_of_weights(n, bytes_per_weight=96)
     _check_sidelobe_level(sidelobe_db)
     if n == 1:
         return np.ones(1)
@@ -274,8 +280,8 @@ def taylor_weights(n: int, n_bar: int, sidelobe_db: float) -> np.ndarray:
     T. T. Taylor, Design of line-source antennas for narrow beamwidth and low side lobes,
     IRE Trans. Antennas and Propagation 3(1), 1955.
     """
-    _check_at_least_one_point(n)
     check_integer("n_bar", n_bar, at_least=1, at_most=100)
+    _check_number_of_weights(n, bytes_per_weight=24 + 16 * n_bar)
     _check_sidelobe_level(sidelobe_db)
     m = np.arange(1, n_bar)[:, None]
     j = np.arange(1, n_bar)
@@ -309,7 +315,7 @@ def kaiser_weights(n: int, beta: float) -> np.ndarray:
     J. F. Kaiser, Nonrecursive digital filter design using the I0-sinh window function,
     Proc. IEEE Int. Symp. Circuits and Systems, 1974.
     """
-    _check_at_least_one_point(n)
+    _check_number_of_weights(n, bytes_per_weight=92)
     return np.kaiser(n, check_number("beta", beta, at_least=0, at_most=700))
 
 
@@ -318,7 +324,8 @@ def half_main_lobe_bins(window: WindowSpec) -> float:
 
     Exact for sums of cosines; for the others the limit for many points, exceeded by up to 4 %
     at 32 points. Of windows of SciPy and of weights it is the first minimum of their transform, to
-    1/64 bin. Raises `InvalidSetting` for another name.
+    1/64 bin; infinite for a single weight, which has no null. Raises `InvalidSetting` for another
+    name.
 
     Parameters
     ----------
@@ -388,8 +395,14 @@ def _fix_of_window_name(window: object) -> str:
     return did_you_mean_fix(str(word), get_args(Window), otherwise)
 
 
-def _check_at_least_one_point(n: int) -> None:
+def _check_number_of_weights(n: int, *, bytes_per_weight: int) -> None:
+    """Raise `InvalidSetting` unless n is at least 1, `NotEnoughMemory` if weights do not fit."""
     check_integer("n", n, at_least=1)
+    check_free_memory(
+        f"a window of n={n} weights",
+        needed_bytes=float(bytes_per_weight) * n,
+        fix="give fewer weights",
+    )
 
 
 def _check_sidelobe_level(sidelobe_db: float) -> None:
@@ -497,6 +510,9 @@ def bin_correlation(weights: ArrayLike, n_bins: int, lags: ArrayLike) -> np.ndar
     """
     weights = _check_weights(weights)
     check_integer("n_bins", n_bins, at_least=1)
+    check_free_memory(
+        f"a transform of n_bins={n_bins}", needed_bytes=72.0 * n_bins, fix="give fewer bins"
+    )
     whole_lags = check_finite_array("lags", lags)
     for lag in whole_lags[whole_lags % 1 != 0]:
         check_integer("lags", float(lag), at_least=0)

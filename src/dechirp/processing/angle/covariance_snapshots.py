@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike
 from dechirp.core.argument_types import check_argument_types
 from dechirp.core.checks import check_finite_samples, check_integer
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.memory import check_free_memory
 
 __all__ = ["snapshots_from_covariance"]
 
@@ -75,6 +76,11 @@ def snapshots_from_covariance(
             " the covariance",
             fix="give the number of snapshots that the covariance was estimated from",
         )
+    check_free_memory(
+        f"n_snapshots={n_snapshots} for each covariance",
+        needed_bytes=16.0 * n_snapshots * matrices.size / n_elements,
+        fix="give fewer covariances at once, or fewer snapshots",
+    )
     strongest = slice(n_elements - n_used, n_elements)
     amplitudes = np.sqrt(n_snapshots * np.maximum(powers[..., strongest], 0))
     snapshots = np.zeros((*matrices.shape[:-2], n_snapshots, n_elements), complex)

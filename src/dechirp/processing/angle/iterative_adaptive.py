@@ -11,6 +11,8 @@ from dechirp.processing.angle.base import Angles, SpectralEstimator
 
 # Steering vectors times powers of a block of snapshots: 64 MiB.
 _MAX_BLOCK_VALUES = 2**22
+# Of the sum of powers; four rounding errors of double precision keep a covariance invertible.
+_ROUNDING = 4 * np.finfo(float).eps
 
 
 @frozen_dataclass
@@ -80,7 +82,9 @@ class IterativeAdaptive(SpectralEstimator):
                 covariance = steering.T @ (power[:, :, None] * steering.conj())
             else:
                 covariance = (power @ lag_phases)[:, lag_of_pair]
-            covariance += floor[:, None, None] * unit
+            # Large grids sum to powers whose own rounding errors exceed this floor.
+            rounding = _ROUNDING * power.sum(axis=1)
+            covariance += np.maximum(floor, rounding)[:, None, None] * unit
             inverse = np.linalg.inv(covariance)
             inverse_and_snapshots = np.concatenate([inverse, inverse @ columns], axis=2)
             power = self.spectrum_on_direction_grid(inverse_and_snapshots, aperture)

@@ -63,7 +63,8 @@ def crlb_standard_errors(
     variance = crlb_variances(information).reshape(
         *azimuth_rad.shape, sum(aperture.resolves_azimuth_and_elevation)
     )
-    std = np.sqrt(variance * noise_power[:, None, None])
+    with np.errstate(invalid="ignore"):  # no noise, and sources that cannot be resolved
+        std = np.sqrt(variance * noise_power[:, None, None])
     return np.where(np.isnan(azimuth_rad)[..., None], np.nan, std)
 
 

@@ -18,6 +18,7 @@ from dechirp.core.checks import (
 from dechirp.core.compiled_kernels import SAMPLES_PER_AMPLITUDE, plain_twins_in_first_calls
 from dechirp.core.elementwise import scalar_results
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.memory import check_free_memory
 from dechirp.processing.angle.aperture import MIN_EXTENT, Aperture, FieldOfView
 from dechirp.processing.angle.base import DirectionEstimator, Directions, SpectralEstimator
 from dechirp.processing.angle.music import Music
@@ -36,6 +37,8 @@ __all__ = [
     "root_music",
 ]
 
+# Measured peaks: the least of all estimators.
+_BYTES_PER_STEERING_VALUE, _BYTES_PER_SPECTRUM_VALUE = 40, 16
 # Wavelengths; eight directions are searched in each beam, and a longer array has more of them.
 _MAX_POSITION = 1e5
 
@@ -413,7 +416,7 @@ def direction_spectrum(
     snapshots, positions, axis, noise_power
         As of `estimate_directions`.
     azimuth_rad, elevation_rad : array
-        Directions, broadcast against each other.
+        Directions, from -pi to pi and from -pi/2 to pi/2, broadcast against each other.
     n_sources : int
         Sources in each cell; only for `music`.
     kind : str or SpectralEstimator
@@ -435,14 +438,8 @@ def direction_spectrum(
         azimuth_rad=check_finite_array("azimuth_rad", azimuth_rad),
         elevation_rad=check_finite_array("elevation_rad", elevation_rad),
     )
-    wrong = azimuth[abs(azimuth) > np.float32(np.pi)]  # above pi, as single precision rounds it
-    if wrong.size:
-        raise InvalidSetting(
-            "azimuth_rad",
-            value=wrong.flat[0],
-            expected="radians, from -pi to pi",
-            fix="convert degrees with np.radians(azimuth_deg)",
-        )
+    _check_radians("azimuth", azimuth, largest=np.pi, bound="pi")
+    _check_radians("elevation", elevation, largest=np.pi / 2, bound="pi/2")
     estimator = _direction_estimator(kind, n_sources)
     if not isinstance(estimator, SpectralEstimator) or not isinstance(n_sources, int):
         raise InvalidSetting(
@@ -452,6 +449,15 @@ def direction_spectrum(
             fix="choose bartlett, capon, fft, iterative-adaptive or music",
         )
     cells = _array_cells(snapshots, positions, axis, noise_power, None)
+    check_free_memory(
+        f"the spectrum over {azimuth.size} directions",
+        needed_bytes=float(azimuth.size)
+        * (
+            _BYTES_PER_STEERING_VALUE * cells.aperture.n_elements
+            + _BYTES_PER_SPECTRUM_VALUE * len(cells.snapshots)
+        ),
+        fix="give fewer directions at once",
+    )
     steering = cells.aperture.steering_vectors(np.ravel(azimuth), np.ravel(elevation))
     has_signal = np.any(cells.snapshots != 0, axis=(1, 2))
     spectrum = np.full((len(cells.snapshots), azimuth.size), np.nan)
@@ -464,6 +470,18 @@ def direction_spectrum(
     if not isinstance(estimator, Music):  # a pseudospectrum has no unit
         spectrum = np.ldexp(spectrum, 2 * cells.exponents[:, None])
     return spectrum.reshape((*cells.shape, *azimuth.shape))
+
+
+def _check_radians(angle: str, values: np.ndarray, *, largest: float, bound: str) -> None:
+    """Raise `InvalidSetting` for angles beyond a bound, as degrees are."""
+    wrong = values[abs(values) > np.float32(largest)]  # above pi, as single precision rounds it
+    if wrong.size:
+        raise InvalidSetting(
+            f"{angle}_rad",
+            value=wrong.flat[0],
+            expected=f"radians, from -{bound} to {bound}",
+            fix=f"convert degrees with np.radians({angle}_deg)",
+        )
 
 
 class _ArrayCells(NamedTuple):

@@ -12,9 +12,11 @@ from dechirp.core.checks import (
     check_false_alarm_probability,
     check_integer,
     check_non_negative_ratios,
+    largest_part,
 )
 from dechirp.core.compiled_kernels import plain_twins_in_first_calls
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.memory import check_free_memory
 from dechirp.processing.cfar.base import Cells, Cfar, MapNoise, NoiseEstimator
 from dechirp.processing.maps import pair_of, pair_of_windows, unity_exponent
 from dechirp.processing.peaks import find_local_maxima
@@ -119,15 +121,27 @@ def cfar_threshold(
     )
     is_searched = np.zeros(shape[1], bool)
     is_searched[circular_noise_rows(sampling, noise.range_transform)] = True
+    check_free_memory(
+        f"thresholds of {maps.size} cells",
+        needed_bytes=24.0 * maps.size,
+        fix="give fewer maps at once",
+    )
     thresholds = np.empty(maps.shape)
     for values, threshold in zip(
         maps.reshape(-1, *shape), thresholds.reshape(-1, *shape), strict=True
     ):
         exponent = unity_exponent(values)
         single = (values * np.ldexp(1.0, -exponent)).astype(np.float32)
-        with plain_twins_in_first_calls(single.size):
+        with np.errstate(over="ignore"), plain_twins_in_first_calls(single.size):
             single_threshold = detector.threshold(single, noise)
-        np.ldexp(single_threshold, exponent, out=threshold, dtype=float)
+            np.ldexp(single_threshold, exponent, out=threshold, dtype=float)
+    if not np.isfinite(thresholds).all():
+        raise InvalidSetting(
+            "pfa and power",
+            value=f"{pfa} and powers up to {largest_part(cells):.3g}",
+            expected="thresholds up to 3e38 times the largest power, and up to 1e308",
+            fix="give a larger pfa or more training cells, and powers in a larger unit",
+        )
     thresholds[..., ~is_searched] = np.inf
     return np.moveaxis(thresholds, last_axes, axes)
 
