@@ -731,6 +731,34 @@ def test_training_cells_beyond_the_memory_are_named(function, cells, monkeypatch
         function(1e-6, n_training=10**9, **cells)
 
 
+@pytest.mark.parametrize(
+    "create", [dc.angle.Capon, dc.angle.Music, dc.angle.RootMusic, dc.angle.Esprit]
+)
+@pytest.mark.parametrize("smoothing", [0.5, 6, None, [0.5], {"share": 0.5}])
+def test_smoothing_of_another_class_is_named(create, smoothing):
+    with pytest.raises(dc.InvalidSetting, match=rf"^{create.__name__}\.smoothing: ") as info:
+        create(smoothing=smoothing)
+    check_error_is_complete(info.value)
+
+
+@pytest.mark.parametrize("name", ["n_smallest", "n_largest"])
+def test_trimmed_cells_beyond_any_window_are_named(name):
+    for number in (1e308, 10**30):
+        with pytest.raises(dc.InvalidSetting, match=rf"^TrimmedMean\.{name}: "):
+            dc.cfar.TrimmedMean(**{name: number})
+
+
+def test_number_of_sources_of_a_kind_is_not_dropped():
+    for function, others in (
+        (dc.angle.estimate_directions, {}),
+        (dc.angle.direction_spectrum, {"azimuth_rad": 0.1}),
+    ):
+        kind = dc.angle.Music(n_sources=2)
+        with pytest.raises(dc.InvalidSetting, match="^n_sources: 1; expected 2, as in kind"):
+            function(SNAPSHOTS, LINE, kind=kind, **others)
+        function(SNAPSHOTS, LINE, n_sources=2, kind=kind, **others)
+
+
 def with_memory(monkeypatch, n_bytes):
     monkeypatch.setattr("dechirp.core.memory.available_memory_bytes", lambda: n_bytes)
 

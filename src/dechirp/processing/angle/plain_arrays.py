@@ -596,6 +596,13 @@ def _direction_estimator(
     kind: str | DirectionEstimator, n_sources: NumberOfSources
 ) -> DirectionEstimator:
     if isinstance(kind, DirectionEstimator):
+        if kind.n_sources not in (1, n_sources):
+            raise InvalidSetting(
+                "n_sources",
+                value=n_sources,
+                expected=f"{kind.n_sources}, as in kind",
+                fix="give n_sources to the function, and leave it out in kind",
+            )
         return replace(kind, n_sources=n_sources)
     members = DirectionEstimator.members()
     if not isinstance(kind, str) or kind not in members:

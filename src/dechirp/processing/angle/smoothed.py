@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from dechirp.core.checks import check_field_classes
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import model_order, perturbation
 from dechirp.processing.angle.aperture import Aperture
@@ -20,6 +21,10 @@ class SmoothedEstimator(SpectralEstimator):
 
     smoothing: Smoothing = Smoothing()
     """Windows that slide over the array, whose covariances are averaged."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_field_classes(self, smoothing=Smoothing)
 
     def sliding_windows(self, aperture: Aperture) -> SlidingWindows:
         """Return the windows of an array."""

@@ -4,6 +4,7 @@ from abc import abstractmethod
 
 import numpy as np
 
+from dechirp.core.checks import check_field_classes
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import model_order, perturbation, subspace
@@ -29,6 +30,10 @@ class UlaEstimator(DirectionEstimator):
 
     smoothing: Smoothing = Smoothing()
     """Windows that slide over the array, whose covariances are averaged."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_field_classes(self, smoothing=Smoothing)
 
     @abstractmethod
     def candidate_phase_factors(self, signal_basis: np.ndarray) -> np.ndarray:

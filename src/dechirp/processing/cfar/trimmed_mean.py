@@ -36,7 +36,7 @@ class TrimmedMean(NoiseEstimator):
     """Number of largest cells trimmed; below 1, a share of the cells."""
 
     def __post_init__(self) -> None:
-        check_non_negative_fields(self, "n_smallest", "n_largest")
+        check_non_negative_fields(self, "n_smallest", "n_largest", at_most=2**31 - 1)
         for name in ("n_smallest", "n_largest"):
             number = getattr(self, name)
             if number >= 1 and number != int(number):
