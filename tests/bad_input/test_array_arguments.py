@@ -731,6 +731,15 @@ def test_training_cells_beyond_the_memory_are_named(function, cells, monkeypatch
         function(1e-6, n_training=10**9, **cells)
 
 
+@pytest.mark.parametrize("kind", ["greatest", "smallest"])
+def test_factor_of_halves_beyond_the_largest_is_named_by_its_probability(kind):
+    # Of a half of one cell, the factor is about 1 / Pfa or the square root of it: above 1e60.
+    factor = getattr(dc.theory, f"{kind}_of_factor")
+    with pytest.raises(dc.InvalidSetting, match="^false_alarm_probability: 1e-300") as info:
+        factor(1e-300, n_training=2)
+    check_error_is_complete(info.value)
+
+
 @pytest.mark.parametrize(
     "create", [dc.angle.Capon, dc.angle.Music, dc.angle.RootMusic, dc.angle.Esprit]
 )

@@ -44,8 +44,14 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_false_alarm_probability, check_integer, check_positive_ratios
+from dechirp.core.checks import (
+    LARGEST_MAGNITUDE,
+    check_false_alarm_probability,
+    check_integer,
+    check_positive_ratios,
+)
 from dechirp.core.elementwise import elementwise
+from dechirp.core.errors import InvalidSetting
 from dechirp.theory.cfar_ordered_statistic import OrderedStatisticLaw
 from dechirp.theory.training_cells import (
     count_training_powers,
@@ -170,17 +176,8 @@ def greatest_of_factor(
     n_summed : array of int
         Powers K that are summed in each cell, from 1 to 1e7.
     """
-    log_pfa = _ln_of_checked_probability(false_alarm_probability)
-
-    def excess(factor: float) -> float:
-        probability = greatest_of_false_alarm_probability(
-            factor, n_training=n_training, n_summed=n_summed
-        )
-        return math.log(max(float(probability), _MIN_POSITIVE)) - log_pfa
-
-    return find_decreasing_root(
-        excess,
-        start=_cell_averaging_factor_of_both_halves(false_alarm_probability, n_training, n_summed),
+    return _find_factor_of_halves(
+        greatest_of_false_alarm_probability, false_alarm_probability, n_training, n_summed
     )
 
 
@@ -203,17 +200,8 @@ def smallest_of_factor(
     n_summed : array of int
         Powers K that are summed in each cell, from 1 to 1e7.
     """
-    log_pfa = _ln_of_checked_probability(false_alarm_probability)
-
-    def excess(factor: float) -> float:
-        probability = smallest_of_false_alarm_probability(
-            factor, n_training=n_training, n_summed=n_summed
-        )
-        return math.log(max(float(probability), _MIN_POSITIVE)) - log_pfa
-
-    return find_decreasing_root(
-        excess,
-        start=_cell_averaging_factor_of_both_halves(false_alarm_probability, n_training, n_summed),
+    return _find_factor_of_halves(
+        smallest_of_false_alarm_probability, false_alarm_probability, n_training, n_summed
     )
 
 
@@ -355,17 +343,30 @@ def _log_ways(shape: int, event_counts: np.ndarray) -> np.ndarray:
     return np.asarray(log_first + np.concatenate([[0.0], np.cumsum(growth[event_counts[0] :])]))
 
 
-def _ln_of_checked_probability(false_alarm_probability: float) -> float:
-    check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
-    return math.log(false_alarm_probability)
-
-
-def _cell_averaging_factor_of_both_halves(
-    false_alarm_probability: float, n_training: int | tuple[int, int], n_summed: int
+def _find_factor_of_halves(
+    probability_of_factor: Callable[..., float | np.ndarray],
+    false_alarm_probability: float,
+    n_training: int | tuple[int, int],
+    n_summed: int,
 ) -> float:
-    """Return the factor over the mean of both halves, as a start for that over one half."""
+    """Find the factor over the mean of one half, from that over the mean of both."""
+    check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
+    log_pfa = math.log(false_alarm_probability)
     n_cells = sum(n_training_of_each_half(n_training))
-    return cell_averaging_factor(false_alarm_probability, n_training=n_cells, n_summed=n_summed)
+
+    def excess(factor: float) -> float:
+        if factor > LARGEST_MAGNITUDE:
+            raise InvalidSetting(
+                "false_alarm_probability",
+                value=false_alarm_probability,
+                expected=f"a factor up to {LARGEST_MAGNITUDE:g} with {n_cells} training cells",
+                fix="give a larger probability, or more training cells",
+            )
+        probability = probability_of_factor(factor, n_training=n_training, n_summed=n_summed)
+        return math.log(max(float(probability), _MIN_POSITIVE)) - log_pfa
+
+    start = cell_averaging_factor(false_alarm_probability, n_training=n_cells, n_summed=n_summed)
+    return find_decreasing_root(excess, start=start)
 
 
 def find_decreasing_root(excess: Callable[[float], float], *, start: float) -> float:
