@@ -12,7 +12,7 @@ from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import check_free_memory
 
-_MAX_SUMMED = 10**7  # a tenth of a second for a factor
+_MAX_SUMMED = 10**7  # factors of a million take 0.7 to 4 s, except of cell averaging
 _BYTES_PER_STEP = 64.0  # rates, their products and sums: 63 with ranks, 32 with trimmed means
 # Settings of the detectors unless they are specified, as shares of the training cells.
 DEFAULT_RANK = 0.75
