@@ -213,6 +213,15 @@ def test_chosen_sensor_that_sends_nothing_is_reported_with_the_others():
         assert not object_list_from_datagrams(two_sensors()[0], sensor_id=5).sizes["cycle"]
 
 
+def test_sensors_without_lists_are_not_offered_for_a_chosen_one():
+    lidar = lidar_message()
+    datagrams = [lidar.SerializeToString()]
+    lidar.timestamp.seconds = 2
+    with pytest.warns(dc.PhysicsWarning, match="2 without moving .*; 0 lists received") as warned:
+        object_list_from_datagrams([*datagrams, lidar.SerializeToString()], sensor_id=7)
+    assert len(warned) == 1
+
+
 def test_sensor_is_chosen_over_loopback():
     objects = random_tracks(2)
     with open_receiver(0) as receiver:
@@ -305,6 +314,124 @@ def test_free_road_is_an_empty_cycle_of_its_sensor(content, tmp_path):
         np.testing.assert_allclose(objects.cycle_time, [0.0, 0.05, 0.1])
 
 
+def make_cycle_messages(counter: str, n_cycles: int = 6) -> tuple[list[bytes], list[bytes]]:
+    """Return the lists of a sensor, and messages of its lane boundaries at the same times."""
+    lists, lanes = [], []
+    for datagram in encode_datagrams(random_tracks(*[1] * n_cycles)):
+        message = SensorData.FromString(datagram)
+        message.ClearField("sensor_id")
+        lane = camera_message()
+        lane.ClearField("sensor_id")
+        lane.timestamp.CopyFrom(message.timestamp)
+        if counter in ("lanes", "none"):
+            message.moving_object_header.ClearField("cycle_counter")
+        if counter in ("both", "lanes"):
+            lane.moving_object_header.cycle_counter = round(message.timestamp.nanos / 50e6)
+        lists.append(message.SerializeToString())
+        lanes.append(lane.SerializeToString())
+    return lists, lanes
+
+
+ORDERS = {
+    "list first": (0, 6, 1, 7, 2, 8, 3, 9, 4, 10, 5, 11),
+    "lanes first": (6, 0, 7, 1, 8, 2, 9, 3, 10, 4, 11, 5),
+    "all lanes late": range(12),
+    "mixed": (0, 1, 7, 6, 8, 9, 2, 3, 5, 11, 10, 4),
+}
+
+
+@pytest.mark.parametrize("counter", ["lists", "both", "lanes", "none"])
+@pytest.mark.parametrize("order", ORDERS)
+def test_messages_without_objects_at_the_time_of_a_list_belong_to_its_cycle(order, counter):
+    lists, lanes = make_cycle_messages(counter)
+    arrivals = [[*lists, *lanes][index] for index in ORDERS[order]]
+    with pytest.warns(dc.PhysicsWarning, match="6 without objects at the time of .*; 6 lists"):
+        received = object_list_from_datagrams(arrivals)
+
+    assert received.frame.values.tolist() == list(range(6))
+    np.testing.assert_allclose(received.cycle_time, 0.05 * np.arange(6), atol=1e-9)
+
+
+@pytest.mark.parametrize("counter", ["lists", "both", "lanes", "none"])
+@pytest.mark.parametrize("order", ["list first", "lanes first"])
+def test_traces_with_several_messages_in_a_cycle_are_read(order, counter, tmp_path):
+    lists, lanes = make_cycle_messages(counter)
+    messages = [SensorData.FromString([*lists, *lanes][index]) for index in ORDERS[order]]
+    path = write_trace(tmp_path / "x.osi", messages)
+    with pytest.warns(dc.PhysicsWarning, match="6 without objects at the time of .*; 6 lists read"):
+        objects = read_objects(path)
+
+    assert objects.frame.values.tolist() == list(range(6))
+    np.testing.assert_allclose(objects.cycle_time, 0.05 * np.arange(6), atol=1e-9)
+
+
+def test_empty_lists_of_equal_time_and_other_frames_are_kept():
+    first, second = encode_datagrams(random_tracks(1, 0))
+    changed = SensorData.FromString(second)
+    changed.timestamp.CopyFrom(SensorData.FromString(first).timestamp)
+    with pytest.warns(dc.PhysicsWarning, match="1 of equal times"):
+        received = object_list_from_datagrams([first, changed.SerializeToString()])
+    assert received.cycle_frame.values.tolist() == [0, 1]
+
+
+def test_messages_of_an_old_run_are_no_part_of_cycles_of_a_later_one():
+    lists, lanes = make_cycle_messages("lists", 30)
+    with pytest.warns(dc.PhysicsWarning, match="1 restart of the sender.*from frame 30 on"):
+        received = object_list_from_datagrams([*lanes, *lists])
+    assert received.sizes == {"object": 30, "cycle": 60}
+
+
+@pytest.mark.parametrize("time_after_s", [0.0, 0.3])
+@pytest.mark.parametrize("order", ["list first", "lanes first"])
+def test_restarts_of_senders_with_several_messages_in_a_cycle_are_one_run_each(order, time_after_s):
+    arrivals = []
+    for run, time_s in enumerate((0.0, time_after_s)):
+        lists, lanes = make_cycle_messages("lists")
+        messages = [SensorData.FromString(datagram) for datagram in (*lists, *lanes)]
+        for message in messages:
+            message.timestamp.nanos += round(time_s * 1e9)
+            message.mounting_position.position.x = float(run)  # no byte-identical datagrams
+        arrivals += [messages[index].SerializeToString() for index in ORDERS[order]]
+
+    with pytest.warns(dc.PhysicsWarning) as warned:
+        received = object_list_from_datagrams(arrivals)
+
+    restart, merged = [str(warning.message) for warning in warned]
+    assert "1 restart of the sender" in restart and "from frame 6 on" in restart
+    assert "12 without objects at the time of another message" in merged
+    assert received.frame.values.tolist() == list(range(12))
+    np.testing.assert_allclose(received.cycle_time, 0.05 * np.arange(12), atol=1e-9)
+
+
+def test_frames_are_in_order_across_lists_without_counter():
+    messages = [SensorData.FromString(one) for one in encode_datagrams(random_tracks(1, 1, 1))]
+    messages[0].moving_object_header.cycle_counter = 9
+    messages[1].moving_object_header.ClearField("cycle_counter")
+    with pytest.warns(dc.PhysicsWarning, match="1 restart of the sender.*from frame 2 on"):
+        received = object_list_from_datagrams([one.SerializeToString() for one in messages])
+    np.testing.assert_allclose(received.cycle_time, [0.0, 0.05, 0.1])
+
+
+def with_counter(datagram: bytes, counter: int) -> bytes:
+    message = SensorData.FromString(datagram)
+    message.moving_object_header.cycle_counter = counter
+    return message.SerializeToString()
+
+
+@pytest.mark.parametrize("counter", [0, 7])
+def test_constant_counters_are_no_restarts(counter, tmp_path):
+    objects = random_tracks(*[1] * 6)
+    datagrams = [with_counter(datagram, counter) for datagram in encode_datagrams(objects)]
+    path = write_trace(tmp_path / "x.osi", map(SensorData.FromString, datagrams))
+
+    for result in (object_list_from_datagrams(datagrams), read_objects(path)):
+        check_object_lists_agree(result, objects, {})
+
+    datagrams[2:4] = datagrams[3], datagrams[2]
+    with pytest.warns(dc.PhysicsWarning, match="objects: 1 late; 6 lists"):
+        check_object_lists_agree(object_list_from_datagrams(datagrams), objects, {})
+
+
 def test_messages_of_other_types_are_no_empty_lists(tmp_path):
     view = SensorView()
     view.version.version_major = 3
@@ -376,6 +503,28 @@ def test_lists_before_and_after_a_restart_of_the_sender_are_kept(restart, n_befo
     assert f"from frame {n_before} on" in str(warning.message)
     np.testing.assert_allclose(result.cycle_time, [*before.cycle_time.values, *expected_time])
     assert np.bincount(result.frame).tolist() == [2] * n_before + [3] * n_after
+
+
+@pytest.mark.parametrize("index", [5, 9])
+@pytest.mark.parametrize("is_duplicate", [False, True])
+@pytest.mark.parametrize("time_after_s", [0.0, 50.5])  # clock of the restart: zero, or continues
+def test_late_list_of_the_run_before_a_restart_belongs_to_it(index, is_duplicate, time_after_s):
+    before = shift_lists(random_tracks(*[1] * 10), 50.0, 1000)
+    after = shift_lists(random_tracks(*[2] * 10), time_after_s, 0)
+    old, new = encode_datagrams(before), encode_datagrams(after)
+    on_time = old if is_duplicate else [*old[:index], *old[index + 1 :]]
+
+    with pytest.warns(dc.PhysicsWarning) as warned:
+        result = object_list_from_datagrams([*on_time, *new[:3], old[index], *new[3:]])
+
+    assert np.bincount(result.frame).tolist() == [1] * 10 + [2] * 10
+    np.testing.assert_allclose(result.cycle_time, 50.0 + 0.05 * np.arange(20), atol=1e-9)
+    restart, *others = [str(warning.message) for warning in warned]
+    assert "1 restart" in restart
+    assert ("from frame 10 on times increased by 50.5 s" in restart) == (time_after_s == 0.0)
+    kind = "1 duplicate" if is_duplicate else "1 late"
+    assert [kind in other for other in others] == [True] * (is_duplicate or index < 9)
+    assert "missing" not in "".join(others)
 
 
 def test_list_that_arrives_within_a_second_is_sorted_to_its_place():

@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from statistics import median
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -33,13 +34,16 @@ from dechirp.results.object_lists.list_columns import (
 )
 from dechirp.results.object_lists.osi import (
     NO_OBJECT_LIST,
+    SECOND_OF_CYCLE,
     DecodedMessage,
     build_decoded_lists,
     decode_message,
     find_list_senders,
+    merge_cycle_messages,
     osi_messages,
     osi_version,
     parse_sensor_data,
+    unset_constant_counters,
 )
 from dechirp.results.object_lists.priority import keep_most_important
 
@@ -149,13 +153,16 @@ def receive_datagrams(
     """Receive the object lists of one sensor on an open socket until it is idle for `idle_s`.
 
     A message without objects is an empty list if its sensor sends lists in other messages, is the
-    only one, or is `sensor_id`; otherwise it is left out.
+    only one, or is `sensor_id`; otherwise it is left out. It is merged with another message of its
+    sensor that has the same time, unless their frames differ. Frames that are all equal, although
+    times differ, count as unknown.
 
     Identical datagrams are duplicates. A list whose time is at most 1 s before the latest is
     sorted by time, then by frame; of equal times, the later list is moved by 10 us. A list begins a
     new run, as after a restart of the sender, if its time is earlier than that, its frame is not
     between those of the lists before and after it, or another list has its time and no frame
-    differs. Runs are kept in order of arrival, with frames counted from 0. The times of a run that
+    differs. Late lists and duplicates of the previous run, within 1 s of its end, are sorted into
+    it. Runs are kept in order of arrival, with frames counted from 0. The times of a run that
     overlaps the one before are increased, so that it begins one cycle (the median one) later.
 
     Parameters
@@ -206,7 +213,9 @@ def object_list_from_datagrams(
         [decoded for decoded, _ in messages if decoded.sensor_id != sensor_id]
     )
     chosen_id = next(iter(senders), None) if sensor_id is None else sensor_id
-    arrivals = [message for message in messages if message[0].sensor_id == chosen_id]
+    of_chosen = [message for message in messages if message[0].sensor_id == chosen_id]
+    lists_of_chosen = unset_constant_counters([decoded for decoded, _ in of_chosen])
+    arrivals = [*zip(lists_of_chosen, (datagram for _, datagram in of_chosen), strict=True)]
     runs = _split_at_restarts(arrivals, counts)
     counts["missing"] = sum(map(_count_missing_frames, runs))
     lists = _join_runs(runs, counts)
@@ -219,9 +228,9 @@ def object_list_from_datagrams(
         stacklevel=5,
     )
     if sensor_id is None or not arrivals:
-        n_of_sensor = Counter(decoded.sensor_id for decoded, _ in messages)
+        n_of_sensor = Counter(decoded.sensor_id for decoded, _ in messages if decoded.has_list)
         warn_lost_messages(
-            {f"of sensor {other}": n_of_sensor[other] for other in senders if other != chosen_id},
+            {f"of sensor {other}": n for other, n in n_of_sensor.items() if other != chosen_id},
             remaining=f"{n_lists} of sensor {chosen_id} received",
             expected="the lists of one sensor at a port",
             fix="receive another sensor with sensor_id=, or send it to a port of its own",
@@ -248,42 +257,90 @@ def _decode_datagram(datagram: bytes, counts: Counter[str]) -> DecodedMessage | 
     return decoded
 
 
+class _Run(NamedTuple):
+    """Lists between two restarts of the sender, by time, and the datagrams they arrived in."""
+
+    lists: list[DecodedMessage]
+    datagrams: set[bytes]
+
+
 def _split_at_restarts(
     arrivals: Iterable[tuple[DecodedMessage, bytes]], counts: Counter[str]
 ) -> list[list[DecodedMessage]]:
-    """Return the runs between restarts of the sender; count late and duplicate lists."""
-    runs: list[list[DecodedMessage]] = [[]]
-    run_datagrams: set[bytes] = set()
-    for decoded, datagram in arrivals:
-        if datagram in run_datagrams:
-            counts["duplicate"] += 1
-            continue
-        index = bisect_left(runs[-1], _time_and_frame(decoded), key=_time_and_frame)
-        if not _fits_in_order(decoded, runs[-1], index):
-            runs.append([])
-            run_datagrams.clear()
-            index = 0
-        counts["late"] += index < len(runs[-1])
-        runs[-1].insert(index, decoded)
-        run_datagrams.add(datagram)
-    return runs
+    """Return the runs between restarts of the sender; count late, duplicate and merged lists."""
+    runs: list[_Run] = []
+    for message, datagram in arrivals:
+        decoded = message
+        for run in _find_possible_runs(message.time_s, runs):
+            if datagram in run.datagrams:
+                counts["duplicate"] += 1
+                break
+            decoded = _merge_rest_of_cycle(decoded, run.lists, counts)
+            if _insert_in_order(decoded, run.lists, counts):
+                run.datagrams.add(datagram)
+                break
+        else:
+            runs.append(_Run([decoded], {datagram}))
+    return [run.lists for run in runs]
+
+
+def _find_possible_runs(time_s: float, runs: Sequence[_Run]) -> list[_Run]:
+    """Return the runs to which a list of this time may belong, the most probable first.
+
+    These are the current one, and the previous one if it ended within 1 s of this time.
+    """
+    is_near = [abs(run.lists[-1].time_s - time_s) <= _MAX_LATE_S for run in runs[-2:]]
+    if len(runs) < 2 or not is_near[0]:
+        return [*runs[-1:]]
+    return [runs[-1], runs[-2]] if is_near[1] else [runs[-2], runs[-1]]
+
+
+def _merge_rest_of_cycle(
+    decoded: DecodedMessage, run: list[DecodedMessage], counts: Counter[str]
+) -> DecodedMessage:
+    """Merge a message with the one of its cycle in a run, if there is one, and remove that."""
+    if not _is_too_late(decoded, run):
+        index = bisect_left(run, _time_and_frame(decoded), key=_time_and_frame)
+        for neighbour in range(max(index - 1, 0), min(index + 1, len(run))):
+            if merged := merge_cycle_messages(run[neighbour], decoded):
+                del run[neighbour]
+                counts[SECOND_OF_CYCLE] += 1
+                return merged
+    return decoded
+
+
+def _insert_in_order(
+    decoded: DecodedMessage, run: list[DecodedMessage], counts: Counter[str]
+) -> bool:
+    """Insert a list into a run by its time; return False if it is too late or not in order."""
+    index = bisect_left(run, _time_and_frame(decoded), key=_time_and_frame)
+    if _is_too_late(decoded, run) or not _is_in_order(decoded, run, index):
+        return False
+    counts["late"] += index < len(run)
+    run.insert(index, decoded)
+    return True
 
 
 def _time_and_frame(decoded: DecodedMessage) -> tuple[float, int]:
     return decoded.time_s, -1 if decoded.frame is None else decoded.frame
 
 
-def _fits_in_order(decoded: DecodedMessage, run: list[DecodedMessage], index: int) -> bool:
-    """Return whether a list is late by 1 s at most, and in order of frames at an index of a run."""
-    if run and run[-1].time_s - decoded.time_s > _MAX_LATE_S:
-        return False
-    neighbours = [*run[max(index - 1, 0) : index], decoded, *run[index : index + 1]]
-    return all(
-        first.time_s < second.time_s
-        if first.frame is None or second.frame is None
-        else first.frame < second.frame
-        for first, second in pairwise(neighbours)
-    )
+def _is_too_late(decoded: DecodedMessage, run: list[DecodedMessage]) -> bool:
+    return bool(run) and run[-1].time_s - decoded.time_s > _MAX_LATE_S
+
+
+def _is_in_order(decoded: DecodedMessage, run: list[DecodedMessage], index: int) -> bool:
+    """Return whether a list at an index of a run has a frame between others, or its own time."""
+    for neighbour in run[max(index - 1, 0) : index + 1]:
+        if neighbour.time_s == decoded.time_s and None in (neighbour.frame, decoded.frame):
+            return False
+    if decoded.frame is None:
+        return True
+    frames_before = (run[i].frame for i in range(index - 1, -1, -1))
+    frames_after = (run[i].frame for i in range(index, len(run)))
+    previous = next((frame for frame in frames_before if frame is not None), -1)
+    following = next((frame for frame in frames_after if frame is not None), np.inf)
+    return previous < decoded.frame < following
 
 
 def _join_runs(

@@ -83,6 +83,7 @@ _EMPTY_COLUMNS: dict[str, np.ndarray] = {
 }
 _OBJECT_FIELDS = {"moving_object", "moving_object_header", "logical_detection_data"}
 NO_OBJECT_LIST = "without moving objects or radar detections"
+SECOND_OF_CYCLE = "without objects at the time of another message"
 
 
 def write_osi(objects: xr.Dataset, path: str | Path) -> None:
@@ -139,7 +140,7 @@ def read_osi(path: str | Path) -> xr.Dataset:
     Warns
     -----
     PhysicsWarning
-        If messages are of sensors without object lists, such as lidars.
+        If messages are of sensors without object lists, such as lidars, or a cycle has several.
     """
     trace_path = check_file_suffix(path, SUFFIXES)
     messages = [decode_message(message) for message in _iter_trace_messages(trace_path)]
@@ -154,12 +155,18 @@ def read_osi(path: str | Path) -> xr.Dataset:
             expected="object lists of one sensor_id in a trace",
             fix="write a trace for each sensor",
         )
-    lists = [decoded for decoded in messages if decoded.sensor_id in senders]
+    of_sender = [decoded for decoded in messages if decoded.sensor_id in senders]
+    lists: list[DecodedMessage] = []
+    for decoded in unset_constant_counters(of_sender):
+        if lists and (merged := merge_cycle_messages(lists[-1], decoded)):
+            lists[-1] = merged
+        else:
+            lists.append(decoded)
     warn_lost_messages(
-        {NO_OBJECT_LIST: n_without_list},
+        {NO_OBJECT_LIST: n_without_list, SECOND_OF_CYCLE: len(of_sender) - len(lists)},
         remaining=f"{format_count_with_noun(len(lists), 'list')} read",
         expected="object lists of a radar",
-        fix="ignore this where the road was free, or other sensors are in the trace",
+        fix="ignore this where the road was free, or the trace contains other sensors or features",
         stacklevel=5,
     )
     return build_decoded_lists(lists)
@@ -193,6 +200,25 @@ def decode_message(message: Any) -> DecodedMessage:
             "status": np.array([row["status"] for row in rows], "U9"),
         },
     )
+
+
+def unset_constant_counters(lists: Sequence[DecodedMessage]) -> list[DecodedMessage]:
+    """Return the lists of a sensor, without frames if all are equal although times differ."""
+    frames = {decoded.frame for decoded in lists} - {None}
+    is_constant = len(frames) == 1 and len({decoded.time_s for decoded in lists}) > 1
+    return [decoded._replace(frame=None) if is_constant else decoded for decoded in lists]
+
+
+def merge_cycle_messages(first: DecodedMessage, second: DecodedMessage) -> DecodedMessage | None:
+    """Merge two messages of a cycle, of which one has no objects; return None for separate lists.
+
+    Messages of a cycle have the same time, and the same frame if both have one.
+    """
+    empty, merged = sorted((first, second), key=lambda decoded: decoded.columns["number"].size)
+    frames = {first.frame, second.frame} - {None}
+    if empty.columns["number"].size or first.time_s != second.time_s or len(frames) > 1:
+        return None
+    return merged._replace(frame=next(iter(frames), None))
 
 
 def build_decoded_lists(lists: Sequence[DecodedMessage]) -> xr.Dataset:
