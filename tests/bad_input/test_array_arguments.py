@@ -792,14 +792,18 @@ def with_memory(monkeypatch, n_bytes):
         ),
         (
             dc.cfar.cfar_threshold,
-            {"power": np.ones((100, 10**5)), "n_training": 3, "n_guard": 1, "pfa": 1e-3},
-            "thresholds of 10000000 cells",
+            {"power": np.ones((30, 10**5)), "n_training": 3, "n_guard": 1, "pfa": 1e-3},
+            "thresholds of 3000000 cells",
         ),
-        (dc.cfar.find_peaks, {"power": np.ones((1000, 10**5)), "threshold": 2.0}, "power"),
+        (
+            dc.cfar.find_peaks,
+            {"power": np.broadcast_to(1.0, (100, 10**5)), "threshold": 2.0},
+            "power",
+        ),
     ],
 )
 def test_argument_beyond_the_memory_is_named(function, arguments, name, monkeypatch):
-    with_memory(monkeypatch, 2.0**27)
+    with_memory(monkeypatch, 2.0**26)
     with pytest.raises(dc.NotEnoughMemory, match=name) as info:
         function(**arguments)
     check_error_is_complete(info.value)
