@@ -8,6 +8,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.main import main
+from nightly import nightly
 
 pytestmark = pytest.mark.usefixtures("without_figures")
 
@@ -72,6 +73,7 @@ def test_results_are_kept_when_writing_object_list_fails(tmp_path, capsys, monke
     assert (out / "run.json").exists() and not file.exists()
 
 
+@nightly
 def test_command_that_writes_parquet_prints_no_objects_that_remain(tmp_path):
     pytest.importorskip("duckdb")
     source = "from dechirp.cli.main import main; import sys; main(sys.argv[1:])"

@@ -407,6 +407,7 @@ def test_data_set_without_ledger_is_not_overwritten(tmp_path):
     assert file_digests(tmp_path) == earlier_state
 
 
+@nightly
 def test_statistical_detections_make_a_data_set(tmp_path):
     budget = TrialBudget(at_most=12, block=5)
     kept_study = make_study(sensor="statistical", trials=budget, keep=("detections",))

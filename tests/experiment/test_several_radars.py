@@ -397,6 +397,7 @@ def test_later_results_replace_earlier_ones(result, without_figures, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+@nightly
 def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(
     trace, without_figures, tmp_path, capsys
 ):
@@ -439,6 +440,7 @@ def test_command_writes_a_folder_for_each_radar_and_the_fused_tracks(
     assert len(dc.load(out / "scenario.yaml").radars) == 2
 
 
+@nightly
 def test_command_prints_the_findings_of_all_radars(without_figures, tmp_path, capsys):
     late = tmp_path / "late.csv"  # car 1 appears later; car 3 is on car 2
     overlapping = TRACE + "0.0,3,car,121,50.5,0,4.5,1.8,1.5\n0.4,3,car,125.8,50.5,0,4.5,1.8,1.5\n"

@@ -138,6 +138,7 @@ def compute_negative_rms(sums: np.ndarray) -> float:
     return -float(np.sqrt(sums[:, 0].sum() / sums[:, 1].sum()))
 
 
+@nightly
 def test_common_randomness_cancels_in_gain_of_error():
     rng = np.random.default_rng(5)
     n_covered, widths, n = 0, [], 400

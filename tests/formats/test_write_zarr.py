@@ -28,7 +28,7 @@ from formats.native_recordings import (
     make_table_recording,
     open_real_capture,
 )
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 
 @EVERY_RECORDING
@@ -215,6 +215,7 @@ def test_selected_frames_are_written_with_their_table_rows(tmp_path):
     assert np.array_equal(copy.tables["truth"].range, recording.tables["truth"].range[:, 1:])
 
 
+@nightly
 def test_full_disk_keeps_existing_store(tmp_path):
     out = tmp_path / "x.zarr"
     dc.write(make_gap_recording(), out)

@@ -15,7 +15,7 @@ from dechirp.processing.angle.music import Music
 from dechirp.processing.channel_errors import channel_error_findings
 from dechirp.processing.direction_finding import checked_direction_aperture, estimate_sources
 from dechirp.processing.refine import SidelobeErrors
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 
 def make_amplitudes(radar, azimuth_rad, antenna_phases_rad, noise_power, rng):
@@ -96,6 +96,7 @@ def test_exact_arrays_keep_the_errors_of_noise(radar, n_tx):
     assert np.mean(((found - azimuth) / std) ** 2) == pytest.approx(0.99, abs=0.09)
 
 
+@nightly
 def test_weak_echoes_have_the_errors_that_strong_ones_show(radar):
     radar, rng, n_trials = make_radar(radar, 1), np.random.default_rng(5), 1200
     noise = np.array([1e-4, 1e-2])  # 40 and 20 dB in an element

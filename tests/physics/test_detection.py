@@ -15,7 +15,7 @@ from dechirp.processing.peaks import find_peaks
 from dechirp.processing.spectrum import Transform
 from dechirp.theory.detection import detection_probability, detection_threshold
 from dechirp.theory.windows import Window
-from nightly import NIGHTLY, nightly_except
+from nightly import NIGHTLY, nightly, nightly_except
 from noise_cubes import add_noise, iter_noisy_trials, simulate_noise_cube
 
 
@@ -73,6 +73,7 @@ def test_peak_to_noise_ratio_follows_integration_gain(reference, clean):
         assert float(echo / noise) == pytest.approx(expected, rel=0.01)
 
 
+@nightly
 def test_strong_target_is_one_detection_under_any_window(reference, clean):
     rng = np.random.default_rng(23)
     # Noise adds 0.28 false alarms per map, 5.6 in 20 maps; 23 or more once in 3e7; 1.7 in 6 maps,

@@ -162,12 +162,12 @@ def make_whole_map_radar(sampling, n_chirps=2000):
 @pytest.mark.parametrize(
     ("sampling", "cell"),
     nightly_except(
-        5,
+        2,
         [
             ("complex", 253.6),
+            ("real", 103),
             ("complex", 255.6),
             ("complex", 34.2),
-            ("real", 103),
             ("complex", 5.0),
             ("complex", 0.5),
             ("complex", 1.7),

@@ -344,6 +344,7 @@ def test_direct_kernel_replaces_others_without_numba(monkeypatch, name):
     assert relative_difference(compiled, plain) < 1e-5
 
 
+@nightly
 def test_twin_of_statistical_sensor_draws_equal_detections(differences):
     scenario = replace(dc.reference(), n_frames=3, tracker=None)
 

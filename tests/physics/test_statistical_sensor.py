@@ -281,6 +281,7 @@ def test_two_targets_in_one_cell_give_detection_of_coherent_sum():
             assert columns["snr"].size == 0
 
 
+@nightly
 def test_scatterers_of_a_body_form_the_strongest_peak_of_its_samples():
     # Six echoes within three cells, as of a car, add up to a peak that may be beside all of them.
     # At 40 dB, noise moves it by 0.02 cells at most (CRLB of one tone, 5 standard deviations), and

@@ -75,6 +75,7 @@ def test_arc_fit_rejects_values_without_arc(values):
         fit_arc(values)
 
 
+@nightly
 def test_rates_reach_cramer_rao_bound_and_intervals_cover():
     snr, breathing_m, heart_m, n_trials = 1000.0, 1.5e-3, 0.2e-3, 30
     errors_hz = {"breathing": [], "heart": []}

@@ -21,6 +21,7 @@ from dechirp.studio.cursor import Cursor, cursor_at_followed_detection, nearest_
 from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.option_hints import translate_finding_to_page
 from dechirp.studio.scenario_edits import PageLimits
+from nightly import nightly
 from recordings.triangle_wav import RADAR as SOUND_CARD_RADAR
 from recordings.triangle_wav import record_triangle, walker_range_m
 
@@ -375,6 +376,7 @@ def test_recording_obeys_limits_of_scenes(scenario, tmp_path):
         FramePlayer(padded_scenario).process_frame_at_step(0, None)
 
 
+@nightly
 def test_damaged_recording_is_repaired_and_fitted_as_by_run(scenario, tmp_path):
     samples = dc.simulate(scenario.scene, RADAR, n_frames=3, seed=5).values.copy()
     samples[:, :, 2] = samples[:, :, 1]  # a receiver without a signal of its own
