@@ -1189,6 +1189,7 @@ scene:
 """
 
 
+@nightly
 def test_run_measures_vital_signs_of_a_scene(run_cli, folder):
     (folder / "chest.yaml").write_text(CHEST)
     arguments = ("run", "chest.yaml", "--vital-signs")

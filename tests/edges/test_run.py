@@ -9,6 +9,7 @@ import pytest
 import dechirp as dc
 from dechirp.core.units import to_decibels
 from dechirp.experiments import run as of_run
+from nightly import nightly
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
@@ -36,6 +37,7 @@ def test_link_budget_matches_simulated_snr_of_map(radar, n_rx, sampling):
     assert lines["margin"] == pytest.approx(lines["SNR in the map"] - lines["SNR needed"])
 
 
+@nightly
 def test_run_reports_limit_on_number_of_peaks(radar):
     cfar = dc.Cfar(estimator=dc.cfar.CellAveraging(), offset=0.5)
     chain = dc.Chain(range_window="rectangular", cfar=cfar)

@@ -182,6 +182,7 @@ def test_slow_browser_finds_its_session_until_it_loads_the_page_again():
     assert 1.25 * int(wait_ms) <= UNUSED_LIFETIME_MS
 
 
+@nightly
 def test_closed_page_makes_room_within_seconds(studio):
     pages = [send_request(studio)[2] for _ in range(MAX_PAGES)]
     assert send_request(studio)[0] == 503

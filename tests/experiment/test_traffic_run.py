@@ -322,6 +322,7 @@ def test_nees_of_objects_is_squared_error_over_variance_per_axis():
     assert scores.n_objects == 2 and without_objects is None
 
 
+@nightly
 def test_right_stated_errors_are_in_the_interval_of_nees_in_95_of_100_runs():
     covariance = np.array([[1, 0.3, 0, 0], [0.3, 0.5, 0, 0], [0, 0, 0.8, 0.1], [0, 0, 0.1, 0.2]])
     objects, rng, n_runs = scattered_objects(5), np.random.default_rng(2), 300

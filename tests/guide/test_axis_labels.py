@@ -11,6 +11,7 @@ from typing import NamedTuple
 import pytest
 
 import dechirp
+from nightly import nightly
 
 TOP = Path(dechirp.__file__).parents[2]
 
@@ -311,6 +312,7 @@ def label_paths() -> dict[str, set[str]]:
     return find_axis_labels(parse_sources())
 
 
+@nightly
 def test_axis_labels_have_units_in_round_brackets(label_paths):
     misplaced = list(iter_labels_with_misplaced_unit(label_paths))
 
@@ -324,6 +326,7 @@ def test_each_quantity_has_one_spelling(label_paths):
     assert [{text: label_paths[text] for text in group} for group in groups] == []
 
 
+@nightly
 def test_labels_are_found_in_all_kinds_of_sources(label_paths):
     folders = {re.match(r"src/dechirp/\w+|docs/gallery|docs|examples", path)[0]
                for paths in label_paths.values() for path in paths}  # fmt: skip

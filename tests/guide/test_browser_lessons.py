@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import dechirp
+from nightly import nightly
 
 FOLDER = Path(__file__).parents[2] / "examples" / "browser"
 PAGE = (FOLDER / "lessons.html").read_text(encoding="utf-8")
@@ -47,6 +48,7 @@ print(drawn)
 """
 
 
+@nightly
 def test_lessons_draw_with_packages_and_threads_of_browser():
     process = subprocess.run(
         [sys.executable, "-c", SCRIPT, " ".join(PACKAGES)],

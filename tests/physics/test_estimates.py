@@ -53,8 +53,9 @@ def test_reference_target_estimates_reach_crlb(reference, clean, snr_db):
     assert to_decibels(np.mean(found_snr)) == pytest.approx(to_decibels(snr), abs=0.3)
 
 
+@nightly
 @pytest.mark.parametrize("n_chirps", [2, 3, 4])
-@pytest.mark.parametrize("velocity", nightly_except([3.0], [0.0, 3.0]))
+@pytest.mark.parametrize("velocity", [0.0, 3.0])
 def test_few_chirps_reach_crlb(radar, n_chirps, velocity):
     radar = replace(radar, frame=replace(radar.frame, n_chirps=n_chirps))
     target = dc.Target(position_m=(30.0, 0, 0), velocity_m_per_s=(velocity, 0, 0))

@@ -10,6 +10,7 @@ import dechirp as dc
 from dechirp.processing.hidden_echoes import velocity_sign_findings
 from dechirp.processing.peaks import find_peaks
 from dechirp.processing.range_doppler_map import detect_peaks_and_count_dropped
+from nightly import nightly_except
 
 CHIRP = dc.Chirp(
     start_frequency_hz=77e9, slope_hz_per_s=20e12, adc_start_s=3e-6, ramp_duration_s=18e-6,
@@ -37,7 +38,9 @@ def make_scene(range_cells, velocity_cells, *, azimuth=0.0, snr_db=40.0):
 
 
 # Cells nearer than half a cell are not searched; coupling shifts echoes by 0.24 cells at most.
-@pytest.mark.parametrize(("first_cell", "last_cell"), [(0.8, 1.6), (126.4, 127.75)])
+@pytest.mark.parametrize(
+    ("first_cell", "last_cell"), nightly_except([(126.4, 127.75)], [(0.8, 1.6), (126.4, 127.75)])
+)
 def test_moving_echo_at_range_end_is_found_once_with_stated_errors(first_cell, last_cell):
     rng, n_trials = np.random.default_rng(3), 120
     squared = []
@@ -90,12 +93,15 @@ def test_strong_echo_at_range_end_has_no_false_detections(range_cells, velocity_
 # their response to it has a null only without the walk.
 @pytest.mark.parametrize(
     ("weak_cells", "weak_snr_db", "strong_cells", "strong_snr_db", "velocity_cells"),
-    [
-        (108.95, 32, 66.84, 75, 4.34),
-        (6.0, 25, 5.2, 35, 5.3),
-        (108.95, 32, 66.84, 85, 20.34),
-        (125.0, 32, 66.84, 85, 20.34),
-    ],
+    nightly_except(
+        [(108.95, 32, 66.84, 85, 20.34)],
+        [
+            (108.95, 32, 66.84, 75, 4.34),
+            (6.0, 25, 5.2, 35, 5.3),
+            (108.95, 32, 66.84, 85, 20.34),
+            (125.0, 32, 66.84, 85, 20.34),
+        ],
+    ),
 )
 def test_image_of_strong_echo_leaves_stated_errors(
     weak_cells, weak_snr_db, strong_cells, strong_snr_db, velocity_cells
@@ -107,7 +113,8 @@ def test_image_of_strong_echo_leaves_stated_errors(
 
 # 80 and 48 range cells apart, at one velocity and azimuth.
 @pytest.mark.parametrize(
-    ("weak_cells", "strong_cells"), [(108.95, 28.74), (112.2, 32.2), (108.95, 60.7)]
+    ("weak_cells", "strong_cells"),
+    nightly_except(1, [(108.95, 28.74), (112.2, 32.2), (108.95, 60.7)]),
 )
 def test_strong_echo_that_walks_leaves_stated_errors(weak_cells, strong_cells):
     weak = make_scene(weak_cells, 20.34, azimuth=-0.5, snr_db=32)

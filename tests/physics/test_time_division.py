@@ -13,6 +13,7 @@ from dechirp.processing.chain_findings import chain_findings
 from dechirp.processing.spectrum import Transform, range_profiles
 from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
+from nightly import nightly
 from noise_cubes import add_noise, count_false_alarms
 
 
@@ -140,6 +141,7 @@ def test_power_map_is_mean_over_transmitters(radar, order):
     np.testing.assert_allclose(power.velocity, single_powers[0].velocity)
 
 
+@nightly
 def test_errors_reach_bounds_of_all_transmitters(radar):
     chirp = replace(radar.frame.chirp, n_samples=64)
     radar = replace(radar, frame=replace(radar.frame, chirp=chirp))

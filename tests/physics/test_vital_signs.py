@@ -101,7 +101,8 @@ def test_rates_reach_cramer_rao_bound_and_intervals_cover():
         assert float(vital[f"{sign}_amplitude"]) == pytest.approx(amplitude_m, rel=0.03)
 
 
-@pytest.mark.parametrize("jitter", nightly_except(1, [0.1, 0.05]))
+@nightly
+@pytest.mark.parametrize("jitter", [0.1, 0.05])
 def test_intervals_cover_mean_rate_of_irregular_breathing(jitter):
     """Breaths of independent length: the phase is a random walk, D = jitter^2 f in cycles."""
     n_trials, duration_s = 30, np.ptp(TIMES_S)

@@ -26,6 +26,7 @@ from dechirp.studio.views.table_tile import MAX_ROWS
 from dechirp.studio.views.threshold_cuts import ThresholdCutView
 from dechirp.studio.views.tracks import TracksView
 from html_tree import parse_html
+from nightly import nightly
 
 # Cells of 1 m and 0.61 m/s, to 64 m and 19 m/s; a beam of 13 degrees.
 SETTINGS = """
@@ -423,6 +424,7 @@ def test_row_at_cursor_is_selected_without_moving_cursor():
     assert view.session.cursor is None
 
 
+@nightly
 def test_full_detection_table_shows_strongest_detections():
     view = DetectionsView(build_session("chain.cfar.false_alarm_probability=0.06"))
     frame_state = show_step(view)
