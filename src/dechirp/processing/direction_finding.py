@@ -188,7 +188,6 @@ def directions_from_phase_centre(
     shift = (inverse @ (slopes @ moment[:, :, None]))[:, :, 0]
     angles[:, resolved] += np.where(is_row[:, None], shift, 0)
     return angles[:, 0], angles[:, 1]
-    return angles[:, 0], angles[:, 1]
 
 
 def _wavefront_curvature_rad(

@@ -119,7 +119,7 @@ def _check_field_sizes(
     path: Path, clouds: Sequence[PointCloud], field_names: dict[str, str], source: str
 ) -> None:
     """Raise `RecordingError` for fields of several numbers that are used, or copied elsewhere."""
-    used_names = {*_XYZ, *_velocity_fields(field_names), _find_first(_SNRS, field_names)}
+    used_names = {*_XYZ, *_find_velocity_fields(field_names), _find_first(_SNRS, field_names)}
     for key, name in field_names.items():
         shapes = {cloud.points.dtype[name].shape for cloud in clouds if len(cloud.points)}
         if shapes - {()} and (key in used_names or () in shapes):
@@ -131,7 +131,7 @@ def _check_field_sizes(
             )
 
 
-def _velocity_fields(field_names: dict[str, str]) -> tuple[str, ...]:
+def _find_velocity_fields(field_names: dict[str, str]) -> tuple[str, ...]:
     """Return the fields of the velocity: the radial one, components, or none."""
     radial_velocity = _find_first(VELOCITIES, field_names)
     if radial_velocity is not None:
@@ -207,16 +207,16 @@ def _clouds_to_detections(clouds: Sequence[PointCloud], field_names: dict[str, s
         return np.concatenate(parts or [np.empty(0)]).astype(float)
 
     x, y = column("x"), column("y")
-    velocity_fields = _velocity_fields(field_names)
+    radial_velocity_field = _find_first(VELOCITIES, field_names)
     snr = _find_first(_SNRS, field_names)
     ground = np.hypot(x, y)
     unknown = np.full(len(x), np.nan)
     z = column("z") if "z" in field_names else unknown
-    if len(velocity_fields) == 1:
-        radial_velocity = column(*velocity_fields)
-    elif velocity_fields:  # components of the radial velocity, as in nuScenes
+    if radial_velocity_field is not None:
+        radial_velocity = column(radial_velocity_field)
+    elif {"vx", "vy"} <= field_names.keys():  # components of the radial velocity, as in nuScenes
         ground_rate = column("vx") * x + column("vy") * y
-        height_rate = column("vz") * z if "vz" in velocity_fields else unknown
+        height_rate = column("vz") * z if "vz" in field_names else unknown
         radial_velocity = np.where(
             np.isnan(height_rate),
             ground_rate / ground,
@@ -234,7 +234,7 @@ def _clouds_to_detections(clouds: Sequence[PointCloud], field_names: dict[str, s
         "snr": unknown if snr is None else from_decibels(column(snr)),
     }
     point_dtype = (filled or clouds)[0].points.dtype
-    used_names = {*columns, *_XYZ, *({*velocity_fields} & {*VELOCITIES}), snr}
+    used_names = {*columns, *_XYZ, radial_velocity_field, snr}
     for name in field_names:  # in file order: the order of a set changes from run to run
         if name[:1] != "_" and name not in used_names and not point_dtype[field_names[name]].shape:
             columns[name] = column(name)
@@ -257,8 +257,8 @@ def _used_fields_findings(
     source: str, clouds: Sequence[PointCloud], fields: dict[str, str]
 ) -> tuple[Finding, ...]:
     """Report the fields that were used, and the coordinate frames."""
-    velocity_fields = (*VELOCITIES, *(("vx",) if {"vx", "vy"} <= fields.keys() else ()))
     used_fields = []
+    velocity_fields = _find_velocity_fields(fields)
     for quantity, candidates in (("velocity", velocity_fields), ("snr in dB", _SNRS)):
         field = next((fields[key] for key in candidates if key in fields), None)
         used_fields.append(f"no {quantity}" if field is None else f"{quantity} from {field}")
