@@ -20,6 +20,7 @@ from dechirp.results.object_lists.can_logs import SUFFIXES, read_can_log, write_
 from dechirp.results.object_lists.can_mapping import CanMapping, MappedSignal, read_vendor_layout
 from dechirp.results.object_lists.list_columns import MEASURED, build_object_list
 from dechirp.results.object_lists.vendor_lists import assemble_vendor_list, encode_vendor_frames
+from nightly import nightly
 from sample_vendor_dbc import (
     ESR,
     LISTED_MAPPING,
@@ -526,6 +527,7 @@ def test_lists_longer_than_their_cycle_are_reported(fd_files):
         encode_vendor_frames(objects, layout, CanFd())
 
 
+@nightly
 def test_run_writes_its_tracks_by_the_dbc_of_a_vendor(fd_files, tmp_path, capsys):
     settings = ["n_frames=5", "radar.frame.n_chirps=64", "tracker={}", "chain.angle.kind=fft"]
     words = ["run", str(EXAMPLES / "mimo.yaml"), "--out", str(tmp_path / "run"), "--quiet"]

@@ -442,6 +442,7 @@ def test_report_of_several_frames_shows_detections_over_time():
     assert '<th class="num">Frame</th>' in page
 
 
+@nightly
 def test_map_of_moving_targets_contains_no_static_echo(monkeypatch):
     static = dataclasses.replace(CAR, name="post", velocity_m_per_s=(0, 0, 0))
     moving_result = make_result(scene=Scene(targets=(CAR, static)), detections=make_detections(2))

@@ -464,6 +464,7 @@ def test_command_prints_the_findings_of_all_radars(without_figures, tmp_path, ca
         assert page.count(text.partition(": ")[2]) == 1
 
 
+@nightly
 def test_command_writes_fused_tracks_for_the_bus_of_the_vehicle(
     trace, without_figures, tmp_path, capsys
 ):

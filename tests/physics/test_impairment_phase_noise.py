@@ -162,7 +162,7 @@ def make_whole_map_radar(sampling, n_chirps=2000):
 @pytest.mark.parametrize(
     ("sampling", "cell"),
     nightly_except(
-        2,
+        1,
         [
             ("complex", 253.6),
             ("real", 103),

@@ -412,6 +412,7 @@ def test_damaged_recording_is_repaired_and_fitted_as_by_run(scenario, tmp_path):
     assert set(player.process_frame_at_step(4, None).findings) == expected
 
 
+@nightly
 def test_recording_shows_velocities_and_notes_of_all_frames_as_run(tmp_path):
     path = tmp_path / "walk.wav"
     record_triangle(path, walker_range_m, inverted=False)
