@@ -66,6 +66,7 @@ TITLE_HEIGHTS_JS = """() => {
 }"""
 
 
+@nightly
 def test_page_is_legible_at_every_width(shared_page):
     page = shared_page.page
     for width, height in SIZES:

@@ -142,12 +142,13 @@ def test_emulated_cortex_m7_equals_model(tmp_path, scaling, rounding):
     assert n_words > 64 * 16 * (2 * 8 + 4)
 
 
+@nightly
 @pytest.mark.parametrize(
     "compiler", [("gcc",), ("clang",), CORTEX_M7_COMPILER], ids=lambda words: words[0]
 )
 @pytest.mark.parametrize(
     "words",
-    nightly_except(1, [WordLengths(), WordLengths(sample_bits=12, range_bits=20, scaling="none")]),
+    [WordLengths(), WordLengths(sample_bits=12, range_bits=20, scaling="none")],
     ids=["32 bits", "64 bits"],
 )
 def test_compiles_without_warning(tmp_path, compiler, words):

@@ -22,7 +22,7 @@ from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.scene.truth import truth
 from dechirp.theory.cfar import cell_averaging_false_alarm_probability
 from dechirp.theory.cfar_correlated_cells import correlated_factor
-from nightly import NIGHTLY, nightly_except
+from nightly import NIGHTLY, nightly, nightly_except
 from noise_cubes import simulate_noise_cube
 
 CONFIDENCE = 1 - 1e-6
@@ -251,6 +251,7 @@ def test_roc_at_chain_threshold_counts_detector_alarms(radar, kind):
         assert sums[:, 1].tolist() == hits
 
 
+@nightly
 def test_measured_roc_encloses_design_and_theory(radar):
     radar, chain, noise_w = resize_radar(radar, 64, 48), build_chain(), 1e-12
     target = build_target_at_bin(20.3, 5.4, radar, fluctuation="swerling-1")

@@ -5,9 +5,11 @@ import pytest
 
 import dechirp as dc
 from dechirp.experiments.scenario import RecordingSource
+from nightly import nightly
 from recordings.triangle_wav import RADAR, record_triangle, walker_range_m
 
 
+@nightly
 @pytest.mark.parametrize("inverted", [False, True])
 def test_velocities_have_the_sign_of_range_rates_in_either_polarity(tmp_path, inverted):
     path = tmp_path / "walk.wav"
