@@ -13,6 +13,8 @@ from urllib.parse import parse_qsl, urlparse
 
 import pytest
 
+from nightly import nightly
+
 FOLDER = Path(__file__).parents[2] / "examples" / "browser"
 DISTRIBUTION = os.environ.get("DECHIRP_PYODIDE", "")
 TIMEOUT_MS = 300_000 if DISTRIBUTION else 60_000
@@ -101,6 +103,7 @@ def page(browser, address):
         yield page
 
 
+@nightly
 def test_lessons_draw_and_redraw_at_moved_controls(page):
     assert page.locator("section").count() == 4
     assert page.inner_text("#status") == ""

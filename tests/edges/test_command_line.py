@@ -1223,6 +1223,7 @@ def test_displacement_of_a_run_is_that_of_the_chest(folder):
     np.testing.assert_allclose(axes.lines[0].get_ydata(), 1e3 * displacement.values)
 
 
+@nightly
 def test_run_of_a_long_recording_of_a_person_names_vital_signs(run_cli, folder):
     (folder / "chest.yaml").write_text(CHEST)
     scenario = dc.load(folder / "chest.yaml", ["n_frames=60"])
@@ -1281,6 +1282,7 @@ def test_run_measures_vital_signs_unasked_where_there_are_no_chirps(run_cli, fol
         )
 
 
+@nightly
 def test_traffic_file_of_a_folder_runs_into_the_same_results_twice(run_cli, folder):
     (folder / "crossing").mkdir()
     rows = [

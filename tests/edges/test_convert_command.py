@@ -24,7 +24,7 @@ from formats.native_recordings import (
     make_table_recording,
 )
 from formats.test_ti_uart import encode_scene as points_of_frame
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 
 pytestmark = pytest.mark.usefixtures("without_figures")
 
@@ -88,13 +88,11 @@ def read_all_files(folder):
     }
 
 
-@pytest.mark.parametrize("kind", nightly_except(("hdf5",), FLOAT_WRITERS))
+@nightly
+@pytest.mark.parametrize("kind", FLOAT_WRITERS)
 @pytest.mark.parametrize(
     "make_recording",
-    nightly_except(
-        [make_table_recording],
-        [make_gap_recording, make_complex_code_recording, make_table_recording],
-    ),
+    [make_gap_recording, make_complex_code_recording, make_table_recording],
 )
 def test_samples_and_tables_survive_conversion_to_every_format_and_back(
     folder, capsys, kind, make_recording

@@ -120,6 +120,7 @@ def test_theoretically_detectable_targets_are_detected_within_two_cells(scene_re
         assert sum(hits) >= 0.9 * result.n_frames, name
 
 
+@nightly
 def test_report_counts_detected_targets_of_scenes(scene_result):
     result = scene_result
     names = result.scenario.scene.names

@@ -23,7 +23,7 @@ from dechirp.experiments.streaming import open_stream
 from dechirp.recordings.live.reassembly import N_PACKETS, ReassemblyWindow
 from dechirp.recordings.live.replay import build_dca1000_packet, iter_file_as_packets
 from dechirp.recordings.live.socket_reader import PacketSlots, RecvfromReader, fastest_socket_reader
-from nightly import nightly_except
+from nightly import nightly, nightly_except
 from udp_packets import receive_packets, send_packets, wait_for_packets
 
 pytestmark = pytest.mark.usefixtures("without_figures")
@@ -502,6 +502,7 @@ def run_options(sensor, tmp_path, monkeypatch) -> list[str]:
     return ["--radar", "radar.yaml", "--device", "xwr1843", "--iq", "iq", "--out", "out"]
 
 
+@nightly
 def test_live_stream_repairs_faults_as_run_does(capture, sensor, tmp_path):
     codes = np.frombuffer(capture.read_bytes(), "<i2").copy()
     codes.reshape(-1, sensor.array.n_rx, 2 * sensor.frame.chirp.n_samples)[:, 2] = 0

@@ -70,6 +70,7 @@ def get_exit_status(*arguments: object) -> int:
     return int(exit_info.value.code)
 
 
+@nightly
 @pytest.mark.usefixtures("without_study_figures")
 def test_study_runs_and_repeated_call_gives_same_rows(study_file, tmp_path, capsys):
     out = tmp_path / "out"

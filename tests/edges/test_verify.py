@@ -99,6 +99,7 @@ def test_json_document_describes_each_claim(run_cli, tmp_path):
     assert set(document["files"]) == {path.name for path in (tmp_path / "dechirp-verify").iterdir()}
 
 
+@nightly
 @pytest.mark.usefixtures("without_paper_figures")
 def test_terminal_output_shows_failed_claims_and_limits(run_cli, tmp_path, monkeypatch):
     result = default_certificate()

@@ -307,6 +307,7 @@ def saved_capture(small_radar, tmp_path, monkeypatch):
     return tmp_path
 
 
+@nightly
 def test_command_writes_report_and_scenario_and_prints_differences(saved_capture, capsys):
     skip_without_pdf()
     status, out, err = run_command(

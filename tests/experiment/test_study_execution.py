@@ -170,6 +170,7 @@ def _fail_at_point_2(tiny: TinyPlan, point: int, number: int) -> Block:
     return tiny_study.run_tiny_block(tiny, point, number)
 
 
+@nightly
 def test_killed_worker_is_replaced_and_result_is_unchanged(tmp_path, undisturbed_result):
     until, expected = undisturbed_result
     if until and not NIGHTLY:

@@ -159,6 +159,7 @@ def run(*words):
     assert ended.value.code == 0
 
 
+@nightly
 def test_command_runs_a_trace_and_its_own_scenario_again(trace, tmp_path, capsys):
     options = [f"--set={change}" for change in (*FAST, "traffic.duration=0.16 s")]
 

@@ -319,6 +319,7 @@ def test_axis_labels_have_units_in_round_brackets(label_paths):
     assert {text: label_paths[text] for text in misplaced} == {}
 
 
+@nightly
 def test_each_quantity_has_one_spelling(label_paths):
     # Tiles of 160 pixels have no room for the words.
     groups = group_spellings(label_paths.keys() - {"Velocity (m/s, + receding)"})

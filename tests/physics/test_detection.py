@@ -281,6 +281,7 @@ def test_rejects_fewer_bins_than_samples(radar):
         dc.detect(dc.simulate(dc.Scene(), radar, seed=9), radar, dc.Chain(n_range_bins=25))
 
 
+@nightly
 def test_excess_peaks_are_warned_and_strongest_ones_kept(radar):
     cube = dc.simulate(dc.Scene(), radar, seed=10)
     cfar = dc.Cfar(estimator=dc.cfar.CellAveraging(), offset=0.5)

@@ -210,6 +210,7 @@ def test_detection_probability_of_swerling_1_target_matches_theory(kind, row):
 # Differences between members
 
 
+@nightly
 def test_second_target_is_masked_by_mean_based_detectors_only():
     hits = dict.fromkeys(MEMBERS, 0)
     for seed in range(50):

@@ -216,6 +216,7 @@ def test_transforms_in_registers_equal_those_of_scipy(compute):
     assert relative_difference(compiled, plain) < TOLERANCE
 
 
+@nightly
 def test_second_run_of_reference_imports_neither_numba_nor_scipy(tmp_path, monkeypatch):
     monkeypatch.setenv("DECHIRP_CACHE_DIR", str(tmp_path))
     scenario = dc.reference()

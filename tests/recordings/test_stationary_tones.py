@@ -6,6 +6,7 @@ import pytest
 import dechirp as dc
 from dechirp.experiments.scenario import RecordingSource
 from dechirp.recordings.recording import open as open_recording
+from nightly import nightly
 from recordings.triangle_wav import RADAR, record_triangle, walker_range_m
 
 TONES = ((1000.05, 0.01), (2000.1, 0.01), (5000.25, 0.003))
@@ -47,6 +48,7 @@ def test_echoes_are_no_tones(tmp_path, range_m):
     assert find_tones_hz(tmp_path / "echo.wav").size == 0
 
 
+@nightly
 def test_run_shows_no_targets_at_tones_and_keeps_targets_there(tmp_path):
     for name, tones in (("plain", ()), ("tones", TONES)):
         record_triangle(tmp_path / f"{name}.wav", passer_range_m, inverted=True, tones=tones)

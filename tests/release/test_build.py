@@ -74,6 +74,7 @@ def test_rebuild_from_source_archive_is_byte_identical(archives, tmp_path):
     assert build_archives(unpacked, tmp_path / "out", 0o077) == archives
 
 
+@nightly
 def test_wheel_contains_only_package(archives, tracked_files):
     with zipfile.ZipFile(io.BytesIO(archives[".whl"])) as wheel:
         content = {name: wheel.read(name) for name in wheel.namelist()}
