@@ -121,6 +121,7 @@ def test_lessons_draw_and_redraw_at_moved_controls(page):
     assert page.inner_text("#status") == ""
 
 
+@nightly
 @pytest.mark.skipif(bool(DISTRIBUTION), reason="the real Pyodide has no failing packages")
 def test_page_shows_why_python_did_not_start(browser, address):
     with browser.new_context() as context:

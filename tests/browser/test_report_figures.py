@@ -38,6 +38,7 @@ def page(browser, report_file):
     assert [url for url in requested_urls if not url.startswith(("file:", "data:"))] == []
 
 
+@nightly
 def test_click_opens_figure_that_zooms_pans_and_closes_with_escape(page):
     page.locator("figure > svg").first.click()
     full_box = read_view_box(page)

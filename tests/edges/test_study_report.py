@@ -70,7 +70,7 @@ def extract_text(page):
     ("axes", "settings", "n_figures"),
     [
         ((), {}, 0),
-        ((RCS, WINDOW), {"scores": SCORES}, 3),
+        pytest.param((RCS, WINDOW), {"scores": SCORES}, 3, marks=nightly),
         ((WINDOW,), {"targets": ("car", "truck")}, 1),
         # Lines and a map for each target.
         pytest.param((RCS, DISTANCE), {"targets": ("car", "truck")}, 4, marks=nightly),

@@ -94,6 +94,7 @@ def test_wheel_contains_only_package(archives, tracked_files):
     assert metadata["licenses/LICENSE"] == tracked_files["LICENSE"]
 
 
+@nightly
 def test_source_archive_omits_pictures_and_recordings(archives, tracked_files):
     with tarfile.open(fileobj=io.BytesIO(archives[".gz"])) as sdist:
         sizes = {member.name.partition("/")[2]: member.size for member in sdist.getmembers()}
