@@ -164,8 +164,9 @@ def directions_from_phase_centre(
 
     The fit takes the frequency f at mid-window, but the echo from a delay tau has f - S tau there,
     with S tau up to the sample rate: 1.3e-4 of 77 GHz at 10 MHz. Its direction is therefore that of
-    u f / (f - S tau), moved by (D C D^T)^-1 D C u S tau / (f - S tau). Rows without a known
-    direction, or at a range within the array, stay as they are.
+    u f / (f - S tau), moved by (D C D^T)^-1 D C u S tau / (f - S tau). Amplitudes of triangles are
+    the mean of both ramps: f is that of rising ramps, and the mean of both echoes takes the place
+    of f - S tau. Rows without a known direction, or at a range within the array, stay as they are.
     """
     angles = np.stack([azimuth_rad, elevation_rad], axis=1)
     resolved = np.flatnonzero(np.isfinite(angles).any(axis=0))
@@ -180,14 +181,21 @@ def directions_from_phase_centre(
     moment = moments.third[[0, 4, 8]].sum(axis=0) - squares @ moments.third
     curvature = slopes @ moments.covariance @ slopes.swapaxes(1, 2)
     inverse = 1 / curvature if resolved.size == 1 else np.linalg.pinv(curvature, hermitian=True)
-    chirp = radar.frame.chirp
-    delay_hz = range_m / chirp.range_m(1.0)
-    frequency_excess = delay_hz / (chirp.mean_sampled_frequency_hz - delay_hz)
+    fitted_hz = radar.frame.chirp.mean_sampled_frequency_hz
+    frequency_excess = fitted_hz / _mean_echo_frequency_hz(range_m, radar.frame) - 1
     per_range = 0.5 / np.where(is_row, range_m, 1)
     moment = per_range[:, None] * moment + frequency_excess[:, None] * (unit @ moments.covariance)
     shift = (inverse @ (slopes @ moment[:, :, None]))[:, :, 0]
     angles[:, resolved] += np.where(is_row[:, None], shift, 0)
     return angles[:, 0], angles[:, 1]
+
+
+def _mean_echo_frequency_hz(range_m: np.ndarray, frame: Frame) -> np.ndarray:
+    """Return the mean frequency over the ramps of echoes at mid-window, (n,)."""
+    chirp = frame.chirp
+    start_hz = chirp.start_frequency_hz + np.mean([ramp.shift_hz for ramp in frame.ramps])
+    swept_hz = chirp.slope_hz_per_s * chirp.mid_window_s - range_m / chirp.range_m(1.0)
+    return np.asarray(start_hz + np.mean([ramp.sign for ramp in frame.ramps]) * swept_hz)
 
 
 def _wavefront_curvature_rad(

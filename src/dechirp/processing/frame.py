@@ -256,7 +256,8 @@ def find_directions(resolved: ResolvedPeaks, radar: Radar, chain: Chain) -> Sour
     """Find the sources of peaks and their directions; one source each without an estimator."""
     if chain.angle is None:
         return sources_without_directions(len(resolved.doppler_hz))
-    radar = _rising_ramp_radar(radar)
+    if radar.frame.has_falling_ramps:  # paired peaks are referred to the rising ramps
+        radar = radar.with_rising_ramps_only()
     aperture = checked_direction_aperture(radar, chain.field_of_view)
     peaks = resolved.peaks
     return estimate_sources(
@@ -308,7 +309,6 @@ def build_detection_columns(
         offset_m = radar.calibration.range_offset_m
         columns["range"] = np.maximum(columns["range"] - offset_m, 0.0)
     angles = sources.azimuth_rad, sources.elevation_rad
-    radar = _rising_ramp_radar(radar)
     centre_m = phase_centres_m(*angles, columns["ambiguity_number"], radar)
     angles = directions_from_phase_centre(
         columns["range"], *angles, columns["ambiguity_number"], radar
@@ -407,11 +407,6 @@ def split_by_ramp_direction(
     n_rx = radar.array.n_rx
     for part in (slice(n_rx), slice(n_rx, None)):
         yield np.ascontiguousarray(channels[:, part]), radar.with_rising_ramps_only()
-
-
-def _rising_ramp_radar(radar: Radar) -> Radar:
-    """Return the radar with the rising ramps alone, to which paired peaks are referred."""
-    return radar.with_rising_ramps_only() if radar.frame.has_falling_ramps else radar
 
 
 def _undo_mitigation_gain(
