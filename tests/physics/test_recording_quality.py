@@ -237,6 +237,20 @@ def test_single_full_scale_value_is_a_note():
     assert finding.value.startswith("1 of ")
 
 
+@pytest.mark.parametrize("peak", [1.02, 350.0])
+def test_numbers_beyond_full_scale_have_no_converter_to_clip(peak):
+    radar = make_radar(2, sampling="real")
+    cube = simulate_recording(radar)
+    cube.values[:] *= peak / abs(cube.values).max()
+    cube.values[:, :, 1] += np.float32(peak / 2)
+
+    findings = find_by_setting(cube, radar)
+
+    # The largest value is single. An offset is given in the numbers of the recording.
+    assert "recording.clipping" not in findings
+    assert "full scale" not in findings["recording.offset"].value
+
+
 def test_crest_of_low_frequency_echo_is_not_clipping():
     radar = make_radar(1, sampling="real", n_samples=1024)
     # Crests have runs of 8 equal numbers, where several samples stay within a step.

@@ -102,7 +102,9 @@ def adc_offset_findings(recorded: RecordingMeasures) -> list[Finding]:
     worst = int(np.argmax(np.where(is_large, size, -1.0)))
     part = int(np.argmax(np.abs(mean[worst])))
     part_text = f" {'IQ'[part]} of" if recorded.has_complex_samples else ""
-    unit = "of full scale" if recorded.is_normalised_to_full_scale else "sqrt(W)"
+    unit = " sqrt(W)" if recorded.has_absolute_units else ""
+    if recorded.is_normalised_to_full_scale:
+        unit = " of full scale"
     over_rest = np.abs(mean[worst, part]) / max(rest_rms[worst], 1e-45)  # smallest float32
     is_too_large = recorded.is_normalised_to_full_scale and size[worst] > _LARGE_OFFSET
     return [
@@ -110,7 +112,7 @@ def adc_offset_findings(recorded: RecordingMeasures) -> list[Finding]:
             level="warning" if is_too_large else "note",
             setting="recording.offset",
             value=f"a non-zero mean in {format_number_ranges('receiver', np.flatnonzero(is_large))}"
-            f", the largest in{part_text} receiver {worst}: {mean[worst, part]:.4g} {unit},"
+            f", the largest in{part_text} receiver {worst}: {mean[worst, part]:.4g}{unit},"
             f" {over_rest:.3g} times the RMS of the rest",
             expected="samples about zero, since an offset reduces the range of the converter and"
             " appears"

@@ -27,9 +27,16 @@ class RecordingMeasures:
         return bool(self.measures.attrs["is_complex"])
 
     @property
+    def has_absolute_units(self) -> bool:
+        """True if samples are in W**0.5."""
+        return is_absolute(self.measures.attrs["units"])
+
+    @cached_property
     def is_normalised_to_full_scale(self) -> bool:
-        """True if 1 is the end of the converter's range."""
-        return not is_absolute(self.measures.attrs["units"])
+        """True if 1 is the end of the converter's range: no value is beyond it."""
+        level = self.values_of_measure("level")
+        largest = np.max(np.abs(level), initial=0.0, where=np.isfinite(level))
+        return not self.has_absolute_units and bool(largest <= 1)
 
     @cached_property
     def frame_numbers(self) -> np.ndarray:
