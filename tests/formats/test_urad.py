@@ -145,6 +145,21 @@ def test_file_times_are_compared_with_chirp_interval(tmp_path, interval_s, n_fin
     assert all("true velocities 2" in finding.fix for finding in findings)
 
 
+@pytest.mark.parametrize("start_s", [0.05, 0.95])
+def test_times_in_whole_seconds_give_the_interval_between_their_changes(tmp_path, start_s):
+    n_lines, interval_s = 200, 60e-3
+    lines = format_lines(simulate_beat(12.0, 0.0, n_chirps=n_lines)).splitlines()
+    seconds = [int(1.7e9 + start_s + n * interval_s) for n in range(n_lines)]
+    text = "".join(f"{line}{second}\n" for line, second in zip(lines, seconds, strict=True))
+
+    contents, _ = read_contents(tmp_path, text, RecordingHints())
+
+    # The first and the last time would give 55.3 ms for the first start. Each change is late by
+    # less than an interval: the mean is off by less than one of the 166 between the changes.
+    measured_s = contents.radar.frame.single_interval_s
+    assert measured_s == pytest.approx(interval_s, rel=1 / 166)
+
+
 def test_truncated_line_and_incomplete_frame_are_dropped(tmp_path):
     text = format_lines(simulate_beat(12.0, 0.0, n_chirps=20))
 

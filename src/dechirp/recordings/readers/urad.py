@@ -296,7 +296,7 @@ def _split_text_and_time(line: bytes) -> tuple[bytes, bytes | None]:
 def _index_measurement_lines(path: Path) -> _LineIndex:
     """Find the lines and check that their lengths agree; the last may be incomplete."""
     starts = array("q")
-    times_s: list[float] = []  # of the first and of the last complete line
+    times_s = array("d")  # of each line, NaN without a time
     n_numbers = start = line_number = first_line = 0
     odd_line = None
     with path.open("rb") as file:
@@ -318,8 +318,10 @@ def _index_measurement_lines(path: Path) -> _LineIndex:
                     odd_line = line_number, n_words
                 elif n_words:
                     starts.append(start)
-                    if time and line.endswith(b"\n"):
-                        times_s = [*times_s[:1], _parse_time_s(path, line_number, time)]
+                    is_complete = line.endswith(b"\n")
+                    times_s.append(
+                        _parse_time_s(path, line_number, time) if time and is_complete else math.nan
+                    )
             start += len(line)
     if n_numbers < 4 or (odd_line and odd_line[1] > n_numbers):
         count_text = (
@@ -333,8 +335,8 @@ def _index_measurement_lines(path: Path) -> _LineIndex:
         starts=np.frombuffer(starts, np.int64),
         n_numbers=n_numbers,
         first_line=first_line,
-        start_s=times_s[0] if times_s else None,
-        interval_s=_mean_line_interval_s(times_s, len(starts)),
+        start_s=next((time_s for time_s in times_s if math.isfinite(time_s)), None),
+        interval_s=_mean_line_interval_s(np.frombuffer(times_s, np.float64)),
         findings=(_incomplete_last_line_note(*odd_line, n_numbers),)
         if odd_line and odd_line[1]
         else (),
@@ -349,11 +351,20 @@ def _count_words(text: bytes) -> int:
     return text.count(b" ") + bool(text)
 
 
-def _mean_line_interval_s(first_and_last_time_s: list[float], n_lines: int) -> float | None:
-    """Return the mean interval between lines; None without two times."""
-    if len(first_and_last_time_s) < 2 or n_lines < 2:
+def _mean_line_interval_s(times_s: np.ndarray) -> float | None:
+    """Return the mean interval between lines from their times, NaN where missing, or None.
+
+    Times in whole seconds repeat. Those that differ from the one before are late by less than an
+    interval, the first and the last one by up to a second.
+    """
+    timed_lines = np.flatnonzero(np.isfinite(times_s))
+    if len(timed_lines) < 2:
         return None
-    interval_s = (first_and_last_time_s[1] - first_and_last_time_s[0]) / (n_lines - 1)
+    changes = 1 + np.flatnonzero(np.diff(times_s[timed_lines]))
+    if 1 < len(changes) < len(timed_lines) - 1:
+        timed_lines = timed_lines[changes]
+    first, last = timed_lines[0], timed_lines[-1]
+    interval_s = float(times_s[last] - times_s[first]) / int(last - first)
     return interval_s if 0 < interval_s < math.inf else None
 
 
