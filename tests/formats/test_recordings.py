@@ -482,6 +482,15 @@ def test_12_bit_codes_span_full_scale(tmp_path):
     assert np.allclose(recording.cube.values, expected, rtol=0, atol=2e-7)
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_infineon_samples_of_the_vendors_library_are_normalised_floats(tmp_path, dtype):
+    numbers = (draw_codes(2, 3, 4, 8) / 4095).astype(dtype)
+
+    recording = open_recording(write_infineon_folder(tmp_path, numbers))
+
+    assert np.array_equal(recording.cube.values, numbers.transpose(0, 2, 1, 3).astype(np.float32))
+
+
 @pytest.mark.parametrize(
     ("header", "scale", "end"), [("", 1.0, "\n"), ("timestamp\n", 1e3, ""), ("", 1e9, ";x\r\n")]
 )
@@ -674,7 +683,9 @@ def test_missing_infineon_config_error_names_file(tmp_path):
     [
         (draw_codes(2, 3, 4, 16), "(2, 3, 4, 16)"),
         (draw_codes(3, 4, 8), "(3, 4, 8)"),
-        (draw_codes(2, 3, 4, 8) / 4095, "float64"),
+        (draw_codes(2, 3, 4, 8) / 1000, "numbers from 0"),
+        (np.full((2, 3, 4, 8), np.nan), "numbers from nan"),
+        (draw_codes(2, 3, 4, 8) / 4095 + 0j, "complex128"),
         (draw_codes(2, 3, 4, 8) + np.uint16(5000), "codes from"),
     ],
 )

@@ -1,7 +1,8 @@
 """Infineon recordings (ifxdaq, Radar Fusion GUI): a folder with `radar.npy` and `config.json`.
 
 12-bit ADC codes (frame, rx, chirp, sample) of the real beat signal. The ADC offset, about 0.4 of
-full scale, is part of the samples and stays. With two time-multiplexed transmitters, either all
+full scale, is part of the samples and stays. Frames of the vendor's Python library are floats of
+full scale 1. With two time-multiplexed transmitters, either all
 chirps lie in the order sent, or the axis `rx` holds the receivers of each transmitter; the sizes
 distinguish the two (not verified on a real recording with two transmitters).
 
@@ -78,11 +79,11 @@ class Infineon(Format):
             frame.n_chirps,
             frame.chirp.n_samples,
         )
-        if codes.dtype.kind not in "iu" or not (codes.shape[1:] == expected_shape or is_sorted):
+        if codes.dtype.kind not in "iuf" or not (codes.shape[1:] == expected_shape or is_sorted):
             raise RecordingError(
                 file,
                 value=f"an array of {codes.dtype} of shape {codes.shape}",
-                expected="integers of shape (frames, rx, chirp, sample) = (frames,"
+                expected="integers or floats of shape (frames, rx, chirp, sample) = (frames,"
                 f" {', '.join(str(size) for size in expected_shape)}) from the settings",
                 fix="give the settings of the recording",
             )
@@ -104,7 +105,10 @@ class Infineon(Format):
                 if is_sorted
                 else np.swapaxes(frame_codes, 0, 1)
             )
-            _scale_codes_to_full_scale(file, ordered_codes, index, out)
+            if codes.dtype.kind == "f":
+                _copy_normalised_numbers(file, ordered_codes, index, out)
+            else:
+                _scale_codes_to_full_scale(file, ordered_codes, index, out)
 
         starts_s, time_findings = _read_frame_starts_and_findings(
             folders[0], codes.shape[0], radar.frame.frame_start_s(1)
@@ -113,7 +117,7 @@ class Infineon(Format):
             radar=radar,
             n_frames=codes.shape[0],
             decode=decode,
-            scale=_SCALE,
+            scale=None if codes.dtype.kind == "f" else _SCALE,
             frame_starts_s=starts_s,
             findings=(*settings.findings, *findings, *time_findings),
         )
@@ -217,6 +221,21 @@ def _reorder_to_sent_chirps(codes: np.ndarray, tx_order: tuple[int, ...], n_rx: 
     """Reorder codes (tx and rx, chirp of each tx, sample) to (chirp, rx, sample) as sent."""
     by_transmitter = codes.reshape(len(tx_order), n_rx, *codes.shape[1:])
     return by_transmitter[list(tx_order)].transpose(2, 0, 1, 3).reshape(-1, n_rx, codes.shape[-1])
+
+
+def _copy_normalised_numbers(
+    file: Path, numbers: np.ndarray, frame_index: int, out: np.ndarray
+) -> None:
+    """Fill `out` (chirp, rx, sample) with floats of full scale 1."""
+    low, high = float(numbers.min()), float(numbers.max())
+    if not -1 <= low <= high <= 1:
+        raise RecordingError(
+            file,
+            value=f"numbers from {low:.6g} to {high:.6g} in frame {frame_index}",
+            expected="floats of full scale 1, from -1 to 1, or integers of a 12-bit ADC",
+            fix="save the frames as the radar's library returns them, or its codes as integers",
+        )
+    out[:] = numbers
 
 
 def _scale_codes_to_full_scale(
