@@ -323,6 +323,42 @@ def test_real_samples_times_a_phase_of_each_channel_open_as_real_with_calibratio
         open_recording(file, radar=radar, axes=axes).cube.load()
 
 
+@pytest.mark.parametrize(
+    ("shape", "options", "axes"),
+    [
+        ((5, 2, 4, 8), {}, "frame,rx,chirp,sample"),
+        ((8, 4), {"n_rx": 1}, "sample,chirp"),
+        ((5, 4, 2, 2, 8), {"order": (0, 1)}, "frame,chirp,tx,rx,sample"),
+        ((8, 4), {"n_chirps": 1, "order": (0, 1)}, "sample,element"),
+        ((4, 2, 8, 2), {}, "chirp,rx,sample,iq"),
+        ((2, 4, 3, 8), {"n_rx": 3}, "iq,chirp,rx,sample"),
+        ((7, 3, 9), {}, "chirp,rx,sample"),  # nothing fits: the usual order
+    ],
+)
+def test_suggested_axes_have_the_sizes_of_the_radar(tmp_path, shape, options, axes):
+    has_pairs = "iq" in axes
+    np.save(tmp_path / "cube.npy", np.ones(shape, np.float32 if has_pairs else np.complex64) / 2)
+    radar = make_radar(**options)
+
+    with pytest.raises(RecordingError) as caught:
+        open_recording(tmp_path / "cube.npy", radar=radar)
+
+    assert f"--axes {axes} " in caught.value.mistakes[0].fix
+    if shape != (7, 3, 9):
+        assert open_recording(tmp_path / "cube.npy", radar=radar, axes=axes).n_frames in {1, 5}
+
+
+def test_suggested_axes_of_text_with_two_columns_contain_i_and_q(tmp_path):
+    np.savetxt(tmp_path / "beat.csv", np.random.default_rng(1).normal(size=(32, 2)), delimiter=";")
+    radar = make_radar(n_rx=1)
+
+    with pytest.raises(RecordingError) as caught:
+        open_recording(tmp_path / "beat.csv", radar=radar)
+
+    assert "--axes frame,chirp,sample,iq " in caught.value.mistakes[0].fix
+    assert open_recording(tmp_path / "beat.csv", radar=radar, axes="frame,chirp,sample,iq")
+
+
 def test_axis_of_all_antenna_pairs_named_rx_is_told_to_be_element(tmp_path):
     file = tmp_path / "pairs.npy"
     np.save(file, np.ones((6, 64), np.complex64) / 2)

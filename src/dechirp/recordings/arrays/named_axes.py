@@ -1,5 +1,6 @@
 """Arrays with named axes as frames of a cube, for all readers of generic arrays."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,6 +28,7 @@ from dechirp.recordings.settings.radar_example import RadarExample
 from dechirp.recordings.settings.read import list_settings_files
 from dechirp.recordings.settings_lookup import (
     assumed_single_receiver_findings,
+    find_optional_settings,
     find_recording_settings,
 )
 
@@ -130,6 +132,7 @@ def infer_shape_and_findings(
     n_numbers: int,
     *,
     description: str,
+    has_iq_columns: bool = False,
 ) -> tuple[tuple[int, ...], tuple[Finding, ...]]:
     """Infer the shape of consecutive numbers, with findings in case of doubt.
 
@@ -142,20 +145,11 @@ def infer_shape_and_findings(
         If axes are not named, or the numbers are not a whole number of frames.
     """
     if axes is None:
-        raise _missing_axis_names_error(path, f"{description} without axis names")
+        example = "frame,chirp,sample,iq" if has_iq_columns else _EXAMPLES[2]
+        raise _missing_axis_names_error(path, f"{description} without axis names", example)
     _check_axis_names(path, axes, description)
     radar = settings.radar
-    n_slots, n_rx = radar.frame.n_slots, radar.array.n_rx
-    has_tx_axis = "tx" in axes or "element" in axes
-    sizes = {
-        "frame": 1,
-        "chirp": radar.frame.n_chirps if has_tx_axis else radar.frame.n_chirps_total,
-        "tx": n_slots,
-        "rx": n_rx,
-        "element": n_slots * n_rx,
-        "sample": radar.frame.chirp.n_samples,
-        "iq": 2,
-    }
+    sizes = _axis_sizes_of_one_frame(radar, axes, radar.array.n_rx)
     numbers_per_frame = math.prod(sizes[name] for name in axes)
     channel_axis = next((name for name in ("rx", "element") if name in axes), None)
     if "frame" not in axes and channel_axis and radar.array == Array():
@@ -205,10 +199,13 @@ def _sizes_by_axis_name(path: Path, array: LazyArray, hints: RecordingHints) -> 
     if hints.axes is None:
         description = f"an array of {array.dtype} of shape {shape} without axis names"
         named = path if hints.inner_name is None else path / hints.inner_name
+        settings, _ = find_optional_settings(path, hints)
+        is_complex = array.dtype.kind == "c" or complex_field_names(array.dtype) is not None
+        fitting = settings and _find_fitting_axes(array.shape, settings.radar, is_complex)
         raise _missing_axis_names_error(
             named,
             description,
-            array.shape,
+            fitting or _usual_axes(array.shape),
             needs_radar=not hints.settings and not list_settings_files(path),
         )
     description = f"an array of shape {shape}"
@@ -216,16 +213,61 @@ def _sizes_by_axis_name(path: Path, array: LazyArray, hints: RecordingHints) -> 
     return dict(zip(hints.axes, array.shape, strict=True))
 
 
+def _axis_sizes_of_one_frame(radar: Radar, axes: Sequence[str], n_rx: int) -> dict[str, int]:
+    """Return the sizes that axes have in one frame of a radar."""
+    frame = radar.frame
+    has_tx_axis = "tx" in axes or "element" in axes
+    return {
+        "frame": 1,
+        "chirp": frame.n_chirps if has_tx_axis else frame.n_chirps_total,
+        "tx": frame.n_slots,
+        "rx": n_rx,
+        "element": frame.n_slots * n_rx,
+        "sample": frame.chirp.n_samples,
+        "iq": 2,
+    }
+
+
+def _find_fitting_axes(shape: tuple[int, ...], radar: Radar, has_complex_numbers: bool) -> str:
+    """Return the first axis names whose sizes are those of the radar, empty if none fit."""
+    frame, n_slots = radar.frame, radar.frame.n_slots
+    has_pairs = frame.chirp.sampling == "complex" and not has_complex_numbers
+    can_have_tx_axis = n_slots > 1 and frame.tdm_order is not None
+    for axes in itertools.permutations(AXES, len(shape)) if len(shape) <= len(AXES) else ():
+        has_element_axis, has_tx_axis = "element" in axes, "tx" in axes
+        if (
+            ("iq" in axes) != has_pairs
+            or ((has_element_axis or has_tx_axis) and not can_have_tx_axis)
+            or (has_element_axis and (has_tx_axis or "rx" in axes))
+        ):
+            continue
+        sizes = dict(zip(axes, shape, strict=True))
+        n_rx = radar.array.n_rx
+        if radar.array == Array():  # any number of receivers
+            n_rx = min(sizes.get("rx", sizes.get("element", n_slots) // n_slots), _MANY_RECEIVERS)
+        expected_sizes = _axis_sizes_of_one_frame(radar, axes, n_rx)
+        expected_sizes["frame"] = sizes.get("frame", 1)
+        n_numbers = frame.n_chirps_total * n_rx * frame.chirp.n_samples * (1 + has_pairs)
+        is_complete = math.prod(shape) == expected_sizes["frame"] * n_numbers
+        if is_complete and all(sizes[name] == expected_sizes[name] for name in axes):
+            return ",".join(axes)
+    return ""
+
+
+def _usual_axes(shape: tuple[int, ...]) -> str:
+    """Return axis names in the usual order, as an example."""
+    if len(shape) == 2 and min(shape) <= _MANY_RECEIVERS:
+        return "rx,sample" if shape[0] <= _MANY_RECEIVERS else "sample,rx"
+    return _EXAMPLES.get(len(shape), _LONGEST_EXAMPLE)
+
+
 def _missing_axis_names_error(
-    path: Path, description: str, shape: tuple[int, ...] = (), *, needs_radar: bool = False
+    path: Path, description: str, axes: str, *, needs_radar: bool = False
 ) -> RecordingError:
     """Return the error of an array without axis names, and without settings if it needs them.
 
     Once the axes are given, the message about the settings contains an example with its sizes.
     """
-    axes = _EXAMPLES.get(len(shape) or 2, _LONGEST_EXAMPLE)
-    if len(shape) == 2 and min(shape) <= _MANY_RECEIVERS:
-        axes = "rx,sample" if shape[0] <= _MANY_RECEIVERS else "sample,rx"
     fix = f"give them, such as --axes {axes} (axes=[...] in Python)"
     if needs_radar:
         fix += ", and the radar, as --radar FILE: without it, an example is printed"

@@ -111,7 +111,14 @@ class TextColumns(Format):
         n_numbers = table.n_lines * table.n_columns
         description = f"text of {table.n_lines} lines of {table.n_columns} numbers"
         shape, findings = infer_shape_and_findings(
-            path, hints.axes, settings, n_numbers, description=description
+            path,
+            hints.axes,
+            settings,
+            n_numbers,
+            description=description,
+            has_iq_columns=table.n_columns == 2
+            and not table.is_complex
+            and settings.radar.frame.chirp.sampling == "complex",
         )
         if table.n_lines > 1:
             _check_line_holds_whole_axes(path, shape, hints.axes or (), table)
