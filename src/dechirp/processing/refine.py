@@ -275,6 +275,8 @@ def _estimate_tones(
     # Offsets from the demodulation frequencies of the sums.
     d_slow, d_fast = np.zeros(n_tones), np.zeros(n_tones)
     amplitude = np.zeros((n_tones, n_rx), np.complex128)
+    # Of each channel, relative to that of the tone: delays differ over the array.
+    channel_fast, largest_slope = np.zeros((n_tones, n_rx)), np.zeros(n_tones)
     largest, was_alone = np.zeros(n_tones), np.zeros(n_tones, np.bool_)
     remaining_power = np.zeros((n_tones, 2))
     half = np.empty((n_tones, 4))
@@ -303,6 +305,7 @@ def _estimate_tones(
                 if largest[k] > negligible[i] * down:
                     _subtract_separable_tone(
                         residual, amplitude[k], apart_slow, apart_fast,
+                        channel_fast[k] * (largest_slope[k] > negligible[i] * down),
                         (slow[k] + d_slow[k]) * growth, apart_slow * growth, rows, columns,
                     )  # fmt: skip
                     is_alone = False
@@ -326,6 +329,9 @@ def _estimate_tones(
                 change = max(change, abs(moments[0, k] / gain - amplitude[i, k]))
                 amplitude[i, k] = moments[0, k] / gain
                 largest[i] = max(largest[i], abs(amplitude[i, k]))
+            largest_slope[i] = _write_channel_frequencies(
+                moments, amplitude[i], columns, negligible[i], channel_fast[i]
+            )
             is_changing[i] &= change > negligible[i]
             if turn >= n_passes - 1 or is_alone:
                 _subtract_tone_at(residual, amplitude[i], d_slow[i], d_fast[i], rows, columns)
@@ -478,6 +484,7 @@ def _subtract_separable_tone_in_numpy(
     amplitude: np.ndarray,
     apart_slow: float,
     apart_fast: float,
+    channel_fast: np.ndarray,
     walk: float,
     walk_apart: float,
     rows: np.ndarray,
@@ -490,14 +497,17 @@ def _subtract_separable_tone_in_numpy(
     if max(bins_slow, bins_fast) < 1.5:
         return
     row_sums, row_moments = _tone_block_moments(apart_slow, rows)
-    column_sums, column_moments = _tone_block_moments(apart_fast, columns)
     from_row, from_column = _block_centres(n_chirps)[:, None], _block_centres(n_samples)
     row_moments = (1j * walk * row_moments)[:, None]
-    tone = row_sums[:, None] + from_column * row_moments
-    tone *= column_sums + (1j * walk * from_row) * column_moments
-    tone += row_moments * column_moments
-    tone *= np.exp((1j * walk_apart * from_row) * from_column)
-    sums -= amplitude[:, None, None] * tone
+    turn = np.exp((1j * walk_apart * from_row) * from_column)
+    if max(bins_slow, bins_fast) < _CLOSE_BINS:
+        channel_fast = np.zeros_like(channel_fast)
+    for k, shift in enumerate(channel_fast.tolist()):
+        column_sums, column_moments = _tone_block_moments(apart_fast + shift, columns)
+        tone = row_sums[:, None] + from_column * row_moments
+        tone *= column_sums + (1j * walk * from_row) * column_moments
+        tone += row_moments * column_moments
+        sums[k] -= amplitude[k] * cmath.exp(-0.5j * shift * (n_samples - 1)) * turn * tone
 
 
 @kernel(plain=_subtract_separable_tone_in_numpy)
@@ -506,6 +516,7 @@ def _subtract_separable_tone(
     amplitude: np.ndarray,
     apart_slow: float,
     apart_fast: float,
+    channel_fast: np.ndarray,
     walk: float,
     walk_apart: float,
     rows: np.ndarray,
@@ -513,6 +524,8 @@ def _subtract_separable_tone(
 ) -> None:
     """Subtract another tone from block sums, in place, unless it is too near to separate.
 
+    `channel_fast` are its frequencies in the channels relative to `apart_fast`, see
+    `_write_channel_frequencies`. Those of a tone within 3 bins would contain the other one.
     `walk`, rad per chirp and sample, is that of the tone, `walk_apart` the difference from that
     compensated in the sums at the middle of each block. Where that changes the phase at the
     corners of the frame by 0.1 rad, the error of a target 80 dB below is 0.015 bins; without it
@@ -527,25 +540,67 @@ def _subtract_separable_tone(
     bins_fast = abs((apart_fast + np.pi) % (2 * np.pi) - np.pi) * columns[-1] / (2 * np.pi)
     if max(bins_slow, bins_fast) < 1.5:
         return
+    is_close = max(bins_slow, bins_fast) < _CLOSE_BINS
     row_sums, row_moments = _tone_block_moments(apart_slow, rows)
-    column_sums, column_moments = _tone_block_moments(apart_fast, columns)
     from_row = (rows[1:] + rows[:-1] - rows[-1]) / 2
     from_column = (columns[1:] + columns[:-1] - columns[-1]) / 2
-    tone = np.empty((from_row.size, from_column.size), np.complex128)
+    turns = np.empty((from_row.size, from_column.size), np.complex128)
     for a in range(from_row.size):
-        row_sum, row_moment = row_sums[a], 1j * walk * row_moments[a]
-        shift = 1j * walk * from_row[a]
         for b in range(from_column.size):
-            column_sum, column_moment = column_sums[b], column_moments[b]
-            turn = walk_apart * from_row[a] * from_column[b]
-            block_sum = (row_sum + from_column[b] * row_moment) * (
-                column_sum + shift * column_moment
-            ) + row_moment * column_moment
-            tone[a, b] = block_sum * complex(np.cos(turn), np.sin(turn))
+            angle = walk_apart * from_row[a] * from_column[b]
+            turns[a, b] = complex(np.cos(angle), np.sin(angle))
+    tone = np.empty_like(turns)
+    subtracted_shift = np.nan
     for k in range(amplitude.size):
+        shift = 0.0 if is_close else channel_fast[k]
+        if shift != subtracted_shift:
+            subtracted_shift = shift
+            column_sums, column_moments = _tone_block_moments(apart_fast + shift, columns)
+            for a in range(from_row.size):
+                row_sum, row_moment = row_sums[a], 1j * walk * row_moments[a]
+                slope = 1j * walk * from_row[a]
+                for b in range(from_column.size):
+                    column_sum, column_moment = column_sums[b], column_moments[b]
+                    block_sum = (row_sum + from_column[b] * row_moment) * (
+                        column_sum + slope * column_moment
+                    ) + row_moment * column_moment
+                    tone[a, b] = block_sum * turns[a, b]
+        value = amplitude[k] * np.exp(-0.5j * shift * (columns[-1] - 1))
         for a in range(from_row.size):
             for b in range(from_column.size):
-                sums[k, a, b] -= amplitude[k] * tone[a, b]
+                sums[k, a, b] -= value * tone[a, b]
+
+
+@kernel(plain=AS_WRITTEN)
+def _write_channel_frequencies(
+    moments: np.ndarray,
+    amplitude: np.ndarray,
+    columns: np.ndarray,
+    negligible: float,
+    out: np.ndarray,
+) -> float:
+    """Write the frequencies of a tone in the channels relative to that of all, rad per sample.
+
+    Zeros where noise explains them. Return the largest amplitude times its frequency and half the
+    number of samples, the most by which frequencies change a response before its attenuation.
+
+    From the moments of orders 00 and 01 at the frequency of all channels. Delays differ over the
+    array: for eight elements at half a wavelength of 77 GHz and 60 degrees, by 0.02 cells of 0.3 m.
+    With one frequency, a channel at its end keeps 0.01 / d of a tone d cells away: at 48 cells,
+    10 dB over the noise from an echo 84 dB over it, which moves directions.
+    """
+    n_blocks = columns.size - 1
+    mean_square = max(columns[-1] ** 2 * (1 - 1 / n_blocks**2) / 12, 1e-9)
+    largest_slope = 0.0
+    for k in range(out.size):
+        power = max(abs(moments[0, k]) ** 2, 1e-300)
+        out[k] = (np.conj(moments[0, k]) * moments[2, k]).imag / (power * mean_square)
+        largest_slope = max(largest_slope, abs(amplitude[k] * out[k]) * columns[-1] / 2)
+    # Noise makes 1.2 standard deviations of an amplitude; 5 are half of one at 3 cells.
+    if largest_slope < 50 * negligible:
+        out[:] = 0.0
+        return 0.0
+    return largest_slope
 
 
 def _tone_block_moments_in_numpy(
