@@ -221,6 +221,16 @@ def test_pointer_inside_recording_folder_and_as_settings_is_named(tmp_path):
         read_radar(tmp_path / "radar.cfg")
 
 
+def test_pointer_in_place_of_the_settings_beside_a_recording_is_named(tmp_path):
+    np.arange(4096, dtype="<i2").tofile(tmp_path / "adc_data.bin")
+    (tmp_path / "profile.cfg").write_bytes(LFS_POINTER)
+
+    with pytest.raises(RecordingError, match=r"profile\.cfg.*git lfs pull"):
+        open_recording(tmp_path / "adc_data.bin", format="dca1000")
+    with pytest.raises(RecordingError, match=r"profile\.cfg.*git lfs pull"):
+        open_recording(tmp_path)
+
+
 def test_text_with_symbols_is_text_and_samples_are_not():
     assert is_text("time in µs; I; Q\n1,5; 2; 3\n".encode())
     assert is_text("°".encode()[:1] and "angle in °".encode()[:-1])  # cut within a letter

@@ -1,5 +1,6 @@
 """Settings of a recording from any supported settings file, and the search for that file."""
 
+import os
 import re
 import shlex
 from collections.abc import Sequence
@@ -143,6 +144,9 @@ def choose_settings_file(
         if choices:
             break
     if not candidates:
+        pointer_error = _find_pointer_to_settings_error(recording)
+        if pointer_error is not None:
+            raise pointer_error
         above = _list_settings_in_folder_above(recording)
         if above:
             raise RecordingError(
@@ -213,6 +217,18 @@ def _settings_by_words_finding(file: Path, choices: list[Path], reason: str) -> 
         fix="no action needed if they are; else give --radar"
         f" {shlex.quote(str(others[0]))}, and name it like the recording",
     )
+
+
+def _find_pointer_to_settings_error(recording: Path) -> RecordingError | None:
+    """Return the error of a file beside a recording that stands in for settings, such as of LFS."""
+    for file in sorted(recording.parent.iterdir()):
+        suffix = file.suffix.lower()
+        is_candidate = file != recording and suffix in _SUFFIXES and suffix != ".txt"
+        if is_candidate and mmwave_setup.is_file_not_linked_outside_folder(file):
+            error = stand_in_error(file) if os.access(file, os.R_OK) else None
+            if error is not None:
+                return error
+    return None
 
 
 def _list_settings_in_folder_above(recording: Path) -> list[Path]:
