@@ -86,9 +86,10 @@ class Urad(Format):
         lines = [*_without_headings([line for line in lines if line.strip()])]
         # A stopped recording may end within a line.
         lines = lines[:-1] if len(lines) > 1 else lines
-        counts = {_count_codes_or_none(line) for line in lines}
-        n_numbers = counts.pop() if len(counts) == 1 else None
+        n_numbers = _count_codes_or_none(lines[0]) if lines else None
         if not n_numbers or (n_numbers % 2 and other_iq_file(path) is None):
+            return MatchQuality.NO
+        if any(_count_codes_or_none(line) != n_numbers for line in lines[1:]):
             return MatchQuality.NO
         if n_numbers not in _NUMBERS_PER_LINE and 2 * n_numbers not in _NUMBERS_PER_LINE:
             return MatchQuality.POSSIBLE
