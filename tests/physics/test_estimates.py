@@ -7,6 +7,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.core.units import to_decibels
+from dechirp.processing import refine
 from dechirp.processing.detect import detect_columns
 from dechirp.processing.refine import refine_tones
 from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
@@ -300,3 +301,41 @@ def test_delays_over_array_leave_amplitudes_of_weak_tone():
     np.testing.assert_allclose(tones.amplitude[1], 1e-3, rtol=5e-4)
     # The weak tone moves it by 1e-3 / 48 / 0.3 bins at most.
     assert tones.fast[0] / bin_rad == pytest.approx(40.3, abs=1e-4)
+
+
+@pytest.mark.parametrize("n_turns", [-1, 1])
+def test_walk_of_aliased_tone_leaves_weak_tone(n_turns):
+    """A turn per chirp walks by growth M N = 0.66 cells more than the frequency shows."""
+    m, n, growth = np.arange(128)[:, None] - 63.5, np.arange(256) - 127.5, 2e-5
+    slow, fast = np.array([0.4, 0.4]), 2 * np.pi / 256 * np.array([40.3, 88.6])
+    strong, weak = (
+        np.exp(1j * (s * m + f * n + (s + 2 * np.pi * turns) * growth * m * n))
+        for s, f, turns in zip(slow, fast, (n_turns, 0), strict=True)
+    )
+    tones = refine_tones(
+        np.repeat((strong + 1e-2 * weak)[:, None], 2, axis=1).astype(np.complex64),
+        slow,
+        fast,
+        np.full(2, 1e-5),
+        growth=growth,
+    )
+
+    # The noise makes standard deviations of sqrt(6) / 2 pi / 810 = 5e-4 bins in the frequencies of
+    # the weak tone, 58 dB after integration, and of 1.7e-3 in its amplitudes: once and twice those.
+    bins = np.array([128, 256]) / (2 * np.pi)
+    errors = abs(np.array([tones.slow - slow, tones.fast - fast]))[:, 1] * bins
+    assert np.all(errors < 5e-4), errors
+    np.testing.assert_allclose(abs(tones.amplitude[1]), 1e-2, rtol=3.4e-3)
+
+
+def test_walk_of_a_fraction_of_a_turn_is_not_taken_for_aliasing(monkeypatch):
+    m, n, growth = np.arange(128)[:, None] - 63.5, np.arange(256) - 127.5, 2e-5
+    echo = np.exp(1j * (0.4 * m + n + (0.4 + 2 * np.pi * 0.7) * growth * m * n))
+    tone = np.array([0.4]), np.array([1.0]), np.array([1e-5])
+
+    tones = refine_tones(echo[:, None].astype(np.complex64), *tone, growth=growth)
+
+    monkeypatch.setattr(refine, "_MAX_WALK_PASSES", 0)
+    without = refine_tones(echo[:, None].astype(np.complex64), *tone, growth=growth)
+    np.testing.assert_allclose(tones.amplitude, without.amplitude, rtol=1e-9)
+    assert abs(without.amplitude.item()) < 0.98  # smeared: the walk was significant

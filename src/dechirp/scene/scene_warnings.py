@@ -237,7 +237,7 @@ def _find_velocities_with_excess_range_migration(snapshot: _SceneSnapshot) -> _F
             value=f"{_format_range_velocity(_scatterer_range_velocity(snapshot, i))}"
             f"{snapshot.frame_text}, with {abs(ambiguities[i]) * cells_per_ambiguity:.2g} more"
             " range cells of migration within the frame than its aliased velocity in the maps of"
-            " rising and falling ramps: its peaks are smeared, and seldom paired",
+            " rising and falling ramps: its peaks are smeared, and weak ones seldom paired",
             expected=f"between -{max_velocity:.4g} and {max_velocity:.4g} m/s, or at most"
             f" {_MAX_MIGRATION_CELLS:g} cell of migration",
             fix="send fewer chirps, shorten the interval, or reduce the bandwidth",
