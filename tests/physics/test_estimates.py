@@ -339,3 +339,19 @@ def test_walk_of_a_fraction_of_a_turn_is_not_taken_for_aliasing(monkeypatch):
     without = refine_tones(echo[:, None].astype(np.complex64), *tone, growth=growth)
     np.testing.assert_allclose(tones.amplitude, without.amplitude, rtol=1e-9)
     assert abs(without.amplitude.item()) < 0.98  # smeared: the walk was significant
+
+
+def test_walk_of_several_echoes_in_a_few_cells_is_not_taken_for_aliasing(monkeypatch):
+    """Their walk is a whole turn by chance: their peak has their power beside it."""
+    m, n, growth = np.arange(128)[:, None] - 63.5, np.arange(256) - 127.5, 2e-5
+    bin_rad = 2 * np.pi / np.array([128, 256])
+    echo = np.exp(1j * (0.4 + 2 * np.pi) * growth * m * n)
+    echo += 0.3 * np.exp(1j * (3 * bin_rad[0] * m + 1.3 * bin_rad[1] * n))
+    samples = (echo * np.exp(1j * (0.4 * m + n)))[:, None].astype(np.complex64)
+    tone = np.array([0.4]), np.array([1.0]), np.array([1e-5])
+
+    tones = refine_tones(samples, *tone, growth=growth)
+
+    monkeypatch.setattr(refine, "_MAX_WALK_PASSES", 0)
+    without = refine_tones(samples, *tone, growth=growth)
+    np.testing.assert_allclose(tones.amplitude, without.amplitude, rtol=1e-9)

@@ -22,12 +22,14 @@ from dechirp.core.threads import run_in_threads, thread_count
 # by 7 degrees within a block, which costs 0.05 % of its amplitude.
 N_BLOCKS = 16
 N_PASSES = 3
-# Estimates of all tones with the walks of aliased ones, after the first; the most turns of those,
-# 62 m/s at 77 GHz and a repetition of 250 us; and how far from a whole turn the walk may be. Of
-# people and their limbs, one walk in eight is as near by chance.
+# Estimates of all tones with the walks of aliased ones, after the first; and the most turns of
+# those, 62 m/s at 77 GHz and a repetition of 250 us.
 _MAX_WALK_PASSES = 3
 _MAX_ALIASED_TURNS = 8
+# How far from a whole turn the walk of a single aliased echo may be, and the power beside it. Walks
+# of cars and people, with several echoes in a few cells, are as near by chance in one of eight.
 _MAX_FRACTION_OF_TURN = 0.06
+_MAX_POWER_BESIDE_POINT = 1e-3
 # Passes over the strongest 256 tones that are within 3 bins of another on both axes, until their
 # amplitudes change by less than a tenth of their noise. At 2 bins three passes leave an error of
 # 6e-5 bins, the Cramer-Rao bound at 76 dB. A thousand tones in 128 x 128 cells would take 8 s.
@@ -189,13 +191,18 @@ def refine_tones_and_residuals(
         return _estimate_tones(sums, slow, fast, negligible, rows, columns, walk, growth)
 
     *estimates, residual_power, walk_error = estimate()
-    turns, is_fractional = np.zeros(len(slow)), np.zeros(len(slow), bool)
-    for _ in range(_MAX_WALK_PASSES):
+    turns, is_extended = np.zeros(len(slow)), np.zeros(len(slow), bool)
+    for n_left in reversed(range(_MAX_WALK_PASSES)):  # the last one only takes turns back
         rest = _turns_beyond_noise(walk_error, estimates[2], noise_power, n_samples_each, growth)
-        more = np.where(abs(turns + np.round(rest)) <= _MAX_ALIASED_TURNS, np.round(rest), 0.0)
-        # Echoes of extended targets, of several velocities, leave a fraction of a turn.
-        is_fractional |= (more == 0) & (turns != 0) & (abs(rest) > _MAX_FRACTION_OF_TURN)
-        more = np.where(is_fractional, -turns, more)
+        more = np.round(rest) * (n_left > 0)
+        more[abs(turns + more) > _MAX_ALIASED_TURNS] = 0.0
+        # Several echoes within a few cells leave a fraction of a turn, or power beside it.
+        mean_power = estimates[2] / (n_samples_each * samples.shape[1])
+        is_point = (abs(rest) < _MAX_FRACTION_OF_TURN) & (
+            residual_power.max(axis=1) < _MAX_POWER_BESIDE_POINT * mean_power
+        )
+        is_extended |= (more == 0) & (turns != 0) & ~is_point
+        more = np.where(is_extended, -turns, more)
         if not more.any():
             break
         turns += more
