@@ -411,7 +411,7 @@ def _sum_over_samples(
 ) -> np.ndarray:
     """Sum samples times weights at a fast-time frequency, (channel, chirp).
 
-    See `refine._demodulated_block_sums` for the order of the numbers.
+    See `tone_block_sums.demodulated_block_sums` for the order of the numbers.
     """
     n_chirps, n_channels, n_numbers = numbers.shape
     per_sample = n_numbers // n_samples

@@ -2,9 +2,9 @@
 
 12-bit ADC codes (frame, rx, chirp, sample) of the real beat signal. The ADC offset, about 0.4 of
 full scale, is part of the samples and stays. Frames of the vendor's Python library are floats of
-full scale 1. With two time-multiplexed transmitters, either all
-chirps lie in the order sent, or the axis `rx` holds the receivers of each transmitter; the sizes
-distinguish the two (not verified on a real recording with two transmitters).
+full scale 1. With two time-multiplexed transmitters, either all chirps lie in the order sent, or
+the axis `rx` holds the receivers of each transmitter; the sizes distinguish the two (not verified
+on a real recording with two transmitters).
 
 `radar_timestamp.csv`, where present, holds the computer's time of each frame, and replaces the
 times that follow from the frame period.

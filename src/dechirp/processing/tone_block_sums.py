@@ -1,0 +1,389 @@
+"""Block sums of samples, in which tones are estimated and subtracted instead of in the samples.
+
+The samples of a channel, demodulated at a frequency near that of a tone, are summed into at most
+16 x 16 blocks of chirps and samples: one pass over the samples for each tone, after which a
+frequency takes microseconds. What another tone adds to the sums is known in closed form.
+
+`rows` and `columns` are the edges of the blocks along chirps and samples, `slow` and `fast` the
+frequencies along them, rad per chirp and sample.
+"""
+
+import cmath
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from dechirp.core.compiled_kernels import kernel
+
+# Blocks per axis: the phase of a tone 0.3 bins off changes by 7 degrees within a block, which
+# costs 0.05 % of its amplitude.
+N_BLOCKS = 16
+# Tones within so many bins of another on both axes are estimated with it in more passes.
+CLOSE_BINS = 3.0
+
+
+@lru_cache(maxsize=64)
+def block_edges(n_points: int) -> np.ndarray:
+    """Return the first point of each block, and the number of points, (blocks + 1,)."""
+    edges = np.linspace(0, n_points, min(n_points, N_BLOCKS) + 1).round().astype(np.int64)
+    edges.setflags(write=False)
+    return edges
+
+
+@lru_cache(maxsize=64)
+def block_centres(n_points: int) -> np.ndarray:
+    """Return the middle of each block relative to the middle of all."""
+    edges = block_edges(n_points)
+    centres = np.asarray((edges[1:] + edges[:-1] - n_points) / 2)
+    centres.setflags(write=False)
+    return centres
+
+
+def _demodulated_block_sums_in_numpy(
+    numbers: np.ndarray,
+    n_samples: int,
+    slow: float,
+    fast: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> np.ndarray:
+    """Plain twin of `demodulated_block_sums`: equal within 1e-6 of the largest sum."""
+    n_chirps, _, n_numbers = numbers.shape
+    samples = numbers if n_numbers == n_samples else numbers.view(np.complex64)
+    turned = samples * np.exp(-1j * fast * np.arange(n_samples)).astype(np.complex64)
+    sums = np.add.reduceat(turned, columns[:-1], axis=2, dtype=complex)
+    sums *= np.exp(-1j * slow * np.arange(n_chirps))[:, None, None]
+    return np.ascontiguousarray(np.add.reduceat(sums, rows[:-1], axis=0).transpose(1, 0, 2))
+
+
+@kernel(plain=_demodulated_block_sums_in_numpy, fastmath={"contract", "reassoc"})
+def demodulated_block_sums(
+    numbers: np.ndarray,
+    n_samples: int,
+    slow: float,
+    fast: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> np.ndarray:
+    """Sum blocks of samples times exp(-i (slow m + fast n)), (rx, rows, columns).
+
+    One pass over the samples takes little more than the time to read them: the real part is
+    the product of re, im, re, im ... with cos, sin, cos, sin ..., the imaginary part that
+    with -sin, cos, -sin, cos ...; real samples have neither im nor every other factor.
+    """
+    _, n_rx, n_numbers = numbers.shape
+    per_sample = n_numbers // n_samples
+    to_real = np.empty(n_numbers, np.float32)
+    to_imaginary = np.empty(n_numbers, np.float32)
+    for n in range(n_samples):
+        cosine, sine = np.cos(fast * n), np.sin(fast * n)
+        to_real[n * per_sample], to_imaginary[n * per_sample] = cosine, -sine
+        if per_sample == 2:
+            to_real[2 * n + 1], to_imaginary[2 * n + 1] = sine, cosine
+    out = np.zeros((n_rx, len(rows) - 1, len(columns) - 1), np.complex128)
+    for row in range(len(rows) - 1):
+        for m in range(rows[row], rows[row + 1]):
+            turn = np.exp(-1j * slow * m)
+            for k in range(n_rx):
+                for column in range(len(columns) - 1):
+                    start, stop = columns[column] * per_sample, columns[column + 1] * per_sample
+                    block = numbers[m, k, start:stop]
+                    cosines, sines = to_real[start:stop], to_imaginary[start:stop]
+                    real, imaginary = np.float32(0.0), np.float32(0.0)
+                    for i in range(block.size):
+                        real += block[i] * cosines[i]
+                        imaginary += block[i] * sines[i]
+                    out[k, row, column] += turn * complex(real, imaginary)
+    return out
+
+
+def _tone_block_moments_in_numpy(
+    frequency: float, edges: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Plain twin of `_tone_block_moments`."""
+    half = math.remainder(frequency, math.tau) / 2
+    lengths = edges[1:] - edges[:-1]
+    # The quotients below lose half of the digits where half a step is 1e-8.
+    if abs(half) < 1e-5:
+        turns = np.exp(1j * half * (edges[1:] + edges[:-1] - 1))
+        return lengths * turns, 1j * half / 6 * lengths * (lengths**2 - 1) * turns
+    ends = np.exp(2j * half * edges) / (2j * math.sin(half) * cmath.exp(1j * half))
+    sums = ends[1:] - ends[:-1]
+    return sums, lengths * (ends[1:] + ends[:-1]) / 2 + 0.5j / math.tan(half) * sums
+
+
+@kernel(plain=_tone_block_moments_in_numpy)
+def _tone_block_moments(frequency: float, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sum exp(i frequency n), and (n - n0) exp(i frequency n), over each block, (blocks,).
+
+    n0 is the middle of the block.
+    """
+    sums = np.empty(edges.size - 1, np.complex128)
+    moments = np.empty(edges.size - 1, np.complex128)
+    half = frequency / 2 - np.pi * np.round(frequency / (2 * np.pi))
+    is_still, sine, cosine = abs(half) < 1e-9, np.sin(half), np.cos(half)
+    # A loop: `np.diff` and sums of arrays take 3 s more to compile.
+    for k in range(sums.size):
+        length = edges[k + 1] - edges[k]
+        response, slope = float(length), 0.0
+        if not is_still:
+            response = np.sin(half * length) / sine
+            slope = (length * np.cos(half * length) - response * cosine) / (2 * sine)
+        turn = np.exp(1j * half * (edges[k + 1] + edges[k] - 1))
+        sums[k], moments[k] = response * turn, -1j * slope * turn
+    return sums, moments
+
+
+def _blockwise_demodulation_gain_in_numpy(frequency: float, edges: np.ndarray) -> float:
+    """Plain twin of `blockwise_demodulation_gain`."""
+    centres = (edges[1:] + edges[:-1] - 1) / 2
+    return float(
+        np.sum(_tone_block_moments(frequency, edges)[0] * np.exp(-1j * frequency * centres)).real
+    )
+
+
+@kernel(plain=_blockwise_demodulation_gain_in_numpy)
+def blockwise_demodulation_gain(frequency: float, edges: np.ndarray) -> float:
+    """Return the sum of a unit tone demodulated block by block: a little less than N."""
+    gain = 0.0
+    tones = _tone_block_moments(frequency, edges)[0]
+    for k in range(tones.size):
+        centre = (edges[k + 1] + edges[k] - 1) / 2
+        gain += (tones[k] * np.exp(-1j * frequency * centre)).real
+    return gain
+
+
+def _periodogram_moments_in_numpy(
+    sums: np.ndarray, rows: np.ndarray, columns: np.ndarray, slow: float, fast: float
+) -> np.ndarray:
+    """Plain twin of `periodogram_moments`."""
+    p, q = (rows[1:] + rows[:-1] - 1) / 2, (columns[1:] + columns[:-1] - 1) / 2
+    turn_p, turn_q = np.exp(-1j * slow * p), np.exp(-1j * fast * q)
+    p, q = p - (rows[-1] - 1) / 2, q - (columns[-1] - 1) / 2
+    powers_p, powers_q = turn_p * (np.ones_like(p), p, p * p), turn_q * (np.ones_like(q), q, q * q)
+    moments = powers_p @ sums @ powers_q.T
+    return np.stack([moments[:, i, j] for i, j in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))])
+
+
+@kernel(plain=_periodogram_moments_in_numpy, fastmath={"contract", "reassoc"})
+def periodogram_moments(
+    sums: np.ndarray, rows: np.ndarray, columns: np.ndarray, slow: float, fast: float
+) -> np.ndarray:
+    """Sum p^i q^j y exp(-i (slow p + fast q)): orders 00 10 01 20 11 02, (6, rx).
+
+    p and q count from the middle of the aperture; a factor of unit modulus, the phase of the
+    middle, is restored, so that order 00 has the phase of the periodogram.
+    """
+    p = (rows[1:] + rows[:-1] - 1) / 2
+    q = (columns[1:] + columns[:-1] - 1) / 2
+    turn_p, turn_q = np.exp(-1j * slow * p), np.exp(-1j * fast * q)
+    p, q = p - (rows[-1] - 1) / 2, q - (columns[-1] - 1) / 2
+    out = np.zeros((6, sums.shape[0]), np.complex128)
+    for k in range(sums.shape[0]):
+        for a in range(p.size):
+            row_sum, row_sum_q, row_sum_qq = 0j, 0j, 0j
+            for b in range(q.size):
+                z = sums[k, a, b] * turn_q[b]
+                row_sum += z
+                row_sum_q += q[b] * z
+                row_sum_qq += q[b] * q[b] * z
+            row_sum *= turn_p[a]
+            row_sum_q *= turn_p[a]
+            out[0, k] += row_sum
+            out[1, k] += p[a] * row_sum
+            out[2, k] += row_sum_q
+            out[3, k] += p[a] * p[a] * row_sum
+            out[4, k] += p[a] * row_sum_q
+            out[5, k] += row_sum_qq * turn_p[a]
+    return out
+
+
+def _subtract_tone_at_in_numpy(
+    sums: np.ndarray,
+    amplitude: np.ndarray,
+    slow: float,
+    fast: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> None:
+    """Plain twin of `subtract_tone_at`."""
+    tone = np.multiply.outer(
+        _tone_block_moments(slow, rows)[0], _tone_block_moments(fast, columns)[0]
+    )
+    sums -= amplitude[:, None, None] * tone
+
+
+@kernel(plain=_subtract_tone_at_in_numpy)
+def subtract_tone_at(
+    sums: np.ndarray,
+    amplitude: np.ndarray,
+    slow: float,
+    fast: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> None:
+    """Subtract a tone at an offset from the demodulation frequencies from block sums, in place."""
+    over_rows, over_columns = (
+        _tone_block_moments(slow, rows)[0],
+        _tone_block_moments(fast, columns)[0],
+    )
+    for k in range(amplitude.size):
+        for a in range(over_rows.size):
+            for b in range(over_columns.size):
+                sums[k, a, b] -= amplitude[k] * over_rows[a] * over_columns[b]
+
+
+def _subtract_separable_tone_in_numpy(
+    sums: np.ndarray,
+    amplitude: np.ndarray,
+    apart_slow: float,
+    apart_fast: float,
+    channel_fast: np.ndarray,
+    walk: float,
+    walk_apart: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> None:
+    """Plain twin of `subtract_separable_tone`."""
+    n_chirps, n_samples = int(rows[-1]), int(columns[-1])
+    bins_slow = abs(math.remainder(apart_slow, math.tau)) * n_chirps / math.tau
+    bins_fast = abs(math.remainder(apart_fast, math.tau)) * n_samples / math.tau
+    if max(bins_slow, bins_fast) < 1.5:
+        return
+    row_sums, row_moments = _tone_block_moments(apart_slow, rows)
+    from_row, from_column = block_centres(n_chirps)[:, None], block_centres(n_samples)
+    row_moments = (1j * walk * row_moments)[:, None]
+    turn = np.exp((1j * walk_apart * from_row) * from_column)
+    if max(bins_slow, bins_fast) < CLOSE_BINS:
+        channel_fast = np.zeros_like(channel_fast)
+    for k, shift in enumerate(channel_fast.tolist()):
+        column_sums, column_moments = _tone_block_moments(apart_fast + shift, columns)
+        tone = row_sums[:, None] + from_column * row_moments
+        tone *= column_sums + (1j * walk * from_row) * column_moments
+        tone += row_moments * column_moments
+        sums[k] -= amplitude[k] * cmath.exp(-0.5j * shift * (n_samples - 1)) * turn * tone
+
+
+@kernel(plain=_subtract_separable_tone_in_numpy)
+def subtract_separable_tone(
+    sums: np.ndarray,
+    amplitude: np.ndarray,
+    apart_slow: float,
+    apart_fast: float,
+    channel_fast: np.ndarray,
+    walk: float,
+    walk_apart: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> None:
+    """Subtract another tone from block sums, in place, unless it is too near to separate.
+
+    `channel_fast` are its frequencies in the channels relative to `apart_fast`, see
+    `_write_channel_frequencies`. Those of a tone within 3 bins would contain the other one.
+    `walk`, rad per chirp and sample, is that of the tone, `walk_apart` the difference from that
+    compensated in the sums at the middle of each block. Where that changes the phase at the
+    corners of the frame by 0.1 rad, the error of a target 80 dB below is 0.015 bins; without it
+    0.25.
+
+    In a block with the middle (r, c), the walk w turns the phase at (r + p, c + q) by
+    w (r c + r q + c p + p q). The last three terms, at most 0.2 rad for each cell that the tone
+    walks within the frame, are added to first order by the moments of p and q: without them a tone
+    16, 32, ... bins away, whose block sums vanish, leaves a tone at the frequency sought.
+    """
+    bins_slow = abs((apart_slow + np.pi) % (2 * np.pi) - np.pi) * rows[-1] / (2 * np.pi)
+    bins_fast = abs((apart_fast + np.pi) % (2 * np.pi) - np.pi) * columns[-1] / (2 * np.pi)
+    if max(bins_slow, bins_fast) < 1.5:
+        return
+    is_close = max(bins_slow, bins_fast) < CLOSE_BINS
+    row_sums, row_moments = _tone_block_moments(apart_slow, rows)
+    from_row = (rows[1:] + rows[:-1] - rows[-1]) / 2
+    from_column = (columns[1:] + columns[:-1] - columns[-1]) / 2
+    turns = np.empty((from_row.size, from_column.size), np.complex128)
+    for a in range(from_row.size):
+        for b in range(from_column.size):
+            angle = walk_apart * from_row[a] * from_column[b]
+            turns[a, b] = complex(np.cos(angle), np.sin(angle))
+    tone = np.empty_like(turns)
+    subtracted_shift = np.nan
+    for k in range(amplitude.size):
+        shift = 0.0 if is_close else channel_fast[k]
+        if shift != subtracted_shift:
+            subtracted_shift = shift
+            column_sums, column_moments = _tone_block_moments(apart_fast + shift, columns)
+            for a in range(from_row.size):
+                row_sum, row_moment = row_sums[a], 1j * walk * row_moments[a]
+                slope = 1j * walk * from_row[a]
+                for b in range(from_column.size):
+                    column_sum, column_moment = column_sums[b], column_moments[b]
+                    block_sum = (row_sum + from_column[b] * row_moment) * (
+                        column_sum + slope * column_moment
+                    ) + row_moment * column_moment
+                    tone[a, b] = block_sum * turns[a, b]
+        value = amplitude[k] * np.exp(-0.5j * shift * (columns[-1] - 1))
+        for a in range(from_row.size):
+            for b in range(from_column.size):
+                sums[k, a, b] -= value * tone[a, b]
+
+
+def _highest_power_beside_in_numpy(
+    sums: np.ndarray, slow: float, fast: float, rows: np.ndarray, columns: np.ndarray
+) -> tuple[float, float]:
+    """Plain twin of `highest_power_beside`."""
+    turn_rows = np.exp(-0.5j * slow * (rows[1:] + rows[:-1] - 1))
+    turn_columns = np.exp(-0.5j * fast * (columns[1:] + columns[:-1] - 1))
+    turned = sums * turn_rows[:, None] * turn_columns
+    scale = 1.0 / (float(rows[-1]) * columns[-1]) ** 2
+    return (
+        _highest_bin_power(turned.sum(axis=2)) * scale,
+        _highest_bin_power(turned.sum(axis=1)) * scale,
+    )
+
+
+@kernel(plain=_highest_power_beside_in_numpy)
+def highest_power_beside(
+    sums: np.ndarray, slow: float, fast: float, rows: np.ndarray, columns: np.ndarray
+) -> tuple[float, float]:
+    """Return the highest power in whole bins beside an offset, along slow and along fast time."""
+    n_channels, n_rows, n_columns = sums.shape
+    row_sums = np.zeros((n_channels, n_rows), np.complex128)
+    column_sums = np.zeros((n_channels, n_columns), np.complex128)
+    turn_rows = np.exp(-0.5j * slow * (rows[1:] + rows[:-1] - 1))
+    turn_columns = np.exp(-0.5j * fast * (columns[1:] + columns[:-1] - 1))
+    for k in range(n_channels):
+        for a in range(n_rows):
+            for b in range(n_columns):
+                row_sums[k, a] += sums[k, a, b] * turn_columns[b]
+                column_sums[k, b] += sums[k, a, b] * turn_rows[a]
+        for a in range(n_rows):
+            row_sums[k, a] *= turn_rows[a]
+        for b in range(n_columns):
+            column_sums[k, b] *= turn_columns[b]
+    scale = 1.0 / (float(rows[-1]) * columns[-1]) ** 2
+    return _highest_bin_power(row_sums) * scale, _highest_bin_power(column_sums) * scale
+
+
+def _highest_bin_power_in_numpy(values: np.ndarray) -> float:
+    """Plain twin of `_highest_bin_power`."""
+    power = np.mean(abs(np.fft.fft(values, axis=1)) ** 2, axis=0)
+    return float(power[1:].max(initial=0.0))
+
+
+@kernel(plain=_highest_bin_power_in_numpy)
+def _highest_bin_power(values: np.ndarray) -> float:
+    """Return the highest mean power over channels of the transform of (channel, block)."""
+    n_channels, n = values.shape
+    turns = np.exp(-2j * np.pi * np.arange(n) / n)
+    highest = 0.0
+    for j in range(1, n):
+        power = 0.0
+        for k in range(n_channels):
+            total, turn = 0j, 0
+            for b in range(n):
+                total += values[k, b] * turns[turn]
+                turn += j
+                if turn >= n:
+                    turn -= n
+            power += total.real**2 + total.imag**2
+        highest = max(highest, power / n_channels)
+    return highest
