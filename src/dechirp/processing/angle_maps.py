@@ -328,6 +328,7 @@ def _refine_tone_with_doppler_and_noise(
         2 * np.pi / chirp.sample_rate_hz * beat_hz,
         np.zeros(len(order)),
         growth=slow_time_frequency_growth_per_sample(chirp),
+        interval_ratio=1 / (chirp.sample_rate_hz * frame.repetition_s),
     )
     refined_index = np.flatnonzero(order == tone_index)
     tone = Tones(

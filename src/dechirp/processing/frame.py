@@ -343,6 +343,7 @@ def _refine_peaks(
         np.concatenate([fast, -fast[with_image]]),
         np.concatenate([sample_noise, sample_noise[with_image]]),
         growth=growth,
+        interval_ratio=1 / (frame.chirp.sample_rate_hz * frame.repetition_s),
     )
     amplitude_noise = sample_noise / (frame.n_chirps * frame.chirp.n_samples)
     tones, sidelobes, is_kept = estimate_tones_without_sidelobes(

@@ -16,14 +16,15 @@ from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.threads import run_in_threads, thread_count
 from dechirp.processing.tone_block_sums import (
     CLOSE_BINS,
-    block_centres,
     block_edges,
     blockwise_demodulation_gain,
+    blockwise_walk_gain,
     demodulated_block_sums,
     highest_power_beside,
     periodogram_moments,
     subtract_separable_tone,
     subtract_tone_at,
+    walk_phase_pattern,
 )
 
 # Passes over all tones, each with the others subtracted.
@@ -128,12 +129,15 @@ def refine_tones(
     noise_power: np.ndarray,
     *,
     growth: float = 0.0,
+    interval_ratio: float = 0.0,
 ) -> Tones:
     """Estimate the maximum-likelihood frequencies of tones near given ones.
 
     See `refine_tones_and_residuals` for the parameters.
     """
-    return refine_tones_and_residuals(samples, slow, fast, noise_power, growth=growth)[0]
+    return refine_tones_and_residuals(
+        samples, slow, fast, noise_power, growth=growth, interval_ratio=interval_ratio
+    )[0]
 
 
 def refine_tones_and_residuals(
@@ -143,6 +147,7 @@ def refine_tones_and_residuals(
     noise_power: np.ndarray,
     *,
     growth: float = 0.0,
+    interval_ratio: float = 0.0,
 ) -> tuple[Tones, np.ndarray]:
     """Estimate the maximum-likelihood frequencies of tones, and the power that remains beside them.
 
@@ -158,6 +163,8 @@ def refine_tones_and_residuals(
         Growth of slow-time frequencies from sample to sample, relative to their mean: the walk
         through range cells within the frame, see `processing.range_walk`. That of aliased tones is
         estimated.
+    interval_ratio : float
+        Interval of samples over that of chirps, by which targets walk within a chirp too.
 
     Returns
     -------
@@ -179,16 +186,18 @@ def refine_tones_and_residuals(
     numbers = np.ascontiguousarray(samples).view(np.float32)
     sums = np.empty((len(slow), samples.shape[1], len(rows) - 1, len(columns) - 1), np.complex128)
 
-    centres = np.outer(block_centres(n_chirps), block_centres(n_samples))
+    walk_pattern = walk_phase_pattern(rows, columns, interval_ratio)
     walk = np.asarray(slow * growth, float)
 
     def add(i: int) -> None:
         sums[i] = demodulated_block_sums(numbers, n_samples, slow[i], fast[i], rows, columns)
         # Over a walk of eight cells the phase error in a block is at most 0.8 rad, of the sum 3 %.
-        sums[i] *= np.exp(-1j * walk[i] * centres)
+        sums[i] *= np.exp(-1j * walk[i] * walk_pattern)
 
     run_in_threads(thread_count(), add, range(len(slow)))
-    return _estimate_tones_and_turns(sums, slow, fast, noise_power, rows, columns, walk, growth)
+    return _estimate_tones_and_turns(
+        sums, slow, fast, noise_power, rows, columns, walk, growth, interval_ratio
+    )
 
 
 def _estimate_tones_and_turns(
@@ -200,21 +209,21 @@ def _estimate_tones_and_turns(
     columns: np.ndarray,
     walk: np.ndarray,
     growth: float,
+    interval_ratio: float,
 ) -> tuple[Tones, np.ndarray]:
     """Estimate tones from block sums, and the turns per chirp of those with aliased velocities.
 
     A target faster by n half wavelengths a repetition has the same frequency, but walks n turns
     more. Those turns are compensated in `sums` and `walk`, in place, and all tones estimated again.
     """
-    n_chirps, n_samples = int(rows[-1]), int(columns[-1])
-    n_samples_each = n_chirps * n_samples
-    centres = np.outer(block_centres(n_chirps), block_centres(n_samples))
+    n_samples_each = int(rows[-1]) * int(columns[-1])
+    walk_pattern = walk_phase_pattern(rows, columns, interval_ratio)
     # A tenth of the standard deviation that noise gives an amplitude.
     negligible = 0.1 * np.sqrt(noise_power / n_samples_each)
     turns, is_extended = np.zeros(len(slow)), np.zeros(len(slow), bool)
     for n_left in reversed(range(1 + _MAX_WALK_PASSES)):
         *estimates, residual_power, walk_error = _estimate_tones(
-            sums, slow, fast, negligible, rows, columns, walk, growth
+            sums, slow, fast, negligible, rows, columns, walk, growth, interval_ratio
         )
         if n_left == 0:
             break
@@ -234,7 +243,7 @@ def _estimate_tones_and_turns(
         turns += more
         for i in np.flatnonzero(more):
             walk[i] += more[i] * 2 * np.pi * growth
-            sums[i] *= np.exp(-2j * np.pi * more[i] * growth * centres)
+            sums[i] *= np.exp(-2j * np.pi * more[i] * growth * walk_pattern)
     return Tones(*estimates), residual_power
 
 
@@ -248,6 +257,7 @@ def _estimate_tones(
     columns: np.ndarray,
     walk: np.ndarray,
     growth: float,
+    interval_ratio: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Estimate frequencies, energies and amplitudes of tones, each with the others subtracted.
 
@@ -261,6 +271,7 @@ def _estimate_tones(
     amplitude = np.zeros((n_tones, n_rx), np.complex128)
     # Of each channel, relative to that of the tone: delays differ over the array.
     channel_fast, largest_slope = np.zeros((n_tones, n_rx)), np.zeros(n_tones)
+    growth_per_chirp, largest_growth = np.zeros(n_tones), np.zeros(n_tones)
     largest, was_alone = np.zeros(n_tones), np.zeros(n_tones, np.bool_)
     remaining_power, walk_error = np.zeros((n_tones, 2)), np.zeros(n_tones)
     half = np.empty((n_tones, 4))
@@ -291,7 +302,8 @@ def _estimate_tones(
                         residual, amplitude[k], apart_slow, apart_fast,
                         channel_fast[k] * (largest_slope[k] > negligible[i] * down),
                         walk[k] + d_slow[k] * growth, walk[k] + d_slow[k] * growth - walk[i],
-                        rows, columns,
+                        growth_per_chirp[k] * (largest_growth[k] > negligible[i] * down),
+                        interval_ratio, rows, columns,
                     )  # fmt: skip
                     is_alone = False
             is_unchanged = turn > 0 and is_alone and was_alone[i]
@@ -307,6 +319,7 @@ def _estimate_tones(
             gain = blockwise_demodulation_gain(d_slow[i], rows) * blockwise_demodulation_gain(
                 d_fast[i], columns
             )
+            gain *= blockwise_walk_gain(walk[i] + d_slow[i] * growth, rows, columns)
             moments = periodogram_moments(residual, rows, columns, d_slow[i], d_fast[i])
             largest[i] = 0.0
             change = 0.0
@@ -316,6 +329,9 @@ def _estimate_tones(
                 largest[i] = max(largest[i], abs(amplitude[i, k]))
             largest_slope[i] = _write_channel_frequencies(
                 moments, amplitude[i], columns, negligible[i], channel_fast[i]
+            )
+            growth_per_chirp[i], largest_growth[i] = _amplitude_growth(
+                moments / gain, rows, negligible[i]
             )
             walk_error[i] = _unexplained_walk(moments, rows, columns)
             is_changing[i] &= change > negligible[i]
@@ -329,6 +345,32 @@ def _estimate_tones(
         for k in range(n_rx):
             energy[i] += abs(amplitude[i, k]) ** 2 * n_samples
     return slow + d_slow, fast + d_fast, energy, amplitude, remaining_power, walk_error
+
+
+@kernel(plain=AS_WRITTEN)
+def _amplitude_growth(
+    moments: np.ndarray, rows: np.ndarray, negligible: float
+) -> tuple[float, float]:
+    """Return the relative growth of a tone's amplitude per chirp, and half of it over the frame.
+
+    The latter is that of the amplitude over its channels in root mean square. Zeros where noise
+    explains them.
+
+    From the moments of orders 00 and 10. The echo of a target at 25 m that approaches at 75 m/s
+    grows by 2.7 % within 4.5 ms: an echo 50 dB weaker, 20 cells away, then had 10 times the
+    variance of its velocity.
+    """
+    power, product = 0.0, 0.0
+    for k in range(moments.shape[1]):
+        power += abs(moments[0, k]) ** 2
+        product += (np.conj(moments[0, k]) * moments[1, k]).real
+    mean_square = max(rows[-1] ** 2 * (1 - 1 / (rows.size - 1) ** 2) / 12, 1e-9)
+    growth = product / max(power * mean_square, 1e-300)
+    largest = abs(growth) * rows[-1] / 2 * np.sqrt(power / moments.shape[1])
+    # As in `_write_channel_frequencies`.
+    if largest < 50 * negligible:
+        return 0.0, 0.0
+    return growth, largest
 
 
 @kernel(plain=AS_WRITTEN)

@@ -14,13 +14,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from dechirp.core.compiled_kernels import kernel
+from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 
 # Blocks per axis: the phase of a tone 0.3 bins off changes by 7 degrees within a block, which
 # costs 0.05 % of its amplitude.
 N_BLOCKS = 16
 # Tones within so many bins of another on both axes are estimated with it in more passes.
 CLOSE_BINS = 3.0
+# Phase over half a block below which a second moment is that of a constant, within 1e-6: the
+# quotient by its square would lose digits.
+_MIN_PHASE_OF_QUOTIENT = 1e-3
 
 
 @lru_cache(maxsize=64)
@@ -38,6 +41,17 @@ def block_centres(n_points: int) -> np.ndarray:
     centres = np.asarray((edges[1:] + edges[:-1] - n_points) / 2)
     centres.setflags(write=False)
     return centres
+
+
+def walk_phase_pattern(rows: np.ndarray, columns: np.ndarray, interval_ratio: float) -> np.ndarray:
+    """Return the phase of a walk of 1 rad per chirp and sample at the blocks, (rows, columns).
+
+    A target at the range of mid-frame at chirp r and sample c from the middle has moved for r
+    repetitions and c sample intervals, `interval_ratio` of a repetition each: its phase is that
+    time times the frequency step, r c + interval_ratio c^2.
+    """
+    from_row, from_column = block_centres(int(rows[-1])), block_centres(int(columns[-1]))
+    return np.asarray((from_row[:, None] + interval_ratio * from_column) * from_column)
 
 
 def _demodulated_block_sums_in_numpy(
@@ -98,41 +112,65 @@ def demodulated_block_sums(
     return out
 
 
-def _tone_block_moments_in_numpy(
-    frequency: float, edges: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+@kernel(plain=AS_WRITTEN)
+def _scale_to_walk_series(moments: np.ndarray, walk: float) -> np.ndarray:
+    """Scale moments to the coefficients of a series for the sums of a walking tone, in place.
+
+    `moments`: see `_tone_block_moments`. At c from the middle on the other axis, the phase of a
+    point n from the middle of its block changes by walk c n: the sum becomes s0 + s1 c + s2 c^2,
+    and the first moment its slope over i walk.
+    """
+    moments[1] *= 1j * walk
+    moments[2] *= -(walk**2) / 2
+    return moments
+
+
+def _tone_block_moments_in_numpy(frequency: float, edges: np.ndarray) -> np.ndarray:
     """Plain twin of `_tone_block_moments`."""
     half = math.remainder(frequency, math.tau) / 2
     lengths = edges[1:] - edges[:-1]
+    mean_squares = (lengths**2 - 1) / 12
     # The quotients below lose half of the digits where half a step is 1e-8.
     if abs(half) < 1e-5:
-        turns = np.exp(1j * half * (edges[1:] + edges[:-1] - 1))
-        return lengths * turns, 1j * half / 6 * lengths * (lengths**2 - 1) * turns
+        sums = lengths * np.exp(1j * half * (edges[1:] + edges[:-1] - 1))
+        return np.stack([sums, 2j * half * mean_squares * sums, mean_squares * sums])
     ends = np.exp(2j * half * edges) / (2j * math.sin(half) * cmath.exp(1j * half))
     sums = ends[1:] - ends[:-1]
-    return sums, lengths * (ends[1:] + ends[:-1]) / 2 + 0.5j / math.tan(half) * sums
+    firsts = lengths * (ends[1:] + ends[:-1]) / 2 + 0.5j / math.tan(half) * sums
+    seconds = np.where(
+        abs(half) * lengths < _MIN_PHASE_OF_QUOTIENT,
+        mean_squares * sums,
+        3 * mean_squares * sums + 1j / math.tan(half) * firsts,
+    )
+    return np.stack([sums, firsts, seconds])
 
 
 @kernel(plain=_tone_block_moments_in_numpy)
-def _tone_block_moments(frequency: float, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sum exp(i frequency n), and (n - n0) exp(i frequency n), over each block, (blocks,).
+def _tone_block_moments(frequency: float, edges: np.ndarray) -> np.ndarray:
+    """Sum (n - n0)^k exp(i frequency n) over each block, k = 0, 1 and 2, (3, blocks).
 
-    n0 is the middle of the block.
+    n0 is the middle of the block. They are sin(L h) / sin(h) for L points, h half the frequency,
+    and its derivatives.
     """
-    sums = np.empty(edges.size - 1, np.complex128)
-    moments = np.empty(edges.size - 1, np.complex128)
+    moments = np.empty((3, edges.size - 1), np.complex128)
     half = frequency / 2 - np.pi * np.round(frequency / (2 * np.pi))
     is_still, sine, cosine = abs(half) < 1e-9, np.sin(half), np.cos(half)
+    length, response, slope, curvature = 0, 0.0, 0.0, 0.0
     # A loop: `np.diff` and sums of arrays take 3 s more to compile.
-    for k in range(sums.size):
-        length = edges[k + 1] - edges[k]
-        response, slope = float(length), 0.0
-        if not is_still:
-            response = np.sin(half * length) / sine
-            slope = (length * np.cos(half * length) - response * cosine) / (2 * sine)
+    for k in range(edges.size - 1):
+        if edges[k + 1] - edges[k] != length:  # most blocks have that of the last one
+            length = edges[k + 1] - edges[k]
+            response, slope = float(length), 0.0
+            if not is_still:
+                response = np.sin(half * length) / sine
+                slope = (length * np.cos(half * length) - response * cosine) / (2 * sine)
+            curvature = (1 - length**2) / 12 * response
+            if abs(half) * length > _MIN_PHASE_OF_QUOTIENT:
+                curvature = 3 * curvature - slope * cosine / sine
         turn = np.exp(1j * half * (edges[k + 1] + edges[k] - 1))
-        sums[k], moments[k] = response * turn, -1j * slope * turn
-    return sums, moments
+        moments[0, k], moments[1, k] = response * turn, -1j * slope * turn
+        moments[2, k] = -curvature * turn
+    return moments
 
 
 def _blockwise_demodulation_gain_in_numpy(frequency: float, edges: np.ndarray) -> float:
@@ -152,6 +190,22 @@ def blockwise_demodulation_gain(frequency: float, edges: np.ndarray) -> float:
         centre = (edges[k + 1] + edges[k] - 1) / 2
         gain += (tones[k] * np.exp(-1j * frequency * centre)).real
     return gain
+
+
+@kernel(plain=AS_WRITTEN)
+def blockwise_walk_gain(walk: float, rows: np.ndarray, columns: np.ndarray) -> float:
+    """Return the share of the sums of a tone that its walk leaves, rad per chirp and sample.
+
+    The walk is compensated at the middle (r, c) of a block of P x Q points, but changes the phase
+    within it by walk (c p + r q), whose mean square is walk^2 (c^2 (P^2 - 1) + r^2 (Q^2 - 1)) / 12:
+    0.001 of the amplitude for a walk of one cell within the frame.
+    """
+    n_blocks_squared = (rows.size - 1) ** 2, (columns.size - 1) ** 2
+    squares = rows[-1] ** 2 * 1.0, columns[-1] ** 2 * 1.0
+    mean_square = squares[1] * (squares[0] / n_blocks_squared[0] - 1) + squares[0] * (
+        squares[1] / n_blocks_squared[1] - 1
+    )
+    return 1 - walk**2 * mean_square / 288
 
 
 def _periodogram_moments_in_numpy(
@@ -242,6 +296,8 @@ def _subtract_separable_tone_in_numpy(
     channel_fast: np.ndarray,
     walk: float,
     walk_apart: float,
+    amplitude_growth: float,
+    interval_ratio: float,
     rows: np.ndarray,
     columns: np.ndarray,
 ) -> None:
@@ -251,17 +307,23 @@ def _subtract_separable_tone_in_numpy(
     bins_fast = abs(math.remainder(apart_fast, math.tau)) * n_samples / math.tau
     if max(bins_slow, bins_fast) < 1.5:
         return
-    row_sums, row_moments = _tone_block_moments(apart_slow, rows)
-    from_row, from_column = block_centres(n_chirps)[:, None], block_centres(n_samples)
-    row_moments = (1j * walk * row_moments)[:, None]
-    turn = np.exp((1j * walk_apart * from_row) * from_column)
     if max(bins_slow, bins_fast) < CLOSE_BINS:
-        channel_fast = np.zeros_like(channel_fast)
+        channel_fast, amplitude_growth = np.zeros_like(channel_fast), 0.0
+    from_row, from_column = block_centres(n_chirps)[:, None], block_centres(n_samples)
+    shifted_row = from_row + 2 * interval_ratio * from_column
+    turn = np.exp((1j * walk_apart) * walk_phase_pattern(rows, columns, interval_ratio))
+    moments = _tone_block_moments(apart_slow, rows)
+    gain = 1 + amplitude_growth * from_row[:, 0]
+    moments[:2] = gain * moments[:2] + amplitude_growth * moments[1:]
+    moments[2] *= gain
+    row = _scale_to_walk_series(moments, walk)[:, :, None]
+    row_sum = row[0] + from_column * (row[1] + from_column * row[2])
+    row_slope = row[1] + 2 * from_column * row[2]
     for k, shift in enumerate(channel_fast.tolist()):
-        column_sums, column_moments = _tone_block_moments(apart_fast + shift, columns)
-        tone = row_sums[:, None] + from_column * row_moments
-        tone *= column_sums + (1j * walk * from_row) * column_moments
-        tone += row_moments * column_moments
+        column = _scale_to_walk_series(_tone_block_moments(apart_fast + shift, columns), walk)
+        tone = row_sum * (column[0] + shifted_row * (column[1] + shifted_row * column[2]))
+        if walk:
+            tone += row_slope * (column[1] + 2 * shifted_row * column[2]) / (1j * walk)
         sums[k] -= amplitude[k] * cmath.exp(-0.5j * shift * (n_samples - 1)) * turn * tone
 
 
@@ -274,35 +336,48 @@ def subtract_separable_tone(
     channel_fast: np.ndarray,
     walk: float,
     walk_apart: float,
+    amplitude_growth: float,
+    interval_ratio: float,
     rows: np.ndarray,
     columns: np.ndarray,
 ) -> None:
     """Subtract another tone from block sums, in place, unless it is too near to separate.
 
     `channel_fast` are its frequencies in the channels relative to `apart_fast`, see
-    `_write_channel_frequencies`. Those of a tone within 3 bins would contain the other one.
+    `_write_channel_frequencies`, and `amplitude_growth` its growth per chirp, relative to its mean
+    amplitude. Those of a tone within 3 bins would contain the other one.
     `walk`, rad per chirp and sample, is that of the tone, `walk_apart` the difference from that
-    compensated in the sums at the middle of each block. Where that changes the phase at the
-    corners of the frame by 0.1 rad, the error of a target 80 dB below is 0.015 bins; without it
-    0.25.
+    compensated in the sums at the middle of each block, see `walk_phase_pattern`. Where that
+    changes the phase at the corners of the frame by 0.1 rad, the error of a target 80 dB below is
+    0.015 bins; without it 0.25.
 
     In a block with the middle (r, c), the walk w turns the phase at (r + p, c + q) by
-    w (r c + r q + c p + p q). The last three terms, at most 0.2 rad for each cell that the tone
-    walks within the frame, are added to first order by the moments of p and q: without them a tone
-    16, 32, ... bins away, whose block sums vanish, leaves a tone at the frequency sought.
+    w ((r + i c) c + (r + 2 i c) q + c p + p q), with the interval ratio i; i q^2 is below 1e-4 rad.
+    The last three terms, at most 0.2 rad for each cell that the tone walks within the frame, are
+    added to second order by the moments of p and q: without them a tone 16, 32, ... bins away,
+    whose block sums vanish, leaves a tone at the frequency sought.
     """
     bins_slow = abs((apart_slow + np.pi) % (2 * np.pi) - np.pi) * rows[-1] / (2 * np.pi)
     bins_fast = abs((apart_fast + np.pi) % (2 * np.pi) - np.pi) * columns[-1] / (2 * np.pi)
     if max(bins_slow, bins_fast) < 1.5:
         return
     is_close = max(bins_slow, bins_fast) < CLOSE_BINS
-    row_sums, row_moments = _tone_block_moments(apart_slow, rows)
+    if is_close:
+        amplitude_growth = 0.0
     from_row = (rows[1:] + rows[:-1] - rows[-1]) / 2
     from_column = (columns[1:] + columns[:-1] - columns[-1]) / 2
+    moments = _tone_block_moments(apart_slow, rows)
+    for a in range(from_row.size):
+        gain = 1 + amplitude_growth * from_row[a]
+        moments[0, a] = gain * moments[0, a] + amplitude_growth * moments[1, a]
+        moments[1, a] = gain * moments[1, a] + amplitude_growth * moments[2, a]
+        moments[2, a] *= gain
+    row = _scale_to_walk_series(moments, walk)
+    inverse_step = 0j if walk == 0 else 1 / (1j * walk)
     turns = np.empty((from_row.size, from_column.size), np.complex128)
     for a in range(from_row.size):
         for b in range(from_column.size):
-            angle = walk_apart * from_row[a] * from_column[b]
+            angle = walk_apart * (from_row[a] + interval_ratio * from_column[b]) * from_column[b]
             turns[a, b] = complex(np.cos(angle), np.sin(angle))
     tone = np.empty_like(turns)
     subtracted_shift = np.nan
@@ -310,16 +385,14 @@ def subtract_separable_tone(
         shift = 0.0 if is_close else channel_fast[k]
         if shift != subtracted_shift:
             subtracted_shift = shift
-            column_sums, column_moments = _tone_block_moments(apart_fast + shift, columns)
+            column = _scale_to_walk_series(_tone_block_moments(apart_fast + shift, columns), walk)
             for a in range(from_row.size):
-                row_sum, row_moment = row_sums[a], 1j * walk * row_moments[a]
-                slope = 1j * walk * from_row[a]
                 for b in range(from_column.size):
-                    column_sum, column_moment = column_sums[b], column_moments[b]
-                    block_sum = (row_sum + from_column[b] * row_moment) * (
-                        column_sum + slope * column_moment
-                    ) + row_moment * column_moment
-                    tone[a, b] = block_sum * turns[a, b]
+                    c, r = from_column[b], from_row[a] + 2 * interval_ratio * from_column[b]
+                    row_sum = row[0, a] + c * (row[1, a] + c * row[2, a])
+                    column_sum = column[0, b] + r * (column[1, b] + r * column[2, b])
+                    slopes = (row[1, a] + 2 * c * row[2, a]) * (column[1, b] + 2 * r * column[2, b])
+                    tone[a, b] = (row_sum * column_sum + inverse_step * slopes) * turns[a, b]
         value = amplitude[k] * np.exp(-0.5j * shift * (columns[-1] - 1))
         for a in range(from_row.size):
             for b in range(from_column.size):
