@@ -476,6 +476,33 @@ def test_each_twin_that_python_calls_equals_its_kernel_in_some_test(tmp_path):
     assert names - differences.keys() == {REASSEMBLY}
 
 
+def test_change_of_a_called_kernel_in_another_file_is_compiled(tmp_path):
+    """Numba alone keeps the compiled code of `caller` while its own file is unchanged."""
+    importing = "from dechirp.core.compiled_kernels import kernel\n"
+    function = "\n\n@kernel()\ndef {}(x: int) -> int:\n    return {}\n"
+    (tmp_path / "caller.py").write_text(
+        f"{importing}from middle import middle\n{function.format('caller', 'middle(x)')}"
+    )
+    (tmp_path / "middle.py").write_text(
+        f"{importing}from last import last\n{function.format('middle', 'last(x)')}"
+    )
+    results = []
+    for body in ("x + 1", "x + 1", "x + 222"):
+        (tmp_path / "last.py").write_text(importing + function.format("last", body))
+        results.append(
+            subprocess.run(
+                [sys.executable, "-c", "from caller import caller; print(caller(1))"],
+                cwd=tmp_path,
+                env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept")},
+                capture_output=True,
+                text=True,
+                check=True,
+            ).stdout.strip()
+        )
+
+    assert results == ["2", "2", "223"]
+
+
 def test_twin_of_reassembly_writes_equal_frames(differences):
     rng = np.random.default_rng(1)
     window = ReassemblyWindow(512, max_lost_frames=100)

@@ -29,6 +29,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, cached_property
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final, Protocol, TypeVar, cast
 
@@ -138,7 +139,25 @@ class Kernel:
     @cached_property
     def dispatcher(self) -> Any:
         """The function as Numba's dispatcher, compiled for each signature when called with it."""
-        return _import_numba().njit(**self.options)(self.function)
+        dispatcher = _import_numba().njit(**self.options)(self.function)
+        # Numba keeps compiled code while the function's own file is unchanged, with the code of
+        # called kernels in it: those of other files would remain as they were.
+        kept = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+        if kept is not None:
+            called = {kernel.function.__code__.co_filename for kernel in self._called_kernels()}
+            kept._source_stamp = (kept._source_stamp, *map(_stamp_file, sorted(called)))
+        return dispatcher
+
+    def _called_kernels(self) -> "set[Kernel]":
+        """Return the kernel and those that it calls, directly or through others."""
+        found, remaining = set[Kernel](), [self]
+        while remaining:
+            kernel = remaining.pop()
+            found.add(kernel)
+            names = kernel.function.__code__.co_names
+            values = (kernel.function.__globals__.get(name) for name in names)
+            remaining += [one for one in values if isinstance(one, Kernel) and one not in found]
+        return found
 
     @property
     def used_dispatcher(self) -> Any:
@@ -150,6 +169,15 @@ class Kernel:
         if name in ("targetoptions", "py_func"):
             return getattr(self.dispatcher, name)
         raise AttributeError(name)
+
+
+def _stamp_file(path: str) -> tuple[float, int] | None:
+    """Return what changes with a file: its time and size; None in an archive."""
+    try:
+        stat = Path(path).stat()
+    except OSError:
+        return None
+    return stat.st_mtime, stat.st_size
 
 
 def kernel(
