@@ -329,6 +329,24 @@ def test_walk_of_aliased_tone_leaves_weak_tone(n_turns):
     np.testing.assert_allclose(abs(tones.amplitude[1]), 1e-2, rtol=3.4e-3)
 
 
+@pytest.mark.parametrize(("n_cells", "tolerance"), [(1, 2e-5), (20, 0.04)])
+def test_amplitude_of_walking_tone_is_exact(n_cells, tolerance):
+    """A walk of 20 cells takes a third of the amplitude of sums over blocks of samples."""
+    m, n, slow = np.arange(128)[:, None, None] - 63.5, np.arange(256) - 127.5, 0.4
+    growth = 2 * np.pi * n_cells / (128 * 256 * slow)
+    tone = np.exp(1j * (slow * m + 0.7 * n + growth * slow * m * n))
+
+    found = refine_tones(
+        tone.astype(np.complex64),
+        np.array([slow]),
+        np.array([0.7]),
+        np.full(1, 1e-6),
+        growth=growth,
+    )
+
+    assert abs(found.amplitude[0, 0]) == pytest.approx(1, rel=tolerance)
+
+
 @pytest.mark.parametrize("apart_bins", [16.2, 20.3, 31.8, 48.4])
 @pytest.mark.parametrize(("n_turns", "ratio_db"), [(0, 70), (-1, 50)])
 def test_strong_tone_that_walks_and_grows_leaves_weak_tone(n_turns, ratio_db, apart_bins):

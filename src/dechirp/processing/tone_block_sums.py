@@ -194,18 +194,18 @@ def blockwise_demodulation_gain(frequency: float, edges: np.ndarray) -> float:
 
 @kernel(plain=AS_WRITTEN)
 def blockwise_walk_gain(walk: float, rows: np.ndarray, columns: np.ndarray) -> float:
-    """Return the share of the sums of a tone that its walk leaves, rad per chirp and sample.
+    """Return the share of the amplitude of a tone that its walk leaves in its sums.
 
-    The walk is compensated at the middle (r, c) of a block of P x Q points, but changes the phase
-    within it by walk (c p + r q), whose mean square is walk^2 (c^2 (P^2 - 1) + r^2 (Q^2 - 1)) / 12:
-    0.001 of the amplitude for a walk of one cell within the frame.
+    `walk`, rad per chirp and sample, is compensated at the middle (r, c) of a block of P x Q points
+    but changes the phase within it by walk c p and walk r q. Their mean squares are twice those
+    below, x: the share on an axis, Si(z) / z with z^2 = 18 x, is within 1.6 % of 1 / (1 + x) up to
+    20 cells within the frame. One cell costs 0.001 of the amplitude.
     """
-    n_blocks_squared = (rows.size - 1) ** 2, (columns.size - 1) ** 2
-    squares = rows[-1] ** 2 * 1.0, columns[-1] ** 2 * 1.0
-    mean_square = squares[1] * (squares[0] / n_blocks_squared[0] - 1) + squares[0] * (
-        squares[1] / n_blocks_squared[1] - 1
-    )
-    return 1 - walk**2 * mean_square / 288
+    n_row_blocks, n_column_blocks = rows.size - 1, columns.size - 1
+    n_rows, n_columns = float(rows[-1]), float(columns[-1])
+    over_rows = (walk * n_columns) ** 2 * ((n_rows / n_row_blocks) ** 2 - 1) / 288
+    over_columns = (walk * n_rows) ** 2 * ((n_columns / n_column_blocks) ** 2 - 1) / 288
+    return 1 / ((1 + over_rows) * (1 + over_columns))
 
 
 def _periodogram_moments_in_numpy(
