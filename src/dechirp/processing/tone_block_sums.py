@@ -198,7 +198,7 @@ def blockwise_walk_gain(walk: float, rows: np.ndarray, columns: np.ndarray) -> f
 
     `walk`, rad per chirp and sample, is compensated at the middle (r, c) of a block of P x Q points
     but changes the phase within it by walk c p and walk r q. Their mean squares are twice those
-    below, x: the share on an axis, Si(z) / z with z^2 = 18 x, is within 1.6 % of 1 / (1 + x) up to
+    below, x: the share on an axis, Si(z) / z with z^2 = 18 x, is within 2 % of 1 / (1 + x) up to
     20 cells within the frame. One cell costs 0.001 of the amplitude.
     """
     n_row_blocks, n_column_blocks = rows.size - 1, columns.size - 1
