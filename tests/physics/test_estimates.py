@@ -330,7 +330,7 @@ def test_walk_of_aliased_tone_leaves_weak_tone(n_turns):
 
 
 @pytest.mark.parametrize(("n_cells", "tolerance"), [(1, 2e-5), (20, 0.04)])
-def test_amplitude_of_walking_tone_is_exact(n_cells, tolerance):
+def test_walk_of_tone_leaves_its_amplitude(n_cells, tolerance):
     """A walk of 20 cells takes a third of the amplitude of sums over blocks of samples."""
     m, n, slow = np.arange(128)[:, None, None] - 63.5, np.arange(256) - 127.5, 0.4
     growth = 2 * np.pi * n_cells / (128 * 256 * slow)

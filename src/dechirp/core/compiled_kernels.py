@@ -140,24 +140,26 @@ class Kernel:
     def dispatcher(self) -> Any:
         """The function as Numba's dispatcher, compiled for each signature when called with it."""
         dispatcher = _import_numba().njit(**self.options)(self.function)
-        # Numba keeps compiled code while the function's own file is unchanged, with the code of
-        # called kernels in it: those of other files would remain as they were.
-        kept = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
-        if kept is not None:
-            called = {kernel.function.__code__.co_filename for kernel in self._called_kernels()}
-            kept._source_stamp = (kept._source_stamp, *map(_stamp_file, sorted(called)))
+        # Numba keeps compiled code, which contains that of called kernels, while the function's own
+        # file is unchanged. The stamp therefore covers the files of the called kernels too.
+        cache_file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+        if cache_file is not None:
+            kernels = self._with_called_kernels()
+            paths = sorted({kernel.function.__code__.co_filename for kernel in kernels})
+            cache_file._source_stamp = (cache_file._source_stamp, *map(_stamp_file, paths))
         return dispatcher
 
-    def _called_kernels(self) -> "set[Kernel]":
+    def _with_called_kernels(self) -> "set[Kernel]":
         """Return the kernel and those that it calls, directly or through others."""
-        found, remaining = set[Kernel](), [self]
+        kernels, remaining = set[Kernel](), [self]
         while remaining:
             kernel = remaining.pop()
-            found.add(kernel)
-            names = kernel.function.__code__.co_names
-            values = (kernel.function.__globals__.get(name) for name in names)
-            remaining += [one for one in values if isinstance(one, Kernel) and one not in found]
-        return found
+            kernels.add(kernel)
+            for name in kernel.function.__code__.co_names:
+                value = kernel.function.__globals__.get(name)
+                if isinstance(value, Kernel) and value not in kernels:
+                    remaining.append(value)
+        return kernels
 
     @property
     def used_dispatcher(self) -> Any:
