@@ -209,9 +209,10 @@ def test_run_shows_velocity_of_fast_car_by_its_ranges(radar, tmp_path):
 
     moving = result.detections.isel(detection=np.flatnonzero(result.detections.moving.values == 1))
     assert moving.sizes["detection"] >= 6
-    # The car crosses four cells in a frame, over which its echo has several maxima: its range is
-    # uncertain by a cell, its velocity by a bin of 0.2 m/s on either side of half a bin.
-    assert np.allclose(moving.velocity, -14.3, atol=0.3)
+    # The car crosses four cells in a frame, over which its echo has several maxima; one detection
+    # in eleven is at a maximum beside the highest.
+    assert (abs(moving.velocity + 14.3) < 3 * moving.velocity_std).all()
+    assert (moving.velocity_std < 0.15).all()
     error_m = moving.range - (100 - 14.3 * moving.time)
     assert (abs(error_m) < 3 * moving.range_std).all()
     assert (moving.range_std < 2).all()

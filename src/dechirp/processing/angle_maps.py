@@ -23,6 +23,7 @@ from dechirp.processing.direction_finding import (
     range_from_phase_centre_m,
 )
 from dechirp.processing.range_walk import (
+    sample_to_repetition_ratio,
     select_frame_transform,
     slow_time_frequency_growth_per_sample,
 )
@@ -326,9 +327,11 @@ def _refine_tone_with_doppler_and_noise(
         samples,
         2 * np.pi * frame.repetition_s * doppler_hz,
         2 * np.pi / chirp.sample_rate_hz * beat_hz,
+        # The noise follows from the energy, which is estimated here. Without it all sidelobes are
+        # subtracted, and changes of amplitudes by noise: 0.12 standard deviations at 3 bins.
         np.zeros(len(order)),
         growth=slow_time_frequency_growth_per_sample(chirp),
-        interval_ratio=1 / (chirp.sample_rate_hz * frame.repetition_s),
+        interval_ratio=sample_to_repetition_ratio(frame),
     )
     refined_index = np.flatnonzero(order == tone_index)
     tone = Tones(

@@ -36,7 +36,10 @@ from dechirp.processing.range_doppler_map import (
     fill_unusable_cells_with_noise,
     range_doppler_power,
 )
-from dechirp.processing.range_walk import slow_time_frequency_growth_per_sample
+from dechirp.processing.range_walk import (
+    sample_to_repetition_ratio,
+    slow_time_frequency_growth_per_sample,
+)
 from dechirp.processing.refine import (
     RefinedPeaks,
     SidelobeErrors,
@@ -146,8 +149,10 @@ def process_frame(
     exponent = binary_scaling_exponent(clean)
     channels = split_chirps_into_slots(divide_by_power_of_two(clean, exponent), radar.frame)
     maps = [
-        _find_peaks_of_map(map_channels, map_radar, chain)
-        for map_channels, map_radar in split_by_ramp_direction(channels, radar)
+        _find_peaks_of_map(map_channels, map_radar, chain, is_reversed=number_of_map > 0)
+        for number_of_map, (map_channels, map_radar) in enumerate(
+            split_by_ramp_direction(channels, radar)
+        )
     ]
     resolved = resolve_velocity_ambiguity(
         [map_peaks.peaks for map_peaks in maps], radar, chain.field_of_view
@@ -173,14 +178,19 @@ def process_frame(
     )
 
 
-def _find_peaks_of_map(samples: np.ndarray, radar: Radar, chain: Chain) -> _MapPeaks:
-    """Compute the map of samples (chirp, channel, sample), and find and refine its peaks."""
+def _find_peaks_of_map(
+    samples: np.ndarray, radar: Radar, chain: Chain, *, is_reversed: bool
+) -> _MapPeaks:
+    """Compute the map of samples (chirp, channel, sample), and find and refine its peaks.
+
+    The samples of falling ramps are in reversed order.
+    """
     power = range_doppler_power(samples, radar, chain)
     with compiled_kernels_for_large_work(power.size):
         equalised = fill_unusable_cells_with_noise(power, radar, chain)
         check_samples_were_finite(equalised[0, 0])
         cells, n_dropped = detect_peaks_and_count_dropped(equalised, radar, chain)
-        refined = _refine_peaks(samples, equalised, cells, radar, chain)
+        refined = _refine_peaks(samples, equalised, cells, radar, chain, is_reversed=is_reversed)
     return _MapPeaks(power, equalised, refined, n_dropped)
 
 
@@ -322,7 +332,13 @@ def build_detection_columns(
 
 
 def _refine_peaks(
-    samples: np.ndarray, equalised: np.ndarray, cells: np.ndarray, radar: Radar, chain: Chain
+    samples: np.ndarray,
+    equalised: np.ndarray,
+    cells: np.ndarray,
+    radar: Radar,
+    chain: Chain,
+    *,
+    is_reversed: bool,
 ) -> RefinedPeaks:
     """Refine the peaks at cells of the map of samples (chirp, channel, sample)."""
     frame, noise = radar.frame, chain.map_noise_statistics(radar)
@@ -343,7 +359,7 @@ def _refine_peaks(
         np.concatenate([fast, -fast[with_image]]),
         np.concatenate([sample_noise, sample_noise[with_image]]),
         growth=growth,
-        interval_ratio=1 / (frame.chirp.sample_rate_hz * frame.repetition_s),
+        interval_ratio=sample_to_repetition_ratio(frame) * (-1 if is_reversed else 1),
     )
     amplitude_noise = sample_noise / (frame.n_chirps * frame.chirp.n_samples)
     tones, sidelobes, is_kept = estimate_tones_without_sidelobes(

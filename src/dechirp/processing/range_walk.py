@@ -37,6 +37,7 @@ from dechirp.processing.spectrum import (
     range_doppler_spectrum,
 )
 from dechirp.radar.chirp import Chirp, Sampling
+from dechirp.radar.frame import Frame
 
 # Largest size of a block of samples in the chirp transform, in complex numbers.
 _BLOCK = 2**20
@@ -63,6 +64,15 @@ def select_frame_transform(range_walk: RangeWalk | None, chirp: Chirp) -> FrameT
 def slow_time_frequency_growth_per_sample(chirp: Chirp) -> float:
     """Return the growth of slow-time frequencies per sample, relative to their mean."""
     return chirp.slope_hz_per_s / chirp.sample_rate_hz / chirp.mean_sampled_frequency_hz
+
+
+def sample_to_repetition_ratio(frame: Frame) -> float:
+    """Return the sample interval over the repetition interval of a frame, 1.
+
+    The motion within a chirp relative to that from chirp to chirp. Its sign changes with the order
+    of samples, which is reversed for falling ramps, see `virtual_array.split_chirps_into_slots`.
+    """
+    return 1 / (frame.chirp.sample_rate_hz * frame.repetition_s)
 
 
 def keystone_range_doppler(

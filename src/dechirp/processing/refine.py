@@ -15,15 +15,13 @@ import numpy as np
 from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 from dechirp.core.threads import run_in_threads, thread_count
 from dechirp.processing.tone_block_sums import (
-    CLOSE_BINS,
     block_edges,
     blockwise_demodulation_gain,
     blockwise_walk_gain,
     demodulated_block_sums,
     highest_power_beside,
     periodogram_moments,
-    subtract_separable_tone,
-    subtract_tone_at,
+    subtract_tone,
     walk_phase_pattern,
 )
 
@@ -37,6 +35,13 @@ _MAX_ALIASED_TURNS = 8
 # of cars and people, with several echoes in a few cells, are as near by chance in one of eight.
 _MAX_FRACTION_OF_TURN = 0.06
 _MAX_POWER_BESIDE_POINT = 1e-3
+# Walk in range cells within the frame from which it is compensated within blocks of samples too:
+# one of two cells takes 0.4 % of the amplitude there, of 20 cells a third.
+_MIN_CELLS_COMPENSATED_IN_BLOCKS = 2.0
+# Tones nearer than this on both axes are not separated; nearer than the second, the change of an
+# amplitude over chirps and channels contains the other one.
+_MIN_SEPARABLE_BINS = 1.5
+_CLOSE_BINS = 3.0
 # Passes over the strongest 256 tones that are within 3 bins of another on both axes, until their
 # amplitudes change by less than a tenth of their noise. At 2 bins three passes leave an error of
 # 6e-5 bins, the Cramer-Rao bound at 76 dB. A thousand tones in 128 x 128 cells would take 8 s.
@@ -164,7 +169,8 @@ def refine_tones_and_residuals(
         through range cells within the frame, see `processing.range_walk`. That of aliased tones is
         estimated.
     interval_ratio : float
-        Interval of samples over that of chirps, by which targets walk within a chirp too.
+        Sample interval over repetition interval: targets move within a chirp too. Negative for
+        samples in reversed order; 0 neglects that motion.
 
     Returns
     -------
@@ -188,15 +194,18 @@ def refine_tones_and_residuals(
 
     walk_pattern = walk_phase_pattern(rows, columns, interval_ratio)
     walk = np.asarray(slow * growth, float)
+    n_cells = abs(walk) * (n_chirps * n_samples / (2 * np.pi))
+    walk_in_blocks = np.where(n_cells > _MIN_CELLS_COMPENSATED_IN_BLOCKS, walk, 0.0)
 
     def add(i: int) -> None:
-        sums[i] = demodulated_block_sums(numbers, n_samples, slow[i], fast[i], rows, columns)
-        # Over a walk of eight cells the phase error in a block is at most 0.8 rad, of the sum 3 %.
+        sums[i] = demodulated_block_sums(
+            numbers, n_samples, slow[i], fast[i], walk_in_blocks[i], interval_ratio, rows, columns
+        )
         sums[i] *= np.exp(-1j * walk[i] * walk_pattern)
 
     run_in_threads(thread_count(), add, range(len(slow)))
     return _estimate_tones_and_turns(
-        sums, slow, fast, noise_power, rows, columns, walk, growth, interval_ratio
+        sums, slow, fast, noise_power, rows, columns, walk, walk_in_blocks, growth, interval_ratio
     )
 
 
@@ -208,13 +217,19 @@ def _estimate_tones_and_turns(
     rows: np.ndarray,
     columns: np.ndarray,
     walk: np.ndarray,
+    walk_in_blocks: np.ndarray,
     growth: float,
     interval_ratio: float,
 ) -> tuple[Tones, np.ndarray]:
-    """Estimate tones from block sums, and the turns per chirp of those with aliased velocities.
+    """Estimate tones from block sums, with the walks of those whose velocities are aliased.
 
     A target faster by n half wavelengths a repetition has the same frequency, but walks n turns
-    more. Those turns are compensated in `sums` and `walk`, in place, and all tones estimated again.
+    more. Those turns are compensated, and all tones estimated again.
+
+    `sums` (n, channel, rows, columns), `rows` and `columns`: see `tone_block_sums`; `walk` (n,) is
+    compensated in `sums`, rad per chirp and sample, `walk_in_blocks` (n,) also within blocks. The
+    turns are added to `sums` and `walk` in place. For the other parameters and what is returned
+    see `refine_tones_and_residuals`.
     """
     n_samples_each = int(rows[-1]) * int(columns[-1])
     walk_pattern = walk_phase_pattern(rows, columns, interval_ratio)
@@ -223,27 +238,40 @@ def _estimate_tones_and_turns(
     turns, is_extended = np.zeros(len(slow)), np.zeros(len(slow), bool)
     for n_left in reversed(range(1 + _MAX_WALK_PASSES)):
         *estimates, residual_power, walk_error = _estimate_tones(
-            sums, slow, fast, negligible, rows, columns, walk, growth, interval_ratio
+            sums,
+            slow,
+            fast,
+            negligible,
+            rows,
+            columns,
+            walk,
+            walk_in_blocks,
+            growth,
+            interval_ratio,
         )
         if n_left == 0:
             break
         energy = estimates[2]
-        rest = _turns_beyond_noise(walk_error, energy, noise_power, n_samples_each, growth)
-        more = np.round(rest) * (n_left > 1)  # the last pass only takes turns back
-        more[abs(turns + more) > _MAX_ALIASED_TURNS] = 0.0
+        remaining_turns = _turns_beyond_noise(
+            walk_error, energy, noise_power, n_samples_each, growth
+        )
+        added_turns = np.round(remaining_turns) * (
+            n_left > 1
+        )  # the last pass only takes turns back
+        added_turns[abs(turns + added_turns) > _MAX_ALIASED_TURNS] = 0.0
         # Several echoes within a few cells leave a fraction of a turn, or power beside it.
         mean_power = energy / (n_samples_each * sums.shape[1])
-        is_point = (abs(rest) < _MAX_FRACTION_OF_TURN) & (
+        is_point = (abs(remaining_turns) < _MAX_FRACTION_OF_TURN) & (
             residual_power.max(axis=1) < _MAX_POWER_BESIDE_POINT * mean_power
         )
-        is_extended |= (more == 0) & (turns != 0) & ~is_point
-        more = np.where(is_extended, -turns, more)
-        if not more.any():
+        is_extended |= (added_turns == 0) & (turns != 0) & ~is_point
+        added_turns = np.where(is_extended, -turns, added_turns)
+        if not added_turns.any():
             break
-        turns += more
-        for i in np.flatnonzero(more):
-            walk[i] += more[i] * 2 * np.pi * growth
-            sums[i] *= np.exp(-2j * np.pi * more[i] * growth * walk_pattern)
+        turns += added_turns
+        for i in np.flatnonzero(added_turns):
+            walk[i] += added_turns[i] * 2 * np.pi * growth
+            sums[i] *= np.exp(-2j * np.pi * added_turns[i] * growth * walk_pattern)
     return Tones(*estimates), residual_power
 
 
@@ -256,13 +284,15 @@ def _estimate_tones(
     rows: np.ndarray,
     columns: np.ndarray,
     walk: np.ndarray,
+    walk_in_blocks: np.ndarray,
     growth: float,
     interval_ratio: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Estimate frequencies, energies and amplitudes of tones, each with the others subtracted.
 
-    The power that remains beside them, see `refine_tones_and_residuals`, and the walk beyond that
-    compensated in the sums, `walk`, both in rad per chirp and sample.
+    See `_estimate_tones_and_turns`; `negligible` (n,) is the amplitude of tones too weak to be
+    subtracted. Return arrays as of `Tones`, the power that remains beside the tones, (n, 2), and
+    their walk beyond `walk`, (n,).
     """
     n_tones, n_rx = sums.shape[:2]
     n_samples = rows[-1] * columns[-1]
@@ -271,7 +301,7 @@ def _estimate_tones(
     amplitude = np.zeros((n_tones, n_rx), np.complex128)
     # Of each channel, relative to that of the tone: delays differ over the array.
     channel_fast, largest_slope = np.zeros((n_tones, n_rx)), np.zeros(n_tones)
-    growth_per_chirp, largest_growth = np.zeros(n_tones), np.zeros(n_tones)
+    amplitude_growth, largest_change = np.zeros(n_tones), np.zeros(n_tones)
     largest, was_alone = np.zeros(n_tones), np.zeros(n_tones, np.bool_)
     remaining_power, walk_error = np.zeros((n_tones, 2)), np.zeros(n_tones)
     half = np.empty((n_tones, 4))
@@ -298,14 +328,15 @@ def _estimate_tones(
                     sine_fast, columns[-1]
                 )
                 if largest[k] > negligible[i] * down:
-                    subtract_separable_tone(
-                        residual, amplitude[k], apart_slow, apart_fast,
-                        channel_fast[k] * (largest_slope[k] > negligible[i] * down),
-                        walk[k] + d_slow[k] * growth, walk[k] + d_slow[k] * growth - walk[i],
-                        growth_per_chirp[k] * (largest_growth[k] > negligible[i] * down),
-                        interval_ratio, rows, columns,
-                    )  # fmt: skip
                     is_alone = False
+                    walk_now = walk[k] + d_slow[k] * growth
+                    _subtract_other_tone(
+                        residual, amplitude[k], apart_slow, apart_fast,
+                        channel_fast[k], largest_slope[k],
+                        walk_now - walk_in_blocks[i], walk_now - walk[i],
+                        amplitude_growth[k], largest_change[k],
+                        negligible[i] * down, interval_ratio, rows, columns,
+                    )  # fmt: skip
             is_unchanged = turn > 0 and is_alone and was_alone[i]
             was_alone[i] = is_alone
             if is_unchanged:  # neither this tone nor its neighbours have changed
@@ -319,24 +350,24 @@ def _estimate_tones(
             gain = blockwise_demodulation_gain(d_slow[i], rows) * blockwise_demodulation_gain(
                 d_fast[i], columns
             )
-            gain *= blockwise_walk_gain(walk[i] + d_slow[i] * growth, rows, columns)
+            walk_now = walk[i] + d_slow[i] * growth
+            gain *= blockwise_walk_gain(walk_now - walk_in_blocks[i], rows, columns)
             moments = periodogram_moments(residual, rows, columns, d_slow[i], d_fast[i])
-            largest[i] = 0.0
-            change = 0.0
-            for k in range(n_rx):
-                change = max(change, abs(moments[0, k] / gain - amplitude[i, k]))
-                amplitude[i, k] = moments[0, k] / gain
-                largest[i] = max(largest[i], abs(amplitude[i, k]))
+            largest[i], change = _write_amplitudes(moments[0], gain, amplitude[i])
             largest_slope[i] = _write_channel_frequencies(
                 moments, amplitude[i], columns, negligible[i], channel_fast[i]
             )
-            growth_per_chirp[i], largest_growth[i] = _amplitude_growth(
-                moments / gain, rows, negligible[i]
+            amplitude_growth[i], largest_change[i] = _estimate_amplitude_growth(
+                moments, amplitude[i], rows, negligible[i]
             )
             walk_error[i] = _unexplained_walk(moments, rows, columns)
             is_changing[i] &= change > negligible[i]
             if turn >= n_passes - 1 or is_alone:
-                subtract_tone_at(residual, amplitude[i], d_slow[i], d_fast[i], rows, columns)
+                subtract_tone(
+                    residual, amplitude[i], d_slow[i], d_fast[i], channel_fast[i],
+                    walk_now - walk_in_blocks[i], walk_now - walk[i], amplitude_growth[i],
+                    interval_ratio, rows, columns,
+                )  # fmt: skip
                 remaining_power[i, 0], remaining_power[i, 1] = highest_power_beside(
                     residual, d_slow[i], d_fast[i], rows, columns
                 )
@@ -348,29 +379,84 @@ def _estimate_tones(
 
 
 @kernel(plain=AS_WRITTEN)
-def _amplitude_growth(
-    moments: np.ndarray, rows: np.ndarray, negligible: float
-) -> tuple[float, float]:
-    """Return the relative growth of a tone's amplitude per chirp, and half of it over the frame.
+def _subtract_other_tone(
+    residual: np.ndarray,
+    amplitude: np.ndarray,
+    apart_slow: float,
+    apart_fast: float,
+    channel_fast: np.ndarray,
+    largest_slope: float,
+    walk: float,
+    walk_apart: float,
+    amplitude_growth: float,
+    largest_change: float,
+    negligible: float,
+    interval_ratio: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> None:
+    """Subtract another tone from block sums, in place, unless it is too near to separate.
 
-    The latter is that of the amplitude over its channels in root mean square. Zeros where noise
-    explains them.
+    Its change over channels and over chirps is left out below a negligible amplitude, and if the
+    tone is so near that its own contains that of the other one. See `tone_block_sums.subtract_tone`
+    for the other parameters.
+    """
+    bins = max(_bins_apart(apart_slow, rows[-1]), _bins_apart(apart_fast, columns[-1]))
+    if bins < _MIN_SEPARABLE_BINS:
+        return
+    if bins < _CLOSE_BINS:
+        largest_slope = largest_change = 0.0
+    subtract_tone(
+        residual, amplitude, apart_slow, apart_fast,
+        channel_fast * (largest_slope > negligible),
+        walk, walk_apart,
+        amplitude_growth * (largest_change > negligible),
+        interval_ratio, rows, columns,
+    )  # fmt: skip
+
+
+@kernel(plain=AS_WRITTEN)
+def _write_amplitudes(values: np.ndarray, gain: float, out: np.ndarray) -> tuple[float, float]:
+    """Write values over a gain, (channel,); return the largest magnitude and the largest change."""
+    largest, change = 0.0, 0.0
+    for k in range(out.size):
+        change = max(change, abs(values[k] / gain - out[k]))
+        out[k] = values[k] / gain
+        largest = max(largest, abs(out[k]))
+    return largest, change
+
+
+@kernel(plain=AS_WRITTEN)
+def _bins_apart(frequency: float, n_points: int) -> float:
+    """Return the distance of a frequency, rad per point, from whole turns in bins."""
+    return float(abs((frequency + np.pi) % (2 * np.pi) - np.pi) * n_points / (2 * np.pi))
+
+
+@kernel(plain=AS_WRITTEN)
+def _estimate_amplitude_growth(
+    moments: np.ndarray, amplitude: np.ndarray, rows: np.ndarray, negligible: float
+) -> tuple[float, float]:
+    """Return the growth of a tone's amplitude per chirp, relative to its mean, and its change.
+
+    The change is that from mid-frame to the end, root mean square over the channels. Zeros where
+    noise explains them. `amplitude` (channel,).
 
     From the moments of orders 00 and 10. The echo of a target at 25 m that approaches at 75 m/s
     grows by 2.7 % within 4.5 ms: an echo 50 dB weaker, 20 cells away, then had 10 times the
     variance of its velocity.
     """
-    power, product = 0.0, 0.0
-    for k in range(moments.shape[1]):
+    power, product, power_of_amplitudes = 0.0, 0.0, 0.0
+    for k in range(amplitude.size):
         power += abs(moments[0, k]) ** 2
         product += (np.conj(moments[0, k]) * moments[1, k]).real
+        power_of_amplitudes += abs(amplitude[k]) ** 2
     mean_square = max(rows[-1] ** 2 * (1 - 1 / (rows.size - 1) ** 2) / 12, 1e-9)
     growth = product / max(power * mean_square, 1e-300)
-    largest = abs(growth) * rows[-1] / 2 * np.sqrt(power / moments.shape[1])
+    change = abs(growth) * rows[-1] / 2 * np.sqrt(power_of_amplitudes / amplitude.size)
     # As in `_write_channel_frequencies`.
-    if largest < 50 * negligible:
+    if change < 50 * negligible:
         return 0.0, 0.0
-    return growth, largest
+    return growth, change
 
 
 @kernel(plain=AS_WRITTEN)
@@ -415,14 +501,14 @@ def _write_half_angle_sines_and_cosines(slow: float, fast: float, out: np.ndarra
 
 @kernel(plain=AS_WRITTEN)
 def _close_tone_mask(half: np.ndarray, n_rows: int, n_columns: int) -> np.ndarray:
-    """Return which of the first tones have another one within CLOSE_BINS on both axes, (n,).
+    """Return which of the first tones have another one close on both axes, (n,).
 
     `half` (n, 4): see `_write_half_angle_sines_and_cosines`.
     """
     is_close = np.zeros(len(half), np.bool_)
     limit_slow, limit_fast = (
-        np.sin(min(np.pi * CLOSE_BINS / n_rows, np.pi / 2)),
-        np.sin(min(np.pi * CLOSE_BINS / n_columns, np.pi / 2)),
+        np.sin(min(np.pi * _CLOSE_BINS / n_rows, np.pi / 2)),
+        np.sin(min(np.pi * _CLOSE_BINS / n_columns, np.pi / 2)),
     )
     for i in range(min(len(half), _MAX_CLOSE_TONES)):
         for k in range(i):

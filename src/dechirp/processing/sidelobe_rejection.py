@@ -4,9 +4,10 @@
 the sidelobes of unwindowed samples, 1 / (pi d) of their amplitude at d cells, reach a weak peak 13
 cells beside an echo of 72 dB with 40 dB more than it should. Peaks with such a remainder are
 estimated again along each axis, with the window of `windowed_tones` that has the least variance.
-The variance of the sidelobes that remain comes from few directions: it is returned as vectors over
-the channels. An echo beside the peak on one axis and up to half a cell on the other shifts the
-frequency on that other axis too: `_shift_variance_gain`.
+Other tones are subtracted there as if no velocity were aliased, without motion within a chirp and
+growth. The variance of the sidelobes that remain comes from few directions: it is returned as
+vectors over the channels. An echo beside the peak on one axis and up to half a cell on the other
+shifts the frequency on that other axis too: `_shift_variance_gain`.
 """
 
 import math
@@ -28,8 +29,9 @@ from dechirp.theory.detection import detection_threshold
 
 # Half the main lobe of a Hann window, and half a cell.
 _MAIN_LOBE_CELLS = 2.5
-# Probability that noise beside a peak without neighbours is taken for an echo. It costs time only:
-# all windows are then compared, and the unwindowed estimate is kept.
+# Probability that noise beside a peak without neighbours is taken for an echo. All windows are then
+# compared, and the unwindowed estimate is kept; errors of echoes that move are overstated above
+# 60 dB, since what windows neglect of their motion counts as an echo.
 _FALSE_REMAINDER_PROBABILITY = 1e-3
 # Bins over which the remainder of an echo within half a cell spreads.
 _BINS_OF_REMAINDER = 3

@@ -1,8 +1,9 @@
 """Block sums of samples, in which tones are estimated and subtracted instead of in the samples.
 
 The samples of a channel, demodulated at a frequency near that of a tone, are summed into at most
-16 x 16 blocks of chirps and samples: one pass over the samples for each tone, after which a
-frequency takes microseconds. What another tone adds to the sums is known in closed form.
+16 x 16 blocks of chirps and samples: one pass over the samples for each tone, after which
+estimating a frequency takes microseconds. What another tone adds to the sums is known in closed
+form.
 
 `rows` and `columns` are the edges of the blocks along chirps and samples, `slow` and `fast` the
 frequencies along them, rad per chirp and sample.
@@ -18,9 +19,7 @@ from dechirp.core.compiled_kernels import AS_WRITTEN, kernel
 
 # Blocks per axis: the phase of a tone 0.3 bins off changes by 7 degrees within a block, which
 # costs 0.05 % of its amplitude.
-N_BLOCKS = 16
-# Tones within so many bins of another on both axes are estimated with it in more passes.
-CLOSE_BINS = 3.0
+_N_BLOCKS = 16
 # Phase over half a block below which a second moment is that of a constant, within 1e-6: the
 # quotient by its square would lose digits.
 _MIN_PHASE_OF_QUOTIENT = 1e-3
@@ -29,14 +28,14 @@ _MIN_PHASE_OF_QUOTIENT = 1e-3
 @lru_cache(maxsize=64)
 def block_edges(n_points: int) -> np.ndarray:
     """Return the first point of each block, and the number of points, (blocks + 1,)."""
-    edges = np.linspace(0, n_points, min(n_points, N_BLOCKS) + 1).round().astype(np.int64)
+    edges = np.linspace(0, n_points, min(n_points, _N_BLOCKS) + 1).round().astype(np.int64)
     edges.setflags(write=False)
     return edges
 
 
 @lru_cache(maxsize=64)
 def block_centres(n_points: int) -> np.ndarray:
-    """Return the middle of each block relative to the middle of all."""
+    """Return the middle of each block relative to the middle of all, (blocks,)."""
     edges = block_edges(n_points)
     centres = np.asarray((edges[1:] + edges[:-1] - n_points) / 2)
     centres.setflags(write=False)
@@ -46,9 +45,9 @@ def block_centres(n_points: int) -> np.ndarray:
 def walk_phase_pattern(rows: np.ndarray, columns: np.ndarray, interval_ratio: float) -> np.ndarray:
     """Return the phase of a walk of 1 rad per chirp and sample at the blocks, (rows, columns).
 
-    A target at the range of mid-frame at chirp r and sample c from the middle has moved for r
-    repetitions and c sample intervals, `interval_ratio` of a repetition each: its phase is that
-    time times the frequency step, r c + interval_ratio c^2.
+    r chirps and c samples after mid-frame, r + interval_ratio c repetitions have passed, in which
+    the target moves; the frequency sent is c steps from the mean. The phase of the motion is their
+    product. `interval_ratio`: see `refine.refine_tones_and_residuals`.
     """
     from_row, from_column = block_centres(int(rows[-1])), block_centres(int(columns[-1]))
     return np.asarray((from_row[:, None] + interval_ratio * from_column) * from_column)
@@ -59,13 +58,22 @@ def _demodulated_block_sums_in_numpy(
     n_samples: int,
     slow: float,
     fast: float,
+    walk: float,
+    interval_ratio: float,
     rows: np.ndarray,
     columns: np.ndarray,
 ) -> np.ndarray:
     """Plain twin of `demodulated_block_sums`: equal within 1e-6 of the largest sum."""
     n_chirps, _, n_numbers = numbers.shape
     samples = numbers if n_numbers == n_samples else numbers.view(np.complex64)
-    turned = samples * np.exp(-1j * fast * np.arange(n_samples)).astype(np.complex64)
+    phase = fast * np.arange(n_samples)
+    if walk:
+        r = np.repeat(block_centres(n_chirps), np.diff(rows))[:, None, None]
+        c = np.repeat(block_centres(n_samples), np.diff(columns))
+        p = np.arange(n_chirps)[:, None, None] - (n_chirps - 1) / 2 - r
+        q = np.arange(n_samples) - (n_samples - 1) / 2 - c
+        phase = phase + walk * ((r + 2 * interval_ratio * c) * q + c * p)
+    turned = samples * np.exp(-1j * phase).astype(np.complex64)
     sums = np.add.reduceat(turned, columns[:-1], axis=2, dtype=complex)
     sums *= np.exp(-1j * slow * np.arange(n_chirps))[:, None, None]
     return np.ascontiguousarray(np.add.reduceat(sums, rows[:-1], axis=0).transpose(1, 0, 2))
@@ -77,6 +85,8 @@ def demodulated_block_sums(
     n_samples: int,
     slow: float,
     fast: float,
+    walk: float,
+    interval_ratio: float,
     rows: np.ndarray,
     columns: np.ndarray,
 ) -> np.ndarray:
@@ -85,22 +95,39 @@ def demodulated_block_sums(
     One pass over the samples takes little more than the time to read them: the real part is
     the product of re, im, re, im ... with cos, sin, cos, sin ..., the imaginary part that
     with -sin, cos, -sin, cos ...; real samples have neither im nor every other factor.
+
+    A `walk`, rad per chirp and sample, is compensated from the middle of each block: without that,
+    one of 20 cells takes a third of the amplitude. See `subtract_tone`; p q is left out, at most
+    0.006 rad for each cell of walk.
     """
-    _, n_rx, n_numbers = numbers.shape
+    n_chirps, n_rx, n_numbers = numbers.shape
+    n_columns = len(columns) - 1
     per_sample = n_numbers // n_samples
     to_real = np.empty(n_numbers, np.float32)
     to_imaginary = np.empty(n_numbers, np.float32)
-    for n in range(n_samples):
-        cosine, sine = np.cos(fast * n), np.sin(fast * n)
-        to_real[n * per_sample], to_imaginary[n * per_sample] = cosine, -sine
-        if per_sample == 2:
-            to_real[2 * n + 1], to_imaginary[2 * n + 1] = sine, cosine
-    out = np.zeros((n_rx, len(rows) - 1, len(columns) - 1), np.complex128)
+    turns = np.empty(n_columns, np.complex128)
+    out = np.zeros((n_rx, len(rows) - 1, n_columns), np.complex128)
     for row in range(len(rows) - 1):
+        r = (rows[row] + rows[row + 1] - n_chirps) / 2
+        if row == 0 or walk != 0:
+            for column in range(n_columns):
+                c = (columns[column] + columns[column + 1] - n_samples) / 2
+                step = walk * (r + 2 * interval_ratio * c)
+                for n in range(columns[column], columns[column + 1]):
+                    angle = fast * n + step * (n - (n_samples - 1) / 2 - c)
+                    cosine, sine = np.cos(angle), np.sin(angle)
+                    to_real[n * per_sample], to_imaginary[n * per_sample] = cosine, -sine
+                    if per_sample == 2:
+                        to_real[2 * n + 1], to_imaginary[2 * n + 1] = sine, cosine
         for m in range(rows[row], rows[row + 1]):
-            turn = np.exp(-1j * slow * m)
+            turns[:] = np.exp(-1j * slow * m)
+            if walk != 0:
+                p = m - (n_chirps - 1) / 2 - r
+                for column in range(n_columns):
+                    c = (columns[column] + columns[column + 1] - n_samples) / 2
+                    turns[column] *= np.exp(-1j * walk * c * p)
             for k in range(n_rx):
-                for column in range(len(columns) - 1):
+                for column in range(n_columns):
                     start, stop = columns[column] * per_sample, columns[column + 1] * per_sample
                     block = numbers[m, k, start:stop]
                     cosines, sines = to_real[start:stop], to_imaginary[start:stop]
@@ -108,15 +135,16 @@ def demodulated_block_sums(
                     for i in range(block.size):
                         real += block[i] * cosines[i]
                         imaginary += block[i] * sines[i]
-                    out[k, row, column] += turn * complex(real, imaginary)
+                    out[k, row, column] += turns[column] * complex(real, imaginary)
     return out
 
 
 @kernel(plain=AS_WRITTEN)
 def _scale_to_walk_series(moments: np.ndarray, walk: float) -> np.ndarray:
-    """Scale moments to the coefficients of a series for the sums of a walking tone, in place.
+    """Scale moments to the coefficients of a series for the sums of a walking tone.
 
-    `moments`: see `_tone_block_moments`. At c from the middle on the other axis, the phase of a
+    `moments`: see `_tone_block_moments`; they are changed in place, and returned. `walk` is in rad
+    per chirp and sample. At c from the middle on the other axis, the phase of a
     point n from the middle of its block changes by walk c n: the sum becomes s0 + s1 c + s2 c^2,
     and the first moment its slope over i walk.
     """
@@ -197,9 +225,9 @@ def blockwise_walk_gain(walk: float, rows: np.ndarray, columns: np.ndarray) -> f
     """Return the share of the amplitude of a tone that its walk leaves in its sums.
 
     `walk`, rad per chirp and sample, is compensated at the middle (r, c) of a block of P x Q points
-    but changes the phase within it by walk c p and walk r q. Their mean squares are twice those
-    below, x: the share on an axis, Si(z) / z with z^2 = 18 x, is within 2 % of 1 / (1 + x) up to
-    20 cells within the frame. One cell costs 0.001 of the amplitude.
+    but changes the phase within it by walk c p and walk r q. With their mean squares 2 x, the share
+    on an axis, Si(z) / z with z^2 = 18 x, is within 2 % of 1 / (1 + x) up to 20 cells within the
+    frame. One cell costs 0.001 of the amplitude.
     """
     n_row_blocks, n_column_blocks = rows.size - 1, columns.size - 1
     n_rows, n_columns = float(rows[-1]), float(columns[-1])
@@ -253,42 +281,7 @@ def periodogram_moments(
     return out
 
 
-def _subtract_tone_at_in_numpy(
-    sums: np.ndarray,
-    amplitude: np.ndarray,
-    slow: float,
-    fast: float,
-    rows: np.ndarray,
-    columns: np.ndarray,
-) -> None:
-    """Plain twin of `subtract_tone_at`."""
-    tone = np.multiply.outer(
-        _tone_block_moments(slow, rows)[0], _tone_block_moments(fast, columns)[0]
-    )
-    sums -= amplitude[:, None, None] * tone
-
-
-@kernel(plain=_subtract_tone_at_in_numpy)
-def subtract_tone_at(
-    sums: np.ndarray,
-    amplitude: np.ndarray,
-    slow: float,
-    fast: float,
-    rows: np.ndarray,
-    columns: np.ndarray,
-) -> None:
-    """Subtract a tone at an offset from the demodulation frequencies from block sums, in place."""
-    over_rows, over_columns = (
-        _tone_block_moments(slow, rows)[0],
-        _tone_block_moments(fast, columns)[0],
-    )
-    for k in range(amplitude.size):
-        for a in range(over_rows.size):
-            for b in range(over_columns.size):
-                sums[k, a, b] -= amplitude[k] * over_rows[a] * over_columns[b]
-
-
-def _subtract_separable_tone_in_numpy(
+def _subtract_tone_in_numpy(
     sums: np.ndarray,
     amplitude: np.ndarray,
     apart_slow: float,
@@ -301,14 +294,8 @@ def _subtract_separable_tone_in_numpy(
     rows: np.ndarray,
     columns: np.ndarray,
 ) -> None:
-    """Plain twin of `subtract_separable_tone`."""
+    """Plain twin of `subtract_tone`."""
     n_chirps, n_samples = int(rows[-1]), int(columns[-1])
-    bins_slow = abs(math.remainder(apart_slow, math.tau)) * n_chirps / math.tau
-    bins_fast = abs(math.remainder(apart_fast, math.tau)) * n_samples / math.tau
-    if max(bins_slow, bins_fast) < 1.5:
-        return
-    if max(bins_slow, bins_fast) < CLOSE_BINS:
-        channel_fast, amplitude_growth = np.zeros_like(channel_fast), 0.0
     from_row, from_column = block_centres(n_chirps)[:, None], block_centres(n_samples)
     shifted_row = from_row + 2 * interval_ratio * from_column
     turn = np.exp((1j * walk_apart) * walk_phase_pattern(rows, columns, interval_ratio))
@@ -327,8 +314,8 @@ def _subtract_separable_tone_in_numpy(
         sums[k] -= amplitude[k] * cmath.exp(-0.5j * shift * (n_samples - 1)) * turn * tone
 
 
-@kernel(plain=_subtract_separable_tone_in_numpy)
-def subtract_separable_tone(
+@kernel(plain=_subtract_tone_in_numpy)
+def subtract_tone(
     sums: np.ndarray,
     amplitude: np.ndarray,
     apart_slow: float,
@@ -341,29 +328,38 @@ def subtract_separable_tone(
     rows: np.ndarray,
     columns: np.ndarray,
 ) -> None:
-    """Subtract another tone from block sums, in place, unless it is too near to separate.
+    """Subtract a tone from block sums, in place.
 
-    `channel_fast` are its frequencies in the channels relative to `apart_fast`, see
-    `_write_channel_frequencies`, and `amplitude_growth` its growth per chirp, relative to its mean
-    amplitude. Those of a tone within 3 bins would contain the other one.
-    `walk`, rad per chirp and sample, is that of the tone, `walk_apart` the difference from that
-    compensated in the sums at the middle of each block, see `walk_phase_pattern`. Where that
-    changes the phase at the corners of the frame by 0.1 rad, the error of a target 80 dB below is
-    0.015 bins; without it 0.25.
+    Parameters
+    ----------
+    sums : array (channel, rows, columns), complex
+    amplitude : array (channel,), complex
+    apart_slow, apart_fast : float
+        Frequencies relative to those of the demodulation.
+    channel_fast : array (channel,)
+        Frequencies in the channels relative to `apart_fast`.
+    walk, walk_apart : float
+        Walk of the tone, rad per chirp and sample, less that compensated in the sums: within
+        blocks, and at their middles, see `walk_phase_pattern`.
+    amplitude_growth : float
+        Growth of the amplitude per chirp, relative to its mean.
+    interval_ratio : float
+        See `refine.refine_tones_and_residuals`.
+    rows, columns : arrays
+        Edges of the blocks.
 
+    Notes
+    -----
     In a block with the middle (r, c), the walk w turns the phase at (r + p, c + q) by
-    w ((r + i c) c + (r + 2 i c) q + c p + p q), with the interval ratio i; i q^2 is below 1e-4 rad.
-    The last three terms, at most 0.2 rad for each cell that the tone walks within the frame, are
-    added to second order by the moments of p and q: without them a tone 16, 32, ... bins away,
-    whose block sums vanish, leaves a tone at the frequency sought.
+    w ((r + i c) c + (r + 2 i c) q + c p + p q), with the interval ratio i. w i q^2 is left out: its
+    mean is a phase of the amplitude, and the rest is below 1e-4 rad for a cell of walk in 128
+    chirps, 1e-3 in eight. The last three terms, at most 0.2 rad for each cell that the tone walks
+    within the frame, are added to second order by the moments of p and q: without them a tone 16,
+    32, ... bins away, whose block sums vanish, leaves a tone at the frequency sought. The error is
+    4e-6 of a block for half a cell of walk, 1.3e-4 for two cells, 1e-2 for eight. Where the walk
+    changes the phase at the corners of the frame by 0.1 rad, the error of a target 80 dB below is
+    0.015 bins; without compensation 0.25.
     """
-    bins_slow = abs((apart_slow + np.pi) % (2 * np.pi) - np.pi) * rows[-1] / (2 * np.pi)
-    bins_fast = abs((apart_fast + np.pi) % (2 * np.pi) - np.pi) * columns[-1] / (2 * np.pi)
-    if max(bins_slow, bins_fast) < 1.5:
-        return
-    is_close = max(bins_slow, bins_fast) < CLOSE_BINS
-    if is_close:
-        amplitude_growth = 0.0
     from_row = (rows[1:] + rows[:-1] - rows[-1]) / 2
     from_column = (columns[1:] + columns[:-1] - columns[-1]) / 2
     moments = _tone_block_moments(apart_slow, rows)
@@ -373,6 +369,7 @@ def subtract_separable_tone(
         moments[1, a] = gain * moments[1, a] + amplitude_growth * moments[2, a]
         moments[2, a] *= gain
     row = _scale_to_walk_series(moments, walk)
+    # A first moment over i walk is itself again.
     inverse_step = 0j if walk == 0 else 1 / (1j * walk)
     turns = np.empty((from_row.size, from_column.size), np.complex128)
     for a in range(from_row.size):
@@ -382,7 +379,7 @@ def subtract_separable_tone(
     tone = np.empty_like(turns)
     subtracted_shift = np.nan
     for k in range(amplitude.size):
-        shift = 0.0 if is_close else channel_fast[k]
+        shift = channel_fast[k]
         if shift != subtracted_shift:
             subtracted_shift = shift
             column = _scale_to_walk_series(_tone_block_moments(apart_fast + shift, columns), walk)
@@ -417,7 +414,10 @@ def _highest_power_beside_in_numpy(
 def highest_power_beside(
     sums: np.ndarray, slow: float, fast: float, rows: np.ndarray, columns: np.ndarray
 ) -> tuple[float, float]:
-    """Return the highest power in whole bins beside an offset, along slow and along fast time."""
+    """Return the highest power in whole bins beside an offset, along slow and along fast time.
+
+    `sums` (channel, rows, columns); mean of |amplitude|^2 over the channels.
+    """
     n_channels, n_rows, n_columns = sums.shape
     row_sums = np.zeros((n_channels, n_rows), np.complex128)
     column_sums = np.zeros((n_channels, n_columns), np.complex128)
@@ -444,7 +444,10 @@ def _highest_bin_power_in_numpy(values: np.ndarray) -> float:
 
 @kernel(plain=_highest_bin_power_in_numpy)
 def _highest_bin_power(values: np.ndarray) -> float:
-    """Return the highest mean power over channels of the transform of (channel, block)."""
+    """Return the highest power in a bin of the transform over blocks, except the first bin.
+
+    `values` (channel, block); the power is the mean over the channels.
+    """
     n_channels, n = values.shape
     turns = np.exp(-2j * np.pi * np.arange(n) / n)
     highest = 0.0
